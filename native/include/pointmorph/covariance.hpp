@@ -1,0 +1,34 @@
+// Stage `covariance`: normals, surface variation and local frames (paper, Covariance Analysis).
+#pragma once
+
+#include <span>
+
+#include "pointmorph/neighborhoods.hpp"
+#include "pointmorph/progress.hpp"
+#include "pointmorph/types.hpp"
+
+namespace pointmorph {
+
+/// Eigen-decomposition of the covariance C = Σ (p − p̄)(p − p̄)ᵀ of some points.
+struct LocalFrame {
+    Vector3 centroid;     ///< p̄
+    Vector3 eigenvalues;  ///< λ0 ≤ λ1 ≤ λ2, ≥ 0
+    Matrix3 axes;         ///< columns v0, v1, v2, orthonormal; v0 is the normal
+};
+LocalFrame local_frame(const Positions& positions, std::span<const Index> rows);
+
+/// What the covariance of every point's neighbourhood (and itself) says about the surface.
+struct Covariance {
+    Normals normals;   ///< v0 of every point, unit length; the sign is arbitrary
+    Values variation;  ///< λ0 / (λ0 + λ1 + λ2), 0 (flat) to 1/3; 0 where all points coincide
+};
+Covariance covariance_analysis(const Positions& positions, const Neighborhoods& neighborhoods,
+                               Progress& progress);
+
+/// Makes the signs of `normals` agree over each component of the graph, by propagation along the
+/// flattest edges first (Hoppe et al. 1992), and point outwards: a closed component has positive
+/// volume, an open one faces away from its centroid.
+void orient_normals(const Positions& positions, const Neighborhoods& neighborhoods,
+                    Normals& normals, Progress& progress);
+
+}  // namespace pointmorph

@@ -1,0 +1,35 @@
+// Stage `pairing`: which source point goes to which target point (paper, Point Pairs Assignment).
+#pragma once
+
+#include <span>
+#include <vector>
+
+#include "pointmorph/kd_tree.hpp"
+#include "pointmorph/progress.hpp"
+#include "pointmorph/types.hpp"
+
+namespace pointmorph {
+
+struct PairingOptions {
+    /// A cluster of the merged domain is split while it holds more points of either cloud than
+    /// this (the paper's σ) and both halves can keep one of each; 2 or more.
+    Index max_cluster_size = 10;
+};
+
+/// Pairs of rows, sorted by source, then target; none twice. Every row of both clouds is in at
+/// least one.
+using Pairing = std::vector<IndexPair>;
+
+/// Merges both clouds' images in the common domain, splits them recursively along their greatest
+/// variation into clusters with at least one point of each, and pairs within each cluster: every
+/// point of the smaller side with the nearest one that is not taken, then every point left with
+/// its nearest. `features` are paired first and kept out of the clusters. Both clouds have at
+/// least one point. Explicitly instantiated for the domains in use: 2 (disk), 3 (sphere), 6 and
+/// 12 (product spaces).
+template <int Dim>
+Pairing pair_points(const typename KdTree<Dim>::Points& source,
+                    const typename KdTree<Dim>::Points& target,
+                    std::span<const IndexPair> features, const PairingOptions& options,
+                    Progress& progress);
+
+}  // namespace pointmorph

@@ -1,0 +1,60 @@
+// The one parallel loop of the library.
+#pragma once
+
+#include <algorithm>
+#include <atomic>
+#include <concepts>
+#include <exception>
+
+#include "pointmorph/progress.hpp"
+#include "pointmorph/types.hpp"
+
+namespace pointmorph {
+
+/// Sets the number of OpenMP threads for the calling thread and restores it at the end of the
+/// scope. 0 leaves it as it is.
+class ThreadCount {
+public:
+    explicit ThreadCount(int threads);
+    ~ThreadCount();
+    ThreadCount(const ThreadCount&) = delete;
+    ThreadCount& operator=(const ThreadCount&) = delete;
+
+private:
+    int before_;
+};
+
+/// Calls `body(begin, end)` on consecutive chunks of [0, count), on all threads. `body` may write
+/// only the slots of its own rows, so that the result doesn't depend on the number of threads;
+/// scratch memory belongs inside it. Progress runs from `first` to `last` (fractions of the
+/// stage). The first exception of a body is rethrown; throws Cancelled.
+template <std::invocable<Index, Index> Body>
+void parallel_for(Index count, Progress& progress, Body&& body, double first = 0.0,
+                  double last = 1.0, Index chunk = 512) {
+    std::atomic<Index> next{0};
+    std::atomic<bool> failed{false};
+    std::exception_ptr failure;
+#pragma omp parallel if (count > chunk)
+    {
+        bool owner = false;
+#pragma omp master
+        owner = true;
+        while (!failed.load(std::memory_order_relaxed) && !progress.cancelled()) {
+            const Index begin = next.fetch_add(chunk, std::memory_order_relaxed);
+            if (begin >= count || begin < 0) break;
+            const Index end = count - begin < chunk ? count : begin + chunk;
+            try {
+                body(begin, end);
+            } catch (...) {
+#pragma omp critical(pointmorph_parallel_for)
+                if (!failure) failure = std::current_exception();
+                failed = true;
+            }
+            if (owner && !progress.poll(first + (last - first) * end / count)) break;
+        }
+    }
+    if (failure) std::rethrow_exception(failure);
+    progress.throw_if_cancelled();
+}
+
+}  // namespace pointmorph

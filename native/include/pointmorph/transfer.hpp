@@ -1,0 +1,26 @@
+// Stage `transfer`: where every point of one cloud lands on the other surface, smoothly, through
+// the common domain. Pairs snap to samples; this doesn't.
+#pragma once
+
+#include "pointmorph/kd_tree.hpp"
+#include "pointmorph/progress.hpp"
+#include "pointmorph/types.hpp"
+
+namespace pointmorph {
+
+struct TransferOptions {
+    /// Points of the other cloud that take part in the local fit; 6 to 64.
+    Index neighbors = 12;
+};
+
+/// For every row of `queries` (points of the common domain) the value that `values`, given at the
+/// rows of `samples`, has there: a weighted linear least-squares fit over the nearest samples,
+/// with weights that fade to 0 at the farthest, so that the result is continuous; exact for linear
+/// functions. Where the samples around are degenerate, the weighted mean.
+/// `values` is #samples by 3; the result #queries by 3. Instantiated for Dim 2 and 3.
+template <int Dim>
+Positions transfer(const KdTree<Dim>& samples, const Positions& values,
+                   const typename KdTree<Dim>::Points& queries, const TransferOptions& options,
+                   Progress& progress);
+
+}  // namespace pointmorph

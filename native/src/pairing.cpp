@@ -1,0 +1,1 @@
+#include "pointmorph/pairing.hpp"

@@ -1,0 +1,89 @@
+// Analytic shapes that the tests sample, with a fixed seed.
+#pragma once
+
+#include <Eigen/Geometry>
+#include <cmath>
+#include <numbers>
+#include <random>
+#include <vector>
+
+#include "pointmorph/cloud.hpp"
+#include "pointmorph/types.hpp"
+
+namespace pointmorph::shapes {
+
+/// #u·#v points of the grid [−1, 1]², z = 0; row u·side + v. Its border is a closed loop.
+inline Positions grid(Index side) {
+    Positions p(side * side, 3);
+    for (Index u = 0; u < side; ++u)
+        for (Index v = 0; v < side; ++v)
+            p.row(u * side + v) << 2.0 * u / (side - 1) - 1.0, 2.0 * v / (side - 1) - 1.0, 0.0;
+    return p;
+}
+
+/// Rows of the border of `grid(side)`, anticlockwise seen from +z.
+inline std::vector<Index> grid_border(Index side) {
+    std::vector<Index> loop;
+    for (Index u = 0; u < side - 1; ++u) loop.push_back(u * side);
+    for (Index v = 0; v < side - 1; ++v) loop.push_back((side - 1) * side + v);
+    for (Index u = side - 1; u > 0; --u) loop.push_back(u * side + side - 1);
+    for (Index v = side - 1; v > 0; --v) loop.push_back(v);
+    return loop;
+}
+
+/// An even spiral of points on the unit sphere from the pole down to height `lowest`
+/// (−1: all of it; 0: the upper half).
+inline Positions sphere(Index count, double lowest = -1.0) {
+    Positions p(count, 3);
+    const double golden = std::numbers::pi * (3.0 - std::sqrt(5.0));
+    for (Index i = 0; i < count; ++i) {
+        const double z = 1.0 - (1.0 - lowest) * (i + 0.5) / count;
+        const double r = std::sqrt(std::max(0.0, 1.0 - z * z));
+        p.row(i) << r * std::cos(golden * i), r * std::sin(golden * i), z;
+    }
+    return p;
+}
+
+/// Points uniform by area on the torus with radii 1 and `tube`.
+inline Positions torus(Index count, double tube, unsigned seed = 1) {
+    std::mt19937_64 random(seed);
+    std::uniform_real_distribution<double> uniform(0.0, 1.0);
+    Positions p(count, 3);
+    for (Index i = 0; i < count;) {
+        const double a = 2 * std::numbers::pi * uniform(random);
+        const double b = 2 * std::numbers::pi * uniform(random);
+        if (uniform(random) * (1 + tube) > 1 + tube * std::cos(b)) continue;
+        const double r = 1 + tube * std::cos(b);
+        p.row(i++) << r * std::cos(a), r * std::sin(a), tube * std::sin(b);
+    }
+    return p;
+}
+
+/// Independent uniform points of the cube [−1, 1]³.
+inline Positions cube_noise(Index count, unsigned seed = 1) {
+    std::mt19937_64 random(seed);
+    std::uniform_real_distribution<double> uniform(-1.0, 1.0);
+    Positions p(count, 3);
+    for (Index i = 0; i < count; ++i)
+        p.row(i) << uniform(random), uniform(random), uniform(random);
+    return p;
+}
+
+/// A random rotation.
+inline Matrix3 rotation(unsigned seed) {
+    std::mt19937_64 random(seed);
+    std::normal_distribution<double> normal;
+    const Eigen::Quaterniond q(normal(random), normal(random), normal(random), normal(random));
+    return q.normalized().toRotationMatrix();
+}
+
+/// A random permutation of 0 … count − 1.
+inline std::vector<Index> permutation(Index count, unsigned seed) {
+    std::vector<Index> order(static_cast<std::size_t>(count));
+    for (Index i = 0; i < count; ++i) order[static_cast<std::size_t>(i)] = i;
+    std::mt19937_64 random(seed);
+    for (std::size_t i = order.size(); i > 1; --i) std::swap(order[i - 1], order[random() % i]);
+    return order;
+}
+
+}  // namespace pointmorph::shapes
