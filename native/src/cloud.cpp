@@ -33,10 +33,10 @@ template <class Array>
 void check_attribute(const Cloud& cloud, const Array& rows, const char* what) {
     if (rows.rows() == 0) return;
     if (rows.rows() != cloud.positions.rows())
-        throw CloudError(cloud.name, std::string("one row of ") + what + " a point",
-                         std::to_string(rows.rows()) + " rows for " +
-                             count_of(cloud.positions.rows(), "point"),
-                         "Give " + std::string(what) + " for every point or for none.");
+        throw CloudError(
+            cloud.name, std::string("one row of ") + what + " a point",
+            std::to_string(rows.rows()) + " rows for " + count_of(cloud.positions.rows(), "point"),
+            "Give " + std::string(what) + " for every point or for none.");
     if (const auto row = first_row_not_finite(rows); row >= 0)
         throw CloudError(cloud.name, std::string("finite ") + what,
                          "NaN or infinity at point " + std::to_string(row),

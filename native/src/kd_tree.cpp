@@ -60,11 +60,13 @@ private:
 
 template <int Dim>
 struct KdTree<Dim>::Impl {
-    using Tree = nanoflann::KDTreeSingleIndexAdaptor<
-        nanoflann::L2_Simple_Adaptor<double, Adaptor<Dim>>, Adaptor<Dim>, Dim, Index>;
+    using Tree =
+        nanoflann::KDTreeSingleIndexAdaptor<nanoflann::L2_Simple_Adaptor<double, Adaptor<Dim>>,
+                                            Adaptor<Dim>, Dim, Index>;
 
     explicit Impl(const Points& points)
-        : adaptor{points}, tree(Dim, adaptor, nanoflann::KDTreeSingleIndexAdaptorParams(kLeafSize)) {
+        : adaptor{points},
+          tree(Dim, adaptor, nanoflann::KDTreeSingleIndexAdaptorParams(kLeafSize)) {
         tree.buildIndex();
     }
 
