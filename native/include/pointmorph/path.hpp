@@ -1,7 +1,6 @@
 // Stage `path`: the in-between cloud at t (paper, Morphing Path, eq. (5)).
 #pragma once
 
-#include <optional>
 #include <span>
 #include <vector>
 
@@ -25,20 +24,25 @@ struct FrameView {
 template <class Scalar>
 class Path {
 public:
-    /// Both clouds need normals and radii here; colours may be missing: white, opaque.
+    /// `pairs` are rows of both clouds. Both clouds need normals and radii here; colours may be
+    /// missing: white, opaque. Throws CloudError for missing attributes and for numbers beyond
+    /// half of what Scalar can hold: their differences might not be finite.
     Path(const Cloud& source, const Cloud& target, std::span<const IndexPair> pairs);
 
     Index size() const noexcept { return size_; }
 
     /// The cloud at t in [0, 1]: (1 − t) s + t t' for positions, colours with alpha, and radii;
     /// normals likewise and renormalised (where both cancel, the source's for t < ½, else the
-    /// target's). At t = 0 and t = 1 the inputs' own bits. Spans that are neither empty nor of the
-    /// right size, or t outside [0, 1], are an OptionError. Allocates nothing; runs on all
-    /// threads.
+    /// target's). At t = 0 and t = 1 the inputs' own bits; between them, positions, colours and
+    /// radii that are the same at both ends stay so to the bit, and no number leaves the interval
+    /// between its ends. Spans that are neither empty nor of the right size, or t outside [0, 1],
+    /// are an OptionError. Allocates nothing; runs on all threads; may be called from several
+    /// threads at once.
     void frame(double t, const FrameView<Scalar>& out) const;
 
 private:
     Index size_;
+    // All positions, then all normals, colours and radii, each laid out as in a FrameView.
     std::vector<Scalar> source_, target_;
 };
 
