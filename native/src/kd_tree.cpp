@@ -1,8 +1,7 @@
 #include "pointmorph/kd_tree.hpp"
 
-// Ties are broken by the row: the same neighbours whatever the shape of the tree.
-#define NANOFLANN_FIRST_MATCH
 #include <algorithm>
+#include <limits>
 #include <nanoflann.hpp>
 
 namespace pointmorph {
@@ -31,6 +30,53 @@ struct Adaptor {
     bool kdtree_get_bbox(Box&) const {
         return false;
     }
+};
+
+/// Keeps the nearest points, ties by row, so that the result doesn't depend on the tree's shape.
+/// nanoflann's own takes whichever of several equally far points it meets first.
+class NearestResult {
+public:
+    using DistanceType = double;
+    using IndexType = Index;
+
+    NearestResult(double squared_radius, std::span<Index> rows, std::span<double> squared_distances)
+        : squared_radius_(squared_radius), rows_(rows), squared_distances_(squared_distances) {}
+
+    bool addPoint(double squared_distance, Index row) {
+        if (!(squared_distance < squared_radius_)) return true;
+        const auto is_before = [&](std::size_t i) {
+            return squared_distances_[i] != squared_distance
+                       ? squared_distances_[i] < squared_distance
+                       : rows_[i] < row;
+        };
+        if (full() && is_before(size_ - 1)) return true;
+        std::size_t i = full() ? size_ - 1 : size_++;
+        for (; i > 0 && !is_before(i - 1); --i) {
+            squared_distances_[i] = squared_distances_[i - 1];
+            rows_[i] = rows_[i - 1];
+        }
+        squared_distances_[i] = squared_distance;
+        rows_[i] = row;
+        return true;
+    }
+
+    /// nanoflann looks at points closer than this. A little more than the farthest that is kept,
+    /// for ties and for the rounding of its boxes' distances; nothing where all that are kept
+    /// coincide with the query, as a crowd of such points would all be looked at else.
+    double worstDist() const {
+        if (!full()) return squared_radius_;
+        const double farthest = squared_distances_[size_ - 1];
+        return farthest > 0.0 ? farthest * (1.0 + 1e-14) : -1.0;
+    }
+    bool full() const { return size_ == rows_.size(); }
+    std::size_t size() const { return size_; }
+    bool empty() const { return size_ == 0; }
+
+private:
+    double squared_radius_;
+    std::span<Index> rows_;
+    std::span<double> squared_distances_;
+    std::size_t size_ = 0;
 };
 
 /// Collects everything closer than a radius (nanoflann's own has no strict bound).
@@ -88,10 +134,15 @@ KdTree<Dim>& KdTree<Dim>::operator=(KdTree&&) noexcept = default;
 template <int Dim>
 Index KdTree<Dim>::nearest(const double* query, std::span<Index> indices,
                            std::span<double> squared_distances) const {
-    const std::size_t k = std::min(indices.size(), static_cast<std::size_t>(size()));
-    if (k == 0) return 0;
-    nanoflann::KNNResultSet<double, Index, std::size_t> result(k);
-    result.init(indices.data(), squared_distances.data());
+    return nearest_within(query, std::numeric_limits<double>::infinity(), indices,
+                          squared_distances);
+}
+
+template <int Dim>
+Index KdTree<Dim>::nearest_within(const double* query, double radius, std::span<Index> indices,
+                                  std::span<double> squared_distances) const {
+    if (!impl_ || indices.empty() || !(radius > 0.0)) return 0;
+    NearestResult result(radius * radius, indices, squared_distances);
     impl_->tree.findNeighbors(result, query, SearchParameters());
     return static_cast<Index>(result.size());
 }

@@ -12,7 +12,8 @@ namespace pointmorph {
 
 /// A kd-tree over the rows of an array. Keeps a reference to the array, which must outlive it.
 /// Queries are const and may run in parallel. Distances are *squared* wherever the name says so.
-/// Among points at the same distance the one with the lower row comes first.
+/// Among points at the same distance the one with the lower row comes first; but where more points
+/// coincide with the query than are asked for, they may be any of these.
 template <int Dim>
 class KdTree {
 public:
@@ -31,6 +32,10 @@ public:
     /// distance. Returns how many were written. Both spans have the same length.
     Index nearest(const double* query, std::span<Index> indices,
                   std::span<double> squared_distances) const;
+
+    /// The same among the points with distance < `radius` (plain, not squared).
+    Index nearest_within(const double* query, double radius, std::span<Index> indices,
+                         std::span<double> squared_distances) const;
 
     /// All points with distance < `radius` (plain, not squared) from `query`, ascending by
     /// distance, as (row, squared distance). `result` is cleared first.
