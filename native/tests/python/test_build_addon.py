@@ -1,0 +1,195 @@
+"""The one entry: what it counts, what it notices and what it says."""
+
+import importlib.util
+import subprocess
+import sys
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[3]
+
+
+@pytest.fixture
+def entry(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+    """build_addon.py as a module whose files lie in a folder of the test."""
+    spec = importlib.util.spec_from_file_location("build_addon", ROOT / "build_addon.py")
+    assert spec
+    assert spec.loader
+    module = importlib.util.module_from_spec(spec)
+    monkeypatch.setitem(sys.modules, "build_addon", module)
+    spec.loader.exec_module(module)
+    monkeypatch.setattr(module, "BUILD", tmp_path)
+    monkeypatch.setattr(module, "LOGS", tmp_path / "logs")
+    return module
+
+
+def pytest_report(folder: Path, source: str) -> tuple[int, Path]:
+    """Status and report of a real pytest run over `source`."""
+    (folder / "test_sample.py").write_text("import pytest\n" + source)
+    report = folder / "report.xml"
+    command = [sys.executable, "-m", "pytest", "-c", "/dev/null", str(folder / "test_sample.py")]
+    done = subprocess.run([*command, f"--junitxml={report}"], check=False, capture_output=True)
+    return done.returncode, report
+
+
+def test_counts_passes_failures_errors_and_skips(entry: ModuleType, tmp_path: Path) -> None:
+    status, report = pytest_report(
+        tmp_path,
+        """
+@pytest.fixture
+def broken(): raise OSError("no fixture")
+def test_good(): pass
+@pytest.mark.parametrize("x", range(3))
+def test_many(x): pass
+def test_bad(): assert 1 == 2, "one is not two"
+def test_error(broken): pass
+def test_absent(): pytest.skip("no data")
+""",
+    )
+    outcome = entry.judge(status, report)
+    assert outcome.passed == 4
+    assert len(outcome.failures) == 2
+    assert any("test_bad" in line and "one is not two" in line for line in outcome.failures)
+    assert outcome.skips == ["no data"]
+
+
+def test_counts_google_test(entry: ModuleType, tmp_path: Path) -> None:
+    report = tmp_path / "report.xml"
+    report.write_text("""<?xml version="1.0" encoding="UTF-8"?>
+<testsuites tests="4" failures="1" disabled="1" errors="0" time="0.1" name="AllTests">
+  <testsuite name="A" tests="4" failures="1" disabled="1" skipped="1" errors="0">
+    <testcase name="Good" status="run" result="completed" classname="A" />
+    <testcase name="DISABLED_Off" status="notrun" result="suppressed" classname="A" />
+    <testcase name="Absent" status="run" result="skipped" classname="A">
+      <skipped message="a.cpp:3&#x0A;no data"><![CDATA[a.cpp:3]]></skipped>
+    </testcase>
+    <testcase name="Bad" status="run" result="completed" classname="A">
+      <failure message="a.cpp:7&#x0A;Expected" type=""></failure>
+      <failure message="a.cpp:8&#x0A;Expected" type=""></failure>
+    </testcase>
+  </testsuite>
+</testsuites>""")
+    outcome = entry.judge(1, report)
+    assert outcome.passed == 1
+    assert len(outcome.failures) == 1
+    assert outcome.failures[0].startswith("A.Bad")
+    assert len(outcome.skips) == 2
+
+
+@pytest.mark.parametrize(
+    ("status", "source", "expected"),
+    [
+        (5, "", "ended with status 5"),
+        (0, "@pytest.mark.skip\ndef test_absent(): pass", "ran no test"),
+        (-11, "def test_good(): pass", "ended with status -11"),
+    ],
+)
+def test_a_suite_that_did_not_really_pass_fails(
+    entry: ModuleType, tmp_path: Path, status: int, source: str, expected: str
+) -> None:
+    _, report = pytest_report(tmp_path, source)
+    [failure] = entry.judge(status, report).failures
+    assert expected in failure
+
+
+def test_a_missing_report_is_a_failure(entry: ModuleType, tmp_path: Path) -> None:
+    [failure] = entry.judge(-11, tmp_path / "none.xml").failures
+    assert "no report" in failure
+
+
+def test_all_suites_run_and_the_last_line_is_the_sum(
+    entry: ModuleType, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def breaks() -> None:
+        raise entry.SetupError("no compiler")
+
+    suites = {
+        "first": entry.Suite(breaks),
+        "second": entry.Suite(lambda: entry.Outcome(3, [], ["no data", "no data"])),
+    }
+    monkeypatch.setattr(entry, "SUITES", suites)
+    monkeypatch.setattr(entry, "set_up", lambda *groups: None)
+    assert entry.test(list(suites), 1) == 1
+    said = capsys.readouterr().out.splitlines()
+    assert said[-1] == "3 passed, 1 failed, 2 skipped"
+    assert "skipped 2 in second: no data" in said
+    assert any("no compiler" in line for line in said)
+
+    assert entry.test(["second"], 1) == 0
+    assert capsys.readouterr().out.splitlines()[-1] == "3 passed, 0 failed, 2 skipped"
+
+
+def test_a_failed_command_shows_the_end_of_its_log(entry: ModuleType) -> None:
+    command = (sys.executable, "-c", "print('line\\n' * 99, 'the reason'); raise SystemExit(3)")
+    with pytest.raises(entry.SetupError, match=r"status 3:\n(.*\n)*.*the reason"):
+        entry.run("log", *command)
+    assert entry.run("log", *command, check=False) == 3
+
+
+def test_a_command_that_hangs_is_stopped(entry: ModuleType) -> None:
+    command = (sys.executable, "-c", "import time; time.sleep(60)")
+    assert entry.run("log", *command, timeout=0.2, check=False) < 0
+
+
+def test_a_command_that_is_not_there_is_named(entry: ModuleType) -> None:
+    with pytest.raises(entry.SetupError, match="no-such-program"):
+        entry.run("log", "no-such-program")
+
+
+def test_the_digest_follows_names_and_contents(
+    entry: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(entry, "ROOT", tmp_path)
+    folder = tmp_path / "sources"
+    folder.mkdir()
+    seen = set()
+    for name, text in (("a", "1"), ("a", "2"), ("b", "2")):
+        (folder / name).write_text(text)
+        seen.add(entry.digest("key", folder))
+    before = entry.digest("key", folder)
+    (folder / "__pycache__").mkdir()
+    (folder / "__pycache__" / "a.pyc").write_text("")
+    assert entry.digest("key", folder) == before
+    assert len(seen) == 3
+
+
+def test_what_is_missing_is_named_where_nothing_can_install_it(
+    entry: ModuleType, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(entry, "is_present", lambda evidence: False)
+    monkeypatch.setattr(entry.shutil, "which", lambda name, path=None: None)
+    with pytest.raises(entry.SetupError, match=r"g\+\+.*libnanoflann-dev") as caught:
+        entry.set_up_system(["build"])
+    assert "cmake" not in str(caught.value)  # which pip can bring
+
+
+def test_evidence(entry: ModuleType) -> None:
+    assert entry.is_present("program:sh")
+    assert entry.is_present("library:libc.so.6")
+    assert entry.is_present("module:venv")
+    assert entry.is_present(f"file:{ROOT}")
+    for kind in ("program", "library", "module", "file"):
+        assert not entry.is_present(f"{kind}:surely_absent")
+
+
+def test_editing_insists_on_one_match(entry: ModuleType, tmp_path: Path) -> None:
+    path = tmp_path / "manifest"
+    path.write_text('version = "0"\nname = "x"\n')
+    entry.edit(path, r'^version = ".*"$', 'version = "1.2.0"')
+    assert path.read_text() == 'version = "1.2.0"\nname = "x"\n'
+    with pytest.raises(entry.SetupError, match="wheels"):
+        entry.edit(path, r"^wheels = .*$", "wheels = []")
+
+
+@pytest.mark.parametrize("arguments", [["nothing"], ["test", "--only", "nothing"], []])
+def test_a_wrong_call_ends_with_2(arguments: list[str]) -> None:
+    command = [sys.executable, str(ROOT / "build_addon.py"), *arguments]
+    done = subprocess.run(command, check=False, capture_output=True, text=True)
+    assert done.returncode == 2
+    assert "usage" in done.stderr
+
+
+def test_continuous_integration_runs_the_same_command() -> None:
+    assert "python3 build_addon.py test" in (ROOT / ".ci" / "run").read_text()
