@@ -12,7 +12,7 @@ namespace pointmorph {
 
 struct PairingOptions {
     /// A cluster of the merged domain is split while it holds more points of either cloud than
-    /// this (the paper's σ) and both halves can keep one of each; 2 or more.
+    /// this (the paper's σ) and at least two of each; 2 to 1000.
     Index max_cluster_size = 10;
 };
 
@@ -20,16 +20,21 @@ struct PairingOptions {
 /// least one.
 using Pairing = std::vector<IndexPair>;
 
-/// Merges both clouds' images in the common domain, splits them recursively along their greatest
-/// variation into clusters with at least one point of each, and pairs within each cluster: every
-/// point of the smaller side with the nearest one that is not taken, then every point left with
-/// its nearest. `features` are paired first and kept out of the clusters. Both clouds have at
-/// least one point. Explicitly instantiated for the domains in use: 2 (disk), 3 (sphere), 6 and
-/// 12 (product spaces).
+/// Merges both clouds' images in the common domain and splits them recursively by planes through
+/// the centroid across the direction of greatest variation into clusters with at least one point
+/// of each; pairs within each cluster every point of the smaller side with the nearest one that
+/// isn't taken, closest first, then every point left with its nearest. Distances are those of the
+/// domain. `features`, pairs of rows, are paired first and kept out of the clusters. Both clouds
+/// have at least one point; coordinates are finite. Throws OptionError.
+///
+/// A split that would leave one half without a point of either cloud is moved to the nearest place
+/// along the axis where it doesn't; else the other principal axes are tried; else each cloud is
+/// halved by itself along the first (where points coincide: by row), so that clusters end.
+///
+/// Instantiated for the domains in use: 2 (disk), 3 (sphere), 6 and 12 (product spaces).
 template <int Dim>
 Pairing pair_points(const typename KdTree<Dim>::Points& source,
-                    const typename KdTree<Dim>::Points& target,
-                    std::span<const IndexPair> features, const PairingOptions& options,
-                    Progress& progress);
+                    const typename KdTree<Dim>::Points& target, std::span<const IndexPair> features,
+                    const PairingOptions& options, Progress& progress);
 
 }  // namespace pointmorph
