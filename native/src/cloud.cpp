@@ -5,9 +5,10 @@
 #include <cmath>
 #include <cstdint>
 #include <limits>
-#include <numeric>
+#include <sstream>
 #include <tuple>
 
+#include "moments.hpp"
 #include "pointmorph/error.hpp"
 
 namespace pointmorph {
@@ -17,6 +18,14 @@ namespace {
 /// A cloud whose second extent is below this share of the first is a line. Twice what positions in
 /// single precision leave of a line after a rotation.
 constexpr double kFlatness = 1e-6;
+
+/// Extents in between leave all digits to positions, and have reciprocals.
+constexpr double kLeastExtent = 1e-290;
+constexpr double kLargestExtent = 1e290;
+
+/// Lengths in between can be squared.
+constexpr double kLeastNormal = 1e-150;
+constexpr double kLargestNormal = 1e150;
 
 std::string count_of(Eigen::Index count, const std::string& noun) {
     return std::to_string(count) + " " + noun + (count == 1 ? "" : "s");
@@ -43,16 +52,21 @@ void check_attribute(const Cloud& cloud, const Array& rows, const char* what) {
                          "Remove or repair that point.");
 }
 
-/// Largest and middle extent along the principal axes, as standard deviations.
-std::pair<double, double> principal_extents(const Positions& positions) {
+std::string number(double value) {
+    std::ostringstream text;
+    text << value;
+    return text.str();
+}
+
+/// Second extent along the principal axes as a share of the first; 0 for a line.
+double relative_width(const Positions& positions) {
     const Normalization unit = normalization(positions);
-    const Positions p = unit.apply(positions);
-    const Eigen::RowVector3d mean = p.colwise().mean();
-    const Positions centered = p.rowwise() - mean;
-    const Matrix3 covariance = centered.transpose() * centered / static_cast<double>(p.rows());
-    const Eigen::SelfAdjointEigenSolver<Matrix3> eigen(covariance, Eigen::EigenvaluesOnly);
-    const Vector3 deviation = eigen.eigenvalues().cwiseMax(0.0).cwiseSqrt();
-    return {deviation[2], deviation[1]};
+    Moments moments(Vector3::Zero());
+    for (Index i = 0; i < positions.rows(); ++i)
+        moments.add((positions.row(i).transpose() - unit.center) / unit.scale);
+    const Eigen::SelfAdjointEigenSolver<Matrix3> eigen(moments.covariance(),
+                                                       Eigen::EigenvaluesOnly);
+    return std::sqrt(std::max(0.0, eigen.eigenvalues()[1]) / eigen.eigenvalues()[2]);
 }
 
 }  // namespace
@@ -62,8 +76,9 @@ void validate(const Cloud& cloud, Index minimum_points) {
     if (p.rows() > std::numeric_limits<Index>::max())
         throw CloudError(cloud.name, "fewer than 2^31 points", count_of(p.rows(), "point"),
                          "Sample the shape with fewer points.");
-    if (p.rows() < minimum_points)
-        throw CloudError(cloud.name, "at least " + count_of(minimum_points, "point"),
+    const Index minimum = std::max<Index>(minimum_points, 3);
+    if (p.rows() < minimum)
+        throw CloudError(cloud.name, "at least " + count_of(minimum, "point"),
                          p.rows() == 0 ? "none" : count_of(p.rows(), "point"),
                          "Subdivide the mesh or sample the surface more densely.");
     if (const auto row = first_row_not_finite(p); row >= 0)
@@ -73,26 +88,34 @@ void validate(const Cloud& cloud, Index minimum_points) {
     check_attribute(cloud, cloud.normals, "normals");
     check_attribute(cloud, cloud.colors, "colors");
     check_attribute(cloud, cloud.radii, "radii");
-    for (Eigen::Index i = 0; i < cloud.normals.rows(); ++i)
-        if (!(cloud.normals.row(i).squaredNorm() > 0.0))
+    for (Eigen::Index i = 0; i < cloud.normals.rows(); ++i) {
+        const double length = cloud.normals.row(i).stableNorm();
+        if (length == 0.0)
             throw CloudError(cloud.name, "normals that aren't zero",
                              "a zero normal at point " + std::to_string(i),
                              "Recalculate the normals, or hand in none: they are estimated then.");
+        if (length < kLeastNormal || length > kLargestNormal)
+            throw CloudError(cloud.name,
+                             "normals with lengths from " + number(kLeastNormal) + " to " +
+                                 number(kLargestNormal),
+                             "a length of " + number(length) + " at point " + std::to_string(i),
+                             "Normalize the normals.");
+    }
     for (Eigen::Index i = 0; i < cloud.radii.rows(); ++i)
         if (cloud.radii[i] < 0.0)
             throw CloudError(cloud.name, "radii of 0 or more",
                              "a negative radius at point " + std::to_string(i),
                              "Repair that radius, or hand in none.");
 
-    const double diagonal = (p.colwise().maxCoeff() - p.colwise().minCoeff()).norm();
-    if (!(diagonal > 0.0))
+    const double extent = (p.colwise().maxCoeff() - p.colwise().minCoeff()).maxCoeff();
+    if (extent == 0.0)
         throw CloudError(cloud.name, "points on a surface", "points that all coincide",
                          "Check the object's scale and its vertices.");
-    if (!std::isfinite(diagonal) || diagonal < std::numeric_limits<double>::min() * 1e8)
-        throw CloudError(cloud.name, "an extent that double precision can square",
-                         "an extent of " + std::to_string(diagonal), "Scale the object.");
-    const auto [largest, middle] = principal_extents(p);
-    if (middle < kFlatness * largest)
+    if (extent < kLeastExtent || extent > kLargestExtent)
+        throw CloudError(cloud.name,
+                         "an extent from " + number(kLeastExtent) + " to " + number(kLargestExtent),
+                         number(extent), "Scale the object.");
+    if (relative_width(p) < kFlatness)
         throw CloudError(cloud.name, "points on a surface", "points that all lie on one line",
                          "Check the object's scale and its vertices.");
 }
@@ -109,10 +132,11 @@ Normalization normalization(const Positions& positions) {
     const Vector3 low = positions.colwise().minCoeff();
     const Vector3 high = positions.colwise().maxCoeff();
     const Vector3 center = low + (high - low) / 2.0;
-    return {center, (high - low).norm() / 2.0};
+    return {center, (high - low).stableNorm() / 2.0};
 }
 
 std::vector<Index> spatial_order(const Positions& positions) {
+    if (positions.rows() == 0) return {};
     constexpr int kBits = 21;  // three of them fill 63 bits
     const Vector3 low = positions.colwise().minCoeff();
     const Vector3 extent = positions.colwise().maxCoeff().transpose() - low;

@@ -21,9 +21,11 @@ struct Cloud {
     Index size() const { return static_cast<Index>(positions.rows()); }
 };
 
-/// Throws CloudError unless the cloud has at least `minimum_points` points, all numbers are
-/// finite, the attributes have one row a point, normals aren't zero, radii aren't negative, and
-/// the points neither coincide nor lie on one line.
+/// Throws CloudError unless the cloud has at least `minimum_points` points (3, if that is more),
+/// all numbers are finite, the attributes have one row a point, normals aren't zero, radii aren't
+/// negative, and the points neither coincide nor lie on one line. Extents from 1e-290 to 1e290 and
+/// normals of any length from 1e-150 to 1e150 are fine, at any distance from the origin at which
+/// the points still differ.
 void validate(const Cloud& cloud, Index minimum_points);
 
 /// p ↦ (p − center) / scale takes a shape into the unit ball around the origin.

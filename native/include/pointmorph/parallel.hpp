@@ -31,6 +31,7 @@ private:
 template <std::invocable<Index, Index> Body>
 void parallel_for(Index count, Progress& progress, Body&& body, double first = 0.0,
                   double last = 1.0, Index chunk = 512) {
+    progress.report(first);
     std::atomic<Index> next{0};
     std::atomic<bool> failed{false};
     std::exception_ptr failure;
