@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
+#include <limits>
 #include <numeric>
 #include <utility>
 
@@ -85,11 +86,15 @@ struct Agreement {
     double doubt;  ///< 0 (certain) to 1; edges that leave the tangent planes are doubtful
 };
 Agreement agreement(const Vector3& p, const Vector3& n, const Vector3& p2, const Vector3& n2) {
-    const Vector3 edge = (p2 - p).stableNormalized();  // 0 between coincident points
-    const double rise = edge.dot(n), rise2 = edge.dot(n2);
-    const double cosine = n.dot(n2) - 2.0 * rise * rise2;
-    const double along = std::max(0.0, (1.0 - rise * rise) * (1.0 - rise2 * rise2));
-    return {cosine, std::clamp(1.0 - std::abs(cosine) * std::sqrt(along), 0.0, 1.0)};
+    const Vector3 edge = p2 - p;
+    const double squared_length = edge.squaredNorm();
+    double cosine = n.dot(n2), along = 1.0;
+    if (squared_length > std::numeric_limits<double>::min()) {  // else they coincide
+        const double rise = edge.dot(n), rise2 = edge.dot(n2);
+        cosine -= 2.0 * rise * rise2 / squared_length;
+        along = (1.0 - rise * rise / squared_length) * (1.0 - rise2 * rise2 / squared_length);
+    }
+    return {cosine, std::sqrt(std::clamp(1.0 - cosine * cosine * along, 0.0, 1.0))};
 }
 
 /// Trees over rows, in which each row knows whether its sign is the same as its root's.
@@ -147,11 +152,8 @@ std::vector<Index> make_consistent(const Positions& positions, const Neighborhoo
                 for (const Index j : neighborhoods[i]) {
                     const auto back = neighborhoods[j];
                     const bool twin = j < i && std::ranges::find(back, i) != back.end();
-                    // The root of the doubt grows like the angle between the normals.
                     *key++ =
-                        twin
-                            ? kTwin
-                            : static_cast<Key>(std::sqrt(edge_agreement(i, j).doubt) * (kKeys - 1));
+                        twin ? kTwin : static_cast<Key>(edge_agreement(i, j).doubt * (kKeys - 1));
                 }
         },
         0.0, 0.3);
@@ -168,10 +170,14 @@ std::vector<Index> make_consistent(const Positions& positions, const Neighborhoo
     keys = {};
 
     SignedForest forest(count);
-    for (std::size_t e = 0; e < edges.size(); ++e) {
+    Index trees = count;
+    for (std::size_t e = 0; e < edges.size() && trees > 1; ++e) {
         const auto [i, j] = edges[e];
         const auto a = forest.root(i), b = forest.root(j);
-        if (a.row != b.row) forest.join(a, b, edge_agreement(i, j).cosine < 0.0);
+        if (a.row != b.row) {
+            forest.join(a, b, edge_agreement(i, j).cosine < 0.0);
+            --trees;
+        }
         if (e % 65536 == 0)
             progress.report(0.3 + 0.6 * static_cast<double>(e) / static_cast<double>(edges.size()));
     }
