@@ -15,8 +15,8 @@ namespace pointmorph {
 
 namespace {
 
-/// A cloud whose second extent is below this share of the first is a line. Twice what positions in
-/// single precision leave of a line after a rotation.
+/// A cloud whose second extent is below this share of the first is a line. Single precision leaves
+/// up to 2e-7 of a line that is turned, and two lengths away from the origin.
 constexpr double kFlatness = 1e-6;
 
 /// Extents in between leave all digits to positions, and have reciprocals.
