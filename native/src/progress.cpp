@@ -44,7 +44,8 @@ bool Progress::poll(double fraction) noexcept {
     if (now - last_call_ < kInterval) return true;
     last_call_ = now;
     try {
-        if (!callback_(stage_, std::clamp(fraction, 0.0, 1.0))) cancelled_ = true;
+        const double done = first_ + (last_ - first_) * std::clamp(fraction, 0.0, 1.0);
+        if (!callback_(stage_, done)) cancelled_ = true;
     } catch (...) {
         callback_error_ = std::current_exception();
         cancelled_ = true;

@@ -64,8 +64,7 @@ inline Positions cube_noise(Index count, unsigned seed = 1) {
     std::mt19937_64 random(seed);
     std::uniform_real_distribution<double> uniform(-1.0, 1.0);
     Positions p(count, 3);
-    for (Index i = 0; i < count; ++i)
-        p.row(i) << uniform(random), uniform(random), uniform(random);
+    for (Index i = 0; i < count; ++i) p.row(i) << uniform(random), uniform(random), uniform(random);
     return p;
 }
 

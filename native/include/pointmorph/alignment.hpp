@@ -26,10 +26,10 @@ struct AlignmentOptions {
 };
 
 struct Alignment {
-    double rotation = 0.0;      ///< of the source disk, radians
+    double rotation = 0.0;  ///< of the source disk, radians
     bool rotated = false;
-    Index sweeps = 0;           ///< alternate warps of both disks
-    double residual = 0.0;      ///< largest distance between two features, in local spacings
+    Index sweeps = 0;       ///< alternate warps of both disks
+    double residual = 0.0;  ///< largest distance between two features, in local spacings
 };
 
 /// The rotation of the source disk that minimises Σ ‖u¹ − u²‖² over the features (closed form);

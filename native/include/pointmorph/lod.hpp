@@ -16,10 +16,10 @@ struct LodOptions {
 
 /// Clusters C_i of a cloud and their centroids y_i.
 struct Lod {
-    Positions centroids;          ///< #clusters by 3
-    std::vector<Index> cluster;   ///< #rows simplified: the cluster of each
-    std::vector<Index> offsets;   ///< #clusters + 1, into `members`
-    std::vector<Index> members;   ///< rows of the cloud, cluster by cluster
+    Positions centroids;         ///< #clusters by 3
+    std::vector<Index> cluster;  ///< #rows simplified: the cluster of each
+    std::vector<Index> offsets;  ///< #clusters + 1, into `members`
+    std::vector<Index> members;  ///< rows of the cloud, cluster by cluster
 
     Index size() const { return static_cast<Index>(centroids.rows()); }
     std::span<const Index> operator[](Index c) const {

@@ -1,1 +1,135 @@
+// The whole morph: the one place that knows all stages.
 #pragma once
+
+#include <memory>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "pointmorph/alignment.hpp"
+#include "pointmorph/boundary.hpp"
+#include "pointmorph/cloud.hpp"
+#include "pointmorph/cracks.hpp"
+#include "pointmorph/pairing.hpp"
+#include "pointmorph/parameterization.hpp"
+#include "pointmorph/path.hpp"
+#include "pointmorph/progress.hpp"
+#include "pointmorph/transfer.hpp"
+
+namespace pointmorph {
+
+/// kPaper: the paper's pipeline and nothing else. kAuto: the best that the library knows.
+enum class Method { kAuto, kPaper };
+
+/// The common parameter domain. kAuto: what the models' topology asks for.
+enum class Domain { kAuto, kDisk };
+
+/// Every setting of a morph; `option_table()` lists them for the user.
+struct MorphOptions {
+    Method method = Method::kAuto;
+    Domain domain = Domain::kAuto;
+    /// Nearest neighbours in the covariance analysis and in the search for the boundary; 8 to 64.
+    Index covariance_neighbors = 16;
+    BoundaryOptions boundary;
+    ParameterizationOptions parameterization;
+    AlignmentOptions alignment;
+    PairingOptions pairing;
+    TransferOptions transfer;
+    /// OpenMP threads; 0 takes what the machine has. The result doesn't depend on it.
+    int threads = 0;
+};
+
+/// A place of the source and the place of the target that belongs to it.
+struct Feature {
+    std::string name;
+    Index source;  ///< row of the source cloud
+    Index target;  ///< row of the target cloud
+};
+
+/// What is to be morphed. A boundary, where one is given, is that patch's, in order, in either
+/// sense.
+struct MorphInput {
+    Cloud source;
+    Cloud target;
+    std::vector<Feature> features;
+    std::vector<std::string> loop;  ///< features, in order, through which closed models are cut
+    BoundaryLoop source_boundary;
+    BoundaryLoop target_boundary;
+};
+
+/// What one side's parameterization took (the paper's Table I).
+struct ParameterizationReport {
+    Index unknowns = 0;
+    Index iterations = 0;
+    double relative_residual = 0.0;
+    double solve_seconds = 0.0;
+    Index boundary_points = 0;
+};
+
+struct MorphReport {
+    std::string method;
+    std::string domain;
+    std::vector<StageTime> stages;
+    double seconds = 0.0;
+    Index pairs = 0;
+    double feature_residual = 0.0;  ///< largest, in spacings of the domain
+    double alignment_rotation = 0.0;
+    Index alignment_sweeps = 0;
+    ParameterizationReport source_parameterization;
+    ParameterizationReport target_parameterization;
+    std::vector<std::string> warnings;
+};
+
+/// Computed once by the constructor; cheap to ask afterwards. All queries are const and may come
+/// from several threads.
+class Morph {
+public:
+    /// Throws the errors of all stages, and Cancelled.
+    Morph(MorphInput input, const MorphOptions& options, Progress& progress);
+    ~Morph();
+
+    /// Both clouds in the order given; normals and radii are filled in where they were missing.
+    const Cloud& source() const noexcept { return source_; }
+    const Cloud& target() const noexcept { return target_; }
+
+    /// Every row of both clouds is in at least one pair. Sorted, none twice.
+    const Pairing& pairs() const noexcept { return pairs_; }
+
+    /// Where both clouds lie in the common domain, rows as given.
+    const DiskPoints& source_domain() const noexcept { return source_domain_; }
+    const DiskPoints& target_domain() const noexcept { return target_domain_; }
+
+    /// The boundary loops in use, anticlockwise.
+    const BoundaryLoop& source_boundary() const noexcept { return source_boundary_; }
+    const BoundaryLoop& target_boundary() const noexcept { return target_boundary_; }
+
+    /// Where every source point lands on the target, #source by 3: smooth, not snapped to samples.
+    Positions source_to_target(Progress& progress) const;
+    Positions target_to_source(Progress& progress) const;
+
+    /// The in-between clouds; made when first asked for. Scalar: float or double.
+    template <class Scalar>
+    const Path<Scalar>& path() const;
+
+    /// See find_cracks().
+    std::vector<Cracks> cracks(std::span<const double> times, Progress& progress) const;
+
+    const MorphReport& report() const noexcept { return report_; }
+    const MorphOptions& options() const noexcept { return options_; }
+
+private:
+    MorphOptions options_;
+    Cloud source_, target_;
+    Pairing pairs_;
+    DiskPoints source_domain_, target_domain_;
+    BoundaryLoop source_boundary_, target_boundary_;
+    MorphReport report_;
+
+    struct Paths;
+    std::unique_ptr<Paths> paths_;
+};
+
+extern template const Path<float>& Morph::path<float>() const;
+extern template const Path<double>& Morph::path<double>() const;
+
+}  // namespace pointmorph

@@ -63,11 +63,11 @@ MatchedPins match_pins(const Positions& source_positions, std::span<const Index>
 
 /// What a patch became.
 struct Parameterization {
-    DiskPoints points;            ///< #points by 2, in the closed unit disk
-    Index unknowns = 0;           ///< interior points of the system that was solved
-    Index iterations = 0;         ///< of the solver, the larger of both coordinates
-    double relative_residual = 0; ///< ‖Au − b‖ / ‖b‖ reached
-    double solve_seconds = 0;     ///< assembly and solution of the system alone
+    DiskPoints points;             ///< #points by 2, in the closed unit disk
+    Index unknowns = 0;            ///< interior points of the system that was solved
+    Index iterations = 0;          ///< of the solver, the larger of both coordinates
+    double relative_residual = 0;  ///< ‖Au − b‖ / ‖b‖ reached
+    double solve_seconds = 0;      ///< assembly and solution of the system alone
 };
 
 /// Boundary points go to the circle at `angles` (one for each of `loop`); interior points are

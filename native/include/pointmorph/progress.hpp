@@ -38,6 +38,25 @@ public:
     /// Ends the last stage: its time is complete.
     void finish();
 
+    /// While it lives, fractions 0 to 1 mean `first` to `last` of the present stage: for a stage
+    /// that does the same to both clouds. Not nested.
+    class Part {
+    public:
+        Part(Progress& progress, double first, double last) : progress_(progress) {
+            progress_.first_ = first;
+            progress_.last_ = last;
+        }
+        ~Part() {
+            progress_.first_ = 0.0;
+            progress_.last_ = 1.0;
+        }
+        Part(const Part&) = delete;
+        Part& operator=(const Part&) = delete;
+
+    private:
+        Progress& progress_;
+    };
+
     /// Reports the fraction done of the present stage, 0 to 1. Throws Cancelled.
     void report(double fraction);
 
@@ -66,6 +85,7 @@ private:
     Clock::time_point stage_start_{};
     Clock::time_point last_call_{};
     bool in_stage_ = false;
+    double first_ = 0.0, last_ = 1.0;
 };
 
 }  // namespace pointmorph

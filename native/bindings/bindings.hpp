@@ -1,0 +1,49 @@
+// What the binding files share.
+#pragma once
+
+#include <pybind11/numpy.h>
+#include <pybind11/pybind11.h>
+#include <pybind11/stl.h>
+
+#include <memory>
+#include <utility>
+#include <vector>
+
+#include "pointmorph/progress.hpp"
+#include "pointmorph/types.hpp"
+
+namespace pointmorph::bindings {
+
+namespace py = pybind11;
+
+void bind_errors(py::module_& module);
+void bind_options(py::module_& module);
+void bind_morph(py::module_& module);
+
+/// A progress whose callback takes the GIL, lets Python handle signals (Ctrl-C) and then calls
+/// `callback(stage, fraction)`, which returns False to ask for the end; None is silent.
+std::unique_ptr<Progress> make_progress(const py::object& callback);
+
+/// Moves an Eigen array or vector into a numpy array that owns it; nothing is copied.
+template <class Array>
+py::array_t<typename Array::Scalar> to_numpy(Array rows) {
+    auto* owned = new Array(std::move(rows));
+    const py::capsule owner(owned, [](void* p) { delete static_cast<Array*>(p); });
+    std::vector<py::ssize_t> shape{owned->rows()};
+    if constexpr (Array::ColsAtCompileTime != 1) shape.push_back(owned->cols());
+    return py::array_t<typename Array::Scalar>(shape, owned->data(), owner);
+}
+
+/// Copies a numpy array, whose shape the Python side has checked; 0 rows for None.
+template <class Array>
+Array from_numpy(const py::object& rows) {
+    if (rows.is_none()) return Array(0, Array::ColsAtCompileTime);
+    using Scalar = typename Array::Scalar;
+    const auto dense = py::array_t<Scalar, py::array::c_style | py::array::forcecast>::ensure(rows);
+    if (!dense) throw py::error_already_set();
+    Array result(dense.size() / Array::ColsAtCompileTime, Array::ColsAtCompileTime);
+    std::copy_n(dense.data(), dense.size(), result.data());
+    return result;
+}
+
+}  // namespace pointmorph::bindings

@@ -1,0 +1,10 @@
+#include "bindings.hpp"
+
+PYBIND11_MODULE(_pointmorph, module) {
+    using namespace pointmorph::bindings;
+    module.doc() = "The native library of the package pointmorph.";
+    module.attr("__version__") = POINTMORPH_VERSION;
+    bind_errors(module);
+    bind_options(module);
+    bind_morph(module);
+}

@@ -1,0 +1,134 @@
+#include "pointmorph/morph.hpp"
+
+#include "bindings.hpp"
+#include "pointmorph/error.hpp"
+#include "pointmorph/options.hpp"
+#include "pointmorph/parallel.hpp"
+
+namespace pointmorph::bindings {
+
+namespace {
+
+/// From the dictionary that pointmorph.Cloud makes of itself.
+Cloud cloud_of(const py::dict& fields) {
+    return {fields["name"].cast<std::string>(), from_numpy<Positions>(fields["positions"]),
+            from_numpy<Normals>(fields["normals"]), from_numpy<Colors>(fields["colors"]),
+            from_numpy<Values>(fields["radii"])};
+}
+
+py::array_t<std::int64_t> array_of(const Pairing& pairs) {
+    py::array_t<std::int64_t> rows({static_cast<py::ssize_t>(pairs.size()), py::ssize_t{2}});
+    auto view = rows.mutable_unchecked<2>();
+    for (py::ssize_t i = 0; i < view.shape(0); ++i) {
+        view(i, 0) = pairs[static_cast<std::size_t>(i)].source;
+        view(i, 1) = pairs[static_cast<std::size_t>(i)].target;
+    }
+    return rows;
+}
+
+py::array_t<std::int64_t> array_of(const BoundaryLoop& loop) {
+    py::array_t<std::int64_t> rows(static_cast<py::ssize_t>(loop.size()));
+    std::copy(loop.begin(), loop.end(), rows.mutable_data());
+    return rows;
+}
+
+py::dict dict_of(const ParameterizationReport& report) {
+    return py::dict(py::arg("unknowns") = report.unknowns,
+                    py::arg("boundary_points") = report.boundary_points,
+                    py::arg("iterations") = report.iterations,
+                    py::arg("relative_residual") = report.relative_residual,
+                    py::arg("solve_seconds") = report.solve_seconds);
+}
+
+py::dict dict_of(const MorphReport& report, const MorphOptions& options) {
+    py::dict stages, chosen;
+    for (const StageTime& time : report.stages) stages[py::str(time.stage)] = time.seconds;
+    for (const Option& option : option_table()) chosen[py::str(option.name)] = option.get(options);
+    return py::dict(py::arg("method") = report.method, py::arg("domain") = report.domain,
+                    py::arg("stages") = stages, py::arg("seconds") = report.seconds,
+                    py::arg("pairs") = report.pairs,
+                    py::arg("feature_residual") = report.feature_residual,
+                    py::arg("alignment_rotation") = report.alignment_rotation,
+                    py::arg("alignment_sweeps") = report.alignment_sweeps,
+                    py::arg("source_parameterization") = dict_of(report.source_parameterization),
+                    py::arg("target_parameterization") = dict_of(report.target_parameterization),
+                    py::arg("warnings") = report.warnings, py::arg("options") = chosen);
+}
+
+/// Writes into the caller's arrays, which the Python side has checked.
+template <class Scalar>
+void frame_into(const Morph& morph, double t, const py::array_t<Scalar>& positions,
+                const py::array_t<Scalar>& normals, const py::array_t<Scalar>& colors,
+                const py::array_t<Scalar>& radii) {
+    const auto span = [](const py::array_t<Scalar>& rows) -> std::span<Scalar> {
+        return {const_cast<Scalar*>(rows.data()), static_cast<std::size_t>(rows.size())};
+    };
+    const FrameView<Scalar> view{span(positions), span(normals), span(colors), span(radii)};
+    const py::gil_scoped_release release;
+    const ThreadCount threads(morph.options().threads);
+    morph.path<Scalar>().frame(t, view);
+}
+
+/// Calls a member of Morph that takes a Progress, without the GIL.
+template <class Call>
+auto without_gil(const py::object& callback, Call&& call) {
+    const auto progress = make_progress(callback);
+    const py::gil_scoped_release release;
+    return call(*progress);
+}
+
+}  // namespace
+
+void bind_morph(py::module_& module) {
+    using Features = std::vector<std::tuple<std::string, Index, Index>>;
+    const auto make = [](const py::dict& source, const py::dict& target, const Features& features,
+                         const std::vector<std::string>& loop, const MorphOptions& options,
+                         const py::object& callback) {
+        MorphInput input{cloud_of(source),
+                         cloud_of(target),
+                         {},
+                         loop,
+                         source["boundary"].cast<BoundaryLoop>(),
+                         target["boundary"].cast<BoundaryLoop>()};
+        for (const auto& [name, s, t] : features) input.features.push_back({name, s, t});
+        return without_gil(callback, [&](Progress& progress) {
+            return std::make_unique<Morph>(std::move(input), options, progress);
+        });
+    };
+    py::class_<Morph>(module, "Morph")
+        .def(py::init(make))
+        .def("pairs", [](const Morph& m) { return array_of(m.pairs()); })
+        .def("source_domain",
+             [](const Morph& m) { return to_numpy(DiskPoints(m.source_domain())); })
+        .def("target_domain",
+             [](const Morph& m) { return to_numpy(DiskPoints(m.target_domain())); })
+        .def("source_boundary", [](const Morph& m) { return array_of(m.source_boundary()); })
+        .def("target_boundary", [](const Morph& m) { return array_of(m.target_boundary()); })
+        .def("report", [](const Morph& m) { return dict_of(m.report(), m.options()); })
+        .def("source_to_target",
+             [](const Morph& m, const py::object& callback) {
+                 return to_numpy(without_gil(
+                     callback, [&](Progress& progress) { return m.source_to_target(progress); }));
+             })
+        .def("target_to_source",
+             [](const Morph& m, const py::object& callback) {
+                 return to_numpy(without_gil(
+                     callback, [&](Progress& progress) { return m.target_to_source(progress); }));
+             })
+        .def("cracks",
+             [](const Morph& m, const std::vector<double>& times, const py::object& callback) {
+                 const auto cracks = without_gil(
+                     callback, [&](Progress& progress) { return m.cracks(times, progress); });
+                 std::vector<std::pair<double, double>> result;
+                 for (const Cracks& at : cracks) result.emplace_back(at.t, at.share);
+                 return result;
+             })
+        .def("frame_float32", &frame_into<float>, py::arg("t"), py::arg("positions").noconvert(),
+             py::arg("normals").noconvert(), py::arg("colors").noconvert(),
+             py::arg("radii").noconvert())
+        .def("frame_float64", &frame_into<double>, py::arg("t"), py::arg("positions").noconvert(),
+             py::arg("normals").noconvert(), py::arg("colors").noconvert(),
+             py::arg("radii").noconvert());
+}
+
+}  // namespace pointmorph::bindings

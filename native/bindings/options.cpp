@@ -1,0 +1,30 @@
+#include "pointmorph/options.hpp"
+
+#include "bindings.hpp"
+
+namespace pointmorph::bindings {
+
+void bind_options(py::module_& module) {
+    py::class_<MorphOptions>(module, "MorphOptions")
+        .def(py::init<>())
+        .def("set", [](MorphOptions& options, const std::string& name, const OptionValue& value) {
+            set_option(options, name, value);
+        });
+
+    module.def("option_table", [] {
+        py::list rows;
+        const MorphOptions defaults;
+        constexpr const char* kKinds[] = {"int", "float", "choice"};
+        for (const Option& option : option_table())
+            rows.append(py::dict(py::arg("name") = option.name,
+                                 py::arg("kind") = kKinds[static_cast<int>(option.kind)],
+                                 py::arg("default") = option.get(defaults),
+                                 py::arg("minimum") = option.minimum,
+                                 py::arg("maximum") = option.maximum,
+                                 py::arg("choices") = py::tuple(py::cast(option.choices)),
+                                 py::arg("unit") = option.unit, py::arg("help") = option.help));
+        return rows;
+    });
+}
+
+}  // namespace pointmorph::bindings

@@ -1,0 +1,46 @@
+"""Morphing of point-sampled geometry.
+
+Two clouds in, of any size and without a common mesh; matching points and in-between clouds out::
+
+    import pointmorph
+
+    source = pointmorph.Cloud(source_positions, name="Venus")
+    target = pointmorph.Cloud(target_positions, name="Mannequin")
+    morph = pointmorph.morph(source, target, {"nose": (17, 403), "chin": (90, 511)})
+    half_way = morph.frame(0.5).positions
+
+Needs numpy only; the file formats and the command line need plyfile, trimesh and tqdm.
+"""
+
+from pointmorph._pointmorph import __version__
+from pointmorph.clouds import Cloud
+from pointmorph.errors import (
+    Cancelled,
+    CloudError,
+    ConvergenceError,
+    FeatureError,
+    FileError,
+    OptionError,
+    PointmorphError,
+    TopologyError,
+)
+from pointmorph.morphing import Frame, Morph, Option, Progress, morph, options
+
+__all__ = [
+    "Cancelled",
+    "Cloud",
+    "CloudError",
+    "ConvergenceError",
+    "FeatureError",
+    "FileError",
+    "Frame",
+    "Morph",
+    "Option",
+    "OptionError",
+    "PointmorphError",
+    "Progress",
+    "TopologyError",
+    "__version__",
+    "morph",
+    "options",
+]

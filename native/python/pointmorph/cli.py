@@ -1,0 +1,268 @@
+"""The command line: ``pointmorph morph SOURCE TARGET --out DIR``."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import json
+import sys
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pointmorph import __version__, formats, morphing, sampling
+from pointmorph.clouds import Cloud
+from pointmorph.errors import FeatureError, FileError, OptionError, PointmorphError
+
+FAILED, WRONG_CALL, INTERRUPTED = 1, 2, 130
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Runs the command line and returns the exit status: 0, 1 (failed) or 2 (wrong call)."""
+    parser = _parser()
+    chosen = parser.parse_args(arguments)
+    try:
+        _morph(chosen)
+    except OptionError as error:
+        return _complain(str(error), WRONG_CALL)
+    except PointmorphError as error:
+        return _complain(str(error), FAILED)
+    except MemoryError:
+        return _complain("Out of memory: sample the models with fewer points.", FAILED)
+    except KeyboardInterrupt:
+        return _complain("Interrupted. Run the same command again to start over.", INTERRUPTED)
+    return 0
+
+
+def _complain(message: str, status: int) -> int:
+    print(f"pointmorph: {message}", file=sys.stderr)
+    return status
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="pointmorph", description="Morphs one sampled shape into another.", allow_abbrev=False
+    )
+    parser.add_argument("--version", action="version", version=f"pointmorph {__version__}")
+    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    morph = commands.add_parser(
+        "morph",
+        allow_abbrev=False,
+        help="compute the correspondence and the in-between clouds of two files",
+        description="Writes pairs.npy, source.ply, target.ply, frame_0000.ply … and report.json.",
+    )
+    kinds = " ".join(formats.SUFFIXES)
+    morph.add_argument("source", metavar="SOURCE", help=f"the shape at t = 0: {kinds}")
+    morph.add_argument("target", metavar="TARGET", help="the shape at t = 1")
+    morph.add_argument("--out", required=True, metavar="DIR", type=Path, help="folder to write to")
+    morph.add_argument(
+        "--features",
+        metavar="FILE",
+        type=Path,
+        help='JSON: {"features": {"nose": [source row, target row], …}}',
+    )
+    morph.add_argument(
+        "--frames",
+        metavar="N",
+        type=_frame_count,
+        default=0,
+        help="in-between clouds to write, both ends included: 0 or at least 2 (default: 0)",
+    )
+    morph.add_argument(
+        "--samples",
+        metavar="N",
+        type=_positive,
+        help="sample both models' faces with N points (default: morph the vertices)",
+    )
+    settings = morph.add_argument_group("settings of the method")
+    for option in morphing.options():
+        _add_option(settings, option)
+    return parser
+
+
+def _add_option(group: argparse._ArgumentGroup, option: morphing.Option) -> None:
+    default = "automatic" if option.default is None else f"{option.default:g}" if isinstance(
+        option.default, float
+    ) else str(option.default)
+    names = list(dict.fromkeys([f"--{option.name.replace('_', '-')}", f"--{option.name}"]))
+    unit = f", in {option.unit}" if option.unit else ""
+    # argparse reads % as a format
+    text = f"{option.help}{unit} (default: {default})".replace("%", "%%")
+    if option.kind == "choice":
+        group.add_argument(*names, dest=option.name, choices=option.choices, help=text)
+    else:
+        reader = int if option.kind == "int" else float
+        group.add_argument(*names, dest=option.name, metavar="VALUE", type=reader, help=text)
+
+
+def _frame_count(text: str) -> int:
+    count = int(text)
+    if count < 0 or count == 1:
+        raise argparse.ArgumentTypeError("expected 0 or at least 2")
+    return count
+
+
+def _positive(text: str) -> int:
+    count = int(text)
+    if count < 1:
+        raise argparse.ArgumentTypeError("expected at least 1")
+    return count
+
+
+def _morph(chosen: argparse.Namespace) -> None:
+    settings = {
+        option.name: getattr(chosen, option.name)
+        for option in morphing.options()
+        if getattr(chosen, option.name) is not None
+    }
+    features, loop = _read_features(chosen.features) if chosen.features else ({}, [])
+    shapes = [formats.read(chosen.source), formats.read(chosen.target)]
+    if shapes[0].name == shapes[1].name:
+        shapes[0].name, shapes[1].name = str(chosen.source), str(chosen.target)
+    _make_folder(chosen.out)
+
+    with _bars() as progress:
+        if chosen.samples is None:
+            clouds = [shape.cloud() for shape in shapes]
+        else:
+            clouds, features = _sampled(shapes, features, chosen.samples, progress)
+        result = morphing.morph(
+            clouds[0], clouds[1], features, loop=loop, progress=progress, **settings
+        )
+        _write(chosen.out, result, chosen.frames, progress)
+    report = result.report
+    for warning in report["warnings"]:
+        print(f"pointmorph: warning: {warning}", file=sys.stderr)
+    formats.write_bytes(
+        chosen.out / "report.json", (json.dumps(report, indent=1) + "\n").encode()
+    )
+    print(
+        f"{report['pairs']} pairs of {len(clouds[0])} and {len(clouds[1])} points "
+        f"in {report['seconds']:.2f} s: {chosen.out}"
+    )
+
+
+def _sampled(
+    shapes: list[formats.Shape],
+    features: dict[str, tuple[int, int]],
+    count: int,
+    progress: morphing.Progress,
+) -> tuple[list[Cloud], dict[str, tuple[int, int]]]:
+    for side, shape in enumerate(shapes):
+        for name, pair in features.items():
+            if not 0 <= pair[side] < len(shape.positions):
+                raise FeatureError(
+                    f'feature "{name}"',
+                    f"a row of {shape.name}, 0 to {len(shape.positions) - 1}",
+                    str(pair[side]),
+                    "Correct it in the features' file.",
+                )
+    clouds, rows = [], []
+    for side, shape in enumerate(shapes):
+        keep = [pair[side] for pair in features.values()]
+        cloud, kept = sampling.sample(shape, count, keep=keep, progress=progress)
+        clouds.append(cloud)
+        rows.append(kept.tolist())
+    return clouds, dict(zip(features, zip(*rows, strict=True), strict=True))
+
+
+def _read_features(path: Path) -> tuple[dict[str, tuple[int, int]], list[str]]:
+    shape = '{"features": {"nose": [source row, target row], …}, "loop": ["nose", …]}'
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise FileError(str(path), "a readable file", error.strerror or str(error), "Check the path.") from error
+    except ValueError as error:
+        raise FileError(str(path), f"JSON like {shape}", str(error), "Correct it.") from error
+    features = content.get("features", {}) if isinstance(content, dict) else None
+    loop = content.get("loop", []) if isinstance(content, dict) else []
+    if not isinstance(features, dict) or not all(_is_pair(pair) for pair in features.values()):
+        raise FileError(str(path), f"JSON like {shape}", "something else", "Correct it.")
+    if not isinstance(loop, list) or not all(isinstance(name, str) for name in loop):
+        raise FileError(str(path), "a loop that lists features' names", repr(loop), "Correct it.")
+    return {name: (pair[0], pair[1]) for name, pair in features.items()}, loop
+
+
+def _is_pair(pair: Any) -> bool:
+    return (
+        isinstance(pair, list)
+        and len(pair) == 2
+        and all(isinstance(row, int) and not isinstance(row, bool) for row in pair)
+    )
+
+
+def _make_folder(folder: Path) -> None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise FileError(
+            str(folder), "a folder that can be made", error.strerror or str(error), "Choose another."
+        ) from error
+
+
+def _write(
+    folder: Path, result: morphing.Morph, frames: int, progress: morphing.Progress
+) -> None:
+    """Pairs, both clouds and the frames. Frames of an earlier run that had more are removed."""
+    with formats.whole_file(folder / "pairs.npy") as file:
+        np.save(file, result.pairs)
+    frame = result.empty_frame()
+    for side, (name, cloud) in enumerate((("source", result.source), ("target", result.target))):
+        result.frame(float(side), out=frame)
+        rows = result.pairs[:, side]
+        attributes = []
+        for values in (frame.normals, frame.colors, frame.radii):
+            by_point = np.empty((len(cloud), *values.shape[1:]), values.dtype)
+            by_point[rows] = values
+            attributes.append(by_point)
+        positions = cloud.positions.astype(frame.positions.dtype, copy=False)
+        formats.write_ply(folder / f"{name}.ply", positions, *attributes)
+
+    for number in range(frames):
+        progress("frames", number / frames)
+        result.frame(number / (frames - 1), out=frame)
+        formats.write_ply(
+            folder / f"frame_{number:04d}.ply",
+            frame.positions,
+            frame.normals,
+            frame.colors,
+            frame.radii,
+        )
+    number = frames
+    while (stale := folder / f"frame_{number:04d}.ply").exists():
+        stale.unlink()
+        number += 1
+
+
+@contextlib.contextmanager
+def _bars() -> Iterator[morphing.Progress]:
+    """A progress function: one bar a stage on a terminal, nothing in a pipe."""
+    from tqdm import tqdm
+
+    bars: dict[str, Any] = {}
+
+    def progress(stage: str, fraction: float) -> bool:
+        if stage not in bars:
+            finish()
+            bars[stage] = tqdm(
+                total=100,
+                desc=f"{stage:<17}",
+                disable=None,
+                leave=False,
+                bar_format="{desc} {bar:40} {percentage:3.0f}%",
+            )
+        bar = bars[stage]
+        bar.update(max(0.0, round(100 * fraction) - bar.n))
+        return True
+
+    def finish() -> None:
+        for bar in bars.values():
+            bar.close()
+        bars.clear()
+
+    try:
+        yield progress
+    finally:
+        finish()

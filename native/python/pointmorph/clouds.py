@@ -1,0 +1,134 @@
+"""What is handed in: a sampled shape."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from pointmorph.errors import CloudError
+
+FloatArray = npt.NDArray[np.floating[Any]]
+
+
+class Cloud:
+    """A sampled shape: points on some surface, with optional attributes.
+
+    Parameters
+    ----------
+    positions : (N, 3) array of float32 or float64
+        Points, in any unit of length. Frames come back in this type.
+    normals : (N, 3) array, optional
+        Outward normals of any length but zero. Estimated where they are missing.
+    colors : (N, 4) array, optional
+        Red, green, blue and alpha, 0 to 1.
+    radii : (N,) array, optional
+        Size of each point in the unit of the positions. Where they are missing, the spacing of
+        the points is taken.
+    name : str
+        As the user knows the shape; errors quote it.
+    boundary : sequence of int, optional
+        Rows of the boundary of an open patch, in their order along it, in either sense. Found
+        automatically where it is missing.
+
+    Raises
+    ------
+    CloudError
+        For arrays of another shape or type. Values are checked by `pointmorph.morph`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import pointmorph
+    >>> cloud = pointmorph.Cloud(np.zeros((10, 3), np.float32), name="ten points")
+    >>> len(cloud)
+    10
+    """
+
+    def __init__(
+        self,
+        positions: npt.ArrayLike,
+        normals: npt.ArrayLike | None = None,
+        colors: npt.ArrayLike | None = None,
+        radii: npt.ArrayLike | None = None,
+        *,
+        name: str = "cloud",
+        boundary: Sequence[int] | npt.NDArray[np.integer[Any]] | None = None,
+    ) -> None:
+        self.name = name
+        points = np.asarray(positions)
+        if points.dtype not in (np.float32, np.float64):
+            points = self._numbers(points, "positions").astype(np.float64)
+        self.positions: FloatArray = self._shaped(points, "positions", 3)
+        self.normals = self._attribute(normals, "normals", 3)
+        self.colors = self._attribute(colors, "colors", 4)
+        self.radii = self._attribute(radii, "radii", None)
+        self.boundary = self._rows(boundary)
+
+    def __len__(self) -> int:
+        return len(self.positions)
+
+    def __repr__(self) -> str:
+        given = [a for a in ("normals", "colors", "radii") if getattr(self, a) is not None]
+        extra = f" with {', '.join(given)}" if given else ""
+        return f"<Cloud {self.name!r}: {len(self)} points{extra}>"
+
+    def _numbers(self, values: npt.NDArray[Any], what: str) -> npt.NDArray[Any]:
+        if not (np.issubdtype(values.dtype, np.integer) or np.issubdtype(values.dtype, np.floating)):
+            raise CloudError(
+                self.name, f"{what} that are numbers", f"type {values.dtype}", "Convert the array."
+            )
+        return values
+
+    def _shaped(self, values: npt.NDArray[Any], what: str, width: int | None) -> npt.NDArray[Any]:
+        if values.size == 0 and values.ndim <= 2 and what == "positions":
+            return values.reshape(0, 3)
+        if values.ndim != (1 if width is None else 2) or (width and values.shape[1] != width):
+            raise CloudError(
+                self.name,
+                f"{what} of shape {'(N,)' if width is None else f'(N, {width})'}",
+                f"shape {values.shape}",
+                "Reshape the array: one row a point.",
+            )
+        return np.ascontiguousarray(values)
+
+    def _attribute(
+        self, values: npt.ArrayLike | None, what: str, width: int | None
+    ) -> FloatArray | None:
+        if values is None:
+            return None
+        array = self._shaped(self._numbers(np.asarray(values), what), what, width)
+        if len(array) != len(self):
+            raise CloudError(
+                self.name,
+                f"{what} for each of {len(self)} points",
+                f"{len(array)}",
+                "Give one row a point, or none at all.",
+            )
+        return array
+
+    def _rows(self, rows: Sequence[int] | npt.NDArray[np.integer[Any]] | None) -> list[int]:
+        if rows is None:
+            return []
+        array = np.asarray(rows)
+        if array.ndim != 1 or (array.size and not np.issubdtype(array.dtype, np.integer)):
+            raise CloudError(
+                self.name,
+                "a boundary that is a list of rows",
+                f"type {array.dtype} of shape {array.shape}",
+                "Give whole numbers, 0 for the first point.",
+            )
+        return [int(row) for row in array]
+
+    def _fields(self) -> dict[str, Any]:
+        """What the native library reads."""
+        return {
+            "name": self.name,
+            "positions": self.positions,
+            "normals": self.normals,
+            "colors": self.colors,
+            "radii": self.radii,
+            "boundary": self.boundary,
+        }

@@ -1,0 +1,107 @@
+"""What faces say about an open mesh."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+Faces = npt.NDArray[np.integer[Any]] | Sequence[Sequence[int]]
+
+
+def boundary_loops(faces: Faces, vertex_count: int) -> list[npt.NDArray[np.int64]]:
+    """Boundary loops of a mesh, the one with most vertices first.
+
+    Parameters
+    ----------
+    faces : (F, K) array, or a sequence of polygons
+        Vertex rows; polygons may differ in length.
+    vertex_count : int
+        Vertices of the mesh.
+
+    Returns
+    -------
+    list of arrays of int64
+        Rows along each loop, each vertex once. Where several boundaries meet in one vertex, the
+        walk is split there, so that every loop is simple. Edges that don't close are left out.
+
+    Examples
+    --------
+    >>> from pointmorph.meshes import boundary_loops
+    >>> [sorted(int(v) for v in loop) for loop in boundary_loops([[0, 1, 2], [0, 2, 3]], 4)]
+    [[0, 1, 2, 3]]
+    """
+    edges = face_edges(faces)
+    if len(edges) == 0:
+        return []
+    edges.sort(axis=1)
+    _, first, counts = np.unique(
+        edges[:, 0] * vertex_count + edges[:, 1], return_index=True, return_counts=True
+    )
+    around: dict[int, list[int]] = {}
+    for a, b in edges[np.sort(first[counts == 1])].tolist():
+        around.setdefault(a, []).append(b)
+        around.setdefault(b, []).append(a)
+
+    loops: list[npt.NDArray[np.int64]] = []
+    for start in list(around):
+        path = [start]
+        position = {start: 0}
+        while around[path[-1]]:
+            vertex = around[path[-1]].pop()
+            around[vertex].remove(path[-1])
+            if vertex in position:  # a loop closes here; the walk goes on from where it began
+                loop = path[position[vertex] :]
+                if len(loop) > 2:
+                    loops.append(np.asarray(loop, np.int64))
+                for dropped in loop[1:]:
+                    del position[dropped]
+                path = path[: position[vertex] + 1]
+            else:
+                position[vertex] = len(path)
+                path.append(vertex)
+    return sorted(loops, key=len, reverse=True)
+
+
+def face_edges(faces: Faces) -> npt.NDArray[np.int64]:
+    """(E, 2): the edges of every face, one by one, without those from a vertex to itself."""
+    if isinstance(faces, np.ndarray) and faces.ndim == 2:
+        corners = faces.astype(np.int64)
+        edges = np.stack([corners, np.roll(corners, -1, axis=1)], axis=-1).reshape(-1, 2)
+    else:
+        lengths = np.fromiter((len(face) for face in faces), np.int64, len(faces))
+        if lengths.sum() == 0:
+            return np.empty((0, 2), np.int64)
+        flat = np.concatenate([np.asarray(face, np.int64) for face in faces if len(face)])
+        ends = np.cumsum(lengths)
+        following = np.arange(1, len(flat) + 1)
+        full = lengths > 0
+        following[ends[full] - 1] = (ends - lengths)[full]
+        edges = np.stack([flat, flat[following]], axis=-1)
+    return edges[edges[:, 0] != edges[:, 1]]
+
+
+def vertex_normals(
+    positions: npt.NDArray[Any], triangles: npt.NDArray[np.integer[Any]]
+) -> npt.NDArray[np.float64]:
+    """(N, 3) normals of length 1, the mean of the faces around each vertex by area.
+
+    Vertices without a face of any area get (0, 0, 1).
+
+    Parameters
+    ----------
+    positions : (N, 3) array
+    triangles : (F, 3) array
+    """
+    corners = positions[triangles].astype(np.float64)
+    doubled = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals = np.zeros((len(positions), 3))
+    for axis in range(3):
+        for k in range(3):
+            normals[:, axis] += np.bincount(
+                triangles[:, k], weights=doubled[:, axis], minlength=len(positions)
+            )
+    lengths = np.linalg.norm(normals, axis=1, keepdims=True)
+    return np.where(lengths > 0.0, normals / np.where(lengths > 0.0, lengths, 1.0), [0.0, 0.0, 1.0])

@@ -1,0 +1,289 @@
+"""The morph: computed once, cheap to ask."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from pointmorph import _pointmorph
+from pointmorph.clouds import Cloud, FloatArray
+from pointmorph.errors import FeatureError, OptionError
+
+Progress = Callable[[str, float], bool | None]
+"""Gets a stage's name and the fraction of it that is done; returns False to ask for the end."""
+
+CRACK_TIMES = (0.25, 0.5, 0.75)
+
+
+@dataclass(frozen=True)
+class Option:
+    """A setting of a morph. `default` None means automatic."""
+
+    name: str
+    kind: str
+    """int, float or choice."""
+    default: int | float | str | None
+    minimum: float
+    maximum: float
+    choices: tuple[str, ...]
+    unit: str
+    help: str
+
+
+@lru_cache(maxsize=1)
+def options() -> tuple[Option, ...]:
+    """All settings that `morph` takes, with their defaults, ranges, units and meanings.
+
+    Examples
+    --------
+    >>> import pointmorph
+    >>> [option.default for option in pointmorph.options() if option.name == "influence"]
+    [8.0]
+    """
+    return tuple(Option(**row) for row in _pointmorph.option_table())
+
+
+@dataclass(frozen=True)
+class Frame:
+    """An in-between cloud: one row for each pair of `Morph.pairs`."""
+
+    positions: FloatArray
+    """(M, 3)"""
+    normals: FloatArray
+    """(M, 3), unit length between the ends"""
+    colors: FloatArray
+    """(M, 4), red green blue alpha; white where neither cloud has colours"""
+    radii: FloatArray
+    """(M,)"""
+
+
+class Morph:
+    """A finished correspondence between two clouds. Made by `pointmorph.morph`.
+
+    Attributes
+    ----------
+    source, target : Cloud
+        As they were handed in.
+    pairs : (M, 2) array of int64
+        Rows of source and target that belong together. Every row of both is in at least one pair.
+    """
+
+    def __init__(self, native: _pointmorph.Morph, source: Cloud, target: Cloud) -> None:
+        self._native = native
+        self.source = source
+        self.target = target
+        self.pairs: npt.NDArray[np.int64] = native.pairs()
+        single = source.positions.dtype == target.positions.dtype == np.float32
+        self._dtype: type[np.floating[Any]] = np.float32 if single else np.float64
+
+    def __repr__(self) -> str:
+        return f"<Morph {self.source.name!r} to {self.target.name!r}: {len(self.pairs)} pairs>"
+
+    def empty_frame(self) -> Frame:
+        """Arrays of the right size and type to pass as `out` to `frame`."""
+        m = len(self.pairs)
+        return Frame(
+            np.empty((m, 3), self._dtype),
+            np.empty((m, 3), self._dtype),
+            np.empty((m, 4), self._dtype),
+            np.empty(m, self._dtype),
+        )
+
+    def frame(self, t: float, out: Frame | None = None) -> Frame:
+        """The in-between cloud at t, straight paths.
+
+        Parameters
+        ----------
+        t : float
+            0 (the source, bit for bit) to 1 (the target, bit for bit).
+        out : Frame, optional
+            An earlier frame of this morph, to write into: nothing is allocated then.
+
+        Returns
+        -------
+        Frame
+            float32 where both clouds came as float32, else float64.
+
+        Raises
+        ------
+        OptionError
+            For t outside [0, 1] or an `out` of another size or type.
+        """
+        if out is None:
+            out = self.empty_frame()
+        arrays = (out.positions, out.normals, out.colors, out.radii)
+        for array, columns in zip(arrays, (3, 3, 4, 1), strict=True):
+            fits = array.size == columns * len(self.pairs) and array.dtype == self._dtype
+            if not (fits and array.flags.c_contiguous and array.flags.writeable):
+                raise OptionError(
+                    "out",
+                    f"writable contiguous arrays of {len(self.pairs)} rows and {self._dtype.__name__}",
+                    f"shape {array.shape} and {array.dtype}",
+                    "Pass what empty_frame() or an earlier frame of this morph returned.",
+                )
+        native = self._native
+        write = native.frame_float32 if self._dtype is np.float32 else native.frame_float64
+        write(float(t), *arrays)
+        return out
+
+    @cached_property
+    def source_to_target(self) -> FloatArray:
+        """(N, 3): where every source point lands on the target; smooth, not snapped to samples."""
+        return self._native.source_to_target(None).astype(self._dtype)
+
+    @cached_property
+    def target_to_source(self) -> FloatArray:
+        """(M, 3): where every target point lands on the source; smooth, not snapped to samples."""
+        return self._native.target_to_source(None).astype(self._dtype)
+
+    @property
+    def source_domain(self) -> npt.NDArray[np.float64]:
+        """(N, 2): the source's points in the common parameter domain, the unit disk."""
+        return self._native.source_domain()
+
+    @property
+    def target_domain(self) -> npt.NDArray[np.float64]:
+        """(M, 2): the target's points in the common parameter domain, the unit disk."""
+        return self._native.target_domain()
+
+    @property
+    def source_boundary(self) -> npt.NDArray[np.int64]:
+        """Rows of the source's boundary in order."""
+        return self._native.source_boundary()
+
+    @property
+    def target_boundary(self) -> npt.NDArray[np.int64]:
+        """Rows of the target's boundary in order."""
+        return self._native.target_boundary()
+
+    def cracks(
+        self, times: tuple[float, ...] = CRACK_TIMES, progress: Progress | None = None
+    ) -> dict[str, float]:
+        """By t, the share of neighbouring points between which the in-between cloud is open."""
+        return {f"{t:g}": share for t, share in self._native.cracks(list(times), progress)}
+
+    @cached_property
+    def report(self) -> dict[str, Any]:
+        """What was done, how long it took and how good it is.
+
+        `stages` (seconds by stage), `seconds`, `peak_memory_bytes` (of the process), `pairs`,
+        `feature_residual` (in spacings of the common domain), `cracks`, `warnings`, `method`,
+        `domain`, `options` and what the solver needed on both sides.
+        """
+        return {
+            **self._native.report(),
+            "peak_memory_bytes": peak_memory_bytes(),
+            "cracks": self.cracks(),
+            "points": [len(self.source), len(self.target)],
+        }
+
+
+def morph(
+    source: Cloud,
+    target: Cloud,
+    features: Mapping[str, tuple[int, int]] | None = None,
+    *,
+    loop: Sequence[str] = (),
+    progress: Progress | None = None,
+    **settings: int | float | str | None,
+) -> Morph:
+    """Finds which point of one cloud belongs to which point of the other.
+
+    Parameters
+    ----------
+    source, target : Cloud
+        Any sizes; no common mesh, no faces needed.
+    features : mapping of name to (source row, target row), optional
+        Places that must coincide.
+    loop : sequence of str, optional
+        Features, in order, through which a closed model is cut. An open patch takes none.
+    progress : callable, optional
+        Called with the stage's name and the fraction done of it, on this thread. Returns False to
+        cancel. The GIL is free in between.
+    **settings
+        See `options`. None is automatic.
+
+    Returns
+    -------
+    Morph
+
+    Raises
+    ------
+    CloudError, FeatureError, OptionError, TopologyError, ConvergenceError
+        Each says what was expected, what was found and what to do.
+    Cancelled
+        When `progress` returned False.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import pointmorph
+    >>> x, y = np.meshgrid(np.linspace(-1, 1, 30), np.linspace(-1, 1, 30))
+    >>> plane = np.stack([x, y, 0 * x], axis=-1).reshape(-1, 3)
+    >>> bump = np.stack([x, y, np.exp(-4 * (x**2 + y**2))], axis=-1).reshape(-1, 3)
+    >>> corner = {"corner": (0, 0)}
+    >>> result = pointmorph.morph(pointmorph.Cloud(plane), pointmorph.Cloud(bump), corner)
+    >>> bool(np.array_equal(result.frame(0).positions, plane[result.pairs[:, 0]]))
+    True
+    """
+    native_options = _pointmorph.MorphOptions()
+    for name, value in settings.items():
+        native_options.set(name, _plain(name, value))
+    native = _pointmorph.Morph(
+        source._fields(),
+        target._fields(),
+        _feature_list(features),
+        list(loop),
+        native_options,
+        progress,
+    )
+    return Morph(native, source, target)
+
+
+def _plain(name: str, value: Any) -> int | float | str | None:
+    """The Python value behind a numpy scalar; a bool is no number here."""
+    if isinstance(value, np.generic):
+        value = value.item()
+    if value is not None and (isinstance(value, bool) or not isinstance(value, int | float | str)):
+        raise OptionError(
+            name, "a number or a word", f"{value!r}", "See pointmorph.options() for its range."
+        )
+    if isinstance(value, int) and abs(value) >= 2**63:
+        return float(value)
+    return value
+
+
+def _feature_list(
+    features: Mapping[str, tuple[int, int]] | None,
+) -> list[tuple[str, int, int]]:
+    rows: list[tuple[str, int, int]] = []
+    for name, pair in (features or {}).items():
+        try:
+            source, target = (int(np.asarray(row).item()) for row in pair)
+            if not (-1 <= source < 2**31 and -1 <= target < 2**31):
+                raise ValueError
+        except (TypeError, ValueError, OverflowError) as error:
+            raise FeatureError(
+                f'feature "{name}"',
+                "a row of the source and a row of the target",
+                f"{pair!r}",
+                "Give two whole numbers, 0 for the first point.",
+            ) from error
+        rows.append((str(name), source, target))
+    return rows
+
+
+def peak_memory_bytes() -> int:
+    """The largest amount of memory that this process has held so far, 0 where unknown."""
+    try:
+        import resource
+    except ImportError:  # Windows
+        return 0
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return peak if sys.platform == "darwin" else peak * 1024

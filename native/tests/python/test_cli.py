@@ -1,0 +1,207 @@
+"""The command line as a user or a script meets it."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import grid, grid_faces
+from plyfile import PlyData
+from pointmorph import formats
+
+COMMAND = [sys.executable, "-m", "pointmorph"]
+
+
+def run(*arguments: object) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([*COMMAND, *map(str, arguments)], capture_output=True, text=True)
+
+
+def write_off(path: Path, side: int, height: float) -> None:
+    positions, faces = grid(side, height), grid_faces(side)
+    path.write_text(
+        f"OFF\n{len(positions)} {len(faces)} 0\n"
+        + "".join(f"{x} {y} {z}\n" for x, y, z in positions)
+        + "".join(f"3 {a} {b} {c}\n" for a, b, c in faces)
+    )
+
+
+@pytest.fixture
+def pair(tmp_path: Path) -> Path:
+    write_off(tmp_path / "plane.off", 41, 0.0)
+    write_off(tmp_path / "bump.off", 33, 0.8)
+    marks = {"features": {"middle": [20 * 41 + 20, 16 * 33 + 16], "north": [30 * 41 + 20, 24 * 33 + 16]}}
+    (tmp_path / "features.json").write_text(json.dumps(marks))
+    return tmp_path
+
+
+def xyz(path: Path) -> np.ndarray:
+    rows = PlyData.read(str(path))["vertex"].data
+    return np.stack([rows[c] for c in "xyz"], axis=-1)
+
+
+def test_a_whole_morph_and_back_from_its_files(pair: Path) -> None:
+    out = pair / "out"
+    done = run(
+        "morph", pair / "plane.off", pair / "bump.off", "--out", out,
+        "--features", pair / "features.json", "--frames", 3,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert done.stderr == ""  # no bars in a pipe
+    assert sorted(os.listdir(out)) == [
+        "frame_0000.ply", "frame_0001.ply", "frame_0002.ply",
+        "pairs.npy", "report.json", "source.ply", "target.ply",
+    ]  # fmt: skip
+    pairs = np.load(out / "pairs.npy")
+    assert pairs.dtype == np.int64
+    source, target = xyz(out / "source.ply"), xyz(out / "target.ply")
+    assert len(source) == 41 * 41 and len(target) == 33 * 33
+    assert set(pairs[:, 0]) == set(range(len(source)))
+    assert set(pairs[:, 1]) == set(range(len(target)))
+    np.testing.assert_array_equal(xyz(out / "frame_0000.ply"), source[pairs[:, 0]])
+    np.testing.assert_array_equal(xyz(out / "frame_0002.ply"), target[pairs[:, 1]])
+    report = json.loads((out / "report.json").read_text())
+    for key in (
+        "stages", "seconds", "peak_memory_bytes", "pairs", "feature_residual", "cracks",
+        "warnings", "options",
+    ):  # fmt: skip
+        assert key in report
+
+    again = run(
+        "morph", out / "source.ply", out / "target.ply", "--out", pair / "again",
+        "--features", pair / "features.json", "--threads", 1,
+    )  # fmt: skip
+    assert again.returncode == 0, again.stderr
+
+
+def test_vertices_are_morphed_as_they_are_in_the_file(pair: Path) -> None:
+    run("morph", pair / "plane.off", pair / "bump.off", "--out", pair / "out")
+    shape = formats.read(pair / "plane.off")
+    np.testing.assert_array_equal(xyz(pair / "out" / "source.ply"), shape.positions)
+
+
+def test_a_shorter_second_run_leaves_no_old_frames(pair: Path) -> None:
+    for frames in (4, 2):
+        done = run("morph", pair / "plane.off", pair / "bump.off", "--out", pair / "o", "--frames", frames)
+        assert done.returncode == 0
+    assert sorted(p.name for p in (pair / "o").glob("frame_*")) == ["frame_0000.ply", "frame_0001.ply"]
+
+
+def test_samples_and_settings(pair: Path) -> None:
+    done = run(
+        "morph", pair / "plane.off", pair / "bump.off", "--out", pair / "o", "--samples", 2000,
+        "--features", pair / "features.json", "--pairing-cluster-size", 6, "--lod_cluster_size", 8,
+        "--influence-radius", "0.4", "--method", "paper", "--domain", "disk",
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert len(xyz(pair / "o" / "source.ply")) == len(xyz(pair / "o" / "target.ply")) == 2000
+    options = json.loads((pair / "o" / "report.json").read_text())["options"]
+    assert options["pairing_cluster_size"] == 6
+    assert options["lod_cluster_size"] == 8
+    assert options["influence_radius"] == 0.4
+    first = xyz(pair / "o" / "source.ply")[0]  # kept features come first
+    assert np.isclose(first, [0, 0, 0]).all() or np.isclose(first, [0.5, 0, 0]).all()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "status", "word"),
+    [
+        ([], 2, "usage"),
+        (["morph"], 2, "required"),
+        (["morph", "plane.off", "bump.off"], 2, "--out"),
+        (["morph", "plane.off", "bump.off", "--out", "o", "--colour", "1"], 2, "--colour"),
+        (["morph", "plane.off", "bump.off", "--out", "o", "--frames", "1"], 2, "at least 2"),
+        (["morph", "plane.off", "bump.off", "--out", "o", "--samples", "0"], 2, "at least 1"),
+        (["morph", "plane.off", "bump.off", "--out", "o", "--influence", "0"], 2, "0.51 to 1000"),
+        (["morph", "plane.off", "bump.off", "--out", "o", "--method", "x"], 2, "paper"),
+        (["morph", "plane.off", "bump.off", "--out", "o", "--method", "pap"], 2, "paper"),
+        (["morph", "none.off", "bump.off", "--out", "o"], 1, "no such file"),
+        (["morph", "plane.off", "bump.off", "--out", "o", "--features", "none.json"], 1, "none.json"),
+        (["morph", "plane.off", "bump.off", "--out", "plane.off"], 1, "plane.off"),
+        (["morph", "plane.off", "bump.off", "--out", "o", "--features", "bad.json"], 1, "JSON"),
+        (["morph", "plane.off", "bump.off", "--out", "o", "--features", "odd.json"], 1, "nose"),
+        (
+            ["morph", "plane.off", "bump.off", "--out", "o", "--features", "odd.json", "--samples", "999"],
+            1,
+            "nose",
+        ),
+    ],
+)  # fmt: skip
+def test_wrong_calls_say_what_to_do(
+    pair: Path, monkeypatch: pytest.MonkeyPatch, arguments: list[str], status: int, word: str
+) -> None:
+    monkeypatch.chdir(pair)
+    (pair / "bad.json").write_text("{")
+    (pair / "odd.json").write_text('{"features": {"nose": [99999, 0]}}')
+    done = run(*arguments)
+    assert done.returncode == status, done.stderr
+    assert word in done.stderr
+    assert "Traceback" not in done.stderr
+    assert done.stdout == ""
+
+
+def test_an_unwritable_folder_is_said(pair: Path) -> None:
+    if os.geteuid() == 0:
+        out = Path("/proc/pointmorph")
+    else:
+        (pair / "locked").mkdir(mode=0o500)
+        out = pair / "locked" / "o"
+    done = run("morph", pair / "plane.off", pair / "bump.off", "--out", out)
+    assert done.returncode == 1
+    assert str(out) in done.stderr and "Traceback" not in done.stderr
+
+
+def test_control_c_ends_within_a_second_and_leaves_no_half_file(tmp_path: Path) -> None:
+    write_off(tmp_path / "plane.off", 301, 0.0)
+    write_off(tmp_path / "bump.off", 301, 0.8)
+    out = tmp_path / "out"
+    process = subprocess.Popen(
+        [*COMMAND, "morph", "plane.off", "bump.off", "--out", "out", "--frames", "500"],
+        cwd=tmp_path, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    while not list(out.glob("frame_*.ply")) and process.poll() is None:
+        time.sleep(0.01)
+    assert process.poll() is None
+    process.send_signal(signal.SIGINT)
+    start = time.monotonic()
+    _, stderr = process.communicate(timeout=60)
+    assert time.monotonic() - start < 5  # a second, on a machine that does nothing else
+    assert process.returncode == 130
+    assert "Traceback" not in stderr
+    assert not list(out.glob(".*"))
+    assert not (out / "report.json").exists()
+    for path in out.glob("frame_*.ply"):
+        assert len(xyz(path)) > 0
+
+
+def test_help_lists_every_setting() -> None:
+    from pointmorph import options
+
+    text = run("morph", "--help").stdout
+    for option in options():
+        assert f"--{option.name.replace('_', '-')}" in text
+
+
+def test_version() -> None:
+    import pointmorph
+
+    assert run("--version").stdout == f"pointmorph {pointmorph.__version__}\n"
+
+
+def test_real_patches_from_end_to_end(patch_pair: tuple, tmp_path: Path) -> None:
+    folder, _ = patch_pair
+    done = run(
+        "morph", folder / "source.ply", folder / "target.ply", "--out", tmp_path,
+        "--features", folder / "pair.json", "--frames", 5,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    pairs = np.load(tmp_path / "pairs.npy")
+    source, target = (formats.read(folder / f"{side}.ply") for side in ("source", "target"))
+    np.testing.assert_array_equal(xyz(tmp_path / "frame_0000.ply"), source.positions[pairs[:, 0]])
+    np.testing.assert_array_equal(xyz(tmp_path / "frame_0004.ply"), target.positions[pairs[:, 1]])

@@ -1,0 +1,166 @@
+"""Files in and out, and what faces say."""
+
+from __future__ import annotations
+
+import os
+import stat
+from pathlib import Path
+
+import numpy as np
+import pointmorph
+import pytest
+from conftest import grid, grid_faces
+from plyfile import PlyData
+from pointmorph import formats, meshes
+
+
+def write_frame(path: Path, count: int = 50, dtype: type = np.float32) -> tuple[np.ndarray, ...]:
+    rng = np.random.default_rng(3)
+    positions, normals = rng.random((2, count, 3)).astype(dtype)
+    colors = (rng.integers(0, 256, (count, 4)) / 255).astype(np.float32)
+    radii = rng.random(count).astype(dtype)
+    formats.write_ply(path, positions, normals, colors, radii)
+    return positions, normals, colors, radii
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_ply_comes_back_bit_for_bit(tmp_path: Path, dtype: type) -> None:
+    written = write_frame(tmp_path / "a.ply", dtype=dtype)
+    shape = formats.read(tmp_path / "a.ply")
+    for before, after in zip(
+        written, (shape.positions, shape.normals, shape.colors, shape.radii), strict=True
+    ):
+        assert after is not None
+        assert before.astype(after.dtype).tobytes() == after.tobytes()
+    names = PlyData.read(str(tmp_path / "a.ply"))["vertex"].data.dtype.names
+    assert names == tuple("x y z nx ny nz red green blue alpha radius".split())
+
+
+def test_mesh_formats_keep_the_rows(tmp_path: Path) -> None:
+    positions, faces = grid(5, 0.4, np.float64), grid_faces(5)
+    positions = np.vstack([positions, [[9.0, 9.0, 9.0]]])  # a vertex without a face
+    (tmp_path / "m.off").write_text(
+        f"OFF\n{len(positions)} {len(faces)} 0\n"
+        + "".join(f"{x!r} {y!r} {z!r}\n" for x, y, z in positions.tolist())
+        + "".join(f"3 {a} {b} {c}\n" for a, b, c in faces)
+    )
+    (tmp_path / "m.obj").write_text(
+        "".join(f"v {x!r} {y!r} {z!r}\n" for x, y, z in positions.tolist())
+        + "".join(f"f {a + 1} {b + 1} {c + 1}\n" for a, b, c in faces)
+    )
+    for name in ("m.off", "m.obj"):
+        shape = formats.read(tmp_path / name)
+        np.testing.assert_array_equal(shape.positions, positions)
+        assert shape.faces is not None
+        np.testing.assert_array_equal(np.sort(shape.faces, axis=None), np.sort(faces, axis=None))
+
+
+def test_obj_corners_with_several_normals_keep_the_rows(tmp_path: Path) -> None:
+    (tmp_path / "m.obj").write_text(
+        "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvn 0 0 1\nvn 0 1 0\nvt 0 0\nvt 1 0\n"
+        "f 1/1/1 2/2/1 3/1/1\nf 1/2/2 3/2/2 4/1/2\n"
+    )
+    shape = formats.read(tmp_path / "m.obj")
+    np.testing.assert_array_equal(
+        shape.positions, [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]
+    )
+
+
+def test_text_with_normals(tmp_path: Path) -> None:
+    rows = np.random.default_rng(0).random((20, 6))
+    np.savetxt(tmp_path / "a.xyz", rows, header="x y z nx ny nz")
+    shape = formats.read(tmp_path / "a.xyz")
+    np.testing.assert_allclose(shape.positions, rows[:, :3])
+    np.testing.assert_allclose(shape.normals, rows[:, 3:])
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [
+        ("missing.ply", None),
+        ("a.docx", b"x"),
+        ("empty.ply", b""),
+        ("junk.ply", b"ply\nformat ascii 1.0\nelement vertex 3\nend_header\n1 2\n"),
+        ("empty.off", b""),
+        ("junk.obj", b"hello\n"),
+        ("junk.xyz", b"a b c\n"),
+        ("flat.xyz", b"1 2\n3 4\n"),
+    ],
+)
+def test_unreadable_files_are_refused_in_words(
+    tmp_path: Path, name: str, content: bytes | None
+) -> None:
+    if content is not None:
+        (tmp_path / name).write_bytes(content)
+    with pytest.raises(pointmorph.FileError) as caught:
+        formats.read(tmp_path / name)
+    assert name in str(caught.value)
+
+
+def test_a_failed_write_leaves_what_was_there(tmp_path: Path) -> None:
+    path = tmp_path / "a.ply"
+    write_frame(path)
+    before = path.read_bytes()
+    with pytest.raises(RuntimeError), formats.whole_file(path) as file:
+        file.write(b"half")
+        raise RuntimeError
+    assert path.read_bytes() == before
+    assert os.listdir(tmp_path) == ["a.ply"]
+
+
+def test_a_full_disk_is_said(tmp_path: Path) -> None:
+    if not Path("/dev/full").exists():
+        pytest.skip("no /dev/full on this system")
+    with pytest.raises(pointmorph.FileError, match="space"), formats.whole_file(tmp_path / "a") as file:
+        os.dup2(os.open("/dev/full", os.O_WRONLY), file.fileno())
+        file.write(b"x" * 100)
+
+
+def test_a_missing_folder_is_said(tmp_path: Path) -> None:
+    with pytest.raises(pointmorph.FileError, match="folder"):
+        formats.write_bytes(tmp_path / "no" / "a", b"x")
+
+
+def test_written_files_have_the_usual_rights(tmp_path: Path) -> None:
+    formats.write_bytes(tmp_path / "a", b"x")
+    (tmp_path / "b").write_bytes(b"x")
+    assert stat.S_IMODE((tmp_path / "a").stat().st_mode) == stat.S_IMODE(
+        (tmp_path / "b").stat().st_mode
+    )
+
+
+def test_boundary_of_a_grid_is_its_border() -> None:
+    loops = meshes.boundary_loops(grid_faces(9), 81)
+    assert len(loops) == 1
+    border = {i for i in range(81) if i // 9 in (0, 8) or i % 9 in (0, 8)}
+    assert set(loops[0].tolist()) == border
+    steps = np.abs(loops[0] - np.roll(loops[0], -1))
+    assert set(steps.tolist()) <= {1, 9}
+
+
+def test_boundary_with_holes_mixed_polygons_and_windings() -> None:
+    faces = [face.tolist() for face in grid_faces(9)]
+    faces = [f for f in faces if 40 not in f]  # the middle is a hole
+    faces = [f[::-1] if i % 3 == 0 else f for i, f in enumerate(faces)]
+    loops = meshes.boundary_loops(faces, 81)
+    assert [len(loop) for loop in loops] == [32, 6]
+
+
+def test_boundaries_that_meet_in_a_vertex_are_split() -> None:
+    loops = meshes.boundary_loops([[0, 1, 2], [0, 3, 4]], 5)
+    assert sorted(sorted(loop.tolist()) for loop in loops) == [[0, 1, 2], [0, 3, 4]]
+
+
+def test_closed_and_empty_meshes_have_no_boundary() -> None:
+    tetrahedron = np.array([[0, 1, 2], [0, 3, 1], [1, 3, 2], [2, 3, 0]])
+    assert meshes.boundary_loops(tetrahedron, 4) == []
+    assert meshes.boundary_loops([], 0) == []
+    assert meshes.boundary_loops(np.empty((0, 3), int), 0) == []
+
+
+def test_vertex_normals_of_a_sphere_point_outwards() -> None:
+    import trimesh
+
+    sphere = trimesh.creation.icosphere(3)
+    normals = meshes.vertex_normals(sphere.vertices, sphere.faces)
+    np.testing.assert_allclose(normals, sphere.vertices, atol=0.02)

@@ -1,0 +1,271 @@
+"""The package against what the library promises."""
+
+from __future__ import annotations
+
+import doctest
+import pickle
+import threading
+import time
+
+import numpy as np
+import pointmorph
+import pytest
+from conftest import grid
+from pointmorph import clouds, errors, formats, meshes, morphing
+
+
+def row(side: int, x: float, y: float) -> int:
+    return round((x + 1) / 2 * (side - 1)) * side + round((y + 1) / 2 * (side - 1))
+
+
+def features(a: int, b: int) -> dict[str, tuple[int, int]]:
+    places = {"middle": (0, 0), "north": (0.5, 0.5), "west": (-0.5, 0.5), "south": (0.5, -0.3)}
+    return {name: (row(a, *place), row(b, *place)) for name, place in places.items()}
+
+
+@pytest.fixture(scope="module")
+def morph() -> pointmorph.Morph:
+    rng = np.random.default_rng(0)
+    source = pointmorph.Cloud(
+        grid(41), colors=rng.random((1681, 4), np.float32), radii=np.full(1681, 0.1), name="plane"
+    )
+    target = pointmorph.Cloud(
+        grid(33, 0.8), colors=rng.random((1089, 4), np.float32), radii=np.full(1089, 0.2), name="bump"
+    )
+    return pointmorph.morph(source, target, features(41, 33))
+
+
+def test_pairs_cover_both_clouds(morph: pointmorph.Morph) -> None:
+    assert morph.pairs.dtype == np.int64
+    assert set(morph.pairs[:, 0]) == set(range(1681))
+    assert set(morph.pairs[:, 1]) == set(range(1089))
+    assert len(np.unique(morph.pairs, axis=0)) == len(morph.pairs)
+    pairs = {tuple(pair) for pair in morph.pairs.tolist()}
+    assert all(pair in pairs for pair in features(41, 33).values())
+
+
+@pytest.mark.parametrize("t", [0, 1])
+def test_ends_are_the_inputs_bit_for_bit(morph: pointmorph.Morph, t: int) -> None:
+    cloud = (morph.source, morph.target)[t]
+    frame = morph.frame(t)
+    rows = morph.pairs[:, t]
+    assert frame.positions.dtype == np.float32
+    assert frame.positions.tobytes() == cloud.positions[rows].tobytes()
+    assert frame.colors.tobytes() == cloud.colors[rows].tobytes()
+    assert frame.radii.tobytes() == cloud.radii[rows].astype(np.float32).tobytes()
+
+
+def test_between_is_linear_and_normals_have_length_one(morph: pointmorph.Morph) -> None:
+    half, s, t = (morph.frame(x) for x in (0.5, 0, 1))
+    np.testing.assert_allclose(half.positions, (s.positions + t.positions) / 2, atol=1e-6)
+    np.testing.assert_allclose(half.colors, (s.colors + t.colors) / 2, atol=1e-6)
+    np.testing.assert_allclose(half.radii, 0.15, rtol=1e-6)
+    np.testing.assert_allclose(np.linalg.norm(half.normals, axis=1), 1, rtol=1e-5)
+
+
+def test_frame_writes_into_the_callers_arrays(morph: pointmorph.Morph) -> None:
+    out = morph.empty_frame()
+    assert morph.frame(0.3, out=out) is out
+    assert out.positions.tobytes() == morph.frame(0.3).positions.tobytes()
+
+
+@pytest.mark.parametrize("t", [-0.1, 1.1, float("nan")])
+def test_t_outside_the_path_is_refused(morph: pointmorph.Morph, t: float) -> None:
+    with pytest.raises(pointmorph.OptionError):
+        morph.frame(t)
+
+
+def test_frame_of_another_type_is_refused(morph: pointmorph.Morph) -> None:
+    wrong = pointmorph.Frame(*(a.astype(np.float64) for a in vars(morph.frame(0)).values()))
+    with pytest.raises(pointmorph.OptionError, match="float32"):
+        morph.frame(0.5, out=wrong)
+
+
+def test_double_precision_stays_double() -> None:
+    source = pointmorph.Cloud(grid(21, dtype=np.float64) + 1e6)
+    target = pointmorph.Cloud(grid(21, 0.5, np.float64))
+    morph = pointmorph.morph(source, target)
+    assert morph.frame(0).positions.tobytes() == source.positions[morph.pairs[:, 0]].tobytes()
+    assert morph.source_to_target.dtype == np.float64
+
+
+def test_smooth_maps_lie_on_the_other_surface(morph: pointmorph.Morph) -> None:
+    x, y, z = morph.source_to_target.T
+    np.testing.assert_allclose(z, 0.8 * np.exp(-3 * (x**2 + y**2)), atol=2 / 32)
+    assert np.abs(morph.target_to_source[:, 2]).max() < 1e-5
+
+
+def test_report_tells_what_was_done(morph: pointmorph.Morph) -> None:
+    report = morph.report
+    for key in ("stages", "seconds", "peak_memory_bytes", "pairs", "feature_residual", "cracks"):
+        assert key in report
+    assert report["pairs"] == len(morph.pairs)
+    assert sum(report["stages"].values()) <= report["seconds"] * 1.01
+    assert 0 <= report["feature_residual"] <= 1e-3
+    assert all(0 <= share < 0.01 for share in report["cracks"].values())
+    assert report["options"]["pairing_cluster_size"] == 10
+
+
+def test_inputs_may_have_any_layout() -> None:
+    wide = np.asfortranarray(np.hstack([grid(21), grid(21)]))
+    sliced = pointmorph.morph(pointmorph.Cloud(wide[:, :3]), pointmorph.Cloud(grid(21, 0.5)))
+    dense = pointmorph.morph(pointmorph.Cloud(grid(21)), pointmorph.Cloud(grid(21, 0.5)))
+    assert np.array_equal(sliced.pairs, dense.pairs)
+
+
+def test_inputs_are_not_changed() -> None:
+    positions = grid(21)
+    positions.flags.writeable = False
+    pointmorph.morph(pointmorph.Cloud(positions), pointmorph.Cloud(grid(21, 0.5)))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"positions": np.zeros((5, 2))}, "(N, 3)"),
+        ({"positions": np.zeros((5, 3)), "normals": np.zeros((4, 3))}, "each of 5 points"),
+        ({"positions": np.zeros((5, 3)), "colors": np.zeros((5, 3))}, "(N, 4)"),
+        ({"positions": np.array([["a", "b", "c"]])}, "numbers"),
+        ({"positions": np.zeros((5, 3)), "boundary": [0.5]}, "list of rows"),
+    ],
+)
+def test_arrays_of_another_shape_are_refused(arguments: dict, message: str) -> None:
+    with pytest.raises(pointmorph.CloudError) as caught:
+        pointmorph.Cloud(**arguments, name="Suzanne")
+    assert message in str(caught.value)
+    assert caught.value.subject == "Suzanne"
+
+
+@pytest.mark.parametrize(
+    "positions",
+    [
+        np.empty((0, 3), np.float32),
+        np.zeros((100, 3), np.float32),
+        np.linspace([0, 0, 0], [1, 2, 3], 100).astype(np.float32),
+        np.where(np.arange(441 * 3).reshape(-1, 3) == 70, np.nan, grid(21)),
+        np.where(np.arange(441 * 3).reshape(-1, 3) == 70, np.inf, grid(21)),
+        grid(3),
+    ],
+)
+def test_clouds_that_are_no_surface_are_refused(positions: np.ndarray) -> None:
+    with pytest.raises(pointmorph.CloudError, match="Suzanne"):
+        pointmorph.morph(pointmorph.Cloud(positions, name="Suzanne"), pointmorph.Cloud(grid(21)))
+
+
+@pytest.mark.parametrize(
+    "pair", [(0, 441), (-1, 0), (0.5, 1), ("a", 1), (1, 2, 3), None, (2**40, 0)]
+)
+def test_features_that_are_no_points_are_refused(pair: object) -> None:
+    with pytest.raises(pointmorph.FeatureError, match='"nose"'):
+        pointmorph.morph(pointmorph.Cloud(grid(21)), pointmorph.Cloud(grid(21)), {"nose": pair})  # type: ignore[dict-item]
+
+
+def test_a_loop_on_an_open_patch_is_refused() -> None:
+    marks = features(21, 21)
+    with pytest.raises(pointmorph.FeatureError, match="open patch"):
+        pointmorph.morph(
+            pointmorph.Cloud(grid(21)), pointmorph.Cloud(grid(21)), marks, loop=list(marks)
+        )
+
+
+@pytest.mark.parametrize("loop", [["middle", "north"], ["middle", "north", "north"], ["a", "b", "c"]])
+def test_bad_loops_are_refused(loop: list[str]) -> None:
+    with pytest.raises(pointmorph.FeatureError, match="loop"):
+        pointmorph.morph(
+            pointmorph.Cloud(grid(21)), pointmorph.Cloud(grid(21)), features(21, 21), loop=loop
+        )
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("influence", 0.1), ("method", "best"), ("sigma", 3), ("threads", True), ("threads", 10**30)],
+)
+def test_wrong_options_name_themselves(name: str, value: object) -> None:
+    with pytest.raises(pointmorph.OptionError, match=name):
+        pointmorph.morph(pointmorph.Cloud(grid(21)), pointmorph.Cloud(grid(21)), **{name: value})
+
+
+def test_every_option_says_what_it_is() -> None:
+    for option in pointmorph.options():
+        assert option.help and option.kind in ("int", "float", "choice")
+        pointmorph.morph(
+            pointmorph.Cloud(grid(21)),
+            pointmorph.Cloud(grid(21, 0.3)),
+            **{option.name: option.default},
+        )
+
+
+def test_progress_runs_through_the_stages_and_cancels() -> None:
+    seen: list[tuple[str, float]] = []
+    source, target = pointmorph.Cloud(grid(61)), pointmorph.Cloud(grid(61, 0.5))
+    pointmorph.morph(source, target, progress=lambda *call: seen.append(call))
+    assert all(0 <= fraction <= 1 for _, fraction in seen)
+    stages = list(dict.fromkeys(stage for stage, _ in seen))
+    assert len(stages) >= 6
+    for last in stages:
+        with pytest.raises(pointmorph.Cancelled):
+            pointmorph.morph(source, target, progress=lambda stage, _, last=last: stage != last)
+
+
+def test_exceptions_of_the_progress_function_come_through() -> None:
+    def fail(stage: str, fraction: float) -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        pointmorph.morph(pointmorph.Cloud(grid(21)), pointmorph.Cloud(grid(21)), progress=fail)
+
+
+def test_other_threads_run_during_a_morph() -> None:
+    counter = 0
+    done = threading.Event()
+
+    def count() -> None:
+        nonlocal counter
+        while not done.is_set():
+            counter += 1
+            time.sleep(0.001)
+
+    thread = threading.Thread(target=count)
+    thread.start()
+    start = time.perf_counter()
+    pointmorph.morph(pointmorph.Cloud(grid(201)), pointmorph.Cloud(grid(201, 0.5)))
+    seconds = time.perf_counter() - start
+    done.set()
+    thread.join()
+    assert counter > 20 * seconds  # a held GIL would give a handful
+
+
+def test_errors_survive_pickling() -> None:
+    error = pointmorph.CloudError("Suzanne", "points", "none", "Add some.")
+    again = pickle.loads(pickle.dumps(error))
+    assert str(again) == str(error) == "Suzanne: expected points, found none. Add some."
+    assert (again.subject, again.advice) == ("Suzanne", "Add some.")
+
+
+@pytest.mark.parametrize("module", [pointmorph, clouds, errors, formats, meshes, morphing])
+def test_examples_in_the_documentation(module: object) -> None:
+    result = doctest.testmod(module)  # type: ignore[arg-type]
+    assert result.failed == 0
+
+
+def test_real_patches(patch_pair: tuple) -> None:
+    folder, marks = patch_pair
+    source, target = (formats.read(folder / f"{side}.ply").cloud() for side in ("source", "target"))
+    morph = pointmorph.morph(source, target, marks)
+    for side, cloud in enumerate((source, target)):
+        assert set(morph.pairs[:, side]) == set(range(len(cloud)))
+        frame = morph.frame(side)
+        assert frame.positions.tobytes() == cloud.positions[morph.pairs[:, side]].tobytes()
+    pairs = {tuple(pair) for pair in morph.pairs.tolist()}
+    assert all(pair in pairs for pair in marks.values())
+    assert morph.report["feature_residual"] <= 1e-3
+    image = morph.source_to_target
+    assert np.isfinite(image).all()
+    # the smooth map stays on the target: within a spacing of some point of it for nearly all
+    reach = np.linalg.norm(image - target.positions[_first_partner(morph)], axis=1)
+    assert np.median(reach) < 3 * np.median(morph.frame(1).radii)
+
+
+def _first_partner(morph: pointmorph.Morph) -> np.ndarray:
+    _, first = np.unique(morph.pairs[:, 0], return_index=True)
+    return morph.pairs[first, 1]

@@ -1,0 +1,251 @@
+#include "pointmorph/morph.hpp"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "pointmorph/error.hpp"
+#include "shapes.hpp"
+
+namespace pointmorph {
+namespace {
+
+/// z of a soft bump over the square [−1, 1]².
+double bump(double x, double y) {
+    return 0.8 * std::exp(-3.0 * (x * x + y * y));
+}
+
+Cloud plane_cloud(Index side) {
+    Cloud cloud;
+    cloud.name = "plane";
+    cloud.positions = shapes::grid(side);
+    return cloud;
+}
+
+Cloud bump_cloud(Index side) {
+    Cloud cloud = plane_cloud(side);
+    cloud.name = "bump";
+    for (Index i = 0; i < cloud.size(); ++i)
+        cloud.positions(i, 2) = bump(cloud.positions(i, 0), cloud.positions(i, 1));
+    return cloud;
+}
+
+Cloud hemisphere(Index count) {
+    Cloud cloud;
+    cloud.name = "hemisphere";
+    cloud.positions = shapes::sphere(count, 0.0);
+    return cloud;
+}
+
+/// Source rows near where they should be: the row of the grid nearest to (x, y).
+Index grid_row(Index side, double x, double y) {
+    const auto cell = [&](double c) {
+        return static_cast<Index>(std::lround((c + 1) / 2 * (side - 1)));
+    };
+    return cell(x) * side + cell(y);
+}
+
+std::vector<Feature> grid_features(Index source_side, Index target_side) {
+    std::vector<Feature> features;
+    int number = 0;
+    for (const auto& [x, y] : {std::pair{0.0, 0.0}, {0.5, 0.5}, {-0.5, 0.5}, {0.5, -0.25}})
+        features.push_back({"f" + std::to_string(number++), grid_row(source_side, x, y),
+                            grid_row(target_side, x, y)});
+    return features;
+}
+
+Morph make(Cloud source, Cloud target, std::vector<Feature> features, MorphOptions options = {}) {
+    Progress progress;
+    return Morph({std::move(source), std::move(target), std::move(features), {}, {}, {}}, options,
+                 progress);
+}
+
+TEST(Morph, EveryPointOfBothIsInAPairAndEndsAreExact) {
+    const Morph morph = make(plane_cloud(41), bump_cloud(33), grid_features(41, 33));
+    std::vector<bool> source(41 * 41), target(33 * 33);
+    for (const auto& [s, t] : morph.pairs()) source[s] = target[t] = true;
+    EXPECT_EQ(std::ranges::count(source, true), 41 * 41);
+    EXPECT_EQ(std::ranges::count(target, true), 33 * 33);
+    EXPECT_TRUE(std::ranges::is_sorted(morph.pairs()));
+
+    const auto m = morph.pairs().size();
+    std::vector<double> positions(3 * m);
+    for (const double t : {0.0, 1.0}) {
+        morph.path<double>().frame(t, {positions, {}, {}, {}});
+        const auto& end = t == 0.0 ? morph.source().positions : morph.target().positions;
+        for (std::size_t i = 0; i < m; ++i) {
+            const Index row = t == 0.0 ? morph.pairs()[i].source : morph.pairs()[i].target;
+            for (int d = 0; d < 3; ++d) ASSERT_EQ(positions[3 * i + d], end(row, d));
+        }
+    }
+}
+
+TEST(Morph, FeaturesMeetAndArePaired) {
+    const auto features = grid_features(41, 33);
+    const Morph morph = make(plane_cloud(41), bump_cloud(33), features);
+    EXPECT_LE(morph.report().feature_residual, MorphOptions{}.alignment.error);
+    for (const Feature& f : features)
+        EXPECT_TRUE(std::ranges::binary_search(morph.pairs(), IndexPair{f.source, f.target}));
+}
+
+TEST(Morph, OfAShapeToItselfMovesNothingFar) {
+    const Morph morph = make(bump_cloud(41), bump_cloud(41), grid_features(41, 41));
+    Progress progress;
+    const Positions image = morph.source_to_target(progress);
+    const double spacing = 2.0 / 40;
+    EXPECT_LT((image - morph.source().positions).rowwise().norm().maxCoeff(), 0.1 * spacing);
+    for (const auto& [s, t] : morph.pairs())
+        EXPECT_LT((morph.source().positions.row(s) - morph.target().positions.row(t)).norm(),
+                  1.6 * spacing);
+}
+
+TEST(Morph, SmoothMapLandsOnTheOtherSurface) {
+    const Morph morph = make(plane_cloud(41), bump_cloud(51), grid_features(41, 51));
+    Progress progress;
+    const Positions image = morph.source_to_target(progress);
+    const double spacing = 2.0 / 50;
+    for (Index i = 0; i < image.rows(); ++i)
+        EXPECT_NEAR(image(i, 2), bump(image(i, 0), image(i, 1)), spacing);
+    const Positions back = morph.target_to_source(progress);
+    for (Index i = 0; i < back.rows(); ++i) EXPECT_NEAR(back(i, 2), 0.0, 1e-6);
+}
+
+TEST(Morph, SameBitsForAnyNumberOfThreads) {
+    MorphOptions one, two;
+    one.threads = 1;
+    two.threads = 2;
+    const Morph a = make(plane_cloud(61), hemisphere(3000), {}, one);
+    const Morph b = make(plane_cloud(61), hemisphere(3000), {}, two);
+    EXPECT_EQ(a.pairs(), b.pairs());
+    EXPECT_EQ(a.source_domain(), b.source_domain());
+    EXPECT_EQ(a.target_domain(), b.target_domain());
+}
+
+TEST(Morph, DoesNotDependOnTheOrderOfThePoints) {
+    const Cloud source = bump_cloud(41);
+    const auto order = shapes::permutation(source.size(), 7);
+    Cloud shuffled = source;
+    shuffled.positions = gather(source.positions, order);
+    const auto rank = inverse_order(order);
+    auto features = grid_features(41, 33);
+    const Morph a = make(source, plane_cloud(33), features);
+    for (Feature& f : features) f.source = rank[static_cast<std::size_t>(f.source)];
+    const Morph b = make(shuffled, plane_cloud(33), features);
+
+    EXPECT_LT((gather(a.source_domain(), order) - b.source_domain()).cwiseAbs().maxCoeff(), 1e-9);
+    Pairing renamed = b.pairs();
+    for (IndexPair& pair : renamed) pair.source = order[static_cast<std::size_t>(pair.source)];
+    std::ranges::sort(renamed);
+    EXPECT_EQ(a.pairs(), renamed);
+}
+
+TEST(Morph, DoesNotDependOnPlaceTurnOrSize) {
+    const Cloud target = hemisphere(2500);
+    Cloud moved = target;
+    const Matrix3 turn = shapes::rotation(3);
+    moved.positions = ((target.positions * turn.transpose()) * 1e-4).rowwise() +
+                      Eigen::RowVector3d(1000.0, -2000.0, 500.0);
+    const auto features = std::vector<Feature>{{"top", grid_row(41, 0, 0), 0}};
+    const Morph a = make(plane_cloud(41), target, features);
+    const Morph b = make(plane_cloud(41), moved, features);
+    // the order in memory differs, and with it rounding and the choice between equals
+    const DiskPoints& p = a.target_domain();
+    const DiskPoints& q = b.target_domain();
+    for (Index i = 0; i < p.rows(); ++i) EXPECT_NEAR(p.row(i).norm(), q.row(i).norm(), 0.03);
+}
+
+TEST(Morph, MissingNormalsAreFoundAndGivenOnesKept) {
+    Cloud target = bump_cloud(33);
+    target.normals = Normals::Constant(target.size(), 3, 0.0);
+    target.normals.col(2).setConstant(2.0);
+    const Morph morph = make(plane_cloud(33), target, {});
+    for (Index i = 0; i < morph.source().size(); ++i)
+        EXPECT_NEAR(std::abs(morph.source().normals(i, 2)), 1.0, 1e-6);
+    EXPECT_EQ(morph.target().normals, target.normals);
+}
+
+TEST(Morph, FeaturesOnBothBoundariesArePinned) {
+    const Index side = 41;
+    const auto border = shapes::grid_border(side);
+    std::vector<Feature> features;
+    for (const std::size_t i : {0UL, 40UL, 80UL, 120UL})
+        features.push_back({"c" + std::to_string(i), border[i], border[(i + 10) % border.size()]});
+    const Morph morph = make(plane_cloud(side), bump_cloud(side), features);
+    for (const Feature& f : features)
+        EXPECT_LT(
+            (morph.source_domain().row(f.source) - morph.target_domain().row(f.target)).norm(),
+            1e-9);
+}
+
+TEST(Morph, ReversedBoundaryFeaturesAreRefused) {
+    const Index side = 31;
+    const auto border = shapes::grid_border(side);
+    const auto up = [](Cloud cloud) {
+        cloud.normals = Normals::Zero(cloud.size(), 3);
+        cloud.normals.col(2).setOnes();
+        return cloud;
+    };
+    std::vector<Feature> features;
+    for (const std::size_t i : {0UL, 30UL, 60UL, 90UL})
+        features.push_back(
+            {"c" + std::to_string(i), border[i], border[(border.size() - i) % border.size()]});
+    EXPECT_THROW(make(up(plane_cloud(side)), up(bump_cloud(side)), features), FeatureError);
+}
+
+TEST(Morph, BadInputIsRefusedInWords) {
+    const auto refuse = [](Cloud source, std::vector<Feature> features) {
+        return [=] { make(source, bump_cloud(21), features); };
+    };
+    Cloud empty;
+    EXPECT_THROW(refuse(empty, {})(), CloudError);
+    EXPECT_THROW(refuse(plane_cloud(2), {})(), CloudError);
+    EXPECT_THROW(refuse(plane_cloud(21), {{"nose", 441, 0}})(), FeatureError);
+    EXPECT_THROW(refuse(plane_cloud(21), {{"nose", -1, 0}})(), FeatureError);
+    EXPECT_THROW(refuse(plane_cloud(21), {{"nose", 5, 1}, {"chin", 5, 2}})(), FeatureError);
+    EXPECT_THROW(refuse(plane_cloud(21), {{"nose", 20, 220}})(), FeatureError);  // on one boundary
+    Cloud closed;
+    closed.positions = shapes::sphere(2000);
+    EXPECT_THROW(refuse(closed, {})(), TopologyError);
+    Cloud apart = plane_cloud(21);
+    apart.positions.conservativeResize(882, 3);
+    apart.positions.bottomRows(441) = shapes::grid(21).rowwise() + Eigen::RowVector3d(50, 0, 0);
+    EXPECT_THROW(refuse(apart, {})(), TopologyError);
+    try {
+        refuse(plane_cloud(21), {{"nose", 5, 1}, {"chin", 5, 2}})();
+    } catch (const FeatureError& error) {
+        EXPECT_NE(std::string(error.what()).find("\"nose\""), std::string::npos);
+        EXPECT_NE(std::string(error.what()).find("plane"), std::string::npos);
+    }
+}
+
+TEST(Morph, CancelWorksInEveryStage) {
+    std::vector<std::string> stages;
+    Progress watch([&](std::string_view stage, double) {
+        if (stages.empty() || stages.back() != stage) stages.emplace_back(stage);
+        return true;
+    });
+    const MorphInput input{bump_cloud(51), hemisphere(2500), {}, {}, {}, {}};
+    const Morph whole(input, {}, watch);
+    ASSERT_GE(stages.size(), 6u);
+    for (const std::string& last : stages) {
+        Progress cancel([&](std::string_view stage, double) { return stage != last; });
+        EXPECT_THROW(Morph(input, {}, cancel), Cancelled) << last;
+    }
+}
+
+TEST(Morph, AnExceptionOfTheCallbackReachesTheCaller) {
+    struct Own {};
+    Progress progress([](std::string_view, double) -> bool { throw Own(); });
+    EXPECT_THROW(Morph({plane_cloud(21), bump_cloud(21), {}, {}, {}, {}}, {}, progress), Own);
+}
+
+TEST(Morph, CracksOfAGentleMorphAreFew) {
+    const Morph morph = make(plane_cloud(61), bump_cloud(51), grid_features(61, 51));
+    Progress progress;
+    const std::vector<double> times{0.0, 0.5, 1.0};
+    for (const Cracks& at : morph.cracks(times, progress)) EXPECT_LT(at.share, 0.002) << at.t;
+}
+
+}  // namespace
+}  // namespace pointmorph
