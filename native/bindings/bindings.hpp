@@ -18,6 +18,8 @@ namespace py = pybind11;
 
 void bind_errors(py::module_& module);
 void bind_options(py::module_& module);
+void bind_neighborhoods(py::module_& module);
+void bind_sampling(py::module_& module);
 void bind_morph(py::module_& module);
 
 /// A progress whose callback takes the GIL, lets Python handle signals (Ctrl-C) and then calls

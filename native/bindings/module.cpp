@@ -6,5 +6,7 @@ PYBIND11_MODULE(_pointmorph, module) {
     module.attr("__version__") = POINTMORPH_VERSION;
     bind_errors(module);
     bind_options(module);
+    bind_neighborhoods(module);
+    bind_sampling(module);
     bind_morph(module);
 }

@@ -1,0 +1,29 @@
+#include "pointmorph/sampling.hpp"
+
+#include "bindings.hpp"
+
+namespace pointmorph::bindings {
+
+void bind_sampling(py::module_& module) {
+    module.def(
+        "blue_noise",
+        [](const py::array& positions, const py::object& normals, Index count,
+           const std::vector<Index>& keep, const py::object& callback) {
+            const auto p = from_numpy<Positions>(positions);
+            const auto n = from_numpy<Normals>(normals);
+            const auto progress = make_progress(callback);
+            std::vector<Index> rows;
+            {
+                const py::gil_scoped_release release;
+                rows = blue_noise(p, n, count, keep, *progress);
+            }
+            py::array_t<std::int64_t> result(static_cast<py::ssize_t>(rows.size()));
+            std::copy(rows.begin(), rows.end(), result.mutable_data());
+            return result;
+        },
+        "(count,) int64: rows of evenly spread points of `positions` (N, 3), those to `keep` first.",
+        py::arg("positions"), py::arg("normals"), py::arg("count"), py::arg("keep"),
+        py::arg("progress"));
+}
+
+}  // namespace pointmorph::bindings
