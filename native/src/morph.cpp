@@ -2,7 +2,6 @@
 
 #include <Eigen/Geometry>
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <mutex>
 #include <optional>
@@ -153,17 +152,7 @@ struct Side {
 /// Runs both at once where there are two threads.
 template <class Left, class Right>
 void both(Left&& left, Right&& right) {
-    std::array<std::exception_ptr, 2> failures;
-#pragma omp parallel for num_threads(2) schedule(static, 1)
-    for (int side = 0; side < 2; ++side) {
-        try {
-            side == 0 ? left() : right();
-        } catch (...) {
-            failures[static_cast<std::size_t>(side)] = std::current_exception();
-        }
-    }
-    for (const auto& failure : failures)
-        if (failure) std::rethrow_exception(failure);
+    parallel_invoke(2, [&](int side, bool) { side == 0 ? left() : right(); });
 }
 
 /// Positions of the boundary features in their loops. A feature lies on both boundaries or on

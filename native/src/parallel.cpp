@@ -12,4 +12,12 @@ ThreadCount::~ThreadCount() {
     omp_set_num_threads(before_);
 }
 
+int threads_for(int tasks) {
+    return std::max(1, std::min(tasks, omp_get_max_threads()));
+}
+
+bool is_calling_thread() {
+    return omp_get_thread_num() == 0;
+}
+
 }  // namespace pointmorph

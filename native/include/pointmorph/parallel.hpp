@@ -5,6 +5,7 @@
 #include <atomic>
 #include <concepts>
 #include <exception>
+#include <vector>
 
 #include "pointmorph/progress.hpp"
 #include "pointmorph/types.hpp"
@@ -24,6 +25,12 @@ private:
     int before_;
 };
 
+/// Threads to start for `tasks` tasks of which each keeps one busy.
+int threads_for(int tasks);
+
+/// True on the thread that opened the innermost parallel region, and outside of any.
+bool is_calling_thread();
+
 /// Calls `body(begin, end)` on consecutive chunks of [0, count), on all threads. `body` may write
 /// only the slots of its own rows, so that the result doesn't depend on the number of threads;
 /// scratch memory belongs inside it. Progress runs from `first` to `last` (fractions of the
@@ -37,9 +44,7 @@ void parallel_for(Index count, Progress& progress, Body&& body, double first = 0
     std::exception_ptr failure;
 #pragma omp parallel if (count > chunk)
     {
-        bool owner = false;
-#pragma omp master
-        owner = true;
+        const bool owner = is_calling_thread();
         while (!failed.load(std::memory_order_relaxed) && !progress.cancelled()) {
             const Index begin = next.fetch_add(chunk, std::memory_order_relaxed);
             if (begin >= count || begin < 0) break;
@@ -56,6 +61,24 @@ void parallel_for(Index count, Progress& progress, Body&& body, double first = 0
     }
     if (failure) std::rethrow_exception(failure);
     progress.throw_if_cancelled();
+}
+
+/// Calls `body(i, owner)` for i = 0 … count − 1 (a few), each on a thread of its own where there
+/// are so many. `owner` is true on the calling thread, the only one that may poll a Progress. The
+/// exception of the lowest i is rethrown.
+template <std::invocable<int, bool> Body>
+void parallel_invoke(int count, Body&& body) {
+    std::vector<std::exception_ptr> failures(static_cast<std::size_t>(count));
+#pragma omp parallel for num_threads(threads_for(count)) schedule(static, 1)
+    for (int i = 0; i < count; ++i) {
+        try {
+            body(i, is_calling_thread());
+        } catch (...) {
+            failures[static_cast<std::size_t>(i)] = std::current_exception();
+        }
+    }
+    for (const auto& failure : failures)
+        if (failure) std::rethrow_exception(failure);
 }
 
 }  // namespace pointmorph
