@@ -1,4 +1,7 @@
-"""Prints docs/options.md from the library's own table: python docs/make_options.py > docs/options.md"""
+"""Prints the settings' page from the library's own table.
+
+python docs/make_options.py > docs/options.md
+"""
 
 from __future__ import annotations
 
@@ -9,8 +12,8 @@ def page() -> str:
     lines = [
         "# Settings",
         "",
-        "The same on the command line (`--influence 5`), in Python (`morph(…, influence=5)`) and in",
-        "Blender's panel. *automatic* is `None` in Python. Written by `docs/make_options.py`.",
+        "The same on the command line (`--influence 5`), in Python (`morph(…, influence=5)`)",
+        "and in Blender's panel. *automatic* is `None` in Python. Written by `docs/make_options.py`.",
         "",
         "| name | default | range | unit | what it does |",
         "|---|---|---|---|---|",

@@ -83,9 +83,13 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _add_option(group: argparse._ArgumentGroup, option: morphing.Option) -> None:
-    default = "automatic" if option.default is None else f"{option.default:g}" if isinstance(
-        option.default, float
-    ) else str(option.default)
+    default = (
+        "automatic"
+        if option.default is None
+        else f"{option.default:g}"
+        if isinstance(option.default, float)
+        else str(option.default)
+    )
     names = list(dict.fromkeys([f"--{option.name.replace('_', '-')}", f"--{option.name}"]))
     unit = f", in {option.unit}" if option.unit else ""
     # argparse reads % as a format
@@ -135,9 +139,7 @@ def _morph(chosen: argparse.Namespace) -> None:
     report = result.report
     for warning in report["warnings"]:
         print(f"pointmorph: warning: {warning}", file=sys.stderr)
-    formats.write_bytes(
-        chosen.out / "report.json", (json.dumps(report, indent=1) + "\n").encode()
-    )
+    formats.write_bytes(chosen.out / "report.json", (json.dumps(report, indent=1) + "\n").encode())
     print(
         f"{report['pairs']} pairs of {len(clouds[0])} and {len(clouds[1])} points "
         f"in {report['seconds']:.2f} s: {chosen.out}"
@@ -173,7 +175,9 @@ def _read_features(path: Path) -> tuple[dict[str, tuple[int, int]], list[str]]:
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
-        raise FileError(str(path), "a readable file", error.strerror or str(error), "Check the path.") from error
+        raise FileError(
+            str(path), "a readable file", error.strerror or str(error), "Check the path."
+        ) from error
     except ValueError as error:
         raise FileError(str(path), f"JSON like {shape}", str(error), "Correct it.") from error
     features = content.get("features", {}) if isinstance(content, dict) else None
@@ -198,13 +202,14 @@ def _make_folder(folder: Path) -> None:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise FileError(
-            str(folder), "a folder that can be made", error.strerror or str(error), "Choose another."
+            str(folder),
+            "a folder that can be made",
+            error.strerror or str(error),
+            "Choose another.",
         ) from error
 
 
-def _write(
-    folder: Path, result: morphing.Morph, frames: int, progress: morphing.Progress
-) -> None:
+def _write(folder: Path, result: morphing.Morph, frames: int, progress: morphing.Progress) -> None:
     """Pairs, both clouds and the frames. Frames of an earlier run that had more are removed."""
     with formats.whole_file(folder / "pairs.npy") as file:
         np.save(file, result.pairs)

@@ -76,7 +76,9 @@ class Cloud:
         return f"<Cloud {self.name!r}: {len(self)} points{extra}>"
 
     def _numbers(self, values: npt.NDArray[Any], what: str) -> npt.NDArray[Any]:
-        if not (np.issubdtype(values.dtype, np.integer) or np.issubdtype(values.dtype, np.floating)):
+        if not (
+            np.issubdtype(values.dtype, np.integer) or np.issubdtype(values.dtype, np.floating)
+        ):
             raise CloudError(
                 self.name, f"{what} that are numbers", f"type {values.dtype}", "Convert the array."
             )

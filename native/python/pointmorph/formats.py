@@ -246,7 +246,7 @@ def _read_mesh(path: Path) -> Shape:
     options: dict[str, Any] = {"process": False, "maintain_order": True}
     if path.suffix.lower() == ".obj":
         options |= {"split_object": False, "group_material": False, "skip_materials": True}
-    loaded = trimesh.load(path, **options)
+    loaded: Any = trimesh.load(path, **options)
     if isinstance(loaded, trimesh.Scene):
         loaded = loaded.to_geometry()
     positions = np.asarray(loaded.vertices, np.float64)
@@ -258,7 +258,12 @@ def _read_mesh(path: Path) -> Shape:
     if visual is not None and visual.kind == "vertex":
         colors = _colors(np.asarray(visual.vertex_colors), None)
     return Shape(
-        path.stem, positions, None, colors, None, faces if faces is not None and len(faces) else None
+        path.stem,
+        positions,
+        None,
+        colors,
+        None,
+        faces if faces is not None and len(faces) else None,
     )
 
 

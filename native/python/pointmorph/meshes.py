@@ -80,7 +80,8 @@ def face_edges(faces: Faces) -> npt.NDArray[np.int64]:
         full = lengths > 0
         following[ends[full] - 1] = (ends - lengths)[full]
         edges = np.stack([flat, flat[following]], axis=-1)
-    return edges[edges[:, 0] != edges[:, 1]]
+    proper: npt.NDArray[np.int64] = edges[edges[:, 0] != edges[:, 1]]
+    return proper
 
 
 def vertex_normals(

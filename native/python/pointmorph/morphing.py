@@ -123,7 +123,7 @@ class Morph:
             if not (fits and array.flags.c_contiguous and array.flags.writeable):
                 raise OptionError(
                     "out",
-                    f"writable contiguous arrays of {len(self.pairs)} rows and {self._dtype.__name__}",
+                    f"writable contiguous {self._dtype.__name__} arrays of {len(self.pairs)} rows",
                     f"shape {array.shape} and {array.dtype}",
                     "Pass what empty_frame() or an earlier frame of this morph returned.",
                 )

@@ -176,7 +176,9 @@ def _boundary_points(
     loops = boundary_loops(shape.faces, len(shape.positions))
     if not loops:
         return none
-    lengths = [np.linalg.norm(shape.positions[x] - shape.positions[np.roll(x, -1)], axis=1) for x in loops]
+    lengths = [
+        np.linalg.norm(shape.positions[x] - shape.positions[np.roll(x, -1)], axis=1) for x in loops
+    ]
     longest = int(np.argmax([length.sum() for length in lengths]))
     loop, steps = loops[longest], lengths[longest]
     along = np.concatenate([[0.0], np.cumsum(steps)])

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import grid, grid_faces
+from shapes import grid, grid_faces
 from plyfile import PlyData
 from pointmorph import formats
 
@@ -36,7 +36,9 @@ def write_off(path: Path, side: int, height: float) -> None:
 def pair(tmp_path: Path) -> Path:
     write_off(tmp_path / "plane.off", 41, 0.0)
     write_off(tmp_path / "bump.off", 33, 0.8)
-    marks = {"features": {"middle": [20 * 41 + 20, 16 * 33 + 16], "north": [30 * 41 + 20, 24 * 33 + 16]}}
+    marks = {
+        "features": {"middle": [20 * 41 + 20, 16 * 33 + 16], "north": [30 * 41 + 20, 24 * 33 + 16]}
+    }
     (tmp_path / "features.json").write_text(json.dumps(marks))
     return tmp_path
 
@@ -61,7 +63,8 @@ def test_a_whole_morph_and_back_from_its_files(pair: Path) -> None:
     pairs = np.load(out / "pairs.npy")
     assert pairs.dtype == np.int64
     source, target = xyz(out / "source.ply"), xyz(out / "target.ply")
-    assert len(source) == 41 * 41 and len(target) == 33 * 33
+    assert len(source) == 41 * 41
+    assert len(target) == 33 * 33
     assert set(pairs[:, 0]) == set(range(len(source)))
     assert set(pairs[:, 1]) == set(range(len(target)))
     np.testing.assert_array_equal(xyz(out / "frame_0000.ply"), source[pairs[:, 0]])
@@ -88,9 +91,14 @@ def test_vertices_are_morphed_as_they_are_in_the_file(pair: Path) -> None:
 
 def test_a_shorter_second_run_leaves_no_old_frames(pair: Path) -> None:
     for frames in (4, 2):
-        done = run("morph", pair / "plane.off", pair / "bump.off", "--out", pair / "o", "--frames", frames)
+        done = run(
+            "morph", pair / "plane.off", pair / "bump.off", "--out", pair / "o", "--frames", frames
+        )
         assert done.returncode == 0
-    assert sorted(p.name for p in (pair / "o").glob("frame_*")) == ["frame_0000.ply", "frame_0001.ply"]
+    assert sorted(p.name for p in (pair / "o").glob("frame_*")) == [
+        "frame_0000.ply",
+        "frame_0001.ply",
+    ]
 
 
 def test_samples_and_settings(pair: Path) -> None:
@@ -154,7 +162,8 @@ def test_an_unwritable_folder_is_said(pair: Path) -> None:
         out = pair / "locked" / "o"
     done = run("morph", pair / "plane.off", pair / "bump.off", "--out", out)
     assert done.returncode == 1
-    assert str(out) in done.stderr and "Traceback" not in done.stderr
+    assert str(out) in done.stderr
+    assert "Traceback" not in done.stderr
 
 
 def test_control_c_ends_within_a_second_and_leaves_no_half_file(tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pointmorph
 import pytest
-from conftest import grid, grid_faces
+from shapes import grid, grid_faces
 from plyfile import PlyData
 from pointmorph import formats, meshes
 
@@ -33,7 +33,7 @@ def test_ply_comes_back_bit_for_bit(tmp_path: Path, dtype: type) -> None:
         assert after is not None
         assert before.astype(after.dtype).tobytes() == after.tobytes()
     names = PlyData.read(str(tmp_path / "a.ply"))["vertex"].data.dtype.names
-    assert names == tuple("x y z nx ny nz red green blue alpha radius".split())
+    assert names == ("x", "y", "z", "nx", "ny", "nz", "red", "green", "blue", "alpha", "radius")
 
 
 def test_mesh_formats_keep_the_rows(tmp_path: Path) -> None:
@@ -61,9 +61,7 @@ def test_obj_corners_with_several_normals_keep_the_rows(tmp_path: Path) -> None:
         "f 1/1/1 2/2/1 3/1/1\nf 1/2/2 3/2/2 4/1/2\n"
     )
     shape = formats.read(tmp_path / "m.obj")
-    np.testing.assert_array_equal(
-        shape.positions, [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]
-    )
+    np.testing.assert_array_equal(shape.positions, [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
 
 
 def test_text_with_normals(tmp_path: Path) -> None:
@@ -101,9 +99,14 @@ def test_a_failed_write_leaves_what_was_there(tmp_path: Path) -> None:
     path = tmp_path / "a.ply"
     write_frame(path)
     before = path.read_bytes()
-    with pytest.raises(RuntimeError), formats.whole_file(path) as file:
-        file.write(b"half")
-        raise RuntimeError
+
+    def write_half() -> None:
+        with formats.whole_file(path) as file:
+            file.write(b"half")
+            raise RuntimeError
+
+    with pytest.raises(RuntimeError):
+        write_half()
     assert path.read_bytes() == before
     assert os.listdir(tmp_path) == ["a.ply"]
 
@@ -111,9 +114,14 @@ def test_a_failed_write_leaves_what_was_there(tmp_path: Path) -> None:
 def test_a_full_disk_is_said(tmp_path: Path) -> None:
     if not Path("/dev/full").exists():
         pytest.skip("no /dev/full on this system")
-    with pytest.raises(pointmorph.FileError, match="space"), formats.whole_file(tmp_path / "a") as file:
-        os.dup2(os.open("/dev/full", os.O_WRONLY), file.fileno())
-        file.write(b"x" * 100)
+
+    def write() -> None:
+        with formats.whole_file(tmp_path / "a") as file:
+            os.dup2(os.open("/dev/full", os.O_WRONLY), file.fileno())
+            file.write(b"x" * 100)
+
+    with pytest.raises(pointmorph.FileError, match="space"):
+        write()
 
 
 def test_a_missing_folder_is_said(tmp_path: Path) -> None:

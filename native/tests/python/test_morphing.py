@@ -10,7 +10,7 @@ import time
 import numpy as np
 import pointmorph
 import pytest
-from conftest import grid
+from shapes import grid
 from pointmorph import clouds, errors, formats, meshes, morphing
 
 
@@ -30,7 +30,10 @@ def morph() -> pointmorph.Morph:
         grid(41), colors=rng.random((1681, 4), np.float32), radii=np.full(1681, 0.1), name="plane"
     )
     target = pointmorph.Cloud(
-        grid(33, 0.8), colors=rng.random((1089, 4), np.float32), radii=np.full(1089, 0.2), name="bump"
+        grid(33, 0.8),
+        colors=rng.random((1089, 4), np.float32),
+        radii=np.full(1089, 0.2),
+        name="bump",
     )
     return pointmorph.morph(source, target, features(41, 33))
 
@@ -168,7 +171,9 @@ def test_a_loop_on_an_open_patch_is_refused() -> None:
         )
 
 
-@pytest.mark.parametrize("loop", [["middle", "north"], ["middle", "north", "north"], ["a", "b", "c"]])
+@pytest.mark.parametrize(
+    "loop", [["middle", "north"], ["middle", "north", "north"], ["a", "b", "c"]]
+)
 def test_bad_loops_are_refused(loop: list[str]) -> None:
     with pytest.raises(pointmorph.FeatureError, match="loop"):
         pointmorph.morph(
@@ -187,7 +192,8 @@ def test_wrong_options_name_themselves(name: str, value: object) -> None:
 
 def test_every_option_says_what_it_is() -> None:
     for option in pointmorph.options():
-        assert option.help and option.kind in ("int", "float", "choice")
+        assert option.help
+        assert option.kind in ("int", "float", "choice")
         pointmorph.morph(
             pointmorph.Cloud(grid(21)),
             pointmorph.Cloud(grid(21, 0.3)),

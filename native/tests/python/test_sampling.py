@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pointmorph
 import pytest
-from conftest import grid, grid_faces
+from shapes import grid, grid_faces
 from pointmorph.formats import Shape
 from pointmorph.sampling import sample
 
