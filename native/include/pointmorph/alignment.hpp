@@ -27,7 +27,6 @@ struct AlignmentOptions {
 
 struct Alignment {
     double rotation = 0.0;  ///< of the source disk, radians
-    bool rotated = false;
     Index sweeps = 0;       ///< alternate warps of both disks
     double residual = 0.0;  ///< largest distance between two features, in local spacings
 };

@@ -12,10 +12,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from shapes import grid, grid_faces
 from plyfile import PlyData
 from pointmorph import formats
+from shapes import grid, grid_faces
 
+PAIR = ["morph", "plane.off", "bump.off"]
 COMMAND = [sys.executable, "-m", "pointmorph"]
 
 
@@ -123,19 +124,19 @@ def test_samples_and_settings(pair: Path) -> None:
         ([], 2, "usage"),
         (["morph"], 2, "required"),
         (["morph", "plane.off", "bump.off"], 2, "--out"),
-        (["morph", "plane.off", "bump.off", "--out", "o", "--colour", "1"], 2, "--colour"),
-        (["morph", "plane.off", "bump.off", "--out", "o", "--frames", "1"], 2, "at least 2"),
-        (["morph", "plane.off", "bump.off", "--out", "o", "--samples", "0"], 2, "at least 1"),
-        (["morph", "plane.off", "bump.off", "--out", "o", "--influence", "0"], 2, "0.51 to 1000"),
-        (["morph", "plane.off", "bump.off", "--out", "o", "--method", "x"], 2, "paper"),
-        (["morph", "plane.off", "bump.off", "--out", "o", "--method", "pap"], 2, "paper"),
+        ([*PAIR, "--out", "o", "--colour", "1"], 2, "--colour"),
+        ([*PAIR, "--out", "o", "--frames", "1"], 2, "at least 2"),
+        ([*PAIR, "--out", "o", "--samples", "0"], 2, "at least 1"),
+        ([*PAIR, "--out", "o", "--influence", "0"], 2, "0.51 to 1000"),
+        ([*PAIR, "--out", "o", "--method", "x"], 2, "paper"),
+        ([*PAIR, "--out", "o", "--method", "pap"], 2, "paper"),
         (["morph", "none.off", "bump.off", "--out", "o"], 1, "no such file"),
-        (["morph", "plane.off", "bump.off", "--out", "o", "--features", "none.json"], 1, "none.json"),
+        ([*PAIR, "--out", "o", "--features", "none.json"], 1, "none.json"),
         (["morph", "plane.off", "bump.off", "--out", "plane.off"], 1, "plane.off"),
-        (["morph", "plane.off", "bump.off", "--out", "o", "--features", "bad.json"], 1, "JSON"),
-        (["morph", "plane.off", "bump.off", "--out", "o", "--features", "odd.json"], 1, "nose"),
+        ([*PAIR, "--out", "o", "--features", "bad.json"], 1, "JSON"),
+        ([*PAIR, "--out", "o", "--features", "odd.json"], 1, "nose"),
         (
-            ["morph", "plane.off", "bump.off", "--out", "o", "--features", "odd.json", "--samples", "999"],
+            [*PAIR, "--out", "o", "--features", "odd.json", "--samples", "999"],
             1,
             "nose",
         ),

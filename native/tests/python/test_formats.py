@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import pointmorph
 import pytest
-from shapes import grid, grid_faces
 from plyfile import PlyData
 from pointmorph import formats, meshes
+from shapes import grid, grid_faces
 
 
 def write_frame(path: Path, count: int = 50, dtype: type = np.float32) -> tuple[np.ndarray, ...]:

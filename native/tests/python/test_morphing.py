@@ -10,8 +10,8 @@ import time
 import numpy as np
 import pointmorph
 import pytest
-from shapes import grid
 from pointmorph import clouds, errors, formats, meshes, morphing
+from shapes import grid
 
 
 def row(side: int, x: float, y: float) -> int:

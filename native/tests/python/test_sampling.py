@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pointmorph
 import pytest
-from shapes import grid, grid_faces
 from pointmorph.formats import Shape
 from pointmorph.sampling import sample
+from shapes import grid, grid_faces
 
 
 def sheet() -> Shape:
