@@ -117,9 +117,10 @@ std::vector<Option> make_table() {
                            "points",
                            "Nearest points that normals and the boundary are found from. Raise it "
                            "for noisy scans, lower it for thin or finely detailed models"));
-    table.push_back(number("boundary_gap", POINTMORPH_FIELD(boundary.max_gap), 60, 180, "degrees",
-                           "Widest angle without neighbours that a point inside the patch may "
-                           "have. Raise it when gaps in the sampling are taken for a boundary"));
+    table.push_back(number("boundary_opening", POINTMORPH_FIELD(boundary.opening), 1.2, 10, "",
+                           "How much wider than the usual gap between points an opening must be to "
+                           "count as a boundary. Raise it when gaps in the sampling are taken for "
+                           "one, lower it when a boundary is missed"));
     table.push_back(number("boundary_min_loop", POINTMORPH_FIELD(boundary.min_loop), 4, 1e6,
                            "spacings",
                            "Boundary loops shorter than this are taken for gaps in the sampling"));
