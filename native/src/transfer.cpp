@@ -15,6 +15,10 @@ namespace {
 /// sampling, enough where the samples lie on a line or a point.
 constexpr double kRidge = 1e-6;
 
+/// Below the root of this share of the reach, samples count alike. Smaller follows single samples
+/// more closely (0 would interpolate), larger averages over more.
+constexpr double kPlateau = 0.01;
+
 /// Weighted linear fit around `query`, evaluated there. The weights fade to 0 at the farthest
 /// sample, which is left out: samples come and go without a step.
 template <int Dim>
@@ -71,7 +75,7 @@ private:
         if (!(reach > 0.0)) return 1.0;
         const double share = std::sqrt(squared_[static_cast<std::size_t>(i)]) / reach;
         const double fade = all ? 1.0 - 0.9 * share : std::max(0.0, 1.0 - share);
-        return fade * fade;
+        return fade * fade / (share * share + kPlateau);
     }
 
     /// Within the box of the samples' values, half as large again: a fit over samples that lie to
