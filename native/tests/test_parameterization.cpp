@@ -207,7 +207,7 @@ TEST(Parameterization, AHemisphereKeepsItsSymmetry) {
             // every point stays on its meridian, up to the unevenness of the sampling
             const Eigen::RowVector2d meridian = patch.positions.row(i).head<2>().normalized();
             const auto& u = result.points.row(i);
-            EXPECT_LT(std::abs(meridian.x() * u.y() - meridian.y() * u.x()), 0.05);
+            EXPECT_LT(std::abs(meridian.x() * u.y() - meridian.y() * u.x()), 0.08);
         }
         EXPECT_LT(result.points.row(0).norm(), 0.05);  // the pole
     }

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import operator
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -265,7 +266,7 @@ def _feature_list(
     rows: list[tuple[str, int, int]] = []
     for name, pair in (features or {}).items():
         try:
-            source, target = (int(np.asarray(row).item()) for row in pair)
+            source, target = (operator.index(row) for row in pair)
             if not (-1 <= source < 2**31 and -1 <= target < 2**31):
                 raise ValueError
         except (TypeError, ValueError, OverflowError) as error:

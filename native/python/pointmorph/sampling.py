@@ -65,8 +65,8 @@ def sample(
     if shape.faces is None:
         return _thinned(shape, count, kept, progress), rows_of_kept.astype(np.int64)
 
-    corners, weights, boundary = _boundary_points(shape, count, kept)
     drawn_corners, drawn_weights = _random_points(shape, CANDIDATES * count, seed)
+    corners, weights, boundary = _boundary_points(shape, count, kept)
     corners = np.concatenate([_repeated(kept), corners, drawn_corners])
     weights = np.concatenate([_first_corner(len(kept)), weights, drawn_weights])
     fixed = len(corners) - len(drawn_corners)
