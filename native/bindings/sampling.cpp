@@ -21,7 +21,8 @@ void bind_sampling(py::module_& module) {
             std::copy(rows.begin(), rows.end(), result.mutable_data());
             return result;
         },
-        "(count,) int64: rows of evenly spread points of `positions` (N, 3), those to `keep` first.",
+        "(count,) int64: rows of evenly spread points of `positions` (N, 3), those to `keep` "
+        "first.",
         py::arg("positions"), py::arg("normals"), py::arg("count"), py::arg("keep"),
         py::arg("progress"));
 }
