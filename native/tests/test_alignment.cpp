@@ -4,6 +4,7 @@
 
 #include <Eigen/Geometry>
 #include <cmath>
+#include <limits>
 #include <numbers>
 #include <random>
 
@@ -100,30 +101,72 @@ TEST(Alignment, ATurnedDiskIsTurnedBack) {
     EXPECT_EQ(result.sweeps, 0);
 }
 
-TEST(Alignment, FeaturesMeetWithinTheError) {
-    const Rings rings(30);
-    for (unsigned seed = 0; seed < 50; ++seed) {
-        DiskPoints source = rings.points, target = rings.points;
-        const Index count = 3 + static_cast<Index>(seed % 8);
-        const auto features = random_features(rings, count, 0.25, seed);
-        const auto result = align(source, target, features, {}, true);
-        EXPECT_LE(result.residual, AlignmentOptions{}.error) << seed;
-        for (const auto& [s, t] : features)
-            EXPECT_LT((source.row(s) - target.row(t)).norm(), 1e-4) << seed;
-    }
+TEST(Alignment, WithoutAnyBestRotationThereIsNone) {
+    const DiskPoints zero = DiskPoints::Zero(3, 2);
+    EXPECT_EQ(best_rotation(zero, zero, std::vector<IndexPair>{{0, 1}, {2, 2}}), 0.0);
+    EXPECT_EQ(best_rotation(zero, zero, {}), 0.0);
+    DiskPoints opposite(2, 2), same(2, 2);  // every rotation is as bad as any other
+    opposite << 0.5, 0.0, -0.5, 0.0;
+    same << 0.0, 0.3, 0.0, 0.3;
+    EXPECT_EQ(best_rotation(opposite, same, std::vector<IndexPair>{{0, 0}, {1, 1}}), 0.0);
 }
 
-TEST(Alignment, TheWarpIsOneToOneAndKeepsTheDisk) {
-    const Rings rings(30);
-    for (unsigned seed = 0; seed < 20; ++seed) {
-        DiskPoints source = rings.points, target = rings.points;
-        align(source, target, random_features(rings, 4, 0.3, seed), {}, true);
-        for (const DiskPoints* disk : {&source, &target}) {
-            EXPECT_LE(disk->rowwise().norm().maxCoeff(), 1.0 + 1e-12);
-            const auto rim = static_cast<Eigen::Index>(rings.first_on_circle);
-            EXPECT_EQ(disk->bottomRows(disk->rows() - rim),
-                      rings.points.bottomRows(disk->rows() - rim));
+TEST(Alignment, FeaturesMeetHoweverFarTheyHaveToGo) {
+    const Rings rings(40);
+    for (unsigned seed = 0; seed < 50; ++seed)
+        for (const double distance : {0.1, 0.3, 2.0}) {
+            DiskPoints source = rings.points, target = rings.points;
+            const Index count = 3 + static_cast<Index>(seed % 18);
+            const auto features = random_features(rings, count, distance, seed);
+            const auto result = align(source, target, features, {}, seed % 2 == 0);
+            EXPECT_LE(result.residual, AlignmentOptions{}.error) << seed << " " << distance;
+            for (const auto& [s, t] : features)
+                EXPECT_LT((source.row(s) - target.row(t)).norm(), 1.25e-3 / 40) << seed;
         }
+}
+
+TEST(Alignment, BoundaryPointsStayAndNothingLeavesTheDisk) {
+    const Rings rings(30);
+    const auto circle = rings.points.rows() - rings.first_on_circle;
+    for (unsigned seed = 0; seed < 20; ++seed)
+        for (const double influence : {0.6, 2.0, 8.0, 100.0}) {
+            DiskPoints source = rings.points, target = rings.points;
+            AlignmentOptions options;
+            options.influence = influence;
+            align(source, target, random_features(rings, 6, 0.5, seed), options, true);
+            for (const DiskPoints* disk : {&source, &target}) {
+                EXPECT_LE(disk->rowwise().norm().maxCoeff(), 1.0 + 1e-15);
+                EXPECT_EQ(disk->bottomRows(circle), rings.points.bottomRows(circle));
+            }
+        }
+}
+
+TEST(Alignment, TheMapIsOneToOne) {
+    // Triangles so small that the map is linear on them, but for the few that a crease runs
+    // through: none turns over, wherever it is and however far features have to go.
+    constexpr double kSide = 1e-8;
+    constexpr Index kTriangles = 2000;
+    const Rings rings(30);
+    const auto first = rings.points.rows();
+    std::mt19937_64 random(1);
+    std::uniform_real_distribution<double> uniform(-0.7, 0.7);
+    DiskPoints start(first + 3 * kTriangles, 2);
+    start.topRows(first) = rings.points;
+    for (Index i = 0; i < kTriangles; ++i) {
+        const Eigen::RowVector2d corner(uniform(random), uniform(random));
+        start.middleRows(first + 3 * i, 3) << corner, corner + Eigen::RowVector2d(kSide, 0.0),
+            corner + Eigen::RowVector2d(0.0, kSide);
+    }
+    std::vector<std::array<Index, 3>> triangles;
+    for (Index i = 0; i < kTriangles; ++i) {
+        const auto row = static_cast<Index>(first) + 3 * i;
+        triangles.push_back({row, row + 1, row + 2});
+    }
+    for (unsigned seed = 0; seed < 20; ++seed) {
+        DiskPoints source = start, target = start;
+        align(source, target, random_features(rings, 3 + static_cast<Index>(seed), 0.6, seed));
+        EXPECT_EQ(Rings::flipped(source, triangles), 0) << seed;
+        EXPECT_EQ(Rings::flipped(target, triangles), 0) << seed;
     }
 }
 
@@ -152,7 +195,15 @@ TEST(Alignment, ALargerInfluenceStretchesLess) {
                                             (rings.points.row(a) - rings.points.row(b)).norm());
         return largest;
     };
-    EXPECT_LT(stretch(8.0), stretch(2.0));
+    double before = stretch(0.75);
+    for (const double influence : {2.0, 5.0, 8.0}) {  // the paper's figure 2
+        const double now = stretch(influence);
+        EXPECT_LT(now, before) << influence;
+        before = now;
+    }
+    // The source's feature goes 2/3 of the way, in ever smaller steps with the same d: along it
+    // distances change by the share 2/3 ‖p‖/d.
+    EXPECT_LT(before, 1.0 + 1.05 * (2.0 / 3.0) / 8.0);
 }
 
 TEST(Alignment, AFixedRadiusMovesNothingBeyondIt) {
@@ -185,23 +236,117 @@ TEST(Alignment, SpecksMeetAtTheirOwnScale) {
 TEST(Alignment, NeighboursThatChangePlacesStillMeet) {
     const Rings rings(30);
     DiskPoints source = rings.points, target = rings.points;
-    const auto result = align(source, target, {{200, 203}, {203, 200}}, {}, true);
+    auto result = align(source, target, {{200, 203}, {203, 200}}, {}, true);
     EXPECT_LE(result.residual, AlignmentOptions{}.error);
+    source = target = rings.points;  // on one line, in the opposite order
+    result = align(source, target, {{1, 1801}, {901, 901}, {1801, 1}}, {}, true);
+    EXPECT_LE(result.residual, AlignmentOptions{}.error);
+}
+
+TEST(Alignment, FeaturesThatCoincideMoveNothing) {
+    const Rings rings(20);
+    DiskPoints source = rings.points, target = rings.points;
+    const Index circle = rings.first_on_circle;
+    const auto result =
+        align(source, target, {{5, 5}, {700, 700}, {circle, circle}, {5, 5}}, {}, true);
+    EXPECT_EQ(result.sweeps, 0);
+    EXPECT_EQ(result.residual, 0.0);
+    EXPECT_EQ(source, rings.points);
+    EXPECT_EQ(target, rings.points);
+}
+
+TEST(Alignment, BoundaryFeaturesStayWhileOthersMeet) {
+    const Rings rings(30);
+    const Index circle = rings.first_on_circle;
+    for (unsigned seed = 0; seed < 10; ++seed) {
+        DiskPoints source = rings.points, target = rings.points;
+        auto features = random_features(rings, 5, 0.3, seed);
+        features.push_back({circle, circle});
+        features.push_back({circle + 60, circle + 60});
+        EXPECT_LE(align(source, target, features, {}, true).residual, AlignmentOptions{}.error);
+    }
+}
+
+TEST(Alignment, CoincidentPointsAtAFeature) {
+    // A limb that has shrunk to a point: the spacing is that of the points around.
+    Rings rings(20);
+    rings.points.middleRows(200, 30).rowwise() = rings.points.row(200).eval();
+    DiskPoints source = rings.points, target = rings.points;
+    const auto result = align(source, target, {{210, 500}, {700, 650}}, {}, true);
+    EXPECT_LE(result.residual, AlignmentOptions{}.error);
+    EXPECT_LT((source.row(210) - target.row(500)).norm(), 1e-3 / 20);
+    EXPECT_EQ(source.row(200), source.row(229));
 }
 
 TEST(Alignment, FeaturesThatCannotMeetAreRefused) {
     const Rings rings(10);
     DiskPoints source = rings.points, target = rings.points;
-    const Index rim = rings.first_on_circle;
-    EXPECT_THROW(align(source, target, {{rim, rim + 5}}, {}, true), FeatureError);
+    const Index circle = rings.first_on_circle;
+    EXPECT_THROW(align(source, target, {{circle, circle + 5}}, {}, true), FeatureError);
+    EXPECT_THROW(align(source, target, {{circle, 30}}, {}, true), FeatureError);
+    EXPECT_THROW(align(source, target, {{30, circle}}, {}, true), FeatureError);
     EXPECT_THROW(align(source, target, {{3, 4}, {3, 7}}, {}, true), FeatureError);
-    EXPECT_NO_THROW(align(source, target, {{rim, rim}, {3, 4}}, {}, true));
-    AlignmentOptions fold;
-    fold.influence = 0.5;
-    EXPECT_THROW(align(source, target, {{3, 4}}, fold), OptionError);
+    EXPECT_THROW(align(source, target, {{3, 7}, {4, 7}}, {}, true), FeatureError);
+    EXPECT_NO_THROW(align(source, target, {{circle, circle}, {3, 4}}, {}, true));
+}
+
+TEST(Alignment, RefusesOptionsOutOfRange) {
+    const Rings rings(10);
+    DiskPoints source = rings.points, target = rings.points;
+    const double nan = std::numeric_limits<double>::quiet_NaN();
+    const auto refuses = [&](auto&& change) {
+        AlignmentOptions options;
+        change(options);
+        EXPECT_THROW(align(source, target, {{3, 4}}, options), OptionError);
+    };
+    for (const double value : {0.0, 0.5, -1.0, 1001.0, nan})
+        refuses([&](AlignmentOptions& options) { options.influence = value; });
+    for (const double value : {0.0, -1.0, 2.5, nan})
+        refuses([&](AlignmentOptions& options) { options.influence_radius = value; });
+    for (const double value : {0.0, 1e-7, 1.5, nan})
+        refuses([&](AlignmentOptions& options) { options.error = value; });
+    refuses([&](AlignmentOptions& options) { options.max_sweeps = 0; });
+}
+
+TEST(Alignment, AnErrorLeavesTheDisksAsTheyWere) {
+    const Rings rings(10);
+    DiskPoints source = rings.points, target = rings.points;
     AlignmentOptions hasty;
     hasty.max_sweeps = 1;
-    EXPECT_THROW(align(source, target, {{3, 400}}, hasty, true), ConvergenceError);
+    EXPECT_THROW(align(source, target, {{3, 400}, {7, 70}}, hasty), ConvergenceError);
+    EXPECT_EQ(source, rings.points);
+    EXPECT_EQ(target, rings.points);
+}
+
+TEST(Alignment, CanBeCancelled) {
+    const Rings rings(30);
+    DiskPoints source = rings.points, target = rings.points;
+    Progress progress([](std::string_view, double) { return false; });
+    EXPECT_THROW(
+        align_features(source, target, std::vector<IndexPair>{{3, 400}}, true, {}, progress),
+        Cancelled);
+}
+
+TEST(Alignment, OrderOfThePointsMakesNoDifference) {
+    const Rings rings(40);
+    const auto features = random_features(rings, 5, 0.3, 2);
+    DiskPoints source = rings.points, target = rings.points;
+    align(source, target, features);
+    const auto order = shapes::permutation(static_cast<Index>(rings.points.rows()), 3);
+    std::vector<Index> rank(order.size());
+    DiskPoints shuffled(rings.points.rows(), 2);
+    for (std::size_t i = 0; i < order.size(); ++i) {
+        shuffled.row(static_cast<Eigen::Index>(i)) = rings.points.row(order[i]);
+        rank[static_cast<std::size_t>(order[i])] = static_cast<Index>(i);
+    }
+    std::vector<IndexPair> renamed;
+    for (const auto& [s, t] : features)
+        renamed.push_back({rank[static_cast<std::size_t>(s)], rank[static_cast<std::size_t>(t)]});
+    DiskPoints shuffled_target = shuffled;
+    align(shuffled, shuffled_target, renamed);
+    for (std::size_t i = 0; i < order.size(); ++i)
+        EXPECT_LT((shuffled.row(static_cast<Eigen::Index>(i)) - source.row(order[i])).norm(),
+                  1e-12);
 }
 
 TEST(Alignment, NoneOrOneFeature) {
