@@ -28,11 +28,37 @@ Positions linear(const DiskPoints& u) {
     return values.rowwise() + Eigen::RowVector3d(4.0, 5.0, 6.0);
 }
 
-TEST(Transfer, IsExactForLinearFunctionsInside) {
+TEST(Transfer, IsExactForLinearFunctions) {
     const DiskPoints samples = plane_noise(4000, 1);
-    const DiskPoints queries = 0.9 * plane_noise(500, 2);
+    const DiskPoints queries = plane_noise(2000, 2);  // on the rim, too
     EXPECT_LT((at(samples, linear(samples), queries) - linear(queries)).cwiseAbs().maxCoeff(),
-              1e-4);
+              1e-7);
+    EXPECT_LT((at(samples, linear(samples), samples) - linear(samples)).cwiseAbs().maxCoeff(),
+              1e-7);
+}
+
+TEST(Transfer, IsExactInSpecksAndInStretchedPlaces) {
+    Eigen::Matrix2d squeeze;
+    squeeze << 1.0, 0.0, 0.0, 1e-3;
+    for (const double scale : {1.0, 1e-6}) {
+        const DiskPoints samples = (scale * plane_noise(4000, 1) * squeeze).array() + 0.3;
+        const DiskPoints queries = (0.95 * scale * plane_noise(500, 2) * squeeze).array() + 0.3;
+        const double extent =
+            (linear(samples).rowwise() - linear(samples).colwise().mean()).cwiseAbs().maxCoeff();
+        EXPECT_LT((at(samples, linear(samples), queries) - linear(queries)).cwiseAbs().maxCoeff(),
+                  1e-4 * extent)
+            << scale;
+    }
+}
+
+TEST(Transfer, IsExactInSpace) {
+    const Positions samples = shapes::cube_noise(4000, 1), queries = shapes::cube_noise(500, 2);
+    Progress progress;
+    const Positions result = transfer<3>(KdTree<3>(samples), 2.0 * samples, queries, {}, progress);
+    // Among random samples of space a few queries are far from all near ones.
+    const auto inexact = ((result - 2.0 * queries).rowwise().norm().array() > 1e-7).count();
+    EXPECT_LE(inexact, 5);
+    EXPECT_LT((result - 2.0 * queries).cwiseAbs().maxCoeff(), 0.2);
 }
 
 TEST(Transfer, ErrorOfASmoothFunctionFallsWithTheSquareOfTheSpacing) {
@@ -68,6 +94,30 @@ TEST(Transfer, IsContinuous) {
     EXPECT_LT(largest_step(fine), 0.75 * largest_step(coarse));
 }
 
+TEST(Transfer, IsContinuousOutsideTheSamples) {
+    const DiskPoints samples = 0.2 * plane_noise(300, 4);
+    const Positions values = shapes::cube_noise(300, 5);
+    const Index steps = 20000;
+    const auto largest_step = [&](Index count) {
+        DiskPoints line(count, 2);  // past the samples, from outside to outside
+        for (Index i = 0; i < count; ++i) line.row(i) << -0.9 + 1.8 * i / count, 0.19;
+        const Positions p = at(samples, values, line);
+        return (p.bottomRows(count - 1) - p.topRows(count - 1)).rowwise().norm().maxCoeff();
+    };
+    EXPECT_LT(largest_step(2 * steps), 0.75 * largest_step(steps));
+}
+
+TEST(Transfer, OrderOfTheSamplesMakesNoDifference) {
+    const DiskPoints samples = plane_noise(1000, 1), queries = plane_noise(300, 2);
+    const Positions values = shapes::cube_noise(1000, 3);
+    const auto order = shapes::permutation(1000, 4);
+    const Positions expected = at(samples, values, queries);
+    EXPECT_LT((at(gather(samples, order), gather(values, order), queries) - expected)
+                  .cwiseAbs()
+                  .maxCoeff(),
+              1e-12);
+}
+
 TEST(Transfer, DegenerateSamplesGiveFiniteValuesNearTheirs) {
     const DiskPoints queries = plane_noise(50, 3);
     DiskPoints one_place = DiskPoints::Ones(40, 2), on_a_line(40, 2);
@@ -76,12 +126,23 @@ TEST(Transfer, DegenerateSamplesGiveFiniteValuesNearTheirs) {
     for (const DiskPoints& samples : {one_place, on_a_line}) {
         const Positions result = at(samples, values, queries);
         ASSERT_TRUE(result.allFinite());
-        EXPECT_LE(result.cwiseAbs().maxCoeff(), 1.5);
+        EXPECT_LE(result.cwiseAbs().maxCoeff(), 11.0);  // values of ±1, standard deviations of 1
     }
-    const Positions single = at(DiskPoints::Zero(1, 2), Positions::Constant(1, 3, 7.0), queries);
-    EXPECT_EQ(single, Positions::Constant(50, 3, 7.0));
+    for (const Index count : {1, 2, 3, 6, 12}) {
+        const DiskPoints few = plane_noise(count, 7);
+        const Positions result = at(few, Positions::Constant(count, 3, 7.0), queries);
+        EXPECT_LT((result.array() - 7.0).abs().maxCoeff(), 1e-9) << count;
+    }
     const Positions exact = at(one_place, Positions::Constant(40, 3, 7.0), one_place);
     EXPECT_LT((exact.array() - 7.0).abs().maxCoeff(), 1e-12);
+}
+
+TEST(Transfer, FollowsALineOfSamples) {
+    DiskPoints samples(400, 2), queries(100, 2);
+    for (Index i = 0; i < 400; ++i) samples.row(i) << i / 400.0, i / 200.0;
+    for (Index i = 0; i < 100; ++i) queries.row(i) << 0.1 + i / 130.0, 0.2 + 2 * i / 130.0;
+    EXPECT_LT((at(samples, linear(samples), queries) - linear(queries)).cwiseAbs().maxCoeff(),
+              1e-7);
 }
 
 TEST(Transfer, DoesNotRunAwayOutsideTheSamples) {
@@ -90,6 +151,7 @@ TEST(Transfer, DoesNotRunAwayOutsideTheSamples) {
     far << 30.0, -20.0;
     const Positions values = linear(samples);
     const Positions result = at(samples, values, far);
+    // Followed for some standard deviations of the few samples that are nearest to it.
     const Eigen::RowVector3d low = values.colwise().minCoeff(), high = values.colwise().maxCoeff();
     for (int d = 0; d < 3; ++d) {
         EXPECT_GE(result(0, d), low[d] - (high[d] - low[d]));
@@ -109,6 +171,17 @@ TEST(Transfer, SameBitsForAnyNumberOfThreads) {
         three = at(samples, linear(samples), queries);
     }
     EXPECT_EQ(one, three);
+}
+
+TEST(Transfer, RefusesOptionsOutOfRange) {
+    const DiskPoints samples = plane_noise(100, 1);
+    for (const Index neighbors : {-1, 0, 5, 65}) {
+        Progress progress;
+        EXPECT_THROW(
+            transfer<2>(KdTree<2>(samples), linear(samples), samples, {neighbors}, progress),
+            OptionError)
+            << neighbors;
+    }
 }
 
 TEST(Transfer, CanBeCancelled) {
