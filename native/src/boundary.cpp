@@ -22,31 +22,35 @@ constexpr double kInfinity = std::numeric_limits<double>::infinity();
 /// Neighbours whose normals' product is below this lie on the other side of a thin sheet.
 constexpr double kOpposed = -0.2;
 
-/// Nine in ten points have no interior disc larger than `usual` spacings: 0.7 in a regular mesh,
-/// 0.9 in blue noise, 1.6 in independent random samples. Beyond these bounds it says more about
-/// the shape than about the sampling.
-constexpr double kUsualLow = 0.7, kUsualHigh = 1.6;
+/// At three in four points the largest empty disc has a radius of `usual` spacings at the most:
+/// 0.6 in a regular mesh, 0.85 in blue noise, 1.2 in independent random samples. Beyond these
+/// bounds it says more about the shape than about the sampling.
+constexpr double kUsualLow = 0.6, kUsualHigh = 1.3;
 
-/// The outside spreads into discs larger than this, in spacings, times the usual radius where that
-/// is above 1. A regular triangle's disc has a radius of 0.58, a square's of 0.71.
+/// The outside spreads into discs larger than this, in spacings, and than the usual ones. A regular
+/// triangle's disc has a radius of 0.58, a square's of 0.71.
 constexpr double kSpread = 0.8;
 
-/// Above this usual radius the spacing varies so much that flat gaps are taken for surface.
-constexpr double kUneven = 1.0;
+/// Where the ninth decile of the spacing is this many times the first, it varies so much that flat
+/// gaps are taken for surface: 1.1 in a regular mesh, 1.4 in blue noise, 2.2 in random samples.
+constexpr double kUneven = 2.0;
 
 /// Mean product of a loop's normals and the normal of the disc that would close it, from which on
 /// that disc continues the surface.
-constexpr double kFlat = 0.75;
+constexpr double kFlat = 0.65;
 
 /// Area over length of a loop, in spacings, below which it runs along a crease and back: normals
 /// on both sides differ too much for the stars to reach across. A round hole of radius r has r / 2.
 constexpr double kThin = 0.6;
 
+/// The share of a loop's points at a fold from which on the surface goes on behind it.
+constexpr double kFold = 0.25;
+
 /// The share of a loop's length that may have been bridged where stars disagree.
-constexpr double kBridged = 0.25;
+constexpr double kBridged = 0.12;
 
 /// How far a bridge may lead, in lengths of the spokes where the chain ends.
-constexpr double kBridgeReach = 4.0;
+constexpr double kBridgeReach = 5.0;
 
 std::size_t at(Index i) {
     return static_cast<std::size_t>(i);
@@ -58,6 +62,13 @@ struct Spoke {
     double radius;  ///< of the empty disc that touches point and both; infinite if there is none
     bool outside = false;
 };
+
+double quantile(std::vector<float> values, double share) {
+    const auto nth =
+        values.begin() + static_cast<std::ptrdiff_t>(share * static_cast<double>(values.size()));
+    std::ranges::nth_element(values, nth);
+    return *nth;
+}
 
 /// Delaunay stars of single points in their tangent planes. Holds scratch memory: one a thread.
 class StarBuilder {
@@ -156,6 +167,8 @@ private:
 
     void cut(double x, double y, double squared, Index row) {
         const auto beyond = [&](const Corner& c) { return c.x * x + c.y * y - 0.5 * squared; };
+        // Points that coincide, or lie on one circle up to rounding, share a corner.
+        const double tolerance = 1e-12 * squared;
         cut_.clear();
         double here = beyond(cell_.front());
         bool changed = false;
@@ -163,10 +176,11 @@ private:
             const Corner& c = cell_[k];
             const Corner& next = cell_[k + 1 < cell_.size() ? k + 1 : 0];
             const double there = beyond(next);
-            if (here <= 0.0) cut_.push_back(c);
-            if ((here <= 0.0) != (there <= 0.0)) {
+            const bool here_stays = here <= tolerance, there_stays = there <= tolerance;
+            if (here_stays) cut_.push_back(c);
+            if (here_stays != there_stays) {
                 const double t = here / (here - there);
-                Corner corner = here <= 0.0 ? Corner{0.0, 0.0, row, squared} : c;
+                Corner corner = here_stays ? Corner{0.0, 0.0, row, squared} : c;
                 corner.x = c.x + t * (next.x - c.x);
                 corner.y = c.y + t * (next.y - c.y);
                 cut_.push_back(corner);
@@ -208,8 +222,8 @@ public:
         spread();
     }
 
-    /// See kUsualLow.
-    double usual() const { return usual_; }
+    /// See kUneven.
+    bool is_uneven() const { return is_uneven_; }
 
     /// Spacing around a point that has a star, else 0.
     double spacing(Index i) const {
@@ -258,7 +272,7 @@ private:
     /// Marks the gaps that lie outside by their size alone.
     void open(double opening) {
         const Index count = nearest_.size();
-        std::vector<float> width(at(count));  // of the widest gap, an upper bound
+        std::vector<float> spacings(at(count)), radii(at(count));  // of the largest discs, relative
         parallel_for(
             count, progress_,
             [&](Index begin, Index end) {
@@ -266,27 +280,26 @@ private:
                 for (Index i = begin; i < end; ++i) {
                     builder.build(i, nearest_[i]);
                     const double spacing = builder.spacing();
-                    width[at(i)] = static_cast<float>(
+                    spacings[at(i)] = static_cast<float>(spacing);
+                    radii[at(i)] = static_cast<float>(
                         spacing > 0.0 ? builder.largest_radius() / spacing : 0.0);
                 }
             },
             0.0, 0.6);
-        std::vector<float> sorted = width;
-        const auto nth = sorted.begin() + static_cast<std::ptrdiff_t>(sorted.size() * 9 / 10);
-        std::ranges::nth_element(sorted, nth);
-        usual_ = std::clamp<double>(*nth, kUsualLow, kUsualHigh);
-        spread_ = kSpread * std::max(1.0, usual_);
+        is_uneven_ = quantile(spacings, 0.9) > kUneven * quantile(spacings, 0.1);
+        const double usual = std::clamp(quantile(radii, 0.75), kUsualLow, kUsualHigh);
+        spread_ = std::max(kSpread, 0.95 * usual);
 
         std::vector<Index> wide;
         for (Index i = 0; i < count; ++i)
-            if (width[at(i)] > opening * usual_) wide.push_back(i);
+            if (radii[at(i)] > opening * usual) wide.push_back(i);
         find_reverse_neighbors(wide);
         require(wide);
         const std::size_t end = stars_.size();
         require_around(0, end);
         for (std::size_t s = 0; s < end; ++s)
             for (std::size_t k = 0; k < stars_[s].size; ++k)
-                if (is_wide(s, k, opening * usual_)) mark(s, k);
+                if (is_wide(s, k, opening * usual)) mark(s, k);
     }
 
     /// From gap to gap across shared edges. Stars are made as they are needed.
@@ -384,6 +397,7 @@ private:
                 std::vector<Index> around;
                 for (Index m = begin; m < end; ++m) {
                     const Index i = rows[at(m)];
+                    if (has_lower_twin(i)) continue;
                     if (!builder.build(i, nearest_[i])) {
                         farther_neighbors(i, builder.squared_reach(), sorted, around);
                         builder.extend(around);
@@ -399,6 +413,15 @@ private:
             stars_.push_back({rows[m], spacing, spokes_.size(), spokes.size()});
             spokes_.insert(spokes_.end(), spokes.begin(), spokes.end());
         }
+    }
+
+    /// Whether the point coincides with one of a lower row, which stands for both.
+    bool has_lower_twin(Index i) const {
+        for (const Index j : nearest_[i]) {
+            if (positions_.row(j) != positions_.row(i)) return false;
+            if (j < i) return true;
+        }
+        return false;
     }
 
     /// Neighbours' neighbours and reverse neighbours that are farther away than the nearest, but
@@ -430,7 +453,8 @@ private:
     const Normals& normals_;
     const Neighborhoods& nearest_;
     Progress& progress_;
-    double usual_ = 0.0, spread_ = 0.0;
+    bool is_uneven_ = false;
+    double spread_ = 0.0;
     std::vector<Index> star_of_;  ///< #points, −1 where there is none
     std::vector<Star> stars_;
     std::vector<Spoke> spokes_;
@@ -602,8 +626,36 @@ Vector3 vector_area(const Positions& positions, std::span<const Index> loop) {
     return 0.5 * twice;
 }
 
+/// Whether the surface goes on behind a loop, with opposed normals: round a sharp rim, where the
+/// neighbours on the other side take the loop for outside as well, or flat, where normals were
+/// estimated with the wrong sign.
+bool is_fold(const Positions& positions, const Normals& normals, const Neighborhoods& nearest,
+             std::span<const Passage> passages, const BoundaryLoop& loop) {
+    std::size_t count = 0;
+    for (std::size_t k = 0; k < loop.size(); ++k) {
+        const Index i = loop[k];
+        const Vector3 along = positions.row(loop[k + 1 < loop.size() ? k + 1 : 0]) -
+                              positions.row(loop[k > 0 ? k - 1 : loop.size() - 1]);
+        const Vector3 normal = normals.row(i), right = along.cross(normal).normalized();
+        const auto near = nearest[i].first(std::min<std::size_t>(nearest[i].size(), 8));
+        const auto is_opposed = [&](Index j) { return normals.row(j).dot(normal) < kOpposed; };
+        const auto is_beyond = [&](Index j) {
+            const Vector3 d = positions.row(j) - positions.row(i);
+            return d.dot(right) > 0.5 * d.norm() && std::abs(d.dot(normal)) < 0.3 * d.norm();
+        };
+        const auto is_passed = [&](Index j) {
+            return std::ranges::binary_search(passages, j, {}, &Passage::point);
+        };
+        count +=
+            std::ranges::any_of(near, [&](Index j) { return is_opposed(j) && is_beyond(j); }) ||
+            std::ranges::any_of(nearest[i], [&](Index j) { return is_opposed(j) && is_passed(j); });
+    }
+    return static_cast<double>(count) > kFold * static_cast<double>(loop.size());
+}
+
 /// Whether a loop bounds the surface, and not just a gap in its sampling.
-bool is_boundary(const Positions& positions, const Normals& normals, const Outside& outside,
+bool is_boundary(const Positions& positions, const Normals& normals, const Neighborhoods& nearest,
+                 const Outside& outside, std::span<const Passage> passages,
                  const BoundaryLoop& loop, double min_loop) {
     if (loop.size() < 3) return false;
     double length = 0.0, relative_length = 0.0;  // the latter in local spacings
@@ -619,7 +671,8 @@ bool is_boundary(const Positions& positions, const Normals& normals, const Outsi
     const Vector3 area = vector_area(positions, loop);
     const double spacing = length / relative_length;
     if (area.norm() < kThin * spacing * length) return false;
-    if (outside.usual() <= kUneven) return true;
+    if (is_fold(positions, normals, nearest, passages, loop)) return false;
+    if (!outside.is_uneven()) return true;
     // A hole is walked round clockwise: its area points inwards.
     double along = 0.0;
     for (const Index i : loop) along -= normals.row(i).dot(area);
@@ -637,7 +690,7 @@ std::vector<BoundaryLoop> find_boundary_loops(const Positions& positions, const 
     const Links links = link(positions, normals, nearest, outside, passages, progress);
     std::vector<BoundaryLoop> loops = close_chains(positions, passages, links);
     std::erase_if(loops, [&](const BoundaryLoop& loop) {
-        return !is_boundary(positions, normals, outside, loop, options.min_loop);
+        return !is_boundary(positions, normals, nearest, outside, passages, loop, options.min_loop);
     });
     for (BoundaryLoop& loop : loops) std::ranges::rotate(loop, std::ranges::min_element(loop));
     std::ranges::sort(loops, [&](const BoundaryLoop& a, const BoundaryLoop& b) {

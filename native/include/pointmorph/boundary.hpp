@@ -22,7 +22,7 @@ struct BoundaryOptions {
     /// A disc without points lies outside when its radius, in spacings of the points that it
     /// touches, is this many times that of the cloud's larger interior discs; 1.2 to 10. Smaller
     /// finds smaller holes, and takes gaps in the sampling for holes.
-    double opening = 2.0;
+    double opening = 2.4;
     /// Loops shorter than this many local spacings are taken for gaps in the sampling; 4 or more.
     double min_loop = 10.0;
 };
@@ -32,9 +32,10 @@ struct BoundaryOptions {
 using BoundaryLoop = std::vector<Index>;
 
 /// All boundary loops of the cloud, longest first, each from its lowest row; none on a closed
-/// surface. `normals` are unit length and agree in sign; `nearest` is ascending by distance, 12 to
-/// 24 neighbours. Where the spacing varies as in the vertices of a mesh, a gap in a flat region
-/// (the sole of a foot) counts as surface, since meshes have few vertices there.
+/// surface. `normals` are unit length and agree in sign; `nearest` is ascending by distance, 12 or
+/// more neighbours. Of points that coincide, the lowest row stands for all. Where the spacing
+/// varies as in the vertices of a mesh, a gap in a flat region (the sole of a foot) counts as
+/// surface, since meshes have few vertices there.
 std::vector<BoundaryLoop> find_boundary_loops(const Positions& positions, const Normals& normals,
                                               const Neighborhoods& nearest,
                                               const BoundaryOptions& options, Progress& progress);
