@@ -279,6 +279,7 @@ def set_up_wheel() -> Path:
     [wheel] = folder.glob("*.whl")
     if not is_fresh(installed, key):
         pip_install("--no-deps", "--force-reinstall", wheel)
+        run("wheel", PYTHON, "-c", "import pointmorph")
         installed.write_text(key)
     return wheel
 
