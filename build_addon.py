@@ -213,7 +213,8 @@ def set_up_system(groups: Iterable[str]) -> list[str]:
     apt = [*sudo, "env", "DEBIAN_FRONTEND=noninteractive", "apt-get"]
     apt += ["-q", "-y", "-o", "DPkg::Lock::Timeout=300"]
     install = [*apt, "install", "--no-install-recommends", *missing]
-    with step(f"system packages: {', '.join(missing)}"):
+    say(f"  missing on this system: {', '.join(missing)}")
+    with step("system packages"):
         # A foreign source that is out of order must not stop what the others can deliver.
         run("apt", *apt, "update", check=False)
         if run("apt", *install, check=False) != 0:
@@ -440,27 +441,37 @@ def python() -> Outcome:
     return run_suite("python", PYTHON, "-m", "pytest", "--junitxml=")
 
 
-def in_blender(suite: str, *command: str | Path, **environment: str) -> Outcome:
-    """The add-on's tests in a Blender, with the packages that a user would install."""
+def in_blender(suite: str, legacy: bool, *command: str | Path, **environment: str) -> Outcome:
+    """The add-on's tests in a Blender, with the add-on packaged and installed as users do it."""
     with packaging:
-        package()
+        zips = package()
+    environment["POINTMORPH_ZIP"] = str(zips[legacy])
     return run_suite(suite, *command, "--junitxml=", **environment)
 
 
 def bpy(version: str) -> Outcome:
     path = "" if version == BPY_VERSIONS[0] else str(set_up_bpy(version))
-    return in_blender(f"bpy-{version}", PYTHON, "blender_tests/run.py", PYTHONPATH=path)
+    command = (PYTHON, "blender_tests/run.py")
+    return in_blender(f"bpy-{version}", False, *command, PYTHONPATH=path)
+
+
+def takes_legacy() -> bool:
+    """Whether the installed Blender is older than extensions; Debian's 3.4 is."""
+    said = subprocess.run(["blender", "--version"], capture_output=True, text=True, check=False)
+    found = re.search(r"Blender (\d+)\.(\d+)", said.stdout)
+    return found is not None and (int(found[1]), int(found[2])) < (4, 2)
 
 
 def blender() -> Outcome:
-    """The installed Blender, Debian's 3.4, without a window."""
+    """The installed Blender without a window."""
     runner = ("--python-exit-code", "1", "--python", "blender_tests/run.py", "--")
-    return in_blender("blender", "blender", "--background", "--factory-startup", *runner)
+    command = ("blender", "--background", "--factory-startup", *runner)
+    return in_blender("blender", takes_legacy(), *command)
 
 
 def window() -> Outcome:
     """The installed Blender with a window, driven by mouse and keyboard."""
-    return in_blender("window", PYTHON, "-m", "pytest", "blender_tests/window")
+    return in_blender("window", takes_legacy(), PYTHON, "-m", "pytest", "blender_tests/window")
 
 
 @dataclass(frozen=True)
@@ -500,7 +511,11 @@ def test(names: list[str], jobs: int) -> int:
     set_up(*(group for name in names for group in SUITES[name].debian))
     say("Testing (what each suite says is in build/logs)")
     with ThreadPoolExecutor(jobs) as pool:
-        outcomes = dict(zip(names, pool.map(timed, names), strict=True))
+        try:
+            outcomes = dict(zip(names, pool.map(timed, names), strict=True))
+        except KeyboardInterrupt:
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
 
     for name, outcome in outcomes.items():
         for reason, count in Counter(outcome.skips).items():
