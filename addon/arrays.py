@@ -1,0 +1,183 @@
+"""Arrays between Blender and numpy: the only file that moves them.
+
+Everything is float32 or int32, as Blender keeps it.
+"""
+
+import numpy as np
+
+# By type of attribute: the name of its values, and how many numbers each has.
+_VALUES = {
+    "FLOAT": ("value", 1),
+    "INT": ("value", 1),
+    "INT8": ("value", 1),
+    "BOOLEAN": ("value", 1),
+    "FLOAT_VECTOR": ("vector", 3),
+    "FLOAT_COLOR": ("color", 4),
+    "BYTE_COLOR": ("color", 4),
+}
+
+
+def _read(collection, key, width, dtype=np.float32):
+    values = np.empty(len(collection) * width, dtype)
+    collection.foreach_get(key, values)
+    return values if width == 1 else values.reshape(-1, width)
+
+
+def _write(collection, key, values, dtype=np.float32):
+    collection.foreach_set(key, np.ascontiguousarray(values, dtype).reshape(-1))
+
+
+# --- Attributes of any geometry -------------------------------------------------------------------
+
+
+def read_attribute(attribute):
+    """(N,) or (N, 3 or 4) float32. Colours are linear, whether kept as bytes or floats."""
+    key, width = _VALUES[attribute.data_type]
+    if attribute.data_type == "BOOLEAN":
+        return _read(attribute.data, key, width, bool).astype(np.float32)
+    if attribute.data_type.startswith("INT"):
+        return _read(attribute.data, key, width, np.int32).astype(np.float32)
+    return _read(attribute.data, key, width)
+
+
+def read_rows(geometry, name):
+    """(N,) int32: a point attribute that `write_attribute` made from whole numbers."""
+    return _read(geometry.attributes[name].data, "value", 1, np.int32)
+
+
+def read_vectors(geometry, name):
+    """(N, 3) float32: a point attribute of vectors."""
+    return _read(geometry.attributes[name].data, "vector", 3)
+
+
+def point_attribute(geometry, name, *types):
+    """The point attribute `name` when it's one of `types`, else None."""
+    attribute = geometry.attributes.get(name)
+    if attribute is None or attribute.domain != "POINT" or attribute.data_type not in types:
+        return None
+    return attribute
+
+
+def write_attribute(geometry, name, values):
+    """A new point attribute of the type that the array's own type and width tell."""
+    width = 1 if values.ndim == 1 else values.shape[1]
+    whole = np.issubdtype(values.dtype, np.integer)
+    kind = "INT" if whole else {1: "FLOAT", 3: "FLOAT_VECTOR", 4: "FLOAT_COLOR"}[width]
+    attribute = geometry.attributes.new(name, kind, "POINT")
+    _write(attribute.data, _VALUES[kind][0], values, np.int32 if whole else np.float32)
+
+
+# --- Meshes ---------------------------------------------------------------------------------------
+
+
+def vertex_positions(mesh):
+    """(N, 3)"""
+    return _read(mesh.vertices, "co", 3)
+
+
+def basis_positions(mesh):
+    """(N, 3): the basis of the shape keys where there are any, else the vertices."""
+    keys = mesh.shape_keys
+    return vertex_positions(mesh) if keys is None else key_positions(keys.reference_key)
+
+
+def mesh_triangles(mesh):
+    """(F, 3) int32, or None for a mesh without faces."""
+    if not mesh.polygons:
+        return None
+    mesh.calc_loop_triangles()
+    return _read(mesh.loop_triangles, "vertices", 3, np.int32)
+
+
+def mesh_normals(mesh):
+    """(N, 3) vertex normals from the faces, or None where a vertex has no face: it has none."""
+    corners = _read(mesh.loops, "vertex_index", 1, np.int32)
+    if not np.bincount(corners, minlength=len(mesh.vertices)).all():
+        return None
+    if hasattr(mesh, "vertex_normals"):
+        return _read(mesh.vertex_normals, "vector", 3)
+    return _read(mesh.vertices, "normal", 3)
+
+
+def mesh_colors(mesh):
+    """(N, 4) from the active colour attribute, or None. Corners of a vertex are averaged."""
+    attribute = mesh.color_attributes.active_color
+    if attribute is None:
+        return None
+    colors = read_attribute(attribute)
+    if attribute.domain == "POINT":
+        return colors
+    corners = _read(mesh.loops, "vertex_index", 1, np.int32)
+    counts = np.bincount(corners, minlength=len(mesh.vertices))
+    result = np.ones((len(mesh.vertices), 4), np.float32)
+    used = counts > 0
+    for channel in range(4):
+        sums = np.bincount(corners, colors[:, channel], len(mesh.vertices))
+        result[used, channel] = sums[used] / counts[used]
+    return result
+
+
+def vertex_groups(mesh, names):
+    """By name, the vertices of a group and their weights: int64 rows and float32 weights.
+
+    `names` maps the index of a vertex group to the name under which it's wanted.
+    """
+    found = {name: ([], []) for name in names.values()}
+    if names:
+        for row, vertex in enumerate(mesh.vertices):
+            for element in vertex.groups:
+                name = names.get(element.group)
+                if name is not None:
+                    found[name][0].append(row)
+                    found[name][1].append(element.weight)
+    return {
+        name: (np.array(rows, np.int64), np.array(weights, np.float32))
+        for name, (rows, weights) in found.items()
+    }
+
+
+def selected_vertices(mesh):
+    """Rows of the vertices that are selected in Object Mode."""
+    return np.flatnonzero(_read(mesh.vertices, "select", 1, bool))
+
+
+def fill_mesh(mesh, positions):
+    """Gives an empty mesh these vertices, and nothing else."""
+    mesh.vertices.add(len(positions))
+    _write(mesh.vertices, "co", positions)
+    mesh.update()
+
+
+# --- Shape keys -----------------------------------------------------------------------------------
+
+
+def _points(key):
+    # `points` is much quicker, and missing before Blender 4.1.
+    return getattr(key, "points", None) or key.data
+
+
+def key_positions(key):
+    """(N, 3)"""
+    return _read(_points(key), "co", 3)
+
+
+def write_key(key, positions):
+    _write(_points(key), "co", positions)
+
+
+# --- Point clouds ---------------------------------------------------------------------------------
+
+
+def cloud_positions(cloud):
+    """(N, 3)"""
+    return _read(cloud.points, "co", 3)
+
+
+def cloud_colors(cloud):
+    """(N, 4): the point attribute "Color" or, failing it, the first of colours; else None."""
+    kinds = ("FLOAT_COLOR", "BYTE_COLOR")
+    attribute = point_attribute(cloud, "Color", *kinds)
+    if attribute is None:
+        of_points = (point_attribute(cloud, a.name, *kinds) for a in cloud.attributes)
+        attribute = next(filter(None, of_points), None)
+    return None if attribute is None else read_attribute(attribute)

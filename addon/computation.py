@@ -1,0 +1,112 @@
+"""What the library is asked for, from plain arrays to plain arrays; no Blender in between."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pointmorph
+import pointmorph.meshes
+
+from . import transforms
+from .features import Marks
+
+
+@dataclass(frozen=True)
+class Shape:
+    """An object's points: in its own space, or in the morph's (world axes, the source's origin).
+
+    Attributes
+    ----------
+    name : str
+        The object's.
+    positions, normals : (N, 3) arrays of float32
+    colors : (N, 4) array of float32
+        Linear.
+    radii : (N,) array of float32
+    triangles : (F, 3) array of int32
+        None, like the other attributes, where the object has none.
+    marks : Marks
+    """
+
+    name: str
+    positions: np.ndarray
+    normals: np.ndarray | None
+    colors: np.ndarray | None
+    radii: np.ndarray | None
+    triangles: np.ndarray | None
+    marks: Marks
+
+    def moved(self, matrix):
+        """Taken through a (4, 4) matrix."""
+        return replace(
+            self,
+            positions=transforms.move_positions(matrix, self.positions),
+            normals=None if self.normals is None else transforms.move_normals(matrix, self.normals),
+            radii=None if self.radii is None else transforms.move_radii(matrix, self.radii),
+        )
+
+    def cloud(self):
+        """As the library takes it. The boundary is the longest that the faces leave open."""
+        loops = []
+        if self.triangles is not None:
+            loops = pointmorph.meshes.boundary_loops(self.triangles, len(self.positions))
+        return pointmorph.Cloud(
+            self.positions,
+            self.normals,
+            self.colors,
+            self.radii,
+            name=self.name,
+            boundary=loops[0] if loops else None,
+        )
+
+
+@dataclass(frozen=True)
+class Request:
+    """All that a morph needs."""
+
+    source: Shape
+    target: Shape
+    features: dict
+    loop: list
+    settings: dict
+
+
+@dataclass(frozen=True)
+class End:
+    """One end of all pairs, a row a pair; float32."""
+
+    rows: np.ndarray
+    positions: np.ndarray
+    normals: np.ndarray
+    colors: np.ndarray
+    radii: np.ndarray
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """All that the scene gets from a morph.
+
+    `landing` is (N, 3): where every source vertex ends on the target, in the morph's frame.
+    """
+
+    source: End
+    target: End
+    landing: np.ndarray
+    report: dict
+
+
+def compute(request, progress):
+    """Runs the library. `progress` is called as that of `pointmorph.morph`."""
+    morph = pointmorph.morph(
+        request.source.cloud(),
+        request.target.cloud(),
+        request.features,
+        loop=request.loop,
+        progress=progress,
+        **request.settings,
+    )
+    ends = []
+    for t in (0, 1):
+        frame = morph.frame(t)
+        rows = morph.pairs[:, t].astype(np.int32)
+        ends.append(End(rows, frame.positions, frame.normals, frame.colors, frame.radii))
+    return Outcome(*ends, morph.source_to_target, morph.report)

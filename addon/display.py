@@ -1,0 +1,214 @@
+"""How a morph object looks: geometry nodes that show its pairs as coloured points, and a material.
+
+The group of nodes and the material are made once a file and shared by all morph objects.
+"""
+
+import bpy
+
+NAME = "Pointmorph Points"
+MODIFIER = "Points"
+
+# Not in small letters: Cycles renders an attribute "color" black, and Blender 3.4 reserves "normal".
+COLOR = "Color"
+NORMAL = "Normal"
+
+
+def add_points_modifier(obj, key, created):
+    """Shows the vertices of `obj` as points, with colour and radius at the value of shape key `key`.
+
+    `created` is called with every data-block that had to be made.
+    """
+    group = bpy.data.node_groups.get(NAME)
+    if group is None:
+        material = bpy.data.materials.get(NAME)
+        if material is None:
+            material = _material(created)
+        group = _group(material, created)
+    modifier = obj.modifiers.new(MODIFIER, "NODES")
+    modifier.node_group = group
+    curve = obj.driver_add(f'modifiers["{MODIFIER}"]["{input_identifier(group, "t")}"]')
+    curve.driver.type = "AVERAGE"
+    variable = curve.driver.variables.new()
+    variable.name = "t"
+    variable.type = "SINGLE_PROP"
+    target = variable.targets[0]
+    target.id_type = "KEY"
+    target.id = key.id_data
+    target.data_path = key.path_from_id("value")
+
+
+def input_identifier(group, name):
+    """The key under which a modifier keeps the value of an input of its group."""
+    return _inputs(group)[name].identifier
+
+
+def _inputs(group):
+    if hasattr(group, "interface"):
+        items = group.interface.items_tree
+        return {item.name: item for item in items if item.in_out == "INPUT"}
+    return {socket.name: socket for socket in group.inputs}
+
+
+def _new_input(group, kind, name, description="", **values):
+    if hasattr(group, "interface"):
+        socket = group.interface.new_socket(name, in_out="INPUT", socket_type=kind)
+    else:
+        socket = group.inputs.new(kind, name)
+    socket.description = description
+    for key, value in values.items():
+        setattr(socket, key, value)
+
+
+def _new_output(group, kind, name):
+    if hasattr(group, "interface"):
+        group.interface.new_socket(name, in_out="OUTPUT", socket_type=kind)
+    else:
+        group.outputs.new(kind, name)
+
+
+def _enabled(sockets, name):
+    """The socket of a node that has one for each type of data under the same name."""
+    return next(socket for socket in sockets if socket.enabled and socket.name == name)
+
+
+class _Builder:
+    """Adds nodes to a tree from left to right."""
+
+    def __init__(self, tree):
+        self.tree = tree
+        self._column = 0
+
+    def node(self, kind, inputs=None, **settings):
+        """A new node with its settings made first, because they decide which sockets it has."""
+        node = self.tree.nodes.new(kind)
+        for key, value in settings.items():
+            setattr(node, key, value)
+        for name, value in (inputs or {}).items():
+            socket = _enabled(node.inputs, name)
+            if isinstance(value, bpy.types.NodeSocket):
+                self.tree.links.new(value, socket)
+            else:
+                socket.default_value = value
+        node.location = (self._column % 8 * 200, -(self._column // 8) * 320)
+        self._column += 1
+        return node
+
+
+def _group(material, created):
+    group = bpy.data.node_groups.new(NAME, "GeometryNodeTree")
+    created(group)
+    _new_input(group, "NodeSocketGeometry", "Geometry")
+    _new_input(
+        group,
+        "NodeSocketFloat",
+        "t",
+        "0 shows colour and radius of the source, 1 of the target. Follows the shape key Morph",
+        min_value=0.0,
+        max_value=1.0,
+    )
+    _new_input(
+        group,
+        "NodeSocketFloat",
+        "Radius Scale",
+        "Makes all points larger or smaller",
+        default_value=1.0,
+        min_value=0.0,
+    )
+    _new_input(
+        group,
+        "NodeSocketBool",
+        "Discs",
+        "Shows discs in the surface instead of balls: slower, and visible where point clouds "
+        "aren't, as in the Eevee of Blender 3.4",
+    )
+    _new_output(group, "NodeSocketGeometry", "Geometry")
+
+    build = _Builder(group)
+    inputs = build.node("NodeGroupInput").outputs
+    sides = ("source", "target")
+
+    def attribute(name, kind):
+        node = build.node("GeometryNodeInputNamedAttribute", {"Name": name}, data_type=kind)
+        return _enabled(node.outputs, "Attribute")
+
+    def mixed(a, b, kind):
+        ends = {"Factor": inputs["t"], "A": a, "B": b}
+        node = build.node("ShaderNodeMix", ends, data_type=kind, clamp_factor=False)
+        return _enabled(node.outputs, "Result")
+
+    def stored(geometry, name, kind, value):
+        fields = {"Geometry": geometry, "Name": name, "Value": value}
+        node = build.node(
+            "GeometryNodeStoreNamedAttribute", fields, data_type=kind, domain="POINT"
+        )
+        return node.outputs["Geometry"]
+
+    # A mix of colours keeps the first alpha, so it's mixed as a number.
+    colors = [attribute(f"{side}_color", "FLOAT_COLOR") for side in sides]
+    alphas = [
+        build.node("FunctionNodeSeparateColor", {"Color": color}).outputs["Alpha"]
+        for color in colors
+    ]
+    solid = build.node("FunctionNodeSeparateColor", {"Color": mixed(*colors, "RGBA")}).outputs
+    channels = {name: solid[name] for name in ("Red", "Green", "Blue")}
+    channels["Alpha"] = mixed(*alphas, "FLOAT")
+    color = build.node("FunctionNodeCombineColor", channels).outputs["Color"]
+
+    normals = [attribute(f"{side}_normal", "FLOAT_VECTOR") for side in sides]
+    unit = build.node("ShaderNodeVectorMath", operation="NORMALIZE")
+    group.links.new(mixed(*normals, "VECTOR"), unit.inputs[0])
+    unit_normal = unit.outputs["Vector"]
+
+    radii = [attribute(f"{side}_radius", "FLOAT") for side in sides]
+    scaled = build.node("ShaderNodeMath", operation="MULTIPLY")
+    group.links.new(mixed(*radii, "FLOAT"), scaled.inputs[0])
+    group.links.new(inputs["Radius Scale"], scaled.inputs[1])
+    radius = scaled.outputs["Value"]
+
+    geometry = stored(inputs["Geometry"], COLOR, "FLOAT_COLOR", color)
+    geometry = stored(geometry, NORMAL, "FLOAT_VECTOR", unit_normal)
+
+    points = build.node("GeometryNodeMeshToPoints", {"Mesh": geometry, "Radius": radius})
+
+    disc = build.node("GeometryNodeMeshCircle", {"Vertices": 6, "Radius": 1.0}, fill_type="NGON")
+    align = {"Vector": unit_normal}
+    if hasattr(bpy.types, "FunctionNodeAlignRotationToVector"):
+        upright = build.node("FunctionNodeAlignRotationToVector", align, axis="Z")
+    else:
+        upright = build.node("FunctionNodeAlignEulerToVector", align, axis="Z")
+    discs = build.node(
+        "GeometryNodeInstanceOnPoints",
+        {
+            "Points": geometry,
+            "Instance": disc.outputs["Mesh"],
+            "Rotation": upright.outputs["Rotation"],
+            "Scale": radius,
+        },
+    )
+    realized = build.node("GeometryNodeRealizeInstances", {"Geometry": discs.outputs["Instances"]})
+
+    switch = build.node("GeometryNodeSwitch", input_type="GEOMETRY")
+    group.links.new(inputs["Discs"], next(s for s in switch.inputs if s.enabled))
+    group.links.new(points.outputs[0], _enabled(switch.inputs, "False"))
+    group.links.new(realized.outputs["Geometry"], _enabled(switch.inputs, "True"))
+    finished = build.node(
+        "GeometryNodeSetMaterial",
+        {"Geometry": _enabled(switch.outputs, "Output"), "Material": material},
+    )
+    build.node("NodeGroupOutput", {"Geometry": finished.outputs["Geometry"]})
+    return group
+
+
+def _material(created):
+    material = bpy.data.materials.new(NAME)
+    created(material)
+    material.use_nodes = True
+    tree = material.node_tree
+    surface = next(node for node in tree.nodes if node.type == "BSDF_PRINCIPLED")
+    surface.inputs["Roughness"].default_value = 0.6
+    color = tree.nodes.new("ShaderNodeAttribute")
+    color.attribute_name = COLOR
+    color.location = (surface.location.x - 300, surface.location.y)
+    tree.links.new(color.outputs["Color"], surface.inputs["Base Color"])
+    tree.links.new(color.outputs["Alpha"], surface.inputs["Alpha"])
+    return material

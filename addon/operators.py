@@ -1,0 +1,400 @@
+"""What the user does: morph, bake, mark features."""
+
+import bmesh
+import bpy
+import numpy as np
+import pointmorph
+
+from . import arrays, result, session, transforms
+from .computation import compute
+from .features import PREFIX
+from .properties import feature_names, sync_features
+from .reading import read_request
+
+
+def fail(operator, error):
+    """Tells the user about a PointmorphError. In scripts the operator raises RuntimeError then."""
+    operator.report({"ERROR"}, str(error))
+    return {"CANCELLED"}
+
+
+def shapes_reason(context):
+    """Why source and target can't be used as they were picked; None when they can."""
+    settings = context.scene.pointmorph
+    for side, obj in (("source", settings.source), ("target", settings.target)):
+        if obj is None:
+            return f"Pick a {side} first"
+        if context.scene.objects.get(obj.name) != obj:
+            return f'The {side} "{obj.name}" is no longer in the scene: pick another'
+    if settings.source == settings.target:
+        return f'Source and target are both "{settings.source.name}": pick two objects'
+    return None
+
+
+def active_result(context):
+    """The morph object that is meant: the active one, else the last one of source and target."""
+    active = context.view_layer.objects.active
+    if result.is_result(active):
+        return active
+    settings = context.scene.pointmorph
+    found = None
+    if settings.source is not None:
+        for obj in context.scene.objects:
+            made_from = (obj.pointmorph.source, obj.pointmorph.target)
+            if made_from == (settings.source, settings.target) and result.is_result(obj):
+                found = obj
+    return found
+
+
+class POINTMORPH_OT_morph(bpy.types.Operator):
+    """Compute the morph from source to target. In a window Blender stays usable, and Esc stops it"""
+
+    bl_idname = "pointmorph.morph"
+    bl_label = "Morph"
+    bl_options = {"REGISTER", "UNDO"}
+
+    @classmethod
+    def poll(cls, context):
+        if session.current is not None:
+            cls.poll_message_set("A morph is being computed: wait, or press Esc to stop it")
+            return False
+        reason = shapes_reason(context)
+        if reason is not None:
+            cls.poll_message_set(reason)
+            return False
+        return True
+
+    def invoke(self, context, event):
+        if bpy.app.background:
+            return self.execute(context)
+        try:
+            request = self._read(context)
+        except pointmorph.PointmorphError as error:
+            return fail(self, error)
+        session.start(lambda progress: compute(request, progress))
+        window_manager = context.window_manager
+        self._timer = window_manager.event_timer_add(0.05, window=context.window)
+        window_manager.modal_handler_add(self)
+        self._show_progress(context)
+        return {"RUNNING_MODAL"}
+
+    def modal(self, context, event):
+        if event.type == "ESC" and event.value == "PRESS":
+            session.current.cancel()
+            self._show_progress(context)
+            return {"RUNNING_MODAL"}
+        if event.type != "TIMER":
+            return {"PASS_THROUGH"}
+        if not session.current.done:
+            self._show_progress(context)
+            return {"PASS_THROUGH"}
+        job = self._end(context)
+        try:
+            outcome = job.result()
+        except pointmorph.Cancelled:
+            self.report({"INFO"}, "The morph was stopped")
+            return {"CANCELLED"}
+        except pointmorph.PointmorphError as error:
+            return fail(self, error)
+        return self._build(context, outcome)
+
+    def cancel(self, context):
+        """Called by Blender when the window or the file is closed."""
+        self._end(context)
+
+    def execute(self, context):
+        try:
+            # A function of Python's, so that Ctrl-C works.
+            outcome = compute(self._read(context), lambda stage, fraction: True)
+        except pointmorph.PointmorphError as error:
+            return fail(self, error)
+        return self._build(context, outcome)
+
+    def _read(self, context):
+        """The request. What _build needs to know is kept by name: objects move in memory on undo."""
+        request = read_request(context)
+        source = context.scene.pointmorph.source
+        self._origin = np.array(source.matrix_world.translation)
+        self._source_matrix = transforms.relative_to(source.matrix_world, self._origin)
+        self._names = request.source.name, request.target.name
+        return request
+
+    def _build(self, context, outcome):
+        source_name, target_name = self._names
+        objects = context.scene.objects
+        obj = result.build(
+            context,
+            outcome,
+            f"{source_name} to {target_name}",
+            self._origin,
+            objects.get(source_name),
+            objects.get(target_name),
+            self._source_matrix,
+        )
+        _activate(context.view_layer.objects, obj)
+        report = outcome.report
+        for warning in report["warnings"]:
+            self.report({"WARNING"}, warning)
+        seconds = report["seconds"]
+        self.report({"INFO"}, f'"{obj.name}": {report["pairs"]:,} pairs in {seconds:.1f} s')
+        return {"FINISHED"}
+
+    def _show_progress(self, context):
+        context.workspace.status_text_set(progress_text() + "   Esc: stop")
+        _redraw_sidebars(context)
+
+    def _end(self, context):
+        context.window_manager.event_timer_remove(self._timer)
+        context.workspace.status_text_set(None)
+        job = session.finish()
+        _redraw_sidebars(context)
+        return job
+
+
+def _activate(objects, obj):
+    """Selects `obj` alone, unless it's in an excluded collection or the user is in another mode."""
+    in_object_mode = objects.active is None or objects.active.mode == "OBJECT"
+    if in_object_mode and objects.get(obj.name) == obj:
+        for other in list(objects.selected):
+            other.select_set(False)
+        obj.select_set(True)
+        objects.active = obj
+
+
+def progress_text():
+    """What the running job is at."""
+    job = session.current
+    if job.cancelled:
+        return "Stopping"
+    return f"{job.stage.replace('_', ' ').capitalize() or 'Starting'} {100 * job.fraction:.0f} %"
+
+
+def _redraw_sidebars(context):
+    for window in context.window_manager.windows:
+        for area in window.screen.areas:
+            if area.type == "VIEW_3D":
+                for region in area.regions:
+                    if region.type == "UI":
+                        region.tag_redraw()
+
+
+class POINTMORPH_OT_bake_shape_keys(bpy.types.Operator):
+    """Add the morph as shape keys; those that are there already stay"""
+
+    bl_idname = "pointmorph.bake_shape_keys"
+    bl_label = "Bake Shape Keys"
+    bl_options = {"REGISTER", "UNDO"}
+
+    kind: bpy.props.EnumProperty(
+        name="On",
+        description="What gets the shape keys",
+        items=[
+            (
+                "SOURCE",
+                "Source Mesh",
+                "The source itself: its faces, materials and weights stay, and the key makes it "
+                "look like the target",
+            ),
+            (
+                "PAIRS",
+                "Morph Object",
+                "The points of the morph object, which show every vertex of both",
+            ),
+        ],
+        default="SOURCE",
+    )
+    steps: bpy.props.IntProperty(
+        name="Steps",
+        description="Number of shape keys, equally far from one another; the last is the target",
+        default=1,
+        min=1,
+        max=1000,
+        soft_max=20,
+    )
+
+    @classmethod
+    def poll(cls, context):
+        obj = active_result(context)
+        if obj is None:
+            cls.poll_message_set("Morph first, or make a morph object the active object")
+            return False
+        if obj.mode == "EDIT":
+            cls.poll_message_set("Leave Edit Mode first")
+            return False
+        return True
+
+    def execute(self, context):
+        obj = active_result(context)
+        try:
+            if self.kind == "SOURCE":
+                changed = result.bake_source(obj, self.steps)
+            else:
+                result.bake_pairs(obj, self.steps)
+                changed = obj
+        except pointmorph.PointmorphError as error:
+            return fail(self, error)
+        count = f"{self.steps} shape key" + ("s" if self.steps > 1 else "")
+        self.report({"INFO"}, f'{count} added to "{changed.name}"')
+        return {"FINISHED"}
+
+
+# --- Features -------------------------------------------------------------------------------------
+
+
+class POINTMORPH_OT_add_feature(bpy.types.Operator):
+    """Mark the selected vertex as a feature: on every picked object in Edit Mode, or the active one"""
+
+    bl_idname = "pointmorph.add_feature"
+    bl_label = "Add Feature"
+    bl_options = {"REGISTER", "UNDO"}
+
+    name: bpy.props.StringProperty(
+        name="Name",
+        description="The feature's name. Without one, the first feature of the list that isn't "
+        "marked here yet is completed, or a new one begun",
+        options={"SKIP_SAVE"},
+    )
+
+    @classmethod
+    def poll(cls, context):
+        reason = shapes_reason(context)
+        if reason is None and not _objects_to_mark(context):
+            reason = "Make the source or the target the active object, and select one vertex"
+        if reason is not None:
+            cls.poll_message_set(reason)
+        return reason is None
+
+    def execute(self, context):
+        settings = context.scene.pointmorph
+        try:
+            vertices = {obj: _selected_vertex(obj) for obj in _objects_to_mark(context)}
+        except pointmorph.PointmorphError as error:
+            return fail(self, error)
+        sync_features(context.scene)
+        name = self.name.strip().removeprefix(PREFIX) or _next_name(settings, list(vertices))
+        for obj, vertex in vertices.items():
+            _mark(obj, name, vertex)
+        sync_features(context.scene)
+        settings.active_feature = settings.features.find(name)
+        return {"FINISHED"}
+
+
+class POINTMORPH_OT_remove_feature(bpy.types.Operator):
+    """Remove the feature chosen in the list, on both objects"""
+
+    bl_idname = "pointmorph.remove_feature"
+    bl_label = "Remove Feature"
+    bl_options = {"REGISTER", "UNDO"}
+
+    name: bpy.props.StringProperty(
+        name="Name",
+        description="The feature's name; without one, that which is chosen in the list",
+        options={"SKIP_SAVE"},
+    )
+
+    @classmethod
+    def poll(cls, context):
+        settings = context.scene.pointmorph
+        if feature_names(settings.source) or feature_names(settings.target):
+            return True
+        cls.poll_message_set("There is no feature yet")
+        return False
+
+    def execute(self, context):
+        settings = context.scene.pointmorph
+        sync_features(context.scene)
+        names = [feature.name for feature in settings.features]
+        name = self.name.strip().removeprefix(PREFIX)
+        if not name:
+            name = names[min(max(settings.active_feature, 0), len(names) - 1)]
+        if name not in names:
+            error = pointmorph.FeatureError(
+                f'feature "{name}"', "one that is marked", "none of that name", "Check the name."
+            )
+            return fail(self, error)
+        for obj in (settings.source, settings.target):
+            if name in feature_names(obj):
+                named = obj.vertex_groups if obj.type == "MESH" else obj.data.attributes
+                named.remove(named[PREFIX + name])
+        sync_features(context.scene)
+        settings.active_feature = min(settings.active_feature, len(settings.features) - 1)
+        return {"FINISHED"}
+
+
+def _objects_to_mark(context):
+    """The picked objects that are being edited, or the active object when it's one of them."""
+    settings = context.scene.pointmorph
+    picked = [settings.source, settings.target]
+    edited = [obj for obj in picked if obj.mode == "EDIT"]
+    return edited or [obj for obj in picked if obj == context.view_layer.objects.active]
+
+
+def _selected_vertex(obj):
+    """Row of the one vertex that is selected."""
+    if obj.type != "MESH":
+        raise pointmorph.FeatureError(
+            obj.name,
+            "a mesh",
+            f"an object of type {obj.type}",
+            f'Store a point attribute "{PREFIX}name" that is 1 at the point, for instance with '
+            "geometry nodes.",
+        )
+    if obj.mode == "EDIT":
+        vertices = bmesh.from_edit_mesh(obj.data).verts
+        selected = [vertex.index for vertex in vertices if vertex.select]
+    else:
+        selected = arrays.selected_vertices(obj.data)
+    if len(selected) != 1:
+        raise pointmorph.FeatureError(
+            obj.name,
+            "one selected vertex",
+            f"{len(selected)}",
+            "Select a single vertex in Edit Mode.",
+        )
+    return int(selected[0])
+
+
+def _next_name(settings, objects):
+    for feature in settings.features:
+        if not any(feature.name in feature_names(obj) for obj in objects):
+            return feature.name
+    taken = {feature.name for feature in settings.features}
+    number = 1
+    while f"feature {number}" in taken:
+        number += 1
+    return f"feature {number}"
+
+
+def _mark(obj, name, row):
+    """Makes the vertex group of a feature hold this vertex and no other."""
+    old = obj.vertex_groups.get(PREFIX + name)
+    if old is not None:
+        obj.vertex_groups.remove(old)
+    group = obj.vertex_groups.new(name=PREFIX + name)
+    if obj.mode == "EDIT":
+        mesh = bmesh.from_edit_mesh(obj.data)
+        layer = mesh.verts.layers.deform.verify()
+        mesh.verts.ensure_lookup_table()
+        mesh.verts[row][layer][group.index] = 1.0
+        bmesh.update_edit_mesh(obj.data, loop_triangles=False, destructive=False)
+    else:
+        group.add([row], 1.0, "REPLACE")
+
+
+_classes = (
+    POINTMORPH_OT_morph,
+    POINTMORPH_OT_bake_shape_keys,
+    POINTMORPH_OT_add_feature,
+    POINTMORPH_OT_remove_feature,
+)
+
+
+def register():
+    for cls in _classes:
+        bpy.utils.register_class(cls)
+
+
+def unregister():
+    session.finish()
+    for cls in reversed(_classes):
+        bpy.utils.unregister_class(cls)

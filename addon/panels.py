@@ -1,0 +1,142 @@
+"""The sidebar of the 3D viewport."""
+
+import bpy
+import pointmorph
+
+from . import operators, result, session
+from .properties import by_hand
+
+
+class _Panel:
+    bl_space_type = "VIEW_3D"
+    bl_region_type = "UI"
+    bl_category = "Pointmorph"
+
+
+class POINTMORPH_UL_features(bpy.types.UIList):
+    """A feature a row: its name, and whether it's marked on source and target."""
+
+    def draw_item(self, context, layout, data, item, icon, active_data, active_property, index):
+        layout.prop(item, "name", text="", emboss=False)
+        row = layout.row(align=True)
+        row.alignment = "RIGHT"
+        if item.on_source and item.on_target:
+            row.label(text="both", icon="CHECKMARK")
+        else:
+            row.label(text="only source" if item.on_source else "only target", icon="ERROR")
+
+
+class POINTMORPH_PT_objects(_Panel, bpy.types.Panel):
+    bl_label = "Objects"
+
+    def draw(self, context):
+        settings = context.scene.pointmorph
+        layout = self.layout
+        layout.use_property_split = True
+        layout.use_property_decorate = False
+        column = layout.column()
+        column.enabled = session.current is None
+        column.prop(settings, "source")
+        column.prop(settings, "target")
+
+
+class POINTMORPH_PT_features(_Panel, bpy.types.Panel):
+    bl_label = "Features"
+
+    def draw(self, context):
+        settings = context.scene.pointmorph
+        row = self.layout.row()
+        row.template_list(
+            "POINTMORPH_UL_features", "", settings, "features", settings, "active_feature", rows=3
+        )
+        buttons = row.column(align=True)
+        buttons.operator("pointmorph.add_feature", text="", icon="ADD")
+        buttons.operator("pointmorph.remove_feature", text="", icon="REMOVE")
+
+
+class POINTMORPH_PT_settings(_Panel, bpy.types.Panel):
+    bl_label = "Settings"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    def draw(self, context):
+        settings = context.scene.pointmorph
+        layout = self.layout
+        layout.use_property_split = True
+        layout.use_property_decorate = False
+        column = layout.column()
+        column.enabled = session.current is None
+        for option in pointmorph.options():
+            if option.default is not None:
+                column.prop(settings, option.name)
+            else:
+                row = column.row(heading=settings.bl_rna.properties[option.name].name)
+                row.prop(settings, by_hand(option), text="")
+                value = row.row()
+                value.active = getattr(settings, by_hand(option))
+                value.prop(settings, option.name, text="")
+
+
+class POINTMORPH_PT_morph(_Panel, bpy.types.Panel):
+    bl_label = "Morph"
+
+    def draw(self, context):
+        layout = self.layout
+        if session.current is None:
+            row = layout.row()
+            row.scale_y = 1.5
+            row.operator("pointmorph.morph")
+        else:
+            _draw_progress(layout)
+        obj = operators.active_result(context)
+        if obj is None:
+            return
+        column = layout.column()
+        column.label(text=obj.name, icon="OBJECT_DATA")
+        keys = obj.data.shape_keys
+        if keys is not None and result.KEY in keys.key_blocks:
+            column.prop(keys.key_blocks[result.KEY], "value", text="Morph", slider=True)
+
+
+def _draw_progress(layout):
+    text = operators.progress_text()
+    if hasattr(layout, "progress"):
+        layout.progress(text=text, factor=session.current.fraction)
+    else:
+        layout.label(text=text, icon="SORTTIME")
+    layout.label(text="Press Esc over the viewport to stop")
+
+
+class POINTMORPH_PT_bake(_Panel, bpy.types.Panel):
+    bl_label = "Bake Shape Keys"
+
+    def draw(self, context):
+        settings = context.scene.pointmorph
+        layout = self.layout
+        layout.use_property_split = True
+        layout.use_property_decorate = False
+        layout.prop(settings, "steps")
+        for kind, text in (("SOURCE", "On the Source Mesh"), ("PAIRS", "On the Morph Object")):
+            button = layout.operator("pointmorph.bake_shape_keys", text=text)
+            button.kind = kind
+            button.steps = settings.steps
+
+
+# In the order of the work.
+_classes = (
+    POINTMORPH_UL_features,
+    POINTMORPH_PT_objects,
+    POINTMORPH_PT_features,
+    POINTMORPH_PT_settings,
+    POINTMORPH_PT_morph,
+    POINTMORPH_PT_bake,
+)
+
+
+def register():
+    for cls in _classes:
+        bpy.utils.register_class(cls)
+
+
+def unregister():
+    for cls in reversed(_classes):
+        bpy.utils.unregister_class(cls)

@@ -1,0 +1,259 @@
+"""What the scene and the morph objects remember.
+
+`scene.pointmorph` has the source, the target, the features, the loop, and the library's settings
+under the library's own names. `object.pointmorph` says of a morph object what it was made from.
+"""
+
+import bpy
+import numpy as np
+import pointmorph
+
+from .features import PREFIX
+
+_LARGEST_INT = 2**31 - 1
+
+
+# --- Features -------------------------------------------------------------------------------------
+
+
+def feature_names(obj):
+    """Names, without the prefix, of the features that are marked on an object or None."""
+    if obj is None:
+        return []
+    if obj.type == "MESH":
+        named = obj.vertex_groups
+    elif obj.type == "POINTCLOUD":
+        named = obj.data.attributes
+    else:
+        return []
+    return [item.name[len(PREFIX) :] for item in named if item.name.startswith(PREFIX)]
+
+
+def sync_features(scene):
+    """Makes the list of features say what is marked on source and target; order is kept."""
+    settings = scene.pointmorph
+    on_source = feature_names(settings.source)
+    on_target = feature_names(settings.target)
+    names = list(dict.fromkeys(on_source + on_target))
+    features = settings.features
+    for index in reversed(range(len(features))):
+        if features[index].marked_name not in names:
+            features.remove(index)
+    listed = {feature.marked_name: feature for feature in features}
+    for name in names:
+        if name not in listed:
+            listed[name] = features.add()
+        _set(listed[name], "marked_name", name)
+        _set(listed[name], "name", name)
+        _set(listed[name], "on_source", name in on_source)
+        _set(listed[name], "on_target", name in on_target)
+
+
+def _set(item, key, value):
+    # A write, even of the same value, makes Blender evaluate the scene again.
+    if getattr(item, key) != value:
+        setattr(item, key, value)
+
+
+def _rename(feature, context):
+    """Passes a name that was typed in on to the objects."""
+    old, new = feature.marked_name, feature.name
+    if old in ("", new):
+        return
+    settings = feature.id_data.pointmorph
+    taken = {item.marked_name for item in settings.features}
+    if not new or new in taken:
+        feature.name = old
+        return
+    feature.marked_name = new
+    for obj in (settings.source, settings.target):
+        if old in feature_names(obj):
+            named = obj.vertex_groups if obj.type == "MESH" else obj.data.attributes
+            named[PREFIX + old].name = PREFIX + new
+
+
+class PointmorphFeature(bpy.types.PropertyGroup):
+    """A place that source and target have in common."""
+
+    name: bpy.props.StringProperty(
+        name="Name",
+        description="The vertex groups of both objects have this name with the prefix “pm.”",
+        update=_rename,
+    )
+    marked_name: bpy.props.StringProperty(
+        name="Marked Name",
+        description="The name on the objects, without the prefix",
+        options={"HIDDEN"},
+    )
+    on_source: bpy.props.BoolProperty(
+        name="On Source", description="The source has the vertex group of this feature"
+    )
+    on_target: bpy.props.BoolProperty(
+        name="On Target", description="The target has the vertex group of this feature"
+    )
+
+
+class PointmorphLoopFeature(bpy.types.PropertyGroup):
+    """A feature on the curve along which a closed model is cut; its name is all there is."""
+
+
+# --- Settings -------------------------------------------------------------------------------------
+
+
+def by_hand(option):
+    """Name of the switch of a setting that is automatic by default."""
+    return f"use_{option.name}"
+
+
+def setting_label(option):
+    return option.name.replace("_", " ").title()
+
+
+def _description(option):
+    parts = [option.help.rstrip(".")]
+    if option.kind != "choice":
+        unit = f" {option.unit}" if option.unit else ""
+        parts.append(f"From {option.minimum:g} to {option.maximum:g}{unit}")
+    default = "automatic" if option.default is None else f"{option.default}"
+    parts.append(f"Default: {default}")
+    return ". ".join(parts)
+
+
+def _property(option):
+    shared = {"name": setting_label(option), "description": _description(option)}
+    if option.kind == "choice":
+        items = [(choice, choice.replace("_", " ").title(), "") for choice in option.choices]
+        return bpy.props.EnumProperty(items=items, default=option.default, **shared)
+    if option.default is None:
+        # Who sets a value wants it used.
+        shared["update"] = lambda self, context: setattr(self, by_hand(option), True)
+    default = option.minimum if option.default is None else option.default
+    if option.kind == "int":
+        return bpy.props.IntProperty(
+            default=int(default),
+            min=int(option.minimum),
+            max=int(min(option.maximum, _LARGEST_INT)),
+            **shared,
+        )
+    if option.kind == "float":
+        return bpy.props.FloatProperty(
+            default=default, min=option.minimum, max=option.maximum, precision=4, **shared
+        )
+    raise TypeError(f"{option.name} is of a kind that the add-on doesn't know: {option.kind}")
+
+
+def _settings(taken):
+    """Blender's properties for the library's settings, by name."""
+    properties = {}
+    for option in pointmorph.options():
+        if option.name in taken:
+            raise ValueError(f"the library's setting {option.name} has a name that the add-on uses")
+        properties[option.name] = _property(option)
+        if option.default is None:
+            properties[by_hand(option)] = bpy.props.BoolProperty(
+                name=f"Set {setting_label(option)}",
+                description=f"Set by hand instead of automatically: {option.help}",
+            )
+    return properties
+
+
+def settings_values(settings):
+    """The settings as `pointmorph.morph` takes them; without those that are automatic."""
+    values = {}
+    for option in pointmorph.options():
+        if option.default is None and not getattr(settings, by_hand(option)):
+            continue
+        value = getattr(settings, option.name)
+        # Blender keeps float32: back to the decimals that the user typed, so that a setting means
+        # the same here as on the command line.
+        values[option.name] = float(str(np.float32(value))) if option.kind == "float" else value
+    return values
+
+
+# --- The scene and the morph objects --------------------------------------------------------------
+
+
+def _is_shape(self, obj):
+    return obj.type in {"MESH", "POINTCLOUD"}
+
+
+def _sync(self, context):
+    sync_features(self.id_data)
+
+
+class PointmorphScene(bpy.types.PropertyGroup):
+    """What is morphed in a scene, and how."""
+
+    source: bpy.props.PointerProperty(
+        name="Source",
+        description="What the morph starts from: a mesh or a point cloud. Of a mesh, the vertices "
+        "without modifiers are taken, because shape keys are put on these",
+        type=bpy.types.Object,
+        poll=_is_shape,
+        update=_sync,
+    )
+    target: bpy.props.PointerProperty(
+        name="Target",
+        description="What the morph ends at: a mesh or a point cloud, taken as the viewport shows "
+        "it, with modifiers and shape keys",
+        type=bpy.types.Object,
+        poll=_is_shape,
+        update=_sync,
+    )
+    features: bpy.props.CollectionProperty(
+        name="Features",
+        description="Places that source and target have in common",
+        type=PointmorphFeature,
+    )
+    active_feature: bpy.props.IntProperty(
+        name="Active Feature", description="The feature that is chosen in the list"
+    )
+    loop: bpy.props.CollectionProperty(
+        name="Loop",
+        description="Features, in order, through which a closed model is cut",
+        type=PointmorphLoopFeature,
+    )
+    steps: bpy.props.IntProperty(
+        name="Steps",
+        description="Shape keys to bake, equally far from one another; the last one is the target",
+        default=1,
+        min=1,
+        max=1000,
+        soft_max=20,
+    )
+
+
+PointmorphScene.__annotations__.update(_settings(PointmorphScene.__annotations__))
+
+
+class PointmorphObject(bpy.types.PropertyGroup):
+    """What a morph object was made from."""
+
+    source: bpy.props.PointerProperty(
+        name="Source", description="The object at 0", type=bpy.types.Object
+    )
+    target: bpy.props.PointerProperty(
+        name="Target", description="The object at 1", type=bpy.types.Object
+    )
+    source_matrix: bpy.props.FloatVectorProperty(
+        name="Source Matrix",
+        description="Rotation and scale of the source when the morph was made, row by row",
+        size=9,
+    )
+
+
+_classes = (PointmorphFeature, PointmorphLoopFeature, PointmorphScene, PointmorphObject)
+
+
+def register():
+    for cls in _classes:
+        bpy.utils.register_class(cls)
+    bpy.types.Scene.pointmorph = bpy.props.PointerProperty(type=PointmorphScene)
+    bpy.types.Object.pointmorph = bpy.props.PointerProperty(type=PointmorphObject)
+
+
+def unregister():
+    del bpy.types.Object.pointmorph
+    del bpy.types.Scene.pointmorph
+    for cls in reversed(_classes):
+        bpy.utils.unregister_class(cls)

@@ -1,0 +1,134 @@
+"""Objects of the scene as shapes that the library can compute on."""
+
+import numpy as np
+import pointmorph
+
+from . import arrays, transforms
+from .computation import Request, Shape
+from .features import PREFIX, Marks, match
+from .properties import settings_values
+
+TYPES = ("MESH", "POINTCLOUD")
+
+
+def read_request(context):
+    """The scene's source and target, features and settings, as the library takes them.
+
+    The source is its mesh without modifiers, because that's what shape keys are put on; the target
+    is what the viewport shows.
+
+    Raises
+    ------
+    PointmorphError
+        In words for the user, with the object's name.
+    """
+    settings = context.scene.pointmorph
+    update(context, settings.source, settings.target)
+    origin = np.array(settings.source.matrix_world.translation)
+    shapes = [
+        read_shape(context, settings.source, origin, as_shown=False),
+        read_shape(context, settings.target, origin, as_shown=True),
+    ]
+    return Request(
+        *shapes,
+        features=match(*shapes),
+        loop=[feature.name for feature in settings.loop],
+        settings=settings_values(settings),
+    )
+
+
+def update(context, *objects):
+    """Brings edits in Edit Mode, and transforms that a script has just set, up to date."""
+    for obj in objects:
+        if obj.mode == "EDIT":
+            obj.update_from_editmode()
+            obj.update_tag(refresh={"DATA"})
+    context.view_layer.update()
+
+
+def read_shape(context, obj, origin, *, as_shown):
+    """An object in the frame with the world's axes and this origin; `update` must come before.
+
+    Parameters
+    ----------
+    as_shown : bool
+        With modifiers and shape keys, as in the viewport. A point cloud always is.
+    """
+    if obj.type not in TYPES:
+        raise pointmorph.CloudError(
+            obj.name,
+            "a mesh or a point cloud",
+            f"an object of type {obj.type}",
+            "Convert it (Object > Convert > Mesh), or pick another.",
+        )
+    depsgraph = context.evaluated_depsgraph_get()
+    evaluated = obj.evaluated_get(depsgraph)
+    if not evaluated.is_evaluated:
+        raise pointmorph.CloudError(
+            obj.name,
+            "an object that is enabled in this view layer",
+            "one that is disabled in viewports, or in a collection that is",
+            "Enable it in the Outliner; it may be hidden with the eye.",
+        )
+    matrix = transforms.relative_to(obj.matrix_world, origin)
+    transforms.check_invertible(obj.name, matrix)
+    if obj.type == "POINTCLOUD":
+        shape = _read_cloud(obj, evaluated.data)
+    elif as_shown:
+        mesh = evaluated.to_mesh(preserve_all_data_layers=True, depsgraph=depsgraph)
+        try:
+            shape = _read_mesh(obj, mesh, arrays.vertex_positions(mesh))
+        finally:
+            evaluated.to_mesh_clear()
+    else:
+        shape = _read_mesh(obj, obj.data, arrays.basis_positions(obj.data))
+    return shape.moved(matrix)
+
+
+def _read_mesh(obj, mesh, positions):
+    groups = {
+        group.index: group.name[len(PREFIX) :]
+        for group in obj.vertex_groups
+        if group.name.startswith(PREFIX)
+    }
+    triangles = arrays.mesh_triangles(mesh)
+    return Shape(
+        name=obj.name,
+        positions=positions,
+        # Without faces Blender makes normals up.
+        normals=_own_normals(mesh) if triangles is None else arrays.mesh_normals(mesh),
+        colors=arrays.mesh_colors(mesh),
+        radii=_radii(mesh),
+        triangles=triangles,
+        marks=Marks("vertex group", arrays.vertex_groups(mesh, groups)),
+    )
+
+
+def _read_cloud(obj, cloud):
+    weights = {}
+    for attribute in cloud.attributes:
+        if attribute.name.startswith(PREFIX) and arrays.point_attribute(
+            cloud, attribute.name, "FLOAT", "INT", "INT8", "BOOLEAN"
+        ):
+            values = arrays.read_attribute(attribute)
+            rows = np.flatnonzero(values)
+            weights[attribute.name[len(PREFIX) :]] = (rows, values[rows])
+    return Shape(
+        name=obj.name,
+        positions=arrays.cloud_positions(cloud),
+        normals=_own_normals(cloud),
+        colors=arrays.cloud_colors(cloud),
+        radii=_radii(cloud),
+        triangles=None,
+        marks=Marks("point attribute", weights),
+    )
+
+
+def _own_normals(geometry):
+    attribute = arrays.point_attribute(geometry, "Normal", "FLOAT_VECTOR")
+    return None if attribute is None else arrays.read_attribute(attribute)
+
+
+def _radii(geometry):
+    attribute = arrays.point_attribute(geometry, "radius", "FLOAT")
+    return None if attribute is None else arrays.read_attribute(attribute)

@@ -1,0 +1,58 @@
+"""Matrices on arrays of points, normals and radii."""
+
+import numpy as np
+import pointmorph
+
+# A matrix flatter than this can't be inverted in a way that float32 positions survive.
+_SMALLEST_ASPECT = 1e-7
+
+
+def relative_to(matrix, origin):
+    """(4, 4) float64: `matrix` as seen from a frame with the world's axes and the given origin."""
+    result = np.array(matrix, dtype=np.float64)
+    result[:3, 3] -= origin
+    return result
+
+
+def check_invertible(name, matrix):
+    """Raises CloudError for the object `name` when its (4, 4) matrix flattens it or isn't finite."""
+    matrix = np.asarray(matrix, dtype=np.float64)
+    if np.isfinite(matrix).all():
+        scales = np.linalg.svd(matrix[:3, :3], compute_uv=False)
+        if scales[-1] > _SMALLEST_ASPECT * scales[0]:
+            return
+        found = f"scales of {scales[0]:.3g}, {scales[1]:.3g} and {scales[2]:.3g}"
+    else:
+        found = "a transform that isn't finite"
+    raise pointmorph.CloudError(
+        name,
+        "an object with a scale other than 0 on every axis",
+        found,
+        "Correct the scale of the object or of its parents.",
+    )
+
+
+def move_positions(matrix, positions):
+    """(N, 3) float32: positions taken through a (4, 4) matrix; their own bits by the identity."""
+    if np.array_equal(matrix, np.eye(4)):
+        return positions
+    moved = positions.astype(np.float64) @ matrix[:3, :3].T + matrix[:3, 3]
+    return moved.astype(np.float32)
+
+
+def move_normals(matrix, normals):
+    """(N, 3) float32 of length 1: normals taken through a (4, 4) matrix, by its inverse transpose.
+
+    A mirror keeps outward normals outward.
+    """
+    if np.array_equal(matrix[:3, :3], np.eye(3)):
+        return normals
+    moved = normals.astype(np.float64) @ np.linalg.inv(matrix[:3, :3])
+    moved /= np.linalg.norm(moved, axis=1, keepdims=True)
+    return moved.astype(np.float32)
+
+
+def move_radii(matrix, radii):
+    """(N,) float32: radii of balls that keep their volume's share of a (4, 4) matrix's scale."""
+    scale = abs(np.linalg.det(matrix[:3, :3])) ** (1 / 3)
+    return radii if scale == 1.0 else (radii * scale).astype(np.float32)

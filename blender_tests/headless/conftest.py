@@ -1,0 +1,41 @@
+"""The add-on, installed once, and an empty scene for every test."""
+
+import importlib
+import os
+import sys
+from pathlib import Path
+
+import bpy
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parent))  # for `scenes`
+
+import installing
+
+
+@pytest.fixture(scope="session")
+def module():
+    """Name of the add-on's module."""
+    return installing.install()
+
+
+@pytest.fixture(scope="session")
+def addon(module):
+    """Gives the add-on's files as modules: `addon("arrays")`."""
+    return lambda name: importlib.import_module(f"{module}.{name}")
+
+
+@pytest.fixture(autouse=True)
+def settings(module):
+    """`scene.pointmorph` of an empty scene."""
+    bpy.ops.wm.read_homefile(use_empty=True)
+    return bpy.context.scene.pointmorph
+
+
+@pytest.fixture(scope="session")
+def output():
+    """A folder for pictures that outlive the tests."""
+    folder = Path(os.environ.get("POINTMORPH_OUTPUT", installing.ROOT / "build" / "blender_tests"))
+    folder = folder / ".".join(map(str, bpy.app.version[:2]))
+    folder.mkdir(parents=True, exist_ok=True)
+    return folder

@@ -1,0 +1,148 @@
+"""Objects to morph, and what tests ask of a scene."""
+
+import bpy
+import numpy as np
+
+
+def patch(side, bump=0.5, turn=0.0):
+    """(side², 3) float32 vertices and (F, 4) quads: a bumpy open sheet, its normals upwards."""
+    u, v = np.meshgrid(np.linspace(-1, 1, side), np.linspace(-1, 1, side), indexing="ij")
+    z = bump * np.exp(-3 * (u**2 + v**2)) + 0.1 * np.sin(3 * u + turn) * np.cos(2 * v)
+    positions = np.stack([u, v, z], axis=-1).reshape(-1, 3).astype(np.float32)
+    rows = np.arange(side * side).reshape(side, side)
+    corners = (rows[:-1, :-1], rows[1:, :-1], rows[1:, 1:], rows[:-1, 1:])
+    return positions, np.stack([c.reshape(-1) for c in corners], axis=-1)
+
+
+def row_at(positions, x, y):
+    """Row of the vertex nearest to a place of the sheet."""
+    return int(np.argmin(np.hypot(positions[:, 0] - x, positions[:, 1] - y)))
+
+
+def add_mesh(name, positions, faces=()):
+    mesh = bpy.data.meshes.new(name)
+    mesh.from_pydata(np.asarray(positions).tolist(), [], np.asarray(faces).tolist())
+    mesh.update()
+    return add_object(name, mesh)
+
+
+def add_object(name, data):
+    obj = bpy.data.objects.new(name, data)
+    bpy.context.scene.collection.objects.link(obj)
+    return obj
+
+
+def add_attribute(geometry, name, kind, values, domain="POINT"):
+    keys = {"FLOAT": "value", "INT": "value", "FLOAT_VECTOR": "vector"}
+    attribute = geometry.attributes.new(name, kind, domain)
+    values = np.asarray(values, np.int32 if kind == "INT" else np.float32)
+    attribute.data.foreach_set(keys.get(kind, "color"), values.reshape(-1))
+    return attribute
+
+
+def add_group(obj, name, weights):
+    """A vertex group from a dict of vertex to weight."""
+    group = obj.vertex_groups.new(name=name)
+    for vertex, weight in weights.items():
+        group.add([vertex], weight, "REPLACE")
+
+
+def mark(obj, name, x, y):
+    add_group(obj, f"pm.{name}", {row_at(coordinates(obj.data.vertices), x, y): 1.0})
+
+
+def pair(source_side=24, target_side=19):
+    """Two sheets of different size with two features, picked as source and target."""
+    source = add_mesh("Hill", *patch(source_side))
+    target = add_mesh("Dune", *patch(target_side, bump=0.8, turn=1.0))
+    for obj in (source, target):
+        mark(obj, "peak", 0, 0)
+        mark(obj, "slope", 0.5, 0.3)
+    settings = bpy.context.scene.pointmorph
+    settings.source, settings.target = source, target
+    return source, target
+
+
+def select(obj):
+    """Makes an object the only one that is selected, and active."""
+    bpy.context.view_layer.update()
+    for other in bpy.context.view_layer.objects:
+        other.select_set(other == obj)
+    bpy.context.view_layer.objects.active = obj
+
+
+def read(collection, key, width, dtype=np.float32):
+    values = np.empty(len(collection) * width, dtype)
+    collection.foreach_get(key, values)
+    return values.reshape(-1, width) if width > 1 else values
+
+
+def coordinates(points):
+    """(N, 3): `co` of vertices, or of a shape key's data."""
+    return read(points, "co", 3)
+
+
+def attribute(geometry, name):
+    kinds = {
+        "INT": ("value", 1, np.int32),
+        "FLOAT": ("value", 1, np.float32),
+        "FLOAT_VECTOR": ("vector", 3, np.float32),
+        "FLOAT_COLOR": ("color", 4, np.float32),
+    }
+    item = geometry.attributes[name]
+    return read(item.data, *kinds[item.data_type])
+
+
+def row_pairs(obj):
+    """(m, 2): rows of source and target from a morph object."""
+    return np.stack([attribute(obj.data, f"{side}_row") for side in ("source", "target")], axis=1)
+
+
+def key(obj, name):
+    return coordinates(obj.data.shape_keys.key_blocks[name].data)
+
+
+def data_blocks():
+    """Names of everything in the file, to see that nothing was left behind."""
+    return {
+        f"{kind}: {item.name}"
+        for kind in dir(bpy.data)
+        if isinstance(getattr(bpy.data, kind), bpy.types.bpy_prop_collection)
+        for item in getattr(bpy.data, kind)
+        if hasattr(item, "name")
+    }
+
+
+def add_point_cloud(name, positions, attributes):
+    """A point cloud with these points, from vertices: as a conversion where Blender can do it,
+    else as what geometry nodes make of a mesh.
+
+    `attributes` maps a name to (type, values).
+    """
+    mesh_object = add_mesh(f"{name} points", positions)
+    for attribute_name, (kind, values) in attributes.items():
+        add_attribute(mesh_object.data, attribute_name, kind, values)
+    if bpy.app.version >= (4, 5):
+        select(mesh_object)
+        bpy.ops.object.convert(target="POINTCLOUD")
+        mesh_object.name = name
+        return mesh_object
+    cloud = add_object(name, bpy.data.pointclouds.new(name))
+    group = bpy.data.node_groups.new("From vertices", "GeometryNodeTree")
+    if hasattr(group, "interface"):
+        group.interface.new_socket(
+            "Geometry", in_out="OUTPUT", socket_type="NodeSocketGeometry"
+        )
+    else:
+        group.outputs.new("NodeSocketGeometry", "Geometry")
+    nodes, links = group.nodes, group.links
+    info = nodes.new("GeometryNodeObjectInfo")
+    info.inputs["Object"].default_value = mesh_object
+    points = nodes.new("GeometryNodeMeshToPoints")
+    radius = nodes.new("GeometryNodeInputNamedAttribute")
+    radius.inputs["Name"].default_value = "radius"
+    links.new(info.outputs["Geometry"], points.inputs["Mesh"])
+    links.new(next(s for s in radius.outputs if s.enabled), points.inputs["Radius"])
+    links.new(points.outputs[0], nodes.new("NodeGroupOutput").inputs[0])
+    cloud.modifiers.new("From vertices", "NODES").node_group = group
+    return cloud

@@ -1,0 +1,292 @@
+"""Features are vertex groups of the same name on both objects."""
+
+import bmesh
+import bpy
+import numpy as np
+import pointmorph
+import pytest
+from scenes import (
+    add_group,
+    add_mesh,
+    add_object,
+    data_blocks,
+    mark,
+    pair,
+    patch,
+    select,
+)
+
+
+def listed(settings):
+    for obj in filter(None, (settings.source, settings.target)):
+        obj.update_tag()  # in Blender 3.4 a script's change of groups doesn't say that it happened
+    bpy.context.view_layer.update()
+    return [(f.name, f.on_source, f.on_target) for f in settings.features]
+
+
+def groups(obj):
+    return {group.name: members(obj, group.index) for group in obj.vertex_groups}
+
+
+def members(obj, index):
+    return {v.index: g.weight for v in obj.data.vertices for g in v.groups if g.group == index}
+
+
+def edit(*objects):
+    """Enters Edit Mode with nothing selected."""
+    for obj in objects:
+        select(obj)
+    for obj in objects:
+        obj.select_set(True)
+    bpy.ops.object.mode_set(mode="EDIT")
+    bpy.ops.mesh.select_all(action="DESELECT")
+
+
+def pick(obj, *vertices):
+    """Selects vertices in Edit Mode, and these only."""
+    mesh = bmesh.from_edit_mesh(obj.data)
+    mesh.verts.ensure_lookup_table()
+    for vertex in mesh.verts:
+        vertex.select_set(vertex.index in vertices)
+    mesh.select_flush_mode()
+    bmesh.update_edit_mesh(obj.data)
+
+
+# --- The vertex that a group means ----------------------------------------------------------------
+
+
+def test_the_highest_weight_wins(addon):
+    positions = np.arange(30, dtype=np.float32).reshape(10, 3)
+    rows = np.array([2, 5, 7])
+    assert addon("features").feature_row(positions, rows, np.float32([0.2, 0.9, 0.8])) == 5
+
+
+def test_among_equals_the_nearest_to_the_weighted_centroid_wins(addon):
+    positions = np.zeros((6, 3), np.float32)
+    positions[:, 0] = [0, 1, 2, 3, 10, 11]
+    rows = np.arange(6)
+    # The centroid of all is 4.5, of those with weight 1 alone 2.
+    weights = np.ones(6, np.float32)
+    assert addon("features").feature_row(positions, rows, weights) == 3
+    weights = np.float32([0, 1, 1, 1, 0, 0])
+    assert addon("features").feature_row(positions, rows, weights) == 2
+    weights = np.float32([0.25, 1, 1, 0, 0, 0])
+    assert addon("features").feature_row(positions, rows, weights) == 1
+    weights = np.float32([0, 1, 1, 0, 0, 0.25])
+    assert addon("features").feature_row(positions, rows, weights) == 2
+
+
+def test_both_objects_give_a_row(addon, settings):
+    source, target = pair()
+    request = addon("reading").read_request(bpy.context)
+    assert list(request.features) == ["peak", "slope"]
+    for name, rows in request.features.items():
+        for obj, row in zip((source, target), rows, strict=True):
+            assert groups(obj)[f"pm.{name}"] == {row: 1.0}
+
+
+# --- Errors ---------------------------------------------------------------------------------------
+
+
+def morph_error():
+    before = data_blocks()
+    with pytest.raises(RuntimeError) as error:
+        bpy.ops.pointmorph.morph()
+    assert data_blocks() == before
+    return str(error.value)
+
+
+@pytest.mark.parametrize("side", [0, 1])
+def test_a_group_on_one_object_only(settings, side):
+    objects = pair()
+    mark(objects[side], "horn", 0.7, 0.7)
+    message = morph_error()
+    for part in (f'"{objects[side].name}"', f"{objects[1 - side].name}: expected", '"pm.horn"'):
+        assert part in message
+    assert f'Mark "horn" on "{objects[1 - side].name}"' in message
+
+
+@pytest.mark.parametrize("weights", [{}, {3: 0.0, 4: 0.0}])
+def test_an_empty_group(settings, weights):
+    source, target = pair()
+    add_group(source, "pm.horn", weights)
+    mark(target, "horn", 0.7, 0.7)
+    message = morph_error()
+    assert "Hill: expected a point with a weight above 0" in message
+    assert 'Mark "horn" on a vertex of "Hill"' in message
+
+
+def test_two_features_on_one_vertex(settings):
+    source, target = pair()
+    mark(source, "horn", 0.0, 0.0)  # as "peak"
+    mark(target, "horn", 0.7, 0.7)
+    message = morph_error()
+    assert 'Hill: expected a point of its own for each of the features "peak" and "horn"' in message
+    assert 'Move "horn"' in message
+
+
+def test_point_clouds_are_told_about_attributes(addon, settings):
+    features = addon("features")
+    marks = features.Marks("point attribute", {"tip": (np.array([], int), np.array([]))})
+    shape = type("Shape", (), {"name": "Cloud", "positions": np.zeros((4, 3)), "marks": marks})
+    with pytest.raises(pointmorph.FeatureError, match='in the point attribute "pm.tip"'):
+        features.match(shape, shape)
+
+
+# --- The list -------------------------------------------------------------------------------------
+
+
+def test_the_list_follows_the_objects(settings):
+    source, target = pair()
+    assert listed(settings) == [("peak", True, True), ("slope", True, True)]
+    mark(target, "horn", 0.7, 0.7)
+    add_group(target, "Bone", {0: 1.0})
+    assert listed(settings)[2:] == [("horn", False, True)]
+    source.vertex_groups.remove(source.vertex_groups["pm.peak"])
+    assert listed(settings)[0] == ("peak", False, True)
+    target.vertex_groups["pm.slope"].name = "pm.side"
+    assert sorted(listed(settings)) == [
+        ("horn", False, True),
+        ("peak", False, True),
+        ("side", False, True),
+        ("slope", True, False),
+    ]
+    settings.target = None
+    assert listed(settings) == [("slope", True, False)]
+
+
+def test_the_list_survives_save_and_load(settings, tmp_path):
+    pair()
+    assert listed(settings)
+    path = str(tmp_path / "features.blend")
+    bpy.ops.wm.save_as_mainfile(filepath=path)
+    bpy.ops.wm.read_homefile(use_empty=True)
+    bpy.ops.wm.open_mainfile(filepath=path)
+    loaded = bpy.context.scene.pointmorph
+    assert [f.name for f in loaded.features] == ["peak", "slope"]
+    assert loaded.source.name == "Hill"
+
+
+def test_an_unchanged_scene_is_left_alone(settings):
+    """A handler that writes each time would make Blender evaluate for ever."""
+    pair()
+    assert listed(settings)
+    updates = []
+    bpy.app.handlers.depsgraph_update_post.append(lambda *_: updates.append(1))
+    try:
+        for _ in range(5):
+            bpy.context.view_layer.update()
+    finally:
+        bpy.app.handlers.depsgraph_update_post.pop()
+    assert len(updates) <= 1
+
+
+def test_renaming_in_the_list_renames_on_both(settings):
+    source, target = pair()
+    assert listed(settings)
+    settings.features[0].name = "summit"
+    for obj in (source, target):
+        assert [group.name for group in obj.vertex_groups] == ["pm.summit", "pm.slope"]
+    assert listed(settings) == [("summit", True, True), ("slope", True, True)]
+    settings.features[0].name = "slope"  # taken
+    settings.features[1].name = ""
+    assert listed(settings) == [("summit", True, True), ("slope", True, True)]
+
+
+# --- Adding and removing --------------------------------------------------------------------------
+
+
+@pytest.fixture
+def unmarked(settings):
+    settings.source = add_mesh("Hill", *patch(8))
+    settings.target = add_mesh("Dune", *patch(9))
+    return settings.source, settings.target
+
+
+def test_add_in_edit_mode(settings, unmarked):
+    source, _ = unmarked
+    edit(source)
+    pick(source, 17)
+    assert bpy.ops.pointmorph.add_feature(name="nose") == {"FINISHED"}
+    assert source.mode == "EDIT"
+    bpy.ops.object.mode_set(mode="OBJECT")
+    assert groups(source) == {"pm.nose": {17: 1.0}}
+    assert listed(settings) == [("nose", True, False)]
+
+
+def test_add_on_both_at_once(settings, unmarked):
+    source, target = unmarked
+    edit(source, target)
+    pick(source, 17)
+    pick(target, 23)
+    bpy.ops.pointmorph.add_feature(name="pm.nose")
+    bpy.ops.object.mode_set(mode="OBJECT")
+    assert groups(source) == {"pm.nose": {17: 1.0}}
+    assert groups(target) == {"pm.nose": {23: 1.0}}
+    assert listed(settings) == [("nose", True, True)]
+
+
+def test_add_in_object_mode_and_move(settings, unmarked):
+    source, _ = unmarked
+    select(source)
+    for row in (11, 12):
+        for vertex in source.data.vertices:
+            vertex.select = vertex.index == row
+        bpy.ops.pointmorph.add_feature(name="nose")
+        assert groups(source) == {"pm.nose": {row: 1.0}}
+    assert settings.active_feature == 0
+
+
+def test_names_are_found(settings, unmarked):
+    source, target = unmarked
+    edit(source)
+    for row in (3, 30):
+        pick(source, row)
+        bpy.ops.pointmorph.add_feature()
+    bpy.ops.object.mode_set(mode="OBJECT")
+    assert [name for name, *_ in listed(settings)] == ["feature 1", "feature 2"]
+    edit(target)
+    for row in (4, 40):
+        pick(target, row)
+        bpy.ops.pointmorph.add_feature()
+    bpy.ops.object.mode_set(mode="OBJECT")
+    assert listed(settings) == [("feature 1", True, True), ("feature 2", True, True)]
+    assert groups(target) == {"pm.feature 1": {4: 1.0}, "pm.feature 2": {40: 1.0}}
+
+
+@pytest.mark.parametrize("rows", [(), (1, 2)])
+def test_one_vertex_must_be_selected(settings, unmarked, rows):
+    source, _ = unmarked
+    edit(source)
+    pick(source, *rows)
+    with pytest.raises(RuntimeError, match=f"Hill: expected one selected vertex, found {len(rows)}"):
+        bpy.ops.pointmorph.add_feature(name="nose")
+    assert not source.vertex_groups
+
+
+def test_adding_needs_one_of_the_two(settings, unmarked):
+    select(add_object("Bystander", None))
+    with pytest.raises(RuntimeError, match="Make the source or the target the active object"):
+        bpy.ops.pointmorph.add_feature(name="nose")
+
+
+@pytest.mark.parametrize("mode", ["OBJECT", "EDIT"])
+def test_remove(settings, mode):
+    source, target = pair()
+    add_group(source, "Bone", {0: 1.0})
+    select(source)
+    bpy.ops.object.mode_set(mode=mode)
+    bpy.ops.pointmorph.remove_feature(name="peak")
+    bpy.ops.object.mode_set(mode="OBJECT")
+    assert [group.name for group in source.vertex_groups] == ["pm.slope", "Bone"]
+    assert [group.name for group in target.vertex_groups] == ["pm.slope"]
+    bpy.ops.pointmorph.remove_feature()
+    assert listed(settings) == []
+    with pytest.raises(RuntimeError, match="There is no feature yet"):
+        bpy.ops.pointmorph.remove_feature()
+
+
+def test_removing_what_is_not_there(settings):
+    pair()
+    with pytest.raises(RuntimeError, match='feature "tail": expected one that is marked'):
+        bpy.ops.pointmorph.remove_feature(name="tail")

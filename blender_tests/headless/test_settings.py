@@ -1,0 +1,70 @@
+"""The settings are the library's."""
+
+import bpy
+import pointmorph
+import pytest
+from scenes import pair
+
+OPTIONS = {option.name: option for option in pointmorph.options()}
+AUTOMATIC = [name for name, option in OPTIONS.items() if option.default is None]
+
+
+@pytest.mark.parametrize("name", OPTIONS)
+def test_names_defaults_and_ranges(settings, name):
+    option = OPTIONS[name]
+    prop = settings.bl_rna.properties[name]
+    assert option.help.rstrip(".") in prop.description
+    if option.kind == "choice":
+        assert tuple(item.identifier for item in prop.enum_items) == option.choices
+        assert getattr(settings, name) == option.default
+        return
+    assert prop.hard_min == pytest.approx(option.minimum, rel=1e-6)
+    assert prop.hard_max == pytest.approx(min(option.maximum, 2**31 - 1), rel=1e-6)
+    if option.default is not None:
+        assert getattr(settings, name) == pytest.approx(option.default, rel=1e-6)
+
+
+def test_untouched_settings_are_exactly_the_defaults(addon, settings):
+    """Not their float32 neighbours: the command line gets the same result then."""
+    values = addon("properties").settings_values(settings)
+    assert values == {name: o.default for name, o in OPTIONS.items() if o.default is not None}
+
+
+@pytest.mark.parametrize("name", [name for name, o in OPTIONS.items() if o.kind == "float"])
+def test_decimals_arrive_as_typed(addon, settings, name):
+    option = OPTIONS[name]
+    value = float(f"{option.minimum + 0.317 * (option.maximum - option.minimum):.3g}")
+    setattr(settings, name, value)
+    assert addon("properties").settings_values(settings)[name] == value
+
+
+@pytest.mark.parametrize("name", AUTOMATIC)
+def test_a_value_given_is_used_and_can_be_made_automatic_again(addon, settings, name):
+    values = addon("properties").settings_values
+    assert name not in values(settings)
+    setattr(settings, name, OPTIONS[name].maximum)
+    assert values(settings)[name] == pytest.approx(OPTIONS[name].maximum)
+    setattr(settings, f"use_{name}", False)
+    assert name not in values(settings)
+
+
+def test_values_are_kept_within_the_range(settings):
+    option = next(o for o in OPTIONS.values() if o.kind == "int" and o.default is not None)
+    setattr(settings, option.name, int(option.maximum) + 1)
+    assert getattr(settings, option.name) == option.maximum
+
+
+def test_the_library_gets_them(settings, addon, monkeypatch):
+    pair()
+    option = next(o for o in OPTIONS.values() if o.kind == "int" and o.default is not None)
+    setattr(settings, option.name, int(option.minimum) + 1)
+    seen = {}
+
+    def morph(*arguments, **keywords):
+        seen.update(keywords)
+        raise pointmorph.OptionError("that", "this", "those", "Stop here.")
+
+    monkeypatch.setattr(pointmorph, "morph", morph)
+    with pytest.raises(RuntimeError, match="Stop here"):
+        bpy.ops.pointmorph.morph()
+    assert seen[option.name] == option.minimum + 1

@@ -1,0 +1,52 @@
+"""Runs the tests in `headless` inside a Blender: the one whose Python this is.
+
+    PYTHONPATH=<folder with bpy> python blender_tests/run.py [PYTEST ARGUMENTS]
+    blender --background --factory-startup --python blender_tests/run.py -- [PYTEST ARGUMENTS]
+
+The exit status is pytest's. Environment:
+
+POINTMORPH_ZIP
+    A packaged add-on, of the kind that this Blender takes: it's installed as users do it, and the
+    library that it brings is the one that is tested. Without it the folder `addon` is tested, and
+    the package `pointmorph` must be importable.
+POINTMORPH_PYTHONPATH
+    Folders, separated as in PYTHONPATH, for a Blender whose Python lacks pytest (or, without a zip,
+    pointmorph). The packages of `.venv` are always added.
+POINTMORPH_OUTPUT
+    Where pictures go; `build/blender_tests` by default.
+
+The tests with a window are in `window`: `python -m pytest blender_tests/window`, with any Python
+that has pytest and numpy, and Xvfb, xdotool, ImageMagick's import and `blender` (or the program
+that POINTMORPH_BLENDER names). The variables mean the same there; the zip is a legacy add-on.
+"""
+
+import os
+import sys
+import tempfile
+from pathlib import Path
+
+HERE = Path(__file__).resolve().parent
+sys.path.insert(0, str(HERE))
+
+import installing  # noqa: E402
+
+
+def main():
+    inside = "--background" in sys.argv or "-b" in sys.argv
+    arguments = sys.argv[sys.argv.index("--") + 1 :] if inside else sys.argv[1:]
+    sys.path.extend(installing.library_paths())
+    import pytest
+
+    folder = tempfile.TemporaryDirectory(prefix="pointmorph-")
+    os.environ.update(installing.user_folders(folder.name))
+    options = ("-p", "no:cacheprovider", "--rootdir", str(HERE.parent))
+    status = pytest.main([*options, str(HERE / "headless"), *arguments])
+    folder.cleanup()
+    sys.stdout.flush()
+    sys.stderr.flush()
+    # Blender as a Python module doesn't always survive its own end.
+    os._exit(int(status))
+
+
+if __name__ == "__main__":
+    main()

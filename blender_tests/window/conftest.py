@@ -1,0 +1,248 @@
+"""A Blender with a window on a screen of its own, with a mouse, a keyboard and a camera."""
+
+import json
+import os
+import shutil
+import socket
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+HERE = Path(__file__).resolve().parent
+sys.path.insert(0, str(HERE.parent))
+
+import installing
+
+SIZE = (1280, 800)
+PROGRAMS = ("Xvfb", "xdotool", "import")
+BLENDER = os.environ.get("POINTMORPH_BLENDER", "blender")
+
+
+class Window:
+    """A running Blender.
+
+    Positions are those of a screenshot: pixels from the top left corner of the window.
+    """
+
+    def __init__(self, display, environment, output, folder):
+        self._environment = {**environment, "DISPLAY": display}
+        self._output = output
+        path = str(folder / "control")
+        server = socket.socket(socket.AF_UNIX)
+        server.bind(path)
+        server.listen(1)
+        server.settimeout(60)
+        self._log = (folder / "log.txt").open("w+")
+        self.process = subprocess.Popen(
+            [BLENDER, "--window-geometry", "0", "0", *map(str, SIZE), "-P", HERE / "control.py"],
+            env={**self._environment, "POINTMORPH_CONTROL": path},
+            stdout=self._log,
+            stderr=subprocess.STDOUT,
+        )
+        self._connection, _ = server.accept()
+        server.close()
+        self._connection.settimeout(60)
+        self._received = b""
+        self.run(START)
+        self.redraw()
+
+    @property
+    def log(self):
+        """What Blender has printed."""
+        self._log.seek(0)
+        return self._log.read()
+
+    def send(self, code):
+        """Has Blender execute Python, without waiting for it."""
+        self._connection.sendall(json.dumps(code).encode() + b"\n")
+
+    def run(self, code):
+        """Has Blender execute Python; returns what it assigned to `answer`."""
+        self.send(code)
+        while b"\n" not in self._received:
+            received = self._connection.recv(1 << 20)
+            assert received, f"Blender ended:\n{self.log}"
+            self._received += received
+        line, self._received = self._received.split(b"\n", 1)
+        answer = json.loads(line)
+        assert "error" not in answer, answer["error"]
+        return answer["value"]
+
+    def ask(self, expression):
+        """Value of a Python expression in Blender."""
+        return self.run(f"answer = {expression}")
+
+    def wait(self, expression, seconds=30.0):
+        """Until a Python expression is true in Blender."""
+        end = time.monotonic() + seconds
+        while not (value := self.ask(expression)):
+            assert time.monotonic() < end, f"{expression} stayed {value!r}\n{self.log}"
+            time.sleep(0.02)
+
+    def redraw(self):
+        """Until Blender has drawn its window anew: buttons are where they are drawn."""
+        self.run("redraw()")
+        self.wait("drawn")
+
+    def settle(self):
+        """Until Blender has handled the events that were sent."""
+        for _ in range(3):
+            time.sleep(0.03)
+            self.ask("0")
+
+    def _xdotool(self, *words):
+        subprocess.run(["xdotool", *map(str, words)], env=self._environment, check=True)
+        self.settle()
+
+    def click(self, position):
+        self.drag(position, position, steps=1)
+
+    def drag(self, start, end, steps=8):
+        self.redraw()
+        self._xdotool("mousemove", *start)
+        self._xdotool("mousedown", 1)
+        for step in range(1, steps + 1):
+            at = (a + (b - a) * step // steps for a, b in zip(start, end, strict=True))
+            self._xdotool("mousemove", *at)
+        self._xdotool("mouseup", 1)
+
+    def press(self, key, over):
+        """A key, with the mouse over a place: Blender gives it to what lies there."""
+        self._xdotool("mousemove", *over)
+        self._xdotool("key", key)
+
+    def screenshot(self, name):
+        """A picture of the window in the output folder; returns its path."""
+        self.redraw()
+        self.redraw()
+        path = self._output / f"{name}.png"
+        subprocess.run(
+            ["import", "-window", "root", str(path)], env=self._environment, check=True
+        )
+        return path
+
+    def close(self):
+        """Quits Blender; returns its exit status."""
+        self.send("bpy.ops.wm.quit_blender()")
+        try:
+            return self.process.wait(20)
+        finally:
+            self.process.kill()
+            self._connection.close()
+            self._log.close()
+
+
+# An empty scene, a sidebar in the 3D viewport, and names that tests use.
+START = """
+import scenes
+if bpy.context.object and bpy.context.object.mode == "EDIT":
+    bpy.ops.object.mode_set(mode="OBJECT")
+for kind in (bpy.data.objects, bpy.data.meshes, bpy.data.node_groups, bpy.data.materials):
+    bpy.data.batch_remove(kind)
+window = bpy.context.window_manager.windows[0]
+area = next(area for area in window.screen.areas if area.type == "VIEW_3D")
+area.spaces[0].show_region_ui = True
+viewport = next(region for region in area.regions if region.type == "WINDOW")
+sidebar = next(region for region in area.regions if region.type == "UI")
+
+def in_viewport():
+    return bpy.context.temp_override(window=window, area=area, region=viewport)
+
+def session():
+    import importlib, sys
+    name = next(n for n in sys.modules if n.endswith("pointmorph_addon.session"))
+    return sys.modules[name]
+
+def _count():
+    global drawn
+    drawn += 1
+
+def redraw():
+    global drawn
+    drawn = 0
+    for area in window.screen.areas:
+        area.tag_redraw()
+
+if "counting" not in globals():
+    counting = bpy.types.SpaceView3D.draw_handler_add(_count, (), "WINDOW", "POST_PIXEL")
+"""
+
+
+@pytest.fixture(scope="session")
+def output():
+    """A folder for pictures that outlive the tests."""
+    folder = Path(os.environ.get("POINTMORPH_OUTPUT", installing.ROOT / "build" / "blender_tests"))
+    folder = folder / "window"
+    shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir(parents=True)
+    return folder
+
+
+@pytest.fixture(scope="session")
+def environment(tmp_path_factory):
+    """For a Blender in which the add-on is installed and enabled."""
+    missing = [program for program in (*PROGRAMS, BLENDER) if shutil.which(program) is None]
+    if missing:
+        pytest.skip(f"needs {', '.join(missing)}")
+    folder = tmp_path_factory.mktemp("user")
+    environment = {**os.environ, **installing.user_folders(folder), "LIBGL_ALWAYS_SOFTWARE": "1"}
+    environment["POINTMORPH_SCENES"] = str(HERE.parent / "headless")
+    if "POINTMORPH_ZIP" not in os.environ:
+        startup = folder / "scripts" / "startup"
+        startup.mkdir()
+        (startup / "library.py").write_text(
+            f"import sys\nsys.path.extend({installing.library_paths()})\n"
+            "def register(): pass\ndef unregister(): pass\n"
+        )
+    paths = f"import sys; sys.path.insert(0, {str(HERE.parent)!r})"
+    script = ("--python-expr", paths, "--python", str(HERE / "prepare.py"))
+    command = (BLENDER, "--background", "--python-exit-code", "1", *script)
+    subprocess.run(command, env=environment, check=True)
+    return environment
+
+
+@pytest.fixture(scope="session")
+def display():
+    """A screen without a screen."""
+    read_end, write_end = os.pipe()
+    size = "x".join(map(str, SIZE))
+    server = subprocess.Popen(
+        ["Xvfb", "-displayfd", str(write_end), "-screen", "0", f"{size}x24", "+extension", "GLX"],
+        pass_fds=[write_end],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+    os.close(write_end)
+    with os.fdopen(read_end) as pipe:
+        number = pipe.readline().strip()
+    yield f":{number}"
+    server.terminate()
+    server.wait()
+
+
+@pytest.fixture(scope="module")
+def _shared(display, environment, output, tmp_path_factory):
+    """A Blender that tests use one after another."""
+    shared = Window(display, environment, output, tmp_path_factory.mktemp("shared"))
+    yield shared
+    if shared.process.poll() is None:
+        shared.close()
+
+
+@pytest.fixture
+def window(_shared):
+    """Blender with an empty scene."""
+    _shared.run(START)
+    return _shared
+
+
+@pytest.fixture
+def own_window(display, environment, output, tmp_path):
+    """A Blender that was just started, for a test that doesn't leave it as it was."""
+    window = Window(display, environment, output, tmp_path)
+    yield window
+    if window.process.poll() is None:
+        window.close()
