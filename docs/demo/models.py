@@ -1,0 +1,115 @@
+"""The shapes that the demo morphs: Debian's, the user's, or Blender's own."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+import os
+import shutil
+import subprocess
+import tarfile
+from pathlib import Path
+
+HERE = Path(__file__).resolve().parent
+PACKAGE = "libcgal-demo"
+ARCHIVE = "./usr/share/doc/libcgal-dev/data.tar.gz"
+# The feature rows hold for exactly these files.
+FILES = {
+    "mannequin-devil.off": "9424b7132b58766984051fb7757543e88972f91fe7e9565d4e5b715b204f74a5",
+    "lion-head.off": "cf159eeb12a3f3f345e57448693e9f0d115f3f6f38fd1d4519b336cede849289",
+}
+
+Features = dict[str, tuple[int, int]]
+
+
+class UnobtainableError(Exception):
+    """The package's models cannot be had here; the message says why."""
+
+
+def read_features(path: Path) -> Features:
+    """The `features` of a FEATURES.json: name -> (source row, target row)."""
+    try:
+        features = json.loads(path.read_text(encoding="utf-8"))["features"]
+        return {str(name): (int(rows[0]), int(rows[1])) for name, rows in features.items()}
+    except (ValueError, KeyError, TypeError, IndexError, AttributeError) as error:
+        raise ValueError(
+            f'{path}: expected {{"features": {{"nose": [source_row, target_row], …}}}}, '
+            f"found something else ({error})"
+        ) from error
+
+
+# ---------------------------------------------------------------- Debian's models
+
+
+def debian_models(cache: Path) -> tuple[Path, Path, Path]:
+    """Mannequin, lion and their features; fetched by apt on the first call, then from `cache`."""
+    folder = cache / PACKAGE
+    if not all(_is_intact(folder / name) for name in FILES):
+        folder.mkdir(parents=True, exist_ok=True)
+        _unpack(_download(folder), folder)
+    for name in FILES:
+        if not _is_intact(folder / name):
+            raise UnobtainableError(f"{folder / name} is not the file that the features were marked on")
+    return (*(folder / name for name in FILES), HERE / "mannequin_to_lion.json")
+
+
+def how_to_obtain(cache: Path) -> str:
+    return (
+        f"The demo's models are {' and '.join(FILES)}, from data.tar.gz in Debian's package "
+        f"{PACKAGE}. To use them, put both files into {cache / PACKAGE} and run the demo again."
+    )
+
+
+def _is_intact(path: Path) -> bool:
+    return path.is_file() and hashlib.sha256(path.read_bytes()).hexdigest() == FILES[path.name]
+
+
+def _download(folder: Path) -> Path:
+    if not (shutil.which("apt-get") and shutil.which("dpkg-deb")):
+        raise UnobtainableError("there is no apt on this machine")
+    for refresh in (False, True):
+        if refresh:  # a fresh system has no package lists yet
+            prefix = [] if os.geteuid() == 0 else ["sudo", "-n"]
+            _run([*prefix, "apt-get", "update", "-q"], folder)
+        error = _run(["apt-get", "download", "-q", PACKAGE], folder)
+        packages = sorted(folder.glob(f"{PACKAGE}_*.deb"))
+        if packages and not error:
+            return packages[-1]
+    raise UnobtainableError(f"apt-get download {PACKAGE} failed: {error}")
+
+
+def _run(command: list[str], folder: Path) -> str:
+    """Run quietly; the last words of its complaint when it fails, otherwise empty."""
+    try:
+        done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+    except OSError as error:
+        return str(error)
+    if done.returncode == 0:
+        return ""
+    return (done.stderr.strip().splitlines() or [f"exit status {done.returncode}"])[-1]
+
+
+def _unpack(package: Path, folder: Path) -> None:
+    # A package of another version may hold the same files: their checksums decide, not its number.
+    with subprocess.Popen(
+        ["dpkg-deb", "--fsys-tarfile", package], stdout=subprocess.PIPE
+    ) as process:
+        with tarfile.open(fileobj=process.stdout, mode="r|") as outer:
+            for member in outer:
+                if member.name == ARCHIVE:
+                    data = outer.extractfile(member).read()
+                    break
+            else:
+                raise UnobtainableError(f"{package.name} holds no {ARCHIVE}")
+        process.stdout.read()  # dpkg-deb must be able to finish
+    with tarfile.open(fileobj=io.BytesIO(data)) as inner:
+        for name in FILES:
+            try:
+                text = inner.extractfile(f"data/meshes/{name}").read()
+            except KeyError as error:
+                raise UnobtainableError(f"{package.name} holds no {name}") from error
+            partial = folder / f"{name}.part"
+            partial.write_bytes(text)
+            partial.replace(folder / name)
+    package.unlink()

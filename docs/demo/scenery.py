@@ -1,0 +1,104 @@
+"""Clouds as Blender objects, placed to suit one another, and the look of a solid for points."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import bpy
+import numpy as np
+import numpy.typing as npt
+from pointmorph import Cloud
+
+FloatArray = npt.NDArray[np.floating]
+
+FEATURE_PREFIX = "pm."
+SWELL = 1.3
+"""Balls this much larger than the radius of their point leave no gap between them."""
+
+
+def add_cloud(
+    scene: bpy.types.Scene, cloud: Cloud, features: Mapping[str, int]
+) -> bpy.types.Object:
+    """A mesh of vertices with normals, colours and one vertex group a feature."""
+    mesh = bpy.data.meshes.new(cloud.name)
+    mesh.vertices.add(len(cloud))
+    mesh.vertices.foreach_set("co", cloud.positions.astype(np.float32).ravel())
+    if cloud.normals is not None:
+        _add_attribute(mesh, "normal", "FLOAT_VECTOR", "vector", cloud.normals)
+    if cloud.colors is not None:
+        _add_attribute(mesh, "Color", "FLOAT_COLOR", "color", cloud.colors)
+        mesh.color_attributes.active_color_name = "Color"
+    if cloud.radii is not None:
+        _add_attribute(mesh, "radius", "FLOAT", "value", cloud.radii)
+    holder = bpy.data.objects.new(cloud.name, mesh)
+    scene.collection.objects.link(holder)
+    for name, row in features.items():
+        holder.vertex_groups.new(name=FEATURE_PREFIX + name).add([row], 1.0, "REPLACE")
+    return holder
+
+
+def _add_attribute(
+    mesh: bpy.types.Mesh, name: str, kind: str, key: str, values: FloatArray
+) -> None:
+    attribute = mesh.attributes.new(name, kind, "POINT")
+    attribute.data.foreach_set(key, np.ascontiguousarray(values, np.float32).ravel())
+
+
+def placement(
+    source: FloatArray, target: FloatArray, source_marks: FloatArray, target_marks: FloatArray
+) -> FloatArray:
+    """(4, 4): puts the target where the source is, as large, and turned so that the features agree.
+
+    Parameters
+    ----------
+    source, target : (N, 3) and (M, 3) arrays
+        Points, evenly spread over the shapes.
+    source_marks, target_marks : (K, 3) arrays
+        Features that belong together. With fewer than three the target is not turned.
+    """
+    turn = np.eye(3)
+    if len(source_marks) >= 3:
+        # Kabsch: the rotation that brings the marks closest to one another.
+        spread = (source_marks - source_marks.mean(axis=0)).T @ (
+            target_marks - target_marks.mean(axis=0)
+        )
+        left, _, right = np.linalg.svd(spread)
+        turn = left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right
+    turned = target @ turn.T
+    scale = _size(source) / _size(turned)
+    matrix = np.eye(4)
+    matrix[:3, :3] = scale * turn
+    matrix[:3, 3] = _middle(source) - scale * _middle(turned)
+    return matrix
+
+
+def _size(points: FloatArray) -> float:
+    return float(np.sqrt(((points - points.mean(axis=0)) ** 2).sum(axis=1).mean()))
+
+
+def _middle(points: FloatArray) -> FloatArray:
+    return (points.min(axis=0) + points.max(axis=0)) / 2.0
+
+
+def show_as_solid(morph: bpy.types.Object) -> None:
+    """Makes the points of a morph object look like one smooth surface.
+
+    They are shown as balls. When these are large enough to overlap, and each is shaded with the one
+    normal of its point, the eye sees no balls any more.
+    """
+    modifier = next(modifier for modifier in morph.modifiers if modifier.type == "NODES")
+    inputs = modifier.node_group.interface.items_tree
+    modifier[inputs["Radius Scale"].identifier] = SWELL
+    paint = next(node for node in modifier.node_group.nodes if node.type == "SET_MATERIAL")
+    tree = paint.inputs["Material"].default_value.node_tree
+    surface = next(node for node in tree.nodes if node.type == "BSDF_PRINCIPLED")
+    normal = tree.nodes.new("ShaderNodeAttribute")
+    normal.attribute_name = "normal"
+    tree.links.new(normal.outputs["Vector"], surface.inputs["Normal"])
+
+
+def animate(key: bpy.types.ShapeKey, first: int, last: int) -> None:
+    """Keyframes: 0 at the first frame, 1 at the last, with Blender's soft start and end."""
+    for frame, value in ((first, 0.0), (last, 1.0)):
+        key.value = value
+        key.keyframe_insert("value", frame=frame)
