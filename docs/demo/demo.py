@@ -20,13 +20,12 @@ sys.path.insert(0, str(ROOT))  # for the add-on
 
 import addon  # noqa: E402
 import bpy  # noqa: E402
-from mathutils import Matrix  # noqa: E402
-from pointmorph import Cloud, PointmorphError, formats, sampling  # noqa: E402
-
 import models  # noqa: E402
 import paint  # noqa: E402
 import scenery  # noqa: E402
 import studio  # noqa: E402
+from mathutils import Matrix  # noqa: E402
+from pointmorph import Cloud, PointmorphError, formats, sampling  # noqa: E402
 
 TIMES = (0.0, 0.25, 0.5, 0.75, 1.0)
 
@@ -46,7 +45,7 @@ class Scale:
     frame_samples: int
 
 
-FULL = Scale((100_000, 80_000), (480, 600), 24, 24, (320, 400), 12)
+FULL = Scale((100_000, 80_000), (480, 600), 24, 24, (320, 400), 8)
 QUICK = Scale((10_000, 8_000), (160, 200), 4, 3, (80, 100), 2)
 
 

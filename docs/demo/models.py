@@ -50,7 +50,9 @@ def debian_models(cache: Path) -> tuple[Path, Path, Path]:
         _unpack(_download(folder), folder)
     for name in FILES:
         if not _is_intact(folder / name):
-            raise UnobtainableError(f"{folder / name} is not the file that the features were marked on")
+            raise UnobtainableError(
+                f"{folder / name} is not the file that the features were marked on"
+            )
     return (*(folder / name for name in FILES), HERE / "mannequin_to_lion.json")
 
 

@@ -68,7 +68,7 @@ def _mean_curvature(
     divergence = np.zeros(len(triangles))
     for k in range(3):
         opposite = corners[:, (k + 2) % 3] - corners[:, (k + 1) % 3]
-        # the gradient of corner k's hat function times twice the area is the normal cross the opposite edge
+        # the gradient of corner k's hat function, times twice the area
         divergence += np.einsum(
             "ij,ij->i", np.cross(face_normals, opposite), normals[triangles[:, k]]
         )

@@ -12,8 +12,8 @@ from pointmorph import Cloud
 FloatArray = npt.NDArray[np.floating]
 
 FEATURE_PREFIX = "pm."
-SWELL = 1.3
-"""Balls this much larger than the radius of their point leave no gap between them."""
+OVERLAP = 1.3
+"""Radius of the discs in radii of their points: no gap stays between them."""
 
 
 def add_cloud(
@@ -81,20 +81,49 @@ def _middle(points: FloatArray) -> FloatArray:
 
 
 def show_as_solid(morph: bpy.types.Object) -> None:
-    """Makes the points of a morph object look like one smooth surface.
-
-    They are shown as balls. When these are large enough to overlap, and each is shaded with the one
-    normal of its point, the eye sees no balls any more.
-    """
+    """Makes the points of a morph object look like one smooth surface: overlapping discs."""
     modifier = next(modifier for modifier in morph.modifiers if modifier.type == "NODES")
     inputs = modifier.node_group.interface.items_tree
-    modifier[inputs["Radius Scale"].identifier] = SWELL
+    modifier[inputs["Discs"].identifier] = True
+    modifier[inputs["Radius Scale"].identifier] = OVERLAP
     paint = next(node for node in modifier.node_group.nodes if node.type == "SET_MATERIAL")
-    tree = paint.inputs["Material"].default_value.node_tree
-    surface = next(node for node in tree.nodes if node.type == "BSDF_PRINCIPLED")
-    normal = tree.nodes.new("ShaderNodeAttribute")
-    normal.attribute_name = "normal"
-    tree.links.new(normal.outputs["Vector"], surface.inputs["Normal"])
+    _weld(paint.inputs["Material"].default_value)
+
+
+def _weld(material: bpy.types.Material) -> None:
+    """Hides from light and eye that a surface is made of discs.
+
+    No disc must throw its shadow on the next one, which lies a hair lower: light that leaves the
+    surface passes through the backs of discs. It meets their fronts where it enters another part of
+    the shape, so that shadows stay. The back of a disc that sticks out behind the horizon must not
+    look like a black rim: the light on its front shines through.
+    """
+    nodes, links = material.node_tree.nodes, material.node_tree.links
+
+    def add(kind: str) -> bpy.types.Node:
+        return nodes.new(f"ShaderNode{kind}")
+
+    def mixed(
+        factor: bpy.types.NodeSocket, none: bpy.types.Node, full: bpy.types.Node
+    ) -> bpy.types.Node:
+        mix = add("MixShader")
+        links.new(factor, mix.inputs[0])
+        links.new(none.outputs[0], mix.inputs[1])
+        links.new(full.outputs[0], mix.inputs[2])
+        return mix
+
+    front = next(node for node in nodes if node.type == "BSDF_PRINCIPLED")
+    output = next(node for node in nodes if node.type == "OUTPUT_MATERIAL")
+    color = front.inputs["Base Color"].links[0].from_socket
+    half, ray, geometry = add("Value"), add("LightPath"), add("NewGeometry")
+    half.outputs[0].default_value = 0.5
+    matt, shining = add("BsdfDiffuse"), add("BsdfTranslucent")
+    for shader in (matt, shining):
+        links.new(color, shader.inputs["Color"])
+    back = mixed(half.outputs[0], matt, shining)
+    back = mixed(ray.outputs["Is Shadow Ray"], back, add("BsdfTransparent"))
+    whole = mixed(geometry.outputs["Backfacing"], front, back)
+    links.new(whole.outputs[0], output.inputs["Surface"])
 
 
 def animate(key: bpy.types.ShapeKey, first: int, last: int) -> None:

@@ -1,4 +1,4 @@
-"""The photographer's studio in Blender: camera, light and backdrop; pictures, a sheet and a film."""
+"""The studio in Blender: camera, light and backdrop; pictures, a contact sheet and a film."""
 
 from __future__ import annotations
 
@@ -120,6 +120,7 @@ def develop(scene: bpy.types.Scene, size: tuple[int, int], samples: int) -> None
     scene.cycles.device = "CPU"
     scene.cycles.samples = samples
     scene.cycles.max_bounces = 3
+    scene.cycles.transparent_max_bounces = 32  # backs of discs that a ray passes
     scene.cycles.use_denoising = True
     scene.view_settings.view_transform = "AgX"
     scene.view_settings.look = "AgX - Medium High Contrast"
