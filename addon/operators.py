@@ -1,5 +1,7 @@
 """What the user does: morph, bake, mark features."""
 
+import json
+
 import bmesh
 import bpy
 import numpy as np
@@ -133,6 +135,7 @@ class POINTMORPH_OT_morph(bpy.types.Operator):
         )
         _activate(context.view_layer.objects, obj)
         report = outcome.report
+        obj.pointmorph.report = json.dumps(report)
         for warning in report["warnings"]:
             self.report({"WARNING"}, warning)
         seconds = report["seconds"]

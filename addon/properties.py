@@ -240,6 +240,9 @@ class PointmorphObject(bpy.types.PropertyGroup):
         description="Rotation and scale of the source when the morph was made, row by row",
         size=9,
     )
+    report: bpy.props.StringProperty(
+        name="Report", description="What was done, how long it took and how good it is, as JSON"
+    )
 
 
 _classes = (PointmorphFeature, PointmorphLoopFeature, PointmorphScene, PointmorphObject)

@@ -1,5 +1,7 @@
 """The morph object."""
 
+import json
+
 import bpy
 import numpy as np
 import pointmorph
@@ -58,6 +60,7 @@ def test_the_object(settings):
     assert [k.name for k in obj.data.shape_keys.key_blocks] == ["Basis", "Morph"]
     morph_key = obj.data.shape_keys.key_blocks["Morph"]
     assert (morph_key.value, morph_key.slider_min, morph_key.slider_max) == (0, 0, 1)
+    assert json.loads(obj.pointmorph.report)["pairs"] == len(obj.data.vertices)
     assert obj.pointmorph.source == source
     assert obj.pointmorph.target == target
     assert len(obj.data.edges) == len(obj.data.polygons) == 0
