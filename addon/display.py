@@ -8,13 +8,13 @@ import bpy
 NAME = "Pointmorph Points"
 MODIFIER = "Points"
 
-# Not in small letters: Cycles renders an attribute "color" black, and Blender 3.4 reserves "normal".
+# Not in small letters: Cycles renders an attribute "color" black, Blender 3.4 reserves "normal".
 COLOR = "Color"
 NORMAL = "Normal"
 
 
 def add_points_modifier(obj, key, created):
-    """Shows the vertices of `obj` as points, with colour and radius at the value of shape key `key`.
+    """Shows the vertices of `obj` as points, colour and radius at the value of shape key `key`.
 
     `created` is called with every data-block that had to be made.
     """
@@ -138,9 +138,7 @@ def _group(material, created):
 
     def stored(geometry, name, kind, value):
         fields = {"Geometry": geometry, "Name": name, "Value": value}
-        node = build.node(
-            "GeometryNodeStoreNamedAttribute", fields, data_type=kind, domain="POINT"
-        )
+        node = build.node("GeometryNodeStoreNamedAttribute", fields, data_type=kind, domain="POINT")
         return node.outputs["Geometry"]
 
     # A mix of colours keeps the first alpha, so it's mixed as a number.

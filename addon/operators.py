@@ -49,7 +49,7 @@ def active_result(context):
 
 
 class POINTMORPH_OT_morph(bpy.types.Operator):
-    """Compute the morph from source to target. In a window Blender stays usable, and Esc stops it"""
+    """Compute the morph from source to target. In a window Blender stays usable; Esc stops it"""
 
     bl_idname = "pointmorph.morph"
     bl_label = "Morph"
@@ -113,7 +113,7 @@ class POINTMORPH_OT_morph(bpy.types.Operator):
         return self._build(context, outcome)
 
     def _read(self, context):
-        """The request. What _build needs to know is kept by name: objects move in memory on undo."""
+        """The request. What _build needs is kept by name: objects move in memory on undo."""
         request = read_request(context)
         source = context.scene.pointmorph.source
         self._origin = np.array(source.matrix_world.translation)
@@ -245,7 +245,7 @@ class POINTMORPH_OT_bake_shape_keys(bpy.types.Operator):
 
 
 class POINTMORPH_OT_add_feature(bpy.types.Operator):
-    """Mark the selected vertex as a feature: on every picked object in Edit Mode, or the active one"""
+    """Mark the selected vertex as a feature: on each picked object in Edit Mode, or the active"""
 
     bl_idname = "pointmorph.add_feature"
     bl_label = "Add Feature"

@@ -42,7 +42,7 @@ class Job:
         self._cancelled.set()
 
     def result(self):
-        """What `compute` returned; waits for it. Raises what it raised, Cancelled after cancel()."""
+        """What `compute` returned; waits for it. Raises what that raised; Cancelled after cancel()."""
         self._thread.join()
         if self._error is not None:
             raise self._error

@@ -15,7 +15,7 @@ def relative_to(matrix, origin):
 
 
 def check_invertible(name, matrix):
-    """Raises CloudError for the object `name` when its (4, 4) matrix flattens it or isn't finite."""
+    """Raises CloudError for the object `name` when its (4, 4) matrix is flat or not finite."""
     matrix = np.asarray(matrix, dtype=np.float64)
     if np.isfinite(matrix).all():
         scales = np.linalg.svd(matrix[:3, :3], compute_uv=False)

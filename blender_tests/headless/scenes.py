@@ -130,9 +130,7 @@ def add_point_cloud(name, positions, attributes):
     cloud = add_object(name, bpy.data.pointclouds.new(name))
     group = bpy.data.node_groups.new("From vertices", "GeometryNodeTree")
     if hasattr(group, "interface"):
-        group.interface.new_socket(
-            "Geometry", in_out="OUTPUT", socket_type="NodeSocketGeometry"
-        )
+        group.interface.new_socket("Geometry", in_out="OUTPUT", socket_type="NodeSocketGeometry")
     else:
         group.outputs.new("NodeSocketGeometry", "Geometry")
     nodes, links = group.nodes, group.links

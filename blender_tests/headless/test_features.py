@@ -259,7 +259,9 @@ def test_one_vertex_must_be_selected(settings, unmarked, rows):
     source, _ = unmarked
     edit(source)
     pick(source, *rows)
-    with pytest.raises(RuntimeError, match=f"Hill: expected one selected vertex, found {len(rows)}"):
+    with pytest.raises(
+        RuntimeError, match=f"Hill: expected one selected vertex, found {len(rows)}"
+    ):
         bpy.ops.pointmorph.add_feature(name="nose")
     assert not source.vertex_groups
 

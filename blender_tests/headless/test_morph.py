@@ -17,7 +17,6 @@ from scenes import (
     coordinates,
     data_blocks,
     key,
-    mark,
     pair,
     patch,
     read,
@@ -122,9 +121,10 @@ def test_attributes_of_both_ends(settings):
     given = {}
     for obj in (source, target):
         count = len(obj.data.vertices)
-        given[obj] = rng.uniform(0, 1, (count, 4)).astype(np.float32), rng.uniform(
-            0.01, 0.02, count
-        ).astype(np.float32)
+        given[obj] = (
+            rng.uniform(0, 1, (count, 4)).astype(np.float32),
+            rng.uniform(0.01, 0.02, count).astype(np.float32),
+        )
         colors = add_attribute(obj.data, "Col", "FLOAT_COLOR", given[obj][0])
         obj.data.color_attributes.active_color = colors
         add_attribute(obj.data, "radius", "FLOAT", given[obj][1])
@@ -219,7 +219,9 @@ def test_the_morph_lies_where_the_objects_are(settings, matrix):
     assert obj.matrix_world.to_3x3() == Matrix.Identity(3)
     rows = row_pairs(obj)
     for side, name, shape in ((0, "Basis", source), (1, "Morph", target)):
-        here = np.array([obj.matrix_world @ Matrix.Translation(p).translation for p in key(obj, name)])
+        here = np.array(
+            [obj.matrix_world @ Matrix.Translation(p).translation for p in key(obj, name)]
+        )
         there = np.array([shape.matrix_world @ v.co for v in shape.data.vertices])
         np.testing.assert_allclose(here, there[rows[:, side]], atol=1e-5)
 

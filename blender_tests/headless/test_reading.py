@@ -264,7 +264,9 @@ def test_groups_without_the_prefix_are_no_features(read):
 def test_other_types_are_refused(read, data):
     arguments = ("CURVE",) if data == "curves" else ()
     obj = add_object("Thing", getattr(bpy.data, data).new("Thing", *arguments))
-    with pytest.raises(pointmorph.CloudError, match=r"Thing: expected a mesh or a point cloud") as e:
+    with pytest.raises(
+        pointmorph.CloudError, match=r"Thing: expected a mesh or a point cloud"
+    ) as e:
         read(obj)
     assert "Convert" in str(e.value)
 

@@ -119,9 +119,7 @@ class Window:
         self.redraw()
         self.redraw()
         path = self._output / f"{name}.png"
-        subprocess.run(
-            ["import", "-window", "root", str(path)], env=self._environment, check=True
-        )
+        subprocess.run(["import", "-window", "root", str(path)], env=self._environment, check=True)
         return path
 
     def close(self):

@@ -5,8 +5,6 @@ Positions are pixels of the window that conftest.py opens, with the tab open and
 
 import time
 
-import pytest
-
 TAB = (1044, 260)
 VIEWPORT = (400, 600)
 MORPH = (931, 375)

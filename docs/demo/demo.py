@@ -18,7 +18,6 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT))  # for the add-on
 
-import addon  # noqa: E402
 import bpy  # noqa: E402
 import models  # noqa: E402
 import paint  # noqa: E402
@@ -26,6 +25,8 @@ import scenery  # noqa: E402
 import studio  # noqa: E402
 from mathutils import Matrix  # noqa: E402
 from pointmorph import Cloud, PointmorphError, formats, sampling  # noqa: E402
+
+import addon  # noqa: E402
 
 TIMES = (0.0, 0.25, 0.5, 0.75, 1.0)
 
