@@ -42,7 +42,7 @@ class Job:
         self._cancelled.set()
 
     def result(self):
-        """What `compute` returned; waits for it. Raises what that raised; Cancelled after cancel()."""
+        """Waits for what `compute` returned. Raises what that raised, or Cancelled."""
         self._thread.join()
         if self._error is not None:
             raise self._error
