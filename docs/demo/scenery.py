@@ -93,10 +93,10 @@ def show_as_solid(morph: bpy.types.Object) -> None:
 def _weld(material: bpy.types.Material) -> None:
     """Hides from light and eye that a surface is made of discs.
 
-    No disc must throw its shadow on the next one, which lies a hair lower: light that leaves the
-    surface passes through the backs of discs. It meets their fronts where it enters another part of
-    the shape, so that shadows stay. The back of a disc that sticks out behind the horizon must not
-    look like a black rim: the light on its front shines through.
+    No disc must keep the light from the next one, which lies a hair lower: light passes through the
+    backs of discs. It meets their fronts where it enters another part of the shape, so that shadows
+    stay. To the eye a disc has a back, and one that sticks out behind the horizon must not look like
+    a black rim: the light on its front shines through.
     """
     nodes, links = material.node_tree.nodes, material.node_tree.links
 
@@ -121,7 +121,7 @@ def _weld(material: bpy.types.Material) -> None:
     for shader in (matt, shining):
         links.new(color, shader.inputs["Color"])
     back = mixed(half.outputs[0], matt, shining)
-    back = mixed(ray.outputs["Is Shadow Ray"], back, add("BsdfTransparent"))
+    back = mixed(ray.outputs["Is Camera Ray"], add("BsdfTransparent"), back)
     whole = mixed(geometry.outputs["Backfacing"], front, back)
     links.new(whole.outputs[0], output.inputs["Surface"])
 
