@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from mathutils import Vector
 from pointmorph.formats import Shape
+from pointmorph.meshes import boundary_loops
 
 Features = dict[str, tuple[int, int]]
 
@@ -22,7 +23,7 @@ def suzanne_and_bear() -> tuple[Shape, Shape, Features]:
     suzanne = _cut(_suzanne(), subdivisions=3, plane_point=Vector((0.0, 0.38, -0.2)))
     bear = _cut(_bear(), subdivisions=1, plane_point=Vector((0.0, 0.3, -0.75)))
     shapes = (Shape("Suzanne", *suzanne), Shape("Bear", *bear))
-    rows = [_feature_rows(shape.positions) for shape in shapes]
+    rows = [_feature_rows(shape) for shape in shapes]
     return (*shapes, {name: (rows[0][name], rows[1][name]) for name in rows[0]})
 
 
@@ -102,9 +103,10 @@ def _cut(
     return positions, None, None, None, triangles
 
 
-def _feature_rows(positions: npt.NDArray[np.float64]) -> dict[str, int]:
+def _feature_rows(shape: Shape) -> dict[str, int]:
     """Both heads look along -y and stand upright along z."""
-    x, y, z = positions.T
+    x, y, z = shape.positions.T
+    rim = boundary_loops(shape.faces, len(x))[0]
 
     def highest(score: npt.NDArray[np.float64], where: npt.NDArray[np.bool_]) -> int:
         return int(np.argmax(np.where(where, score, -np.inf)))
@@ -118,4 +120,6 @@ def _feature_rows(positions: npt.NDArray[np.float64]) -> dict[str, int]:
         "ear.R": highest(-x + 0.5 * z, x < 0),
         "eye.L": highest(-((x - 0.36) ** 2) - (z - 0.25) ** 2, front),
         "eye.R": highest(-((x + 0.36) ** 2) - (z - 0.25) ** 2, front),
+        "rim.front": int(rim[np.argmin(y[rim])]),
+        "rim.back": int(rim[np.argmax(y[rim])]),
     }

@@ -219,8 +219,8 @@ def main() -> int:
         with quiet_blender(out / "blender.log"):
             run(arguments.files, out, QUICK if arguments.quick else FULL)
     except (PointmorphError, OSError, ValueError, RuntimeError) as error:
-        # RuntimeError is what a Blender operator makes of an error
-        print(f"demo: {error}", file=sys.stderr)
+        # A Blender operator makes a RuntimeError of an error that it reports.
+        print(f"demo: {str(error).removeprefix('Error: ').strip()}", file=sys.stderr)
         return 1
     return 0
 

@@ -69,7 +69,7 @@ def _is_intact(path: Path) -> bool:
 
 def _download(folder: Path) -> Path:
     if not (shutil.which("apt-get") and shutil.which("dpkg-deb")):
-        raise UnobtainableError("there is no apt on this machine")
+        raise UnobtainableError("There is no apt on this machine")
     for refresh in (False, True):
         if refresh:  # a fresh system has no package lists yet
             prefix = [] if os.geteuid() == 0 else ["sudo", "-n"]

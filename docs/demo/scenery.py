@@ -93,10 +93,10 @@ def show_as_solid(morph: bpy.types.Object) -> None:
 def _weld(material: bpy.types.Material) -> None:
     """Hides from light and eye that a surface is made of discs.
 
-    No disc must keep the light from the next one, which lies a hair lower: light passes through the
-    backs of discs. It meets their fronts where it enters another part of the shape, so that shadows
-    stay. To the eye a disc has a back, and one that sticks out behind the horizon must not look like
-    a black rim: the light on its front shines through.
+    No disc must keep the light from the next one, which lies a hair lower: light passes through
+    the backs of discs. It meets their fronts where it enters another part of the shape, so shadows
+    stay. To the eye a disc has a back, and one that sticks out behind the horizon must not look
+    like a black rim: the light on its front shines through.
     """
     nodes, links = material.node_tree.nodes, material.node_tree.links
 
