@@ -195,7 +195,8 @@ def _read_ply(path: Path) -> Shape:
     def columns(*wanted: str) -> npt.NDArray[Any] | None:
         if not all(name in names for name in wanted):
             return None
-        return np.stack([rows[name] for name in wanted], axis=-1)
+        stacked: npt.NDArray[Any] = np.stack([rows[name] for name in wanted], axis=-1)
+        return stacked
 
     positions = columns("x", "y", "z")
     if positions is None:
@@ -224,7 +225,8 @@ def _triangles(polygons: list[Any]) -> npt.NDArray[np.int64]:
     """Fans of triangles."""
     sizes = np.fromiter((len(p) for p in polygons), np.int64, len(polygons))
     if np.all(sizes == 3):
-        return np.stack(polygons).astype(np.int64)
+        triangles: npt.NDArray[np.int64] = np.stack(polygons).astype(np.int64)
+        return triangles
     fans = [(p[0], p[k], p[k + 1]) for p in polygons for k in range(1, len(p) - 1)]
     return np.asarray(fans, np.int64).reshape(-1, 3)
 
