@@ -12,11 +12,14 @@ sys.path.insert(0, str(Path(__file__).parent))  # for `scenes`
 
 import installing
 
+# Before pytest imports the tests, and with them `pointmorph`: a packaged add-on brings its own.
+MODULE = installing.install()
+
 
 @pytest.fixture(scope="session")
 def module():
     """Name of the add-on's module."""
-    return installing.install()
+    return MODULE
 
 
 @pytest.fixture(scope="session")
