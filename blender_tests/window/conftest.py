@@ -143,6 +143,8 @@ for kind in (bpy.data.objects, bpy.data.meshes, bpy.data.node_groups, bpy.data.m
 window = bpy.context.window_manager.windows[0]
 area = next(area for area in window.screen.areas if area.type == "VIEW_3D")
 area.spaces[0].show_region_ui = True
+area.spaces[0].show_object_viewport_mesh = True
+area.spaces[0].show_object_viewport_pointcloud = True
 viewport = next(region for region in area.regions if region.type == "WINDOW")
 sidebar = next(region for region in area.regions if region.type == "UI")
 

@@ -11,4 +11,5 @@ preferences.view.ui_scale = 1.0
 preferences.view.smooth_view = 0
 preferences.system.viewport_aa = "OFF"
 preferences.system.use_overlay_smooth_wire = False
+preferences.use_preferences_save = False  # at the end, by itself
 bpy.ops.wm.save_userpref()

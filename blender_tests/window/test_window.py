@@ -26,6 +26,9 @@ def add_pair(window, side):
 
 def start_long(window):
     """Starts, with the button, a morph that takes a moment."""
+    # Half a million balls would keep a renderer without a graphics card busy for a minute.
+    window.run("area.spaces[0].show_object_viewport_mesh = False")
+    window.run("area.spaces[0].show_object_viewport_pointcloud = False")
     add_pair(window, 500)
     window.run("before = scenes.data_blocks()")
     window.click(MORPH)
