@@ -1,0 +1,100 @@
+// Stage `deformation`: a cloud that bends nearly rigidly with some hundred nodes on it (embedded
+// deformation, Sumner et al. 2007, with as-rigid-as-possible rotations, Sorkine and Alexa 2007).
+#pragma once
+
+#include <Eigen/SparseCholesky>
+#include <array>
+#include <span>
+#include <vector>
+
+#include "pointmorph/subset.hpp"
+#include "pointmorph/surface_graph.hpp"
+#include "pointmorph/types.hpp"
+
+namespace pointmorph {
+
+/// Nodes of a cloud, which of them each point hangs on, and which hold one another.
+struct DeformationGraph {
+    static constexpr int kNodesPerPoint = 6;
+
+    std::vector<Index> nodes;  ///< rows of the cloud
+    double spacing = 0.0;      ///< distance between nodes that is about the smallest there is
+
+    /// Each point's geodesically nearest nodes, ascending by distance, and their weights, ≥ 0 and
+    /// of sum 1. Where there are fewer, the rest repeats the first with weight 0.
+    std::vector<std::array<Index, kNodesPerPoint>> point_nodes;
+    std::vector<std::array<double, kNodesPerPoint>> point_weights;
+
+    /// Edges between nodes, both directions; weights 1/√(degree · degree).
+    std::vector<std::int64_t> edge_offsets{0};
+    std::vector<Index> edge_ends;
+    std::vector<double> edge_weights;
+
+    Index size() const { return static_cast<Index>(nodes.size()); }
+    Index points() const { return static_cast<Index>(point_nodes.size()); }
+};
+
+/// `subset` becomes the nodes. Weights fall like (1 − d/(1.05 d_max))² with the geodesic distance;
+/// nodes closer than 2.1 spacings along the surface are joined.
+DeformationGraph deformation_graph(const SurfaceGraph& graph, const Subset& subset,
+                                   Progress& progress);
+
+/// Where the nodes of a cloud have gone, and how their surroundings have turned and grown.
+struct Deformation {
+    Positions positions;             ///< #nodes by 3
+    std::vector<Matrix3> rotations;  ///< #nodes, of determinant 1
+    Values scales;                   ///< #nodes, > 0
+};
+
+/// Rotation and scale of every node: the similarity that best maps the edges around it onto the
+/// deformed ones, from covariances that are averaged over the node graph `smoothing` times.
+/// Scales stay within [1/`largest_scale`, `largest_scale`].
+void fit_similarities(const Positions& positions, const DeformationGraph& graph, int smoothing,
+                      double largest_scale, Deformation& deformation);
+
+/// All points under a deformation: Σ_k w_k (x_k + s_k R_k (p − c_k)) over the point's nodes, and
+/// the normals turned by the blended rotations, unit length.
+struct DeformedCloud {
+    Positions positions;
+    Normals normals;
+    std::vector<Matrix3> linear;  ///< Σ_k w_k s_k R_k: what happens right around each point
+};
+DeformedCloud deformed(const Positions& positions, const Normals& normals,
+                       const DeformationGraph& graph, const Deformation& deformation);
+
+/// A point that should go somewhere.
+struct Attraction {
+    Index point;     ///< row of the cloud
+    double weight;   ///< ≥ 0
+    Vector3 target;  ///< where to
+};
+
+/// Solves for the nodes: least squares of κ Σ_edges w_ij |x_j − x_i − ½(s_i R_i + s_j R_j)(c_j −
+/// c_i)|² + Σ_attractions weight |X(point) − target|². The sparsity pattern is analysed once.
+class DeformationSolver {
+public:
+    DeformationSolver(const Positions& positions, const DeformationGraph& graph);
+
+    /// Sets up and factorises the matrix, which depends on points and weights alone.
+    void factorize(double stiffness, std::span<const Attraction> attractions);
+
+    /// New positions of the nodes for the present rotations and scales; the attractions and
+    /// stiffness are those given to factorize().
+    void solve(std::span<const Attraction> attractions, Deformation& deformation) const;
+
+private:
+    using Matrix = Eigen::SparseMatrix<double, Eigen::ColMajor, Index>;
+
+    const Positions& positions_;
+    const DeformationGraph& graph_;
+    double stiffness_ = 0.0;
+    Matrix matrix_;                 ///< lower half
+    std::vector<Index> laplacian_;  ///< place of each edge (i > j) in the values, else −1
+    std::vector<Index> diagonal_;   ///< place of each node's diagonal
+    std::vector<std::array<
+        Index, DeformationGraph::kNodesPerPoint*(DeformationGraph::kNodesPerPoint + 1) / 2>>
+        blocks_;  ///< places of each point's products of weights
+    Eigen::SimplicialLLT<Matrix, Eigen::Lower, Eigen::AMDOrdering<Index>> cholesky_;
+};
+
+}  // namespace pointmorph

@@ -1,0 +1,41 @@
+// Stage `product_space`: the common domain of two clouds that are deformed onto each other. A
+// source point lies at (where I go, where I am), a target point at (where I am, where I go), each
+// with the normals there: close are only points whose maps agree both ways, on the same side of
+// the surface (after reversible harmonic maps, Ezuz et al. 2019).
+#pragma once
+
+#include <optional>
+#include <span>
+#include <vector>
+
+#include "pointmorph/kd_tree.hpp"
+#include "pointmorph/pairing.hpp"
+#include "pointmorph/progress.hpp"
+#include "pointmorph/types.hpp"
+
+namespace pointmorph {
+
+/// #points by 12: place on the target, place on the source, weight · normal on the target,
+/// weight · normal on the source.
+using ProductPoints = KdTree<12>::Points;
+
+/// One row for each of `rows`, which index the four arrays.
+ProductPoints product_points(const Positions& on_target, const Positions& on_source,
+                             const Normals& target_normals, const Normals& source_normals,
+                             double normal_weight, std::span<const Index> rows);
+
+/// The nearest row of another array to each row, and the plain distance.
+struct Matches {
+    std::vector<Index> to;
+    std::vector<double> distances;
+};
+Matches nearest_matches(const ProductPoints& points, const ProductPoints& others,
+                        Progress& progress);
+
+/// The nearest point both ways: every row of both is in a pair. Features are paired apart, so that
+/// their rows are in no other pair. Sorted, none twice. Where all points of a side are features,
+/// the other side's rest goes to the nearest of them.
+Pairing mutual_pairs(const ProductPoints& source, const ProductPoints& target,
+                     std::span<const IndexPair> features, Progress& progress);
+
+}  // namespace pointmorph

@@ -1,0 +1,49 @@
+// Stage `refinement`: two clouds and their features → two smooth maps, each the other's inverse as
+// far as the shapes allow. Past the paper: nearly rigid, both ways at once, matched in the product
+// space.
+#pragma once
+
+#include <span>
+#include <string>
+#include <vector>
+
+#include "pointmorph/coarse_shape.hpp"
+#include "pointmorph/product_space.hpp"
+#include "pointmorph/progress.hpp"
+#include "pointmorph/registration.hpp"
+#include "pointmorph/similarity.hpp"
+#include "pointmorph/types.hpp"
+
+namespace pointmorph {
+
+struct RefinementOptions {
+    CoarseShapeOptions coarse;
+    RegistrationOptions registration;
+    /// Weight of unit normals against lengths (in √area) in the last matching of a cloud of 10,000
+    /// points; falls with the spacing of larger ones. 0 to 1.
+    double normal_weight = 0.02;
+};
+
+struct Refinement {
+    /// Where every point lands on the other surface: not snapped to its samples, in the other
+    /// cloud's own coordinates. #source by 3 and #target by 3.
+    Positions source_images, target_images;
+    /// Takes the target to where the source is, as it was aligned before anything bent.
+    Similarity alignment;
+    /// The nearest both ways in the product space, features apart; every point is in a pair.
+    Pairing pairs;
+    /// Both clouds in that space, as pair_points() and mutual_pairs() want them.
+    ProductPoints source_product, target_product;
+    /// What may have gone wrong, for the user.
+    std::vector<std::string> warnings;
+};
+
+/// `features` are rows of the clouds that belong together, none twice on either side; the maps
+/// take them exactly onto each other. Normals have unit length and face outwards; when one cloud's
+/// are turned inside out against the other's, a warning says so. Clouds have no order or scale to
+/// keep to; the result turns, scales and moves with them.
+Refinement refine(const Positions& source, const Normals& source_normals, const Positions& target,
+                  const Normals& target_normals, std::span<const IndexPair> features,
+                  const RefinementOptions& options, Progress& progress);
+
+}  // namespace pointmorph

@@ -1,0 +1,71 @@
+// Stage `registration`: two coarse shapes deform onto each other at once, nearly rigidly, matched
+// in the product of both (where I go, where I am).
+#pragma once
+
+#include <array>
+#include <span>
+#include <vector>
+
+#include "pointmorph/coarse_shape.hpp"
+#include "pointmorph/deformation.hpp"
+#include "pointmorph/progress.hpp"
+#include "pointmorph/types.hpp"
+
+namespace pointmorph {
+
+/// How one level of nodes is worked through.
+struct RegistrationLevel {
+    /// Rounds in which the data hardly count (`stiff_data`): rotations spread from the features.
+    int stiff_rounds;
+    /// Rounds after; stiffness falls geometrically from the first to the last over them.
+    int rounds;
+    /// Weight of rigidity against the data, whose weights sum to about 2 on either side; > 0.
+    double first_stiffness, last_stiffness;
+    /// Solutions for the nodes' places, each followed by one for their rotations, in a round.
+    int solves;
+    /// How often covariances are averaged over the node graph, in the first and the last round.
+    int first_smoothing, last_smoothing;
+    /// Points of each side that are matched in a round, the nodes among them …
+    Index matched_points;
+    /// … but in the last so many rounds, where all are.
+    int full_rounds;
+};
+
+/// Lengths are in units of √(surface area).
+struct RegistrationOptions {
+    /// One for each of the shapes' levels, coarsest first.
+    std::vector<RegistrationLevel> levels{RegistrationLevel{6, 24, 30.0, 1.0, 2, 2, 1, 1000, 0},
+                                          RegistrationLevel{0, 10, 10.0, 4.0, 2, 4, 3, 2000, 4}};
+    double stiff_data = 0.05;       ///< factor on the data's weights in stiff rounds
+    double normal_weight = 0.1;     ///< of unit normals against lengths in the product space
+    double feature_weight = 30.0;   ///< of each feature pair
+    double outlier_distance = 3.0;  ///< in medians: where a match's weight has halved
+    /// Pieces whose images have jumped away from the rest don't count when they have less than
+    /// this share of the nodes.
+    double torn_piece = 0.04;
+    double largest_scale = 3.0;  ///< of a node's surroundings, and the inverse of the smallest
+};
+
+/// Both shapes deformed onto each other.
+struct Registration {
+    Deformation source, target;                  ///< of the finest level's nodes
+    DeformedCloud source_points, target_points;  ///< images of all coarse points
+};
+
+/// Where the points of both shapes start.
+struct RegistrationStart {
+    Positions source, target;  ///< #points by 3
+};
+
+/// The thin plate (kernel r) through the features and its inverse; with fewer than five features
+/// the points stay where they are.
+RegistrationStart thin_plate_start(const CoarseShape& source, const CoarseShape& target,
+                                   std::span<const IndexPair> features);
+
+/// From `start`, level by level. `features` are rows of the coarse shapes. The target has been
+/// aligned with the source, which has unit area.
+Registration register_shapes(const CoarseShape& source, const CoarseShape& target,
+                             std::span<const IndexPair> features, const RegistrationStart& start,
+                             const RegistrationOptions& options, Progress& progress);
+
+}  // namespace pointmorph

@@ -1,0 +1,55 @@
+// Stage `surface_graph`: a cloud as a connected graph along its surface, and shortest paths in it.
+#pragma once
+
+#include <limits>
+#include <span>
+#include <utility>
+#include <vector>
+
+#include "pointmorph/kd_tree.hpp"
+#include "pointmorph/progress.hpp"
+#include "pointmorph/types.hpp"
+
+namespace pointmorph {
+
+/// Symmetric weighted graph. The neighbours of i are `neighbors[offsets[i]] …
+/// neighbors[offsets[i + 1] − 1]`, ascending by row, at the same places of `lengths` (plain
+/// distances, > 0).
+struct SurfaceGraph {
+    std::vector<std::int64_t> offsets{0};
+    std::vector<Index> neighbors;
+    std::vector<double> lengths;
+
+    Index size() const { return static_cast<Index>(offsets.size()) - 1; }
+};
+
+struct SurfaceGraphOptions {
+    Index neighbors = 16;
+    /// Neighbours whose normals have a smaller scalar product than this lie on different sheets
+    /// and aren't joined; −1 to 1.
+    double smallest_agreement = -0.1;
+};
+
+/// Joins nearest neighbours on the same sheet; then every component to the largest one by the
+/// shortest edge, so that the whole graph hangs together.
+SurfaceGraph surface_graph(const KdTree<3>& tree, const Normals& normals,
+                           const SurfaceGraphOptions& options, Progress& progress);
+
+/// Shortest paths (Dijkstra 1959). Keeps its scratch memory between calls: one object a thread.
+class GeodesicSearch {
+public:
+    explicit GeodesicSearch(const SurfaceGraph& graph);
+
+    /// All points closer than `limit` along the graph, as (row, distance), ascending by distance;
+    /// valid until the next call.
+    std::span<const std::pair<Index, double>> from(
+        Index source, double limit = std::numeric_limits<double>::infinity());
+
+private:
+    const SurfaceGraph& graph_;
+    std::vector<double> distance_;
+    std::vector<std::pair<double, Index>> queue_;
+    std::vector<std::pair<Index, double>> settled_;
+};
+
+}  // namespace pointmorph

@@ -1,0 +1,350 @@
+#include "pointmorph/deformation.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include "pointmorph/parallel.hpp"
+#include "pointmorph/similarity.hpp"
+
+namespace pointmorph {
+
+namespace {
+
+constexpr int kNodes = DeformationGraph::kNodesPerPoint;
+constexpr double kReach = 3.2;       // spacings within which a point looks for its nodes
+constexpr double kEdgeLength = 2.1;  // spacings between nodes that hold one another
+
+std::size_t at(Index i) {
+    return static_cast<std::size_t>(i);
+}
+std::size_t at(std::int64_t i) {
+    return static_cast<std::size_t>(i);
+}
+
+/// Nodes near every point, ascending by distance: (distance, node).
+using Nearby = std::vector<std::vector<std::pair<double, Index>>>;
+
+Nearby nodes_near_points(const SurfaceGraph& graph, const Subset& subset, Progress& progress) {
+    const auto count = static_cast<Index>(subset.rows.size());
+    std::vector<std::vector<std::pair<Index, double>>> balls(at(count));
+    parallel_for(
+        count, progress,
+        [&](Index begin, Index end) {
+            GeodesicSearch search(graph);
+            for (Index k = begin; k < end; ++k) {
+                const auto ball = search.from(subset.rows[at(k)], kReach * subset.radius);
+                balls[at(k)].assign(ball.begin(), ball.end());
+            }
+        },
+        0.0, 0.8, 64);
+    Nearby nearby(at(graph.size()));
+    for (Index k = 0; k < count; ++k)
+        for (const auto& [i, distance] : balls[at(k)]) nearby[at(i)].emplace_back(distance, k);
+    // A point out of every node's reach (an edge longer than the reach) takes the nearest node.
+    std::vector<Index> lost;
+    for (Index i = 0; i < graph.size(); ++i)
+        if (nearby[at(i)].empty()) lost.push_back(i);
+    if (!lost.empty()) {
+        std::vector<Index> node_of(at(graph.size()), -1);
+        for (Index k = 0; k < count; ++k) node_of[at(subset.rows[at(k)])] = k;
+        GeodesicSearch search(graph);
+        for (const Index i : lost) {
+            for (const auto& [j, distance] : search.from(i))
+                if (node_of[at(j)] >= 0) {
+                    nearby[at(i)].emplace_back(distance, node_of[at(j)]);
+                    break;
+                }
+            progress.report(0.8);
+        }
+    }
+    for (auto& list : nearby) std::ranges::sort(list);
+    return nearby;
+}
+
+/// Edges between nodes as adjacency lists; every component of them hangs together with the rest.
+std::vector<std::vector<Index>> node_edges(const SurfaceGraph& graph, const Subset& subset,
+                                           const Nearby& nearby) {
+    const auto count = static_cast<Index>(subset.rows.size());
+    std::vector<std::vector<Index>> edges(at(count));
+    for (Index k = 0; k < count; ++k)
+        for (const auto& [distance, other] : nearby[at(subset.rows[at(k)])])
+            if (other != k && distance < kEdgeLength * subset.radius) {
+                edges[at(k)].push_back(other);
+                edges[at(other)].push_back(k);
+            }
+    for (auto& list : edges) {
+        std::ranges::sort(list);
+        list.erase(std::ranges::unique(list).begin(), list.end());
+    }
+    // Parts that lie far from the rest (an eyeball): walk on from each until another part is met.
+    for (;;) {
+        std::vector<Index> part(at(count), -1), sizes;
+        for (Index k = 0; k < count; ++k) {
+            if (part[at(k)] >= 0) continue;
+            const auto label = static_cast<Index>(sizes.size());
+            std::vector<Index> open{k};
+            part[at(k)] = label;
+            Index size = 0;
+            while (!open.empty()) {
+                const Index i = open.back();
+                open.pop_back();
+                ++size;
+                for (const Index j : edges[at(i)])
+                    if (part[at(j)] < 0) {
+                        part[at(j)] = label;
+                        open.push_back(j);
+                    }
+            }
+            sizes.push_back(size);
+        }
+        if (sizes.size() <= 1) return edges;
+        // From the smallest part: the search stays short.
+        const auto smallest = static_cast<Index>(std::ranges::min_element(sizes) - sizes.begin());
+        std::vector<Index> node_of(at(graph.size()), -1);
+        for (Index k = 0; k < count; ++k) node_of[at(subset.rows[at(k)])] = k;
+        GeodesicSearch search(graph);
+        double shortest = std::numeric_limits<double>::infinity();
+        IndexPair bridge{-1, -1};
+        for (Index k = 0; k < count; ++k) {
+            if (part[at(k)] != smallest) continue;
+            for (const auto& [i, distance] : search.from(subset.rows[at(k)], shortest)) {
+                const Index other = node_of[at(i)];
+                if (other < 0 || part[at(other)] == smallest) continue;
+                shortest = distance;
+                bridge = {k, other};
+                break;
+            }
+        }
+        if (bridge.source < 0) return edges;  // the surface graph itself falls apart
+        edges[at(bridge.source)].push_back(bridge.target);
+        edges[at(bridge.target)].push_back(bridge.source);
+        std::ranges::sort(edges[at(bridge.source)]);
+        std::ranges::sort(edges[at(bridge.target)]);
+    }
+}
+
+}  // namespace
+
+DeformationGraph deformation_graph(const SurfaceGraph& graph, const Subset& subset,
+                                   Progress& progress) {
+    DeformationGraph result;
+    result.nodes = subset.rows;
+    result.spacing = subset.radius;
+    const Nearby nearby = nodes_near_points(graph, subset, progress);
+
+    result.point_nodes.resize(at(graph.size()));
+    result.point_weights.resize(at(graph.size()));
+    for (Index i = 0; i < graph.size(); ++i) {
+        const auto& list = nearby[at(i)];
+        auto& nodes = result.point_nodes[at(i)];
+        auto& weights = result.point_weights[at(i)];
+        const auto used = std::min<std::size_t>(list.size(), kNodes);
+        const double farthest = 1.05 * std::max(list[used - 1].first, 1e-9);
+        double sum = 0.0;
+        for (std::size_t k = 0; k < used; ++k) {
+            nodes[k] = list[k].second;
+            weights[k] = std::pow(1.0 - list[k].first / farthest, 2);
+            sum += weights[k];
+        }
+        for (std::size_t k = 0; k < used; ++k) weights[k] /= sum;
+        for (std::size_t k = used; k < kNodes; ++k) {
+            nodes[k] = nodes[0];
+            weights[k] = 0.0;
+        }
+    }
+
+    const auto edges = node_edges(graph, subset, nearby);
+    for (const auto& list : edges) {
+        for (const Index j : list) {
+            result.edge_ends.push_back(j);
+            result.edge_weights.push_back(
+                1.0 / std::sqrt(static_cast<double>(list.size() * edges[at(j)].size())));
+        }
+        result.edge_offsets.push_back(static_cast<std::int64_t>(result.edge_ends.size()));
+    }
+    return result;
+}
+
+void fit_similarities(const Positions& positions, const DeformationGraph& graph, int smoothing,
+                      double largest_scale, Deformation& deformation) {
+    const Index count = graph.size();
+    using Moments = Eigen::Matrix<double, 10, 1>;  // 3 × 3 covariance, then Σ w |e|²
+    std::vector<Moments> moments(at(count), Moments::Zero()), average(at(count));
+    for (Index i = 0; i < count; ++i) {
+        auto& m = moments[at(i)];
+        Eigen::Map<Matrix3> covariance(m.data());
+        for (auto e = at(graph.edge_offsets[at(i)]); e < at(graph.edge_offsets[at(i) + 1]); ++e) {
+            const Index j = graph.edge_ends[e];
+            const Vector3 rest =
+                (positions.row(graph.nodes[at(j)]) - positions.row(graph.nodes[at(i)])).transpose();
+            const Vector3 now =
+                (deformation.positions.row(j) - deformation.positions.row(i)).transpose();
+            covariance.noalias() += graph.edge_weights[e] * now * rest.transpose();
+            m[9] += graph.edge_weights[e] * rest.squaredNorm();
+        }
+    }
+    for (int round = 0; round < smoothing; ++round) {
+        for (Index i = 0; i < count; ++i) {
+            Moments sum = moments[at(i)];
+            double weights = 1.0;
+            for (auto e = at(graph.edge_offsets[at(i)]); e < at(graph.edge_offsets[at(i) + 1]);
+                 ++e) {
+                sum += graph.edge_weights[e] * moments[at(graph.edge_ends[e])];
+                weights += graph.edge_weights[e];
+            }
+            average[at(i)] = sum / weights;
+        }
+        moments.swap(average);
+    }
+    deformation.rotations.resize(at(count));
+    deformation.scales.resize(count);
+    for (Index i = 0; i < count; ++i) {
+        const auto& m = moments[at(i)];
+        const auto best = best_rotation(Eigen::Map<const Matrix3>(m.data()));
+        deformation.rotations[at(i)] = best.rotation;
+        const double scale = best.trace / std::max(m[9], 1e-300);
+        deformation.scales[i] = std::clamp(scale, 1.0 / largest_scale, largest_scale);
+    }
+}
+
+DeformedCloud deformed(const Positions& positions, const Normals& normals,
+                       const DeformationGraph& graph, const Deformation& deformation) {
+    DeformedCloud result{Positions(positions.rows(), 3), Normals(positions.rows(), 3),
+                         std::vector<Matrix3>(at(static_cast<Index>(positions.rows())))};
+    for (Index i = 0; i < positions.rows(); ++i) {
+        Matrix3 linear = Matrix3::Zero(), rotation = Matrix3::Zero();
+        Vector3 x = Vector3::Zero();
+        for (std::size_t k = 0; k < kNodes; ++k) {
+            const double w = graph.point_weights[at(i)][k];
+            const Index node = graph.point_nodes[at(i)][k];
+            const Matrix3 turn = w * deformation.rotations[at(node)];
+            const Matrix3 similarity = deformation.scales[node] * turn;
+            rotation += turn;
+            linear += similarity;
+            x += w * deformation.positions.row(node).transpose() +
+                 similarity * (positions.row(i) - positions.row(graph.nodes[at(node)])).transpose();
+        }
+        result.positions.row(i) = x;
+        result.linear[at(i)] = linear;
+        const Vector3 normal = rotation * normals.row(i).transpose();
+        const double length = normal.norm();
+        if (length > 1e-9)
+            result.normals.row(i) = normal / length;
+        else
+            result.normals.row(i) = normals.row(i);
+    }
+    return result;
+}
+
+DeformationSolver::DeformationSolver(const Positions& positions, const DeformationGraph& graph)
+    : positions_(positions), graph_(graph) {
+    const Index count = graph.size();
+    std::vector<std::vector<Index>> columns(at(count));  // rows ≥ column
+    const auto add = [&](Index i, Index j) {
+        columns[at(std::min(i, j))].push_back(std::max(i, j));
+    };
+    for (Index i = 0; i < count; ++i) {
+        add(i, i);
+        for (auto e = at(graph.edge_offsets[at(i)]); e < at(graph.edge_offsets[at(i) + 1]); ++e)
+            if (graph.edge_ends[e] > i) add(i, graph.edge_ends[e]);
+    }
+    for (const auto& nodes : graph.point_nodes)
+        for (int k = 0; k < kNodes; ++k)
+            for (int l = 0; l < k; ++l) add(nodes[at(Index(k))], nodes[at(Index(l))]);
+
+    matrix_.resize(count, count);
+    std::vector<Index> outer{0};
+    std::vector<Index> inner;
+    for (auto& rows : columns) {
+        std::ranges::sort(rows);
+        rows.erase(std::ranges::unique(rows).begin(), rows.end());
+        inner.insert(inner.end(), rows.begin(), rows.end());
+        outer.push_back(static_cast<Index>(inner.size()));
+    }
+    matrix_.resizeNonZeros(static_cast<Index>(inner.size()));
+    std::ranges::copy(outer, matrix_.outerIndexPtr());
+    std::ranges::copy(inner, matrix_.innerIndexPtr());
+    std::fill_n(matrix_.valuePtr(), inner.size(), 1.0);
+    cholesky_.analyzePattern(matrix_);
+
+    const auto place = [&](Index i, Index j) {
+        const auto column = at(std::min(i, j));
+        const auto first = inner.begin() + outer[column];
+        const auto last = inner.begin() + outer[column + 1];
+        return static_cast<Index>(std::lower_bound(first, last, std::max(i, j)) - inner.begin());
+    };
+    diagonal_.resize(at(count));
+    laplacian_.assign(graph.edge_ends.size(), -1);
+    for (Index i = 0; i < count; ++i) {
+        diagonal_[at(i)] = place(i, i);
+        for (auto e = at(graph.edge_offsets[at(i)]); e < at(graph.edge_offsets[at(i) + 1]); ++e)
+            if (graph.edge_ends[e] < i) laplacian_[e] = place(i, graph.edge_ends[e]);
+    }
+    blocks_.resize(graph.point_nodes.size());
+    for (std::size_t p = 0; p < blocks_.size(); ++p) {
+        std::size_t b = 0;
+        for (std::size_t k = 0; k < kNodes; ++k)
+            for (std::size_t l = 0; l <= k; ++l)
+                blocks_[p][b++] = place(graph.point_nodes[p][k], graph.point_nodes[p][l]);
+    }
+}
+
+void DeformationSolver::factorize(double stiffness, std::span<const Attraction> attractions) {
+    stiffness_ = stiffness;
+    double* const values = matrix_.valuePtr();
+    std::fill_n(values, matrix_.nonZeros(), 0.0);
+    // A trace of the identity holds what nothing else holds.
+    for (Index i = 0; i < graph_.size(); ++i) values[diagonal_[at(i)]] = 1e-9;
+    for (Index i = 0; i < graph_.size(); ++i)
+        for (auto e = at(graph_.edge_offsets[at(i)]); e < at(graph_.edge_offsets[at(i) + 1]); ++e) {
+            values[diagonal_[at(i)]] += stiffness * graph_.edge_weights[e];
+            if (laplacian_[e] >= 0) values[laplacian_[e]] -= stiffness * graph_.edge_weights[e];
+        }
+    for (const Attraction& a : attractions) {
+        const auto& weights = graph_.point_weights[at(a.point)];
+        const auto& nodes = graph_.point_nodes[at(a.point)];
+        const auto& block = blocks_[at(a.point)];
+        std::size_t b = 0;
+        for (std::size_t k = 0; k < kNodes; ++k)
+            for (std::size_t l = 0; l <= k; ++l, ++b)
+                values[block[b]] += (k != l && nodes[k] == nodes[l] ? 2.0 : 1.0) * a.weight *
+                                    weights[k] * weights[l];
+    }
+    cholesky_.factorize(matrix_);
+}
+
+void DeformationSolver::solve(std::span<const Attraction> attractions,
+                              Deformation& deformation) const {
+    const Index count = graph_.size();
+    std::vector<Matrix3> linear(at(count));
+    Positions constant(count, 3);  // X(p) = Σ w (x_k + linear_k p − constant_k)
+    for (Index k = 0; k < count; ++k) {
+        linear[at(k)] = deformation.scales[k] * deformation.rotations[at(k)];
+        constant.row(k) = linear[at(k)] * positions_.row(graph_.nodes[at(k)]).transpose();
+    }
+    Eigen::Matrix<double, Eigen::Dynamic, 3> right =
+        Eigen::Matrix<double, Eigen::Dynamic, 3>::Zero(count, 3);
+    for (Index i = 0; i < count; ++i)
+        for (auto e = at(graph_.edge_offsets[at(i)]); e < at(graph_.edge_offsets[at(i) + 1]); ++e) {
+            const Index j = graph_.edge_ends[e];
+            const Vector3 rest =
+                (positions_.row(graph_.nodes[at(i)]) - positions_.row(graph_.nodes[at(j)]))
+                    .transpose();
+            right.row(i) += stiffness_ * graph_.edge_weights[e] * 0.5 *
+                            ((linear[at(i)] + linear[at(j)]) * rest).transpose();
+        }
+    for (const Attraction& a : attractions) {
+        const auto& weights = graph_.point_weights[at(a.point)];
+        const auto& nodes = graph_.point_nodes[at(a.point)];
+        const Vector3 p = positions_.row(a.point).transpose();
+        Vector3 wanted = a.target;
+        for (std::size_t k = 0; k < kNodes; ++k)
+            wanted -= weights[k] * (linear[at(nodes[k])] * p - constant.row(nodes[k]).transpose());
+        wanted *= a.weight;
+        for (std::size_t k = 0; k < kNodes; ++k)
+            right.row(nodes[k]) += weights[k] * wanted.transpose();
+    }
+    deformation.positions = cholesky_.solve(right);
+}
+
+}  // namespace pointmorph

@@ -1,0 +1,84 @@
+#include "pointmorph/product_space.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <numeric>
+
+#include "pointmorph/cloud.hpp"
+#include "pointmorph/parallel.hpp"
+
+namespace pointmorph {
+
+namespace {
+
+std::size_t at(Index i) {
+    return static_cast<std::size_t>(i);
+}
+
+/// All rows but those of features; all rows where that would leave none.
+std::vector<Index> free_rows(Index count, std::span<const IndexPair> features,
+                             Index IndexPair::*side) {
+    std::vector<char> taken(at(count), 0);
+    for (const IndexPair& f : features) taken[at(f.*side)] = 1;
+    std::vector<Index> rows;
+    for (Index i = 0; i < count; ++i)
+        if (!taken[at(i)]) rows.push_back(i);
+    if (rows.empty()) {
+        rows.resize(at(count));
+        std::iota(rows.begin(), rows.end(), 0);
+    }
+    return rows;
+}
+
+}  // namespace
+
+ProductPoints product_points(const Positions& on_target, const Positions& on_source,
+                             const Normals& target_normals, const Normals& source_normals,
+                             double normal_weight, std::span<const Index> rows) {
+    ProductPoints product(static_cast<Eigen::Index>(rows.size()), ProductPoints::ColsAtCompileTime);
+    for (Eigen::Index k = 0; k < product.rows(); ++k) {
+        const Index i = rows[static_cast<std::size_t>(k)];
+        product.row(k) << on_target.row(i), on_source.row(i), normal_weight * target_normals.row(i),
+            normal_weight * source_normals.row(i);
+    }
+    return product;
+}
+
+Matches nearest_matches(const ProductPoints& points, const ProductPoints& others,
+                        Progress& progress) {
+    const KdTree<12> tree(others);
+    const auto count = static_cast<Index>(points.rows());
+    Matches matches{std::vector<Index>(at(count)), std::vector<double>(at(count))};
+    parallel_for(
+        count, progress,
+        [&](Index begin, Index end) {
+            for (Index i = begin; i < end; ++i) {
+                double squared;
+                tree.nearest(points.row(i).data(), {&matches.to[at(i)], 1}, {&squared, 1});
+                matches.distances[at(i)] = std::sqrt(squared);
+            }
+        },
+        0.0, 1.0, 128);
+    return matches;
+}
+
+Pairing mutual_pairs(const ProductPoints& source, const ProductPoints& target,
+                     std::span<const IndexPair> features, Progress& progress) {
+    const auto source_rows =
+        free_rows(static_cast<Index>(source.rows()), features, &IndexPair::source);
+    const auto target_rows =
+        free_rows(static_cast<Index>(target.rows()), features, &IndexPair::target);
+    const ProductPoints s = gather(source, source_rows), t = gather(target, target_rows);
+    Pairing pairs(features.begin(), features.end());
+    const Matches forward = nearest_matches(s, t, progress);
+    const Matches backward = nearest_matches(t, s, progress);
+    for (std::size_t i = 0; i < source_rows.size(); ++i)
+        pairs.push_back({source_rows[i], target_rows[at(forward.to[i])]});
+    for (std::size_t j = 0; j < target_rows.size(); ++j)
+        pairs.push_back({source_rows[at(backward.to[j])], target_rows[j]});
+    std::ranges::sort(pairs);
+    pairs.erase(std::ranges::unique(pairs).begin(), pairs.end());
+    return pairs;
+}
+
+}  // namespace pointmorph

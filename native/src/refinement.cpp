@@ -1,0 +1,161 @@
+#include "pointmorph/refinement.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <numeric>
+
+#include "pointmorph/cloud.hpp"
+#include "pointmorph/kd_tree.hpp"
+#include "pointmorph/lift.hpp"
+#include "pointmorph/parallel.hpp"
+#include "pointmorph/subset.hpp"
+
+namespace pointmorph {
+
+namespace {
+
+std::size_t at(Index i) {
+    return static_cast<std::size_t>(i);
+}
+
+/// A similarity after which the cloud has area 1 and its mean at the origin.
+Similarity to_unit_area(const Positions& positions) {
+    Similarity result;
+    const double area = estimated_area(KdTree<3>(positions));
+    if (area > 0.0) result.scale = 1.0 / std::sqrt(area);
+    result.shift = -result.scale * positions.colwise().mean().transpose();
+    return result;
+}
+
+Similarity composed(const Similarity& after, const Similarity& before) {
+    return {after.scale * before.scale, after.rotation * before.rotation,
+            after.scale * (after.rotation * before.shift) + after.shift};
+}
+
+/// The target onto the source, both of unit area: by the features, where three or more say how.
+Similarity feature_alignment(const Positions& source, const Positions& target,
+                             std::span<const IndexPair> features) {
+    Positions s(static_cast<Eigen::Index>(features.size()), 3), t = s;
+    for (std::size_t k = 0; k < features.size(); ++k) {
+        s.row(static_cast<Eigen::Index>(k)) = source.row(features[k].source);
+        t.row(static_cast<Eigen::Index>(k)) = target.row(features[k].target);
+    }
+    if (features.size() >= 3) return fit_similarity(t, s);
+    Similarity shift;
+    if (!features.empty()) shift.shift = (s.colwise().mean() - t.colwise().mean()).transpose();
+    return shift;
+}
+
+/// Mean agreement of the normals of source points, where they start, with the nearest target
+/// points': about 1 for the same shape, below 0 where one is inside out.
+double normal_agreement(const CoarseShape& source, const CoarseShape& target,
+                        const Positions& start) {
+    const KdTree<3> tree(target.positions);
+    double sum = 0.0;
+    for (Index i = 0; i < source.size(); ++i) {
+        Index nearest;
+        double squared;
+        tree.nearest(start.row(i).data(), {&nearest, 1}, {&squared, 1});
+        sum += source.normals.row(i).dot(target.normals.row(nearest));
+    }
+    return sum / source.size();
+}
+
+/// Images moved onto the other surface: onto the tangent plane of the matching point, no further
+/// from it than samples there are apart.
+void project(Positions& images, const Pairing& pairs, Index IndexPair::*from, Index IndexPair::*to,
+             const Positions& other, const Normals& other_normals, double reach) {
+    std::vector<char> done(at(static_cast<Index>(images.rows())), 0);
+    Positions result = images;
+    std::vector<double> best(done.size(), std::numeric_limits<double>::infinity());
+    for (const IndexPair& pair : pairs) {
+        const Index i = pair.*from, j = pair.*to;
+        const double squared = (images.row(i) - other.row(j)).squaredNorm();
+        if (squared >= best[at(i)]) continue;
+        best[at(i)] = squared;
+        const Vector3 normal = other_normals.row(j).transpose();
+        Vector3 offset = (images.row(i) - other.row(j)).transpose();
+        offset -= normal * normal.dot(offset);
+        const double length = offset.norm();
+        if (length > reach) offset *= reach / length;
+        result.row(i) = other.row(j) + offset.transpose();
+    }
+    images = std::move(result);
+}
+
+}  // namespace
+
+Refinement refine(const Positions& source, const Normals& source_normals, const Positions& target,
+                  const Normals& target_normals, std::span<const IndexPair> features,
+                  const RefinementOptions& options, Progress& progress) {
+    Refinement result;
+    progress.enter("coarse shapes");
+    const Similarity source_unit = to_unit_area(source);
+    const Positions s = source_unit.apply(source);
+    Similarity target_move = to_unit_area(target);
+    target_move = composed(feature_alignment(s, target_move.apply(target), features), target_move);
+    const Positions t = target_move.apply(target);
+    Normals tn = target_move.turn(target_normals);
+    result.alignment = composed(source_unit.inverse(), target_move);
+
+    std::vector<Index> source_required, target_required;
+    std::vector<IndexPair> coarse_features;
+    for (std::size_t k = 0; k < features.size(); ++k) {
+        source_required.push_back(features[k].source);
+        target_required.push_back(features[k].target);
+        coarse_features.push_back({static_cast<Index>(k), static_cast<Index>(k)});
+    }
+    const CoarseShape coarse_source =
+        coarse_shape(KdTree<3>(s), source_normals, source_required, options.coarse, progress);
+    CoarseShape coarse_target =
+        coarse_shape(KdTree<3>(t), tn, target_required, options.coarse, progress);
+
+    progress.enter("registration");
+    RegistrationStart start = thin_plate_start(coarse_source, coarse_target, coarse_features);
+    if (normal_agreement(coarse_source, coarse_target, start.source) < 0.0) {
+        result.warnings.push_back(
+            "The normals of source and target face opposite sides of the surface; the target's "
+            "were taken the other way round.");
+        tn = -tn;
+        coarse_target.normals = -coarse_target.normals;
+    }
+    const Registration registration = register_shapes(coarse_source, coarse_target, coarse_features,
+                                                      start, options.registration, progress);
+
+    progress.enter("lift");
+    LiftedCloud x = lifted(coarse_source, registration.source_points, s, source_normals, progress);
+    LiftedCloud y = lifted(coarse_target, registration.target_points, t, tn, progress);
+    for (const IndexPair& f : features) {
+        x.positions.row(f.source) = t.row(f.target);
+        y.positions.row(f.target) = s.row(f.source);
+    }
+
+    progress.enter("product space");
+    constexpr double kReferencePoints = 1e4;
+    const double weight =
+        options.normal_weight *
+        std::min(1.0, std::sqrt(kReferencePoints / static_cast<double>(s.rows())));
+    std::vector<Index> rows(at(static_cast<Index>(std::max(s.rows(), t.rows()))));
+    std::iota(rows.begin(), rows.end(), 0);
+    result.source_product = product_points(x.positions, s, x.normals, source_normals, weight,
+                                           std::span(rows).first(at(Index(s.rows()))));
+    result.target_product = product_points(t, y.positions, tn, y.normals, weight,
+                                           std::span(rows).first(at(Index(t.rows()))));
+    result.pairs = mutual_pairs(result.source_product, result.target_product, features, progress);
+
+    const double spacing = 1.0 / std::sqrt(static_cast<double>(t.rows()));
+    project(x.positions, result.pairs, &IndexPair::source, &IndexPair::target, t, tn,
+            2.0 * spacing);
+    project(y.positions, result.pairs, &IndexPair::target, &IndexPair::source, s, source_normals,
+            2.0 / std::sqrt(static_cast<double>(s.rows())));
+    result.source_images = target_move.inverse().apply(x.positions);
+    result.target_images = source_unit.inverse().apply(y.positions);
+    for (const IndexPair& f : features) {
+        result.source_images.row(f.source) = target.row(f.target);
+        result.target_images.row(f.target) = source.row(f.source);
+    }
+    progress.finish();
+    return result;
+}
+
+}  // namespace pointmorph

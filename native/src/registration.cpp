@@ -1,0 +1,288 @@
+#include "pointmorph/registration.hpp"
+
+#include <Eigen/LU>
+#include <algorithm>
+#include <cmath>
+#include <numeric>
+#include <random>
+
+#include "pointmorph/cloud.hpp"
+#include "pointmorph/parallel.hpp"
+#include "pointmorph/product_space.hpp"
+
+namespace pointmorph {
+
+namespace {
+
+std::size_t at(Index i) {
+    return static_cast<std::size_t>(i);
+}
+std::size_t at(std::int64_t i) {
+    return static_cast<std::size_t>(i);
+}
+
+/// The thin plate in space, |r|, through from → to, smoothed a little.
+class ThinPlate {
+public:
+    ThinPlate(const Positions& from, const Positions& to) : from_(from) {
+        constexpr double kRegularization = 1e-2;
+        const auto n = from.rows();
+        Eigen::MatrixXd system = Eigen::MatrixXd::Zero(n + 4, n + 4);
+        for (Eigen::Index i = 0; i < n; ++i) {
+            for (Eigen::Index j = 0; j < n; ++j) system(i, j) = -(from.row(i) - from.row(j)).norm();
+            system(i, i) -= kRegularization;
+            system(i, n) = system(n, i) = 1.0;
+            system.block<1, 3>(i, n + 1) = from.row(i);
+            system.block<3, 1>(n + 1, i) = from.row(i).transpose();
+        }
+        Eigen::MatrixXd right = Eigen::MatrixXd::Zero(n + 4, 3);
+        right.topRows(n) = to;
+        coefficients_ = system.fullPivLu().solve(right);
+    }
+
+    Eigen::RowVector3d operator()(const Eigen::RowVector3d& p) const {
+        const auto n = from_.rows();
+        Eigen::RowVector3d x = coefficients_.row(n) + p * coefficients_.bottomRows<3>();
+        for (Eigen::Index i = 0; i < n; ++i) x -= (p - from_.row(i)).norm() * coefficients_.row(i);
+        return x;
+    }
+
+private:
+    Positions from_;
+    Eigen::MatrixXd coefficients_;
+};
+
+/// `count` rows: the nodes, then others drawn at random.
+std::vector<Index> draw_points(const CoarseShape& shape, const DeformationGraph& graph, Index count,
+                               std::mt19937_64& random) {
+    std::vector<Index> rows = graph.nodes;
+    std::vector<char> is_node(at(shape.size()), 0);
+    for (const Index i : rows) is_node[at(i)] = 1;
+    std::vector<Index> others;
+    for (Index i = 0; i < shape.size(); ++i)
+        if (!is_node[at(i)]) others.push_back(i);
+    const auto more = std::min<std::size_t>(
+        others.size(),
+        static_cast<std::size_t>(std::max<Index>(0, count - static_cast<Index>(rows.size()))));
+    for (std::size_t i = 0; i < more; ++i)
+        std::swap(others[i], others[i + random() % (others.size() - i)]);
+    rows.insert(rows.end(), others.begin(), others.begin() + static_cast<std::ptrdiff_t>(more));
+    return rows;
+}
+
+/// 1/(1 + (d/(k · median))²).
+std::vector<double> robust_weights(const std::vector<double>& distances, double medians) {
+    std::vector<double> sorted = distances;
+    const auto middle = sorted.begin() + static_cast<std::ptrdiff_t>(sorted.size() / 2);
+    std::ranges::nth_element(sorted, middle);
+    const double scale = medians * (*middle + 1e-9);
+    std::vector<double> weights;
+    weights.reserve(distances.size());
+    for (const double d : distances) weights.push_back(1.0 / (1.0 + d * d / (scale * scale)));
+    return weights;
+}
+
+/// 1 for nodes in big pieces of the node graph cut where the images jump, else 0.
+std::vector<double> untorn(const DeformationGraph& graph, const Positions& deformed,
+                           const Positions& images, double image_spacing, double smallest_piece) {
+    const Index count = graph.size();
+    std::vector<Index> piece(at(count), -1);
+    std::vector<Index> sizes;
+    for (Index start = 0; start < count; ++start) {
+        if (piece[at(start)] >= 0) continue;
+        const auto label = static_cast<Index>(sizes.size());
+        sizes.push_back(0);
+        std::vector<Index> open{start};
+        piece[at(start)] = label;
+        while (!open.empty()) {
+            const Index i = open.back();
+            open.pop_back();
+            ++sizes.back();
+            for (auto e = at(graph.edge_offsets[at(i)]); e < at(graph.edge_offsets[at(i) + 1]);
+                 ++e) {
+                const Index j = graph.edge_ends[e];
+                if (piece[at(j)] >= 0 ||
+                    (images.row(i) - images.row(j)).norm() >=
+                        2.0 * (deformed.row(i) - deformed.row(j)).norm() + 2.0 * image_spacing)
+                    continue;
+                piece[at(j)] = label;
+                open.push_back(j);
+            }
+        }
+    }
+    std::vector<double> result(at(count));
+    for (Index i = 0; i < count; ++i)
+        result[at(i)] = sizes[at(piece[at(i)])] >= smallest_piece * count ? 1.0 : 0.0;
+    return result;
+}
+
+/// One shape on its way to the other.
+struct Side {
+    const CoarseShape& shape;
+    const DeformationGraph& graph;
+    DeformationSolver solver;
+    Deformation deformation;
+    DeformedCloud points;
+    std::vector<Index> rows;      ///< matched in this round
+    Matches matches;              ///< of `rows`, into the other side's
+    std::vector<double> weights;  ///< of `rows`
+    std::vector<Attraction> attractions;
+
+    Side(const CoarseShape& s, Index level, const Positions& start,
+         const RegistrationOptions& options)
+        : shape(s), graph(s.levels[at(level)]), solver(s.positions, graph) {
+        deformation.positions = gather(start, graph.nodes);
+        fit_similarities(s.positions, graph, 2, options.largest_scale, deformation);
+        place();
+    }
+    void place() { points = deformed(shape.positions, shape.normals, graph, deformation); }
+};
+
+void match(Side& source, Side& target, double normal_weight, Progress& progress) {
+    const ProductPoints s =
+        product_points(source.points.positions, source.shape.positions, source.points.normals,
+                       source.shape.normals, normal_weight, source.rows);
+    const ProductPoints t =
+        product_points(target.shape.positions, target.points.positions, target.shape.normals,
+                       target.points.normals, normal_weight, target.rows);
+    source.matches = nearest_matches(s, t, progress);
+    target.matches = nearest_matches(t, s, progress);
+}
+
+/// Takes the weight from pieces whose images have jumped.
+void ignore_torn(Side& side, const Side& other, double smallest_piece) {
+    const auto& graph = side.graph;
+    Positions images(graph.size(), 3);  // the nodes are the first of the rows that are matched
+    for (Index k = 0; k < graph.size(); ++k)
+        images.row(k) = other.shape.positions.row(other.rows[at(side.matches.to[at(k)])]);
+    const auto keep =
+        untorn(graph, side.deformation.positions, images, other.graph.spacing, smallest_piece);
+    for (std::size_t i = 0; i < side.rows.size(); ++i) {
+        const auto row = at(side.rows[i]);
+        double share = 0.0;
+        for (std::size_t k = 0; k < DeformationGraph::kNodesPerPoint; ++k)
+            share += graph.point_weights[row][k] * keep[at(graph.point_nodes[row][k])];
+        side.weights[i] *= share;
+    }
+}
+
+double area_of(const Side& side) {
+    double sum = 0.0;
+    for (const Index i : side.rows) sum += side.shape.areas[i];
+    return sum;
+}
+
+/// Pulls to own matches, to the points that matched one of ours, and to features.
+void attract(Side& side, const Side& other, std::span<const IndexPair> features, bool reverse,
+             double feature_weight) {
+    side.attractions.clear();
+    const double area = area_of(side), other_area = area_of(other);
+    for (std::size_t i = 0; i < side.rows.size(); ++i)
+        side.attractions.push_back(
+            {side.rows[i], side.weights[i] * side.shape.areas[side.rows[i]] / area,
+             other.shape.positions.row(other.rows[at(side.matches.to[i])]).transpose()});
+    for (std::size_t j = 0; j < other.rows.size(); ++j)
+        side.attractions.push_back(
+            {side.rows[at(other.matches.to[j])],
+             other.weights[j] * other.shape.areas[other.rows[j]] / other_area,
+             other.shape.positions.row(other.rows[j]).transpose()});
+    for (const IndexPair& f : features)
+        side.attractions.push_back(
+            {reverse ? f.target : f.source, feature_weight,
+             other.shape.positions.row(reverse ? f.source : f.target).transpose()});
+}
+
+void update(Side& side, double stiffness, int smoothing, int solves, double largest_scale) {
+    side.solver.factorize(stiffness, side.attractions);
+    for (int k = 0; k < solves; ++k) {
+        side.solver.solve(side.attractions, side.deformation);
+        fit_similarities(side.shape.positions, side.graph, smoothing, largest_scale,
+                         side.deformation);
+    }
+    side.place();
+}
+
+/// All rounds of one level. Progress runs from `first` to `last`.
+void anneal(Side& source, Side& target, std::span<const IndexPair> features,
+            const RegistrationLevel& level, const RegistrationOptions& options,
+            std::mt19937_64& random, Progress& progress, double first, double last) {
+    const int all_rounds = level.stiff_rounds + level.rounds;
+    Progress silent;  // the sides run next to each other
+
+    for (int round = 0; round < all_rounds; ++round) {
+        const bool stiff = round < level.stiff_rounds;
+        const double f = stiff || level.rounds < 2
+                             ? 0.0
+                             : static_cast<double>(round - level.stiff_rounds) / (level.rounds - 1);
+        const double stiffness = level.first_stiffness *
+                                 std::pow(level.last_stiffness / level.first_stiffness, f) /
+                                 source.graph.size();
+        const int smoothing = static_cast<int>(std::lround(
+            level.first_smoothing + (level.last_smoothing - level.first_smoothing) * f));
+
+        const bool full = round >= all_rounds - level.full_rounds;
+        for (Side* side : {&source, &target})
+            side->rows = draw_points(side->shape, side->graph,
+                                     full ? side->shape.size() : level.matched_points, random);
+        match(source, target, options.normal_weight, silent);
+        for (Side* side : {&source, &target}) {
+            side->weights = robust_weights(side->matches.distances, options.outlier_distance);
+            if (stiff)
+                for (double& w : side->weights) w *= options.stiff_data;
+            else
+                ignore_torn(*side, side == &source ? target : source, options.torn_piece);
+        }
+        attract(source, target, features, false, options.feature_weight);
+        attract(target, source, features, true, options.feature_weight);
+        parallel_for(
+            2, silent,
+            [&](Index begin, Index end) {
+                for (Index k = begin; k < end; ++k)
+                    update(k == 0 ? source : target, stiffness, smoothing, level.solves,
+                           options.largest_scale);
+            },
+            0.0, 1.0, 1);
+        progress.report(first + (last - first) * (round + 1) / all_rounds);
+    }
+}
+
+}  // namespace
+
+RegistrationStart thin_plate_start(const CoarseShape& source, const CoarseShape& target,
+                                   std::span<const IndexPair> features) {
+    RegistrationStart start{source.positions, target.positions};
+    constexpr std::size_t kFewest = 5;
+    if (features.size() < kFewest) return start;
+    Positions s(static_cast<Eigen::Index>(features.size()), 3), t = s;
+    for (std::size_t k = 0; k < features.size(); ++k) {
+        s.row(static_cast<Eigen::Index>(k)) = source.positions.row(features[k].source);
+        t.row(static_cast<Eigen::Index>(k)) = target.positions.row(features[k].target);
+    }
+    const ThinPlate forward(s, t), backward(t, s);
+    for (Eigen::Index k = 0; k < start.source.rows(); ++k)
+        start.source.row(k) = forward(start.source.row(k));
+    for (Eigen::Index k = 0; k < start.target.rows(); ++k)
+        start.target.row(k) = backward(start.target.row(k));
+    return start;
+}
+
+Registration register_shapes(const CoarseShape& source_shape, const CoarseShape& target_shape,
+                             std::span<const IndexPair> features, const RegistrationStart& start,
+                             const RegistrationOptions& options, Progress& progress) {
+    std::mt19937_64 random(1);
+    Registration result;
+    result.source_points.positions = start.source;
+    result.target_points.positions = start.target;
+    const auto levels = static_cast<Index>(source_shape.levels.size());
+    for (Index level = 0; level < levels; ++level) {
+        Side source(source_shape, level, result.source_points.positions, options);
+        Side target(target_shape, level, result.target_points.positions, options);
+        anneal(source, target, features, options.levels[at(level)], options, random, progress,
+               static_cast<double>(level) / levels, static_cast<double>(level + 1) / levels);
+        result = {std::move(source.deformation), std::move(target.deformation),
+                  std::move(source.points), std::move(target.points)};
+    }
+    return result;
+}
+
+}  // namespace pointmorph

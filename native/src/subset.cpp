@@ -1,0 +1,107 @@
+#include "pointmorph/subset.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+#include <numeric>
+#include <random>
+
+namespace pointmorph {
+
+namespace {
+
+std::size_t at(Index i) {
+    return static_cast<std::size_t>(i);
+}
+
+/// Points per squared radius and area of a saturated Poisson-disk sampling of the plane.
+constexpr double kSaturation = 0.7;
+
+/// The same permutation everywhere, unlike std::shuffle's.
+std::vector<Index> permutation(Index count) {
+    std::vector<Index> order(at(count));
+    std::iota(order.begin(), order.end(), 0);
+    std::mt19937_64 random(1);
+    for (std::size_t i = order.size(); i > 1; --i) std::swap(order[i - 1], order[random() % i]);
+    return order;
+}
+
+/// Rows drawn at a given radius; ends early once there are more than `most`.
+std::vector<Index> draw(const KdTree<3>& tree, const Normals& normals,
+                        std::span<const Index> required, std::span<const Index> order,
+                        double radius, std::size_t most, Progress& progress) {
+    std::vector<char> covered(at(tree.size()), 0);
+    std::vector<std::pair<Index, double>> ball;
+    std::vector<Index> rows;
+    const auto take = [&](Index i) {
+        rows.push_back(i);
+        covered[at(i)] = 1;
+        tree.within(tree.points().row(i).data(), radius, ball);
+        for (const auto& [j, squared_distance] : ball)
+            if (normals.row(i).dot(normals.row(j)) > 0.0) covered[at(j)] = 1;
+    };
+    std::vector<char> taken(at(tree.size()), 0);
+    for (const Index i : required)
+        if (!taken[at(i)]) {
+            taken[at(i)] = 1;
+            take(i);
+        }
+    for (const Index i : order) {
+        if (covered[at(i)]) continue;
+        take(i);
+        if (rows.size() > most) break;
+        if (rows.size() % 256 == 0) progress.report(0.0);
+    }
+    return rows;
+}
+
+}  // namespace
+
+double estimated_area(const KdTree<3>& tree) {
+    constexpr Index kNeighbors = 12, kProbes = 500;
+    const Index count = tree.size();
+    if (count < 2) return 0.0;
+    const Index step = std::max<Index>(1, count / kProbes);
+    std::vector<Index> near(at(std::min<Index>(kNeighbors + 1, count)));
+    std::vector<double> squared(near.size());
+    double sum = 0.0;
+    Index probes = 0;
+    for (Index i = 0; i < count; i += step, ++probes) {
+        tree.nearest(tree.points().row(i).data(), near, squared);
+        sum += std::numbers::pi * squared.back() / static_cast<double>(near.size() - 1);
+    }
+    if (sum > 0.0) return sum / probes * count;
+    // Many points at each place: something of the right order.
+    const auto& p = tree.points();
+    return (p.colwise().maxCoeff() - p.colwise().minCoeff()).squaredNorm();
+}
+
+Subset blue_noise_subset(const KdTree<3>& tree, const Normals& normals,
+                         std::span<const Index> required, Index count, Progress& progress) {
+    const Index size = tree.size();
+    Subset subset;
+    const double area = estimated_area(tree);
+    subset.radius = std::sqrt(kSaturation * area / std::max<Index>(1, std::min(count, size)));
+    const auto order = permutation(size);
+    if (size <= count || !(area > 0.0)) {
+        constexpr double kCoincident = 1e-9, kSmallest = 1e-150;  // a square that isn't 0
+        subset.rows = draw(tree, normals, required, order,
+                           std::max(kCoincident * std::sqrt(area), kSmallest), at(size), progress);
+        return subset;
+    }
+    // The count goes with 1/radius², so that this converges in two or three rounds; the last round
+    // is the one that counts, whatever it gives.
+    constexpr int kRounds = 4;
+    const double wanted = count;
+    for (int round = 0; round < kRounds; ++round) {
+        const bool last = round + 1 == kRounds;
+        subset.rows = draw(tree, normals, required, order, subset.radius,
+                           last ? at(size) : at(2 * count), progress);
+        const double ratio = static_cast<double>(subset.rows.size()) / wanted;
+        if (last || std::abs(ratio - 1.0) < 0.03) break;
+        subset.radius *= std::sqrt(ratio);
+    }
+    return subset;
+}
+
+}  // namespace pointmorph

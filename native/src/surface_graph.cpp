@@ -1,0 +1,115 @@
+#include "pointmorph/surface_graph.hpp"
+
+#include <algorithm>
+#include <functional>
+
+#include "pointmorph/neighborhoods.hpp"
+
+namespace pointmorph {
+
+namespace {
+
+std::size_t at(Index i) {
+    return static_cast<std::size_t>(i);
+}
+
+/// The shortest edge from every component but the largest to the largest one.
+std::vector<IndexPair> joining_edges(const Positions& positions, const Components& components) {
+    const auto largest =
+        static_cast<Index>(std::ranges::max_element(components.sizes) - components.sizes.begin());
+    std::vector<Index> rows;
+    for (Index i = 0; i < positions.rows(); ++i)
+        if (components.label[at(i)] == largest) rows.push_back(i);
+    Positions main(static_cast<Eigen::Index>(rows.size()), 3);
+    for (std::size_t i = 0; i < rows.size(); ++i)
+        main.row(static_cast<Eigen::Index>(i)) = positions.row(rows[i]);
+    const KdTree<3> tree(main);
+
+    std::vector<IndexPair> best(at(components.count()), IndexPair{-1, -1});
+    std::vector<double> shortest(at(components.count()), std::numeric_limits<double>::infinity());
+    for (Index i = 0; i < positions.rows(); ++i) {
+        const auto label = at(components.label[at(i)]);
+        if (components.label[at(i)] == largest) continue;
+        Index nearest;
+        double squared;
+        tree.nearest(positions.row(i).data(), {&nearest, 1}, {&squared, 1});
+        if (squared >= shortest[label]) continue;
+        shortest[label] = squared;
+        best[label] = {i, rows[at(nearest)]};
+    }
+    std::erase_if(best, [](const IndexPair& e) { return e.source < 0; });
+    return best;
+}
+
+}  // namespace
+
+SurfaceGraph surface_graph(const KdTree<3>& tree, const Normals& normals,
+                           const SurfaceGraphOptions& options, Progress& progress) {
+    const Positions& positions = tree.points();
+    Neighborhoods joined = symmetrized(
+        filtered(nearest_neighbors(tree, options.neighbors, progress), [&](Index i, Index j) {
+            return normals.row(i).dot(normals.row(j)) > options.smallest_agreement;
+        }));
+    const Components components = connected_components(joined);
+    if (components.count() > 1) {
+        // symmetrized() takes one direction of an edge as well as both.
+        Neighborhoods bridges;
+        const auto edges = joining_edges(positions, components);
+        std::vector<std::vector<Index>> more(at(joined.size()));
+        for (const IndexPair& e : edges) more[at(e.source)].push_back(e.target);
+        for (Index i = 0; i < joined.size(); ++i) {
+            bridges.indices.insert(bridges.indices.end(), joined[i].begin(), joined[i].end());
+            bridges.indices.insert(bridges.indices.end(), more[at(i)].begin(), more[at(i)].end());
+            bridges.offsets.push_back(static_cast<std::int64_t>(bridges.indices.size()));
+        }
+        joined = symmetrized(bridges);
+    }
+
+    SurfaceGraph graph;
+    graph.lengths.resize(joined.indices.size());
+    // Coincident points: a length of 0 would do, but divides elsewhere.
+    constexpr double kShortest = 1e-12;
+    for (Index i = 0; i < joined.size(); ++i)
+        for (auto e = joined.offsets[at(i)]; e < joined.offsets[at(i) + 1]; ++e)
+            graph.lengths[static_cast<std::size_t>(e)] = std::max(
+                kShortest,
+                (positions.row(joined.indices[static_cast<std::size_t>(e)]) - positions.row(i))
+                    .norm());
+    graph.offsets = std::move(joined.offsets);
+    graph.neighbors = std::move(joined.indices);
+    return graph;
+}
+
+GeodesicSearch::GeodesicSearch(const SurfaceGraph& graph)
+    : graph_(graph), distance_(at(graph.size()), std::numeric_limits<double>::infinity()) {}
+
+std::span<const std::pair<Index, double>> GeodesicSearch::from(Index source, double limit) {
+    constexpr double kFar = std::numeric_limits<double>::infinity();
+    settled_.clear();
+    queue_.clear();
+    distance_[at(source)] = 0.0;
+    queue_.emplace_back(0.0, source);
+    // Rows break ties, so that the order of the result doesn't depend on the heap's history.
+    constexpr auto later = std::greater<std::pair<double, Index>>();
+    while (!queue_.empty()) {
+        std::ranges::pop_heap(queue_, later);
+        const auto [distance, i] = queue_.back();
+        queue_.pop_back();
+        if (distance > distance_[at(i)]) continue;
+        settled_.emplace_back(i, distance);
+        for (auto e = static_cast<std::size_t>(graph_.offsets[at(i)]);
+             e < static_cast<std::size_t>(graph_.offsets[at(i) + 1]); ++e) {
+            const Index j = graph_.neighbors[e];
+            const double through = distance + graph_.lengths[e];
+            if (through >= limit || through >= distance_[at(j)]) continue;
+            distance_[at(j)] = through;
+            queue_.emplace_back(through, j);
+            std::ranges::push_heap(queue_, later);
+        }
+    }
+    // Everything that got a distance below the limit was settled.
+    for (const auto& [i, distance] : settled_) distance_[at(i)] = kFar;
+    return settled_;
+}
+
+}  // namespace pointmorph

@@ -1,0 +1,77 @@
+#include "pointmorph/product_space.hpp"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <numeric>
+#include <set>
+
+#include "shapes.hpp"
+
+namespace pointmorph {
+namespace {
+
+ProductPoints noise(Index count, unsigned seed) {
+    const Positions p = shapes::cube_noise(4 * count, seed);
+    return Eigen::Map<const ProductPoints>(p.data(), count, 12);
+}
+
+Index brute_force(const ProductPoints& points, Index i, const ProductPoints& others) {
+    Index best;
+    (others.rowwise() - points.row(i)).rowwise().squaredNorm().minCoeff(&best);
+    return best;
+}
+
+TEST(ProductSpace, RowsHoldBothPlacesAndNormals) {
+    const Positions a = shapes::cube_noise(5, 1), b = shapes::cube_noise(5, 2),
+                    c = shapes::cube_noise(5, 3), d = shapes::cube_noise(5, 4);
+    const std::vector<Index> rows{4, 0};
+    const ProductPoints p = product_points(a, b, c, d, 0.5, rows);
+    ASSERT_EQ(p.rows(), 2);
+    for (Index k = 0; k < 2; ++k) {
+        EXPECT_EQ(p.row(k).segment<3>(0), a.row(rows[static_cast<std::size_t>(k)]));
+        EXPECT_EQ(p.row(k).segment<3>(3), b.row(rows[static_cast<std::size_t>(k)]));
+        EXPECT_EQ(p.row(k).segment<3>(6), 0.5 * c.row(rows[static_cast<std::size_t>(k)]));
+        EXPECT_EQ(p.row(k).segment<3>(9), 0.5 * d.row(rows[static_cast<std::size_t>(k)]));
+    }
+}
+
+TEST(ProductSpace, MatchesAgreeWithBruteForce) {
+    const ProductPoints a = noise(300, 1), b = noise(200, 2);
+    Progress progress;
+    const Matches m = nearest_matches(a, b, progress);
+    for (Index i = 0; i < 300; ++i) {
+        const Index j = m.to[static_cast<std::size_t>(i)];
+        EXPECT_EQ(j, brute_force(a, i, b));
+        EXPECT_NEAR(m.distances[static_cast<std::size_t>(i)], (a.row(i) - b.row(j)).norm(), 1e-12);
+    }
+}
+
+TEST(ProductSpace, PairsCoverBothSidesAndKeepFeaturesApart) {
+    const ProductPoints a = noise(300, 1), b = noise(200, 2);
+    const std::vector<IndexPair> features{{3, 9}, {299, 0}};
+    Progress progress;
+    const Pairing pairs = mutual_pairs(a, b, features, progress);
+    EXPECT_TRUE(std::ranges::is_sorted(pairs));
+    EXPECT_EQ(std::ranges::adjacent_find(pairs), pairs.end());
+    std::set<Index> source, target;
+    for (const IndexPair& p : pairs) {
+        source.insert(p.source);
+        target.insert(p.target);
+        for (const IndexPair& f : features) EXPECT_EQ(p.source == f.source, p.target == f.target);
+    }
+    EXPECT_EQ(source.size(), 300u);
+    EXPECT_EQ(target.size(), 200u);
+}
+
+TEST(ProductSpace, ASideOfFeaturesAloneStillCoversTheOther) {
+    const ProductPoints a = noise(2, 1), b = noise(5, 2);
+    const std::vector<IndexPair> features{{0, 1}, {1, 3}};
+    Progress progress;
+    std::set<Index> target;
+    for (const IndexPair& p : mutual_pairs(a, b, features, progress)) target.insert(p.target);
+    EXPECT_EQ(target.size(), 5u);
+}
+
+}  // namespace
+}  // namespace pointmorph

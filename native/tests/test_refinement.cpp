@@ -1,0 +1,266 @@
+#include "pointmorph/refinement.hpp"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+
+#include "pointmorph/error.hpp"
+#include "pointmorph/neighborhoods.hpp"
+#include "pointmorph/parallel.hpp"
+#include "shapes.hpp"
+
+namespace pointmorph {
+namespace {
+
+struct Oriented {
+    Positions positions;
+    Normals normals;
+};
+
+/// A body with four legs: a rounded box whose surface is pulled out in four directions. `bend`
+/// turns the first leg sideways. Directions are the sphere's, so that points of two of them belong
+/// together when their directions are the same.
+Vector3 place(const Vector3& direction, double bend) {
+    Vector3 p = direction.cwiseProduct(Vector3(1.0, 0.6, 0.5));
+    int leg = 0;
+    for (const double x : {-1.0, 1.0})
+        for (const double y : {-1.0, 1.0}) {
+            const Vector3 axis = Vector3(0.7 * x, 0.55 * y, -0.6).normalized();
+            const double near = std::exp((direction.dot(axis) - 1.0) / 0.03);
+            const Vector3 straight(0.15 * x, 0.1 * y, -1.1);
+            const Vector3 swung = straight + bend * Vector3(0.8, 0.0, 0.25);
+            p += near * (leg++ == 0 ? swung : straight);
+        }
+    return p;
+}
+
+Oriented animal(const Positions& directions, double bend) {
+    Oriented shape{Positions(directions.rows(), 3), Normals(directions.rows(), 3)};
+    for (Index i = 0; i < directions.rows(); ++i) {
+        const Vector3 d = directions.row(i).transpose();
+        const Vector3 u = d.unitOrthogonal(), v = d.cross(u);
+        constexpr double kStep = 1e-5;
+        const auto along = [&](const Vector3& t) -> Vector3 {
+            return place((d + kStep * t).normalized(), bend) -
+                   place((d - kStep * t).normalized(), bend);
+        };
+        shape.positions.row(i) = place(d, bend);
+        shape.normals.row(i) = along(u).cross(along(v)).normalized();
+    }
+    return shape;
+}
+
+Positions turned_sphere(Index count, unsigned seed) {
+    return shapes::sphere(count) * shapes::rotation(seed).transpose();
+}
+
+Index nearest_row(const Positions& p, const Vector3& q) {
+    Index best;
+    (p.rowwise() - q.transpose()).rowwise().squaredNorm().minCoeff(&best);
+    return best;
+}
+
+/// Both models, and their feet, head, tail, back and belly as features.
+struct Animals {
+    Positions source_directions, target_directions;
+    Oriented source, target;
+    std::vector<IndexPair> features;
+
+    Animals(Index source_points, Index target_points, double bend)
+        : source_directions(turned_sphere(source_points, 1)),
+          target_directions(turned_sphere(target_points, 2)),
+          source(animal(source_directions, 0.0)),
+          target(animal(target_directions, bend)) {
+        std::vector<Vector3> marks{Vector3::UnitX(), -Vector3::UnitX(), Vector3::UnitZ(),
+                                   -Vector3::UnitZ()};
+        for (const double x : {-1.0, 1.0})
+            for (const double y : {-1.0, 1.0})
+                marks.push_back(Vector3(0.7 * x, 0.55 * y, -0.6).normalized());
+        for (const Vector3& m : marks)
+            features.push_back(
+                {nearest_row(source_directions, m), nearest_row(target_directions, m)});
+    }
+
+    Refinement refined(Progress& progress) const {
+        return refine(source.positions, source.normals, target.positions, target.normals, features,
+                      {}, progress);
+    }
+
+    /// Mean distance of the source's images from where their direction lies on the target, in
+    /// the root of its area.
+    double error(const Refinement& r, double bend) const {
+        double sum = 0.0;
+        for (Index i = 0; i < source_directions.rows(); ++i)
+            sum += (r.source_images.row(i).transpose() -
+                    place(source_directions.row(i).transpose(), bend))
+                       .norm();
+        return sum / static_cast<double>(source_directions.rows()) /
+               std::sqrt(estimated_area(KdTree<3>(target.positions)));
+    }
+};
+
+/// Every row of both in a pair; images finite.
+void expect_complete(const Refinement& r, Index source_count, Index target_count) {
+    EXPECT_TRUE(r.source_images.allFinite());
+    EXPECT_TRUE(r.target_images.allFinite());
+    EXPECT_EQ(r.source_images.rows(), source_count);
+    EXPECT_EQ(r.target_images.rows(), target_count);
+    std::vector<char> source(static_cast<std::size_t>(source_count), 0);
+    std::vector<char> target(static_cast<std::size_t>(target_count), 0);
+    for (const IndexPair& p : r.pairs) {
+        source.at(static_cast<std::size_t>(p.source)) = 1;
+        target.at(static_cast<std::size_t>(p.target)) = 1;
+    }
+    EXPECT_EQ(std::ranges::count(source, 0), 0);
+    EXPECT_EQ(std::ranges::count(target, 0), 0);
+}
+
+TEST(Refinement, FindsTheSameShapeSampledAnew) {
+    const Animals animals(3000, 2500, 0.0);
+    Progress progress;
+    const Refinement r = animals.refined(progress);
+    expect_complete(r, 3000, 2500);
+    EXPECT_LT(animals.error(r, 0.0), 0.01);
+}
+
+TEST(Refinement, FollowsALegThatSwings) {
+    const Animals animals(4000, 3000, 0.8);
+    Progress progress;
+    const Refinement r = animals.refined(progress);
+    expect_complete(r, 4000, 3000);
+    EXPECT_LT(animals.error(r, 0.8), 0.025);
+    // Continuous: neighbours stay neighbours.
+    const auto near = nearest_neighbors(KdTree<3>(animals.source.positions), 4, progress);
+    std::vector<double> stretch;
+    for (Index i = 0; i < near.size(); ++i)
+        for (const Index j : near[i])
+            stretch.push_back(
+                (r.source_images.row(i) - r.source_images.row(j)).norm() /
+                (animals.source.positions.row(i) - animals.source.positions.row(j)).norm());
+    const auto high = stretch.begin() + static_cast<std::ptrdiff_t>(stretch.size() * 99 / 100);
+    std::ranges::nth_element(stretch, high);
+    EXPECT_LT(*high, 3.0);
+}
+
+TEST(Refinement, FeaturesMeetExactly) {
+    const Animals animals(2000, 1500, 0.5);
+    Progress progress;
+    const Refinement r = animals.refined(progress);
+    for (const IndexPair& f : animals.features) {
+        EXPECT_EQ(r.source_images.row(f.source), animals.target.positions.row(f.target));
+        EXPECT_EQ(r.target_images.row(f.target), animals.source.positions.row(f.source));
+        for (const IndexPair& p : r.pairs) EXPECT_EQ(p.source == f.source, p.target == f.target);
+    }
+}
+
+TEST(Refinement, BothMapsAreInverse) {
+    const Animals animals(4000, 3000, 0.5);
+    Progress progress;
+    const Refinement r = animals.refined(progress);
+    const KdTree<3> tree(animals.target.positions);
+    double sum = 0.0;
+    for (Index i = 0; i < 4000; ++i) {
+        Index j;
+        double squared;
+        tree.nearest(r.source_images.row(i).data(), {&j, 1}, {&squared, 1});
+        sum += (r.target_images.row(j) - animals.source.positions.row(i)).norm();
+    }
+    const double spacing = std::sqrt(estimated_area(KdTree<3>(animals.source.positions)) / 3000.0);
+    EXPECT_LT(sum / 4000, spacing);
+}
+
+TEST(Refinement, TurnsScalesAndMovesWithTheClouds) {
+    Animals animals(2000, 1500, 0.5);
+    Progress progress;
+    const Refinement before = animals.refined(progress);
+    const Similarity a{300.0, shapes::rotation(5), Vector3(1e3, -2e3, 5e2)};
+    const Similarity b{0.02, shapes::rotation(6), Vector3(-3, 1, 2)};
+    animals.source = {a.apply(animals.source.positions), a.turn(animals.source.normals)};
+    animals.target = {b.apply(animals.target.positions), b.turn(animals.target.normals)};
+    const Refinement after = animals.refined(progress);
+    const Positions back = b.inverse().apply(after.source_images);
+    const double spacing =
+        std::sqrt(estimated_area(KdTree<3>(animals.target.positions)) / 1500.0) / b.scale;
+    EXPECT_LT((back - before.source_images).rowwise().norm().mean(), 0.2 * spacing);
+}
+
+TEST(Refinement, SameBitsForAnyThreadCount) {
+    const Animals animals(1500, 1200, 0.5);
+    Progress progress;
+    const auto with = [&](int threads) {
+        const ThreadCount scope(threads);
+        return animals.refined(progress);
+    };
+    const Refinement one = with(1), three = with(3);
+    EXPECT_EQ(one.source_images, three.source_images);
+    EXPECT_EQ(one.target_images, three.target_images);
+    EXPECT_EQ(one.pairs, three.pairs);
+}
+
+TEST(Refinement, NormalsInsideOutAreNoticed) {
+    Animals animals(1500, 1200, 0.3);
+    Progress progress;
+    EXPECT_TRUE(animals.refined(progress).warnings.empty());
+    animals.target.normals *= -1.0;
+    const Refinement r = animals.refined(progress);
+    ASSERT_EQ(r.warnings.size(), 1u);
+    EXPECT_LT(animals.error(r, 0.3), 0.03);
+}
+
+TEST(Refinement, OpenPatchesGenusOneAndSeveralPartsGoThrough) {
+    Progress progress;
+    const auto run = [&](const Positions& s, const Normals& sn, const Positions& t,
+                         const Normals& tn, std::vector<IndexPair> features) {
+        expect_complete(refine(s, sn, t, tn, features, {}, progress), static_cast<Index>(s.rows()),
+                        static_cast<Index>(t.rows()));
+    };
+    const Positions half = shapes::sphere(600, 0.0), flat = shapes::grid(25);
+    Normals up = Normals::Zero(flat.rows(), 3);
+    up.col(2).setOnes();
+    run(half, half, flat, up, {{0, 312}});
+    const Positions ring = shapes::torus(900, 0.3);
+    Normals out(900, 3);
+    for (Index i = 0; i < 900; ++i) {
+        const Vector3 p = ring.row(i).transpose();
+        out.row(i) = (p - Vector3(p[0], p[1], 0).normalized()).normalized();
+    }
+    run(ring, out, ring, out, {{0, 0}, {1, 1}, {2, 2}, {3, 3}});
+    Positions parts(700, 3);
+    parts << shapes::sphere(500), 0.1 * shapes::sphere(200);
+    Normals parts_out = parts.rowwise().normalized();
+    parts.bottomRows(200).col(0).array() += 1.5;
+    run(parts, parts_out, half, half, {});
+}
+
+TEST(Refinement, HopelessCloudsStillGiveFiniteMaps) {
+    Progress progress;
+    const Normals up = Vector3::UnitZ().transpose().replicate(40, 1);
+    Positions line = Positions::Zero(40, 3), doubled(40, 3);
+    line.col(0).setLinSpaced(40, 0.0, 1.0);
+    doubled << shapes::cube_noise(4).replicate(10, 1);
+    const Positions same = Positions::Constant(40, 3, 7.0), noise = shapes::cube_noise(40);
+    const std::vector<IndexPair> features{{0, 0}, {1, 1}, {2, 2}};
+    for (const Positions& p : {line, doubled, same, noise})
+        for (const Positions& q : {line, doubled, same, noise})
+            for (const std::size_t count : {0u, 1u, 3u})
+                expect_complete(
+                    refine(p, up, q, up, std::span(features).first(count), {}, progress), 40, 40);
+    for (const Index few : {1, 2, 5})
+        expect_complete(refine(noise.topRows(few), up.topRows(few), noise, up, {}, {}, progress),
+                        few, 40);
+}
+
+TEST(Refinement, EndsWhenAskedTo) {
+    const Animals animals(3000, 3000, 0.3);
+    for (const double share : {0.0, 0.3, 0.8}) {
+        Progress progress([&](std::string_view stage, double fraction) {
+            return stage != "registration" || fraction < share;
+        });
+        EXPECT_THROW(animals.refined(progress), Cancelled);
+    }
+}
+
+}  // namespace
+}  // namespace pointmorph

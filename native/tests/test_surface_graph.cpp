@@ -1,0 +1,108 @@
+#include "pointmorph/surface_graph.hpp"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "shapes.hpp"
+
+namespace pointmorph {
+namespace {
+
+std::size_t at(Index i) {
+    return static_cast<std::size_t>(i);
+}
+
+SurfaceGraph graph_of(const Positions& p, const Normals& n) {
+    Progress progress;
+    return surface_graph(KdTree<3>(p), n, {}, progress);
+}
+
+TEST(SurfaceGraph, IsSymmetricWithPlainLengths) {
+    const Positions p = shapes::sphere(300);
+    const SurfaceGraph graph = graph_of(p, p);
+    for (Index i = 0; i < graph.size(); ++i)
+        for (auto e = graph.offsets[at(i)]; e < graph.offsets[at(i) + 1]; ++e) {
+            const Index j = graph.neighbors[static_cast<std::size_t>(e)];
+            EXPECT_DOUBLE_EQ(graph.lengths[static_cast<std::size_t>(e)],
+                             (p.row(i) - p.row(j)).norm());
+            const auto first = graph.neighbors.begin() + graph.offsets[at(j)];
+            const auto last = graph.neighbors.begin() + graph.offsets[at(j) + 1];
+            EXPECT_TRUE(std::binary_search(first, last, i));
+        }
+}
+
+TEST(SurfaceGraph, GeodesicsOfASphereAreGreatCircles) {
+    const Positions p = shapes::sphere(4000);
+    const SurfaceGraph graph = graph_of(p, p);
+    GeodesicSearch search(graph);
+    const auto found = search.from(0);
+    ASSERT_EQ(found.size(), at(Index(p.rows())));
+    EXPECT_TRUE(std::ranges::is_sorted(found, {}, &std::pair<Index, double>::second));
+    for (const auto& [i, distance] : found) {
+        const double arc = std::acos(std::clamp(p.row(0).dot(p.row(i)), -1.0, 1.0));
+        EXPECT_GE(distance, arc * 0.99 - 1e-9);
+        EXPECT_LE(distance, arc * 1.08 + 0.06);  // a zig-zag, and the spacing
+    }
+}
+
+TEST(SurfaceGraph, AgreesWithFloydAndHonoursTheLimit) {
+    const Positions p = shapes::cube_noise(60);
+    const Normals n = Normals::Constant(60, 3, 1.0 / std::sqrt(3.0));
+    const SurfaceGraph graph = graph_of(p, n);
+    Eigen::MatrixXd d = Eigen::MatrixXd::Constant(60, 60, 1e9);
+    for (Index i = 0; i < 60; ++i) {
+        d(i, i) = 0.0;
+        for (auto e = at(Index(graph.offsets[at(i)])); e < at(Index(graph.offsets[at(i) + 1])); ++e)
+            d(i, graph.neighbors[e]) = graph.lengths[e];
+    }
+    for (Index k = 0; k < 60; ++k)
+        for (Index i = 0; i < 60; ++i)
+            for (Index j = 0; j < 60; ++j) d(i, j) = std::min(d(i, j), d(i, k) + d(k, j));
+    GeodesicSearch search(graph);
+    for (const double limit : {0.8, 10.0})
+        for (Index i = 0; i < 60; ++i) {
+            const auto found = search.from(i, limit);
+            EXPECT_EQ(static_cast<Index>(found.size()), (d.row(i).array() < limit).count());
+            for (const auto& [j, distance] : found) EXPECT_NEAR(distance, d(i, j), 1e-12);
+        }
+}
+
+TEST(SurfaceGraph, SheetsOfOpposedNormalsMeetOnlyOnce) {
+    const Positions top = shapes::grid(20);
+    Positions p(2 * top.rows(), 3);
+    p << top, top;
+    p.bottomRows(top.rows()).col(2).array() -= 1e-3;
+    Normals n = Normals::Zero(p.rows(), 3);
+    n.col(2).head(top.rows()).setOnes();
+    n.col(2).tail(top.rows()).setConstant(-1.0);
+    const SurfaceGraph graph = graph_of(p, n);
+    Index across = 0;
+    for (Index i = 0; i < top.rows(); ++i)
+        for (auto e = graph.offsets[at(i)]; e < graph.offsets[at(i) + 1]; ++e)
+            across += graph.neighbors[static_cast<std::size_t>(e)] >= top.rows();
+    EXPECT_EQ(across, 1);
+}
+
+TEST(SurfaceGraph, ComponentsAreJoined) {
+    Positions p(900, 3);
+    p << shapes::sphere(500), shapes::sphere(300), shapes::sphere(100);
+    Normals n = p;
+    p.middleRows(500, 300).col(0).array() += 5.0;
+    p.bottomRows(100).col(1).array() += 9.0;
+    const SurfaceGraph graph = graph_of(p, n);
+    GeodesicSearch search(graph);
+    EXPECT_EQ(search.from(600).size(), 900u);
+}
+
+TEST(SurfaceGraph, CoincidentPointsHavePositiveLengths) {
+    const Positions p = Positions::Zero(40, 3);
+    const SurfaceGraph graph = graph_of(p, Normals::Constant(40, 3, 1.0 / std::sqrt(3.0)));
+    EXPECT_GT(*std::ranges::min_element(graph.lengths), 0.0);
+    GeodesicSearch search(graph);
+    EXPECT_EQ(search.from(0).size(), 40u);
+}
+
+}  // namespace
+}  // namespace pointmorph
