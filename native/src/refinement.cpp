@@ -32,7 +32,7 @@ Similarity composed(const Similarity& after, const Similarity& before) {
             after.scale * (after.rotation * before.shift) + after.shift};
 }
 
-/// The target onto the source, both of unit area: by the features, where three or more say how.
+/// The target onto the source by the features.
 Similarity feature_alignment(const Positions& source, const Positions& target,
                              std::span<const IndexPair> features) {
     Positions s(static_cast<Eigen::Index>(features.size()), 3), t = s;
@@ -44,6 +44,14 @@ Similarity feature_alignment(const Positions& source, const Positions& target,
     Similarity shift;
     if (!features.empty()) shift.shift = (s.colwise().mean() - t.colwise().mean()).transpose();
     return shift;
+}
+
+/// Volume that the oriented points enclose, if they do.
+double signed_volume(const CoarseShape& shape) {
+    const Eigen::RowVector3d center = shape.positions.colwise().mean();
+    return ((shape.positions.rowwise() - center).cwiseProduct(shape.normals).rowwise().sum())
+               .dot(shape.areas) /
+           3.0;
 }
 
 /// Mean agreement of the normals of source points, where they start, with the nearest target
@@ -59,6 +67,15 @@ double normal_agreement(const CoarseShape& source, const CoarseShape& target,
         sum += source.normals.row(i).dot(target.normals.row(nearest));
     }
     return sum / source.size();
+}
+
+/// Whether the normals of one cloud face outwards and those of the other inwards: told from the
+/// volumes where both clouds enclose one, else from how the normals agree.
+bool inside_out(const CoarseShape& source, const CoarseShape& target, const Positions& start) {
+    constexpr double kSomeVolume = 0.005;  // of a unit area; a ball has 0.09
+    const double s = signed_volume(source), t = signed_volume(target);
+    if (std::min(std::abs(s), std::abs(t)) > kSomeVolume) return s * t < 0.0;
+    return normal_agreement(source, target, start) < 0.0;
 }
 
 /// Images moved onto the other surface: onto the tangent plane of the matching point, no further
@@ -93,10 +110,13 @@ Refinement refine(const Positions& source, const Normals& source_normals, const 
     const Similarity source_unit = to_unit_area(source);
     const Positions s = source_unit.apply(source);
     Similarity target_move = to_unit_area(target);
-    target_move = composed(feature_alignment(s, target_move.apply(target), features), target_move);
-    const Positions t = target_move.apply(target);
+    const bool pose_is_known =
+        features.size() >= at(std::max<Index>(options.features_that_fix_the_pose, 3));
+    if (pose_is_known)
+        target_move =
+            composed(feature_alignment(s, target_move.apply(target), features), target_move);
+    Positions t = target_move.apply(target);
     Normals tn = target_move.turn(target_normals);
-    result.alignment = composed(source_unit.inverse(), target_move);
 
     std::vector<Index> source_required, target_required;
     std::vector<IndexPair> coarse_features;
@@ -110,17 +130,38 @@ Refinement refine(const Positions& source, const Normals& source_normals, const 
     CoarseShape coarse_target =
         coarse_shape(KdTree<3>(t), tn, target_required, options.coarse, progress);
 
-    progress.enter("registration");
     RegistrationStart start = thin_plate_start(coarse_source, coarse_target, coarse_features);
-    if (normal_agreement(coarse_source, coarse_target, start.source) < 0.0) {
+    if (inside_out(coarse_source, coarse_target, start.source)) {
         result.warnings.push_back(
             "The normals of source and target face opposite sides of the surface; the target's "
             "were taken the other way round.");
         tn = -tn;
         coarse_target.normals = -coarse_target.normals;
     }
-    const Registration registration = register_shapes(coarse_source, coarse_target, coarse_features,
-                                                      start, options.registration, progress);
+    Index first_level = 0;
+    if (!pose_is_known) {
+        progress.enter("pose");
+        const Pose pose = find_pose(coarse_source, coarse_target, coarse_features, options.pose,
+                                    options.registration, progress);
+        coarse_target = moved(coarse_target, pose.alignment);
+        t = pose.alignment.apply(t);
+        tn = pose.alignment.turn(tn);
+        target_move = composed(pose.alignment, target_move);
+        start = {pose.registration.source_points.positions,
+                 pose.registration.target_points.positions};
+        first_level = 1;
+        result.margin = pose.margin;
+        if (pose.margin < options.clear_margin)
+            result.warnings.push_back(
+                "The shapes fit another way almost as well (a swap of left and right, or of head "
+                "and tail). If the morph goes wrong, mark one feature that tells them apart.");
+    }
+    result.alignment = composed(source_unit.inverse(), target_move);
+
+    progress.enter("registration");
+    const Registration registration =
+        register_shapes(coarse_source, coarse_target, coarse_features, start, options.registration,
+                        progress, first_level);
 
     progress.enter("lift");
     LiftedCloud x = lifted(coarse_source, registration.source_points, s, source_normals, progress);

@@ -2,6 +2,7 @@
 
 #include <Eigen/LU>
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <numeric>
 #include <random>
@@ -266,15 +267,96 @@ RegistrationStart thin_plate_start(const CoarseShape& source, const CoarseShape&
     return start;
 }
 
+Registration register_level(const CoarseShape& source_shape, const CoarseShape& target_shape,
+                            Index level, std::span<const IndexPair> features,
+                            const RegistrationStart& start, const RegistrationLevel& schedule,
+                            const RegistrationOptions& options, Progress& progress) {
+    Side source(source_shape, level, start.source, options);
+    Side target(target_shape, level, start.target, options);
+    std::mt19937_64 random(1);
+    anneal(source, target, features, schedule, options, random, progress, 0.0, 1.0);
+    return {std::move(source.deformation), std::move(target.deformation), std::move(source.points),
+            std::move(target.points)};
+}
+
+double registration_energy(const CoarseShape& source, const CoarseShape& target, Index level,
+                           const Registration& registration, const RegistrationOptions& options,
+                           Progress& progress) {
+    // Means over nodes or edges, with the exponents that ranked maps of four-legged animals best.
+    enum Term { kGap, kRoundTrip, kNormals, kOpposed, kResidual, kTurn, kScale, kTerms };
+    constexpr std::array<double, kTerms> kExponents{0.8, 0.5, 1.2, 0.1, 0.8, 0.4, 0.5};
+    // What a perfect map of samples has anyway, so that no term can win alone by vanishing.
+    constexpr std::array<double, kTerms> kFloors{1e-3, 1e-3, 1e-3, 1e-2, 1e-4, 1e-3, 1e-3};
+    std::array<double, kTerms> sums{};
+
+    struct View {
+        const CoarseShape& shape;
+        const Deformation& deformation;
+        const DeformedCloud& points;
+    };
+    const View views[2] = {{source, registration.source, registration.source_points},
+                           {target, registration.target, registration.target_points}};
+    for (int side = 0; side < 2; ++side) {
+        const View& here = views[side];
+        const View& there = views[1 - side];
+        const auto& graph = here.shape.levels[at(level)];
+        std::vector<Index> all(at(there.shape.size()));
+        std::iota(all.begin(), all.end(), 0);
+        const Matches matches = nearest_matches(
+            product_points(here.points.positions, here.shape.positions, here.points.normals,
+                           here.shape.normals, options.normal_weight, graph.nodes),
+            product_points(there.shape.positions, there.points.positions, there.shape.normals,
+                           there.points.normals, options.normal_weight, all),
+            progress);
+        const double share = 0.5 / graph.size();
+        for (Index k = 0; k < graph.size(); ++k) {
+            const Index i = graph.nodes[at(k)], j = matches.to[at(k)];
+            const double agreement = here.points.normals.row(i).dot(there.shape.normals.row(j));
+            const double back = here.shape.normals.row(i).dot(there.points.normals.row(j));
+            sums[kGap] +=
+                share * (here.points.positions.row(i) - there.shape.positions.row(j)).norm();
+            sums[kRoundTrip] +=
+                share * (there.points.positions.row(j) - here.shape.positions.row(i)).norm();
+            sums[kNormals] += share * (1.0 - 0.5 * (agreement + back));
+            sums[kOpposed] += share * (agreement < 0.0 ? 1.0 : 0.0);
+        }
+        const double edge_share =
+            0.5 / std::max<double>(1.0, static_cast<double>(graph.edge_ends.size()));
+        const Deformation& d = here.deformation;
+        for (Index k = 0; k < graph.size(); ++k)
+            for (auto e = at(graph.edge_offsets[at(k)]); e < at(graph.edge_offsets[at(k) + 1]);
+                 ++e) {
+                const Index l = graph.edge_ends[e];
+                const Vector3 rest = (here.shape.positions.row(graph.nodes[at(l)]) -
+                                      here.shape.positions.row(graph.nodes[at(k)]))
+                                         .transpose();
+                const Vector3 now = (d.positions.row(l) - d.positions.row(k)).transpose();
+                const Matrix3 linear =
+                    0.5 * (d.scales[k] * d.rotations[at(k)] + d.scales[l] * d.rotations[at(l)]);
+                sums[kResidual] += edge_share * (now - linear * rest).squaredNorm() /
+                                   std::max(rest.squaredNorm(), 1e-300);
+                sums[kTurn] += edge_share * (d.rotations[at(k)] - d.rotations[at(l)]).norm();
+                sums[kScale] += edge_share * std::abs(std::log(d.scales[k] / d.scales[l]));
+            }
+    }
+    double logarithm = 0.0, exponents = 0.0;
+    for (std::size_t term = 0; term < kTerms; ++term) {
+        logarithm += kExponents[term] * std::log(sums[term] + kFloors[term]);
+        exponents += kExponents[term];
+    }
+    return std::exp(logarithm / exponents);
+}
+
 Registration register_shapes(const CoarseShape& source_shape, const CoarseShape& target_shape,
                              std::span<const IndexPair> features, const RegistrationStart& start,
-                             const RegistrationOptions& options, Progress& progress) {
+                             const RegistrationOptions& options, Progress& progress,
+                             Index first_level) {
     std::mt19937_64 random(1);
     Registration result;
     result.source_points.positions = start.source;
     result.target_points.positions = start.target;
     const auto levels = static_cast<Index>(source_shape.levels.size());
-    for (Index level = 0; level < levels; ++level) {
+    for (Index level = first_level; level < levels; ++level) {
         Side source(source_shape, level, result.source_points.positions, options);
         Side target(target_shape, level, result.target_points.positions, options);
         anneal(source, target, features, options.levels[at(level)], options, random, progress,

@@ -3,11 +3,13 @@
 // space.
 #pragma once
 
+#include <limits>
 #include <span>
 #include <string>
 #include <vector>
 
 #include "pointmorph/coarse_shape.hpp"
+#include "pointmorph/pose.hpp"
 #include "pointmorph/product_space.hpp"
 #include "pointmorph/progress.hpp"
 #include "pointmorph/registration.hpp"
@@ -19,6 +21,12 @@ namespace pointmorph {
 struct RefinementOptions {
     CoarseShapeOptions coarse;
     RegistrationOptions registration;
+    PoseOptions pose;
+    /// With so many features or more they alone say how the target lies to the source; with fewer
+    /// other poses are tried. 3 or more.
+    Index features_that_fix_the_pose = 5;
+    /// Below this the second best map is named as a rival (see Pose::margin).
+    double clear_margin = 1.1;
     /// Weight of unit normals against lengths (in √area) in the last matching of a cloud of 10,000
     /// points; falls with the spacing of larger ones. 0 to 1.
     double normal_weight = 0.02;
@@ -34,14 +42,18 @@ struct Refinement {
     Pairing pairs;
     /// Both clouds in that space, as pair_points() and mutual_pairs() want them.
     ProductPoints source_product, target_product;
+    /// How much worse the best rival fits, 1 or more; infinite where there was none, or the
+    /// features left nothing to choose. See Pose::margin.
+    double margin = std::numeric_limits<double>::infinity();
     /// What may have gone wrong, for the user.
     std::vector<std::string> warnings;
 };
 
 /// `features` are rows of the clouds that belong together, none twice on either side; the maps
-/// take them exactly onto each other. Normals have unit length and face outwards; when one cloud's
-/// are turned inside out against the other's, a warning says so. Clouds have no order or scale to
-/// keep to; the result turns, scales and moves with them.
+/// take them exactly onto each other. With fewer than `features_that_fix_the_pose` of them, or
+/// none, the clouds may lie in any orientation. Normals have unit length and face outwards; when
+/// one cloud's are turned inside out against the other's, a warning says so. Clouds have no order
+/// or scale to keep to; the result turns, scales and moves with them.
 Refinement refine(const Positions& source, const Normals& source_normals, const Positions& target,
                   const Normals& target_normals, std::span<const IndexPair> features,
                   const RefinementOptions& options, Progress& progress);

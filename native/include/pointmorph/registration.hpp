@@ -62,10 +62,25 @@ struct RegistrationStart {
 RegistrationStart thin_plate_start(const CoarseShape& source, const CoarseShape& target,
                                    std::span<const IndexPair> features);
 
-/// From `start`, level by level. `features` are rows of the coarse shapes. The target has been
-/// aligned with the source, which has unit area.
+/// One level alone, from `start`.
+Registration register_level(const CoarseShape& source, const CoarseShape& target, Index level,
+                            std::span<const IndexPair> features, const RegistrationStart& start,
+                            const RegistrationLevel& schedule, const RegistrationOptions& options,
+                            Progress& progress);
+
+/// How much the shapes had to bend, and what gap is left: a weighted geometric mean over both
+/// directions of gaps, round trips, disagreement of normals, residual and change of the rotations
+/// and scales at the nodes of `level`, which `registration` belongs to. Only the ratio of two of
+/// them says something: less is better.
+double registration_energy(const CoarseShape& source, const CoarseShape& target, Index level,
+                           const Registration& registration, const RegistrationOptions& options,
+                           Progress& progress);
+
+/// From `start`, level by level, beginning with `first_level`. `features` are rows of the coarse
+/// shapes. The target has been aligned with the source, which has unit area.
 Registration register_shapes(const CoarseShape& source, const CoarseShape& target,
                              std::span<const IndexPair> features, const RegistrationStart& start,
-                             const RegistrationOptions& options, Progress& progress);
+                             const RegistrationOptions& options, Progress& progress,
+                             Index first_level = 0);
 
 }  // namespace pointmorph
