@@ -44,15 +44,17 @@ py::dict dict_of(const MorphReport& report, const MorphOptions& options) {
     py::dict stages, chosen;
     for (const StageTime& time : report.stages) stages[py::str(time.stage)] = time.seconds;
     for (const Option& option : option_table()) chosen[py::str(option.name)] = option.get(options);
-    return py::dict(py::arg("method") = report.method, py::arg("domain") = report.domain,
-                    py::arg("stages") = stages, py::arg("seconds") = report.seconds,
-                    py::arg("pairs") = report.pairs,
-                    py::arg("feature_residual") = report.feature_residual,
-                    py::arg("alignment_rotation") = report.alignment_rotation,
-                    py::arg("alignment_sweeps") = report.alignment_sweeps,
-                    py::arg("source_parameterization") = dict_of(report.source_parameterization),
-                    py::arg("target_parameterization") = dict_of(report.target_parameterization),
-                    py::arg("warnings") = report.warnings, py::arg("options") = chosen);
+    return py::dict(
+        py::arg("method") = report.method, py::arg("domain") = report.domain,
+        py::arg("stages") = stages, py::arg("seconds") = report.seconds,
+        py::arg("pairs") = report.pairs, py::arg("feature_residual") = report.feature_residual,
+        py::arg("margin") = std::isfinite(report.margin) ? py::object(py::float_(report.margin))
+                                                         : py::object(py::none()),
+        py::arg("alignment_rotation") = report.alignment_rotation,
+        py::arg("alignment_sweeps") = report.alignment_sweeps,
+        py::arg("source_parameterization") = dict_of(report.source_parameterization),
+        py::arg("target_parameterization") = dict_of(report.target_parameterization),
+        py::arg("warnings") = report.warnings, py::arg("options") = chosen);
 }
 
 /// Writes into the caller's arrays, which the Python side has checked.
@@ -99,9 +101,9 @@ void bind_morph(py::module_& module) {
         .def(py::init(make))
         .def("pairs", [](const Morph& m) { return array_of(m.pairs()); })
         .def("source_domain",
-             [](const Morph& m) { return to_numpy(DiskPoints(m.source_domain())); })
+             [](const Morph& m) { return to_numpy(DomainPoints(m.source_domain())); })
         .def("target_domain",
-             [](const Morph& m) { return to_numpy(DiskPoints(m.target_domain())); })
+             [](const Morph& m) { return to_numpy(DomainPoints(m.target_domain())); })
         .def("source_boundary", [](const Morph& m) { return array_of(m.source_boundary()); })
         .def("target_boundary", [](const Morph& m) { return array_of(m.target_boundary()); })
         .def("report", [](const Morph& m) { return dict_of(m.report(), m.options()); })

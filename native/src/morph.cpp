@@ -1,18 +1,19 @@
 #include "pointmorph/morph.hpp"
 
-#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 #include <mutex>
 #include <optional>
 #include <unordered_map>
 #include <utility>
 
-#include "pointmorph/covariance.hpp"
+#include "disk_route.hpp"
 #include "pointmorph/error.hpp"
 #include "pointmorph/kd_tree.hpp"
 #include "pointmorph/neighborhoods.hpp"
 #include "pointmorph/parallel.hpp"
+#include "side.hpp"
 
 namespace pointmorph {
 
@@ -20,10 +21,6 @@ namespace {
 
 /// Fewer points can't have an inside, a boundary and neighbourhoods.
 constexpr Index kMinimumPoints = 16;
-
-/// Mirroring one disk must bring the features this much closer before estimated normals are taken
-/// to point inwards on one side.
-constexpr double kMirrorFactor = 0.5;
 
 void check_features(const Cloud& cloud, std::span<const Feature> features, Index Feature::*row_of) {
     std::unordered_map<Index, std::string> taken;
@@ -60,144 +57,22 @@ void check_loop(const MorphInput& input) {
                            "Add features to the loop, or leave it out.");
 }
 
-/// One of the two shapes on its way through the stages: normalised, in spatial order.
-struct Side {
-    explicit Side(Cloud& as_given) : cloud(as_given) {}
-
-    Cloud& cloud;              ///< as given; missing normals and radii are filled in
-    std::vector<Index> order;  ///< row here → row as given
-    std::vector<Index> rank;   ///< the inverse
-    double scale = 1.0;        ///< unit of the cloud as given
-    Positions positions;
-    Normals normals;
-    bool normals_given = false;
-    Neighborhoods nearest;
-    BoundaryLoop loop;
-    std::vector<Index> features;
-    DiskPoints disk;
-
-    void order_points() {
-        order = spatial_order(cloud.positions);
-        rank = inverse_order(order);
-        const Normalization unit = normalization(cloud.positions);
-        scale = unit.scale;
-        positions = unit.apply(gather(cloud.positions, order));
-        normals_given = cloud.normals.rows() > 0;
-        if (normals_given) normals = gather(cloud.normals, order).rowwise().normalized();
-    }
-
-    void find_normals(Progress& progress) {
-        if (!normals_given) {
-            normals = covariance_analysis(positions, nearest, progress).normals;
-            orient_normals(positions, nearest, normals, progress);
-        }
-        if (cloud.radii.rows() == 0) {
-            const Values spacing = local_spacing(positions, nearest);
-            cloud.radii.resize(spacing.size());
-            for (std::size_t i = 0; i < order.size(); ++i)
-                cloud.radii[order[i]] = spacing[static_cast<Eigen::Index>(i)] * scale;
-        }
-    }
-
-    /// The boundary given, or the longest that is found.
-    void find_boundary(const BoundaryLoop& given, const BoundaryOptions& options,
-                       std::vector<std::string>& warnings, Progress& progress) {
-        if (!given.empty()) {
-            BoundaryLoop ranked;
-            for (const Index row : given) {
-                if (row < 0 || row >= cloud.size())
-                    throw FeatureError("boundary of " + cloud.name,
-                                       "points 0 to " + std::to_string(cloud.size() - 1),
-                                       "point " + std::to_string(row), "Give the boundary again.");
-                ranked.push_back(rank[static_cast<std::size_t>(row)]);
-            }
-            loop = oriented_loop(positions, normals, nearest, std::move(ranked), cloud.name);
-            return;
-        }
-        auto loops = find_boundary_loops(positions, normals, nearest, options, progress);
-        if (loops.empty())
-            throw TopologyError(cloud.name, "an open patch with a boundary", "a closed surface",
-                                "Cut it open (delete the faces inside a loop), or give the rows of "
-                                "its boundary.");
-        loop = std::move(loops.front());
-        if (loops.size() > 1)
-            warnings.push_back(cloud.name + ": the longest of " + std::to_string(loops.size()) +
-                               " boundary loops goes to the rim of the disk, the others are "
-                               "treated as holes in the patch.");
-    }
-
-    /// Turns a surface whose estimated normals pointed inwards.
-    void flip() {
-        normals = -normals;
-        std::reverse(loop.begin(), loop.end());
-        disk.col(1) *= -1.0;
-    }
-
-    /// Rows as given of rows here.
-    std::vector<Index> as_given(std::span<const Index> rows) const {
-        std::vector<Index> result;
-        for (const Index row : rows) result.push_back(order[static_cast<std::size_t>(row)]);
-        return result;
-    }
-
-    /// Puts normals that were estimated into the cloud.
-    void hand_over_normals() {
-        if (normals_given) return;
-        cloud.normals.resize(normals.rows(), 3);
-        for (std::size_t i = 0; i < order.size(); ++i)
-            cloud.normals.row(order[i]) = normals.row(static_cast<Eigen::Index>(i));
-    }
-};
+/// A loop cuts closed models; open patches have their boundary.
+void check_closed(Side& source, Side& target, const MorphInput& input, const MorphOptions& options,
+                  Progress& progress) {
+    progress.enter("boundary");
+    const Index loops = source.find_boundary(input.source_boundary, options.boundary, progress) +
+                        target.find_boundary(input.target_boundary, options.boundary, progress);
+    if (loops > 0)
+        throw FeatureError("loop", "no loop for open patches, whose boundary is known",
+                           "one of " + std::to_string(input.loop.size()) + " features",
+                           "Leave the loop out.");
+}
 
 /// Runs both at once where there are two threads.
 template <class Left, class Right>
 void both(Left&& left, Right&& right) {
     parallel_invoke(2, [&](int side, bool) { side == 0 ? left() : right(); });
-}
-
-/// Positions of the boundary features in their loops. A feature lies on both boundaries or on
-/// neither.
-std::vector<IndexPair> boundary_features(const Side& source, const Side& target,
-                                         std::span<const Feature> features) {
-    const auto positions_in = [](const Side& side) {
-        std::unordered_map<Index, Index> result;
-        for (std::size_t i = 0; i < side.loop.size(); ++i)
-            result.emplace(side.loop[i], static_cast<Index>(i));
-        return result;
-    };
-    const auto on_source = positions_in(source), on_target = positions_in(target);
-    std::vector<IndexPair> result;
-    for (std::size_t i = 0; i < features.size(); ++i) {
-        const auto s = on_source.find(source.features[i]);
-        const auto t = on_target.find(target.features[i]);
-        if ((s == on_source.end()) != (t == on_target.end())) {
-            const bool source_has_it = s != on_source.end();
-            const std::string& has = source_has_it ? source.cloud.name : target.cloud.name;
-            const std::string& lacks = source_has_it ? target.cloud.name : source.cloud.name;
-            throw FeatureError(
-                "feature \"" + features[i].name + "\"", "a place on both boundaries or on neither",
-                "one on the boundary of " + has + " and inside " + lacks,
-                "Move it onto the boundary of " + lacks + ", or off that of " + has + ".");
-        }
-        if (s != on_source.end()) result.push_back({s->second, t->second});
-    }
-    return result;
-}
-
-/// Summed squared distance of the features after the best rotation of the source disk.
-double misfit(const DiskPoints& source, const DiskPoints& target,
-              std::span<const IndexPair> features) {
-    const double angle = best_rotation(source, target, features);
-    const Eigen::Rotation2Dd rotation(angle);
-    double sum = 0.0;
-    for (const auto& [s, t] : features)
-        sum += (rotation * source.row(s).transpose() - target.row(t).transpose()).squaredNorm();
-    return sum;
-}
-
-ParameterizationReport report_of(const Parameterization& p, std::size_t boundary_points) {
-    return {p.unknowns, p.iterations, p.relative_residual, p.solve_seconds,
-            static_cast<Index>(boundary_points)};
 }
 
 }  // namespace
@@ -251,77 +126,34 @@ Morph::Morph(MorphInput input, const MorphOptions& options, Progress& progress)
     source.find_normals(progress);
     target.find_normals(progress);
 
-    progress.enter("boundary");
-    source.find_boundary(input.source_boundary, options.boundary, report_.warnings, progress);
-    target.find_boundary(input.target_boundary, options.boundary, report_.warnings, progress);
-
-    if (!input.loop.empty())
-        throw FeatureError("loop", "no loop for open patches, whose boundary is known",
-                           "one of " + std::to_string(input.loop.size()) + " features",
-                           "Leave the loop out.");
-
-    progress.enter("parameterization");
-    const auto& parameterization = options.parameterization;
-    auto on_boundary = boundary_features(source, target, input.features);
-    Side* const turnable = !target.normals_given   ? &target
-                           : !source.normals_given ? &source
-                                                   : nullptr;
-    MatchedPins pins;
-    const auto match = [&] {
-        pins = match_pins(source.positions, source.loop, target.positions, target.loop,
-                          parameterization.boundary_spacing, on_boundary);
-    };
-    try {
-        match();
-    } catch (const FeatureError&) {  // the order may only seem wrong, seen from the wrong side
-        if (!turnable) throw;
-        turnable->flip();
-        on_boundary = boundary_features(source, target, input.features);
-        match();
-    }
-    const auto onto_disk = [&](Side& side, std::span<const BoundaryPin> side_pins, double first,
-                               double last) {
-        const Progress::Part part(progress, first, last);
-        const auto angles = boundary_angles(side.positions, side.loop,
-                                            parameterization.boundary_spacing, side_pins);
-        auto result = parameterize(side.positions, side.normals, side.nearest, side.loop, angles,
-                                   parameterization, side.cloud.name, progress);
-        const auto report = report_of(result, side.loop.size());
-        side.disk = std::move(result.points);
-        return report;
-    };
-    report_.source_parameterization = onto_disk(source, pins.source, 0.0, 0.5);
-    report_.target_parameterization = onto_disk(target, pins.target, 0.5, 1.0);
-    source.nearest = {};
-    target.nearest = {};
-
-    progress.enter("alignment");
-    if (features.size() >= 3 && on_boundary.empty()) {
-        DiskPoints mirrored = target.disk;
-        mirrored.col(1) *= -1.0;
-        const double straight = misfit(source.disk, target.disk, features);
-        if (misfit(source.disk, mirrored, features) < kMirrorFactor * kMirrorFactor * straight) {
-            if (turnable)
-                turnable->flip();
-            else
-                report_.warnings.push_back(
-                    "The features fit much better when one model is mirrored: check that left and "
-                    "right are not swapped and that the normals of both point outwards.");
+    if (options.method == Method::kPaper || options.domain == Domain::kDisk) {
+        DiskRoute route = match_in_disk(source, target, input, options, report_, progress);
+        source_domain_ = gather(route.source, source.rank);
+        target_domain_ = gather(route.target, target.rank);
+        pairs_ = std::move(route.pairs);
+        report_.domain = "disk";
+        if (options.method == Method::kAuto) {
+            progress.enter("transfer");
+            const RefinementStart from_disk{transfer<2>(KdTree<2>(route.target), target.positions,
+                                                        route.source, options.transfer, progress),
+                                            transfer<2>(KdTree<2>(route.source), source.positions,
+                                                        route.target, options.transfer, progress)};
+            take(refine(source.positions, source.normals, target.positions, target.normals,
+                        features, options.refinement, progress, &from_disk),
+                 source, target);
         }
+    } else {
+        if (!input.loop.empty()) check_closed(source, target, input, options, progress);
+        take(refine(source.positions, source.normals, target.positions, target.normals, features,
+                    options.refinement, progress),
+             source, target);
     }
-    const Alignment alignment = align_features(source.disk, target.disk, features,
-                                               !on_boundary.empty(), options.alignment, progress);
-
-    progress.enter("pairing");
-    pairs_ = pair_points<2>(source.disk, target.disk, features, options.pairing, progress);
     for (IndexPair& pair : pairs_)
         pair = {source.order[static_cast<std::size_t>(pair.source)],
                 target.order[static_cast<std::size_t>(pair.target)]};
     std::ranges::sort(pairs_);
     source.hand_over_normals();
     target.hand_over_normals();
-    source_domain_ = gather(source.disk, source.rank);
-    target_domain_ = gather(target.disk, target.rank);
     source_boundary_ = source.as_given(source.loop);
     target_boundary_ = target.as_given(target.loop);
     progress.finish();
@@ -329,31 +161,53 @@ Morph::Morph(MorphInput input, const MorphOptions& options, Progress& progress)
     if ((source_.colors.rows() == 0) != (target_.colors.rows() == 0))
         report_.warnings.push_back((source_.colors.rows() == 0 ? source_.name : target_.name) +
                                    " has no colors: white is taken for it.");
-    report_.method = "paper";
-    report_.domain = "disk";
+    report_.method = options.method == Method::kPaper ? "paper" : "auto";
     report_.stages = progress.stages();
     report_.pairs = static_cast<Index>(pairs_.size());
-    report_.feature_residual = alignment.residual;
-    report_.alignment_rotation = alignment.rotation;
-    report_.alignment_sweeps = alignment.sweeps;
     report_.seconds =
         std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
 }
 
+void Morph::take(Refinement refinement, Side& source, Side& target) {
+    if (refinement.inside_out) {
+        Side* const turnable = !target.normals_given   ? &target
+                               : !source.normals_given ? &source
+                                                       : nullptr;
+        if (turnable)
+            turnable->flip();
+        else
+            report_.warnings.push_back(
+                "The normals of one model point inwards: shading will turn over on the way. "
+                "Recalculate them to point outwards.");
+    }
+    source_images_ = target.unit.restore(gather(refinement.source_images, source.rank));
+    target_images_ = source.unit.restore(gather(refinement.target_images, target.rank));
+    source_domain_ = gather(refinement.source_product, source.rank);
+    target_domain_ = gather(refinement.target_product, target.rank);
+    pairs_ = std::move(refinement.pairs);
+    report_.domain = "product";
+    report_.feature_residual = refinement.feature_residual;
+    report_.margin = refinement.margin;
+    std::ranges::move(refinement.warnings, std::back_inserter(report_.warnings));
+}
+
 Positions Morph::source_to_target(Progress& progress) const {
-    const ThreadCount threads(options_.threads);
-    progress.enter("transfer");
-    auto result = transfer<2>(KdTree<2>(target_domain_), target_.positions, source_domain_,
-                              options_.transfer, progress);
-    progress.finish();
-    return result;
+    return through_domain(source_images_, source_domain_, target_domain_, target_, progress);
 }
 
 Positions Morph::target_to_source(Progress& progress) const {
+    return through_domain(target_images_, target_domain_, source_domain_, source_, progress);
+}
+
+Positions Morph::through_domain(const Positions& images, const DomainPoints& from,
+                                const DomainPoints& to, const Cloud& other,
+                                Progress& progress) const {
+    if (images.rows() > 0) return images;
     const ThreadCount threads(options_.threads);
     progress.enter("transfer");
-    auto result = transfer<2>(KdTree<2>(source_domain_), source_.positions, target_domain_,
-                              options_.transfer, progress);
+    const DiskPoints disk = to;
+    auto result =
+        transfer<2>(KdTree<2>(disk), other.positions, from, options_.transfer, progress);
     progress.finish();
     return result;
 }

@@ -105,11 +105,13 @@ Option choice(std::string name, Field field, std::vector<std::string> choices, s
 std::vector<Option> make_table() {
     std::vector<Option> table;
     table.push_back(choice("method", POINTMORPH_FIELD(method), {"auto", "paper"},
-                           "How the correspondence is found: auto takes the best that the library "
-                           "knows, paper the published pipeline and nothing else"));
+                           "How the correspondence is found: auto bends both models onto each "
+                           "other, nearly rigidly, whatever their topology; paper takes the "
+                           "published pipeline and nothing else"));
     table.push_back(choice("domain", POINTMORPH_FIELD(domain), {"auto", "disk"},
-                           "Where both models are laid over each other: auto chooses by their "
-                           "topology, disk is for open patches with one boundary"));
+                           "Where both models are laid over each other: disk is for open patches "
+                           "with one boundary, auto takes what the method asks for. With method "
+                           "auto, disk says where the refinement starts"));
     table.push_back(number("threads", POINTMORPH_FIELD(threads), 0, 1024, "threads",
                            "Processor threads to use; 0 takes all. The result is the same for any "
                            "number"));

@@ -104,15 +104,20 @@ void project(Positions& images, const Pairing& pairs, Index IndexPair::*from, In
 
 Refinement refine(const Positions& source, const Normals& source_normals, const Positions& target,
                   const Normals& target_normals, std::span<const IndexPair> features,
-                  const RefinementOptions& options, Progress& progress) {
+                  const RefinementOptions& options, Progress& progress,
+                  const RefinementStart* given) {
     Refinement result;
     progress.enter("coarse shapes");
     const Similarity source_unit = to_unit_area(source);
     const Positions s = source_unit.apply(source);
     Similarity target_move = to_unit_area(target);
     const bool pose_is_known =
-        features.size() >= at(std::max<Index>(options.features_that_fix_the_pose, 3));
-    if (pose_is_known)
+        given || features.size() >= at(std::max<Index>(options.features_that_fix_the_pose, 3));
+    if (given)
+        target_move = composed(
+            fit_similarity(target_move.apply(target), source_unit.apply(given->target_images)),
+            target_move);
+    else if (pose_is_known)
         target_move =
             composed(feature_alignment(s, target_move.apply(target), features), target_move);
     Positions t = target_move.apply(target);
@@ -130,11 +135,13 @@ Refinement refine(const Positions& source, const Normals& source_normals, const 
     CoarseShape coarse_target =
         coarse_shape(KdTree<3>(t), tn, target_required, options.coarse, progress);
 
-    RegistrationStart start = thin_plate_start(coarse_source, coarse_target, coarse_features);
+    RegistrationStart start =
+        given
+            ? RegistrationStart{target_move.apply(gather(given->source_images, coarse_source.rows)),
+                                source_unit.apply(gather(given->target_images, coarse_target.rows))}
+            : thin_plate_start(coarse_source, coarse_target, coarse_features);
     if (inside_out(coarse_source, coarse_target, start.source)) {
-        result.warnings.push_back(
-            "The normals of source and target face opposite sides of the surface; the target's "
-            "were taken the other way round.");
+        result.inside_out = true;
         tn = -tn;
         coarse_target.normals = -coarse_target.normals;
     }
@@ -166,7 +173,13 @@ Refinement refine(const Positions& source, const Normals& source_normals, const 
     progress.enter("lift");
     LiftedCloud x = lifted(coarse_source, registration.source_points, s, source_normals, progress);
     LiftedCloud y = lifted(coarse_target, registration.target_points, t, tn, progress);
+    const double source_spacing = 1.0 / std::sqrt(static_cast<double>(s.rows()));
+    const double target_spacing = 1.0 / std::sqrt(static_cast<double>(t.rows()));
     for (const IndexPair& f : features) {
+        result.feature_residual =
+            std::max({result.feature_residual,
+                      (x.positions.row(f.source) - t.row(f.target)).norm() / target_spacing,
+                      (y.positions.row(f.target) - s.row(f.source)).norm() / source_spacing});
         x.positions.row(f.source) = t.row(f.target);
         y.positions.row(f.target) = s.row(f.source);
     }
@@ -174,8 +187,7 @@ Refinement refine(const Positions& source, const Normals& source_normals, const 
     progress.enter("product space");
     constexpr double kReferencePoints = 1e4;
     const double weight =
-        options.normal_weight *
-        std::min(1.0, std::sqrt(kReferencePoints / static_cast<double>(s.rows())));
+        options.normal_weight * std::min(1.0, std::sqrt(kReferencePoints) * source_spacing);
     std::vector<Index> rows(at(static_cast<Index>(std::max(s.rows(), t.rows()))));
     std::iota(rows.begin(), rows.end(), 0);
     result.source_product = product_points(x.positions, s, x.normals, source_normals, weight,
@@ -184,11 +196,10 @@ Refinement refine(const Positions& source, const Normals& source_normals, const 
                                            std::span(rows).first(at(Index(t.rows()))));
     result.pairs = mutual_pairs(result.source_product, result.target_product, features, progress);
 
-    const double spacing = 1.0 / std::sqrt(static_cast<double>(t.rows()));
     project(x.positions, result.pairs, &IndexPair::source, &IndexPair::target, t, tn,
-            2.0 * spacing);
+            2.0 * target_spacing);
     project(y.positions, result.pairs, &IndexPair::target, &IndexPair::source, s, source_normals,
-            2.0 / std::sqrt(static_cast<double>(s.rows())));
+            2.0 * source_spacing);
     result.source_images = target_move.inverse().apply(x.positions);
     result.target_images = source_unit.inverse().apply(y.positions);
     for (const IndexPair& f : features) {

@@ -61,8 +61,28 @@ Morph make(Cloud source, Cloud target, std::vector<Feature> features, MorphOptio
                  progress);
 }
 
-TEST(Morph, EveryPointOfBothIsInAPairAndEndsAreExact) {
-    const Morph morph = make(plane_cloud(41), bump_cloud(33), grid_features(41, 33));
+MorphOptions paper() {
+    MorphOptions options;
+    options.method = Method::kPaper;
+    return options;
+}
+
+/// What must hold for every method.
+class AnyMorph : public testing::TestWithParam<Method> {
+protected:
+    static MorphOptions options() {
+        MorphOptions options;
+        options.method = GetParam();
+        return options;
+    }
+};
+INSTANTIATE_TEST_SUITE_P(Methods, AnyMorph, testing::Values(Method::kAuto, Method::kPaper),
+                         [](const auto& method) {
+                             return method.param == Method::kPaper ? "paper" : "automatic";
+                         });
+
+TEST_P(AnyMorph, EveryPointOfBothIsInAPairAndEndsAreExact) {
+    const Morph morph = make(plane_cloud(41), bump_cloud(33), grid_features(41, 33), options());
     std::vector<bool> source(41 * 41), target(33 * 33);
     for (const auto& [s, t] : morph.pairs()) source[s] = target[t] = true;
     EXPECT_EQ(std::ranges::count(source, true), 41 * 41);
@@ -81,16 +101,16 @@ TEST(Morph, EveryPointOfBothIsInAPairAndEndsAreExact) {
     }
 }
 
-TEST(Morph, FeaturesMeetAndArePaired) {
+TEST_P(AnyMorph, FeaturesMeetAndArePaired) {
     const auto features = grid_features(41, 33);
-    const Morph morph = make(plane_cloud(41), bump_cloud(33), features);
+    const Morph morph = make(plane_cloud(41), bump_cloud(33), features, options());
     EXPECT_LE(morph.report().feature_residual, MorphOptions{}.alignment.error);
     for (const Feature& f : features)
         EXPECT_TRUE(std::ranges::binary_search(morph.pairs(), IndexPair{f.source, f.target}));
 }
 
-TEST(Morph, OfAShapeToItselfMovesNothingFar) {
-    const Morph morph = make(bump_cloud(41), bump_cloud(41), grid_features(41, 41));
+TEST_P(AnyMorph, OfAShapeToItselfMovesNothingFar) {
+    const Morph morph = make(bump_cloud(41), bump_cloud(41), grid_features(41, 41), options());
     Progress progress;
     const Positions image = morph.source_to_target(progress);
     const double spacing = 2.0 / 40;
@@ -102,8 +122,8 @@ TEST(Morph, OfAShapeToItselfMovesNothingFar) {
                   1.6 * spacing);
 }
 
-TEST(Morph, SmoothMapLandsOnTheOtherSurface) {
-    const Morph morph = make(plane_cloud(41), bump_cloud(51), grid_features(41, 51));
+TEST_P(AnyMorph, SmoothMapLandsOnTheOtherSurface) {
+    const Morph morph = make(plane_cloud(41), bump_cloud(51), grid_features(41, 51), options());
     Progress progress;
     const Positions image = morph.source_to_target(progress);
     const double spacing = 2.0 / 50;
@@ -113,8 +133,8 @@ TEST(Morph, SmoothMapLandsOnTheOtherSurface) {
     for (Index i = 0; i < back.rows(); ++i) EXPECT_NEAR(back(i, 2), 0.0, 1e-6);
 }
 
-TEST(Morph, SameBitsForAnyNumberOfThreads) {
-    MorphOptions one, two;
+TEST_P(AnyMorph, SameBitsForAnyNumberOfThreads) {
+    MorphOptions one = options(), two = options();
     one.threads = 1;
     two.threads = 2;
     const Morph a = make(plane_cloud(61), hemisphere(3000), {}, one);
@@ -124,16 +144,16 @@ TEST(Morph, SameBitsForAnyNumberOfThreads) {
     EXPECT_EQ(a.target_domain(), b.target_domain());
 }
 
-TEST(Morph, DoesNotDependOnTheOrderOfThePoints) {
+TEST_P(AnyMorph, DoesNotDependOnTheOrderOfThePoints) {
     const Cloud source = bump_cloud(41);
     const auto order = shapes::permutation(source.size(), 7);
     Cloud shuffled = source;
     shuffled.positions = gather(source.positions, order);
     const auto rank = inverse_order(order);
     auto features = grid_features(41, 33);
-    const Morph a = make(source, plane_cloud(33), features);
+    const Morph a = make(source, plane_cloud(33), features, options());
     for (Feature& f : features) f.source = rank[static_cast<std::size_t>(f.source)];
-    const Morph b = make(shuffled, plane_cloud(33), features);
+    const Morph b = make(shuffled, plane_cloud(33), features, options());
 
     EXPECT_LT((gather(a.source_domain(), order) - b.source_domain()).cwiseAbs().maxCoeff(), 1e-9);
     Pairing renamed = b.pairs();
@@ -149,21 +169,21 @@ TEST(Morph, DoesNotDependOnPlaceTurnOrSize) {
     moved.positions = ((target.positions * turn.transpose()) * 1e-4).rowwise() +
                       Eigen::RowVector3d(1000.0, -2000.0, 500.0);
     const auto features = std::vector<Feature>{{"top", grid_row(41, 0, 0), 0}};
-    const Morph a = make(plane_cloud(41), target, features);
-    const Morph b = make(plane_cloud(41), moved, features);
+    const Morph a = make(plane_cloud(41), target, features, paper());
+    const Morph b = make(plane_cloud(41), moved, features, paper());
     // the order in memory differs, and with it rounding and the choice between equals
-    const DiskPoints& p = a.target_domain();
-    const DiskPoints& q = b.target_domain();
+    const DomainPoints& p = a.target_domain();
+    const DomainPoints& q = b.target_domain();
     const Values apart = (p.rowwise().norm() - q.rowwise().norm()).cwiseAbs();
     EXPECT_LT(apart.mean(), 0.02);
     EXPECT_LT(apart.maxCoeff(), 0.1);
 }
 
-TEST(Morph, MissingNormalsAreFoundAndGivenOnesKept) {
+TEST_P(AnyMorph, MissingNormalsAreFoundAndGivenOnesKept) {
     Cloud target = bump_cloud(33);
     target.normals = Normals::Constant(target.size(), 3, 0.0);
     target.normals.col(2).setConstant(2.0);
-    const Morph morph = make(plane_cloud(33), target, {});
+    const Morph morph = make(plane_cloud(33), target, {}, options());
     for (Index i = 0; i < morph.source().size(); ++i)
         EXPECT_NEAR(std::abs(morph.source().normals(i, 2)), 1.0, 1e-6);
     EXPECT_EQ(morph.target().normals, target.normals);
@@ -175,7 +195,7 @@ TEST(Morph, FeaturesOnBothBoundariesArePinned) {
     std::vector<Feature> features;
     for (const std::size_t i : {0UL, 40UL, 80UL, 120UL})
         features.push_back({"c" + std::to_string(i), border[i], border[(i + 10) % border.size()]});
-    const Morph morph = make(plane_cloud(side), bump_cloud(side), features);
+    const Morph morph = make(plane_cloud(side), bump_cloud(side), features, paper());
     for (const Feature& f : features)
         EXPECT_LT(
             (morph.source_domain().row(f.source) - morph.target_domain().row(f.target)).norm(),
@@ -194,12 +214,13 @@ TEST(Morph, ReversedBoundaryFeaturesAreRefused) {
     for (const std::size_t i : {0UL, 30UL, 60UL, 90UL})
         features.push_back(
             {"c" + std::to_string(i), border[i], border[(border.size() - i) % border.size()]});
-    EXPECT_THROW(make(up(plane_cloud(side)), up(bump_cloud(side)), features), FeatureError);
+    EXPECT_THROW(make(up(plane_cloud(side)), up(bump_cloud(side)), features, paper()),
+                 FeatureError);
 }
 
 TEST(Morph, BadInputIsRefusedInWords) {
     const auto refuse = [](Cloud source, std::vector<Feature> features) {
-        return [=] { make(source, bump_cloud(21), features); };
+        return [=] { make(source, bump_cloud(21), features, paper()); };
     };
     Cloud empty;
     EXPECT_THROW(refuse(empty, {})(), CloudError);
@@ -223,18 +244,18 @@ TEST(Morph, BadInputIsRefusedInWords) {
     }
 }
 
-TEST(Morph, CancelWorksInEveryStage) {
+TEST_P(AnyMorph, CancelWorksInEveryStage) {
     std::vector<std::string> stages;
     Progress watch([&](std::string_view stage, double) {
         if (stages.empty() || stages.back() != stage) stages.emplace_back(stage);
         return true;
     });
     const MorphInput input{bump_cloud(51), hemisphere(2500), {}, {}, {}, {}};
-    const Morph whole(input, {}, watch);
+    const Morph whole(input, options(), watch);
     ASSERT_GE(stages.size(), 6u);
     for (const std::string& last : stages) {
         Progress cancel([&](std::string_view stage, double) { return stage != last; });
-        EXPECT_THROW(Morph(input, {}, cancel), Cancelled) << last;
+        EXPECT_THROW(Morph(input, options(), cancel), Cancelled) << last;
     }
 }
 
@@ -244,11 +265,55 @@ TEST(Morph, AnExceptionOfTheCallbackReachesTheCaller) {
     EXPECT_THROW(Morph({plane_cloud(21), bump_cloud(21), {}, {}, {}, {}}, {}, progress), Own);
 }
 
-TEST(Morph, CracksOfAGentleMorphAreFew) {
-    const Morph morph = make(plane_cloud(61), bump_cloud(51), grid_features(61, 51));
+TEST_P(AnyMorph, CracksOfAGentleMorphAreFew) {
+    const Morph morph = make(plane_cloud(61), bump_cloud(51), grid_features(61, 51), options());
     Progress progress;
     const std::vector<double> times{0.0, 0.5, 1.0};
     for (const Cracks& at : morph.cracks(times, progress)) EXPECT_LT(at.share, 0.002) << at.t;
+}
+
+TEST(Morph, ClosedShapesMorphWithoutAnyMark) {
+    Cloud sphere, ellipsoid;
+    sphere.positions = sphere.normals = shapes::sphere(2500);
+    ellipsoid.positions = shapes::sphere(3000) * Vector3(2.0, 1.0, 0.7).asDiagonal();
+    ellipsoid.normals = shapes::sphere(3000) * Vector3(0.5, 1.0, 1 / 0.7).asDiagonal();
+    const Morph morph = make(sphere, ellipsoid, {});
+    Progress progress;
+    const Positions image = morph.source_to_target(progress);
+    for (Index i = 0; i < image.rows(); ++i) {
+        const Vector3 p = image.row(i).transpose().cwiseQuotient(Vector3(2.0, 1.0, 0.7));
+        EXPECT_NEAR(p.norm(), 1.0, 0.05);
+    }
+    EXPECT_EQ(morph.report().domain, "product");
+}
+
+TEST(Morph, AnOpenPatchTakesNoLoopByAnyMethod) {
+    const auto features = grid_features(41, 33);
+    Progress progress;
+    for (const MorphOptions& options : {MorphOptions{}, paper()}) {
+        MorphInput input{plane_cloud(41), bump_cloud(33), features, {}, {}, {}};
+        for (const Feature& f : features) input.loop.push_back(f.name);
+        EXPECT_THROW(Morph(input, options, progress), FeatureError);
+    }
+}
+
+TEST(Morph, StartsFromTheDiskWhenAskedTo) {
+    MorphOptions options;
+    options.domain = Domain::kDisk;
+    const Morph morph = make(plane_cloud(41), hemisphere(2500), {}, options);
+    EXPECT_EQ(morph.report().domain, "product");
+    EXPECT_GT(morph.report().source_parameterization.unknowns, 0);
+    Progress progress;
+    const Positions image = morph.source_to_target(progress);
+    EXPECT_LT((image.rowwise().norm().array() - 1.0).abs().maxCoeff(), 0.05);
+}
+
+TEST(Morph, EstimatedNormalsTurnWhereTheyFaceTheOtherWay) {
+    Cloud inward = hemisphere(2500);
+    inward.normals = -inward.positions;
+    const Morph morph = make(hemisphere(2000), inward, {{"top", 0, 0}});
+    EXPECT_EQ(morph.target().normals, inward.normals);
+    EXPECT_LT(morph.source().normals.cwiseProduct(morph.source().positions).sum(), 0.0);
 }
 
 }  // namespace

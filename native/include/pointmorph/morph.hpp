@@ -1,6 +1,7 @@
 // The whole morph: the one place that knows all stages.
 #pragma once
 
+#include <limits>
 #include <memory>
 #include <span>
 #include <string>
@@ -14,15 +15,23 @@
 #include "pointmorph/parameterization.hpp"
 #include "pointmorph/path.hpp"
 #include "pointmorph/progress.hpp"
+#include "pointmorph/refinement.hpp"
 #include "pointmorph/transfer.hpp"
 
 namespace pointmorph {
 
+struct Side;
+
 /// kPaper: the paper's pipeline and nothing else. kAuto: the best that the library knows.
 enum class Method { kAuto, kPaper };
 
-/// The common parameter domain. kAuto: what the models' topology asks for.
+/// Where both clouds are laid over each other. kDisk: open patches on the unit disk; with kAuto as
+/// the method, the map found there is where the refinement starts. kAuto: the disk for the paper's
+/// method; the product space, which asks nothing of the topology, for the other.
 enum class Domain { kAuto, kDisk };
+
+/// Points of the common domain, a row each: 2 columns in the disk, 12 in the product space.
+using DomainPoints = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
 
 /// Every setting of a morph; `option_table()` lists them for the user.
 struct MorphOptions {
@@ -35,6 +44,7 @@ struct MorphOptions {
     AlignmentOptions alignment;
     PairingOptions pairing;
     TransferOptions transfer;
+    RefinementOptions refinement;
     /// OpenMP threads; 0 takes what the machine has. The result doesn't depend on it.
     int threads = 0;
 };
@@ -72,7 +82,11 @@ struct MorphReport {
     std::vector<StageTime> stages;
     double seconds = 0.0;
     Index pairs = 0;
-    double feature_residual = 0.0;  ///< largest, in spacings of the domain
+    /// Largest distance between features in spacings of the points around them: in the disk, or of
+    /// the smooth maps on the other surface.
+    double feature_residual = 0.0;
+    /// See Refinement::margin; infinite for the paper's method.
+    double margin = std::numeric_limits<double>::infinity();
     double alignment_rotation = 0.0;
     Index alignment_sweeps = 0;
     ParameterizationReport source_parameterization;
@@ -96,10 +110,10 @@ public:
     const Pairing& pairs() const noexcept { return pairs_; }
 
     /// Where both clouds lie in the common domain, rows as given.
-    const DiskPoints& source_domain() const noexcept { return source_domain_; }
-    const DiskPoints& target_domain() const noexcept { return target_domain_; }
+    const DomainPoints& source_domain() const noexcept { return source_domain_; }
+    const DomainPoints& target_domain() const noexcept { return target_domain_; }
 
-    /// The boundary loops in use, anticlockwise.
+    /// The boundary loops in use, anticlockwise; empty where none was needed.
     const BoundaryLoop& source_boundary() const noexcept { return source_boundary_; }
     const BoundaryLoop& target_boundary() const noexcept { return target_boundary_; }
 
@@ -118,10 +132,15 @@ public:
     const MorphOptions& options() const noexcept { return options_; }
 
 private:
+    void take(Refinement refinement, Side& source, Side& target);
+    Positions through_domain(const Positions& images, const DomainPoints& from,
+                             const DomainPoints& to, const Cloud& other, Progress& progress) const;
+
     MorphOptions options_;
     Cloud source_, target_;
     Pairing pairs_;
-    DiskPoints source_domain_, target_domain_;
+    DomainPoints source_domain_, target_domain_;
+    Positions source_images_, target_images_;  ///< empty where the domain gives them
     BoundaryLoop source_boundary_, target_boundary_;
     MorphReport report_;
 

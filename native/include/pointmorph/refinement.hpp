@@ -32,6 +32,12 @@ struct RefinementOptions {
     double normal_weight = 0.02;
 };
 
+/// Maps to start from instead of features and poses: an image for every point of both clouds, in
+/// the other cloud's coordinates. #source by 3 and #target by 3.
+struct RefinementStart {
+    Positions source_images, target_images;
+};
+
 struct Refinement {
     /// Where every point lands on the other surface: not snapped to its samples, in the other
     /// cloud's own coordinates. #source by 3 and #target by 3.
@@ -45,17 +51,23 @@ struct Refinement {
     /// How much worse the best rival fits, 1 or more; infinite where there was none, or the
     /// features left nothing to choose. See Pose::margin.
     double margin = std::numeric_limits<double>::infinity();
+    /// Normals of the two clouds face opposite sides; the target's were taken the other way round.
+    bool inside_out = false;
+    /// Largest distance between a feature's image and its partner before it was put there exactly,
+    /// in spacings of the cloud that it lands on; both ways.
+    double feature_residual = 0.0;
     /// What may have gone wrong, for the user.
     std::vector<std::string> warnings;
 };
 
 /// `features` are rows of the clouds that belong together, none twice on either side; the maps
 /// take them exactly onto each other. With fewer than `features_that_fix_the_pose` of them, or
-/// none, the clouds may lie in any orientation. Normals have unit length and face outwards; when
-/// one cloud's are turned inside out against the other's, a warning says so. Clouds have no order
-/// or scale to keep to; the result turns, scales and moves with them.
+/// none, the clouds may lie in any orientation. Normals have unit length and face outwards, on
+/// both clouds or on neither. `start`, where there is one, replaces the search for the pose. Clouds
+/// have no order or scale to keep to; the result turns, scales and moves with them.
 Refinement refine(const Positions& source, const Normals& source_normals, const Positions& target,
                   const Normals& target_normals, std::span<const IndexPair> features,
-                  const RefinementOptions& options, Progress& progress);
+                  const RefinementOptions& options, Progress& progress,
+                  const RefinementStart* start = nullptr);
 
 }  // namespace pointmorph

@@ -145,12 +145,12 @@ class Morph:
 
     @property
     def source_domain(self) -> npt.NDArray[np.float64]:
-        """(N, 2): the source's points in the common parameter domain, the unit disk."""
+        """(N, 2): the source's points in the unit disk; (N, 12) in the product space."""
         return self._native.source_domain()
 
     @property
     def target_domain(self) -> npt.NDArray[np.float64]:
-        """(M, 2): the target's points in the common parameter domain, the unit disk."""
+        """(M, 2): the target's points in the unit disk; (M, 12) in the product space."""
         return self._native.target_domain()
 
     @property
