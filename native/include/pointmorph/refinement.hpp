@@ -53,9 +53,6 @@ struct Refinement {
     double margin = std::numeric_limits<double>::infinity();
     /// Normals of the two clouds face opposite sides; the target's were taken the other way round.
     bool inside_out = false;
-    /// Largest distance between a feature's image and its partner before it was put there exactly,
-    /// in spacings of the cloud that it lands on; both ways.
-    double feature_residual = 0.0;
     /// What may have gone wrong, for the user.
     std::vector<std::string> warnings;
 };
