@@ -3,9 +3,11 @@
 #include <algorithm>
 #include <cmath>
 #include <numeric>
+#include <optional>
 
 #include "pointmorph/cloud.hpp"
 #include "pointmorph/kd_tree.hpp"
+#include "pointmorph/landing.hpp"
 #include "pointmorph/lift.hpp"
 #include "pointmorph/parallel.hpp"
 #include "pointmorph/subset.hpp"
@@ -97,26 +99,21 @@ void pin_features(Positions& images, const Positions& positions, const Positions
     for (const IndexPair& f : features) images.row(f.*from) = other.row(f.*to);
 }
 
-/// Images moved onto the other surface: onto the tangent plane of the matching point, no further
-/// from it than samples there are apart.
-void project(Positions& images, const Pairing& pairs, Index IndexPair::*from, Index IndexPair::*to,
-             const Positions& other, const Normals& other_normals, double reach) {
-    std::vector<char> done(at(static_cast<Index>(images.rows())), 0);
-    Positions result = images;
-    std::vector<double> best(done.size(), std::numeric_limits<double>::infinity());
+/// The nearest of each row's partners.
+std::vector<Index> nearest_partners(const Positions& images, const Pairing& pairs,
+                                    Index IndexPair::*from, Index IndexPair::*to,
+                                    const Positions& other) {
+    const auto count = at(static_cast<Index>(images.rows()));
+    std::vector<Index> partners(count, -1);
+    std::vector<double> best(count, std::numeric_limits<double>::infinity());
     for (const IndexPair& pair : pairs) {
         const Index i = pair.*from, j = pair.*to;
         const double squared = (images.row(i) - other.row(j)).squaredNorm();
         if (squared >= best[at(i)]) continue;
         best[at(i)] = squared;
-        const Vector3 normal = other_normals.row(j).transpose();
-        Vector3 offset = (images.row(i) - other.row(j)).transpose();
-        offset -= normal * normal.dot(offset);
-        const double length = offset.norm();
-        if (length > reach) offset *= reach / length;
-        result.row(i) = other.row(j) + offset.transpose();
+        partners[at(i)] = j;
     }
-    images = std::move(result);
+    return partners;
 }
 
 }  // namespace
@@ -149,10 +146,12 @@ Refinement refine(const Positions& source, const Normals& source_normals, const 
         target_required.push_back(features[k].target);
         coarse_features.push_back({static_cast<Index>(k), static_cast<Index>(k)});
     }
+    const KdTree<3> source_tree(s);
+    std::optional<KdTree<3>> target_tree(std::in_place, t);
     const CoarseShape coarse_source =
-        coarse_shape(KdTree<3>(s), source_normals, source_required, options.coarse, progress);
+        coarse_shape(source_tree, source_normals, source_required, options.coarse, progress);
     CoarseShape coarse_target =
-        coarse_shape(KdTree<3>(t), tn, target_required, options.coarse, progress);
+        coarse_shape(*target_tree, tn, target_required, options.coarse, progress);
 
     RegistrationStart start =
         given
@@ -171,6 +170,7 @@ Refinement refine(const Positions& source, const Normals& source_normals, const 
                                     options.registration, progress);
         coarse_target = moved(coarse_target, pose.alignment);
         t = pose.alignment.apply(t);
+        target_tree.emplace(t);
         tn = pose.alignment.turn(tn);
         target_move = composed(pose.alignment, target_move);
         start = {pose.registration.source_points.positions,
@@ -211,10 +211,15 @@ Refinement refine(const Positions& source, const Normals& source_normals, const 
                                            std::span(rows).first(at(Index(t.rows()))));
     result.pairs = mutual_pairs(result.source_product, result.target_product, features, progress);
 
-    project(x.positions, result.pairs, &IndexPair::source, &IndexPair::target, t, tn,
-            2.0 * target_spacing);
-    project(y.positions, result.pairs, &IndexPair::target, &IndexPair::source, s, source_normals,
-            2.0 * source_spacing);
+    progress.enter("landing");
+    x.positions = landed(
+        x.positions,
+        nearest_partners(x.positions, result.pairs, &IndexPair::source, &IndexPair::target, t),
+        *target_tree, tn, progress);
+    y.positions = landed(
+        y.positions,
+        nearest_partners(y.positions, result.pairs, &IndexPair::target, &IndexPair::source, s),
+        source_tree, source_normals, progress);
     result.source_images = target_move.inverse().apply(x.positions);
     result.target_images = source_unit.inverse().apply(y.positions);
     for (const IndexPair& f : features) {
