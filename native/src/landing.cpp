@@ -71,7 +71,7 @@ Positions landed(const Positions& images, std::span<const Index> anchors, const 
             auto found = static_cast<std::size_t>(
                 surface.nearest(samples.row(anchor).data(), near, squared));
             // One reach for all images of an anchor, which holds it well inside.
-            const double reach = 2.0 * std::sqrt(squared[found - 1]);
+            const double reach = 1.5 * std::sqrt(squared[found - 1]);
             found = static_cast<std::size_t>(
                 std::remove_if(near.begin(), near.begin() + static_cast<std::ptrdiff_t>(found),
                                [&](Index j) {
@@ -81,24 +81,28 @@ Positions landed(const Positions& images, std::span<const Index> anchors, const 
                 near.begin());
 
             Vector3 mean = Vector3::Zero(), normal = Vector3::Zero();
-            double sum = 0.0;
+            double sum = 0.0, height = 0.0;
             for (std::size_t k = 0; k < found; ++k) {
                 const double ratio = (samples.row(near[k]) - images.row(i)).squaredNorm() /
                                      std::max(reach * reach, 1e-300);
                 const double weight = ratio < 1.0 ? std::pow(1.0 - ratio, 4) : 0.0;
                 mean += weight * samples.row(near[k]).transpose();
                 normal += weight * normals.row(near[k]).transpose();
+                height += weight * normals.row(near[k]).dot(images.row(i) - samples.row(near[k]));
                 sum += weight;
             }
             if (!(sum > 1e-12)) {  // farther off than the neighbourhood is wide
                 mean = samples.row(anchor).transpose();
                 normal = normals.row(anchor).transpose();
+                height = normal.dot(images.row(i).transpose() - mean);
                 sum = 1.0;
             }
             mean /= sum;
             normal.normalize();
             const Vector3 x = images.row(i).transpose();
-            const Vector3 foot = x - normal * normal.dot(x - mean);
+            // On a curved surface the mean lies inside as far as the tangent planes lie outside.
+            height = 0.5 * (height / sum + normal.dot(x - mean));
+            const Vector3 foot = x - height * normal;
 
             const Vector3 right = normal.unitOrthogonal(), up = normal.cross(right);
             for (std::size_t k = 0; k < found; ++k) {

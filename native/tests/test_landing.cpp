@@ -57,7 +57,7 @@ TEST(Landing, ErrorOnASphereFallsWithTheSquareOfTheSpacing) {
         return (land(images, ball, ball).rowwise().norm().array() - 1.0).abs().maxCoeff();
     };
     const double coarse = error(1000), fine = error(16000);
-    EXPECT_LT(coarse, 0.02);
+    EXPECT_LT(coarse, 0.002);
     EXPECT_LT(fine, coarse / 8);  // 16 for the order 2, less what the uneven samples add
 }
 
