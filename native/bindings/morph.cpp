@@ -67,8 +67,7 @@ void frame_into(const Morph& morph, double t, const py::array_t<Scalar>& positio
     };
     const FrameView<Scalar> view{span(positions), span(normals), span(colors), span(radii)};
     const py::gil_scoped_release release;
-    const ThreadCount threads(morph.options().threads);
-    morph.path<Scalar>().frame(t, view);
+    morph.frame<Scalar>(t, view);
 }
 
 /// Calls a member of Morph that takes a Progress, without the GIL.

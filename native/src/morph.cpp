@@ -81,6 +81,7 @@ struct Morph::Paths {
     std::mutex mutex;
     std::optional<Path<float>> single;
     std::optional<Path<double>> full;
+    std::optional<Motion> source_motion, target_motion;
 };
 
 Morph::~Morph() = default;
@@ -206,8 +207,7 @@ Positions Morph::through_domain(const Positions& images, const DomainPoints& fro
     const ThreadCount threads(options_.threads);
     progress.enter("transfer");
     const DiskPoints disk = to;
-    auto result =
-        transfer<2>(KdTree<2>(disk), other.positions, from, options_.transfer, progress);
+    auto result = transfer<2>(KdTree<2>(disk), other.positions, from, options_.transfer, progress);
     progress.finish();
     return result;
 }
@@ -227,6 +227,35 @@ const Path<Scalar>& Morph::path() const {
 
 template const Path<float>& Morph::path<float>() const;
 template const Path<double>& Morph::path<double>() const;
+
+template <class Scalar>
+void Morph::frame(double t, const FrameView<Scalar>& out) const {
+    const ThreadCount threads(options_.threads);
+    const bool straight = options_.path == PathKind::kLinear || t == 0.0 || t == 1.0;
+    path<Scalar>().frame(t, out);
+    if (straight || (out.positions.empty() && out.normals.empty())) return;
+
+    {
+        const std::scoped_lock lock(paths_->mutex);
+        if (!paths_->source_motion) {
+            Progress silent;
+            const Positions images = source_to_target(silent), back = target_to_source(silent);
+            const GradualSimilarity similarity{fit_similarity(source_.positions, images),
+                                               source_.positions.colwise().mean().transpose()};
+            const bool bends = options_.path == PathKind::kRigid;
+            Motion from(source_.positions, source_.normals.rowwise().normalized(), images,
+                        similarity, bends, silent);
+            paths_->target_motion.emplace(target_.positions, target_.normals.rowwise().normalized(),
+                                          back, similarity.reversed(), bends, silent);
+            paths_->source_motion.emplace(std::move(from));
+        }
+    }
+    fade(paths_->source_motion->at(t), paths_->target_motion->at(1.0 - t), pairs_, t, out.positions,
+         out.normals);
+}
+
+template void Morph::frame<float>(double, const FrameView<float>&) const;
+template void Morph::frame<double>(double, const FrameView<double>&) const;
 
 std::vector<Cracks> Morph::cracks(std::span<const double> times, Progress& progress) const {
     const ThreadCount threads(options_.threads);

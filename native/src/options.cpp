@@ -172,6 +172,11 @@ std::vector<Option> make_table() {
     table.push_back(number("transfer_neighbors", POINTMORPH_FIELD(transfer.neighbors), 6, 64,
                            "points",
                            "Points that the smooth map averages over. Raise it for noisy scans"));
+    table.push_back(choice("path", POINTMORPH_FIELD(path), {"linear", "similarity", "rigid"},
+                           "How points travel: linear goes straight, similarity turns and grows "
+                           "the whole on the way (a turned target doesn't shrink midway), rigid "
+                           "also turns every part, so that a raised leg swings. Shape keys "
+                           "themselves are straight: bake several steps to follow the others"));
     return table;
 }
 

@@ -190,8 +190,10 @@ Refinement refine(const Positions& source, const Normals& source_normals, const 
                         progress, first_level);
 
     progress.enter("lift");
-    LiftedCloud x = lifted(coarse_source, registration.source_points, s, source_normals, progress);
-    LiftedCloud y = lifted(coarse_target, registration.target_points, t, tn, progress);
+    LiftedCloud x = Lift(coarse_source, s, source_normals, progress)(
+        coarse_source, registration.source_points, s, source_normals, progress);
+    LiftedCloud y = Lift(coarse_target, t, tn, progress)(coarse_target, registration.target_points,
+                                                         t, tn, progress);
     const double source_spacing = 1.0 / std::sqrt(static_cast<double>(s.rows()));
     const double target_spacing = 1.0 / std::sqrt(static_cast<double>(t.rows()));
     pin_features(x.positions, s, t, features, &IndexPair::source, &IndexPair::target,

@@ -30,7 +30,8 @@ TEST(Lift, AnAffineMapOfTheCoarsePointsIsOneOfAllPoints) {
     DeformedCloud coarse;
     coarse.positions = shape_map(f.shape.positions, linear);
     coarse.linear.assign(at(f.shape.size()), linear);
-    const LiftedCloud all = lifted(f.shape, coarse, f.positions, f.positions, f.progress);
+    const LiftedCloud all = Lift(f.shape, f.positions, f.positions, f.progress)(
+        f.shape, coarse, f.positions, f.positions, f.progress);
     EXPECT_LT((all.positions - shape_map(f.positions, linear)).cwiseAbs().maxCoeff(), 1e-10);
     EXPECT_LT((all.normals.rowwise().norm().array() - 1.0).abs().maxCoeff(), 1e-12);
 }
@@ -49,7 +50,8 @@ TEST(Lift, FollowsASmoothMapAndReproducesCoarsePoints) {
         linear(0, 2) = 0.6 * f.shape.positions(c, 2);
         coarse.linear.push_back(linear);
     }
-    const LiftedCloud all = lifted(f.shape, coarse, f.positions, f.positions, f.progress);
+    const LiftedCloud all = Lift(f.shape, f.positions, f.positions, f.progress)(
+        f.shape, coarse, f.positions, f.positions, f.progress);
     // Taylor's remainder at two coarse spacings.
     const double spacing = std::sqrt(4.0 * std::numbers::pi / 800);
     for (Index i = 0; i < f.positions.rows(); ++i)
@@ -74,7 +76,7 @@ TEST(Lift, ThinSheetsDoNotMix) {
     coarse.positions = shape.positions;
     coarse.positions.col(2) += 5.0 * shape.normals.col(2);
     coarse.linear.assign(at(shape.size()), Matrix3::Identity());
-    const LiftedCloud all = lifted(shape, coarse, p, n, progress);
+    const LiftedCloud all = Lift(shape, p, n, progress)(shape, coarse, p, n, progress);
     EXPECT_LT((all.positions.col(2) - p.col(2) - 5.0 * n.col(2)).cwiseAbs().maxCoeff(), 1e-9);
 }
 
@@ -86,8 +88,8 @@ TEST(Lift, OneCoarsePointCarriesAll) {
     DeformedCloud coarse;
     coarse.positions = Positions::Constant(shape.size(), 3, 2.0);
     coarse.linear.assign(at(shape.size()), Matrix3::Identity());
-    EXPECT_TRUE(
-        lifted(shape, coarse, p, n, progress).positions.isApprox(Positions::Constant(6, 3, 2.0)));
+    EXPECT_TRUE(Lift(shape, p, n, progress)(shape, coarse, p, n, progress)
+                    .positions.isApprox(Positions::Constant(6, 3, 2.0)));
 }
 
 }  // namespace

@@ -2,6 +2,8 @@
 
 #include <gtest/gtest.h>
 
+#include <Eigen/Geometry>
+
 #include <algorithm>
 #include <cmath>
 
@@ -306,6 +308,41 @@ TEST(Morph, StartsFromTheDiskWhenAskedTo) {
     Progress progress;
     const Positions image = morph.source_to_target(progress);
     EXPECT_LT((image.rowwise().norm().array() - 1.0).abs().maxCoeff(), 0.05);
+}
+
+TEST(Morph, EveryPathEndsAtTheInputsAndKeepsToTheSurface) {
+    const Matrix3 turn = Eigen::AngleAxisd(2.5, Vector3::UnitX()).toRotationMatrix();
+    Cloud source = bump_cloud(41), target = bump_cloud(37);
+    target.positions = 3.0 * target.positions * turn.transpose();
+    for (const PathKind kind : {PathKind::kSimilarity, PathKind::kRigid}) {
+        MorphOptions options;
+        options.path = kind;
+        auto features = grid_features(41, 37);
+        features.push_back({"corner", 0, 0});
+        const Morph morph = make(source, target, features, options);
+        const auto m = morph.pairs().size();
+        std::vector<double> positions(3 * m), normals(3 * m), colors(4 * m), radii(m);
+        for (const double t : {0.0, 1.0}) {
+            morph.frame<double>(t, {positions, normals, colors, radii});
+            const auto& end = t == 0.0 ? morph.source().positions : morph.target().positions;
+            for (std::size_t i = 0; i < m; ++i)
+                for (int d = 0; d < 3; ++d)
+                    ASSERT_EQ(positions[3 * i + static_cast<std::size_t>(d)],
+                              end(t == 0.0 ? morph.pairs()[i].source : morph.pairs()[i].target, d));
+        }
+        // Half way: turned by half and grown by the square root, not shrunk.
+        morph.frame<double>(0.5, {positions, normals, {}, {}});
+        const Eigen::Map<Positions> half(positions.data(), static_cast<Eigen::Index>(m), 3);
+        Positions expected(half.rows(), 3);
+        for (std::size_t i = 0; i < m; ++i)
+            expected.row(static_cast<Eigen::Index>(i)) =
+                source.positions.row(morph.pairs()[i].source);
+        const Similarity onto = fit_similarity(half, expected);
+        EXPECT_NEAR(onto.scale, 1 / std::sqrt(3.0), 0.02);
+        EXPECT_LT((onto.apply(half) - expected).rowwise().norm().mean(), 0.03);
+        EXPECT_THROW(morph.frame<double>(0.5, {std::span(positions).first(3), {}, {}, {}}),
+                     OptionError);
+    }
 }
 
 TEST(Morph, EstimatedNormalsTurnWhereTheyFaceTheOtherWay) {

@@ -1,6 +1,9 @@
 // Stage `lift`: from the images of some points of a cloud to those of all its points.
 #pragma once
 
+#include <array>
+#include <vector>
+
 #include "pointmorph/coarse_shape.hpp"
 #include "pointmorph/deformation.hpp"
 #include "pointmorph/progress.hpp"
@@ -14,11 +17,26 @@ struct LiftedCloud {
     Normals normals;      ///< #points by 3, unit length
 };
 
-/// Every point follows the affine maps of the nearest coarse points on its side of the surface,
-/// with weights that fall with the distance and fade to 0 at the farthest, so that the result is
-/// continuous; a coarse point goes where `coarse` has it, up to about a hundredth of a spacing.
-/// `shape` has been made from the cloud.
-LiftedCloud lifted(const CoarseShape& shape, const DeformedCloud& coarse,
-                   const Positions& positions, const Normals& normals, Progress& progress);
+/// Which coarse points every point of a cloud follows, and how much: those nearest on its side of
+/// the surface, with weights that fall with the distance and fade to 0 at the farthest, so that the
+/// result is continuous. Kept for as many deformations as are wanted.
+class Lift {
+public:
+    /// `shape` has been made from the cloud; normals have unit length.
+    Lift(const CoarseShape& shape, const Positions& positions, const Normals& normals,
+         Progress& progress);
+
+    /// Every point under the affine maps of its coarse points; a coarse point goes where `coarse`
+    /// has it, up to about a hundredth of a spacing. `shape`, `positions` and `normals` as given
+    /// to the constructor.
+    LiftedCloud operator()(const CoarseShape& shape, const DeformedCloud& coarse,
+                           const Positions& positions, const Normals& normals,
+                           Progress& progress) const;
+
+private:
+    static constexpr std::size_t kFollowed = 5;
+    std::vector<std::array<Index, kFollowed>> followed_;
+    std::vector<std::array<float, kFollowed>> weights_;  ///< of sum 1
+};
 
 }  // namespace pointmorph

@@ -11,6 +11,7 @@
 #include "pointmorph/boundary.hpp"
 #include "pointmorph/cloud.hpp"
 #include "pointmorph/cracks.hpp"
+#include "pointmorph/motion.hpp"
 #include "pointmorph/pairing.hpp"
 #include "pointmorph/parameterization.hpp"
 #include "pointmorph/path.hpp"
@@ -33,6 +34,11 @@ enum class Domain { kAuto, kDisk };
 /// Points of the common domain, a row each: 2 columns in the disk, 12 in the product space.
 using DomainPoints = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
 
+/// How pairs go from end to end. kLinear: straight, as in the paper. kSimilarity: straight but for
+/// the turn and growth of the whole. kRigid: every part turns as well, so that limbs swing. See
+/// Motion.
+enum class PathKind { kLinear, kSimilarity, kRigid };
+
 /// Every setting of a morph; `option_table()` lists them for the user.
 struct MorphOptions {
     Method method = Method::kAuto;
@@ -45,6 +51,7 @@ struct MorphOptions {
     PairingOptions pairing;
     TransferOptions transfer;
     RefinementOptions refinement;
+    PathKind path = PathKind::kLinear;
     /// OpenMP threads; 0 takes what the machine has. The result doesn't depend on it.
     int threads = 0;
 };
@@ -121,9 +128,15 @@ public:
     Positions source_to_target(Progress& progress) const;
     Positions target_to_source(Progress& progress) const;
 
-    /// The in-between clouds; made when first asked for. Scalar: float or double.
+    /// Straight paths; laid out when first asked for. Scalar: float or double.
     template <class Scalar>
     const Path<Scalar>& path() const;
+
+    /// The in-between cloud at t along the paths of `options().path`, a row a pair of `pairs()`; at
+    /// t = 0 and t = 1 the inputs' own numbers. Colours and radii change linearly on any path. What
+    /// path() says of spans and errors holds here. What bends is prepared when first asked for.
+    template <class Scalar>
+    void frame(double t, const FrameView<Scalar>& out) const;
 
     /// See find_cracks().
     std::vector<Cracks> cracks(std::span<const double> times, Progress& progress) const;
@@ -150,5 +163,7 @@ private:
 
 extern template const Path<float>& Morph::path<float>() const;
 extern template const Path<double>& Morph::path<double>() const;
+extern template void Morph::frame<float>(double, const FrameView<float>&) const;
+extern template void Morph::frame<double>(double, const FrameView<double>&) const;
 
 }  // namespace pointmorph

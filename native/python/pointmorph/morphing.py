@@ -97,7 +97,7 @@ class Morph:
         )
 
     def frame(self, t: float, out: Frame | None = None) -> Frame:
-        """The in-between cloud at t, straight paths.
+        """The in-between cloud at t, along the paths of the setting `path`.
 
         Parameters
         ----------
