@@ -206,6 +206,17 @@ class POINTMORPH_OT_bake_shape_keys(bpy.types.Operator):
         ],
         default="SOURCE",
     )
+    path: bpy.props.EnumProperty(
+        name="Path",
+        description="How vertices travel from step to step. A single key is straight in any case",
+        items=[
+            ("SETTING", "As Set", "The setting Path in the panel"),
+            ("LINEAR", "Linear", "Straight"),
+            ("SIMILARITY", "Similarity", "The whole turns and grows on the way"),
+            ("RIGID", "Rigid", "Every part turns as well: limbs swing instead of shrinking"),
+        ],
+        default="SETTING",
+    )
     steps: bpy.props.IntProperty(
         name="Steps",
         description="Number of shape keys, equally far from one another; the last is the target",
@@ -228,11 +239,14 @@ class POINTMORPH_OT_bake_shape_keys(bpy.types.Operator):
 
     def execute(self, context):
         obj = active_result(context)
+        path = self.path.lower()
+        if self.path == "SETTING":
+            path = context.scene.pointmorph.path
         try:
             if self.kind == "SOURCE":
-                changed = result.bake_source(obj, self.steps)
+                changed = result.bake_source(obj, self.steps, path)
             else:
-                result.bake_pairs(obj, self.steps)
+                result.bake_pairs(obj, self.steps, path)
                 changed = obj
         except pointmorph.PointmorphError as error:
             return fail(self, error)

@@ -97,14 +97,18 @@ def _new_key(obj, name):
 # --- Baking ---------------------------------------------------------------------------------------
 
 
-def bake_pairs(obj, steps):
-    """Adds `steps` shape keys to the morph object itself, from the source to the target."""
+def bake_pairs(obj, steps, path):
+    """Adds `steps` shape keys to the morph object itself, from the source to the target.
+
+    `path` is the library's setting of that name.
+    """
     end = arrays.key_positions(morph_key(obj))
     start = arrays.key_positions(obj.data.shape_keys.reference_key)
-    _add_keys(obj, start, end, steps, _target_name(obj))
+    normals = arrays.read_vectors(obj.data, "source_normal")
+    _add_keys(obj, pointmorph.Motion(start, normals, end, path).at, steps, _target_name(obj))
 
 
-def bake_source(obj, steps):
+def bake_source(obj, steps, path):
     """Adds `steps` shape keys to the mesh that the morph object `obj` was made from.
 
     Returns
@@ -155,10 +159,17 @@ def bake_source(obj, steps):
             "one that was changed since",
             "Morph again.",
         )
-    landing = np.empty_like(start)
+    landing, normals = np.empty_like(start), np.empty_like(start)
     landing[rows] = arrays.read_vectors(obj.data, "landing")
-    end = transforms.move_positions(np.linalg.inv(matrix), landing)
-    _add_keys(source, start, end, steps, _target_name(obj))
+    normals[rows] = arrays.read_vectors(obj.data, "source_normal")
+    motion = pointmorph.Motion(transforms.move_positions(matrix, start), normals, landing, path)
+    back = np.linalg.inv(matrix)
+    _add_keys(
+        source,
+        lambda t: transforms.move_positions(back, motion.at(t)),
+        steps,
+        _target_name(obj),
+    )
     return source
 
 
@@ -172,8 +183,8 @@ def _target_name(obj):
     return KEY if target is None else target.name
 
 
-def _add_keys(obj, start, end, steps, name):
-    """Shape keys at t = 1/steps, 2/steps, … 1 on the way of every vertex; all or none."""
+def _add_keys(obj, positions_at, steps, name):
+    """Shape keys at t = 1/steps, 2/steps, … 1; all or none. `positions_at(t)` gives them."""
     added = []
     try:
         if obj.data.shape_keys is None:
@@ -184,7 +195,7 @@ def _add_keys(obj, start, end, steps, name):
             key_name = name if last else f"{name} {100 * t:.3g} %"
             key = _new_key(obj, key_name)
             added.append(key)
-            arrays.write_key(key, end if last else (1.0 - t) * start + t * end)
+            arrays.write_key(key, positions_at(t))
     except BaseException:
         for key in reversed(added):
             obj.shape_key_remove(key)

@@ -5,12 +5,15 @@ import numpy as np
 import pytest
 from mathutils import Matrix
 from scenes import (
+    add_mesh,
     add_object,
     attribute,
     coordinates,
     data_blocks,
     key,
+    mark,
     pair,
+    patch,
     row_pairs,
     select,
 )
@@ -78,6 +81,29 @@ def test_steps(morphed, kind):
         np.testing.assert_allclose(
             key(changed, f"Dune {percent} %"), (1 - t) * start + t * end, atol=1e-6
         )
+
+
+@pytest.mark.parametrize("kind", ["SOURCE", "PAIRS"])
+def test_a_turned_target_does_not_shrink_on_the_way(settings, kind):
+    for name, turn in (("Hill", 0.0), ("Dune", 2.0)):
+        obj = add_mesh(name, *patch(20))
+        obj.matrix_world = Matrix.Rotation(turn, 4, "X")
+        for number, (x, y) in enumerate([(0, 0), (0.8, 0.7), (-0.9, 0.4), (-0.6, -0.8), (0.7, -1)]):
+            mark(obj, str(number), x, y)
+    settings.source, settings.target = bpy.data.objects["Hill"], bpy.data.objects["Dune"]
+    bpy.ops.pointmorph.morph()
+    changed = settings.source if kind == "SOURCE" else bpy.context.view_layer.objects.active
+
+    def size(step):
+        rows = key(changed, step)
+        return np.linalg.norm(rows - rows.mean(axis=0))
+
+    bake(kind=kind, steps=2, path="LINEAR")
+    assert size("Dune 50 %") < 0.9 * size("Basis")
+    settings.path = "rigid"
+    bake(kind=kind, steps=2)
+    assert size("Dune 50 %.001") == pytest.approx(size("Basis"), rel=0.02)
+    np.testing.assert_array_equal(key(changed, "Dune.001"), key(changed, "Dune"))
 
 
 def test_pairs_end_at_the_target(morphed):

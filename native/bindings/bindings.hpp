@@ -21,6 +21,7 @@ void bind_options(py::module_& module);
 void bind_neighborhoods(py::module_& module);
 void bind_sampling(py::module_& module);
 void bind_morph(py::module_& module);
+void bind_motion(py::module_& module);
 
 /// A progress whose callback takes the GIL, lets Python handle signals (Ctrl-C) and then calls
 /// `callback(stage, fraction)`, which returns False to ask for the end; None is silent.

@@ -9,4 +9,5 @@ PYBIND11_MODULE(_pointmorph, module) {
     bind_neighborhoods(module);
     bind_sampling(module);
     bind_morph(module);
+    bind_motion(module);
 }

@@ -75,4 +75,16 @@ LiftedCloud Lift::operator()(const CoarseShape& shape, const DeformedCloud& coar
     return result;
 }
 
+Matrix3 Lift::linear(Index point, const DeformedCloud& coarse) const {
+    const auto i = static_cast<std::size_t>(point);
+    Matrix3 result = Matrix3::Zero();
+    double sum = 0.0;
+    for (std::size_t k = 0; k < kFollowed; ++k) {
+        const double weight = weights_[i][k];
+        result += weight * coarse.linear[static_cast<std::size_t>(followed_[i][k])];
+        sum += weight;
+    }
+    return result / sum;
+}
+
 }  // namespace pointmorph

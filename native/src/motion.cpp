@@ -1,6 +1,7 @@
 #include "pointmorph/motion.hpp"
 
 #include <Eigen/Geometry>
+#include <Eigen/LU>
 #include <cmath>
 
 #include "pointmorph/cloud.hpp"
@@ -60,19 +61,15 @@ struct Motion::Bend {
         return deformation.positions.rowwise() - deformation.positions.colwise().mean();
     }
 
-    LiftedCloud at(double t, const Positions& positions, const Normals& normals) const {
+    DeformedCloud at(double t) const {
         Deformation part;
         for (const Matrix3& rotation : whole.rotations)
             part.rotations.push_back(share_of(rotation, t));
         part.scales = whole.scales.array().pow(t);
-        part.positions = placed(part);
+        part.positions = placed(part) + t * residual;
         const Positions rest = gather(shape.positions, graph().nodes);
-        const Eigen::RowVector3d center = rest.colwise().mean();
-        part.positions += t * residual;
-        part.positions.rowwise() += (1.0 - t) * center;
-        Progress silent;
-        return lift(shape, deformed(shape.positions, shape.normals, graph(), part), positions,
-                    normals, silent);
+        part.positions.rowwise() += (1.0 - t) * rest.colwise().mean();
+        return deformed(shape.positions, shape.normals, graph(), part);
     }
 };
 
@@ -93,22 +90,34 @@ Motion::Motion(const Positions& positions, const Normals& normals, const Positio
     const KdTree<3> tree(positions_);
     bend_ = std::make_unique<const Bend>(coarse_shape(tree, normals, {}, options, progress),
                                          positions_, normals_, straight, progress);
-    offsets_ = straight - bend_->at(1.0, positions_, normals_).positions;
+    // Found backwards: what has to be added at rest so that the end is the image. Where blended
+    // turns cancel, as far as that can be.
+    const DeformedCloud end = bend_->at(1.0);
+    offsets_ = straight - bend_->lift(bend_->shape, end, positions_, normals_, progress).positions;
+    constexpr double kSingular = 1e-3;
+    parallel_for(static_cast<Index>(positions_.rows()), progress, [&](Index first, Index last) {
+        for (Index i = first; i < last; ++i) {
+            const Matrix3 linear = bend_->lift.linear(i, end);
+            const double scale = linear.norm();
+            if (linear.determinant() > kSingular * scale * scale * scale)
+                offsets_.row(i) = linear.inverse() * offsets_.row(i).transpose();
+        }
+    });
 }
 
 Motion::~Motion() = default;
 Motion::Motion(Motion&&) noexcept = default;
 
 LiftedCloud Motion::at(double t) const {
-    LiftedCloud result =
-        bend_ ? bend_->at(t, positions_, normals_) : LiftedCloud{positions_, normals_};
+    Progress silent;
+    LiftedCloud result{positions_ + t * offsets_, normals_};
+    if (bend_) result = bend_->lift(bend_->shape, bend_->at(t), result.positions, normals_, silent);
     const Similarity part = similarity_.at(t);
     const Matrix3 linear = unit_.scale * part.scale * part.rotation;
     const Vector3 shift = part.scale * (part.rotation * unit_.center) + part.shift;
-    Progress silent;
     parallel_for(static_cast<Index>(positions_.rows()), silent, [&](Index begin, Index end) {
         for (Index i = begin; i < end; ++i) {
-            const Vector3 x = (result.positions.row(i) + t * offsets_.row(i)).transpose();
+            const Vector3 x = result.positions.row(i).transpose();
             result.positions.row(i) = linear * x + shift;
             const Vector3 normal = part.rotation * result.normals.row(i).transpose();
             result.normals.row(i) = normal;

@@ -33,6 +33,9 @@ public:
                            const Positions& positions, const Normals& normals,
                            Progress& progress) const;
 
+    /// What happens right around a point: its coarse points' linear maps, averaged.
+    Matrix3 linear(Index point, const DeformedCloud& coarse) const;
+
 private:
     static constexpr std::size_t kFollowed = 5;
     std::vector<std::array<Index, kFollowed>> followed_;

@@ -27,7 +27,7 @@ struct GradualSimilarity {
 /// from the similarity, points go straight, or, when the cloud bends, as rigidly as possible: a
 /// thousand nodes turn by t of their own angles, their places follow from these by a Poisson
 /// equation (Alexa, Cohen-Or and Levin 2000, on a deformation graph), and all points follow the
-/// nodes; what is left of the map is added in proportion to t.
+/// nodes; what is left of the map is added in proportion to t, turning with what is around it.
 class Motion {
 public:
     /// All #points by 3; normals have unit length. Throws Cancelled.
@@ -46,7 +46,7 @@ private:
     Normalization unit_;
     Positions positions_;  ///< normalised
     Normals normals_;
-    Positions offsets_;  ///< what is added by t = 1, before the similarity
+    Positions offsets_;  ///< what is added by t = 1, before anything turns
     GradualSimilarity similarity_;
     std::unique_ptr<const Bend> bend_;
 };

@@ -25,6 +25,7 @@ from pointmorph.errors import (
     TopologyError,
 )
 from pointmorph.morphing import Frame, Morph, Option, Progress, morph, options
+from pointmorph.motions import Motion
 
 __all__ = [
     "Cancelled",
@@ -35,6 +36,7 @@ __all__ = [
     "FileError",
     "Frame",
     "Morph",
+    "Motion",
     "Option",
     "OptionError",
     "PointmorphError",

@@ -18,6 +18,17 @@ def blue_noise(
     progress: Any,
 ) -> npt.NDArray[np.int64]: ...
 
+class Motion:
+    def __init__(
+        self,
+        positions: npt.NDArray[np.float64],
+        normals: npt.NDArray[np.float64],
+        images: npt.NDArray[np.float64],
+        bends: bool,
+        progress: Any,
+    ) -> None: ...
+    def at(self, t: float) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]: ...
+
 class Morph:
     def __init__(
         self,

@@ -1,0 +1,88 @@
+"""Paths other than straight ones, for one cloud whose points know where they end."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from pointmorph import _pointmorph
+from pointmorph.clouds import FloatArray
+from pointmorph.errors import CloudError, OptionError
+from pointmorph.morphing import Progress
+
+
+class Motion:
+    """A cloud on its way to where its points end, turning and bending instead of shrinking.
+
+    Parameters
+    ----------
+    positions, normals, images : (N, 3) array_like
+        Where every point is, its unit normal, and where it ends: `Morph.source_to_target`, say.
+    path : str
+        "linear", "similarity" or "rigid", as the setting `path` of a morph.
+    progress : callable, optional
+        As for `morph`.
+
+    Raises
+    ------
+    CloudError
+        For arrays of different shapes or numbers that aren't finite.
+    OptionError
+        For another path.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import pointmorph
+    >>> quarter = np.array([[1.0, 0, 0], [0, 1, 0], [-1, 0, 0], [0, -1, 0]])
+    >>> turned = np.roll(quarter, -1, axis=0)
+    >>> motion = pointmorph.Motion(quarter, quarter, turned, "similarity")
+    >>> np.linalg.norm(motion.at(0.5), axis=1).round(6).tolist()
+    [1.0, 1.0, 1.0, 1.0]
+    """
+
+    def __init__(
+        self,
+        positions: npt.ArrayLike,
+        normals: npt.ArrayLike,
+        images: npt.ArrayLike,
+        path: str,
+        progress: Progress | None = None,
+    ) -> None:
+        if path not in ("linear", "similarity", "rigid"):
+            raise OptionError(
+                "path", "linear, similarity or rigid", repr(path), "Choose one of them."
+            )
+        arrays = [np.asarray(rows, dtype=np.float64) for rows in (positions, normals, images)]
+        for name, rows in zip(("positions", "normals", "images"), arrays, strict=True):
+            if rows.ndim != 2 or rows.shape[1] != 3 or rows.shape != arrays[0].shape:
+                raise CloudError(
+                    name,
+                    f"an array of {len(arrays[0])} rows and 3 columns",
+                    f"the shape {rows.shape}",
+                    "Give a row for every point.",
+                )
+            if len(rows) == 0 or not np.isfinite(rows).all():
+                raise CloudError(
+                    name,
+                    "finite numbers for at least one point",
+                    "none, NaN or infinity",
+                    "Remove those points.",
+                )
+        self._ends = arrays[0], arrays[2]
+        self._native = (
+            None
+            if path == "linear"
+            else _pointmorph.Motion(arrays[0], arrays[1], arrays[2], path == "rigid", progress)
+        )
+
+    def at(self, t: float) -> FloatArray:
+        """(N, 3): where the points are at t, 0 to 1; exact at both ends."""
+        start, end = self._ends
+        if not 0 <= t <= 1:
+            raise OptionError("t", "a number from 0 to 1", str(t), "Clamp it.")
+        if t in (0, 1):
+            return (end if t else start).copy()
+        if self._native is None:
+            return start + t * (end - start)
+        return self._native.at(float(t))[0]
