@@ -84,13 +84,16 @@ void bind_morph(py::module_& module) {
     using Features = std::vector<std::tuple<std::string, Index, Index>>;
     const auto make = [](const py::dict& source, const py::dict& target, const Features& features,
                          const std::vector<std::string>& loop, const MorphOptions& options,
+                         const py::object& source_start, const py::object& target_start,
                          const py::object& callback) {
-        MorphInput input{cloud_of(source),
-                         cloud_of(target),
-                         {},
-                         loop,
-                         source["boundary"].cast<BoundaryLoop>(),
-                         target["boundary"].cast<BoundaryLoop>()};
+        MorphInput input{
+            cloud_of(source),
+            cloud_of(target),
+            {},
+            loop,
+            source["boundary"].cast<BoundaryLoop>(),
+            target["boundary"].cast<BoundaryLoop>(),
+            {from_numpy<Positions>(source_start), from_numpy<Positions>(target_start)}};
         for (const auto& [name, s, t] : features) input.features.push_back({name, s, t});
         return without_gil(callback, [&](Progress& progress) {
             return std::make_unique<Morph>(std::move(input), options, progress);

@@ -57,6 +57,19 @@ void check_loop(const MorphInput& input) {
                            "Add features to the loop, or leave it out.");
 }
 
+/// An image for every point, or none at all.
+void check_start(const RefinementStart& start, Index source, Index target) {
+    const auto s = start.source_images.rows(), t = start.target_images.rows();
+    if (s == 0 && t == 0) return;
+    if (s != source || t != target || !start.source_images.allFinite() ||
+        !start.target_images.allFinite())
+        throw CloudError("start",
+                         "finite images of " + std::to_string(source) + " and " +
+                             std::to_string(target) + " points",
+                         "those of " + std::to_string(s) + " and " + std::to_string(t),
+                         "Take the maps of a morph of these very clouds, or none.");
+}
+
 /// A loop cuts closed models; open patches have their boundary.
 void check_closed(Side& source, Side& target, const MorphInput& input, const MorphOptions& options,
                   Progress& progress) {
@@ -145,8 +158,13 @@ Morph::Morph(MorphInput input, const MorphOptions& options, Progress& progress)
         }
     } else {
         if (!input.loop.empty()) check_closed(source, target, input, options, progress);
+        check_start(input.start, source_.size(), target_.size());
+        std::optional<RefinementStart> earlier;
+        if (input.start.source_images.rows() > 0)
+            earlier = {target.unit.apply(gather(input.start.source_images, source.order)),
+                       source.unit.apply(gather(input.start.target_images, target.order))};
         take(refine(source.positions, source.normals, target.positions, target.normals, features,
-                    options.refinement, progress),
+                    options.refinement, progress, earlier ? &*earlier : nullptr),
              source, target);
     }
     for (IndexPair& pair : pairs_)

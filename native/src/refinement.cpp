@@ -48,6 +48,39 @@ Similarity feature_alignment(const Positions& source, const Positions& target,
     return shift;
 }
 
+/// Farthest that a feature's image lies from its partner.
+double largest_offset(const Positions& images, const Positions& other,
+                      std::span<const IndexPair> features, Index IndexPair::*from,
+                      Index IndexPair::*to) {
+    double largest = 0.0;
+    for (const IndexPair& f : features)
+        largest = std::max(largest, (images.row(f.*from) - other.row(f.*to)).norm());
+    return largest;
+}
+
+/// Moves images so that features come to lie near their partners, with everything around: offsets
+/// averaged with Gaussian weights that fall with the distance (Shepard's method, fading out).
+void pull_to_features(Positions& images, const Positions& positions, const Positions& other,
+                      std::span<const IndexPair> features, Index IndexPair::*from,
+                      Index IndexPair::*to) {
+    constexpr double kReach = 0.15;  // of √area
+    std::vector<Eigen::RowVector3d> offsets;
+    for (const IndexPair& f : features)
+        offsets.emplace_back(other.row(f.*to) - images.row(f.*from));
+    for (Eigen::Index i = 0; i < images.rows(); ++i) {
+        Eigen::RowVector3d sum = Eigen::RowVector3d::Zero();
+        double weights = 0.0;
+        for (std::size_t k = 0; k < features.size(); ++k) {
+            const double squared =
+                (positions.row(i) - positions.row(features[k].*from)).squaredNorm();
+            const double weight = std::exp(-0.5 * squared / (kReach * kReach));
+            sum += weight * offsets[k];
+            weights += weight;
+        }
+        images.row(i) += sum / std::max(weights, 1.0);
+    }
+}
+
 /// Volume that the oriented points enclose, if they do.
 double signed_volume(const CoarseShape& shape) {
     const Eigen::RowVector3d center = shape.positions.colwise().mean();
@@ -126,6 +159,14 @@ Refinement refine(const Positions& source, const Normals& source_normals, const 
     progress.enter("coarse shapes");
     const Similarity source_unit = to_unit_area(source);
     const Positions s = source_unit.apply(source);
+    if (given) {
+        const double largest = std::max(
+            source_unit.scale * largest_offset(given->target_images, source, features,
+                                               &IndexPair::target, &IndexPair::source),
+            to_unit_area(target).scale * largest_offset(given->source_images, target, features,
+                                                        &IndexPair::source, &IndexPair::target));
+        if (largest > options.trusted_distance) given = nullptr;
+    }
     Similarity target_move = to_unit_area(target);
     const bool pose_is_known =
         given || features.size() >= at(std::max<Index>(options.features_that_fix_the_pose, 3));
@@ -153,11 +194,15 @@ Refinement refine(const Positions& source, const Normals& source_normals, const 
     CoarseShape coarse_target =
         coarse_shape(*target_tree, tn, target_required, options.coarse, progress);
 
-    RegistrationStart start =
-        given
-            ? RegistrationStart{target_move.apply(gather(given->source_images, coarse_source.rows)),
-                                source_unit.apply(gather(given->target_images, coarse_target.rows))}
-            : thin_plate_start(coarse_source, coarse_target, coarse_features);
+    RegistrationStart start = thin_plate_start(coarse_source, coarse_target, coarse_features);
+    if (given) {
+        start = {target_move.apply(gather(given->source_images, coarse_source.rows)),
+                 source_unit.apply(gather(given->target_images, coarse_target.rows))};
+        pull_to_features(start.source, coarse_source.positions, coarse_target.positions,
+                         coarse_features, &IndexPair::source, &IndexPair::target);
+        pull_to_features(start.target, coarse_target.positions, coarse_source.positions,
+                         coarse_features, &IndexPair::target, &IndexPair::source);
+    }
     if (inside_out(coarse_source, coarse_target, start.source)) {
         result.inside_out = true;
         tn = -tn;

@@ -310,6 +310,27 @@ TEST(Morph, StartsFromTheDiskWhenAskedTo) {
     EXPECT_LT((image.rowwise().norm().array() - 1.0).abs().maxCoeff(), 0.05);
 }
 
+TEST(Morph, StartsFromAnEarlierOne) {
+    const Cloud source = hemisphere(2000), target = bump_cloud(41);
+    const Morph first = make(source, target, {{"top", 0, grid_row(41, 0, 0)}});
+    Progress progress;
+    MorphInput input{source, target, {{"top", 0, grid_row(41, 0, 0)}}, {}, {}, {}};
+    input.start = {first.source_to_target(progress), first.target_to_source(progress)};
+    std::vector<std::string> stages;
+    Progress watch([&](std::string_view stage, double) {
+        stages.emplace_back(stage);
+        return true;
+    });
+    const Morph again(input, {}, watch);
+    EXPECT_EQ(std::ranges::count(stages, "pose"), 0);
+    const Values moved =
+        (again.source_to_target(progress) - input.start.source_images).rowwise().norm();
+    EXPECT_LT(moved.mean(), 0.05);
+
+    input.start.target_images.conservativeResize(7, 3);
+    EXPECT_THROW(Morph(input, {}, progress), CloudError);
+}
+
 TEST(Morph, EveryPathEndsAtTheInputsAndKeepsToTheSurface) {
     const Matrix3 turn = Eigen::AngleAxisd(2.5, Vector3::UnitX()).toRotationMatrix();
     Cloud source = bump_cloud(41), target = bump_cloud(37);

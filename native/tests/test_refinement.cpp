@@ -199,6 +199,45 @@ TEST(Refinement, SameBitsForAnyThreadCount) {
     EXPECT_EQ(one.pairs, three.pairs);
 }
 
+TEST(Refinement, StartsFromAnEarlierMap) {
+    const Animals animals(2500, 2000, 0.5);
+    Progress progress;
+    const Refinement first = animals.refined(progress);
+    const RefinementStart start{first.source_images, first.target_images};
+    const auto again = [&](std::span<const IndexPair> features, Progress& watched) {
+        return refine(animals.source.positions, animals.source.normals, animals.target.positions,
+                      animals.target.normals, features, {}, watched, &start);
+    };
+    Progress watched;
+    const Refinement r = again(std::span(animals.features).first(1), watched);
+    EXPECT_LT(animals.error(r, 0.5), 0.02);
+    EXPECT_TRUE(std::ranges::none_of(watched.stages(),
+                                     [](const StageTime& s) { return s.stage == "pose"; }));
+
+    // A foot marked somewhere else than where the earlier map has it: met, and the rest stays.
+    auto moved = animals.features;
+    moved[5].target =
+        nearest_row(animals.target_directions, Vector3(-0.7, 0.55, -0.3).normalized());
+    const Refinement edited = again(moved, progress);
+    EXPECT_EQ(edited.source_images.row(moved[5].source),
+              animals.target.positions.row(moved[5].target));
+    EXPECT_LT(animals.error(edited, 0.5), 0.04);
+}
+
+TEST(Refinement, AnEarlierMapThatContradictsTheFeaturesIsNotUsed) {
+    const Animals animals(1500, 1200, 0.0);
+    Progress progress;
+    const Refinement fresh = animals.refined(progress);
+    RefinementStart exchanged{fresh.source_images, fresh.target_images};  // head for tail
+    exchanged.source_images.leftCols(2) *= -1.0;
+    exchanged.target_images.leftCols(2) *= -1.0;
+    const Refinement r =
+        refine(animals.source.positions, animals.source.normals, animals.target.positions,
+               animals.target.normals, animals.features, {}, progress, &exchanged);
+    EXPECT_EQ(r.source_images, fresh.source_images);
+    EXPECT_EQ(r.pairs, fresh.pairs);
+}
+
 TEST(Refinement, NormalsInsideOutAreNoticed) {
     Animals animals(1500, 1200, 0.3);
     Progress progress;

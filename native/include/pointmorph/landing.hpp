@@ -12,9 +12,9 @@ namespace pointmorph {
 /// Projects every image onto the surface that the samples around `anchors[i]` span, those on the
 /// anchor's side of it only: halfway between the plane through their weighted mean across their
 /// weighted normal (Adamson and Alexa 2003) and the weighted mean of their own tangent planes,
-/// whose errors on a curved surface are opposite. Where that lies outside of the samples' convex hull in the
-/// plane, over the edge of an open patch, the nearest point of the hull is taken. #images by 3.
-/// `anchors` are rows of `surface`, one an image; `normals` has #surface unit rows.
+/// whose errors on a curved surface are opposite. Where that lies outside of the samples' convex
+/// hull in the plane, over the edge of an open patch, the nearest point of the hull is taken.
+/// #images by 3. `anchors` are rows of `surface`, one an image; `normals` has #surface unit rows.
 Positions landed(const Positions& images, std::span<const Index> anchors, const KdTree<3>& surface,
                  const Normals& normals, Progress& progress);
 

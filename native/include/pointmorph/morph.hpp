@@ -72,6 +72,9 @@ struct MorphInput {
     std::vector<std::string> loop;  ///< features, in order, through which closed models are cut
     BoundaryLoop source_boundary;
     BoundaryLoop target_boundary;
+    /// Smooth maps of an earlier morph of these clouds, rows as given, to start from; empty for
+    /// none. Only method auto uses them; see refine().
+    RefinementStart start{};
 };
 
 /// What one side's parameterization took (the paper's Table I).

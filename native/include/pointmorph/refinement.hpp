@@ -25,6 +25,8 @@ struct RefinementOptions {
     /// With so many features or more they alone say how the target lies to the source; with fewer
     /// other poses are tried. 3 or more.
     Index features_that_fix_the_pose = 5;
+    /// In √area; see refine().
+    double trusted_distance = 0.3;
     /// Below this the second best map is named as a rival (see Pose::margin).
     double clear_margin = 1.1;
     /// Weight of unit normals against lengths (in √area) in the last matching of a cloud of 10,000
@@ -33,7 +35,8 @@ struct RefinementOptions {
 };
 
 /// Maps to start from instead of features and poses: an image for every point of both clouds, in
-/// the other cloud's coordinates. #source by 3 and #target by 3.
+/// the other cloud's coordinates. #source by 3 and #target by 3. An earlier result, before a
+/// feature was added or moved, say.
 struct RefinementStart {
     Positions source_images, target_images;
 };
@@ -60,7 +63,9 @@ struct Refinement {
 /// `features` are rows of the clouds that belong together, none twice on either side; the maps
 /// take them exactly onto each other. With fewer than `features_that_fix_the_pose` of them, or
 /// none, the clouds may lie in any orientation. Normals have unit length and face outwards, on
-/// both clouds or on neither. `start`, where there is one, replaces the search for the pose. Clouds
+/// both clouds or on neither. `start`, where there is one, is pulled to the features and
+/// replaces the search for the pose; it isn't used where it leaves a feature farther from its
+/// partner than `trusted_distance`: such a map has legs or ends exchanged. Clouds
 /// have no order or scale to keep to; the result turns, scales and moves with them.
 Refinement refine(const Positions& source, const Normals& source_normals, const Positions& target,
                   const Normals& target_normals, std::span<const IndexPair> features,

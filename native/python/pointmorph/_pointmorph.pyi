@@ -37,6 +37,8 @@ class Morph:
         features: list[tuple[str, int, int]],
         loop: list[str],
         options: MorphOptions,
+        source_start: npt.NDArray[Any] | None,
+        target_start: npt.NDArray[Any] | None,
         progress: Any,
     ) -> None: ...
     def pairs(self) -> npt.NDArray[np.int64]: ...

@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from pointmorph import _pointmorph
 from pointmorph.clouds import Cloud, FloatArray
-from pointmorph.errors import FeatureError, OptionError
+from pointmorph.errors import CloudError, FeatureError, OptionError
 
 Progress = Callable[[str, float], bool | None]
 """Gets a stage's name and the fraction of it that is done; returns False to ask for the end."""
@@ -191,6 +191,7 @@ def morph(
     features: Mapping[str, tuple[int, int]] | None = None,
     *,
     loop: Sequence[str] = (),
+    start: Morph | tuple[npt.ArrayLike, npt.ArrayLike] | None = None,
     progress: Progress | None = None,
     **settings: int | float | str | None,
 ) -> Morph:
@@ -204,6 +205,10 @@ def morph(
         Places that must coincide.
     loop : sequence of str, optional
         Features, in order, through which a closed model is cut. An open patch takes none.
+    start : Morph, or (N, 3) and (M, 3) arrays, optional
+        An earlier morph of these clouds, or its `source_to_target` and `target_to_source`: after a
+        feature was added or moved, the new map is found from the old one. Where that contradicts
+        the features, it isn't used. Method auto only.
     progress : callable, optional
         Called with the stage's name and the fraction done of it, on this thread. Returns False to
         cancel. The GIL is free in between.
@@ -242,9 +247,28 @@ def morph(
         _feature_list(features),
         list(loop),
         native_options,
+        *_start_arrays(start),
         progress,
     )
     return Morph(native, source, target)
+
+
+def _start_arrays(
+    start: Morph | tuple[npt.ArrayLike, npt.ArrayLike] | None,
+) -> tuple[npt.NDArray[np.float64] | None, npt.NDArray[np.float64] | None]:
+    if start is None:
+        return None, None
+    maps = (start.source_to_target, start.target_to_source) if isinstance(start, Morph) else start
+    source, target = (np.asarray(rows, dtype=np.float64) for rows in maps)
+    for rows in (source, target):
+        if rows.ndim != 2 or rows.shape[1] != 3:
+            raise CloudError(
+                "start",
+                "two arrays of 3 columns",
+                f"the shape {rows.shape}",
+                "Take source_to_target and target_to_source of an earlier morph.",
+            )
+    return source, target
 
 
 def _plain(name: str, value: Any) -> int | float | str | None:

@@ -47,6 +47,45 @@ def test_pairs_cover_both_clouds(morph: pointmorph.Morph) -> None:
     assert all(pair in pairs for pair in features(41, 33).values())
 
 
+def test_starts_from_an_earlier_morph(morph: pointmorph.Morph) -> None:
+    stages: list[str] = []
+    marks = {**features(41, 33), "east": (row(41, 0.9, 0), row(33, 0.9, 0))}
+    del marks["middle"]
+    again = pointmorph.morph(
+        morph.source, morph.target, marks, start=morph, progress=lambda s, f: stages.append(s)
+    )
+    assert "pose" not in stages
+    assert np.linalg.norm(again.source_to_target - morph.source_to_target, axis=1).mean() < 0.1
+    with pytest.raises(pointmorph.CloudError, match="start"):
+        pointmorph.morph(morph.target, morph.source, start=morph)
+    with pytest.raises(pointmorph.CloudError, match="start"):
+        pointmorph.morph(morph.source, morph.target, start=(np.zeros((4, 2)), np.zeros(3)))
+
+
+@pytest.mark.parametrize("path", ["similarity", "rigid"])
+def test_a_turned_shape_does_not_shrink_on_other_paths(path: str) -> None:
+    turn = np.array([[1.0, 0, 0], [0, np.cos(2), np.sin(2)], [0, -np.sin(2), np.cos(2)]])
+    source = pointmorph.Cloud(grid(31, 0.8))
+    target = pointmorph.Cloud(grid(31, 0.8) @ turn)
+    marks = {name: (a, a) for name, (a, _) in features(31, 31).items()} | {"corner": (0, 0)}
+
+    def size(t: float, **settings: str) -> float:
+        rows = pointmorph.morph(source, target, marks, **settings).frame(t).positions
+        return float(np.linalg.norm(rows - rows.mean(axis=0)) / np.sqrt(len(rows)))
+
+    assert size(0.5) < 0.9 * size(0)
+    assert size(0.5, path=path) == pytest.approx(size(0), rel=0.02)
+    rows = np.asarray(source.positions)
+    motion = pointmorph.Motion(rows, np.tile([0.0, 0, 1], (len(rows), 1)), rows @ turn, path)
+    assert np.array_equal(motion.at(0), rows)
+    assert np.array_equal(motion.at(1), rows @ turn)
+    half = motion.at(0.5)
+    sizes = [np.linalg.norm(p - p.mean(axis=0)) for p in (rows, half)]
+    assert sizes[1] == pytest.approx(sizes[0], rel=0.01)
+    with pytest.raises(pointmorph.OptionError):
+        motion.at(1.5)
+
+
 @pytest.mark.parametrize("t", [0, 1])
 def test_ends_are_the_inputs_bit_for_bit(morph: pointmorph.Morph, t: int) -> None:
     cloud = (morph.source, morph.target)[t]
