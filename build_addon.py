@@ -73,6 +73,7 @@ def child_environment(**more: str) -> dict[str, str]:
     ours = {k: v for k, v in os.environ.items() if k not in ("PYTHONPATH", "PYTHONHOME")}
     ours["PATH"] = os.pathsep.join([str(VENV / "bin"), os.environ.get("PATH", os.defpath)])
     ours["PYTHONNOUSERSITE"] = "1"
+    ours.setdefault("OMP_WAIT_POLICY", "passive")  # as the package; suites run side by side
     prefixes = [str(SITE_PACKAGES / "cmeel.prefix"), os.environ.get("CMAKE_PREFIX_PATH", "")]
     ours["CMAKE_PREFIX_PATH"] = os.pathsep.join(filter(None, prefixes))
     return ours | more
@@ -567,7 +568,7 @@ def main() -> int:
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     commands.add_parser("setup", help="all that the other commands need, in .venv and build")
     demos = commands.add_parser("demo", help="morph real models, or one's own, in a real Blender")
-    demos.add_argument("files", nargs="*", metavar="SOURCE TARGET FEATURES")
+    demos.add_argument("files", nargs="*", metavar="SOURCE TARGET [FEATURES]")
     tests = commands.add_parser("test", help="every test; the last line is the sum")
     tests.add_argument("--only", help=f"suites with commas between them: {','.join(SUITES)}")
     tests.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="suites side by side")

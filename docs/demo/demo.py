@@ -1,4 +1,4 @@
-"""The main job on real models: two heads in, a morph with shape keys, pictures and a film out.
+"""The main job on real models: two shapes in, a morph with shape keys, pictures and a film out.
 
 Runs in .venv, which holds Blender as a Python package: python3 build_addon.py demo
 """
@@ -8,6 +8,7 @@ from __future__ import annotations
 import argparse
 import contextlib
 import json
+import math
 import os
 import sys
 import time
@@ -28,7 +29,10 @@ from pointmorph import Cloud, PointmorphError, formats, sampling  # noqa: E402
 
 import addon  # noqa: E402
 
+CACHE = ROOT / "build" / "cache"
 TIMES = (0.0, 0.25, 0.5, 0.75, 1.0)
+AZIMUTH = 32.0
+"""Degrees from the front, for the user's own models."""
 
 
 @dataclass(frozen=True)
@@ -77,20 +81,46 @@ class Clock:
 MORPH_STAGE = "morph (bpy.ops.pointmorph.morph)"
 
 
-def obtain(files: Sequence[Path]) -> tuple[formats.Shape, formats.Shape, models.Features]:
-    """The user's shapes and features, or Debian's, or, failing these, Blender's own."""
-    if not files:
-        cache = ROOT / "build" / "cache"
-        try:
-            files = models.debian_models(cache)
-        except models.UnobtainableError as error:
-            import blender_shapes
+@dataclass(frozen=True)
+class Subject:
+    """What is morphed, and how it is looked at."""
 
-            print(f"  {error}.\n  {models.how_to_obtain(cache)}")
-            print("  This time it morphs two heads that Blender makes by itself.")
-            return blender_shapes.suzanne_and_bear()
-    source, target, features = files
-    return formats.read(source), formats.read(target), models.read_features(features)
+    name: str
+    source: formats.Shape
+    target: formats.Shape
+    features: models.Features
+    azimuth: float
+
+
+def obtain(files: Sequence[Path]) -> Iterator[Subject]:
+    """The user's shapes and features, or Debian's, or, failing these, Blender's own."""
+    try:
+        cases = [_own(files)] if files else models.debian_cases(CACHE)
+    except models.UnobtainableError as error:
+        import blender_shapes
+
+        print(f"  {error}.\n  {models.how_to_obtain(CACHE)}")
+        print("  This time it morphs two heads that Blender makes by itself.")
+        yield Subject("suzanne_to_bear", *blender_shapes.suzanne_and_bear(), AZIMUTH)
+        return
+    for case in cases:
+        shapes = [
+            scenery.staged(formats.read(path), turn, case.upright)
+            for path, turn in zip((case.source, case.target), case.turns, strict=True)
+        ]
+        features = models.read_features(case.features) if case.features else {}
+        yield Subject(case.name, *shapes, features, case.azimuth)
+
+
+def _own(files: Sequence[Path]) -> models.Case:
+    source, target, *features = files
+    return models.Case(
+        f"{source.stem}_to_{target.stem}",
+        source,
+        target,
+        features[0] if features else None,
+        azimuth=AZIMUTH,
+    )
 
 
 def sampled(
@@ -111,22 +141,26 @@ def sampled(
 
 
 def run(files: Sequence[Path], out: Path, scale: Scale) -> None:
-    clock = Clock()
     out.mkdir(parents=True, exist_ok=True)
+    addon.register()
+    for number, subject in enumerate(obtain(files)):
+        print(f"{subject.name.replace('_', ' ')}")
+        morph(subject, out, scale, filmed=number == 0)
+        print()
+
+
+def morph(subject: Subject, out: Path, scale: Scale, *, filmed: bool) -> None:
+    """Morphs, and leaves a contact sheet, a .blend and perhaps a film of that name in `out`."""
+    clock = Clock()
     bpy.ops.wm.read_factory_settings(use_empty=True)
     scene = bpy.context.scene
-    addon.register()
-
-    with clock.stage("models"):
-        source, target, features = obtain(files)
-        if source.name == target.name:
-            source.name, target.name = f"{source.name} (source)", f"{target.name} (target)"
-        source = paint.painted(source, paint.TERRACOTTA)
-        target = paint.painted(target, paint.SAND)
+    source, target, features = subject.source, subject.target, subject.features
+    if source.name == target.name:
+        source.name, target.name = f"{source.name} (source)", f"{target.name} (target)"
     with clock.stage("sampling"):
         clouds, marks = zip(
-            sampled(source, scale.points[0], features, 0),
-            sampled(target, scale.points[1], features, 1),
+            sampled(paint.painted(source, paint.TERRACOTTA), scale.points[0], features, 0),
+            sampled(paint.painted(target, paint.SAND), scale.points[1], features, 1),
             strict=True,
         )
     with clock.stage("Blender objects"):
@@ -142,50 +176,54 @@ def run(files: Sequence[Path], out: Path, scale: Scale) -> None:
         scene.pointmorph.source, scene.pointmorph.target = objects
     with clock.stage(MORPH_STAGE):
         bpy.ops.pointmorph.morph()
-    morph = bpy.context.object
-    key = morph.data.shape_keys.key_blocks["Morph"]
-    report = json.loads(morph.pointmorph.report)
+    result = bpy.context.object
+    report = json.loads(result.pointmorph.report)
     for shown in objects:
         shown.hide_render = True
         shown.hide_set(True)
+    with clock.stage("shape keys along the rigid path"):
+        scene.frame_start, scene.frame_end = 1, scale.frames
+        scenery.travel_rigidly(result, 1, scale.frames)
 
-    scenery.show_as_solid(morph)
+    scenery.show_as_solid(result)
     placed = positions[1] @ matrix[:3, :3].T + matrix[:3, 3]
-    studio.set_up(scene, [positions[0], placed], aspect=scale.still[0] / scale.still[1])
-    pictures = out / "pictures"
+    aspect = scale.still[0] / scale.still[1]
+    studio.set_up(scene, [positions[0], placed], aspect, math.radians(subject.azimuth))
+    folder = out / subject.name
     with clock.stage(f"contact sheet, {len(TIMES)} pictures"):
         studio.develop(scene, scale.still, scale.still_samples)
         stills = []
         for t in TIMES:
-            key.value = t
-            stills.append(pictures / f"t_{t:.2f}.png")
+            scenery.go_to(scene, t, 1, scale.frames)
+            stills.append(folder / f"t_{t:.2f}.png")
             studio.photograph(scene, stills[-1])
-        sheet = out / "contact_sheet.png"
+        sheet = out / f"{subject.name}.png"
         studio.contact_sheet(stills, [f"t = {t:g}" for t in TIMES], sheet)
-    with clock.stage(f"film, {scale.frames} pictures"):
-        scene.frame_start, scene.frame_end = 1, scale.frames
-        scenery.animate(key, 1, scale.frames)
-        studio.develop(scene, scale.frame, scale.frame_samples)
-        frames = []
-        for frame in range(1, scale.frames + 1):
-            scene.frame_set(frame)
-            frames.append(pictures / f"frame_{frame:04d}.png")
-            studio.photograph(scene, frames[-1])
-        film = out / "morph.gif"
-        studio.film(frames, film)
+    made = [sheet]
+    if filmed:
+        with clock.stage(f"film, {scale.frames} pictures"):
+            made.append(out / f"{subject.name}.gif")
+            studio.develop(scene, scale.frame, scale.frame_samples)
+            frames = []
+            for frame in range(1, scale.frames + 1):
+                scene.frame_set(frame)
+                frames.append(folder / f"frame_{frame:04d}.png")
+                studio.photograph(scene, frames[-1])
+            studio.film(frames, made[-1])
     with clock.stage("Blender file"):
         scene.frame_set(1)
         studio.develop(scene, scale.still, scale.still_samples)
-        blend = out / "morph.blend"
+        blend = out / f"{subject.name}.blend"
         bpy.ops.wm.save_as_mainfile(filepath=str(blend), compress=True)
 
     print()
     print(clock.table(report))
     points = " and ".join(f"{len(cloud):,}" for cloud in clouds)
-    print(f"\n{points} points, {report['pairs']:,} pairs, {len(features)} features")
+    marked = f"{len(features)} features" if features else "no mark at all"
+    print(f"\n{points} points, {report['pairs']:,} pairs, {marked}")
     for warning in report["warnings"]:
         print(f"warning: {warning}")
-    print(f"{sheet}\n{film}\n{blend} (play it, or drag the shape key Morph)")
+    print("\n".join(map(str, made)) + f"\n{blend} (play it)")
 
 
 @contextlib.contextmanager
@@ -208,12 +246,12 @@ def quiet_blender(log: Path) -> Iterator[None]:
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("files", nargs="*", type=Path, metavar="SOURCE TARGET FEATURES")
+    parser.add_argument("files", nargs="*", type=Path, metavar="SOURCE TARGET [FEATURES]")
     parser.add_argument("--out", type=Path, default=ROOT / "build" / "demo", metavar="DIR")
     parser.add_argument("--quick", action="store_true", help="few points and small pictures")
     arguments = parser.parse_args()
-    if len(arguments.files) not in (0, 3):
-        parser.error("expected SOURCE TARGET FEATURES, or none of them")
+    if len(arguments.files) not in (0, 2, 3):
+        parser.error("expected SOURCE TARGET [FEATURES], or none of them")
     out = arguments.out.resolve()
     try:
         with quiet_blender(out / "blender.log"):

@@ -9,18 +9,40 @@ import os
 import shutil
 import subprocess
 import tarfile
+from dataclasses import dataclass
 from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
 PACKAGE = "libcgal-demo"
 ARCHIVE = "./usr/share/doc/libcgal-dev/data.tar.gz"
-# The feature rows hold for exactly these files.
+# The feature rows and the turns hold for exactly these files.
 FILES = {
+    "camel.off": "9ac960a9fee27e6fcc6baaa2340260834625084ee20f4a97194212404e650a22",
+    "diplodocus.off": "661fdac29eca4b205e354da112b3cbfd08dcfae07df989234b71421e62521c96",
+    "bear.off": "058f6ce62635e5f86958adea9706a8dca3ebe4fae76a0d32b8318d107d40bda6",
+    "bull.off": "5c7b9631f8c278c12b30c0eea0b72da871504674516daf7d7eaaf5fa4154224a",
     "mannequin-devil.off": "9424b7132b58766984051fb7757543e88972f91fe7e9565d4e5b715b204f74a5",
     "lion-head.off": "cf159eeb12a3f3f345e57448693e9f0d115f3f6f38fd1d4519b336cede849289",
 }
 
 Features = dict[str, tuple[int, int]]
+
+
+@dataclass(frozen=True)
+class Case:
+    """A morph that the demo makes."""
+
+    name: str
+    source: Path
+    target: Path
+    features: Path | None
+    """None: no mark at all."""
+    turns: tuple[float, float] = (0.0, 0.0)
+    """Degrees about the vertical by which source and target are turned, so that they face -y."""
+    upright: bool = False
+    """Whether the files' y axis points upwards, which Blender turns into its z."""
+    azimuth: float = 32.0
+    """Degrees from the front from which the camera looks."""
 
 
 class UnobtainableError(Exception):
@@ -42,24 +64,47 @@ def read_features(path: Path) -> Features:
 # ---------------------------------------------------------------- Debian's models
 
 
-def debian_models(cache: Path) -> tuple[Path, Path, Path]:
-    """Mannequin, lion and their features; fetched by apt on the first call, then from `cache`."""
+def debian_cases(cache: Path) -> list[Case]:
+    """What the demo makes of Debian's models, which apt fetches on the first call into `cache`."""
     folder = cache / PACKAGE
     if not all(_is_intact(folder / name) for name in FILES):
         folder.mkdir(parents=True, exist_ok=True)
         _unpack(_download(folder), folder)
     for name in FILES:
         if not _is_intact(folder / name):
-            raise UnobtainableError(
-                f"{folder / name} is not the file that the features were marked on"
-            )
-    return (*(folder / name for name in FILES), HERE / "mannequin_to_lion.json")
+            raise UnobtainableError(f"{folder / name} is not the file that the demo was made for")
+    return [
+        Case(
+            "camel_to_diplodocus",
+            folder / "camel.off",
+            folder / "diplodocus.off",
+            None,
+            turns=(0.0, -90.0),
+            upright=True,
+            azimuth=62.0,
+        ),
+        Case(
+            "bear_to_bull",
+            folder / "bear.off",
+            folder / "bull.off",
+            None,
+            turns=(0.0, 90.0),
+            upright=True,
+            azimuth=50.0,
+        ),
+        Case(
+            "mannequin_to_lion",
+            folder / "mannequin-devil.off",
+            folder / "lion-head.off",
+            HERE / "mannequin_to_lion.json",
+        ),
+    ]
 
 
 def how_to_obtain(cache: Path) -> str:
     return (
-        f"The demo's models are {' and '.join(FILES)}, from data.tar.gz in Debian's package "
-        f"{PACKAGE}. To use them, put both files into {cache / PACKAGE} and run the demo again."
+        f"The demo's models are {', '.join(FILES)}, from data.tar.gz in Debian's package "
+        f"{PACKAGE}. To use them, put these files into {cache / PACKAGE} and run the demo again."
     )
 
 

@@ -2,18 +2,43 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping
 
 import bpy
 import numpy as np
 import numpy.typing as npt
+from mathutils import Matrix
 from pointmorph import Cloud
+from pointmorph.formats import Shape
 
 FloatArray = npt.NDArray[np.floating]
 
 FEATURE_PREFIX = "pm."
 OVERLAP = 1.3
 """Radius of the discs in radii of their points: no gap stays between them."""
+
+
+STEPS = 8
+"""Shape keys between source and target that the rigid path is baked into."""
+
+
+def staged(shape: Shape, turn: float, upright: bool) -> Shape:
+    """The shape turned to face -y and stand along z.
+
+    Parameters
+    ----------
+    turn : float
+        Degrees about the vertical.
+    upright : bool
+        Whether its y axis points upwards, which becomes z.
+    """
+    matrix = np.array(Matrix.Rotation(np.radians(turn), 3, "Z"))
+    if upright:
+        matrix = matrix @ np.array(Matrix.Rotation(np.radians(90.0), 3, "X"))
+    normals = None if shape.normals is None else (shape.normals @ matrix.T).astype(np.float32)
+    positions = (shape.positions @ matrix.T).astype(np.float32)
+    return dataclasses.replace(shape, positions=positions, normals=normals)
 
 
 def add_cloud(
@@ -126,8 +151,26 @@ def _weld(material: bpy.types.Material) -> None:
     links.new(whole.outputs[0], output.inputs["Surface"])
 
 
-def animate(key: bpy.types.ShapeKey, first: int, last: int) -> None:
-    """Keyframes: 0 at the first frame, 1 at the last, with Blender's soft start and end."""
-    for frame, value in ((first, 0.0), (last, 1.0)):
-        key.value = value
-        key.keyframe_insert("value", frame=frame)
+def go_to(scene: bpy.types.Scene, t: float, first: int, last: int) -> None:
+    """Sets the time, between frames, at which travel_rigidly() has come to t."""
+    share = 0.5 - np.sin(np.arcsin(1.0 - 2.0 * t) / 3.0)  # the inverse of 3x² - 2x³
+    frame = first + (last - first) * float(share)
+    scene.frame_set(int(frame), subframe=frame % 1.0)
+
+
+def travel_rigidly(morph: bpy.types.Object, first: int, last: int) -> None:
+    """Bakes the rigid path into shape keys and keys them one after another, frame by frame.
+
+    The key *Morph* goes along, muted: colours and normals follow its value.
+    """
+    bpy.ops.pointmorph.bake_shape_keys(kind="PAIRS", steps=STEPS, path="RIGID")
+    morph_key, *steps = morph.data.shape_keys.key_blocks[1:]
+    morph_key.mute = True
+    for frame in range(first, last + 1):
+        t = (frame - first) / (last - first)
+        t = t * t * (3.0 - 2.0 * t)  # a soft start and end
+        morph_key.value = t
+        morph_key.keyframe_insert("value", frame=frame)
+        for number, key in enumerate(steps, 1):
+            key.value = max(0.0, 1.0 - abs(STEPS * t - number))
+            key.keyframe_insert("value", frame=frame)

@@ -14,8 +14,8 @@ from PIL import Image, ImageDraw, ImageFont
 
 FloatArray = npt.NDArray[np.floating]
 
-# The models look along -y and stand along z; the camera sees them from the front and their left.
-AZIMUTH, ELEVATION = math.radians(32.0), math.radians(7.0)
+# The models look along -y and stand along z.
+ELEVATION = math.radians(7.0)
 LENS, SENSOR = 85.0, 36.0
 MARGIN = 1.08
 LABEL_SHARE = 0.1
@@ -34,13 +34,21 @@ BACKDROP = ((0.40, 0.41, 0.43), (0.62, 0.635, 0.65))
 """Linear colours of the picture's foot and head."""
 
 
-def set_up(scene: bpy.types.Scene, points: Sequence[FloatArray], aspect: float) -> None:
-    """Camera, three lights and a backdrop that suit all the given clouds, in world space."""
+def set_up(
+    scene: bpy.types.Scene, points: Sequence[FloatArray], aspect: float, azimuth: float
+) -> None:
+    """Camera, three lights and a backdrop that suit all the given clouds, in world space.
+
+    Parameters
+    ----------
+    azimuth : float
+        Radians from the front, to the models' left, from which the camera looks.
+    """
     everything = np.concatenate(points)
     low, high = everything.min(axis=0), everything.max(axis=0)
     center, size = (low + high) / 2.0, float(np.linalg.norm(high - low)) / 2.0
-    _add_camera(scene, everything, center, aspect)
-    turn = Matrix.Rotation(AZIMUTH, 3, "Z")
+    _add_camera(scene, everything, center, aspect, azimuth)
+    turn = Matrix.Rotation(azimuth, 3, "Z")
     for name, (place, power, extent, color) in LIGHTS.items():
         light = bpy.data.lights.new(name, "AREA")
         light.energy, light.size, light.color = power * size**2, extent * size, color
@@ -52,17 +60,21 @@ def set_up(scene: bpy.types.Scene, points: Sequence[FloatArray], aspect: float) 
 
 
 def _add_camera(
-    scene: bpy.types.Scene, points: FloatArray, center: FloatArray, aspect: float
+    scene: bpy.types.Scene,
+    points: FloatArray,
+    center: FloatArray,
+    aspect: float,
+    azimuth: float,
 ) -> None:
     """Looks at the points from the side, just far enough to have them all in the picture."""
     backward = np.array(
         [
-            math.sin(AZIMUTH) * math.cos(ELEVATION),
-            -math.cos(AZIMUTH) * math.cos(ELEVATION),
+            math.sin(azimuth) * math.cos(ELEVATION),
+            -math.cos(azimuth) * math.cos(ELEVATION),
             math.sin(ELEVATION),
         ]
     )
-    right = np.array([math.cos(AZIMUTH), math.sin(AZIMUTH), 0.0])
+    right = np.array([math.cos(azimuth), math.sin(azimuth), 0.0])
     axes = np.stack([right, np.cross(backward, right), backward])
     seen = (points - center) @ axes.T
     middle = (seen.min(axis=0) + seen.max(axis=0)) / 2.0

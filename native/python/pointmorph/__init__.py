@@ -12,7 +12,10 @@ Two clouds in, of any size and without a common mesh; matching points and in-bet
 Needs numpy only; the file formats and the command line need plyfile, trimesh and tqdm.
 """
 
-from pointmorph._pointmorph import __version__
+from pointmorph._waiting import giving_way
+
+with giving_way():
+    from pointmorph._pointmorph import __version__
 from pointmorph.clouds import Cloud
 from pointmorph.errors import (
     Cancelled,
