@@ -24,7 +24,19 @@ from pointmorph.errors import (
     PointmorphError,
     TopologyError,
 )
-from pointmorph.morphing import Frame, Morph, Option, Progress, morph, options
+from pointmorph.morphing import (
+    Frame,
+    MapFigures,
+    Morph,
+    Option,
+    Place,
+    PointQuality,
+    Progress,
+    Quality,
+    morph,
+    options,
+    quality_summary,
+)
 
 __all__ = [
     "Cancelled",
@@ -34,13 +46,18 @@ __all__ = [
     "FeatureError",
     "FileError",
     "Frame",
+    "MapFigures",
     "Morph",
     "Option",
     "OptionError",
+    "Place",
+    "PointQuality",
     "PointmorphError",
     "Progress",
+    "Quality",
     "TopologyError",
     "__version__",
     "morph",
     "options",
+    "quality_summary",
 ]
