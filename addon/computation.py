@@ -86,11 +86,13 @@ class Outcome:
     """All that the scene gets from a morph.
 
     `landing` is (N, 3): where every source vertex ends on the target, in the morph's frame.
+    `distortion` is (M,), a value a pair: the worse of both its ends, see `pointmorph.PointQuality`.
     """
 
     source: End
     target: End
     landing: np.ndarray
+    distortion: np.ndarray
     report: dict
 
 
@@ -109,4 +111,11 @@ def compute(request, progress):
         frame = morph.frame(t)
         rows = morph.pairs[:, t].astype(np.int32)
         ends.append(End(rows, frame.positions, frame.normals, frame.colors, frame.radii))
-    return Outcome(*ends, morph.source_to_target, morph.report)
+    quality = morph.measure_quality(progress)
+    distortion = np.maximum(
+        *(
+            side.distortion[end.rows]
+            for side, end in zip((quality.source, quality.target), ends, strict=True)
+        )
+    )
+    return Outcome(*ends, morph.source_to_target, distortion.astype(np.float32), morph.report)

@@ -12,6 +12,14 @@ MODIFIER = "Points"
 COLOR = "Color"
 NORMAL = "Normal"
 
+# How bad the map is at a pair: 0 is perfect, over 1 is bad.
+DISTORTION = "distortion"
+SHOW_DISTORTION = "Show Distortion"
+_RAMP = ((0.0, (0.05, 0.25, 0.9)), (0.5, (1.0, 0.85, 0.1)), (1.0, (0.9, 0.02, 0.02)))
+_RAMP_END = 2.0  # the distortion of a fold
+
+_EEVEE_WITH_POINTS = (4, 2, 0)
+
 
 def add_points_modifier(obj, key, created):
     """Shows the vertices of `obj` as points, colour and radius at the value of shape key `key`.
@@ -35,6 +43,52 @@ def add_points_modifier(obj, key, created):
     target.id_type = "KEY"
     target.id = key.id_data
     target.data_path = key.path_from_id("value")
+
+
+def can_show_distortion(obj):
+    """Whether a morph object has the attribute and its nodes know what to do with it."""
+    modifier = _points_modifier(obj)
+    return (
+        modifier is not None
+        and SHOW_DISTORTION in _inputs(modifier.node_group)
+        and DISTORTION in obj.data.attributes
+    )
+
+
+def shows_distortion(obj):
+    """Whether the points have the colours of their distortion now."""
+    return can_show_distortion(obj) and bool(_input(obj, SHOW_DISTORTION))
+
+
+def show_distortion(obj, show):
+    """Colours the points by distortion, blue over yellow to red, or with their own colours again.
+
+    Where Eevee draws no point clouds the points are discs meanwhile.
+    """
+    if show == shows_distortion(obj):
+        return
+    _set_input(obj, SHOW_DISTORTION, show)
+    if bpy.app.version < _EEVEE_WITH_POINTS:
+        if show:
+            obj.pointmorph.discs_before = bool(_input(obj, "Discs"))
+        _set_input(obj, "Discs", show or obj.pointmorph.discs_before)
+    obj.update_tag()
+
+
+def _points_modifier(obj):
+    modifier = obj.modifiers.get(MODIFIER)
+    known = modifier is not None and modifier.type == "NODES" and modifier.node_group is not None
+    return modifier if known else None
+
+
+def _input(obj, name):
+    modifier = _points_modifier(obj)
+    return modifier.get(input_identifier(modifier.node_group, name), False)
+
+
+def _set_input(obj, name, value):
+    modifier = _points_modifier(obj)
+    modifier[input_identifier(modifier.node_group, name)] = value
 
 
 def input_identifier(group, name):
@@ -121,6 +175,12 @@ def _group(material, created):
         "Shows discs in the surface instead of balls: slower, and visible where point clouds "
         "aren't, as in the Eevee of Blender 3.4",
     )
+    _new_input(
+        group,
+        "NodeSocketBool",
+        SHOW_DISTORTION,
+        "Colours the points by how bad the map is there: blue is good, yellow bad, red folded",
+    )
     _new_output(group, "NodeSocketGeometry", "Geometry")
 
     build = _Builder(group)
@@ -151,6 +211,7 @@ def _group(material, created):
     channels = {name: solid[name] for name in ("Red", "Green", "Blue")}
     channels["Alpha"] = mixed(*alphas, "FLOAT")
     color = build.node("FunctionNodeCombineColor", channels).outputs["Color"]
+    color = _or_distortion(build, inputs, color, attribute(DISTORTION, "FLOAT"))
 
     normals = [attribute(f"{side}_normal", "FLOAT_VECTOR") for side in sides]
     unit = build.node("ShaderNodeVectorMath", operation="NORMALIZE")
@@ -195,6 +256,27 @@ def _group(material, created):
     )
     build.node("NodeGroupOutput", {"Geometry": finished.outputs["Geometry"]})
     return group
+
+
+def _or_distortion(build, inputs, color, distortion):
+    """`color`, or while the group's input says so that of the distortion."""
+    scaled = build.node("ShaderNodeMath", operation="DIVIDE")
+    build.tree.links.new(distortion, scaled.inputs[0])
+    scaled.inputs[1].default_value = _RAMP_END
+    ramp = build.node("ShaderNodeValToRGB")
+    build.tree.links.new(scaled.outputs["Value"], ramp.inputs[0])
+    elements = ramp.color_ramp.elements
+    elements.new(0.5)
+    for element, (position, rgb) in zip(elements, _RAMP, strict=True):
+        element.position = position
+        element.color = (*rgb, 1.0)
+    switch = build.node("GeometryNodeSwitch", input_type="RGBA")
+    build.tree.links.new(
+        inputs[SHOW_DISTORTION], next(socket for socket in switch.inputs if socket.enabled)
+    )
+    build.tree.links.new(color, _enabled(switch.inputs, "False"))
+    build.tree.links.new(ramp.outputs["Color"], _enabled(switch.inputs, "True"))
+    return _enabled(switch.outputs, "Output")
 
 
 def _material(created):

@@ -7,7 +7,7 @@ import bpy
 import numpy as np
 import pointmorph
 
-from . import arrays, result, session, transforms
+from . import arrays, display, result, session, transforms
 from .computation import compute
 from .features import PREFIX
 from .properties import feature_names, sync_features
@@ -255,6 +255,90 @@ class POINTMORPH_OT_bake_shape_keys(bpy.types.Operator):
         return {"FINISHED"}
 
 
+# --- Quality -----------------------------------------------------------------------------------
+
+
+def report_of(obj):
+    """What a morph object remembers of `Morph.report`; None when it's of an earlier version."""
+    try:
+        report = json.loads(obj.pointmorph.report)
+    except ValueError:
+        return None
+    return report if "quality" in report else None
+
+
+class POINTMORPH_OT_show_distortion(bpy.types.Operator):
+    """Colour the points by how bad the map is: blue good, yellow bad, red folded; or undo that"""
+
+    bl_idname = "pointmorph.show_distortion"
+    bl_label = "Show Distortion"
+    bl_options = {"REGISTER", "UNDO"}
+
+    @classmethod
+    def poll(cls, context):
+        obj = active_result(context)
+        if obj is None:
+            cls.poll_message_set("Morph first, or make a morph object the active object")
+            return False
+        if not display.can_show_distortion(obj):
+            cls.poll_message_set("This morph was made without it, or lost its points: morph again")
+            return False
+        return True
+
+    def execute(self, context):
+        obj = active_result(context)
+        show = not display.shows_distortion(obj)
+        display.show_distortion(obj, show)
+        self._shade(context, obj.pointmorph, show)
+        return {"FINISHED"}
+
+    @staticmethod
+    def _shade(context, remembered, show):
+        """Solid shading knows one colour for all points: material preview meanwhile."""
+        space = context.space_data
+        if space is None or space.type != "VIEW_3D":
+            return
+        if show:
+            plain = space.shading.type in {"WIREFRAME", "SOLID"}
+            remembered.shading_before = space.shading.type if plain else ""
+            if plain:
+                space.shading.type = "MATERIAL"
+        elif remembered.shading_before and space.shading.type == "MATERIAL":
+            space.shading.type = remembered.shading_before
+
+
+class POINTMORPH_OT_go_to_place(bpy.types.Operator):
+    """Put the 3D cursor where the morph is bad"""
+
+    bl_idname = "pointmorph.go_to_place"
+    bl_label = "Go to the Place"
+    bl_options = {"REGISTER", "UNDO"}
+
+    index: bpy.props.IntProperty(
+        name="Place", description="0 for the worst", default=0, min=0, max=4
+    )
+
+    @classmethod
+    def poll(cls, context):
+        obj = active_result(context)
+        if obj is None:
+            cls.poll_message_set("Morph first, or make a morph object the active object")
+            return False
+        report = report_of(obj)
+        if report is None or not report["worst"]:
+            cls.poll_message_set("This morph has no bad places")
+            return False
+        return True
+
+    def execute(self, context):
+        obj = active_result(context)
+        places = report_of(obj)["worst"]
+        place = places[min(self.index, len(places) - 1)]
+        context.scene.cursor.location = result.world_position(obj, place["source"])
+        self.report({"INFO"}, place["advice"])
+        return {"FINISHED"}
+
+
 # --- Features -------------------------------------------------------------------------------------
 
 
@@ -401,6 +485,8 @@ def _mark(obj, name, row):
 _classes = (
     POINTMORPH_OT_morph,
     POINTMORPH_OT_bake_shape_keys,
+    POINTMORPH_OT_show_distortion,
+    POINTMORPH_OT_go_to_place,
     POINTMORPH_OT_add_feature,
     POINTMORPH_OT_remove_feature,
 )

@@ -1,9 +1,11 @@
 """The sidebar of the 3D viewport."""
 
+import textwrap
+
 import bpy
 import pointmorph
 
-from . import operators, result, session
+from . import display, operators, result, session
 from .properties import by_hand
 
 
@@ -121,6 +123,45 @@ class POINTMORPH_PT_bake(_Panel, bpy.types.Panel):
             button.steps = settings.steps
 
 
+class POINTMORPH_PT_quality(_Panel, bpy.types.Panel):
+    bl_label = "Quality"
+
+    @classmethod
+    def poll(cls, context):
+        return operators.active_result(context) is not None
+
+    def draw(self, context):
+        layout = self.layout
+        obj = operators.active_result(context)
+        layout.operator(
+            "pointmorph.show_distortion",
+            icon="COLOR",
+            depress=display.shows_distortion(obj),
+        )
+        report = operators.report_of(obj)
+        if report is None:
+            return
+        box = layout.box().column(align=True)
+        for name, value in pointmorph.quality_summary(report):
+            row = box.split(factor=0.35)
+            row.label(text=name)
+            row.label(text=value)
+        if not report["worst"]:
+            layout.label(text="No place stands out", icon="CHECKMARK")
+        for index, place in enumerate(report["worst"]):
+            row = layout.box().row()
+            lines = row.column(align=True)
+            for line in textwrap.wrap(place["advice"], _characters(context)):
+                lines.label(text=line)
+            row.operator("pointmorph.go_to_place", text="", icon="PIVOT_CURSOR").index = index
+
+
+def _characters(context):
+    """How many characters fit beside a button; Blender doesn't wrap labels."""
+    width = context.region.width / context.preferences.system.ui_scale
+    return max(20, int((width - 90) / 6))
+
+
 # In the order of the work.
 _classes = (
     POINTMORPH_UL_features,
@@ -129,6 +170,7 @@ _classes = (
     POINTMORPH_PT_settings,
     POINTMORPH_PT_morph,
     POINTMORPH_PT_bake,
+    POINTMORPH_PT_quality,
 )
 
 

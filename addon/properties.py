@@ -240,6 +240,13 @@ class PointmorphObject(bpy.types.PropertyGroup):
         description="Rotation and scale of the source when the morph was made, row by row",
         size=9,
     )
+    discs_before: bpy.props.BoolProperty(
+        name="Discs Before", description="The points were discs before distortion was shown"
+    )
+    shading_before: bpy.props.StringProperty(
+        name="Shading Before",
+        description="The viewport's shading before distortion was shown; empty where it stayed",
+    )
     report: bpy.props.StringProperty(
         name="Report", description="What was done, how long it took and how good it is, as JSON"
     )

@@ -48,6 +48,20 @@ def morph_key(obj):
     return key
 
 
+def world_position(obj, source_row):
+    """Where a morph object shows a row of the source at the present value of its key."""
+    key = morph_key(obj)
+    rows = np.flatnonzero(arrays.read_rows(obj.data, "source_row") == source_row)
+    if not rows.size:
+        raise pointmorph.CloudError(
+            obj.name, f"point {source_row} of the source", "none", "Morph again."
+        )
+    ends = (obj.data.shape_keys.reference_key, key)
+    start, end = (arrays.key_positions(side)[rows[0]] for side in ends)
+    place = (1.0 - key.value) * start + key.value * end
+    return transforms.move_positions(np.array(obj.matrix_world), place[None])[0]
+
+
 def build(context, outcome, name, origin, source, target, source_matrix):
     """Makes the morph object in the active collection.
 
@@ -73,6 +87,7 @@ def build(context, outcome, name, origin, source, target, source_matrix):
             arrays.write_attribute(mesh, f"{side}_color", end.colors)
             arrays.write_attribute(mesh, f"{side}_radius", end.radii)
         arrays.write_attribute(mesh, "landing", outcome.landing[outcome.source.rows])
+        arrays.write_attribute(mesh, display.DISTORTION, outcome.distortion)
         obj = bpy.data.objects.new(name, mesh)
         created(obj)
         obj.location = origin

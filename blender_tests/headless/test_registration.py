@@ -9,7 +9,14 @@ import bpy
 import pytest
 
 WITHOUT_BLENDER = ("arrays", "computation", "features", "session", "transforms")
-OPERATORS = ("add_feature", "bake_shape_keys", "morph", "remove_feature")
+OPERATORS = (
+    "add_feature",
+    "bake_shape_keys",
+    "morph",
+    "remove_feature",
+    "show_distortion",
+    "go_to_place",
+)
 
 
 def registered():

@@ -10,6 +10,7 @@ VIEWPORT = (400, 600)
 MORPH = (931, 375)
 SLIDER = ((860, 429), (1000, 429))
 BAKE_SOURCE = (931, 520)
+SHOW_DISTORTION = (931, 611)
 SETTINGS_HEADER = (880, 311)
 
 RESULT = 'bpy.data.objects.get("Hill to Dune")'
@@ -65,6 +66,19 @@ def test_morph_drag_bake_undo(window):
     window.press("ctrl+shift+z", over=VIEWPORT)
     assert window.ask(f"{RESULT} is not None")
     assert window.ask(value) == 0
+
+
+def test_distortion_is_one_click_and_its_end_another(window):
+    add_pair(window, 40)
+    window.click(MORPH)
+    window.wait(f"{RESULT} is not None")
+    shading = "area.spaces[0].shading.type"
+    before = window.ask(shading)
+    window.click(SHOW_DISTORTION)
+    assert window.ask(shading) == "MATERIAL"
+    window.screenshot("distortion")
+    window.click(SHOW_DISTORTION)
+    assert window.ask(shading) == before
 
 
 def test_settings_and_the_state_of_features(window):

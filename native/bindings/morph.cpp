@@ -57,6 +57,43 @@ py::dict dict_of(const MorphReport& report, const MorphOptions& options) {
         py::arg("warnings") = report.warnings, py::arg("options") = chosen);
 }
 
+py::array_t<bool> array_of(const std::vector<std::uint8_t>& flags) {
+    py::array_t<bool> rows(static_cast<py::ssize_t>(flags.size()));
+    std::copy(flags.begin(), flags.end(), rows.mutable_data());
+    return rows;
+}
+
+py::dict dict_of(const PointQuality& points) {
+    return py::dict(py::arg("stretch") = to_numpy(SingularValues(points.stretch)),
+                    py::arg("measured") = array_of(points.measured),
+                    py::arg("flipped") = array_of(points.flipped),
+                    py::arg("reached") = array_of(points.reached),
+                    py::arg("round_trip") = to_numpy(Values(points.round_trip)),
+                    py::arg("distortion") = to_numpy(Values(points.distortion)));
+}
+
+py::dict dict_of(const MapFigures& figures) {
+    return py::dict(
+        py::arg("dirichlet") = figures.dirichlet, py::arg("stretch_p99") = figures.stretch_p99,
+        py::arg("conformal_median") = figures.conformal_median,
+        py::arg("flipped") = figures.flipped, py::arg("collapsed") = figures.collapsed,
+        py::arg("round_trip_mean") = figures.round_trip_mean,
+        py::arg("round_trip_p99") = figures.round_trip_p99, py::arg("coverage") = figures.coverage);
+}
+
+py::dict dict_of(const Quality& quality) {
+    py::list worst;
+    for (const Place& place : quality.worst)
+        worst.append(py::dict(py::arg("source") = place.source, py::arg("target") = place.target,
+                              py::arg("flaw") = name_of(place.flaw),
+                              py::arg("distortion") = place.distortion,
+                              py::arg("share") = place.share, py::arg("advice") = place.advice));
+    return py::dict(
+        py::arg("source") = dict_of(quality.source), py::arg("target") = dict_of(quality.target),
+        py::arg("source_to_target") = dict_of(quality.source_to_target),
+        py::arg("target_to_source") = dict_of(quality.target_to_source), py::arg("worst") = worst);
+}
+
 /// Writes into the caller's arrays, which the Python side has checked.
 template <class Scalar>
 void frame_into(const Morph& morph, double t, const py::array_t<Scalar>& positions,
@@ -72,7 +109,7 @@ void frame_into(const Morph& morph, double t, const py::array_t<Scalar>& positio
 
 /// Calls a member of Morph that takes a Progress, without the GIL.
 template <class Call>
-auto without_gil(const py::object& callback, Call&& call) {
+decltype(auto) without_gil(const py::object& callback, Call&& call) {
     const auto progress = make_progress(callback);
     const py::gil_scoped_release release;
     return call(*progress);
@@ -126,6 +163,12 @@ void bind_morph(py::module_& module) {
                  std::vector<std::pair<double, double>> result;
                  for (const Cracks& at : cracks) result.emplace_back(at.t, at.share);
                  return result;
+             })
+        .def("quality",
+             [](const Morph& m, const py::object& callback) {
+                 return dict_of(without_gil(callback, [&](Progress& progress) -> const Quality& {
+                     return m.quality(progress);
+                 }));
              })
         .def("frame_float32", &frame_into<float>, py::arg("t"), py::arg("positions").noconvert(),
              py::arg("normals").noconvert(), py::arg("colors").noconvert(),

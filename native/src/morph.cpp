@@ -97,13 +97,20 @@ struct Morph::Paths {
     std::optional<Motion> source_motion, target_motion;
 };
 
+struct Morph::Measured {
+    std::mutex mutex;
+    std::optional<Quality> quality;
+};
+
 Morph::~Morph() = default;
 
 Morph::Morph(MorphInput input, const MorphOptions& options, Progress& progress)
     : options_(options),
       source_(std::move(input.source)),
       target_(std::move(input.target)),
-      paths_(std::make_unique<Paths>()) {
+      features_(input.features),
+      paths_(std::make_unique<Paths>()),
+      measured_(std::make_unique<Measured>()) {
     const ThreadCount threads(options.threads);
     const auto start = std::chrono::steady_clock::now();
     Side source(source_), target(target_);
@@ -281,6 +288,21 @@ std::vector<Cracks> Morph::cracks(std::span<const double> times, Progress& progr
     auto result = find_cracks(source_.positions, target_.positions, pairs_, times, progress);
     progress.finish();
     return result;
+}
+
+const Quality& Morph::quality(Progress& progress) const {
+    const std::scoped_lock lock(measured_->mutex);
+    auto& quality = measured_->quality;
+    if (!quality) {
+        const Positions source_images = source_to_target(progress);
+        const Positions target_images = target_to_source(progress);
+        const ThreadCount threads(options_.threads);
+        progress.enter("quality");
+        quality = measure_quality(source_, target_, source_images, target_images, pairs_, features_,
+                                  progress);
+        progress.finish();
+    }
+    return *quality;
 }
 
 }  // namespace pointmorph

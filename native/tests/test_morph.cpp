@@ -374,5 +374,25 @@ TEST(Morph, EstimatedNormalsTurnWhereTheyFaceTheOtherWay) {
     EXPECT_LT(morph.source().normals.cwiseProduct(morph.source().positions).sum(), 0.0);
 }
 
+TEST(Morph, QualityIsMeasuredOnceForBothMethods) {
+    for (const Method method : {Method::kAuto, Method::kPaper}) {
+        MorphOptions options;
+        options.method = method;
+        const Morph morph = make(plane_cloud(41), bump_cloud(33), grid_features(41, 33), options);
+        Progress progress;
+        const Quality& quality = morph.quality(progress);
+        EXPECT_EQ(&morph.quality(progress), &quality);
+        EXPECT_EQ(quality.source.distortion.size(), 41 * 41);
+        EXPECT_EQ(quality.target.distortion.size(), 33 * 33);
+        for (const auto& figures : {quality.source_to_target, quality.target_to_source}) {
+            EXPECT_GT(figures.dirichlet, 0.95);
+            EXPECT_LT(figures.dirichlet, 1.5);
+            EXPECT_LT(figures.flipped, 0.01);
+            EXPECT_LT(figures.round_trip_p99, 0.1);
+            EXPECT_GT(figures.coverage, 0.98);
+        }
+    }
+}
+
 }  // namespace
 }  // namespace pointmorph

@@ -16,6 +16,7 @@
 #include "pointmorph/parameterization.hpp"
 #include "pointmorph/path.hpp"
 #include "pointmorph/progress.hpp"
+#include "pointmorph/quality.hpp"
 #include "pointmorph/refinement.hpp"
 #include "pointmorph/transfer.hpp"
 
@@ -54,13 +55,6 @@ struct MorphOptions {
     PathKind path = PathKind::kLinear;
     /// OpenMP threads; 0 takes what the machine has. The result doesn't depend on it.
     int threads = 0;
-};
-
-/// A place of the source and the place of the target that belongs to it.
-struct Feature {
-    std::string name;
-    Index source;  ///< row of the source cloud
-    Index target;  ///< row of the target cloud
 };
 
 /// What is to be morphed. A boundary, where one is given, is that patch's, in order, in either
@@ -144,6 +138,9 @@ public:
     /// See find_cracks().
     std::vector<Cracks> cracks(std::span<const double> times, Progress& progress) const;
 
+    /// See measure_quality(); made when first asked for.
+    const Quality& quality(Progress& progress) const;
+
     const MorphReport& report() const noexcept { return report_; }
     const MorphOptions& options() const noexcept { return options_; }
 
@@ -154,6 +151,7 @@ private:
 
     MorphOptions options_;
     Cloud source_, target_;
+    std::vector<Feature> features_;
     Pairing pairs_;
     DomainPoints source_domain_, target_domain_;
     Positions source_images_, target_images_;  ///< empty where the domain gives them
@@ -162,6 +160,8 @@ private:
 
     struct Paths;
     std::unique_ptr<Paths> paths_;
+    struct Measured;
+    std::unique_ptr<Measured> measured_;
 };
 
 extern template const Path<float>& Morph::path<float>() const;

@@ -27,7 +27,19 @@ from pointmorph.errors import (
     PointmorphError,
     TopologyError,
 )
-from pointmorph.morphing import Frame, Morph, Option, Progress, morph, options
+from pointmorph.morphing import (
+    Frame,
+    MapFigures,
+    Morph,
+    Option,
+    Place,
+    PointQuality,
+    Progress,
+    Quality,
+    morph,
+    options,
+    quality_summary,
+)
 from pointmorph.motions import Motion
 
 __all__ = [
@@ -38,14 +50,19 @@ __all__ = [
     "FeatureError",
     "FileError",
     "Frame",
+    "MapFigures",
     "Morph",
     "Motion",
     "Option",
     "OptionError",
+    "Place",
+    "PointQuality",
     "PointmorphError",
     "Progress",
+    "Quality",
     "TopologyError",
     "__version__",
     "morph",
     "options",
+    "quality_summary",
 ]

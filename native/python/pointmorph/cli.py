@@ -136,6 +136,7 @@ def _morph(chosen: argparse.Namespace) -> None:
             clouds[0], clouds[1], features, loop=loop, progress=progress, **settings
         )
         _write(chosen.out, result, chosen.frames, progress)
+        result.measure_quality(progress)
     report = result.report
     for warning in report["warnings"]:
         print(f"pointmorph: warning: {warning}", file=sys.stderr)
@@ -144,6 +145,10 @@ def _morph(chosen: argparse.Namespace) -> None:
         f"{report['pairs']} pairs of {len(clouds[0])} and {len(clouds[1])} points "
         f"in {report['seconds']:.2f} s: {chosen.out}"
     )
+    for name, value in morphing.quality_summary(report):
+        print(f"  {name:<11}{value}")
+    for place in report["worst"]:
+        print(f"  {place['advice']}")
 
 
 def _sampled(

@@ -73,9 +73,13 @@ def test_a_whole_morph_and_back_from_its_files(pair: Path) -> None:
     report = json.loads((out / "report.json").read_text())
     for key in (
         "stages", "seconds", "peak_memory_bytes", "pairs", "feature_residual", "cracks",
-        "warnings", "options",
+        "warnings", "options", "quality", "worst", "margin",
     ):  # fmt: skip
         assert key in report
+    for name in ("Covered", "Stretch", "Folded", "Round trip"):
+        assert f"\n  {name}" in done.stdout
+    for place in report["worst"]:
+        assert place["advice"] in done.stdout
 
     again = run(
         "morph", out / "source.ply", out / "target.ply", "--out", pair / "again",

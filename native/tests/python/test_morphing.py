@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import doctest
+import json
 import pickle
 import threading
 import time
@@ -146,6 +147,63 @@ def test_report_tells_what_was_done(morph: pointmorph.Morph) -> None:
     assert 0 <= report["feature_residual"] <= 1e-3
     assert all(0 <= share < 0.01 for share in report["cracks"].values())
     assert report["options"]["pairing_cluster_size"] == 10
+
+
+def test_quality_is_by_point_and_in_figures(morph: pointmorph.Morph) -> None:
+    quality = morph.quality
+    assert quality is morph.quality
+    for points, n in ((quality.source, 1681), (quality.target, 1089)):
+        assert points.stretch.shape == (n, 2)
+        assert (points.stretch[:, 0] >= points.stretch[:, 1]).all()
+        np.testing.assert_array_equal(points.area_ratio, points.stretch.prod(axis=1))
+        for flags in (points.measured, points.flipped, points.reached):
+            assert flags.shape == (n,)
+            assert flags.dtype == np.bool_
+        assert points.round_trip.shape == points.distortion.shape == (n,)
+        assert (points.distortion >= 0).all()
+    figures = quality.source_to_target
+    assert figures.flipped == quality.source.flipped[quality.source.measured].mean()
+    assert figures.coverage == quality.target.reached.mean()
+    assert figures.round_trip_mean == pytest.approx(quality.source.round_trip.mean())
+    assert figures.coverage > 0.98
+
+
+def test_quality_sees_what_a_bump_does_to_a_plane(morph: pointmorph.Morph) -> None:
+    # Straight above itself a plane is stretched along the slope alone, by √(1 + |∇z|²).
+    x, y, _ = morph.source.positions.T.astype(np.float64)
+    bump = 0.8 * np.exp(-3 * (x**2 + y**2))
+    slope = np.sqrt(1 + (6 * bump) ** 2 * (x**2 + y**2))
+    areas = np.sqrt(slope.mean())
+    steep = (slope > 1.45) & morph.quality.source.measured
+    ratio = morph.quality.source.stretch[:, 0] * areas / slope
+    assert 0.8 < np.median(ratio[steep]) < 1.1  # the map gives a little of it to the flat parts
+    flat = np.hypot(x, y) > 0.95
+    assert np.median(morph.quality.source.distortion[flat]) < 0.3
+
+
+def test_quality_in_the_report(morph: pointmorph.Morph) -> None:
+    report = json.loads(json.dumps(morph.report))
+    for way in ("source_to_target", "target_to_source"):
+        assert report["quality"][way] == vars(getattr(morph.quality, way))
+    assert report["worst"] == [vars(place) for place in morph.quality.worst]
+    summary = dict(pointmorph.quality_summary(report))
+    assert summary["Folded"].endswith("%")
+    assert float(summary["Covered"].split()[0]) > 98
+
+
+def test_the_advice_names_a_bad_mark() -> None:
+    marks = {**features(41, 41), "wrong": (row(41, -0.6, -0.6), row(41, 0.2, -0.6))}
+    morph = pointmorph.morph(pointmorph.Cloud(grid(41)), pointmorph.Cloud(grid(41)), marks)
+    place = next(place for place in morph.quality.worst if '"wrong"' in place.advice)
+    assert place.flaw in ("folded", "squeezed", "stretched", "lost")
+    assert 0 < place.share < 0.2
+
+
+def test_quality_can_be_stopped(morph: pointmorph.Morph) -> None:
+    again = pointmorph.morph(morph.source, morph.target)
+    with pytest.raises(pointmorph.Cancelled):
+        again.measure_quality(lambda stage, fraction: stage != "quality")
+    assert again.quality.source.distortion.size == 1681  # and can be asked for again
 
 
 def test_inputs_may_have_any_layout() -> None:

@@ -1,0 +1,183 @@
+"""How good a morph is: the attribute, the colours that show it, and the places with advice."""
+
+import json
+from types import SimpleNamespace
+
+import bpy
+import numpy as np
+import pointmorph
+import pytest
+from scenes import add_attribute, attribute, data_blocks, key, mark, pair, read, select
+
+
+def run():
+    assert bpy.ops.pointmorph.morph() == {"FINISHED"}
+    return bpy.context.view_layer.objects.active
+
+
+def bad_pair():
+    """A pair with one feature far off on the target."""
+    source, target = pair(30, 26)
+    mark(source, "off", -0.6, -0.6)
+    mark(target, "off", 0.3, -0.8)
+    return source, target
+
+
+def shown_colors(addon, obj):
+    """Colours of the points that are drawn, as point clouds or as discs."""
+    display = addon("display")
+    graph = bpy.context.evaluated_depsgraph_get()
+    for instance in graph.object_instances:
+        if instance.object.type == "POINTCLOUD":
+            return attribute(instance.object.data, display.COLOR)
+    mesh = obj.evaluated_get(graph).to_mesh()
+    colors = attribute(mesh, display.COLOR)
+    return colors.reshape(len(obj.data.vertices), -1, 4)[:, 0]
+
+
+def test_the_attribute_is_the_worse_end_of_every_pair(settings):
+    objects = bad_pair()
+    obj = run()
+    distortion = attribute(obj.data, "distortion")
+    assert len(distortion) == len(obj.data.vertices)
+    assert (distortion >= 0).all()
+    clouds = [
+        pointmorph.Cloud(
+            read(shape.data.vertices, "co", 3),
+            np.array([v.normal for v in shape.data.vertices], np.float32),
+        )
+        for shape in objects
+    ]
+    report = json.loads(obj.pointmorph.report)
+    pairs = [attribute(obj.data, f"{side}_row") for side in ("source", "target")]
+    rows = {
+        group.name[3:]: tuple(
+            next(v.index for v in shape.data.vertices for g in v.groups if g.group == i)
+            for shape, i in ((o, o.vertex_groups[group.name].index) for o in objects)
+        )
+        for group in objects[0].vertex_groups
+    }
+    quality = pointmorph.morph(*clouds, rows).quality
+    expected = np.maximum(quality.source.distortion[pairs[0]], quality.target.distortion[pairs[1]])
+    np.testing.assert_allclose(distortion, expected, atol=1e-4)
+    assert report["quality"]["source_to_target"]["coverage"] > 0.9
+
+
+def test_one_click_colors_by_distortion_and_another_restores(addon, settings):
+    source, target = bad_pair()
+    for shape in (source, target):
+        colors = np.tile((0.1, 0.2, 0.3, 1.0), (len(shape.data.vertices), 1))
+        item = add_attribute(shape.data, "Col", "FLOAT_COLOR", colors)
+        shape.data.color_attributes.active_color = item
+    obj = run()
+    display = addon("display")
+    before = shown_colors(addon, obj)
+    np.testing.assert_allclose(before, np.tile((0.1, 0.2, 0.3, 1.0), (len(before), 1)), rtol=1e-5)
+    modifier = obj.modifiers[display.MODIFIER]
+    inputs = {name: modifier.get(name) for name in modifier.keys()}  # noqa: SIM118
+
+    assert bpy.ops.pointmorph.show_distortion() == {"FINISHED"}
+    assert display.shows_distortion(obj)
+    colors = shown_colors(addon, obj)
+    distortion = attribute(obj.data, "distortion")
+    blue, yellow = np.array([0.05, 0.25, 0.9]), np.array([1.0, 0.85, 0.1])
+    share = np.minimum(distortion, 1.0)[:, None]
+    low = distortion < 1.0
+    np.testing.assert_allclose(
+        colors[low, :3], ((1 - share) * blue + share * yellow)[low], atol=0.01
+    )
+    assert (colors[distortion >= 2.0, 1] < 0.1).all()
+    worst, best = distortion.argmax(), distortion.argmin()
+    assert colors[worst, 0] > colors[best, 0]
+
+    assert bpy.ops.pointmorph.show_distortion() == {"FINISHED"}
+    assert not display.shows_distortion(obj)
+    np.testing.assert_array_equal(shown_colors(addon, obj), before)
+    for name, value in inputs.items():
+        assert bool(modifier.get(name)) == bool(value), name
+
+
+def test_discs_that_were_there_stay(addon, settings):
+    pair()
+    obj = run()
+    display = addon("display")
+    modifier = obj.modifiers[display.MODIFIER]
+    discs = display.input_identifier(modifier.node_group, "Discs")
+    modifier[discs] = True
+    for _ in range(2):
+        bpy.ops.pointmorph.show_distortion()
+        assert modifier[discs]
+
+
+def test_showing_makes_no_data(settings):
+    pair()
+    run()
+    before = data_blocks()
+    bpy.ops.pointmorph.show_distortion()
+    assert data_blocks() == before
+
+
+def test_the_cursor_goes_to_the_worst_place(settings):
+    bad_pair()
+    settings.source.location = (5, 6, 7)
+    obj = run()
+    [place, *_] = json.loads(obj.pointmorph.report)["worst"]
+    assert '"' in place["advice"]
+    row = np.flatnonzero(attribute(obj.data, "source_row") == place["source"])[0]
+    for value, name in ((0.0, "Basis"), (1.0, "Morph")):
+        obj.data.shape_keys.key_blocks["Morph"].value = value
+        bpy.context.view_layer.update()
+        assert bpy.ops.pointmorph.go_to_place() == {"FINISHED"}
+        expected = key(obj, name)[row] + np.array(obj.location)
+        np.testing.assert_allclose(bpy.context.scene.cursor.location, expected, atol=1e-5)
+
+
+def test_reasons_why_not(settings):
+    source, _ = pair()
+    for operator in ("show_distortion", "go_to_place"):
+        with pytest.raises(RuntimeError, match="Morph first"):
+            getattr(bpy.ops.pointmorph, operator)()
+    obj = run()
+    report = json.loads(obj.pointmorph.report)
+    obj.pointmorph.report = json.dumps({**report, "worst": []})
+    with pytest.raises(RuntimeError, match="no bad places"):
+        bpy.ops.pointmorph.go_to_place()
+    obj.pointmorph.report = ""  # of an earlier version
+    obj.data.attributes.remove(obj.data.attributes["distortion"])
+    for operator in ("show_distortion", "go_to_place"):
+        with pytest.raises(RuntimeError):
+            getattr(bpy.ops.pointmorph, operator)()
+    select(source)
+
+
+def test_the_panel_draws(addon, settings):
+    """Everything that it asks for is there, with bad places and without a report."""
+    bad_pair()
+    obj = run()
+    drawn = []
+
+    class Layout:
+        def __getattr__(self, name):
+            def add(*arguments, **keywords):
+                drawn.append((name, arguments, keywords))
+                return self
+
+            return add
+
+    panel = SimpleNamespace(layout=Layout())
+    draw = addon("panels").POINTMORPH_PT_quality.draw
+    context = SimpleNamespace(
+        view_layer=bpy.context.view_layer,
+        scene=bpy.context.scene,
+        region=SimpleNamespace(width=300),
+        preferences=SimpleNamespace(system=SimpleNamespace(ui_scale=1.0)),
+    )
+    draw(panel, context)
+    texts = [keywords.get("text") for name, _, keywords in drawn if name == "label"]
+    assert {"Covered", "Stretch", "Folded", "Round trip"} <= set(texts)
+    advice = json.loads(obj.pointmorph.report)["worst"][0]["advice"]
+    assert advice in " ".join(texts)
+    obj.pointmorph.report = ""
+    drawn.clear()
+    draw(panel, context)
+    assert [name for name, *_ in drawn] == ["operator"]
