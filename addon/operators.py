@@ -8,7 +8,7 @@ import numpy as np
 import pointmorph
 
 from . import arrays, display, result, session, transforms
-from .computation import compute
+from .computation import Earlier, compute
 from .features import PREFIX
 from .properties import feature_names, sync_features
 from .reading import read_request
@@ -73,7 +73,8 @@ class POINTMORPH_OT_morph(bpy.types.Operator):
             request = self._read(context)
         except pointmorph.PointmorphError as error:
             return fail(self, error)
-        session.start(lambda progress: compute(request, progress))
+        self._request = request
+        session.start(lambda progress: compute(request, progress, session.earlier))
         window_manager = context.window_manager
         self._timer = window_manager.event_timer_add(0.05, window=context.window)
         window_manager.modal_handler_add(self)
@@ -98,6 +99,7 @@ class POINTMORPH_OT_morph(bpy.types.Operator):
             return {"CANCELLED"}
         except pointmorph.PointmorphError as error:
             return fail(self, error)
+        session.earlier = Earlier(self._request, outcome.maps)
         return self._build(context, outcome)
 
     def cancel(self, context):

@@ -54,6 +54,9 @@ class Job:
 current = None
 """The job that is running or waits to be taken over, or None."""
 
+earlier = None
+"""A computation.Earlier of the last morph that was made in a window, or None."""
+
 
 def start(compute):
     global current

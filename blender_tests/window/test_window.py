@@ -68,6 +68,19 @@ def test_morph_drag_bake_undo(window):
     assert window.ask(value) == 0
 
 
+def test_a_new_mark_starts_from_the_last_map(window):
+    add_pair(window, 40)
+    stages = "list(json.loads(bpy.data.objects['{}'].pointmorph.report)['stages'])"
+    window.run("import json")
+    window.click(MORPH)
+    window.wait(f"{RESULT} is not None")
+    assert "pose" in window.ask(stages.format("Hill to Dune"))  # two marks leave it open
+    window.run("[scenes.mark(bpy.data.objects[n], 'foot', -0.6, -0.5) for n in ('Hill', 'Dune')]")
+    window.click(MORPH)
+    window.wait("bpy.data.objects.get('Hill to Dune.001') is not None")
+    assert "pose" not in window.ask(stages.format("Hill to Dune.001"))
+
+
 def test_distortion_is_one_click_and_its_end_another(window):
     add_pair(window, 40)
     window.click(MORPH)
