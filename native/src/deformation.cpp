@@ -12,7 +12,7 @@ namespace pointmorph {
 namespace {
 
 constexpr int kNodes = DeformationGraph::kNodesPerPoint;
-constexpr double kReach = 3.2;       // spacings within which a point looks for its nodes
+constexpr double kReach = 2.4;       // spacings within which a point looks for its nodes
 constexpr double kEdgeLength = 2.1;  // spacings between nodes that hold one another
 
 std::size_t at(Index i) {

@@ -49,7 +49,7 @@ TEST(Deformation, EveryPointHangsOnNearNodes) {
             sum += ball.graph.point_weights[at(i)][k];
             const Index row = ball.graph.nodes[at(ball.graph.point_nodes[at(i)][k])];
             EXPECT_LT((ball.positions.row(row) - ball.positions.row(i)).norm(),
-                      3.2 * ball.graph.spacing);
+                      2.4 * ball.graph.spacing);
         }
         EXPECT_NEAR(sum, 1.0, 1e-12);
     }
