@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numeric>
 
 #include "pointmorph/parallel.hpp"
 #include "pointmorph/similarity.hpp"
@@ -11,7 +12,7 @@ namespace pointmorph {
 namespace {
 
 constexpr int kNodes = DeformationGraph::kNodesPerPoint;
-constexpr double kReach = 3.2;       // spacings within which a point looks for its nodes
+constexpr double kReach = 2.4;       // spacings within which a point looks for its nodes
 constexpr double kEdgeLength = 2.1;  // spacings between nodes that hold one another
 
 std::size_t at(Index i) {
@@ -208,32 +209,49 @@ void fit_similarities(const Positions& positions, const DeformationGraph& graph,
 }
 
 DeformedCloud deformed(const Positions& positions, const Normals& normals,
-                       const DeformationGraph& graph, const Deformation& deformation) {
-    DeformedCloud result{Positions(positions.rows(), 3), Normals(positions.rows(), 3),
-                         std::vector<Matrix3>(at(static_cast<Index>(positions.rows())))};
-    for (Index i = 0; i < positions.rows(); ++i) {
+                       const DeformationGraph& graph, const Deformation& deformation,
+                       std::span<const Index> rows) {
+    // X(p) = Σ w (linear_k p + constant_k)
+    const Index count = graph.size();
+    std::vector<Matrix3> linear_of(at(count));
+    std::vector<Vector3> constant_of(at(count));
+    for (Index k = 0; k < count; ++k) {
+        linear_of[at(k)] = deformation.scales[k] * deformation.rotations[at(k)];
+        constant_of[at(k)] = deformation.positions.row(k).transpose() -
+                             linear_of[at(k)] * positions.row(graph.nodes[at(k)]).transpose();
+    }
+    const auto size = static_cast<Eigen::Index>(rows.size());
+    DeformedCloud result{Positions(size, 3), Normals(size, 3), std::vector<Matrix3>(rows.size())};
+    for (std::size_t r = 0; r < rows.size(); ++r) {
+        const Index i = rows[r];
+        const Vector3 p = positions.row(i).transpose();
         Matrix3 linear = Matrix3::Zero(), rotation = Matrix3::Zero();
-        Vector3 x = Vector3::Zero();
+        Vector3 constant = Vector3::Zero();
         for (std::size_t k = 0; k < kNodes; ++k) {
             const double w = graph.point_weights[at(i)][k];
-            const Index node = graph.point_nodes[at(i)][k];
-            const Matrix3 turn = w * deformation.rotations[at(node)];
-            const Matrix3 similarity = deformation.scales[node] * turn;
-            rotation += turn;
-            linear += similarity;
-            x += w * deformation.positions.row(node).transpose() +
-                 similarity * (positions.row(i) - positions.row(graph.nodes[at(node)])).transpose();
+            const auto node = at(graph.point_nodes[at(i)][k]);
+            rotation += w * deformation.rotations[node];
+            linear += w * linear_of[node];
+            constant += w * constant_of[node];
         }
-        result.positions.row(i) = x;
-        result.linear[at(i)] = linear;
+        const auto row = static_cast<Eigen::Index>(r);
+        result.positions.row(row) = linear * p + constant;
+        result.linear[r] = linear;
         const Vector3 normal = rotation * normals.row(i).transpose();
         const double length = normal.norm();
         if (length > 1e-9)
-            result.normals.row(i) = normal / length;
+            result.normals.row(row) = normal / length;
         else
-            result.normals.row(i) = normals.row(i);
+            result.normals.row(row) = normals.row(i);
     }
     return result;
+}
+
+DeformedCloud deformed(const Positions& positions, const Normals& normals,
+                       const DeformationGraph& graph, const Deformation& deformation) {
+    std::vector<Index> rows(at(static_cast<Index>(positions.rows())));
+    std::iota(rows.begin(), rows.end(), 0);
+    return deformed(positions, normals, graph, deformation, rows);
 }
 
 DeformationSolver::DeformationSolver(const Positions& positions, const DeformationGraph& graph)

@@ -34,27 +34,29 @@ std::vector<Index> free_rows(Index count, std::span<const IndexPair> features,
 
 ProductPoints product_points(const Positions& on_target, const Positions& on_source,
                              const Normals& target_normals, const Normals& source_normals,
-                             double normal_weight, std::span<const Index> rows) {
-    ProductPoints product(static_cast<Eigen::Index>(rows.size()), ProductPoints::ColsAtCompileTime);
-    for (Eigen::Index k = 0; k < product.rows(); ++k) {
-        const Index i = rows[static_cast<std::size_t>(k)];
-        product.row(k) << on_target.row(i), on_source.row(i), normal_weight * target_normals.row(i),
-            normal_weight * source_normals.row(i);
-    }
+                             double normal_weight) {
+    ProductPoints product(on_target.rows(), ProductPoints::ColsAtCompileTime);
+    product << on_target, on_source, normal_weight * target_normals, normal_weight * source_normals;
     return product;
 }
 
-Matches nearest_matches(const ProductPoints& points, const ProductPoints& others,
-                        Progress& progress) {
-    const KdTree<12> tree(others);
+Matches nearest_matches(const ProductPoints& points, const KdTree<12>& others, Progress& progress,
+                        const Matches* guess) {
+    constexpr double kBarelyMore = 1.0 + 1e-12;
     const auto count = static_cast<Index>(points.rows());
     Matches matches{std::vector<Index>(at(count)), std::vector<double>(at(count))};
     parallel_for(
         count, progress,
         [&](Index begin, Index end) {
             for (Index i = begin; i < end; ++i) {
-                double squared;
-                tree.nearest(points.row(i).data(), {&matches.to[at(i)], 1}, {&squared, 1});
+                Index& to = matches.to[at(i)];
+                double squared, radius = std::numeric_limits<double>::infinity();
+                if (guess) {
+                    to = guess->to[at(i)];
+                    squared = (others.points().row(to) - points.row(i)).squaredNorm();
+                    radius = std::sqrt(squared) * kBarelyMore;
+                }
+                others.nearest_within(points.row(i).data(), radius, {&to, 1}, {&squared, 1});
                 matches.distances[at(i)] = std::sqrt(squared);
             }
         },
@@ -70,8 +72,8 @@ Pairing mutual_pairs(const ProductPoints& source, const ProductPoints& target,
         free_rows(static_cast<Index>(target.rows()), features, &IndexPair::target);
     const ProductPoints s = gather(source, source_rows), t = gather(target, target_rows);
     Pairing pairs(features.begin(), features.end());
-    const Matches forward = nearest_matches(s, t, progress);
-    const Matches backward = nearest_matches(t, s, progress);
+    const Matches forward = nearest_matches(s, KdTree<12>(t), progress);
+    const Matches backward = nearest_matches(t, KdTree<12>(s), progress);
     for (std::size_t i = 0; i < source_rows.size(); ++i)
         pairs.push_back({source_rows[i], target_rows[at(forward.to[i])]});
     for (std::size_t j = 0; j < target_rows.size(); ++j)

@@ -2,7 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
-#include <numeric>
+#include <concepts>
 #include <optional>
 
 #include "pointmorph/cloud.hpp"
@@ -18,6 +18,13 @@ namespace {
 
 std::size_t at(Index i) {
     return static_cast<std::size_t>(i);
+}
+
+/// Calls `work(is_source, progress)` for both clouds, next to each other where there are threads.
+template <std::invocable<bool, Progress&> Work>
+void on_both(Progress& progress, Work&& work) {
+    Progress silent;
+    parallel_invoke(2, [&](int k, bool owner) { work(k == 0, owner ? progress : silent); });
 }
 
 /// A similarity after which the cloud has area 1 and its mean at the origin.
@@ -157,17 +164,19 @@ Refinement refine(const Positions& source, const Normals& source_normals, const 
                   const RefinementStart* given) {
     Refinement result;
     progress.enter("coarse shapes");
-    const Similarity source_unit = to_unit_area(source);
+    Similarity source_unit, target_move;
+    on_both(progress, [&](bool is_source, Progress&) {
+        (is_source ? source_unit : target_move) = to_unit_area(is_source ? source : target);
+    });
     const Positions s = source_unit.apply(source);
     if (given) {
-        const double largest = std::max(
-            source_unit.scale * largest_offset(given->target_images, source, features,
-                                               &IndexPair::target, &IndexPair::source),
-            to_unit_area(target).scale * largest_offset(given->source_images, target, features,
+        const double largest =
+            std::max(source_unit.scale * largest_offset(given->target_images, source, features,
+                                                        &IndexPair::target, &IndexPair::source),
+                     target_move.scale * largest_offset(given->source_images, target, features,
                                                         &IndexPair::source, &IndexPair::target));
         if (largest > options.trusted_distance) given = nullptr;
     }
-    Similarity target_move = to_unit_area(target);
     const bool pose_is_known =
         given || features.size() >= at(std::max<Index>(options.features_that_fix_the_pose, 3));
     if (given)
@@ -187,12 +196,16 @@ Refinement refine(const Positions& source, const Normals& source_normals, const 
         target_required.push_back(features[k].target);
         coarse_features.push_back({static_cast<Index>(k), static_cast<Index>(k)});
     }
-    const KdTree<3> source_tree(s);
-    std::optional<KdTree<3>> target_tree(std::in_place, t);
-    const CoarseShape coarse_source =
-        coarse_shape(source_tree, source_normals, source_required, options.coarse, progress);
-    CoarseShape coarse_target =
-        coarse_shape(*target_tree, tn, target_required, options.coarse, progress);
+    std::optional<KdTree<3>> source_tree, target_tree;
+    CoarseShape coarse_source, coarse_target;
+    on_both(progress, [&](bool is_source, Progress& p) {
+        if (is_source)
+            coarse_source = coarse_shape(source_tree.emplace(s), source_normals, source_required,
+                                         options.coarse, p);
+        else
+            coarse_target =
+                coarse_shape(target_tree.emplace(t), tn, target_required, options.coarse, p);
+    });
 
     RegistrationStart start = thin_plate_start(coarse_source, coarse_target, coarse_features);
     if (given) {
@@ -250,12 +263,8 @@ Refinement refine(const Positions& source, const Normals& source_normals, const 
     constexpr double kReferencePoints = 1e4;
     const double weight =
         options.normal_weight * std::min(1.0, std::sqrt(kReferencePoints) * source_spacing);
-    std::vector<Index> rows(at(static_cast<Index>(std::max(s.rows(), t.rows()))));
-    std::iota(rows.begin(), rows.end(), 0);
-    result.source_product = product_points(x.positions, s, x.normals, source_normals, weight,
-                                           std::span(rows).first(at(Index(s.rows()))));
-    result.target_product = product_points(t, y.positions, tn, y.normals, weight,
-                                           std::span(rows).first(at(Index(t.rows()))));
+    result.source_product = product_points(x.positions, s, x.normals, source_normals, weight);
+    result.target_product = product_points(t, y.positions, tn, y.normals, weight);
     result.pairs = mutual_pairs(result.source_product, result.target_product, features, progress);
 
     progress.enter("landing");
@@ -266,7 +275,7 @@ Refinement refine(const Positions& source, const Normals& source_normals, const 
     y.positions = landed(
         y.positions,
         nearest_partners(y.positions, result.pairs, &IndexPair::target, &IndexPair::source, s),
-        source_tree, source_normals, progress);
+        *source_tree, source_normals, progress);
     result.source_images = target_move.inverse().apply(x.positions);
     result.target_images = source_unit.inverse().apply(y.positions);
     for (const IndexPair& f : features) {

@@ -4,7 +4,9 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <concepts>
 #include <numeric>
+#include <optional>
 #include <random>
 
 #include "pointmorph/cloud.hpp"
@@ -123,8 +125,10 @@ struct Side {
     const DeformationGraph& graph;
     DeformationSolver solver;
     Deformation deformation;
-    DeformedCloud points;
-    std::vector<Index> rows;      ///< matched in this round
+    std::vector<Index> rows;      ///< matched in this round, the nodes first
+    double area = 0.0;            ///< of `rows`
+    DeformedCloud images;         ///< of `rows`
+    ProductPoints product;        ///< of `rows`
     Matches matches;              ///< of `rows`, into the other side's
     std::vector<double> weights;  ///< of `rows`
     std::vector<Attraction> attractions;
@@ -134,20 +138,41 @@ struct Side {
         : shape(s), graph(s.levels[at(level)]), solver(s.positions, graph) {
         deformation.positions = gather(start, graph.nodes);
         fit_similarities(s.positions, graph, 2, options.largest_scale, deformation);
+    }
+    void choose(std::vector<Index> chosen) {
+        rows = std::move(chosen);
+        matches = {};
+        area = 0.0;
+        for (const Index i : rows) area += shape.areas[i];
         place();
     }
-    void place() { points = deformed(shape.positions, shape.normals, graph, deformation); }
+    void place() { images = deformed(shape.positions, shape.normals, graph, deformation, rows); }
 };
 
+/// Calls `work` on both sides, next to each other.
+template <std::invocable<Side&, Side&> Work>
+void on_both(Side& source, Side& target, Work&& work) {
+    parallel_invoke(2, [&](int k, bool) { k == 0 ? work(source, target) : work(target, source); });
+}
+
 void match(Side& source, Side& target, double normal_weight, Progress& progress) {
-    const ProductPoints s =
-        product_points(source.points.positions, source.shape.positions, source.points.normals,
-                       source.shape.normals, normal_weight, source.rows);
-    const ProductPoints t =
-        product_points(target.shape.positions, target.points.positions, target.shape.normals,
-                       target.points.normals, normal_weight, target.rows);
-    source.matches = nearest_matches(s, t, progress);
-    target.matches = nearest_matches(t, s, progress);
+    std::optional<KdTree<12>> source_tree, target_tree;
+    on_both(source, target, [&](Side& side, Side&) {
+        const Positions positions = gather(side.shape.positions, side.rows);
+        const Normals normals = gather(side.shape.normals, side.rows);
+        if (&side == &source)
+            side.product = product_points(side.images.positions, positions, side.images.normals,
+                                          normals, normal_weight);
+        else
+            side.product = product_points(positions, side.images.positions, normals,
+                                          side.images.normals, normal_weight);
+        (&side == &source ? source_tree : target_tree).emplace(side.product);
+    });
+    const bool again = !source.matches.to.empty();
+    source.matches =
+        nearest_matches(source.product, *target_tree, progress, again ? &source.matches : nullptr);
+    target.matches =
+        nearest_matches(target.product, *source_tree, progress, again ? &target.matches : nullptr);
 }
 
 /// Takes the weight from pieces whose images have jumped.
@@ -167,25 +192,18 @@ void ignore_torn(Side& side, const Side& other, double smallest_piece) {
     }
 }
 
-double area_of(const Side& side) {
-    double sum = 0.0;
-    for (const Index i : side.rows) sum += side.shape.areas[i];
-    return sum;
-}
-
 /// Pulls to own matches, to the points that matched one of ours, and to features.
 void attract(Side& side, const Side& other, std::span<const IndexPair> features, bool reverse,
              double feature_weight) {
     side.attractions.clear();
-    const double area = area_of(side), other_area = area_of(other);
     for (std::size_t i = 0; i < side.rows.size(); ++i)
         side.attractions.push_back(
-            {side.rows[i], side.weights[i] * side.shape.areas[side.rows[i]] / area,
+            {side.rows[i], side.weights[i] * side.shape.areas[side.rows[i]] / side.area,
              other.shape.positions.row(other.rows[at(side.matches.to[i])]).transpose()});
     for (std::size_t j = 0; j < other.rows.size(); ++j)
         side.attractions.push_back(
             {side.rows[at(other.matches.to[j])],
-             other.weights[j] * other.shape.areas[other.rows[j]] / other_area,
+             other.weights[j] * other.shape.areas[other.rows[j]] / other.area,
              other.shape.positions.row(other.rows[j]).transpose()});
     for (const IndexPair& f : features)
         side.attractions.push_back(
@@ -222,29 +240,33 @@ void anneal(Side& source, Side& target, std::span<const IndexPair> features,
             level.first_smoothing + (level.last_smoothing - level.first_smoothing) * f));
 
         const bool full = round >= all_rounds - level.full_rounds;
-        for (Side* side : {&source, &target})
-            side->rows = draw_points(side->shape, side->graph,
-                                     full ? side->shape.size() : level.matched_points, random);
+        if (!full || round == 0 || round == all_rounds - level.full_rounds)
+            for (Side* side : {&source, &target})
+                side->choose(draw_points(side->shape, side->graph,
+                                         full ? side->shape.size() : level.matched_points, random));
         match(source, target, options.normal_weight, silent);
-        for (Side* side : {&source, &target}) {
-            side->weights = robust_weights(side->matches.distances, options.outlier_distance);
+        on_both(source, target, [&](Side& side, Side& other) {
+            side.weights = robust_weights(side.matches.distances, options.outlier_distance);
             if (stiff)
-                for (double& w : side->weights) w *= options.stiff_data;
+                for (double& w : side.weights) w *= options.stiff_data;
             else
-                ignore_torn(*side, side == &source ? target : source, options.torn_piece);
-        }
-        attract(source, target, features, false, options.feature_weight);
-        attract(target, source, features, true, options.feature_weight);
-        parallel_for(
-            2, silent,
-            [&](Index begin, Index end) {
-                for (Index k = begin; k < end; ++k)
-                    update(k == 0 ? source : target, stiffness, smoothing, level.solves,
-                           options.largest_scale);
-            },
-            0.0, 1.0, 1);
+                ignore_torn(side, other, options.torn_piece);
+        });
+        on_both(source, target, [&](Side& side, Side& other) {
+            attract(side, other, features, &side == &target, options.feature_weight);
+            update(side, stiffness, smoothing, level.solves, options.largest_scale);
+        });
         progress.report(first + (last - first) * (round + 1) / all_rounds);
     }
+}
+
+Registration result_of(Side& source, Side& target) {
+    const auto points = [](const Side& side) {
+        return deformed(side.shape.positions, side.shape.normals, side.graph, side.deformation);
+    };
+    DeformedCloud source_points = points(source), target_points = points(target);
+    return {std::move(source.deformation), std::move(target.deformation), std::move(source_points),
+            std::move(target_points)};
 }
 
 }  // namespace
@@ -275,8 +297,7 @@ Registration register_level(const CoarseShape& source_shape, const CoarseShape& 
     Side target(target_shape, level, start.target, options);
     std::mt19937_64 random(1);
     anneal(source, target, features, schedule, options, random, progress, 0.0, 1.0);
-    return {std::move(source.deformation), std::move(target.deformation), std::move(source.points),
-            std::move(target.points)};
+    return result_of(source, target);
 }
 
 double registration_energy(const CoarseShape& source, const CoarseShape& target, Index level,
@@ -300,14 +321,14 @@ double registration_energy(const CoarseShape& source, const CoarseShape& target,
         const View& here = views[side];
         const View& there = views[1 - side];
         const auto& graph = here.shape.levels[at(level)];
-        std::vector<Index> all(at(there.shape.size()));
-        std::iota(all.begin(), all.end(), 0);
-        const Matches matches = nearest_matches(
-            product_points(here.points.positions, here.shape.positions, here.points.normals,
-                           here.shape.normals, options.normal_weight, graph.nodes),
+        const ProductPoints all =
             product_points(there.shape.positions, there.points.positions, there.shape.normals,
-                           there.points.normals, options.normal_weight, all),
-            progress);
+                           there.points.normals, options.normal_weight);
+        const Matches matches = nearest_matches(
+            gather(product_points(here.points.positions, here.shape.positions, here.points.normals,
+                                  here.shape.normals, options.normal_weight),
+                   graph.nodes),
+            KdTree<12>(all), progress);
         const double share = 0.5 / graph.size();
         for (Index k = 0; k < graph.size(); ++k) {
             const Index i = graph.nodes[at(k)], j = matches.to[at(k)];
@@ -361,8 +382,7 @@ Registration register_shapes(const CoarseShape& source_shape, const CoarseShape&
         Side target(target_shape, level, result.target_points.positions, options);
         anneal(source, target, features, options.levels[at(level)], options, random, progress,
                static_cast<double>(level) / levels, static_cast<double>(level + 1) / levels);
-        result = {std::move(source.deformation), std::move(target.deformation),
-                  std::move(source.points), std::move(target.points)};
+        result = result_of(source, target);
     }
     return result;
 }

@@ -25,26 +25,38 @@ Index brute_force(const ProductPoints& points, Index i, const ProductPoints& oth
 TEST(ProductSpace, RowsHoldBothPlacesAndNormals) {
     const Positions a = shapes::cube_noise(5, 1), b = shapes::cube_noise(5, 2),
                     c = shapes::cube_noise(5, 3), d = shapes::cube_noise(5, 4);
-    const std::vector<Index> rows{4, 0};
-    const ProductPoints p = product_points(a, b, c, d, 0.5, rows);
-    ASSERT_EQ(p.rows(), 2);
-    for (Index k = 0; k < 2; ++k) {
-        EXPECT_EQ(p.row(k).segment<3>(0), a.row(rows[static_cast<std::size_t>(k)]));
-        EXPECT_EQ(p.row(k).segment<3>(3), b.row(rows[static_cast<std::size_t>(k)]));
-        EXPECT_EQ(p.row(k).segment<3>(6), 0.5 * c.row(rows[static_cast<std::size_t>(k)]));
-        EXPECT_EQ(p.row(k).segment<3>(9), 0.5 * d.row(rows[static_cast<std::size_t>(k)]));
+    const ProductPoints p = product_points(a, b, c, d, 0.5);
+    ASSERT_EQ(p.rows(), 5);
+    for (Index k = 0; k < 5; ++k) {
+        EXPECT_EQ(p.row(k).segment<3>(0), a.row(k));
+        EXPECT_EQ(p.row(k).segment<3>(3), b.row(k));
+        EXPECT_EQ(p.row(k).segment<3>(6), 0.5 * c.row(k));
+        EXPECT_EQ(p.row(k).segment<3>(9), 0.5 * d.row(k));
     }
 }
 
 TEST(ProductSpace, MatchesAgreeWithBruteForce) {
     const ProductPoints a = noise(300, 1), b = noise(200, 2);
     Progress progress;
-    const Matches m = nearest_matches(a, b, progress);
+    const KdTree<12> tree(b);
+    const Matches m = nearest_matches(a, tree, progress);
     for (Index i = 0; i < 300; ++i) {
         const Index j = m.to[static_cast<std::size_t>(i)];
         EXPECT_EQ(j, brute_force(a, i, b));
         EXPECT_NEAR(m.distances[static_cast<std::size_t>(i)], (a.row(i) - b.row(j)).norm(), 1e-12);
     }
+}
+
+TEST(ProductSpace, AGuessDoesNotChangeTheMatches) {
+    const ProductPoints a = noise(300, 1), b = noise(200, 2);
+    Progress progress;
+    const KdTree<12> tree(b);
+    const Matches m = nearest_matches(a, tree, progress);
+    Matches guess = m;
+    for (std::size_t i = 0; i < guess.to.size(); i += 2) guess.to[i] = 7;
+    const Matches again = nearest_matches(a, tree, progress, &guess);
+    EXPECT_EQ(again.to, m.to);
+    EXPECT_EQ(again.distances, m.distances);
 }
 
 TEST(ProductSpace, PairsCoverBothSidesAndKeepFeaturesApart) {

@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <Eigen/LU>
+#include <Eigen/SVD>
 
 #include "shapes.hpp"
 
@@ -18,6 +19,26 @@ TEST(Similarity, BestRotationBeatsAllOthers) {
         for (unsigned other = 1; other < 200; ++other)
             EXPECT_LE((shapes::rotation(other).transpose() * c).trace(), best.trace + 1e-12);
     }
+}
+
+TEST(Similarity, BestRotationAgreesWithSingularValues) {
+    const auto check = [](const Matrix3& c) {
+        const Eigen::JacobiSVD<Matrix3> svd(c, Eigen::ComputeFullU | Eigen::ComputeFullV);
+        const double sign = (svd.matrixU() * svd.matrixV().transpose()).determinant();
+        const Vector3 s = svd.singularValues();
+        const double trace = s[0] + s[1] + sign * s[2];
+        const auto best = best_rotation(c);
+        EXPECT_NEAR(best.trace, trace, 1e-12 * s[0]);
+        EXPECT_NEAR((best.rotation.transpose() * c).trace(), trace, 1e-12 * s[0]);
+        EXPECT_LT((best.rotation * best.rotation.transpose() - Matrix3::Identity()).norm(), 1e-12);
+    };
+    const Matrix3 u = shapes::rotation(1), v = shapes::rotation(2);
+    // Clear cases; then flat, a line, reflected, and all but reflected to the same turn.
+    for (const Vector3& s : {Vector3(3, 2, 1), Vector3(1, 1, 1), Vector3(2, 1, 0), Vector3(1, 0, 0),
+                             Vector3(1, 1e-9, 0), Vector3(3, 2, -1), Vector3(2, 1, -1),
+                             Vector3(2, 1, -1 + 1e-7), Vector3(1, 1, -1), Vector3(2, 1, -0.999)})
+        for (const double size : {1e-140, 1e-9, 1.0, 1e100}) check(size * u * s.asDiagonal() * v);
+    EXPECT_TRUE(best_rotation(Matrix3::Zero()).rotation.allFinite());
 }
 
 TEST(Similarity, RecoversAKnownOne) {

@@ -52,8 +52,8 @@ struct Deformation {
 void fit_similarities(const Positions& positions, const DeformationGraph& graph, int smoothing,
                       double largest_scale, Deformation& deformation);
 
-/// All points under a deformation: Σ_k w_k (x_k + s_k R_k (p − c_k)) over the point's nodes, and
-/// the normals turned by the blended rotations, unit length.
+/// Points under a deformation: Σ_k w_k (x_k + s_k R_k (p − c_k)) over the point's nodes, and the
+/// normals turned by the blended rotations, unit length.
 struct DeformedCloud {
     Positions positions;
     Normals normals;
@@ -61,6 +61,10 @@ struct DeformedCloud {
 };
 DeformedCloud deformed(const Positions& positions, const Normals& normals,
                        const DeformationGraph& graph, const Deformation& deformation);
+/// One for each of `rows`, which index `positions` and `normals`.
+DeformedCloud deformed(const Positions& positions, const Normals& normals,
+                       const DeformationGraph& graph, const Deformation& deformation,
+                       std::span<const Index> rows);
 
 /// A point that should go somewhere.
 struct Attraction {

@@ -19,18 +19,18 @@ namespace pointmorph {
 /// weight · normal on the source.
 using ProductPoints = KdTree<12>::Points;
 
-/// One row for each of `rows`, which index the four arrays.
 ProductPoints product_points(const Positions& on_target, const Positions& on_source,
                              const Normals& target_normals, const Normals& source_normals,
-                             double normal_weight, std::span<const Index> rows);
+                             double normal_weight);
 
-/// The nearest row of another array to each row, and the plain distance.
+/// The nearest row of another array to each row, and the plain distance. `guess`, matches of as
+/// many points, makes the search shorter where it is good; the result is the same.
 struct Matches {
     std::vector<Index> to;
     std::vector<double> distances;
 };
-Matches nearest_matches(const ProductPoints& points, const ProductPoints& others,
-                        Progress& progress);
+Matches nearest_matches(const ProductPoints& points, const KdTree<12>& others, Progress& progress,
+                        const Matches* guess = nullptr);
 
 /// The nearest point both ways: every row of both is in a pair. Features are paired apart, so that
 /// their rows are in no other pair. Sorted, none twice. Where all points of a side are features,
