@@ -12,6 +12,7 @@
 #include "pointmorph/cloud.hpp"
 #include "pointmorph/parallel.hpp"
 #include "pointmorph/product_space.hpp"
+#include "pointmorph/surface_graph.hpp"
 
 namespace pointmorph {
 
@@ -269,6 +270,32 @@ Registration result_of(Side& source, Side& target) {
             std::move(target_points)};
 }
 
+/// Mean difference between distances along one surface and along the other, between the nodes of
+/// the coarsest level and their images.
+double geodesic_distortion(const CoarseShape& here, const DeformedCloud& here_points,
+                           const CoarseShape& there, const DeformedCloud& there_points,
+                           const Eigen::MatrixXd& here_distances,
+                           const Eigen::MatrixXd& there_distances,
+                           const RegistrationOptions& options, Progress& progress) {
+    const auto& graph = here.levels.front();
+    const auto& other = there.levels.front();
+    const ProductPoints to =
+        gather(product_points(there.positions, there_points.positions, there.normals,
+                              there_points.normals, options.normal_weight),
+               other.nodes);
+    const Matches matches = nearest_matches(
+        gather(product_points(here_points.positions, here.positions, here_points.normals,
+                              here.normals, options.normal_weight),
+               graph.nodes),
+        KdTree<12>(to), progress);
+    double sum = 0.0;
+    for (Index j = 0; j < graph.size(); ++j)
+        for (Index i = 0; i < graph.size(); ++i)
+            sum += std::abs(here_distances(i, j) -
+                            there_distances(matches.to[at(i)], matches.to[at(j)]));
+    return sum / std::max<double>(1.0, std::pow(static_cast<double>(graph.size()), 2));
+}
+
 }  // namespace
 
 RegistrationStart thin_plate_start(const CoarseShape& source, const CoarseShape& target,
@@ -300,14 +327,42 @@ Registration register_level(const CoarseShape& source_shape, const CoarseShape& 
     return result_of(source, target);
 }
 
+Eigen::MatrixXd node_distances(const CoarseShape& shape) {
+    const DeformationGraph& nodes = shape.levels.front();
+    SurfaceGraph graph;
+    graph.offsets = nodes.edge_offsets;
+    graph.neighbors = nodes.edge_ends;
+    for (Index i = 0; i < nodes.size(); ++i)
+        for (auto e = at(nodes.edge_offsets[at(i)]); e < at(nodes.edge_offsets[at(i) + 1]); ++e)
+            graph.lengths.push_back(
+                std::max(1e-12, (shape.positions.row(nodes.nodes[at(i)]) -
+                                 shape.positions.row(nodes.nodes[at(nodes.edge_ends[e])]))
+                                    .norm()));
+    Eigen::MatrixXd distances = Eigen::MatrixXd::Zero(nodes.size(), nodes.size());
+    GeodesicSearch search(graph);
+    for (Index i = 0; i < nodes.size(); ++i)
+        for (const auto& [j, distance] : search.from(i)) distances(i, j) = distance;
+    return distances;
+}
+
 double registration_energy(const CoarseShape& source, const CoarseShape& target, Index level,
-                           const Registration& registration, const RegistrationOptions& options,
-                           Progress& progress) {
+                           const Registration& registration, const NodeDistances& distances,
+                           const RegistrationOptions& options, Progress& progress) {
     // Means over nodes or edges, with the exponents that ranked maps of four-legged animals best.
-    enum Term { kGap, kRoundTrip, kNormals, kOpposed, kResidual, kTurn, kScale, kTerms };
-    constexpr std::array<double, kTerms> kExponents{0.8, 0.5, 1.2, 0.1, 0.8, 0.4, 0.5};
+    enum Term {
+        kGap,
+        kRoundTrip,
+        kNormals,
+        kOpposed,
+        kResidual,
+        kTurn,
+        kScale,
+        kGeodesics,
+        kTerms
+    };
+    constexpr std::array<double, kTerms> kExponents{0.8, 0.5, 1.2, 0.1, 0.8, 0.4, 0.5, 0.3};
     // What a perfect map of samples has anyway, so that no term can win alone by vanishing.
-    constexpr std::array<double, kTerms> kFloors{1e-3, 1e-3, 1e-3, 1e-2, 1e-4, 1e-3, 1e-3};
+    constexpr std::array<double, kTerms> kFloors{1e-3, 1e-3, 1e-3, 1e-2, 1e-4, 1e-3, 1e-3, 1e-2};
     std::array<double, kTerms> sums{};
 
     struct View {
@@ -341,6 +396,9 @@ double registration_energy(const CoarseShape& source, const CoarseShape& target,
             sums[kNormals] += share * (1.0 - 0.5 * (agreement + back));
             sums[kOpposed] += share * (agreement < 0.0 ? 1.0 : 0.0);
         }
+        sums[kGeodesics] += 0.5 * geodesic_distortion(here.shape, here.points, there.shape,
+                                                      there.points, distances[at(side)],
+                                                      distances[at(1 - side)], options, progress);
         const double edge_share =
             0.5 / std::max<double>(1.0, static_cast<double>(graph.edge_ends.size()));
         const Deformation& d = here.deformation;

@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "pointmorph/coarse_shape.hpp"
+#include "pointmorph/extremities.hpp"
 #include "pointmorph/progress.hpp"
 #include "pointmorph/registration.hpp"
 #include "pointmorph/similarity.hpp"
@@ -22,8 +23,13 @@ struct PoseOptions {
     double feature_distance = 0.3;
     /// So many of the best poses are tried in earnest.
     Index finalists = 3;
-    /// Two maps are distinct when their images lie further apart than this, mean, in √area.
+    /// Two maps are distinct when their images lie further apart than this in √area: the mean, or
+    /// .35 times the mean of the worst 3 % where that is more (a limb).
     double distinct = 0.08;
+    Index points = 1000;  ///< of each shape in a trial, the nodes among them
+    double swing = 0.44;  ///< turns about each axis that the best pose is tried with; radians
+    ExtremityOptions extremities;
+    Index variants = 6;  ///< ways to pair the tips that the two best maps are tried with
     /// The quick trial of every pose, on the coarsest level.
     RegistrationLevel trial{3, 10, 10.0, 1.5, 1, 2, 1, 700, 0};
 };

@@ -68,13 +68,20 @@ Registration register_level(const CoarseShape& source, const CoarseShape& target
                             const RegistrationLevel& schedule, const RegistrationOptions& options,
                             Progress& progress);
 
+/// Distances along the node graph of the coarsest level, #nodes by #nodes, in √area.
+Eigen::MatrixXd node_distances(const CoarseShape& shape);
+
+/// node_distances() of the source and of the target.
+using NodeDistances = std::array<Eigen::MatrixXd, 2>;
+
 /// How much the shapes had to bend, and what gap is left: a weighted geometric mean over both
 /// directions of gaps, round trips, disagreement of normals, residual and change of the rotations
-/// and scales at the nodes of `level`, which `registration` belongs to. Only the ratio of two of
+/// and scales at the nodes of `level`, which `registration` belongs to, and of the distortion of
+/// distances along the surface. Only the ratio of two of
 /// them says something: less is better.
 double registration_energy(const CoarseShape& source, const CoarseShape& target, Index level,
-                           const Registration& registration, const RegistrationOptions& options,
-                           Progress& progress);
+                           const Registration& registration, const NodeDistances& distances,
+                           const RegistrationOptions& options, Progress& progress);
 
 /// From `start`, level by level, beginning with `first_level`. `features` are rows of the coarse
 /// shapes. The target has been aligned with the source, which has unit area.

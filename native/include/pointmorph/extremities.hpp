@@ -1,0 +1,55 @@
+// Stage `extremities`: the tips of a shape (feet, nose, tail), and which of them belong together
+// under a map.
+#pragma once
+
+#include <Eigen/Core>
+#include <vector>
+
+#include "pointmorph/coarse_shape.hpp"
+#include "pointmorph/types.hpp"
+
+namespace pointmorph {
+
+struct ExtremityOptions {
+    Index most = 12;  ///< the most prominent are kept
+    /// How far the mean distance to the rest of the surface has to fall on the way to a higher tip,
+    /// in √area.
+    double prominence = 0.04;
+    /// Tips whose images lie further apart than this, mean of both ways in √area, don't belong
+    /// together.
+    double reach = 0.3;
+};
+
+/// A point that is further away from the rest of the surface than all around it.
+struct Extremity {
+    Index point;        ///< row of the coarse shape
+    double prominence;  ///< in √area, > 0; the highest tip has its height above the lowest point
+};
+
+/// Local maxima of the mean geodesic distance to the whole surface, the most prominent first
+/// (persistence of superlevel sets; mean distance after Hilaga et al. 2001). `distances` are
+/// node_distances(). The tip itself is the point around such a node that is furthest along the
+/// surface from the shape's centre.
+std::vector<Extremity> extremities(const CoarseShape& shape, const Eigen::MatrixXd& distances,
+                                   const ExtremityOptions& options);
+
+/// One target tip at most for each source tip, and how far apart a map leaves them.
+struct ExtremityPair {
+    Index source, target;  ///< places in the lists of tips
+    double distance;       ///< mean of both ways, in √area
+};
+
+/// Least sum of distances under the maps `source_images` (of source points, on the target) and
+/// `target_images`, where leaving two tips unpaired costs `reach`. Ascending by source.
+std::vector<ExtremityPair> paired_extremities(const CoarseShape& source, const CoarseShape& target,
+                                              const Positions& source_images,
+                                              const Positions& target_images,
+                                              const std::vector<Extremity>& source_tips,
+                                              const std::vector<Extremity>& target_tips,
+                                              const ExtremityOptions& options);
+
+/// The column of each row, none twice, with the least sum of costs; no fewer columns than rows
+/// (Kuhn 1955, Munkres 1957; by shortest augmenting paths).
+std::vector<Index> least_assignment(const Eigen::MatrixXd& costs);
+
+}  // namespace pointmorph

@@ -1,0 +1,158 @@
+#include "pointmorph/extremities.hpp"
+
+#include <algorithm>
+#include <limits>
+#include <numeric>
+
+#include "pointmorph/surface_graph.hpp"
+
+namespace pointmorph {
+
+namespace {
+
+std::size_t at(Index i) {
+    return static_cast<std::size_t>(i);
+}
+
+constexpr double kInfinite = std::numeric_limits<double>::infinity();
+
+/// Prominence of every local maximum over the node graph, 0 elsewhere: how far the values fall
+/// until a higher maximum's surroundings are met (union-find from the highest node down).
+std::vector<double> prominences(const DeformationGraph& graph, const Eigen::VectorXd& height) {
+    const Index count = graph.size();
+    std::vector<Index> order(at(count)), peak(at(count), -1);
+    std::iota(order.begin(), order.end(), 0);
+    std::ranges::stable_sort(order, [&](Index i, Index j) { return height[i] > height[j]; });
+    std::vector<double> result(at(count), 0.0);
+    const auto find = [&](Index i) {
+        while (peak[at(i)] != i) i = peak[at(i)] = peak[at(peak[at(i)])];
+        return i;
+    };
+    for (const Index i : order) {
+        peak[at(i)] = i;
+        Index mine = i;
+        for (auto e = at(Index(graph.edge_offsets[at(i)]));
+             e < at(Index(graph.edge_offsets[at(i) + 1])); ++e) {
+            const Index j = graph.edge_ends[e];
+            if (peak[at(j)] < 0) continue;
+            const Index other = find(j);
+            if (other == mine) continue;
+            const Index lower = height[other] < height[mine] ? other : mine;
+            const Index higher = lower == other ? mine : other;
+            result[at(lower)] = height[lower] - height[i];
+            peak[at(lower)] = mine = higher;
+        }
+    }
+    if (count > 0) result[at(order.front())] = height[order.front()] - height[order.back()];
+    return result;
+}
+
+}  // namespace
+
+std::vector<Extremity> extremities(const CoarseShape& shape, const Eigen::MatrixXd& distances,
+                                   const ExtremityOptions& options) {
+    const DeformationGraph& graph = shape.levels.front();
+    Eigen::VectorXd areas = Eigen::VectorXd::Zero(graph.size());
+    for (Index i = 0; i < shape.size(); ++i) areas[graph.point_nodes[at(i)][0]] += shape.areas[i];
+    const Eigen::VectorXd height = distances.transpose() * areas / areas.sum();
+    const std::vector<double> prominent = prominences(graph, height);
+
+    std::vector<Index> peaks;
+    for (Index k = 0; k < graph.size(); ++k)
+        if (prominent[at(k)] > options.prominence) peaks.push_back(k);
+    std::ranges::stable_sort(peaks,
+                             [&](Index i, Index j) { return prominent[at(i)] > prominent[at(j)]; });
+    peaks.resize(std::min(peaks.size(), at(std::max<Index>(options.most, 0))));
+    if (peaks.empty()) return {};
+
+    Index center;
+    height.minCoeff(&center);
+    std::vector<double> from_center(at(shape.size()), 0.0);
+    GeodesicSearch search(shape.graph);
+    for (const auto& [i, distance] : search.from(graph.nodes[at(center)]))
+        from_center[at(i)] = distance;
+    std::vector<Extremity> tips;
+    for (const Index k : peaks) tips.push_back({graph.nodes[at(k)], prominent[at(k)]});
+    for (Index i = 0; i < shape.size(); ++i)
+        for (std::size_t t = 0; t < tips.size(); ++t)
+            if (graph.point_nodes[at(i)][0] == peaks[t] &&
+                from_center[at(i)] > from_center[at(tips[t].point)])
+                tips[t].point = i;
+    return tips;
+}
+
+std::vector<Index> least_assignment(const Eigen::MatrixXd& costs) {
+    const auto rows = static_cast<Index>(costs.rows()), columns = static_cast<Index>(costs.cols());
+    // Row 0 and column 0 stand for "none".
+    std::vector<double> row_price(at(rows) + 1, 0.0), column_price(at(columns) + 1, 0.0);
+    std::vector<Index> row_of(at(columns) + 1, 0), before(at(columns) + 1, 0);
+    for (Index row = 1; row <= rows; ++row) {
+        row_of[0] = row;
+        Index column = 0;
+        std::vector<double> slack(at(columns) + 1, kInfinite);
+        std::vector<char> reached(at(columns) + 1, 0);
+        do {
+            reached[at(column)] = 1;
+            const Index i = row_of[at(column)];
+            double least = kInfinite;
+            Index next = 0;
+            for (Index j = 1; j <= columns; ++j) {
+                if (reached[at(j)]) continue;
+                const double reduced = costs(i - 1, j - 1) - row_price[at(i)] - column_price[at(j)];
+                if (reduced < slack[at(j)]) {
+                    slack[at(j)] = reduced;
+                    before[at(j)] = column;
+                }
+                if (slack[at(j)] < least) {
+                    least = slack[at(j)];
+                    next = j;
+                }
+            }
+            for (Index j = 0; j <= columns; ++j) {
+                if (reached[at(j)]) {
+                    row_price[at(row_of[at(j)])] += least;
+                    column_price[at(j)] -= least;
+                } else {
+                    slack[at(j)] -= least;
+                }
+            }
+            column = next;
+        } while (row_of[at(column)] != 0);
+        while (column != 0) {
+            row_of[at(column)] = row_of[at(before[at(column)])];
+            column = before[at(column)];
+        }
+    }
+    std::vector<Index> result(at(rows));
+    for (Index j = 1; j <= columns; ++j)
+        if (row_of[at(j)] > 0) result[at(row_of[at(j)] - 1)] = j - 1;
+    return result;
+}
+
+std::vector<ExtremityPair> paired_extremities(const CoarseShape& source, const CoarseShape& target,
+                                              const Positions& source_images,
+                                              const Positions& target_images,
+                                              const std::vector<Extremity>& source_tips,
+                                              const std::vector<Extremity>& target_tips,
+                                              const ExtremityOptions& options) {
+    const auto s = static_cast<Eigen::Index>(source_tips.size());
+    const auto t = static_cast<Eigen::Index>(target_tips.size());
+    Eigen::MatrixXd costs = Eigen::MatrixXd::Constant(s, t + s, options.reach);
+    for (Eigen::Index i = 0; i < s; ++i)
+        for (Eigen::Index j = 0; j < t; ++j) {
+            const Index a = source_tips[static_cast<std::size_t>(i)].point;
+            const Index b = target_tips[static_cast<std::size_t>(j)].point;
+            costs(i, j) = 0.5 * ((source_images.row(a) - target.positions.row(b)).norm() +
+                                 (target_images.row(b) - source.positions.row(a)).norm());
+        }
+    std::vector<ExtremityPair> pairs;
+    const std::vector<Index> columns = least_assignment(costs);
+    for (Eigen::Index i = 0; i < s; ++i) {
+        const Index j = columns[static_cast<std::size_t>(i)];
+        if (j < t && costs(i, j) < options.reach)
+            pairs.push_back({static_cast<Index>(i), j, costs(i, j)});
+    }
+    return pairs;
+}
+
+}  // namespace pointmorph

@@ -1,0 +1,96 @@
+#include "pointmorph/extremities.hpp"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <numeric>
+#include <random>
+
+#include "pointmorph/registration.hpp"
+#include "shapes.hpp"
+
+namespace pointmorph {
+namespace {
+
+/// A ball with spikes of length 1 in the given directions.
+CoarseShape urchin(const std::vector<Vector3>& spikes, unsigned seed) {
+    Positions p = shapes::sphere(4000) * shapes::rotation(seed).transpose();
+    const Normals normals = p;
+    for (Index i = 0; i < p.rows(); ++i) {
+        double length = 0.5;
+        for (const Vector3& spike : spikes) length += std::exp((p.row(i).dot(spike) - 1.0) / 0.03);
+        p.row(i) *= length;
+    }
+    Progress progress;
+    CoarseShapeOptions options;
+    options.points = 2000;
+    return coarse_shape(KdTree<3>(p), normals, {}, options, progress);
+}
+
+const std::vector<Vector3>& four_spikes() {
+    static const std::vector<Vector3> spikes{Vector3::UnitX(), -Vector3::UnitX(), Vector3::UnitY(),
+                                             Vector3::UnitZ()};
+    return spikes;
+}
+
+TEST(Extremities, AreTheEndsOfTheSpikesAndNothingElse) {
+    const CoarseShape shape = urchin(four_spikes(), 3);
+    const auto tips = extremities(shape, node_distances(shape), {});
+    ASSERT_EQ(tips.size(), 4u);
+    for (const Vector3& spike : four_spikes())
+        EXPECT_TRUE(std::ranges::any_of(tips, [&](const Extremity& tip) {
+            return (shape.positions.row(tip.point).transpose() - 1.5 * spike).norm() < 0.15;
+        }));
+    EXPECT_TRUE(std::ranges::is_sorted(tips, std::greater<>(), &Extremity::prominence));
+}
+
+TEST(Extremities, NoMoreThanAskedFor) {
+    const CoarseShape shape = urchin(four_spikes(), 3);
+    ExtremityOptions options;
+    options.most = 2;
+    EXPECT_EQ(extremities(shape, node_distances(shape), options).size(), 2u);
+    options.most = 0;
+    EXPECT_TRUE(extremities(shape, node_distances(shape), options).empty());
+}
+
+TEST(Extremities, ArePairedWhereTheMapTakesThem) {
+    const CoarseShape source = urchin(four_spikes(), 3);
+    const CoarseShape target = urchin({Vector3::UnitX(), Vector3::UnitY(), Vector3::UnitZ()}, 4);
+    const auto a = extremities(source, node_distances(source), {});
+    const auto b = extremities(target, node_distances(target), {});
+    const auto pairs =
+        paired_extremities(source, target, source.positions, target.positions, a, b, {});
+    ASSERT_EQ(pairs.size(), 3u);  // the fourth spike has no partner
+    for (const ExtremityPair& p : pairs)
+        EXPECT_LT((source.positions.row(a[static_cast<std::size_t>(p.source)].point) -
+                   target.positions.row(b[static_cast<std::size_t>(p.target)].point))
+                      .norm(),
+                  0.2);
+}
+
+TEST(Extremities, LeastAssignmentIsTheBestOfAllPermutations) {
+    std::mt19937 random(1);
+    std::uniform_real_distribution<double> cost(0.0, 1.0);
+    for (const auto& [rows, columns] : {std::pair(1, 1), {3, 3}, {4, 6}, {5, 5}, {0, 2}})
+        for (int repeat = 0; repeat < 10; ++repeat) {
+            const Eigen::MatrixXd costs =
+                Eigen::MatrixXd::NullaryExpr(rows, columns, [&] { return cost(random); });
+            std::vector<Index> order(static_cast<std::size_t>(columns));
+            std::iota(order.begin(), order.end(), 0);
+            double least = std::numeric_limits<double>::infinity();
+            do {
+                double sum = 0.0;
+                for (Index i = 0; i < rows; ++i)
+                    sum += costs(i, order[static_cast<std::size_t>(i)]);
+                least = std::min(least, sum);
+            } while (std::ranges::next_permutation(order).found);
+            const auto found = least_assignment(costs);
+            double sum = 0.0;
+            for (Index i = 0; i < rows; ++i) sum += costs(i, found[static_cast<std::size_t>(i)]);
+            EXPECT_NEAR(sum, least, 1e-12);
+        }
+}
+
+}  // namespace
+}  // namespace pointmorph
