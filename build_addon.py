@@ -577,7 +577,7 @@ def compare(source: str, target: str, features: str, *options: str) -> int:
     set_up()
     set_up_peers()
     folder = BUILD / "bench"
-    folder.mkdir(exist_ok=True)
+    folder.mkdir(parents=True, exist_ok=True)
     script = ROOT / "native" / "benchmarks" / "compare_peers.py"
     output = ("--json", folder / "peers.json", "--pictures", folder / "peers")
     return show(PYTHON, script, source, target, "--features", features, *output, *options)
