@@ -250,6 +250,16 @@ def set_up_python(extra: Iterable[str]) -> None:
     stamp.write_text(key)
 
 
+def set_up_peers() -> None:
+    """What `bench --peers` compares with: an extra, which neither the build nor the tests need."""
+    requirements = project()["project"]["optional-dependencies"]["peers"]
+    stamp, key = VENV / "peers.stamp", digest(sys.version, *requirements)
+    if not is_fresh(stamp, key):
+        with step("peers' Python packages (about 100 MB to fetch)"):
+            pip_install(*requirements)
+            stamp.write_text(key)
+
+
 def set_up_bpy(version: str) -> Path:
     """One more Blender as a Python package, outside .venv; what it needs is there already."""
     folder = BUILD / "bpy" / version
@@ -557,10 +567,21 @@ def bench() -> int:
     folder.mkdir(exist_ok=True)
     output = (f"--benchmark_out={folder / 'native.json'}", "--benchmark_out_format=json")
     statuses = [show(native, *output)]
-    for script in sorted((ROOT / "native" / "benchmarks").glob("*.py")):
+    for script in sorted((ROOT / "native" / "benchmarks").glob("bench_*.py")):
         statuses.append(show(PYTHON, script, "--json", folder / f"{script.stem}.json"))
     say(f"As JSON: {folder}")
     return 1 if any(statuses) else 0
+
+
+def compare(source: str, target: str, features: str, *options: str) -> int:
+    """Pointmorph and its peers on one pair: a table, the same as JSON, and pictures."""
+    set_up()
+    set_up_peers()
+    folder = BUILD / "bench"
+    folder.mkdir(parents=True, exist_ok=True)
+    script = ROOT / "native" / "benchmarks" / "compare_peers.py"
+    output = ("--json", folder / "peers.json", "--pictures", folder / "peers")
+    return show(PYTHON, script, source, target, "--features", features, *output, *options)
 
 
 def main() -> int:
@@ -572,7 +593,13 @@ def main() -> int:
     tests = commands.add_parser("test", help="every test; the last line is the sum")
     tests.add_argument("--only", help=f"suites with commas between them: {','.join(SUITES)}")
     tests.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="suites side by side")
-    commands.add_parser("bench", help="the benchmarks, as a table and as JSON")
+    benches = commands.add_parser("bench", help="the benchmarks, as a table and as JSON")
+    benches.add_argument(
+        "--peers",
+        nargs=argparse.REMAINDER,
+        metavar="SOURCE TARGET FEATURES",
+        help="compare with other methods on this pair; options of compare_peers.py may follow",
+    )
     commands.add_parser("package", help="the extension and the legacy add-on, as zip files")
     arguments = parser.parse_args()
     try:
@@ -585,7 +612,11 @@ def main() -> int:
                 parser.error(f"no such suite: {', '.join(sorted(unknown))}")
             return test(only, arguments.jobs)
         if arguments.command == "bench":
-            return bench()
+            if arguments.peers is None:
+                return bench()
+            if len(arguments.peers) < 3:
+                parser.error("bench --peers: expected SOURCE TARGET FEATURES")
+            return compare(*arguments.peers)
         if arguments.command == "setup":
             set_up("cpp-test", "blender", "window")
         else:

@@ -121,7 +121,7 @@ def _morph(chosen: argparse.Namespace) -> None:
         for option in morphing.options()
         if getattr(chosen, option.name) is not None
     }
-    features, loop = _read_features(chosen.features) if chosen.features else ({}, [])
+    features, loop = read_features(chosen.features) if chosen.features else ({}, [])
     shapes = [formats.read(chosen.source), formats.read(chosen.target)]
     if shapes[0].name == shapes[1].name:
         shapes[0].name, shapes[1].name = str(chosen.source), str(chosen.target)
@@ -131,7 +131,7 @@ def _morph(chosen: argparse.Namespace) -> None:
         if chosen.samples is None:
             clouds = [shape.cloud() for shape in shapes]
         else:
-            clouds, features = _sampled(shapes, features, chosen.samples, progress)
+            clouds, features = sampled(shapes, features, chosen.samples, progress)
         result = morphing.morph(
             clouds[0], clouds[1], features, loop=loop, progress=progress, **settings
         )
@@ -151,12 +151,8 @@ def _morph(chosen: argparse.Namespace) -> None:
         print(f"  {place['advice']}")
 
 
-def _sampled(
-    shapes: list[formats.Shape],
-    features: dict[str, tuple[int, int]],
-    count: int,
-    progress: morphing.Progress,
-) -> tuple[list[Cloud], dict[str, tuple[int, int]]]:
+def check_rows(shapes: list[formats.Shape], features: dict[str, tuple[int, int]]) -> None:
+    """Raises FeatureError where a feature is no row of its shape."""
     for side, shape in enumerate(shapes):
         for name, pair in features.items():
             if not 0 <= pair[side] < len(shape.positions):
@@ -166,6 +162,16 @@ def _sampled(
                     str(pair[side]),
                     "Correct it in the features' file.",
                 )
+
+
+def sampled(
+    shapes: list[formats.Shape],
+    features: dict[str, tuple[int, int]],
+    count: int,
+    progress: morphing.Progress,
+) -> tuple[list[Cloud], dict[str, tuple[int, int]]]:
+    """Source and target with `count` points each, and the features' rows among them."""
+    check_rows(shapes, features)
     clouds, rows = [], []
     for side, shape in enumerate(shapes):
         keep = [pair[side] for pair in features.values()]
@@ -175,7 +181,10 @@ def _sampled(
     return clouds, dict(zip(features, zip(*rows, strict=True), strict=True))
 
 
-def _read_features(path: Path) -> tuple[dict[str, tuple[int, int]], list[str]]:
+def read_features(
+    path: Path, key: str = "features"
+) -> tuple[dict[str, tuple[int, int]], list[str]]:
+    """The pairs of rows that FEATURES.json has under `key`, by name, and its loop."""
     shape = '{"features": {"nose": [source row, target row], …}, "loop": ["nose", …]}'
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
@@ -185,7 +194,7 @@ def _read_features(path: Path) -> tuple[dict[str, tuple[int, int]], list[str]]:
         ) from error
     except ValueError as error:
         raise FileError(str(path), f"JSON like {shape}", str(error), "Correct it.") from error
-    features = content.get("features", {}) if isinstance(content, dict) else None
+    features = content.get(key, {}) if isinstance(content, dict) else None
     loop = content.get("loop", []) if isinstance(content, dict) else []
     if not isinstance(features, dict) or not all(_is_pair(pair) for pair in features.values()):
         raise FileError(str(path), f"JSON like {shape}", "something else", "Correct it.")

@@ -193,3 +193,23 @@ def test_a_wrong_call_ends_with_2(arguments: list[str]) -> None:
 
 def test_continuous_integration_runs_the_same_command() -> None:
     assert "python3 build_addon.py test" in (ROOT / ".ci" / "run").read_text()
+
+
+def test_the_comparison_gets_the_pair_and_its_options(
+    entry: ModuleType, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shown: list[str] = []
+    for name in ("check_system", "set_up", "set_up_peers"):
+        monkeypatch.setattr(entry, name, lambda: None)
+    monkeypatch.setattr(entry, "show", lambda *command: shown.extend(map(str, command)) or 0)
+    words = ["a.ply", "b.obj", "marks.json", "--points", "3000"]
+    monkeypatch.setattr(sys, "argv", ["build_addon.py", "bench", "--peers", *words])
+    assert entry.main() == 0
+    assert shown[1].endswith("compare_peers.py")
+    assert shown[2:6] == ["a.ply", "b.obj", "--features", "marks.json"]
+    assert shown[-2:] == ["--points", "3000"]
+
+    monkeypatch.setattr(sys, "argv", ["build_addon.py", "bench", "--peers", "a.ply"])
+    with pytest.raises(SystemExit) as end:
+        entry.main()
+    assert end.value.code == 2
