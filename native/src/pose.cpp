@@ -274,6 +274,24 @@ std::vector<std::vector<IndexPair>> tip_variants(const Shapes& shapes, const Pos
     return result;
 }
 
+/// The shapes as they lie, but for their centres, with and without the tips that this brings
+/// together; nothing where the features contradict it, against the best of `others`.
+std::vector<Attempt> as_given(const Shapes& shapes, std::span<const Attempt> others,
+                              const PoseOptions& options, const RegistrationOptions& registration) {
+    const Similarity lying = turn_about(Matrix3::Identity(), principal_frame(shapes.target).center,
+                                        principal_frame(shapes.source).center);
+    const auto apart = [&](const Similarity& pose) {
+        return feature_distance(shapes.source, shapes.target, shapes.features, pose);
+    };
+    for (const Attempt& other : others)
+        if (apart(lying) > apart(other.alignment) + options.feature_distance) return {};
+    std::vector<Attempt> attempts{{lying, {}}};
+    const Pose trial = try_pose(shapes, attempts.front(), options.trial, registration);
+    for (auto& tips : tip_variants(shapes, trial, options.extremities, 1))
+        attempts.push_back({lying, std::move(tips)});
+    return attempts;
+}
+
 /// The pose that makes a map turn as little as it can.
 Similarity implied(const Shapes& shapes, const Pose& pose) {
     const Positions& images = pose.registration.source_points.positions;
@@ -401,16 +419,26 @@ Pose find_pose(const CoarseShape& source, const CoarseShape& target,
     attempts.clear();
     for (std::size_t k = 0; k < trials.size() && k < at(options.finalists); ++k)
         attempts.push_back({implied(shapes, trials[k]), {}});
+    const std::size_t searched = attempts.size();
+    for (Attempt& attempt : as_given(shapes, attempts, options, registration))
+        attempts.push_back(std::move(attempt));
     std::vector<Pose> finals =
         try_poses(shapes, attempts, registration.levels.front(), registration, progress, 0.8, 1.0);
-    keep_distinct(shapes, finals, options);
-    Pose best = std::move(finals.front());
-    for (std::size_t k = 1; k < finals.size(); ++k)
-        best.margin = std::min(best.margin, finals[k].energy / std::max(best.energy, 1e-300));
-    for (const Pose& trial : trials)
-        if (difference(shapes, trial, best) >= options.distinct)
+    const auto least = [](std::span<const Pose> poses) -> const Pose& {
+        return *std::ranges::min_element(poses, {}, &Pose::energy);
+    };
+    const Pose& any = least(finals);
+    const bool stays =
+        searched < finals.size() &&
+        least(std::span(finals).subspan(searched)).energy <= options.as_given * any.energy;
+    Pose best = stays ? least(std::span(finals).subspan(searched)) : any;
+    const auto rival = [&](const Pose& other, double energy) {
+        if (difference(shapes, other, best) >= options.distinct)
             best.margin =
-                std::min(best.margin, std::max(1.0, trial.energy / trials.front().energy));
+                std::min(best.margin, std::max(1.0, other.energy / std::max(energy, 1e-300)));
+    };
+    for (const Pose& other : finals) rival(other, best.energy);
+    for (const Pose& other : trials) rival(other, trials.front().energy);
     return best;
 }
 

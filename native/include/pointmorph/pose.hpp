@@ -29,6 +29,9 @@ struct PoseOptions {
     Index points = 1000;  ///< of each shape in a trial, the nodes among them
     double swing = 0.44;  ///< turns about each axis that the best pose is tried with; radians
     ExtremityOptions extremities;
+    /// The pose in which the shapes were given wins where its energy is within this factor of the
+    /// best one's: where shape alone can hardly tell, the user has. 1 or more.
+    double as_given = 1.1;
     Index variants = 6;  ///< ways to pair the tips that the two best maps are tried with
     /// The quick trial of every pose, on the coarsest level.
     RegistrationLevel trial{3, 10, 10.0, 1.5, 1, 2, 1, 700, 0};
@@ -54,7 +57,7 @@ std::vector<Similarity> candidate_poses(const CoarseShape& source, const CoarseS
                                         const PoseOptions& options);
 
 /// Registers from every candidate, on the coarsest level, and keeps the one that bends the shapes
-/// least for how well it brings them together.
+/// least for how well it brings them together; in doubt, that in which they were given.
 Pose find_pose(const CoarseShape& source, const CoarseShape& target,
                std::span<const IndexPair> features, const PoseOptions& options,
                const RegistrationOptions& registration, Progress& progress);
