@@ -1,5 +1,6 @@
 #include "pointmorph/coarse_shape.hpp"
 
+#include <cmath>
 #include <numbers>
 #include <numeric>
 
@@ -42,7 +43,8 @@ CoarseShape coarse_shape(const KdTree<3>& tree, const Normals& normals,
 
     const KdTree<3> coarse_tree(shape.positions);
     shape.areas = point_areas(coarse_tree, progress);
-    shape.graph = surface_graph(coarse_tree, shape.normals, options.graph, progress);
+    shape.graph = surface_graph(coarse_tree, shape.normals, options.graph, progress, &tree,
+                                std::sqrt(shape.areas.sum() / tree.size()));
 
     std::vector<Index> first(required.size());
     std::iota(first.begin(), first.end(), 0);

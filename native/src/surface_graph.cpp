@@ -1,6 +1,7 @@
 #include "pointmorph/surface_graph.hpp"
 
 #include <algorithm>
+#include <cmath>
 #include <functional>
 
 #include "pointmorph/neighborhoods.hpp"
@@ -44,11 +45,22 @@ std::vector<IndexPair> joining_edges(const Positions& positions, const Component
 }  // namespace
 
 SurfaceGraph surface_graph(const KdTree<3>& tree, const Normals& normals,
-                           const SurfaceGraphOptions& options, Progress& progress) {
+                           const SurfaceGraphOptions& options, Progress& progress,
+                           const KdTree<3>* dense, double dense_spacing) {
     const Positions& positions = tree.points();
+    const auto on_surface = [&](Index i, Index j) {
+        if (!dense) return true;
+        const Eigen::RowVector3d middle = 0.5 * (positions.row(i) + positions.row(j));
+        Index nearest;
+        double squared;
+        dense->nearest(middle.data(), {&nearest, 1}, {&squared, 1});
+        const double length = (positions.row(i) - positions.row(j)).norm();
+        return std::sqrt(squared) <= options.bulge * length + options.gap * dense_spacing;
+    };
     Neighborhoods joined = symmetrized(
         filtered(nearest_neighbors(tree, options.neighbors, progress), [&](Index i, Index j) {
-            return normals.row(i).dot(normals.row(j)) > options.smallest_agreement;
+            return normals.row(i).dot(normals.row(j)) > options.smallest_agreement &&
+                   on_surface(i, j);
         }));
     const Components components = connected_components(joined);
     if (components.count() > 1) {
