@@ -16,14 +16,17 @@ class _Panel:
 
 
 class POINTMORPH_UL_features(bpy.types.UIList):
-    """A feature a row: its name, and whether it's marked on source and target."""
+    """A feature a row: its name, what it is, and whether it's marked on source and target."""
+
+    ICONS = {"point": "DOT", "curve": "CURVE_DATA", "region": "GROUP_VERTEX"}
 
     def draw_item(self, context, layout, data, item, icon, active_data, active_property, index):
         layout.prop(item, "name", text="", emboss=False)
         row = layout.row(align=True)
         row.alignment = "RIGHT"
         if item.on_source and item.on_target:
-            row.label(text="both", icon="CHECKMARK")
+            kind = item.found.split(",")[0].split(" ")[-1]
+            row.label(text=item.found or "both", icon=self.ICONS.get(kind, "CHECKMARK"))
         else:
             row.label(text="only source" if item.on_source else "only target", icon="ERROR")
 
@@ -54,6 +57,18 @@ class POINTMORPH_PT_features(_Panel, bpy.types.Panel):
         buttons = row.column(align=True)
         buttons.operator("pointmorph.add_feature", text="", icon="ADD")
         buttons.operator("pointmorph.remove_feature", text="", icon="REMOVE")
+        buttons.operator("pointmorph.check_features", text="", icon="VIEWZOOM")
+        if not 0 <= settings.active_feature < len(settings.features):
+            return
+        item = settings.features[settings.active_feature]
+        column = self.layout.column()
+        column.use_property_split = True
+        column.use_property_decorate = False
+        column.prop(item, "kind")
+        column.prop(item, "hold")
+        weight = column.row()
+        weight.active = item.hold != "EXACT"
+        weight.prop(item, "weight")
 
 
 class POINTMORPH_PT_settings(_Panel, bpy.types.Panel):
@@ -142,7 +157,10 @@ class POINTMORPH_PT_quality(_Panel, bpy.types.Panel):
         if report is None:
             return
         box = layout.box().column(align=True)
-        for name, value in pointmorph.quality_summary(report):
+        for name, value in (
+            *pointmorph.quality_summary(report),
+            *pointmorph.feature_summary(report),
+        ):
             row = box.split(factor=0.35)
             row.label(text=name)
             row.label(text=value)

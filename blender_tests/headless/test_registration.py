@@ -12,6 +12,7 @@ WITHOUT_BLENDER = ("arrays", "computation", "features", "session", "transforms")
 OPERATORS = (
     "add_feature",
     "bake_shape_keys",
+    "check_features",
     "morph",
     "remove_feature",
     "show_distortion",

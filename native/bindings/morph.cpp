@@ -16,6 +16,25 @@ Cloud cloud_of(const py::dict& fields) {
             from_numpy<Values>(fields["radii"])};
 }
 
+/// From the dictionary that pointmorph.morphing makes of a feature.
+Feature feature_of(const py::dict& fields) {
+    const auto marked = [&](const char* side) {
+        const py::dict given = fields[side];
+        return Marked{given["rows"].cast<std::vector<Index>>(),
+                      given["weights"].cast<std::vector<double>>()};
+    };
+    const auto kind = fields["kind"].cast<std::string>();
+    return {fields["name"].cast<std::string>(),
+            kind == "point"   ? FeatureKind::kPoint
+            : kind == "curve" ? FeatureKind::kCurve
+                              : FeatureKind::kRegion,
+            marked("source"),
+            marked("target"),
+            fields["closed"].cast<bool>(),
+            fields["hard"].cast<bool>(),
+            fields["weight"].cast<double>()};
+}
+
 py::array_t<std::int64_t> array_of(const Pairing& pairs) {
     py::array_t<std::int64_t> rows({static_cast<py::ssize_t>(pairs.size()), py::ssize_t{2}});
     auto view = rows.mutable_unchecked<2>();
@@ -97,10 +116,17 @@ py::dict dict_of(const Quality& quality) {
                               py::arg("flaw") = name_of(place.flaw),
                               py::arg("distortion") = place.distortion,
                               py::arg("share") = place.share, py::arg("advice") = place.advice));
-    return py::dict(
-        py::arg("source") = dict_of(quality.source), py::arg("target") = dict_of(quality.target),
-        py::arg("source_to_target") = dict_of(quality.source_to_target),
-        py::arg("target_to_source") = dict_of(quality.target_to_source), py::arg("worst") = worst);
+    py::list features;
+    for (const FeatureResidual& kept : quality.features)
+        features.append(py::dict(py::arg("name") = kept.name, py::arg("kind") = name_of(kept.kind),
+                                 py::arg("hard") = kept.hard, py::arg("weight") = kept.weight,
+                                 py::arg("residual") = kept.residual,
+                                 py::arg("inside") = kept.inside));
+    return py::dict(py::arg("features") = features, py::arg("source") = dict_of(quality.source),
+                    py::arg("target") = dict_of(quality.target),
+                    py::arg("source_to_target") = dict_of(quality.source_to_target),
+                    py::arg("target_to_source") = dict_of(quality.target_to_source),
+                    py::arg("worst") = worst);
 }
 
 /// Writes into the caller's arrays, which the Python side has checked.
@@ -127,8 +153,7 @@ decltype(auto) without_gil(const py::object& callback, Call&& call) {
 }  // namespace
 
 void bind_morph(py::module_& module) {
-    using Features = std::vector<std::tuple<std::string, Index, Index>>;
-    const auto make = [](const py::dict& source, const py::dict& target, const Features& features,
+    const auto make = [](const py::dict& source, const py::dict& target, const py::list& features,
                          const std::vector<std::string>& loop, const MorphOptions& options,
                          const py::object& source_start, const py::object& target_start,
                          const py::object& callback) {
@@ -140,7 +165,8 @@ void bind_morph(py::module_& module) {
             source["boundary"].cast<BoundaryLoop>(),
             target["boundary"].cast<BoundaryLoop>(),
             {from_numpy<Positions>(source_start), from_numpy<Positions>(target_start)}};
-        for (const auto& [name, s, t] : features) input.features.push_back({name, s, t});
+        for (const py::handle& feature : features)
+            input.features.push_back(feature_of(feature.cast<py::dict>()));
         return without_gil(callback, [&](Progress& progress) {
             return std::make_unique<Morph>(std::move(input), options, progress);
         });

@@ -5,7 +5,6 @@
 #include <iterator>
 #include <mutex>
 #include <optional>
-#include <unordered_map>
 #include <utility>
 
 #include "disk_route.hpp"
@@ -22,31 +21,18 @@ namespace {
 /// Fewer points can't have an inside, a boundary and neighbourhoods.
 constexpr Index kMinimumPoints = 16;
 
-void check_features(const Cloud& cloud, std::span<const Feature> features, Index Feature::*row_of) {
-    std::unordered_map<Index, std::string> taken;
-    for (const Feature& feature : features) {
-        const std::string subject = "feature \"" + feature.name + "\"";
-        const Index row = feature.*row_of;
-        if (row < 0 || row >= cloud.size())
-            throw FeatureError(
-                subject, "a point of " + cloud.name + ", 0 to " + std::to_string(cloud.size() - 1),
-                "point " + std::to_string(row), "Mark it again on " + cloud.name + ".");
-        const auto [other, is_new] = taken.emplace(row, feature.name);
-        if (!is_new)
-            throw FeatureError(
-                subject, "a point of its own on " + cloud.name,
-                "point " + std::to_string(row) + ", which is \"" + other->second + "\" already",
-                "Move or remove one of the two.");
-    }
-}
-
 /// Open patches have their boundary; a loop is for closed models.
 void check_loop(const MorphInput& input) {
     for (std::size_t i = 0; i < input.loop.size(); ++i) {
         const auto& name = input.loop[i];
-        if (std::ranges::find(input.features, name, &Feature::name) == input.features.end())
+        const auto feature = std::ranges::find(input.features, name, &Feature::name);
+        if (feature == input.features.end())
             throw FeatureError("loop", "names of features", "\"" + name + "\", which isn't one",
                                "Mark that feature on both models, or take it out of the loop.");
+        if (feature->kind != FeatureKind::kPoint)
+            throw FeatureError("loop", "point features",
+                               "\"" + name + "\", a " + name_of(feature->kind),
+                               "Take it out of the loop, or mark a point.");
         if (std::find(input.loop.begin(), input.loop.begin() + static_cast<std::ptrdiff_t>(i),
                       name) != input.loop.begin() + static_cast<std::ptrdiff_t>(i))
             throw FeatureError("loop", "each feature once", "\"" + name + "\" twice",
@@ -118,17 +104,10 @@ Morph::Morph(MorphInput input, const MorphOptions& options, Progress& progress)
     progress.enter("cloud");
     validate(source_, kMinimumPoints);
     validate(target_, kMinimumPoints);
-    check_features(source_, input.features, &Feature::source);
-    check_features(target_, input.features, &Feature::target);
+    validate(input.features, source_, target_);
     check_loop(input);
     both([&] { source.order_points(); }, [&] { target.order_points(); });
-    std::vector<IndexPair> features;
-    for (const Feature& feature : input.features) {
-        features.push_back({source.rank[static_cast<std::size_t>(feature.source)],
-                            target.rank[static_cast<std::size_t>(feature.target)]});
-        source.features.push_back(features.back().source);
-        target.features.push_back(features.back().target);
-    }
+    const std::vector<Feature> features = canonical(input.features, source.rank, target.rank);
 
     progress.enter("neighborhoods");
     {
@@ -148,7 +127,8 @@ Morph::Morph(MorphInput input, const MorphOptions& options, Progress& progress)
     target.find_normals(progress);
 
     if (options.method == Method::kPaper || options.domain == Domain::kDisk) {
-        DiskRoute route = match_in_disk(source, target, input, options, report_, progress);
+        DiskRoute route =
+            match_in_disk(source, target, input, features, options, report_, progress);
         source_domain_ = gather(route.source, source.rank);
         target_domain_ = gather(route.target, target.rank);
         pairs_ = std::move(route.pairs);

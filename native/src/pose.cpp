@@ -49,12 +49,14 @@ Similarity turn_about(const Matrix3& rotation, const Vector3& from, const Vector
 /// Root mean square distance of the features under a pose.
 double feature_distance(const CoarseShape& source, const CoarseShape& target,
                         std::span<const IndexPair> features, const Similarity& pose) {
+    const MarkedPlaces places = marked_places(source, target, features);
     double sum = 0.0;
-    for (const IndexPair& f : features)
-        sum += (source.positions.row(f.source).transpose() -
-                pose.rotation * target.positions.row(f.target).transpose() - pose.shift)
+    for (Eigen::Index k = 0; k < places.source.rows(); ++k)
+        sum += (places.source.row(k).transpose() -
+                pose.rotation * places.target.row(k).transpose() - pose.shift)
                    .squaredNorm();
-    return features.empty() ? 0.0 : std::sqrt(sum / static_cast<double>(features.size()));
+    return places.source.rows() == 0 ? 0.0
+                                     : std::sqrt(sum / static_cast<double>(places.source.rows()));
 }
 
 Similarity composed(const Similarity& after, const Similarity& before) {
@@ -93,6 +95,14 @@ CoarseShape thinned(const CoarseShape& shape, const std::vector<Extremity>& tips
     for (const Index row : thin.rows) {
         level.point_nodes.push_back(graph.point_nodes[at(row)]);
         level.point_weights.push_back(graph.point_weights[at(row)]);
+    }
+    thin.guides = shape.guides;
+    for (Index& row : thin.guides.rows)
+        row = nearest_on_sheet(thin_tree, thin.normals, shape.positions.row(row),
+                               shape.normals.row(row));
+    if (shape.labels.rows() > 0) {
+        thin.labels = gather(shape.labels, thin.rows);
+        thin.pulls = gather(shape.pulls, thin.rows);
     }
     return thin;
 }
@@ -307,6 +317,7 @@ CoarseShape moved(const CoarseShape& shape, const Similarity& move) {
     CoarseShape result = shape;
     result.positions = move.apply(shape.positions);
     result.normals = move.turn(shape.normals);
+    result.guides.places = move.apply(shape.guides.places);
     return result;
 }
 
@@ -335,20 +346,16 @@ std::vector<Similarity> candidate_poses(const CoarseShape& source, const CoarseS
         }
     } while (std::ranges::next_permutation(order).found);
 
-    if (features.size() >= 2) {
-        Positions from(static_cast<Eigen::Index>(features.size()), 3), to = from;
-        for (std::size_t k = 0; k < features.size(); ++k) {
-            from.row(static_cast<Eigen::Index>(k)) = target.positions.row(features[k].target);
-            to.row(static_cast<Eigen::Index>(k)) = source.positions.row(features[k].source);
-        }
-        const auto by_features = [&](const Similarity& before) {
+    const auto [to, from] = marked_places(source, target, features);
+    if (to.rows() >= 2) {
+        const auto by_features = [&, &to = to, &from = from](const Similarity& before) {
             const Matrix3 turn = fit_similarity(before.apply(from), to).rotation;
             const Vector3 mean = before.apply(from).colwise().mean().transpose();
             return composed(turn_about(turn, mean, to.colwise().mean().transpose()), before);
         };
         // Two features leave the roll open: each pose gets the least turn that brings them
         // together. Three or more leave nothing open.
-        if (features.size() == 2) {
+        if (to.rows() == 2) {
             const std::size_t count = poses.size();
             for (std::size_t k = 0; k < count; ++k) poses.push_back(by_features(poses[k]));
         } else {

@@ -25,7 +25,6 @@ struct Side {
     bool normals_given = false;
     Neighborhoods nearest;
     BoundaryLoop loop;
-    std::vector<Index> features;
 
     void order_points();
 

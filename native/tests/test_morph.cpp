@@ -52,8 +52,8 @@ std::vector<Feature> grid_features(Index source_side, Index target_side) {
     std::vector<Feature> features;
     int number = 0;
     for (const auto& [x, y] : {std::pair{0.0, 0.0}, {0.5, 0.5}, {-0.5, 0.5}, {0.5, -0.25}})
-        features.push_back({"f" + std::to_string(number++), grid_row(source_side, x, y),
-                            grid_row(target_side, x, y)});
+        features.push_back(point_feature("f" + std::to_string(number++),
+                                         grid_row(source_side, x, y), grid_row(target_side, x, y)));
     return features;
 }
 
@@ -108,7 +108,7 @@ TEST_P(AnyMorph, FeaturesMeetAndArePaired) {
     const Morph morph = make(plane_cloud(41), bump_cloud(33), features, options());
     EXPECT_LE(morph.report().feature_residual, MorphOptions{}.alignment.error);
     for (const Feature& f : features)
-        EXPECT_TRUE(std::ranges::binary_search(morph.pairs(), IndexPair{f.source, f.target}));
+        EXPECT_TRUE(std::ranges::binary_search(morph.pairs(), pinned_pairs({&f, 1}).front()));
 }
 
 TEST_P(AnyMorph, OfAShapeToItselfMovesNothingFar) {
@@ -154,7 +154,8 @@ TEST_P(AnyMorph, DoesNotDependOnTheOrderOfThePoints) {
     const auto rank = inverse_order(order);
     auto features = grid_features(41, 33);
     const Morph a = make(source, plane_cloud(33), features, options());
-    for (Feature& f : features) f.source = rank[static_cast<std::size_t>(f.source)];
+    for (Feature& f : features)
+        f.source.rows = {rank[static_cast<std::size_t>(f.source.rows.front())]};
     const Morph b = make(shuffled, plane_cloud(33), features, options());
 
     EXPECT_LT((gather(a.source_domain(), order) - b.source_domain()).cwiseAbs().maxCoeff(), 1e-9);
@@ -170,7 +171,7 @@ TEST(Morph, DoesNotDependOnPlaceTurnOrSize) {
     const Matrix3 turn = shapes::rotation(3);
     moved.positions = ((target.positions * turn.transpose()) * 1e-4).rowwise() +
                       Eigen::RowVector3d(1000.0, -2000.0, 500.0);
-    const auto features = std::vector<Feature>{{"top", grid_row(41, 0, 0), 0}};
+    const auto features = std::vector<Feature>{point_feature("top", grid_row(41, 0, 0), 0)};
     const Morph a = make(plane_cloud(41), target, features, paper());
     const Morph b = make(plane_cloud(41), moved, features, paper());
     // the order in memory differs, and with it rounding and the choice between equals
@@ -196,12 +197,14 @@ TEST(Morph, FeaturesOnBothBoundariesArePinned) {
     const auto border = shapes::grid_border(side);
     std::vector<Feature> features;
     for (const std::size_t i : {0UL, 40UL, 80UL, 120UL})
-        features.push_back({"c" + std::to_string(i), border[i], border[(i + 10) % border.size()]});
+        features.push_back(
+            point_feature("c" + std::to_string(i), border[i], border[(i + 10) % border.size()]));
     const Morph morph = make(plane_cloud(side), bump_cloud(side), features, paper());
     for (const Feature& f : features)
-        EXPECT_LT(
-            (morph.source_domain().row(f.source) - morph.target_domain().row(f.target)).norm(),
-            1e-9);
+        EXPECT_LT((morph.source_domain().row(f.source.rows.front()) -
+                   morph.target_domain().row(f.target.rows.front()))
+                      .norm(),
+                  1e-9);
 }
 
 TEST(Morph, ReversedBoundaryFeaturesAreRefused) {
@@ -214,8 +217,8 @@ TEST(Morph, ReversedBoundaryFeaturesAreRefused) {
     };
     std::vector<Feature> features;
     for (const std::size_t i : {0UL, 30UL, 60UL, 90UL})
-        features.push_back(
-            {"c" + std::to_string(i), border[i], border[(border.size() - i) % border.size()]});
+        features.push_back(point_feature("c" + std::to_string(i), border[i],
+                                         border[(border.size() - i) % border.size()]));
     EXPECT_THROW(make(up(plane_cloud(side)), up(bump_cloud(side)), features, paper()),
                  FeatureError);
 }
@@ -227,10 +230,13 @@ TEST(Morph, BadInputIsRefusedInWords) {
     Cloud empty;
     EXPECT_THROW(refuse(empty, {})(), CloudError);
     EXPECT_THROW(refuse(plane_cloud(2), {})(), CloudError);
-    EXPECT_THROW(refuse(plane_cloud(21), {{"nose", 441, 0}})(), FeatureError);
-    EXPECT_THROW(refuse(plane_cloud(21), {{"nose", -1, 0}})(), FeatureError);
-    EXPECT_THROW(refuse(plane_cloud(21), {{"nose", 5, 1}, {"chin", 5, 2}})(), FeatureError);
-    EXPECT_THROW(refuse(plane_cloud(21), {{"nose", 20, 220}})(), FeatureError);  // on one boundary
+    EXPECT_THROW(refuse(plane_cloud(21), {point_feature("nose", 441, 0)})(), FeatureError);
+    EXPECT_THROW(refuse(plane_cloud(21), {point_feature("nose", -1, 0)})(), FeatureError);
+    EXPECT_THROW(
+        refuse(plane_cloud(21), {point_feature("nose", 5, 1), point_feature("chin", 5, 2)})(),
+        FeatureError);
+    EXPECT_THROW(refuse(plane_cloud(21), {point_feature("nose", 20, 220)})(),
+                 FeatureError);  // on one boundary
     Cloud closed;
     closed.positions = shapes::sphere(2000);
     EXPECT_THROW(refuse(closed, {})(), TopologyError);
@@ -239,7 +245,7 @@ TEST(Morph, BadInputIsRefusedInWords) {
     apart.positions.bottomRows(441) = shapes::grid(21).rowwise() + Eigen::RowVector3d(50, 0, 0);
     EXPECT_THROW(refuse(apart, {})(), TopologyError);
     try {
-        refuse(plane_cloud(21), {{"nose", 5, 1}, {"chin", 5, 2}})();
+        refuse(plane_cloud(21), {point_feature("nose", 5, 1), point_feature("chin", 5, 2)})();
     } catch (const FeatureError& error) {
         EXPECT_NE(std::string(error.what()).find("\"nose\""), std::string::npos);
         EXPECT_NE(std::string(error.what()).find("plane"), std::string::npos);
@@ -312,9 +318,9 @@ TEST(Morph, StartsFromTheDiskWhenAskedTo) {
 
 TEST(Morph, StartsFromAnEarlierOne) {
     const Cloud source = hemisphere(2000), target = bump_cloud(41);
-    const Morph first = make(source, target, {{"top", 0, grid_row(41, 0, 0)}});
+    const Morph first = make(source, target, {point_feature("top", 0, grid_row(41, 0, 0))});
     Progress progress;
-    MorphInput input{source, target, {{"top", 0, grid_row(41, 0, 0)}}, {}, {}, {}};
+    MorphInput input{source, target, {point_feature("top", 0, grid_row(41, 0, 0))}, {}, {}, {}};
     input.start = {first.source_to_target(progress), first.target_to_source(progress)};
     std::vector<std::string> stages;
     Progress watch([&](std::string_view stage, double) {
@@ -339,7 +345,7 @@ TEST(Morph, EveryPathEndsAtTheInputsAndKeepsToTheSurface) {
         MorphOptions options;
         options.path = kind;
         auto features = grid_features(41, 37);
-        features.push_back({"corner", 0, 0});
+        features.push_back(point_feature("corner", 0, 0));
         const Morph morph = make(source, target, features, options);
         const auto m = morph.pairs().size();
         std::vector<double> positions(3 * m), normals(3 * m), colors(4 * m), radii(m);
@@ -369,7 +375,7 @@ TEST(Morph, EveryPathEndsAtTheInputsAndKeepsToTheSurface) {
 TEST(Morph, EstimatedNormalsTurnWhereTheyFaceTheOtherWay) {
     Cloud inward = hemisphere(2500);
     inward.normals = -inward.positions;
-    const Morph morph = make(hemisphere(2000), inward, {{"top", 0, 0}});
+    const Morph morph = make(hemisphere(2000), inward, {point_feature("top", 0, 0)});
     EXPECT_EQ(morph.target().normals, inward.normals);
     EXPECT_LT(morph.source().normals.cwiseProduct(morph.source().positions).sum(), 0.0);
 }

@@ -11,6 +11,7 @@
 #include "pointmorph/boundary.hpp"
 #include "pointmorph/cloud.hpp"
 #include "pointmorph/cracks.hpp"
+#include "pointmorph/features.hpp"
 #include "pointmorph/motion.hpp"
 #include "pointmorph/pairing.hpp"
 #include "pointmorph/parameterization.hpp"
@@ -86,8 +87,8 @@ struct MorphReport {
     std::vector<StageTime> stages;
     double seconds = 0.0;
     Index pairs = 0;
-    /// Largest distance between features in spacings of the points around them: in the disk, or of
-    /// the smooth maps on the other surface.
+    /// Largest distance between hard point features in spacings of the points around them: in the
+    /// disk, or of the smooth maps on the other surface. Quality::features has each one's.
     double feature_residual = 0.0;
     /// See Refinement::margin; infinite for the paper's method.
     double margin = std::numeric_limits<double>::infinity();

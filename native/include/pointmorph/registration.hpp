@@ -39,9 +39,13 @@ struct RegistrationOptions {
     /// One for each of the shapes' levels, coarsest first.
     std::vector<RegistrationLevel> levels{RegistrationLevel{6, 24, 30.0, 1.0, 2, 2, 1, 1000, 0},
                                           RegistrationLevel{0, 10, 10.0, 4.0, 2, 4, 3, 2000, 4}};
-    double stiff_data = 0.05;       ///< factor on the data's weights in stiff rounds
-    double normal_weight = 0.1;     ///< of unit normals against lengths in the product space
-    double feature_weight = 30.0;   ///< of each feature pair
+    double stiff_data = 0.05;      ///< factor on the data's weights in stiff rounds
+    double normal_weight = 0.1;    ///< of unit normals against lengths in the product space
+    double feature_weight = 30.0;  ///< of each feature pair
+    double soft_weight = 0.03;     ///< of a soft feature, and a curve's part as long as a node's
+                                   ///< spacing, of weight 1
+    double region_weight = 20.0;  ///< of a match of points of a region of weight 1, others' being 1
+    double label_distance = 0.5;  ///< between points inside and outside of a region of weight 1
     double outlier_distance = 3.0;  ///< in medians: where a match's weight has halved
     /// Pieces whose images have jumped away from the rest don't count when they have less than
     /// this share of the nodes.
@@ -60,8 +64,15 @@ struct RegistrationStart {
     Positions source, target;  ///< #points by 3
 };
 
-/// The thin plate (kernel r) through the features and its inverse; with fewer than five features
-/// the points stay where they are.
+/// Places that belong together, a row each: the features', then those of some of the guides.
+struct MarkedPlaces {
+    Positions source, target;
+};
+MarkedPlaces marked_places(const CoarseShape& source, const CoarseShape& target,
+                           std::span<const IndexPair> features);
+
+/// The thin plate (kernel r) through the marked places and its inverse; with fewer than five of
+/// them the points stay where they are.
 RegistrationStart thin_plate_start(const CoarseShape& source, const CoarseShape& target,
                                    std::span<const IndexPair> features);
 

@@ -27,7 +27,9 @@ from pointmorph.errors import (
     PointmorphError,
     TopologyError,
 )
+from pointmorph.features import Feature
 from pointmorph.morphing import (
+    FeatureResidual,
     Frame,
     MapFigures,
     Morph,
@@ -36,6 +38,7 @@ from pointmorph.morphing import (
     PointQuality,
     Progress,
     Quality,
+    feature_summary,
     morph,
     options,
     quality_summary,
@@ -47,7 +50,9 @@ __all__ = [
     "Cloud",
     "CloudError",
     "ConvergenceError",
+    "Feature",
     "FeatureError",
+    "FeatureResidual",
     "FileError",
     "Frame",
     "MapFigures",
@@ -62,6 +67,7 @@ __all__ = [
     "Quality",
     "TopologyError",
     "__version__",
+    "feature_summary",
     "morph",
     "options",
     "quality_summary",

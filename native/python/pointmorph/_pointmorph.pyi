@@ -34,7 +34,7 @@ class Morph:
         self,
         source: dict[str, Any],
         target: dict[str, Any],
-        features: list[tuple[str, int, int]],
+        features: list[dict[str, Any]],
         loop: list[str],
         options: MorphOptions,
         source_start: npt.NDArray[Any] | None,

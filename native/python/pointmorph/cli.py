@@ -6,15 +6,15 @@ import argparse
 import contextlib
 import json
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from pointmorph import __version__, formats, morphing, sampling
-from pointmorph.clouds import Cloud
 from pointmorph.errors import FeatureError, FileError, OptionError, PointmorphError
+from pointmorph.features import Feature, feature_from_json
 
 FAILED, WRONG_CALL, INTERRUPTED = 1, 2, 130
 
@@ -61,7 +61,7 @@ def _parser() -> argparse.ArgumentParser:
         "--features",
         metavar="FILE",
         type=Path,
-        help='JSON: {"features": {"nose": [source row, target row], …}}',
+        help='JSON: {"features": {"nose": [source row, target row], …}}, and curves and regions',
     )
     morph.add_argument(
         "--frames",
@@ -131,7 +131,8 @@ def _morph(chosen: argparse.Namespace) -> None:
         if chosen.samples is None:
             clouds = [shape.cloud() for shape in shapes]
         else:
-            clouds, features = sampled(shapes, features, chosen.samples, progress)
+            check_rows(shapes, features)
+            clouds, features = sampling.sample_pair(shapes, features, chosen.samples, progress)
         result = morphing.morph(
             clouds[0], clouds[1], features, loop=loop, progress=progress, **settings
         )
@@ -147,44 +148,28 @@ def _morph(chosen: argparse.Namespace) -> None:
     )
     for name, value in morphing.quality_summary(report):
         print(f"  {name:<11}{value}")
+    for name, value in morphing.feature_summary(report):
+        print(f"  {name}: {value}")
     for place in report["worst"]:
         print(f"  {place['advice']}")
 
 
-def check_rows(shapes: list[formats.Shape], features: dict[str, tuple[int, int]]) -> None:
-    """Raises FeatureError where a feature is no row of its shape."""
+def check_rows(shapes: Sequence[formats.Shape], features: Mapping[str, Feature]) -> None:
+    """Raises FeatureError where a feature has what is no row of its shape."""
     for side, shape in enumerate(shapes):
-        for name, pair in features.items():
-            if not 0 <= pair[side] < len(shape.positions):
-                raise FeatureError(
-                    f'feature "{name}"',
-                    f"a row of {shape.name}, 0 to {len(shape.positions) - 1}",
-                    str(pair[side]),
-                    "Correct it in the features' file.",
-                )
+        for name, feature in features.items():
+            for row in feature.rows(side):
+                if not 0 <= row < len(shape.positions):
+                    raise FeatureError(
+                        f'feature "{name}"',
+                        f"a row of {shape.name}, 0 to {len(shape.positions) - 1}",
+                        str(row),
+                        "Correct it in the features' file.",
+                    )
 
 
-def sampled(
-    shapes: list[formats.Shape],
-    features: dict[str, tuple[int, int]],
-    count: int,
-    progress: morphing.Progress,
-) -> tuple[list[Cloud], dict[str, tuple[int, int]]]:
-    """Source and target with `count` points each, and the features' rows among them."""
-    check_rows(shapes, features)
-    clouds, rows = [], []
-    for side, shape in enumerate(shapes):
-        keep = [pair[side] for pair in features.values()]
-        cloud, kept = sampling.sample(shape, count, keep=keep, progress=progress)
-        clouds.append(cloud)
-        rows.append(kept.tolist())
-    return clouds, dict(zip(features, zip(*rows, strict=True), strict=True))
-
-
-def read_features(
-    path: Path, key: str = "features"
-) -> tuple[dict[str, tuple[int, int]], list[str]]:
-    """The pairs of rows that FEATURES.json has under `key`, by name, and its loop."""
+def read_features(path: Path, key: str = "features") -> tuple[dict[str, Feature], list[str]]:
+    """The features that FEATURES.json has under `key`, by name, and its loop."""
     shape = '{"features": {"nose": [source row, target row], …}, "loop": ["nose", …]}'
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
@@ -196,19 +181,11 @@ def read_features(
         raise FileError(str(path), f"JSON like {shape}", str(error), "Correct it.") from error
     features = content.get(key, {}) if isinstance(content, dict) else None
     loop = content.get("loop", []) if isinstance(content, dict) else []
-    if not isinstance(features, dict) or not all(_is_pair(pair) for pair in features.values()):
+    if not isinstance(features, dict):
         raise FileError(str(path), f"JSON like {shape}", "something else", "Correct it.")
     if not isinstance(loop, list) or not all(isinstance(name, str) for name in loop):
         raise FileError(str(path), "a loop that lists features' names", repr(loop), "Correct it.")
-    return {name: (pair[0], pair[1]) for name, pair in features.items()}, loop
-
-
-def _is_pair(pair: Any) -> bool:
-    return (
-        isinstance(pair, list)
-        and len(pair) == 2
-        and all(isinstance(row, int) and not isinstance(row, bool) for row in pair)
-    )
+    return {name: feature_from_json(name, value) for name, value in features.items()}, loop
 
 
 def _make_folder(folder: Path) -> None:

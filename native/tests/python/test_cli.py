@@ -122,6 +122,50 @@ def test_samples_and_settings(pair: Path) -> None:
     assert np.isclose(first, [0, 0, 0]).all() or np.isclose(first, [0.5, 0, 0]).all()
 
 
+def test_features_of_every_kind(pair: Path) -> None:
+    def rows(side: int, x: float) -> list[int]:
+        column = round((x + 1) / 2 * (side - 1))
+        return [column * side + k for k in range(side // 4, side - side // 4)]
+
+    def near(side: int, x: float) -> list[int]:
+        positions = grid(side)
+        return np.flatnonzero(np.hypot(positions[:, 0] - x, positions[:, 1]) < 0.3).tolist()
+
+    marks = {
+        "middle": [20 * 41 + 20, 16 * 33 + 16],
+        "tip": {"source": 41 * 30 + 20, "target": 33 * 25 + 16, "weight": 0.5, "hard": False},
+        "seam": {"kind": "curve", "source": rows(41, -0.5), "target": rows(33, -0.4)},
+        "spot": {"kind": "region", "source": {"rows": near(41, 0.5)}, "target": near(33, 0.6)},
+    }
+    (pair / "kinds.json").write_text(json.dumps({"features": marks}))
+    for extra in ([], ["--samples", 1500]):
+        done = run(
+            "morph", pair / "plane.off", pair / "bump.off", "--out", pair / "o",
+            "--features", pair / "kinds.json", *extra,
+        )  # fmt: skip
+        assert done.returncode == 0, done.stderr
+        kept = json.loads((pair / "o" / "report.json").read_text())["features"]
+        assert [(name, k["kind"], k["hard"]) for name, k in kept.items()] == [
+            ("middle", "point", True), ("tip", "point", False),
+            ("seam", "curve", False), ("spot", "region", False),
+        ]  # fmt: skip
+        assert kept["middle"]["residual"] == 0
+        assert kept["tip"]["weight"] == 0.5
+        assert kept["seam"]["residual"] < 0.5
+        assert kept["spot"]["inside"] > 0.9
+        for name in ("tip (point)", "seam (curve)", "spot (region)"):
+            assert f"\n  {name}: " in done.stdout
+
+    (pair / "worse.json").write_text('{"features": {"spot": {"kind": "region", "sorce": []}}}')
+    done = run(
+        "morph", pair / "plane.off", pair / "bump.off", "--out", pair / "p",
+        "--features", pair / "worse.json",
+    )  # fmt: skip
+    assert done.returncode == 1
+    assert 'feature "spot"' in done.stderr
+    assert "'sorce'" in done.stderr
+
+
 @pytest.mark.parametrize(
     ("arguments", "status", "word"),
     [
