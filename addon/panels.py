@@ -26,7 +26,7 @@ class POINTMORPH_UL_features(bpy.types.UIList):
         row.alignment = "RIGHT"
         if item.on_source and item.on_target:
             kind = item.found.split(",")[0].split(" ")[-1]
-            row.label(text=item.found or "both", icon=self.ICONS.get(kind, "CHECKMARK"))
+            row.label(text=kind or "both", icon=self.ICONS.get(kind, "CHECKMARK"))
         else:
             row.label(text="only source" if item.on_source else "only target", icon="ERROR")
 
@@ -75,7 +75,7 @@ class POINTMORPH_PT_feature(bpy.types.Panel):
         layout.use_property_decorate = False
         if 0 <= settings.active_feature < len(settings.features):
             item = settings.features[settings.active_feature]
-            layout.label(text=item.name)
+            layout.label(text=f"{item.name}: {item.found}" if item.found else item.name)
             layout.prop(item, "kind")
             layout.prop(item, "hold")
             weight = layout.row()
