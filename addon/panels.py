@@ -26,7 +26,7 @@ class POINTMORPH_UL_features(bpy.types.UIList):
         row.alignment = "RIGHT"
         if item.on_source and item.on_target:
             kind = item.found.split(",")[0].split(" ")[-1]
-            row.label(text=item.found or "both", icon=self.ICONS.get(kind, "CHECKMARK"))
+            row.label(text=kind or "both", icon=self.ICONS.get(kind, "CHECKMARK"))
         else:
             row.label(text="only source" if item.on_source else "only target", icon="ERROR")
 
@@ -57,18 +57,31 @@ class POINTMORPH_PT_features(_Panel, bpy.types.Panel):
         buttons = row.column(align=True)
         buttons.operator("pointmorph.add_feature", text="", icon="ADD")
         buttons.operator("pointmorph.remove_feature", text="", icon="REMOVE")
-        buttons.operator("pointmorph.check_features", text="", icon="VIEWZOOM")
-        if not 0 <= settings.active_feature < len(settings.features):
-            return
-        item = settings.features[settings.active_feature]
-        column = self.layout.column()
-        column.use_property_split = True
-        column.use_property_decorate = False
-        column.prop(item, "kind")
-        column.prop(item, "hold")
-        weight = column.row()
-        weight.active = item.hold != "EXACT"
-        weight.prop(item, "weight")
+        buttons.popover("POINTMORPH_PT_feature", text="", icon="DOWNARROW_HLT")
+
+
+class POINTMORPH_PT_feature(bpy.types.Panel):
+    """What the feature chosen in the list is, and how it is held"""
+
+    bl_space_type = "VIEW_3D"
+    bl_region_type = "HEADER"  # shown by its button alone
+    bl_label = "Feature"
+    bl_ui_units_x = 12
+
+    def draw(self, context):
+        settings = context.scene.pointmorph
+        layout = self.layout
+        layout.use_property_split = True
+        layout.use_property_decorate = False
+        if 0 <= settings.active_feature < len(settings.features):
+            item = settings.features[settings.active_feature]
+            layout.label(text=f"{item.name}: {item.found}" if item.found else item.name)
+            layout.prop(item, "kind")
+            layout.prop(item, "hold")
+            weight = layout.row()
+            weight.active = item.hold != "EXACT"
+            weight.prop(item, "weight")
+        layout.operator("pointmorph.check_features", icon="VIEWZOOM")
 
 
 class POINTMORPH_PT_settings(_Panel, bpy.types.Panel):
@@ -185,6 +198,7 @@ _classes = (
     POINTMORPH_UL_features,
     POINTMORPH_PT_objects,
     POINTMORPH_PT_features,
+    POINTMORPH_PT_feature,
     POINTMORPH_PT_settings,
     POINTMORPH_PT_morph,
     POINTMORPH_PT_bake,

@@ -72,6 +72,10 @@ def _rename(feature, context):
             named[PREFIX + old].name = PREFIX + new
 
 
+def _forget(feature, context):
+    feature.found = ""
+
+
 class PointmorphFeature(bpy.types.PropertyGroup):
     """A place that source and target have in common."""
 
@@ -117,6 +121,7 @@ class PointmorphFeature(bpy.types.PropertyGroup):
             ),
         ],
         default="AUTO",
+        update=_forget,
     )
     hold: bpy.props.EnumProperty(
         name="Hold",
@@ -132,6 +137,7 @@ class PointmorphFeature(bpy.types.PropertyGroup):
             ("SOFT", "Softly", "The feature pulls, and may give way to the shapes"),
         ],
         default="AUTO",
+        update=_forget,
     )
     weight: bpy.props.FloatProperty(
         name="Weight",
@@ -142,6 +148,7 @@ class PointmorphFeature(bpy.types.PropertyGroup):
         max=1000.0,
         soft_max=10.0,
         precision=3,
+        update=_forget,
     )
     found: bpy.props.StringProperty(
         name="Found",
