@@ -8,6 +8,7 @@
 #include <unordered_map>
 #include <utility>
 
+#include "cut_route.hpp"
 #include "disk_route.hpp"
 #include "pointmorph/error.hpp"
 #include "pointmorph/kd_tree.hpp"
@@ -70,16 +71,21 @@ void check_start(const RefinementStart& start, Index source, Index target) {
                          "Take the maps of a morph of these very clouds, or none.");
 }
 
-/// A loop cuts closed models; open patches have their boundary.
+/// A loop cuts closed models, also with holes; open patches have their boundary.
 void check_closed(Side& source, Side& target, const MorphInput& input, const MorphOptions& options,
                   Progress& progress) {
     progress.enter("boundary");
-    const Index loops = source.find_boundary(input.source_boundary, options.boundary, progress) +
-                        target.find_boundary(input.target_boundary, options.boundary, progress);
-    if (loops > 0)
-        throw FeatureError("loop", "no loop for open patches, whose boundary is known",
-                           "one of " + std::to_string(input.loop.size()) + " features",
-                           "Leave the loop out.");
+    for (Side* side : {&source, &target}) {
+        const auto& given = side == &source ? input.source_boundary : input.target_boundary;
+        side->find_boundary(given, options.boundary, progress);
+        const bool open = side->is_open();
+        side->loop.clear();
+        if (open)
+            throw FeatureError("loop", "no loop for open patches, whose boundary is known",
+                               "one of " + std::to_string(input.loop.size()) + " features, while " +
+                                   side->cloud.name + " is an open patch",
+                               "Leave the loop out.");
+    }
 }
 
 /// Runs both at once where there are two threads.
@@ -147,7 +153,32 @@ Morph::Morph(MorphInput input, const MorphOptions& options, Progress& progress)
     source.find_normals(progress);
     target.find_normals(progress);
 
-    if (options.method == Method::kPaper || options.domain == Domain::kDisk) {
+    const bool cut =
+        options.domain == Domain::kCut || (options.method == Method::kPaper &&
+                                           options.domain == Domain::kAuto && !input.loop.empty());
+    if (cut && input.loop.empty())
+        throw FeatureError("loop", "at least 3 features for domain cut", "none",
+                           "List features around both models in the loop, for instance the tips "
+                           "of all limbs in the order in which one walks around.");
+    if (!input.loop.empty()) check_closed(source, target, input, options, progress);
+    if (cut) {
+        CutRoute route = match_in_patches(source, target, input, options, report_, progress);
+        if (options.method == Method::kAuto) {
+            progress.enter("transfer");
+            const RefinementStart from_cut{transfer<3>(KdTree<3>(route.target), target.positions,
+                                                       route.source, options.transfer, progress),
+                                           transfer<3>(KdTree<3>(route.source), source.positions,
+                                                       route.target, options.transfer, progress)};
+            take(refine(source.positions, source.normals, target.positions, target.normals,
+                        features, options.refinement, progress, &from_cut),
+                 source, target);
+        } else {
+            source_domain_ = gather(route.source, source.rank);
+            target_domain_ = gather(route.target, target.rank);
+            pairs_ = std::move(route.pairs);
+            report_.domain = "cut";
+        }
+    } else if (options.method == Method::kPaper || options.domain == Domain::kDisk) {
         DiskRoute route = match_in_disk(source, target, input, options, report_, progress);
         source_domain_ = gather(route.source, source.rank);
         target_domain_ = gather(route.target, target.rank);
@@ -164,7 +195,6 @@ Morph::Morph(MorphInput input, const MorphOptions& options, Progress& progress)
                  source, target);
         }
     } else {
-        if (!input.loop.empty()) check_closed(source, target, input, options, progress);
         check_start(input.start, source_.size(), target_.size());
         std::optional<RefinementStart> earlier;
         if (input.start.source_images.rows() > 0)
@@ -231,8 +261,14 @@ Positions Morph::through_domain(const Positions& images, const DomainPoints& fro
     if (images.rows() > 0) return images;
     const ThreadCount threads(options_.threads);
     progress.enter("transfer");
-    const DiskPoints disk = to;
-    auto result = transfer<2>(KdTree<2>(disk), other.positions, from, options_.transfer, progress);
+    Positions result;
+    if (to.cols() == 2) {
+        const DiskPoints disk = to;
+        result = transfer<2>(KdTree<2>(disk), other.positions, from, options_.transfer, progress);
+    } else {
+        const KdTree<3>::Points sphere = to;
+        result = transfer<3>(KdTree<3>(sphere), other.positions, from, options_.transfer, progress);
+    }
     progress.finish();
     return result;
 }

@@ -1,0 +1,220 @@
+#include "cut_route.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <numeric>
+#include <utility>
+
+#include "pointmorph/decomposition.hpp"
+#include "pointmorph/error.hpp"
+#include "pointmorph/similarity.hpp"
+
+namespace pointmorph {
+
+namespace {
+
+std::size_t at(Index i) {
+    return static_cast<std::size_t>(i);
+}
+
+/// One patch of a shape: its points, then the curve.
+struct PatchCloud {
+    std::vector<Index> rows;  ///< of the side, without the curve's
+    Positions positions;
+    Normals normals;
+    BoundaryLoop loop;  ///< rows of `positions`
+
+    PatchCloud(const Side& side, const Decomposition& cut, Patch patch) {
+        for (Index i = 0; i < static_cast<Index>(cut.patches.size()); ++i)
+            if (cut.patches[at(i)] == patch) rows.push_back(i);
+        const auto inside = static_cast<Index>(rows.size());
+        positions.resize(inside + cut.curve.size(), 3);
+        normals.resize(inside + cut.curve.size(), 3);
+        positions << gather(side.positions, rows), cut.curve.points;
+        normals << gather(side.normals, rows), cut.curve.normals;
+        loop.resize(at(cut.curve.size()));
+        std::iota(loop.begin(), loop.end(), inside);
+    }
+
+    /// Row here of a row of the side.
+    Index place(Index row) const {
+        return static_cast<Index>(std::ranges::lower_bound(rows, row) - rows.begin());
+    }
+};
+
+/// Onto the unit sphere; the equator is the circle.
+Eigen::RowVector3d lifted(const Eigen::RowVector2d& u, bool above) {
+    const double squared = u.squaredNorm();
+    const double height = (1.0 - squared) / (1.0 + squared);
+    return {2.0 * u.x() / (1.0 + squared), 2.0 * u.y() / (1.0 + squared), above ? height : -height};
+}
+
+/// Angles of both curves' points, equal at the loop's features.
+std::array<std::vector<double>, 2> curve_angles(const Decomposition& source,
+                                                const Decomposition& target,
+                                                BoundarySpacing spacing) {
+    const auto all = [](const Decomposition& cut) {
+        std::vector<Index> loop(at(cut.curve.size()));
+        std::iota(loop.begin(), loop.end(), 0);
+        return loop;
+    };
+    const auto source_loop = all(source), target_loop = all(target);
+    std::vector<IndexPair> corners;
+    for (std::size_t k = 0; k < source.corners.size(); ++k)
+        corners.push_back({source.corners[k], target.corners[k]});
+    const MatchedPins pins = match_pins(source.curve.points, source_loop, target.curve.points,
+                                        target_loop, spacing, corners);
+    return {boundary_angles(source.curve.points, source_loop, spacing, pins.source),
+            boundary_angles(target.curve.points, target_loop, spacing, pins.target)};
+}
+
+/// Features inside the patches lie on the same side of both curves.
+void check_sides(const Side& source, const Side& target, const Decomposition& source_cut,
+                 const Decomposition& target_cut, std::span<const Feature> features) {
+    std::size_t inside = 0;
+    std::vector<std::string> astray;
+    for (std::size_t i = 0; i < features.size(); ++i) {
+        const Patch s = source_cut.patches[at(source.features[i])];
+        const Patch t = target_cut.patches[at(target.features[i])];
+        if (s == Patch::kCurve) continue;
+        ++inside;
+        if (s != t) astray.push_back(features[i].name);
+    }
+    if (astray.empty()) return;
+    std::string names;
+    for (const std::string& name : astray) names += (names.empty() ? "\"" : ", \"") + name + "\"";
+    if (astray.size() == inside && inside > 1)
+        throw FeatureError("loop", "a loop that runs round both models in the same sense",
+                           "all other features (" + names + ") on opposite sides of it",
+                           "Check left and right: the loop's features are swapped on one of the "
+                           "models, or the normals of one point inwards.");
+    throw FeatureError(
+        "loop", "every other feature on the same side of the loop on both models",
+        names + (astray.size() == 1 ? " left of it on one model and right on the other"
+                                    : " on opposite sides"),
+        "Take " + std::string(astray.size() == 1 ? "it" : "them") +
+            " into the loop, move the mark, or leave it out.");
+}
+
+/// The loop's features would fit much better if one model were a mirror image: left and right are
+/// probably swapped.
+bool looks_mirrored(const Decomposition& source, const Decomposition& target,
+                    const std::array<std::vector<double>, 2>& angles) {
+    // The curves as wholes: points at equal angles.
+    constexpr int kSamples = 256;
+    const auto sampled = [&](const Decomposition& cut, const std::vector<double>& angle) {
+        Positions points(kSamples, 3);
+        const auto count = angle.size();
+        const double turn = 2.0 * std::acos(-1.0);
+        std::size_t k = 0;
+        for (int i = 0; i < kSamples; ++i) {
+            const double goal = angle[0] + turn * i / kSamples;
+            while (k + 1 < count && angle[k + 1] <= goal) ++k;
+            points.row(i) = cut.curve.points.row(static_cast<Eigen::Index>(k));
+        }
+        return points;
+    };
+    const Positions s = sampled(source, angles[0]), t = sampled(target, angles[1]);
+    const auto misfit = [&](const Positions& from) {
+        const Similarity best = fit_similarity(from, t);
+        return (best.apply(from) - t).squaredNorm();
+    };
+    Positions mirrored = s;
+    mirrored.col(0) *= -1.0;
+    constexpr double kMuchBetter = 0.25;
+    return misfit(mirrored) < kMuchBetter * misfit(s);
+}
+
+}  // namespace
+
+CutRoute match_in_patches(Side& source, Side& target, const MorphInput& input,
+                          const MorphOptions& options, MorphReport& report, Progress& progress) {
+    progress.enter("decomposition");
+    std::vector<std::size_t> in_loop;
+    for (const std::string& name : input.loop)
+        in_loop.push_back(static_cast<std::size_t>(
+            std::ranges::find(input.features, name, &Feature::name) - input.features.begin()));
+    const auto cut_open = [&](const Side& side, double first, double last) {
+        const Progress::Part part(progress, first, last);
+        std::vector<Index> loop;
+        for (const std::size_t i : in_loop) loop.push_back(side.features[i]);
+        const KdTree<3> tree(side.positions);
+        return decompose(tree, side.normals, side.nearest, loop, input.loop, options.decomposition,
+                         side.cloud.name, progress);
+    };
+    const Decomposition source_cut = cut_open(source, 0.0, 0.5);
+    const Decomposition target_cut = cut_open(target, 0.5, 1.0);
+    check_sides(source, target, source_cut, target_cut, input.features);
+    const auto angles =
+        curve_angles(source_cut, target_cut, options.parameterization.boundary_spacing);
+    if (looks_mirrored(source_cut, target_cut, angles))
+        report.warnings.push_back(
+            "The loop fits much better when one model is mirrored: check that left and right are "
+            "not swapped and that the normals of both point outwards.");
+
+    CutRoute route;
+    route.source.resize(source.positions.rows(), 3);
+    route.target.resize(target.positions.rows(), 3);
+    const auto spread = [&](KdTree<3>::Points& sphere, const PatchCloud& cloud,
+                            const DiskPoints& disk, bool above) {
+        for (std::size_t i = 0; i < cloud.rows.size(); ++i)
+            sphere.row(cloud.rows[i]) = lifted(disk.row(static_cast<Eigen::Index>(i)), above);
+    };
+    for (const Patch patch : {Patch::kLeft, Patch::kRight}) {
+        const bool above = patch == Patch::kLeft;
+        const PatchCloud source_patch(source, source_cut, patch);
+        const PatchCloud target_patch(target, target_cut, patch);
+        progress.enter("parameterization");
+        const auto onto_disk = [&](const Side& side, const PatchCloud& cloud,
+                                   const std::vector<double>& angle, ParameterizationReport& said,
+                                   double first, double last) {
+            Neighborhoods nearest;
+            if (options.parameterization.solve == SolveMode::kFull)
+                nearest = nearest_neighbors(KdTree<3>(cloud.positions),
+                                            options.covariance_neighbors, progress);
+            const Progress::Part part(progress, first, last);
+            auto result = parameterize(cloud.positions, cloud.normals, nearest, cloud.loop, angle,
+                                       options.parameterization, side.cloud.name, progress);
+            said.unknowns += result.unknowns;
+            said.iterations = std::max(said.iterations, result.iterations);
+            said.relative_residual = std::max(said.relative_residual, result.relative_residual);
+            said.solve_seconds += result.solve_seconds;
+            said.boundary_points = static_cast<Index>(cloud.loop.size());
+            return std::move(result.points);
+        };
+        const double done = above ? 0.0 : 0.5;
+        DiskPoints source_disk = onto_disk(source, source_patch, angles[0],
+                                           report.source_parameterization, done, done + 0.25);
+        DiskPoints target_disk = onto_disk(target, target_patch, angles[1],
+                                           report.target_parameterization, done + 0.25, done + 0.5);
+
+        progress.enter("alignment");
+        std::vector<IndexPair> inside;
+        for (std::size_t i = 0; i < source.features.size(); ++i)
+            if (source_cut.patches[at(source.features[i])] == patch)
+                inside.push_back({source_patch.place(source.features[i]),
+                                  target_patch.place(target.features[i])});
+        const Alignment alignment =
+            align_features(source_disk, target_disk, inside, true, options.alignment, progress);
+        report.feature_residual = std::max(report.feature_residual, alignment.residual);
+        report.alignment_sweeps = std::max(report.alignment_sweeps, alignment.sweeps);
+        spread(route.source, source_patch, source_disk, above);
+        spread(route.target, target_patch, target_disk, above);
+    }
+    for (std::size_t k = 0; k < in_loop.size(); ++k) {
+        const double angle = angles[0][at(source_cut.corners[k])];
+        const Eigen::RowVector3d corner(std::cos(angle), std::sin(angle), 0.0);
+        route.source.row(source.features[in_loop[k]]) = corner;
+        route.target.row(target.features[in_loop[k]]) = corner;
+    }
+
+    progress.enter("pairing");
+    std::vector<IndexPair> features;
+    for (std::size_t i = 0; i < source.features.size(); ++i)
+        features.push_back({source.features[i], target.features[i]});
+    route.pairs = pair_points<3>(route.source, route.target, features, options.pairing, progress);
+    return route;
+}
+
+}  // namespace pointmorph
