@@ -7,14 +7,13 @@
 
 namespace pointmorph::bindings {
 
-namespace {
-
-/// From the dictionary that pointmorph.Cloud makes of itself.
 Cloud cloud_of(const py::dict& fields) {
     return {fields["name"].cast<std::string>(), from_numpy<Positions>(fields["positions"]),
             from_numpy<Normals>(fields["normals"]), from_numpy<Colors>(fields["colors"]),
             from_numpy<Values>(fields["radii"])};
 }
+
+namespace {
 
 py::array_t<std::int64_t> array_of(const Pairing& pairs) {
     py::array_t<std::int64_t> rows({static_cast<py::ssize_t>(pairs.size()), py::ssize_t{2}});

@@ -97,6 +97,44 @@ void check_sides(const Side& source, const Side& target, const Decomposition& so
             " into the loop, move the mark, or leave it out.");
 }
 
+/// Tips of a patch that belong together: each other's best by far, in where they lie in the disk
+/// and along the surface from all features. `apart(s, t)` is the distance in the disk.
+template <class Apart>
+std::vector<IndexPair> paired_tips(const Decomposition& source, const Decomposition& target,
+                                   Patch patch, Apart&& apart) {
+    constexpr double kLargest = 0.35, kByFar = 1.5;
+    const auto on_patch = [&](const Decomposition& cut) {
+        std::vector<Index> places;
+        for (std::size_t i = 0; i < cut.tips.size(); ++i)
+            if (cut.patches[at(cut.tips[i])] == patch) places.push_back(static_cast<Index>(i));
+        return places;
+    };
+    const auto s = on_patch(source), t = on_patch(target);
+    Eigen::MatrixXd costs(s.size(), t.size());
+    for (std::size_t i = 0; i < s.size(); ++i)
+        for (std::size_t j = 0; j < t.size(); ++j) {
+            const Eigen::RowVectorXd difference =
+                source.tip_distances.row(s[i]) - target.tip_distances.row(t[j]);
+            costs(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(j)) =
+                difference.norm() / std::sqrt(static_cast<double>(difference.size())) +
+                apart(source.tips[at(s[i])], target.tips[at(t[j])]);
+        }
+    std::vector<IndexPair> pairs;
+    for (Eigen::Index i = 0; i < costs.rows(); ++i)
+        for (Eigen::Index j = 0; j < costs.cols(); ++j) {
+            const double cost = costs(i, j);
+            bool best = cost < kLargest;
+            for (Eigen::Index k = 0; k < costs.rows(); ++k)
+                best = best && (k == i || costs(k, j) > kByFar * cost);
+            for (Eigen::Index k = 0; k < costs.cols(); ++k)
+                best = best && (k == j || costs(i, k) > kByFar * cost);
+            if (best)
+                pairs.push_back(
+                    {source.tips[at(s[at(Index(i))])], target.tips[at(t[at(Index(j))])]});
+        }
+    return pairs;
+}
+
 /// The loop's features would fit much better if one model were a mirror image: left and right are
 /// probably swapped.
 bool looks_mirrored(const Decomposition& source, const Decomposition& target,
@@ -135,12 +173,15 @@ CutRoute match_in_patches(Side& source, Side& target, const MorphInput& input,
     for (const std::string& name : input.loop)
         in_loop.push_back(static_cast<std::size_t>(
             std::ranges::find(input.features, name, &Feature::name) - input.features.begin()));
+    std::vector<std::size_t> loop_first = in_loop;
+    for (std::size_t i = 0; i < input.features.size(); ++i)
+        if (std::ranges::find(in_loop, i) == in_loop.end()) loop_first.push_back(i);
     const auto cut_open = [&](const Side& side, double first, double last) {
         const Progress::Part part(progress, first, last);
-        std::vector<Index> loop;
-        for (const std::size_t i : in_loop) loop.push_back(side.features[i]);
+        std::vector<Index> rows;  // the loop's features first
+        for (const std::size_t i : loop_first) rows.push_back(side.features[i]);
         const KdTree<3> tree(side.positions);
-        return decompose(tree, side.normals, side.nearest, loop, input.loop, options.decomposition,
+        return decompose(tree, side.normals, side.nearest, rows, input.loop, options.decomposition,
                          side.cloud.name, progress);
     };
     const Decomposition source_cut = cut_open(source, 0.0, 0.5);
@@ -195,6 +236,12 @@ CutRoute match_in_patches(Side& source, Side& target, const MorphInput& input,
             if (source_cut.patches[at(source.features[i])] == patch)
                 inside.push_back({source_patch.place(source.features[i]),
                                   target_patch.place(target.features[i])});
+        const auto tips = paired_tips(source_cut, target_cut, patch, [&](Index s, Index t) {
+            return (source_disk.row(source_patch.place(s)) - target_disk.row(target_patch.place(t)))
+                .norm();
+        });
+        for (const auto& [s, t] : tips)
+            inside.push_back({source_patch.place(s), target_patch.place(t)});
         const Alignment alignment =
             align_features(source_disk, target_disk, inside, true, options.alignment, progress);
         report.feature_residual = std::max(report.feature_residual, alignment.residual);

@@ -11,6 +11,7 @@
 
 #include "pointmorph/cloud.hpp"
 #include "pointmorph/error.hpp"
+#include "pointmorph/extremities.hpp"
 #include "pointmorph/parallel.hpp"
 #include "pointmorph/subset.hpp"
 
@@ -54,12 +55,6 @@ struct Coarse {
           unit(std::sqrt(area)) {}
 };
 
-Values distances_from(GeodesicSearch& search, Index count, Index source, double limit = kFar) {
-    Values result = Values::Constant(count, kFar);
-    for (const auto& [i, distance] : search.from(source, limit)) result[i] = distance;
-    return result;
-}
-
 /// Distance of every point within `limit` to the nearest of some.
 Values distances_to_path(GeodesicSearch& search, Index count, std::span<const Index> path,
                          double limit) {
@@ -74,16 +69,13 @@ SurfaceCurve curve_of(const Coarse& coarse, const std::vector<Index>& path) {
     return {gather(coarse.positions, path), gather(coarse.normals, path)};
 }
 
-/// One curve from each feature to the next, guided and keeping apart (features are rows 0, 1, …).
-std::vector<SurfaceCurve> guided_curves(const Coarse& coarse, Index features,
-                                        const DecompositionOptions& options, Progress& progress) {
+/// One curve from each feature to the next, guided and keeping apart. Features are rows 0, 1, …;
+/// `from` has every point's distance from each, in √area.
+std::vector<SurfaceCurve> guided_curves(const Coarse& coarse, std::span<const Values> from,
+                                        Index features, const DecompositionOptions& options,
+                                        Progress& progress) {
     const Index count = coarse.graph.size();
     GeodesicSearch search(coarse.graph);
-    std::vector<Values> from;  // each feature, in √area
-    for (Index k = 0; k < features; ++k) {
-        from.push_back(distances_from(search, count, k) / coarse.unit);
-        progress.report(0.2 * k / features);
-    }
     const auto next = [&](Index k) { return (k + 1) % features; };
     const auto previous = [&](Index k) { return (k + features - 1) % features; };
     // Above 0 where a point near feature k lies on the side of the next feature.
@@ -406,15 +398,24 @@ std::array<Index, 2> clean_up(std::vector<Patch>& patches, const Neighborhoods& 
 }  // namespace
 
 Decomposition decompose(const KdTree<3>& tree, const Normals& normals, const Neighborhoods& nearest,
-                        std::span<const Index> loop, std::span<const std::string> names,
+                        std::span<const Index> features, std::span<const std::string> names,
                         const DecompositionOptions& options, const std::string& name,
                         Progress& progress) {
-    const auto features = static_cast<Index>(loop.size());
+    const auto corners = static_cast<Index>(names.size());
     const double area = estimated_area(tree);
-    Subset subset = blue_noise_subset(tree, normals, loop, options.points, progress);
+    Subset subset = blue_noise_subset(tree, normals, features, options.points, progress);
     const Coarse coarse(std::move(subset.rows), subset.radius, area, tree, normals, progress);
 
-    std::vector<SurfaceCurve> parts = guided_curves(coarse, features, options, progress);
+    std::vector<Values> from;  // every feature, in √area
+    {
+        GeodesicSearch search(coarse.graph);
+        for (Index k = 0; k < static_cast<Index>(features.size()); ++k) {
+            Values distances(coarse.graph.size());
+            for (const auto& [i, distance] : search.from(k)) distances[i] = distance / coarse.unit;
+            from.push_back(std::move(distances));
+        }
+    }
+    std::vector<SurfaceCurve> parts = guided_curves(coarse, from, corners, options, progress);
     for (SurfaceCurve& part : parts)
         part = straightened(resampled(part, coarse.spacing), coarse.tree, coarse.normals,
                             options.straightening, 1.0, progress);
@@ -424,9 +425,9 @@ Decomposition decompose(const KdTree<3>& tree, const Normals& normals, const Nei
     // The same curve on the cloud itself, as dense as that.
     const double spacing = std::sqrt(area / tree.size());
     parts.clear();
-    for (Index k = 0; k < features; ++k) {
+    for (Index k = 0; k < corners; ++k) {
         const Index begin = closed.corners[at(k)];
-        const Index end = k + 1 < features ? closed.corners[at(k) + 1] : closed.curve.size();
+        const Index end = k + 1 < corners ? closed.corners[at(k) + 1] : closed.curve.size();
         SurfaceCurve part{Positions(end - begin + 1, 3), Normals(end - begin + 1, 3)};
         for (Index i = begin; i <= end; ++i) {
             part.points.row(i - begin) = closed.curve.points.row(i % closed.curve.size());
@@ -435,15 +436,16 @@ Decomposition decompose(const KdTree<3>& tree, const Normals& normals, const Nei
         constexpr Index kRounds = 4;
         parts.push_back(
             straightened(resampled(part, spacing), tree, normals, kRounds, 1.0, progress));
-        progress.report(0.6 + 0.1 * (k + 1) / features);
+        progress.report(0.6 + 0.1 * (k + 1) / corners);
     }
     closed = joined(parts);
     uncross(closed, names, name);
 
     const CurveSides sides(closed.curve);
-    const Values left = walk(coarse, sides, features);
+    const Values left = walk(coarse, sides, corners);
     Decomposition result;
-    result.patches = patches_of(tree, normals, coarse, sides, left, loop, progress, 0.75, 1.0);
+    result.patches = patches_of(tree, normals, coarse, sides, left, features.first(names.size()),
+                                progress, 0.75, 0.9);
     const auto sizes = clean_up(result.patches, nearest);
     result.curve = std::move(closed.curve);
     result.corners = std::move(closed.corners);
@@ -457,6 +459,25 @@ Decomposition decompose(const KdTree<3>& tree, const Normals& normals, const Nei
                 std::to_string(tree.size()) + " points",
             "Take features around the whole shape into the loop, for instance the tips of all "
             "limbs in the order in which one walks around it.");
+
+    std::vector<Index> tips;  // coarse rows
+    if (options.tips > 0) {
+        constexpr Index kSamples = 40;
+        constexpr double kMarked = 0.1;  // a feature this near, in √area, stands for the tip
+        ExtremityOptions wanted;
+        wanted.most = options.tips;
+        for (const Extremity& tip :
+             extremities(coarse.graph, coarse.unit, kSamples, wanted, progress))
+            if (std::ranges::all_of(from, [&](const Values& d) { return d[tip.point] > kMarked; }))
+                tips.push_back(tip.point);
+    }
+    for (const Index tip : tips) result.tips.push_back(coarse.rows[at(tip)]);
+    result.tip_distances.resize(static_cast<Eigen::Index>(tips.size()),
+                                static_cast<Eigen::Index>(from.size()));
+    for (std::size_t i = 0; i < tips.size(); ++i)
+        for (std::size_t k = 0; k < from.size(); ++k)
+            result.tip_distances(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(k)) =
+                from[k][tips[i]];
     return result;
 }
 

@@ -42,19 +42,19 @@ void check_features(const Cloud& cloud, std::span<const Feature> features, Index
 }
 
 /// Open patches have their boundary; a loop is for closed models.
-void check_loop(const MorphInput& input) {
-    for (std::size_t i = 0; i < input.loop.size(); ++i) {
-        const auto& name = input.loop[i];
-        if (std::ranges::find(input.features, name, &Feature::name) == input.features.end())
+void check_loop(std::span<const std::string> loop, std::span<const Feature> features) {
+    for (std::size_t i = 0; i < loop.size(); ++i) {
+        const auto& name = loop[i];
+        if (std::ranges::find(features, name, &Feature::name) == features.end())
             throw FeatureError("loop", "names of features", "\"" + name + "\", which isn't one",
                                "Mark that feature on both models, or take it out of the loop.");
-        if (std::find(input.loop.begin(), input.loop.begin() + static_cast<std::ptrdiff_t>(i),
-                      name) != input.loop.begin() + static_cast<std::ptrdiff_t>(i))
+        if (std::find(loop.begin(), loop.begin() + static_cast<std::ptrdiff_t>(i), name) !=
+            loop.begin() + static_cast<std::ptrdiff_t>(i))
             throw FeatureError("loop", "each feature once", "\"" + name + "\" twice",
                                "Take one of the two out of the loop.");
     }
-    if (!input.loop.empty() && input.loop.size() < 3)
-        throw FeatureError("loop", "at least 3 features", std::to_string(input.loop.size()),
+    if (!loop.empty() && loop.size() < 3)
+        throw FeatureError("loop", "at least 3 features", std::to_string(loop.size()),
                            "Add features to the loop, or leave it out.");
 }
 
@@ -72,20 +72,17 @@ void check_start(const RefinementStart& start, Index source, Index target) {
 }
 
 /// A loop cuts closed models, also with holes; open patches have their boundary.
-void check_closed(Side& source, Side& target, const MorphInput& input, const MorphOptions& options,
-                  Progress& progress) {
+void check_closed(Side& side, const BoundaryLoop& boundary, std::size_t features,
+                  const BoundaryOptions& options, Progress& progress) {
     progress.enter("boundary");
-    for (Side* side : {&source, &target}) {
-        const auto& given = side == &source ? input.source_boundary : input.target_boundary;
-        side->find_boundary(given, options.boundary, progress);
-        const bool open = side->is_open();
-        side->loop.clear();
-        if (open)
-            throw FeatureError("loop", "no loop for open patches, whose boundary is known",
-                               "one of " + std::to_string(input.loop.size()) + " features, while " +
-                                   side->cloud.name + " is an open patch",
-                               "Leave the loop out.");
-    }
+    side.find_boundary(boundary, options, progress);
+    const bool open = side.is_open();
+    side.loop.clear();
+    if (open)
+        throw FeatureError("loop", "no loop for open patches, whose boundary is known",
+                           "one of " + std::to_string(features) + " features, while " +
+                               side.cloud.name + " is an open patch",
+                           "Leave the loop out.");
 }
 
 /// Runs both at once where there are two threads.
@@ -126,7 +123,7 @@ Morph::Morph(MorphInput input, const MorphOptions& options, Progress& progress)
     validate(target_, kMinimumPoints);
     check_features(source_, input.features, &Feature::source);
     check_features(target_, input.features, &Feature::target);
-    check_loop(input);
+    check_loop(input.loop, input.features);
     both([&] { source.order_points(); }, [&] { target.order_points(); });
     std::vector<IndexPair> features;
     for (const Feature& feature : input.features) {
@@ -160,7 +157,11 @@ Morph::Morph(MorphInput input, const MorphOptions& options, Progress& progress)
         throw FeatureError("loop", "at least 3 features for domain cut", "none",
                            "List features around both models in the loop, for instance the tips "
                            "of all limbs in the order in which one walks around.");
-    if (!input.loop.empty()) check_closed(source, target, input, options, progress);
+    if (!input.loop.empty()) {
+        progress.enter("boundary");
+        check_closed(source, input.source_boundary, input.loop.size(), options.boundary, progress);
+        check_closed(target, input.target_boundary, input.loop.size(), options.boundary, progress);
+    }
     if (cut) {
         CutRoute route = match_in_patches(source, target, input, options, report_, progress);
         if (options.method == Method::kAuto) {
@@ -339,6 +340,40 @@ const Quality& Morph::quality(Progress& progress) const {
         progress.finish();
     }
     return *quality;
+}
+
+Decomposition decompose(Cloud cloud, std::span<const Index> loop,
+                        std::span<const std::string> names, const MorphOptions& options,
+                        Progress& progress) {
+    const ThreadCount threads(options.threads);
+    progress.enter("cloud");
+    validate(cloud, kMinimumPoints);
+    std::vector<Feature> features;
+    for (std::size_t k = 0; k < loop.size(); ++k) features.push_back({names[k], loop[k], loop[k]});
+    check_features(cloud, features, &Feature::source);
+    check_loop(names, features);
+    Side side(cloud);
+    side.order_points();
+    std::vector<Index> rows;
+    for (const Index row : loop) rows.push_back(side.rank[static_cast<std::size_t>(row)]);
+
+    progress.enter("neighborhoods");
+    const KdTree<3> tree(side.positions);
+    side.nearest = nearest_neighbors(tree, options.covariance_neighbors, progress);
+    progress.enter("covariance");
+    side.find_normals(progress);
+    progress.enter("boundary");
+    check_closed(side, {}, loop.size(), options.boundary, progress);
+    progress.enter("decomposition");
+    Decomposition cut = decompose(tree, side.normals, side.nearest, rows, names,
+                                  options.decomposition, cloud.name, progress);
+    progress.finish();
+    cut.curve.points = side.unit.restore(cut.curve.points);
+    std::vector<Patch> patches(cut.patches.size());
+    for (std::size_t i = 0; i < patches.size(); ++i)
+        patches[i] = cut.patches[static_cast<std::size_t>(side.rank[i])];
+    cut.patches = std::move(patches);
+    return cut;
 }
 
 }  // namespace pointmorph

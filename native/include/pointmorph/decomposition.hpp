@@ -28,6 +28,8 @@ struct DecompositionOptions {
     double repulsion = 12.0;
     /// Rounds of straightening: more is shorter, fewer keeps to the guided way.
     Index straightening = 12;
+    /// Tips of the shape that are looked for, besides the features; 0 for none.
+    Index tips = 12;
     /// A patch with less than this share of the points isn't one.
     double smallest_share = 0.02;
 };
@@ -41,15 +43,20 @@ struct Decomposition {
     SurfaceCurve curve;
     std::vector<Index> corners;  ///< place of each feature in the curve, ascending from 0
     std::vector<Patch> patches;  ///< #points
+
+    /// Tips of the shape away from the features (ears, a tail) and on none of the curves' points:
+    /// rows, and their distances along the surface from all features in √area, #tips by #features.
+    std::vector<Index> tips;
+    Eigen::MatrixXd tip_distances;
 };
 
-/// `loop`: rows of the features, in order, three or more, none twice, called `names`. `normals`
-/// are unit length and point outwards; `nearest` joins the cloud. Left is anticlockwise seen from
-/// outside: on the left hand when one walks along the curve with the normal up. `name` is the
-/// cloud's, for errors. Throws FeatureError where the curve can't be kept from crossing itself,
-/// TopologyError where it doesn't divide the surface in two.
+/// `features`: rows, none twice; the first `names.size()` of them, three or more, are the loop, in
+/// order, called `names`. `normals` are unit length and point outwards; `nearest` joins the cloud.
+/// Left is anticlockwise seen from outside: on the left hand when one walks along the curve with
+/// the normal up. `name` is the cloud's, for errors. Throws FeatureError where the curve can't be
+/// kept from crossing itself, TopologyError where it doesn't divide the surface in two.
 Decomposition decompose(const KdTree<3>& tree, const Normals& normals, const Neighborhoods& nearest,
-                        std::span<const Index> loop, std::span<const std::string> names,
+                        std::span<const Index> features, std::span<const std::string> names,
                         const DecompositionOptions& options, const std::string& name,
                         Progress& progress);
 

@@ -169,6 +169,13 @@ private:
     std::unique_ptr<Measured> measured_;
 };
 
+/// The cut that a loop makes in a closed shape, to be looked at before it is used: rows and lengths
+/// as given. `loop`: rows of `cloud`, called `names`. Normals are estimated where there are none.
+/// Throws what Morph throws for such a cloud and loop.
+Decomposition decompose(Cloud cloud, std::span<const Index> loop,
+                        std::span<const std::string> names, const MorphOptions& options,
+                        Progress& progress);
+
 extern template const Path<float>& Morph::path<float>() const;
 extern template const Path<double>& Morph::path<double>() const;
 extern template void Morph::frame<float>(double, const FrameView<float>&) const;

@@ -17,6 +17,7 @@ from pointmorph._waiting import giving_way
 with giving_way():
     from pointmorph._pointmorph import __version__
 from pointmorph.clouds import Cloud
+from pointmorph.cuts import Cut, decompose
 from pointmorph.errors import (
     Cancelled,
     CloudError,
@@ -47,6 +48,7 @@ __all__ = [
     "Cloud",
     "CloudError",
     "ConvergenceError",
+    "Cut",
     "FeatureError",
     "FileError",
     "Frame",
@@ -62,6 +64,7 @@ __all__ = [
     "Quality",
     "TopologyError",
     "__version__",
+    "decompose",
     "morph",
     "options",
     "quality_summary",
