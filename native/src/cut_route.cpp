@@ -69,6 +69,14 @@ std::array<std::vector<double>, 2> curve_angles(const Decomposition& source,
             boundary_angles(target.curve.points, target_loop, spacing, pins.target)};
 }
 
+/// Limbs of small clouds need finer simplified patches than the paper's threshold leaves them.
+ParameterizationOptions with_nodes_enough(ParameterizationOptions options, Index points) {
+    constexpr Index kPointsToSize = 1500;
+    options.lod.max_cluster_size =
+        std::clamp<Index>(points / kPointsToSize, 1, options.lod.max_cluster_size);
+    return options;
+}
+
 /// Features inside the patches lie on the same side of both curves.
 void check_sides(const Side& source, const Side& target, const Decomposition& source_cut,
                  const Decomposition& target_cut, std::span<const Feature> features) {
@@ -216,7 +224,9 @@ CutRoute match_in_patches(Side& source, Side& target, const MorphInput& input,
                                             options.covariance_neighbors, progress);
             const Progress::Part part(progress, first, last);
             auto result = parameterize(cloud.positions, cloud.normals, nearest, cloud.loop, angle,
-                                       options.parameterization, side.cloud.name, progress);
+                                       with_nodes_enough(options.parameterization,
+                                                         static_cast<Index>(side.positions.rows())),
+                                       side.cloud.name, progress);
             said.unknowns += result.unknowns;
             said.iterations = std::max(said.iterations, result.iterations);
             said.relative_residual = std::max(said.relative_residual, result.relative_residual);

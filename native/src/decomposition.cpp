@@ -346,20 +346,19 @@ std::vector<Patch> patches_of(const KdTree<3>& tree, const Normals& normals, con
             std::array<double, 4> squared;
             for (Index i = begin; i < end; ++i) {
                 const Eigen::RowVector3d point = tree.points().row(i), normal = normals.row(i);
-                const auto found = at(coarse.tree.nearest(point.data(), near, squared));
                 double value = 0.0;
-                bool settled = false;
-                for (std::size_t k = 0; k < found; ++k) {
-                    if (coarse.normals.row(near[k]).dot(normal) <= 0.0) continue;
-                    if (remote[at(near[k])] && value == 0.0 && k == 0) {
-                        value = left[near[k]];
-                        settled = true;
-                        break;
-                    }
-                    value += left[near[k]] / std::max(squared[k], 1e-300);
+                coarse.tree.nearest(point.data(), std::span(near).first(1),
+                                    std::span(squared).first(1));
+                if (remote[at(near[0])] && coarse.normals.row(near[0]).dot(normal) > 0.0) {
+                    value = left[near[0]];
+                } else if (const auto d = sides.signed_distance(point, normal, reach)) {
+                    value = *d;
+                } else {
+                    const auto found = at(coarse.tree.nearest(point.data(), near, squared));
+                    for (std::size_t k = 0; k < found; ++k)
+                        if (coarse.normals.row(near[k]).dot(normal) > 0.0)
+                            value += left[near[k]] / std::max(squared[k], 1e-300);
                 }
-                if (!settled)
-                    if (const auto d = sides.signed_distance(point, normal, reach)) value = *d;
                 if (value == 0.0) value = left[near[0]];
                 patches[at(i)] = value > 0.0 ? Patch::kLeft : Patch::kRight;
             }
@@ -443,6 +442,15 @@ Decomposition decompose(const KdTree<3>& tree, const Normals& normals, const Nei
 
     const CurveSides sides(closed.curve);
     const Values left = walk(coarse, sides, corners);
+    // Where the curve keeps left and right apart, every point belongs to one of them entirely.
+    constexpr double kClear = 0.5, kFew = 0.03;
+    const auto undecided = (left.tail(left.size() - corners).array().abs() < kClear).count();
+    if (static_cast<double>(undecided) > kFew * static_cast<double>(left.size()))
+        throw TopologyError(
+            name, "a loop that divides the surface into two patches",
+            "a way from its left to its right that doesn't cross it",
+            "Lead the loop round the whole shape, not through a handle or round a limb that "
+            "touches another. A shape with a handle needs method auto.");
     Decomposition result;
     result.patches = patches_of(tree, normals, coarse, sides, left, features.first(names.size()),
                                 progress, 0.75, 0.9);
@@ -462,7 +470,7 @@ Decomposition decompose(const KdTree<3>& tree, const Normals& normals, const Nei
 
     std::vector<Index> tips;  // coarse rows
     if (options.tips > 0) {
-        constexpr Index kSamples = 40;
+        constexpr Index kSamples = 30;
         constexpr double kMarked = 0.1;  // a feature this near, in √area, stands for the tip
         ExtremityOptions wanted;
         wanted.most = options.tips;

@@ -53,7 +53,7 @@ Index Side::find_boundary(const BoundaryLoop& given, const BoundaryOptions& opti
 bool Side::is_open() const {
     if (loop.empty()) return false;
     // 4π for a flat disk, 2π for half a sphere, and less the more of a sphere is there.
-    constexpr double kSquaredLengthToArea = 2.0;
+    constexpr double kSquaredLengthToArea = 4.0;
     const double length = loop_length(positions, loop);
     return length * length > kSquaredLengthToArea * estimated_area(KdTree<3>(positions));
 }
