@@ -43,8 +43,7 @@ CoarseShape coarse_shape(const KdTree<3>& tree, const Normals& normals,
 
     const KdTree<3> coarse_tree(shape.positions);
     shape.areas = point_areas(coarse_tree, progress);
-    shape.graph = surface_graph(coarse_tree, shape.normals, options.graph, progress, &tree,
-                                std::sqrt(shape.areas.sum() / tree.size()));
+    shape.graph = surface_graph(coarse_tree, shape.normals, options.graph, progress, &tree);
 
     std::vector<Index> first(required.size());
     std::iota(first.begin(), first.end(), 0);

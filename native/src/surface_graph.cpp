@@ -3,8 +3,10 @@
 #include <algorithm>
 #include <cmath>
 #include <functional>
+#include <numbers>
 
 #include "pointmorph/neighborhoods.hpp"
+#include "pointmorph/parallel.hpp"
 
 namespace pointmorph {
 
@@ -42,12 +44,30 @@ std::vector<IndexPair> joining_edges(const Positions& positions, const Component
     return best;
 }
 
+/// Distance between samples of `dense` around each of `positions`, from the disk that holds the
+/// nearest ones.
+Values local_spacings(const KdTree<3>& dense, const Positions& positions, Progress& progress) {
+    constexpr Index kNeighbors = 7;
+    Values spacings(positions.rows());
+    parallel_for(positions.rows(), progress, [&](Index begin, Index end) {
+        std::vector<Index> near(at(std::min(kNeighbors, dense.size())));
+        std::vector<double> squared(near.size());
+        for (Index i = begin; i < end; ++i) {
+            dense.nearest(positions.row(i).data(), near, squared);
+            spacings[i] =
+                std::sqrt(std::numbers::pi * squared.back() / static_cast<double>(near.size()));
+        }
+    });
+    return spacings;
+}
+
 }  // namespace
 
 SurfaceGraph surface_graph(const KdTree<3>& tree, const Normals& normals,
                            const SurfaceGraphOptions& options, Progress& progress,
-                           const KdTree<3>* dense, double dense_spacing) {
+                           const KdTree<3>* dense) {
     const Positions& positions = tree.points();
+    const Values spacings = dense ? local_spacings(*dense, positions, progress) : Values();
     const auto on_surface = [&](Index i, Index j) {
         if (!dense) return true;
         const Eigen::RowVector3d middle = 0.5 * (positions.row(i) + positions.row(j));
@@ -55,7 +75,8 @@ SurfaceGraph surface_graph(const KdTree<3>& tree, const Normals& normals,
         double squared;
         dense->nearest(middle.data(), {&nearest, 1}, {&squared, 1});
         const double length = (positions.row(i) - positions.row(j)).norm();
-        return std::sqrt(squared) <= options.bulge * length + options.gap * dense_spacing;
+        return std::sqrt(squared) <=
+               options.bulge * length + options.gap * std::max(spacings[i], spacings[j]);
     };
     Neighborhoods joined = symmetrized(
         filtered(nearest_neighbors(tree, options.neighbors, progress), [&](Index i, Index j) {

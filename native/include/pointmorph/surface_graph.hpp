@@ -29,17 +29,17 @@ struct SurfaceGraphOptions {
     /// and aren't joined; −1 to 1.
     double smallest_agreement = -0.1;
     /// How far off the surface the middle of an edge may lie: a share of its length, for curvature,
-    /// and a share of the dense cloud's spacing.
+    /// and a share of the dense cloud's spacing there.
     double bulge = 0.15, gap = 0.8;
 };
 
 /// Joins nearest neighbours on the same sheet; then every component to the largest one by the
 /// shortest edge, so that the whole graph hangs together. `dense`, where there is one, is the cloud
-/// that `tree` holds a part of, with samples `dense_spacing` apart: an edge whose middle lies off
-/// the surface, as its nearest sample shows, leads from one limb to another and isn't taken.
+/// that `tree` holds a part of: an edge whose middle lies off the surface, as its nearest sample
+/// shows, leads from one limb to another and isn't taken.
 SurfaceGraph surface_graph(const KdTree<3>& tree, const Normals& normals,
                            const SurfaceGraphOptions& options, Progress& progress,
-                           const KdTree<3>* dense = nullptr, double dense_spacing = 0.0);
+                           const KdTree<3>* dense = nullptr);
 
 /// Shortest paths (Dijkstra 1959). Keeps its scratch memory between calls: one object a thread.
 class GeodesicSearch {
