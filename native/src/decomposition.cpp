@@ -49,8 +49,7 @@ struct Coarse {
           positions(gather(dense.points(), rows)),
           normals(gather(dense_normals, rows)),
           tree(positions),
-          graph(surface_graph(tree, normals, {14, 0.0}, progress, &dense,
-                              std::sqrt(area / dense.size()))),
+          graph(surface_graph(tree, normals, {14, 0.0}, progress, &dense)),
           spacing(std::max(radius, std::sqrt(area / static_cast<double>(rows.size())))),
           unit(std::sqrt(area)) {}
 };

@@ -136,6 +136,11 @@ std::vector<Option> make_table() {
     table.push_back(choice("solve", POINTMORPH_FIELD(parameterization.solve), {"full", "lod"},
                            "Solve the parameterization for all points (slow), or for a simplified "
                            "cloud into which all points are then embedded"));
+    table.push_back(number("decomposition_tips", POINTMORPH_FIELD(decomposition.tips), 0, 100,
+                           "tips",
+                           "Tips without a mark (ears, a tail) that are found on models that are "
+                           "cut and brought together inside the patches, at the most. 0 leaves "
+                           "that to marks"));
     table.push_back(number("lod_cluster_size",
                            POINTMORPH_FIELD(parameterization.lod.max_cluster_size), 1, 1000,
                            "points",
