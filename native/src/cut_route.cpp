@@ -250,8 +250,10 @@ CutRoute match_in_patches(Side& source, Side& target, const MorphInput& input,
             return (source_disk.row(source_patch.place(s)) - target_disk.row(target_patch.place(t)))
                 .norm();
         });
-        for (const auto& [s, t] : tips)
+        for (const auto& [s, t] : tips) {
             inside.push_back({source_patch.place(s), target_patch.place(t)});
+            report.tips.push_back({source.order[at(s)], target.order[at(t)]});
+        }
         const Alignment alignment =
             align_features(source_disk, target_disk, inside, true, options.alignment, progress);
         report.feature_residual = std::max(report.feature_residual, alignment.residual);

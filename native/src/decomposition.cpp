@@ -39,19 +39,44 @@ struct Coarse {
     Positions positions;
     Normals normals;
     KdTree<3> tree;
+    std::vector<Index> cells;  ///< #cloud: the nearest coarse point on the same sheet
     SurfaceGraph graph;
     double spacing;  ///< of these points
     double unit;     ///< √area
 
     Coarse(std::vector<Index> chosen, double radius, double area, const KdTree<3>& dense,
-           const Normals& dense_normals, Progress& progress)
+           const Normals& dense_normals, const Neighborhoods& nearest, Progress& progress)
         : rows(std::move(chosen)),
           positions(gather(dense.points(), rows)),
           normals(gather(dense_normals, rows)),
           tree(positions),
-          graph(surface_graph(tree, normals, {14, 0.0}, progress, &dense)),
+          cells(nearest_on_sheet(dense.points(), dense_normals, progress)),
+          graph(surface_graph(dense.points(), dense_normals, nearest, rows, cells)),
           spacing(std::max(radius, std::sqrt(area / static_cast<double>(rows.size())))),
           unit(std::sqrt(area)) {}
+
+private:
+    std::vector<Index> nearest_on_sheet(const Positions& points, const Normals& point_normals,
+                                        Progress& progress) const {
+        std::vector<Index> result(at(Index(points.rows())));
+        parallel_for(Index(points.rows()), progress, [&](Index begin, Index end) {
+            std::array<Index, 4> near;
+            std::array<double, 4> squared;
+            for (Index i = begin; i < end; ++i) {
+                const auto agrees = [&](Index k) {
+                    return normals.row(k).dot(point_normals.row(i)) > 0.0;
+                };
+                tree.nearest(points.row(i).data(), std::span(near).first(1),
+                             std::span(squared).first(1));
+                result[at(i)] = near[0];
+                if (agrees(near[0])) continue;
+                const auto found = at(tree.nearest(points.row(i).data(), near, squared));
+                const auto best = std::find_if(near.begin(), near.begin() + Index(found), agrees);
+                if (best != near.begin() + Index(found)) result[at(i)] = *best;
+            }
+        });
+        return result;
+    }
 };
 
 /// Distance of every point within `limit` to the nearest of some.
@@ -341,24 +366,13 @@ std::vector<Patch> patches_of(const KdTree<3>& tree, const Normals& normals, con
     parallel_for(
         tree.size(), progress,
         [&](Index begin, Index end) {
-            std::array<Index, 4> near;
-            std::array<double, 4> squared;
             for (Index i = begin; i < end; ++i) {
-                const Eigen::RowVector3d point = tree.points().row(i), normal = normals.row(i);
-                double value = 0.0;
-                coarse.tree.nearest(point.data(), std::span(near).first(1),
-                                    std::span(squared).first(1));
-                if (remote[at(near[0])] && coarse.normals.row(near[0]).dot(normal) > 0.0) {
-                    value = left[near[0]];
-                } else if (const auto d = sides.signed_distance(point, normal, reach)) {
-                    value = *d;
-                } else {
-                    const auto found = at(coarse.tree.nearest(point.data(), near, squared));
-                    for (std::size_t k = 0; k < found; ++k)
-                        if (coarse.normals.row(near[k]).dot(normal) > 0.0)
-                            value += left[near[k]] / std::max(squared[k], 1e-300);
-                }
-                if (value == 0.0) value = left[near[0]];
+                const Index cell = coarse.cells[at(i)];
+                double value = left[cell];
+                if (!remote[at(cell)])
+                    if (const auto d =
+                            sides.signed_distance(tree.points().row(i), normals.row(i), reach))
+                        value = *d;
                 patches[at(i)] = value > 0.0 ? Patch::kLeft : Patch::kRight;
             }
         },
@@ -402,7 +416,8 @@ Decomposition decompose(const KdTree<3>& tree, const Normals& normals, const Nei
     const auto corners = static_cast<Index>(names.size());
     const double area = estimated_area(tree);
     Subset subset = blue_noise_subset(tree, normals, features, options.points, progress);
-    const Coarse coarse(std::move(subset.rows), subset.radius, area, tree, normals, progress);
+    const Coarse coarse(std::move(subset.rows), subset.radius, area, tree, normals, nearest,
+                        progress);
 
     std::vector<Values> from;  // every feature, in √area
     {

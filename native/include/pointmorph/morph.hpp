@@ -100,6 +100,8 @@ struct MorphReport {
     Index alignment_sweeps = 0;
     ParameterizationReport source_parameterization;
     ParameterizationReport target_parameterization;
+    /// Tips without a mark that were brought together, rows as given; see Decomposition::tips.
+    Pairing tips;
     std::vector<std::string> warnings;
 };
 

@@ -286,6 +286,7 @@ class Morph:
         `stages` (seconds by stage), `seconds`, `peak_memory_bytes` (of the process), `pairs`,
         `feature_residual` (in spacings of the common domain), `cracks`, `quality` (the figures of
         `MapFigures` both ways), `worst` (those of `Quality.worst`), `warnings`, `method`, `domain`,
+        `tips` (rows of unmarked tips that a cut brought together),
         `options` and what the solver needed on both sides.
         """
         quality = self.quality
