@@ -7,14 +7,13 @@
 
 namespace pointmorph::bindings {
 
-namespace {
-
-/// From the dictionary that pointmorph.Cloud makes of itself.
 Cloud cloud_of(const py::dict& fields) {
     return {fields["name"].cast<std::string>(), from_numpy<Positions>(fields["positions"]),
             from_numpy<Normals>(fields["normals"]), from_numpy<Colors>(fields["colors"]),
             from_numpy<Values>(fields["radii"])};
 }
+
+namespace {
 
 /// From the dictionary that pointmorph.morphing makes of a feature.
 Feature feature_of(const py::dict& fields) {
@@ -82,6 +81,7 @@ py::dict dict_of(const MorphReport& report, const MorphOptions& options) {
         py::arg("alignment_sweeps") = report.alignment_sweeps,
         py::arg("source_parameterization") = dict_of(report.source_parameterization),
         py::arg("target_parameterization") = dict_of(report.target_parameterization),
+        py::arg("tips") = array_of(report.tips).attr("tolist")(),
         py::arg("warnings") = report.warnings, py::arg("options") = chosen);
 }
 

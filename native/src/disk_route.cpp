@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <unordered_map>
 
+#include "point_features.hpp"
 #include "pointmorph/error.hpp"
 #include "pointmorph/kd_tree.hpp"
 
@@ -15,79 +16,10 @@ namespace {
 /// to point inwards on one side.
 constexpr double kMirrorFactor = 0.5;
 
-/// A pair of points that are to meet.
-struct DiskFeature {
-    std::string name;
-    IndexPair rows;
-};
-
-/// Pairs along a curve, its ends first: rows nearest to places at the same shares of the length, as
-/// many as the length asks for. None of a row that is taken, and none that lies on one boundary
-/// only.
-void add_curve(std::vector<DiskFeature>& features, const Side& source, const Side& target,
-               const Feature& curve, Progress& progress) {
-    constexpr double kApart = 0.3;  // of the unit ball's radius
-    constexpr int kMost = 9;
-    const KdTree<3> source_tree(source.positions), target_tree(target.positions);
-    const TracedCurve on_source =
-        trace_curve(source_tree, source.normals, curve.source.rows, curve.closed, progress);
-    const TracedCurve on_target =
-        trace_curve(target_tree, target.normals, curve.target.rows, curve.closed, progress);
-    const double length = std::max(on_source.length(), on_target.length());
-    const int steps =
-        std::clamp(static_cast<int>(std::lround(length / kApart)), curve.closed ? 3 : 1, kMost - 1);
-    const auto row = [](const TracedCurve& traced, const KdTree<3>& tree, const Normals& normals,
-                        double share) {
-        return nearest_on_sheet(tree, normals, traced.at(share).transpose(),
-                                traced.normals.row(traced.before(share)));
-    };
-    const auto add = [&](int step, double share) {
-        const IndexPair rows{row(on_source, source_tree, source.normals, share),
-                             row(on_target, target_tree, target.normals, share)};
-        const bool taken = std::ranges::any_of(features, [&](const DiskFeature& f) {
-            return f.rows.source == rows.source || f.rows.target == rows.target;
-        });
-        const auto on_boundary = [](const Side& side, Index i) {
-            return std::ranges::find(side.loop, i) != side.loop.end();
-        };
-        if (!taken && on_boundary(source, rows.source) == on_boundary(target, rows.target))
-            features.push_back({curve.name + " " + std::to_string(step), rows});
-    };
-    add(0, 0.0);
-    if (!curve.closed) add(steps, 1.0);
-    for (int step = 1; step < steps; ++step) add(step, static_cast<double>(step) / steps);
-}
-
-/// What the disks can use of the features.
-std::vector<DiskFeature> disk_features(const Side& source, const Side& target,
-                                       std::span<const Feature> features,
-                                       const MorphOptions& options, MorphReport& report,
-                                       Progress& progress) {
-    std::vector<DiskFeature> result;
-    bool soft = false;
-    for (const Feature& f : features) {
-        if (f.kind == FeatureKind::kPoint)
-            result.push_back({f.name, {f.source.rows.front(), f.target.rows.front()}});
-        else if (f.kind == FeatureKind::kCurve)
-            add_curve(result, source, target, f, progress);
-        else if (options.method == Method::kPaper)
-            throw FeatureError("feature \"" + f.name + "\"", "points and curves with method paper",
-                               "a region",
-                               "Only method auto knows regions: take that, or mark "
-                               "points along the region's border.");
-        soft = soft || !f.hard;
-    }
-    if (soft && options.method == Method::kPaper)
-        report.warnings.push_back(
-            "Method paper has no soft features: all points, and some of each curve, are brought "
-            "together exactly.");
-    return result;
-}
-
 /// Positions of the boundary features in their loops. A feature lies on both boundaries or on
 /// neither.
 std::vector<IndexPair> boundary_features(const Side& source, const Side& target,
-                                         std::span<const DiskFeature> features) {
+                                         std::span<const PointFeature> features) {
     const auto positions_in = [](const Side& side) {
         std::unordered_map<Index, Index> result;
         for (std::size_t i = 0; i < side.loop.size(); ++i)
@@ -135,8 +67,9 @@ void need_boundary(Side& side, const BoundaryLoop& given, const BoundaryOptions&
     const Index count = side.find_boundary(given, options, progress);
     if (count == 0)
         throw TopologyError(side.cloud.name, "an open patch with a boundary", "a closed surface",
-                            "Take method auto, which needs no boundary; or cut it open (delete "
-                            "the faces inside a loop), or give the rows of its boundary.");
+                            "Take method auto, which needs no boundary; or list features in a "
+                            "loop, along which both models are cut; or give the rows of its "
+                            "boundary.");
     if (count > 1)
         warnings.push_back(side.cloud.name + ": the longest of " + std::to_string(count) +
                            " boundary loops goes to the rim of the disk, the others are treated "
@@ -158,8 +91,8 @@ DiskRoute match_in_disk(Side& source, Side& target, const MorphInput& input,
 
     progress.enter("parameterization");
     const auto& parameterization = options.parameterization;
-    const std::vector<DiskFeature> known =
-        disk_features(source, target, marked, options, report, progress);
+    const std::vector<PointFeature> known =
+        point_features(source, target, marked, options, report, progress);
     auto on_boundary = boundary_features(source, target, known);
     Side* const turnable = !target.normals_given   ? &target
                            : !source.normals_given ? &source
@@ -195,7 +128,7 @@ DiskRoute match_in_disk(Side& source, Side& target, const MorphInput& input,
 
     progress.enter("alignment");
     std::vector<IndexPair> features;
-    for (const DiskFeature& feature : known) features.push_back(feature.rows);
+    for (const PointFeature& feature : known) features.push_back(feature.rows);
     if (features.size() >= 3 && on_boundary.empty()) {
         DiskPoints mirrored = route.target;
         mirrored.col(1) *= -1.0;

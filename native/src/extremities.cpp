@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <limits>
 #include <numeric>
+#include <span>
 
 #include "pointmorph/surface_graph.hpp"
 
@@ -16,10 +17,11 @@ std::size_t at(Index i) {
 
 constexpr double kInfinite = std::numeric_limits<double>::infinity();
 
-/// Prominence of every local maximum over the node graph, 0 elsewhere: how far the values fall
-/// until a higher maximum's surroundings are met (union-find from the highest node down).
-std::vector<double> prominences(const DeformationGraph& graph, const Eigen::VectorXd& height) {
-    const Index count = graph.size();
+/// Prominence of every local maximum over a graph, 0 elsewhere: how far the values fall until a
+/// higher maximum's surroundings are met (union-find from the highest node down).
+std::vector<double> prominences(std::span<const std::int64_t> offsets, std::span<const Index> ends,
+                                const Eigen::VectorXd& height) {
+    const auto count = static_cast<Index>(height.size());
     std::vector<Index> order(at(count)), peak(at(count), -1);
     std::iota(order.begin(), order.end(), 0);
     std::ranges::stable_sort(order, [&](Index i, Index j) { return height[i] > height[j]; });
@@ -31,9 +33,9 @@ std::vector<double> prominences(const DeformationGraph& graph, const Eigen::Vect
     for (const Index i : order) {
         peak[at(i)] = i;
         Index mine = i;
-        for (auto e = at(Index(graph.edge_offsets[at(i)]));
-             e < at(Index(graph.edge_offsets[at(i) + 1])); ++e) {
-            const Index j = graph.edge_ends[e];
+        for (auto e = static_cast<std::size_t>(offsets[at(i)]);
+             e < static_cast<std::size_t>(offsets[at(i) + 1]); ++e) {
+            const Index j = ends[e];
             if (peak[at(j)] < 0) continue;
             const Index other = find(j);
             if (other == mine) continue;
@@ -47,6 +49,17 @@ std::vector<double> prominences(const DeformationGraph& graph, const Eigen::Vect
     return result;
 }
 
+/// The most prominent, in this order.
+std::vector<Index> highest(const std::vector<double>& prominent, const ExtremityOptions& options) {
+    std::vector<Index> peaks;
+    for (std::size_t k = 0; k < prominent.size(); ++k)
+        if (prominent[k] > options.prominence) peaks.push_back(static_cast<Index>(k));
+    std::ranges::stable_sort(peaks,
+                             [&](Index i, Index j) { return prominent[at(i)] > prominent[at(j)]; });
+    peaks.resize(std::min(peaks.size(), at(std::max<Index>(options.most, 0))));
+    return peaks;
+}
+
 }  // namespace
 
 std::vector<Extremity> extremities(const CoarseShape& shape, const Eigen::MatrixXd& distances,
@@ -55,14 +68,8 @@ std::vector<Extremity> extremities(const CoarseShape& shape, const Eigen::Matrix
     Eigen::VectorXd areas = Eigen::VectorXd::Zero(graph.size());
     for (Index i = 0; i < shape.size(); ++i) areas[graph.point_nodes[at(i)][0]] += shape.areas[i];
     const Eigen::VectorXd height = distances.transpose() * areas / areas.sum();
-    const std::vector<double> prominent = prominences(graph, height);
-
-    std::vector<Index> peaks;
-    for (Index k = 0; k < graph.size(); ++k)
-        if (prominent[at(k)] > options.prominence) peaks.push_back(k);
-    std::ranges::stable_sort(peaks,
-                             [&](Index i, Index j) { return prominent[at(i)] > prominent[at(j)]; });
-    peaks.resize(std::min(peaks.size(), at(std::max<Index>(options.most, 0))));
+    const std::vector<double> prominent = prominences(graph.edge_offsets, graph.edge_ends, height);
+    const std::vector<Index> peaks = highest(prominent, options);
     if (peaks.empty()) return {};
 
     Index center;
@@ -78,6 +85,29 @@ std::vector<Extremity> extremities(const CoarseShape& shape, const Eigen::Matrix
             if (graph.point_nodes[at(i)][0] == peaks[t] &&
                 from_center[at(i)] > from_center[at(tips[t].point)])
                 tips[t].point = i;
+    return tips;
+}
+
+std::vector<Extremity> extremities(const SurfaceGraph& graph, double unit, Index samples,
+                                   const ExtremityOptions& options, Progress& progress) {
+    const Index count = graph.size();
+    if (count == 0) return {};
+    GeodesicSearch search(graph);
+    Eigen::VectorXd nearest = Eigen::VectorXd::Constant(count, kInfinite);
+    Eigen::VectorXd height = Eigen::VectorXd::Zero(count);
+    // The last one found is the farthest.
+    Index sample = search.from(0).back().first;
+    for (Index s = 0; s < samples; ++s) {
+        for (const auto& [i, distance] : search.from(sample)) {
+            nearest[i] = std::min(nearest[i], distance);
+            height[i] += distance / (unit * samples);
+        }
+        nearest.maxCoeff(&sample);
+        progress.report(static_cast<double>(s + 1) / samples);
+    }
+    const std::vector<double> prominent = prominences(graph.offsets, graph.neighbors, height);
+    std::vector<Extremity> tips;
+    for (const Index k : highest(prominent, options)) tips.push_back({k, prominent[at(k)]});
     return tips;
 }
 

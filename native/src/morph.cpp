@@ -7,6 +7,7 @@
 #include <optional>
 #include <utility>
 
+#include "cut_route.hpp"
 #include "disk_route.hpp"
 #include "pointmorph/error.hpp"
 #include "pointmorph/kd_tree.hpp"
@@ -22,24 +23,24 @@ namespace {
 constexpr Index kMinimumPoints = 16;
 
 /// Open patches have their boundary; a loop is for closed models.
-void check_loop(const MorphInput& input) {
-    for (std::size_t i = 0; i < input.loop.size(); ++i) {
-        const auto& name = input.loop[i];
-        const auto feature = std::ranges::find(input.features, name, &Feature::name);
-        if (feature == input.features.end())
+void check_loop(std::span<const std::string> loop, std::span<const Feature> features) {
+    for (std::size_t i = 0; i < loop.size(); ++i) {
+        const auto& name = loop[i];
+        const auto feature = std::ranges::find(features, name, &Feature::name);
+        if (feature == features.end())
             throw FeatureError("loop", "names of features", "\"" + name + "\", which isn't one",
                                "Mark that feature on both models, or take it out of the loop.");
         if (feature->kind != FeatureKind::kPoint)
             throw FeatureError("loop", "point features",
                                "\"" + name + "\", a " + name_of(feature->kind),
                                "Take it out of the loop, or mark a point.");
-        if (std::find(input.loop.begin(), input.loop.begin() + static_cast<std::ptrdiff_t>(i),
-                      name) != input.loop.begin() + static_cast<std::ptrdiff_t>(i))
+        if (std::find(loop.begin(), loop.begin() + static_cast<std::ptrdiff_t>(i), name) !=
+            loop.begin() + static_cast<std::ptrdiff_t>(i))
             throw FeatureError("loop", "each feature once", "\"" + name + "\" twice",
                                "Take one of the two out of the loop.");
     }
-    if (!input.loop.empty() && input.loop.size() < 3)
-        throw FeatureError("loop", "at least 3 features", std::to_string(input.loop.size()),
+    if (!loop.empty() && loop.size() < 3)
+        throw FeatureError("loop", "at least 3 features", std::to_string(loop.size()),
                            "Add features to the loop, or leave it out.");
 }
 
@@ -56,15 +57,17 @@ void check_start(const RefinementStart& start, Index source, Index target) {
                          "Take the maps of a morph of these very clouds, or none.");
 }
 
-/// A loop cuts closed models; open patches have their boundary.
-void check_closed(Side& source, Side& target, const MorphInput& input, const MorphOptions& options,
-                  Progress& progress) {
+/// A loop cuts closed models, also with holes; open patches have their boundary.
+void check_closed(Side& side, const BoundaryLoop& boundary, std::size_t features,
+                  const BoundaryOptions& options, Progress& progress) {
     progress.enter("boundary");
-    const Index loops = source.find_boundary(input.source_boundary, options.boundary, progress) +
-                        target.find_boundary(input.target_boundary, options.boundary, progress);
-    if (loops > 0)
+    side.find_boundary(boundary, options, progress);
+    const bool open = side.is_open();
+    side.loop.clear();
+    if (open)
         throw FeatureError("loop", "no loop for open patches, whose boundary is known",
-                           "one of " + std::to_string(input.loop.size()) + " features",
+                           "one of " + std::to_string(features) + " features, while " +
+                               side.cloud.name + " is an open patch",
                            "Leave the loop out.");
 }
 
@@ -105,7 +108,7 @@ Morph::Morph(MorphInput input, const MorphOptions& options, Progress& progress)
     validate(source_, kMinimumPoints);
     validate(target_, kMinimumPoints);
     validate(input.features, source_, target_);
-    check_loop(input);
+    check_loop(input.loop, input.features);
     both([&] { source.order_points(); }, [&] { target.order_points(); });
     const std::vector<Feature> features = canonical(input.features, source.rank, target.rank);
 
@@ -126,7 +129,37 @@ Morph::Morph(MorphInput input, const MorphOptions& options, Progress& progress)
     source.find_normals(progress);
     target.find_normals(progress);
 
-    if (options.method == Method::kPaper || options.domain == Domain::kDisk) {
+    const bool cut =
+        options.domain == Domain::kCut || (options.method == Method::kPaper &&
+                                           options.domain == Domain::kAuto && !input.loop.empty());
+    if (cut && input.loop.empty())
+        throw FeatureError("loop", "at least 3 features for domain cut", "none",
+                           "List features around both models in the loop, for instance the tips "
+                           "of all limbs in the order in which one walks around.");
+    if (!input.loop.empty()) {
+        progress.enter("boundary");
+        check_closed(source, input.source_boundary, input.loop.size(), options.boundary, progress);
+        check_closed(target, input.target_boundary, input.loop.size(), options.boundary, progress);
+    }
+    if (cut) {
+        CutRoute route =
+            match_in_patches(source, target, input, features, options, report_, progress);
+        if (options.method == Method::kAuto) {
+            progress.enter("transfer");
+            const RefinementStart from_cut{transfer<3>(KdTree<3>(route.target), target.positions,
+                                                       route.source, options.transfer, progress),
+                                           transfer<3>(KdTree<3>(route.source), source.positions,
+                                                       route.target, options.transfer, progress)};
+            take(refine(source.positions, source.normals, target.positions, target.normals,
+                        features, options.refinement, progress, &from_cut),
+                 source, target);
+        } else {
+            source_domain_ = gather(route.source, source.rank);
+            target_domain_ = gather(route.target, target.rank);
+            pairs_ = std::move(route.pairs);
+            report_.domain = "cut";
+        }
+    } else if (options.method == Method::kPaper || options.domain == Domain::kDisk) {
         DiskRoute route =
             match_in_disk(source, target, input, features, options, report_, progress);
         source_domain_ = gather(route.source, source.rank);
@@ -144,7 +177,6 @@ Morph::Morph(MorphInput input, const MorphOptions& options, Progress& progress)
                  source, target);
         }
     } else {
-        if (!input.loop.empty()) check_closed(source, target, input, options, progress);
         check_start(input.start, source_.size(), target_.size());
         std::optional<RefinementStart> earlier;
         if (input.start.source_images.rows() > 0)
@@ -213,8 +245,14 @@ Positions Morph::through_domain(const Positions& images, const DomainPoints& fro
     if (images.rows() > 0) return images;
     const ThreadCount threads(options_.threads);
     progress.enter("transfer");
-    const DiskPoints disk = to;
-    auto result = transfer<2>(KdTree<2>(disk), other.positions, from, options_.transfer, progress);
+    Positions result;
+    if (to.cols() == 2) {
+        const DiskPoints disk = to;
+        result = transfer<2>(KdTree<2>(disk), other.positions, from, options_.transfer, progress);
+    } else {
+        const KdTree<3>::Points sphere = to;
+        result = transfer<3>(KdTree<3>(sphere), other.positions, from, options_.transfer, progress);
+    }
     progress.finish();
     return result;
 }
@@ -285,6 +323,41 @@ const Quality& Morph::quality(Progress& progress) const {
         progress.finish();
     }
     return *quality;
+}
+
+Decomposition decompose(Cloud cloud, std::span<const Index> loop,
+                        std::span<const std::string> names, const MorphOptions& options,
+                        Progress& progress) {
+    const ThreadCount threads(options.threads);
+    progress.enter("cloud");
+    validate(cloud, kMinimumPoints);
+    std::vector<Feature> features;
+    for (std::size_t k = 0; k < loop.size(); ++k)
+        features.push_back(point_feature(names[k], loop[k], loop[k]));
+    validate(features, cloud, cloud);
+    check_loop(names, features);
+    Side side(cloud);
+    side.order_points();
+    std::vector<Index> rows;
+    for (const Index row : loop) rows.push_back(side.rank[static_cast<std::size_t>(row)]);
+
+    progress.enter("neighborhoods");
+    const KdTree<3> tree(side.positions);
+    side.nearest = nearest_neighbors(tree, options.covariance_neighbors, progress);
+    progress.enter("covariance");
+    side.find_normals(progress);
+    progress.enter("boundary");
+    check_closed(side, {}, loop.size(), options.boundary, progress);
+    progress.enter("decomposition");
+    Decomposition cut = decompose(tree, side.normals, side.nearest, rows, names,
+                                  options.decomposition, cloud.name, progress);
+    progress.finish();
+    cut.curve.points = side.unit.restore(cut.curve.points);
+    std::vector<Patch> patches(cut.patches.size());
+    for (std::size_t i = 0; i < patches.size(); ++i)
+        patches[i] = cut.patches[static_cast<std::size_t>(side.rank[i])];
+    cut.patches = std::move(patches);
+    return cut;
 }
 
 }  // namespace pointmorph

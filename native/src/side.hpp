@@ -36,6 +36,10 @@ struct Side {
     Index find_boundary(const BoundaryLoop& given, const BoundaryOptions& options,
                         Progress& progress);
 
+    /// Whether `loop` is long enough, for the surface's area, to be the rim of a patch and not that
+    /// of a hole.
+    bool is_open() const;
+
     /// Turns a surface whose estimated normals pointed inwards.
     void flip();
 

@@ -305,6 +305,146 @@ TEST(Morph, AnOpenPatchTakesNoLoopByAnyMethod) {
     }
 }
 
+/// A closed egg with a belly, seen differently on both ends.
+Cloud egg(Index count, double belly) {
+    Cloud cloud;
+    cloud.name = "egg";
+    cloud.positions = shapes::sphere(count);
+    for (Index i = 0; i < count; ++i) {
+        const Eigen::RowVector3d p = cloud.positions.row(i);
+        cloud.positions.row(i) << 1.6 * p.x(), p.y() * (1.0 + 0.2 * p.x()),
+            p.z() * (p.z() < 0.0 ? belly : 1.0);
+    }
+    return cloud;
+}
+
+Index row_near(const Cloud& cloud, double x, double y, double z) {
+    Index row;
+    (cloud.positions.rowwise() - Eigen::RowVector3d(x, y, z))
+        .rowwise()
+        .squaredNorm()
+        .minCoeff(&row);
+    return row;
+}
+
+/// Two eggs with four features around them, the loop, one on top and one below.
+MorphInput two_eggs(Index source_count, Index target_count) {
+    MorphInput input{egg(source_count, 1.0), egg(target_count, 1.4), {}, {}, {}, {}};
+    const auto mark = [&](const char* name, double x, double y, double z) {
+        input.features.push_back(
+            point_feature(name, row_near(input.source, x, y, z),
+                          row_near(input.target, x, y, z < 0.0 ? 1.4 * z : z)));
+    };
+    mark("front", 1.6, 0, 0);
+    mark("left", 0, 1, 0);
+    mark("back", -1.6, 0, 0);
+    mark("right", 0, -1, 0);
+    input.loop = {"front", "left", "back", "right"};
+    mark("top", 0.3, 0, 0.95);
+    mark("bottom", -0.2, 0, -0.95);
+    return input;
+}
+
+TEST(Morph, ClosedShapesAreCutAlongTheLoop) {
+    Progress progress;
+    const Morph morph(two_eggs(3000, 2200), paper(), progress);
+    EXPECT_EQ(morph.report().domain, "cut");
+    EXPECT_EQ(morph.source_domain().cols(), 3);
+    EXPECT_LT((morph.source_domain().rowwise().norm().array() - 1.0).abs().maxCoeff(), 1e-9);
+
+    std::vector<char> source_seen(3000, 0), target_seen(2200, 0);
+    double misfit = 0.0;
+    for (const IndexPair& pair : morph.pairs()) {
+        source_seen[static_cast<std::size_t>(pair.source)] = 1;
+        target_seen[static_cast<std::size_t>(pair.target)] = 1;
+        Eigen::RowVector3d expected = morph.source().positions.row(pair.source);
+        if (expected.z() < 0.0) expected.z() *= 1.4;
+        misfit += (expected - morph.target().positions.row(pair.target)).norm();
+    }
+    EXPECT_EQ(std::ranges::count(source_seen, 0), 0);
+    EXPECT_EQ(std::ranges::count(target_seen, 0), 0);
+    EXPECT_LT(misfit / static_cast<double>(morph.pairs().size()), 0.25);
+    for (const Feature& feature : two_eggs(3000, 2200).features)
+        EXPECT_TRUE(std::ranges::binary_search(
+            morph.pairs(), IndexPair{feature.source.rows[0], feature.target.rows[0]}));
+    // No seam: next to the curve as gentle as elsewhere.
+    const std::vector<double> middle{0.5};
+    EXPECT_LT(morph.cracks(middle, progress).front().share, 0.002);
+    EXPECT_TRUE(morph.source_to_target(progress).allFinite());
+}
+
+TEST(Morph, ACutDoesNotDependOnOrderOrThreads) {
+    Progress progress;
+    MorphOptions options = paper();
+    options.threads = 1;
+    const Morph one(two_eggs(1500, 1200), options, progress);
+    options.threads = 3;
+    const Morph three(two_eggs(1500, 1200), options, progress);
+    EXPECT_EQ(one.pairs(), three.pairs());
+
+    MorphInput shuffled = two_eggs(1500, 1200);
+    const auto order = shapes::permutation(1500, 3);
+    const auto rank = inverse_order(order);
+    shuffled.source.positions = gather(shuffled.source.positions, order);
+    for (Feature& feature : shuffled.features)
+        feature.source.rows[0] = rank[static_cast<std::size_t>(feature.source.rows[0])];
+    Pairing pairs = Morph(std::move(shuffled), options, progress).pairs();
+    for (IndexPair& pair : pairs) pair.source = order[static_cast<std::size_t>(pair.source)];
+    std::ranges::sort(pairs);
+    EXPECT_EQ(one.pairs(), pairs);
+}
+
+TEST(Morph, ALoopInTheOtherSenseOnOneModelIsNoticed) {
+    Progress progress;
+    MorphInput swapped = two_eggs(1500, 1200);
+    std::swap(swapped.features[1].target, swapped.features[3].target);  // left and right
+    try {
+        Morph(std::move(swapped), paper(), progress);
+        FAIL() << "taken";
+    } catch (const FeatureError& error) {
+        EXPECT_NE(std::string(error.what()).find("left and right"), std::string::npos);
+    }
+    MorphInput astray = two_eggs(1500, 1200);
+    astray.features[4].target.rows = {row_near(astray.target, 0.6, 0, -1.3)};
+    EXPECT_THROW(Morph(std::move(astray), paper(), progress), FeatureError);
+}
+
+TEST(Morph, DomainCutNeedsALoop) {
+    Progress progress;
+    MorphInput input = two_eggs(600, 500);
+    input.loop.clear();
+    MorphOptions options;
+    options.domain = Domain::kCut;
+    EXPECT_THROW(Morph(std::move(input), options, progress), FeatureError);
+}
+
+TEST(Morph, StartsFromTheCutWhenAskedTo) {
+    Progress progress;
+    MorphOptions options;
+    options.domain = Domain::kCut;
+    const Morph morph(two_eggs(800, 700), options, progress);
+    EXPECT_EQ(morph.report().domain, "product");
+    EXPECT_TRUE(std::ranges::any_of(morph.report().stages, [](const StageTime& time) {
+        return time.stage == "decomposition";
+    }));
+}
+
+TEST(Morph, SmallHolesDoNotMakeAnOpenPatch) {
+    MorphInput input = two_eggs(3000, 2200);
+    // A hole on the source's shoulder.
+    std::vector<Index> kept, rank(3000, -1);
+    for (Index i = 0; i < 3000; ++i)
+        if ((input.source.positions.row(i) - Eigen::RowVector3d(0.9, 0.3, 0.75)).norm() > 0.3) {
+            rank[static_cast<std::size_t>(i)] = static_cast<Index>(kept.size());
+            kept.push_back(i);
+        }
+    input.source.positions = gather(input.source.positions, kept);
+    for (Feature& feature : input.features)
+        feature.source.rows[0] = rank[static_cast<std::size_t>(feature.source.rows[0])];
+    Progress progress;
+    EXPECT_EQ(Morph(std::move(input), paper(), progress).report().domain, "cut");
+}
+
 TEST(Morph, StartsFromTheDiskWhenAskedTo) {
     MorphOptions options;
     options.domain = Domain::kDisk;

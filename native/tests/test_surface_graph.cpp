@@ -167,5 +167,52 @@ TEST(SurfaceGraph, KeepsTheEdgesOfSparseParts) {
               0.95 * static_cast<double>(all.neighbors.size()));
 }
 
+/// Nodes are every third row and column of two coplanar grids, a gap apart.
+TEST(SurfaceGraph, FromTheCloudsOwnNeighbourhoodsSeesAGapThatNodesDoNot) {
+    constexpr Index kSide = 31;
+    const double step = 2.0 / (kSide - 1);
+    Positions p(2 * kSide * kSide, 3);
+    p.topRows(kSide * kSide) = shapes::grid(kSide);
+    p.bottomRows(kSide * kSide) = shapes::grid(kSide);
+    p.bottomRows(kSide * kSide).col(0).array() += 2.0 + 2.5 * step;  // nodes are 3 steps apart
+    const Normals n = Normals::Ones(p.rows(), 1) * Eigen::RowVector3d(0, 0, 1);
+    std::vector<Index> nodes;
+    for (Index i = 0; i < p.rows(); ++i)
+        if (i % (kSide * kSide) / kSide % 3 == 0 && i % kSide % 3 == 0) nodes.push_back(i);
+    Positions places(static_cast<Eigen::Index>(nodes.size()), 3);
+    for (std::size_t k = 0; k < nodes.size(); ++k)
+        places.row(static_cast<Eigen::Index>(k)) = p.row(nodes[k]);
+    const KdTree<3> tree(p), node_tree(places);
+    std::vector<Index> cells(at(Index(p.rows())));
+    std::vector<double> squared(1);
+    for (Index i = 0; i < p.rows(); ++i)
+        node_tree.nearest(p.row(i).data(), {&cells[at(i)], 1}, squared);
+    Progress progress;
+    const SurfaceGraph graph =
+        surface_graph(p, n, nearest_neighbors(tree, 16, progress), nodes, cells);
+    Index bridges = 0;
+    for (Index a = 0; a < graph.size(); ++a) {
+        Index inside = 0;
+        for (auto e = graph.offsets[at(a)]; e < graph.offsets[at(a) + 1]; ++e) {
+            const Index b = graph.neighbors[static_cast<std::size_t>(e)];
+            const bool same = (nodes[at(a)] < kSide * kSide) == (nodes[at(b)] < kSide * kSide);
+            bridges += !same;
+            inside += same;
+            EXPECT_DOUBLE_EQ(graph.lengths[static_cast<std::size_t>(e)],
+                             (places.row(a) - places.row(b)).norm());
+        }
+        EXPECT_GE(inside, 5);
+    }
+    EXPECT_EQ(bridges, 2);  // one edge, seen from both ends
+    GeodesicSearch search(graph);
+    for (const auto& [b, distance] : search.from(0)) {
+        const double straight = (places.row(0) - places.row(b)).norm();
+        EXPECT_GE(distance, straight * (1.0 - 1e-12));
+        if (nodes[at(b)] < kSide * kSide) {
+            EXPECT_LE(distance, 1.09 * straight);
+        }
+    }
+}
+
 }  // namespace
 }  // namespace pointmorph

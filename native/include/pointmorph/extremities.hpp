@@ -6,6 +6,8 @@
 #include <vector>
 
 #include "pointmorph/coarse_shape.hpp"
+#include "pointmorph/progress.hpp"
+#include "pointmorph/surface_graph.hpp"
 #include "pointmorph/types.hpp"
 
 namespace pointmorph {
@@ -32,6 +34,11 @@ struct Extremity {
 /// surface from the shape's centre.
 std::vector<Extremity> extremities(const CoarseShape& shape, const Eigen::MatrixXd& distances,
                                    const ExtremityOptions& options);
+
+/// The same of a graph alone, connected, with lengths in units of `unit`, √area: local maxima of
+/// the mean distance to `samples` points spread over it (farthest point sampling).
+std::vector<Extremity> extremities(const SurfaceGraph& graph, double unit, Index samples,
+                                   const ExtremityOptions& options, Progress& progress);
 
 /// One target tip at most for each source tip, and how far apart a map leaves them.
 struct ExtremityPair {

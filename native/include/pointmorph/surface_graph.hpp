@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "pointmorph/kd_tree.hpp"
+#include "pointmorph/neighborhoods.hpp"
 #include "pointmorph/progress.hpp"
 #include "pointmorph/types.hpp"
 
@@ -40,6 +41,15 @@ struct SurfaceGraphOptions {
 SurfaceGraph surface_graph(const KdTree<3>& tree, const Normals& normals,
                            const SurfaceGraphOptions& options, Progress& progress,
                            const KdTree<3>* dense = nullptr);
+
+/// The graph of some points of a cloud, from the cloud's own neighbourhoods `nearest` (ascending by
+/// distance), which see gaps that the few points don't: feet that nearly touch stay apart. Every
+/// point of the cloud belongs to one of the `nodes`, `cells[i]`; nodes are joined where neighbours
+/// belong to both, and, for straighter paths, with their neighbours' neighbours; never on different
+/// sheets. What falls apart is joined as above. `positions` and `normals` are those of the cloud.
+SurfaceGraph surface_graph(const Positions& positions, const Normals& normals,
+                           const Neighborhoods& nearest, std::span<const Index> nodes,
+                           std::span<const Index> cells);
 
 /// Shortest paths (Dijkstra 1959). Keeps its scratch memory between calls: one object a thread.
 class GeodesicSearch {

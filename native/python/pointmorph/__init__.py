@@ -17,6 +17,7 @@ from pointmorph._waiting import giving_way
 with giving_way():
     from pointmorph._pointmorph import __version__
 from pointmorph.clouds import Cloud
+from pointmorph.cuts import Cut, decompose
 from pointmorph.errors import (
     Cancelled,
     CloudError,
@@ -50,6 +51,7 @@ __all__ = [
     "Cloud",
     "CloudError",
     "ConvergenceError",
+    "Cut",
     "Feature",
     "FeatureError",
     "FeatureResidual",
@@ -67,6 +69,7 @@ __all__ = [
     "Quality",
     "TopologyError",
     "__version__",
+    "decompose",
     "feature_summary",
     "morph",
     "options",

@@ -17,6 +17,13 @@ def blue_noise(
     keep: npt.NDArray[np.int64],
     progress: Any,
 ) -> npt.NDArray[np.int64]: ...
+def decompose(
+    cloud: dict[str, Any],
+    loop: list[int],
+    names: list[str],
+    options: MorphOptions,
+    progress: Any,
+) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64], list[int], npt.NDArray[np.int8]]: ...
 
 class Motion:
     def __init__(

@@ -241,12 +241,13 @@ class Morph:
 
     @property
     def source_domain(self) -> npt.NDArray[np.float64]:
-        """(N, 2): the source's points in the unit disk; (N, 12) in the product space."""
+        """(N, 2): the source's points in the unit disk; (N, 3) on the unit sphere that the disks
+        of a cut are glued to, the left one above; (N, 12) in the product space."""
         return self._native.source_domain()
 
     @property
     def target_domain(self) -> npt.NDArray[np.float64]:
-        """(M, 2): the target's points in the unit disk; (M, 12) in the product space."""
+        """(M, 2), (M, 3) or (M, 12): where the target's points lie there."""
         return self._native.target_domain()
 
     @property
@@ -305,6 +306,7 @@ class Morph:
         `feature_residual` (the largest of hard points, in spacings of the common domain),
         `features` (by name, those of `Quality.features`), `cracks`, `quality` (the figures of
         `MapFigures` both ways), `worst` (those of `Quality.worst`), `warnings`, `method`, `domain`,
+        `tips` (rows of unmarked tips that a cut brought together),
         `options` and what the solver needed on both sides.
         """
         quality = self.quality
@@ -390,7 +392,8 @@ def morph(
     features : mapping of name to (source row, target row) or `Feature`, optional
         Points that must coincide; curves, regions, and what is soft are a `Feature`.
     loop : sequence of str, optional
-        Features, in order, through which a closed model is cut. An open patch takes none.
+        Features, in order, through which a closed model is cut (methods that cut: `paper`, or
+        domain `cut`); see `decompose`. An open patch takes none.
     start : Morph, or (N, 3) and (M, 3) arrays, optional
         An earlier morph of these clouds, or its `source_to_target` and `target_to_source`: after a
         feature was added or moved, the new map is found from the old one. Where that contradicts
@@ -424,19 +427,24 @@ def morph(
     >>> bool(np.array_equal(result.frame(0).positions, plane[result.pairs[:, 0]]))
     True
     """
-    native_options = _pointmorph.MorphOptions()
-    for name, value in settings.items():
-        native_options.set(name, _plain(name, value))
     native = _pointmorph.Morph(
         source._fields(),
         target._fields(),
         native_features(features),
         list(loop),
-        native_options,
+        native_options(settings),
         *_start_arrays(start),
         progress,
     )
     return Morph(native, source, target)
+
+
+def native_options(settings: Mapping[str, Any]) -> _pointmorph.MorphOptions:
+    """The settings as the native library takes them. Raises OptionError."""
+    result = _pointmorph.MorphOptions()
+    for name, value in settings.items():
+        result.set(name, _plain(name, value))
+    return result
 
 
 def _start_arrays(
