@@ -286,7 +286,8 @@ class Morph:
         `stages` (seconds by stage), `seconds`, `peak_memory_bytes` (of the process), `pairs`,
         `feature_residual` (in spacings of the common domain), `cracks`, `quality` (the figures of
         `MapFigures` both ways), `worst` (those of `Quality.worst`), `warnings`, `method`, `domain`,
-        `tips` (rows of unmarked tips that a cut brought together),
+        `loop` (given, or proposed for a cut), `tips` (rows of unmarked tips that a cut brought
+        together),
         `options` and what the solver needed on both sides.
         """
         quality = self.quality
@@ -353,7 +354,8 @@ def morph(
         Places that must coincide.
     loop : sequence of str, optional
         Features, in order, through which a closed model is cut (methods that cut: `paper`, or
-        domain `cut`); see `decompose`. An open patch takes none.
+        domain `cut`); see `decompose`. Domain `cut` proposes one through the features on tips
+        where none is given, and says so in the report. An open patch takes none.
     start : Morph, or (N, 3) and (M, 3) arrays, optional
         An earlier morph of these clouds, or its `source_to_target` and `target_to_source`: after a
         feature was added or moved, the new map is found from the old one. Where that contradicts
