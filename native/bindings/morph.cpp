@@ -81,7 +81,7 @@ py::dict dict_of(const MorphReport& report, const MorphOptions& options) {
         py::arg("alignment_sweeps") = report.alignment_sweeps,
         py::arg("source_parameterization") = dict_of(report.source_parameterization),
         py::arg("target_parameterization") = dict_of(report.target_parameterization),
-        py::arg("tips") = array_of(report.tips).attr("tolist")(),
+        py::arg("loop") = report.loop, py::arg("tips") = array_of(report.tips).attr("tolist")(),
         py::arg("warnings") = report.warnings, py::arg("options") = chosen);
 }
 

@@ -407,6 +407,29 @@ std::array<Index, 2> clean_up(std::vector<Patch>& patches, const Neighborhoods& 
     return sizes;
 }
 
+/// Distances from the first `features` coarse points to all, in √area.
+std::vector<Values> distances_from(const Coarse& coarse, std::size_t features) {
+    GeodesicSearch search(coarse.graph);
+    std::vector<Values> from;
+    for (std::size_t k = 0; k < features; ++k) {
+        Values distances(coarse.graph.size());
+        for (const auto& [i, distance] : search.from(static_cast<Index>(k)))
+            distances[i] = distance / coarse.unit;
+        from.push_back(std::move(distances));
+    }
+    return from;
+}
+
+/// A feature this near to a tip, in √area, stands for it.
+constexpr double kMarked = 0.1;
+
+std::vector<Extremity> tips_of(const Coarse& coarse, Index most, Progress& progress) {
+    constexpr Index kSamples = 30;
+    ExtremityOptions wanted;
+    wanted.most = most;
+    return extremities(coarse.graph, coarse.unit, kSamples, wanted, progress);
+}
+
 }  // namespace
 
 Decomposition decompose(const KdTree<3>& tree, const Normals& normals, const Neighborhoods& nearest,
@@ -419,15 +442,7 @@ Decomposition decompose(const KdTree<3>& tree, const Normals& normals, const Nei
     const Coarse coarse(std::move(subset.rows), subset.radius, area, tree, normals, nearest,
                         progress);
 
-    std::vector<Values> from;  // every feature, in √area
-    {
-        GeodesicSearch search(coarse.graph);
-        for (Index k = 0; k < static_cast<Index>(features.size()); ++k) {
-            Values distances(coarse.graph.size());
-            for (const auto& [i, distance] : search.from(k)) distances[i] = distance / coarse.unit;
-            from.push_back(std::move(distances));
-        }
-    }
+    const std::vector<Values> from = distances_from(coarse, features.size());
     std::vector<SurfaceCurve> parts = guided_curves(coarse, from, corners, options, progress);
     for (SurfaceCurve& part : parts)
         part = straightened(resampled(part, coarse.spacing), coarse.tree, coarse.normals,
@@ -483,16 +498,10 @@ Decomposition decompose(const KdTree<3>& tree, const Normals& normals, const Nei
             "limbs in the order in which one walks around it.");
 
     std::vector<Index> tips;  // coarse rows
-    if (options.tips > 0) {
-        constexpr Index kSamples = 30;
-        constexpr double kMarked = 0.1;  // a feature this near, in √area, stands for the tip
-        ExtremityOptions wanted;
-        wanted.most = options.tips;
-        for (const Extremity& tip :
-             extremities(coarse.graph, coarse.unit, kSamples, wanted, progress))
+    if (options.tips > 0)
+        for (const Extremity& tip : tips_of(coarse, options.tips, progress))
             if (std::ranges::all_of(from, [&](const Values& d) { return d[tip.point] > kMarked; }))
                 tips.push_back(tip.point);
-    }
     for (const Index tip : tips) result.tips.push_back(coarse.rows[at(tip)]);
     result.tip_distances.resize(static_cast<Eigen::Index>(tips.size()),
                                 static_cast<Eigen::Index>(from.size()));
@@ -501,6 +510,70 @@ Decomposition decompose(const KdTree<3>& tree, const Normals& normals, const Nei
             result.tip_distances(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(k)) =
                 from[k][tips[i]];
     return result;
+}
+
+FeatureReach feature_reach(const KdTree<3>& tree, const Normals& normals,
+                           const Neighborhoods& nearest, std::span<const Index> features,
+                           const DecompositionOptions& options, Progress& progress) {
+    Subset subset = blue_noise_subset(tree, normals, features, options.points, progress);
+    const Coarse coarse(std::move(subset.rows), subset.radius, estimated_area(tree), tree, normals,
+                        nearest, progress);
+    const std::vector<Values> from = distances_from(coarse, features.size());
+    const auto count = static_cast<Eigen::Index>(features.size());
+    FeatureReach reach{Eigen::MatrixXd(count, count), std::vector<char>(features.size(), 0)};
+    for (std::size_t k = 0; k < features.size(); ++k)
+        reach.distances.row(static_cast<Eigen::Index>(k)) = from[k].head(count).transpose();
+    constexpr Index kMost = 100;
+    for (const Extremity& tip : tips_of(coarse, kMost, progress)) {
+        // The nearest mark is the tip's, if it's near enough.
+        const auto nearest_mark = std::ranges::min_element(
+            from, {}, [&](const Values& distances) { return distances[tip.point]; });
+        if (nearest_mark != from.end() && (*nearest_mark)[tip.point] <= kMarked)
+            reach.on_tip[static_cast<std::size_t>(nearest_mark - from.begin())] = 1;
+    }
+    return reach;
+}
+
+std::vector<Index> propose_loop(const FeatureReach& source, const FeatureReach& target) {
+    const auto count = static_cast<Index>(source.on_tip.size());
+    std::vector<Index> chosen;
+    for (int needed = 2; needed >= 0 && chosen.size() < 3; --needed) {
+        chosen.clear();
+        for (Index k = 0; k < count; ++k)
+            if (source.on_tip[at(k)] + target.on_tip[at(k)] >= needed) chosen.push_back(k);
+    }
+    const Eigen::MatrixXd lengths = source.distances + target.distances;
+    // Each goes where it makes the tour least longer; then parts are turned round while that helps.
+    std::vector<Index> tour;
+    for (const Index k : chosen) {
+        std::size_t best = 0;
+        double least = kFar;
+        for (std::size_t i = 0; i < tour.size(); ++i) {
+            const Index a = tour[i], b = tour[(i + 1) % tour.size()];
+            const double longer = lengths(a, k) + lengths(k, b) - lengths(a, b);
+            if (longer < least) {
+                least = longer;
+                best = i + 1;
+            }
+        }
+        tour.insert(tour.begin() + static_cast<std::ptrdiff_t>(best), k);
+    }
+    const std::size_t size = tour.size();
+    for (bool better = true; better;) {
+        better = false;
+        for (std::size_t i = 0; i + 2 < size; ++i)
+            for (std::size_t j = i + 2; j < size; ++j) {
+                const Index a = tour[i], b = tour[i + 1], c = tour[j], d = tour[(j + 1) % size];
+                if (a == d) continue;
+                if (lengths(a, c) + lengths(b, d) < lengths(a, b) + lengths(c, d) - 1e-9) {
+                    std::reverse(tour.begin() + static_cast<std::ptrdiff_t>(i + 1),
+                                 tour.begin() + static_cast<std::ptrdiff_t>(j + 1));
+                    better = true;
+                }
+            }
+    }
+    if (!tour.empty()) std::ranges::rotate(tour, std::ranges::min_element(tour));
+    return tour;
 }
 
 }  // namespace pointmorph

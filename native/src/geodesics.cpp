@@ -149,13 +149,29 @@ SurfaceCurve straightened(SurfaceCurve curve, const KdTree<3>& surface, const No
     // Every other point moves at a time, so that none moves with its neighbours.
     std::array<std::vector<Index>, 2> turns;
     for (Index i = 1; i + 1 < curve.size(); ++i) turns[at(i % 2)].push_back(i);
+    // An edge that gets much longer than the others has left the surface: it would hang between two
+    // limbs, and draw the whole curve off them.
+    constexpr double kLongest = 2.0;
+    const double longest =
+        kLongest * curve_length(curve.points) / std::max<Index>(1, curve.size() - 1);
     for (Index round = 0; round < rounds; ++round)
         for (const std::vector<Index>& turn : turns) {
+            const SurfaceCurve before = curve;
             for (const Index i : turn)
                 curve.points.row(i) +=
                     relaxation * (0.5 * (curve.points.row(i - 1) + curve.points.row(i + 1)) -
                                   curve.points.row(i));
             land(curve, turn, surface, normals, progress);
+            for (const Index i : turn)
+                for (const Index j : {i - 1, i + 1}) {
+                    const double length = (curve.points.row(i) - curve.points.row(j)).norm();
+                    if (length > longest &&
+                        length > (before.points.row(i) - before.points.row(j)).norm()) {
+                        curve.points.row(i) = before.points.row(i);
+                        curve.normals.row(i) = before.normals.row(i);
+                        break;
+                    }
+                }
         }
     return curve;
 }
@@ -169,21 +185,19 @@ SurfaceCurve geodesic(const KdTree<3>& surface, const Normals& normals, const Su
         curve.points.row(static_cast<Eigen::Index>(i)) = surface.points().row(path[i]);
         curve.normals.row(static_cast<Eigen::Index>(i)) = normals.row(path[i]);
     }
-    // Successive over-relaxation takes as many rounds as there are points, plain averages their
-    // square; first on a few points, which need few rounds.
-    for (double wide : {4.0, 2.0, 1.0}) {
-        curve = on_surface(resampled(curve, wide * spacing), surface, normals, progress);
-        const double relaxation =
-            2.0 / (1.0 + std::sin(std::numbers::pi / std::max<Index>(2, curve.size() - 1)));
-        constexpr Index kMost = 200;
-        const Index batch = std::clamp<Index>(curve.size(), 4, kMost);
-        double length = curve_length(curve.points);
-        for (int batches = 0; batches < 4; ++batches) {
-            curve = straightened(std::move(curve), surface, normals, batch, relaxation, progress);
-            const double now = curve_length(curve.points);
-            if (now > length * (1.0 - 1e-5)) break;
-            length = now;
-        }
+    // Successive over-relaxation takes about as many rounds as there are points, plain averages
+    // their square.
+    curve = on_surface(resampled(curve, spacing), surface, normals, progress);
+    const double relaxation =
+        2.0 / (1.0 + std::sin(std::numbers::pi / std::max<Index>(2, curve.size() - 1)));
+    constexpr int kBatches = 8;
+    const Index rounds = std::clamp<Index>(curve.size() / 2, 4, 200);
+    double length = curve_length(curve.points);
+    for (int batch = 0; batch < kBatches; ++batch) {
+        curve = straightened(std::move(curve), surface, normals, rounds, relaxation, progress);
+        const double now = curve_length(curve.points);
+        if (now > length * (1.0 - 1e-5)) break;
+        length = now;
     }
     return curve;
 }

@@ -71,6 +71,11 @@ void check_closed(Side& side, const BoundaryLoop& boundary, std::size_t features
                            "Leave the loop out.");
 }
 
+FeatureReach reach_of(const Side& side, const MorphOptions& options, Progress& progress) {
+    return feature_reach(KdTree<3>(side.positions), side.normals, side.nearest, side.features,
+                         options.decomposition, progress);
+}
+
 /// Runs both at once where there are two threads.
 template <class Left, class Right>
 void both(Left&& left, Right&& right) {
@@ -132,10 +137,20 @@ Morph::Morph(MorphInput input, const MorphOptions& options, Progress& progress)
     const bool cut =
         options.domain == Domain::kCut || (options.method == Method::kPaper &&
                                            options.domain == Domain::kAuto && !input.loop.empty());
-    if (cut && input.loop.empty())
-        throw FeatureError("loop", "at least 3 features for domain cut", "none",
-                           "List features around both models in the loop, for instance the tips "
-                           "of all limbs in the order in which one walks around.");
+    if (cut && input.loop.empty()) {
+        progress.enter("decomposition");
+        for (const Index k :
+             propose_loop(reach_of(source, options, progress), reach_of(target, options, progress)))
+            input.loop.push_back(input.features[static_cast<std::size_t>(k)].name);
+        if (input.loop.size() < 3)
+            throw FeatureError("loop", "at least 3 features for domain cut",
+                               std::to_string(input.loop.size()),
+                               "Mark the tips of all limbs on both models.");
+        std::string names;
+        for (const std::string& name : input.loop) names += (names.empty() ? "" : ", ") + name;
+        report_.warnings.push_back("No loop was given: both models were cut along " + names + ".");
+    }
+    report_.loop = input.loop;
     if (!input.loop.empty()) {
         progress.enter("boundary");
         check_closed(source, input.source_boundary, input.loop.size(), options.boundary, progress);

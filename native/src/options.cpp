@@ -111,7 +111,8 @@ std::vector<Option> make_table() {
     table.push_back(choice("domain", POINTMORPH_FIELD(domain), {"auto", "disk", "cut"},
                            "Where both models are laid over each other: disk is for open patches "
                            "with one boundary, cut for closed models and a loop of features, "
-                           "along which they are cut in two; auto takes what the method and the "
+                           "along which they are cut in two (without one, the features on tips); "
+                           "auto takes what the method and the "
                            "models ask for. With method auto, it says where the refinement "
                            "starts"));
     table.push_back(number("threads", POINTMORPH_FIELD(threads), 0, 1024, "threads",

@@ -5,6 +5,7 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
+#include <numbers>
 
 #include "pointmorph/error.hpp"
 #include "pointmorph/parallel.hpp"
@@ -220,6 +221,43 @@ TEST(Decomposition, TakesCloudsOfFewPoints) {
     EXPECT_TRUE(cut.curve.points.allFinite());
     EXPECT_GT(std::ranges::count(cut.patches, Patch::kLeft), 15);
     EXPECT_GT(std::ranges::count(cut.patches, Patch::kRight), 15);
+}
+
+TEST(Decomposition, ProposesATourThroughTheFeaturesOnTips) {
+    const Shape shape = star(5000);
+    const std::vector<Index> features{shape.at(2, 0, 0),  shape.at(-2, 0, 0),  // opposite tips
+                                      shape.at(0, 0, 1),                       // in the middle
+                                      shape.at(0, 2, 0),  shape.at(0, -2, 0)};
+    Progress progress;
+    const FeatureReach reach =
+        feature_reach(shape.tree, shape.normals, shape.nearest, features, {}, progress);
+    EXPECT_EQ(reach.on_tip, (std::vector<char>{1, 1, 0, 1, 1}));
+    EXPECT_LT((reach.distances - reach.distances.transpose()).cwiseAbs().maxCoeff(), 1e-9);
+    std::vector<Index> loop = propose_loop(reach, reach);
+    ASSERT_EQ(loop.size(), 4u);
+    EXPECT_EQ(loop.front(), 0);
+    std::ranges::sort(loop);
+    EXPECT_EQ(loop, (std::vector<Index>{0, 1, 3, 4}));
+}
+
+TEST(Decomposition, ProposesTheShortestOfAllTours) {
+    // Six places around a circle, in an order that jumps about: the tour is the circle.
+    const std::vector<int> angle{0, 3, 1, 5, 2, 4};
+    FeatureReach reach{Eigen::MatrixXd(6, 6), std::vector<char>(6, 1)};
+    for (Eigen::Index i = 0; i < 6; ++i)
+        for (Eigen::Index j = 0; j < 6; ++j)
+            reach.distances(i, j) =
+                std::sin(std::numbers::pi / 6 *
+                         std::abs(angle[static_cast<std::size_t>(i)] -
+                                  angle[static_cast<std::size_t>(j)]));
+    const std::vector<Index> tour = propose_loop(reach, reach);
+    ASSERT_EQ(tour.size(), 6u);
+    for (std::size_t i = 0; i < 6; ++i) {
+        const int step = std::abs(angle[static_cast<std::size_t>(tour[i])] -
+                                  angle[static_cast<std::size_t>(tour[(i + 1) % 6])]);
+        EXPECT_TRUE(step == 1 || step == 5);
+    }
+    EXPECT_TRUE(propose_loop({Eigen::MatrixXd(0, 0), {}}, {Eigen::MatrixXd(0, 0), {}}).empty());
 }
 
 }  // namespace

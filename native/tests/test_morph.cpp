@@ -409,13 +409,22 @@ TEST(Morph, ALoopInTheOtherSenseOnOneModelIsNoticed) {
     EXPECT_THROW(Morph(std::move(astray), paper(), progress), FeatureError);
 }
 
-TEST(Morph, DomainCutNeedsALoop) {
+TEST(Morph, DomainCutProposesALoopAndSaysSo) {
     Progress progress;
-    MorphInput input = two_eggs(600, 500);
-    input.loop.clear();
-    MorphOptions options;
+    MorphOptions options = paper();
     options.domain = Domain::kCut;
-    EXPECT_THROW(Morph(std::move(input), options, progress), FeatureError);
+    MorphInput input = two_eggs(1200, 1000);
+    input.loop.clear();
+    const Morph morph(std::move(input), options, progress);
+    EXPECT_EQ(morph.report().domain, "cut");
+    EXPECT_GE(morph.report().loop.size(), 3u);
+    ASSERT_FALSE(morph.report().warnings.empty());
+    EXPECT_NE(morph.report().warnings.front().find(morph.report().loop.front()), std::string::npos);
+
+    MorphInput few = two_eggs(600, 500);
+    few.loop.clear();
+    few.features.resize(2);
+    EXPECT_THROW(Morph(std::move(few), options, progress), FeatureError);
 }
 
 TEST(Morph, StartsFromTheCutWhenAskedTo) {

@@ -174,8 +174,8 @@ TEST(SurfaceGraph, FromTheCloudsOwnNeighbourhoodsSeesAGapThatNodesDoNot) {
     Positions p(2 * kSide * kSide, 3);
     p.topRows(kSide * kSide) = shapes::grid(kSide);
     p.bottomRows(kSide * kSide) = shapes::grid(kSide);
-    p.bottomRows(kSide * kSide).col(0).array() += 2.0 + 2.5 * step;  // nodes are 3 steps apart
-    const Normals n = Normals::Ones(p.rows(), 1) * Eigen::RowVector3d(0, 0, 1);
+    p.bottomRows(kSide * kSide).col(0).array() += 2.0 + 3.2 * step;  // nodes are 3 steps apart
+    const Normals n = Eigen::RowVector3d(0, 0, 1).replicate(p.rows(), 1);
     std::vector<Index> nodes;
     for (Index i = 0; i < p.rows(); ++i)
         if (i % (kSide * kSide) / kSide % 3 == 0 && i % kSide % 3 == 0) nodes.push_back(i);

@@ -60,4 +60,18 @@ Decomposition decompose(const KdTree<3>& tree, const Normals& normals, const Nei
                         const DecompositionOptions& options, const std::string& name,
                         Progress& progress);
 
+/// What a loop is proposed from.
+struct FeatureReach {
+    Eigen::MatrixXd distances;  ///< between features along the surface, in √area
+    std::vector<char> on_tip;   ///< whether a feature sits on a tip of the shape
+};
+FeatureReach feature_reach(const KdTree<3>& tree, const Normals& normals,
+                           const Neighborhoods& nearest, std::span<const Index> features,
+                           const DecompositionOptions& options, Progress& progress);
+
+/// Places of the features that sit on tips of both shapes (of either, or all of them, where that
+/// leaves fewer than three), in the order of a short closed tour on both together; the lowest comes
+/// first. Fewer than three where there are no more features.
+std::vector<Index> propose_loop(const FeatureReach& source, const FeatureReach& target);
+
 }  // namespace pointmorph

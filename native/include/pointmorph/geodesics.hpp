@@ -40,7 +40,8 @@ SurfaceCurve on_surface(SurfaceCurve curve, const KdTree<3>& surface, const Norm
                         Progress& progress);
 
 /// `rounds` times: every point moves to the middle of its neighbours, or `relaxation` times as far
-/// (1 to 2, for many rounds), and back onto the surface; the ends stay.
+/// (1 to 2, for many rounds), and back onto the surface; the ends stay. Points are about evenly
+/// spaced at first; none moves off to more than twice that distance from its neighbours.
 SurfaceCurve straightened(SurfaceCurve curve, const KdTree<3>& surface, const Normals& normals,
                           Index rounds, double relaxation, Progress& progress);
 

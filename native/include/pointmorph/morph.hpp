@@ -104,6 +104,8 @@ struct MorphReport {
     Index alignment_sweeps = 0;
     ParameterizationReport source_parameterization;
     ParameterizationReport target_parameterization;
+    /// The loop given, or proposed where the domain is cut and none was given; see propose_loop().
+    std::vector<std::string> loop;
     /// Tips without a mark that were brought together, rows as given; see Decomposition::tips.
     Pairing tips;
     std::vector<std::string> warnings;

@@ -306,7 +306,8 @@ class Morph:
         `feature_residual` (the largest of hard points, in spacings of the common domain),
         `features` (by name, those of `Quality.features`), `cracks`, `quality` (the figures of
         `MapFigures` both ways), `worst` (those of `Quality.worst`), `warnings`, `method`, `domain`,
-        `tips` (rows of unmarked tips that a cut brought together),
+        `loop` (given, or proposed for a cut), `tips` (rows of unmarked tips that a cut brought
+        together),
         `options` and what the solver needed on both sides.
         """
         quality = self.quality
@@ -393,7 +394,8 @@ def morph(
         Points that must coincide; curves, regions, and what is soft are a `Feature`.
     loop : sequence of str, optional
         Features, in order, through which a closed model is cut (methods that cut: `paper`, or
-        domain `cut`); see `decompose`. An open patch takes none.
+        domain `cut`); see `decompose`. Domain `cut` proposes one through the features on tips
+        where none is given, and says so in the report. An open patch takes none.
     start : Morph, or (N, 3) and (M, 3) arrays, optional
         An earlier morph of these clouds, or its `source_to_target` and `target_to_source`: after a
         feature was added or moved, the new map is found from the old one. Where that contradicts
