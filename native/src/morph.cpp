@@ -71,8 +71,12 @@ void check_closed(Side& side, const BoundaryLoop& boundary, std::size_t features
                            "Leave the loop out.");
 }
 
-FeatureReach reach_of(const Side& side, const MorphOptions& options, Progress& progress) {
-    return feature_reach(KdTree<3>(side.positions), side.normals, side.nearest, side.features,
+/// Of the point features, for the proposal of a loop.
+FeatureReach reach_of(const Side& side, std::span<const Feature> points, Marked Feature::*marked,
+                      const MorphOptions& options, Progress& progress) {
+    std::vector<Index> rows;
+    for (const Feature& f : points) rows.push_back((f.*marked).rows.front());
+    return feature_reach(KdTree<3>(side.positions), side.normals, side.nearest, rows,
                          options.decomposition, progress);
 }
 
@@ -139,9 +143,13 @@ Morph::Morph(MorphInput input, const MorphOptions& options, Progress& progress)
                                            options.domain == Domain::kAuto && !input.loop.empty());
     if (cut && input.loop.empty()) {
         progress.enter("decomposition");
+        std::vector<Feature> points;
+        std::ranges::copy_if(features, std::back_inserter(points),
+                             [](const Feature& f) { return f.kind == FeatureKind::kPoint; });
         for (const Index k :
-             propose_loop(reach_of(source, options, progress), reach_of(target, options, progress)))
-            input.loop.push_back(input.features[static_cast<std::size_t>(k)].name);
+             propose_loop(reach_of(source, points, &Feature::source, options, progress),
+                          reach_of(target, points, &Feature::target, options, progress)))
+            input.loop.push_back(points[static_cast<std::size_t>(k)].name);
         if (input.loop.size() < 3)
             throw FeatureError("loop", "at least 3 features for domain cut",
                                std::to_string(input.loop.size()),
