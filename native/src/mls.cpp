@@ -18,8 +18,8 @@ namespace {
 constexpr Index kHighestDegree = 4;
 constexpr int kMostCoefficients = (kHighestDegree + 1) * (kHighestDegree + 2) / 2;
 
-/// In h: beyond, the kernel is below 1.3e-4.
-constexpr double kReach = 3.0;
+/// In h: beyond, the kernel is below 1e-3.
+constexpr double kReach = 2.65;
 /// Cosine between normals from which a point counts in full.
 constexpr double kAgreement = 0.5;
 /// Second variance over the first below which points lie on a line.
@@ -30,7 +30,7 @@ constexpr double kOnALine = 1e-3;
 constexpr Index kPacket = 8;
 
 // Powell's method, in radians and in h.
-constexpr double kFirstStep = 0.05, kLastStep = 1e-4, kFarthest = 1.0;
+constexpr double kFirstStep = 0.05, kLastStep = 1e-3, kFarthest = 1.0;
 constexpr int kMostSweeps = 8;
 
 /// Added to the diagonal of the normal equations, as a share of the weights: nothing where the
@@ -59,7 +59,7 @@ int monomials(double u, double v, Index degree, std::array<double, kMostCoeffici
 
 double MlsOptions::kernel(double spacing) const {
     if (width) return *width;
-    return scale.value_or(1.0 + 0.25 * degree) * spacing;
+    return scale.value_or(0.9 + 0.2 * degree) * spacing;
 }
 
 MlsProjection::MlsProjection(const KdTree<3>& tree, const Normals& normals,

@@ -189,7 +189,7 @@ std::vector<Option> make_table() {
                            "lie"));
     table.push_back(number("mls_scale", POINTMORPH_FIELD(resampling.mls.scale), 0.5, 10, "spacings",
                            "How far the surface on which new points lie averages over the points "
-                           "around. Raise it for noisy scans. Automatic: 1 + degree / 4"));
+                           "around. Raise it for noisy scans. Automatic: 0.9 + degree / 5"));
     table.push_back(number("mls_width", POINTMORPH_FIELD(resampling.mls.width), 1e-9, 1e9,
                            "model units",
                            "The same as a fixed distance. Automatic: the spacings are used"));

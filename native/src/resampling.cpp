@@ -29,14 +29,15 @@ constexpr double kReach = 2.0;
 /// Spacings below this share of the cloud's mean are rounding or doubled points.
 constexpr double kFinest = 0.05;
 
-// In the spacing of new points. Discs of one spacing around points of which every place has one
-// within kEmpty leave no gap; the samples that are tried lie kStep apart.
-constexpr double kEmpty = 0.75, kStep = 0.4, kCrowded = 0.4;
+// In the spacing of new points. Where no point lies within kGap, discs of one spacing leave a gap;
+// where every place has one within kEmpty they don't. The samples that are tried lie kStep apart.
+constexpr double kEmpty = 0.75, kStep = 0.45, kCrowded = 0.4, kGap = 1.0;
 constexpr double kMostSteps = 256.0;  // along either side of one rectangle
 
 // Corners of a triangle that lie this many spacings apart are no longer samples of one smooth
 // piece: from the first on the MLS surface counts less, from the second on not at all.
-constexpr double kCoherent = 3.0, kTorn = 6.0;
+constexpr double kAgreement = 0.0;  // cosine
+constexpr double kCoherent = 2.0, kTorn = 4.0, kWidest = 1.5;
 
 Vector3 blend(const Positions& rows, const InsertedPoint& point) {
     Vector3 sum = Vector3::Zero();
@@ -62,13 +63,20 @@ double edge_length(const Positions& positions, const std::array<Index, 3>& corne
     return std::sqrt(sum / 3.0);
 }
 
-double longest_edge(const Positions& positions, const std::array<Index, 3>& corners) {
-    double longest = 0.0;
+/// How far the place of a triangle that is farthest from all corners is from them.
+double covering_radius(const Positions& positions, const std::array<Index, 3>& corners) {
+    std::array<double, 3> squares;  // of the edge opposite to a corner
     for (std::size_t c = 0; c < 3; ++c)
-        longest = std::max(
-            longest,
-            (positions.row(corners[c]) - positions.row(corners[(c + 1) % 3])).squaredNorm());
-    return std::sqrt(longest);
+        squares[c] = (positions.row(corners[(c + 1) % 3]) - positions.row(corners[(c + 2) % 3]))
+                         .squaredNorm();
+    std::ranges::sort(squares);
+    const auto [a, b, c] = squares;
+    if (a + b > c) {  // acute: the centre of the circle through the corners
+        const double area = 2.0 * (a * b + b * c + c * a) - a * a - b * b - c * c;
+        return std::sqrt(a * b * c / std::max(area, std::numeric_limits<double>::min()));
+    }
+    // Obtuse: on the longest edge, where the middle line of the second longest meets it.
+    return c > 0.0 ? b * std::sqrt(c) / (b + c - a) : 0.0;
 }
 
 /// ρ = k/r² at a point of the tree.
@@ -81,19 +89,43 @@ double density(const KdTree<3>& tree, Index row, std::vector<Index>& near,
     return radius > 0.0 ? (found - 1) / radius : std::numeric_limits<double>::infinity();
 }
 
+/// Whether a triangle lies as its corners' normals say. One that doesn't leads through the inside
+/// or the outside, from one part of a shape to another: a sheet there would show its back.
+bool is_surface(const LiftedCloud& frame, const std::array<Index, 3>& corners) {
+    const auto place = [&](std::size_t c) -> Vector3 {
+        return frame.positions.row(corners[c]).transpose();
+    };
+    const Vector3 across = (place(1) - place(0)).cross(place(2) - place(0));
+    const double area = across.norm();
+    double least = 1.0, most = -1.0;
+    for (std::size_t c = 0; c < 3; ++c) {
+        const Vector3 normal = frame.normals.row(corners[c]).transpose();
+        if (normal.dot(frame.normals.row(corners[(c + 1) % 3]).transpose()) < kAgreement)
+            return false;
+        const double cosine = area > 0.0 ? normal.dot(across) / area : 0.0;
+        least = std::min(least, cosine);
+        most = std::max(most, cosine);
+    }
+    return !(area > 0.0) || least > kAgreement || most < -kAgreement;
+}
+
 /// What one cloud says: by row, in its own unit ball.
 struct Samples {
+    Normalization unit;
+    Positions positions;
+    Normals normals;
+    KdTree<3> tree;
     Values spacing;
     Values density;  ///< per share of the surface
     double size;     ///< √area, as given
     std::vector<Triangle> triangles;
 
-    Samples(const Cloud& cloud, Progress& progress, double first, double last) {
+    Samples(const Cloud& cloud, Progress& progress, double first, double last)
+        : unit(normalization(cloud.positions)),
+          positions(unit.apply(cloud.positions)),
+          normals(cloud.normals.rowwise().normalized()),
+          tree(positions) {
         const Progress::Part part(progress, first, last);
-        const Normalization unit = normalization(cloud.positions);
-        const Positions positions = unit.apply(cloud.positions);
-        const Normals normals = cloud.normals.rowwise().normalized();
-        const KdTree<3> tree(positions);
         const auto nearest = nearest_neighbors(tree, kNeighbors, progress);
         const double area = estimated_area(tree);
         const auto count = static_cast<double>(positions.rows());
@@ -108,7 +140,6 @@ struct Samples {
             density[i] = static_cast<double>(k) / (radius * radius) * area;
         }
         size = std::sqrt(area) * unit.scale;
-        spacing *= unit.scale;
     }
 };
 
@@ -136,17 +167,29 @@ std::vector<Index> standing_for(std::span<const IndexPair> pairs, Index IndexPai
     return result;
 }
 
-/// Whether a point on the same side of the surface lies within `radius`. Rows for which
-/// `counts(row)` is false don't.
-template <class Counts>
-bool has_neighbor(const KdTree<3>& tree, const Normals& normals, const Vector3& place,
-                  const Vector3& normal, double radius, Counts&& counts,
-                  std::vector<std::pair<Index, double>>& near) {
-    tree.within(place.data(), radius, near);
-    return std::ranges::any_of(near, [&](const auto& found) {
-        return normals.row(found.first).dot(normal) > 0.0 && counts(found.first);
-    });
-}
+/// Whether a point on the same side of the surface lies within a radius. One object a thread.
+class NeighborSearch {
+public:
+    /// Rows for which `counts(row)` is false don't.
+    template <class Counts>
+    bool operator()(const KdTree<3>& tree, const Normals& normals, const Vector3& place,
+                    const Vector3& normal, double radius, Counts&& counts) {
+        const auto is_one = [&](Index row) {
+            return normals.row(row).dot(normal) > 0.0 && counts(row);
+        };
+        // Mostly the nearest is one.
+        Index nearest = 0;
+        double squared = 0.0;
+        if (tree.nearest_within(place.data(), radius, {&nearest, 1}, {&squared, 1}) == 0)
+            return false;
+        if (is_one(nearest)) return true;
+        tree.within(place.data(), radius, ball_);
+        return std::ranges::any_of(ball_, [&](const auto& near) { return is_one(near.first); });
+    }
+
+private:
+    std::vector<std::pair<Index, double>> ball_;
+};
 
 }  // namespace
 
@@ -161,8 +204,14 @@ double Life::share(double t) const {
 /// Goes through the times in order and keeps what lives.
 class ResamplingBuilder {
 public:
-    ResamplingBuilder(Resampling& result, std::vector<Triangle> triangles)
-        : result_(result), options_(result.options_), triangles_(std::move(triangles)) {}
+    ResamplingBuilder(Resampling& result, std::span<const IndexPair> pairs, const Samples& source,
+                      const Samples& target, std::vector<Triangle> triangles)
+        : result_(result),
+          options_(result.options_),
+          pairs_(pairs),
+          source_(source),
+          target_(target),
+          triangles_(std::move(triangles)) {}
 
     void step(int key, const Resampling::FrameAt& frame_at, Progress& progress) {
         const double t = static_cast<double>(key) / kKeys;
@@ -192,8 +241,8 @@ public:
         const KdTree<3> tree(positions);
         const std::vector<char> dead = end_crowded(tree, normals, pairs);
         if (options_.crowding) hide_crowded(tree, normals, pairs, progress);
-        const std::vector<Index> sparse = sparse_triangles(open, tree, pairs, dead, progress);
-        insert(sparse, frame, tree, normals, pairs, dead, progress);
+        const std::vector<char> sparse = are_sparse(open, tree, pairs, dead, progress);
+        insert(open, sparse, frame, tree, normals, pairs, dead, progress);
 
         std::vector<Index> living;
         for (std::size_t a = 0; a < alive_.size(); ++a)
@@ -232,9 +281,9 @@ private:
                 const auto& corners = triangles_[slot(i)];
                 const double wanted =
                     (spacing(corners[0]) + spacing(corners[1]) + spacing(corners[2])) / 3.0;
-                // An equilateral triangle of this size has its centre kEmpty from its corners.
-                const double limit = std::sqrt(3.0) * kEmpty * options_.spacing * wanted;
-                is_open[slot(i)] = longest_edge(frame.positions, corners) > limit;
+                is_open[slot(i)] = covering_radius(frame.positions, corners) >
+                                       kEmpty * options_.spacing * wanted &&
+                                   is_surface(frame, corners);
             }
         });
         std::vector<Index> result;
@@ -243,11 +292,17 @@ private:
         return result;
     }
 
+    bool may_leave_gap(Index triangle, const LiftedCloud& frame) const {
+        const auto& corners = triangles_[slot(triangle)];
+        const InsertedPoint middle{corners, {1.0 / 3, 1.0 / 3, 1.0 / 3}, {}};
+        return covering_radius(frame.positions, corners) > kGap * spacing(middle);
+    }
+
     /// Points that are no longer needed: others have come close.
     std::vector<char> end_crowded(const KdTree<3>& tree, const Normals& normals,
                                   Index pairs) const {
         std::vector<char> dead(alive_.size());
-        std::vector<std::pair<Index, double>> near;
+        NeighborSearch has_neighbor;
         for (std::size_t a = 0; a < alive_.size(); ++a) {
             const Index row = pairs + static_cast<Index>(a);
             const auto counts = [&](Index other) {
@@ -255,15 +310,14 @@ private:
             };
             dead[a] = has_neighbor(tree, normals, tree.points().row(row).transpose(),
                                    normals.row(row).transpose(),
-                                   kCrowded * spacing(point(alive_[a])), counts, near);
+                                   kCrowded * spacing(point(alive_[a])), counts);
         }
         return dead;
     }
 
-    /// Open triangles with a corner, or a point that was put into them, that fails the test.
-    std::vector<Index> sparse_triangles(std::span<const Index> open, const KdTree<3>& tree,
-                                        Index pairs, std::span<const char> dead,
-                                        Progress& progress) const {
+    /// Which open triangles have a corner, or a point that was put into them, that fails the test.
+    std::vector<char> are_sparse(std::span<const Index> open, const KdTree<3>& tree, Index pairs,
+                                 std::span<const char> dead, Progress& progress) const {
         enum : char { kUnasked, kAsked, kSparse };
         std::vector<char> state(slot(tree.size()), kUnasked);
         for (const Index triangle : open)
@@ -293,13 +347,40 @@ private:
         for (std::size_t a = 0; a < alive_.size(); ++a)
             if (state[slot(pairs) + a] == kSparse)
                 holds_sparse[slot(triangle_[slot(alive_[a])])] = 1;
-        std::vector<Index> result;
-        for (const Index triangle : open)
-            if (holds_sparse[slot(triangle)] ||
-                std::ranges::any_of(triangles_[slot(triangle)],
-                                    [&](Index corner) { return state[slot(corner)] == kSparse; }))
-                result.push_back(triangle);
+        std::vector<char> result(open.size());
+        for (std::size_t i = 0; i < open.size(); ++i)
+            result[i] = holds_sparse[slot(open[i])] ||
+                        std::ranges::any_of(triangles_[slot(open[i])], [&](Index corner) {
+                            return state[slot(corner)] == kSparse;
+                        });
         return result;
+    }
+
+    /// Whether one of the models has a sample there: a gap that both have stays one.
+    bool is_covered_at_an_end(const InsertedPoint& point, NeighborSearch& has_neighbor) const {
+        const auto covers = [&](const Samples& end, Index IndexPair::*side) {
+            InsertedPoint there = point;
+            double spacing = 0.0;
+            for (std::size_t c = 0; c < 3; ++c) {
+                there.pairs[c] = pairs_[slot(point.pairs[c])].*side;
+                spacing += point.weights[c] * end.spacing[there.pairs[c]];
+            }
+            return has_neighbor(end.tree, end.normals, blend(end.positions, there),
+                                blend_normals(end.normals, there), kGap * spacing,
+                                [](Index) { return true; });
+        };
+        return covers(source_, &IndexPair::source) || covers(target_, &IndexPair::target);
+    }
+
+    /// Most samples are, and so needn't be looked for in the tree.
+    bool is_near_corner(const LiftedCloud& frame, const InsertedPoint& candidate,
+                        const Vector3& place, const Vector3& normal) const {
+        const double radius = kEmpty * spacing(candidate);
+        return std::ranges::any_of(candidate.pairs, [&](Index pair) {
+            return (frame.positions.row(pair).transpose() - place).squaredNorm() <
+                       radius * radius &&
+                   frame.normals.row(pair).dot(normal) > 0.0;
+        });
     }
 
     struct Candidate {
@@ -344,27 +425,40 @@ private:
         }
     }
 
-    void insert(std::span<const Index> sparse, const LiftedCloud& frame, const KdTree<3>& tree,
-                const Normals& normals, Index pairs, std::span<const char> dead,
-                Progress& progress) {
+    /// Fills sparse triangles, and those in which discs leave a gap that not both models have.
+    void insert(std::span<const Index> open, std::span<const char> sparse, const LiftedCloud& frame,
+                const KdTree<3>& tree, const Normals& normals, Index pairs,
+                std::span<const char> dead, Progress& progress) {
         constexpr Index kChunk = 64;
-        const auto count = static_cast<Index>(sparse.size());
+        const auto count = static_cast<Index>(open.size());
         std::vector<std::vector<Candidate>> found(slot((count + kChunk - 1) / kChunk));
+        const auto counts = [&](Index row) { return row < pairs || !dead[slot(row - pairs)]; };
         parallel_for(
             count, progress,
             [&](Index begin, Index end) {
-                std::vector<std::pair<Index, double>> near;
-                for (Index i = begin; i < end; ++i)
-                    sample(sparse[slot(i)], frame.positions, [&](const InsertedPoint& candidate) {
+                NeighborSearch has_neighbor;
+                auto& taken = found[slot(begin / kChunk)];
+                for (Index i = begin; i < end; ++i) {
+                    const std::size_t before = taken.size();
+                    bool is_wanted = sparse[slot(i)];
+                    if (!is_wanted && !may_leave_gap(open[slot(i)], frame)) continue;
+                    sample(open[slot(i)], frame.positions, [&](const InsertedPoint& candidate) {
                         const Vector3 place = blend(frame.positions, candidate);
-                        const auto counts = [&](Index row) {
-                            return row < pairs || !dead[slot(row - pairs)];
+                        const Vector3 normal = blend_normals(frame.normals, candidate);
+                        if (is_near_corner(frame, candidate, place, normal)) return;
+                        const auto is_empty = [&](double radius) {
+                            return !has_neighbor(tree, normals, place, normal,
+                                                 radius * spacing(candidate), counts);
                         };
-                        if (!has_neighbor(tree, normals, place,
-                                          blend_normals(frame.normals, candidate),
-                                          kEmpty * spacing(candidate), counts, near))
-                            found[slot(begin / kChunk)].push_back({sparse[slot(i)], candidate});
+                        if (!is_empty(kEmpty)) return;
+                        taken.push_back({open[slot(i)], candidate});
+                        is_wanted = is_wanted || (is_empty(kGap) &&
+                                                  is_covered_at_an_end(candidate, has_neighbor));
                     });
+                    if (!is_wanted)
+                        taken.erase(taken.begin() + static_cast<std::ptrdiff_t>(before),
+                                    taken.end());
+                }
             },
             0.0, 1.0, kChunk);
         std::vector<Candidate> candidates;
@@ -412,7 +506,7 @@ private:
         });
         hidden_since_.resize(slot(pairs), 0);
         std::vector<char> stays(slot(pairs), 1);
-        std::vector<std::pair<Index, double>> near;
+        NeighborSearch has_neighbor;
         // Those that are hidden already first, so that they stay so.
         for (const bool was_hidden : {true, false})
             for (Index i = 0; i < pairs; ++i) {
@@ -422,7 +516,7 @@ private:
                 };
                 stays[slot(i)] =
                     !has_neighbor(tree, normals, tree.points().row(i).transpose(),
-                                  normals.row(i).transpose(), kCrowded * spacing(i), counts, near);
+                                  normals.row(i).transpose(), kCrowded * spacing(i), counts);
             }
         for (Index i = 0; i < pairs; ++i) show_or_hide(i, !stays[slot(i)]);
     }
@@ -438,6 +532,8 @@ private:
 
     Resampling& result_;
     const ResamplingOptions& options_;
+    std::span<const IndexPair> pairs_;
+    const Samples &source_, &target_;
     std::vector<Triangle> triangles_;  ///< of rows of the pairing
     std::vector<Index> alive_, born_;  ///< ids
     std::vector<Index> triangle_;      ///< by id
@@ -480,8 +576,8 @@ Resampling::Resampling(const Cloud& source, const Cloud& target, std::span<const
     };
     for (Index i = 0; i < count; ++i) {
         const auto [s, d] = pairs[slot(i)];
-        source_spacing_[i] = from.spacing[s];
-        target_spacing_[i] = to.spacing[d];
+        source_spacing_[i] = from.spacing[s] * from.unit.scale;
+        target_spacing_[i] = to.spacing[d] * to.unit.scale;
         source_density_[i] = from.density[s];
         target_density_[i] = to.density[d];
         // A point with several partners holds all of them together.
@@ -496,7 +592,7 @@ Resampling::Resampling(const Cloud& source, const Cloud& target, std::span<const
     triangles.erase(unique.begin(), unique.end());
 
     if (options.omega == 0.0 && !options.crowding) return;
-    ResamplingBuilder builder(*this, std::move(triangles));
+    ResamplingBuilder builder(*this, pairs, from, to, std::move(triangles));
     for (int key = 1; key < kKeys; ++key) builder.step(key, frame_at, progress);
     builder.finish();
 }
@@ -537,7 +633,8 @@ Resampling::Alive Resampling::at(double t, const LiftedCloud& frame, Progress& p
                 const double coherence =
                     std::clamp((kTorn - apart / wanted) / (kTorn - kCoherent), 0.0, 1.0);
                 if (coherence > 0.0) {
-                    const MlsFoot foot = project(place, normal, std::max(wanted, apart));
+                    const MlsFoot foot =
+                        project(place, normal, std::clamp(apart, wanted, kWidest * wanted));
                     place += coherence * (foot.position - place);
                     normal = (normal + coherence * (foot.normal - normal)).normalized();
                 }

@@ -12,8 +12,8 @@ namespace pointmorph {
 
 struct MlsOptions {
     /// Of the bivariate polynomial; 1 to 4.
-    Index degree = 2;
-    /// The kernel's h in spacings of the points around, 0.5 to 10; none: 1 + degree / 4, which
+    Index degree = 3;
+    /// The kernel's h in spacings of the points around, 0.5 to 10; none: 0.9 + degree / 5, which
     /// leaves each polynomial enough points.
     std::optional<double> scale{};
     /// The kernel's h as a plain distance, the same everywhere; > 0. None: from the spacing.
@@ -39,7 +39,7 @@ struct MlsFoot {
 ///
 /// A point counts by how far its normal agrees with the one given, and not at all from a right
 /// angle on: both sides of a thin sheet don't mix. The foot is a continuous function of all input
-/// (up to 1e-4 of a weight where the kernel is cut off), with the same bits on all processors of a
+/// (up to 1e-3 of a weight where the kernel is cut off), with the same bits on all processors of a
 /// family. Keeps its memory: one object a thread.
 class MlsProjection {
 public:
