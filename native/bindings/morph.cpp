@@ -161,8 +161,23 @@ void bind_morph(py::module_& module) {
             return std::make_unique<Morph>(std::move(input), options, progress);
         });
     };
+    const auto restore = [](const py::dict& source, const py::dict& target,
+                            const py::array_t<std::int64_t, py::array::c_style>& rows,
+                            const py::object& source_images, const py::object& target_images,
+                            const MorphOptions& options) {
+        Pairing pairs(static_cast<std::size_t>(rows.shape(0)));
+        const auto view = rows.unchecked<2>();
+        for (py::ssize_t i = 0; i < view.shape(0); ++i)
+            pairs[static_cast<std::size_t>(i)] = {static_cast<Index>(view(i, 0)),
+                                                  static_cast<Index>(view(i, 1))};
+        RefinementStart images{from_numpy<Positions>(source_images),
+                               from_numpy<Positions>(target_images)};
+        return std::make_unique<Morph>(cloud_of(source), cloud_of(target), std::move(pairs),
+                                       std::move(images), options);
+    };
     py::class_<Morph>(module, "Morph")
         .def(py::init(make))
+        .def_static("restore", restore)
         .def("pairs", [](const Morph& m) { return array_of(m.pairs()); })
         .def("source_domain",
              [](const Morph& m) { return to_numpy(DomainPoints(m.source_domain())); })

@@ -232,6 +232,53 @@ Morph::Morph(MorphInput input, const MorphOptions& options, Progress& progress)
         std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
 }
 
+Morph::Morph(Cloud source, Cloud target, Pairing pairs, RefinementStart images,
+             const MorphOptions& options)
+    : options_(options),
+      source_(std::move(source)),
+      target_(std::move(target)),
+      pairs_(std::move(pairs)),
+      source_images_(std::move(images.source_images)),
+      target_images_(std::move(images.target_images)),
+      paths_(std::make_unique<Paths>()),
+      resampled_(std::make_unique<Resampled>()),
+      measured_(std::make_unique<Measured>()) {
+    const auto check = [&](const Cloud& cloud, Index IndexPair::*side) {
+        validate(cloud, kMinimumPoints);
+        if (cloud.normals.rows() == 0 || cloud.radii.rows() == 0)
+            throw CloudError(cloud.name, "normals and radii", "none",
+                             "Take those of frame(0) and frame(1) of the morph.");
+        std::vector<char> in_a_pair(static_cast<std::size_t>(cloud.size()));
+        for (const IndexPair& pair : pairs_) {
+            const Index row = pair.*side;
+            if (row < 0 || row >= cloud.size())
+                throw CloudError(cloud.name,
+                                 "pairs of its " + std::to_string(cloud.size()) + " points",
+                                 "row " + std::to_string(row), "Take the morph's own pairs.");
+            in_a_pair[static_cast<std::size_t>(row)] = 1;
+        }
+        if (std::ranges::find(in_a_pair, 0) != in_a_pair.end())
+            throw CloudError(cloud.name, "every point in a pair", "some that aren't",
+                             "Take the morph's own pairs.");
+    };
+    check(source_, &IndexPair::source);
+    check(target_, &IndexPair::target);
+    check_start({source_images_, target_images_}, source_.size(), target_.size());
+    if (source_images_.rows() > 0) return;
+    const auto mean_of_partners = [&](const Cloud& cloud, Index IndexPair::*side,
+                                      const Cloud& other, Index IndexPair::*other_side) {
+        Positions mean = Positions::Zero(cloud.size(), 3);
+        Values count = Values::Zero(cloud.size());
+        for (const IndexPair& pair : pairs_) {
+            mean.row(pair.*side) += other.positions.row(pair.*other_side);
+            count[pair.*side] += 1.0;
+        }
+        return Positions(mean.array().colwise() / count.array());
+    };
+    source_images_ = mean_of_partners(source_, &IndexPair::source, target_, &IndexPair::target);
+    target_images_ = mean_of_partners(target_, &IndexPair::target, source_, &IndexPair::source);
+}
+
 void Morph::take(Refinement refinement, Side& source, Side& target) {
     if (refinement.inside_out) {
         Side* const turnable = !target.normals_given   ? &target

@@ -116,6 +116,11 @@ class Morph {
 public:
     /// Throws the errors of all stages, and Cancelled.
     Morph(MorphInput input, const MorphOptions& options, Progress& progress);
+    /// A morph that was found earlier, from what it left: both clouds with normals and radii, its
+    /// pairs, and where all points land (rows as in the clouds; empty: at their partners' mean).
+    /// There is no domain, and nothing to report. Throws CloudError.
+    Morph(Cloud source, Cloud target, Pairing pairs, RefinementStart images,
+          const MorphOptions& options);
     ~Morph();
 
     /// Both clouds in the order given; normals and radii are filled in where they were missing.

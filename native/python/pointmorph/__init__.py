@@ -40,6 +40,7 @@ from pointmorph.morphing import (
     morph,
     options,
     quality_summary,
+    restore,
 )
 from pointmorph.motions import Motion
 
@@ -67,4 +68,5 @@ __all__ = [
     "morph",
     "options",
     "quality_summary",
+    "restore",
 ]

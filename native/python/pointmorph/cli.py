@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from pointmorph import __version__, formats, morphing, sampling
+from pointmorph import __version__, formats, morphing, sampling, sequences
 from pointmorph.clouds import Cloud
 from pointmorph.errors import FeatureError, FileError, OptionError, PointmorphError
 
@@ -255,32 +255,8 @@ def _write(
         positions = cloud.positions.astype(frame.positions.dtype, copy=False)
         formats.write_ply(folder / f"{name}.ply", positions, *attributes)
 
-    counts = []
-    for number in range(frames):
-        progress("frames", number / frames)
-        path = folder / f"frame_{number:04d}.ply"
-        t = number / (frames - 1)
-        if resample:
-            closed = result.resampled_frame(t)
-            formats.write_ply(
-                path,
-                closed.positions,
-                closed.normals,
-                closed.colors,
-                closed.radii,
-                closed.ids,
-                closed.velocities / (frames - 1),
-            )
-            counts.append(len(closed.ids))
-        else:
-            result.frame(t, out=frame)
-            formats.write_ply(path, frame.positions, frame.normals, frame.colors, frame.radii)
-            counts.append(len(frame.radii))
-    number = frames
-    while (stale := folder / f"frame_{number:04d}.ply").exists():
-        stale.unlink()
-        number += 1
-    return counts
+    times = [number / (frames - 1) for number in range(frames)]
+    return sequences.write_frames(result, folder, times, resample=resample, progress=progress)
 
 
 @contextlib.contextmanager

@@ -436,19 +436,78 @@ def morph(
     >>> bool(np.array_equal(result.frame(0).positions, plane[result.pairs[:, 0]]))
     True
     """
-    native_options = _pointmorph.MorphOptions()
-    for name, value in settings.items():
-        native_options.set(name, _plain(name, value))
     native = _pointmorph.Morph(
         source._fields(),
         target._fields(),
         _feature_list(features),
         list(loop),
-        native_options,
+        _native_options(settings),
         *_start_arrays(start),
         progress,
     )
     return Morph(native, source, target)
+
+
+def restore(
+    source: Cloud,
+    target: Cloud,
+    pairs: npt.ArrayLike,
+    maps: tuple[npt.ArrayLike, npt.ArrayLike] | None = None,
+    **settings: int | float | str | None,
+) -> Morph:
+    """A morph that was found earlier, to ask for frames: nothing is computed again.
+
+    Parameters
+    ----------
+    source, target : Cloud
+        With normals and radii.
+    pairs : (M, 2) array_like of int
+        Its `pairs`.
+    maps : (N, 3) and (M, 3) array_like, optional
+        Its `source_to_target` and `target_to_source`, for paths other than straight ones; without
+        them points go to the mean of their partners.
+    **settings
+        Those that concern frames: `path`, `omega` and so on.
+
+    Raises
+    ------
+    CloudError, OptionError
+        For pairs that don't fit the clouds, missing normals or radii, or bad settings.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import pointmorph
+    >>> x, y = np.meshgrid(np.linspace(-1, 1, 30), np.linspace(-1, 1, 30))
+    >>> plane = np.stack([x, y, 0 * x], axis=-1).reshape(-1, 3)
+    >>> up = np.tile([0.0, 0, 1], (900, 1))
+    >>> ends = [pointmorph.Cloud(size * plane, up, radii=np.full(900, 0.07)) for size in (1, 2)]
+    >>> rows = np.arange(900)
+    >>> result = pointmorph.restore(*ends, np.column_stack([rows, rows]))
+    >>> bool(np.allclose(result.frame(0.5).positions, 1.5 * plane))
+    True
+    """
+    rows = np.ascontiguousarray(pairs, dtype=np.int64)
+    if rows.ndim != 2 or rows.shape[1] != 2 or len(rows) == 0:
+        raise CloudError(
+            "pairs", "an array of 2 columns", f"the shape {rows.shape}", "Take those of a morph."
+        )
+    rows = np.clip(rows, -1, 2**31 - 1)
+    native = _pointmorph.Morph.restore(
+        source._fields(),
+        target._fields(),
+        rows,
+        *_start_arrays(maps),
+        _native_options(settings),
+    )
+    return Morph(native, source, target)
+
+
+def _native_options(settings: Mapping[str, int | float | str | None]) -> _pointmorph.MorphOptions:
+    native_options = _pointmorph.MorphOptions()
+    for name, value in settings.items():
+        native_options.set(name, _plain(name, value))
+    return native_options
 
 
 def _start_arrays(

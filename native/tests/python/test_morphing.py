@@ -437,3 +437,34 @@ def test_resampled_frames_can_be_cancelled_and_check_t() -> None:
         result.resampled_frame(0.5, progress=lambda stage, done: False)
     with pytest.raises(pointmorph.OptionError, match="t"):
         result.resampled_frame(1.5)
+
+
+@pytest.mark.parametrize("path", ["linear", "rigid"])
+def test_a_restored_morph_has_the_same_frames(path: str) -> None:
+    turn = np.array([[1.0, 0, 0], [0, np.cos(1), np.sin(1)], [0, -np.sin(1), np.cos(1)]])
+    marks = {name: (a, a) for name, (a, _) in features(31, 31).items()}
+    result = pointmorph.morph(
+        pointmorph.Cloud(grid(31, 0.8)), pointmorph.Cloud(grid(31, 0.8) @ turn), marks, path=path
+    )
+    ends = []
+    for side, cloud in enumerate((result.source, result.target)):
+        frame = result.frame(side)
+        normals, radii = np.empty((961, 3)), np.empty(961)
+        normals[result.pairs[:, side]] = frame.normals
+        radii[result.pairs[:, side]] = frame.radii
+        ends.append(pointmorph.Cloud(cloud.positions, normals, radii=radii))
+    maps = result.source_to_target, result.target_to_source
+    again = pointmorph.restore(*ends, result.pairs, maps, path=path)
+    for t in (0.0, 0.4):
+        for name in ("positions", "normals", "radii"):
+            ours, theirs = (getattr(morph.frame(t), name) for morph in (again, result))
+            np.testing.assert_allclose(ours, theirs, atol=1e-9)
+    assert again.inserted() == result.inserted()
+    without = pointmorph.restore(*ends, result.pairs, path=path).frame(0.4).positions
+    np.testing.assert_allclose(without, result.frame(0.4).positions, atol=0.05)
+    with pytest.raises(pointmorph.CloudError, match="every point in a pair"):
+        pointmorph.restore(*ends, result.pairs[:-3])
+    with pytest.raises(pointmorph.CloudError, match="row 961"):
+        pointmorph.restore(*ends, np.vstack([result.pairs, [[961, 0]]]))
+    with pytest.raises(pointmorph.CloudError, match="normals and radii"):
+        pointmorph.restore(result.source, result.target, result.pairs)
