@@ -189,12 +189,17 @@ def build(context, obj, plan, frames):
 
 def check_format(kind):
     """Raises OptionError when this Blender can't write point clouds that way."""
+    version = "Blender " + ".".join(map(str, bpy.app.version[:2]))
     if kind == "USD" and bpy.app.version < _USD_WITH_POINTS:
         raise pointmorph.OptionError(
             "format",
             "Blender 4.5 or later for USD",
-            "Blender " + ".".join(map(str, bpy.app.version[:2])),
+            version,
             "Bake PLY, or Alembic without colours.",
+        )
+    if kind == "ALEMBIC" and "alembic_export" not in dir(bpy.ops.wm):
+        raise pointmorph.OptionError(
+            "format", "a Blender with Alembic", f"{version} built without it", "Bake PLY."
         )
 
 

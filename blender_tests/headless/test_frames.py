@@ -47,7 +47,7 @@ def shown(obj, frame):
     bpy.context.scene.frame_set(frame)
     depsgraph = bpy.context.evaluated_depsgraph_get()
     data = obj.evaluated_get(depsgraph).data
-    assert data.id_type == "POINTCLOUD"
+    assert type(data).__name__ == "PointCloud"
     return coordinates(data.points), attribute(data, "radius"), attribute(data, "Color")
 
 
@@ -117,9 +117,13 @@ def test_ply_files_go_on_where_they_were_stopped(torn, tmp_path):
 
 def test_alembic_and_usd(torn, tmp_path):
     before = data_blocks()
-    assert bake(format="ALEMBIC", directory=str(tmp_path)) == {"FINISHED"}
-    file = tmp_path / "Whole_to_Torn.abc"
-    assert file.stat().st_size > 9 * 12 * len(torn.data.vertices)
+    if "alembic_export" in dir(bpy.ops.wm):
+        assert bake(format="ALEMBIC", directory=str(tmp_path)) == {"FINISHED"}
+        file = tmp_path / "Whole_to_Torn.abc"
+        assert file.stat().st_size > 9 * 12 * len(torn.data.vertices)
+    else:  # as Debian builds it
+        with pytest.raises(RuntimeError, match="Alembic"):
+            bake(format="ALEMBIC", directory=str(tmp_path))
     if bpy.app.version < (4, 5, 0):
         with pytest.raises(RuntimeError, match="Blender 4.5"):
             bake(format="USD", directory=str(tmp_path))
