@@ -23,9 +23,11 @@ import addon
 
 POINTS = (30_000, 24_000)
 INFLUENCE = 0.6
+DISC = 0.7
+"""Radius of the discs in spacings: on an even sampling they just overlap."""
 FRAMES = 25
 TIMES = (0.25, 0.5, 0.75)
-SIZE, SAMPLES = (520, 560), 24
+SIZE, SAMPLES = (460, 470), 12
 FILM_SIZE, FILM_SAMPLES = (240, 260), 16
 
 
@@ -51,6 +53,7 @@ def morphed(scene: bpy.types.Scene) -> bpy.types.Object:
     settings = scene.pointmorph
     settings.source, settings.target = objects
     settings.method, settings.influence = "paper", INFLUENCE
+    settings.resample_spacing = DISC
     bpy.ops.pointmorph.morph()
     for shown in objects:
         shown.hide_render = True
@@ -65,6 +68,9 @@ def player(morph: bpy.types.Object, resample: bool) -> bpy.types.Object:
     bpy.ops.pointmorph.bake_frames(frame_start=1, frame_end=FRAMES, resample=resample)
     made = bpy.context.view_layer.objects.active
     scenery.show_as_solid(made)
+    modifier = made.modifiers[0]
+    scale = modifier.node_group.interface.items_tree["Radius Scale"]
+    modifier[scale.identifier] = DISC
     return made
 
 
