@@ -188,8 +188,8 @@ _classes = (
     POINTMORPH_PT_settings,
     POINTMORPH_PT_morph,
     POINTMORPH_PT_bake,
-    POINTMORPH_PT_frames,
     POINTMORPH_PT_quality,
+    POINTMORPH_PT_frames,
 )
 
 
