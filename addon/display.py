@@ -11,6 +11,8 @@ MODIFIER = "Points"
 # Not in small letters: Cycles renders an attribute "color" black, Blender 3.4 reserves "normal".
 COLOR = "Color"
 NORMAL = "Normal"
+RADIUS = "Radius"  # in small letters it would be a point cloud's own, which a mesh hasn't
+VELOCITY = "velocity"  # by frame; Cycles blurs by it
 
 # How bad the map is at a pair: 0 is perfect, over 1 is bad.
 DISTORTION = "distortion"
@@ -43,6 +45,42 @@ def add_points_modifier(obj, key, created):
     target.id_type = "KEY"
     target.id = key.id_data
     target.data_path = key.path_from_id("value")
+
+
+FRAMES_NAME = "Pointmorph Frames"
+
+
+def add_frames_modifier(obj, collection, plan, created):
+    """Shows the mesh of `collection` that belongs to the scene's frame, as points or discs."""
+    group = bpy.data.node_groups.get(FRAMES_NAME)
+    if group is None:
+        material = bpy.data.materials.get(NAME)
+        if material is None:
+            material = _material(created)
+        group = _frames_group(material, created)
+    modifier = obj.modifiers.new(MODIFIER, "NODES")
+    modifier.node_group = group
+    values = {"Collection": collection, "First": plan.first, "Step": plan.step}
+    for name, value in values.items():
+        modifier[input_identifier(group, name)] = value
+
+
+def frames_collection(obj):
+    """That which `add_frames_modifier` was called with."""
+    return _input(obj, "Collection")
+
+
+def frames_as_vertices(obj):
+    """A mesh object that shows what `obj` does, as vertices: for files that know no points."""
+    mesh = bpy.data.meshes.new(obj.name)
+    twin = bpy.data.objects.new(obj.name, mesh)
+    twin.matrix_world = obj.matrix_world
+    modifier = twin.modifiers.new(MODIFIER, "NODES")
+    modifier.node_group = _points_modifier(obj).node_group
+    for name in ("Collection", "First", "Step"):
+        _set_input(twin, name, _input(obj, name))
+    _set_input(twin, "Vertices", True)
+    return twin
 
 
 def can_show_distortion(obj):
@@ -229,8 +267,93 @@ def _group(material, created):
 
     points = build.node("GeometryNodeMeshToPoints", {"Mesh": geometry, "Radius": radius})
 
+    discs = _discs(build, geometry, unit_normal, radius)
+    shown = _switch(build, "GEOMETRY", inputs["Discs"], points.outputs[0], discs)
+    finished = build.node("GeometryNodeSetMaterial", {"Geometry": shown, "Material": material})
+    build.node("NodeGroupOutput", {"Geometry": finished.outputs["Geometry"]})
+    return group
+
+
+def _frames_group(material, created):
+    group = bpy.data.node_groups.new(FRAMES_NAME, "GeometryNodeTree")
+    created(group)
+    _new_input(group, "NodeSocketGeometry", "Geometry")
+    _new_input(group, "NodeSocketCollection", "Collection", "A mesh for each frame, by name")
+    _new_input(group, "NodeSocketInt", "First", "The scene's frame that shows the first mesh")
+    _new_input(group, "NodeSocketInt", "Step", "Frames from one mesh to the next", default_value=1)
+    _new_input(
+        group,
+        "NodeSocketFloat",
+        "Radius Scale",
+        "Makes all points larger or smaller",
+        default_value=1.0,
+        min_value=0.0,
+    )
+    _new_input(
+        group,
+        "NodeSocketBool",
+        "Discs",
+        "Shows discs in the surface instead of balls: slower, and visible where point clouds "
+        "aren't, as in the Eevee of Blender 3.4",
+    )
+    _new_input(
+        group, "NodeSocketBool", "Vertices", "Shows bare vertices, for formats without points"
+    )
+    _new_output(group, "NodeSocketGeometry", "Geometry")
+
+    build = _Builder(group)
+    inputs = build.node("NodeGroupInput").outputs
+
+    def math(operation, a, b):
+        node = build.node("ShaderNodeMath", operation=operation)
+        for socket, value in zip(node.inputs, (a, b), strict=False):
+            if isinstance(value, bpy.types.NodeSocket):
+                group.links.new(value, socket)
+            else:
+                socket.default_value = value
+        return node.outputs["Value"]
+
+    def attribute(name, kind):
+        node = build.node("GeometryNodeInputNamedAttribute", {"Name": name}, data_type=kind)
+        return _enabled(node.outputs, "Attribute")
+
+    # The first mesh before its time, the last one after.
+    frame = build.node("GeometryNodeInputSceneTime").outputs["Frame"]
+    meshes = build.node(
+        "GeometryNodeCollectionInfo",
+        {"Collection": inputs["Collection"], "Separate Children": True, "Reset Children": True},
+    )
+    instances = next(s for s in meshes.outputs if s.enabled)
+    size = build.node(
+        "GeometryNodeAttributeDomainSize", {"Geometry": instances}, component="INSTANCES"
+    )
+    last = math("SUBTRACT", size.outputs["Instance Count"], 1.0)
+    wanted = math("DIVIDE", math("SUBTRACT", frame, inputs["First"]), inputs["Step"])
+    wanted = math("MINIMUM", math("MAXIMUM", math("FLOOR", wanted, 0.0), 0.0), last)
+    index = build.node("GeometryNodeInputIndex").outputs["Index"]
+    others = math("GREATER_THAN", math("ABSOLUTE", math("SUBTRACT", index, wanted), 0.0), 0.5)
+    one = build.node(
+        "GeometryNodeDeleteGeometry",
+        {"Geometry": instances, "Selection": others},
+        domain="INSTANCE",
+    )
+    realized = build.node("GeometryNodeRealizeInstances", {"Geometry": one.outputs["Geometry"]})
+    geometry = realized.outputs["Geometry"]
+    radius = math("MULTIPLY", attribute(RADIUS, "FLOAT"), inputs["Radius Scale"])
+
+    points = build.node("GeometryNodeMeshToPoints", {"Mesh": geometry, "Radius": radius})
+    discs = _discs(build, geometry, attribute(NORMAL, "FLOAT_VECTOR"), radius)
+    shown = _switch(build, "GEOMETRY", inputs["Discs"], points.outputs[0], discs)
+    finished = build.node("GeometryNodeSetMaterial", {"Geometry": shown, "Material": material})
+    either = _switch(build, "GEOMETRY", inputs["Vertices"], finished.outputs["Geometry"], geometry)
+    build.node("NodeGroupOutput", {"Geometry": either})
+    return group
+
+
+def _discs(build, geometry, normal, radius):
+    """Discs in the surface at the points of `geometry`."""
     disc = build.node("GeometryNodeMeshCircle", {"Vertices": 6, "Radius": 1.0}, fill_type="NGON")
-    align = {"Vector": unit_normal}
+    align = {"Vector": normal}
     if hasattr(bpy.types, "FunctionNodeAlignRotationToVector"):
         upright = build.node("FunctionNodeAlignRotationToVector", align, axis="Z")
     else:
@@ -245,17 +368,15 @@ def _group(material, created):
         },
     )
     realized = build.node("GeometryNodeRealizeInstances", {"Geometry": discs.outputs["Instances"]})
+    return realized.outputs["Geometry"]
 
-    switch = build.node("GeometryNodeSwitch", input_type="GEOMETRY")
-    group.links.new(inputs["Discs"], next(s for s in switch.inputs if s.enabled))
-    group.links.new(points.outputs[0], _enabled(switch.inputs, "False"))
-    group.links.new(realized.outputs["Geometry"], _enabled(switch.inputs, "True"))
-    finished = build.node(
-        "GeometryNodeSetMaterial",
-        {"Geometry": _enabled(switch.outputs, "Output"), "Material": material},
-    )
-    build.node("NodeGroupOutput", {"Geometry": finished.outputs["Geometry"]})
-    return group
+
+def _switch(build, kind, condition, if_false, if_true):
+    switch = build.node("GeometryNodeSwitch", input_type=kind)
+    build.tree.links.new(condition, next(s for s in switch.inputs if s.enabled))
+    build.tree.links.new(if_false, _enabled(switch.inputs, "False"))
+    build.tree.links.new(if_true, _enabled(switch.inputs, "True"))
+    return _enabled(switch.outputs, "Output")
 
 
 def _or_distortion(build, inputs, color, distortion):
@@ -270,13 +391,7 @@ def _or_distortion(build, inputs, color, distortion):
     for element, (position, rgb) in zip(elements, _RAMP, strict=True):
         element.position = position
         element.color = (*rgb, 1.0)
-    switch = build.node("GeometryNodeSwitch", input_type="RGBA")
-    build.tree.links.new(
-        inputs[SHOW_DISTORTION], next(socket for socket in switch.inputs if socket.enabled)
-    )
-    build.tree.links.new(color, _enabled(switch.inputs, "False"))
-    build.tree.links.new(ramp.outputs["Color"], _enabled(switch.inputs, "True"))
-    return _enabled(switch.outputs, "Output")
+    return _switch(build, "RGBA", inputs[SHOW_DISTORTION], color, ramp.outputs["Color"])
 
 
 def _material(created):

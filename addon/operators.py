@@ -7,10 +7,10 @@ import bpy
 import numpy as np
 import pointmorph
 
-from . import arrays, display, result, session, transforms
+from . import arrays, display, frames, result, session, transforms
 from .computation import Earlier, compute
 from .features import PREFIX, description
-from .properties import feature_names, sync_features
+from .properties import feature_names, settings_values, sync_features
 from .reading import read_request
 
 
@@ -48,33 +48,24 @@ def active_result(context):
     return found
 
 
-class POINTMORPH_OT_morph(bpy.types.Operator):
-    """Compute the morph from source to target. In a window Blender stays usable; Esc stops it"""
+class _Computing:
+    """What an operator needs that computes in a thread while Blender stays usable.
 
-    bl_idname = "pointmorph.morph"
-    bl_label = "Morph"
-    bl_options = {"REGISTER", "UNDO"}
+    It has `_begin(context)`, which reads the scene and returns what to call with a progress, and
+    `_finish(context, outcome)`, which changes the scene.
+    """
 
-    @classmethod
-    def poll(cls, context):
-        if session.current is not None:
-            cls.poll_message_set("A morph is being computed: wait, or press Esc to stop it")
-            return False
-        reason = shapes_reason(context)
-        if reason is not None:
-            cls.poll_message_set(reason)
-            return False
-        return True
+    _in_window = False
 
     def invoke(self, context, event):
         if bpy.app.background:
             return self.execute(context)
         try:
-            request = self._read(context)
+            self._in_window = True
+            compute = self._begin(context)
         except pointmorph.PointmorphError as error:
             return fail(self, error)
-        self._request = request
-        session.start(lambda progress: compute(request, progress, session.earlier))
+        session.start(compute)
         window_manager = context.window_manager
         self._timer = window_manager.event_timer_add(0.05, window=context.window)
         window_manager.modal_handler_add(self)
@@ -94,13 +85,12 @@ class POINTMORPH_OT_morph(bpy.types.Operator):
         job = self._end(context)
         try:
             outcome = job.result()
+            return self._finish(context, outcome)
         except pointmorph.Cancelled:
-            self.report({"INFO"}, "The morph was stopped")
+            self.report({"INFO"}, self.stopped)
             return {"CANCELLED"}
         except pointmorph.PointmorphError as error:
             return fail(self, error)
-        session.earlier = Earlier(self._request, outcome.maps)
-        return self._build(context, outcome)
 
     def cancel(self, context):
         """Called by Blender when the window or the file is closed."""
@@ -109,13 +99,50 @@ class POINTMORPH_OT_morph(bpy.types.Operator):
     def execute(self, context):
         try:
             # A function of Python's, so that Ctrl-C works.
-            outcome = compute(self._read(context), lambda stage, fraction: True)
+            return self._finish(context, self._begin(context)(lambda stage, fraction: True))
         except pointmorph.PointmorphError as error:
             return fail(self, error)
-        return self._build(context, outcome)
+
+    def _show_progress(self, context):
+        context.workspace.status_text_set(progress_text() + "   Esc: stop")
+        _redraw_sidebars(context)
+
+    def _end(self, context):
+        context.window_manager.event_timer_remove(self._timer)
+        context.workspace.status_text_set(None)
+        job = session.finish()
+        _redraw_sidebars(context)
+        return job
+
+
+class POINTMORPH_OT_morph(_Computing, bpy.types.Operator):
+    """Compute the morph from source to target. In a window Blender stays usable; Esc stops it"""
+
+    bl_idname = "pointmorph.morph"
+    bl_label = "Morph"
+    bl_options = {"REGISTER", "UNDO"}
+
+    @classmethod
+    def poll(cls, context):
+        if session.current is not None:
+            cls.poll_message_set("A morph is being computed: wait, or press Esc to stop it")
+            return False
+        reason = shapes_reason(context)
+        if reason is not None:
+            cls.poll_message_set(reason)
+            return False
+        return True
+
+    stopped = "The morph was stopped"
+
+    def _begin(self, context):
+        request = self._request = self._read(context)
+        # A script gets the same whatever was done before it.
+        earlier = session.earlier if self._in_window else None
+        return lambda progress: compute(request, progress, earlier)
 
     def _read(self, context):
-        """The request. What _build needs is kept by name: objects move in memory on undo."""
+        """The request. What _finish needs is kept by name: objects move in memory on undo."""
         sync_features(context.scene)
         request = read_request(context)
         say_what_was_found(context.scene, request)
@@ -125,7 +152,9 @@ class POINTMORPH_OT_morph(bpy.types.Operator):
         self._names = request.source.name, request.target.name
         return request
 
-    def _build(self, context, outcome):
+    def _finish(self, context, outcome):
+        if self._in_window:
+            session.earlier = Earlier(self._request, outcome.maps)
         source_name, target_name = self._names
         objects = context.scene.objects
         obj = result.build(
@@ -145,17 +174,6 @@ class POINTMORPH_OT_morph(bpy.types.Operator):
         seconds = report["seconds"]
         self.report({"INFO"}, f'"{obj.name}": {report["pairs"]:,} pairs in {seconds:.1f} s')
         return {"FINISHED"}
-
-    def _show_progress(self, context):
-        context.workspace.status_text_set(progress_text() + "   Esc: stop")
-        _redraw_sidebars(context)
-
-    def _end(self, context):
-        context.window_manager.event_timer_remove(self._timer)
-        context.workspace.status_text_set(None)
-        job = session.finish()
-        _redraw_sidebars(context)
-        return job
 
 
 def _activate(objects, obj):
@@ -256,6 +274,127 @@ class POINTMORPH_OT_bake_shape_keys(bpy.types.Operator):
             return fail(self, error)
         count = f"{self.steps} shape key" + ("s" if self.steps > 1 else "")
         self.report({"INFO"}, f'{count} added to "{changed.name}"')
+        return {"FINISHED"}
+
+
+class POINTMORPH_OT_bake_frames(_Computing, bpy.types.Operator):
+    """Bake the morph frame by frame, with new points where it would show cracks"""
+
+    bl_idname = "pointmorph.bake_frames"
+    bl_label = "Bake Frames"
+    bl_options = {"REGISTER", "UNDO"}
+    stopped = "The bake was stopped. Frames in files stay: bake again to go on"
+
+    format: bpy.props.EnumProperty(
+        name="Format",
+        description="Where the frames go",
+        items=[
+            ("SCENE", "In the Scene", "An object that shows the frame of the scene as points"),
+            ("PLY", "PLY Files", "One file a frame with all there is, id and velocity too"),
+            ("USD", "USD", "One file: positions, radius, colour. From Blender 4.5 on"),
+            ("ALEMBIC", "Alembic", "One file: positions only, as vertices"),
+        ],
+        default="SCENE",
+    )
+    frame_start: bpy.props.IntProperty(
+        name="First", description="Frame that shows the source", default=1
+    )
+    frame_end: bpy.props.IntProperty(
+        name="Last", description="Frame that shows the target", default=48
+    )
+    step: bpy.props.IntProperty(
+        name="Step", description="Frames from one to the next", default=1, min=1, max=1000
+    )
+    easing: bpy.props.EnumProperty(
+        name="Easing",
+        description="How the morph runs over the frames",
+        items=[
+            ("LINEAR", "Even", "At the same speed all the time"),
+            ("SMOOTH", "Smooth", "Begins and ends slowly"),
+        ],
+        default="LINEAR",
+    )
+    path: bpy.props.EnumProperty(
+        name="Path",
+        description="How points travel",
+        items=[
+            ("SETTING", "As Set", "The setting Path in the panel"),
+            ("LINEAR", "Linear", "Straight"),
+            ("SIMILARITY", "Similarity", "The whole turns and grows on the way"),
+            ("RIGID", "Rigid", "Every part turns as well: limbs swing instead of shrinking"),
+        ],
+        default="SETTING",
+    )
+    resample: bpy.props.BoolProperty(
+        name="Re-sample", description="Put new points where there would be cracks", default=True
+    )
+    directory: bpy.props.StringProperty(
+        name="Folder", description="Where files go", subtype="DIR_PATH", default="//frames"
+    )
+
+    @classmethod
+    def poll(cls, context):
+        if session.current is not None:
+            cls.poll_message_set("Something is being computed: wait, or press Esc to stop it")
+            return False
+        obj = active_result(context)
+        if obj is None:
+            cls.poll_message_set("Morph first, or make a morph object the active object")
+            return False
+        if obj.mode == "EDIT":
+            cls.poll_message_set("Leave Edit Mode first")
+            return False
+        return True
+
+    def _begin(self, context):
+        if self.frame_end <= self.frame_start:
+            raise pointmorph.OptionError(
+                "frame_end",
+                f"a frame after the first, {self.frame_start}",
+                str(self.frame_end),
+                "Choose a later one.",
+            )
+        obj = active_result(context)
+        self._name = obj.name
+        plan = self._plan = frames.Plan(
+            self.frame_start, self.frame_end, self.step, self.easing, self.resample
+        )
+        settings = settings_values(context.scene.pointmorph)
+        if self.path != "SETTING":
+            settings["path"] = self.path.lower()
+        if self.format in {"USD", "ALEMBIC"}:
+            frames.check_format(self.format)
+        folder = None if self.format == "SCENE" else frames.make_folder(self.directory)
+        self._folder = folder
+        morph = frames.read_morph(obj, settings)
+        if self.format == "PLY":
+            return lambda progress: frames.write_files(morph, plan, folder, progress)
+        return lambda progress: frames.compute(morph, plan, progress)
+
+    def _finish(self, context, outcome):
+        plan = self._plan
+        if self.format == "PLY":
+            self.report({"INFO"}, f"{len(outcome)} frames written to {self._folder}")
+            return {"FINISHED"}
+        obj = context.scene.objects.get(self._name)
+        if obj is None:
+            raise pointmorph.CloudError(
+                self._name, "the object that was baked", "none", "Undo its removal."
+            )
+        player = frames.build(context, obj, plan, outcome)
+        if self.format == "SCENE":
+            obj.hide_set(True)
+            obj.hide_render = True
+            _activate(context.view_layer.objects, player)
+            self.report({"INFO"}, f'{len(outcome)} frames in "{player.name}"')
+            return {"FINISHED"}
+        path = self._folder / f"{bpy.path.clean_name(self._name)}.{frames.SUFFIXES[self.format]}"
+        try:
+            frames.export(context, player, plan, path, self.format)
+        finally:
+            frames.remove(player)
+        self.report({"WARNING"}, frames.LOSSES[self.format])
+        self.report({"INFO"}, f"{len(outcome)} frames written to {path}")
         return {"FINISHED"}
 
 
@@ -526,6 +665,7 @@ def _mark(obj, name, rows):
 _classes = (
     POINTMORPH_OT_morph,
     POINTMORPH_OT_bake_shape_keys,
+    POINTMORPH_OT_bake_frames,
     POINTMORPH_OT_show_distortion,
     POINTMORPH_OT_go_to_place,
     POINTMORPH_OT_add_feature,

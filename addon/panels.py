@@ -151,6 +151,24 @@ class POINTMORPH_PT_bake(_Panel, bpy.types.Panel):
             button.steps = settings.steps
 
 
+class POINTMORPH_PT_frames(_Panel, bpy.types.Panel):
+    bl_label = "Bake Frames"
+
+    def draw(self, context):
+        scene = context.scene
+        layout = self.layout.column(align=True)
+        for kind, text in (
+            ("SCENE", "In the Scene"),
+            ("PLY", "PLY Files"),
+            ("USD", "USD"),
+            ("ALEMBIC", "Alembic"),
+        ):
+            button = layout.operator("pointmorph.bake_frames", text=text)
+            button.format = kind
+            button.frame_start = scene.frame_start
+            button.frame_end = scene.frame_end
+
+
 class POINTMORPH_PT_quality(_Panel, bpy.types.Panel):
     bl_label = "Quality"
 
@@ -203,6 +221,7 @@ _classes = (
     POINTMORPH_PT_morph,
     POINTMORPH_PT_bake,
     POINTMORPH_PT_quality,
+    POINTMORPH_PT_frames,
 )
 
 

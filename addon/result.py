@@ -87,6 +87,7 @@ def build(context, outcome, name, origin, source, target, source_matrix):
             arrays.write_attribute(mesh, f"{side}_color", end.colors)
             arrays.write_attribute(mesh, f"{side}_radius", end.radii)
         arrays.write_attribute(mesh, "landing", outcome.landing[outcome.source.rows])
+        arrays.write_attribute(mesh, "target_landing", outcome.maps[1][outcome.target.rows])
         arrays.write_attribute(mesh, display.DISTORTION, outcome.distortion)
         obj = bpy.data.objects.new(name, mesh)
         created(obj)

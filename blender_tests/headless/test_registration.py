@@ -11,6 +11,7 @@ import pytest
 WITHOUT_BLENDER = ("arrays", "computation", "features", "session", "transforms")
 OPERATORS = (
     "add_feature",
+    "bake_frames",
     "bake_shape_keys",
     "check_features",
     "morph",

@@ -142,12 +142,37 @@ void frame_into(const Morph& morph, double t, const py::array_t<Scalar>& positio
     morph.frame<Scalar>(t, view);
 }
 
+template <class Scalar>
+py::dict dict_of(ResampledFrame<Scalar> frame) {
+    const auto rows = [](auto values, py::ssize_t columns) {
+        using Number = typename decltype(values)::value_type;
+        auto* owned = new std::vector<Number>(std::move(values));
+        const py::capsule owner(owned,
+                                [](void* p) { delete static_cast<std::vector<Number>*>(p); });
+        std::vector<py::ssize_t> shape{static_cast<py::ssize_t>(owned->size()) / columns};
+        if (columns > 1) shape.push_back(columns);
+        return py::array_t<Number>(shape, owned->data(), owner);
+    };
+    return py::dict(py::arg("positions") = rows(std::move(frame.positions), 3),
+                    py::arg("normals") = rows(std::move(frame.normals), 3),
+                    py::arg("colors") = rows(std::move(frame.colors), 4),
+                    py::arg("radii") = rows(std::move(frame.radii), 1),
+                    py::arg("velocities") = rows(std::move(frame.velocities), 3),
+                    py::arg("ids") = rows(std::move(frame.ids), 1));
+}
+
 /// Calls a member of Morph that takes a Progress, without the GIL.
 template <class Call>
 decltype(auto) without_gil(const py::object& callback, Call&& call) {
     const auto progress = make_progress(callback);
     const py::gil_scoped_release release;
     return call(*progress);
+}
+
+template <class Scalar>
+py::dict resampled_frame(const Morph& morph, double t, const py::object& callback) {
+    return dict_of(without_gil(
+        callback, [&](Progress& progress) { return morph.resampled_frame<Scalar>(t, progress); }));
 }
 
 }  // namespace
@@ -171,8 +196,23 @@ void bind_morph(py::module_& module) {
             return std::make_unique<Morph>(std::move(input), options, progress);
         });
     };
+    const auto restore = [](const py::dict& source, const py::dict& target,
+                            const py::array_t<std::int64_t, py::array::c_style>& rows,
+                            const py::object& source_images, const py::object& target_images,
+                            const MorphOptions& options) {
+        Pairing pairs(static_cast<std::size_t>(rows.shape(0)));
+        const auto view = rows.unchecked<2>();
+        for (py::ssize_t i = 0; i < view.shape(0); ++i)
+            pairs[static_cast<std::size_t>(i)] = {static_cast<Index>(view(i, 0)),
+                                                  static_cast<Index>(view(i, 1))};
+        RefinementStart images{from_numpy<Positions>(source_images),
+                               from_numpy<Positions>(target_images)};
+        return std::make_unique<Morph>(cloud_of(source), cloud_of(target), std::move(pairs),
+                                       std::move(images), options);
+    };
     py::class_<Morph>(module, "Morph")
         .def(py::init(make))
+        .def_static("restore", restore)
         .def("pairs", [](const Morph& m) { return array_of(m.pairs()); })
         .def("source_domain",
              [](const Morph& m) { return to_numpy(DomainPoints(m.source_domain())); })
@@ -205,6 +245,14 @@ void bind_morph(py::module_& module) {
                      return m.quality(progress);
                  }));
              })
+        .def("inserted",
+             [](const Morph& m, const py::object& callback) {
+                 return without_gil(callback, [&](Progress& progress) {
+                     return m.resampling(progress).points().size();
+                 });
+             })
+        .def("resampled_frame_float32", &resampled_frame<float>)
+        .def("resampled_frame_float64", &resampled_frame<double>)
         .def("frame_float32", &frame_into<float>, py::arg("t"), py::arg("positions").noconvert(),
              py::arg("normals").noconvert(), py::arg("colors").noconvert(),
              py::arg("radii").noconvert())

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <iterator>
 #include <mutex>
+#include <numeric>
 #include <optional>
 #include <utility>
 
@@ -80,6 +81,37 @@ FeatureReach reach_of(const Side& side, std::span<const Feature> points, Marked 
                          options.decomposition, progress);
 }
 
+std::span<double> span_of(Positions& rows) {
+    return {rows.data(), static_cast<std::size_t>(rows.size())};
+}
+
+/// Gives the first points their share of the radius and takes out those without any.
+template <class Scalar>
+void hide(const Values& shares, ResampledFrame<Scalar>& frame) {
+    std::size_t to = 0;
+    for (std::size_t from = 0; from < frame.ids.size(); ++from) {
+        const auto row = static_cast<Eigen::Index>(from);
+        const double share = row < shares.size() ? shares[row] : 1.0;
+        if (!(share > 0.0)) continue;
+        const auto move = [&](std::vector<Scalar>& values, std::size_t width) {
+            std::copy_n(values.begin() + static_cast<std::ptrdiff_t>(width * from), width,
+                        values.begin() + static_cast<std::ptrdiff_t>(width * to));
+        };
+        move(frame.positions, 3);
+        move(frame.normals, 3);
+        move(frame.colors, 4);
+        move(frame.velocities, 3);
+        frame.radii[to] = static_cast<Scalar>(share * static_cast<double>(frame.radii[from]));
+        frame.ids[to++] = frame.ids[from];
+    }
+    frame.positions.resize(3 * to);
+    frame.normals.resize(3 * to);
+    frame.colors.resize(4 * to);
+    frame.velocities.resize(3 * to);
+    frame.radii.resize(to);
+    frame.ids.resize(to);
+}
+
 /// Runs both at once where there are two threads.
 template <class Left, class Right>
 void both(Left&& left, Right&& right) {
@@ -95,6 +127,11 @@ struct Morph::Paths {
     std::optional<Motion> source_motion, target_motion;
 };
 
+struct Morph::Resampled {
+    std::mutex mutex;
+    std::optional<Resampling> resampling;
+};
+
 struct Morph::Measured {
     std::mutex mutex;
     std::optional<Quality> quality;
@@ -108,6 +145,7 @@ Morph::Morph(MorphInput input, const MorphOptions& options, Progress& progress)
       target_(std::move(input.target)),
       features_(input.features),
       paths_(std::make_unique<Paths>()),
+      resampled_(std::make_unique<Resampled>()),
       measured_(std::make_unique<Measured>()) {
     const ThreadCount threads(options.threads);
     const auto start = std::chrono::steady_clock::now();
@@ -229,6 +267,53 @@ Morph::Morph(MorphInput input, const MorphOptions& options, Progress& progress)
         std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
 }
 
+Morph::Morph(Cloud source, Cloud target, Pairing pairs, RefinementStart images,
+             const MorphOptions& options)
+    : options_(options),
+      source_(std::move(source)),
+      target_(std::move(target)),
+      pairs_(std::move(pairs)),
+      source_images_(std::move(images.source_images)),
+      target_images_(std::move(images.target_images)),
+      paths_(std::make_unique<Paths>()),
+      resampled_(std::make_unique<Resampled>()),
+      measured_(std::make_unique<Measured>()) {
+    const auto check = [&](const Cloud& cloud, Index IndexPair::*side) {
+        validate(cloud, kMinimumPoints);
+        if (cloud.normals.rows() == 0 || cloud.radii.rows() == 0)
+            throw CloudError(cloud.name, "normals and radii", "none",
+                             "Take those of frame(0) and frame(1) of the morph.");
+        std::vector<char> in_a_pair(static_cast<std::size_t>(cloud.size()));
+        for (const IndexPair& pair : pairs_) {
+            const Index row = pair.*side;
+            if (row < 0 || row >= cloud.size())
+                throw CloudError(cloud.name,
+                                 "pairs of its " + std::to_string(cloud.size()) + " points",
+                                 "row " + std::to_string(row), "Take the morph's own pairs.");
+            in_a_pair[static_cast<std::size_t>(row)] = 1;
+        }
+        if (std::ranges::find(in_a_pair, 0) != in_a_pair.end())
+            throw CloudError(cloud.name, "every point in a pair", "some that aren't",
+                             "Take the morph's own pairs.");
+    };
+    check(source_, &IndexPair::source);
+    check(target_, &IndexPair::target);
+    check_start({source_images_, target_images_}, source_.size(), target_.size());
+    if (source_images_.rows() > 0) return;
+    const auto mean_of_partners = [&](const Cloud& cloud, Index IndexPair::*side,
+                                      const Cloud& other, Index IndexPair::*other_side) {
+        Positions mean = Positions::Zero(cloud.size(), 3);
+        Values count = Values::Zero(cloud.size());
+        for (const IndexPair& pair : pairs_) {
+            mean.row(pair.*side) += other.positions.row(pair.*other_side);
+            count[pair.*side] += 1.0;
+        }
+        return Positions(mean.array().colwise() / count.array());
+    };
+    source_images_ = mean_of_partners(source_, &IndexPair::source, target_, &IndexPair::target);
+    target_images_ = mean_of_partners(target_, &IndexPair::target, source_, &IndexPair::source);
+}
+
 void Morph::take(Refinement refinement, Side& source, Side& target) {
     if (refinement.inside_out) {
         Side* const turnable = !target.normals_given   ? &target
@@ -324,6 +409,109 @@ void Morph::frame(double t, const FrameView<Scalar>& out) const {
 
 template void Morph::frame<float>(double, const FrameView<float>&) const;
 template void Morph::frame<double>(double, const FrameView<double>&) const;
+
+const Resampling& Morph::resampling(Progress& progress) const {
+    const std::scoped_lock lock(resampled_->mutex);
+    auto& resampling = resampled_->resampling;
+    if (!resampling) {
+        const ThreadCount threads(options_.threads);
+        progress.enter("resampling");
+        const auto frame_at = [this](double t) {
+            const auto rows = static_cast<Eigen::Index>(pairs_.size());
+            LiftedCloud cloud{Positions(rows, 3), Normals(rows, 3)};
+            frame<double>(t, {span_of(cloud.positions), span_of(cloud.normals), {}, {}});
+            return cloud;
+        };
+        resampling.emplace(source_, target_, pairs_, frame_at, options_.resampling, progress);
+        progress.finish();
+    }
+    return *resampling;
+}
+
+/// Change of the pairs' places with t.
+Positions Morph::velocities(double t) const {
+    const auto rows = static_cast<Eigen::Index>(pairs_.size());
+    Positions before(rows, 3), after(rows, 3);
+    // On straight paths the whole way; else a piece short enough, but not the ends themselves,
+    // whose own numbers differ from the path's by rounding.
+    const bool straight = options_.path == PathKind::kLinear;
+    constexpr double kStep = 1e-3, kInside = 1e-6;
+    const double first = straight ? 0.0 : std::max(t - kStep, kInside);
+    const double last = straight ? 1.0 : std::min(t + kStep, 1.0 - kInside);
+    frame<double>(first, {span_of(before), {}, {}, {}});
+    frame<double>(last, {span_of(after), {}, {}, {}});
+    return (after - before) / (last - first);
+}
+
+template <class Scalar>
+ResampledFrame<Scalar> Morph::resampled_frame(double t, Progress& progress) const {
+    const Resampling& resampling = this->resampling(progress);
+    const ThreadCount threads(options_.threads);
+    const std::size_t pairs = pairs_.size();
+    ResampledFrame<Scalar> result;
+    result.positions.resize(3 * pairs);
+    result.normals.resize(3 * pairs);
+    result.colors.resize(4 * pairs);
+    result.radii.resize(pairs);
+    frame<Scalar>(t, {result.positions, result.normals, result.colors, result.radii});
+
+    progress.enter("resampled frame");
+    using Rows = Eigen::Matrix<Scalar, Eigen::Dynamic, 3, Eigen::RowMajor>;
+    const auto rows = static_cast<Eigen::Index>(pairs);
+    const Positions velocities = this->velocities(t);
+    result.velocities.resize(3 * pairs);
+    Eigen::Map<Rows>(result.velocities.data(), rows, 3) = velocities.template cast<Scalar>();
+    result.ids.resize(pairs);
+    std::iota(result.ids.begin(), result.ids.end(), 0);
+
+    LiftedCloud cloud{
+        Eigen::Map<const Rows>(result.positions.data(), rows, 3).template cast<double>(),
+        Eigen::Map<const Rows>(result.normals.data(), rows, 3).template cast<double>()};
+    cloud.normals.rowwise().normalize();  // at the ends they are as given
+    const Resampling::Alive alive = resampling.at(t, cloud, progress);
+    const std::size_t count = pairs + alive.ids.size();
+    result.positions.resize(3 * count);
+    result.normals.resize(3 * count);
+    result.colors.resize(4 * count);
+    result.radii.resize(count);
+    result.velocities.resize(3 * count);
+    result.ids.resize(count);
+    parallel_for(static_cast<Index>(alive.ids.size()), progress, [&](Index begin, Index end) {
+        for (auto i = static_cast<std::size_t>(begin); i < static_cast<std::size_t>(end); ++i) {
+            const InsertedPoint& point =
+                resampling.points()[static_cast<std::size_t>(alive.ids[i])];
+            const auto row = static_cast<Eigen::Index>(i);
+            const std::size_t to = pairs + i;
+            const auto mean = [&](auto&& value) {
+                double sum = 0.0;
+                for (std::size_t c = 0; c < 3; ++c)
+                    sum += point.weights[c] *
+                           static_cast<double>(value(static_cast<std::size_t>(point.pairs[c])));
+                return sum;
+            };
+            for (std::size_t d = 0; d < 3; ++d) {
+                const auto axis = static_cast<Eigen::Index>(d);
+                result.positions[3 * to + d] = static_cast<Scalar>(alive.positions(row, axis));
+                result.normals[3 * to + d] = static_cast<Scalar>(alive.normals(row, axis));
+                result.velocities[3 * to + d] = static_cast<Scalar>(mean([&](std::size_t pair) {
+                    return velocities(static_cast<Eigen::Index>(pair), axis);
+                }));
+            }
+            for (std::size_t d = 0; d < 4; ++d)
+                result.colors[4 * to + d] = static_cast<Scalar>(
+                    mean([&](std::size_t pair) { return result.colors[4 * pair + d]; }));
+            result.radii[to] = static_cast<Scalar>(
+                alive.share[row] * mean([&](std::size_t pair) { return result.radii[pair]; }));
+            result.ids[to] = static_cast<Index>(pairs) + alive.ids[i];
+        }
+    });
+    if (!resampling.hidden().empty()) hide(resampling.pair_shares(t), result);
+    progress.finish();
+    return result;
+}
+
+template ResampledFrame<float> Morph::resampled_frame<float>(double, Progress&) const;
+template ResampledFrame<double> Morph::resampled_frame<double>(double, Progress&) const;
 
 std::vector<Cracks> Morph::cracks(std::span<const double> times, Progress& progress) const {
     const ThreadCount threads(options_.threads);

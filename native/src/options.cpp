@@ -185,6 +185,25 @@ std::vector<Option> make_table() {
                            "the whole on the way (a turned target doesn't shrink midway), rigid "
                            "also turns every part, so that a raised leg swings. Shape keys "
                            "themselves are straight: bake several steps to follow the others"));
+    table.push_back(number("omega", POINTMORPH_FIELD(resampling.omega), 0, 2, "",
+                           "Re-sampled frames get new points where the density falls below this "
+                           "share of that of both ends. 0 inserts none, larger inserts earlier"));
+    table.push_back(number("resample_spacing", POINTMORPH_FIELD(resampling.spacing), 0.25, 4,
+                           "spacings",
+                           "How far apart the new points of re-sampled frames lie. Lower it when "
+                           "frames are drawn with smaller points"));
+    table.push_back(number("mls_degree", POINTMORPH_FIELD(resampling.mls.degree), 1, 4, "",
+                           "Degree of the polynomials that make up the surface on which new points "
+                           "lie"));
+    table.push_back(number("mls_scale", POINTMORPH_FIELD(resampling.mls.scale), 0.5, 10, "spacings",
+                           "How far the surface on which new points lie averages over the points "
+                           "around. Raise it for noisy scans. Automatic: 0.9 + degree / 5"));
+    table.push_back(number("mls_width", POINTMORPH_FIELD(resampling.mls.width), 1e-9, 1e9,
+                           "model units",
+                           "The same as a fixed distance. Automatic: the spacings are used"));
+    table.push_back(number("crowding", POINTMORPH_FIELD(resampling.crowding), 1.5, 100, "",
+                           "Re-sampled frames leave points out where the density is more than this "
+                           "many times that of either end. Automatic: never"));
     return table;
 }
 

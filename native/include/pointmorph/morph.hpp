@@ -20,6 +20,7 @@
 #include "pointmorph/progress.hpp"
 #include "pointmorph/quality.hpp"
 #include "pointmorph/refinement.hpp"
+#include "pointmorph/resampling.hpp"
 #include "pointmorph/transfer.hpp"
 
 namespace pointmorph {
@@ -59,6 +60,7 @@ struct MorphOptions {
     TransferOptions transfer;
     RefinementOptions refinement;
     PathKind path = PathKind::kLinear;
+    ResamplingOptions resampling;
     /// OpenMP threads; 0 takes what the machine has. The result doesn't depend on it.
     int threads = 0;
 };
@@ -75,6 +77,16 @@ struct MorphInput {
     /// Smooth maps of an earlier morph of these clouds, rows as given, to start from; empty for
     /// none. Only method auto uses them; see refine().
     RefinementStart start{};
+};
+
+/// A frame without cracks: as many rows as it takes. Row-major, numbers a point as in a FrameView.
+template <class Scalar>
+struct ResampledFrame {
+    std::vector<Scalar> positions, normals, colors, radii;
+    std::vector<Scalar> velocities;  ///< 3 a point, distance for t from 0 to 1 at this speed
+    /// Ascending; a point keeps its own over the whole morph: the row of a pair, or #pairs + the
+    /// row of Resampling::points().
+    std::vector<Index> ids;
 };
 
 /// What one side's parameterization took (the paper's Table I).
@@ -117,6 +129,11 @@ class Morph {
 public:
     /// Throws the errors of all stages, and Cancelled.
     Morph(MorphInput input, const MorphOptions& options, Progress& progress);
+    /// A morph that was found earlier, from what it left: both clouds with normals and radii, its
+    /// pairs, and where all points land (rows as in the clouds; empty: at their partners' mean).
+    /// There is no domain, and nothing to report. Throws CloudError.
+    Morph(Cloud source, Cloud target, Pairing pairs, RefinementStart images,
+          const MorphOptions& options);
     ~Morph();
 
     /// Both clouds in the order given; normals and radii are filled in where they were missing.
@@ -148,6 +165,16 @@ public:
     template <class Scalar>
     void frame(double t, const FrameView<Scalar>& out) const;
 
+    /// Which points are inserted; found when first asked for, which takes some frames' time.
+    const Resampling& resampling(Progress& progress) const;
+
+    /// frame(t) with new points where it would show cracks, which come and go with their radius;
+    /// their colours and radii are those of the pairs around. Rows of pairs are frame(t)'s own,
+    /// unless they are hidden (`ResamplingOptions::crowding`). Neighbouring frames may be asked for
+    /// in any order.
+    template <class Scalar>
+    ResampledFrame<Scalar> resampled_frame(double t, Progress& progress) const;
+
     /// See find_cracks().
     std::vector<Cracks> cracks(std::span<const double> times, Progress& progress) const;
 
@@ -161,6 +188,7 @@ private:
     void take(Refinement refinement, Side& source, Side& target);
     Positions through_domain(const Positions& images, const DomainPoints& from,
                              const DomainPoints& to, const Cloud& other, Progress& progress) const;
+    Positions velocities(double t) const;
 
     MorphOptions options_;
     Cloud source_, target_;
@@ -173,6 +201,8 @@ private:
 
     struct Paths;
     std::unique_ptr<Paths> paths_;
+    struct Resampled;
+    std::unique_ptr<Resampled> resampled_;
     struct Measured;
     std::unique_ptr<Measured> measured_;
 };
@@ -188,5 +218,7 @@ extern template const Path<float>& Morph::path<float>() const;
 extern template const Path<double>& Morph::path<double>() const;
 extern template void Morph::frame<float>(double, const FrameView<float>&) const;
 extern template void Morph::frame<double>(double, const FrameView<double>&) const;
+extern template ResampledFrame<float> Morph::resampled_frame<float>(double, Progress&) const;
+extern template ResampledFrame<double> Morph::resampled_frame<double>(double, Progress&) const;
 
 }  // namespace pointmorph

@@ -39,10 +39,12 @@ from pointmorph.morphing import (
     PointQuality,
     Progress,
     Quality,
+    ResampledFrame,
     feature_summary,
     morph,
     options,
     quality_summary,
+    restore,
 )
 from pointmorph.motions import Motion
 
@@ -67,6 +69,7 @@ __all__ = [
     "PointmorphError",
     "Progress",
     "Quality",
+    "ResampledFrame",
     "TopologyError",
     "__version__",
     "decompose",
@@ -74,4 +77,5 @@ __all__ = [
     "morph",
     "options",
     "quality_summary",
+    "restore",
 ]

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from pointmorph import __version__, formats, morphing, sampling
+from pointmorph import __version__, formats, morphing, sampling, sequences
 from pointmorph.errors import FeatureError, FileError, OptionError, PointmorphError
 from pointmorph.features import Feature, feature_from_json
 
@@ -69,6 +69,11 @@ def _parser() -> argparse.ArgumentParser:
         type=_frame_count,
         default=0,
         help="in-between clouds to write, both ends included: 0 or at least 2 (default: 0)",
+    )
+    morph.add_argument(
+        "--resample",
+        action="store_true",
+        help="write frames without cracks, with new points where some are missing, id and velocity",
     )
     morph.add_argument(
         "--samples",
@@ -136,9 +141,11 @@ def _morph(chosen: argparse.Namespace) -> None:
         result = morphing.morph(
             clouds[0], clouds[1], features, loop=loop, progress=progress, **settings
         )
-        _write(chosen.out, result, chosen.frames, progress)
+        counts = _write(chosen.out, result, chosen.frames, chosen.resample, progress)
         result.measure_quality(progress)
-    report = result.report
+    report = dict(result.report)
+    if chosen.resample:
+        report["resampled"] = {"inserted": result.inserted(), "frames": counts}
     for warning in report["warnings"]:
         print(f"pointmorph: warning: {warning}", file=sys.stderr)
     formats.write_bytes(chosen.out / "report.json", (json.dumps(report, indent=1) + "\n").encode())
@@ -200,8 +207,17 @@ def _make_folder(folder: Path) -> None:
         ) from error
 
 
-def _write(folder: Path, result: morphing.Morph, frames: int, progress: morphing.Progress) -> None:
-    """Pairs, both clouds and the frames. Frames of an earlier run that had more are removed."""
+def _write(
+    folder: Path,
+    result: morphing.Morph,
+    frames: int,
+    resample: bool,
+    progress: morphing.Progress,
+) -> list[int]:
+    """Pairs, both clouds and the frames; returns how many points these have.
+
+    Frames of an earlier run that had more are removed.
+    """
     with formats.whole_file(folder / "pairs.npy") as file:
         np.save(file, result.pairs)
     frame = result.empty_frame()
@@ -216,20 +232,8 @@ def _write(folder: Path, result: morphing.Morph, frames: int, progress: morphing
         positions = cloud.positions.astype(frame.positions.dtype, copy=False)
         formats.write_ply(folder / f"{name}.ply", positions, *attributes)
 
-    for number in range(frames):
-        progress("frames", number / frames)
-        result.frame(number / (frames - 1), out=frame)
-        formats.write_ply(
-            folder / f"frame_{number:04d}.ply",
-            frame.positions,
-            frame.normals,
-            frame.colors,
-            frame.radii,
-        )
-    number = frames
-    while (stale := folder / f"frame_{number:04d}.ply").exists():
-        stale.unlink()
-        number += 1
+    times = [number / (frames - 1) for number in range(frames)]
+    return sequences.write_frames(result, folder, times, resample=resample, progress=progress)
 
 
 @contextlib.contextmanager

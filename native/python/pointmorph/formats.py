@@ -98,8 +98,10 @@ def write_ply(
     normals: FloatArray,
     colors: FloatArray,
     radii: FloatArray,
+    ids: npt.NDArray[np.int32] | None = None,
+    velocities: FloatArray | None = None,
 ) -> None:
-    """Writes a cloud as binary .ply: x y z nx ny nz red green blue alpha radius.
+    """Writes a cloud as binary .ply: x y z nx ny nz red green blue alpha radius [id] [vx vy vz].
 
     Parameters
     ----------
@@ -110,6 +112,8 @@ def write_ply(
     colors : (N, 4) array
         0 to 1, written as 8 bits a channel.
     radii : (N,) array
+    ids : (N,) array of int32, optional
+    velocities : (N, 3) array, optional
 
     Raises
     ------
@@ -121,7 +125,12 @@ def write_ply(
     number = "f8" if positions.dtype == np.float64 else "f4"
     fields = [(name, number) for name in ("x", "y", "z", "nx", "ny", "nz")]
     fields += [(name, "u1") for name in ("red", "green", "blue", "alpha")]
-    vertices = np.empty(len(positions), [*fields, ("radius", number)])
+    fields.append(("radius", number))
+    if ids is not None:
+        fields.append(("id", "i4"))
+    if velocities is not None:
+        fields += [(name, number) for name in ("vx", "vy", "vz")]
+    vertices = np.empty(len(positions), fields)
     bytes_of = np.rint(np.clip(colors, 0.0, 1.0) * 255.0).astype(np.uint8)
     for axis, name in enumerate(("x", "y", "z")):
         vertices[name] = positions[:, axis]
@@ -129,6 +138,11 @@ def write_ply(
     for channel, name in enumerate(("red", "green", "blue", "alpha")):
         vertices[name] = bytes_of[:, channel]
     vertices["radius"] = radii
+    if ids is not None:
+        vertices["id"] = ids
+    if velocities is not None:
+        for axis, name in enumerate(("vx", "vy", "vz")):
+            vertices[name] = velocities[:, axis]
     with whole_file(path) as file:
         PlyData([PlyElement.describe(vertices, "vertex")], byte_order="<").write(file)
 

@@ -65,6 +65,17 @@ class Frame:
 
 
 @dataclass(frozen=True)
+class ResampledFrame(Frame):
+    """An in-between cloud without cracks: as many rows as it takes."""
+
+    ids: npt.NDArray[np.int32]
+    """(M,), ascending: the row of a pair, or higher for a new point, which keeps its own as long
+    as it lives"""
+    velocities: FloatArray
+    """(M, 3), the distance for t from 0 to 1 at this speed; divide it by the number of frames"""
+
+
+@dataclass(frozen=True)
 class PointQuality:
     """What a map does at each of the N points of the cloud that it starts from."""
 
@@ -228,6 +239,47 @@ class Morph:
         write = native.frame_float32 if self._dtype is np.float32 else native.frame_float64
         write(float(t), *arrays)
         return out
+
+    def resampled_frame(self, t: float, progress: Progress | None = None) -> ResampledFrame:
+        """The in-between cloud at t with new points where it would show cracks.
+
+        New points lie on the smooth surface of the points around, take their colours, and come and
+        go with their radius: nothing pops. Where they live is found when the first such frame is
+        asked for; after that, frames can be asked for in any order, from several threads.
+
+        Parameters
+        ----------
+        t : float
+            0 (the source, bit for bit) to 1 (the target, bit for bit).
+        progress : callable, optional
+            As in `morph`.
+
+        Raises
+        ------
+        OptionError
+            For t outside [0, 1].
+        Cancelled
+            When `progress` returned False.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import pointmorph
+        >>> x, y = np.meshgrid(np.linspace(-1, 1, 30), np.linspace(-1, 1, 30))
+        >>> plane = np.stack([x, y, 0 * x], axis=-1).reshape(-1, 3)
+        >>> result = pointmorph.morph(pointmorph.Cloud(plane), pointmorph.Cloud(2 * plane))
+        >>> frame = result.resampled_frame(0.5)
+        >>> bool(np.array_equal(frame.ids[:900], np.arange(900)))
+        True
+        """
+        native = self._native
+        single = self._dtype is np.float32
+        make = native.resampled_frame_float32 if single else native.resampled_frame_float64
+        return ResampledFrame(**make(float(t), progress))
+
+    def inserted(self, progress: Progress | None = None) -> int:
+        """How many new points there are in all the re-sampled frames together."""
+        return self._native.inserted(progress)
 
     @cached_property
     def source_to_target(self) -> FloatArray:
@@ -437,6 +489,61 @@ def morph(
         native_options(settings),
         *_start_arrays(start),
         progress,
+    )
+    return Morph(native, source, target)
+
+
+def restore(
+    source: Cloud,
+    target: Cloud,
+    pairs: npt.ArrayLike,
+    maps: tuple[npt.ArrayLike, npt.ArrayLike] | None = None,
+    **settings: int | float | str | None,
+) -> Morph:
+    """A morph that was found earlier, to ask for frames: nothing is computed again.
+
+    Parameters
+    ----------
+    source, target : Cloud
+        With normals and radii.
+    pairs : (M, 2) array_like of int
+        Its `pairs`.
+    maps : (N, 3) and (M, 3) array_like, optional
+        Its `source_to_target` and `target_to_source`, for paths other than straight ones; without
+        them points go to the mean of their partners.
+    **settings
+        Those that concern frames: `path`, `omega` and so on.
+
+    Raises
+    ------
+    CloudError, OptionError
+        For pairs that don't fit the clouds, missing normals or radii, or bad settings.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import pointmorph
+    >>> x, y = np.meshgrid(np.linspace(-1, 1, 30), np.linspace(-1, 1, 30))
+    >>> plane = np.stack([x, y, 0 * x], axis=-1).reshape(-1, 3)
+    >>> up = np.tile([0.0, 0, 1], (900, 1))
+    >>> ends = [pointmorph.Cloud(size * plane, up, radii=np.full(900, 0.07)) for size in (1, 2)]
+    >>> rows = np.arange(900)
+    >>> result = pointmorph.restore(*ends, np.column_stack([rows, rows]))
+    >>> bool(np.allclose(result.frame(0.5).positions, 1.5 * plane))
+    True
+    """
+    rows = np.ascontiguousarray(pairs, dtype=np.int64)
+    if rows.ndim != 2 or rows.shape[1] != 2 or len(rows) == 0:
+        raise CloudError(
+            "pairs", "an array of 2 columns", f"the shape {rows.shape}", "Take those of a morph."
+        )
+    rows = np.clip(rows, -1, 2**31 - 1)
+    native = _pointmorph.Morph.restore(
+        source._fields(),
+        target._fields(),
+        rows,
+        *_start_arrays(maps),
+        native_options(settings),
     )
     return Morph(native, source, target)
 

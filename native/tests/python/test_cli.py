@@ -286,3 +286,27 @@ def test_real_patches_from_end_to_end(patch_pair: tuple, tmp_path: Path) -> None
     source, target = (formats.read(folder / f"{side}.ply") for side in ("source", "target"))
     np.testing.assert_array_equal(xyz(tmp_path / "frame_0000.ply"), source.positions[pairs[:, 0]])
     np.testing.assert_array_equal(xyz(tmp_path / "frame_0004.ply"), target.positions[pairs[:, 1]])
+
+
+def test_resampled_frames_have_ids_and_velocities(pair: Path) -> None:
+    out = pair / "out"
+    done = run(
+        "morph", pair / "plane.off", pair / "bump.off", "--out", out,
+        "--features", pair / "features.json", "--frames", 3, "--resample", "--omega", 2,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    pairs = np.load(out / "pairs.npy")
+    counts = []
+    for number in range(3):
+        rows = PlyData.read(str(out / f"frame_{number:04d}.ply"))["vertex"].data
+        assert rows.dtype.names[-5:] == ("radius", "id", "vx", "vy", "vz")
+        np.testing.assert_array_equal(rows["id"][: len(pairs)], np.arange(len(pairs)))
+        counts.append(len(rows))
+    assert counts[0] == counts[2] == len(pairs)
+    first, second = (xyz(out / f"frame_{number:04d}.ply")[: len(pairs)] for number in (0, 1))
+    rows = PlyData.read(str(out / "frame_0000.ply"))["vertex"].data[: len(pairs)]
+    velocity = np.stack([rows[c] for c in ("vx", "vy", "vz")], axis=-1)
+    np.testing.assert_allclose(second - first, velocity, atol=1e-6)  # straight: a frame's way
+    report = json.loads((out / "report.json").read_text())
+    assert report["resampled"]["frames"] == counts
+    assert report["resampled"]["inserted"] >= counts[1] - len(pairs)

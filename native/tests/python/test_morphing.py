@@ -372,3 +372,99 @@ def test_real_patches(patch_pair: tuple) -> None:
 def _first_partner(morph: pointmorph.Morph) -> np.ndarray:
     _, first = np.unique(morph.pairs[:, 0], return_index=True)
     return morph.pairs[first, 1]
+
+
+def torn() -> pointmorph.Morph:
+    """A plane whose right half moves away: the frames between have a crack."""
+    rng = np.random.default_rng(3)
+    plane = grid(41)
+    plane[:, :2] += rng.uniform(-0.005, 0.005, (1681, 2))
+    apart = plane + np.where(plane[:, :1] > 0, [[0.6, 0, 0]], 0.0)
+    up = np.tile([0.0, 0, 1], (1681, 1))
+    color = np.column_stack([plane[:, 1] / 2.2 + 0.5, np.zeros((1681, 2)), np.ones(1681)])
+    ends = [
+        pointmorph.Cloud(rows.astype(np.float32), up, color.astype(np.float32), np.full(1681, 0.05))
+        for rows in (plane, apart)
+    ]
+    return pointmorph.morph(*ends, {str(i): (i, i) for i in range(0, 1681, 60)})
+
+
+def test_resampled_frames_close_cracks() -> None:
+    result = torn()
+    pairs = len(result.pairs)
+    for t in (0.0, 0.3, 0.55, 1.0):
+        plain, frame = result.frame(t), result.resampled_frame(t)
+        assert frame.positions.dtype == np.float32
+        np.testing.assert_array_equal(frame.positions[:pairs], plain.positions)
+        np.testing.assert_array_equal(frame.normals[:pairs], plain.normals)
+        np.testing.assert_array_equal(frame.radii[:pairs], plain.radii)
+        np.testing.assert_array_equal(frame.ids[:pairs], np.arange(pairs))
+        assert np.all(np.diff(frame.ids) > 0)
+        assert np.all(frame.radii >= 0)
+        assert (len(frame.ids) == pairs) == (t in (0.0, 1.0))
+        new = slice(pairs, None)
+        np.testing.assert_allclose(frame.positions[new, 2], 0, atol=1e-4)
+        # colours are those of the place: they change with y alone
+        expected = frame.positions[new, 1] / 2.2 + 0.5
+        np.testing.assert_allclose(frame.colors[new, 0], expected, atol=0.02)
+        # where the point will be
+        if 0 < t < 1:
+            later = result.resampled_frame(t + 1e-3)
+            both, here, there = np.intersect1d(frame.ids, later.ids, return_indices=True)
+            assert len(both) > pairs
+            moved = (later.positions[there] - frame.positions[here]) / 1e-3
+            assert np.abs(moved - frame.velocities[here]).max() < 0.05
+
+
+@pytest.mark.parametrize("path", ["similarity", "rigid"])
+def test_velocities_follow_bent_paths(path: str) -> None:
+    turn = np.array([[1.0, 0, 0], [0, np.cos(1), np.sin(1)], [0, -np.sin(1), np.cos(1)]])
+    source, target = pointmorph.Cloud(grid(31, 0.8)), pointmorph.Cloud(grid(31, 0.8) @ turn)
+    marks = {name: (a, a) for name, (a, _) in features(31, 31).items()}
+    result = pointmorph.morph(source, target, marks, path=path)
+    pairs = len(result.pairs)
+    step = 1e-4
+    for t in (0.2, 0.7):
+        before, after = result.frame(t - step).positions, result.frame(t + step).positions
+        expected = (after - before) / (2 * step)
+        velocities = result.resampled_frame(t).velocities[:pairs]
+        assert np.abs(velocities - expected).max() < 1e-2 * np.abs(expected).max()
+
+
+def test_resampled_frames_can_be_cancelled_and_check_t() -> None:
+    result = torn()
+    with pytest.raises(pointmorph.Cancelled):
+        result.resampled_frame(0.5, progress=lambda stage, done: False)
+    with pytest.raises(pointmorph.OptionError, match="t"):
+        result.resampled_frame(1.5)
+
+
+@pytest.mark.parametrize("path", ["linear", "rigid"])
+def test_a_restored_morph_has_the_same_frames(path: str) -> None:
+    turn = np.array([[1.0, 0, 0], [0, np.cos(1), np.sin(1)], [0, -np.sin(1), np.cos(1)]])
+    marks = {name: (a, a) for name, (a, _) in features(31, 31).items()}
+    result = pointmorph.morph(
+        pointmorph.Cloud(grid(31, 0.8)), pointmorph.Cloud(grid(31, 0.8) @ turn), marks, path=path
+    )
+    ends = []
+    for side, cloud in enumerate((result.source, result.target)):
+        frame = result.frame(side)
+        normals, radii = np.empty((961, 3)), np.empty(961)
+        normals[result.pairs[:, side]] = frame.normals
+        radii[result.pairs[:, side]] = frame.radii
+        ends.append(pointmorph.Cloud(cloud.positions, normals, radii=radii))
+    maps = result.source_to_target, result.target_to_source
+    again = pointmorph.restore(*ends, result.pairs, maps, path=path)
+    for t in (0.0, 0.4):
+        for name in ("positions", "normals", "radii"):
+            ours, theirs = (getattr(morph.frame(t), name) for morph in (again, result))
+            np.testing.assert_allclose(ours, theirs, atol=1e-9)
+    assert again.inserted() == result.inserted()
+    without = pointmorph.restore(*ends, result.pairs, path=path).frame(0.4).positions
+    np.testing.assert_allclose(without, result.frame(0.4).positions, atol=0.05)
+    with pytest.raises(pointmorph.CloudError, match="every point in a pair"):
+        pointmorph.restore(*ends, result.pairs[:-3])
+    with pytest.raises(pointmorph.CloudError, match="row 961"):
+        pointmorph.restore(*ends, np.vstack([result.pairs, [[961, 0]]]))
+    with pytest.raises(pointmorph.CloudError, match="normals and radii"):
+        pointmorph.restore(result.source, result.target, result.pairs)

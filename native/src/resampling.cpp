@@ -1,0 +1,657 @@
+#include "pointmorph/resampling.hpp"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <string>
+
+#include "pointmorph/error.hpp"
+#include "pointmorph/kd_tree.hpp"
+#include "pointmorph/neighborhoods.hpp"
+#include "pointmorph/parallel.hpp"
+#include "pointmorph/subset.hpp"
+
+namespace pointmorph {
+
+namespace {
+
+std::size_t slot(Index i) {
+    return static_cast<std::size_t>(i);
+}
+
+/// Times at which points come and go, evenly over the morph.
+constexpr int kKeys = 16;
+
+constexpr Index kNeighbors = 16;
+/// Largest circle through a triangle's corners, in spacings: wider gaps are holes of the model.
+constexpr double kReach = 2.0;
+/// Spacings below this share of the cloud's mean are rounding or doubled points.
+constexpr double kFinest = 0.05;
+
+// In the spacing of new points. Where no point lies within kGap, discs of one spacing leave a gap;
+// where every place has one within kEmpty they don't. The samples that are tried lie kStep apart.
+constexpr double kEmpty = 0.75, kStep = 0.45, kCrowded = 0.4, kGap = 1.0;
+constexpr double kMostSteps = 256.0;  // along either side of one rectangle
+
+// Corners of a triangle that lie this many spacings apart are no longer samples of one smooth
+// piece: from the first on the MLS surface counts less, from the second on not at all.
+constexpr double kAgreement = 0.0;  // cosine
+constexpr double kCoherent = 2.0, kTorn = 4.0, kWidest = 1.5;
+
+Vector3 blend(const Positions& rows, const InsertedPoint& point) {
+    Vector3 sum = Vector3::Zero();
+    for (std::size_t c = 0; c < 3; ++c)
+        sum += point.weights[c] * rows.row(point.pairs[c]).transpose();
+    return sum;
+}
+
+/// The corners' mean normal; where they cancel, that of the corner that counts most.
+Vector3 blend_normals(const Normals& normals, const InsertedPoint& point) {
+    const Vector3 sum = blend(normals, point);
+    constexpr double kCancelled = 1e-6;
+    if (const double length = sum.norm(); length > kCancelled) return sum / length;
+    const auto most = std::ranges::max_element(point.weights) - point.weights.begin();
+    return normals.row(point.pairs[static_cast<std::size_t>(most)]).transpose();
+}
+
+/// Root of the mean squared length of a triangle's edges.
+double edge_length(const Positions& positions, const std::array<Index, 3>& corners) {
+    double sum = 0.0;
+    for (std::size_t c = 0; c < 3; ++c)
+        sum += (positions.row(corners[c]) - positions.row(corners[(c + 1) % 3])).squaredNorm();
+    return std::sqrt(sum / 3.0);
+}
+
+/// How far the place of a triangle that is farthest from all corners is from them.
+double covering_radius(const Positions& positions, const std::array<Index, 3>& corners) {
+    std::array<double, 3> squares;  // of the edge opposite to a corner
+    for (std::size_t c = 0; c < 3; ++c)
+        squares[c] = (positions.row(corners[(c + 1) % 3]) - positions.row(corners[(c + 2) % 3]))
+                         .squaredNorm();
+    std::ranges::sort(squares);
+    const auto [a, b, c] = squares;
+    if (a + b > c) {  // acute: the centre of the circle through the corners
+        const double area = 2.0 * (a * b + b * c + c * a) - a * a - b * b - c * c;
+        return std::sqrt(a * b * c / std::max(area, std::numeric_limits<double>::min()));
+    }
+    // Obtuse: on the longest edge, where the middle line of the second longest meets it.
+    return c > 0.0 ? b * std::sqrt(c) / (b + c - a) : 0.0;
+}
+
+/// ρ = k/r² at a point of the tree.
+double density(const KdTree<3>& tree, Index row, std::vector<Index>& near,
+               std::vector<double>& squared) {
+    near.resize(slot(Resampling::kDensityNeighbors) + 1);
+    squared.resize(near.size());
+    const Index found = tree.nearest(tree.points().row(row).data(), near, squared);
+    const double radius = found > 0 ? squared[slot(found - 1)] : 0.0;
+    return radius > 0.0 ? (found - 1) / radius : std::numeric_limits<double>::infinity();
+}
+
+/// Whether a triangle lies as its corners' normals say. One that doesn't leads through the inside
+/// or the outside, from one part of a shape to another: a sheet there would show its back.
+bool is_surface(const LiftedCloud& frame, const std::array<Index, 3>& corners) {
+    const auto place = [&](std::size_t c) -> Vector3 {
+        return frame.positions.row(corners[c]).transpose();
+    };
+    const Vector3 across = (place(1) - place(0)).cross(place(2) - place(0));
+    const double area = across.norm();
+    double least = 1.0, most = -1.0;
+    for (std::size_t c = 0; c < 3; ++c) {
+        const Vector3 normal = frame.normals.row(corners[c]).transpose();
+        if (normal.dot(frame.normals.row(corners[(c + 1) % 3]).transpose()) < kAgreement)
+            return false;
+        const double cosine = area > 0.0 ? normal.dot(across) / area : 0.0;
+        least = std::min(least, cosine);
+        most = std::max(most, cosine);
+    }
+    return !(area > 0.0) || least > kAgreement || most < -kAgreement;
+}
+
+/// What one cloud says: by row, in its own unit ball.
+struct Samples {
+    Normalization unit;
+    Positions positions;
+    Normals normals;
+    KdTree<3> tree;
+    Values spacing;
+    Values density;  ///< per share of the surface
+    double size;     ///< √area, as given
+    std::vector<Triangle> triangles;
+
+    Samples(const Cloud& cloud, Progress& progress, double first, double last)
+        : unit(normalization(cloud.positions)),
+          positions(unit.apply(cloud.positions)),
+          normals(cloud.normals.rowwise().normalized()),
+          tree(positions) {
+        const Progress::Part part(progress, first, last);
+        const auto nearest = nearest_neighbors(tree, kNeighbors, progress);
+        const double area = estimated_area(tree);
+        const auto count = static_cast<double>(positions.rows());
+        spacing = local_spacing(positions, nearest).cwiseMax(kFinest * std::sqrt(area / count));
+        triangles = local_triangles(positions, normals, nearest, spacing, kReach, progress);
+        density.resize(positions.rows());
+        for (Index i = 0; i < positions.rows(); ++i) {
+            const auto near = nearest[i];
+            const auto k = std::min(near.size(), slot(Resampling::kDensityNeighbors));
+            const double radius = std::max((positions.row(near[k - 1]) - positions.row(i)).norm(),
+                                           kFinest * std::sqrt(area / count));
+            density[i] = static_cast<double>(k) / (radius * radius) * area;
+        }
+        size = std::sqrt(area) * unit.scale;
+    }
+};
+
+/// By row of one cloud, the pair that stands for it: its partner lies nearest to the mean of all
+/// its partners on the other cloud.
+std::vector<Index> standing_for(std::span<const IndexPair> pairs, Index IndexPair::*side,
+                                Index IndexPair::*other_side, const Cloud& cloud,
+                                const Cloud& other) {
+    Positions mean = Positions::Zero(cloud.size(), 3);
+    Values count = Values::Zero(cloud.size());
+    for (const IndexPair& pair : pairs) {
+        mean.row(pair.*side) += other.positions.row(pair.*other_side);
+        count[pair.*side] += 1.0;
+    }
+    std::vector<Index> result(slot(cloud.size()), -1);
+    Values best(cloud.size());
+    for (std::size_t i = 0; i < pairs.size(); ++i) {
+        const Index row = pairs[i].*side;
+        const double off =
+            (other.positions.row(pairs[i].*other_side) - mean.row(row) / count[row]).stableNorm();
+        if (result[slot(row)] >= 0 && !(off < best[row])) continue;
+        result[slot(row)] = static_cast<Index>(i);
+        best[row] = off;
+    }
+    return result;
+}
+
+/// Whether a point on the same side of the surface lies within a radius. One object a thread.
+class NeighborSearch {
+public:
+    /// Rows for which `counts(row)` is false don't.
+    template <class Counts>
+    bool operator()(const KdTree<3>& tree, const Normals& normals, const Vector3& place,
+                    const Vector3& normal, double radius, Counts&& counts) {
+        const auto is_one = [&](Index row) {
+            return normals.row(row).dot(normal) > 0.0 && counts(row);
+        };
+        // Mostly the nearest is one.
+        Index nearest = 0;
+        double squared = 0.0;
+        if (tree.nearest_within(place.data(), radius, {&nearest, 1}, {&squared, 1}) == 0)
+            return false;
+        if (is_one(nearest)) return true;
+        tree.within(place.data(), radius, ball_);
+        return std::ranges::any_of(ball_, [&](const auto& near) { return is_one(near.first); });
+    }
+
+private:
+    std::vector<std::pair<Index, double>> ball_;
+};
+
+}  // namespace
+
+double Life::share(double t) const {
+    if (t <= born || t >= gone) return 0.0;
+    const double x = t < full     ? (t - born) / (full - born)
+                     : t > fading ? (gone - t) / (gone - fading)
+                                  : 1.0;
+    return x * x * (3.0 - 2.0 * x);
+}
+
+/// Goes through the times in order and keeps what lives.
+class ResamplingBuilder {
+public:
+    ResamplingBuilder(Resampling& result, std::span<const IndexPair> pairs, const Samples& source,
+                      const Samples& target, std::vector<Triangle> triangles)
+        : result_(result),
+          options_(result.options_),
+          pairs_(pairs),
+          source_(source),
+          target_(target),
+          triangles_(std::move(triangles)) {}
+
+    void step(int key, const Resampling::FrameAt& frame_at, Progress& progress) {
+        const double t = static_cast<double>(key) / kKeys;
+        const auto first = static_cast<double>(key - 1) / kKeys;
+        const Progress::Part part(progress, 0.3 + 0.7 * first, 0.3 + 0.7 * t);
+        LiftedCloud frame = frame_at(t);
+        unit_ = normalization(frame.positions);
+        frame.positions = unit_.apply(frame.positions);
+        t_ = t;
+        key_ = key;
+        const std::vector<Index> open = open_triangles(frame, progress);
+        if (!options_.crowding && open.empty() && alive_.empty()) return;
+
+        // The pairs, then what is alive.
+        const auto pairs = static_cast<Index>(frame.positions.rows());
+        const auto rows = pairs + static_cast<Index>(alive_.size());
+        Positions positions(rows, 3);
+        Normals normals(rows, 3);
+        positions.topRows(pairs) = frame.positions;
+        normals.topRows(pairs) = frame.normals;
+        for (std::size_t a = 0; a < alive_.size(); ++a) {
+            positions.row(pairs + static_cast<Index>(a)) =
+                blend(frame.positions, point(alive_[a])).transpose();
+            normals.row(pairs + static_cast<Index>(a)) =
+                blend_normals(frame.normals, point(alive_[a])).transpose();
+        }
+        const KdTree<3> tree(positions);
+        const std::vector<char> dead = end_crowded(tree, normals, pairs);
+        if (options_.crowding) hide_crowded(tree, normals, pairs, progress);
+        const std::vector<char> sparse = are_sparse(open, tree, pairs, dead, progress);
+        insert(open, sparse, frame, tree, normals, pairs, dead, progress);
+
+        std::vector<Index> living;
+        for (std::size_t a = 0; a < alive_.size(); ++a)
+            if (!dead[a]) living.push_back(alive_[a]);
+        living.insert(living.end(), born_.begin(), born_.end());
+        alive_ = std::move(living);
+        for (const Index id : alive_) last_key_[slot(id)] = key;
+        born_.clear();
+    }
+
+    void finish() {
+        for (std::size_t i = 0; i < result_.points_.size(); ++i)
+            result_.points_[i].life = life(first_key_[i], last_key_[i]);
+    }
+
+private:
+    static Life life(int first, int last) {
+        const auto time = [](int key) { return static_cast<double>(key) / kKeys; };
+        return {time(first - 1), time(first), time(last), time(last + 1)};
+    }
+
+    const InsertedPoint& point(Index id) const { return result_.points_[slot(id)]; }
+
+    double spacing(Index pair) const { return result_.spacing(pair, t_) / unit_.scale; }
+    double spacing(const InsertedPoint& point) const {
+        double sum = 0.0;
+        for (std::size_t c = 0; c < 3; ++c) sum += point.weights[c] * spacing(point.pairs[c]);
+        return options_.spacing * sum;
+    }
+
+    /// Triangles with corners so far apart that discs around them may leave a gap.
+    std::vector<Index> open_triangles(const LiftedCloud& frame, Progress& progress) const {
+        std::vector<char> is_open(triangles_.size());
+        parallel_for(static_cast<Index>(triangles_.size()), progress, [&](Index begin, Index end) {
+            for (Index i = begin; i < end; ++i) {
+                const auto& corners = triangles_[slot(i)];
+                const double wanted =
+                    (spacing(corners[0]) + spacing(corners[1]) + spacing(corners[2])) / 3.0;
+                is_open[slot(i)] = covering_radius(frame.positions, corners) >
+                                       kEmpty * options_.spacing * wanted &&
+                                   is_surface(frame, corners);
+            }
+        });
+        std::vector<Index> result;
+        for (Index i = 0; i < static_cast<Index>(is_open.size()); ++i)
+            if (is_open[slot(i)]) result.push_back(i);
+        return result;
+    }
+
+    bool may_leave_gap(Index triangle, const LiftedCloud& frame) const {
+        const auto& corners = triangles_[slot(triangle)];
+        const InsertedPoint middle{corners, {1.0 / 3, 1.0 / 3, 1.0 / 3}, {}};
+        return covering_radius(frame.positions, corners) > kGap * spacing(middle);
+    }
+
+    /// Points that are no longer needed: others have come close.
+    std::vector<char> end_crowded(const KdTree<3>& tree, const Normals& normals,
+                                  Index pairs) const {
+        std::vector<char> dead(alive_.size());
+        NeighborSearch has_neighbor;
+        for (std::size_t a = 0; a < alive_.size(); ++a) {
+            const Index row = pairs + static_cast<Index>(a);
+            const auto counts = [&](Index other) {
+                return other < pairs || (other < row && !dead[slot(other - pairs)]);
+            };
+            dead[a] = has_neighbor(tree, normals, tree.points().row(row).transpose(),
+                                   normals.row(row).transpose(),
+                                   kCrowded * spacing(point(alive_[a])), counts);
+        }
+        return dead;
+    }
+
+    /// Which open triangles have a corner, or a point that was put into them, that fails the test.
+    std::vector<char> are_sparse(std::span<const Index> open, const KdTree<3>& tree, Index pairs,
+                                 std::span<const char> dead, Progress& progress) const {
+        enum : char { kUnasked, kAsked, kSparse };
+        std::vector<char> state(slot(tree.size()), kUnasked);
+        for (const Index triangle : open)
+            for (const Index corner : triangles_[slot(triangle)]) state[slot(corner)] = kAsked;
+        for (std::size_t a = 0; a < alive_.size(); ++a)
+            if (!dead[a]) state[slot(pairs) + a] = kAsked;
+        const double area = result_.unit_area(t_) / (unit_.scale * unit_.scale);
+        parallel_for(tree.size(), progress, [&](Index begin, Index end) {
+            std::vector<Index> near;
+            std::vector<double> squared;
+            for (Index i = begin; i < end; ++i) {
+                if (state[slot(i)] != kAsked) continue;
+                double wanted = 0.0;
+                if (i < pairs) {
+                    wanted = result_.wanted_density(i, t_);
+                } else {
+                    const InsertedPoint& inserted = point(alive_[slot(i - pairs)]);
+                    for (std::size_t c = 0; c < 3; ++c)
+                        wanted +=
+                            inserted.weights[c] * result_.wanted_density(inserted.pairs[c], t_);
+                }
+                if (density(tree, i, near, squared) * area < options_.omega * wanted)
+                    state[slot(i)] = kSparse;
+            }
+        });
+        std::vector<char> holds_sparse(triangles_.size());
+        for (std::size_t a = 0; a < alive_.size(); ++a)
+            if (state[slot(pairs) + a] == kSparse)
+                holds_sparse[slot(triangle_[slot(alive_[a])])] = 1;
+        std::vector<char> result(open.size());
+        for (std::size_t i = 0; i < open.size(); ++i)
+            result[i] = holds_sparse[slot(open[i])] ||
+                        std::ranges::any_of(triangles_[slot(open[i])], [&](Index corner) {
+                            return state[slot(corner)] == kSparse;
+                        });
+        return result;
+    }
+
+    /// Whether one of the models has a sample there: a gap that both have stays one.
+    bool is_covered_at_an_end(const InsertedPoint& point, NeighborSearch& has_neighbor) const {
+        const auto covers = [&](const Samples& end, Index IndexPair::*side) {
+            InsertedPoint there = point;
+            double spacing = 0.0;
+            for (std::size_t c = 0; c < 3; ++c) {
+                there.pairs[c] = pairs_[slot(point.pairs[c])].*side;
+                spacing += point.weights[c] * end.spacing[there.pairs[c]];
+            }
+            return has_neighbor(end.tree, end.normals, blend(end.positions, there),
+                                blend_normals(end.normals, there), kGap * spacing,
+                                [](Index) { return true; });
+        };
+        return covers(source_, &IndexPair::source) || covers(target_, &IndexPair::target);
+    }
+
+    /// Most samples are, and so needn't be looked for in the tree.
+    bool is_near_corner(const LiftedCloud& frame, const InsertedPoint& candidate,
+                        const Vector3& place, const Vector3& normal) const {
+        const double radius = kEmpty * spacing(candidate);
+        return std::ranges::any_of(candidate.pairs, [&](Index pair) {
+            return (frame.positions.row(pair).transpose() - place).squaredNorm() <
+                       radius * radius &&
+                   frame.normals.row(pair).dot(normal) > 0.0;
+        });
+    }
+
+    struct Candidate {
+        Index triangle;
+        InsertedPoint point;
+    };
+
+    /// Uniform samples of a triangle's bounding rectangle in its plane, those inside.
+    template <class Take>
+    void sample(Index triangle, const Positions& positions, Take&& take) const {
+        auto corners = triangles_[slot(triangle)];
+        // The longest edge first: the rectangle's base.
+        const auto length = [&](std::size_t c) {
+            return (positions.row(corners[(c + 1) % 3]) - positions.row(corners[c])).squaredNorm();
+        };
+        std::size_t longest = 0;
+        for (std::size_t c = 1; c < 3; ++c)
+            if (length(c) > length(longest)) longest = c;
+        std::ranges::rotate(corners, corners.begin() + static_cast<std::ptrdiff_t>(longest));
+        const Vector3 origin = positions.row(corners[0]).transpose();
+        const Vector3 base = positions.row(corners[1]).transpose() - origin;
+        const Vector3 apex = positions.row(corners[2]).transpose() - origin;
+        const double width = base.norm();
+        if (!(width > 0.0)) return;
+        const double along = apex.dot(base) / width;  // 0 to width, the base being the longest
+        const double height = (apex - along / width * base).norm();
+
+        InsertedPoint candidate{corners, {1.0 / 3, 1.0 / 3, 1.0 / 3}, {}};
+        const double step = kStep * spacing(candidate);
+        const auto count = [&](double side) {
+            return std::clamp(std::ceil(side / step), 1.0, kMostSteps);
+        };
+        const double columns = count(width), rows = count(height);
+        for (double j = 0.5; j < rows; ++j) {
+            const double up = height > 0.0 ? j / rows : 0.0;
+            for (double i = 0.5; i < columns; ++i) {
+                const double right = i / columns - up * along / width;
+                if (right < 0.0 || right + up > 1.0) continue;
+                candidate.weights = {1.0 - right - up, right, up};
+                take(candidate);
+            }
+        }
+    }
+
+    /// Fills sparse triangles, and those in which discs leave a gap that not both models have.
+    void insert(std::span<const Index> open, std::span<const char> sparse, const LiftedCloud& frame,
+                const KdTree<3>& tree, const Normals& normals, Index pairs,
+                std::span<const char> dead, Progress& progress) {
+        constexpr Index kChunk = 64;
+        const auto count = static_cast<Index>(open.size());
+        std::vector<std::vector<Candidate>> found(slot((count + kChunk - 1) / kChunk));
+        const auto counts = [&](Index row) { return row < pairs || !dead[slot(row - pairs)]; };
+        parallel_for(
+            count, progress,
+            [&](Index begin, Index end) {
+                NeighborSearch has_neighbor;
+                auto& taken = found[slot(begin / kChunk)];
+                for (Index i = begin; i < end; ++i) {
+                    const std::size_t before = taken.size();
+                    bool is_wanted = sparse[slot(i)];
+                    if (!is_wanted && !may_leave_gap(open[slot(i)], frame)) continue;
+                    sample(open[slot(i)], frame.positions, [&](const InsertedPoint& candidate) {
+                        const Vector3 place = blend(frame.positions, candidate);
+                        const Vector3 normal = blend_normals(frame.normals, candidate);
+                        if (is_near_corner(frame, candidate, place, normal)) return;
+                        const auto is_empty = [&](double radius) {
+                            return !has_neighbor(tree, normals, place, normal,
+                                                 radius * spacing(candidate), counts);
+                        };
+                        if (!is_empty(kEmpty)) return;
+                        taken.push_back({open[slot(i)], candidate});
+                        is_wanted = is_wanted || (is_empty(kGap) &&
+                                                  is_covered_at_an_end(candidate, has_neighbor));
+                    });
+                    if (!is_wanted)
+                        taken.erase(taken.begin() + static_cast<std::ptrdiff_t>(before),
+                                    taken.end());
+                }
+            },
+            0.0, 1.0, kChunk);
+        std::vector<Candidate> candidates;
+        for (auto& some : found) candidates.insert(candidates.end(), some.begin(), some.end());
+        if (candidates.empty()) return;
+
+        // First come, first served.
+        const auto size = static_cast<Index>(candidates.size());
+        Positions places(size, 3);
+        Normals directions(size, 3);
+        for (Index c = 0; c < size; ++c) {
+            places.row(c) = blend(frame.positions, candidates[slot(c)].point).transpose();
+            directions.row(c) = blend_normals(frame.normals, candidates[slot(c)].point).transpose();
+        }
+        const KdTree<3> among(places);
+        std::vector<char> covered(slot(size));
+        std::vector<std::pair<Index, double>> near;
+        for (Index c = 0; c < size; ++c) {
+            if (c % 256 == 0) progress.report(static_cast<double>(c) / size);
+            if (covered[slot(c)]) continue;
+            const InsertedPoint& taken = candidates[slot(c)].point;
+            born_.push_back(static_cast<Index>(result_.points_.size()));
+            result_.points_.push_back(taken);
+            triangle_.push_back(candidates[slot(c)].triangle);
+            first_key_.push_back(key_);
+            last_key_.push_back(key_);
+            among.within(places.row(c).data(), kEmpty * spacing(taken), near);
+            for (const auto& [other, squared] : near)
+                if (directions.row(other).dot(directions.row(c)) > 0.0) covered[slot(other)] = 1;
+        }
+    }
+
+    /// Pairs that have one that stays close by, where points crowd.
+    void hide_crowded(const KdTree<3>& tree, const Normals& normals, Index pairs,
+                      Progress& progress) {
+        const double area = result_.unit_area(t_) / (unit_.scale * unit_.scale);
+        std::vector<char> crowded(slot(pairs));
+        parallel_for(pairs, progress, [&](Index begin, Index end) {
+            std::vector<Index> near;
+            std::vector<double> squared;
+            for (Index i = begin; i < end; ++i)
+                crowded[slot(i)] = density(tree, i, near, squared) * area >
+                                   *options_.crowding * std::max(result_.source_density_[i],
+                                                                 result_.target_density_[i]);
+        });
+        hidden_since_.resize(slot(pairs), 0);
+        std::vector<char> stays(slot(pairs), 1);
+        NeighborSearch has_neighbor;
+        // Those that are hidden already first, so that they stay so.
+        for (const bool was_hidden : {true, false})
+            for (Index i = 0; i < pairs; ++i) {
+                if ((hidden_since_[slot(i)] > 0) != was_hidden || !crowded[slot(i)]) continue;
+                const auto counts = [&](Index other) {
+                    return other != i && other < pairs && stays[slot(other)];
+                };
+                stays[slot(i)] =
+                    !has_neighbor(tree, normals, tree.points().row(i).transpose(),
+                                  normals.row(i).transpose(), kCrowded * spacing(i), counts);
+            }
+        for (Index i = 0; i < pairs; ++i) show_or_hide(i, !stays[slot(i)]);
+    }
+
+    void show_or_hide(Index pair, bool hide) {
+        int& since = hidden_since_[slot(pair)];
+        if (hide && since == 0) since = key_;
+        const bool ends = !hide || key_ == kKeys - 1;
+        if (since == 0 || !ends) return;
+        result_.hidden_.push_back({pair, life(since, hide ? key_ : key_ - 1)});
+        since = 0;
+    }
+
+    Resampling& result_;
+    const ResamplingOptions& options_;
+    std::span<const IndexPair> pairs_;
+    const Samples &source_, &target_;
+    std::vector<Triangle> triangles_;  ///< of rows of the pairing
+    std::vector<Index> alive_, born_;  ///< ids
+    std::vector<Index> triangle_;      ///< by id
+    std::vector<int> first_key_, last_key_;
+    std::vector<int> hidden_since_;  ///< by pair, the key; 0: shown
+    Normalization unit_{};
+    double t_ = 0.0;
+    int key_ = 0;
+};
+
+Resampling::Resampling(const Cloud& source, const Cloud& target, std::span<const IndexPair> pairs,
+                       const FrameAt& frame_at, const ResamplingOptions& options,
+                       Progress& progress)
+    : options_(options) {
+    const auto check = [](double value, double least, double most, const char* name) {
+        if (!(value >= least && value <= most))
+            throw OptionError(
+                name, "a number from " + std::to_string(least) + " to " + std::to_string(most),
+                std::to_string(value), "Choose a value from that range.");
+    };
+    check(options.omega, 0.0, 2.0, "omega");
+    check(options.spacing, 0.25, 4.0, "resample_spacing");
+    if (options.crowding) check(*options.crowding, 1.5, 100.0, "crowding");
+
+    const Samples from(source, progress, 0.0, 0.15), to(target, progress, 0.15, 0.3);
+    const auto by_source =
+        standing_for(pairs, &IndexPair::source, &IndexPair::target, source, target);
+    const auto by_target =
+        standing_for(pairs, &IndexPair::target, &IndexPair::source, target, source);
+    source_size_ = from.size;
+    target_size_ = to.size;
+    const auto count = static_cast<Index>(pairs.size());
+    for (Values* values : {&source_spacing_, &target_spacing_, &source_density_, &target_density_})
+        values->resize(count);
+    std::vector<Triangle> triangles;
+    triangles.reserve(from.triangles.size() + to.triangles.size() + pairs.size() / 2);
+    const auto add = [&](Triangle corners) {
+        std::ranges::sort(corners);
+        if (corners.front() != corners.back()) triangles.push_back(corners);
+    };
+    for (Index i = 0; i < count; ++i) {
+        const auto [s, d] = pairs[slot(i)];
+        source_spacing_[i] = from.spacing[s] * from.unit.scale;
+        target_spacing_[i] = to.spacing[d] * to.unit.scale;
+        source_density_[i] = from.density[s];
+        target_density_[i] = to.density[d];
+        // A point with several partners holds all of them together.
+        add({i, by_source[slot(s)], by_target[slot(d)]});
+    }
+    for (const auto& [a, b, c] : from.triangles)
+        add({by_source[slot(a)], by_source[slot(b)], by_source[slot(c)]});
+    for (const auto& [a, b, c] : to.triangles)
+        add({by_target[slot(a)], by_target[slot(b)], by_target[slot(c)]});
+    std::ranges::sort(triangles);
+    const auto unique = std::ranges::unique(triangles);
+    triangles.erase(unique.begin(), unique.end());
+
+    if (options.omega == 0.0 && !options.crowding) return;
+    ResamplingBuilder builder(*this, pairs, from, to, std::move(triangles));
+    for (int key = 1; key < kKeys; ++key) builder.step(key, frame_at, progress);
+    builder.finish();
+}
+
+double Resampling::unit_area(double t) const {
+    const double size = (1.0 - t) * source_size_ + t * target_size_;
+    return size * size;
+}
+
+Resampling::Alive Resampling::at(double t, const LiftedCloud& frame, Progress& progress) const {
+    Alive alive;
+    for (std::size_t i = 0; i < points_.size(); ++i)
+        if (points_[i].life.share(t) > 0.0) alive.ids.push_back(static_cast<Index>(i));
+    const auto count = static_cast<Index>(alive.ids.size());
+    alive.share.resize(count);
+    alive.positions.resize(count, 3);
+    alive.normals.resize(count, 3);
+    if (count == 0) return alive;
+
+    const Normalization unit = normalization(frame.positions);
+    const Positions positions = unit.apply(frame.positions);
+    const KdTree<3> tree(positions);
+    MlsOptions mls = options_.mls;
+    if (mls.width) *mls.width /= unit.scale;
+    constexpr Index kChunk = 32;
+    parallel_for(
+        count, progress,
+        [&](Index begin, Index end) {
+            MlsProjection project(tree, frame.normals, mls);
+            for (Index i = begin; i < end; ++i) {
+                const InsertedPoint& point = points_[slot(alive.ids[slot(i)])];
+                Vector3 place = blend(positions, point);
+                Vector3 normal = blend_normals(frame.normals, point);
+                double wanted = 0.0;
+                for (std::size_t c = 0; c < 3; ++c)
+                    wanted += point.weights[c] * spacing(point.pairs[c], t) / unit.scale;
+                const double apart = edge_length(positions, point.pairs);
+                const double coherence =
+                    std::clamp((kTorn - apart / wanted) / (kTorn - kCoherent), 0.0, 1.0);
+                if (coherence > 0.0) {
+                    const MlsFoot foot =
+                        project(place, normal, std::clamp(apart, wanted, kWidest * wanted));
+                    place += coherence * (foot.position - place);
+                    normal = (normal + coherence * (foot.normal - normal)).normalized();
+                }
+                alive.share[i] = point.life.share(t);
+                alive.positions.row(i) = (place * unit.scale + unit.center).transpose();
+                alive.normals.row(i) = normal.transpose();
+            }
+        },
+        0.0, 1.0, kChunk);
+    return alive;
+}
+
+Values Resampling::pair_shares(double t) const {
+    Values shares = Values::Ones(source_spacing_.size());
+    for (const HiddenPair& hidden : hidden_)
+        shares[hidden.pair] = std::min(shares[hidden.pair], 1.0 - hidden.life.share(t));
+    return shares;
+}
+
+}  // namespace pointmorph
