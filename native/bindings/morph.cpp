@@ -39,6 +39,14 @@ py::dict dict_of(const ParameterizationReport& report) {
                     py::arg("solve_seconds") = report.solve_seconds);
 }
 
+py::list list_of(const std::vector<Attempt>& starts, std::size_t taken) {
+    py::list list;
+    for (std::size_t k = 0; k < starts.size(); ++k)
+        list.append(py::dict(py::arg("start") = starts[k].start, py::arg("torn") = starts[k].torn,
+                             py::arg("energy") = starts[k].energy, py::arg("taken") = k == taken));
+    return list;
+}
+
 py::dict dict_of(const MorphReport& report, const MorphOptions& options) {
     py::dict stages, chosen;
     for (const StageTime& time : report.stages) stages[py::str(time.stage)] = time.seconds;
@@ -49,6 +57,7 @@ py::dict dict_of(const MorphReport& report, const MorphOptions& options) {
         py::arg("pairs") = report.pairs, py::arg("feature_residual") = report.feature_residual,
         py::arg("margin") = std::isfinite(report.margin) ? py::object(py::float_(report.margin))
                                                          : py::object(py::none()),
+        py::arg("starts") = list_of(report.starts, report.start_taken),
         py::arg("alignment_rotation") = report.alignment_rotation,
         py::arg("alignment_sweeps") = report.alignment_sweeps,
         py::arg("source_parameterization") = dict_of(report.source_parameterization),

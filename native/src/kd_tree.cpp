@@ -163,5 +163,6 @@ template class KdTree<2>;
 template class KdTree<3>;
 template class KdTree<6>;
 template class KdTree<12>;
+template class KdTree<16>;
 
 }  // namespace pointmorph

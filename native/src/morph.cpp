@@ -260,6 +260,8 @@ void Morph::take(Refinement refinement, Side& source, Side& target) {
     report_.domain = "product";
     report_.feature_residual = 0.0;  // features are put onto their partners to the bit
     report_.margin = refinement.margin;
+    report_.starts = std::move(refinement.starts);
+    report_.start_taken = refinement.start_taken;
     std::ranges::move(refinement.warnings, std::back_inserter(report_.warnings));
 }
 

@@ -40,8 +40,9 @@ ProductPoints product_points(const Positions& on_target, const Positions& on_sou
     return product;
 }
 
-Matches nearest_matches(const ProductPoints& points, const KdTree<12>& others, Progress& progress,
-                        const Matches* guess) {
+template <int Dim>
+Matches nearest_matches(const typename KdTree<Dim>::Points& points, const KdTree<Dim>& others,
+                        Progress& progress, const Matches* guess) {
     constexpr double kBarelyMore = 1.0 + 1e-12;
     const auto count = static_cast<Index>(points.rows());
     Matches matches{std::vector<Index>(at(count)), std::vector<double>(at(count))};
@@ -63,6 +64,11 @@ Matches nearest_matches(const ProductPoints& points, const KdTree<12>& others, P
         0.0, 1.0, 128);
     return matches;
 }
+
+template Matches nearest_matches(const KdTree<12>::Points&, const KdTree<12>&, Progress&,
+                                 const Matches*);
+template Matches nearest_matches(const KdTree<16>::Points&, const KdTree<16>&, Progress&,
+                                 const Matches*);
 
 Pairing mutual_pairs(const ProductPoints& source, const ProductPoints& target,
                      std::span<const IndexPair> features, Progress& progress) {

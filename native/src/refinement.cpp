@@ -243,9 +243,15 @@ Refinement refine(const Positions& source, const Normals& source_normals, const 
     result.alignment = composed(source_unit.inverse(), target_move);
 
     progress.enter("registration");
-    const Registration registration =
-        register_shapes(coarse_source, coarse_target, coarse_features, start, options.registration,
-                        progress, first_level);
+    Attempts attempts =
+        register_best(coarse_source, coarse_target, coarse_features,
+                      given           ? "earlier map"
+                      : pose_is_known ? "features"
+                                      : "pose",
+                      start, first_level, options.attempts, options.registration, progress);
+    const Registration& registration = attempts.registration;
+    result.starts = std::move(attempts.tried);
+    result.start_taken = attempts.taken;
 
     progress.enter("lift");
     LiftedCloud x = Lift(coarse_source, s, source_normals, progress)(

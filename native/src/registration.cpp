@@ -129,10 +129,10 @@ struct Side {
     std::vector<Index> rows;      ///< matched in this round, the nodes first
     double area = 0.0;            ///< of `rows`
     DeformedCloud images;         ///< of `rows`
-    ProductPoints product;        ///< of `rows`
     Matches matches;              ///< of `rows`, into the other side's
     std::vector<double> weights;  ///< of `rows`
     std::vector<Attraction> attractions;
+    LocalAreas areas;  ///< of all points, where they count
 
     Side(const CoarseShape& s, Index level, const Positions& start,
          const RegistrationOptions& options)
@@ -156,24 +156,32 @@ void on_both(Side& source, Side& target, Work&& work) {
     parallel_invoke(2, [&](int k, bool) { k == 0 ? work(source, target) : work(target, source); });
 }
 
-void match(Side& source, Side& target, double normal_weight, Progress& progress) {
-    std::optional<KdTree<12>> source_tree, target_tree;
+/// In the product space; with an `area_weight` > 0, local areas are four further coordinates.
+template <int Dim>
+void match(Side& source, Side& target, double normal_weight, double area_weight,
+           Progress& progress) {
+    typename KdTree<Dim>::Points source_points, target_points;
+    std::optional<KdTree<Dim>> source_tree, target_tree;
     on_both(source, target, [&](Side& side, Side&) {
+        const bool is_source = &side == &source;
         const Positions positions = gather(side.shape.positions, side.rows);
         const Normals normals = gather(side.shape.normals, side.rows);
-        if (&side == &source)
-            side.product = product_points(side.images.positions, positions, side.images.normals,
-                                          normals, normal_weight);
-        else
-            side.product = product_points(positions, side.images.positions, normals,
-                                          side.images.normals, normal_weight);
-        (&side == &source ? source_tree : target_tree).emplace(side.product);
+        auto& points = is_source ? source_points : target_points;
+        points.resize(positions.rows(), Dim);
+        points.template leftCols<12>() =
+            is_source ? product_points(side.images.positions, positions, side.images.normals,
+                                       normals, normal_weight)
+                      : product_points(positions, side.images.positions, normals,
+                                       side.images.normals, normal_weight);
+        if constexpr (Dim == 16)
+            points.template rightCols<4>() = area_weight * gather(side.areas, side.rows);
+        (is_source ? source_tree : target_tree).emplace(points);
     });
     const bool again = !source.matches.to.empty();
     source.matches =
-        nearest_matches(source.product, *target_tree, progress, again ? &source.matches : nullptr);
+        nearest_matches(source_points, *target_tree, progress, again ? &source.matches : nullptr);
     target.matches =
-        nearest_matches(target.product, *source_tree, progress, again ? &target.matches : nullptr);
+        nearest_matches(target_points, *source_tree, progress, again ? &target.matches : nullptr);
 }
 
 /// Takes the weight from pieces whose images have jumped.
@@ -228,6 +236,9 @@ void anneal(Side& source, Side& target, std::span<const IndexPair> features,
             std::mt19937_64& random, Progress& progress, double first, double last) {
     const int all_rounds = level.stiff_rounds + level.rounds;
     Progress silent;  // the sides run next to each other
+    if (level.first_area_weight > 0.0)
+        on_both(source, target,
+                [&](Side& side, Side&) { side.areas = local_areas(side.shape, silent); });
 
     for (int round = 0; round < all_rounds; ++round) {
         const bool stiff = round < level.stiff_rounds;
@@ -245,7 +256,13 @@ void anneal(Side& source, Side& target, std::span<const IndexPair> features,
             for (Side* side : {&source, &target})
                 side->choose(draw_points(side->shape, side->graph,
                                          full ? side->shape.size() : level.matched_points, random));
-        match(source, target, options.normal_weight, silent);
+        if (level.first_area_weight > 0.0)
+            match<16>(source, target, options.normal_weight,
+                      level.first_area_weight *
+                          std::pow(level.last_area_weight / level.first_area_weight, f),
+                      silent);
+        else
+            match<12>(source, target, options.normal_weight, 0.0, silent);
         on_both(source, target, [&](Side& side, Side& other) {
             side.weights = robust_weights(side.matches.distances, options.outlier_distance);
             if (stiff)
@@ -329,20 +346,41 @@ Registration register_level(const CoarseShape& source_shape, const CoarseShape& 
 
 Eigen::MatrixXd node_distances(const CoarseShape& shape) {
     const DeformationGraph& nodes = shape.levels.front();
-    SurfaceGraph graph;
-    graph.offsets = nodes.edge_offsets;
-    graph.neighbors = nodes.edge_ends;
-    for (Index i = 0; i < nodes.size(); ++i)
-        for (auto e = at(nodes.edge_offsets[at(i)]); e < at(nodes.edge_offsets[at(i) + 1]); ++e)
-            graph.lengths.push_back(
-                std::max(1e-12, (shape.positions.row(nodes.nodes[at(i)]) -
-                                 shape.positions.row(nodes.nodes[at(nodes.edge_ends[e])]))
-                                    .norm()));
+    const SurfaceGraph graph = node_graph(shape.positions, nodes);
     Eigen::MatrixXd distances = Eigen::MatrixXd::Zero(nodes.size(), nodes.size());
     GeodesicSearch search(graph);
     for (Index i = 0; i < nodes.size(); ++i)
         for (const auto& [j, distance] : search.from(i)) distances(i, j) = distance;
     return distances;
+}
+
+double torn_share(const CoarseShape& source, const CoarseShape& target,
+                  const Registration& registration, double stretch, double gap,
+                  const RegistrationOptions& options, Progress& progress) {
+    const ProductPoints s =
+        product_points(registration.source_points.positions, source.positions,
+                       registration.source_points.normals, source.normals, options.normal_weight);
+    const ProductPoints t =
+        product_points(target.positions, registration.target_points.positions, target.normals,
+                       registration.target_points.normals, options.normal_weight);
+    double share = 0.0;
+    for (const bool is_source : {true, false}) {
+        const CoarseShape& here = is_source ? source : target;
+        const CoarseShape& there = is_source ? target : source;
+        const Matches matches =
+            nearest_matches(is_source ? s : t, KdTree<12>(is_source ? t : s), progress);
+        std::size_t torn = 0;
+        for (Index i = 0; i < here.size(); ++i)
+            for (auto e = at(here.graph.offsets[at(i)]); e < at(here.graph.offsets[at(i) + 1]);
+                 ++e) {
+                const Index a = matches.to[at(i)], b = matches.to[at(here.graph.neighbors[e])];
+                torn += (there.positions.row(a) - there.positions.row(b)).norm() >
+                        stretch * here.graph.lengths[e] + gap;
+            }
+        share += 0.5 * static_cast<double>(torn) /
+                 static_cast<double>(std::max<std::size_t>(here.graph.lengths.size(), 1));
+    }
+    return share;
 }
 
 double registration_energy(const CoarseShape& source, const CoarseShape& target, Index level,

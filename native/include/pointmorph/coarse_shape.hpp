@@ -37,4 +37,9 @@ CoarseShape coarse_shape(const KdTree<3>& tree, const Normals& normals,
                          std::span<const Index> required, const CoarseShapeOptions& options,
                          Progress& progress);
 
+/// #points by 4: log(area of the geodesic ball / r²) for the radii r of .1, .15, .2 and .3 √area,
+/// from the finest level's nodes: log π in a plane, less on a limb, however the shape is posed.
+using LocalAreas = Eigen::Matrix<double, Eigen::Dynamic, 4, Eigen::RowMajor>;
+LocalAreas local_areas(const CoarseShape& shape, Progress& progress);
+
 }  // namespace pointmorph

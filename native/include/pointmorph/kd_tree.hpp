@@ -52,5 +52,6 @@ extern template class KdTree<2>;
 extern template class KdTree<3>;
 extern template class KdTree<6>;
 extern template class KdTree<12>;
+extern template class KdTree<16>;
 
 }  // namespace pointmorph

@@ -96,6 +96,9 @@ struct MorphReport {
     double feature_residual = 0.0;
     /// See Refinement::margin; infinite for the paper's method.
     double margin = std::numeric_limits<double>::infinity();
+    /// See Refinement::starts; empty for the paper's method.
+    std::vector<Attempt> starts;
+    std::size_t start_taken = 0;
     double alignment_rotation = 0.0;
     Index alignment_sweeps = 0;
     ParameterizationReport source_parameterization;

@@ -29,8 +29,9 @@ struct Matches {
     std::vector<Index> to;
     std::vector<double> distances;
 };
-Matches nearest_matches(const ProductPoints& points, const KdTree<12>& others, Progress& progress,
-                        const Matches* guess = nullptr);
+template <int Dim>
+Matches nearest_matches(const typename KdTree<Dim>::Points& points, const KdTree<Dim>& others,
+                        Progress& progress, const Matches* guess = nullptr);
 
 /// The nearest point both ways: every row of both is in a pair. Features are paired apart, so that
 /// their rows are in no other pair. Sorted, none twice. Where all points of a side are features,

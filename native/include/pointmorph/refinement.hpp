@@ -8,6 +8,7 @@
 #include <string>
 #include <vector>
 
+#include "pointmorph/attempts.hpp"
 #include "pointmorph/coarse_shape.hpp"
 #include "pointmorph/pose.hpp"
 #include "pointmorph/product_space.hpp"
@@ -21,6 +22,7 @@ namespace pointmorph {
 struct RefinementOptions {
     CoarseShapeOptions coarse;
     RegistrationOptions registration;
+    AttemptOptions attempts;
     PoseOptions pose;
     /// With so many features or more they alone say how the target lies to the source; with fewer
     /// other poses are tried. 3 or more.
@@ -54,6 +56,9 @@ struct Refinement {
     /// How much worse the best rival fits, 1 or more; infinite where there was none, or the
     /// features left nothing to choose. See Pose::margin.
     double margin = std::numeric_limits<double>::infinity();
+    /// What the registration was started from, and which of these was taken.
+    std::vector<Attempt> starts;
+    std::size_t start_taken = 0;
     /// Normals of the two clouds face opposite sides; the target's were taken the other way round.
     bool inside_out = false;
     /// What may have gone wrong, for the user.

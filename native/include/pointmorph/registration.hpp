@@ -29,6 +29,9 @@ struct RegistrationLevel {
     Index matched_points;
     /// … but in the last so many rounds, where all are.
     int full_rounds;
+    /// Weight of local_areas() against lengths in the matching, in the first and the last round;
+    /// both > 0, or both 0.
+    double first_area_weight = 0.0, last_area_weight = 0.0;
 };
 
 /// Lengths are in units of √(surface area).
@@ -73,6 +76,12 @@ Eigen::MatrixXd node_distances(const CoarseShape& shape);
 
 /// node_distances() of the source and of the target.
 using NodeDistances = std::array<Eigen::MatrixXd, 2>;
+
+/// Share of the edges of both surface graphs that are torn: whose ends the last matching takes
+/// further apart than `stretch` times their length and `gap`, in √area.
+double torn_share(const CoarseShape& source, const CoarseShape& target,
+                  const Registration& registration, double stretch, double gap,
+                  const RegistrationOptions& options, Progress& progress);
 
 /// How much the shapes had to bend, and what gap is left: a weighted geometric mean over both
 /// directions of gaps, round trips, disagreement of normals, residual and change of the rotations

@@ -73,7 +73,7 @@ def test_a_whole_morph_and_back_from_its_files(pair: Path) -> None:
     report = json.loads((out / "report.json").read_text())
     for key in (
         "stages", "seconds", "peak_memory_bytes", "pairs", "feature_residual", "cracks",
-        "warnings", "options", "quality", "worst", "margin",
+        "warnings", "options", "quality", "worst", "margin", "starts",
     ):  # fmt: skip
         assert key in report
     for name in ("Covered", "Stretch", "Folded", "Round trip"):
