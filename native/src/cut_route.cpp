@@ -70,9 +70,11 @@ std::array<std::vector<double>, 2> curve_angles(const Decomposition& source,
             boundary_angles(target.curve.points, target_loop, spacing, pins.target)};
 }
 
-/// Limbs of small clouds need finer simplified patches than the paper's threshold leaves them.
-ParameterizationOptions with_nodes_enough(ParameterizationOptions options, Index points) {
+/// Limbs of small clouds need finer simplified patches than the paper's threshold leaves them, and
+/// eyes or a loose button go with the patch around them.
+ParameterizationOptions for_patches(ParameterizationOptions options, Index points) {
     constexpr Index kPointsToSize = 1500;
+    options.join_parts = true;
     options.lod.max_cluster_size =
         std::clamp<Index>(points / kPointsToSize, 1, options.lod.max_cluster_size);
     return options;
@@ -228,10 +230,14 @@ CutRoute match_in_patches(Side& source, Side& target, const MorphInput& input,
                 nearest = nearest_neighbors(KdTree<3>(cloud.positions),
                                             options.covariance_neighbors, progress);
             const Progress::Part part(progress, first, last);
-            auto result = parameterize(cloud.positions, cloud.normals, nearest, cloud.loop, angle,
-                                       with_nodes_enough(options.parameterization,
-                                                         static_cast<Index>(side.positions.rows())),
-                                       side.cloud.name, progress);
+            auto result = parameterize(
+                cloud.positions, cloud.normals, nearest, cloud.loop, angle,
+                for_patches(options.parameterization, static_cast<Index>(side.positions.rows())),
+                side.cloud.name, progress);
+            if (result.joined > 0)
+                report.warnings.push_back(side.cloud.name + ": " + std::to_string(result.joined) +
+                                          " points in separate parts were tied to the nearest "
+                                          "places of the largest part.");
             said.unknowns += result.unknowns;
             said.iterations = std::max(said.iterations, result.iterations);
             said.relative_residual = std::max(said.relative_residual, result.relative_residual);

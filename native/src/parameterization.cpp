@@ -15,6 +15,7 @@
 #include "pointmorph/error.hpp"
 #include "pointmorph/kd_tree.hpp"
 #include "pointmorph/parallel.hpp"
+#include "pointmorph/surface_graph.hpp"
 
 namespace pointmorph {
 
@@ -95,14 +96,15 @@ std::vector<char> unreached(const Nodes& nodes, const Components& components) {
 
 /// Mutual neighbours on the same side of thin sheets. A part that this cuts off from the boundary
 /// gets its neighbours across back; what is still cut off then is an error.
-void connect(Nodes& nodes, const Neighborhoods& nearest, const std::string& name) {
+Index connect(Nodes& nodes, const Neighborhoods& nearest, bool join_parts,
+              const std::string& name) {
     const auto same_side = [&](Index i, Index j) {
         return nodes.normals.row(i).dot(nodes.normals.row(j)) > kOpposed;
     };
     nodes.closest = kClosest * median_spacing(nodes.positions, nearest);
     nodes.neighbors = symmetrized(filtered(nearest, same_side));
     auto lost = unreached(nodes, connected_components(nodes.neighbors));
-    if (std::ranges::find(lost, 1) == lost.end()) return;
+    if (std::ranges::find(lost, 1) == lost.end()) return 0;
 
     nodes.neighbors = symmetrized(filtered(nearest, [&](Index i, Index j) {
         return same_side(i, j) || lost[static_cast<std::size_t>(i)] ||
@@ -112,12 +114,15 @@ void connect(Nodes& nodes, const Neighborhoods& nearest, const std::string& name
     double points = 0.0;
     for (std::size_t i = 0; i < lost.size(); ++i)
         if (lost[i]) points += nodes.weight[static_cast<Eigen::Index>(i)];
-    if (points > 0.0)
+    if (points > 0.0 && join_parts)
+        nodes.neighbors = in_one_piece(nodes.positions, std::move(nodes.neighbors));
+    else if (points > 0.0)
         throw TopologyError(name, "one connected patch",
                             std::to_string(std::llround(points)) +
                                 " points that don't hang together with the boundary",
                             "Remove separate parts, or raise parameterization_neighbors or "
                             "parameterization_radius.");
+    return static_cast<Index>(std::llround(points));
 }
 
 /// An incomplete Cholesky factor that lets the caller look up between two iterations.
@@ -305,8 +310,10 @@ Parameterization solve_all(const Positions& positions, const Normals& normals,
         nodes.on_boundary[static_cast<std::size_t>(loop[i])] = 1;
         nodes.angle[static_cast<std::size_t>(loop[i])] = angles[i];
     }
+    Index joined = 0;
     if (options.radius) {
-        connect(nodes, neighbors_of(positions, options, progress), name);
+        joined =
+            connect(nodes, neighbors_of(positions, options, progress), options.join_parts, name);
     } else {
         Neighborhoods some;
         for (Index i = 0; i < nearest.size(); ++i) {
@@ -315,9 +322,10 @@ Parameterization solve_all(const Positions& positions, const Normals& normals,
             some.indices.insert(some.indices.end(), near.begin(), near.end());
             some.offsets.push_back(static_cast<std::int64_t>(some.indices.size()));
         }
-        connect(nodes, some, name);
+        joined = connect(nodes, some, options.join_parts, name);
     }
     Parameterization result;
+    result.joined = joined;
     result.points = solve(nodes, options, name, result, progress, 0.2, 1.0);
     return result;
 }
@@ -374,12 +382,12 @@ Parameterization solve_simplified(const Positions& positions, const Normals& nor
         nodes.angle[static_cast<std::size_t>(node)] = angles[chosen[b]];
         nodes.on_boundary[static_cast<std::size_t>(node)] = 1;
     }
+    Parameterization result;
     {
         const Progress::Part part(progress, 0.2, 0.3);
-        connect(nodes, neighbors_of(nodes.positions, options, progress), name);
+        result.joined = connect(nodes, neighbors_of(nodes.positions, options, progress),
+                                options.join_parts, name);
     }
-
-    Parameterization result;
     const DiskPoints disk = solve(nodes, options, name, result, progress, 0.3, 0.8);
 
     result.points.resize(count, 2);

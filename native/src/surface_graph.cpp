@@ -62,23 +62,9 @@ Values local_spacings(const KdTree<3>& dense, const Positions& positions, Progre
     return spacings;
 }
 
-/// Joins what falls apart, and adds lengths.
+/// Adds lengths.
 SurfaceGraph finished(const Positions& positions, Neighborhoods joined) {
-    const Components components = connected_components(joined);
-    if (components.count() > 1) {
-        // symmetrized() takes one direction of an edge as well as both.
-        Neighborhoods bridges;
-        const auto edges = joining_edges(positions, components);
-        std::vector<std::vector<Index>> more(at(joined.size()));
-        for (const IndexPair& e : edges) more[at(e.source)].push_back(e.target);
-        for (Index i = 0; i < joined.size(); ++i) {
-            bridges.indices.insert(bridges.indices.end(), joined[i].begin(), joined[i].end());
-            bridges.indices.insert(bridges.indices.end(), more[at(i)].begin(), more[at(i)].end());
-            bridges.offsets.push_back(static_cast<std::int64_t>(bridges.indices.size()));
-        }
-        joined = symmetrized(bridges);
-    }
-
+    joined = in_one_piece(positions, std::move(joined));
     SurfaceGraph graph;
     graph.lengths.resize(joined.indices.size());
     // Coincident points: a length of 0 would do, but divides elsewhere.
@@ -95,6 +81,24 @@ SurfaceGraph finished(const Positions& positions, Neighborhoods joined) {
 }
 
 }  // namespace
+
+Neighborhoods in_one_piece(const Positions& positions, Neighborhoods joined) {
+    const Components components = connected_components(joined);
+    if (components.count() > 1) {
+        // symmetrized() takes one direction of an edge as well as both.
+        Neighborhoods bridges;
+        const auto edges = joining_edges(positions, components);
+        std::vector<std::vector<Index>> more(at(joined.size()));
+        for (const IndexPair& e : edges) more[at(e.source)].push_back(e.target);
+        for (Index i = 0; i < joined.size(); ++i) {
+            bridges.indices.insert(bridges.indices.end(), joined[i].begin(), joined[i].end());
+            bridges.indices.insert(bridges.indices.end(), more[at(i)].begin(), more[at(i)].end());
+            bridges.offsets.push_back(static_cast<std::int64_t>(bridges.indices.size()));
+        }
+        joined = symmetrized(bridges);
+    }
+    return joined;
+}
 
 SurfaceGraph surface_graph(const KdTree<3>& tree, const Normals& normals,
                            const SurfaceGraphOptions& options, Progress& progress,

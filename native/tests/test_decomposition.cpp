@@ -225,9 +225,9 @@ TEST(Decomposition, TakesCloudsOfFewPoints) {
 
 TEST(Decomposition, ProposesATourThroughTheFeaturesOnTips) {
     const Shape shape = star(5000);
-    const std::vector<Index> features{shape.at(2, 0, 0),  shape.at(-2, 0, 0),  // opposite tips
-                                      shape.at(0, 0, 1),                       // in the middle
-                                      shape.at(0, 2, 0),  shape.at(0, -2, 0)};
+    const std::vector<Index> features{shape.at(2, 0, 0), shape.at(-2, 0, 0),  // opposite tips
+                                      shape.at(0, 0, 1),                      // in the middle
+                                      shape.at(0, 2, 0), shape.at(0, -2, 0)};
     Progress progress;
     const FeatureReach reach =
         feature_reach(shape.tree, shape.normals, shape.nearest, features, {}, progress);
@@ -246,10 +246,9 @@ TEST(Decomposition, ProposesTheShortestOfAllTours) {
     FeatureReach reach{Eigen::MatrixXd(6, 6), std::vector<char>(6, 1)};
     for (Eigen::Index i = 0; i < 6; ++i)
         for (Eigen::Index j = 0; j < 6; ++j)
-            reach.distances(i, j) =
-                std::sin(std::numbers::pi / 6 *
-                         std::abs(angle[static_cast<std::size_t>(i)] -
-                                  angle[static_cast<std::size_t>(j)]));
+            reach.distances(i, j) = std::sin(
+                std::numbers::pi / 6 *
+                std::abs(angle[static_cast<std::size_t>(i)] - angle[static_cast<std::size_t>(j)]));
     const std::vector<Index> tour = propose_loop(reach, reach);
     ASSERT_EQ(tour.size(), 6u);
     for (std::size_t i = 0; i < 6; ++i) {

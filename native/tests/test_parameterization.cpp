@@ -318,5 +318,30 @@ TEST(Parameterization, CancelWorksInsideTheSolver) {
     EXPECT_THROW(onto_disk(patch, full(), &progress), Cancelled);
 }
 
+TEST(Parameterization, TiesSeparatePartsToTheRestWhereAsked) {
+    constexpr Index kSide = 25, kBall = 400;
+    Positions p(kSide * kSide + kBall, 3);
+    p.topRows(kSide * kSide) = shapes::grid(kSide);
+    p.bottomRows(kBall) = 0.05 * shapes::sphere(kBall);  // floats above the middle
+    p.bottomRows(kBall).col(2).array() += 0.6;
+    const Normals n = Eigen::RowVector3d(0, 0, 1).replicate(p.rows(), 1);
+    Progress progress;
+    const Neighborhoods nearest = nearest_neighbors(KdTree<3>(p), 16, progress);
+    const auto loop = shapes::grid_border(kSide);
+    const auto angles = boundary_angles(p, loop, BoundarySpacing::kChordLength, {});
+    for (const SolveMode solve : {SolveMode::kFull, SolveMode::kLod}) {
+        ParameterizationOptions options;
+        options.solve = solve;
+        EXPECT_THROW(parameterize(p, n, nearest, loop, angles, options, "grid", progress),
+                     TopologyError);
+        options.join_parts = true;
+        const auto result = parameterize(p, n, nearest, loop, angles, options, "grid", progress);
+        EXPECT_EQ(result.joined, kBall);
+        EXPECT_TRUE(result.points.allFinite());
+        for (Index i = kSide * kSide; i < p.rows(); ++i)
+            EXPECT_LT(result.points.row(i).norm(), 0.3);  // where it floats
+    }
+}
+
 }  // namespace
 }  // namespace pointmorph

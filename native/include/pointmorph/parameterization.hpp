@@ -32,6 +32,9 @@ struct ParameterizationOptions {
     /// Radius r of the paper's ball neighbourhoods, in spacings of the cloud that is solved for;
     /// 1 to 20. Not set: nearest neighbours.
     std::optional<double> radius;
+    /// Whether parts that don't hang together with the boundary are tied to the rest by an edge,
+    /// and counted, instead of refused.
+    bool join_parts = false;
     /// The iterative solver ends at this relative residual; 1e-14 to 1e-3.
     double tolerance = 1e-8;
     /// … and gives up after this many iterations.
@@ -67,6 +70,7 @@ struct Parameterization {
     Index unknowns = 0;            ///< interior points of the system that was solved
     Index iterations = 0;          ///< of the solver, the larger of both coordinates
     double relative_residual = 0;  ///< ‖Au − b‖ / ‖b‖ reached
+    Index joined = 0;              ///< points in parts that were tied to the rest
     double solve_seconds = 0;      ///< assembly and solution of the system alone
 };
 

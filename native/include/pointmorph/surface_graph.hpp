@@ -24,6 +24,10 @@ struct SurfaceGraph {
     Index size() const { return static_cast<Index>(offsets.size()) - 1; }
 };
 
+/// A symmetric graph with an edge more for every component but the largest: the shortest to that
+/// one.
+Neighborhoods in_one_piece(const Positions& positions, Neighborhoods joined);
+
 struct SurfaceGraphOptions {
     Index neighbors = 16;
     /// Neighbours whose normals have a smaller scalar product than this lie on different sheets
