@@ -151,6 +151,25 @@ def _new_input(group, kind, name, description="", **values):
         setattr(socket, key, value)
 
 
+def _new_splat_inputs(group):
+    """How points are drawn."""
+    _new_input(
+        group,
+        "NodeSocketFloat",
+        "Radius Scale",
+        "Makes all points larger or smaller",
+        default_value=1.0,
+        min_value=0.0,
+    )
+    _new_input(
+        group,
+        "NodeSocketBool",
+        "Discs",
+        "Shows discs in the surface instead of balls: slower, and visible where point clouds "
+        "aren't, as in the Eevee of Blender 3.4",
+    )
+
+
 def _new_output(group, kind, name):
     if hasattr(group, "interface"):
         group.interface.new_socket(name, in_out="OUTPUT", socket_type=kind)
@@ -198,21 +217,7 @@ def _group(material, created):
         min_value=0.0,
         max_value=1.0,
     )
-    _new_input(
-        group,
-        "NodeSocketFloat",
-        "Radius Scale",
-        "Makes all points larger or smaller",
-        default_value=1.0,
-        min_value=0.0,
-    )
-    _new_input(
-        group,
-        "NodeSocketBool",
-        "Discs",
-        "Shows discs in the surface instead of balls: slower, and visible where point clouds "
-        "aren't, as in the Eevee of Blender 3.4",
-    )
+    _new_splat_inputs(group)
     _new_input(
         group,
         "NodeSocketBool",
@@ -281,21 +286,7 @@ def _frames_group(material, created):
     _new_input(group, "NodeSocketCollection", "Collection", "A mesh for each frame, by name")
     _new_input(group, "NodeSocketInt", "First", "The scene's frame that shows the first mesh")
     _new_input(group, "NodeSocketInt", "Step", "Frames from one mesh to the next", default_value=1)
-    _new_input(
-        group,
-        "NodeSocketFloat",
-        "Radius Scale",
-        "Makes all points larger or smaller",
-        default_value=1.0,
-        min_value=0.0,
-    )
-    _new_input(
-        group,
-        "NodeSocketBool",
-        "Discs",
-        "Shows discs in the surface instead of balls: slower, and visible where point clouds "
-        "aren't, as in the Eevee of Blender 3.4",
-    )
+    _new_splat_inputs(group)
     _new_input(
         group, "NodeSocketBool", "Vertices", "Shows bare vertices, for formats without points"
     )

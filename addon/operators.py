@@ -48,6 +48,21 @@ def active_result(context):
     return found
 
 
+def path_choice(description):
+    """A property that overrides the setting Path for one bake."""
+    return bpy.props.EnumProperty(
+        name="Path",
+        description=description,
+        items=[
+            ("SETTING", "As Set", "The setting Path in the panel"),
+            ("LINEAR", "Linear", "Straight"),
+            ("SIMILARITY", "Similarity", "The whole turns and grows on the way"),
+            ("RIGID", "Rigid", "Every part turns as well: limbs swing instead of shrinking"),
+        ],
+        default="SETTING",
+    )
+
+
 class _Computing:
     """What an operator needs that computes in a thread while Blender stays usable.
 
@@ -228,17 +243,7 @@ class POINTMORPH_OT_bake_shape_keys(bpy.types.Operator):
         ],
         default="SOURCE",
     )
-    path: bpy.props.EnumProperty(
-        name="Path",
-        description="How vertices travel from step to step. A single key is straight in any case",
-        items=[
-            ("SETTING", "As Set", "The setting Path in the panel"),
-            ("LINEAR", "Linear", "Straight"),
-            ("SIMILARITY", "Similarity", "The whole turns and grows on the way"),
-            ("RIGID", "Rigid", "Every part turns as well: limbs swing instead of shrinking"),
-        ],
-        default="SETTING",
-    )
+    path: path_choice("How vertices travel from step to step. A single key is straight in any case")
     steps: bpy.props.IntProperty(
         name="Steps",
         description="Number of shape keys, equally far from one another; the last is the target",
@@ -314,17 +319,7 @@ class POINTMORPH_OT_bake_frames(_Computing, bpy.types.Operator):
         ],
         default="LINEAR",
     )
-    path: bpy.props.EnumProperty(
-        name="Path",
-        description="How points travel",
-        items=[
-            ("SETTING", "As Set", "The setting Path in the panel"),
-            ("LINEAR", "Linear", "Straight"),
-            ("SIMILARITY", "Similarity", "The whole turns and grows on the way"),
-            ("RIGID", "Rigid", "Every part turns as well: limbs swing instead of shrinking"),
-        ],
-        default="SETTING",
-    )
+    path: path_choice("How points travel")
     resample: bpy.props.BoolProperty(
         name="Re-sample", description="Put new points where there would be cracks", default=True
     )

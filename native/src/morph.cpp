@@ -202,41 +202,30 @@ Morph::Morph(MorphInput input, const MorphOptions& options, Progress& progress)
         check_closed(source, input.source_boundary, input.loop.size(), options.boundary, progress);
         check_closed(target, input.target_boundary, input.loop.size(), options.boundary, progress);
     }
-    if (cut) {
-        CutRoute route =
-            match_in_patches(source, target, input, features, options, report_, progress);
-        if (options.method == Method::kAuto) {
-            progress.enter("transfer");
-            const RefinementStart from_cut{transfer<3>(KdTree<3>(route.target), target.positions,
-                                                       route.source, options.transfer, progress),
-                                           transfer<3>(KdTree<3>(route.source), source.positions,
-                                                       route.target, options.transfer, progress)};
-            take(refine(source.positions, source.normals, target.positions, target.normals,
-                        features, options.refinement, progress, &from_cut),
-                 source, target);
-        } else {
+    // Pairs and domain of the paper's way, or a map from them to start from.
+    const auto adopt = [&]<int Dim>(auto route, const char* domain) {
+        if (options.method == Method::kPaper) {
             source_domain_ = gather(route.source, source.rank);
             target_domain_ = gather(route.target, target.rank);
             pairs_ = std::move(route.pairs);
-            report_.domain = "cut";
+            report_.domain = domain;
+            return;
         }
+        progress.enter("transfer");
+        const RefinementStart images{transfer<Dim>(KdTree<Dim>(route.target), target.positions,
+                                                   route.source, options.transfer, progress),
+                                     transfer<Dim>(KdTree<Dim>(route.source), source.positions,
+                                                   route.target, options.transfer, progress)};
+        take(refine(source.positions, source.normals, target.positions, target.normals, features,
+                    options.refinement, progress, &images),
+             source, target);
+    };
+    if (cut) {
+        adopt.operator()<3>(
+            match_in_patches(source, target, input, features, options, report_, progress), "cut");
     } else if (options.method == Method::kPaper || options.domain == Domain::kDisk) {
-        DiskRoute route =
-            match_in_disk(source, target, input, features, options, report_, progress);
-        source_domain_ = gather(route.source, source.rank);
-        target_domain_ = gather(route.target, target.rank);
-        pairs_ = std::move(route.pairs);
-        report_.domain = "disk";
-        if (options.method == Method::kAuto) {
-            progress.enter("transfer");
-            const RefinementStart from_disk{transfer<2>(KdTree<2>(route.target), target.positions,
-                                                        route.source, options.transfer, progress),
-                                            transfer<2>(KdTree<2>(route.source), source.positions,
-                                                        route.target, options.transfer, progress)};
-            take(refine(source.positions, source.normals, target.positions, target.normals,
-                        features, options.refinement, progress, &from_disk),
-                 source, target);
-        }
+        adopt.operator()<2>(
+            match_in_disk(source, target, input, features, options, report_, progress), "disk");
     } else {
         check_start(input.start, source_.size(), target_.size());
         std::optional<RefinementStart> earlier;
