@@ -12,24 +12,25 @@ namespace pointmorph {
 
 struct ExtremityOptions {
     Index most = 12;  ///< the most prominent are kept
-    /// How far the mean distance to the rest of the surface has to fall on the way to a higher tip,
-    /// in √area.
-    double prominence = 0.04;
+    double radius = 0.25;  ///< of the surroundings that a tip sticks out of, in √area
+    /// How far a point lies from the mean of its surroundings, in radii, has to fall by this much
+    /// on the way to a higher tip.
+    double prominence = 0.1;
     /// Tips whose images lie further apart than this, mean of both ways in √area, don't belong
     /// together.
     double reach = 0.3;
 };
 
-/// A point that is further away from the rest of the surface than all around it.
+/// A point that sticks out further than all around it.
 struct Extremity {
     Index point;        ///< row of the coarse shape
-    double prominence;  ///< in √area, > 0; the highest tip has its height above the lowest point
+    double prominence;  ///< in radii, > 0; the highest tip has its height above the lowest point
 };
 
-/// Local maxima of the mean geodesic distance to the whole surface, the most prominent first
-/// (persistence of superlevel sets; mean distance after Hilaga et al. 2001). `distances` are
-/// node_distances(). The tip itself is the point around such a node that is furthest along the
-/// surface from the shape's centre.
+/// Local maxima of the distance to the mean of the surface around (Gaussian weights along the
+/// surface, after the integral invariants of Manay et al. 2004), the most prominent first
+/// (persistence of superlevel sets). `distances` are node_distances(). The tip itself is the point
+/// around such a node that is furthest from that mean.
 std::vector<Extremity> extremities(const CoarseShape& shape, const Eigen::MatrixXd& distances,
                                    const ExtremityOptions& options);
 
