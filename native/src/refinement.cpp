@@ -221,31 +221,29 @@ Refinement refine(const Positions& source, const Normals& source_normals, const 
         tn = -tn;
         coarse_target.normals = -coarse_target.normals;
     }
-    Index first_level = 0;
+    Registration registration;
     if (!pose_is_known) {
         progress.enter("pose");
-        const Pose pose = find_pose(coarse_source, coarse_target, coarse_features, options.pose,
-                                    options.registration, progress);
-        coarse_target = moved(coarse_target, pose.alignment);
-        t = pose.alignment.apply(t);
+        Pose pose = find_pose(coarse_source, coarse_target, coarse_features, options.pose,
+                              options.registration, progress);
+        const Similarity& move = pose.best.alignment;
+        coarse_target = moved(coarse_target, move);
+        t = move.apply(t);
         target_tree.emplace(t);
-        tn = pose.alignment.turn(tn);
-        target_move = composed(pose.alignment, target_move);
-        start = {pose.registration.source_points.positions,
-                 pose.registration.target_points.positions};
-        first_level = 1;
+        tn = move.turn(tn);
+        target_move = composed(move, target_move);
+        registration = std::move(pose.best.registration);
         result.margin = pose.margin;
         if (pose.margin < options.clear_margin)
             result.warnings.push_back(
                 "The shapes fit another way almost as well (a swap of left and right, or of head "
                 "and tail). If the morph goes wrong, mark one feature that tells them apart.");
+    } else {
+        progress.enter("registration");
+        registration = register_shapes(coarse_source, coarse_target, coarse_features, start,
+                                       options.registration, progress);
     }
     result.alignment = composed(source_unit.inverse(), target_move);
-
-    progress.enter("registration");
-    const Registration registration =
-        register_shapes(coarse_source, coarse_target, coarse_features, start, options.registration,
-                        progress, first_level);
 
     progress.enter("lift");
     LiftedCloud x = Lift(coarse_source, s, source_normals, progress)(

@@ -48,7 +48,7 @@ TEST(Pose, TheTurnOfAShapeWithoutSymmetryIsFound) {
         EXPECT_GT(pose.margin, 1.1);
         const Positions truth = source.positions * shapes::rotation(seed).transpose();
         const Positions images =
-            pose.alignment.inverse().apply(pose.registration.source_points.positions);
+            pose.best.alignment.inverse().apply(pose.best.registration.source_points.positions);
         EXPECT_LT((images - truth).rowwise().norm().mean(), 0.03);
     }
 }

@@ -11,7 +11,7 @@
 namespace pointmorph {
 
 struct ExtremityOptions {
-    Index most = 12;  ///< the most prominent are kept
+    Index most = 12;       ///< the most prominent are kept
     double radius = 0.25;  ///< of the surroundings that a tip sticks out of, in √area
     /// How far a point lies from the mean of its surroundings, in radii, has to fall by this much
     /// on the way to a higher tip.
