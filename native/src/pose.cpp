@@ -346,6 +346,12 @@ CoarseShape moved(const CoarseShape& shape, const Similarity& move) {
     return result;
 }
 
+double pose_confidence(const Misfit& misfit, double margin) {
+    const double nearness = 1.0 / std::max(margin, 1e-3);
+    const double against = 10.0 * nearness + 100.0 * misfit.opposed;
+    return 1.0 / (1.0 + std::exp(against - 10.0));
+}
+
 std::vector<Similarity> candidate_poses(const CoarseShape& source, const CoarseShape& target,
                                         std::span<const IndexPair> features,
                                         const PoseOptions& options) {
@@ -504,6 +510,7 @@ Pose find_pose(const CoarseShape& source, const CoarseShape& target,
         result.margin = energy(result.rivals.front()) / energy(result.best);
     else if (trials.size() > 1)
         result.margin = std::max(1.0, trials[1].energy / trials[0].energy);
+    result.confidence = pose_confidence(result.best.misfit, result.margin);
     return result;
 }
 

@@ -156,6 +156,21 @@ std::vector<Index> nearest_partners(const Positions& images, const Pairing& pair
     return partners;
 }
 
+/// Rivals and proposals, from rows of the coarse shapes.
+void to_cloud_rows(Refinement& result, const std::vector<Index>& source,
+                   const std::vector<Index>& target) {
+    for (Rival& rival : result.rivals) {
+        for (Index& place : rival.places) place = source[at(place)];
+        rival.source = source[at(rival.source)];
+        rival.target = target[at(rival.target)];
+        rival.rival_target = target[at(rival.rival_target)];
+    }
+    for (Proposal& proposal : result.proposals) {
+        proposal.source = source[at(proposal.source)];
+        proposal.target = target[at(proposal.target)];
+    }
+}
+
 }  // namespace
 
 Refinement refine(const Positions& source, const Normals& source_normals, const Positions& target,
@@ -222,10 +237,12 @@ Refinement refine(const Positions& source, const Normals& source_normals, const 
         coarse_target.normals = -coarse_target.normals;
     }
     Registration registration;
+    std::vector<Extremity> source_tips, target_tips;
     if (!pose_is_known) {
         progress.enter("pose");
         Pose pose = find_pose(coarse_source, coarse_target, coarse_features, options.pose,
                               options.registration, progress);
+        result.rivals = describe_rivals(coarse_source, coarse_target, pose);
         const Similarity& move = pose.best.alignment;
         coarse_target = moved(coarse_target, move);
         t = move.apply(t);
@@ -234,16 +251,28 @@ Refinement refine(const Positions& source, const Normals& source_normals, const 
         target_move = composed(move, target_move);
         registration = std::move(pose.best.registration);
         result.margin = pose.margin;
-        if (pose.margin < options.clear_margin)
-            result.warnings.push_back(
-                "The shapes fit another way almost as well (a swap of left and right, or of head "
-                "and tail). If the morph goes wrong, mark one feature that tells them apart.");
+        result.confidence = pose.confidence;
+        source_tips = std::move(pose.source_tips);
+        target_tips = std::move(pose.target_tips);
     } else {
         progress.enter("registration");
         registration = register_shapes(coarse_source, coarse_target, coarse_features, start,
                                        options.registration, progress);
     }
     result.alignment = composed(source_unit.inverse(), target_move);
+    if (options.propose || !pose_is_known) {
+        if (pose_is_known) {
+            const auto tips = [&](const CoarseShape& shape) {
+                return extremities(shape, node_distances(shape), options.pose.extremities);
+            };
+            source_tips = tips(coarse_source);
+            target_tips = tips(coarse_target);
+        }
+        result.proposals =
+            propose_features(coarse_source, coarse_target, registration, source_tips, target_tips,
+                             coarse_features, result.confidence, options.other_proposals, progress);
+        to_cloud_rows(result, coarse_source.rows, coarse_target.rows);
+    }
 
     progress.enter("lift");
     LiftedCloud x = Lift(coarse_source, s, source_normals, progress)(

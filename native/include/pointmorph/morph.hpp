@@ -91,6 +91,10 @@ struct MorphReport {
     double feature_residual = 0.0;
     /// See Refinement::margin; infinite for the paper's method.
     double margin = std::numeric_limits<double>::infinity();
+    /// See Refinement; 1, and none, for the paper's method. Rows as given.
+    double confidence = 1.0;
+    std::vector<Rival> rivals;
+    std::vector<Proposal> proposals;
     double alignment_rotation = 0.0;
     Index alignment_sweeps = 0;
     ParameterizationReport source_parameterization;

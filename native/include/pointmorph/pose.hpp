@@ -64,6 +64,12 @@ struct Pose {
     std::vector<Extremity> source_tips, target_tips;  ///< rows of the coarse shapes
 };
 
+/// How likely a map is right, 0 to 1: a logistic rule that falls with what speaks against it, the
+/// nearness of a rival (the margin of find_pose()), images that show their backs, round trips,
+/// disagreement of normals. Fitted to maps of four-legged animals whose landmarks are known, where
+/// "right" is a mean landmark error of at most .07 √area.
+double pose_confidence(const Misfit& misfit, double margin);
+
 /// Rotations (and shifts) of the target onto the source, both of unit area: the 24 that take
 /// principal axes to principal axes, as far as the spreads along them agree, none, and the least
 /// turn or best fit by two or more features. None that contradicts the features. At least one.
