@@ -203,7 +203,7 @@ void try_poses(const Shapes& shapes, std::span<const Attempt> attempts, const Po
         },
         first, last, 1);
     std::ranges::stable_sort(trials, {}, &Trial::energy);
-    keep_distinct(trials, options.distinct);
+    keep_distinct(trials, options.apart);
 }
 
 /// Ways in which the tips may belong together, the likeliest first: as the map has them, and with

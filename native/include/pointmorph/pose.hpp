@@ -27,6 +27,8 @@ struct PoseOptions {
     /// Two maps are distinct when their images lie further apart than this in √area: the mean, or
     /// .35 times the mean of the worst 3 % where that is more (a limb).
     double distinct = 0.08;
+    /// So while searching: finer, as the best map may be near one that was found.
+    double apart = 0.05;
     Index points = 600;   ///< of each shape in a trial, the nodes among them
     double swing = 0.44;  ///< turns about each axis that the best pose is tried with; radians
     ExtremityOptions extremities;

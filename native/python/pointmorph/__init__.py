@@ -35,9 +35,11 @@ from pointmorph.morphing import (
     Place,
     PointQuality,
     Progress,
+    Proposal,
     Quality,
     morph,
     options,
+    propose_features,
     quality_summary,
 )
 from pointmorph.motions import Motion
@@ -59,10 +61,12 @@ __all__ = [
     "PointQuality",
     "PointmorphError",
     "Progress",
+    "Proposal",
     "Quality",
     "TopologyError",
     "__version__",
     "morph",
     "options",
+    "propose_features",
     "quality_summary",
 ]

@@ -1,4 +1,4 @@
-"""The command line: ``pointmorph morph SOURCE TARGET --out DIR``."""
+"""The command line: ``pointmorph morph …`` and ``pointmorph propose …``."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = _parser()
     chosen = parser.parse_args(arguments)
     try:
-        _morph(chosen)
+        chosen.run(chosen)
     except OptionError as error:
         return _complain(str(error), WRONG_CALL)
     except PointmorphError as error:
@@ -53,16 +53,8 @@ def _parser() -> argparse.ArgumentParser:
         help="compute the correspondence and the in-between clouds of two files",
         description="Writes pairs.npy, source.ply, target.ply, frame_0000.ply … and report.json.",
     )
-    kinds = " ".join(formats.SUFFIXES)
-    morph.add_argument("source", metavar="SOURCE", help=f"the shape at t = 0: {kinds}")
-    morph.add_argument("target", metavar="TARGET", help="the shape at t = 1")
+    morph.set_defaults(run=_morph)
     morph.add_argument("--out", required=True, metavar="DIR", type=Path, help="folder to write to")
-    morph.add_argument(
-        "--features",
-        metavar="FILE",
-        type=Path,
-        help='JSON: {"features": {"nose": [source row, target row], …}}',
-    )
     morph.add_argument(
         "--frames",
         metavar="N",
@@ -70,16 +62,40 @@ def _parser() -> argparse.ArgumentParser:
         default=0,
         help="in-between clouds to write, both ends included: 0 or at least 2 (default: 0)",
     )
-    morph.add_argument(
+    propose = commands.add_parser(
+        "propose",
+        allow_abbrev=False,
+        help="find places of two files that belong together, to mark as features",
+        description="Writes a features file, which morph takes, with a confidence for each.",
+    )
+    propose.set_defaults(run=_propose)
+    propose.add_argument(
+        "--out", required=True, metavar="FILE", type=Path, help="features' file to write"
+    )
+    for command in (morph, propose):
+        _add_common(command)
+    return parser
+
+
+def _add_common(command: argparse.ArgumentParser) -> None:
+    kinds = " ".join(formats.SUFFIXES)
+    command.add_argument("source", metavar="SOURCE", help=f"the shape at t = 0: {kinds}")
+    command.add_argument("target", metavar="TARGET", help="the shape at t = 1")
+    command.add_argument(
+        "--features",
+        metavar="FILE",
+        type=Path,
+        help='JSON: {"features": {"nose": [source row, target row], …}}',
+    )
+    command.add_argument(
         "--samples",
         metavar="N",
         type=_positive,
         help="sample both models' faces with N points (default: morph the vertices)",
     )
-    settings = morph.add_argument_group("settings of the method")
+    settings = command.add_argument_group("settings of the method")
     for option in morphing.options():
         _add_option(settings, option)
-    return parser
 
 
 def _add_option(group: argparse._ArgumentGroup, option: morphing.Option) -> None:
@@ -115,16 +131,65 @@ def _positive(text: str) -> int:
     return count
 
 
-def _morph(chosen: argparse.Namespace) -> None:
-    settings = {
+def _settings(chosen: argparse.Namespace) -> dict[str, Any]:
+    return {
         option.name: getattr(chosen, option.name)
         for option in morphing.options()
         if getattr(chosen, option.name) is not None
     }
-    features, loop = read_features(chosen.features) if chosen.features else ({}, [])
+
+
+def _read_shapes(chosen: argparse.Namespace) -> list[formats.Shape]:
     shapes = [formats.read(chosen.source), formats.read(chosen.target)]
     if shapes[0].name == shapes[1].name:
         shapes[0].name, shapes[1].name = str(chosen.source), str(chosen.target)
+    return shapes
+
+
+def _propose(chosen: argparse.Namespace) -> None:
+    given, loop = read_features(chosen.features) if chosen.features else ({}, [])
+    shapes = _read_shapes(chosen)
+    with _bars() as progress:
+        if chosen.samples is None:
+            clouds, features = [shape.cloud() for shape in shapes], given
+        else:
+            clouds, features = sampled(shapes, given, chosen.samples, progress)
+        proposals = morphing.propose_features(
+            clouds[0], clouds[1], features, progress=progress, **_settings(chosen)
+        )
+    found: dict[str, list[int]] = {}
+    confidence: dict[str, float] = {}
+    for proposal in proposals:
+        rows = [
+            _nearest_row(shape.positions, cloud.positions[row])
+            for shape, cloud, row in zip(
+                shapes, clouds, (proposal.source, proposal.target), strict=True
+            )
+        ]
+        taken = list({**given, **found}.values())
+        if any(rows[side] == pair[side] for pair in taken for side in (0, 1)):
+            continue  # the model has no vertex of its own there
+        name = proposal.name
+        while name in given:
+            name += "_"
+        found[name] = rows
+        confidence[name] = round(proposal.confidence, 3)
+    content: dict[str, Any] = {"features": {**given, **found}, "confidence": confidence}
+    if loop:
+        content["loop"] = loop
+    formats.write_bytes(chosen.out, (json.dumps(content, indent=1) + "\n").encode())
+    for name, rows in found.items():
+        print(f"  {name:<11}{rows[0]:>8}{rows[1]:>8}   {100 * confidence[name]:.0f} % sure")
+    print(f"{len(found)} proposals: {chosen.out}")
+
+
+def _nearest_row(positions: np.ndarray, place: np.ndarray) -> int:
+    return int(np.argmin(((positions - place) ** 2).sum(axis=1)))
+
+
+def _morph(chosen: argparse.Namespace) -> None:
+    features, loop = read_features(chosen.features) if chosen.features else ({}, [])
+    shapes = _read_shapes(chosen)
     _make_folder(chosen.out)
 
     with _bars() as progress:
@@ -133,7 +198,7 @@ def _morph(chosen: argparse.Namespace) -> None:
         else:
             clouds, features = sampled(shapes, features, chosen.samples, progress)
         result = morphing.morph(
-            clouds[0], clouds[1], features, loop=loop, progress=progress, **settings
+            clouds[0], clouds[1], features, loop=loop, progress=progress, **_settings(chosen)
         )
         _write(chosen.out, result, chosen.frames, progress)
         result.measure_quality(progress)
