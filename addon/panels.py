@@ -23,7 +23,10 @@ class POINTMORPH_UL_features(bpy.types.UIList):
         row = layout.row(align=True)
         row.alignment = "RIGHT"
         if item.on_source and item.on_target:
-            row.label(text="both", icon="CHECKMARK")
+            if item.confidence >= 0:
+                row.label(text=f"proposed, {100 * item.confidence:.0f} %", icon="QUESTION")
+            else:
+                row.label(text="both", icon="CHECKMARK")
         else:
             row.label(text="only source" if item.on_source else "only target", icon="ERROR")
 
@@ -54,6 +57,7 @@ class POINTMORPH_PT_features(_Panel, bpy.types.Panel):
         buttons = row.column(align=True)
         buttons.operator("pointmorph.add_feature", text="", icon="ADD")
         buttons.operator("pointmorph.remove_feature", text="", icon="REMOVE")
+        self.layout.operator("pointmorph.propose_features", icon="VIEWZOOM")
 
 
 class POINTMORPH_PT_settings(_Panel, bpy.types.Panel):

@@ -14,6 +14,7 @@ OPERATORS = (
     "bake_shape_keys",
     "morph",
     "remove_feature",
+    "propose_features",
     "show_distortion",
     "go_to_place",
 )
