@@ -346,10 +346,14 @@ CoarseShape moved(const CoarseShape& shape, const Similarity& move) {
     return result;
 }
 
-double pose_confidence(const Misfit& misfit, double margin) {
-    const double nearness = 1.0 / std::max(margin, 1e-3);
-    const double against = 10.0 * nearness + 100.0 * misfit.opposed;
-    return 1.0 / (1.0 + std::exp(against - 10.0));
+double pose_confidence(const Misfit& misfit, std::span<const Competitor> competitors) {
+    constexpr double kPlain = 3.3, kOpposed = 31.0, kEnergy = 13.0, kApart = 0.15;
+    double others = 0.0;
+    for (const Competitor& other : competitors)
+        others +=
+            std::min(other.distance / kApart, 1.0) * std::pow(std::max(other.ratio, 0.5), -kEnergy);
+    const double alone = 1.0 / (1.0 + std::exp(kOpposed * std::sqrt(misfit.opposed) - kPlain));
+    return alone / (1.0 + others);
 }
 
 std::vector<Similarity> candidate_poses(const CoarseShape& source, const CoarseShape& target,
@@ -452,15 +456,20 @@ Pose find_pose(const CoarseShape& source, const CoarseShape& target,
     }
     try_poses(shapes, attempts, options, registration, trials, progress, 0.2, 0.4);
 
-    // The best two, and the best of those that leave the shapes as given.
+    // The best, the best of those that leave the shapes as given, and the best that lays them onto
+    // each other quite another way.
     const auto bases = [&](std::size_t count) {
+        constexpr double kAnotherWay = 0.2;
         std::vector<std::size_t> chosen;
-        bool given = false;
+        bool given = false, another = false;
         for (std::size_t k = 0; k < trials.size(); ++k) {
             if (trials[k].energy > options.hopeful * trials.front().energy) break;
             const bool lies = is_as_given(implied(shapes, trials[k]), options);
-            if (chosen.size() < count || (lies && !given)) chosen.push_back(k);
+            const bool turns = difference(trials[k], trials.front()) > kAnotherWay;
+            if (chosen.size() < count || (lies && !given) || (turns && !another))
+                chosen.push_back(k);
             given = given || lies;
+            another = another || turns;
         }
         return chosen;
     };
@@ -510,7 +519,14 @@ Pose find_pose(const CoarseShape& source, const CoarseShape& target,
         result.margin = energy(result.rivals.front()) / energy(result.best);
     else if (trials.size() > 1)
         result.margin = std::max(1.0, trials[1].energy / trials[0].energy);
-    result.confidence = pose_confidence(result.best.misfit, result.margin);
+    std::vector<Competitor> competitors;
+    const auto at_rest = [](const Candidate& c) {
+        return c.alignment.inverse().apply(c.registration.source_points.positions);
+    };
+    for (const Candidate& rival : result.rivals)
+        competitors.push_back({energy(rival) / energy(result.best),
+                               (at_rest(rival) - at_rest(result.best)).rowwise().norm().mean()});
+    result.confidence = pose_confidence(result.best.misfit, competitors);
     return result;
 }
 

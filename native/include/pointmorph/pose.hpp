@@ -66,11 +66,17 @@ struct Pose {
     std::vector<Extremity> source_tips, target_tips;  ///< rows of the coarse shapes
 };
 
-/// How likely a map is right, 0 to 1: a logistic rule that falls with what speaks against it, the
-/// nearness of a rival (the margin of find_pose()), images that show their backs, round trips,
-/// disagreement of normals. Fitted to maps of four-legged animals whose landmarks are known, where
-/// "right" is a mean landmark error of at most .07 √area.
-double pose_confidence(const Misfit& misfit, double margin);
+/// Another map, compared with the one that was chosen.
+struct Competitor {
+    double ratio;     ///< its energy over the chosen one's
+    double distance;  ///< mean over the source between a point's two images, in √area
+};
+
+/// How likely a map is right, 0 to 1: falls with the share of images that show their backs
+/// (logistic), and with every competitor that fits nearly as well, the more the further it lies
+/// apart: two maps of the same energy that have nothing in common are right half the time at most.
+/// Fitted to maps between animals; "right" is a mean landmark error of at most .07 √area.
+double pose_confidence(const Misfit& misfit, std::span<const Competitor> competitors);
 
 /// Rotations (and shifts) of the target onto the source, both of unit area: the 24 that take
 /// principal axes to principal axes, as far as the spreads along them agree, none, and the least
