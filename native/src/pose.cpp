@@ -347,7 +347,7 @@ CoarseShape moved(const CoarseShape& shape, const Similarity& move) {
 }
 
 double pose_confidence(const Misfit& misfit, std::span<const Competitor> competitors) {
-    constexpr double kPlain = 3.3, kOpposed = 31.0, kEnergy = 13.0, kApart = 0.15;
+    constexpr double kPlain = 3.4, kOpposed = 20.0, kEnergy = 20.0, kApart = 0.15;
     double others = 0.0;
     for (const Competitor& other : competitors)
         others +=

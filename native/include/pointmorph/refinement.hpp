@@ -24,11 +24,11 @@ struct RefinementOptions {
     PoseOptions pose;
     /// With so many features or more they alone say how the target lies to the source; with fewer
     /// other poses are tried. 3 or more.
-    Index features_that_fix_the_pose = 5;
+    Index features_that_fix_the_pose = 8;
     /// In √area; see refine().
     double trusted_distance = 0.3;
     /// Below this the user is told what may be wrong and which mark would settle it; 0 to 1.
-    double clear_confidence = 0.8;
+    double clear_confidence = 0.85;
     /// Propose features even where the pose was known.
     bool propose = false;
     Index other_proposals = 4;  ///< places between the tips that are proposed too
