@@ -73,7 +73,7 @@ def test_a_whole_morph_and_back_from_its_files(pair: Path) -> None:
     report = json.loads((out / "report.json").read_text())
     for key in (
         "stages", "seconds", "peak_memory_bytes", "pairs", "feature_residual", "cracks",
-        "warnings", "options", "quality", "worst", "margin",
+        "warnings", "options", "quality", "worst", "margin", "confidence", "rivals", "proposals",
     ):  # fmt: skip
         assert key in report
     for name in ("Covered", "Stretch", "Folded", "Round trip"):
@@ -220,3 +220,40 @@ def test_real_patches_from_end_to_end(patch_pair: tuple, tmp_path: Path) -> None
     source, target = (formats.read(folder / f"{side}.ply") for side in ("source", "target"))
     np.testing.assert_array_equal(xyz(tmp_path / "frame_0000.ply"), source.positions[pairs[:, 0]])
     np.testing.assert_array_equal(xyz(tmp_path / "frame_0004.ply"), target.positions[pairs[:, 1]])
+
+
+def test_proposals_make_a_features_file_that_morph_takes(pair: Path) -> None:
+    models, proposed = [pair / "plane.off", pair / "bump.off"], pair / "proposed.json"
+    done = run("propose", *models, "--features", pair / "features.json", "--out", proposed)
+    assert done.returncode == 0, done.stderr
+    content = json.loads(proposed.read_text())
+    given = json.loads((pair / "features.json").read_text())["features"]
+    assert given.items() <= content["features"].items()
+    assert set(content["confidence"]) == set(content["features"]) - set(given)
+    assert content["confidence"]
+    assert all(0 <= value <= 1 for value in content["confidence"].values())
+    for side, count in enumerate((41 * 41, 33 * 33)):
+        rows = [rows[side] for rows in content["features"].values()]
+        assert len(set(rows)) == len(rows)
+        assert all(0 <= row < count for row in rows)
+    again = run("morph", *models, "--features", proposed, "--out", pair / "out")
+    assert again.returncode == 0, again.stderr
+
+
+def test_proposals_from_samples_are_rows_of_the_files(pair: Path) -> None:
+    proposed = pair / "proposed.json"
+    done = run(
+        "propose", pair / "plane.off", pair / "bump.off", "--samples", 600, "--out", proposed
+    )
+    assert done.returncode == 0, done.stderr
+    for rows in json.loads(proposed.read_text())["features"].values():
+        assert 0 <= rows[0] < 41 * 41
+        assert 0 <= rows[1] < 33 * 33
+
+
+def test_proposals_arent_for_the_papers_method(pair: Path) -> None:
+    done = run(
+        "propose", pair / "plane.off", pair / "bump.off", "--method", "paper", "--out", "x.json"
+    )
+    assert done.returncode == 2
+    assert "Leave the method out" in done.stderr
