@@ -23,7 +23,7 @@ struct PoseOptions {
     double feature_distance = 0.3;
     /// So many of the best distinct maps are tried again, and at last continued to the finest
     /// level and compared there.
-    Index finalists = 3;
+    Index finalists = 2;
     /// Two maps are distinct when their images lie further apart than this in √area: the mean, or
     /// .35 times the mean of the worst 3 % where that is more (a limb).
     double distinct = 0.08;
