@@ -81,6 +81,11 @@ def basis_positions(mesh):
     return vertex_positions(mesh) if keys is None else key_positions(keys.reference_key)
 
 
+def mesh_edges(mesh):
+    """(E, 2) int32"""
+    return _read(mesh.edges, "vertices", 2, np.int32)
+
+
 def mesh_triangles(mesh):
     """(F, 3) int32, or None for a mesh without faces."""
     if not mesh.polygons:

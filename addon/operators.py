@@ -9,7 +9,7 @@ import pointmorph
 
 from . import arrays, display, result, session, transforms
 from .computation import Earlier, compute
-from .features import PREFIX
+from .features import PREFIX, description
 from .properties import feature_names, sync_features
 from .reading import read_request
 
@@ -116,7 +116,9 @@ class POINTMORPH_OT_morph(bpy.types.Operator):
 
     def _read(self, context):
         """The request. What _build needs is kept by name: objects move in memory on undo."""
+        sync_features(context.scene)
         request = read_request(context)
+        say_what_was_found(context.scene, request)
         source = context.scene.pointmorph.source
         self._origin = np.array(source.matrix_world.translation)
         self._source_matrix = transforms.relative_to(source.matrix_world, self._origin)
@@ -345,7 +347,8 @@ class POINTMORPH_OT_go_to_place(bpy.types.Operator):
 
 
 class POINTMORPH_OT_add_feature(bpy.types.Operator):
-    """Mark the selected vertex as a feature: on each picked object in Edit Mode, or the active"""
+    """Mark the selected vertices as a feature: on each picked object in Edit Mode, or the active.
+    One is a point, a path of edges a curve, any other several are a region"""
 
     bl_idname = "pointmorph.add_feature"
     bl_label = "Add Feature"
@@ -362,7 +365,7 @@ class POINTMORPH_OT_add_feature(bpy.types.Operator):
     def poll(cls, context):
         reason = shapes_reason(context)
         if reason is None and not _objects_to_mark(context):
-            reason = "Make the source or the target the active object, and select one vertex"
+            reason = "Make the source or the target the active object, and select vertices"
         if reason is not None:
             cls.poll_message_set(reason)
         return reason is None
@@ -370,17 +373,52 @@ class POINTMORPH_OT_add_feature(bpy.types.Operator):
     def execute(self, context):
         settings = context.scene.pointmorph
         try:
-            vertices = {obj: _selected_vertex(obj) for obj in _objects_to_mark(context)}
+            vertices = {obj: _selected_vertices(obj) for obj in _objects_to_mark(context)}
         except pointmorph.PointmorphError as error:
             return fail(self, error)
         sync_features(context.scene)
         name = self.name.strip().removeprefix(PREFIX) or _next_name(settings, list(vertices))
-        for obj, vertex in vertices.items():
-            _mark(obj, name, vertex)
+        for obj, rows in vertices.items():
+            _mark(obj, name, rows)
         sync_features(context.scene)
         settings.active_feature = settings.features.find(name)
         settings.features[name].confidence = -1.0
         return {"FINISHED"}
+
+
+class POINTMORPH_OT_check_features(bpy.types.Operator):
+    """Look at what is marked on both objects, and say in the list what each feature is"""
+
+    bl_idname = "pointmorph.check_features"
+    bl_label = "Check Features"
+    bl_options = {"REGISTER", "UNDO"}
+
+    @classmethod
+    def poll(cls, context):
+        reason = shapes_reason(context)
+        if reason is not None:
+            cls.poll_message_set(reason)
+        return reason is None
+
+    def execute(self, context):
+        sync_features(context.scene)
+        try:
+            request = read_request(context)
+        except pointmorph.PointmorphError as error:
+            return fail(self, error)
+        say_what_was_found(context.scene, request)
+        count = len(request.features)
+        self.report({"INFO"}, f"{count} feature" + ("" if count == 1 else "s"))
+        return {"FINISHED"}
+
+
+def say_what_was_found(scene, request):
+    """Writes into the list of features what each of them is."""
+    for item in scene.pointmorph.features:
+        if item.marked_name in request.features:
+            found = description(request.features[item.marked_name])
+            if item.found != found:
+                item.found = found
 
 
 class POINTMORPH_OT_remove_feature(bpy.types.Operator):
@@ -487,7 +525,7 @@ class POINTMORPH_OT_propose_features(bpy.types.Operator):
             while name in request.features:
                 name += "_"
             for obj, row in zip(objects, (proposal.source, proposal.target), strict=True):
-                _mark(obj, name, row)
+                _mark(obj, name, [row])
             marked.append((name, proposal.confidence))
         sync_features(context.scene)
         for name, confidence in marked:
@@ -505,8 +543,8 @@ def _objects_to_mark(context):
     return edited or [obj for obj in picked if obj == context.view_layer.objects.active]
 
 
-def _selected_vertex(obj):
-    """Row of the one vertex that is selected."""
+def _selected_vertices(obj):
+    """Rows of the vertices that are selected."""
     if obj.type != "MESH":
         raise pointmorph.FeatureError(
             obj.name,
@@ -520,14 +558,14 @@ def _selected_vertex(obj):
         selected = [vertex.index for vertex in vertices if vertex.select]
     else:
         selected = arrays.selected_vertices(obj.data)
-    if len(selected) != 1:
+    if not len(selected):
         raise pointmorph.FeatureError(
             obj.name,
-            "one selected vertex",
-            f"{len(selected)}",
-            "Select a single vertex in Edit Mode.",
+            "selected vertices",
+            "none",
+            "Select one vertex in Edit Mode, or several for a curve or a region.",
         )
-    return int(selected[0])
+    return [int(row) for row in selected]
 
 
 def _next_name(settings, objects):
@@ -541,8 +579,8 @@ def _next_name(settings, objects):
     return f"feature {number}"
 
 
-def _mark(obj, name, row):
-    """Makes the vertex group of a feature hold this vertex and no other."""
+def _mark(obj, name, rows):
+    """Makes the vertex group of a feature hold these vertices and no others."""
     old = obj.vertex_groups.get(PREFIX + name)
     if old is not None:
         obj.vertex_groups.remove(old)
@@ -551,10 +589,11 @@ def _mark(obj, name, row):
         mesh = bmesh.from_edit_mesh(obj.data)
         layer = mesh.verts.layers.deform.verify()
         mesh.verts.ensure_lookup_table()
-        mesh.verts[row][layer][group.index] = 1.0
+        for row in rows:
+            mesh.verts[row][layer][group.index] = 1.0
         bmesh.update_edit_mesh(obj.data, loop_triangles=False, destructive=False)
     else:
-        group.add([row], 1.0, "REPLACE")
+        group.add(rows, 1.0, "REPLACE")
 
 
 _classes = (
@@ -563,6 +602,7 @@ _classes = (
     POINTMORPH_OT_show_distortion,
     POINTMORPH_OT_go_to_place,
     POINTMORPH_OT_add_feature,
+    POINTMORPH_OT_check_features,
     POINTMORPH_OT_remove_feature,
     POINTMORPH_OT_propose_features,
 )

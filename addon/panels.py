@@ -16,17 +16,21 @@ class _Panel:
 
 
 class POINTMORPH_UL_features(bpy.types.UIList):
-    """A feature a row: its name, and whether it's marked on source and target."""
+    """A feature a row: its name, what it is, and whether it's marked on source and target."""
+
+    ICONS = {"point": "DOT", "curve": "CURVE_DATA", "region": "GROUP_VERTEX"}
 
     def draw_item(self, context, layout, data, item, icon, active_data, active_property, index):
         layout.prop(item, "name", text="", emboss=False)
         row = layout.row(align=True)
         row.alignment = "RIGHT"
         if item.on_source and item.on_target:
+            kind = item.found.split(",")[0].split(" ")[-1]
             if item.confidence >= 0:
-                row.label(text=f"proposed, {100 * item.confidence:.0f} %", icon="QUESTION")
+                text, other = f"proposed, {100 * item.confidence:.0f} %", "QUESTION"
             else:
-                row.label(text="both", icon="CHECKMARK")
+                text, other = kind or "both", "CHECKMARK"
+            row.label(text=text, icon=self.ICONS.get(kind, other))
         else:
             row.label(text="only source" if item.on_source else "only target", icon="ERROR")
 
@@ -57,7 +61,32 @@ class POINTMORPH_PT_features(_Panel, bpy.types.Panel):
         buttons = row.column(align=True)
         buttons.operator("pointmorph.add_feature", text="", icon="ADD")
         buttons.operator("pointmorph.remove_feature", text="", icon="REMOVE")
+        buttons.popover("POINTMORPH_PT_feature", text="", icon="DOWNARROW_HLT")
         self.layout.operator("pointmorph.propose_features", icon="VIEWZOOM")
+
+
+class POINTMORPH_PT_feature(bpy.types.Panel):
+    """What the feature chosen in the list is, and how it is held"""
+
+    bl_space_type = "VIEW_3D"
+    bl_region_type = "HEADER"  # shown by its button alone
+    bl_label = "Feature"
+    bl_ui_units_x = 12
+
+    def draw(self, context):
+        settings = context.scene.pointmorph
+        layout = self.layout
+        layout.use_property_split = True
+        layout.use_property_decorate = False
+        if 0 <= settings.active_feature < len(settings.features):
+            item = settings.features[settings.active_feature]
+            layout.label(text=f"{item.name}: {item.found}" if item.found else item.name)
+            layout.prop(item, "kind")
+            layout.prop(item, "hold")
+            weight = layout.row()
+            weight.active = item.hold != "EXACT"
+            weight.prop(item, "weight")
+        layout.operator("pointmorph.check_features", icon="VIEWZOOM")
 
 
 class POINTMORPH_PT_settings(_Panel, bpy.types.Panel):
@@ -146,7 +175,10 @@ class POINTMORPH_PT_quality(_Panel, bpy.types.Panel):
         if report is None:
             return
         box = layout.box().column(align=True)
-        for name, value in pointmorph.quality_summary(report):
+        for name, value in (
+            *pointmorph.quality_summary(report),
+            *pointmorph.feature_summary(report),
+        ):
             row = box.split(factor=0.35)
             row.label(text=name)
             row.label(text=value)
@@ -171,6 +203,7 @@ _classes = (
     POINTMORPH_UL_features,
     POINTMORPH_PT_objects,
     POINTMORPH_PT_features,
+    POINTMORPH_PT_feature,
     POINTMORPH_PT_settings,
     POINTMORPH_PT_morph,
     POINTMORPH_PT_bake,

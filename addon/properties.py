@@ -8,7 +8,7 @@ import bpy
 import numpy as np
 import pointmorph
 
-from .features import PREFIX
+from .features import PREFIX, Choice
 
 _LARGEST_INT = 2**31 - 1
 
@@ -72,6 +72,10 @@ def _rename(feature, context):
             named[PREFIX + old].name = PREFIX + new
 
 
+def _forget(feature, context):
+    feature.found = ""
+
+
 class PointmorphFeature(bpy.types.PropertyGroup):
     """A place that source and target have in common."""
 
@@ -96,6 +100,73 @@ class PointmorphFeature(bpy.types.PropertyGroup):
         description="How likely a proposed pair is right; below 0 for a mark of the user's own",
         default=-1.0,
     )
+
+    kind: bpy.props.EnumProperty(
+        name="Kind",
+        description="What is marked",
+        items=[
+            (
+                "AUTO",
+                "Automatic",
+                "One vertex is a point; several that edges join to a path, open or closed, are a "
+                "curve; any other several are a region",
+            ),
+            ("POINT", "Point", "One place goes onto one place: the vertex of highest weight"),
+            (
+                "CURVE",
+                "Curve",
+                "A path goes onto a path by share of the length. Without edges the weights say the "
+                "order, the heaviest first",
+            ),
+            (
+                "REGION",
+                "Region",
+                "What is inside goes inside, however many vertices; painted weights go onto the "
+                "same weights",
+            ),
+        ],
+        default="AUTO",
+        update=_forget,
+    )
+    hold: bpy.props.EnumProperty(
+        name="Hold",
+        description="Whether the feature must be met, or may give way",
+        items=[
+            (
+                "AUTO",
+                "Automatic",
+                "Points exactly, but softly where the weight of the vertex is below 1; curves and "
+                "regions softly",
+            ),
+            ("EXACT", "Exactly", "The feature is met, whatever that does to its surroundings"),
+            ("SOFT", "Softly", "The feature pulls, and may give way to the shapes"),
+        ],
+        default="AUTO",
+        update=_forget,
+    )
+    weight: bpy.props.FloatProperty(
+        name="Weight",
+        description="How strongly the feature pulls where it is held softly: 1 mostly has its way, "
+        "0.1 goes about half",
+        default=1.0,
+        min=0.001,
+        max=1000.0,
+        soft_max=10.0,
+        precision=3,
+        update=_forget,
+    )
+    found: bpy.props.StringProperty(
+        name="Found",
+        description="What the feature was when it was last looked at: by Check or Morph",
+    )
+
+
+def feature_choices(settings):
+    """By name, what the user wants features to be."""
+    return {
+        item.marked_name: Choice(item.kind, item.hold, float(str(np.float32(item.weight))))
+        for item in settings.features
+    }
 
 
 class PointmorphLoopFeature(bpy.types.PropertyGroup):

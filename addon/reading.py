@@ -6,7 +6,7 @@ import pointmorph
 from . import arrays, transforms
 from .computation import Request, Shape
 from .features import PREFIX, Marks, match
-from .properties import settings_values
+from .properties import feature_choices, settings_values
 
 TYPES = ("MESH", "POINTCLOUD")
 
@@ -31,7 +31,7 @@ def read_request(context):
     ]
     return Request(
         *shapes,
-        features=match(*shapes),
+        features=match(*shapes, feature_choices(settings)),
         loop=[feature.name for feature in settings.loop],
         settings=settings_values(settings),
     )
@@ -100,7 +100,7 @@ def _read_mesh(obj, mesh, positions):
         colors=arrays.mesh_colors(mesh),
         radii=_radii(mesh),
         triangles=triangles,
-        marks=Marks("vertex group", arrays.vertex_groups(mesh, groups)),
+        marks=Marks("vertex group", arrays.vertex_groups(mesh, groups), arrays.mesh_edges(mesh)),
     )
 
 

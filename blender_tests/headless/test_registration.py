@@ -12,6 +12,7 @@ WITHOUT_BLENDER = ("arrays", "computation", "features", "session", "transforms")
 OPERATORS = (
     "add_feature",
     "bake_shape_keys",
+    "check_features",
     "morph",
     "remove_feature",
     "propose_features",
@@ -131,6 +132,9 @@ def test_panels_sit_in_their_tab():
     assert panels
     for name in panels:
         panel = getattr(bpy.types, name)
+        if name == "POINTMORPH_PT_feature":  # opened by its button alone
+            assert panel.bl_region_type != "UI"
+            continue
         assert (panel.bl_space_type, panel.bl_region_type) == ("VIEW_3D", "UI")
         assert panel.bl_category == "Pointmorph"
 

@@ -150,6 +150,34 @@ bpy.ops.ed.undo_push(message="Select")
     assert window.ask("bpy.context.mode") == "OBJECT"
 
 
+def test_what_a_feature_is_opens_beside_the_list(window):
+    menu = (1009, 257)
+    add_pair(window, 30)
+    window.run(
+        """
+import bpy
+for name, side in (("Hill", 30), ("Dune", 27)):
+    obj = bpy.data.objects[name]
+    obj.vertex_groups.remove(obj.vertex_groups["pm.slope"])
+    middle = side // 3 * side
+    scenes.add_group(obj, "pm.ridge", dict.fromkeys(range(middle + 5, middle + side - 5), 1.0))
+    patch = [row for row in range(side * side) if row % side < 8 and row // side > side - 9]
+    scenes.add_group(obj, "pm.corner", dict.fromkeys(patch, 0.5))
+bpy.ops.pointmorph.check_features()
+bpy.context.scene.pointmorph.active_feature = 2
+"""
+    )
+    found = "[feature.found for feature in bpy.context.scene.pointmorph.features]"
+    kinds = ["point", "soft curve, 20 to 17", "soft region, 64 to 64"]
+    assert window.ask(found) == kinds
+    window.click(menu)
+    window.screenshot("feature_menu")
+    window.press("Escape", over=VIEWPORT)
+    window.click(MORPH)
+    window.wait(f"{RESULT} is not None")
+    window.screenshot("features_kept")
+
+
 def test_progress_and_a_second_start(window):
     start_long(window)
     window.screenshot("running")

@@ -31,7 +31,7 @@ import numpy as np
 from bench_morph import resident
 from compare_measures import Ints, Surface, Yardstick
 from compare_methods import METHODS, NotApplicableError, Pair
-from pointmorph import Cloud, FeatureError, PointmorphError, cli, formats
+from pointmorph import Cloud, Feature, FeatureError, PointmorphError, cli, formats, sampling
 from pointmorph._pointmorph import nearest_neighbors
 from tabulate import tabulate
 
@@ -81,8 +81,8 @@ def read(files: tuple[Path, Path], marks: Path, points: int, hold_out: Iterable[
     FileError, FeatureError, OptionError
     """
     shapes = (formats.read(files[0]), formats.read(files[1]))
-    features, loop = cli.read_features(marks)
-    landmarks, _ = cli.read_features(marks, "landmarks")
+    features, loop = read_points(marks, "features")
+    landmarks, _ = read_points(marks, "landmarks")
     for name in hold_out:
         if name not in features:
             known = ", ".join(features)
@@ -96,17 +96,36 @@ def read(files: tuple[Path, Path], marks: Path, points: int, hold_out: Iterable[
     clouds: list[Cloud]
     if points:
         count = min([points, *(len(s.positions) for s in shapes if s.faces is None)])
-        clouds, everything = cli.sampled(list(shapes), everything, count, lambda *_: None)
+        clouds, everything = sampling.sample_pair(shapes, everything, count)
     else:
         clouds = [shape.cloud() for shape in shapes]
     pair = Pair(
         clouds[0],
         clouds[1],
-        {name: everything[name] for name in features},
+        pairs(everything, features),
         [name for name in loop if name in features],
         meshes(shapes, points),
     )
-    return Input(pair, shapes, {name: everything[name] for name in landmarks})
+    return Input(pair, shapes, pairs(everything, landmarks))
+
+
+def read_points(marks: Path, key: str) -> tuple[dict[str, Feature], list[str]]:
+    """Features that all methods know, and the loop."""
+    features, loop = cli.read_features(marks, key)
+    for name, feature in features.items():
+        if feature.kind != "point":
+            raise FeatureError(
+                f'feature "{name}"',
+                "a point, which all methods know",
+                f"a {feature.kind}",
+                "Leave it out of the comparison.",
+            )
+    return features, loop
+
+
+def pairs(features: dict[str, Feature], names: Iterable[str]) -> dict[str, tuple[int, int]]:
+    """Rows of source and target."""
+    return {name: (features[name].rows(0)[0], features[name].rows(1)[0]) for name in names}
 
 
 def meshes(

@@ -9,6 +9,7 @@
 #include <utility>
 #include <vector>
 
+#include "pointmorph/cloud.hpp"
 #include "pointmorph/progress.hpp"
 #include "pointmorph/types.hpp"
 
@@ -21,7 +22,11 @@ void bind_options(py::module_& module);
 void bind_neighborhoods(py::module_& module);
 void bind_sampling(py::module_& module);
 void bind_morph(py::module_& module);
+void bind_decomposition(py::module_& module);
 void bind_motion(py::module_& module);
+
+/// From the dictionary that pointmorph.Cloud makes of itself.
+Cloud cloud_of(const py::dict& fields);
 
 /// A progress whose callback takes the GIL, lets Python handle signals (Ctrl-C) and then calls
 /// `callback(stage, fraction)`, which returns False to ask for the end; None is silent.

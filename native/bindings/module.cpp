@@ -9,5 +9,6 @@ PYBIND11_MODULE(_pointmorph, module) {
     bind_neighborhoods(module);
     bind_sampling(module);
     bind_morph(module);
+    bind_decomposition(module);
     bind_motion(module);
 }

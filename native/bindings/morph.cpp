@@ -7,13 +7,31 @@
 
 namespace pointmorph::bindings {
 
-namespace {
-
-/// From the dictionary that pointmorph.Cloud makes of itself.
 Cloud cloud_of(const py::dict& fields) {
     return {fields["name"].cast<std::string>(), from_numpy<Positions>(fields["positions"]),
             from_numpy<Normals>(fields["normals"]), from_numpy<Colors>(fields["colors"]),
             from_numpy<Values>(fields["radii"])};
+}
+
+namespace {
+
+/// From the dictionary that pointmorph.morphing makes of a feature.
+Feature feature_of(const py::dict& fields) {
+    const auto marked = [&](const char* side) {
+        const py::dict given = fields[side];
+        return Marked{given["rows"].cast<std::vector<Index>>(),
+                      given["weights"].cast<std::vector<double>>()};
+    };
+    const auto kind = fields["kind"].cast<std::string>();
+    return {fields["name"].cast<std::string>(),
+            kind == "point"   ? FeatureKind::kPoint
+            : kind == "curve" ? FeatureKind::kCurve
+                              : FeatureKind::kRegion,
+            marked("source"),
+            marked("target"),
+            fields["closed"].cast<bool>(),
+            fields["hard"].cast<bool>(),
+            fields["weight"].cast<double>()};
 }
 
 py::array_t<std::int64_t> array_of(const Pairing& pairs) {
@@ -59,6 +77,14 @@ py::list list_of(const std::vector<Proposal>& proposals) {
     return rows;
 }
 
+py::list list_of(const std::vector<Attempt>& starts, std::size_t taken) {
+    py::list list;
+    for (std::size_t k = 0; k < starts.size(); ++k)
+        list.append(py::dict(py::arg("start") = starts[k].start, py::arg("torn") = starts[k].torn,
+                             py::arg("energy") = starts[k].energy, py::arg("taken") = k == taken));
+    return list;
+}
+
 py::dict dict_of(const MorphReport& report, const MorphOptions& options) {
     py::dict stages, chosen;
     for (const StageTime& time : report.stages) stages[py::str(time.stage)] = time.seconds;
@@ -71,10 +97,12 @@ py::dict dict_of(const MorphReport& report, const MorphOptions& options) {
                                                          : py::object(py::none()),
         py::arg("confidence") = report.confidence, py::arg("rivals") = list_of(report.rivals),
         py::arg("proposals") = list_of(report.proposals),
+        py::arg("starts") = list_of(report.starts, report.start_taken),
         py::arg("alignment_rotation") = report.alignment_rotation,
         py::arg("alignment_sweeps") = report.alignment_sweeps,
         py::arg("source_parameterization") = dict_of(report.source_parameterization),
         py::arg("target_parameterization") = dict_of(report.target_parameterization),
+        py::arg("loop") = report.loop, py::arg("tips") = array_of(report.tips).attr("tolist")(),
         py::arg("warnings") = report.warnings, py::arg("options") = chosen);
 }
 
@@ -109,10 +137,17 @@ py::dict dict_of(const Quality& quality) {
                               py::arg("flaw") = name_of(place.flaw),
                               py::arg("distortion") = place.distortion,
                               py::arg("share") = place.share, py::arg("advice") = place.advice));
-    return py::dict(
-        py::arg("source") = dict_of(quality.source), py::arg("target") = dict_of(quality.target),
-        py::arg("source_to_target") = dict_of(quality.source_to_target),
-        py::arg("target_to_source") = dict_of(quality.target_to_source), py::arg("worst") = worst);
+    py::list features;
+    for (const FeatureResidual& kept : quality.features)
+        features.append(py::dict(py::arg("name") = kept.name, py::arg("kind") = name_of(kept.kind),
+                                 py::arg("hard") = kept.hard, py::arg("weight") = kept.weight,
+                                 py::arg("residual") = kept.residual,
+                                 py::arg("inside") = kept.inside));
+    return py::dict(py::arg("features") = features, py::arg("source") = dict_of(quality.source),
+                    py::arg("target") = dict_of(quality.target),
+                    py::arg("source_to_target") = dict_of(quality.source_to_target),
+                    py::arg("target_to_source") = dict_of(quality.target_to_source),
+                    py::arg("worst") = worst);
 }
 
 /// Writes into the caller's arrays, which the Python side has checked.
@@ -139,8 +174,7 @@ decltype(auto) without_gil(const py::object& callback, Call&& call) {
 }  // namespace
 
 void bind_morph(py::module_& module) {
-    using Features = std::vector<std::tuple<std::string, Index, Index>>;
-    const auto make = [](const py::dict& source, const py::dict& target, const Features& features,
+    const auto make = [](const py::dict& source, const py::dict& target, const py::list& features,
                          const std::vector<std::string>& loop, const MorphOptions& options,
                          const py::object& source_start, const py::object& target_start,
                          const py::object& callback) {
@@ -152,7 +186,8 @@ void bind_morph(py::module_& module) {
             source["boundary"].cast<BoundaryLoop>(),
             target["boundary"].cast<BoundaryLoop>(),
             {from_numpy<Positions>(source_start), from_numpy<Positions>(target_start)}};
-        for (const auto& [name, s, t] : features) input.features.push_back({name, s, t});
+        for (const py::handle& feature : features)
+            input.features.push_back(feature_of(feature.cast<py::dict>()));
         return without_gil(callback, [&](Progress& progress) {
             return std::make_unique<Morph>(std::move(input), options, progress);
         });

@@ -1,5 +1,6 @@
 #include "pointmorph/coarse_shape.hpp"
 
+#include <array>
 #include <cmath>
 #include <numbers>
 #include <numeric>
@@ -11,6 +12,10 @@
 namespace pointmorph {
 
 namespace {
+
+std::size_t at(Index i) {
+    return static_cast<std::size_t>(i);
+}
 
 /// Area per point, π r²/k from the distance r to the k-th neighbour.
 Values point_areas(const KdTree<3>& tree, Progress& progress) {
@@ -43,8 +48,7 @@ CoarseShape coarse_shape(const KdTree<3>& tree, const Normals& normals,
 
     const KdTree<3> coarse_tree(shape.positions);
     shape.areas = point_areas(coarse_tree, progress);
-    shape.graph = surface_graph(coarse_tree, shape.normals, options.graph, progress, &tree,
-                                std::sqrt(shape.areas.sum() / tree.size()));
+    shape.graph = surface_graph(coarse_tree, shape.normals, options.graph, progress, &tree);
 
     std::vector<Index> first(required.size());
     std::iota(first.begin(), first.end(), 0);
@@ -53,6 +57,40 @@ CoarseShape coarse_shape(const KdTree<3>& tree, const Normals& normals,
             shape.graph, blue_noise_subset(coarse_tree, shape.normals, first, nodes, progress),
             progress));
     return shape;
+}
+
+LocalAreas local_areas(const CoarseShape& shape, Progress& progress) {
+    const DeformationGraph& nodes = shape.levels.back();
+    constexpr std::array<double, LocalAreas::ColsAtCompileTime> kRadii{0.1, 0.15, 0.2, 0.3};
+    const double all = shape.areas.sum(), unit = std::sqrt(all);
+    Values area = Values::Zero(nodes.size());
+    for (Index i = 0; i < shape.size(); ++i)
+        for (std::size_t k = 0; k < DeformationGraph::kNodesPerPoint; ++k)
+            area[nodes.point_nodes[at(i)][k]] +=
+                nodes.point_weights[at(i)][k] * shape.areas[i] / all;
+
+    const SurfaceGraph graph = node_graph(shape.positions, nodes);
+    LocalAreas of_nodes(nodes.size(), LocalAreas::ColsAtCompileTime);
+    parallel_for(nodes.size(), progress, [&](Index begin, Index end) {
+        GeodesicSearch search(graph);
+        for (Index i = begin; i < end; ++i) {
+            auto sums = of_nodes.row(i);
+            sums.setConstant(1e-6);
+            for (const auto& [j, distance] : search.from(i, kRadii.back() * unit))
+                for (std::size_t r = 0; r < kRadii.size(); ++r)
+                    if (distance < kRadii[r] * unit) sums[static_cast<Eigen::Index>(r)] += area[j];
+            for (std::size_t r = 0; r < kRadii.size(); ++r) {
+                double& sum = sums[static_cast<Eigen::Index>(r)];
+                sum = std::log(sum / (kRadii[r] * kRadii[r]));
+            }
+        }
+    });
+    LocalAreas result = LocalAreas::Zero(shape.size(), LocalAreas::ColsAtCompileTime);
+    for (Index i = 0; i < shape.size(); ++i)
+        for (std::size_t k = 0; k < DeformationGraph::kNodesPerPoint; ++k)
+            result.row(i) +=
+                nodes.point_weights[at(i)][k] * of_nodes.row(nodes.point_nodes[at(i)][k]);
+    return result;
 }
 
 }  // namespace pointmorph

@@ -166,6 +166,21 @@ DeformationGraph deformation_graph(const SurfaceGraph& graph, const Subset& subs
     return result;
 }
 
+SurfaceGraph node_graph(const Positions& positions, const DeformationGraph& nodes) {
+    constexpr double kShortest = 1e-12;
+    SurfaceGraph graph;
+    graph.offsets = nodes.edge_offsets;
+    graph.neighbors = nodes.edge_ends;
+    for (Index i = 0; i < nodes.size(); ++i)
+        for (auto e = nodes.edge_offsets[at(i)]; e < nodes.edge_offsets[at(i) + 1]; ++e) {
+            const Index j = nodes.edge_ends[static_cast<std::size_t>(e)];
+            graph.lengths.push_back(std::max(
+                kShortest,
+                (positions.row(nodes.nodes[at(i)]) - positions.row(nodes.nodes[at(j)])).norm()));
+        }
+    return graph;
+}
+
 void fit_similarities(const Positions& positions, const DeformationGraph& graph, int smoothing,
                       double largest_scale, Deformation& deformation) {
     const Index count = graph.size();

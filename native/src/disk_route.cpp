@@ -4,7 +4,9 @@
 #include <algorithm>
 #include <unordered_map>
 
+#include "point_features.hpp"
 #include "pointmorph/error.hpp"
+#include "pointmorph/kd_tree.hpp"
 
 namespace pointmorph {
 
@@ -17,7 +19,7 @@ constexpr double kMirrorFactor = 0.5;
 /// Positions of the boundary features in their loops. A feature lies on both boundaries or on
 /// neither.
 std::vector<IndexPair> boundary_features(const Side& source, const Side& target,
-                                         std::span<const Feature> features) {
+                                         std::span<const PointFeature> features) {
     const auto positions_in = [](const Side& side) {
         std::unordered_map<Index, Index> result;
         for (std::size_t i = 0; i < side.loop.size(); ++i)
@@ -27,8 +29,8 @@ std::vector<IndexPair> boundary_features(const Side& source, const Side& target,
     const auto on_source = positions_in(source), on_target = positions_in(target);
     std::vector<IndexPair> result;
     for (std::size_t i = 0; i < features.size(); ++i) {
-        const auto s = on_source.find(source.features[i]);
-        const auto t = on_target.find(target.features[i]);
+        const auto s = on_source.find(features[i].rows.source);
+        const auto t = on_target.find(features[i].rows.target);
         if ((s == on_source.end()) != (t == on_target.end())) {
             const bool source_has_it = s != on_source.end();
             const std::string& has = source_has_it ? source.cloud.name : target.cloud.name;
@@ -65,8 +67,9 @@ void need_boundary(Side& side, const BoundaryLoop& given, const BoundaryOptions&
     const Index count = side.find_boundary(given, options, progress);
     if (count == 0)
         throw TopologyError(side.cloud.name, "an open patch with a boundary", "a closed surface",
-                            "Take method auto, which needs no boundary; or cut it open (delete "
-                            "the faces inside a loop), or give the rows of its boundary.");
+                            "Take method auto, which needs no boundary; or list features in a "
+                            "loop, along which both models are cut; or give the rows of its "
+                            "boundary.");
     if (count > 1)
         warnings.push_back(side.cloud.name + ": the longest of " + std::to_string(count) +
                            " boundary loops goes to the rim of the disk, the others are treated "
@@ -76,7 +79,8 @@ void need_boundary(Side& side, const BoundaryLoop& given, const BoundaryOptions&
 }  // namespace
 
 DiskRoute match_in_disk(Side& source, Side& target, const MorphInput& input,
-                        const MorphOptions& options, MorphReport& report, Progress& progress) {
+                        std::span<const Feature> marked, const MorphOptions& options,
+                        MorphReport& report, Progress& progress) {
     progress.enter("boundary");
     need_boundary(source, input.source_boundary, options.boundary, report.warnings, progress);
     need_boundary(target, input.target_boundary, options.boundary, report.warnings, progress);
@@ -87,7 +91,9 @@ DiskRoute match_in_disk(Side& source, Side& target, const MorphInput& input,
 
     progress.enter("parameterization");
     const auto& parameterization = options.parameterization;
-    auto on_boundary = boundary_features(source, target, input.features);
+    const std::vector<PointFeature> known =
+        point_features(source, target, marked, options, report, progress);
+    auto on_boundary = boundary_features(source, target, known);
     Side* const turnable = !target.normals_given   ? &target
                            : !source.normals_given ? &source
                                                    : nullptr;
@@ -101,7 +107,7 @@ DiskRoute match_in_disk(Side& source, Side& target, const MorphInput& input,
     } catch (const FeatureError&) {  // the order may only seem wrong, seen from the wrong side
         if (!turnable) throw;
         turnable->flip();
-        on_boundary = boundary_features(source, target, input.features);
+        on_boundary = boundary_features(source, target, known);
         match();
     }
     const auto onto_disk = [&](Side& side, std::span<const BoundaryPin> side_pins, double first,
@@ -122,8 +128,7 @@ DiskRoute match_in_disk(Side& source, Side& target, const MorphInput& input,
 
     progress.enter("alignment");
     std::vector<IndexPair> features;
-    for (std::size_t i = 0; i < source.features.size(); ++i)
-        features.push_back({source.features[i], target.features[i]});
+    for (const PointFeature& feature : known) features.push_back(feature.rows);
     if (features.size() >= 3 && on_boundary.empty()) {
         DiskPoints mirrored = route.target;
         mirrored.col(1) *= -1.0;

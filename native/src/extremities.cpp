@@ -4,6 +4,7 @@
 #include <cmath>
 #include <limits>
 #include <numeric>
+#include <span>
 
 namespace pointmorph {
 
@@ -15,10 +16,11 @@ std::size_t at(Index i) {
 
 constexpr double kInfinite = std::numeric_limits<double>::infinity();
 
-/// Prominence of every local maximum over the node graph, 0 elsewhere: how far the values fall
-/// until a higher maximum's surroundings are met (union-find from the highest node down).
-std::vector<double> prominences(const DeformationGraph& graph, const Eigen::VectorXd& height) {
-    const Index count = graph.size();
+/// Prominence of every local maximum over a graph, 0 elsewhere: how far the values fall until a
+/// higher maximum's surroundings are met (union-find from the highest node down).
+std::vector<double> prominences(std::span<const std::int64_t> offsets, std::span<const Index> ends,
+                                const Eigen::VectorXd& height) {
+    const auto count = static_cast<Index>(height.size());
     std::vector<Index> order(at(count)), peak(at(count), -1);
     std::iota(order.begin(), order.end(), 0);
     std::ranges::stable_sort(order, [&](Index i, Index j) { return height[i] > height[j]; });
@@ -30,9 +32,9 @@ std::vector<double> prominences(const DeformationGraph& graph, const Eigen::Vect
     for (const Index i : order) {
         peak[at(i)] = i;
         Index mine = i;
-        for (auto e = at(Index(graph.edge_offsets[at(i)]));
-             e < at(Index(graph.edge_offsets[at(i) + 1])); ++e) {
-            const Index j = graph.edge_ends[e];
+        for (auto e = static_cast<std::size_t>(offsets[at(i)]);
+             e < static_cast<std::size_t>(offsets[at(i) + 1]); ++e) {
+            const Index j = ends[e];
             if (peak[at(j)] < 0) continue;
             const Index other = find(j);
             if (other == mine) continue;
@@ -44,6 +46,17 @@ std::vector<double> prominences(const DeformationGraph& graph, const Eigen::Vect
     }
     if (count > 0) result[at(order.front())] = height[order.front()] - height[order.back()];
     return result;
+}
+
+/// The most prominent, in this order.
+std::vector<Index> highest(const std::vector<double>& prominent, Index most, double least) {
+    std::vector<Index> peaks;
+    for (std::size_t k = 0; k < prominent.size(); ++k)
+        if (prominent[k] > least) peaks.push_back(static_cast<Index>(k));
+    std::ranges::stable_sort(peaks,
+                             [&](Index i, Index j) { return prominent[at(i)] > prominent[at(j)]; });
+    peaks.resize(std::min(peaks.size(), at(std::max<Index>(most, 0))));
+    return peaks;
 }
 
 }  // namespace
@@ -69,14 +82,8 @@ std::vector<Extremity> extremities(const CoarseShape& shape, const Eigen::Matrix
         means.row(k) = sum / std::max(weights, 1e-300);
         height[k] = (shape.positions.row(graph.nodes[at(k)]) - means.row(k)).norm() / radius;
     }
-    const std::vector<double> prominent = prominences(graph, height);
-
-    std::vector<Index> peaks;
-    for (Index k = 0; k < count; ++k)
-        if (prominent[at(k)] > options.prominence) peaks.push_back(k);
-    std::ranges::stable_sort(peaks,
-                             [&](Index i, Index j) { return prominent[at(i)] > prominent[at(j)]; });
-    peaks.resize(std::min(peaks.size(), at(std::max<Index>(options.most, 0))));
+    const std::vector<double> prominent = prominences(graph.edge_offsets, graph.edge_ends, height);
+    const std::vector<Index> peaks = highest(prominent, options.most, options.prominence);
 
     std::vector<Extremity> tips;
     for (const Index k : peaks) tips.push_back({graph.nodes[at(k)], prominent[at(k)]});
@@ -87,6 +94,30 @@ std::vector<Extremity> extremities(const CoarseShape& shape, const Eigen::Matrix
         for (std::size_t t = 0; t < tips.size(); ++t)
             if (graph.point_nodes[at(i)][0] == peaks[t] && out(t, i) > out(t, tips[t].point))
                 tips[t].point = i;
+    return tips;
+}
+
+std::vector<Extremity> extremities(const SurfaceGraph& graph, double unit, Index samples,
+                                   Index most, double prominence, Progress& progress) {
+    const Index count = graph.size();
+    if (count == 0) return {};
+    GeodesicSearch search(graph);
+    Eigen::VectorXd nearest = Eigen::VectorXd::Constant(count, kInfinite);
+    Eigen::VectorXd height = Eigen::VectorXd::Zero(count);
+    // The last one found is the farthest.
+    Index sample = search.from(0).back().first;
+    for (Index s = 0; s < samples; ++s) {
+        for (const auto& [i, distance] : search.from(sample)) {
+            nearest[i] = std::min(nearest[i], distance);
+            height[i] += distance / (unit * samples);
+        }
+        nearest.maxCoeff(&sample);
+        progress.report(static_cast<double>(s + 1) / samples);
+    }
+    const std::vector<double> prominent = prominences(graph.offsets, graph.neighbors, height);
+    std::vector<Extremity> tips;
+    for (const Index k : highest(prominent, most, prominence))
+        tips.push_back({k, prominent[at(k)]});
     return tips;
 }
 

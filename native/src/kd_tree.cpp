@@ -1,6 +1,7 @@
 #include "pointmorph/kd_tree.hpp"
 
 #include <algorithm>
+#include <array>
 #include <limits>
 #include <nanoflann.hpp>
 
@@ -159,9 +160,22 @@ void KdTree<Dim>::within(const double* query, double radius,
     });
 }
 
+Index nearest_on_sheet(const KdTree<3>& tree, const Positions& normals,
+                       const Eigen::RowVector3d& place, const Eigen::RowVector3d& normal) {
+    constexpr std::size_t kFew = 12;
+    std::array<Index, kFew> near;
+    std::array<double, kFew> squared;
+    const Index found = tree.nearest(place.data(), near, squared);
+    const auto last = near.begin() + found;
+    const auto first =
+        std::find_if(near.begin(), last, [&](Index i) { return normals.row(i).dot(normal) > 0.0; });
+    return first == last ? near.front() : *first;
+}
+
 template class KdTree<2>;
 template class KdTree<3>;
 template class KdTree<6>;
 template class KdTree<12>;
+template class KdTree<32>;
 
 }  // namespace pointmorph

@@ -6,9 +6,9 @@
 #include <cstdio>
 #include <mutex>
 #include <optional>
-#include <unordered_map>
 #include <utility>
 
+#include "cut_route.hpp"
 #include "disk_route.hpp"
 #include "pointmorph/error.hpp"
 #include "pointmorph/kd_tree.hpp"
@@ -23,38 +23,25 @@ namespace {
 /// Fewer points can't have an inside, a boundary and neighbourhoods.
 constexpr Index kMinimumPoints = 16;
 
-void check_features(const Cloud& cloud, std::span<const Feature> features, Index Feature::*row_of) {
-    std::unordered_map<Index, std::string> taken;
-    for (const Feature& feature : features) {
-        const std::string subject = "feature \"" + feature.name + "\"";
-        const Index row = feature.*row_of;
-        if (row < 0 || row >= cloud.size())
-            throw FeatureError(
-                subject, "a point of " + cloud.name + ", 0 to " + std::to_string(cloud.size() - 1),
-                "point " + std::to_string(row), "Mark it again on " + cloud.name + ".");
-        const auto [other, is_new] = taken.emplace(row, feature.name);
-        if (!is_new)
-            throw FeatureError(
-                subject, "a point of its own on " + cloud.name,
-                "point " + std::to_string(row) + ", which is \"" + other->second + "\" already",
-                "Move or remove one of the two.");
-    }
-}
-
 /// Open patches have their boundary; a loop is for closed models.
-void check_loop(const MorphInput& input) {
-    for (std::size_t i = 0; i < input.loop.size(); ++i) {
-        const auto& name = input.loop[i];
-        if (std::ranges::find(input.features, name, &Feature::name) == input.features.end())
+void check_loop(std::span<const std::string> loop, std::span<const Feature> features) {
+    for (std::size_t i = 0; i < loop.size(); ++i) {
+        const auto& name = loop[i];
+        const auto feature = std::ranges::find(features, name, &Feature::name);
+        if (feature == features.end())
             throw FeatureError("loop", "names of features", "\"" + name + "\", which isn't one",
                                "Mark that feature on both models, or take it out of the loop.");
-        if (std::find(input.loop.begin(), input.loop.begin() + static_cast<std::ptrdiff_t>(i),
-                      name) != input.loop.begin() + static_cast<std::ptrdiff_t>(i))
+        if (feature->kind != FeatureKind::kPoint)
+            throw FeatureError("loop", "point features",
+                               "\"" + name + "\", a " + name_of(feature->kind),
+                               "Take it out of the loop, or mark a point.");
+        if (std::find(loop.begin(), loop.begin() + static_cast<std::ptrdiff_t>(i), name) !=
+            loop.begin() + static_cast<std::ptrdiff_t>(i))
             throw FeatureError("loop", "each feature once", "\"" + name + "\" twice",
                                "Take one of the two out of the loop.");
     }
-    if (!input.loop.empty() && input.loop.size() < 3)
-        throw FeatureError("loop", "at least 3 features", std::to_string(input.loop.size()),
+    if (!loop.empty() && loop.size() < 3)
+        throw FeatureError("loop", "at least 3 features", std::to_string(loop.size()),
                            "Add features to the loop, or leave it out.");
 }
 
@@ -71,32 +58,36 @@ void check_start(const RefinementStart& start, Index source, Index target) {
                          "Take the maps of a morph of these very clouds, or none.");
 }
 
-/// A loop cuts closed models; open patches have their boundary.
-void check_closed(Side& source, Side& target, const MorphInput& input, const MorphOptions& options,
-                  Progress& progress) {
+/// A loop cuts closed models, also with holes; open patches have their boundary.
+void check_closed(Side& side, const BoundaryLoop& boundary, std::size_t features,
+                  const BoundaryOptions& options, Progress& progress) {
     progress.enter("boundary");
-    const Index loops = source.find_boundary(input.source_boundary, options.boundary, progress) +
-                        target.find_boundary(input.target_boundary, options.boundary, progress);
-    if (loops > 0)
+    side.find_boundary(boundary, options, progress);
+    const bool open = side.is_open();
+    side.loop.clear();
+    if (open)
         throw FeatureError("loop", "no loop for open patches, whose boundary is known",
-                           "one of " + std::to_string(input.loop.size()) + " features",
+                           "one of " + std::to_string(features) + " features, while " +
+                               side.cloud.name + " is an open patch",
                            "Leave the loop out.");
 }
 
-/// Where a row lies: near a feature, or towards which sides of the bounding box.
+/// Where a row lies: near a point or curve feature, or towards which sides of the bounding box.
 std::string where(const Cloud& cloud, Index row, std::span<const Feature> features,
-                  Index Feature::*row_of) {
+                  Marked Feature::*marked) {
     constexpr double kNear = 0.1;  // of the bounding box's diagonal
     double least =
         kNear *
         (cloud.positions.colwise().maxCoeff() - cloud.positions.colwise().minCoeff()).norm();
     std::string near;
     for (const Feature& feature : features) {
-        const double distance =
-            (cloud.positions.row(feature.*row_of) - cloud.positions.row(row)).norm();
-        if (distance > least) continue;
-        least = distance;
-        near = "near \"" + feature.name + "\"";
+        if (feature.kind == FeatureKind::kRegion) continue;  // which has no place of its own
+        for (const Index of : (feature.*marked).rows) {
+            const double distance = (cloud.positions.row(of) - cloud.positions.row(row)).norm();
+            if (distance > least) continue;
+            least = distance;
+            near = "near \"" + feature.name + "\"";
+        }
     }
     if (!near.empty()) return near;
     return direction_in_words(normalization(cloud.positions).apply(cloud.positions), row);
@@ -153,6 +144,15 @@ std::string doubts(const MorphReport& report, const Cloud& source, const Cloud& 
     return text + (mark.empty() ? "." : ", say " + mark + ".");
 }
 
+/// Of the point features, for the proposal of a loop.
+FeatureReach reach_of(const Side& side, std::span<const Feature> points, Marked Feature::*marked,
+                      const MorphOptions& options, Progress& progress) {
+    std::vector<Index> rows;
+    for (const Feature& f : points) rows.push_back((f.*marked).rows.front());
+    return feature_reach(KdTree<3>(side.positions), side.normals, side.nearest, rows,
+                         options.decomposition, progress);
+}
+
 /// Runs both at once where there are two threads.
 template <class Left, class Right>
 void both(Left&& left, Right&& right) {
@@ -189,17 +189,10 @@ Morph::Morph(MorphInput input, const MorphOptions& options, Progress& progress)
     progress.enter("cloud");
     validate(source_, kMinimumPoints);
     validate(target_, kMinimumPoints);
-    check_features(source_, input.features, &Feature::source);
-    check_features(target_, input.features, &Feature::target);
-    check_loop(input);
+    validate(input.features, source_, target_);
+    check_loop(input.loop, input.features);
     both([&] { source.order_points(); }, [&] { target.order_points(); });
-    std::vector<IndexPair> features;
-    for (const Feature& feature : input.features) {
-        features.push_back({source.rank[static_cast<std::size_t>(feature.source)],
-                            target.rank[static_cast<std::size_t>(feature.target)]});
-        source.features.push_back(features.back().source);
-        target.features.push_back(features.back().target);
-    }
+    const std::vector<Feature> features = canonical(input.features, source.rank, target.rank);
 
     progress.enter("neighborhoods");
     {
@@ -218,8 +211,53 @@ Morph::Morph(MorphInput input, const MorphOptions& options, Progress& progress)
     source.find_normals(progress);
     target.find_normals(progress);
 
-    if (options.method == Method::kPaper || options.domain == Domain::kDisk) {
-        DiskRoute route = match_in_disk(source, target, input, options, report_, progress);
+    const bool cut =
+        options.domain == Domain::kCut || (options.method == Method::kPaper &&
+                                           options.domain == Domain::kAuto && !input.loop.empty());
+    if (cut && input.loop.empty()) {
+        progress.enter("decomposition");
+        std::vector<Feature> points;
+        std::ranges::copy_if(features, std::back_inserter(points),
+                             [](const Feature& f) { return f.kind == FeatureKind::kPoint; });
+        for (const Index k :
+             propose_loop(reach_of(source, points, &Feature::source, options, progress),
+                          reach_of(target, points, &Feature::target, options, progress)))
+            input.loop.push_back(points[static_cast<std::size_t>(k)].name);
+        if (input.loop.size() < 3)
+            throw FeatureError("loop", "at least 3 features for domain cut",
+                               std::to_string(input.loop.size()),
+                               "Mark the tips of all limbs on both models.");
+        std::string names;
+        for (const std::string& name : input.loop) names += (names.empty() ? "" : ", ") + name;
+        report_.warnings.push_back("No loop was given: both models were cut along " + names + ".");
+    }
+    report_.loop = input.loop;
+    if (!input.loop.empty()) {
+        progress.enter("boundary");
+        check_closed(source, input.source_boundary, input.loop.size(), options.boundary, progress);
+        check_closed(target, input.target_boundary, input.loop.size(), options.boundary, progress);
+    }
+    if (cut) {
+        CutRoute route =
+            match_in_patches(source, target, input, features, options, report_, progress);
+        if (options.method == Method::kAuto) {
+            progress.enter("transfer");
+            const RefinementStart from_cut{transfer<3>(KdTree<3>(route.target), target.positions,
+                                                       route.source, options.transfer, progress),
+                                           transfer<3>(KdTree<3>(route.source), source.positions,
+                                                       route.target, options.transfer, progress)};
+            take(refine(source.positions, source.normals, target.positions, target.normals,
+                        features, options.refinement, progress, &from_cut),
+                 source, target);
+        } else {
+            source_domain_ = gather(route.source, source.rank);
+            target_domain_ = gather(route.target, target.rank);
+            pairs_ = std::move(route.pairs);
+            report_.domain = "cut";
+        }
+    } else if (options.method == Method::kPaper || options.domain == Domain::kDisk) {
+        DiskRoute route =
+            match_in_disk(source, target, input, features, options, report_, progress);
         source_domain_ = gather(route.source, source.rank);
         target_domain_ = gather(route.target, target.rank);
         pairs_ = std::move(route.pairs);
@@ -235,7 +273,6 @@ Morph::Morph(MorphInput input, const MorphOptions& options, Progress& progress)
                  source, target);
         }
     } else {
-        if (!input.loop.empty()) check_closed(source, target, input, options, progress);
         check_start(input.start, source_.size(), target_.size());
         std::optional<RefinementStart> earlier;
         if (input.start.source_images.rows() > 0)
@@ -303,6 +340,8 @@ void Morph::take(Refinement refinement, Side& source, Side& target) {
     }
     if (report_.confidence < options_.refinement.clear_confidence)
         report_.warnings.push_back(doubts(report_, source_, target_, features_));
+    report_.starts = std::move(refinement.starts);
+    report_.start_taken = refinement.start_taken;
 }
 
 Positions Morph::source_to_target(Progress& progress) const {
@@ -319,8 +358,14 @@ Positions Morph::through_domain(const Positions& images, const DomainPoints& fro
     if (images.rows() > 0) return images;
     const ThreadCount threads(options_.threads);
     progress.enter("transfer");
-    const DiskPoints disk = to;
-    auto result = transfer<2>(KdTree<2>(disk), other.positions, from, options_.transfer, progress);
+    Positions result;
+    if (to.cols() == 2) {
+        const DiskPoints disk = to;
+        result = transfer<2>(KdTree<2>(disk), other.positions, from, options_.transfer, progress);
+    } else {
+        const KdTree<3>::Points sphere = to;
+        result = transfer<3>(KdTree<3>(sphere), other.positions, from, options_.transfer, progress);
+    }
     progress.finish();
     return result;
 }
@@ -391,6 +436,41 @@ const Quality& Morph::quality(Progress& progress) const {
         progress.finish();
     }
     return *quality;
+}
+
+Decomposition decompose(Cloud cloud, std::span<const Index> loop,
+                        std::span<const std::string> names, const MorphOptions& options,
+                        Progress& progress) {
+    const ThreadCount threads(options.threads);
+    progress.enter("cloud");
+    validate(cloud, kMinimumPoints);
+    std::vector<Feature> features;
+    for (std::size_t k = 0; k < loop.size(); ++k)
+        features.push_back(point_feature(names[k], loop[k], loop[k]));
+    validate(features, cloud, cloud);
+    check_loop(names, features);
+    Side side(cloud);
+    side.order_points();
+    std::vector<Index> rows;
+    for (const Index row : loop) rows.push_back(side.rank[static_cast<std::size_t>(row)]);
+
+    progress.enter("neighborhoods");
+    const KdTree<3> tree(side.positions);
+    side.nearest = nearest_neighbors(tree, options.covariance_neighbors, progress);
+    progress.enter("covariance");
+    side.find_normals(progress);
+    progress.enter("boundary");
+    check_closed(side, {}, loop.size(), options.boundary, progress);
+    progress.enter("decomposition");
+    Decomposition cut = decompose(tree, side.normals, side.nearest, rows, names,
+                                  options.decomposition, cloud.name, progress);
+    progress.finish();
+    cut.curve.points = side.unit.restore(cut.curve.points);
+    std::vector<Patch> patches(cut.patches.size());
+    for (std::size_t i = 0; i < patches.size(); ++i)
+        patches[i] = cut.patches[static_cast<std::size_t>(side.rank[i])];
+    cut.patches = std::move(patches);
+    return cut;
 }
 
 }  // namespace pointmorph

@@ -108,10 +108,13 @@ std::vector<Option> make_table() {
                            "How the correspondence is found: auto bends both models onto each "
                            "other, nearly rigidly, whatever their topology; paper takes the "
                            "published pipeline and nothing else"));
-    table.push_back(choice("domain", POINTMORPH_FIELD(domain), {"auto", "disk"},
+    table.push_back(choice("domain", POINTMORPH_FIELD(domain), {"auto", "disk", "cut"},
                            "Where both models are laid over each other: disk is for open patches "
-                           "with one boundary, auto takes what the method asks for. With method "
-                           "auto, disk says where the refinement starts"));
+                           "with one boundary, cut for closed models and a loop of features, "
+                           "along which they are cut in two (without one, the features on tips); "
+                           "auto takes what the method and the "
+                           "models ask for. With method auto, it says where the refinement "
+                           "starts"));
     table.push_back(number("threads", POINTMORPH_FIELD(threads), 0, 1024, "threads",
                            "Processor threads to use; 0 takes all. The result is the same for any "
                            "number"));
@@ -134,6 +137,11 @@ std::vector<Option> make_table() {
     table.push_back(choice("solve", POINTMORPH_FIELD(parameterization.solve), {"full", "lod"},
                            "Solve the parameterization for all points (slow), or for a simplified "
                            "cloud into which all points are then embedded"));
+    table.push_back(number("decomposition_tips", POINTMORPH_FIELD(decomposition.tips), 0, 100,
+                           "tips",
+                           "Tips without a mark (ears, a tail) that are found on models that are "
+                           "cut and brought together inside the patches, at the most. 0 leaves "
+                           "that to marks"));
     table.push_back(number("lod_cluster_size",
                            POINTMORPH_FIELD(parameterization.lod.max_cluster_size), 1, 1000,
                            "points",

@@ -49,12 +49,14 @@ Similarity turn_about(const Matrix3& rotation, const Vector3& from, const Vector
 /// Root mean square distance of the features under a pose.
 double feature_distance(const CoarseShape& source, const CoarseShape& target,
                         std::span<const IndexPair> features, const Similarity& pose) {
+    const MarkedPlaces places = marked_places(source, target, features);
     double sum = 0.0;
-    for (const IndexPair& f : features)
-        sum += (source.positions.row(f.source).transpose() -
-                pose.rotation * target.positions.row(f.target).transpose() - pose.shift)
+    for (Eigen::Index k = 0; k < places.source.rows(); ++k)
+        sum += (places.source.row(k).transpose() -
+                pose.rotation * places.target.row(k).transpose() - pose.shift)
                    .squaredNorm();
-    return features.empty() ? 0.0 : std::sqrt(sum / static_cast<double>(features.size()));
+    return places.source.rows() == 0 ? 0.0
+                                     : std::sqrt(sum / static_cast<double>(places.source.rows()));
 }
 
 Similarity composed(const Similarity& after, const Similarity& before) {
@@ -93,6 +95,14 @@ CoarseShape thinned(const CoarseShape& shape, const std::vector<Extremity>& tips
     for (const Index row : thin.rows) {
         level.point_nodes.push_back(graph.point_nodes[at(row)]);
         level.point_weights.push_back(graph.point_weights[at(row)]);
+    }
+    thin.guides = shape.guides;
+    for (Index& row : thin.guides.rows)
+        row = nearest_on_sheet(thin_tree, thin.normals, shape.positions.row(row),
+                               shape.normals.row(row));
+    if (shape.labels.rows() > 0) {
+        thin.labels = gather(shape.labels, thin.rows);
+        thin.pulls = gather(shape.pulls, thin.rows);
     }
     return thin;
 }
@@ -337,12 +347,27 @@ Candidate continued(const Shapes& shapes, const Trial& trial, const PoseOptions&
     return result;
 }
 
+/// Margin, where there are rivals, and confidence of the best map.
+void rate(Pose& pose) {
+    const double energy = pose.best.misfit.energy();
+    const auto at_rest = [](const Candidate& c) {
+        return c.alignment.inverse().apply(c.registration.source_points.positions);
+    };
+    std::vector<Competitor> competitors;
+    for (const Candidate& rival : pose.rivals)
+        competitors.push_back({rival.misfit.energy() / energy,
+                               (at_rest(rival) - at_rest(pose.best)).rowwise().norm().mean()});
+    if (!competitors.empty()) pose.margin = competitors.front().ratio;
+    pose.confidence = pose_confidence(pose.best.misfit, competitors);
+}
+
 }  // namespace
 
 CoarseShape moved(const CoarseShape& shape, const Similarity& move) {
     CoarseShape result = shape;
     result.positions = move.apply(shape.positions);
     result.normals = move.turn(shape.normals);
+    result.guides.places = move.apply(shape.guides.places);
     return result;
 }
 
@@ -381,20 +406,16 @@ std::vector<Similarity> candidate_poses(const CoarseShape& source, const CoarseS
         }
     } while (std::ranges::next_permutation(order).found);
 
-    if (features.size() >= 2) {
-        Positions from(static_cast<Eigen::Index>(features.size()), 3), to = from;
-        for (std::size_t k = 0; k < features.size(); ++k) {
-            from.row(static_cast<Eigen::Index>(k)) = target.positions.row(features[k].target);
-            to.row(static_cast<Eigen::Index>(k)) = source.positions.row(features[k].source);
-        }
-        const auto by_features = [&](const Similarity& before) {
+    const auto [to, from] = marked_places(source, target, features);
+    if (to.rows() >= 2) {
+        const auto by_features = [&, &to = to, &from = from](const Similarity& before) {
             const Matrix3 turn = fit_similarity(before.apply(from), to).rotation;
             const Vector3 mean = before.apply(from).colwise().mean().transpose();
             return composed(turn_about(turn, mean, to.colwise().mean().transpose()), before);
         };
         // Two features leave the roll open: each pose gets the least turn that brings them
         // together. Three or more leave nothing open.
-        if (features.size() == 2) {
+        if (to.rows() == 2) {
             const std::size_t count = poses.size();
             for (std::size_t k = 0; k < count; ++k) poses.push_back(by_features(poses[k]));
         } else {
@@ -515,19 +536,23 @@ Pose find_pose(const CoarseShape& source, const CoarseShape& target,
     result.best = std::move(finals.front());
     result.rivals.assign(std::make_move_iterator(finals.begin() + 1),
                          std::make_move_iterator(finals.end()));
-    if (!result.rivals.empty())
-        result.margin = energy(result.rivals.front()) / energy(result.best);
-    else if (trials.size() > 1)
-        result.margin = std::max(1.0, trials[1].energy / trials[0].energy);
-    std::vector<Competitor> competitors;
-    const auto at_rest = [](const Candidate& c) {
-        return c.alignment.inverse().apply(c.registration.source_points.positions);
-    };
-    for (const Candidate& rival : result.rivals)
-        competitors.push_back({energy(rival) / energy(result.best),
-                               (at_rest(rival) - at_rest(result.best)).rowwise().norm().mean()});
-    result.confidence = pose_confidence(result.best.misfit, competitors);
+    if (trials.size() > 1) result.margin = std::max(1.0, trials[1].energy / trials[0].energy);
+    rate(result);
     return result;
+}
+
+void replace_best(Pose& pose, Registration registration, const CoarseShape& source,
+                  const CoarseShape& target, const PoseOptions& options,
+                  const RegistrationOptions& registration_options, Progress& progress) {
+    const auto finest = static_cast<Index>(source.levels.size()) - 1;
+    pose.best.registration = std::move(registration);
+    pose.best.misfit = registration_misfit(source, target, finest, pose.best.registration,
+                                           {node_distances(source), node_distances(target)},
+                                           registration_options, progress);
+    std::erase_if(pose.rivals, [&](const Candidate& rival) {
+        return difference(rival, pose.best) < options.distinct;
+    });
+    rate(pose);
 }
 
 }  // namespace pointmorph

@@ -40,8 +40,21 @@ ProductPoints product_points(const Positions& on_target, const Positions& on_sou
     return product;
 }
 
-Matches nearest_matches(const ProductPoints& points, const KdTree<12>& others, Progress& progress,
-                        const Matches* guess) {
+LabelledPoints labelled_points(const ProductPoints& points,
+                               const Eigen::Ref<const DynamicRows>& labels,
+                               const Eigen::Ref<const DynamicRows>& areas) {
+    LabelledPoints labelled =
+        LabelledPoints::Zero(points.rows(), LabelledPoints::ColsAtCompileTime);
+    labelled.leftCols<ProductPoints::ColsAtCompileTime>() = points;
+    if (labels.rows() > 0)
+        labelled.middleCols(ProductPoints::ColsAtCompileTime, labels.cols()) = labels;
+    if (areas.rows() > 0) labelled.rightCols(areas.cols()) = areas;
+    return labelled;
+}
+
+template <int Dim>
+Matches nearest_matches(const typename KdTree<Dim>::Points& points, const KdTree<Dim>& others,
+                        Progress& progress, const Matches* guess) {
     constexpr double kBarelyMore = 1.0 + 1e-12;
     const auto count = static_cast<Index>(points.rows());
     Matches matches{std::vector<Index>(at(count)), std::vector<double>(at(count))};
@@ -64,16 +77,19 @@ Matches nearest_matches(const ProductPoints& points, const KdTree<12>& others, P
     return matches;
 }
 
-Pairing mutual_pairs(const ProductPoints& source, const ProductPoints& target,
+template <int Dim>
+Pairing mutual_pairs(const typename KdTree<Dim>::Points& source,
+                     const typename KdTree<Dim>::Points& target,
                      std::span<const IndexPair> features, Progress& progress) {
     const auto source_rows =
         free_rows(static_cast<Index>(source.rows()), features, &IndexPair::source);
     const auto target_rows =
         free_rows(static_cast<Index>(target.rows()), features, &IndexPair::target);
-    const ProductPoints s = gather(source, source_rows), t = gather(target, target_rows);
+    const typename KdTree<Dim>::Points s = gather(source, source_rows),
+                                       t = gather(target, target_rows);
     Pairing pairs(features.begin(), features.end());
-    const Matches forward = nearest_matches(s, KdTree<12>(t), progress);
-    const Matches backward = nearest_matches(t, KdTree<12>(s), progress);
+    const Matches forward = nearest_matches<Dim>(s, KdTree<Dim>(t), progress);
+    const Matches backward = nearest_matches<Dim>(t, KdTree<Dim>(s), progress);
     for (std::size_t i = 0; i < source_rows.size(); ++i)
         pairs.push_back({source_rows[i], target_rows[at(forward.to[i])]});
     for (std::size_t j = 0; j < target_rows.size(); ++j)
@@ -82,5 +98,14 @@ Pairing mutual_pairs(const ProductPoints& source, const ProductPoints& target,
     pairs.erase(std::ranges::unique(pairs).begin(), pairs.end());
     return pairs;
 }
+
+template Matches nearest_matches<12>(const ProductPoints&, const KdTree<12>&, Progress&,
+                                     const Matches*);
+template Matches nearest_matches<32>(const LabelledPoints&, const KdTree<32>&, Progress&,
+                                     const Matches*);
+template Pairing mutual_pairs<12>(const ProductPoints&, const ProductPoints&,
+                                  std::span<const IndexPair>, Progress&);
+template Pairing mutual_pairs<32>(const LabelledPoints&, const LabelledPoints&,
+                                  std::span<const IndexPair>, Progress&);
 
 }  // namespace pointmorph

@@ -403,29 +403,45 @@ struct Words {
     std::string where, remedy;
 };
 
+/// A marked point, by the name of its feature.
+struct MarkedPoint {
+    const std::string* name;
+    Index row;
+};
+
+/// Words tell where a place is by points and curves; a region has no place of its own.
+std::vector<MarkedPoint> marked_points(std::span<const Feature> features) {
+    std::vector<MarkedPoint> points;
+    for (const Feature& feature : features)
+        if (feature.kind != FeatureKind::kRegion)
+            for (const Index row : feature.source.rows) points.push_back({&feature.name, row});
+    return points;
+}
+
 Words words_for(const Sheet& source, Index row, const std::string& name,
-                std::span<const Feature> features) {
+                std::span<const MarkedPoint> features) {
     const std::string mark = "mark a feature there on both models";
-    const auto arm = [&](const Feature& feature) -> Vector3 {
-        return source.position(feature.source) - source.position(row);
+    const auto arm = [&](const MarkedPoint& feature) -> Vector3 {
+        return source.position(feature.row) - source.position(row);
     };
-    const auto by_distance = [&](const Feature& a, const Feature& b) {
+    const auto by_distance = [&](const MarkedPoint& a, const MarkedPoint& b) {
         return arm(a).norm() < arm(b).norm();
     };
     const auto nearest = std::ranges::min_element(features, by_distance);
     if (nearest == features.end() || arm(*nearest).norm() > 0.5 * source.root_area)
         return {direction_in_words(source.positions, row) + " of " + name, mark};
     if (arm(*nearest).norm() < 0.05 * source.root_area)
-        return {"at " + quoted(nearest->name),
-                "check that " + quoted(nearest->name) +
+        return {"at " + quoted(*nearest->name),
+                "check that " + quoted(*nearest->name) +
                     " marks the same place on both models, or mark another feature beside it"};
-    std::vector<Feature> beyond;
-    for (const Feature& feature : features)
-        if (arm(feature).dot(arm(*nearest)) < 0.0 && arm(feature).norm() < source.root_area)
+    std::vector<MarkedPoint> beyond;
+    for (const MarkedPoint& feature : features)
+        if (feature.name != nearest->name && arm(feature).dot(arm(*nearest)) < 0.0 &&
+            arm(feature).norm() < source.root_area)
             beyond.push_back(feature);
     const auto second = std::ranges::min_element(beyond, by_distance);
-    if (second == beyond.end()) return {"near " + quoted(nearest->name), mark};
-    return {"between " + quoted(nearest->name) + " and " + quoted(second->name), mark};
+    if (second == beyond.end()) return {"near " + quoted(*nearest->name), mark};
+    return {"between " + quoted(*nearest->name) + " and " + quoted(*second->name), mark};
 }
 
 /// A spot of either side, as the user hears of it.
@@ -525,6 +541,7 @@ Quality measure_quality(const Cloud& source, const Cloud& target, const Position
                  " inside out or swaps left and right: recalculate the normals of both models to "
                  "point outwards, and check that no feature is on the other side of one."});
     }
+    const std::vector<MarkedPoint> marked = marked_points(features);
     for (const Seen& spot : seen) {
         if (quality.worst.size() == kMostPlaces) break;
         const bool apart = std::ranges::none_of(quality.worst, [&](const Place& place) {
@@ -535,10 +552,12 @@ Quality measure_quality(const Cloud& source, const Cloud& target, const Position
                        kPlaceDistance * to.root_area;
         });
         if (!apart) continue;
-        const Words words = words_for(from, spot.source, source.name, features);
+        const Words words = words_for(from, spot.source, source.name, marked);
         quality.worst.push_back({spot.source, spot.target, spot.flaw, spot.distortion, spot.share,
                                  advice_on(spot, words, source.name, target.name)});
     }
+    quality.features = feature_residuals(features, from.tree, from.normals, to.tree, to.normals,
+                                         there.images, back.images, progress);
     quality.source = std::move(there.points);
     quality.target = std::move(back.points);
     quality.source_to_target = there.figures;

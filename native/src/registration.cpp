@@ -40,13 +40,14 @@ public:
             system.block<3, 1>(n + 1, i) = from.row(i).transpose();
         }
         Eigen::MatrixXd right = Eigen::MatrixXd::Zero(n + 4, 3);
-        right.topRows(n) = to;
+        // Displacements: what the places leave open (all in one plane) stays as it is.
+        right.topRows(n) = to - from;
         coefficients_ = system.fullPivLu().solve(right);
     }
 
     Eigen::RowVector3d operator()(const Eigen::RowVector3d& p) const {
         const auto n = from_.rows();
-        Eigen::RowVector3d x = coefficients_.row(n) + p * coefficients_.bottomRows<3>();
+        Eigen::RowVector3d x = p + coefficients_.row(n) + p * coefficients_.bottomRows<3>();
         for (Eigen::Index i = 0; i < n; ++i) x -= (p - from_.row(i)).norm() * coefficients_.row(i);
         return x;
     }
@@ -120,6 +121,48 @@ std::vector<double> untorn(const DeformationGraph& graph, const Positions& defor
     return result;
 }
 
+/// Points in the product space, with their labels where there are regions, and with local areas
+/// where they count.
+struct Keys {
+    ProductPoints plain;  ///< empty where there are labels or areas
+    LabelledPoints labelled;
+
+    Keys() = default;
+    /// `labels` and `areas` have a row a point, or none.
+    Keys(ProductPoints points, const Labels& labels, const LocalAreas& areas = LocalAreas()) {
+        if (labels.rows() == 0 && areas.rows() == 0) {
+            plain = std::move(points);
+            return;
+        }
+        labelled = labelled_points(points, labels, areas);
+    }
+};
+
+/// Keys to search; they must outlive it.
+class KeyTree {
+public:
+    explicit KeyTree(const Keys& keys) {
+        if (keys.labelled.rows() == 0)
+            plain_.emplace(keys.plain);
+        else
+            labelled_.emplace(keys.labelled);
+    }
+
+    Matches nearest(const Keys& keys, Progress& progress, const Matches* guess = nullptr) const {
+        return labelled_ ? nearest_matches<32>(keys.labelled, *labelled_, progress, guess)
+                         : nearest_matches<12>(keys.plain, *plain_, progress, guess);
+    }
+
+private:
+    std::optional<KdTree<12>> plain_;
+    std::optional<KdTree<32>> labelled_;
+};
+
+/// Labels of some points; none where there are none.
+Labels labels_of(const CoarseShape& shape, std::span<const Index> rows) {
+    return shape.labels.rows() == 0 ? Labels() : gather(shape.labels, rows);
+}
+
 /// One shape on its way to the other.
 struct Side {
     const CoarseShape& shape;
@@ -129,10 +172,11 @@ struct Side {
     std::vector<Index> rows;      ///< matched in this round, the nodes first
     double area = 0.0;            ///< of `rows`
     DeformedCloud images;         ///< of `rows`
-    ProductPoints product;        ///< of `rows`
+    Keys keys;                    ///< of `rows`
     Matches matches;              ///< of `rows`, into the other side's
     std::vector<double> weights;  ///< of `rows`
     std::vector<Attraction> attractions;
+    LocalAreas areas;  ///< of all points, where they count
 
     Side(const CoarseShape& s, Index level, const Positions& start,
          const RegistrationOptions& options)
@@ -156,24 +200,25 @@ void on_both(Side& source, Side& target, Work&& work) {
     parallel_invoke(2, [&](int k, bool) { k == 0 ? work(source, target) : work(target, source); });
 }
 
-void match(Side& source, Side& target, double normal_weight, Progress& progress) {
-    std::optional<KdTree<12>> source_tree, target_tree;
+/// `area_weight`: see RegistrationLevel.
+void match(Side& source, Side& target, double normal_weight, double area_weight,
+           Progress& progress) {
+    std::optional<KeyTree> source_tree, target_tree;
     on_both(source, target, [&](Side& side, Side&) {
         const Positions positions = gather(side.shape.positions, side.rows);
         const Normals normals = gather(side.shape.normals, side.rows);
-        if (&side == &source)
-            side.product = product_points(side.images.positions, positions, side.images.normals,
-                                          normals, normal_weight);
-        else
-            side.product = product_points(positions, side.images.positions, normals,
-                                          side.images.normals, normal_weight);
-        (&side == &source ? source_tree : target_tree).emplace(side.product);
+        side.keys = {&side == &source ? product_points(side.images.positions, positions,
+                                                       side.images.normals, normals, normal_weight)
+                                      : product_points(positions, side.images.positions, normals,
+                                                       side.images.normals, normal_weight),
+                     labels_of(side.shape, side.rows),
+                     area_weight > 0.0 ? LocalAreas(area_weight * gather(side.areas, side.rows))
+                                       : LocalAreas()};
+        (&side == &source ? source_tree : target_tree).emplace(side.keys);
     });
     const bool again = !source.matches.to.empty();
-    source.matches =
-        nearest_matches(source.product, *target_tree, progress, again ? &source.matches : nullptr);
-    target.matches =
-        nearest_matches(target.product, *source_tree, progress, again ? &target.matches : nullptr);
+    source.matches = target_tree->nearest(source.keys, progress, again ? &source.matches : nullptr);
+    target.matches = source_tree->nearest(target.keys, progress, again ? &target.matches : nullptr);
 }
 
 /// Takes the weight from pieces whose images have jumped.
@@ -193,7 +238,23 @@ void ignore_torn(Side& side, const Side& other, double smallest_piece) {
     }
 }
 
-/// Pulls to own matches, to the points that matched one of ours, and to features.
+/// Pulls to the other shape's guides. A point beside its guide keeps beside it, as far as its
+/// surroundings have turned and grown.
+void follow_guides(Side& side, const Side& other) {
+    const Guides& own = side.shape.guides;
+    const Guides& there = other.shape.guides;
+    const auto moved =
+        deformed(side.shape.positions, side.shape.normals, side.graph, side.deformation, own.rows);
+    for (Index k = 0; k < own.size(); ++k) {
+        if (!(own.weights[k] > 0.0)) continue;
+        const Vector3 arm =
+            (side.shape.positions.row(own.rows[at(k)]) - own.places.row(k)).transpose();
+        side.attractions.push_back({own.rows[at(k)], own.weights[k],
+                                    there.places.row(k).transpose() + moved.linear[at(k)] * arm});
+    }
+}
+
+/// Pulls to own matches, to the points that matched one of ours, to features and guides.
 void attract(Side& side, const Side& other, std::span<const IndexPair> features, bool reverse,
              double feature_weight) {
     side.attractions.clear();
@@ -210,6 +271,7 @@ void attract(Side& side, const Side& other, std::span<const IndexPair> features,
         side.attractions.push_back(
             {reverse ? f.target : f.source, feature_weight,
              other.shape.positions.row(reverse ? f.source : f.target).transpose()});
+    follow_guides(side, other);
 }
 
 void update(Side& side, double stiffness, int smoothing, int solves, double largest_scale) {
@@ -228,6 +290,9 @@ void anneal(Side& source, Side& target, std::span<const IndexPair> features,
             std::mt19937_64& random, Progress& progress, double first, double last) {
     const int all_rounds = level.stiff_rounds + level.rounds;
     Progress silent;  // the sides run next to each other
+    if (level.first_area_weight > 0.0)
+        on_both(source, target,
+                [&](Side& side, Side&) { side.areas = local_areas(side.shape, silent); });
 
     for (int round = 0; round < all_rounds; ++round) {
         const bool stiff = round < level.stiff_rounds;
@@ -245,13 +310,23 @@ void anneal(Side& source, Side& target, std::span<const IndexPair> features,
             for (Side* side : {&source, &target})
                 side->choose(draw_points(side->shape, side->graph,
                                          full ? side->shape.size() : level.matched_points, random));
-        match(source, target, options.normal_weight, silent);
+        if (level.first_area_weight > 0.0)
+            match(source, target, options.normal_weight,
+                  level.first_area_weight *
+                      std::pow(level.last_area_weight / level.first_area_weight, f),
+                  silent);
+        else
+            match(source, target, options.normal_weight, 0.0, silent);
         on_both(source, target, [&](Side& side, Side& other) {
             side.weights = robust_weights(side.matches.distances, options.outlier_distance);
             if (stiff)
                 for (double& w : side.weights) w *= options.stiff_data;
             else
                 ignore_torn(side, other, options.torn_piece);
+            // A region may have to go far: its matches count however far off they are.
+            if (side.shape.pulls.rows() > 0)
+                for (std::size_t i = 0; i < side.rows.size(); ++i)
+                    side.weights[i] += side.shape.pulls[side.rows[i]];
         });
         on_both(source, target, [&](Side& side, Side& other) {
             attract(side, other, features, &side == &target, options.feature_weight);
@@ -279,15 +354,16 @@ double geodesic_distortion(const CoarseShape& here, const DeformedCloud& here_po
                            const RegistrationOptions& options, Progress& progress) {
     const auto& graph = here.levels.front();
     const auto& other = there.levels.front();
-    const ProductPoints to =
-        gather(product_points(there.positions, there_points.positions, there.normals,
-                              there_points.normals, options.normal_weight),
-               other.nodes);
-    const Matches matches = nearest_matches(
-        gather(product_points(here_points.positions, here.positions, here_points.normals,
-                              here.normals, options.normal_weight),
-               graph.nodes),
-        KdTree<12>(to), progress);
+    const Keys to(gather(product_points(there.positions, there_points.positions, there.normals,
+                                        there_points.normals, options.normal_weight),
+                         other.nodes),
+                  labels_of(there, other.nodes));
+    const Matches matches = KeyTree(to).nearest(
+        {gather(product_points(here_points.positions, here.positions, here_points.normals,
+                               here.normals, options.normal_weight),
+                graph.nodes),
+         labels_of(here, graph.nodes)},
+        progress);
     double sum = 0.0;
     for (Index j = 0; j < graph.size(); ++j)
         for (Index i = 0; i < graph.size(); ++i)
@@ -298,16 +374,31 @@ double geodesic_distortion(const CoarseShape& here, const DeformedCloud& here_po
 
 }  // namespace
 
+MarkedPlaces marked_places(const CoarseShape& source, const CoarseShape& target,
+                           std::span<const IndexPair> features) {
+    constexpr Index kMostGuides = 60;
+    const Index step = (source.guides.size() + kMostGuides - 1) / kMostGuides;
+    const Index guides = step > 0 ? (source.guides.size() + step - 1) / step : 0;
+    const auto count = static_cast<Eigen::Index>(features.size());
+    MarkedPlaces places{Positions(count + guides, 3), Positions(count + guides, 3)};
+    for (Eigen::Index k = 0; k < count; ++k) {
+        const IndexPair& f = features[static_cast<std::size_t>(k)];
+        places.source.row(k) = source.positions.row(f.source);
+        places.target.row(k) = target.positions.row(f.target);
+    }
+    for (Index k = 0; k < guides; ++k) {
+        places.source.row(count + k) = source.guides.places.row(k * step);
+        places.target.row(count + k) = target.guides.places.row(k * step);
+    }
+    return places;
+}
+
 RegistrationStart thin_plate_start(const CoarseShape& source, const CoarseShape& target,
                                    std::span<const IndexPair> features) {
     RegistrationStart start{source.positions, target.positions};
-    constexpr std::size_t kFewest = 5;
-    if (features.size() < kFewest) return start;
-    Positions s(static_cast<Eigen::Index>(features.size()), 3), t = s;
-    for (std::size_t k = 0; k < features.size(); ++k) {
-        s.row(static_cast<Eigen::Index>(k)) = source.positions.row(features[k].source);
-        t.row(static_cast<Eigen::Index>(k)) = target.positions.row(features[k].target);
-    }
+    constexpr Eigen::Index kFewest = 5;
+    const auto [s, t] = marked_places(source, target, features);
+    if (s.rows() < kFewest) return start;
     const ThinPlate forward(s, t), backward(t, s);
     for (Eigen::Index k = 0; k < start.source.rows(); ++k)
         start.source.row(k) = forward(start.source.row(k));
@@ -329,20 +420,42 @@ Registration register_level(const CoarseShape& source_shape, const CoarseShape& 
 
 Eigen::MatrixXd node_distances(const CoarseShape& shape) {
     const DeformationGraph& nodes = shape.levels.front();
-    SurfaceGraph graph;
-    graph.offsets = nodes.edge_offsets;
-    graph.neighbors = nodes.edge_ends;
-    for (Index i = 0; i < nodes.size(); ++i)
-        for (auto e = at(nodes.edge_offsets[at(i)]); e < at(nodes.edge_offsets[at(i) + 1]); ++e)
-            graph.lengths.push_back(
-                std::max(1e-12, (shape.positions.row(nodes.nodes[at(i)]) -
-                                 shape.positions.row(nodes.nodes[at(nodes.edge_ends[e])]))
-                                    .norm()));
+    const SurfaceGraph graph = node_graph(shape.positions, nodes);
     Eigen::MatrixXd distances = Eigen::MatrixXd::Zero(nodes.size(), nodes.size());
     GeodesicSearch search(graph);
     for (Index i = 0; i < nodes.size(); ++i)
         for (const auto& [j, distance] : search.from(i)) distances(i, j) = distance;
     return distances;
+}
+
+double torn_share(const CoarseShape& source, const CoarseShape& target,
+                  const Registration& registration, double stretch, double gap,
+                  const RegistrationOptions& options, Progress& progress) {
+    const Keys s(
+        product_points(registration.source_points.positions, source.positions,
+                       registration.source_points.normals, source.normals, options.normal_weight),
+        source.labels);
+    const Keys t(
+        product_points(target.positions, registration.target_points.positions, target.normals,
+                       registration.target_points.normals, options.normal_weight),
+        target.labels);
+    double share = 0.0;
+    for (const bool is_source : {true, false}) {
+        const CoarseShape& here = is_source ? source : target;
+        const CoarseShape& there = is_source ? target : source;
+        const Matches matches = KeyTree(is_source ? t : s).nearest(is_source ? s : t, progress);
+        std::size_t torn = 0;
+        for (Index i = 0; i < here.size(); ++i)
+            for (auto e = at(here.graph.offsets[at(i)]); e < at(here.graph.offsets[at(i) + 1]);
+                 ++e) {
+                const Index a = matches.to[at(i)], b = matches.to[at(here.graph.neighbors[e])];
+                torn += (there.positions.row(a) - there.positions.row(b)).norm() >
+                        stretch * here.graph.lengths[e] + gap;
+            }
+        share += 0.5 * static_cast<double>(torn) /
+                 static_cast<double>(std::max<std::size_t>(here.graph.lengths.size(), 1));
+    }
+    return share;
 }
 
 double Misfit::energy() const {
@@ -377,14 +490,16 @@ Misfit registration_misfit(const CoarseShape& source, const CoarseShape& target,
         const View& here = views[side];
         const View& there = views[1 - side];
         const auto& graph = here.shape.levels[at(level)];
-        const ProductPoints all =
+        const Keys all(
             product_points(there.shape.positions, there.points.positions, there.shape.normals,
-                           there.points.normals, options.normal_weight);
-        const Matches matches = nearest_matches(
-            gather(product_points(here.points.positions, here.shape.positions, here.points.normals,
-                                  here.shape.normals, options.normal_weight),
-                   graph.nodes),
-            KdTree<12>(all), progress);
+                           there.points.normals, options.normal_weight),
+            there.shape.labels);
+        const Matches matches = KeyTree(all).nearest(
+            {gather(product_points(here.points.positions, here.shape.positions, here.points.normals,
+                                   here.shape.normals, options.normal_weight),
+                    graph.nodes),
+             labels_of(here.shape, graph.nodes)},
+            progress);
         const double share = 0.5 / graph.size();
         for (Index k = 0; k < graph.size(); ++k) {
             const Index i = graph.nodes[at(k)], j = matches.to[at(k)];

@@ -4,6 +4,7 @@
 
 #include "pointmorph/covariance.hpp"
 #include "pointmorph/error.hpp"
+#include "pointmorph/subset.hpp"
 
 namespace pointmorph {
 
@@ -47,6 +48,14 @@ Index Side::find_boundary(const BoundaryLoop& given, const BoundaryOptions& opti
     const auto count = static_cast<Index>(loops.size());
     if (count > 0) loop = std::move(loops.front());
     return count;
+}
+
+bool Side::is_open() const {
+    if (loop.empty()) return false;
+    // 4π for a flat disk, 2π for half a sphere, and less the more of a sphere is there.
+    constexpr double kSquaredLengthToArea = 4.0;
+    const double length = loop_length(positions, loop);
+    return length * length > kSquaredLengthToArea * estimated_area(KdTree<3>(positions));
 }
 
 void Side::flip() {

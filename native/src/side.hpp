@@ -25,7 +25,6 @@ struct Side {
     bool normals_given = false;
     Neighborhoods nearest;
     BoundaryLoop loop;
-    std::vector<Index> features;
 
     void order_points();
 
@@ -36,6 +35,10 @@ struct Side {
     /// are, 0 for a closed surface.
     Index find_boundary(const BoundaryLoop& given, const BoundaryOptions& options,
                         Progress& progress);
+
+    /// Whether `loop` is long enough, for the surface's area, to be the rim of a patch and not that
+    /// of a hole.
+    bool is_open() const;
 
     /// Turns a surface whose estimated normals pointed inwards.
     void flip();

@@ -3,8 +3,11 @@
 #include <algorithm>
 #include <cmath>
 #include <functional>
+#include <numbers>
+#include <utility>
 
 #include "pointmorph/neighborhoods.hpp"
+#include "pointmorph/parallel.hpp"
 
 namespace pointmorph {
 
@@ -42,26 +45,25 @@ std::vector<IndexPair> joining_edges(const Positions& positions, const Component
     return best;
 }
 
-}  // namespace
+/// Distance between samples of `dense` around each of `positions`, from the disk that holds the
+/// nearest ones.
+Values local_spacings(const KdTree<3>& dense, const Positions& positions, Progress& progress) {
+    constexpr Index kNeighbors = 7;
+    Values spacings(positions.rows());
+    parallel_for(positions.rows(), progress, [&](Index begin, Index end) {
+        std::vector<Index> near(at(std::min(kNeighbors, dense.size())));
+        std::vector<double> squared(near.size());
+        for (Index i = begin; i < end; ++i) {
+            dense.nearest(positions.row(i).data(), near, squared);
+            spacings[i] =
+                std::sqrt(std::numbers::pi * squared.back() / static_cast<double>(near.size()));
+        }
+    });
+    return spacings;
+}
 
-SurfaceGraph surface_graph(const KdTree<3>& tree, const Normals& normals,
-                           const SurfaceGraphOptions& options, Progress& progress,
-                           const KdTree<3>* dense, double dense_spacing) {
-    const Positions& positions = tree.points();
-    const auto on_surface = [&](Index i, Index j) {
-        if (!dense) return true;
-        const Eigen::RowVector3d middle = 0.5 * (positions.row(i) + positions.row(j));
-        Index nearest;
-        double squared;
-        dense->nearest(middle.data(), {&nearest, 1}, {&squared, 1});
-        const double length = (positions.row(i) - positions.row(j)).norm();
-        return std::sqrt(squared) <= options.bulge * length + options.gap * dense_spacing;
-    };
-    Neighborhoods joined = symmetrized(
-        filtered(nearest_neighbors(tree, options.neighbors, progress), [&](Index i, Index j) {
-            return normals.row(i).dot(normals.row(j)) > options.smallest_agreement &&
-                   on_surface(i, j);
-        }));
+/// Joins what falls apart, and adds lengths.
+SurfaceGraph finished(const Positions& positions, Neighborhoods joined) {
     const Components components = connected_components(joined);
     if (components.count() > 1) {
         // symmetrized() takes one direction of an edge as well as both.
@@ -90,6 +92,66 @@ SurfaceGraph surface_graph(const KdTree<3>& tree, const Normals& normals,
     graph.offsets = std::move(joined.offsets);
     graph.neighbors = std::move(joined.indices);
     return graph;
+}
+
+}  // namespace
+
+SurfaceGraph surface_graph(const KdTree<3>& tree, const Normals& normals,
+                           const SurfaceGraphOptions& options, Progress& progress,
+                           const KdTree<3>* dense) {
+    const Positions& positions = tree.points();
+    const Values spacings = dense ? local_spacings(*dense, positions, progress) : Values();
+    const auto on_surface = [&](Index i, Index j) {
+        if (!dense) return true;
+        const Eigen::RowVector3d middle = 0.5 * (positions.row(i) + positions.row(j));
+        Index nearest;
+        double squared;
+        dense->nearest(middle.data(), {&nearest, 1}, {&squared, 1});
+        const double length = (positions.row(i) - positions.row(j)).norm();
+        return std::sqrt(squared) <=
+               options.bulge * length + options.gap * std::max(spacings[i], spacings[j]);
+    };
+    Neighborhoods joined = symmetrized(
+        filtered(nearest_neighbors(tree, options.neighbors, progress), [&](Index i, Index j) {
+            return normals.row(i).dot(normals.row(j)) > options.smallest_agreement &&
+                   on_surface(i, j);
+        }));
+    return finished(positions, std::move(joined));
+}
+
+SurfaceGraph surface_graph(const Positions& positions, const Normals& normals,
+                           const Neighborhoods& nearest, std::span<const Index> nodes,
+                           std::span<const Index> cells) {
+    constexpr std::size_t kNear = 8;  // farther ones reach over gaps
+    std::vector<std::vector<Index>> ring(nodes.size());
+    for (Index i = 0; i < nearest.size(); ++i) {
+        const auto near = nearest[i];
+        for (const Index j : near.first(std::min(kNear, near.size()))) {
+            const Index a = cells[at(i)], b = cells[at(j)];
+            if (a == b || normals.row(i).dot(normals.row(j)) <= 0.0) continue;
+            ring[at(a)].push_back(b);
+            ring[at(b)].push_back(a);
+        }
+    }
+    for (auto& around : ring) {
+        std::ranges::sort(around);
+        around.erase(std::unique(around.begin(), around.end()), around.end());
+    }
+    Neighborhoods joined;
+    std::vector<Index> around;
+    for (std::size_t a = 0; a < nodes.size(); ++a) {
+        around = ring[a];
+        for (const Index b : ring[a])
+            for (const Index c : ring[at(b)])
+                if (at(c) != a && normals.row(nodes[a]).dot(normals.row(nodes[at(c)])) > 0.0)
+                    around.push_back(c);
+        joined.indices.insert(joined.indices.end(), around.begin(), around.end());
+        joined.offsets.push_back(static_cast<std::int64_t>(joined.indices.size()));
+    }
+    Positions places(static_cast<Eigen::Index>(nodes.size()), 3);
+    for (std::size_t a = 0; a < nodes.size(); ++a)
+        places.row(static_cast<Eigen::Index>(a)) = positions.row(nodes[a]);
+    return finished(places, symmetrized(joined));
 }
 
 GeodesicSearch::GeodesicSearch(const SurfaceGraph& graph)

@@ -85,4 +85,22 @@ inline std::vector<Index> permutation(Index count, unsigned seed) {
     return order;
 }
 
+/// A ball of radius ½ with a spike in the direction of each of `spikes`, as long as that is, and
+/// roughly its normals.
+struct Urchin {
+    Positions positions;
+    Normals normals;
+
+    Urchin(Index count, const std::vector<Vector3>& spikes, unsigned seed)
+        : positions(sphere(count) * rotation(seed).transpose()), normals(positions) {
+        for (Index i = 0; i < count; ++i) {
+            double radius = 0.5;
+            for (const Vector3& spike : spikes)
+                radius += spike.norm() *
+                          std::exp((positions.row(i).dot(spike.normalized()) - 1.0) / 0.03);
+            positions.row(i) *= radius;
+        }
+    }
+};
+
 }  // namespace pointmorph::shapes

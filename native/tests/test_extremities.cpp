@@ -13,20 +13,13 @@
 namespace pointmorph {
 namespace {
 
-/// A ball with spikes of length 1 in the given directions; enough points that they are even on the
-/// spikes too, once thinned.
+/// Enough points that they are even on the spikes too, once thinned.
 CoarseShape urchin(const std::vector<Vector3>& spikes, unsigned seed) {
-    Positions p = shapes::sphere(60000) * shapes::rotation(seed).transpose();
-    const Normals normals = p;
-    for (Index i = 0; i < p.rows(); ++i) {
-        double length = 0.5;
-        for (const Vector3& spike : spikes) length += std::exp((p.row(i).dot(spike) - 1.0) / 0.03);
-        p.row(i) *= length;
-    }
+    const shapes::Urchin u(60000, spikes, seed);
     Progress progress;
     CoarseShapeOptions options;
     options.points = 2000;
-    return coarse_shape(KdTree<3>(p), normals, {}, options, progress);
+    return coarse_shape(KdTree<3>(u.positions), u.normals, {}, options, progress);
 }
 
 const std::vector<Vector3>& four_spikes() {

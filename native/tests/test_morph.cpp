@@ -52,8 +52,8 @@ std::vector<Feature> grid_features(Index source_side, Index target_side) {
     std::vector<Feature> features;
     int number = 0;
     for (const auto& [x, y] : {std::pair{0.0, 0.0}, {0.5, 0.5}, {-0.5, 0.5}, {0.5, -0.25}})
-        features.push_back({"f" + std::to_string(number++), grid_row(source_side, x, y),
-                            grid_row(target_side, x, y)});
+        features.push_back(point_feature("f" + std::to_string(number++),
+                                         grid_row(source_side, x, y), grid_row(target_side, x, y)));
     return features;
 }
 
@@ -108,7 +108,7 @@ TEST_P(AnyMorph, FeaturesMeetAndArePaired) {
     const Morph morph = make(plane_cloud(41), bump_cloud(33), features, options());
     EXPECT_LE(morph.report().feature_residual, MorphOptions{}.alignment.error);
     for (const Feature& f : features)
-        EXPECT_TRUE(std::ranges::binary_search(morph.pairs(), IndexPair{f.source, f.target}));
+        EXPECT_TRUE(std::ranges::binary_search(morph.pairs(), pinned_pairs({&f, 1}).front()));
 }
 
 TEST_P(AnyMorph, OfAShapeToItselfMovesNothingFar) {
@@ -154,7 +154,8 @@ TEST_P(AnyMorph, DoesNotDependOnTheOrderOfThePoints) {
     const auto rank = inverse_order(order);
     auto features = grid_features(41, 33);
     const Morph a = make(source, plane_cloud(33), features, options());
-    for (Feature& f : features) f.source = rank[static_cast<std::size_t>(f.source)];
+    for (Feature& f : features)
+        f.source.rows = {rank[static_cast<std::size_t>(f.source.rows.front())]};
     const Morph b = make(shuffled, plane_cloud(33), features, options());
 
     EXPECT_LT((gather(a.source_domain(), order) - b.source_domain()).cwiseAbs().maxCoeff(), 1e-9);
@@ -170,7 +171,7 @@ TEST(Morph, DoesNotDependOnPlaceTurnOrSize) {
     const Matrix3 turn = shapes::rotation(3);
     moved.positions = ((target.positions * turn.transpose()) * 1e-4).rowwise() +
                       Eigen::RowVector3d(1000.0, -2000.0, 500.0);
-    const auto features = std::vector<Feature>{{"top", grid_row(41, 0, 0), 0}};
+    const auto features = std::vector<Feature>{point_feature("top", grid_row(41, 0, 0), 0)};
     const Morph a = make(plane_cloud(41), target, features, paper());
     const Morph b = make(plane_cloud(41), moved, features, paper());
     // the order in memory differs, and with it rounding and the choice between equals
@@ -196,12 +197,14 @@ TEST(Morph, FeaturesOnBothBoundariesArePinned) {
     const auto border = shapes::grid_border(side);
     std::vector<Feature> features;
     for (const std::size_t i : {0UL, 40UL, 80UL, 120UL})
-        features.push_back({"c" + std::to_string(i), border[i], border[(i + 10) % border.size()]});
+        features.push_back(
+            point_feature("c" + std::to_string(i), border[i], border[(i + 10) % border.size()]));
     const Morph morph = make(plane_cloud(side), bump_cloud(side), features, paper());
     for (const Feature& f : features)
-        EXPECT_LT(
-            (morph.source_domain().row(f.source) - morph.target_domain().row(f.target)).norm(),
-            1e-9);
+        EXPECT_LT((morph.source_domain().row(f.source.rows.front()) -
+                   morph.target_domain().row(f.target.rows.front()))
+                      .norm(),
+                  1e-9);
 }
 
 TEST(Morph, ReversedBoundaryFeaturesAreRefused) {
@@ -214,8 +217,8 @@ TEST(Morph, ReversedBoundaryFeaturesAreRefused) {
     };
     std::vector<Feature> features;
     for (const std::size_t i : {0UL, 30UL, 60UL, 90UL})
-        features.push_back(
-            {"c" + std::to_string(i), border[i], border[(border.size() - i) % border.size()]});
+        features.push_back(point_feature("c" + std::to_string(i), border[i],
+                                         border[(border.size() - i) % border.size()]));
     EXPECT_THROW(make(up(plane_cloud(side)), up(bump_cloud(side)), features, paper()),
                  FeatureError);
 }
@@ -227,10 +230,13 @@ TEST(Morph, BadInputIsRefusedInWords) {
     Cloud empty;
     EXPECT_THROW(refuse(empty, {})(), CloudError);
     EXPECT_THROW(refuse(plane_cloud(2), {})(), CloudError);
-    EXPECT_THROW(refuse(plane_cloud(21), {{"nose", 441, 0}})(), FeatureError);
-    EXPECT_THROW(refuse(plane_cloud(21), {{"nose", -1, 0}})(), FeatureError);
-    EXPECT_THROW(refuse(plane_cloud(21), {{"nose", 5, 1}, {"chin", 5, 2}})(), FeatureError);
-    EXPECT_THROW(refuse(plane_cloud(21), {{"nose", 20, 220}})(), FeatureError);  // on one boundary
+    EXPECT_THROW(refuse(plane_cloud(21), {point_feature("nose", 441, 0)})(), FeatureError);
+    EXPECT_THROW(refuse(plane_cloud(21), {point_feature("nose", -1, 0)})(), FeatureError);
+    EXPECT_THROW(
+        refuse(plane_cloud(21), {point_feature("nose", 5, 1), point_feature("chin", 5, 2)})(),
+        FeatureError);
+    EXPECT_THROW(refuse(plane_cloud(21), {point_feature("nose", 20, 220)})(),
+                 FeatureError);  // on one boundary
     Cloud closed;
     closed.positions = shapes::sphere(2000);
     EXPECT_THROW(refuse(closed, {})(), TopologyError);
@@ -239,7 +245,7 @@ TEST(Morph, BadInputIsRefusedInWords) {
     apart.positions.bottomRows(441) = shapes::grid(21).rowwise() + Eigen::RowVector3d(50, 0, 0);
     EXPECT_THROW(refuse(apart, {})(), TopologyError);
     try {
-        refuse(plane_cloud(21), {{"nose", 5, 1}, {"chin", 5, 2}})();
+        refuse(plane_cloud(21), {point_feature("nose", 5, 1), point_feature("chin", 5, 2)})();
     } catch (const FeatureError& error) {
         EXPECT_NE(std::string(error.what()).find("\"nose\""), std::string::npos);
         EXPECT_NE(std::string(error.what()).find("plane"), std::string::npos);
@@ -299,6 +305,155 @@ TEST(Morph, AnOpenPatchTakesNoLoopByAnyMethod) {
     }
 }
 
+/// A closed egg with a belly, seen differently on both ends.
+Cloud egg(Index count, double belly) {
+    Cloud cloud;
+    cloud.name = "egg";
+    cloud.positions = shapes::sphere(count);
+    for (Index i = 0; i < count; ++i) {
+        const Eigen::RowVector3d p = cloud.positions.row(i);
+        cloud.positions.row(i) << 1.6 * p.x(), p.y() * (1.0 + 0.2 * p.x()),
+            p.z() * (p.z() < 0.0 ? belly : 1.0);
+    }
+    return cloud;
+}
+
+Index row_near(const Cloud& cloud, double x, double y, double z) {
+    Index row;
+    (cloud.positions.rowwise() - Eigen::RowVector3d(x, y, z))
+        .rowwise()
+        .squaredNorm()
+        .minCoeff(&row);
+    return row;
+}
+
+/// Two eggs with four features around them, the loop, one on top and one below.
+MorphInput two_eggs(Index source_count, Index target_count) {
+    MorphInput input{egg(source_count, 1.0), egg(target_count, 1.4), {}, {}, {}, {}};
+    const auto mark = [&](const char* name, double x, double y, double z) {
+        input.features.push_back(
+            point_feature(name, row_near(input.source, x, y, z),
+                          row_near(input.target, x, y, z < 0.0 ? 1.4 * z : z)));
+    };
+    mark("front", 1.6, 0, 0);
+    mark("left", 0, 1, 0);
+    mark("back", -1.6, 0, 0);
+    mark("right", 0, -1, 0);
+    input.loop = {"front", "left", "back", "right"};
+    mark("top", 0.3, 0, 0.95);
+    mark("bottom", -0.2, 0, -0.95);
+    return input;
+}
+
+TEST(Morph, ClosedShapesAreCutAlongTheLoop) {
+    Progress progress;
+    const Morph morph(two_eggs(3000, 2200), paper(), progress);
+    EXPECT_EQ(morph.report().domain, "cut");
+    EXPECT_EQ(morph.source_domain().cols(), 3);
+    EXPECT_LT((morph.source_domain().rowwise().norm().array() - 1.0).abs().maxCoeff(), 1e-9);
+
+    std::vector<char> source_seen(3000, 0), target_seen(2200, 0);
+    double misfit = 0.0;
+    for (const IndexPair& pair : morph.pairs()) {
+        source_seen[static_cast<std::size_t>(pair.source)] = 1;
+        target_seen[static_cast<std::size_t>(pair.target)] = 1;
+        Eigen::RowVector3d expected = morph.source().positions.row(pair.source);
+        if (expected.z() < 0.0) expected.z() *= 1.4;
+        misfit += (expected - morph.target().positions.row(pair.target)).norm();
+    }
+    EXPECT_EQ(std::ranges::count(source_seen, 0), 0);
+    EXPECT_EQ(std::ranges::count(target_seen, 0), 0);
+    EXPECT_LT(misfit / static_cast<double>(morph.pairs().size()), 0.25);
+    for (const Feature& feature : two_eggs(3000, 2200).features)
+        EXPECT_TRUE(std::ranges::binary_search(
+            morph.pairs(), IndexPair{feature.source.rows[0], feature.target.rows[0]}));
+    // No seam: next to the curve as gentle as elsewhere.
+    const std::vector<double> middle{0.5};
+    EXPECT_LT(morph.cracks(middle, progress).front().share, 0.002);
+    EXPECT_TRUE(morph.source_to_target(progress).allFinite());
+}
+
+TEST(Morph, ACutDoesNotDependOnOrderOrThreads) {
+    Progress progress;
+    MorphOptions options = paper();
+    options.threads = 1;
+    const Morph one(two_eggs(1500, 1200), options, progress);
+    options.threads = 3;
+    const Morph three(two_eggs(1500, 1200), options, progress);
+    EXPECT_EQ(one.pairs(), three.pairs());
+
+    MorphInput shuffled = two_eggs(1500, 1200);
+    const auto order = shapes::permutation(1500, 3);
+    const auto rank = inverse_order(order);
+    shuffled.source.positions = gather(shuffled.source.positions, order);
+    for (Feature& feature : shuffled.features)
+        feature.source.rows[0] = rank[static_cast<std::size_t>(feature.source.rows[0])];
+    Pairing pairs = Morph(std::move(shuffled), options, progress).pairs();
+    for (IndexPair& pair : pairs) pair.source = order[static_cast<std::size_t>(pair.source)];
+    std::ranges::sort(pairs);
+    EXPECT_EQ(one.pairs(), pairs);
+}
+
+TEST(Morph, ALoopInTheOtherSenseOnOneModelIsNoticed) {
+    Progress progress;
+    MorphInput swapped = two_eggs(1500, 1200);
+    std::swap(swapped.features[1].target, swapped.features[3].target);  // left and right
+    try {
+        Morph(std::move(swapped), paper(), progress);
+        FAIL() << "taken";
+    } catch (const FeatureError& error) {
+        EXPECT_NE(std::string(error.what()).find("left and right"), std::string::npos);
+    }
+    MorphInput astray = two_eggs(1500, 1200);
+    astray.features[4].target.rows = {row_near(astray.target, 0.6, 0, -1.3)};
+    EXPECT_THROW(Morph(std::move(astray), paper(), progress), FeatureError);
+}
+
+TEST(Morph, DomainCutProposesALoopAndSaysSo) {
+    Progress progress;
+    MorphOptions options = paper();
+    options.domain = Domain::kCut;
+    MorphInput input = two_eggs(1200, 1000);
+    input.loop.clear();
+    const Morph morph(std::move(input), options, progress);
+    EXPECT_EQ(morph.report().domain, "cut");
+    EXPECT_GE(morph.report().loop.size(), 3u);
+    ASSERT_FALSE(morph.report().warnings.empty());
+    EXPECT_NE(morph.report().warnings.front().find(morph.report().loop.front()), std::string::npos);
+
+    MorphInput few = two_eggs(600, 500);
+    few.loop.clear();
+    few.features.resize(2);
+    EXPECT_THROW(Morph(std::move(few), options, progress), FeatureError);
+}
+
+TEST(Morph, StartsFromTheCutWhenAskedTo) {
+    Progress progress;
+    MorphOptions options;
+    options.domain = Domain::kCut;
+    const Morph morph(two_eggs(800, 700), options, progress);
+    EXPECT_EQ(morph.report().domain, "product");
+    EXPECT_TRUE(std::ranges::any_of(morph.report().stages, [](const StageTime& time) {
+        return time.stage == "decomposition";
+    }));
+}
+
+TEST(Morph, SmallHolesDoNotMakeAnOpenPatch) {
+    MorphInput input = two_eggs(3000, 2200);
+    // A hole on the source's shoulder.
+    std::vector<Index> kept, rank(3000, -1);
+    for (Index i = 0; i < 3000; ++i)
+        if ((input.source.positions.row(i) - Eigen::RowVector3d(0.9, 0.3, 0.75)).norm() > 0.3) {
+            rank[static_cast<std::size_t>(i)] = static_cast<Index>(kept.size());
+            kept.push_back(i);
+        }
+    input.source.positions = gather(input.source.positions, kept);
+    for (Feature& feature : input.features)
+        feature.source.rows[0] = rank[static_cast<std::size_t>(feature.source.rows[0])];
+    Progress progress;
+    EXPECT_EQ(Morph(std::move(input), paper(), progress).report().domain, "cut");
+}
+
 TEST(Morph, StartsFromTheDiskWhenAskedTo) {
     MorphOptions options;
     options.domain = Domain::kDisk;
@@ -312,9 +467,9 @@ TEST(Morph, StartsFromTheDiskWhenAskedTo) {
 
 TEST(Morph, StartsFromAnEarlierOne) {
     const Cloud source = hemisphere(2000), target = bump_cloud(41);
-    const Morph first = make(source, target, {{"top", 0, grid_row(41, 0, 0)}});
+    const Morph first = make(source, target, {point_feature("top", 0, grid_row(41, 0, 0))});
     Progress progress;
-    MorphInput input{source, target, {{"top", 0, grid_row(41, 0, 0)}}, {}, {}, {}};
+    MorphInput input{source, target, {point_feature("top", 0, grid_row(41, 0, 0))}, {}, {}, {}};
     input.start = {first.source_to_target(progress), first.target_to_source(progress)};
     std::vector<std::string> stages;
     Progress watch([&](std::string_view stage, double) {
@@ -339,7 +494,7 @@ TEST(Morph, EveryPathEndsAtTheInputsAndKeepsToTheSurface) {
         MorphOptions options;
         options.path = kind;
         auto features = grid_features(41, 37);
-        features.push_back({"corner", 0, 0});
+        features.push_back(point_feature("corner", 0, 0));
         const Morph morph = make(source, target, features, options);
         const auto m = morph.pairs().size();
         std::vector<double> positions(3 * m), normals(3 * m), colors(4 * m), radii(m);
@@ -369,7 +524,7 @@ TEST(Morph, EveryPathEndsAtTheInputsAndKeepsToTheSurface) {
 TEST(Morph, EstimatedNormalsTurnWhereTheyFaceTheOtherWay) {
     Cloud inward = hemisphere(2500);
     inward.normals = -inward.positions;
-    const Morph morph = make(hemisphere(2000), inward, {{"top", 0, 0}});
+    const Morph morph = make(hemisphere(2000), inward, {point_feature("top", 0, 0)});
     EXPECT_EQ(morph.target().normals, inward.normals);
     EXPECT_LT(morph.source().normals.cwiseProduct(morph.source().positions).sum(), 0.0);
 }

@@ -63,7 +63,7 @@ TEST(ProductSpace, PairsCoverBothSidesAndKeepFeaturesApart) {
     const ProductPoints a = noise(300, 1), b = noise(200, 2);
     const std::vector<IndexPair> features{{3, 9}, {299, 0}};
     Progress progress;
-    const Pairing pairs = mutual_pairs(a, b, features, progress);
+    const Pairing pairs = mutual_pairs<12>(a, b, features, progress);
     EXPECT_TRUE(std::ranges::is_sorted(pairs));
     EXPECT_EQ(std::ranges::adjacent_find(pairs), pairs.end());
     std::set<Index> source, target;
@@ -81,7 +81,7 @@ TEST(ProductSpace, ASideOfFeaturesAloneStillCoversTheOther) {
     const std::vector<IndexPair> features{{0, 1}, {1, 3}};
     Progress progress;
     std::set<Index> target;
-    for (const IndexPair& p : mutual_pairs(a, b, features, progress)) target.insert(p.target);
+    for (const IndexPair& p : mutual_pairs<12>(a, b, features, progress)) target.insert(p.target);
     EXPECT_EQ(target.size(), 5u);
 }
 

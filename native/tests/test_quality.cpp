@@ -267,9 +267,9 @@ TEST(Quality, BothSidesOfAThinSheetAreToldApartByTheirPairs) {
 
 TEST(Quality, AdviceNamesTheFeaturesAround) {
     Case one = plane(fold, stay);
-    one.features = {{"nose", row_at(-0.3, 0.0), row_at(-0.3, 0.0)},
-                    {"ear", row_at(0.5, 0.0), row_at(0.5, 0.0)},
-                    {"heel", row_at(-0.9, 0.9), row_at(-0.9, 0.9)}};
+    one.features = {point_feature("nose", row_at(-0.3, 0.0), row_at(-0.3, 0.0)),
+                    point_feature("ear", row_at(0.5, 0.0), row_at(0.5, 0.0)),
+                    point_feature("heel", row_at(-0.9, 0.9), row_at(-0.9, 0.9))};
     // only the middle of the band is folded
     for (Eigen::Index i = 0; i < one.source_images.rows(); ++i)
         if (std::abs(one.source.positions(i, 1)) > 0.2)
@@ -281,7 +281,7 @@ TEST(Quality, AdviceNamesTheFeaturesAround) {
         EXPECT_NE(advice.find(words), std::string::npos) << advice;
     EXPECT_NE(advice.find("mark a feature there on both models"), std::string::npos) << advice;
 
-    one.features = {{"cheek", quality.worst[0].source, quality.worst[0].target}};
+    one.features = {point_feature("cheek", quality.worst[0].source, quality.worst[0].target)};
     const std::string there = one.measure().worst[0].advice;
     EXPECT_NE(there.find("At \"cheek\""), std::string::npos) << there;
 

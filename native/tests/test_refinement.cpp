@@ -62,6 +62,14 @@ Index nearest_row(const Positions& p, const Vector3& q) {
     return best;
 }
 
+std::vector<Feature> as_features(std::span<const IndexPair> pairs) {
+    std::vector<Feature> features;
+    for (const IndexPair& pair : pairs)
+        features.push_back(
+            point_feature(std::to_string(features.size()), pair.source, pair.target));
+    return features;
+}
+
 /// Both models, and their feet, head, tail, back and belly as features.
 struct Animals {
     Positions source_directions, target_directions;
@@ -84,8 +92,8 @@ struct Animals {
     }
 
     Refinement refined(Progress& progress) const {
-        return refine(source.positions, source.normals, target.positions, target.normals, features,
-                      {}, progress);
+        return refine(source.positions, source.normals, target.positions, target.normals,
+                      as_features(features), {}, progress);
     }
 
     /// Mean distance of the source's images from where their direction lies on the target, in
@@ -206,7 +214,7 @@ TEST(Refinement, StartsFromAnEarlierMap) {
     const RefinementStart start{first.source_images, first.target_images};
     const auto again = [&](std::span<const IndexPair> features, Progress& watched) {
         return refine(animals.source.positions, animals.source.normals, animals.target.positions,
-                      animals.target.normals, features, {}, watched, &start);
+                      animals.target.normals, as_features(features), {}, watched, &start);
     };
     Progress watched;
     const Refinement r = again(std::span(animals.features).first(1), watched);
@@ -233,7 +241,7 @@ TEST(Refinement, AnEarlierMapThatContradictsTheFeaturesIsNotUsed) {
     exchanged.target_images.leftCols(2) *= -1.0;
     const Refinement r =
         refine(animals.source.positions, animals.source.normals, animals.target.positions,
-               animals.target.normals, animals.features, {}, progress, &exchanged);
+               animals.target.normals, as_features(animals.features), {}, progress, &exchanged);
     EXPECT_EQ(r.source_images, fresh.source_images);
     EXPECT_EQ(r.pairs, fresh.pairs);
 }
@@ -252,8 +260,8 @@ TEST(Refinement, OpenPatchesGenusOneAndSeveralPartsGoThrough) {
     Progress progress;
     const auto run = [&](const Positions& s, const Normals& sn, const Positions& t,
                          const Normals& tn, std::vector<IndexPair> features) {
-        expect_complete(refine(s, sn, t, tn, features, {}, progress), static_cast<Index>(s.rows()),
-                        static_cast<Index>(t.rows()));
+        expect_complete(refine(s, sn, t, tn, as_features(features), {}, progress),
+                        static_cast<Index>(s.rows()), static_cast<Index>(t.rows()));
     };
     const Positions half = shapes::sphere(600, 0.0), flat = shapes::grid(25);
     Normals up = Normals::Zero(flat.rows(), 3);
@@ -284,8 +292,9 @@ TEST(Refinement, HopelessCloudsStillGiveFiniteMaps) {
     for (const Positions& p : {line, doubled, same, noise})
         for (const Positions& q : {line, doubled, same, noise})
             for (const std::size_t count : {0u, 1u, 3u})
-                expect_complete(
-                    refine(p, up, q, up, std::span(features).first(count), {}, progress), 40, 40);
+                expect_complete(refine(p, up, q, up, as_features(std::span(features).first(count)),
+                                       {}, progress),
+                                40, 40);
     for (const Index few : {1, 2, 5})
         expect_complete(refine(noise.topRows(few), up.topRows(few), noise, up, {}, {}, progress),
                         few, 40);

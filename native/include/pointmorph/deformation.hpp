@@ -39,6 +39,9 @@ struct DeformationGraph {
 DeformationGraph deformation_graph(const SurfaceGraph& graph, const Subset& subset,
                                    Progress& progress);
 
+/// The nodes and their edges as a graph of its own; `positions` are the cloud's.
+SurfaceGraph node_graph(const Positions& positions, const DeformationGraph& nodes);
+
 /// Where the nodes of a cloud have gone, and how their surroundings have turned and grown.
 struct Deformation {
     Positions positions;             ///< #nodes by 3

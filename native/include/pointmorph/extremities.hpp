@@ -6,6 +6,8 @@
 #include <vector>
 
 #include "pointmorph/coarse_shape.hpp"
+#include "pointmorph/progress.hpp"
+#include "pointmorph/surface_graph.hpp"
 #include "pointmorph/types.hpp"
 
 namespace pointmorph {
@@ -23,8 +25,10 @@ struct ExtremityOptions {
 
 /// A point that sticks out further than all around it.
 struct Extremity {
-    Index point;        ///< row of the coarse shape
-    double prominence;  ///< in radii, > 0; the highest tip has its height above the lowest point
+    Index point;  ///< row of the coarse shape
+    /// In radii or, of a graph alone, √area; > 0. The highest tip has its height above the lowest
+    /// point.
+    double prominence;
 };
 
 /// Local maxima of the distance to the mean of the surface around (Gaussian weights along the
@@ -33,6 +37,12 @@ struct Extremity {
 /// around such a node that is furthest from that mean.
 std::vector<Extremity> extremities(const CoarseShape& shape, const Eigen::MatrixXd& distances,
                                    const ExtremityOptions& options);
+
+/// Those of a graph alone, connected, with lengths in units of `unit`, √area: local maxima of the
+/// mean distance along it (after Hilaga et al. 2001) to `samples` points spread over it (farthest
+/// point sampling). At most so many, with more than `prominence`, which is in √area here.
+std::vector<Extremity> extremities(const SurfaceGraph& graph, double unit, Index samples,
+                                   Index most, double prominence, Progress& progress);
 
 /// One target tip at most for each source tip, and how far apart a map leaves them.
 struct ExtremityPair {

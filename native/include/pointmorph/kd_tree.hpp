@@ -48,9 +48,15 @@ private:
     std::unique_ptr<Impl> impl_;
 };
 
+/// The nearest of some points whose normals agree with one; the nearest of all where none of the
+/// first few do.
+Index nearest_on_sheet(const KdTree<3>& tree, const Positions& normals,
+                       const Eigen::RowVector3d& place, const Eigen::RowVector3d& normal);
+
 extern template class KdTree<2>;
 extern template class KdTree<3>;
 extern template class KdTree<6>;
 extern template class KdTree<12>;
+extern template class KdTree<32>;
 
 }  // namespace pointmorph

@@ -11,6 +11,8 @@
 #include "pointmorph/boundary.hpp"
 #include "pointmorph/cloud.hpp"
 #include "pointmorph/cracks.hpp"
+#include "pointmorph/decomposition.hpp"
+#include "pointmorph/features.hpp"
 #include "pointmorph/motion.hpp"
 #include "pointmorph/pairing.hpp"
 #include "pointmorph/parameterization.hpp"
@@ -27,12 +29,15 @@ struct Side;
 /// kPaper: the paper's pipeline and nothing else. kAuto: the best that the library knows.
 enum class Method { kAuto, kPaper };
 
-/// Where both clouds are laid over each other. kDisk: open patches on the unit disk; with kAuto as
-/// the method, the map found there is where the refinement starts. kAuto: the disk for the paper's
-/// method; the product space, which asks nothing of the topology, for the other.
-enum class Domain { kAuto, kDisk };
+/// Where both clouds are laid over each other. kDisk: open patches on the unit disk. kCut: closed
+/// shapes, cut in two along the loop, on two disks that are glued along their rims. With kAuto as
+/// the method, the map found there is where the refinement starts. kAuto: the disk, or the cut
+/// where a loop is given, for the paper's method; the product space, which asks nothing of the
+/// topology, for the other.
+enum class Domain { kAuto, kDisk, kCut };
 
-/// Points of the common domain, a row each: 2 columns in the disk, 12 in the product space.
+/// Points of the common domain, a row each: 2 columns in the disk, 3 on the sphere that two disks
+/// are glued to, 12 in the product space.
 using DomainPoints = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
 
 /// How pairs go from end to end. kLinear: straight, as in the paper. kSimilarity: straight but for
@@ -47,6 +52,7 @@ struct MorphOptions {
     /// Nearest neighbours in the covariance analysis and in the search for the boundary; 8 to 64.
     Index covariance_neighbors = 16;
     BoundaryOptions boundary;
+    DecompositionOptions decomposition;
     ParameterizationOptions parameterization;
     AlignmentOptions alignment;
     PairingOptions pairing;
@@ -86,8 +92,8 @@ struct MorphReport {
     std::vector<StageTime> stages;
     double seconds = 0.0;
     Index pairs = 0;
-    /// Largest distance between features in spacings of the points around them: in the disk, or of
-    /// the smooth maps on the other surface.
+    /// Largest distance between hard point features in spacings of the points around them: in the
+    /// disk, or of the smooth maps on the other surface. Quality::features has each one's.
     double feature_residual = 0.0;
     /// See Refinement::margin; infinite for the paper's method.
     double margin = std::numeric_limits<double>::infinity();
@@ -95,10 +101,17 @@ struct MorphReport {
     double confidence = 1.0;
     std::vector<Rival> rivals;
     std::vector<Proposal> proposals;
+    /// See Refinement::starts; empty for the paper's method.
+    std::vector<Attempt> starts;
+    std::size_t start_taken = 0;
     double alignment_rotation = 0.0;
     Index alignment_sweeps = 0;
     ParameterizationReport source_parameterization;
     ParameterizationReport target_parameterization;
+    /// The loop given, or proposed where the domain is cut and none was given; see propose_loop().
+    std::vector<std::string> loop;
+    /// Tips without a mark that were brought together, rows as given; see Decomposition::tips.
+    Pairing tips;
     std::vector<std::string> warnings;
 };
 
@@ -167,6 +180,13 @@ private:
     struct Measured;
     std::unique_ptr<Measured> measured_;
 };
+
+/// The cut that a loop makes in a closed shape, to be looked at before it is used: rows and lengths
+/// as given. `loop`: rows of `cloud`, called `names`. Normals are estimated where there are none.
+/// Throws what Morph throws for such a cloud and loop.
+Decomposition decompose(Cloud cloud, std::span<const Index> loop,
+                        std::span<const std::string> names, const MorphOptions& options,
+                        Progress& progress);
 
 extern template const Path<float>& Morph::path<float>() const;
 extern template const Path<double>& Morph::path<double>() const;

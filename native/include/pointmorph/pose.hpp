@@ -92,6 +92,13 @@ Pose find_pose(const CoarseShape& source, const CoarseShape& target,
                std::span<const IndexPair> features, const PoseOptions& options,
                const RegistrationOptions& registration, Progress& progress);
 
+/// Puts another registration of the same pose in the place of the best map's, and rates it anew;
+/// rivals that aren't distinct from it any more are dropped. `target` has been moved to where the
+/// registration has it.
+void replace_best(Pose& pose, Registration registration, const CoarseShape& source,
+                  const CoarseShape& target, const PoseOptions& options,
+                  const RegistrationOptions& registration_options, Progress& progress);
+
 /// A coarse shape turned and moved; `move.scale` is 1.
 CoarseShape moved(const CoarseShape& shape, const Similarity& move);
 

@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "pointmorph/cloud.hpp"
+#include "pointmorph/features.hpp"
 #include "pointmorph/pairing.hpp"
 #include "pointmorph/progress.hpp"
 #include "pointmorph/types.hpp"
@@ -76,6 +77,7 @@ struct Quality {
     MapFigures source_to_target, target_to_source;
     /// At most five, far apart, the worst first; empty where the map is good.
     std::vector<Place> worst;
+    std::vector<FeatureResidual> features;  ///< one for each feature, in their order
 };
 
 /// The sides of the bounding box towards which a point lies: "towards +X, -Z", or "in the middle".
@@ -84,8 +86,8 @@ std::string direction_in_words(const Positions& positions, Index row);
 
 /// Both clouds have normals. `source_images` (#source by 3) says where source points lie on the
 /// target, in its coordinates, `target_images` (#target by 3) the reverse. `pairs` tell both sides
-/// of a thin sheet apart; `features` only give the advice its words. Rows as in the clouds. The
-/// result doesn't depend on the scale, place or orientation of the clouds.
+/// of a thin sheet apart; `features` give the advice its words and are measured. Rows as in the
+/// clouds. The result doesn't depend on the scale, place or orientation of the clouds.
 Quality measure_quality(const Cloud& source, const Cloud& target, const Positions& source_images,
                         const Positions& target_images, std::span<const IndexPair> pairs,
                         std::span<const Feature> features, Progress& progress);

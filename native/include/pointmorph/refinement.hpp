@@ -7,7 +7,9 @@
 #include <span>
 #include <vector>
 
+#include "pointmorph/attempts.hpp"
 #include "pointmorph/coarse_shape.hpp"
+#include "pointmorph/features.hpp"
 #include "pointmorph/pose.hpp"
 #include "pointmorph/product_space.hpp"
 #include "pointmorph/progress.hpp"
@@ -21,6 +23,7 @@ namespace pointmorph {
 struct RefinementOptions {
     CoarseShapeOptions coarse;
     RegistrationOptions registration;
+    AttemptOptions attempts;
     PoseOptions pose;
     /// With so many features or more they alone say how the target lies to the source; with fewer
     /// other poses are tried. 3 or more.
@@ -64,19 +67,24 @@ struct Refinement {
     /// mark; rows of the clouds. Empty where the pose was known and none were asked for.
     std::vector<Rival> rivals;
     std::vector<Proposal> proposals;
+    /// What the registration was started from, and which of these was taken.
+    std::vector<Attempt> starts;
+    std::size_t start_taken = 0;
     /// Normals of the two clouds face opposite sides; the target's were taken the other way round.
     bool inside_out = false;
 };
 
-/// `features` are rows of the clouds that belong together, none twice on either side; the maps
-/// take them exactly onto each other. With fewer than `features_that_fix_the_pose` of them, or
-/// none, the clouds may lie in any orientation. Normals have unit length and face outwards, on
-/// both clouds or on neither. `start`, where there is one, is pulled to the features and
-/// replaces the search for the pose; it isn't used where it leaves a feature farther from its
-/// partner than `trusted_distance`: such a map has legs or ends exchanged. Clouds
-/// have no order or scale to keep to; the result turns, scales and moves with them.
+/// `features` are valid for the clouds and in canonical() order. The maps take hard points and the
+/// ends of hard curves exactly onto each other, hard curves to a fraction of a spacing, and no
+/// point of a hard region out of it; soft ones are brought as near as their weight against the
+/// rest can. With fewer than `features_that_fix_the_pose` points, counting those of curves and a
+/// region as one unless all lie on a line, or none, the clouds may lie in any orientation. Normals
+/// have unit length and face outwards, on both clouds or on neither. `start`, where there is one,
+/// is pulled to the features and replaces the search for the pose; it isn't used where it leaves a
+/// feature farther from its partner than `trusted_distance`: such a map has legs or ends exchanged.
+/// Clouds have no order or scale to keep to; the result turns, scales and moves with them.
 Refinement refine(const Positions& source, const Normals& source_normals, const Positions& target,
-                  const Normals& target_normals, std::span<const IndexPair> features,
+                  const Normals& target_normals, std::span<const Feature> features,
                   const RefinementOptions& options, Progress& progress,
                   const RefinementStart* start = nullptr);
 

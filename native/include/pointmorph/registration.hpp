@@ -29,6 +29,9 @@ struct RegistrationLevel {
     Index matched_points;
     /// … but in the last so many rounds, where all are.
     int full_rounds;
+    /// Weight of local_areas() against lengths in the matching, in the first and the last round;
+    /// both > 0, or both 0.
+    double first_area_weight = 0.0, last_area_weight = 0.0;
 };
 
 /// Lengths are in units of √(surface area).
@@ -36,9 +39,13 @@ struct RegistrationOptions {
     /// One for each of the shapes' levels, coarsest first.
     std::vector<RegistrationLevel> levels{RegistrationLevel{6, 24, 30.0, 1.0, 2, 2, 1, 1000, 0},
                                           RegistrationLevel{0, 10, 10.0, 4.0, 2, 4, 3, 2000, 4}};
-    double stiff_data = 0.05;       ///< factor on the data's weights in stiff rounds
-    double normal_weight = 0.1;     ///< of unit normals against lengths in the product space
-    double feature_weight = 30.0;   ///< of each feature pair
+    double stiff_data = 0.05;      ///< factor on the data's weights in stiff rounds
+    double normal_weight = 0.1;    ///< of unit normals against lengths in the product space
+    double feature_weight = 30.0;  ///< of each feature pair
+    double soft_weight = 0.03;     ///< of a soft feature, and a curve's part as long as a node's
+                                   ///< spacing, of weight 1
+    double region_weight = 20.0;  ///< of a match of points of a region of weight 1, others' being 1
+    double label_distance = 0.5;  ///< between points inside and outside of a region of weight 1
     double outlier_distance = 3.0;  ///< in medians: where a match's weight has halved
     /// Pieces whose images have jumped away from the rest don't count when they have less than
     /// this share of the nodes.
@@ -57,8 +64,15 @@ struct RegistrationStart {
     Positions source, target;  ///< #points by 3
 };
 
-/// The thin plate (kernel r) through the features and its inverse; with fewer than five features
-/// the points stay where they are.
+/// Places that belong together, a row each: the features', then those of some of the guides.
+struct MarkedPlaces {
+    Positions source, target;
+};
+MarkedPlaces marked_places(const CoarseShape& source, const CoarseShape& target,
+                           std::span<const IndexPair> features);
+
+/// The thin plate (kernel r) through the marked places and its inverse; with fewer than five of
+/// them the points stay where they are.
 RegistrationStart thin_plate_start(const CoarseShape& source, const CoarseShape& target,
                                    std::span<const IndexPair> features);
 
@@ -73,6 +87,12 @@ Eigen::MatrixXd node_distances(const CoarseShape& shape);
 
 /// node_distances() of the source and of the target.
 using NodeDistances = std::array<Eigen::MatrixXd, 2>;
+
+/// Share of the edges of both surface graphs that are torn: whose ends the last matching takes
+/// further apart than `stretch` times their length and `gap`, in √area.
+double torn_share(const CoarseShape& source, const CoarseShape& target,
+                  const Registration& registration, double stretch, double gap,
+                  const RegistrationOptions& options, Progress& progress);
 
 /// How much the shapes had to bend, and what gap is left: means over both directions, at the nodes
 /// of a level or the edges between them. All ≥ 0, 0 is perfect.

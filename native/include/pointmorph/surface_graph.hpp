@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "pointmorph/kd_tree.hpp"
+#include "pointmorph/neighborhoods.hpp"
 #include "pointmorph/progress.hpp"
 #include "pointmorph/types.hpp"
 
@@ -29,17 +30,26 @@ struct SurfaceGraphOptions {
     /// and aren't joined; −1 to 1.
     double smallest_agreement = -0.1;
     /// How far off the surface the middle of an edge may lie: a share of its length, for curvature,
-    /// and a share of the dense cloud's spacing.
+    /// and a share of the dense cloud's spacing there.
     double bulge = 0.15, gap = 0.8;
 };
 
 /// Joins nearest neighbours on the same sheet; then every component to the largest one by the
 /// shortest edge, so that the whole graph hangs together. `dense`, where there is one, is the cloud
-/// that `tree` holds a part of, with samples `dense_spacing` apart: an edge whose middle lies off
-/// the surface, as its nearest sample shows, leads from one limb to another and isn't taken.
+/// that `tree` holds a part of: an edge whose middle lies off the surface, as its nearest sample
+/// shows, leads from one limb to another and isn't taken.
 SurfaceGraph surface_graph(const KdTree<3>& tree, const Normals& normals,
                            const SurfaceGraphOptions& options, Progress& progress,
-                           const KdTree<3>* dense = nullptr, double dense_spacing = 0.0);
+                           const KdTree<3>* dense = nullptr);
+
+/// The graph of some points of a cloud, from the cloud's own neighbourhoods `nearest` (ascending by
+/// distance), which see gaps that the few points don't: feet that nearly touch stay apart. Every
+/// point of the cloud belongs to one of the `nodes`, `cells[i]`; nodes are joined where neighbours
+/// belong to both, and, for straighter paths, with their neighbours' neighbours; never on different
+/// sheets. What falls apart is joined as above. `positions` and `normals` are those of the cloud.
+SurfaceGraph surface_graph(const Positions& positions, const Normals& normals,
+                           const Neighborhoods& nearest, std::span<const Index> nodes,
+                           std::span<const Index> cells);
 
 /// Shortest paths (Dijkstra 1959). Keeps its scratch memory between calls: one object a thread.
 class GeodesicSearch {

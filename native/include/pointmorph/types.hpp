@@ -4,7 +4,6 @@
 #include <Eigen/Core>
 #include <cstdint>
 #include <span>
-#include <string>
 #include <vector>
 
 namespace pointmorph {
@@ -37,13 +36,6 @@ struct IndexPair {
 
     friend bool operator==(const IndexPair&, const IndexPair&) = default;
     friend auto operator<=>(const IndexPair&, const IndexPair&) = default;
-};
-
-/// A place of the source and the place of the target that belongs to it.
-struct Feature {
-    std::string name;
-    Index source;  ///< row of the source cloud
-    Index target;  ///< row of the target cloud
 };
 
 }  // namespace pointmorph

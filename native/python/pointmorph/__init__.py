@@ -17,6 +17,7 @@ from pointmorph._waiting import giving_way
 with giving_way():
     from pointmorph._pointmorph import __version__
 from pointmorph.clouds import Cloud
+from pointmorph.cuts import Cut, decompose
 from pointmorph.errors import (
     Cancelled,
     CloudError,
@@ -27,7 +28,9 @@ from pointmorph.errors import (
     PointmorphError,
     TopologyError,
 )
+from pointmorph.features import Feature
 from pointmorph.morphing import (
+    FeatureResidual,
     Frame,
     MapFigures,
     Morph,
@@ -37,6 +40,7 @@ from pointmorph.morphing import (
     Progress,
     Proposal,
     Quality,
+    feature_summary,
     morph,
     options,
     propose_features,
@@ -49,7 +53,10 @@ __all__ = [
     "Cloud",
     "CloudError",
     "ConvergenceError",
+    "Cut",
+    "Feature",
     "FeatureError",
+    "FeatureResidual",
     "FileError",
     "Frame",
     "MapFigures",
@@ -65,6 +72,8 @@ __all__ = [
     "Quality",
     "TopologyError",
     "__version__",
+    "decompose",
+    "feature_summary",
     "morph",
     "options",
     "propose_features",

@@ -18,6 +18,13 @@ def blue_noise(
     keep: npt.NDArray[np.int64],
     progress: Any,
 ) -> npt.NDArray[np.int64]: ...
+def decompose(
+    cloud: dict[str, Any],
+    loop: list[int],
+    names: list[str],
+    options: MorphOptions,
+    progress: Any,
+) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64], list[int], npt.NDArray[np.int8]]: ...
 
 class Motion:
     def __init__(
@@ -35,7 +42,7 @@ class Morph:
         self,
         source: dict[str, Any],
         target: dict[str, Any],
-        features: list[tuple[str, int, int]],
+        features: list[dict[str, Any]],
         loop: list[str],
         options: MorphOptions,
         source_start: npt.NDArray[Any] | None,

@@ -6,7 +6,7 @@ import argparse
 import contextlib
 import json
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +15,7 @@ import numpy as np
 from pointmorph import __version__, formats, morphing, sampling
 from pointmorph.clouds import Cloud
 from pointmorph.errors import FeatureError, FileError, OptionError, PointmorphError
+from pointmorph.features import Feature, feature_from_json
 
 FAILED, WRONG_CALL, INTERRUPTED = 1, 2, 130
 
@@ -85,7 +86,7 @@ def _add_common(command: argparse.ArgumentParser) -> None:
         "--features",
         metavar="FILE",
         type=Path,
-        help='JSON: {"features": {"nose": [source row, target row], …}}',
+        help='JSON: {"features": {"nose": [source row, target row], …}}, and curves and regions',
     )
     command.add_argument(
         "--samples",
@@ -146,17 +147,33 @@ def _read_shapes(chosen: argparse.Namespace) -> list[formats.Shape]:
     return shapes
 
 
+def _clouds(
+    chosen: argparse.Namespace,
+    shapes: Sequence[formats.Shape],
+    features: dict[str, Feature],
+    progress: morphing.Progress,
+) -> tuple[list[Cloud], dict[str, Feature]]:
+    """The clouds to morph, sampled where that is asked for, and the features' rows of them."""
+    if chosen.samples is None:
+        return [shape.cloud() for shape in shapes], features
+    check_rows(shapes, features)
+    return sampling.sample_pair(shapes, features, chosen.samples, progress)
+
+
 def _propose(chosen: argparse.Namespace) -> None:
-    given, loop = read_features(chosen.features) if chosen.features else ({}, [])
+    given, _ = read_features(chosen.features) if chosen.features else ({}, [])
+    content = _read_json(chosen.features) if chosen.features else {}
     shapes = _read_shapes(chosen)
     with _bars() as progress:
-        if chosen.samples is None:
-            clouds, features = [shape.cloud() for shape in shapes], given
-        else:
-            clouds, features = sampled(shapes, given, chosen.samples, progress)
+        clouds, features = _clouds(chosen, shapes, given, progress)
         proposals = morphing.propose_features(
             clouds[0], clouds[1], features, progress=progress, **_settings(chosen)
         )
+    # A region may hold points, a curve and a point share none.
+    taken = [
+        {row for f in given.values() if f.kind != "region" for row in f.rows(side)}
+        for side in (0, 1)
+    ]
     found: dict[str, list[int]] = {}
     confidence: dict[str, float] = {}
     for proposal in proposals:
@@ -166,17 +183,17 @@ def _propose(chosen: argparse.Namespace) -> None:
                 shapes, clouds, (proposal.source, proposal.target), strict=True
             )
         ]
-        taken = list({**given, **found}.values())
-        if any(rows[side] == pair[side] for pair in taken for side in (0, 1)):
+        if any(rows[side] in taken[side] for side in (0, 1)):
             continue  # the model has no vertex of its own there
+        for side in (0, 1):
+            taken[side].add(rows[side])
         name = proposal.name
         while name in given:
             name += "_"
         found[name] = rows
         confidence[name] = round(proposal.confidence, 3)
-    content: dict[str, Any] = {"features": {**given, **found}, "confidence": confidence}
-    if loop:
-        content["loop"] = loop
+    content["features"] = {**content.get("features", {}), **found}
+    content["confidence"] = confidence
     formats.write_bytes(chosen.out, (json.dumps(content, indent=1) + "\n").encode())
     for name, rows in found.items():
         print(f"  {name:<11}{rows[0]:>8}{rows[1]:>8}   {100 * confidence[name]:.0f} % sure")
@@ -193,10 +210,7 @@ def _morph(chosen: argparse.Namespace) -> None:
     _make_folder(chosen.out)
 
     with _bars() as progress:
-        if chosen.samples is None:
-            clouds = [shape.cloud() for shape in shapes]
-        else:
-            clouds, features = sampled(shapes, features, chosen.samples, progress)
+        clouds, features = _clouds(chosen, shapes, features, progress)
         result = morphing.morph(
             clouds[0], clouds[1], features, loop=loop, progress=progress, **_settings(chosen)
         )
@@ -212,45 +226,30 @@ def _morph(chosen: argparse.Namespace) -> None:
     )
     for name, value in morphing.quality_summary(report):
         print(f"  {name:<11}{value}")
+    for name, value in morphing.feature_summary(report):
+        print(f"  {name}: {value}")
     for place in report["worst"]:
         print(f"  {place['advice']}")
 
 
-def check_rows(shapes: list[formats.Shape], features: dict[str, tuple[int, int]]) -> None:
-    """Raises FeatureError where a feature is no row of its shape."""
+def check_rows(shapes: Sequence[formats.Shape], features: Mapping[str, Feature]) -> None:
+    """Raises FeatureError where a feature has what is no row of its shape."""
     for side, shape in enumerate(shapes):
-        for name, pair in features.items():
-            if not 0 <= pair[side] < len(shape.positions):
-                raise FeatureError(
-                    f'feature "{name}"',
-                    f"a row of {shape.name}, 0 to {len(shape.positions) - 1}",
-                    str(pair[side]),
-                    "Correct it in the features' file.",
-                )
+        for name, feature in features.items():
+            for row in feature.rows(side):
+                if not 0 <= row < len(shape.positions):
+                    raise FeatureError(
+                        f'feature "{name}"',
+                        f"a row of {shape.name}, 0 to {len(shape.positions) - 1}",
+                        str(row),
+                        "Correct it in the features' file.",
+                    )
 
 
-def sampled(
-    shapes: list[formats.Shape],
-    features: dict[str, tuple[int, int]],
-    count: int,
-    progress: morphing.Progress,
-) -> tuple[list[Cloud], dict[str, tuple[int, int]]]:
-    """Source and target with `count` points each, and the features' rows among them."""
-    check_rows(shapes, features)
-    clouds, rows = [], []
-    for side, shape in enumerate(shapes):
-        keep = [pair[side] for pair in features.values()]
-        cloud, kept = sampling.sample(shape, count, keep=keep, progress=progress)
-        clouds.append(cloud)
-        rows.append(kept.tolist())
-    return clouds, dict(zip(features, zip(*rows, strict=True), strict=True))
+_SHAPE = '{"features": {"nose": [source row, target row], …}, "loop": ["nose", …]}'
 
 
-def read_features(
-    path: Path, key: str = "features"
-) -> tuple[dict[str, tuple[int, int]], list[str]]:
-    """The pairs of rows that FEATURES.json has under `key`, by name, and its loop."""
-    shape = '{"features": {"nose": [source row, target row], …}, "loop": ["nose", …]}'
+def _read_json(path: Path) -> dict[str, Any]:
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
@@ -258,22 +257,21 @@ def read_features(
             str(path), "a readable file", error.strerror or str(error), "Check the path."
         ) from error
     except ValueError as error:
-        raise FileError(str(path), f"JSON like {shape}", str(error), "Correct it.") from error
-    features = content.get(key, {}) if isinstance(content, dict) else None
-    loop = content.get("loop", []) if isinstance(content, dict) else []
-    if not isinstance(features, dict) or not all(_is_pair(pair) for pair in features.values()):
-        raise FileError(str(path), f"JSON like {shape}", "something else", "Correct it.")
+        raise FileError(str(path), f"JSON like {_SHAPE}", str(error), "Correct it.") from error
+    if not isinstance(content, dict):
+        raise FileError(str(path), f"JSON like {_SHAPE}", "something else", "Correct it.")
+    return content
+
+
+def read_features(path: Path, key: str = "features") -> tuple[dict[str, Feature], list[str]]:
+    """The features that FEATURES.json has under `key`, by name, and its loop."""
+    content = _read_json(path)
+    features, loop = content.get(key, {}), content.get("loop", [])
+    if not isinstance(features, dict):
+        raise FileError(str(path), f"JSON like {_SHAPE}", "something else", "Correct it.")
     if not isinstance(loop, list) or not all(isinstance(name, str) for name in loop):
         raise FileError(str(path), "a loop that lists features' names", repr(loop), "Correct it.")
-    return {name: (pair[0], pair[1]) for name, pair in features.items()}, loop
-
-
-def _is_pair(pair: Any) -> bool:
-    return (
-        isinstance(pair, list)
-        and len(pair) == 2
-        and all(isinstance(row, int) and not isinstance(row, bool) for row in pair)
-    )
+    return {name: feature_from_json(name, value) for name, value in features.items()}, loop
 
 
 def _make_folder(folder: Path) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import operator
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -14,7 +13,8 @@ import numpy.typing as npt
 
 from pointmorph import _pointmorph
 from pointmorph.clouds import Cloud, FloatArray
-from pointmorph.errors import CloudError, FeatureError, OptionError
+from pointmorph.errors import CloudError, OptionError
+from pointmorph.features import Feature, native_features
 
 Progress = Callable[[str, float], bool | None]
 """Gets a stage's name and the fraction of it that is done; returns False to ask for the end."""
@@ -129,6 +129,22 @@ class Place:
 
 
 @dataclass(frozen=True)
+class FeatureResidual:
+    """How well the maps keep one feature; the worse of both ways."""
+
+    name: str
+    kind: str
+    """point, curve or region"""
+    hard: bool
+    weight: float
+    residual: float
+    """in spacings: how far a point lands from its partner, a curve's marked points (root mean
+    square) from the same share of the other's length, a region's points outside of the partner"""
+    inside: float
+    """share of a region's points that land in the partner; 1 for points and curves"""
+
+
+@dataclass(frozen=True)
 class Quality:
     """How good a morph is: by point, in figures, and where it is worst."""
 
@@ -140,6 +156,8 @@ class Quality:
     target_to_source: MapFigures
     worst: tuple[Place, ...]
     """at most five, far apart, the worst first; empty where the map is good"""
+    features: tuple[FeatureResidual, ...]
+    """one for each feature"""
 
 
 @dataclass(frozen=True)
@@ -237,12 +255,13 @@ class Morph:
 
     @property
     def source_domain(self) -> npt.NDArray[np.float64]:
-        """(N, 2): the source's points in the unit disk; (N, 12) in the product space."""
+        """(N, 2): the source's points in the unit disk; (N, 3) on the unit sphere that the disks
+        of a cut are glued to, the left one above; (N, 12) in the product space."""
         return self._native.source_domain()
 
     @property
     def target_domain(self) -> npt.NDArray[np.float64]:
-        """(M, 2): the target's points in the unit disk; (M, 12) in the product space."""
+        """(M, 2), (M, 3) or (M, 12): where the target's points lie there."""
         return self._native.target_domain()
 
     @property
@@ -270,6 +289,7 @@ class Morph:
             MapFigures(**measured["source_to_target"]),
             MapFigures(**measured["target_to_source"]),
             tuple(Place(**place) for place in measured["worst"]),
+            tuple(FeatureResidual(**feature) for feature in measured["features"]),
         )
 
     @cached_property
@@ -297,8 +317,11 @@ class Morph:
         """What was done, how long it took and how good it is.
 
         `stages` (seconds by stage), `seconds`, `peak_memory_bytes` (of the process), `pairs`,
-        `feature_residual` (in spacings of the common domain), `cracks`, `quality` (the figures of
+        `feature_residual` (the largest of hard points, in spacings of the common domain),
+        `features` (by name, those of `Quality.features`), `cracks`, `quality` (the figures of
         `MapFigures` both ways), `worst` (those of `Quality.worst`), `warnings`, `method`, `domain`,
+        `loop` (given, or proposed for a cut), `tips` (rows of unmarked tips that a cut brought
+        together),
         `options` and what the solver needed on both sides.
 
         Where few or no features said how the clouds lie to each other: `confidence` (about how
@@ -319,6 +342,10 @@ class Morph:
                 "target_to_source": asdict(quality.target_to_source),
             },
             "worst": [asdict(place) for place in quality.worst],
+            "features": {
+                kept.name: {key: value for key, value in asdict(kept).items() if key != "name"}
+                for kept in quality.features
+            },
             "points": [len(self.source), len(self.target)],
         }
 
@@ -349,6 +376,22 @@ def quality_summary(report: Mapping[str, Any]) -> list[tuple[str, str]]:
     ]
 
 
+def feature_summary(report: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """How well the maps keep each feature that isn't a hard point, to show: names and values.
+
+    Works on a report that was read from `report.json` just as well.
+    """
+    rows = []
+    for name, kept in report.get("features", {}).items():
+        if kept["kind"] == "point" and kept["hard"]:
+            continue
+        value = f"{kept['residual']:.2g} spacings off"
+        if kept["kind"] == "region":
+            value = f"{_percent(kept['inside'])} inside, {value}"
+        rows.append((f"{name} ({kept['kind']})", value))
+    return rows
+
+
 def _percent(share: float) -> str:
     return f"{100 * share:.2f} %" if share < 0.1 else f"{100 * share:.1f} %"
 
@@ -356,7 +399,7 @@ def _percent(share: float) -> str:
 def morph(
     source: Cloud,
     target: Cloud,
-    features: Mapping[str, tuple[int, int]] | None = None,
+    features: Mapping[str, tuple[int, int] | Feature] | None = None,
     *,
     loop: Sequence[str] = (),
     start: Morph | tuple[npt.ArrayLike, npt.ArrayLike] | None = None,
@@ -369,10 +412,12 @@ def morph(
     ----------
     source, target : Cloud
         Any sizes; no common mesh, no faces needed.
-    features : mapping of name to (source row, target row), optional
-        Places that must coincide.
+    features : mapping of name to (source row, target row) or `Feature`, optional
+        Points that must coincide; curves, regions, and what is soft are a `Feature`.
     loop : sequence of str, optional
-        Features, in order, through which a closed model is cut. An open patch takes none.
+        Features, in order, through which a closed model is cut (methods that cut: `paper`, or
+        domain `cut`); see `decompose`. Domain `cut` proposes one through the features on tips
+        where none is given, and says so in the report. An open patch takes none.
     start : Morph, or (N, 3) and (M, 3) arrays, optional
         An earlier morph of these clouds, or its `source_to_target` and `target_to_source`: after a
         feature was added or moved, the new map is found from the old one. Where that contradicts
@@ -406,15 +451,14 @@ def morph(
     >>> bool(np.array_equal(result.frame(0).positions, plane[result.pairs[:, 0]]))
     True
     """
-    native_options = _native_options(settings)
-    native = _native(source, target, features, loop, native_options, start, progress)
+    native = _native(source, target, features, loop, native_options(settings), start, progress)
     return Morph(native, source, target)
 
 
 def propose_features(
     source: Cloud,
     target: Cloud,
-    features: Mapping[str, tuple[int, int]] | None = None,
+    features: Mapping[str, tuple[int, int] | Feature] | None = None,
     *,
     progress: Progress | None = None,
     **settings: int | float | str | None,
@@ -443,9 +487,9 @@ def propose_features(
         raise OptionError(
             "method", "auto", "paper", "Leave the method out: paper starts from features."
         )
-    native_options = _native_options(settings)
-    native_options.propose_features()
-    rows = _native(source, target, features, (), native_options, None, progress).report()
+    chosen = native_options(settings)
+    chosen.propose_features()
+    rows = _native(source, target, features, (), chosen, None, progress).report()
     counts = {True: 0, False: 0}
     proposals = []
     for row in rows["proposals"]:
@@ -455,31 +499,32 @@ def propose_features(
     return tuple(proposals)
 
 
-def _native_options(settings: Mapping[str, Any]) -> _pointmorph.MorphOptions:
-    native_options = _pointmorph.MorphOptions()
-    for name, value in settings.items():
-        native_options.set(name, _plain(name, value))
-    return native_options
-
-
 def _native(
     source: Cloud,
     target: Cloud,
-    features: Mapping[str, tuple[int, int]] | None,
+    features: Mapping[str, tuple[int, int] | Feature] | None,
     loop: Sequence[str],
-    native_options: _pointmorph.MorphOptions,
+    chosen: _pointmorph.MorphOptions,
     start: Morph | tuple[npt.ArrayLike, npt.ArrayLike] | None,
     progress: Progress | None,
 ) -> _pointmorph.Morph:
     return _pointmorph.Morph(
         source._fields(),
         target._fields(),
-        _feature_list(features),
+        native_features(features),
         list(loop),
-        native_options,
+        chosen,
         *_start_arrays(start),
         progress,
     )
+
+
+def native_options(settings: Mapping[str, Any]) -> _pointmorph.MorphOptions:
+    """The settings as the native library takes them. Raises OptionError."""
+    result = _pointmorph.MorphOptions()
+    for name, value in settings.items():
+        result.set(name, _plain(name, value))
+    return result
 
 
 def _start_arrays(
@@ -511,26 +556,6 @@ def _plain(name: str, value: Any) -> int | float | str | None:
     if isinstance(value, int) and abs(value) >= 2**63:
         return float(value)
     return value
-
-
-def _feature_list(
-    features: Mapping[str, tuple[int, int]] | None,
-) -> list[tuple[str, int, int]]:
-    rows: list[tuple[str, int, int]] = []
-    for name, pair in (features or {}).items():
-        try:
-            source, target = (operator.index(row) for row in pair)
-            if not (-1 <= source < 2**31 and -1 <= target < 2**31):
-                raise ValueError
-        except (TypeError, ValueError, OverflowError) as error:
-            raise FeatureError(
-                f'feature "{name}"',
-                "a row of the source and a row of the target",
-                f"{pair!r}",
-                "Give two whole numbers, 0 for the first point.",
-            ) from error
-        rows.append((str(name), source, target))
-    return rows
 
 
 def peak_memory_bytes() -> int:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ import numpy.typing as npt
 from pointmorph import _pointmorph
 from pointmorph.clouds import Cloud
 from pointmorph.errors import CloudError, OptionError
+from pointmorph.features import Feature
 from pointmorph.formats import Shape
 from pointmorph.meshes import boundary_loops, vertex_normals
 from pointmorph.morphing import Progress
@@ -54,6 +56,80 @@ def sample(
     CloudError, OptionError
         For a mesh without area, a cloud with too few points, or a count below what must be kept.
     """
+    cloud, rows, _ = _sample(shape, count, seed, keep, progress)
+    return cloud, rows
+
+
+def sample_pair(
+    shapes: Sequence[Shape],
+    features: Mapping[str, Feature],
+    count: int,
+    progress: Progress | None = None,
+) -> tuple[list[Cloud], dict[str, Feature]]:
+    """Source and target with `count` points each, and the features among these.
+
+    Points, and the marked vertices of curves as far as samples are apart, stay; samples belong to a
+    region as far as the faces that they lie on do. See `sample` for what is raised.
+    """
+    clouds: list[Cloud] = []
+    marked: dict[str, dict[str, Any]] = {name: {} for name in features}
+    for side, (of, shape) in enumerate(zip(("source", "target"), shapes, strict=True)):
+        keep: list[int] = []
+        places: dict[str, slice] = {}
+        for name, feature in features.items():
+            rows = feature.rows(side)
+            if feature.kind == "curve":
+                rows = _thinned_curve(shape, rows, feature.closed, count)
+            elif feature.kind == "region":  # one of it at least
+                rows = rows[:1] if not (w := feature.weights(side)) else [rows[int(np.argmax(w))]]
+            places[name] = slice(len(keep), len(keep) + len(rows))
+            keep += rows
+        cloud, kept, mixed = _sample(shape, count, 0, keep, progress)
+        clouds.append(cloud)
+        for name, feature in features.items():
+            rows = kept[places[name]].tolist()
+            if feature.kind == "region":
+                vertices = np.zeros(len(shape.positions))
+                vertices[feature.rows(side)] = feature.weights(side) or 1.0
+                weights = mixed(vertices)
+                rows = np.flatnonzero(weights).tolist()
+                marked[name][f"{of}_weights"] = np.clip(weights[rows], 0.0, 1.0).tolist()
+            marked[name][of] = rows[0] if feature.kind == "point" else rows
+    return clouds, {name: replace(features[name], **fields) for name, fields in marked.items()}
+
+
+def _thinned_curve(shape: Shape, rows: list[int], closed: bool, count: int) -> list[int]:
+    """The curve's first vertex, its last if it's open, and those between that lie apart."""
+    if shape.faces is None:
+        return rows
+    a, b, c = (shape.positions[shape.faces[:, k]].astype(np.float64) for k in range(3))
+    area = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1).sum()
+    ends = [*rows, rows[0]] if closed else rows
+    steps = np.linalg.norm(np.diff(shape.positions[ends].astype(np.float64), axis=0), axis=1)
+    along = np.concatenate([[0.0], np.cumsum(steps)])
+    # Three sides at least are left of a closed curve.
+    apart = min(np.sqrt(area / count), along[-1] / 4)
+    result, last = [rows[0]], 0.0
+    for row, place in zip(rows[1:], along[1:], strict=False):
+        if place - last >= apart and along[-1] - place >= apart:
+            result.append(row)
+            last = place
+    if not closed:
+        result.append(rows[-1])
+    return result if len(result) >= (3 if closed else 2) else rows
+
+
+Mixed = Callable[[npt.NDArray[Any]], npt.NDArray[Any]]
+"""From values at the vertices to those at the samples."""
+
+
+def _sample(
+    shape: Shape,
+    count: int,
+    seed: int,
+    keep: Sequence[int] | npt.NDArray[np.integer[Any]],
+    progress: Progress | None,
+) -> tuple[Cloud, npt.NDArray[np.int64], Mixed]:
     kept, rows_of_kept = np.unique(np.asarray(keep, np.int64), return_inverse=True)
     if len(kept) and not (0 <= kept[0] and kept[-1] < len(shape.positions)):
         raise CloudError(
@@ -63,7 +139,8 @@ def sample(
             "Check the features' rows.",
         )
     if shape.faces is None:
-        return _thinned(shape, count, kept, progress), rows_of_kept.astype(np.int64)
+        cloud, taken = _thinned(shape, count, kept, progress)
+        return cloud, rows_of_kept.astype(np.int64), lambda values: values[taken]
 
     drawn_corners, drawn_weights = _random_points(shape, CANDIDATES * count, seed)
     corners, weights, boundary = _boundary_points(shape, count, kept)
@@ -100,12 +177,16 @@ def sample(
         name=shape.name,
         boundary=boundary,
     )
-    return cloud, rows_of_kept.astype(np.int64)
+    return (
+        cloud,
+        rows_of_kept.astype(np.int64),
+        lambda values: _mixed(values, corners[chosen], weights[chosen]),
+    )
 
 
 def _thinned(
     shape: Shape, count: int, kept: npt.NDArray[np.int64], progress: Progress | None
-) -> Cloud:
+) -> tuple[Cloud, npt.NDArray[np.int64]]:
     if count > len(shape.positions):
         raise OptionError(
             "samples",
@@ -118,13 +199,14 @@ def _thinned(
     def rows(values: npt.NDArray[Any] | None) -> npt.NDArray[Any] | None:
         return None if values is None else values[chosen]
 
-    return Cloud(
+    cloud = Cloud(
         shape.positions[chosen],
         rows(shape.normals),
         rows(shape.colors),
         rows(shape.radii),
         name=shape.name,
     )
+    return cloud, chosen
 
 
 def _repeated(vertices: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:

@@ -18,3 +18,17 @@ def grid_faces(side: int) -> np.ndarray:
     lower = np.stack([corner, corner + side, corner + side + 1], axis=-1)
     upper = np.stack([corner, corner + side + 1, corner + 1], axis=-1)
     return np.concatenate([lower, upper])
+
+
+def ball(count: int) -> np.ndarray:
+    """An even spiral of points on the unit sphere."""
+    i = np.arange(count)
+    z, a = 1 - (2 * i + 1) / count, i * np.pi * (3 - 5**0.5)
+    r = np.sqrt(1 - z * z)
+    return np.stack([r * np.cos(a), r * np.sin(a), z], axis=1)
+
+
+def around(points: np.ndarray) -> dict[str, int]:
+    """Rows nearest to four places around the equator, anticlockwise seen from above."""
+    places = {"front": (1, 0, 0), "left": (0, 1, 0), "back": (-1, 0, 0), "right": (0, -1, 0)}
+    return {name: int(np.argmax(points @ np.array(place))) for name, place in places.items()}

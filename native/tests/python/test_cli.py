@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from plyfile import PlyData
 from pointmorph import formats
-from shapes import grid, grid_faces
+from shapes import around, ball, grid, grid_faces
 
 PAIR = ["morph", "plane.off", "bump.off"]
 COMMAND = [sys.executable, "-m", "pointmorph"]
@@ -74,6 +74,7 @@ def test_a_whole_morph_and_back_from_its_files(pair: Path) -> None:
     for key in (
         "stages", "seconds", "peak_memory_bytes", "pairs", "feature_residual", "cracks",
         "warnings", "options", "quality", "worst", "margin", "confidence", "rivals", "proposals",
+        "starts",
     ):  # fmt: skip
         assert key in report
     for name in ("Covered", "Stretch", "Folded", "Round trip"):
@@ -92,6 +93,28 @@ def test_vertices_are_morphed_as_they_are_in_the_file(pair: Path) -> None:
     run("morph", pair / "plane.off", pair / "bump.off", "--out", pair / "out")
     shape = formats.read(pair / "plane.off")
     np.testing.assert_array_equal(xyz(pair / "out" / "source.ply"), shape.positions)
+
+
+def test_closed_models_are_cut_along_the_loop(tmp_path: Path) -> None:
+    clouds = {"source": ball(900), "target": 2.0 * ball(700)}
+    for name, points in clouds.items():
+        np.savetxt(tmp_path / f"{name}.xyz", points)
+    rows = [around(points) for points in clouds.values()]
+    marks = {
+        "features": {name: [rows[0][name], rows[1][name]] for name in rows[0]},
+        "loop": list(rows[0]),
+    }
+    (tmp_path / "features.json").write_text(json.dumps(marks))
+    done = run(
+        "morph", tmp_path / "source.xyz", tmp_path / "target.xyz", "--out", tmp_path / "out",
+        "--features", tmp_path / "features.json", "--method", "paper",
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert json.loads((tmp_path / "out" / "report.json").read_text())["domain"] == "cut"
+    i, j = np.load(tmp_path / "out" / "pairs.npy").T
+    assert len(np.unique(i)) == 900
+    assert len(np.unique(j)) == 700
+    assert np.linalg.norm(2.0 * clouds["source"][i] - clouds["target"][j], axis=1).mean() < 0.3
 
 
 def test_a_shorter_second_run_leaves_no_old_frames(pair: Path) -> None:
@@ -120,6 +143,50 @@ def test_samples_and_settings(pair: Path) -> None:
     assert options["influence_radius"] == 0.4
     first = xyz(pair / "o" / "source.ply")[0]  # kept features come first
     assert np.isclose(first, [0, 0, 0]).all() or np.isclose(first, [0.5, 0, 0]).all()
+
+
+def test_features_of_every_kind(pair: Path) -> None:
+    def rows(side: int, x: float) -> list[int]:
+        column = round((x + 1) / 2 * (side - 1))
+        return [column * side + k for k in range(side // 4, side - side // 4)]
+
+    def near(side: int, x: float) -> list[int]:
+        positions = grid(side)
+        return np.flatnonzero(np.hypot(positions[:, 0] - x, positions[:, 1]) < 0.3).tolist()
+
+    marks = {
+        "middle": [20 * 41 + 20, 16 * 33 + 16],
+        "tip": {"source": 41 * 30 + 20, "target": 33 * 25 + 16, "weight": 0.5, "hard": False},
+        "seam": {"kind": "curve", "source": rows(41, -0.5), "target": rows(33, -0.4)},
+        "spot": {"kind": "region", "source": {"rows": near(41, 0.5)}, "target": near(33, 0.6)},
+    }
+    (pair / "kinds.json").write_text(json.dumps({"features": marks}))
+    for extra in ([], ["--samples", 1500]):
+        done = run(
+            "morph", pair / "plane.off", pair / "bump.off", "--out", pair / "o",
+            "--features", pair / "kinds.json", *extra,
+        )  # fmt: skip
+        assert done.returncode == 0, done.stderr
+        kept = json.loads((pair / "o" / "report.json").read_text())["features"]
+        assert [(name, k["kind"], k["hard"]) for name, k in kept.items()] == [
+            ("middle", "point", True), ("tip", "point", False),
+            ("seam", "curve", False), ("spot", "region", False),
+        ]  # fmt: skip
+        assert kept["middle"]["residual"] == 0
+        assert kept["tip"]["weight"] == 0.5
+        assert kept["seam"]["residual"] < 0.5
+        assert kept["spot"]["inside"] > 0.9
+        for name in ("tip (point)", "seam (curve)", "spot (region)"):
+            assert f"\n  {name}: " in done.stdout
+
+    (pair / "worse.json").write_text('{"features": {"spot": {"kind": "region", "sorce": []}}}')
+    done = run(
+        "morph", pair / "plane.off", pair / "bump.off", "--out", pair / "p",
+        "--features", pair / "worse.json",
+    )  # fmt: skip
+    assert done.returncode == 1
+    assert 'feature "spot"' in done.stderr
+    assert "'sorce'" in done.stderr
 
 
 @pytest.mark.parametrize(
@@ -236,6 +303,31 @@ def test_proposals_make_a_features_file_that_morph_takes(pair: Path) -> None:
         rows = [rows[side] for rows in content["features"].values()]
         assert len(set(rows)) == len(rows)
         assert all(0 <= row < count for row in rows)
+    again = run("morph", *models, "--features", proposed, "--out", pair / "out")
+    assert again.returncode == 0, again.stderr
+
+
+@pytest.mark.parametrize("samples", [[], ["--samples", 600]])
+def test_proposals_keep_features_of_any_kind_as_they_were_given(pair: Path, samples: list) -> None:
+    given = {
+        "soft": {"source": 5, "target": 6, "weight": 0.5, "hard": False},
+        "edge": {"kind": "curve", "source": [0, 20, 40], "target": [0, 32]},
+        "patch": {"kind": "region", "source": [840, 841], "target": {"rows": [544]}},
+    }
+    file, proposed = pair / "kinds.json", pair / "proposed.json"
+    file.write_text(json.dumps({"features": given, "loop": ["soft"]}))
+    models = [pair / "plane.off", pair / "bump.off"]
+    done = run("propose", *models, "--features", file, "--out", proposed, *samples)
+    assert done.returncode == 0, done.stderr
+    content = json.loads(proposed.read_text())
+    assert {name: content["features"][name] for name in given} == given
+    assert content["loop"] == ["soft"]
+    found = [rows for name, rows in content["features"].items() if name not in given]
+    assert found
+    assert not {source for source, _ in found} & {5, 0, 20, 40}
+    assert not {target for _, target in found} & {6, 0, 32}
+    del content["loop"]
+    proposed.write_text(json.dumps(content))
     again = run("morph", *models, "--features", proposed, "--out", pair / "out")
     assert again.returncode == 0, again.stderr
 

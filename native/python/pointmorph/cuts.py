@@ -1,0 +1,80 @@
+"""Cuts through closed shapes, to be looked at before they are used."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from pointmorph import _pointmorph
+from pointmorph.clouds import Cloud, FloatArray
+from pointmorph.morphing import Progress, native_options
+
+
+@dataclass(frozen=True)
+class Cut:
+    """A closed curve through features, and what lies on either side of it."""
+
+    curve: FloatArray
+    """(K, 3), in order; the first point follows the last"""
+    normals: FloatArray
+    """(K, 3), of the surface along the curve"""
+    corners: dict[str, int]
+    """name of a feature: its row of `curve`"""
+    sides: npt.NDArray[np.int8]
+    """(N,): 1 left of the curve, -1 right of it, 0 on it; left is where the left hand points when
+    one walks along the curve with the normal up"""
+
+
+def decompose(
+    cloud: Cloud,
+    loop: Mapping[str, int],
+    *,
+    progress: Progress | None = None,
+    **settings: int | float | str | None,
+) -> Cut:
+    """Cuts a closed shape in two along a curve through features, as `morph` with a loop does.
+
+    Parameters
+    ----------
+    cloud : Cloud
+        A closed shape; small holes don't matter.
+    loop : mapping of name to row
+        Three features or more, in the order in which the curve runs through them.
+    progress : callable, optional
+        As for `pointmorph.morph`.
+    **settings
+        See `options`.
+
+    Returns
+    -------
+    Cut
+
+    Raises
+    ------
+    CloudError, FeatureError, OptionError, TopologyError
+        For an open patch, or a loop that crosses itself or doesn't divide the surface in two.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import pointmorph
+    >>> i = np.arange(2000)
+    >>> z, a = 1 - (2 * i + 1) / 2000, i * np.pi * (3 - 5**0.5)
+    >>> sphere = np.stack([np.cos(a), np.sin(a), z], axis=1)
+    >>> sphere[:, :2] *= np.sqrt(1 - z * z)[:, None]
+    >>> equator = [int(np.argmax(sphere @ p)) for p in ([1, 0, 0], [-1, 2, 0], [-1, -2, 0])]
+    >>> cut = pointmorph.decompose(pointmorph.Cloud(sphere), dict(zip("abc", equator)))
+    >>> bool(np.abs(cut.curve[:, 2]).max() < 0.1)
+    True
+    """
+    curve, normals, corners, sides = _pointmorph.decompose(
+        cloud._fields(), list(loop.values()), list(loop), native_options(settings), progress
+    )
+    kind: type[np.floating[Any]] = cloud.positions.dtype.type
+    return Cut(
+        curve.astype(kind), normals.astype(kind), dict(zip(loop, corners, strict=True)), sides
+    )

@@ -1,0 +1,117 @@
+#include "pointmorph/attempts.hpp"
+
+#include <algorithm>
+#include <utility>
+
+#include "pointmorph/parallel.hpp"
+#include "pointmorph/surface_graph.hpp"
+
+namespace pointmorph {
+
+namespace {
+
+/// Tips that no feature marks, and their distances to the features: #tips by #features.
+struct Signatures {
+    std::vector<Index> tips;
+    Eigen::MatrixXd distances;
+};
+
+Signatures signatures(const CoarseShape& shape, std::span<const IndexPair> features,
+                      Index IndexPair::*side, const Eigen::MatrixXd& node_distances,
+                      const AttemptOptions& options) {
+    const auto count = static_cast<Eigen::Index>(features.size());
+    Eigen::MatrixXd all = Eigen::MatrixXd::Zero(shape.size(), count);
+    GeodesicSearch search(shape.graph);
+    for (Eigen::Index f = 0; f < count; ++f)
+        for (const auto& [i, distance] : search.from(features[static_cast<std::size_t>(f)].*side))
+            all(i, f) = distance;
+    Signatures result;
+    for (const Extremity& tip : extremities(shape, node_distances, options.extremities))
+        if (all.row(tip.point).minCoeff() >= options.covered) result.tips.push_back(tip.point);
+    result.distances = all(result.tips, Eigen::all);
+    return result;
+}
+
+}  // namespace
+
+std::vector<IndexPair> tips_by_features(const CoarseShape& source, const CoarseShape& target,
+                                        std::span<const IndexPair> features,
+                                        const NodeDistances& distances,
+                                        const AttemptOptions& options) {
+    constexpr std::size_t kFewest = 3;
+    if (features.size() < kFewest) return {};
+    const Signatures s = signatures(source, features, &IndexPair::source, distances[0], options);
+    const Signatures t = signatures(target, features, &IndexPair::target, distances[1], options);
+    const auto rows = s.distances.rows(), columns = t.distances.rows();
+    // A tip of the source without a partner takes one of the further columns.
+    Eigen::MatrixXd costs = Eigen::MatrixXd::Constant(rows, columns + rows, options.tip_difference);
+    for (Eigen::Index i = 0; i < rows; ++i)
+        for (Eigen::Index j = 0; j < columns; ++j) {
+            const Eigen::ArrayXd difference =
+                (s.distances.row(i) - t.distances.row(j)).transpose().array();
+            costs(i, j) = (difference - difference.mean()).abs().mean() +
+                          options.offset_weight * std::abs(difference.mean());
+        }
+    std::vector<IndexPair> pairs;
+    const std::vector<Index> partners = least_assignment(costs);
+    for (Eigen::Index i = 0; i < rows; ++i) {
+        const Index j = partners[static_cast<std::size_t>(i)];
+        if (j < columns && costs(i, j) < options.tip_difference)
+            pairs.push_back(
+                {s.tips[static_cast<std::size_t>(i)], t.tips[static_cast<std::size_t>(j)]});
+    }
+    return pairs;
+}
+
+Attempts register_best(const CoarseShape& source, const CoarseShape& target,
+                       std::span<const IndexPair> features, const std::string& start_name,
+                       Registration first, const AttemptOptions& options,
+                       const RegistrationOptions& registration, Progress& progress) {
+    const auto torn = [&](const Registration& result) {
+        return torn_share(source, target, result, options.stretch, options.gap, registration,
+                          progress);
+    };
+    Attempts attempts;
+    attempts.registration = std::move(first);
+    attempts.tried.push_back({start_name, torn(attempts.registration)});
+    if (attempts.tried.front().torn <= options.torn) return attempts;
+
+    NodeDistances distances;
+    parallel_invoke(2, [&](int k, bool) {
+        distances[static_cast<std::size_t>(k)] = node_distances(k == 0 ? source : target);
+    });
+    const auto last = static_cast<Index>(source.levels.size()) - 1;
+    const auto energy = [&](const Registration& result) {
+        return registration_energy(source, target, last, result, distances, registration, progress);
+    };
+    const auto score = [&](const Attempt& attempt) {
+        return attempt.energy * (1.0 + attempt.torn / options.torn);
+    };
+    attempts.tried.front().energy = energy(attempts.registration);
+    const auto consider = [&](const char* name, Registration result) {
+        attempts.tried.push_back({name, torn(result), energy(result)});
+        if (score(attempts.tried.back()) >= score(attempts.tried[attempts.taken])) return;
+        attempts.taken = attempts.tried.size() - 1;
+        attempts.registration = std::move(result);
+    };
+    const auto looks_wrong = [&] { return attempts.tried[attempts.taken].torn > options.torn; };
+
+    const RegistrationStart plate = thin_plate_start(source, target, features);
+    const auto tips = tips_by_features(source, target, features, distances, options);
+    if (!tips.empty()) {
+        std::vector<IndexPair> guided(features.begin(), features.end());
+        guided.insert(guided.end(), tips.begin(), tips.end());
+        const Registration coarse = register_level(
+            source, target, 0, guided, plate, registration.levels.front(), registration, progress);
+        consider("tips",
+                 register_shapes(source, target, features,
+                                 {coarse.source_points.positions, coarse.target_points.positions},
+                                 registration, progress, 1));
+    }
+    if (looks_wrong())
+        consider("fine", register_level(source, target, last, features, plate, options.fine,
+                                        registration, progress));
+    return attempts;
+}
+
+}  // namespace pointmorph

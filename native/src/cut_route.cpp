@@ -1,0 +1,283 @@
+#include "cut_route.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <numeric>
+#include <utility>
+
+#include "point_features.hpp"
+#include "pointmorph/decomposition.hpp"
+#include "pointmorph/error.hpp"
+#include "pointmorph/similarity.hpp"
+
+namespace pointmorph {
+
+namespace {
+
+std::size_t at(Index i) {
+    return static_cast<std::size_t>(i);
+}
+
+/// One patch of a shape: its points, then the curve.
+struct PatchCloud {
+    std::vector<Index> rows;  ///< of the side, without the curve's
+    Positions positions;
+    Normals normals;
+    BoundaryLoop loop;  ///< rows of `positions`
+
+    PatchCloud(const Side& side, const Decomposition& cut, Patch patch) {
+        for (Index i = 0; i < static_cast<Index>(cut.patches.size()); ++i)
+            if (cut.patches[at(i)] == patch) rows.push_back(i);
+        const auto inside = static_cast<Index>(rows.size());
+        positions.resize(inside + cut.curve.size(), 3);
+        normals.resize(inside + cut.curve.size(), 3);
+        positions << gather(side.positions, rows), cut.curve.points;
+        normals << gather(side.normals, rows), cut.curve.normals;
+        loop.resize(at(cut.curve.size()));
+        std::iota(loop.begin(), loop.end(), inside);
+    }
+
+    /// Row here of a row of the side.
+    Index place(Index row) const {
+        return static_cast<Index>(std::ranges::lower_bound(rows, row) - rows.begin());
+    }
+};
+
+/// Onto the unit sphere; the equator is the circle.
+Eigen::RowVector3d lifted(const Eigen::RowVector2d& u, bool above) {
+    const double squared = u.squaredNorm();
+    const double height = (1.0 - squared) / (1.0 + squared);
+    return {2.0 * u.x() / (1.0 + squared), 2.0 * u.y() / (1.0 + squared), above ? height : -height};
+}
+
+/// Angles of both curves' points, equal at the loop's features.
+std::array<std::vector<double>, 2> curve_angles(const Decomposition& source,
+                                                const Decomposition& target,
+                                                BoundarySpacing spacing) {
+    const auto all = [](const Decomposition& cut) {
+        std::vector<Index> loop(at(cut.curve.size()));
+        std::iota(loop.begin(), loop.end(), 0);
+        return loop;
+    };
+    const auto source_loop = all(source), target_loop = all(target);
+    std::vector<IndexPair> corners;
+    for (std::size_t k = 0; k < source.corners.size(); ++k)
+        corners.push_back({source.corners[k], target.corners[k]});
+    const MatchedPins pins = match_pins(source.curve.points, source_loop, target.curve.points,
+                                        target_loop, spacing, corners);
+    return {boundary_angles(source.curve.points, source_loop, spacing, pins.source),
+            boundary_angles(target.curve.points, target_loop, spacing, pins.target)};
+}
+
+/// Limbs of small clouds need finer simplified patches than the paper's threshold leaves them.
+ParameterizationOptions with_nodes_enough(ParameterizationOptions options, Index points) {
+    constexpr Index kPointsToSize = 1500;
+    options.lod.max_cluster_size =
+        std::clamp<Index>(points / kPointsToSize, 1, options.lod.max_cluster_size);
+    return options;
+}
+
+/// Features inside the patches lie on the same side of both curves.
+void check_sides(const Decomposition& source_cut, const Decomposition& target_cut,
+                 std::span<const PointFeature> features) {
+    std::size_t inside = 0;
+    std::vector<std::string> astray;
+    for (const PointFeature& f : features) {
+        const Patch s = source_cut.patches[at(f.rows.source)];
+        const Patch t = target_cut.patches[at(f.rows.target)];
+        if (s == Patch::kCurve) continue;
+        ++inside;
+        if (s != t) astray.push_back(f.name);
+    }
+    if (astray.empty()) return;
+    std::string names;
+    for (const std::string& name : astray) names += (names.empty() ? "\"" : ", \"") + name + "\"";
+    if (astray.size() == inside && inside > 1)
+        throw FeatureError("loop", "a loop that runs round both models in the same sense",
+                           "all other features (" + names + ") on opposite sides of it",
+                           "Check left and right: the loop's features are swapped on one of the "
+                           "models, or the normals of one point inwards.");
+    throw FeatureError(
+        "loop", "every other feature on the same side of the loop on both models",
+        names + (astray.size() == 1 ? " left of it on one model and right on the other"
+                                    : " on opposite sides"),
+        "Take " + std::string(astray.size() == 1 ? "it" : "them") +
+            " into the loop, move the mark, or leave it out.");
+}
+
+/// Tips of a patch that belong together: each other's best by far, in where they lie in the disk
+/// and along the surface from all features. `apart(s, t)` is the distance in the disk.
+template <class Apart>
+std::vector<IndexPair> paired_tips(const Decomposition& source, const Decomposition& target,
+                                   Patch patch, Apart&& apart) {
+    constexpr double kLargest = 0.35, kByFar = 1.5;
+    const auto on_patch = [&](const Decomposition& cut) {
+        std::vector<Index> places;
+        for (std::size_t i = 0; i < cut.tips.size(); ++i)
+            if (cut.patches[at(cut.tips[i])] == patch) places.push_back(static_cast<Index>(i));
+        return places;
+    };
+    const auto s = on_patch(source), t = on_patch(target);
+    Eigen::MatrixXd costs(s.size(), t.size());
+    for (std::size_t i = 0; i < s.size(); ++i)
+        for (std::size_t j = 0; j < t.size(); ++j) {
+            const Eigen::RowVectorXd difference =
+                source.tip_distances.row(s[i]) - target.tip_distances.row(t[j]);
+            costs(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(j)) =
+                difference.norm() / std::sqrt(static_cast<double>(difference.size())) +
+                apart(source.tips[at(s[i])], target.tips[at(t[j])]);
+        }
+    std::vector<IndexPair> pairs;
+    for (Eigen::Index i = 0; i < costs.rows(); ++i)
+        for (Eigen::Index j = 0; j < costs.cols(); ++j) {
+            const double cost = costs(i, j);
+            bool best = cost < kLargest;
+            for (Eigen::Index k = 0; k < costs.rows(); ++k)
+                best = best && (k == i || costs(k, j) > kByFar * cost);
+            for (Eigen::Index k = 0; k < costs.cols(); ++k)
+                best = best && (k == j || costs(i, k) > kByFar * cost);
+            if (best)
+                pairs.push_back(
+                    {source.tips[at(s[at(Index(i))])], target.tips[at(t[at(Index(j))])]});
+        }
+    return pairs;
+}
+
+/// The loop's features would fit much better if one model were a mirror image: left and right are
+/// probably swapped.
+bool looks_mirrored(const Decomposition& source, const Decomposition& target,
+                    const std::array<std::vector<double>, 2>& angles) {
+    // The curves as wholes: points at equal angles.
+    constexpr int kSamples = 256;
+    const auto sampled = [&](const Decomposition& cut, const std::vector<double>& angle) {
+        Positions points(kSamples, 3);
+        const auto count = angle.size();
+        const double turn = 2.0 * std::acos(-1.0);
+        std::size_t k = 0;
+        for (int i = 0; i < kSamples; ++i) {
+            const double goal = angle[0] + turn * i / kSamples;
+            while (k + 1 < count && angle[k + 1] <= goal) ++k;
+            points.row(i) = cut.curve.points.row(static_cast<Eigen::Index>(k));
+        }
+        return points;
+    };
+    const Positions s = sampled(source, angles[0]), t = sampled(target, angles[1]);
+    const auto misfit = [&](const Positions& from) {
+        const Similarity best = fit_similarity(from, t);
+        return (best.apply(from) - t).squaredNorm();
+    };
+    Positions mirrored = s;
+    mirrored.col(0) *= -1.0;
+    constexpr double kMuchBetter = 0.25;
+    return misfit(mirrored) < kMuchBetter * misfit(s);
+}
+
+}  // namespace
+
+CutRoute match_in_patches(Side& source, Side& target, const MorphInput& input,
+                          std::span<const Feature> marked, const MorphOptions& options,
+                          MorphReport& report, Progress& progress) {
+    progress.enter("decomposition");
+    // The loop's features first, in its order.
+    std::vector<PointFeature> known =
+        point_features(source, target, marked, options, report, progress);
+    const auto free = std::ranges::stable_partition(known, [&](const PointFeature& f) {
+        return std::ranges::find(input.loop, f.name) != input.loop.end();
+    });
+    const std::span in_loop(known.begin(), free.begin());
+    std::ranges::sort(in_loop, {}, [&](const PointFeature& f) {
+        return std::ranges::find(input.loop, f.name) - input.loop.begin();
+    });
+    const auto cut_open = [&](const Side& side, Index IndexPair::*row, double first, double last) {
+        const Progress::Part part(progress, first, last);
+        std::vector<Index> rows;
+        for (const PointFeature& f : known) rows.push_back(f.rows.*row);
+        const KdTree<3> tree(side.positions);
+        return decompose(tree, side.normals, side.nearest, rows, input.loop, options.decomposition,
+                         side.cloud.name, progress);
+    };
+    const Decomposition source_cut = cut_open(source, &IndexPair::source, 0.0, 0.5);
+    const Decomposition target_cut = cut_open(target, &IndexPair::target, 0.5, 1.0);
+    check_sides(source_cut, target_cut, known);
+    const auto angles =
+        curve_angles(source_cut, target_cut, options.parameterization.boundary_spacing);
+    if (looks_mirrored(source_cut, target_cut, angles))
+        report.warnings.push_back(
+            "The loop fits much better when one model is mirrored: check that left and right are "
+            "not swapped and that the normals of both point outwards.");
+
+    CutRoute route;
+    route.source.resize(source.positions.rows(), 3);
+    route.target.resize(target.positions.rows(), 3);
+    const auto spread = [&](KdTree<3>::Points& sphere, const PatchCloud& cloud,
+                            const DiskPoints& disk, bool above) {
+        for (std::size_t i = 0; i < cloud.rows.size(); ++i)
+            sphere.row(cloud.rows[i]) = lifted(disk.row(static_cast<Eigen::Index>(i)), above);
+    };
+    for (const Patch patch : {Patch::kLeft, Patch::kRight}) {
+        const bool above = patch == Patch::kLeft;
+        const PatchCloud source_patch(source, source_cut, patch);
+        const PatchCloud target_patch(target, target_cut, patch);
+        progress.enter("parameterization");
+        const auto onto_disk = [&](const Side& side, const PatchCloud& cloud,
+                                   const std::vector<double>& angle, ParameterizationReport& said,
+                                   double first, double last) {
+            Neighborhoods nearest;
+            if (options.parameterization.solve == SolveMode::kFull)
+                nearest = nearest_neighbors(KdTree<3>(cloud.positions),
+                                            options.covariance_neighbors, progress);
+            const Progress::Part part(progress, first, last);
+            auto result = parameterize(cloud.positions, cloud.normals, nearest, cloud.loop, angle,
+                                       with_nodes_enough(options.parameterization,
+                                                         static_cast<Index>(side.positions.rows())),
+                                       side.cloud.name, progress);
+            said.unknowns += result.unknowns;
+            said.iterations = std::max(said.iterations, result.iterations);
+            said.relative_residual = std::max(said.relative_residual, result.relative_residual);
+            said.solve_seconds += result.solve_seconds;
+            said.boundary_points = static_cast<Index>(cloud.loop.size());
+            return std::move(result.points);
+        };
+        const double done = above ? 0.0 : 0.5;
+        DiskPoints source_disk = onto_disk(source, source_patch, angles[0],
+                                           report.source_parameterization, done, done + 0.25);
+        DiskPoints target_disk = onto_disk(target, target_patch, angles[1],
+                                           report.target_parameterization, done + 0.25, done + 0.5);
+
+        progress.enter("alignment");
+        std::vector<IndexPair> inside;
+        for (const auto& [name, rows] : known)
+            if (source_cut.patches[at(rows.source)] == patch)
+                inside.push_back(
+                    {source_patch.place(rows.source), target_patch.place(rows.target)});
+        const auto tips = paired_tips(source_cut, target_cut, patch, [&](Index s, Index t) {
+            return (source_disk.row(source_patch.place(s)) - target_disk.row(target_patch.place(t)))
+                .norm();
+        });
+        for (const auto& [s, t] : tips) {
+            inside.push_back({source_patch.place(s), target_patch.place(t)});
+            report.tips.push_back({source.order[at(s)], target.order[at(t)]});
+        }
+        const Alignment alignment =
+            align_features(source_disk, target_disk, inside, true, options.alignment, progress);
+        report.feature_residual = std::max(report.feature_residual, alignment.residual);
+        report.alignment_sweeps = std::max(report.alignment_sweeps, alignment.sweeps);
+        spread(route.source, source_patch, source_disk, above);
+        spread(route.target, target_patch, target_disk, above);
+    }
+    for (std::size_t k = 0; k < in_loop.size(); ++k) {
+        const double angle = angles[0][at(source_cut.corners[k])];
+        const Eigen::RowVector3d corner(std::cos(angle), std::sin(angle), 0.0);
+        route.source.row(in_loop[k].rows.source) = corner;
+        route.target.row(in_loop[k].rows.target) = corner;
+    }
+
+    progress.enter("pairing");
+    std::vector<IndexPair> features;
+    for (const PointFeature& f : known) features.push_back(f.rows);
+    route.pairs = pair_points<3>(route.source, route.target, features, options.pairing, progress);
+    return route;
+}
+
+}  // namespace pointmorph

@@ -1,0 +1,55 @@
+"""Cuts through closed shapes from Python."""
+
+from __future__ import annotations
+
+import numpy as np
+import pointmorph
+import pytest
+from shapes import around, ball, grid
+
+
+def test_a_cut_is_shown_in_the_units_and_rows_given() -> None:
+    shift = np.array([7.0, -3.0, 1.0])
+    points = ball(2500)
+    cut = pointmorph.decompose(pointmorph.Cloud(5.0 * points + shift), around(points))
+    unit = (cut.curve - shift) / 5.0
+    assert np.allclose(np.linalg.norm(unit, axis=1), 1.0, atol=0.02)
+    assert np.abs(unit[:, 2]).max() < 0.1
+    for name, row in around(points).items():
+        assert np.allclose(unit[cut.corners[name]], points[row], atol=1e-9)
+        assert cut.sides[row] == 0
+    assert np.all(cut.sides[points[:, 2] > 0.15] == 1)
+    assert np.all(cut.sides[points[:, 2] < -0.15] == -1)
+    assert np.all(np.sum(cut.normals * unit, axis=1) > 0.95)
+
+
+def test_the_curve_comes_in_the_type_of_the_cloud() -> None:
+    points = ball(800).astype(np.float32)
+    assert pointmorph.decompose(pointmorph.Cloud(points), around(points)).curve.dtype == np.float32
+
+
+def test_what_cannot_be_cut_is_refused() -> None:
+    points = ball(800)
+    loop = around(points)
+    cloud = pointmorph.Cloud(points)
+    with pytest.raises(pointmorph.FeatureError, match="at least 3"):
+        pointmorph.decompose(cloud, {"front": loop["front"], "back": loop["back"]})
+    with pytest.raises(pointmorph.FeatureError, match="point 800"):
+        pointmorph.decompose(cloud, {**loop, "front": 800})
+    with pytest.raises(pointmorph.FeatureError, match="already"):
+        pointmorph.decompose(cloud, {**loop, "front": loop["back"]})
+    patch = grid(21)
+    with pytest.raises(pointmorph.FeatureError, match="open patch"):
+        pointmorph.decompose(pointmorph.Cloud(patch), {"a": 30, "b": 50, "c": 300})
+    with pytest.raises(pointmorph.OptionError):
+        pointmorph.decompose(cloud, loop, domain="flat")
+
+
+def test_cancelling_a_cut() -> None:
+    points = ball(2000)
+    with pytest.raises(pointmorph.Cancelled):
+        pointmorph.decompose(
+            pointmorph.Cloud(points),
+            around(points),
+            progress=lambda stage, _: stage != "covariance",
+        )
