@@ -171,7 +171,7 @@ Trial try_pose(const Shapes& shapes, const Attempt& attempt, const RegistrationL
                const RegistrationOptions& options) {
     Progress silent;
     const CoarseShape there = moved(shapes.thin_target, attempt.alignment);
-    RegistrationStart start{shapes.thin_source.positions, there.positions};
+    RegistrationStart start = thin_plate_start(shapes.thin_source, there, shapes.features);
     RegistrationLevel rest = level;
     if (!attempt.tips.empty()) {
         // Tips lead the way while the shapes are stiff; then the surfaces decide.

@@ -42,7 +42,6 @@ struct Spiky {
         result.back() *= length;
         return result;
     }
-    NodeDistances::value_type distances() const { return node_distances(coarse); }
 };
 
 std::vector<IndexPair> first_rows(Index count) {
@@ -54,15 +53,15 @@ std::vector<IndexPair> first_rows(Index count) {
 TEST(Attempts, TipsArePairedWhereTheyLieToTheFeaturesHoweverLong) {
     const Spiky source(1.2, 3), target(0.6, 4);
     const auto features = first_rows(3);
-    const auto tips = tips_by_features(source.coarse, target.coarse, features,
-                                       {source.distances(), target.distances()}, {});
+    Progress progress;
+    const auto tips = tips_by_features(source.coarse, target.coarse, features, {}, progress);
     ASSERT_EQ(tips.size(), 1u);
     EXPECT_LT((source.coarse.positions.row(tips[0].source).transpose() - source.tail).norm(), 0.08);
     EXPECT_LT((target.coarse.positions.row(tips[0].target).transpose() - target.tail).norm(), 0.08);
     // Too few to say where a tip lies; and nothing left where every tip is marked.
-    EXPECT_TRUE(tips_by_features(source.coarse, target.coarse, std::span(features).first(2),
-                                 {source.distances(), target.distances()}, {})
-                    .empty());
+    EXPECT_TRUE(
+        tips_by_features(source.coarse, target.coarse, std::span(features).first(2), {}, progress)
+            .empty());
 }
 
 TEST(Attempts, TipsInDifferentPlacesAreNotPaired) {
@@ -70,8 +69,8 @@ TEST(Attempts, TipsInDifferentPlacesAreNotPaired) {
     Spiky target(1.0, 4);
     // The same spikes, but the features go to others: the free one lies elsewhere to them.
     const std::vector<IndexPair> exchanged{{0, 0}, {1, 2}, {2, 1}};
-    const auto tips = tips_by_features(source.coarse, target.coarse, exchanged,
-                                       {source.distances(), target.distances()}, {});
+    Progress progress;
+    const auto tips = tips_by_features(source.coarse, target.coarse, exchanged, {}, progress);
     EXPECT_TRUE(tips.empty());
 }
 
