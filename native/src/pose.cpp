@@ -171,7 +171,11 @@ Trial try_pose(const Shapes& shapes, const Attempt& attempt, const RegistrationL
                const RegistrationOptions& options) {
     Progress silent;
     const CoarseShape there = moved(shapes.thin_target, attempt.alignment);
-    RegistrationStart start = thin_plate_start(shapes.thin_source, there, shapes.features);
+    // Curves and regions have to be brought over; by points alone a plate turns heads.
+    RegistrationStart start =
+        shapes.source.guides.size() > 0
+            ? thin_plate_start(shapes.thin_source, there, shapes.features)
+            : RegistrationStart{shapes.thin_source.positions, there.positions};
     RegistrationLevel rest = level;
     if (!attempt.tips.empty()) {
         // Tips lead the way while the shapes are stiff; then the surfaces decide.
