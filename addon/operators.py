@@ -516,6 +516,7 @@ class POINTMORPH_OT_add_feature(bpy.types.Operator):
             _mark(obj, name, rows)
         sync_features(context.scene)
         settings.active_feature = settings.features.find(name)
+        settings.features[name].confidence = -1.0
         return {"FINISHED"}
 
 
@@ -596,6 +597,78 @@ class POINTMORPH_OT_remove_feature(bpy.types.Operator):
         return {"FINISHED"}
 
 
+class POINTMORPH_OT_propose_features(bpy.types.Operator):
+    """Find tips and other places that belong together and mark them on both objects, to check"""
+
+    bl_idname = "pointmorph.propose_features"
+    bl_label = "Propose"
+    bl_options = {"REGISTER", "UNDO"}
+
+    confidence: bpy.props.FloatProperty(
+        name="Confidence",
+        description="Less likely pairs aren't marked",
+        default=0.5,
+        min=0.0,
+        max=1.0,
+    )
+    places: bpy.props.BoolProperty(
+        name="Places Between", description="Mark places between the tips too", default=False
+    )
+
+    @classmethod
+    def poll(cls, context):
+        reason = shapes_reason(context)
+        if reason is None:
+            settings = context.scene.pointmorph
+            for obj in (settings.source, settings.target):
+                if obj.type != "MESH":
+                    reason = f'"{obj.name}" is no mesh, which has vertex groups'
+                elif obj.mode == "EDIT":
+                    reason = "Leave Edit Mode first"
+        if reason is not None:
+            cls.poll_message_set(reason)
+        return reason is None
+
+    def execute(self, context):
+        settings = context.scene.pointmorph
+        objects = (settings.source, settings.target)
+        try:
+            request = read_request(context)
+            if len(request.target.positions) != len(settings.target.data.vertices):
+                raise pointmorph.FeatureError(
+                    settings.target.name,
+                    f"the {len(settings.target.data.vertices)} vertices of the mesh",
+                    f"{len(request.target.positions)} with modifiers",
+                    "Apply the modifiers that add or remove vertices, or disable them.",
+                )
+            proposals = pointmorph.propose_features(
+                request.source.cloud(),
+                request.target.cloud(),
+                request.features,
+                progress=lambda stage, fraction: True,
+                **request.settings,
+            )
+        except pointmorph.PointmorphError as error:
+            return fail(self, error)
+        marked = []
+        for proposal in proposals:
+            wanted = self.places or proposal.name.startswith("tip.")
+            if not wanted or proposal.confidence < self.confidence:
+                continue
+            name = proposal.name
+            while name in request.features:
+                name += "_"
+            for obj, row in zip(objects, (proposal.source, proposal.target), strict=True):
+                _mark(obj, name, [row])
+            marked.append((name, proposal.confidence))
+        sync_features(context.scene)
+        for name, confidence in marked:
+            settings.features[name].confidence = confidence
+        found = f"{len(marked)} of {len(proposals)} proposals marked"
+        self.report({"INFO"}, found + (": check them" if marked else "; the rest is too unsure"))
+        return {"FINISHED"}
+
+
 def _objects_to_mark(context):
     """The picked objects that are being edited, or the active object when it's one of them."""
     settings = context.scene.pointmorph
@@ -666,6 +739,7 @@ _classes = (
     POINTMORPH_OT_add_feature,
     POINTMORPH_OT_check_features,
     POINTMORPH_OT_remove_feature,
+    POINTMORPH_OT_propose_features,
 )
 
 

@@ -26,7 +26,11 @@ class POINTMORPH_UL_features(bpy.types.UIList):
         row.alignment = "RIGHT"
         if item.on_source and item.on_target:
             kind = item.found.split(",")[0].split(" ")[-1]
-            row.label(text=kind or "both", icon=self.ICONS.get(kind, "CHECKMARK"))
+            if item.confidence >= 0:
+                text, other = f"proposed, {100 * item.confidence:.0f} %", "QUESTION"
+            else:
+                text, other = kind or "both", "CHECKMARK"
+            row.label(text=text, icon=self.ICONS.get(kind, other))
         else:
             row.label(text="only source" if item.on_source else "only target", icon="ERROR")
 
@@ -58,6 +62,7 @@ class POINTMORPH_PT_features(_Panel, bpy.types.Panel):
         buttons.operator("pointmorph.add_feature", text="", icon="ADD")
         buttons.operator("pointmorph.remove_feature", text="", icon="REMOVE")
         buttons.popover("POINTMORPH_PT_feature", text="", icon="DOWNARROW_HLT")
+        self.layout.operator("pointmorph.propose_features", icon="VIEWZOOM")
 
 
 class POINTMORPH_PT_feature(bpy.types.Panel):

@@ -95,6 +95,11 @@ class PointmorphFeature(bpy.types.PropertyGroup):
     on_target: bpy.props.BoolProperty(
         name="On Target", description="The target has the vertex group of this feature"
     )
+    confidence: bpy.props.FloatProperty(
+        name="Confidence",
+        description="How likely a proposed pair is right; below 0 for a mark of the user's own",
+        default=-1.0,
+    )
 
     kind: bpy.props.EnumProperty(
         name="Kind",

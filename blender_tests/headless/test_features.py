@@ -570,3 +570,56 @@ def test_removing_what_is_not_there(settings):
     pair()
     with pytest.raises(RuntimeError, match='feature "tail": expected one that is marked'):
         bpy.ops.pointmorph.remove_feature(name="tail")
+
+
+# --- Proposals ------------------------------------------------------------------------------------
+
+
+def urchin(name, turn):
+    """A ball with four spikes of different lengths along its axes, and their ends' vertices."""
+    count = 3000
+    k = np.arange(count) + 0.5
+    z = 1 - 2 * k / count
+    angle = np.pi * (1 + 5**0.5) * k
+    ball = np.stack([np.sqrt(1 - z * z) * np.cos(angle), np.sqrt(1 - z * z) * np.sin(angle), z], 1)
+    spikes = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, 0, 1]])
+    lengths = np.array([0.9, 0.5, 0.7, 0.6])
+    grown = 0.6 + np.exp((ball @ spikes.T - 1) / 0.08) @ lengths
+    positions = ball * grown[:, None]
+    c, s = np.cos(turn), np.sin(turn)
+    obj = add_mesh(name, positions @ np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]).T)
+    normals = obj.data.attributes.new("Normal", "FLOAT_VECTOR", "POINT")
+    normals.data.foreach_set("vector", ball.astype(np.float32).ravel())
+    return obj, np.argmax(ball @ spikes.T, axis=0)
+
+
+def test_proposals_mark_tips_on_both_and_can_be_removed(addon):
+    settings = bpy.context.scene.pointmorph
+    (settings.source, ends), (settings.target, _) = urchin("One", 0.0), urchin("Two", 0.4)
+    assert bpy.ops.pointmorph.propose_features(confidence=0.0) == {"FINISHED"}
+    proposed = [f for f in listed(settings) if f[0].startswith("tip.")]
+    assert len(proposed) >= 3
+    assert all(on_source and on_target for _, on_source, on_target in proposed)
+    assert all(0 <= feature.confidence <= 1 for feature in settings.features)
+    positions = np.array([v.co for v in settings.source.data.vertices])
+    for name, _, _ in proposed[:3]:
+        (row,) = groups(settings.source)[f"pm.{name}"]
+        assert np.linalg.norm(positions[ends] - positions[row], axis=1).min() < 0.2
+    # The user's own mark is no proposal any more.
+    select(settings.source)
+    assert bpy.ops.pointmorph.remove_feature(name=proposed[0][0]) == {"FINISHED"}
+    assert proposed[0][0] not in [name for name, _, _ in listed(settings)]
+
+
+def test_proposals_below_the_wanted_confidence_arent_marked(addon):
+    settings = bpy.context.scene.pointmorph
+    (settings.source, _), (settings.target, _) = urchin("One", 0.0), urchin("Two", 0.4)
+    assert bpy.ops.pointmorph.propose_features(confidence=1.0) == {"FINISHED"}
+    assert listed(settings) == []
+
+
+def test_proposals_need_the_vertices_of_the_mesh(addon):
+    _source, target = pair()
+    target.modifiers.new("More", "SUBSURF")
+    with pytest.raises(RuntimeError, match="Apply the modifiers"):
+        bpy.ops.pointmorph.propose_features()

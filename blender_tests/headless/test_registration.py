@@ -16,6 +16,7 @@ OPERATORS = (
     "check_features",
     "morph",
     "remove_feature",
+    "propose_features",
     "show_distortion",
     "go_to_place",
 )

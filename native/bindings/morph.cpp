@@ -58,6 +58,25 @@ py::dict dict_of(const ParameterizationReport& report) {
                     py::arg("solve_seconds") = report.solve_seconds);
 }
 
+py::list list_of(const std::vector<Rival>& rivals) {
+    py::list rows;
+    for (const Rival& rival : rivals)
+        rows.append(py::dict(py::arg("ratio") = rival.ratio, py::arg("swap") = name_of(rival.swap),
+                             py::arg("distance") = rival.distance, py::arg("places") = rival.places,
+                             py::arg("source") = rival.source, py::arg("target") = rival.target,
+                             py::arg("rival_target") = rival.rival_target));
+    return rows;
+}
+
+py::list list_of(const std::vector<Proposal>& proposals) {
+    py::list rows;
+    for (const Proposal& proposal : proposals)
+        rows.append(py::dict(
+            py::arg("source") = proposal.source, py::arg("target") = proposal.target,
+            py::arg("confidence") = proposal.confidence, py::arg("is_tip") = proposal.is_tip));
+    return rows;
+}
+
 py::list list_of(const std::vector<Attempt>& starts, std::size_t taken) {
     py::list list;
     for (std::size_t k = 0; k < starts.size(); ++k)
@@ -76,6 +95,8 @@ py::dict dict_of(const MorphReport& report, const MorphOptions& options) {
         py::arg("pairs") = report.pairs, py::arg("feature_residual") = report.feature_residual,
         py::arg("margin") = std::isfinite(report.margin) ? py::object(py::float_(report.margin))
                                                          : py::object(py::none()),
+        py::arg("confidence") = report.confidence, py::arg("rivals") = list_of(report.rivals),
+        py::arg("proposals") = list_of(report.proposals),
         py::arg("starts") = list_of(report.starts, report.start_taken),
         py::arg("alignment_rotation") = report.alignment_rotation,
         py::arg("alignment_sweeps") = report.alignment_sweeps,

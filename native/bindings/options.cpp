@@ -7,6 +7,7 @@ namespace pointmorph::bindings {
 void bind_options(py::module_& module) {
     py::class_<MorphOptions>(module, "MorphOptions")
         .def(py::init<>())
+        .def("propose_features", [](MorphOptions& options) { options.refinement.propose = true; })
         .def("set", [](MorphOptions& options, const std::string& name, const OptionValue& value) {
             set_option(options, name, value);
         });

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <utility>
 
+#include "pointmorph/extremities.hpp"
 #include "pointmorph/parallel.hpp"
 #include "pointmorph/surface_graph.hpp"
 
@@ -17,8 +18,8 @@ struct Signatures {
 };
 
 Signatures signatures(const CoarseShape& shape, std::span<const IndexPair> features,
-                      Index IndexPair::*side, const Eigen::MatrixXd& node_distances,
-                      const AttemptOptions& options) {
+                      Index IndexPair::*side, const AttemptOptions& options, Progress& progress) {
+    constexpr Index kSamples = 30;
     const auto count = static_cast<Eigen::Index>(features.size());
     Eigen::MatrixXd all = Eigen::MatrixXd::Zero(shape.size(), count);
     GeodesicSearch search(shape.graph);
@@ -26,7 +27,9 @@ Signatures signatures(const CoarseShape& shape, std::span<const IndexPair> featu
         for (const auto& [i, distance] : search.from(features[static_cast<std::size_t>(f)].*side))
             all(i, f) = distance;
     Signatures result;
-    for (const Extremity& tip : extremities(shape, node_distances, options.extremities))
+    // Ends of long limbs, not all that sticks out: those are what a registration loses.
+    for (const Extremity& tip :
+         extremities(shape.graph, 1.0, kSamples, options.tips, options.prominence, progress))
         if (all.row(tip.point).minCoeff() >= options.covered) result.tips.push_back(tip.point);
     result.distances = all(result.tips, Eigen::all);
     return result;
@@ -36,12 +39,11 @@ Signatures signatures(const CoarseShape& shape, std::span<const IndexPair> featu
 
 std::vector<IndexPair> tips_by_features(const CoarseShape& source, const CoarseShape& target,
                                         std::span<const IndexPair> features,
-                                        const NodeDistances& distances,
-                                        const AttemptOptions& options) {
+                                        const AttemptOptions& options, Progress& progress) {
     constexpr std::size_t kFewest = 3;
     if (features.size() < kFewest) return {};
-    const Signatures s = signatures(source, features, &IndexPair::source, distances[0], options);
-    const Signatures t = signatures(target, features, &IndexPair::target, distances[1], options);
+    const Signatures s = signatures(source, features, &IndexPair::source, options, progress);
+    const Signatures t = signatures(target, features, &IndexPair::target, options, progress);
     const auto rows = s.distances.rows(), columns = t.distances.rows();
     // A tip of the source without a partner takes one of the further columns.
     Eigen::MatrixXd costs = Eigen::MatrixXd::Constant(rows, columns + rows, options.tip_difference);
@@ -65,16 +67,14 @@ std::vector<IndexPair> tips_by_features(const CoarseShape& source, const CoarseS
 
 Attempts register_best(const CoarseShape& source, const CoarseShape& target,
                        std::span<const IndexPair> features, const std::string& start_name,
-                       const RegistrationStart& start, Index first_level,
-                       const AttemptOptions& options, const RegistrationOptions& registration,
-                       Progress& progress) {
+                       Registration first, const AttemptOptions& options,
+                       const RegistrationOptions& registration, Progress& progress) {
     const auto torn = [&](const Registration& result) {
         return torn_share(source, target, result, options.stretch, options.gap, registration,
                           progress);
     };
     Attempts attempts;
-    attempts.registration =
-        register_shapes(source, target, features, start, registration, progress, first_level);
+    attempts.registration = std::move(first);
     attempts.tried.push_back({start_name, torn(attempts.registration)});
     if (attempts.tried.front().torn <= options.torn) return attempts;
 
@@ -99,7 +99,7 @@ Attempts register_best(const CoarseShape& source, const CoarseShape& target,
     const auto looks_wrong = [&] { return attempts.tried[attempts.taken].torn > options.torn; };
 
     const RegistrationStart plate = thin_plate_start(source, target, features);
-    const auto tips = tips_by_features(source, target, features, distances, options);
+    const auto tips = tips_by_features(source, target, features, options, progress);
     if (!tips.empty()) {
         std::vector<IndexPair> guided(features.begin(), features.end());
         guided.insert(guided.end(), tips.begin(), tips.end());

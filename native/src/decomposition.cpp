@@ -425,9 +425,8 @@ constexpr double kMarked = 0.1;
 
 std::vector<Extremity> tips_of(const Coarse& coarse, Index most, Progress& progress) {
     constexpr Index kSamples = 30;
-    ExtremityOptions wanted;
-    wanted.most = most;
-    return extremities(coarse.graph, coarse.unit, kSamples, wanted, progress);
+    constexpr double kProminence = 0.04;  // in √area
+    return extremities(coarse.graph, coarse.unit, kSamples, most, kProminence, progress);
 }
 
 }  // namespace

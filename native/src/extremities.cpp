@@ -1,11 +1,10 @@
 #include "pointmorph/extremities.hpp"
 
 #include <algorithm>
+#include <cmath>
 #include <limits>
 #include <numeric>
 #include <span>
-
-#include "pointmorph/surface_graph.hpp"
 
 namespace pointmorph {
 
@@ -50,13 +49,13 @@ std::vector<double> prominences(std::span<const std::int64_t> offsets, std::span
 }
 
 /// The most prominent, in this order.
-std::vector<Index> highest(const std::vector<double>& prominent, const ExtremityOptions& options) {
+std::vector<Index> highest(const std::vector<double>& prominent, Index most, double least) {
     std::vector<Index> peaks;
     for (std::size_t k = 0; k < prominent.size(); ++k)
-        if (prominent[k] > options.prominence) peaks.push_back(static_cast<Index>(k));
+        if (prominent[k] > least) peaks.push_back(static_cast<Index>(k));
     std::ranges::stable_sort(peaks,
                              [&](Index i, Index j) { return prominent[at(i)] > prominent[at(j)]; });
-    peaks.resize(std::min(peaks.size(), at(std::max<Index>(options.most, 0))));
+    peaks.resize(std::min(peaks.size(), at(std::max<Index>(most, 0))));
     return peaks;
 }
 
@@ -65,31 +64,41 @@ std::vector<Index> highest(const std::vector<double>& prominent, const Extremity
 std::vector<Extremity> extremities(const CoarseShape& shape, const Eigen::MatrixXd& distances,
                                    const ExtremityOptions& options) {
     const DeformationGraph& graph = shape.levels.front();
-    Eigen::VectorXd areas = Eigen::VectorXd::Zero(graph.size());
+    const Index count = graph.size();
+    Values areas = Values::Zero(count);
     for (Index i = 0; i < shape.size(); ++i) areas[graph.point_nodes[at(i)][0]] += shape.areas[i];
-    const Eigen::VectorXd height = distances.transpose() * areas / areas.sum();
+    const double radius = options.radius * std::sqrt(areas.sum());
+    Positions means(count, 3);  // of what lies around each node
+    Eigen::VectorXd height(count);
+    for (Index k = 0; k < count; ++k) {
+        Eigen::RowVector3d sum = Eigen::RowVector3d::Zero();
+        double weights = 0.0;
+        for (Index l = 0; l < count; ++l) {
+            const double ratio = distances(k, l) / radius;
+            const double weight = areas[l] * std::exp(-1.5 * ratio * ratio);
+            sum += weight * shape.positions.row(graph.nodes[at(l)]);
+            weights += weight;
+        }
+        means.row(k) = sum / std::max(weights, 1e-300);
+        height[k] = (shape.positions.row(graph.nodes[at(k)]) - means.row(k)).norm() / radius;
+    }
     const std::vector<double> prominent = prominences(graph.edge_offsets, graph.edge_ends, height);
-    const std::vector<Index> peaks = highest(prominent, options);
-    if (peaks.empty()) return {};
+    const std::vector<Index> peaks = highest(prominent, options.most, options.prominence);
 
-    Index center;
-    height.minCoeff(&center);
-    std::vector<double> from_center(at(shape.size()), 0.0);
-    GeodesicSearch search(shape.graph);
-    for (const auto& [i, distance] : search.from(graph.nodes[at(center)]))
-        from_center[at(i)] = distance;
     std::vector<Extremity> tips;
     for (const Index k : peaks) tips.push_back({graph.nodes[at(k)], prominent[at(k)]});
+    const auto out = [&](std::size_t t, Index i) {
+        return (shape.positions.row(i) - means.row(peaks[t])).squaredNorm();
+    };
     for (Index i = 0; i < shape.size(); ++i)
         for (std::size_t t = 0; t < tips.size(); ++t)
-            if (graph.point_nodes[at(i)][0] == peaks[t] &&
-                from_center[at(i)] > from_center[at(tips[t].point)])
+            if (graph.point_nodes[at(i)][0] == peaks[t] && out(t, i) > out(t, tips[t].point))
                 tips[t].point = i;
     return tips;
 }
 
 std::vector<Extremity> extremities(const SurfaceGraph& graph, double unit, Index samples,
-                                   const ExtremityOptions& options, Progress& progress) {
+                                   Index most, double prominence, Progress& progress) {
     const Index count = graph.size();
     if (count == 0) return {};
     GeodesicSearch search(graph);
@@ -107,7 +116,8 @@ std::vector<Extremity> extremities(const SurfaceGraph& graph, double unit, Index
     }
     const std::vector<double> prominent = prominences(graph.offsets, graph.neighbors, height);
     std::vector<Extremity> tips;
-    for (const Index k : highest(prominent, options)) tips.push_back({k, prominent[at(k)]});
+    for (const Index k : highest(prominent, most, prominence))
+        tips.push_back({k, prominent[at(k)]});
     return tips;
 }
 

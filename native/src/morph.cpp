@@ -1,8 +1,9 @@
 #include "pointmorph/morph.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
-#include <iterator>
+#include <cstdio>
 #include <mutex>
 #include <numeric>
 #include <optional>
@@ -70,6 +71,78 @@ void check_closed(Side& side, const BoundaryLoop& boundary, std::size_t features
                            "one of " + std::to_string(features) + " features, while " +
                                side.cloud.name + " is an open patch",
                            "Leave the loop out.");
+}
+
+/// Where a row lies: near a point or curve feature, or towards which sides of the bounding box.
+std::string where(const Cloud& cloud, Index row, std::span<const Feature> features,
+                  Marked Feature::*marked) {
+    constexpr double kNear = 0.1;  // of the bounding box's diagonal
+    double least =
+        kNear *
+        (cloud.positions.colwise().maxCoeff() - cloud.positions.colwise().minCoeff()).norm();
+    std::string near;
+    for (const Feature& feature : features) {
+        if (feature.kind == FeatureKind::kRegion) continue;  // which has no place of its own
+        for (const Index of : (feature.*marked).rows) {
+            const double distance = (cloud.positions.row(of) - cloud.positions.row(row)).norm();
+            if (distance > least) continue;
+            least = distance;
+            near = "near \"" + feature.name + "\"";
+        }
+    }
+    if (!near.empty()) return near;
+    return direction_in_words(normalization(cloud.positions).apply(cloud.positions), row);
+}
+
+/// What may be wrong with a map that isn't sure, and which mark would settle it.
+std::string doubts(const MorphReport& report, const Cloud& source, const Cloud& target,
+                   std::span<const Feature> features) {
+    const auto number = [](double value) {
+        std::array<char, 32> text{};
+        std::snprintf(text.data(), text.size(), "%.2f", value);
+        return std::string(text.data());
+    };
+    const auto point = [&](Index row) {
+        return "point " + std::to_string(row) + " of " + source.name + " (" +
+               where(source, row, features, &Feature::source) + ")";
+    };
+    std::string text =
+        "Parts may have ended up in the wrong place (confidence " + number(report.confidence) + ")";
+    std::string mark;
+    if (!report.rivals.empty()) {
+        const Rival& rival = report.rivals.front();
+        const auto other = [&]() -> std::string {
+            switch (rival.swap) {
+                case Swap::kEnds:
+                    return "with its two ends, such as head and tail, exchanged";
+                case Swap::kSides:
+                    return "with its sides, such as left and right, exchanged";
+                case Swap::kTurned:
+                    return "turned another way";
+                default:
+                    break;
+            }
+            std::string places;
+            for (const Index place : rival.places) {
+                const std::string words = where(source, place, features, &Feature::source);
+                if (places.find(words) != std::string::npos) continue;
+                places += (places.empty() ? "" : "; ") + words;
+            }
+            return "with other partners for parts of it (" + places + ")";
+        };
+        text += ": " + source.name + " fits " + target.name + " another way too, " + other() +
+                ", with " + number(rival.ratio) + " times the energy";
+        mark = point(rival.source) + ", which is on point " + std::to_string(rival.target) +
+               " of " + target.name + " now and would be on point " +
+               std::to_string(rival.rival_target);
+    } else if (!report.proposals.empty()) {
+        const Proposal& weakest =
+            *std::ranges::min_element(report.proposals, {}, &Proposal::confidence);
+        mark = point(weakest.source) + ", which is on point " + std::to_string(weakest.target) +
+               " of " + target.name + " now";
+    }
+    text += ". Mark one place on both models to settle it";
+    return text + (mark.empty() ? "." : ", say " + mark + ".");
 }
 
 /// Of the point features, for the proposal of a loop.
@@ -323,9 +396,26 @@ void Morph::take(Refinement refinement, Side& source, Side& target) {
     report_.domain = "product";
     report_.feature_residual = 0.0;  // features are put onto their partners to the bit
     report_.margin = refinement.margin;
+    report_.confidence = refinement.confidence;
+    report_.rivals = std::move(refinement.rivals);
+    report_.proposals = std::move(refinement.proposals);
+    const auto as_given = [](const Side& side, Index& row) {
+        row = side.order[static_cast<std::size_t>(row)];
+    };
+    for (Rival& rival : report_.rivals) {
+        for (Index& place : rival.places) as_given(source, place);
+        as_given(source, rival.source);
+        as_given(target, rival.target);
+        as_given(target, rival.rival_target);
+    }
+    for (Proposal& proposal : report_.proposals) {
+        as_given(source, proposal.source);
+        as_given(target, proposal.target);
+    }
+    if (report_.confidence < options_.refinement.clear_confidence)
+        report_.warnings.push_back(doubts(report_, source_, target_, features_));
     report_.starts = std::move(refinement.starts);
     report_.start_taken = refinement.start_taken;
-    std::ranges::move(refinement.warnings, std::back_inserter(report_.warnings));
 }
 
 Positions Morph::source_to_target(Progress& progress) const {

@@ -112,20 +112,36 @@ struct Shapes {
     const CoarseShape &source, &target;
     CoarseShape thin_source, thin_target;
     NodeDistances distances;
-    std::vector<Extremity> source_tips, target_tips;
+    std::vector<Extremity> source_tips, target_tips;  ///< rows of the thinned shapes
     std::span<const IndexPair> features;
+};
+
+using Tips = std::vector<IndexPair>;  ///< places in the lists of tips; sorted
+
+/// A start for a trial.
+struct Attempt {
+    Similarity alignment;  ///< the target's pose
+    Tips tips;             ///< drawn together at first
+};
+
+/// A map between the thinned shapes.
+struct Trial {
+    Similarity alignment;
+    Registration registration;
+    double energy = 0.0;
 };
 
 /// How far two maps lie apart: the mean, or a share of the mean over the worst nodes where that is
 /// more, of the distances between images of the source's nodes seen from the target at rest, and
 /// the other way round.
-double difference(const Shapes& shapes, const Pose& a, const Pose& b) {
+template <class Map>
+double difference(const Map& a, const Map& b) {
     constexpr double kWorst = 0.03, kShare = 0.35;
     double result = 0.0;
-    const auto compare = [&](const Positions& x, const Positions& y,
-                             const std::vector<Index>& nodes) {
+    const auto compare = [&](const Positions& x, const Positions& y) {
         std::vector<double> distances;
-        for (const Index i : nodes) distances.push_back((x.row(i) - y.row(i)).norm());
+        for (Eigen::Index i = 0; i < x.rows(); ++i)
+            distances.push_back((x.row(i) - y.row(i)).norm());
         const auto worst = std::max<std::ptrdiff_t>(
             1, std::lround(kWorst * static_cast<double>(distances.size())));
         std::ranges::sort(distances, std::greater<>());
@@ -134,37 +150,32 @@ double difference(const Shapes& shapes, const Pose& a, const Pose& b) {
         result = std::max({result, all / static_cast<double>(distances.size()),
                            kShare * some / static_cast<double>(worst)});
     };
-    compare(a.alignment.inverse().apply(a.registration.source_points.positions),
-            b.alignment.inverse().apply(b.registration.source_points.positions),
-            shapes.source.levels.front().nodes);
-    compare(a.registration.target_points.positions, b.registration.target_points.positions,
-            shapes.target.levels.front().nodes);
+    compare(a.alignment.inverse().apply(a.registration.source.positions),
+            b.alignment.inverse().apply(b.registration.source.positions));
+    compare(a.registration.target.positions, b.registration.target.positions);
     return result;
 }
 
-/// A start for a trial.
-struct Attempt {
-    Similarity alignment;         ///< the target's pose
-    std::vector<IndexPair> tips;  ///< places in the lists of tips; drawn together at first
-};
-
-/// Rows of the thinned shapes.
-std::vector<IndexPair> with_tips(const Shapes& shapes, const std::vector<IndexPair>& tips) {
-    const auto place = [](const CoarseShape& thin, Index row) {
-        return static_cast<Index>(std::ranges::find(thin.rows, row) - thin.rows.begin());
-    };
-    std::vector<IndexPair> result(shapes.features.begin(), shapes.features.end());
-    for (const IndexPair& tip : tips)
-        result.push_back({place(shapes.thin_source, shapes.source_tips[at(tip.source)].point),
-                          place(shapes.thin_target, shapes.target_tips[at(tip.target)].point)});
-    return result;
+/// Of maps that aren't distinct, only the first.
+template <class Map>
+void keep_distinct(std::vector<Map>& maps, double distinct) {
+    std::vector<Map> kept;
+    for (Map& map : maps)
+        if (std::ranges::none_of(
+                kept, [&](const Map& other) { return difference(map, other) < distinct; }))
+            kept.push_back(std::move(map));
+    maps = std::move(kept);
 }
 
-Pose try_pose(const Shapes& shapes, const Attempt& attempt, const RegistrationLevel& level,
-              const RegistrationOptions& options) {
+Trial try_pose(const Shapes& shapes, const Attempt& attempt, const RegistrationLevel& level,
+               const RegistrationOptions& options) {
     Progress silent;
     const CoarseShape there = moved(shapes.thin_target, attempt.alignment);
-    RegistrationStart start{shapes.thin_source.positions, there.positions};
+    // Curves and regions have to be brought over; by points alone a plate turns heads.
+    RegistrationStart start =
+        shapes.source.guides.size() > 0
+            ? thin_plate_start(shapes.thin_source, there, shapes.features)
+            : RegistrationStart{shapes.thin_source.positions, there.positions};
     RegistrationLevel rest = level;
     if (!attempt.tips.empty()) {
         // Tips lead the way while the shapes are stiff; then the surfaces decide.
@@ -176,139 +187,182 @@ Pose try_pose(const Shapes& shapes, const Attempt& attempt, const RegistrationLe
         rest.rounds -= lead.rounds;
         RegistrationOptions soft = options;
         soft.feature_weight = options.feature_weight / 10.0;
+        std::vector<IndexPair> guides(shapes.features.begin(), shapes.features.end());
+        for (const IndexPair& tip : attempt.tips)
+            guides.push_back({shapes.source_tips[at(tip.source)].point,
+                              shapes.target_tips[at(tip.target)].point});
         Registration led =
-            register_level(shapes.thin_source, there, 0, with_tips(shapes, attempt.tips), start,
-                           lead, soft, silent);
+            register_level(shapes.thin_source, there, 0, guides, start, lead, soft, silent);
         start = {std::move(led.source_points.positions), std::move(led.target_points.positions)};
     }
-    Registration thin =
-        register_level(shapes.thin_source, there, 0, shapes.features, start, rest, options, silent);
-    const CoarseShape full = moved(shapes.target, attempt.alignment);
-    Pose pose{attempt.alignment, {std::move(thin.source), std::move(thin.target), {}, {}}, 0.0};
-    Registration& r = pose.registration;
-    r.source_points = deformed(shapes.source.positions, shapes.source.normals,
-                               shapes.source.levels.front(), r.source);
-    r.target_points = deformed(full.positions, full.normals, full.levels.front(), r.target);
-    pose.energy = registration_energy(shapes.source, full, 0, r, shapes.distances, options, silent);
-    return pose;
+    Trial trial{attempt.alignment, register_level(shapes.thin_source, there, 0, shapes.features,
+                                                  start, rest, options, silent)};
+    trial.energy = registration_energy(shapes.thin_source, there, 0, trial.registration,
+                                       shapes.distances, options, silent);
+    return trial;
 }
 
-/// All of them, side by side.
-std::vector<Pose> try_poses(const Shapes& shapes, std::span<const Attempt> attempts,
-                            const RegistrationLevel& level, const RegistrationOptions& options,
-                            Progress& progress, double first, double last) {
-    std::vector<Pose> poses(attempts.size());
+/// Tries all, side by side, and sorts what is distinct into `trials`.
+void try_poses(const Shapes& shapes, std::span<const Attempt> attempts, const PoseOptions& options,
+               const RegistrationOptions& registration, std::vector<Trial>& trials,
+               Progress& progress, double first, double last) {
+    const std::size_t before = trials.size();
+    trials.resize(before + attempts.size());
     parallel_for(
         static_cast<Index>(attempts.size()), progress,
         [&](Index begin, Index end) {
             for (Index k = begin; k < end; ++k)
-                poses[at(k)] = try_pose(shapes, attempts[at(k)], level, options);
+                trials[before + at(k)] =
+                    try_pose(shapes, attempts[at(k)], options.trial, registration);
         },
         first, last, 1);
-    return poses;
-}
-
-/// Sorted by energy; of maps that aren't distinct only the first.
-void keep_distinct(const Shapes& shapes, std::vector<Pose>& poses, const PoseOptions& options) {
-    std::ranges::stable_sort(poses, {}, &Pose::energy);
-    std::vector<Pose> kept;
-    for (Pose& pose : poses)
-        if (std::ranges::none_of(kept, [&](const Pose& other) {
-                return difference(shapes, pose, other) < options.distinct;
-            }))
-            kept.push_back(std::move(pose));
-    poses = std::move(kept);
+    std::ranges::stable_sort(trials, {}, &Trial::energy);
+    keep_distinct(trials, options.apart);
 }
 
 /// Ways in which the tips may belong together, the likeliest first: as the map has them, and with
-/// two of them swapped, or one left out. `count` at most.
-std::vector<std::vector<IndexPair>> tip_variants(const Shapes& shapes, const Pose& pose,
-                                                 const ExtremityOptions& options, Index count) {
-    const CoarseShape there = moved(shapes.target, pose.alignment);
-    const Registration& r = pose.registration;
-    const auto mean_distance = [&](Index i, Index j) {
-        const Index a = shapes.source_tips[at(i)].point, b = shapes.target_tips[at(j)].point;
-        return 0.5 * ((r.source_points.positions.row(a) - there.positions.row(b)).norm() +
-                      (r.target_points.positions.row(b) - shapes.source.positions.row(a)).norm());
+/// one pair more or less, two of them swapped, or one exchanged.
+std::vector<Tips> tip_variants(const Shapes& shapes, const Trial& trial,
+                               const ExtremityOptions& options) {
+    const CoarseShape there = moved(shapes.thin_target, trial.alignment);
+    const Registration& r = trial.registration;
+    const auto count = [](const std::vector<Extremity>& tips) {
+        return static_cast<Index>(tips.size());
     };
     const auto node = [](const CoarseShape& shape, const Extremity& tip) {
         return shape.levels.front().point_nodes[at(tip.point)][0];
     };
-    // How differently far apart the tips are on both shapes, and how far the map leaves them.
-    const auto cost = [&](const std::vector<IndexPair>& pairs) {
-        double sum = 0.0;
+    // How far the map leaves tips apart, how differently far apart they are along both shapes, and
+    // a price for those left alone.
+    const auto cost = [&](const Tips& pairs) {
+        constexpr double kAlone = 0.2;
+        const double alone =
+            static_cast<double>(std::min(shapes.source_tips.size(), shapes.target_tips.size())) -
+            static_cast<double>(pairs.size());
+        double sum = kAlone * alone;
         for (const IndexPair& p : pairs) {
-            sum += mean_distance(p.source, p.target);
+            const Extremity &s = shapes.source_tips[at(p.source)],
+                            &t = shapes.target_tips[at(p.target)];
+            sum += 0.5 *
+                   ((r.source_points.positions.row(s.point) - there.positions.row(t.point)).norm() +
+                    (r.target_points.positions.row(t.point) -
+                     shapes.thin_source.positions.row(s.point))
+                        .norm());
             double other = 0.0;
             for (const IndexPair& q : pairs)
-                other += std::abs(
-                    shapes.distances[0](node(shapes.source, shapes.source_tips[at(p.source)]),
-                                        node(shapes.source, shapes.source_tips[at(q.source)])) -
-                    shapes.distances[1](node(shapes.target, shapes.target_tips[at(p.target)]),
-                                        node(shapes.target, shapes.target_tips[at(q.target)])));
+                other += std::abs(shapes.distances[0](
+                                      node(shapes.thin_source, s),
+                                      node(shapes.thin_source, shapes.source_tips[at(q.source)])) -
+                                  shapes.distances[1](
+                                      node(shapes.thin_target, t),
+                                      node(shapes.thin_target, shapes.target_tips[at(q.target)])));
             sum += other / static_cast<double>(pairs.size());
         }
-        return sum / static_cast<double>(pairs.size());
+        return sum / (alone + static_cast<double>(pairs.size()));
     };
-    std::vector<IndexPair> first;
+    Tips now;
     for (const ExtremityPair& p : paired_extremities(
-             shapes.source, there, r.source_points.positions, r.target_points.positions,
+             shapes.thin_source, there, r.source_points.positions, r.target_points.positions,
              shapes.source_tips, shapes.target_tips, options))
-        first.push_back({p.source, p.target});
-    if (first.size() < 2) return {};
-    std::vector<std::pair<double, std::vector<IndexPair>>> variants;
-    for (std::size_t i = 0; i < first.size(); ++i) {
-        for (std::size_t j = 0; j < i; ++j) {
-            auto swapped = first;
-            std::swap(swapped[i].target, swapped[j].target);
-            variants.emplace_back(cost(swapped), std::move(swapped));
+        now.push_back({p.source, p.target});
+    if (now.size() < 2) return {};
+    std::vector<Index> free_source, free_target;
+    for (Index k = 0; k < count(shapes.source_tips); ++k)
+        if (std::ranges::find(now, k, &IndexPair::source) == now.end()) free_source.push_back(k);
+    for (Index k = 0; k < count(shapes.target_tips); ++k)
+        if (std::ranges::find(now, k, &IndexPair::target) == now.end()) free_target.push_back(k);
+
+    std::vector<std::pair<double, Tips>> variants;
+    const auto add = [&](Tips tips) {
+        std::ranges::sort(tips);
+        const double its_cost = cost(tips);
+        variants.emplace_back(its_cost, std::move(tips));
+    };
+    const auto changed = [&](std::size_t i, IndexPair pair) {
+        Tips other = now;
+        other[i] = pair;
+        return other;
+    };
+    for (const Index s : free_source)
+        for (const Index t : free_target) {
+            Tips more = now;
+            more.push_back({s, t});
+            add(std::move(more));
         }
-        // Another partner, whose own one may be left alone.
-        for (Index t = 0; t < static_cast<Index>(shapes.target_tips.size()); ++t)
-            if (std::ranges::find(first, t, &IndexPair::target) == first.end()) {
-                auto other = first;
-                other[i].target = t;
-                variants.emplace_back(cost(other), std::move(other));
-            }
-        for (Index s = 0; s < static_cast<Index>(shapes.source_tips.size()); ++s)
-            if (std::ranges::find(first, s, &IndexPair::source) == first.end()) {
-                auto other = first;
-                other[i].source = s;
-                variants.emplace_back(cost(other), std::move(other));
-            }
+    for (std::size_t i = 0; i < now.size(); ++i) {
+        for (std::size_t j = 0; j < i; ++j) {
+            Tips swapped = now;
+            std::swap(swapped[i].target, swapped[j].target);
+            add(std::move(swapped));
+        }
+        for (const Index t : free_target) add(changed(i, {now[i].source, t}));
+        for (const Index s : free_source) add(changed(i, {s, now[i].target}));
+        if (now.size() > 2) {
+            Tips fewer = now;
+            fewer.erase(fewer.begin() + static_cast<std::ptrdiff_t>(i));
+            add(std::move(fewer));
+        }
     }
-    std::ranges::stable_sort(variants, {}, &std::pair<double, std::vector<IndexPair>>::first);
-    std::vector<std::vector<IndexPair>> result{std::move(first)};
-    for (auto& variant : variants)
-        if (static_cast<Index>(result.size()) < count) result.push_back(std::move(variant.second));
+    std::ranges::stable_sort(variants, {}, &std::pair<double, Tips>::first);
+    std::vector<Tips> result{std::move(now)};
+    for (auto& variant : variants) result.push_back(std::move(variant.second));
     return result;
 }
 
-/// The shapes as they lie, but for their centres, with and without the tips that this brings
-/// together; nothing where the features contradict it, against the best of `others`.
-std::vector<Attempt> as_given(const Shapes& shapes, std::span<const Attempt> others,
-                              const PoseOptions& options, const RegistrationOptions& registration) {
-    const Similarity lying = turn_about(Matrix3::Identity(), principal_frame(shapes.target).center,
-                                        principal_frame(shapes.source).center);
-    const auto apart = [&](const Similarity& pose) {
-        return feature_distance(shapes.source, shapes.target, shapes.features, pose);
-    };
-    for (const Attempt& other : others)
-        if (apart(lying) > apart(other.alignment) + options.feature_distance) return {};
-    std::vector<Attempt> attempts{{lying, {}}};
-    const Pose trial = try_pose(shapes, attempts.front(), options.trial, registration);
-    for (auto& tips : tip_variants(shapes, trial, options.extremities, 1))
-        attempts.push_back({lying, std::move(tips)});
-    return attempts;
+/// The pose that makes a map turn as little as it can.
+Similarity implied(const Positions& source, const Positions& images, const Similarity& alignment) {
+    const Similarity fit = fit_similarity(source, images);
+    return composed(turn_about(fit.rotation.transpose(), images.colwise().mean().transpose(),
+                               source.colwise().mean().transpose()),
+                    alignment);
 }
 
-/// The pose that makes a map turn as little as it can.
-Similarity implied(const Shapes& shapes, const Pose& pose) {
-    const Positions& images = pose.registration.source_points.positions;
-    const Similarity fit = fit_similarity(shapes.source.positions, images);
-    return composed(turn_about(fit.rotation.transpose(), images.colwise().mean().transpose(),
-                               shapes.source.positions.colwise().mean().transpose()),
-                    pose.alignment);
+Similarity implied(const Shapes& shapes, const Trial& trial) {
+    return implied(shapes.thin_source.positions, trial.registration.source_points.positions,
+                   trial.alignment);
+}
+
+bool is_as_given(const Similarity& implied_alignment, const PoseOptions& options) {
+    return Eigen::AngleAxisd(implied_alignment.rotation).angle() < options.as_given_turn;
+}
+
+/// The finest level, from a trial's map.
+Candidate continued(const Shapes& shapes, const Trial& trial, const PoseOptions& options,
+                    const RegistrationOptions& registration) {
+    Progress silent;
+    const CoarseShape there = moved(shapes.target, trial.alignment);
+    const Registration relaxed = register_level(
+        shapes.source, there, 0, shapes.features,
+        {deformed(shapes.source.positions, shapes.source.normals, shapes.source.levels.front(),
+                  trial.registration.source)
+             .positions,
+         deformed(there.positions, there.normals, there.levels.front(), trial.registration.target)
+             .positions},
+        options.relaxation, registration, silent);
+    Candidate result{
+        trial.alignment,
+        register_shapes(shapes.source, there, shapes.features,
+                        {relaxed.source_points.positions, relaxed.target_points.positions},
+                        registration, silent, 1),
+        {}};
+    const auto finest = static_cast<Index>(shapes.source.levels.size()) - 1;
+    result.misfit = registration_misfit(shapes.source, there, finest, result.registration,
+                                        shapes.distances, registration, silent);
+    return result;
+}
+
+/// Margin, where there are rivals, and confidence of the best map.
+void rate(Pose& pose) {
+    const double energy = pose.best.misfit.energy();
+    const auto at_rest = [](const Candidate& c) {
+        return c.alignment.inverse().apply(c.registration.source_points.positions);
+    };
+    std::vector<Competitor> competitors;
+    for (const Candidate& rival : pose.rivals)
+        competitors.push_back({rival.misfit.energy() / energy,
+                               (at_rest(rival) - at_rest(pose.best)).rowwise().norm().mean()});
+    if (!competitors.empty()) pose.margin = competitors.front().ratio;
+    pose.confidence = pose_confidence(pose.best.misfit, competitors);
 }
 
 }  // namespace
@@ -319,6 +373,16 @@ CoarseShape moved(const CoarseShape& shape, const Similarity& move) {
     result.normals = move.turn(shape.normals);
     result.guides.places = move.apply(shape.guides.places);
     return result;
+}
+
+double pose_confidence(const Misfit& misfit, std::span<const Competitor> competitors) {
+    constexpr double kPlain = 3.4, kOpposed = 20.0, kEnergy = 20.0, kApart = 0.15;
+    double others = 0.0;
+    for (const Competitor& other : competitors)
+        others +=
+            std::min(other.distance / kApart, 1.0) * std::pow(std::max(other.ratio, 0.5), -kEnergy);
+    const double alone = 1.0 / (1.0 + std::exp(kOpposed * std::sqrt(misfit.opposed) - kPlain));
+    return alone / (1.0 + others);
 }
 
 std::vector<Similarity> candidate_poses(const CoarseShape& source, const CoarseShape& target,
@@ -362,6 +426,7 @@ std::vector<Similarity> candidate_poses(const CoarseShape& source, const CoarseS
             poses.push_back(by_features({}));
         }
     }
+    poses.push_back(turn_about(Matrix3::Identity(), t.center, s.center));
     double least = std::numeric_limits<double>::infinity();
     for (const Similarity& pose : poses)
         least = std::min(least, feature_distance(source, target, features, pose));
@@ -374,79 +439,124 @@ std::vector<Similarity> candidate_poses(const CoarseShape& source, const CoarseS
 Pose find_pose(const CoarseShape& source, const CoarseShape& target,
                std::span<const IndexPair> features, const PoseOptions& options,
                const RegistrationOptions& registration, Progress& progress) {
+    Pose result;
     NodeDistances distances{node_distances(source), node_distances(target)};
-    std::vector<Extremity> source_tips = extremities(source, distances[0], options.extremities);
-    std::vector<Extremity> target_tips = extremities(target, distances[1], options.extremities);
-    CoarseShape thin_source = thinned(source, source_tips, options.points, progress);
-    CoarseShape thin_target = thinned(target, target_tips, options.points, progress);
-    const Shapes shapes{source,
-                        target,
-                        std::move(thin_source),
-                        std::move(thin_target),
-                        std::move(distances),
-                        std::move(source_tips),
-                        std::move(target_tips),
-                        features};
+    result.source_tips = extremities(source, distances[0], options.extremities);
+    result.target_tips = extremities(target, distances[1], options.extremities);
+    Shapes shapes{source,
+                  target,
+                  thinned(source, result.source_tips, options.points, progress),
+                  thinned(target, result.target_tips, options.points, progress),
+                  std::move(distances),
+                  result.source_tips,
+                  result.target_tips,
+                  features};
+    const auto to_thin = [](const CoarseShape& thin, std::vector<Extremity>& tips) {
+        for (Extremity& tip : tips)
+            tip.point =
+                static_cast<Index>(std::ranges::find(thin.rows, tip.point) - thin.rows.begin());
+    };
+    to_thin(shapes.thin_source, shapes.source_tips);
+    to_thin(shapes.thin_target, shapes.target_tips);
+
     std::vector<Attempt> attempts;
     for (const Similarity& pose : candidate_poses(source, target, features, options))
         attempts.push_back({pose, {}});
-    std::vector<Pose> trials =
-        try_poses(shapes, attempts, options.trial, registration, progress, 0.0, 0.25);
-    keep_distinct(shapes, trials, options);
+    std::vector<Trial> trials;
+    try_poses(shapes, attempts, options, registration, trials, progress, 0.0, 0.2);
 
     attempts.clear();
     const PrincipalFrame frame = principal_frame(source);
     for (std::size_t k = 0; k < trials.size() && k < at(options.finalists); ++k) {
         const Similarity base = implied(shapes, trials[k]);
         attempts.push_back({base, {}});
-        if (k == 0)
-            for (int axis = 0; axis < 3; ++axis)
-                for (const double angle : {-options.swing, options.swing})
-                    attempts.push_back(
-                        {composed(
-                             turn_about(
-                                 Eigen::AngleAxisd(angle, frame.axes.col(axis)).toRotationMatrix(),
-                                 frame.center, frame.center),
-                             base),
-                         {}});
+        if (k > 0) continue;
+        for (int axis = 0; axis < 3; ++axis)
+            for (const double angle : {-options.swing, options.swing}) {
+                const Matrix3 turn =
+                    Eigen::AngleAxisd(angle, frame.axes.col(axis)).toRotationMatrix();
+                attempts.push_back(
+                    {composed(turn_about(turn, frame.center, frame.center), base), {}});
+            }
     }
-    std::vector<Pose> again =
-        try_poses(shapes, attempts, options.trial, registration, progress, 0.25, 0.5);
-    std::ranges::move(again, std::back_inserter(trials));
-    keep_distinct(shapes, trials, options);
+    try_poses(shapes, attempts, options, registration, trials, progress, 0.2, 0.4);
 
-    attempts.clear();
-    for (std::size_t k = 0; k < trials.size() && k < 2; ++k)
-        for (auto& tips : tip_variants(shapes, trials[k], options.extremities, options.variants))
-            attempts.push_back({implied(shapes, trials[k]), std::move(tips)});
-    again = try_poses(shapes, attempts, options.trial, registration, progress, 0.5, 0.8);
-    std::ranges::move(again, std::back_inserter(trials));
-    keep_distinct(shapes, trials, options);
+    // The best, the best of those that leave the shapes as given, and the best that lays them onto
+    // each other quite another way.
+    const auto bases = [&](std::size_t count) {
+        constexpr double kAnotherWay = 0.2;
+        std::vector<std::size_t> chosen;
+        bool given = false, another = false;
+        for (std::size_t k = 0; k < trials.size(); ++k) {
+            if (trials[k].energy > options.hopeful * trials.front().energy) break;
+            const bool lies = is_as_given(implied(shapes, trials[k]), options);
+            const bool turns = difference(trials[k], trials.front()) > kAnotherWay;
+            if (chosen.size() < count || (lies && !given) || (turns && !another))
+                chosen.push_back(k);
+            given = given || lies;
+            another = another || turns;
+        }
+        return chosen;
+    };
+    std::vector<Tips> tried;
+    for (Index round = 0; round < options.tip_rounds; ++round) {
+        attempts.clear();
+        for (const std::size_t k : bases(2)) {
+            Index count = 0;
+            for (Tips& tips : tip_variants(shapes, trials[k], options.extremities)) {
+                if (count == options.variants) break;
+                if (std::ranges::find(tried, tips) != tried.end()) continue;
+                ++count;
+                attempts.push_back({implied(shapes, trials[k]), tips});
+                tried.push_back(std::move(tips));
+            }
+        }
+        const double before = trials.front().energy;
+        const double share = 0.4 / std::max<Index>(options.tip_rounds, 1);
+        try_poses(shapes, attempts, options, registration, trials, progress, 0.4 + round * share,
+                  0.4 + (round + 1) * share);
+        if (!(trials.front().energy < before)) break;
+    }
 
-    attempts.clear();
-    for (std::size_t k = 0; k < trials.size() && k < at(options.finalists); ++k)
-        attempts.push_back({implied(shapes, trials[k]), {}});
-    const std::size_t searched = attempts.size();
-    for (Attempt& attempt : as_given(shapes, attempts, options, registration))
-        attempts.push_back(std::move(attempt));
-    std::vector<Pose> finals =
-        try_poses(shapes, attempts, registration.levels.front(), registration, progress, 0.8, 1.0);
-    const auto least = [](std::span<const Pose> poses) -> const Pose& {
-        return *std::ranges::min_element(poses, {}, &Pose::energy);
-    };
-    const Pose& any = least(finals);
-    const bool stays =
-        searched < finals.size() &&
-        least(std::span(finals).subspan(searched)).energy <= options.as_given * any.energy;
-    Pose best = stays ? least(std::span(finals).subspan(searched)) : any;
-    const auto rival = [&](const Pose& other, double energy) {
-        if (difference(shapes, other, best) >= options.distinct)
-            best.margin =
-                std::min(best.margin, std::max(1.0, other.energy / std::max(energy, 1e-300)));
-    };
-    for (const Pose& other : finals) rival(other, best.energy);
-    for (const Pose& other : trials) rival(other, trials.front().energy);
-    return best;
+    const std::vector<std::size_t> last = bases(at(std::max<Index>(options.finalists, 1)));
+    std::vector<Candidate> finals(last.size());
+    parallel_for(
+        static_cast<Index>(last.size()), progress,
+        [&](Index begin, Index end) {
+            for (Index k = begin; k < end; ++k)
+                finals[at(k)] = continued(shapes, trials[last[at(k)]], options, registration);
+        },
+        0.8, 1.0, 1);
+    const auto energy = [](const Candidate& c) { return c.misfit.energy(); };
+    std::ranges::stable_sort(finals, {}, energy);
+    const auto given = std::ranges::find_if(finals, [&](const Candidate& c) {
+        return energy(c) <= options.as_given * energy(finals.front()) &&
+               is_as_given(
+                   implied(source.positions, c.registration.source_points.positions, c.alignment),
+                   options);
+    });
+    if (given != finals.end()) std::rotate(finals.begin(), given, given + 1);
+    keep_distinct(finals, options.distinct);
+    result.best = std::move(finals.front());
+    result.rivals.assign(std::make_move_iterator(finals.begin() + 1),
+                         std::make_move_iterator(finals.end()));
+    if (trials.size() > 1) result.margin = std::max(1.0, trials[1].energy / trials[0].energy);
+    rate(result);
+    return result;
+}
+
+void replace_best(Pose& pose, Registration registration, const CoarseShape& source,
+                  const CoarseShape& target, const PoseOptions& options,
+                  const RegistrationOptions& registration_options, Progress& progress) {
+    const auto finest = static_cast<Index>(source.levels.size()) - 1;
+    pose.best.registration = std::move(registration);
+    pose.best.misfit = registration_misfit(source, target, finest, pose.best.registration,
+                                           {node_distances(source), node_distances(target)},
+                                           registration_options, progress);
+    std::erase_if(pose.rivals, [&](const Candidate& rival) {
+        return difference(rival, pose.best) < options.distinct;
+    });
+    rate(pose);
 }
 
 }  // namespace pointmorph

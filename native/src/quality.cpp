@@ -398,20 +398,6 @@ std::string times(double factor) {
     return text.data();
 }
 
-/// The sides of the bounding box towards which a point lies.
-std::string direction(const Sheet& sheet, Index row) {
-    const Vector3 extent = sheet.positions.cwiseAbs().colwise().maxCoeff();
-    std::string words;
-    for (int axis = 0; axis < 3; ++axis) {
-        const double place = sheet.positions(row, axis);
-        if (std::abs(place) <= std::max(0.4 * extent[axis], 0.1)) continue;
-        words += words.empty() ? "towards " : ", ";
-        words += place < 0.0 ? "-" : "+";
-        words += "XYZ"[axis];
-    }
-    return words.empty() ? "in the middle" : words;
-}
-
 /// Where a point lies in terms of the features, and the mark that would help there.
 struct Words {
     std::string where, remedy;
@@ -443,7 +429,7 @@ Words words_for(const Sheet& source, Index row, const std::string& name,
     };
     const auto nearest = std::ranges::min_element(features, by_distance);
     if (nearest == features.end() || arm(*nearest).norm() > 0.5 * source.root_area)
-        return {direction(source, row) + " of " + name, mark};
+        return {direction_in_words(source.positions, row) + " of " + name, mark};
     if (arm(*nearest).norm() < 0.05 * source.root_area)
         return {"at " + quoted(*nearest->name),
                 "check that " + quoted(*nearest->name) +
@@ -497,6 +483,19 @@ std::string advice_on(const Seen& seen, const Words& words, const std::string& s
 std::string name_of(Flaw flaw) {
     constexpr std::array names{"mirrored", "folded", "lost", "stretched", "squeezed"};
     return names[static_cast<std::size_t>(flaw)];
+}
+
+std::string direction_in_words(const Positions& positions, Index row) {
+    const Vector3 extent = positions.cwiseAbs().colwise().maxCoeff();
+    std::string words;
+    for (int axis = 0; axis < 3; ++axis) {
+        const double place = positions(row, axis);
+        if (std::abs(place) <= std::max(0.4 * extent[axis], 0.1)) continue;
+        words += words.empty() ? "towards " : ", ";
+        words += place < 0.0 ? "-" : "+";
+        words += "XYZ"[axis];
+    }
+    return words.empty() ? "in the middle" : words;
 }
 
 Quality measure_quality(const Cloud& source, const Cloud& target, const Positions& source_images,

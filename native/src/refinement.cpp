@@ -446,6 +446,21 @@ std::vector<Index> nearest_partners(const Positions& images, const Pairing& pair
     return partners;
 }
 
+/// Rivals and proposals, from rows of the coarse shapes.
+void to_cloud_rows(Refinement& result, const std::vector<Index>& source,
+                   const std::vector<Index>& target) {
+    for (Rival& rival : result.rivals) {
+        for (Index& place : rival.places) place = source[at(place)];
+        rival.source = source[at(rival.source)];
+        rival.target = target[at(rival.target)];
+        rival.rival_target = target[at(rival.rival_target)];
+    }
+    for (Proposal& proposal : result.proposals) {
+        proposal.source = source[at(proposal.source)];
+        proposal.target = target[at(proposal.target)];
+    }
+}
+
 }  // namespace
 
 Refinement refine(const Positions& source, const Normals& source_normals, const Positions& target,
@@ -545,39 +560,57 @@ Refinement refine(const Positions& source, const Normals& source_normals, const 
         tn = -tn;
         coarse_target.normals = -coarse_target.normals;
     }
-    Index first_level = 0;
+    std::optional<Pose> pose;
+    CoarseShape target_at_rest;
     if (!pose_is_known) {
         progress.enter("pose");
-        const Pose pose = find_pose(coarse_source, coarse_target, coarse_features, options.pose,
-                                    options.registration, progress);
-        coarse_target = moved(coarse_target, pose.alignment);
-        t = pose.alignment.apply(t);
-        for (auto& curve : marks.curves)
-            curve.target = moved(std::move(curve.target), pose.alignment);
+        pose = find_pose(coarse_source, coarse_target, coarse_features, options.pose,
+                         options.registration, progress);
+        const Similarity& move = pose->best.alignment;
+        target_at_rest = std::exchange(coarse_target, moved(coarse_target, move));
+        t = move.apply(t);
+        for (auto& curve : marks.curves) curve.target = moved(std::move(curve.target), move);
         target_tree.emplace(t);
-        tn = pose.alignment.turn(tn);
-        target_move = composed(pose.alignment, target_move);
-        start = {pose.registration.source_points.positions,
-                 pose.registration.target_points.positions};
-        first_level = 1;
-        result.margin = pose.margin;
-        if (pose.margin < options.clear_margin)
-            result.warnings.push_back(
-                "The shapes fit another way almost as well (a swap of left and right, or of head "
-                "and tail). If the morph goes wrong, mark one feature that tells them apart.");
+        tn = move.turn(tn);
+        target_move = composed(move, target_move);
     }
     result.alignment = composed(source_unit.inverse(), target_move);
 
     progress.enter("registration");
     Attempts attempts =
         register_best(coarse_source, coarse_target, coarse_features,
-                      given           ? "earlier map"
-                      : pose_is_known ? "features"
-                                      : "pose",
-                      start, first_level, options.attempts, options.registration, progress);
+                      given  ? "earlier map"
+                      : pose ? "pose"
+                             : "features",
+                      pose ? pose->best.registration
+                           : register_shapes(coarse_source, coarse_target, coarse_features, start,
+                                             options.registration, progress),
+                      options.attempts, options.registration, progress);
     const Registration& registration = attempts.registration;
     result.starts = std::move(attempts.tried);
     result.start_taken = attempts.taken;
+
+    if (pose) {
+        if (attempts.taken > 0)
+            replace_best(*pose, registration, coarse_source, coarse_target, options.pose,
+                         options.registration, progress);
+        result.margin = pose->margin;
+        result.confidence = pose->confidence;
+        result.rivals = describe_rivals(coarse_source, target_at_rest, *pose);
+    }
+    if (options.propose || pose) {
+        const auto tips = [&](const CoarseShape& shape) {
+            return extremities(shape, node_distances(shape), options.pose.extremities);
+        };
+        std::vector<IndexPair> marked = coarse_features;
+        for (std::size_t k = 0; k < coarse_source.guides.rows.size(); ++k)
+            marked.push_back({coarse_source.guides.rows[k], coarse_target.guides.rows[k]});
+        result.proposals = propose_features(coarse_source, coarse_target, registration,
+                                            pose ? pose->source_tips : tips(coarse_source),
+                                            pose ? pose->target_tips : tips(coarse_target), marked,
+                                            result.confidence, options.other_proposals, progress);
+        to_cloud_rows(result, coarse_source.rows, coarse_target.rows);
+    }
 
     progress.enter("lift");
     const Lift source_lift(coarse_source, s, source_normals, progress);

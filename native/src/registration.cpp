@@ -458,26 +458,27 @@ double torn_share(const CoarseShape& source, const CoarseShape& target,
     return share;
 }
 
-double registration_energy(const CoarseShape& source, const CoarseShape& target, Index level,
+double Misfit::energy() const {
+    struct Term {
+        double value;
+        double exponent;  ///< those that ranked maps of four-legged animals best
+        double floor;     ///< what a perfect map of samples has anyway, so that none can win alone
+    };
+    const Term terms[] = {{gap, 0.8, 1e-3},     {round_trip, 0.5, 1e-3}, {normals, 1.2, 1e-3},
+                          {opposed, 0.1, 1e-2}, {residual, 0.8, 1e-4},   {turn, 0.4, 1e-3},
+                          {scale, 0.5, 1e-3},   {geodesics, 0.3, 1e-2}};
+    double logarithm = 0.0, exponents = 0.0;
+    for (const Term& term : terms) {
+        logarithm += term.exponent * std::log(term.value + term.floor);
+        exponents += term.exponent;
+    }
+    return std::exp(logarithm / exponents);
+}
+
+Misfit registration_misfit(const CoarseShape& source, const CoarseShape& target, Index level,
                            const Registration& registration, const NodeDistances& distances,
                            const RegistrationOptions& options, Progress& progress) {
-    // Means over nodes or edges, with the exponents that ranked maps of four-legged animals best.
-    enum Term {
-        kGap,
-        kRoundTrip,
-        kNormals,
-        kOpposed,
-        kResidual,
-        kTurn,
-        kScale,
-        kGeodesics,
-        kTerms
-    };
-    constexpr std::array<double, kTerms> kExponents{0.8, 0.5, 1.2, 0.1, 0.8, 0.4, 0.5, 0.3};
-    // What a perfect map of samples has anyway, so that no term can win alone by vanishing.
-    constexpr std::array<double, kTerms> kFloors{1e-3, 1e-3, 1e-3, 1e-2, 1e-4, 1e-3, 1e-3, 1e-2};
-    std::array<double, kTerms> sums{};
-
+    Misfit sums;
     struct View {
         const CoarseShape& shape;
         const Deformation& deformation;
@@ -504,16 +505,16 @@ double registration_energy(const CoarseShape& source, const CoarseShape& target,
             const Index i = graph.nodes[at(k)], j = matches.to[at(k)];
             const double agreement = here.points.normals.row(i).dot(there.shape.normals.row(j));
             const double back = here.shape.normals.row(i).dot(there.points.normals.row(j));
-            sums[kGap] +=
+            sums.gap +=
                 share * (here.points.positions.row(i) - there.shape.positions.row(j)).norm();
-            sums[kRoundTrip] +=
+            sums.round_trip +=
                 share * (there.points.positions.row(j) - here.shape.positions.row(i)).norm();
-            sums[kNormals] += share * (1.0 - 0.5 * (agreement + back));
-            sums[kOpposed] += share * (agreement < 0.0 ? 1.0 : 0.0);
+            sums.normals += share * (1.0 - 0.5 * (agreement + back));
+            sums.opposed += share * (agreement < 0.0 ? 1.0 : 0.0);
         }
-        sums[kGeodesics] += 0.5 * geodesic_distortion(here.shape, here.points, there.shape,
-                                                      there.points, distances[at(side)],
-                                                      distances[at(1 - side)], options, progress);
+        sums.geodesics += 0.5 * geodesic_distortion(here.shape, here.points, there.shape,
+                                                    there.points, distances[at(side)],
+                                                    distances[at(1 - side)], options, progress);
         const double edge_share =
             0.5 / std::max<double>(1.0, static_cast<double>(graph.edge_ends.size()));
         const Deformation& d = here.deformation;
@@ -527,18 +528,22 @@ double registration_energy(const CoarseShape& source, const CoarseShape& target,
                 const Vector3 now = (d.positions.row(l) - d.positions.row(k)).transpose();
                 const Matrix3 linear =
                     0.5 * (d.scales[k] * d.rotations[at(k)] + d.scales[l] * d.rotations[at(l)]);
-                sums[kResidual] += edge_share * (now - linear * rest).squaredNorm() /
-                                   std::max(rest.squaredNorm(), 1e-300);
-                sums[kTurn] += edge_share * (d.rotations[at(k)] - d.rotations[at(l)]).norm();
-                sums[kScale] += edge_share * std::abs(std::log(d.scales[k] / d.scales[l]));
+                const double ratio = now.norm() / std::max(rest.norm(), 1e-300);
+                sums.torn += ratio > 2.0 || ratio < 0.5 ? edge_share : 0.0;
+                sums.residual += edge_share * (now - linear * rest).squaredNorm() /
+                                 std::max(rest.squaredNorm(), 1e-300);
+                sums.turn += edge_share * (d.rotations[at(k)] - d.rotations[at(l)]).norm();
+                sums.scale += edge_share * std::abs(std::log(d.scales[k] / d.scales[l]));
             }
     }
-    double logarithm = 0.0, exponents = 0.0;
-    for (std::size_t term = 0; term < kTerms; ++term) {
-        logarithm += kExponents[term] * std::log(sums[term] + kFloors[term]);
-        exponents += kExponents[term];
-    }
-    return std::exp(logarithm / exponents);
+    return sums;
+}
+
+double registration_energy(const CoarseShape& source, const CoarseShape& target, Index level,
+                           const Registration& registration, const NodeDistances& distances,
+                           const RegistrationOptions& options, Progress& progress) {
+    return registration_misfit(source, target, level, registration, distances, options, progress)
+        .energy();
 }
 
 Registration register_shapes(const CoarseShape& source_shape, const CoarseShape& target_shape,

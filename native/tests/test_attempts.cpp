@@ -42,7 +42,6 @@ struct Spiky {
         result.back() *= length;
         return result;
     }
-    NodeDistances::value_type distances() const { return node_distances(coarse); }
 };
 
 std::vector<IndexPair> first_rows(Index count) {
@@ -54,15 +53,15 @@ std::vector<IndexPair> first_rows(Index count) {
 TEST(Attempts, TipsArePairedWhereTheyLieToTheFeaturesHoweverLong) {
     const Spiky source(1.2, 3), target(0.6, 4);
     const auto features = first_rows(3);
-    const auto tips = tips_by_features(source.coarse, target.coarse, features,
-                                       {source.distances(), target.distances()}, {});
+    Progress progress;
+    const auto tips = tips_by_features(source.coarse, target.coarse, features, {}, progress);
     ASSERT_EQ(tips.size(), 1u);
     EXPECT_LT((source.coarse.positions.row(tips[0].source).transpose() - source.tail).norm(), 0.08);
     EXPECT_LT((target.coarse.positions.row(tips[0].target).transpose() - target.tail).norm(), 0.08);
     // Too few to say where a tip lies; and nothing left where every tip is marked.
-    EXPECT_TRUE(tips_by_features(source.coarse, target.coarse, std::span(features).first(2),
-                                 {source.distances(), target.distances()}, {})
-                    .empty());
+    EXPECT_TRUE(
+        tips_by_features(source.coarse, target.coarse, std::span(features).first(2), {}, progress)
+            .empty());
 }
 
 TEST(Attempts, TipsInDifferentPlacesAreNotPaired) {
@@ -70,8 +69,8 @@ TEST(Attempts, TipsInDifferentPlacesAreNotPaired) {
     Spiky target(1.0, 4);
     // The same spikes, but the features go to others: the free one lies elsewhere to them.
     const std::vector<IndexPair> exchanged{{0, 0}, {1, 2}, {2, 1}};
-    const auto tips = tips_by_features(source.coarse, target.coarse, exchanged,
-                                       {source.distances(), target.distances()}, {});
+    Progress progress;
+    const auto tips = tips_by_features(source.coarse, target.coarse, exchanged, {}, progress);
     EXPECT_TRUE(tips.empty());
 }
 
@@ -80,10 +79,15 @@ TEST(Attempts, AGoodResultIsNotTriedAgain) {
     const auto features = first_rows(3);
     Progress progress;
     const RegistrationStart start{source.coarse.positions, target.coarse.positions};
-    const Attempts attempts = register_best(source.coarse, target.coarse, features, "features",
-                                            start, 0, {}, {}, progress);
+    const Registration first =
+        register_shapes(source.coarse, target.coarse, features, start, {}, progress);
+    const Attempts attempts =
+        register_best(source.coarse, target.coarse, features, "features", first, {}, {}, progress);
     ASSERT_EQ(attempts.tried.size(), 1u);
+    EXPECT_EQ(attempts.taken, 0u);
     EXPECT_EQ(attempts.tried[0].start, "features");
+    EXPECT_EQ(attempts.registration.source_points.positions, first.source_points.positions);
+    EXPECT_EQ(attempts.registration.target_points.positions, first.target_points.positions);
     EXPECT_LE(attempts.tried[0].torn, AttemptOptions().torn);
 }
 
@@ -97,8 +101,10 @@ TEST(Attempts, AStartThatCannotWorkIsReplaced) {
     start.target.col(1) *= -1.0;
     const RegistrationOptions registration;
     const AttemptOptions options;
-    const Attempts attempts = register_best(source.coarse, target.coarse, features, "earlier map",
-                                            start, 1, options, registration, progress);
+    const Attempts attempts = register_best(
+        source.coarse, target.coarse, features, "earlier map",
+        register_shapes(source.coarse, target.coarse, features, start, registration, progress, 1),
+        options, registration, progress);
     ASSERT_GE(attempts.tried.size(), 2u);
     EXPECT_EQ(attempts.tried[0].start, "earlier map");
     EXPECT_GT(attempts.tried[0].torn, options.torn);

@@ -1,5 +1,5 @@
-// Stage `attempts`: the registration, and where its result looks wrong, further ones from other
-// starts; the best is kept.
+// Stage `attempts`: where a registration looks wrong, further ones from other starts; the best is
+// kept.
 #pragma once
 
 #include <span>
@@ -7,7 +7,6 @@
 #include <vector>
 
 #include "pointmorph/coarse_shape.hpp"
-#include "pointmorph/extremities.hpp"
 #include "pointmorph/progress.hpp"
 #include "pointmorph/registration.hpp"
 #include "pointmorph/types.hpp"
@@ -20,7 +19,8 @@ struct AttemptOptions {
     /// counterpart of their size tear some edges in good maps, too.
     double torn = 0.0025;
     double stretch = 3.0, gap = 0.06;  ///< of an edge that counts as torn
-    ExtremityOptions extremities;
+    Index tips = 12;           ///< so many are looked for on each shape, the most prominent …
+    double prominence = 0.04;  ///< … by mean distance along the surface; see extremities()
     /// Tips closer than this to a feature are that feature.
     double covered = 0.1;
     /// Tips whose signatures differ by more than this don't belong together; see
@@ -50,16 +50,14 @@ struct Attempts {
 /// fewer than three features.
 std::vector<IndexPair> tips_by_features(const CoarseShape& source, const CoarseShape& target,
                                         std::span<const IndexPair> features,
-                                        const NodeDistances& distances,
-                                        const AttemptOptions& options);
+                                        const AttemptOptions& options, Progress& progress);
 
-/// Registers from `start`, beginning with `first_level`; where the result looks wrong, also through
+/// Where `first`, a finished registration called `start_name`, looks wrong, registers also through
 /// tips, and on the finest level alone, both from the thin plate through the features. Kept is what
 /// has the least energy · (1 + torn/`torn`).
 Attempts register_best(const CoarseShape& source, const CoarseShape& target,
                        std::span<const IndexPair> features, const std::string& start_name,
-                       const RegistrationStart& start, Index first_level,
-                       const AttemptOptions& options, const RegistrationOptions& registration,
-                       Progress& progress);
+                       Registration first, const AttemptOptions& options,
+                       const RegistrationOptions& registration, Progress& progress);
 
 }  // namespace pointmorph

@@ -13,32 +13,36 @@
 namespace pointmorph {
 
 struct ExtremityOptions {
-    Index most = 12;  ///< the most prominent are kept
-    /// How far the mean distance to the rest of the surface has to fall on the way to a higher tip,
-    /// in √area.
-    double prominence = 0.04;
+    Index most = 12;       ///< the most prominent are kept
+    double radius = 0.25;  ///< of the surroundings that a tip sticks out of, in √area
+    /// How far a point lies from the mean of its surroundings, in radii, has to fall by this much
+    /// on the way to a higher tip.
+    double prominence = 0.1;
     /// Tips whose images lie further apart than this, mean of both ways in √area, don't belong
     /// together.
     double reach = 0.3;
 };
 
-/// A point that is further away from the rest of the surface than all around it.
+/// A point that sticks out further than all around it.
 struct Extremity {
-    Index point;        ///< row of the coarse shape
-    double prominence;  ///< in √area, > 0; the highest tip has its height above the lowest point
+    Index point;  ///< row of the coarse shape
+    /// In radii or, of a graph alone, √area; > 0. The highest tip has its height above the lowest
+    /// point.
+    double prominence;
 };
 
-/// Local maxima of the mean geodesic distance to the whole surface, the most prominent first
-/// (persistence of superlevel sets; mean distance after Hilaga et al. 2001). `distances` are
-/// node_distances(). The tip itself is the point around such a node that is furthest along the
-/// surface from the shape's centre.
+/// Local maxima of the distance to the mean of the surface around (Gaussian weights along the
+/// surface, after the integral invariants of Manay et al. 2004), the most prominent first
+/// (persistence of superlevel sets). `distances` are node_distances(). The tip itself is the point
+/// around such a node that is furthest from that mean.
 std::vector<Extremity> extremities(const CoarseShape& shape, const Eigen::MatrixXd& distances,
                                    const ExtremityOptions& options);
 
-/// The same of a graph alone, connected, with lengths in units of `unit`, √area: local maxima of
-/// the mean distance to `samples` points spread over it (farthest point sampling).
+/// Those of a graph alone, connected, with lengths in units of `unit`, √area: local maxima of the
+/// mean distance along it (after Hilaga et al. 2001) to `samples` points spread over it (farthest
+/// point sampling). At most so many, with more than `prominence`, which is in √area here.
 std::vector<Extremity> extremities(const SurfaceGraph& graph, double unit, Index samples,
-                                   const ExtremityOptions& options, Progress& progress);
+                                   Index most, double prominence, Progress& progress);
 
 /// One target tip at most for each source tip, and how far apart a map leaves them.
 struct ExtremityPair {

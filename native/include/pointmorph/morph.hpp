@@ -109,6 +109,10 @@ struct MorphReport {
     double feature_residual = 0.0;
     /// See Refinement::margin; infinite for the paper's method.
     double margin = std::numeric_limits<double>::infinity();
+    /// See Refinement; 1, and none, for the paper's method. Rows as given.
+    double confidence = 1.0;
+    std::vector<Rival> rivals;
+    std::vector<Proposal> proposals;
     /// See Refinement::starts; empty for the paper's method.
     std::vector<Attempt> starts;
     std::size_t start_taken = 0;

@@ -21,46 +21,83 @@ struct PoseOptions {
     /// A pose is dropped when it leaves the features further apart than the best one does by this
     /// much, root mean square, in √area.
     double feature_distance = 0.3;
-    /// So many of the best poses are tried in earnest.
-    Index finalists = 3;
+    /// So many of the best distinct maps are tried again, and at last continued to the finest
+    /// level and compared there.
+    Index finalists = 2;
     /// Two maps are distinct when their images lie further apart than this in √area: the mean, or
     /// .35 times the mean of the worst 3 % where that is more (a limb).
     double distinct = 0.08;
-    Index points = 1000;  ///< of each shape in a trial, the nodes among them
+    /// So while searching: finer, as the best map may be near one that was found.
+    double apart = 0.05;
+    Index points = 600;   ///< of each shape in a trial, the nodes among them
     double swing = 0.44;  ///< turns about each axis that the best pose is tried with; radians
     ExtremityOptions extremities;
-    /// The pose in which the shapes were given wins where its energy is within this factor of the
-    /// best one's: where shape alone can hardly tell, the user has. 1 or more.
+    Index variants = 8;    ///< ways to pair the tips that each of the best maps is tried with …
+    Index tip_rounds = 3;  ///< … so often, or until nothing better is found
+    double hopeful = 1.3;  ///< what is worse than the best by this factor isn't tried further
+    /// Maps that leave the target turned by less than `as_given_turn` (radians) from how it was
+    /// given win where their energy is within `as_given` of the best one's: where shape alone can
+    /// hardly tell, the user has. 1 or more.
     double as_given = 1.1;
-    Index variants = 6;  ///< ways to pair the tips that the two best maps are tried with
+    double as_given_turn = 1.0;
     /// The quick trial of every pose, on the coarsest level.
-    RegistrationLevel trial{3, 10, 10.0, 1.5, 1, 2, 1, 700, 0};
+    RegistrationLevel trial{2, 8, 10.0, 1.5, 1, 2, 1, 450, 0};
+    /// What continues the best of them before the finest level.
+    RegistrationLevel relaxation{0, 12, 5.0, 1.0, 2, 2, 1, 1000, 0};
+};
+
+/// A map that was continued to the finest level.
+struct Candidate {
+    Similarity alignment;       ///< turns and moves the target to where the registration has it
+    Registration registration;  ///< of the finest level, for the target so moved
+    Misfit misfit;
 };
 
 struct Pose {
-    /// Turns and moves the target to where the registration has it.
-    Similarity alignment;
-    /// Of the coarsest level, for the target moved by `alignment`.
-    Registration registration;
-    /// See registration_energy().
-    double energy = 0.0;
-    /// Energy of the best distinct map over that of this one, 1 or more: near 1, the shapes fit
-    /// another way just as well. Infinite where no other was found.
+    Candidate best;
+    /// Other maps, distinct from the best and from one another, the best first.
+    std::vector<Candidate> rivals;
+    /// Energy of the best distinct map over that of this one: near 1, the shapes fit another way
+    /// just as well; below 1 where it was preferred because the shapes were given so. Infinite
+    /// where no other was found.
     double margin = std::numeric_limits<double>::infinity();
+    /// See pose_confidence().
+    double confidence = 1.0;
+    std::vector<Extremity> source_tips, target_tips;  ///< rows of the coarse shapes
 };
 
+/// Another map, compared with the one that was chosen.
+struct Competitor {
+    double ratio;     ///< its energy over the chosen one's
+    double distance;  ///< mean over the source between a point's two images, in √area
+};
+
+/// How likely a map is right, 0 to 1: falls with the share of images that show their backs
+/// (logistic), and with every competitor that fits nearly as well, the more the further it lies
+/// apart: two maps of the same energy that have nothing in common are right half the time at most.
+/// Fitted to maps between animals; "right" is a mean landmark error of at most .07 √area.
+double pose_confidence(const Misfit& misfit, std::span<const Competitor> competitors);
+
 /// Rotations (and shifts) of the target onto the source, both of unit area: the 24 that take
-/// principal axes to principal axes, as far as the spreads along them agree, and the least turn or
-/// best fit by two or more features. None that contradicts the features. At least one.
+/// principal axes to principal axes, as far as the spreads along them agree, none, and the least
+/// turn or best fit by two or more features. None that contradicts the features. At least one.
 std::vector<Similarity> candidate_poses(const CoarseShape& source, const CoarseShape& target,
                                         std::span<const IndexPair> features,
                                         const PoseOptions& options);
 
-/// Registers from every candidate, on the coarsest level, and keeps the one that bends the shapes
-/// least for how well it brings them together; in doubt, that in which they were given.
+/// Registers from every candidate, with tips that may belong together as guides, and keeps the map
+/// that bends the shapes least for how well it brings them together; in doubt, one that leaves them
+/// as they were given.
 Pose find_pose(const CoarseShape& source, const CoarseShape& target,
                std::span<const IndexPair> features, const PoseOptions& options,
                const RegistrationOptions& registration, Progress& progress);
+
+/// Puts another registration of the same pose in the place of the best map's, and rates it anew;
+/// rivals that aren't distinct from it any more are dropped. `target` has been moved to where the
+/// registration has it.
+void replace_best(Pose& pose, Registration registration, const CoarseShape& source,
+                  const CoarseShape& target, const PoseOptions& options,
+                  const RegistrationOptions& registration_options, Progress& progress);
 
 /// A coarse shape turned and moved; `move.scale` is 1.
 CoarseShape moved(const CoarseShape& shape, const Similarity& move);

@@ -80,6 +80,10 @@ struct Quality {
     std::vector<FeatureResidual> features;  ///< one for each feature, in their order
 };
 
+/// The sides of the bounding box towards which a point lies: "towards +X, -Z", or "in the middle".
+/// `positions` have area 1 and lie around the origin.
+std::string direction_in_words(const Positions& positions, Index row);
+
 /// Both clouds have normals. `source_images` (#source by 3) says where source points lie on the
 /// target, in its coordinates, `target_images` (#target by 3) the reverse. `pairs` tell both sides
 /// of a thin sheet apart; `features` give the advice its words and are measured. Rows as in the

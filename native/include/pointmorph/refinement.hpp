@@ -5,7 +5,6 @@
 
 #include <limits>
 #include <span>
-#include <string>
 #include <vector>
 
 #include "pointmorph/attempts.hpp"
@@ -14,6 +13,7 @@
 #include "pointmorph/pose.hpp"
 #include "pointmorph/product_space.hpp"
 #include "pointmorph/progress.hpp"
+#include "pointmorph/proposals.hpp"
 #include "pointmorph/registration.hpp"
 #include "pointmorph/similarity.hpp"
 #include "pointmorph/types.hpp"
@@ -27,11 +27,14 @@ struct RefinementOptions {
     PoseOptions pose;
     /// With so many features or more they alone say how the target lies to the source; with fewer
     /// other poses are tried. 3 or more.
-    Index features_that_fix_the_pose = 5;
+    Index features_that_fix_the_pose = 8;
     /// In √area; see refine().
     double trusted_distance = 0.3;
-    /// Below this the second best map is named as a rival (see Pose::margin).
-    double clear_margin = 1.1;
+    /// Below this the user is told what may be wrong and which mark would settle it; 0 to 1.
+    double clear_confidence = 0.85;
+    /// Propose features even where the pose was known.
+    bool propose = false;
+    Index other_proposals = 4;  ///< places between the tips that are proposed too
     /// Weight of unit normals against lengths (in √area) in the last matching of a cloud of 10,000
     /// points; falls with the spacing of larger ones. 0 to 1.
     double normal_weight = 0.02;
@@ -57,13 +60,18 @@ struct Refinement {
     /// How much worse the best rival fits, 1 or more; infinite where there was none, or the
     /// features left nothing to choose. See Pose::margin.
     double margin = std::numeric_limits<double>::infinity();
+    /// How likely the map is right, 0 to 1; 1 where the features left nothing to choose. See
+    /// pose_confidence().
+    double confidence = 1.0;
+    /// Other maps that were found, the likeliest first, and pairs of places that a user may want to
+    /// mark; rows of the clouds. Empty where the pose was known and none were asked for.
+    std::vector<Rival> rivals;
+    std::vector<Proposal> proposals;
     /// What the registration was started from, and which of these was taken.
     std::vector<Attempt> starts;
     std::size_t start_taken = 0;
     /// Normals of the two clouds face opposite sides; the target's were taken the other way round.
     bool inside_out = false;
-    /// What may have gone wrong, for the user.
-    std::vector<std::string> warnings;
 };
 
 /// `features` are valid for the clouds and in canonical() order. The maps take hard points and the

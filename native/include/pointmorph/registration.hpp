@@ -94,11 +94,29 @@ double torn_share(const CoarseShape& source, const CoarseShape& target,
                   const Registration& registration, double stretch, double gap,
                   const RegistrationOptions& options, Progress& progress);
 
-/// How much the shapes had to bend, and what gap is left: a weighted geometric mean over both
-/// directions of gaps, round trips, disagreement of normals, residual and change of the rotations
-/// and scales at the nodes of `level`, which `registration` belongs to, and of the distortion of
-/// distances along the surface. Only the ratio of two of
-/// them says something: less is better.
+/// How much the shapes had to bend, and what gap is left: means over both directions, at the nodes
+/// of a level or the edges between them. All ≥ 0, 0 is perfect.
+struct Misfit {
+    double gap = 0.0;         ///< from images to where they were matched, in √area
+    double round_trip = 0.0;  ///< from a point to where it ends up there and back, in √area
+    double normals = 0.0;     ///< 1 − cosine
+    double opposed = 0.0;     ///< share whose image shows its back
+    double residual = 0.0;    ///< of the edges against their ends' similarities, squared, relative
+    double turn = 0.0;        ///< change of the rotations along edges
+    double scale = 0.0;       ///< and of the logarithms of the scales
+    double geodesics = 0.0;   ///< change of distances along the surface, in √area
+    double torn = 0.0;        ///< share of the edges whose length changes by a factor over 2
+
+    /// A weighted geometric mean of all but `torn`; only the ratio of two of them says something.
+    double energy() const;
+};
+
+/// Of `registration`, which belongs to `level`.
+Misfit registration_misfit(const CoarseShape& source, const CoarseShape& target, Index level,
+                           const Registration& registration, const NodeDistances& distances,
+                           const RegistrationOptions& options, Progress& progress);
+
+/// Its energy().
 double registration_energy(const CoarseShape& source, const CoarseShape& target, Index level,
                            const Registration& registration, const NodeDistances& distances,
                            const RegistrationOptions& options, Progress& progress);

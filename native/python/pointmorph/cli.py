@@ -1,4 +1,4 @@
-"""The command line: ``pointmorph morph SOURCE TARGET --out DIR``."""
+"""The command line: ``pointmorph morph …`` and ``pointmorph propose …``."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from pointmorph import __version__, formats, morphing, sampling, sequences
+from pointmorph.clouds import Cloud
 from pointmorph.errors import FeatureError, FileError, OptionError, PointmorphError
 from pointmorph.features import Feature, feature_from_json
 
@@ -24,7 +25,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = _parser()
     chosen = parser.parse_args(arguments)
     try:
-        _morph(chosen)
+        chosen.run(chosen)
     except OptionError as error:
         return _complain(str(error), WRONG_CALL)
     except PointmorphError as error:
@@ -53,16 +54,8 @@ def _parser() -> argparse.ArgumentParser:
         help="compute the correspondence and the in-between clouds of two files",
         description="Writes pairs.npy, source.ply, target.ply, frame_0000.ply … and report.json.",
     )
-    kinds = " ".join(formats.SUFFIXES)
-    morph.add_argument("source", metavar="SOURCE", help=f"the shape at t = 0: {kinds}")
-    morph.add_argument("target", metavar="TARGET", help="the shape at t = 1")
+    morph.set_defaults(run=_morph)
     morph.add_argument("--out", required=True, metavar="DIR", type=Path, help="folder to write to")
-    morph.add_argument(
-        "--features",
-        metavar="FILE",
-        type=Path,
-        help='JSON: {"features": {"nose": [source row, target row], …}}, and curves and regions',
-    )
     morph.add_argument(
         "--frames",
         metavar="N",
@@ -75,16 +68,40 @@ def _parser() -> argparse.ArgumentParser:
         action="store_true",
         help="write frames without cracks, with new points where some are missing, id and velocity",
     )
-    morph.add_argument(
+    propose = commands.add_parser(
+        "propose",
+        allow_abbrev=False,
+        help="find places of two files that belong together, to mark as features",
+        description="Writes a features file, which morph takes, with a confidence for each.",
+    )
+    propose.set_defaults(run=_propose)
+    propose.add_argument(
+        "--out", required=True, metavar="FILE", type=Path, help="features' file to write"
+    )
+    for command in (morph, propose):
+        _add_common(command)
+    return parser
+
+
+def _add_common(command: argparse.ArgumentParser) -> None:
+    kinds = " ".join(formats.SUFFIXES)
+    command.add_argument("source", metavar="SOURCE", help=f"the shape at t = 0: {kinds}")
+    command.add_argument("target", metavar="TARGET", help="the shape at t = 1")
+    command.add_argument(
+        "--features",
+        metavar="FILE",
+        type=Path,
+        help='JSON: {"features": {"nose": [source row, target row], …}}, and curves and regions',
+    )
+    command.add_argument(
         "--samples",
         metavar="N",
         type=_positive,
         help="sample both models' faces with N points (default: morph the vertices)",
     )
-    settings = morph.add_argument_group("settings of the method")
+    settings = command.add_argument_group("settings of the method")
     for option in morphing.options():
         _add_option(settings, option)
-    return parser
 
 
 def _add_option(group: argparse._ArgumentGroup, option: morphing.Option) -> None:
@@ -120,26 +137,87 @@ def _positive(text: str) -> int:
     return count
 
 
-def _morph(chosen: argparse.Namespace) -> None:
-    settings = {
+def _settings(chosen: argparse.Namespace) -> dict[str, Any]:
+    return {
         option.name: getattr(chosen, option.name)
         for option in morphing.options()
         if getattr(chosen, option.name) is not None
     }
-    features, loop = read_features(chosen.features) if chosen.features else ({}, [])
+
+
+def _read_shapes(chosen: argparse.Namespace) -> list[formats.Shape]:
     shapes = [formats.read(chosen.source), formats.read(chosen.target)]
     if shapes[0].name == shapes[1].name:
         shapes[0].name, shapes[1].name = str(chosen.source), str(chosen.target)
+    return shapes
+
+
+def _clouds(
+    chosen: argparse.Namespace,
+    shapes: Sequence[formats.Shape],
+    features: dict[str, Feature],
+    progress: morphing.Progress,
+) -> tuple[list[Cloud], dict[str, Feature]]:
+    """The clouds to morph, sampled where that is asked for, and the features' rows of them."""
+    if chosen.samples is None:
+        return [shape.cloud() for shape in shapes], features
+    check_rows(shapes, features)
+    return sampling.sample_pair(shapes, features, chosen.samples, progress)
+
+
+def _propose(chosen: argparse.Namespace) -> None:
+    given, _ = read_features(chosen.features) if chosen.features else ({}, [])
+    content = _read_json(chosen.features) if chosen.features else {}
+    shapes = _read_shapes(chosen)
+    with _bars() as progress:
+        clouds, features = _clouds(chosen, shapes, given, progress)
+        proposals = morphing.propose_features(
+            clouds[0], clouds[1], features, progress=progress, **_settings(chosen)
+        )
+    # A region may hold points, a curve and a point share none.
+    taken = [
+        {row for f in given.values() if f.kind != "region" for row in f.rows(side)}
+        for side in (0, 1)
+    ]
+    found: dict[str, list[int]] = {}
+    confidence: dict[str, float] = {}
+    for proposal in proposals:
+        rows = [
+            _nearest_row(shape.positions, cloud.positions[row])
+            for shape, cloud, row in zip(
+                shapes, clouds, (proposal.source, proposal.target), strict=True
+            )
+        ]
+        if any(rows[side] in taken[side] for side in (0, 1)):
+            continue  # the model has no vertex of its own there
+        for side in (0, 1):
+            taken[side].add(rows[side])
+        name = proposal.name
+        while name in given:
+            name += "_"
+        found[name] = rows
+        confidence[name] = round(proposal.confidence, 3)
+    content["features"] = {**content.get("features", {}), **found}
+    content["confidence"] = confidence
+    formats.write_bytes(chosen.out, (json.dumps(content, indent=1) + "\n").encode())
+    for name, rows in found.items():
+        print(f"  {name:<11}{rows[0]:>8}{rows[1]:>8}   {100 * confidence[name]:.0f} % sure")
+    print(f"{len(found)} proposals: {chosen.out}")
+
+
+def _nearest_row(positions: np.ndarray, place: np.ndarray) -> int:
+    return int(np.argmin(((positions - place) ** 2).sum(axis=1)))
+
+
+def _morph(chosen: argparse.Namespace) -> None:
+    features, loop = read_features(chosen.features) if chosen.features else ({}, [])
+    shapes = _read_shapes(chosen)
     _make_folder(chosen.out)
 
     with _bars() as progress:
-        if chosen.samples is None:
-            clouds = [shape.cloud() for shape in shapes]
-        else:
-            check_rows(shapes, features)
-            clouds, features = sampling.sample_pair(shapes, features, chosen.samples, progress)
+        clouds, features = _clouds(chosen, shapes, features, progress)
         result = morphing.morph(
-            clouds[0], clouds[1], features, loop=loop, progress=progress, **settings
+            clouds[0], clouds[1], features, loop=loop, progress=progress, **_settings(chosen)
         )
         counts = _write(chosen.out, result, chosen.frames, chosen.resample, progress)
         result.measure_quality(progress)
@@ -175,9 +253,10 @@ def check_rows(shapes: Sequence[formats.Shape], features: Mapping[str, Feature])
                     )
 
 
-def read_features(path: Path, key: str = "features") -> tuple[dict[str, Feature], list[str]]:
-    """The features that FEATURES.json has under `key`, by name, and its loop."""
-    shape = '{"features": {"nose": [source row, target row], …}, "loop": ["nose", …]}'
+_SHAPE = '{"features": {"nose": [source row, target row], …}, "loop": ["nose", …]}'
+
+
+def _read_json(path: Path) -> dict[str, Any]:
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
@@ -185,11 +264,18 @@ def read_features(path: Path, key: str = "features") -> tuple[dict[str, Feature]
             str(path), "a readable file", error.strerror or str(error), "Check the path."
         ) from error
     except ValueError as error:
-        raise FileError(str(path), f"JSON like {shape}", str(error), "Correct it.") from error
-    features = content.get(key, {}) if isinstance(content, dict) else None
-    loop = content.get("loop", []) if isinstance(content, dict) else []
+        raise FileError(str(path), f"JSON like {_SHAPE}", str(error), "Correct it.") from error
+    if not isinstance(content, dict):
+        raise FileError(str(path), f"JSON like {_SHAPE}", "something else", "Correct it.")
+    return content
+
+
+def read_features(path: Path, key: str = "features") -> tuple[dict[str, Feature], list[str]]:
+    """The features that FEATURES.json has under `key`, by name, and its loop."""
+    content = _read_json(path)
+    features, loop = content.get(key, {}), content.get("loop", [])
     if not isinstance(features, dict):
-        raise FileError(str(path), f"JSON like {shape}", "something else", "Correct it.")
+        raise FileError(str(path), f"JSON like {_SHAPE}", "something else", "Correct it.")
     if not isinstance(loop, list) or not all(isinstance(name, str) for name in loop):
         raise FileError(str(path), "a loop that lists features' names", repr(loop), "Correct it.")
     return {name: feature_from_json(name, value) for name, value in features.items()}, loop

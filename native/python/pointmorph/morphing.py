@@ -171,6 +171,20 @@ class Quality:
     """one for each feature"""
 
 
+@dataclass(frozen=True)
+class Proposal:
+    """Two places that probably belong together. Made by `pointmorph.propose_features`."""
+
+    name: str
+    """tip.1, tip.2 … for ends of limbs on both shapes, place.1 … for places between them"""
+    source: int
+    """row of the source"""
+    target: int
+    """row of the target"""
+    confidence: float
+    """about how often such a pair lies within 0.1 √area of the truth, 0 to 1"""
+
+
 class Morph:
     """A finished correspondence between two clouds. Made by `pointmorph.morph`.
 
@@ -361,6 +375,14 @@ class Morph:
         `loop` (given, or proposed for a cut), `tips` (rows of unmarked tips that a cut brought
         together),
         `options` and what the solver needed on both sides.
+
+        Where few or no features said how the clouds lie to each other: `confidence` (about how
+        likely the map is right, 0 to 1), `margin` (energy of the second best map over that of this
+        one; None where there is none), `rivals` (other maps that were found: `ratio` of energies;
+        `swap`, which is ends, sides, turned or places; `distance`, the largest between two images,
+        in √area; `places`, source rows where they differ; and a mark that tells them apart,
+        `source`, with its partner `target` now and `rival_target` then) and `proposals` (pairs of
+        places to mark: `source`, `target`, `confidence`, `is_tip`).
         """
         quality = self.quality
         return {
@@ -481,16 +503,72 @@ def morph(
     >>> bool(np.array_equal(result.frame(0).positions, plane[result.pairs[:, 0]]))
     True
     """
-    native = _pointmorph.Morph(
+    native = _native(source, target, features, loop, native_options(settings), start, progress)
+    return Morph(native, source, target)
+
+
+def propose_features(
+    source: Cloud,
+    target: Cloud,
+    features: Mapping[str, tuple[int, int] | Feature] | None = None,
+    *,
+    progress: Progress | None = None,
+    **settings: int | float | str | None,
+) -> tuple[Proposal, ...]:
+    """Finds places that a user may want to mark, and their partners.
+
+    Computes the morph for it. Parameters, progress and errors are those of `morph`; the method
+    paper, which needs features, isn't available.
+
+    Returns
+    -------
+    tuple of Proposal
+        First the tips, then the places between, each the most confident first. None of `features`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import pointmorph
+    >>> rows = np.random.default_rng(1).normal(size=(2000, 3)) * (3, 1, 1)
+    >>> ellipsoid = rows / np.linalg.norm(rows / (3, 1, 1), axis=1)[:, None]
+    >>> cloud = pointmorph.Cloud(ellipsoid)
+    >>> all(0 <= p.confidence <= 1 for p in pointmorph.propose_features(cloud, cloud))
+    True
+    """
+    if settings.get("method") == "paper":
+        raise OptionError(
+            "method", "auto", "paper", "Leave the method out: paper starts from features."
+        )
+    chosen = native_options(settings)
+    chosen.propose_features()
+    rows = _native(source, target, features, (), chosen, None, progress).report()
+    counts = {True: 0, False: 0}
+    proposals = []
+    for row in rows["proposals"]:
+        counts[row["is_tip"]] += 1
+        name = f"{'tip' if row['is_tip'] else 'place'}.{counts[row['is_tip']]}"
+        proposals.append(Proposal(name, row["source"], row["target"], row["confidence"]))
+    return tuple(proposals)
+
+
+def _native(
+    source: Cloud,
+    target: Cloud,
+    features: Mapping[str, tuple[int, int] | Feature] | None,
+    loop: Sequence[str],
+    chosen: _pointmorph.MorphOptions,
+    start: Morph | tuple[npt.ArrayLike, npt.ArrayLike] | None,
+    progress: Progress | None,
+) -> _pointmorph.Morph:
+    return _pointmorph.Morph(
         source._fields(),
         target._fields(),
         native_features(features),
         list(loop),
-        native_options(settings),
+        chosen,
         *_start_arrays(start),
         progress,
     )
-    return Morph(native, source, target)
 
 
 def restore(

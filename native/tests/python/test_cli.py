@@ -73,7 +73,8 @@ def test_a_whole_morph_and_back_from_its_files(pair: Path) -> None:
     report = json.loads((out / "report.json").read_text())
     for key in (
         "stages", "seconds", "peak_memory_bytes", "pairs", "feature_residual", "cracks",
-        "warnings", "options", "quality", "worst", "margin", "starts",
+        "warnings", "options", "quality", "worst", "margin", "confidence", "rivals", "proposals",
+        "starts",
     ):  # fmt: skip
         assert key in report
     for name in ("Covered", "Stretch", "Folded", "Round trip"):
@@ -310,3 +311,65 @@ def test_resampled_frames_have_ids_and_velocities(pair: Path) -> None:
     report = json.loads((out / "report.json").read_text())
     assert report["resampled"]["frames"] == counts
     assert report["resampled"]["inserted"] >= counts[1] - len(pairs)
+
+
+def test_proposals_make_a_features_file_that_morph_takes(pair: Path) -> None:
+    models, proposed = [pair / "plane.off", pair / "bump.off"], pair / "proposed.json"
+    done = run("propose", *models, "--features", pair / "features.json", "--out", proposed)
+    assert done.returncode == 0, done.stderr
+    content = json.loads(proposed.read_text())
+    given = json.loads((pair / "features.json").read_text())["features"]
+    assert given.items() <= content["features"].items()
+    assert set(content["confidence"]) == set(content["features"]) - set(given)
+    assert content["confidence"]
+    assert all(0 <= value <= 1 for value in content["confidence"].values())
+    for side, count in enumerate((41 * 41, 33 * 33)):
+        rows = [rows[side] for rows in content["features"].values()]
+        assert len(set(rows)) == len(rows)
+        assert all(0 <= row < count for row in rows)
+    again = run("morph", *models, "--features", proposed, "--out", pair / "out")
+    assert again.returncode == 0, again.stderr
+
+
+@pytest.mark.parametrize("samples", [[], ["--samples", 600]])
+def test_proposals_keep_features_of_any_kind_as_they_were_given(pair: Path, samples: list) -> None:
+    given = {
+        "soft": {"source": 5, "target": 6, "weight": 0.5, "hard": False},
+        "edge": {"kind": "curve", "source": [0, 20, 40], "target": [0, 32]},
+        "patch": {"kind": "region", "source": [840, 841], "target": {"rows": [544]}},
+    }
+    file, proposed = pair / "kinds.json", pair / "proposed.json"
+    file.write_text(json.dumps({"features": given, "loop": ["soft"]}))
+    models = [pair / "plane.off", pair / "bump.off"]
+    done = run("propose", *models, "--features", file, "--out", proposed, *samples)
+    assert done.returncode == 0, done.stderr
+    content = json.loads(proposed.read_text())
+    assert {name: content["features"][name] for name in given} == given
+    assert content["loop"] == ["soft"]
+    found = [rows for name, rows in content["features"].items() if name not in given]
+    assert found
+    assert not {source for source, _ in found} & {5, 0, 20, 40}
+    assert not {target for _, target in found} & {6, 0, 32}
+    del content["loop"]
+    proposed.write_text(json.dumps(content))
+    again = run("morph", *models, "--features", proposed, "--out", pair / "out")
+    assert again.returncode == 0, again.stderr
+
+
+def test_proposals_from_samples_are_rows_of_the_files(pair: Path) -> None:
+    proposed = pair / "proposed.json"
+    done = run(
+        "propose", pair / "plane.off", pair / "bump.off", "--samples", 600, "--out", proposed
+    )
+    assert done.returncode == 0, done.stderr
+    for rows in json.loads(proposed.read_text())["features"].values():
+        assert 0 <= rows[0] < 41 * 41
+        assert 0 <= rows[1] < 33 * 33
+
+
+def test_proposals_arent_for_the_papers_method(pair: Path) -> None:
+    done = run(
+        "propose", pair / "plane.off", pair / "bump.off", "--method", "paper", "--out", "x.json"
+    )
+    assert done.returncode == 2
+    assert "Leave the method out" in done.stderr

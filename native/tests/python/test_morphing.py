@@ -468,3 +468,47 @@ def test_a_restored_morph_has_the_same_frames(path: str) -> None:
         pointmorph.restore(*ends, np.vstack([result.pairs, [[961, 0]]]))
     with pytest.raises(pointmorph.CloudError, match="normals and radii"):
         pointmorph.restore(result.source, result.target, result.pairs)
+
+
+def urchin(seed: int, turn: np.ndarray) -> tuple[pointmorph.Cloud, np.ndarray]:
+    """A ball with four spikes of different lengths, and their ends."""
+    spikes = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, 0, 1]])
+    lengths = np.array([1.0, 0.6, 0.8, 0.7])
+    ball = np.random.default_rng(seed).normal(size=(40000, 3))
+    ball /= np.linalg.norm(ball, axis=1)[:, None]
+    grown = 0.6 + np.exp((ball @ spikes.T - 1) / 0.05) @ lengths
+    rows = pointmorph._pointmorph.blue_noise(ball * grown[:, None], None, 3000, [], None)
+    positions = (ball * grown[:, None])[rows]
+    ends = spikes * (0.6 + lengths)[:, None]
+    return pointmorph.Cloud(positions @ turn.T, ball[rows] @ turn.T), ends @ turn.T
+
+
+def test_proposals_are_the_same_spikes_of_both() -> None:
+    c, s = np.cos(2.0), np.sin(2.0)
+    turn = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]) @ np.array(
+        [[0, 0, 1], [1, 0, 0], [0, 1, 0]]
+    )
+    (source, here), (target, there) = urchin(1, np.eye(3)), urchin(2, turn)
+    proposals = pointmorph.propose_features(source, target)
+    tips = [p for p in proposals if p.name.startswith("tip.")]
+    assert [p.name for p in tips] == [f"tip.{k + 1}" for k in range(len(tips))]
+    spikes = set()
+    for tip in tips:
+        from_ends = np.linalg.norm(here - source.positions[tip.source], axis=1)
+        if from_ends.min() < 0.2:
+            spikes.add(int(from_ends.argmin()))
+            to_ends = np.linalg.norm(there - target.positions[tip.target], axis=1)
+            assert to_ends.argmin() == from_ends.argmin()
+    assert spikes == {0, 1, 2, 3}
+    # A mark that was given isn't proposed again.
+    given = {"longest": (tips[0].source, tips[0].target)}
+    for other in pointmorph.propose_features(source, target, given):
+        assert other.source != tips[0].source
+        assert other.target != tips[0].target
+        assert 0 <= other.confidence <= 1
+
+
+def test_proposals_arent_for_the_papers_method() -> None:
+    source, _ = urchin(1, np.eye(3))
+    with pytest.raises(pointmorph.OptionError, match="paper"):
+        pointmorph.propose_features(source, source, method="paper")
