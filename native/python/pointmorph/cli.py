@@ -11,9 +11,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from pointmorph import __version__, formats, morphing, sampling, sequences
-from pointmorph.clouds import Cloud
+from pointmorph.clouds import Cloud, FloatArray
 from pointmorph.errors import FeatureError, FileError, OptionError, PointmorphError
 from pointmorph.features import Feature, feature_from_json
 
@@ -205,7 +206,7 @@ def _propose(chosen: argparse.Namespace) -> None:
     print(f"{len(found)} proposals: {chosen.out}")
 
 
-def _nearest_row(positions: np.ndarray, place: np.ndarray) -> int:
+def _nearest_row(positions: FloatArray, place: FloatArray) -> int:
     return int(np.argmin(((positions - place) ** 2).sum(axis=1)))
 
 
@@ -310,16 +311,22 @@ def _write(
     for side, (name, cloud) in enumerate((("source", result.source), ("target", result.target))):
         result.frame(float(side), out=frame)
         rows = result.pairs[:, side]
-        attributes = []
-        for values in (frame.normals, frame.colors, frame.radii):
-            by_point = np.empty((len(cloud), *values.shape[1:]), values.dtype)
-            by_point[rows] = values
-            attributes.append(by_point)
+        normals, colors, radii = (
+            _by_point(values, rows, len(cloud))
+            for values in (frame.normals, frame.colors, frame.radii)
+        )
         positions = cloud.positions.astype(frame.positions.dtype, copy=False)
-        formats.write_ply(folder / f"{name}.ply", positions, *attributes)
+        formats.write_ply(folder / f"{name}.ply", positions, normals, colors, radii)
 
     times = [number / (frames - 1) for number in range(frames)]
     return sequences.write_frames(result, folder, times, resample=resample, progress=progress)
+
+
+def _by_point(values: FloatArray, rows: npt.NDArray[np.int64], count: int) -> FloatArray:
+    """What pairs have of one side, for its points: `rows` are those of the pairs."""
+    result: FloatArray = np.empty((count, *values.shape[1:]), values.dtype)
+    result[rows] = values
+    return result
 
 
 @contextlib.contextmanager
