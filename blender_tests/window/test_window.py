@@ -7,11 +7,11 @@ import time
 
 TAB = (1044, 260)
 VIEWPORT = (400, 600)
-MORPH = (931, 375)
-SLIDER = ((860, 429), (1000, 429))
-BAKE_SOURCE = (931, 520)
-SHOW_DISTORTION = (931, 611)
-SETTINGS_HEADER = (880, 311)
+MORPH = (931, 401)
+SLIDER = ((860, 455), (1000, 455))
+BAKE_SOURCE = (931, 546)
+SHOW_DISTORTION = (931, 637)
+SETTINGS_HEADER = (880, 337)
 
 RESULT = 'bpy.data.objects.get("Hill to Dune")'
 RUNNING = "session().current is not None"
