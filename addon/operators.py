@@ -48,6 +48,14 @@ def active_result(context):
     return found
 
 
+def result_reason(context):
+    """Why there is no morph object that could be baked; None when there is one."""
+    obj = active_result(context)
+    if obj is None:
+        return "Morph first, or make a morph object the active object"
+    return "Leave Edit Mode first" if obj.mode == "EDIT" else None
+
+
 def path_choice(description):
     """A property that overrides the setting Path for one bake."""
     return bpy.props.EnumProperty(
@@ -255,12 +263,9 @@ class POINTMORPH_OT_bake_shape_keys(bpy.types.Operator):
 
     @classmethod
     def poll(cls, context):
-        obj = active_result(context)
-        if obj is None:
-            cls.poll_message_set("Morph first, or make a morph object the active object")
-            return False
-        if obj.mode == "EDIT":
-            cls.poll_message_set("Leave Edit Mode first")
+        reason = result_reason(context)
+        if reason is not None:
+            cls.poll_message_set(reason)
             return False
         return True
 
@@ -332,12 +337,9 @@ class POINTMORPH_OT_bake_frames(_Computing, bpy.types.Operator):
         if session.current is not None:
             cls.poll_message_set("Something is being computed: wait, or press Esc to stop it")
             return False
-        obj = active_result(context)
-        if obj is None:
-            cls.poll_message_set("Morph first, or make a morph object the active object")
-            return False
-        if obj.mode == "EDIT":
-            cls.poll_message_set("Leave Edit Mode first")
+        reason = result_reason(context)
+        if reason is not None:
+            cls.poll_message_set(reason)
             return False
         return True
 

@@ -4,7 +4,6 @@
 #include <utility>
 
 #include "pointmorph/extremities.hpp"
-#include "pointmorph/parallel.hpp"
 #include "pointmorph/surface_graph.hpp"
 
 namespace pointmorph {
@@ -78,10 +77,7 @@ Attempts register_best(const CoarseShape& source, const CoarseShape& target,
     attempts.tried.push_back({start_name, torn(attempts.registration)});
     if (attempts.tried.front().torn <= options.torn) return attempts;
 
-    NodeDistances distances;
-    parallel_invoke(2, [&](int k, bool) {
-        distances[static_cast<std::size_t>(k)] = node_distances(k == 0 ? source : target);
-    });
+    const NodeDistances distances = node_distances(source, target);
     const auto last = static_cast<Index>(source.levels.size()) - 1;
     const auto energy = [&](const Registration& result) {
         return registration_energy(source, target, last, result, distances, registration, progress);

@@ -59,11 +59,6 @@ double feature_distance(const CoarseShape& source, const CoarseShape& target,
                                      : std::sqrt(sum / static_cast<double>(places.source.rows()));
 }
 
-Similarity composed(const Similarity& after, const Similarity& before) {
-    return {after.scale * before.scale, after.rotation * before.rotation,
-            after.scale * (after.rotation * before.shift) + after.shift};
-}
-
 /// The nodes of the coarsest level and other points among them, `points` in all: the same
 /// deformations, at a fraction of the cost. No surface graph.
 CoarseShape thinned(const CoarseShape& shape, const std::vector<Extremity>& tips, Index points,
@@ -118,8 +113,7 @@ struct Shapes {
 
 using Tips = std::vector<IndexPair>;  ///< places in the lists of tips; sorted
 
-/// A start for a trial.
-struct Attempt {
+struct TrialStart {
     Similarity alignment;  ///< the target's pose
     Tips tips;             ///< drawn together at first
 };
@@ -167,17 +161,17 @@ void keep_distinct(std::vector<Map>& maps, double distinct) {
     maps = std::move(kept);
 }
 
-Trial try_pose(const Shapes& shapes, const Attempt& attempt, const RegistrationLevel& level,
+Trial try_pose(const Shapes& shapes, const TrialStart& from, const RegistrationLevel& level,
                const RegistrationOptions& options) {
     Progress silent;
-    const CoarseShape there = moved(shapes.thin_target, attempt.alignment);
+    const CoarseShape there = moved(shapes.thin_target, from.alignment);
     // Curves and regions have to be brought over; by points alone a plate turns heads.
     RegistrationStart start =
         shapes.source.guides.size() > 0
             ? thin_plate_start(shapes.thin_source, there, shapes.features)
             : RegistrationStart{shapes.thin_source.positions, there.positions};
     RegistrationLevel rest = level;
-    if (!attempt.tips.empty()) {
+    if (!from.tips.empty()) {
         // Tips lead the way while the shapes are stiff; then the surfaces decide.
         RegistrationLevel lead = level;
         lead.rounds = level.rounds / 2;
@@ -188,32 +182,32 @@ Trial try_pose(const Shapes& shapes, const Attempt& attempt, const RegistrationL
         RegistrationOptions soft = options;
         soft.feature_weight = options.feature_weight / 10.0;
         std::vector<IndexPair> guides(shapes.features.begin(), shapes.features.end());
-        for (const IndexPair& tip : attempt.tips)
+        for (const IndexPair& tip : from.tips)
             guides.push_back({shapes.source_tips[at(tip.source)].point,
                               shapes.target_tips[at(tip.target)].point});
         Registration led =
             register_level(shapes.thin_source, there, 0, guides, start, lead, soft, silent);
         start = {std::move(led.source_points.positions), std::move(led.target_points.positions)};
     }
-    Trial trial{attempt.alignment, register_level(shapes.thin_source, there, 0, shapes.features,
-                                                  start, rest, options, silent)};
+    Trial trial{from.alignment, register_level(shapes.thin_source, there, 0, shapes.features, start,
+                                               rest, options, silent)};
     trial.energy = registration_energy(shapes.thin_source, there, 0, trial.registration,
                                        shapes.distances, options, silent);
     return trial;
 }
 
 /// Tries all, side by side, and sorts what is distinct into `trials`.
-void try_poses(const Shapes& shapes, std::span<const Attempt> attempts, const PoseOptions& options,
+void try_poses(const Shapes& shapes, std::span<const TrialStart> starts, const PoseOptions& options,
                const RegistrationOptions& registration, std::vector<Trial>& trials,
                Progress& progress, double first, double last) {
     const std::size_t before = trials.size();
-    trials.resize(before + attempts.size());
+    trials.resize(before + starts.size());
     parallel_for(
-        static_cast<Index>(attempts.size()), progress,
+        static_cast<Index>(starts.size()), progress,
         [&](Index begin, Index end) {
             for (Index k = begin; k < end; ++k)
                 trials[before + at(k)] =
-                    try_pose(shapes, attempts[at(k)], options.trial, registration);
+                    try_pose(shapes, starts[at(k)], options.trial, registration);
         },
         first, last, 1);
     std::ranges::stable_sort(trials, {}, &Trial::energy);
@@ -440,7 +434,7 @@ Pose find_pose(const CoarseShape& source, const CoarseShape& target,
                std::span<const IndexPair> features, const PoseOptions& options,
                const RegistrationOptions& registration, Progress& progress) {
     Pose result;
-    NodeDistances distances{node_distances(source), node_distances(target)};
+    NodeDistances distances = node_distances(source, target);
     result.source_tips = extremities(source, distances[0], options.extremities);
     result.target_tips = extremities(target, distances[1], options.extremities);
     Shapes shapes{source,
@@ -459,27 +453,27 @@ Pose find_pose(const CoarseShape& source, const CoarseShape& target,
     to_thin(shapes.thin_source, shapes.source_tips);
     to_thin(shapes.thin_target, shapes.target_tips);
 
-    std::vector<Attempt> attempts;
+    std::vector<TrialStart> starts;
     for (const Similarity& pose : candidate_poses(source, target, features, options))
-        attempts.push_back({pose, {}});
+        starts.push_back({pose, {}});
     std::vector<Trial> trials;
-    try_poses(shapes, attempts, options, registration, trials, progress, 0.0, 0.2);
+    try_poses(shapes, starts, options, registration, trials, progress, 0.0, 0.2);
 
-    attempts.clear();
+    starts.clear();
     const PrincipalFrame frame = principal_frame(source);
     for (std::size_t k = 0; k < trials.size() && k < at(options.finalists); ++k) {
         const Similarity base = implied(shapes, trials[k]);
-        attempts.push_back({base, {}});
+        starts.push_back({base, {}});
         if (k > 0) continue;
         for (int axis = 0; axis < 3; ++axis)
             for (const double angle : {-options.swing, options.swing}) {
                 const Matrix3 turn =
                     Eigen::AngleAxisd(angle, frame.axes.col(axis)).toRotationMatrix();
-                attempts.push_back(
+                starts.push_back(
                     {composed(turn_about(turn, frame.center, frame.center), base), {}});
             }
     }
-    try_poses(shapes, attempts, options, registration, trials, progress, 0.2, 0.4);
+    try_poses(shapes, starts, options, registration, trials, progress, 0.2, 0.4);
 
     // The best, the best of those that leave the shapes as given, and the best that lays them onto
     // each other quite another way.
@@ -500,20 +494,20 @@ Pose find_pose(const CoarseShape& source, const CoarseShape& target,
     };
     std::vector<Tips> tried;
     for (Index round = 0; round < options.tip_rounds; ++round) {
-        attempts.clear();
+        starts.clear();
         for (const std::size_t k : bases(2)) {
             Index count = 0;
             for (Tips& tips : tip_variants(shapes, trials[k], options.extremities)) {
                 if (count == options.variants) break;
                 if (std::ranges::find(tried, tips) != tried.end()) continue;
                 ++count;
-                attempts.push_back({implied(shapes, trials[k]), tips});
+                starts.push_back({implied(shapes, trials[k]), tips});
                 tried.push_back(std::move(tips));
             }
         }
         const double before = trials.front().energy;
         const double share = 0.4 / std::max<Index>(options.tip_rounds, 1);
-        try_poses(shapes, attempts, options, registration, trials, progress, 0.4 + round * share,
+        try_poses(shapes, starts, options, registration, trials, progress, 0.4 + round * share,
                   0.4 + (round + 1) * share);
         if (!(trials.front().energy < before)) break;
     }
@@ -550,9 +544,9 @@ void replace_best(Pose& pose, Registration registration, const CoarseShape& sour
                   const RegistrationOptions& registration_options, Progress& progress) {
     const auto finest = static_cast<Index>(source.levels.size()) - 1;
     pose.best.registration = std::move(registration);
-    pose.best.misfit = registration_misfit(source, target, finest, pose.best.registration,
-                                           {node_distances(source), node_distances(target)},
-                                           registration_options, progress);
+    pose.best.misfit =
+        registration_misfit(source, target, finest, pose.best.registration,
+                            node_distances(source, target), registration_options, progress);
     std::erase_if(pose.rivals, [&](const Candidate& rival) {
         return difference(rival, pose.best) < options.distinct;
     });

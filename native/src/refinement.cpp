@@ -43,11 +43,6 @@ Similarity to_unit_area(const Positions& positions) {
     return result;
 }
 
-Similarity composed(const Similarity& after, const Similarity& before) {
-    return {after.scale * before.scale, after.rotation * before.rotation,
-            after.scale * (after.rotation * before.shift) + after.shift};
-}
-
 /// A curve on both shapes, as many places on either, at the same shares of the length.
 struct CurvePlaces {
     Positions source, target;
@@ -413,17 +408,18 @@ void clamp_to_region(Positions& images, const Values& members, const KdTree<3>& 
                      const Values& other_members) {
     constexpr double kMember = 0.5;
     std::vector<Index> inside;
-    const double largest = other_members.maxCoeff();
+    const double least = kMember * members.maxCoeff();
+    const double other_least = kMember * other_members.maxCoeff();
     for (Index j = 0; j < other.size(); ++j)
-        if (other_members[j] >= kMember * largest) inside.push_back(j);
+        if (other_members[j] >= other_least) inside.push_back(j);
     const Positions places = gather(other.points(), inside);
     const KdTree<3> tree(places);
     for (Eigen::Index i = 0; i < images.rows(); ++i) {
-        if (members[i] < kMember * members.maxCoeff()) continue;
+        if (members[i] < least) continue;
         Index nearest;
         double squared;
         other.nearest(images.row(i).data(), {&nearest, 1}, {&squared, 1});
-        if (other_members[nearest] >= kMember * largest) continue;
+        if (other_members[nearest] >= other_least) continue;
         tree.nearest(images.row(i).data(), {&nearest, 1}, {&squared, 1});
         images.row(i) = places.row(nearest);
     }
@@ -531,8 +527,8 @@ Refinement refine(const Positions& source, const Normals& source_normals, const 
     CoarseShape coarse_source, coarse_target;
     on_both(progress, [&](bool is_source, Progress& p) {
         if (is_source)
-            coarse_source = coarse_shape(source_tree.emplace(s), source_normals, source_required,
-                                         options.coarse, p);
+            coarse_source = coarse_shape(source_tree ? *source_tree : source_tree.emplace(s),
+                                         source_normals, source_required, options.coarse, p);
         else
             coarse_target =
                 coarse_shape(target_tree.emplace(t), tn, target_required, options.coarse, p);

@@ -428,6 +428,14 @@ Eigen::MatrixXd node_distances(const CoarseShape& shape) {
     return distances;
 }
 
+NodeDistances node_distances(const CoarseShape& source, const CoarseShape& target) {
+    NodeDistances distances;
+    parallel_invoke(2, [&](int k, bool) {
+        distances[static_cast<std::size_t>(k)] = node_distances(k == 0 ? source : target);
+    });
+    return distances;
+}
+
 double torn_share(const CoarseShape& source, const CoarseShape& target,
                   const Registration& registration, double stretch, double gap,
                   const RegistrationOptions& options, Progress& progress) {

@@ -108,4 +108,9 @@ Similarity fit_similarity(const Positions& from, const Positions& to) {
     return result;
 }
 
+Similarity composed(const Similarity& after, const Similarity& before) {
+    return {after.scale * before.scale, after.rotation * before.rotation,
+            after.scale * (after.rotation * before.shift) + after.shift};
+}
+
 }  // namespace pointmorph

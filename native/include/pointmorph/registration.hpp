@@ -87,6 +87,7 @@ Eigen::MatrixXd node_distances(const CoarseShape& shape);
 
 /// node_distances() of the source and of the target.
 using NodeDistances = std::array<Eigen::MatrixXd, 2>;
+NodeDistances node_distances(const CoarseShape& source, const CoarseShape& target);
 
 /// Share of the edges of both surface graphs that are torn: whose ends the last matching takes
 /// further apart than `stretch` times their length and `gap`, in √area.

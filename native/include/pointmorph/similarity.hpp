@@ -24,6 +24,9 @@ struct Similarity {
     Similarity inverse() const;
 };
 
+/// First `before`, then `after`.
+Similarity composed(const Similarity& after, const Similarity& before);
+
 /// The similarity that takes `from` to `to` in the least squares sense, row by row. Scale 1 where
 /// all of either coincide; the least turn where the points leave it open (fewer than three, or on
 /// one line).
