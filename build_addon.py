@@ -414,7 +414,7 @@ def run_suite(name: str, *command: str | Path, **environment: str) -> Outcome:
     report.unlink(missing_ok=True)
     words = (*command[:-1], f"{command[-1]}{report}")
     ours = child_environment(**environment)
-    return judge(run(name, *words, environment=ours, timeout=1200, check=False), report)
+    return judge(run(name, *words, environment=ours, timeout=2700, check=False), report)
 
 
 def checks() -> Outcome:

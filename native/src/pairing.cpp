@@ -404,9 +404,5 @@ template Pairing pair_points<2>(const KdTree<2>::Points&, const KdTree<2>::Point
                                 std::span<const IndexPair>, const PairingOptions&, Progress&);
 template Pairing pair_points<3>(const KdTree<3>::Points&, const KdTree<3>::Points&,
                                 std::span<const IndexPair>, const PairingOptions&, Progress&);
-template Pairing pair_points<6>(const KdTree<6>::Points&, const KdTree<6>::Points&,
-                                std::span<const IndexPair>, const PairingOptions&, Progress&);
-template Pairing pair_points<12>(const KdTree<12>::Points&, const KdTree<12>::Points&,
-                                 std::span<const IndexPair>, const PairingOptions&, Progress&);
 
 }  // namespace pointmorph

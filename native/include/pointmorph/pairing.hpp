@@ -31,7 +31,7 @@ using Pairing = std::vector<IndexPair>;
 /// along the axis where it doesn't; else the other principal axes are tried; else each cloud is
 /// halved by itself along the first (where points coincide: by row), so that clusters end.
 ///
-/// Instantiated for the domains in use: 2 (disk), 3 (sphere), 6 and 12 (product spaces).
+/// Instantiated for the domains in use: 2 (disk) and 3 (sphere).
 template <int Dim>
 Pairing pair_points(const typename KdTree<Dim>::Points& source,
                     const typename KdTree<Dim>::Points& target, std::span<const IndexPair> features,
