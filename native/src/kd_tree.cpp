@@ -4,6 +4,7 @@
 #include <array>
 #include <limits>
 #include <nanoflann.hpp>
+#include <type_traits>
 
 namespace pointmorph {
 
@@ -32,6 +33,26 @@ struct Adaptor {
         return false;
     }
 };
+
+/// Squared distance; in many dimensions by Eigen, which takes several coordinates at once.
+template <int Dim>
+struct VectorMetric {
+    using ElementType = double;
+    using DistanceType = double;
+
+    explicit VectorMetric(const Adaptor<Dim>& adaptor) : points(adaptor.points) {}
+
+    double evalMetric(const double* query, Index row, std::size_t) const {
+        using Point = Eigen::Map<const Eigen::Matrix<double, 1, Dim>>;
+        return (Point(query) - Point(points.data() + Dim * std::ptrdiff_t{row})).squaredNorm();
+    }
+    double accum_dist(double a, double b, std::size_t) const { return (a - b) * (a - b); }
+
+    const typename KdTree<Dim>::Points& points;
+};
+template <int Dim>
+using Metric = std::conditional_t<Dim <= 3, nanoflann::L2_Simple_Adaptor<double, Adaptor<Dim>>,
+                                  VectorMetric<Dim>>;
 
 /// Keeps the nearest points, ties by row, so that the result doesn't depend on the tree's shape.
 /// nanoflann's own takes whichever of several equally far points it meets first.
@@ -103,13 +124,33 @@ private:
     std::vector<std::pair<Index, double>>& result_;
 };
 
+/// Ends the search at the first point closer than a radius.
+class AnyResult {
+public:
+    using DistanceType = double;
+    using IndexType = Index;
+
+    explicit AnyResult(double squared_radius) : squared_radius_(squared_radius) {}
+
+    bool addPoint(double squared_distance, Index) {
+        found_ = squared_distance < squared_radius_;
+        return !found_;
+    }
+    double worstDist() const { return squared_radius_; }
+    bool full() const { return true; }
+    std::size_t size() const { return found_ ? 1 : 0; }
+    bool empty() const { return !found_; }
+
+private:
+    double squared_radius_;
+    bool found_ = false;
+};
+
 }  // namespace
 
 template <int Dim>
 struct KdTree<Dim>::Impl {
-    using Tree =
-        nanoflann::KDTreeSingleIndexAdaptor<nanoflann::L2_Simple_Adaptor<double, Adaptor<Dim>>,
-                                            Adaptor<Dim>, Dim, Index>;
+    using Tree = nanoflann::KDTreeSingleIndexAdaptor<Metric<Dim>, Adaptor<Dim>, Dim, Index>;
 
     explicit Impl(const Points& points)
         : adaptor{points},
@@ -158,6 +199,14 @@ void KdTree<Dim>::within(const double* query, double radius,
     std::ranges::sort(result, [](const auto& a, const auto& b) {
         return a.second != b.second ? a.second < b.second : a.first < b.first;
     });
+}
+
+template <int Dim>
+bool KdTree<Dim>::any_within(const double* query, double radius) const {
+    if (!impl_ || !(radius > 0.0)) return false;
+    AnyResult any(radius * radius);
+    impl_->tree.findNeighbors(any, query, SearchParameters());
+    return !any.empty();
 }
 
 Index nearest_on_sheet(const KdTree<3>& tree, const Positions& normals,

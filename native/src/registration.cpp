@@ -71,7 +71,9 @@ std::vector<Index> draw_points(const CoarseShape& shape, const DeformationGraph&
         static_cast<std::size_t>(std::max<Index>(0, count - static_cast<Index>(rows.size()))));
     for (std::size_t i = 0; i < more; ++i)
         std::swap(others[i], others[i + random() % (others.size() - i)]);
-    rows.insert(rows.end(), others.begin(), others.begin() + static_cast<std::ptrdiff_t>(more));
+    const auto end = others.begin() + static_cast<std::ptrdiff_t>(more);
+    std::sort(others.begin(), end);  // as they lie in memory
+    rows.insert(rows.end(), others.begin(), end);
     return rows;
 }
 

@@ -46,12 +46,15 @@ std::vector<Index> draw(const KdTree<3>& tree, const Normals& normals,
             taken[at(i)] = 1;
             take(i);
         }
+    const std::size_t drawn_from = rows.size();
     for (const Index i : order) {
         if (covered[at(i)]) continue;
         take(i);
         if (rows.size() > most) break;
         if (rows.size() % 256 == 0) progress.report(0.0);
     }
+    // What lies close in a cloud in spatial order stays close in memory.
+    std::sort(rows.begin() + static_cast<std::ptrdiff_t>(drawn_from), rows.end());
     return rows;
 }
 

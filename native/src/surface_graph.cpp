@@ -108,18 +108,17 @@ SurfaceGraph surface_graph(const KdTree<3>& tree, const Normals& normals,
     const auto on_surface = [&](Index i, Index j) {
         if (!dense) return true;
         const Eigen::RowVector3d middle = 0.5 * (positions.row(i) + positions.row(j));
-        Index nearest;
-        double squared;
-        dense->nearest(middle.data(), {&nearest, 1}, {&squared, 1});
         const double length = (positions.row(i) - positions.row(j)).norm();
-        return std::sqrt(squared) <=
-               options.bulge * length + options.gap * std::max(spacings[i], spacings[j]);
+        return dense->any_within(
+            middle.data(),
+            options.bulge * length + options.gap * std::max(spacings[i], spacings[j]));
     };
-    Neighborhoods joined = symmetrized(
-        filtered(nearest_neighbors(tree, options.neighbors, progress), [&](Index i, Index j) {
-            return normals.row(i).dot(normals.row(j)) > options.smallest_agreement &&
-                   on_surface(i, j);
-        }));
+    // Each pair is looked at once.
+    const Neighborhoods near = symmetrized(nearest_neighbors(tree, options.neighbors, progress));
+    Neighborhoods joined = symmetrized(filtered(near, [&](Index i, Index j) {
+        return i < j && normals.row(i).dot(normals.row(j)) > options.smallest_agreement &&
+               on_surface(i, j);
+    }));
     return finished(positions, std::move(joined));
 }
 

@@ -90,6 +90,7 @@ void expect_brute_force() {
             for (const auto& [row, squared_distance] : within)
                 found.emplace_back(squared_distance, row);
             expect_same(found, brute_force<Dim>(points, query, radius, 500));
+            EXPECT_EQ(tree.any_within(query, radius), !found.empty());
         }
     }
 }

@@ -42,6 +42,9 @@ public:
     void within(const double* query, double radius,
                 std::vector<std::pair<Index, double>>& result) const;
 
+    /// Whether any point has distance < `radius` (plain, not squared) from `query`.
+    bool any_within(const double* query, double radius) const;
+
 private:
     struct Impl;
     const Points* points_;

@@ -17,7 +17,7 @@ double estimated_area(const KdTree<3>& tree);
 /// Points of a cloud no two of which on the same side of the surface lie closer than `radius`,
 /// while every point has one that close.
 struct Subset {
-    std::vector<Index> rows;  ///< `required` first, in their order; then in the order drawn
+    std::vector<Index> rows;  ///< `required` first, in their order; then ascending
     double radius = 0.0;      ///< plain distance
 };
 
