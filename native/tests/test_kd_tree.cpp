@@ -60,7 +60,7 @@ void expect_same(const Found& a, const Found& b) {
     ASSERT_EQ(a.size(), b.size());
     const bool crowd = !b.empty() && b.back().first == 0.0;
     for (std::size_t i = 0; i < a.size(); ++i) {
-        EXPECT_NEAR(a[i].first, b[i].first, 1e-15);
+        EXPECT_NEAR(a[i].first, b[i].first, 1e-14 * std::max(1.0, b[i].first));
         if (!crowd) {
             EXPECT_EQ(a[i].second, b[i].second);
         }
