@@ -96,10 +96,10 @@ class POINTMORPH_OT_bake_frames(Computing, bpy.types.Operator):
         name="Format",
         description="Where the frames go",
         items=[
-            ("SCENE", "In the Scene", "An object that shows the frame of the scene as points"),
+            ("SCENE", "In the Scene", "An object that shows the frame of the scene"),
             ("PLY", "PLY Files", "One file a frame with all there is, id and velocity too"),
-            ("USD", "USD", "One file: positions, radius, colour. From Blender 4.5 on"),
-            ("ALEMBIC", "Alembic", "One file: positions only, as vertices"),
+            ("USD", "USD", "One file with all there is. Points from Blender 4.5 on"),
+            ("ALEMBIC", "Alembic", "One file: positions, as vertices, and velocity"),
         ],
         default="SCENE",
     )
@@ -124,6 +124,12 @@ class POINTMORPH_OT_bake_frames(Computing, bpy.types.Operator):
     path: path_choice("How points travel")
     resample: bpy.props.BoolProperty(
         name="Re-sample", description="Put new points where there would be cracks", default=True
+    )
+    faces: bpy.props.BoolProperty(
+        name="Faces",
+        description="A mesh for every frame, the surface through its points, instead of points; "
+        "beside the points for PLY. Needs pymeshlab and scipy in Blender's Python",
+        default=False,
     )
     directory: bpy.props.StringProperty(
         name="Folder", description="Where files go", subtype="DIR_PATH", default="//frames"
@@ -151,13 +157,15 @@ class POINTMORPH_OT_bake_frames(Computing, bpy.types.Operator):
         obj = active_result(context)
         self._name = obj.name
         plan = self._plan = frames.Plan(
-            self.frame_start, self.frame_end, self.step, self.easing, self.resample
+            self.frame_start, self.frame_end, self.step, self.easing, self.resample, self.faces
         )
         settings = settings_values(context.scene.pointmorph)
         if self.path != "SETTING":
             settings["path"] = self.path.lower()
         if self.format in {"USD", "ALEMBIC"}:
-            frames.check_format(self.format)
+            frames.check_format(self.format, self.faces)
+        if self.faces:
+            pointmorph.surfaces.check_available()
         folder = None if self.format == "SCENE" else frames.make_folder(self.directory)
         self._folder = folder
         morph = frames.read_morph(obj, settings)
@@ -175,7 +183,7 @@ class POINTMORPH_OT_bake_frames(Computing, bpy.types.Operator):
             raise pointmorph.CloudError(
                 self._name, "the object that was baked", "none", "Undo its removal."
             )
-        player = frames.build(context, obj, plan, outcome)
+        player = frames.build(context, obj, plan, outcome, self.format)
         if self.format == "SCENE":
             obj.hide_set(True)
             obj.hide_render = True
@@ -187,7 +195,7 @@ class POINTMORPH_OT_bake_frames(Computing, bpy.types.Operator):
             frames.export(context, player, plan, path, self.format)
         finally:
             frames.remove(player)
-        self.report({"WARNING"}, frames.LOSSES[self.format])
+        self.report({"WARNING"}, frames.losses(self.format, self.faces))
         self.report({"INFO"}, f"{len(outcome)} frames written to {path}")
         return {"FINISHED"}
 
