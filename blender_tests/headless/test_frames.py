@@ -3,8 +3,8 @@
 import sys
 
 import bpy
-import pointmorph
 import numpy as np
+import pointmorph
 import pytest
 from pointmorph import formats, surfaces
 from scenes import (
