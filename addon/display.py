@@ -12,7 +12,7 @@ MODIFIER = "Points"
 COLOR = "Color"
 NORMAL = "Normal"
 RADIUS = "Radius"  # in small letters it would be a point cloud's own, which a mesh hasn't
-VELOCITY = "velocity"  # by frame; Cycles blurs by it
+VELOCITY = "velocity"  # to the next frame; by second in renders and files, as Cycles blurs by it
 FILE_ID = "point_id"  # in files that don't keep "id"
 
 # How bad the map is at a pair: 0 is perfect, over 1 is bad.
@@ -63,6 +63,8 @@ def add_frames_modifier(obj, collection, plan, created):
     modifier.node_group = group
     values = {"Collection": collection, "First": plan.first, "Step": plan.step}
     values["Vertices"] = plan.faces
+    render = bpy.context.scene.render
+    values["Frame Rate"] = render.fps / render.fps_base
     for name, value in values.items():
         modifier[input_identifier(group, name)] = value
 
@@ -79,7 +81,7 @@ def frames_as_vertices(obj):
     twin.matrix_world = obj.matrix_world
     modifier = twin.modifiers.new(MODIFIER, "NODES")
     modifier.node_group = _points_modifier(obj).node_group
-    for name in ("Collection", "First", "Step"):
+    for name in ("Collection", "First", "Step", "Frame Rate"):
         _set_input(twin, name, _input(obj, name))
     _set_input(twin, "Vertices", True)
     return twin
@@ -288,6 +290,13 @@ def _frames_group(material, created):
     _new_input(group, "NodeSocketCollection", "Collection", "A mesh for each frame, by name")
     _new_input(group, "NodeSocketInt", "First", "The scene's frame that shows the first mesh")
     _new_input(group, "NodeSocketInt", "Step", "Frames from one mesh to the next", default_value=1)
+    _new_input(
+        group,
+        "NodeSocketFloat",
+        "Frame Rate",
+        "Frames a second: what the velocity is multiplied by in renders, for motion blur",
+        default_value=24.0,
+    )
     _new_splat_inputs(group)
     _new_input(
         group,
@@ -334,7 +343,19 @@ def _frames_group(material, created):
         domain="INSTANCE",
     )
     realized = build.node("GeometryNodeRealizeInstances", {"Geometry": one.outputs["Geometry"]})
-    geometry = realized.outputs["Geometry"]
+    # The renderer and files take it by second.
+    rate = inputs["Frame Rate"]
+    in_viewport = build.node("GeometryNodeIsViewport").outputs["Is Viewport"]
+    factor = math("ADD", rate, math("MULTIPLY", in_viewport, math("SUBTRACT", 1.0, rate)))
+    scaled = build.node("ShaderNodeVectorMath", operation="SCALE")
+    group.links.new(attribute(VELOCITY, "FLOAT_VECTOR"), scaled.inputs[0])
+    group.links.new(factor, scaled.inputs["Scale"])
+    fields = {"Geometry": realized.outputs["Geometry"], "Name": VELOCITY}
+    fields["Value"] = scaled.outputs["Vector"]
+    stored = build.node(
+        "GeometryNodeStoreNamedAttribute", fields, data_type="FLOAT_VECTOR", domain="POINT"
+    )
+    geometry = stored.outputs["Geometry"]
     radius = math("MULTIPLY", attribute(RADIUS, "FLOAT"), inputs["Radius Scale"])
 
     points = build.node("GeometryNodeMeshToPoints", {"Mesh": geometry, "Radius": radius})

@@ -92,6 +92,61 @@ def test_cracks_are_closed_and_velocities_are_by_frame(torn):
     np.testing.assert_allclose(later[there] - positions[here], velocities[here], atol=0.02)
 
 
+SIDE = 80  # pixels
+
+
+def rendered(scene, path):
+    """How far points cover each pixel of the present frame, by Cycles."""
+    scene.render.filepath = str(path)
+    bpy.ops.render.render(write_still=True)
+    image = bpy.data.images.load(str(path))
+    values = np.empty(len(image.pixels), np.float32)
+    image.pixels.foreach_get(values)
+    bpy.data.images.remove(image)
+    return values.reshape(-1, 4)[:, 3]
+
+
+@pytest.mark.parametrize("discs", [False, True])
+def test_cycles_blurs_by_the_velocity(torn, tmp_path, discs):
+    bake()
+    player = bpy.context.view_layer.objects.active
+    modifier = player.modifiers[0]
+    group = modifier.node_group
+    sockets = group.interface.items_tree if hasattr(group, "interface") else group.inputs
+    modifier[next(item for item in sockets if item.name == "Discs").identifier] = discs
+    scene = bpy.context.scene
+    camera = bpy.data.objects.new("Camera", bpy.data.cameras.new("Camera"))
+    camera.data.type, camera.data.ortho_scale = "ORTHO", 3.0
+    camera.location = (0.3, 0.0, 5.0)
+    scene.collection.objects.link(camera)
+    scene.camera = camera
+    scene.render.film_transparent = True
+    scene.render.engine = "CYCLES"
+    scene.cycles.samples, scene.cycles.use_denoising = 32, False
+    scene.render.resolution_x = scene.render.resolution_y = SIDE
+    scene.render.image_settings.file_format = "PNG"
+    scene.render.image_settings.color_mode = "RGBA"
+    scene.frame_set(5)
+    still = rendered(scene, tmp_path / "still.png")
+    # For four frames: two before this one, two after.
+    scene.render.use_motion_blur, scene.render.motion_blur_shutter = True, 4.0
+    blurred = rendered(scene, tmp_path / "blurred.png")
+    way = 2.0 * attribute(group_meshes(player)[4], "velocity")[:, 0].max()
+    assert way > 0.14
+    assert rightmost(blurred) - rightmost(still) == pytest.approx(way, abs=0.06)
+
+
+def rightmost(coverage):
+    """The last column that is covered a little, in units of space."""
+    return 3.0 / SIDE * np.flatnonzero(coverage.reshape(SIDE, SIDE).max(axis=0) > 0.02).max()
+
+
+def group_meshes(player):
+    """The meshes of the frames that an object shows."""
+    collection = bpy.data.collections[player.name]
+    return [one.data for one in collection.objects]
+
+
 def test_easing_and_step(morphed):
     _, _, obj = morphed
     start = coordinates(obj.data.shape_keys.reference_key.data)
@@ -140,6 +195,7 @@ def can_write(kind, faces):
     return bpy.app.version >= ((4, 2, 0) if faces else (4, 5, 0))
 
 
+RATE = 24.0  # frames a second; files keep velocities by second
 FILES = {"USD": "Whole_to_Torn.usdc", "ALEMBIC": "Whole_to_Torn.abc"}
 
 
@@ -165,7 +221,7 @@ def test_points_come_back_from_files(torn, tmp_path, kind):
         data = geometry(read, frame)
         points = data.points if kind == "USD" else data.vertices
         np.testing.assert_allclose(coordinates(points), positions, atol=1e-6)
-        np.testing.assert_allclose(attribute(data, "velocity"), velocities, atol=1e-6)
+        np.testing.assert_allclose(attribute(data, "velocity"), RATE * velocities, atol=1e-4)
         if kind == "USD":
             np.testing.assert_allclose(attribute(data, "radius"), radii, rtol=1e-6)
             np.testing.assert_allclose(attribute(data, "Color"), colors, atol=1e-6)
@@ -219,7 +275,7 @@ def test_faces_on_request(torn, tmp_path, kind):
         data = geometry(read, frame)
         np.testing.assert_allclose(coordinates(data.vertices), positions, atol=1e-6)
         assert len(data.polygons) == faces
-        np.testing.assert_allclose(attribute(data, "velocity"), velocities, atol=1e-6)
+        np.testing.assert_allclose(attribute(data, "velocity"), RATE * velocities, atol=1e-4)
         back = attribute(data, "Color")
         if kind == "ALEMBIC":
             corners = np.empty(len(data.loops), np.int32)
