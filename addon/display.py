@@ -12,7 +12,8 @@ MODIFIER = "Points"
 COLOR = "Color"
 NORMAL = "Normal"
 RADIUS = "Radius"  # in small letters it would be a point cloud's own, which a mesh hasn't
-VELOCITY = "velocity"  # by frame; Cycles blurs by it
+VELOCITY = "velocity"  # to the next frame; by second in renders and files, as Cycles blurs by it
+FILE_ID = "point_id"  # in files that don't keep "id"
 
 # How bad the map is at a pair: 0 is perfect, over 1 is bad.
 DISTORTION = "distortion"
@@ -61,6 +62,9 @@ def add_frames_modifier(obj, collection, plan, created):
     modifier = obj.modifiers.new(MODIFIER, "NODES")
     modifier.node_group = group
     values = {"Collection": collection, "First": plan.first, "Step": plan.step}
+    values["Vertices"] = plan.faces
+    render = bpy.context.scene.render
+    values["Frame Rate"] = render.fps / render.fps_base
     for name, value in values.items():
         modifier[input_identifier(group, name)] = value
 
@@ -77,7 +81,7 @@ def frames_as_vertices(obj):
     twin.matrix_world = obj.matrix_world
     modifier = twin.modifiers.new(MODIFIER, "NODES")
     modifier.node_group = _points_modifier(obj).node_group
-    for name in ("Collection", "First", "Step"):
+    for name in ("Collection", "First", "Step", "Frame Rate"):
         _set_input(twin, name, _input(obj, name))
     _set_input(twin, "Vertices", True)
     return twin
@@ -286,9 +290,19 @@ def _frames_group(material, created):
     _new_input(group, "NodeSocketCollection", "Collection", "A mesh for each frame, by name")
     _new_input(group, "NodeSocketInt", "First", "The scene's frame that shows the first mesh")
     _new_input(group, "NodeSocketInt", "Step", "Frames from one mesh to the next", default_value=1)
+    _new_input(
+        group,
+        "NodeSocketFloat",
+        "Frame Rate",
+        "Frames a second: what the velocity is multiplied by in renders, for motion blur",
+        default_value=24.0,
+    )
     _new_splat_inputs(group)
     _new_input(
-        group, "NodeSocketBool", "Vertices", "Shows bare vertices, for formats without points"
+        group,
+        "NodeSocketBool",
+        "Vertices",
+        "Shows the meshes as they are: bare vertices, for formats without points, or their faces",
     )
     _new_output(group, "NodeSocketGeometry", "Geometry")
 
@@ -329,15 +343,27 @@ def _frames_group(material, created):
         domain="INSTANCE",
     )
     realized = build.node("GeometryNodeRealizeInstances", {"Geometry": one.outputs["Geometry"]})
-    geometry = realized.outputs["Geometry"]
+    # The renderer and files take it by second.
+    rate = inputs["Frame Rate"]
+    in_viewport = build.node("GeometryNodeIsViewport").outputs["Is Viewport"]
+    factor = math("ADD", rate, math("MULTIPLY", in_viewport, math("SUBTRACT", 1.0, rate)))
+    scaled = build.node("ShaderNodeVectorMath", operation="SCALE")
+    group.links.new(attribute(VELOCITY, "FLOAT_VECTOR"), scaled.inputs[0])
+    group.links.new(factor, scaled.inputs["Scale"])
+    fields = {"Geometry": realized.outputs["Geometry"], "Name": VELOCITY}
+    fields["Value"] = scaled.outputs["Vector"]
+    stored = build.node(
+        "GeometryNodeStoreNamedAttribute", fields, data_type="FLOAT_VECTOR", domain="POINT"
+    )
+    geometry = stored.outputs["Geometry"]
     radius = math("MULTIPLY", attribute(RADIUS, "FLOAT"), inputs["Radius Scale"])
 
     points = build.node("GeometryNodeMeshToPoints", {"Mesh": geometry, "Radius": radius})
     discs = _discs(build, geometry, attribute(NORMAL, "FLOAT_VECTOR"), radius)
     shown = _switch(build, "GEOMETRY", inputs["Discs"], points.outputs[0], discs)
-    finished = build.node("GeometryNodeSetMaterial", {"Geometry": shown, "Material": material})
-    either = _switch(build, "GEOMETRY", inputs["Vertices"], finished.outputs["Geometry"], geometry)
-    build.node("NodeGroupOutput", {"Geometry": either})
+    either = _switch(build, "GEOMETRY", inputs["Vertices"], shown, geometry)
+    finished = build.node("GeometryNodeSetMaterial", {"Geometry": either, "Material": material})
+    build.node("NodeGroupOutput", {"Geometry": finished.outputs["Geometry"]})
     return group
 
 
@@ -388,7 +414,8 @@ def _or_distortion(build, inputs, color, distortion):
 def _material(created):
     material = bpy.data.materials.new(NAME)
     created(material)
-    material.use_nodes = True
+    if material.node_tree is None:  # before Blender 5.0
+        material.use_nodes = True
     tree = material.node_tree
     surface = next(node for node in tree.nodes if node.type == "BSDF_PRINCIPLED")
     surface.inputs["Roughness"].default_value = 0.6

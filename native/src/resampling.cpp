@@ -79,13 +79,17 @@ double covering_radius(const Positions& positions, const std::array<Index, 3>& c
     return c > 0.0 ? b * std::sqrt(c) / (b + c - a) : 0.0;
 }
 
+/// Room for what decides on a density: the point itself and the k nearest.
+struct Nearest {
+    std::array<Index, Resampling::kDensityNeighbors + 1> rows;
+    std::array<double, Resampling::kDensityNeighbors + 1> squared_distances;
+};
+
 /// ρ = k/r² at a point of the tree.
-double density(const KdTree<3>& tree, Index row, std::vector<Index>& near,
-               std::vector<double>& squared) {
-    near.resize(slot(Resampling::kDensityNeighbors) + 1);
-    squared.resize(near.size());
-    const Index found = tree.nearest(tree.points().row(row).data(), near, squared);
-    const double radius = found > 0 ? squared[slot(found - 1)] : 0.0;
+double density(const KdTree<3>& tree, Index row, Nearest& nearest) {
+    const Index found =
+        tree.nearest(tree.points().row(row).data(), nearest.rows, nearest.squared_distances);
+    const double radius = found > 0 ? nearest.squared_distances[slot(found - 1)] : 0.0;
     return radius > 0.0 ? (found - 1) / radius : std::numeric_limits<double>::infinity();
 }
 
@@ -241,7 +245,7 @@ public:
         const KdTree<3> tree(positions);
         const std::vector<char> dead = end_crowded(tree, normals, pairs);
         if (options_.crowding) hide_crowded(tree, normals, pairs, progress);
-        const std::vector<char> sparse = are_sparse(open, tree, pairs, dead, progress);
+        const std::vector<char> sparse = hold_sparse(tree, pairs, dead, progress);
         insert(open, sparse, frame, tree, normals, pairs, dead, progress);
 
         std::vector<Index> living;
@@ -315,44 +319,32 @@ private:
         return dead;
     }
 
-    /// Which open triangles have a corner, or a point that was put into them, that fails the test.
-    std::vector<char> are_sparse(std::span<const Index> open, const KdTree<3>& tree, Index pairs,
-                                 std::span<const char> dead, Progress& progress) const {
-        enum : char { kUnasked, kAsked, kSparse };
-        std::vector<char> state(slot(tree.size()), kUnasked);
-        for (const Index triangle : open)
-            for (const Index corner : triangles_[slot(triangle)]) state[slot(corner)] = kAsked;
-        for (std::size_t a = 0; a < alive_.size(); ++a)
-            if (!dead[a]) state[slot(pairs) + a] = kAsked;
+    /// Whether the density at a point of the tree, a pair or then an inserted one, fails the test.
+    bool is_sparse(const KdTree<3>& tree, Index row, Index pairs, Nearest& nearest) const {
+        double wanted = 0.0;
+        if (row < pairs) {
+            wanted = result_.wanted_density(row, t_);
+        } else {
+            const InsertedPoint& inserted = point(alive_[slot(row - pairs)]);
+            for (std::size_t c = 0; c < 3; ++c)
+                wanted += inserted.weights[c] * result_.wanted_density(inserted.pairs[c], t_);
+        }
         const double area = result_.unit_area(t_) / (unit_.scale * unit_.scale);
-        parallel_for(tree.size(), progress, [&](Index begin, Index end) {
-            std::vector<Index> near;
-            std::vector<double> squared;
-            for (Index i = begin; i < end; ++i) {
-                if (state[slot(i)] != kAsked) continue;
-                double wanted = 0.0;
-                if (i < pairs) {
-                    wanted = result_.wanted_density(i, t_);
-                } else {
-                    const InsertedPoint& inserted = point(alive_[slot(i - pairs)]);
-                    for (std::size_t c = 0; c < 3; ++c)
-                        wanted +=
-                            inserted.weights[c] * result_.wanted_density(inserted.pairs[c], t_);
-                }
-                if (density(tree, i, near, squared) * area < options_.omega * wanted)
-                    state[slot(i)] = kSparse;
-            }
+        return density(tree, row, nearest) * area < options_.omega * wanted;
+    }
+
+    /// By triangle, whether a point that was put into it fails the test.
+    std::vector<char> hold_sparse(const KdTree<3>& tree, Index pairs, std::span<const char> dead,
+                                  Progress& progress) const {
+        std::vector<char> sparse(alive_.size());
+        parallel_for(static_cast<Index>(alive_.size()), progress, [&](Index begin, Index end) {
+            Nearest nearest;
+            for (Index a = begin; a < end; ++a)
+                sparse[slot(a)] = !dead[slot(a)] && is_sparse(tree, pairs + a, pairs, nearest);
         });
-        std::vector<char> holds_sparse(triangles_.size());
+        std::vector<char> result(triangles_.size());
         for (std::size_t a = 0; a < alive_.size(); ++a)
-            if (state[slot(pairs) + a] == kSparse)
-                holds_sparse[slot(triangle_[slot(alive_[a])])] = 1;
-        std::vector<char> result(open.size());
-        for (std::size_t i = 0; i < open.size(); ++i)
-            result[i] = holds_sparse[slot(open[i])] ||
-                        std::ranges::any_of(triangles_[slot(open[i])], [&](Index corner) {
-                            return state[slot(corner)] == kSparse;
-                        });
+            if (sparse[a]) result[slot(triangle_[slot(alive_[a])])] = 1;
         return result;
     }
 
@@ -425,10 +417,11 @@ private:
         }
     }
 
-    /// Fills sparse triangles, and those in which discs leave a gap that not both models have.
-    void insert(std::span<const Index> open, std::span<const char> sparse, const LiftedCloud& frame,
-                const KdTree<3>& tree, const Normals& normals, Index pairs,
-                std::span<const char> dead, Progress& progress) {
+    /// Fills triangles of which a corner, or a point that was put into them (`holds_sparse`, by
+    /// triangle), fails the test, and those in which discs leave a gap that not both models have.
+    void insert(std::span<const Index> open, std::span<const char> holds_sparse,
+                const LiftedCloud& frame, const KdTree<3>& tree, const Normals& normals,
+                Index pairs, std::span<const char> dead, Progress& progress) {
         constexpr Index kChunk = 64;
         const auto count = static_cast<Index>(open.size());
         std::vector<std::vector<Candidate>> found(slot((count + kChunk - 1) / kChunk));
@@ -437,12 +430,13 @@ private:
             count, progress,
             [&](Index begin, Index end) {
                 NeighborSearch has_neighbor;
+                Nearest nearest;
                 auto& taken = found[slot(begin / kChunk)];
                 for (Index i = begin; i < end; ++i) {
+                    const Index triangle = open[slot(i)];
                     const std::size_t before = taken.size();
-                    bool is_wanted = sparse[slot(i)];
-                    if (!is_wanted && !may_leave_gap(open[slot(i)], frame)) continue;
-                    sample(open[slot(i)], frame.positions, [&](const InsertedPoint& candidate) {
+                    bool leaves_gap = false;
+                    sample(triangle, frame.positions, [&](const InsertedPoint& candidate) {
                         const Vector3 place = blend(frame.positions, candidate);
                         const Vector3 normal = blend_normals(frame.normals, candidate);
                         if (is_near_corner(frame, candidate, place, normal)) return;
@@ -451,11 +445,17 @@ private:
                                                  radius * spacing(candidate), counts);
                         };
                         if (!is_empty(kEmpty)) return;
-                        taken.push_back({open[slot(i)], candidate});
-                        is_wanted = is_wanted || (is_empty(kGap) &&
-                                                  is_covered_at_an_end(candidate, has_neighbor));
+                        taken.push_back({triangle, candidate});
+                        leaves_gap =
+                            leaves_gap || (is_empty(kGap) && may_leave_gap(triangle, frame) &&
+                                           is_covered_at_an_end(candidate, has_neighbor));
                     });
-                    if (!is_wanted)
+                    // Few triangles come this far: the densities are asked for last.
+                    const auto fails = [&](Index corner) {
+                        return is_sparse(tree, corner, pairs, nearest);
+                    };
+                    if (taken.size() > before && !leaves_gap && !holds_sparse[slot(triangle)] &&
+                        std::ranges::none_of(triangles_[slot(triangle)], fails))
                         taken.erase(taken.begin() + static_cast<std::ptrdiff_t>(before),
                                     taken.end());
                 }
@@ -497,10 +497,9 @@ private:
         const double area = result_.unit_area(t_) / (unit_.scale * unit_.scale);
         std::vector<char> crowded(slot(pairs));
         parallel_for(pairs, progress, [&](Index begin, Index end) {
-            std::vector<Index> near;
-            std::vector<double> squared;
+            Nearest nearest;
             for (Index i = begin; i < end; ++i)
-                crowded[slot(i)] = density(tree, i, near, squared) * area >
+                crowded[slot(i)] = density(tree, i, nearest) * area >
                                    *options_.crowding * std::max(result_.source_density_[i],
                                                                  result_.target_density_[i]);
         });
