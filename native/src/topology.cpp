@@ -393,6 +393,8 @@ Topology find_topology(const Positions& positions, const Normals& normals,
     for (const Piece& piece : result.pieces)
         result.specks += piece.points < std::max(options.speck * count, 1.0 * kPointsPerCell);
 
+    result.specks = std::min(result.specks, pieces - 1);
+
     for (Index p = 0; p < pieces - result.specks; ++p) {
         Piece& piece = result.pieces[at(p)];
         std::vector<Index> rows;

@@ -65,6 +65,59 @@ def boundary_loops(faces: Faces, vertex_count: int) -> list[npt.NDArray[np.int64
     return sorted(loops, key=len, reverse=True)
 
 
+def parts(faces: Faces, positions: npt.NDArray[Any]) -> npt.NDArray[np.int64]:
+    """(N,) labels: the same for vertices that faces join, also over vertices at the same place.
+
+    Vertices without a face belong to what is nearest to them.
+
+    Parameters
+    ----------
+    faces : (F, K) array, or a sequence of polygons
+        Vertex rows.
+    positions : (N, 3) array
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from pointmorph.meshes import parts
+    >>> parts([[0, 1, 2], [3, 4, 5]], np.arange(18.0).reshape(6, 3)).tolist()
+    [0, 0, 0, 3, 3, 3]
+    """
+    count = len(positions)
+    if count == 0:
+        return np.empty(0, np.int64)
+    _, first, place = np.unique(positions, axis=0, return_index=True, return_inverse=True)
+    same = first[place.reshape(-1)]
+    edges = np.concatenate([face_edges(faces), np.stack([np.arange(count), same], axis=-1)])
+    labels = np.arange(count)
+    while True:
+        lower = labels.copy()
+        ends = labels[edges]
+        least = ends.min(axis=1)
+        for side in (0, 1):
+            np.minimum.at(lower, ends[:, side], least)  # a label's own label …
+        while not np.array_equal(lower, lower[lower]):
+            lower = lower[lower]
+        following = lower[labels]
+        if np.array_equal(following, labels):
+            break
+        labels = following
+    used = np.zeros(count, bool)
+    used[face_edges(faces).reshape(-1)] = True
+    used = np.isin(labels, labels[used])
+    if used.any() and not used.all():
+        labels[~used] = labels[used][_nearest(positions[used], positions[~used])]
+    return labels
+
+
+def _nearest(points: npt.NDArray[Any], queries: npt.NDArray[Any]) -> npt.NDArray[np.int64]:
+    """Rows of the nearest points, a few queries at a time."""
+    rows = np.empty(len(queries), np.int64)
+    for k, query in enumerate(queries):
+        rows[k] = np.argmin(((points - query) ** 2).sum(axis=1))
+    return rows
+
+
 def face_edges(faces: Faces) -> npt.NDArray[np.int64]:
     """(E, 2): the edges of every face, one by one, without those from a vertex to itself."""
     if isinstance(faces, np.ndarray) and faces.ndim == 2:
