@@ -409,6 +409,25 @@ TEST(Morph, ALoopInTheOtherSenseOnOneModelIsNoticed) {
     EXPECT_THROW(Morph(std::move(astray), paper(), progress), FeatureError);
 }
 
+TEST(Morph, LeadsTheCutRoundAFeatureBesideIt) {
+    Progress progress;
+    // A mark just above the loop on one model and just below it on the other.
+    const auto height = [](const Cloud& cloud, Index row) { return cloud.positions(row, 2); };
+    MorphInput input = two_eggs(4000, 3000);
+    const auto beside = [&](const Cloud& cloud, double z) {
+        const double x = cloud.positions.col(0).maxCoeff(), y = cloud.positions.col(1).maxCoeff();
+        return row_near(cloud, 0.7 * x, 0.7 * y, z);
+    };
+    const Index s = beside(input.source, 0.1), t = beside(input.target, -0.1);
+    ASSERT_GT(height(input.source, s) * -height(input.target, t), 0.0);
+    input.features.push_back(point_feature("beside", s, t));
+    const Morph morph(std::move(input), paper(), progress);
+    EXPECT_TRUE(std::ranges::any_of(morph.report().warnings, [](const std::string& words) {
+        return words.find("led round \"beside\"") != std::string::npos;
+    }));
+    EXPECT_TRUE(std::ranges::binary_search(morph.pairs(), IndexPair{s, t}));
+}
+
 TEST(Morph, DomainCutProposesALoopAndSaysSo) {
     Progress progress;
     MorphOptions options = paper();
