@@ -275,9 +275,14 @@ Morph::Morph(MorphInput input, const MorphOptions& options, Progress& progress)
 
     progress.enter("topology");
     {
+        TopologyOptions seen = options.topology;
+        if (options.method == Method::kPaper) {  // quick as it is, and asks for borders only
+            seen.points = std::min<Index>(seen.points, 5000);
+            seen.cells = std::min<Index>(seen.cells, 400);
+        }
         const auto find = [&](Side& side, const Parts& parts, double first, double last) {
             const Progress::Part part(progress, first, last);
-            side.find_topology(parts, options.boundary, options.topology, progress);
+            side.find_topology(parts, options.boundary, seen, progress);
         };
         find(source, input.source_parts, 0.0, 0.5);
         find(target, input.target_parts, 0.5, 1.0);

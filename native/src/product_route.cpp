@@ -29,6 +29,12 @@ Refinement match_in_product_space(const Side& source, const Side& target,
         piece_regions(source.topology, target.topology, matching.matched,
                       kMostRegions - static_cast<Index>(regions));
     if (pieces.empty()) return whole;
+    if (regions == 0 && are_small(pieces, static_cast<Index>(source.positions.rows()),
+                                  static_cast<Index>(target.positions.rows()), options.pieces)) {
+        keep_apart(whole, source_view, source.normals, target_view, target.normals, pieces,
+                   pinned_pairs(features), options.pieces, progress);
+        return whole;
+    }
 
     std::vector<Feature> all(features.begin(), features.end());
     all.insert(all.end(), pieces.begin(), pieces.end());

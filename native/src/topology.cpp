@@ -65,6 +65,67 @@ std::vector<Index> without_twins(const Positions& positions) {
     return first;
 }
 
+/// Takes a few points that hang together with nothing, but lie on a piece (a thin rim whose normals
+/// nothing agrees with), into that piece.
+void take_in(std::vector<Index>& labels, const Positions& positions, const Neighborhoods& nearest,
+             const Values& spacing) {
+    constexpr double kBeside = 2.0;  // spacings
+    std::vector<Index> sizes(at(1 + *std::ranges::max_element(labels)), 0);
+    for (const Index label : labels) ++sizes[at(label)];
+    std::vector<Index> into(sizes.size());
+    std::iota(into.begin(), into.end(), 0);
+    for (Index i = 0; i < nearest.size(); ++i) {
+        const Index own = labels[at(i)];
+        if (sizes[at(own)] >= kPointsPerCell || into[at(own)] != own) continue;
+        for (const Index j : nearest[i])
+            if (sizes[at(labels[at(j)])] >= kPointsPerCell &&
+                (positions.row(i) - positions.row(j)).norm() < kBeside * spacing[j]) {
+                into[at(own)] = labels[at(j)];
+                break;
+            }
+    }
+    // Numbers without a gap again, still by size.
+    std::vector<Index> rank(sizes.size(), -1);
+    Index count = 0;
+    for (std::size_t p = 0; p < into.size(); ++p)
+        if (into[p] == static_cast<Index>(p)) rank[p] = count++;
+    for (Index& label : labels) label = rank[at(into[at(label)])];
+}
+
+/// Sets how many of the pieces, numbered by size, are specks: those of few points, and scattered
+/// points that aren't many. Those go last.
+void tell_specks(Topology& topology, const Values& spacing, double speck) {
+    constexpr double kFew = 0.02, kScattered = 3.0;  // a share of the points; main spacings
+    const auto count = static_cast<double>(topology.labels.size());
+    std::vector<std::vector<double>> spacings(topology.pieces.size());
+    for (std::size_t i = 0; i < topology.labels.size(); ++i)
+        spacings[at(topology.labels[i])].push_back(spacing[static_cast<Eigen::Index>(i)]);
+    const auto median = [](std::vector<double>& values) {
+        const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
+        std::ranges::nth_element(values, middle);
+        return *middle;
+    };
+    const double usual = median(spacings.front());
+    std::vector<Index> order, specks;
+    for (Index p = 0; p < static_cast<Index>(spacings.size()); ++p) {
+        const auto points = static_cast<double>(spacings[at(p)].size());
+        const bool is_speck =
+            points < speck * count || points < kPointsPerCell ||
+            (points < kFew * count && median(spacings[at(p)]) > kScattered * usual);
+        (p > 0 && is_speck ? specks : order).push_back(p);
+    }
+    topology.specks = static_cast<Index>(specks.size());
+    order.insert(order.end(), specks.begin(), specks.end());
+    std::vector<Index> rank(order.size());
+    std::vector<Piece> pieces;
+    for (std::size_t k = 0; k < order.size(); ++k) {
+        rank[at(order[k])] = static_cast<Index>(k);
+        pieces.push_back(topology.pieces[at(order[k])]);
+    }
+    topology.pieces = std::move(pieces);
+    for (Index& label : topology.labels) label = rank[at(label)];
+}
+
 /// The pieces that faces say, but for points at one place, which belong together; what has no face
 /// goes with its nearest neighbours.
 std::vector<Index> joined_parts(std::span<const Index> parts, std::span<const Index> first) {
@@ -387,13 +448,12 @@ Topology find_topology(const Positions& positions, const Normals& normals,
     Topology result;
     result.labels = parts.empty() ? found_parts(positions, normals, nearest, first)
                                   : joined_parts(parts, first);
-    const Index pieces = 1 + *std::ranges::max_element(result.labels);
-    result.pieces.resize(at(pieces));
+    const Values spacing = local_spacing(positions, nearest);
+    if (parts.empty()) take_in(result.labels, positions, nearest, spacing);
+    result.pieces.resize(at(1 + *std::ranges::max_element(result.labels)));
     for (const Index label : result.labels) ++result.pieces[at(label)].points;
-    for (const Piece& piece : result.pieces)
-        result.specks += piece.points < std::max(options.speck * count, 1.0 * kPointsPerCell);
-
-    result.specks = std::min(result.specks, pieces - 1);
+    tell_specks(result, spacing, options.speck);
+    const auto pieces = static_cast<Index>(result.pieces.size());
 
     for (Index p = 0; p < pieces - result.specks; ++p) {
         Piece& piece = result.pieces[at(p)];

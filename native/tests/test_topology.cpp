@@ -116,6 +116,15 @@ TEST(Topology, TellsPiecesApartAndSpecksFromThem) {
     EXPECT_EQ(topology.specks, 1);
 }
 
+TEST(Topology, TakesScatteredPointsForSpecks) {
+    const Positions ball = shapes::sphere(4000), dust = shapes::cube_noise(60) * 1.8;
+    const Topology topology = topology_of(together({dust, ball}));
+    ASSERT_EQ(topology.main().size(), 1u) << in_words(topology);
+    EXPECT_EQ(topology.pieces[0].genus, std::optional<Index>(0));
+    EXPECT_GE(topology.specks, 1);
+    EXPECT_EQ(std::count(topology.labels.begin() + 60, topology.labels.end(), 0), 4000);
+}
+
 TEST(Topology, TakesTheWordOfFaces) {
     // Two balls that touch: one piece to the eye, two by their faces.
     const Positions ball = shapes::sphere(2000);

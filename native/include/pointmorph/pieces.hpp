@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "pointmorph/features.hpp"
+#include "pointmorph/progress.hpp"
 #include "pointmorph/refinement.hpp"
 #include "pointmorph/topology.hpp"
 #include "pointmorph/types.hpp"
@@ -52,6 +53,18 @@ std::vector<Feature> piece_regions(const Topology& source, const Topology& targe
 RefinementStart piece_start(const PieceView& source, const PieceView& target,
                             std::span<const Feature> regions, const Similarity& alignment,
                             const PieceOptions& options);
+
+/// Whether none of the regions is larger than what goes as a whole.
+bool are_small(std::span<const Feature> regions, Index source_size, Index target_size,
+               const PieceOptions& options);
+
+/// The map with every point of a region taken into its counterpart, as a whole, and all others out
+/// of it: they keep where the map took them, if that isn't in it. Nothing is bent again.
+/// `positions` and `normals` are those that refine() got; `pinned` stay where they are.
+void keep_apart(Refinement& map, const PieceView& source, const Normals& source_normals,
+                const PieceView& target, const Normals& target_normals,
+                std::span<const Feature> regions, std::span<const IndexPair> pinned,
+                const PieceOptions& options, Progress& progress);
 
 /// What was done about the pieces, for the user; empty where there is one of each.
 std::vector<std::string> pieces_in_words(const PieceMatching& matching, const Topology& source,

@@ -34,8 +34,9 @@ struct Piece {
 
 struct Topology {
     std::vector<Index> labels;  ///< #points: the piece that each belongs to
-    std::vector<Piece> pieces;  ///< the one with the most points first
-    Index specks = 0;           ///< so many of the last pieces are too small to say more of them
+    std::vector<Piece> pieces;  ///< the one with the most points first, specks last
+    /// So many of the last pieces are too small to say more of them, or scattered points.
+    Index specks = 0;
 
     std::span<const Piece> main() const {
         return std::span(pieces).first(pieces.size() - static_cast<std::size_t>(specks));

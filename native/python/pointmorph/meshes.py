@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from pointmorph._pointmorph import nearest_neighbors
+
 Faces = npt.NDArray[np.integer[Any]] | Sequence[Sequence[int]]
 
 
@@ -105,17 +107,26 @@ def parts(faces: Faces, positions: npt.NDArray[Any]) -> npt.NDArray[np.int64]:
     used = np.zeros(count, bool)
     used[face_edges(faces).reshape(-1)] = True
     used = np.isin(labels, labels[used])
-    if used.any() and not used.all():
-        labels[~used] = labels[used][_nearest(positions[used], positions[~used])]
+    if used.any() and not used.all() and np.isfinite(positions).all():
+        _spread(labels, used, positions)
     return labels
 
 
-def _nearest(points: npt.NDArray[Any], queries: npt.NDArray[Any]) -> npt.NDArray[np.int64]:
-    """Rows of the nearest points, a few queries at a time."""
-    rows = np.empty(len(queries), np.int64)
-    for k, query in enumerate(queries):
-        rows[k] = np.argmin(((points - query) ** 2).sum(axis=1))
-    return rows
+def _spread(
+    labels: npt.NDArray[np.int64], known: npt.NDArray[np.bool_], positions: npt.NDArray[Any]
+) -> None:
+    """Gives what has no known label that of its nearest neighbour with one."""
+    size = max(float(np.ptp(positions, axis=0).max()), np.finfo(float).tiny)
+    near = nearest_neighbors(np.ascontiguousarray(positions / size, np.float64), 16)
+    while True:
+        waiting = np.flatnonzero(~known)
+        for column in range(near.shape[1]):
+            at = waiting[known[near[waiting, column]] & ~known[waiting]]
+            labels[at] = labels[near[at, column]]
+            known[at] = True
+        if known.all() or not known[waiting].any():
+            break
+    labels[~known] = np.bincount(labels[known]).argmax()
 
 
 def face_edges(faces: Faces) -> npt.NDArray[np.int64]:
