@@ -45,10 +45,12 @@ class Shape:
         )
 
     def cloud(self):
-        """As the library takes it. The boundary is the longest that the faces leave open."""
-        loops = []
+        """As the library takes it. The boundary is the longest that the faces leave open, and they
+        say what hangs together."""
+        loops, parts = [], None
         if self.triangles is not None:
             loops = pointmorph.meshes.boundary_loops(self.triangles, len(self.positions))
+            parts = pointmorph.meshes.parts(self.triangles, self.positions)
         return pointmorph.Cloud(
             self.positions,
             self.normals,
@@ -56,6 +58,7 @@ class Shape:
             self.radii,
             name=self.name,
             boundary=loops[0] if loops else None,
+            parts=parts,
         )
 
 

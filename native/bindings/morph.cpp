@@ -85,12 +85,24 @@ py::list list_of(const std::vector<Attempt>& starts, std::size_t taken) {
     return list;
 }
 
+py::dict dict_of(const Topology& topology) {
+    py::list pieces;
+    for (const Piece& piece : topology.pieces)
+        pieces.append(py::dict(py::arg("points") = piece.points, py::arg("borders") = piece.borders,
+                               py::arg("open") = piece.is_open, py::arg("genus") = piece.genus));
+    return py::dict(py::arg("words") = in_words(topology), py::arg("pieces") = pieces,
+                    py::arg("specks") = topology.specks);
+}
+
 py::dict dict_of(const MorphReport& report, const MorphOptions& options) {
     py::dict stages, chosen;
     for (const StageTime& time : report.stages) stages[py::str(time.stage)] = time.seconds;
     for (const Option& option : option_table()) chosen[py::str(option.name)] = option.get(options);
     return py::dict(
         py::arg("method") = report.method, py::arg("domain") = report.domain,
+        py::arg("choice") = report.choice,
+        py::arg("topology") = py::dict(py::arg("source") = dict_of(report.source_topology),
+                                       py::arg("target") = dict_of(report.target_topology)),
         py::arg("stages") = stages, py::arg("seconds") = report.seconds,
         py::arg("pairs") = report.pairs, py::arg("feature_residual") = report.feature_residual,
         py::arg("margin") = std::isfinite(report.margin) ? py::object(py::float_(report.margin))
@@ -203,14 +215,15 @@ void bind_morph(py::module_& module) {
                          const std::vector<std::string>& loop, const MorphOptions& options,
                          const py::object& source_start, const py::object& target_start,
                          const py::object& callback) {
-        MorphInput input{
-            cloud_of(source),
-            cloud_of(target),
-            {},
-            loop,
-            source["boundary"].cast<BoundaryLoop>(),
-            target["boundary"].cast<BoundaryLoop>(),
-            {from_numpy<Positions>(source_start), from_numpy<Positions>(target_start)}};
+        MorphInput input{cloud_of(source),
+                         cloud_of(target),
+                         {},
+                         loop,
+                         source["boundary"].cast<BoundaryLoop>(),
+                         target["boundary"].cast<BoundaryLoop>(),
+                         {from_numpy<Positions>(source_start), from_numpy<Positions>(target_start)},
+                         source["parts"].cast<Parts>(),
+                         target["parts"].cast<Parts>()};
         for (const py::handle& feature : features)
             input.features.push_back(feature_of(feature.cast<py::dict>()));
         return without_gil(callback, [&](Progress& progress) {

@@ -80,33 +80,48 @@ ParameterizationOptions for_patches(ParameterizationOptions options, Index point
     return options;
 }
 
-/// Features inside the patches lie on the same side of both curves.
-void check_sides(const Decomposition& source_cut, const Decomposition& target_cut,
-                 std::span<const PointFeature> features) {
+/// Features inside the patches that don't lie on the same side of both curves, and how many there
+/// are inside.
+struct Astray {
+    std::vector<std::size_t> features;
     std::size_t inside = 0;
-    std::vector<std::string> astray;
-    for (const PointFeature& f : features) {
-        const Patch s = source_cut.patches[at(f.rows.source)];
-        const Patch t = target_cut.patches[at(f.rows.target)];
-        if (s == Patch::kCurve) continue;
-        ++inside;
-        if (s != t) astray.push_back(f.name);
+
+    Astray(const Decomposition& source_cut, const Decomposition& target_cut,
+           std::span<const PointFeature> known) {
+        for (std::size_t k = 0; k < known.size(); ++k) {
+            const Patch s = source_cut.patches[at(known[k].rows.source)];
+            if (s == Patch::kCurve) continue;
+            ++inside;
+            if (s != target_cut.patches[at(known[k].rows.target)]) features.push_back(k);
+        }
     }
-    if (astray.empty()) return;
-    std::string names;
-    for (const std::string& name : astray) names += (names.empty() ? "\"" : ", \"") + name + "\"";
-    if (astray.size() == inside && inside > 1)
-        throw FeatureError("loop", "a loop that runs round both models in the same sense",
-                           "all other features (" + names + ") on opposite sides of it",
-                           "Check left and right: the loop's features are swapped on one of the "
-                           "models, or the normals of one point inwards.");
-    throw FeatureError(
-        "loop", "every other feature on the same side of the loop on both models",
-        names + (astray.size() == 1 ? " left of it on one model and right on the other"
-                                    : " on opposite sides"),
-        "Take " + std::string(astray.size() == 1 ? "it" : "them") +
-            " into the loop, move the mark, or leave it out.");
-}
+
+    /// The loops run round the models in opposite senses.
+    bool is_mirrored() const { return features.size() == inside && inside > 1; }
+
+    std::string names(std::span<const PointFeature> known) const {
+        std::string names;
+        for (const std::size_t k : features)
+            names += (names.empty() ? "\"" : ", \"") + known[k].name + "\"";
+        return names;
+    }
+
+    void check(std::span<const PointFeature> known) const {
+        if (features.empty()) return;
+        if (is_mirrored())
+            throw FeatureError("loop", "a loop that runs round both models in the same sense",
+                               "all other features (" + names(known) + ") on opposite sides of it",
+                               "Check left and right: the loop's features are swapped on one of "
+                               "the models, or the normals of one point inwards.");
+        const bool one = features.size() == 1;
+        throw FeatureError("loop",
+                           "every other feature on the same side of the loop on both models",
+                           names(known) + (one ? " left of it on one model and right on the other"
+                                               : " on opposite sides"),
+                           "Take " + std::string(one ? "it" : "them") +
+                               " into the loop, move the mark, or leave it out.");
+    }
+};
 
 /// Tips of a patch that belong together: each other's best by far, in where they lie in the disk
 /// and along the surface from all features. `apart(s, t)` is the distance in the disk.
@@ -191,17 +206,57 @@ CutRoute match_in_patches(Side& source, Side& target, const MorphInput& input,
     std::ranges::sort(in_loop, {}, [&](const PointFeature& f) {
         return std::ranges::find(input.loop, f.name) - input.loop.begin();
     });
-    const auto cut_open = [&](const Side& side, Index IndexPair::*row, double first, double last) {
+    const auto cut_open = [&](const Side& side, Index IndexPair::*row, double first, double last,
+                              std::span<const Patch> wanted = {}) {
         const Progress::Part part(progress, first, last);
         std::vector<Index> rows;
         for (const PointFeature& f : known) rows.push_back(f.rows.*row);
         const KdTree<3> tree(side.positions);
         return decompose(tree, side.normals, side.nearest, rows, input.loop, options.decomposition,
-                         side.cloud.name, progress);
+                         side.cloud.name, progress, wanted);
     };
-    const Decomposition source_cut = cut_open(source, &IndexPair::source, 0.0, 0.5);
-    const Decomposition target_cut = cut_open(target, &IndexPair::target, 0.5, 1.0);
-    check_sides(source_cut, target_cut, known);
+    Decomposition source_cut = cut_open(source, &IndexPair::source, 0.0, 0.4);
+    Decomposition target_cut = cut_open(target, &IndexPair::target, 0.4, 0.8);
+    const Astray astray(source_cut, target_cut, known);
+    if (!astray.features.empty() && !astray.is_mirrored()) {
+        // The curve that passes nearer to the feature is led round it, to where the other has it.
+        const auto distance = [](const Side& side, const Decomposition& cut, Index row) {
+            return (cut.curve.points.rowwise() - side.positions.row(row))
+                       .rowwise()
+                       .norm()
+                       .minCoeff() /
+                   curve_length(cut.curve.points);
+        };
+        std::array<std::vector<Patch>, 2> wanted;
+        std::array<std::string, 2> names;
+        for (std::size_t k = in_loop.size(); k < known.size(); ++k) {
+            wanted[0].push_back(source_cut.patches[at(known[k].rows.source)]);
+            wanted[1].push_back(target_cut.patches[at(known[k].rows.target)]);
+        }
+        constexpr double kNear = 0.05;  // farther ones were marked somewhere else
+        for (const std::size_t k : astray.features) {
+            const double s = distance(source, source_cut, known[k].rows.source);
+            const double t = distance(target, target_cut, known[k].rows.target);
+            if (std::min(s, t) > kNear) astray.check(known);
+            const std::size_t led = s <= t ? 0 : 1, place = k - in_loop.size();
+            wanted[led][place] = wanted[1 - led][place];
+            names[led] += (names[led].empty() ? "\"" : ", \"") + known[k].name + "\"";
+        }
+        try {
+            if (!names[0].empty())
+                source_cut = cut_open(source, &IndexPair::source, 0.8, 0.9, wanted[0]);
+            if (!names[1].empty())
+                target_cut = cut_open(target, &IndexPair::target, 0.9, 1.0, wanted[1]);
+        } catch (const Error&) {  // the way round crosses the loop, or leaves no patch
+            astray.check(known);
+        }
+        for (const std::size_t side : {0u, 1u})
+            if (!names[side].empty())
+                report.warnings.push_back("The cut of " + (side == 0 ? source : target).cloud.name +
+                                          " was led round " + names[side] +
+                                          ", to have it on the same side as on the other model.");
+    }
+    Astray(source_cut, target_cut, known).check(known);
     const auto angles =
         curve_angles(source_cut, target_cut, options.parameterization.boundary_spacing);
     if (looks_mirrored(source_cut, target_cut, angles))

@@ -429,28 +429,20 @@ std::vector<Extremity> tips_of(const Coarse& coarse, Index most, Progress& progr
     return extremities(coarse.graph, coarse.unit, kSamples, most, kProminence, progress);
 }
 
-}  // namespace
-
-Decomposition decompose(const KdTree<3>& tree, const Normals& normals, const Neighborhoods& nearest,
-                        std::span<const Index> features, std::span<const std::string> names,
-                        const DecompositionOptions& options, const std::string& name,
-                        Progress& progress) {
-    const auto corners = static_cast<Index>(names.size());
-    const double area = estimated_area(tree);
-    Subset subset = blue_noise_subset(tree, normals, features, options.points, progress);
-    const Coarse coarse(std::move(subset.rows), subset.radius, area, tree, normals, nearest,
-                        progress);
-
-    const std::vector<Values> from = distances_from(coarse, features.size());
-    std::vector<SurfaceCurve> parts = guided_curves(coarse, from, corners, options, progress);
-    for (SurfaceCurve& part : parts)
-        part = straightened(resampled(part, coarse.spacing), coarse.tree, coarse.normals,
-                            options.straightening, 1.0, progress);
+/// The ways from feature to feature as one smooth curve on the cloud itself, as dense as that.
+ClosedCurve traced(const Coarse& coarse, const std::vector<SurfaceCurve>& ways,
+                   std::span<const Index> rounds, const KdTree<3>& tree, const Normals& normals,
+                   std::span<const std::string> names, const std::string& name,
+                   Progress& progress) {
+    const auto corners = static_cast<Index>(ways.size());
+    std::vector<SurfaceCurve> parts;
+    for (std::size_t k = 0; k < ways.size(); ++k)
+        parts.push_back(straightened(resampled(ways[k], coarse.spacing), coarse.tree,
+                                     coarse.normals, rounds[k], 1.0, progress));
     ClosedCurve closed = joined(parts);
     uncross(closed, names, name);
 
-    // The same curve on the cloud itself, as dense as that.
-    const double spacing = std::sqrt(area / tree.size());
+    const double spacing = coarse.unit / std::sqrt(static_cast<double>(tree.size()));
     parts.clear();
     for (Index k = 0; k < corners; ++k) {
         const Index begin = closed.corners[at(k)];
@@ -467,24 +459,113 @@ Decomposition decompose(const KdTree<3>& tree, const Normals& normals, const Nei
     }
     closed = joined(parts);
     uncross(closed, names, name);
+    return closed;
+}
 
-    const CurveSides sides(closed.curve);
-    const Values left = walk(coarse, sides, corners);
-    // Where the curve keeps left and right apart, every point belongs to one of them entirely.
-    constexpr double kClear = 0.5, kFew = 0.03;
-    const auto undecided = (left.tail(left.size() - corners).array().abs() < kClear).count();
-    if (static_cast<double>(undecided) > kFew * static_cast<double>(left.size()))
-        throw TopologyError(
-            name, "a loop that divides the surface into two patches",
-            "a way from its left to its right that doesn't cross it",
-            "Lead the loop round the whole shape, not through a handle or round a limb that "
-            "touches another. A shape with a handle needs method auto.");
+/// Traces the way that passes nearest to a feature anew, so that it passes on the feature's other
+/// side: it may not cross a path from the feature to the middle of the patch that it should be on.
+/// Returns which way that is. `left` is what walk() said.
+Index led_round(std::vector<SurfaceCurve>& ways, const Coarse& coarse, std::span<const Values> from,
+                const ClosedCurve& closed, const Values& left, Index feature, Index corners) {
+    constexpr double kBarred = 1000.0, kOther = 50.0;
+    const KdTree<3> curve(closed.curve.points);
+    const auto way_at = [&](Index place) {
+        return static_cast<Index>(std::ranges::upper_bound(closed.corners, place) -
+                                  closed.corners.begin()) -
+               1;
+    };
+    const Index way = way_at(nearest_on_sheet(
+        curve, closed.curve.normals, coarse.positions.row(feature), coarse.normals.row(feature)));
+    const Index begin = way, end = (way + 1) % corners;
+
+    // Other ways are dear, but where this one has to meet them.
+    const Index count = coarse.graph.size();
+    Values costs = Values::Ones(count);
+    for (Index i = 0; i < count; ++i) {
+        std::array<Index, 1> place;
+        std::array<double, 1> squared;
+        if (curve.nearest_within(coarse.positions.row(i).data(), 2.0 * coarse.spacing, place,
+                                 squared) == 0 ||
+            way_at(place[0]) == way)
+            continue;
+        const double to_end = std::min(from[at(begin)][i], from[at(end)][i]) * coarse.unit;
+        costs[i] += kOther * std::min(1.0, to_end / (4.0 * coarse.spacing));
+    }
+    // The middle of a patch is what is farthest from all the loop's features.
+    const bool to_left = left[feature] <= 0.0;
+    Index middle = feature;
+    double farthest = -1.0;
+    for (Index i = corners; i < count; ++i) {
+        if (to_left ? left[i] < 0.5 : left[i] > -0.5) continue;
+        double least = kFar;
+        for (Index k = 0; k < corners; ++k) least = std::min(least, from[at(k)][i]);
+        if (least <= farthest) continue;
+        farthest = least;
+        middle = i;
+    }
+    const std::vector<Index> bar = cheapest_path(coarse.graph, feature, middle, costs);
+    std::vector<char> barred(at(count), 0);
+    for (const Index i : bar) {
+        barred[at(i)] = 1;
+        for (auto e = coarse.graph.offsets[at(i)]; e < coarse.graph.offsets[at(i) + 1]; ++e)
+            barred[at(coarse.graph.neighbors[static_cast<std::size_t>(e)])] = 1;
+    }
+    for (Index i = 0; i < count; ++i)
+        if (barred[at(i)]) costs[i] += kBarred;
+    ways[at(way)] = curve_of(coarse, cheapest_path(coarse.graph, begin, end, costs));
+    return way;
+}
+
+}  // namespace
+
+Decomposition decompose(const KdTree<3>& tree, const Normals& normals, const Neighborhoods& nearest,
+                        std::span<const Index> features, std::span<const std::string> names,
+                        const DecompositionOptions& options, const std::string& name,
+                        Progress& progress, std::span<const Patch> wanted) {
+    const auto corners = static_cast<Index>(names.size());
+    const double area = estimated_area(tree);
+    Subset subset = blue_noise_subset(tree, normals, features, options.points, progress);
+    const Coarse coarse(std::move(subset.rows), subset.radius, area, tree, normals, nearest,
+                        progress);
+
+    const std::vector<Values> from = distances_from(coarse, features.size());
+    std::vector<SurfaceCurve> ways = guided_curves(coarse, from, corners, options, progress);
+    std::vector<Index> rounds(ways.size(), options.straightening);
     Decomposition result;
-    result.patches = patches_of(tree, normals, coarse, sides, left, features.first(names.size()),
-                                progress, 0.75, 0.9);
-    const auto sizes = clean_up(result.patches, nearest);
-    result.curve = std::move(closed.curve);
-    result.corners = std::move(closed.corners);
+    std::array<Index, 2> sizes;
+    for (Index repairs = 0;; ++repairs) {
+        ClosedCurve closed = traced(coarse, ways, rounds, tree, normals, names, name, progress);
+        const CurveSides sides(closed.curve);
+        const Values left = walk(coarse, sides, corners);
+        // Where the curve keeps left and right apart, every point belongs to one of them entirely.
+        constexpr double kClear = 0.5, kFew = 0.03;
+        const auto undecided = (left.tail(left.size() - corners).array().abs() < kClear).count();
+        if (static_cast<double>(undecided) > kFew * static_cast<double>(left.size()))
+            throw TopologyError(
+                name, "a loop that divides the surface into two patches",
+                "a way from its left to its right that doesn't cross it",
+                "Lead the loop round the whole shape, not through a handle or round a limb that "
+                "touches another. A shape with a handle needs method auto.");
+        result.patches = patches_of(tree, normals, coarse, sides, left,
+                                    features.first(names.size()), progress, 0.75, 0.9);
+        sizes = clean_up(result.patches, nearest);
+        const auto astray = [&](Index f) {
+            const Patch patch = wanted[at(f - corners)];
+            return patch != Patch::kCurve && result.patches[at(features[at(f)])] != patch;
+        };
+        Index wrong = corners;
+        const auto end = corners + static_cast<Index>(wanted.size());
+        while (wrong < end && !astray(wrong)) ++wrong;
+        constexpr Index kMostRepairs = 4;
+        if (wrong < end && repairs < kMostRepairs) {
+            const Index k = led_round(ways, coarse, from, closed, left, wrong, corners);
+            rounds[at(k)] = std::min<Index>(options.straightening, 3);  // more would lead it back
+            continue;
+        }
+        result.curve = std::move(closed.curve);
+        result.corners = std::move(closed.corners);
+        break;
+    }
 
     const double smaller =
         static_cast<double>(std::min(sizes[0], sizes[1])) / static_cast<double>(tree.size());

@@ -4,6 +4,7 @@
 #include <array>
 #include <cmath>
 #include <cstdio>
+#include <map>
 #include <mutex>
 #include <numeric>
 #include <optional>
@@ -15,6 +16,7 @@
 #include "pointmorph/kd_tree.hpp"
 #include "pointmorph/neighborhoods.hpp"
 #include "pointmorph/parallel.hpp"
+#include "product_route.hpp"
 #include "side.hpp"
 
 namespace pointmorph {
@@ -44,6 +46,23 @@ void check_loop(std::span<const std::string> loop, std::span<const Feature> feat
     if (!loop.empty() && loop.size() < 3)
         throw FeatureError("loop", "at least 3 features", std::to_string(loop.size()),
                            "Add features to the loop, or leave it out.");
+}
+
+/// Two point features may not share a place, even where it has a row for each.
+void check_places(std::span<const Feature> features, const Cloud& source, const Cloud& target) {
+    const auto check = [&](const Cloud& cloud, Marked Feature::*side) {
+        std::map<Index, const Feature*> at;
+        for (const Feature& f : features) {
+            if (f.kind != FeatureKind::kPoint) continue;
+            const auto [other, is_new] = at.try_emplace((f.*side).rows.front(), &f);
+            if (!is_new)
+                throw FeatureError("feature \"" + f.name + "\"", "a place of its own",
+                                   "that of \"" + other->second->name + "\" on " + cloud.name,
+                                   "Move or remove one of the two.");
+        }
+    };
+    check(source, &Feature::source);
+    check(target, &Feature::target);
 }
 
 /// An image for every point, or none at all.
@@ -154,6 +173,11 @@ FeatureReach reach_of(const Side& side, std::span<const Feature> points, Marked 
                          options.decomposition, progress);
 }
 
+/// What a domain is called in a sentence.
+std::string words_for(const std::string& domain) {
+    return domain == "product" ? "product space" : domain;
+}
+
 std::span<double> span_of(Positions& rows) {
     return {rows.data(), static_cast<std::size_t>(rows.size())};
 }
@@ -229,8 +253,8 @@ Morph::Morph(MorphInput input, const MorphOptions& options, Progress& progress)
     validate(target_, kMinimumPoints);
     validate(input.features, source_, target_);
     check_loop(input.loop, input.features);
-    both([&] { source.order_points(); }, [&] { target.order_points(); });
-    const std::vector<Feature> features = canonical(input.features, source.rank, target.rank);
+    both([&] { source.order_points(kMinimumPoints); },
+         [&] { target.order_points(kMinimumPoints); });
 
     progress.enter("neighborhoods");
     {
@@ -248,6 +272,37 @@ Morph::Morph(MorphInput input, const MorphOptions& options, Progress& progress)
     progress.enter("covariance");
     source.find_normals(progress);
     target.find_normals(progress);
+
+    progress.enter("topology");
+    {
+        TopologyOptions seen = options.topology;
+        if (options.method == Method::kPaper) {  // quick as it is, and asks for borders only
+            seen.points = std::min<Index>(seen.points, 5000);
+            seen.cells = std::min<Index>(seen.cells, 400);
+        }
+        const auto find = [&](Side& side, const Parts& parts, double first, double last) {
+            const Progress::Part part(progress, first, last);
+            side.find_topology(parts, options.boundary, seen, progress);
+        };
+        find(source, input.source_parts, 0.0, 0.5);
+        find(target, input.target_parts, 0.5, 1.0);
+        for (Side* side : {&source, &target})
+            if (side->turn_outwards())
+                report_.warnings.push_back("The normals of " + side->cloud.name +
+                                           " pointed inwards: they were turned.");
+        for (Side* side : {&source, &target})
+            if (const Index specks = side->leave_out_specks(options.covariance_neighbors, progress);
+                specks > 0)
+                report_.warnings.push_back(side->cloud.name + ": " + std::to_string(specks) +
+                                           (specks == 1 ? " point in a separate speck goes"
+                                                        : " points in separate specks go") +
+                                           " where the nearest of the others goes.");
+        const std::string difference =
+            difference_in_words(source.topology, source_.name, target.topology, target_.name);
+        if (!difference.empty()) report_.warnings.push_back(difference);
+    }
+    const std::vector<Feature> features = canonical(input.features, source.rank, target.rank);
+    check_places(features, source_, target_);
 
     const bool cut =
         options.domain == Domain::kCut || (options.method == Method::kPaper &&
@@ -285,12 +340,12 @@ Morph::Morph(MorphInput input, const MorphOptions& options, Progress& progress)
             return;
         }
         progress.enter("transfer");
-        const RefinementStart images{transfer<Dim>(KdTree<Dim>(route.target), target.positions,
-                                                   route.source, options.transfer, progress),
-                                     transfer<Dim>(KdTree<Dim>(route.source), source.positions,
-                                                   route.target, options.transfer, progress)};
-        take(refine(source.positions, source.normals, target.positions, target.normals, features,
-                    options.refinement, progress, &images),
+        const std::optional<RefinementStart> images =
+            RefinementStart{transfer<Dim>(KdTree<Dim>(route.target), target.positions, route.source,
+                                          options.transfer, progress),
+                            transfer<Dim>(KdTree<Dim>(route.source), source.positions, route.target,
+                                          options.transfer, progress)};
+        take(match_in_product_space(source, target, features, images, options, report_, progress),
              source, target);
     };
     if (cut) {
@@ -305,14 +360,10 @@ Morph::Morph(MorphInput input, const MorphOptions& options, Progress& progress)
         if (input.start.source_images.rows() > 0)
             earlier = {target.unit.apply(gather(input.start.source_images, source.order)),
                        source.unit.apply(gather(input.start.target_images, target.order))};
-        take(refine(source.positions, source.normals, target.positions, target.normals, features,
-                    options.refinement, progress, earlier ? &*earlier : nullptr),
+        take(match_in_product_space(source, target, features, earlier, options, report_, progress),
              source, target);
     }
-    for (IndexPair& pair : pairs_)
-        pair = {source.order[static_cast<std::size_t>(pair.source)],
-                target.order[static_cast<std::size_t>(pair.target)]};
-    std::ranges::sort(pairs_);
+    pairs_ = as_given(pairs_, source, target);
     source.hand_over_normals();
     target.hand_over_normals();
     source_boundary_ = source.as_given(source.loop);
@@ -322,6 +373,9 @@ Morph::Morph(MorphInput input, const MorphOptions& options, Progress& progress)
     if ((source_.colors.rows() == 0) != (target_.colors.rows() == 0))
         report_.warnings.push_back((source_.colors.rows() == 0 ? source_.name : target_.name) +
                                    " has no colors: white is taken for it.");
+    report_.choice = words_for(report_.domain) + ": " + in_words(source.topology, target.topology);
+    report_.source_topology = {{}, std::move(source.topology.pieces), source.topology.specks};
+    report_.target_topology = {{}, std::move(target.topology.pieces), target.topology.specks};
     report_.method = options.method == Method::kPaper ? "paper" : "auto";
     report_.stages = progress.stages();
     report_.pairs = static_cast<Index>(pairs_.size());
@@ -627,7 +681,7 @@ Decomposition decompose(Cloud cloud, std::span<const Index> loop,
     validate(features, cloud, cloud);
     check_loop(names, features);
     Side side(cloud);
-    side.order_points();
+    side.order_points(kMinimumPoints);
     std::vector<Index> rows;
     for (const Index row : loop) rows.push_back(side.rank[static_cast<std::size_t>(row)]);
 

@@ -214,6 +214,38 @@ TEST(Decomposition, IsTheSameForAnyNumberOfThreadsAndAnyPose) {
     EXPECT_LT(differ, 4000 / 100);
 }
 
+TEST(Decomposition, LeadsTheCurveRoundAFeature) {
+    // Round the equator; two free features a little off it, one of them left as it is.
+    const Shape shape = ball(6000);
+    const Index below = shape.at(std::cos(0.7), std::sin(0.7), -0.15);
+    const Index above = shape.at(std::cos(-2.3), std::sin(-2.3), 0.15);
+    const std::vector<Index> features{
+        shape.at(1, 0, 0), shape.at(0, 1, 0), shape.at(-1, 0, 0), shape.at(0, -1, 0), below, above};
+    const auto cut = [&](std::vector<Patch> wanted) {
+        Progress progress;
+        return decompose(shape.tree, shape.normals, shape.nearest, features,
+                         std::span(kNames).first(4), {}, "shape", progress, wanted);
+    };
+    const auto side = [](const Decomposition& of, Index row) {
+        return of.patches[static_cast<std::size_t>(row)];
+    };
+    const Decomposition plain = cut({});
+    const Patch up = side(plain, shape.at(0, 0, 1)), down = side(plain, shape.at(0, 0, -1));
+    ASSERT_NE(up, down);
+    ASSERT_EQ(side(plain, below), down);
+    ASSERT_EQ(side(plain, above), up);
+
+    const Decomposition led = cut({up, up});
+    EXPECT_EQ(side(led, below), up);
+    EXPECT_EQ(side(led, above), up);
+    EXPECT_EQ(side(led, shape.at(0, 0, 1)), up);
+    EXPECT_EQ(side(led, shape.at(0, 0, -1)), down);
+    EXPECT_GT(std::ranges::count(led.patches, down), 6000 * 0.35);
+    EXPECT_EQ(led.corners.size(), 4u);
+    for (const std::vector<Patch>& kept : {std::vector{down, up}, std::vector{Patch::kCurve, up}})
+        EXPECT_EQ(cut(kept).curve.points, plain.curve.points);
+}
+
 TEST(Decomposition, TakesCloudsOfFewPoints) {
     const Shape shape = ball(60);
     const Decomposition cut =

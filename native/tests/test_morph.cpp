@@ -409,6 +409,90 @@ TEST(Morph, ALoopInTheOtherSenseOnOneModelIsNoticed) {
     EXPECT_THROW(Morph(std::move(astray), paper(), progress), FeatureError);
 }
 
+TEST(Morph, PointsAtOnePlaceGoTogether) {
+    // A soup of triangles has every vertex several times, which says nothing about its shape.
+    Progress progress;
+    for (const Method method : {Method::kAuto, Method::kPaper}) {
+        MorphOptions options;
+        options.method = method;
+        const MorphInput once = two_eggs(900, 800);
+        MorphInput thrice = two_eggs(900, 800);
+        thrice.source.positions =
+            once.source.positions.replicate(3, 1)(shapes::permutation(2700, 4), Eigen::all).eval();
+        for (Feature& f : thrice.features)
+            f.source.rows[0] = row_near(thrice.source, once.source.positions(f.source.rows[0], 0),
+                                        once.source.positions(f.source.rows[0], 1),
+                                        once.source.positions(f.source.rows[0], 2));
+        const auto order = shapes::permutation(2700, 4);
+        const Morph one(MorphInput(once), options, progress);
+        const Morph three(std::move(thrice), options, progress);
+        const Positions expected = one.source_to_target(progress);
+        const Positions found = three.source_to_target(progress);
+        std::vector<char> seen(2700, 0);
+        for (const IndexPair& pair : three.pairs()) {
+            seen[static_cast<std::size_t>(pair.source)] = 1;
+            const Index row = order[static_cast<std::size_t>(pair.source)] % 900;
+            EXPECT_TRUE(std::ranges::binary_search(one.pairs(), IndexPair{row, pair.target}));
+            EXPECT_EQ(found.row(pair.source), expected.row(row));
+        }
+        EXPECT_EQ(std::ranges::count(seen, 0), 0);
+    }
+}
+
+TEST(Morph, SpecksAndOutliersDoNotBendTheRest) {
+    Progress progress;
+    const MorphInput clean = two_eggs(2000, 1800);
+    MorphInput dusty = two_eggs(2000, 1800);
+    dusty.source.positions.conservativeResize(2002, 3);
+    dusty.source.positions.row(2000) << 300, 200, -100;
+    dusty.source.positions.row(2001) << -5, 0, 9;
+    MorphOptions options;
+    const Morph one(MorphInput(clean), options, progress);
+    const Morph other(std::move(dusty), options, progress);
+    const Positions expected = one.source_to_target(progress);
+    const Positions found = other.source_to_target(progress);
+    constexpr double kSpacing = 0.09;  // of 2,000 points on the egg
+    EXPECT_LT((found.topRows(2000) - expected).rowwise().norm().mean(), kSpacing);
+    std::vector<char> seen(2002, 0);
+    for (const IndexPair& pair : other.pairs()) seen[static_cast<std::size_t>(pair.source)] = 1;
+    EXPECT_EQ(std::ranges::count(seen, 0), 0);
+    EXPECT_EQ(other.report().source_topology.main().size(), 1u);
+    EXPECT_TRUE(std::ranges::any_of(other.report().warnings, [](const std::string& words) {
+        return words.find("separate speck") != std::string::npos;
+    }));
+}
+
+TEST(Morph, InwardNormalsOfAClosedModelAreTurned) {
+    Progress progress;
+    MorphInput input = two_eggs(900, 800);
+    const Morph outward(two_eggs(900, 800), {}, progress);
+    input.target.normals = -outward.target().normals;
+    const Morph morph(std::move(input), {}, progress);
+    EXPECT_LT((morph.target().normals - outward.target().normals).cwiseAbs().maxCoeff(), 1e-6);
+    EXPECT_TRUE(std::ranges::any_of(morph.report().warnings, [](const std::string& words) {
+        return words.find("pointed inwards") != std::string::npos;
+    }));
+}
+
+TEST(Morph, LeadsTheCutRoundAFeatureBesideIt) {
+    Progress progress;
+    // A mark just above the loop on one model and just below it on the other.
+    const auto height = [](const Cloud& cloud, Index row) { return cloud.positions(row, 2); };
+    MorphInput input = two_eggs(4000, 3000);
+    const auto beside = [&](const Cloud& cloud, double z) {
+        const double x = cloud.positions.col(0).maxCoeff(), y = cloud.positions.col(1).maxCoeff();
+        return row_near(cloud, 0.7 * x, 0.7 * y, z);
+    };
+    const Index s = beside(input.source, 0.1), t = beside(input.target, -0.1);
+    ASSERT_GT(height(input.source, s) * -height(input.target, t), 0.0);
+    input.features.push_back(point_feature("beside", s, t));
+    const Morph morph(std::move(input), paper(), progress);
+    EXPECT_TRUE(std::ranges::any_of(morph.report().warnings, [](const std::string& words) {
+        return words.find("led round \"beside\"") != std::string::npos;
+    }));
+    EXPECT_TRUE(std::ranges::binary_search(morph.pairs(), IndexPair{s, t}));
+}
+
 TEST(Morph, DomainCutProposesALoopAndSaysSo) {
     Progress progress;
     MorphOptions options = paper();

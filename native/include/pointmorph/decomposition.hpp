@@ -53,12 +53,15 @@ struct Decomposition {
 /// `features`: rows, none twice; the first `names.size()` of them, three or more, are the loop, in
 /// order, called `names`. `normals` are unit length and point outwards; `nearest` joins the cloud.
 /// Left is anticlockwise seen from outside: on the left hand when one walks along the curve with
-/// the normal up. `name` is the cloud's, for errors. Throws FeatureError where the curve can't be
-/// kept from crossing itself, TopologyError where it doesn't divide the surface in two.
+/// the normal up. `name` is the cloud's, for errors. `wanted`, where it isn't empty, has for each
+/// feature beyond the loop the patch that it should lie on, kCurve for either: the curve is led
+/// round those that it leaves on the other one, where it can be. Throws FeatureError where the
+/// curve can't be kept from crossing itself, TopologyError where it doesn't divide the surface in
+/// two.
 Decomposition decompose(const KdTree<3>& tree, const Normals& normals, const Neighborhoods& nearest,
                         std::span<const Index> features, std::span<const std::string> names,
                         const DecompositionOptions& options, const std::string& name,
-                        Progress& progress);
+                        Progress& progress, std::span<const Patch> wanted = {});
 
 /// What a loop is proposed from.
 struct FeatureReach {

@@ -17,10 +17,12 @@
 #include "pointmorph/pairing.hpp"
 #include "pointmorph/parameterization.hpp"
 #include "pointmorph/path.hpp"
+#include "pointmorph/pieces.hpp"
 #include "pointmorph/progress.hpp"
 #include "pointmorph/quality.hpp"
 #include "pointmorph/refinement.hpp"
 #include "pointmorph/resampling.hpp"
+#include "pointmorph/topology.hpp"
 #include "pointmorph/transfer.hpp"
 
 namespace pointmorph {
@@ -53,12 +55,14 @@ struct MorphOptions {
     /// Nearest neighbours in the covariance analysis and in the search for the boundary; 8 to 64.
     Index covariance_neighbors = 16;
     BoundaryOptions boundary;
+    TopologyOptions topology;
     DecompositionOptions decomposition;
     ParameterizationOptions parameterization;
     AlignmentOptions alignment;
     PairingOptions pairing;
     TransferOptions transfer;
     RefinementOptions refinement;
+    PieceOptions pieces;
     PathKind path = PathKind::kLinear;
     ResamplingOptions resampling;
     /// OpenMP threads; 0 takes what the machine has. The result doesn't depend on it.
@@ -77,6 +81,7 @@ struct MorphInput {
     /// Smooth maps of an earlier morph of these clouds, rows as given, to start from; empty for
     /// none. Only method auto uses them; see refine().
     RefinementStart start{};
+    Parts source_parts{}, target_parts{};  ///< what hangs together, as faces say; empty: found
 };
 
 /// A frame without cracks: as many rows as it takes. Row-major, numbers a point as in a FrameView.
@@ -101,6 +106,9 @@ struct ParameterizationReport {
 struct MorphReport {
     std::string method;
     std::string domain;
+    Topology source_topology, target_topology;  ///< without labels
+    /// The domain, and what the shapes are: "product space: closed surfaces of genus 1 and 0".
+    std::string choice;
     std::vector<StageTime> stages;
     double seconds = 0.0;
     Index pairs = 0;

@@ -240,6 +240,7 @@ def _morph(chosen: argparse.Namespace) -> None:
         f"{report['pairs']} pairs of {len(clouds[0])} and {len(clouds[1])} points "
         f"in {report['seconds']:.2f} s: {chosen.out}"
     )
+    print(f"  {report['choice']}")
     for name, value in morphing.quality_summary(report):
         print(f"  {name:<11}{value}")
     for name, value in morphing.feature_summary(report):

@@ -32,6 +32,9 @@ class Cloud:
     boundary : sequence of int, optional
         Rows of the boundary of an open patch, in their order along it, in either sense. Found
         automatically where it is missing.
+    parts : sequence of int, optional
+        For each point a label, the same for those that hang together. Found automatically where
+        it is missing; the faces of a mesh say it better (`pointmorph.meshes.parts`).
 
     Raises
     ------
@@ -56,6 +59,7 @@ class Cloud:
         *,
         name: str = "cloud",
         boundary: Sequence[int] | npt.NDArray[np.integer[Any]] | None = None,
+        parts: Sequence[int] | npt.NDArray[np.integer[Any]] | None = None,
     ) -> None:
         self.name = name
         points = np.asarray(positions)
@@ -65,7 +69,8 @@ class Cloud:
         self.normals = self._attribute(normals, "normals", 3)
         self.colors = self._attribute(colors, "colors", 4)
         self.radii = self._attribute(radii, "radii", None)
-        self.boundary = self._rows(boundary)
+        self.boundary = self._whole_numbers(boundary, "a boundary that is a list of rows")
+        self.parts = self._whole_numbers(parts, "parts that are a list of labels")
 
     def __len__(self) -> int:
         return len(self.positions)
@@ -111,16 +116,18 @@ class Cloud:
             )
         return array
 
-    def _rows(self, rows: Sequence[int] | npt.NDArray[np.integer[Any]] | None) -> list[int]:
+    def _whole_numbers(
+        self, rows: Sequence[int] | npt.NDArray[np.integer[Any]] | None, what: str
+    ) -> list[int]:
         if rows is None:
             return []
         array = np.asarray(rows)
         if array.ndim != 1 or (array.size and not np.issubdtype(array.dtype, np.integer)):
             raise CloudError(
                 self.name,
-                "a boundary that is a list of rows",
+                what,
                 f"type {array.dtype} of shape {array.shape}",
-                "Give whole numbers, 0 for the first point.",
+                "Give whole numbers: rows from 0 for the first point, or a label for each.",
             )
         return [int(row) for row in array]
 
@@ -133,4 +140,5 @@ class Cloud:
             "colors": self.colors,
             "radii": self.radii,
             "boundary": self.boundary,
+            "parts": self.parts,
         }

@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from pointmorph.clouds import Cloud, FloatArray
 from pointmorph.errors import FileError
-from pointmorph.meshes import boundary_loops
+from pointmorph.meshes import boundary_loops, parts
 
 TEXT_SUFFIXES = (".xyz", ".txt", ".pts", ".asc")
 MESH_SUFFIXES = (".obj", ".off", ".stl", ".glb", ".gltf", ".3mf")
@@ -41,8 +41,9 @@ class Shape:
 
     def cloud(self) -> Cloud:
         """The vertices, in order. An open mesh hands over its longest boundary loop."""
-        boundary = None
+        boundary = labels = None
         if self.faces is not None:
+            labels = parts(self.faces, self.positions)
             loops = boundary_loops(self.faces, len(self.positions))
             boundary = loops[0] if loops else None
         return Cloud(
@@ -52,6 +53,7 @@ class Shape:
             self.radii,
             name=self.name,
             boundary=boundary,
+            parts=labels,
         )
 
 

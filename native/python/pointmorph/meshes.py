@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from pointmorph._pointmorph import nearest_neighbors
+
 Faces = npt.NDArray[np.integer[Any]] | Sequence[Sequence[int]]
 
 
@@ -63,6 +65,68 @@ def boundary_loops(faces: Faces, vertex_count: int) -> list[npt.NDArray[np.int64
                 position[vertex] = len(path)
                 path.append(vertex)
     return sorted(loops, key=len, reverse=True)
+
+
+def parts(faces: Faces, positions: npt.NDArray[Any]) -> npt.NDArray[np.int64]:
+    """(N,) labels: the same for vertices that faces join, also over vertices at the same place.
+
+    Vertices without a face belong to what is nearest to them.
+
+    Parameters
+    ----------
+    faces : (F, K) array, or a sequence of polygons
+        Vertex rows.
+    positions : (N, 3) array
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from pointmorph.meshes import parts
+    >>> parts([[0, 1, 2], [3, 4, 5]], np.arange(18.0).reshape(6, 3)).tolist()
+    [0, 0, 0, 3, 3, 3]
+    """
+    count = len(positions)
+    if count == 0:
+        return np.empty(0, np.int64)
+    _, first, place = np.unique(positions, axis=0, return_index=True, return_inverse=True)
+    same = first[place.reshape(-1)]
+    edges = np.concatenate([face_edges(faces), np.stack([np.arange(count), same], axis=-1)])
+    labels = np.arange(count)
+    while True:
+        lower = labels.copy()
+        ends = labels[edges]
+        least = ends.min(axis=1)
+        for side in (0, 1):
+            np.minimum.at(lower, ends[:, side], least)  # a label's own label …
+        while not np.array_equal(lower, lower[lower]):
+            lower = lower[lower]
+        following = lower[labels]
+        if np.array_equal(following, labels):
+            break
+        labels = following
+    used = np.zeros(count, bool)
+    used[face_edges(faces).reshape(-1)] = True
+    used = np.isin(labels, labels[used])
+    if used.any() and not used.all() and np.isfinite(positions).all():
+        _spread(labels, used, positions)
+    return labels
+
+
+def _spread(
+    labels: npt.NDArray[np.int64], known: npt.NDArray[np.bool_], positions: npt.NDArray[Any]
+) -> None:
+    """Gives what has no known label that of its nearest neighbour with one."""
+    size = max(float(np.ptp(positions, axis=0).max()), np.finfo(float).tiny)
+    near = nearest_neighbors(np.ascontiguousarray(positions / size, np.float64), 16)
+    while True:
+        waiting = np.flatnonzero(~known)
+        for column in range(near.shape[1]):
+            at = waiting[known[near[waiting, column]] & ~known[waiting]]
+            labels[at] = labels[near[at, column]]
+            known[at] = True
+        if known.all() or not known[waiting].any():
+            break
+    labels[~known] = np.bincount(labels[known]).argmax()
 
 
 def face_edges(faces: Faces) -> npt.NDArray[np.int64]:

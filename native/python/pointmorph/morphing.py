@@ -372,6 +372,10 @@ class Morph:
         `feature_residual` (the largest of hard points, in spacings of the common domain),
         `features` (by name, those of `Quality.features`), `cracks`, `quality` (the figures of
         `MapFigures` both ways), `worst` (those of `Quality.worst`), `warnings`, `method`, `domain`,
+        `choice` (the domain and what the shapes are, in words, such as "product space: closed
+        surfaces of genus 1 and 0"), `topology` (of `source` and `target`: `words`; `pieces`, the
+        one with the most points first, each with `points`, `borders`, `open` and `genus`, None
+        where the points don't say for sure; and how many of the last ones are `specks`),
         `loop` (given, or proposed for a cut), `tips` (rows of unmarked tips that a cut brought
         together),
         `options` and what the solver needed on both sides.

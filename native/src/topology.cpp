@@ -1,0 +1,535 @@
+#include "pointmorph/topology.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+#include <map>
+#include <numeric>
+#include <queue>
+#include <utility>
+
+#include "pointmorph/cloud.hpp"
+#include "pointmorph/kd_tree.hpp"
+#include "pointmorph/subset.hpp"
+#include "pointmorph/surface_graph.hpp"
+
+namespace pointmorph {
+
+namespace {
+
+std::size_t at(Index i) {
+    return static_cast<std::size_t>(i);
+}
+
+constexpr std::size_t kNear = 12;    // farther neighbours reach over gaps
+constexpr double kGap = 5.0;         // in spacings: what is so far from a piece isn't of it
+constexpr double kSameSheet = 0.0;   // cosine between normals
+constexpr double kSteepest = 0.8;    // sine of the angle between an edge and a tangent plane
+constexpr Index kPointsPerCell = 8;  // so that cells are surface, not single samples
+constexpr Index kFewestCells = 16;   // fewer show nothing
+
+/// Whether two neighbours lie on the same sheet of the surface.
+bool on_one_sheet(const Positions& positions, const Normals& normals, Index i, Index j) {
+    if (normals.row(i).dot(normals.row(j)) <= kSameSheet) return false;
+    const Eigen::RowVector3d edge = positions.row(j) - positions.row(i);
+    const double steep = kSteepest * edge.norm();
+    return std::abs(edge.dot(normals.row(i))) <= steep ||
+           std::abs(edge.dot(normals.row(j))) <= steep;
+}
+
+/// Pieces numbered by size, the largest first; ties by lowest row.
+std::vector<Index> by_size(std::vector<Index> labels, Index count) {
+    std::vector<Index> sizes(at(count), 0), order(at(count)), rank(at(count));
+    for (const Index label : labels) ++sizes[at(label)];
+    std::iota(order.begin(), order.end(), 0);
+    std::ranges::stable_sort(order, std::greater<>(), [&](Index c) { return sizes[at(c)]; });
+    for (Index k = 0; k < count; ++k) rank[at(order[at(k)])] = k;
+    for (Index& label : labels) label = rank[at(label)];
+    return labels;
+}
+
+/// Rows of points at the very same place as one of a lower row, which stands for them: that row;
+/// else the row itself.
+std::vector<Index> without_twins(const Positions& positions) {
+    const Index count = static_cast<Index>(positions.rows());
+    std::vector<Index> order(at(count)), first(at(count));
+    std::iota(order.begin(), order.end(), 0);
+    const auto key = [&](Index i) {
+        return std::array{positions(i, 0), positions(i, 1), positions(i, 2)};
+    };
+    std::ranges::stable_sort(order, {}, key);
+    for (std::size_t k = 0; k < order.size(); ++k)
+        first[at(order[k])] =
+            k > 0 && key(order[k]) == key(order[k - 1]) ? first[at(order[k - 1])] : order[k];
+    return first;
+}
+
+/// Takes a few points that hang together with nothing, but lie on a piece (a thin rim whose normals
+/// nothing agrees with), into that piece.
+void take_in(std::vector<Index>& labels, const Positions& positions, const Neighborhoods& nearest,
+             const Values& spacing) {
+    constexpr double kBeside = 2.0;  // spacings
+    std::vector<Index> sizes(at(1 + *std::ranges::max_element(labels)), 0);
+    for (const Index label : labels) ++sizes[at(label)];
+    std::vector<Index> into(sizes.size());
+    std::iota(into.begin(), into.end(), 0);
+    for (Index i = 0; i < nearest.size(); ++i) {
+        const Index own = labels[at(i)];
+        if (sizes[at(own)] >= kPointsPerCell || into[at(own)] != own) continue;
+        for (const Index j : nearest[i])
+            if (sizes[at(labels[at(j)])] >= kPointsPerCell &&
+                (positions.row(i) - positions.row(j)).norm() < kBeside * spacing[j]) {
+                into[at(own)] = labels[at(j)];
+                break;
+            }
+    }
+    // Numbers without a gap again, still by size.
+    std::vector<Index> rank(sizes.size(), -1);
+    Index count = 0;
+    for (std::size_t p = 0; p < into.size(); ++p)
+        if (into[p] == static_cast<Index>(p)) rank[p] = count++;
+    for (Index& label : labels) label = rank[at(into[at(label)])];
+}
+
+/// Sets how many of the pieces, numbered by size, are specks: those of few points, and scattered
+/// points that aren't many. Those go last.
+void tell_specks(Topology& topology, const Values& spacing, double speck) {
+    constexpr double kFew = 0.02, kScattered = 3.0;  // a share of the points; main spacings
+    const auto count = static_cast<double>(topology.labels.size());
+    std::vector<std::vector<double>> spacings(topology.pieces.size());
+    for (std::size_t i = 0; i < topology.labels.size(); ++i)
+        spacings[at(topology.labels[i])].push_back(spacing[static_cast<Eigen::Index>(i)]);
+    const auto median = [](std::vector<double>& values) {
+        const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
+        std::ranges::nth_element(values, middle);
+        return *middle;
+    };
+    const double usual = median(spacings.front());
+    std::vector<Index> order, specks;
+    for (Index p = 0; p < static_cast<Index>(spacings.size()); ++p) {
+        const auto points = static_cast<double>(spacings[at(p)].size());
+        const bool is_speck =
+            points < speck * count || points < kPointsPerCell ||
+            (points < kFew * count && median(spacings[at(p)]) > kScattered * usual);
+        (p > 0 && is_speck ? specks : order).push_back(p);
+    }
+    topology.specks = static_cast<Index>(specks.size());
+    order.insert(order.end(), specks.begin(), specks.end());
+    std::vector<Index> rank(order.size());
+    std::vector<Piece> pieces;
+    for (std::size_t k = 0; k < order.size(); ++k) {
+        rank[at(order[k])] = static_cast<Index>(k);
+        pieces.push_back(topology.pieces[at(order[k])]);
+    }
+    topology.pieces = std::move(pieces);
+    for (Index& label : topology.labels) label = rank[at(label)];
+}
+
+/// The pieces that faces say, but for points at one place, which belong together; what has no face
+/// goes with its nearest neighbours.
+std::vector<Index> joined_parts(std::span<const Index> parts, std::span<const Index> first) {
+    Neighborhoods same;
+    std::map<Index, Index> representative;
+    for (std::size_t i = 0; i < parts.size(); ++i) {
+        const Index one = representative.try_emplace(parts[i], static_cast<Index>(i)).first->second;
+        for (const Index other : {one, first[i]})
+            if (other != static_cast<Index>(i)) same.indices.push_back(other);
+        same.offsets.push_back(static_cast<std::int64_t>(same.indices.size()));
+    }
+    Components components = connected_components(same);
+    return by_size(std::move(components.label), components.count());
+}
+
+/// Components over neighbours on the same sheet.
+std::vector<Index> found_parts(const Positions& positions, const Normals& normals,
+                               const Neighborhoods& nearest, std::span<const Index> first) {
+    const Values spacing = local_spacing(positions, nearest);
+    const auto has = [&](Index i, Index j) {
+        return std::ranges::find(nearest[i], j) != nearest[i].end();
+    };
+    Neighborhoods joined;
+    for (Index i = 0; i < nearest.size(); ++i) {
+        std::size_t taken = 0;
+        if (first[at(i)] != i) joined.indices.push_back(first[at(i)]);
+        for (const Index j : nearest[i]) {
+            if (first[at(i)] != i || taken == kNear) break;
+            if (first[at(j)] != j || !on_one_sheet(positions, normals, i, j)) continue;
+            ++taken;
+            // What floats far off has neighbours, but is none of theirs.
+            if ((positions.row(j) - positions.row(i)).norm() < kGap * spacing[j] || has(j, i))
+                joined.indices.push_back(j);
+        }
+        joined.offsets.push_back(static_cast<std::int64_t>(joined.indices.size()));
+    }
+    Components components = connected_components(joined);
+    return by_size(std::move(components.label), components.count());
+}
+
+/// A complex of vertices, edges and triangles, of which only the first homology (over two
+/// elements) is wanted: how many loops are there that bound nothing?
+class Complex {
+public:
+    explicit Complex(Index vertices) : vertices_(vertices) {}
+
+    Index add_vertex() { return vertices_++; }
+
+    /// All edges and triangles of a set of vertices, ascending.
+    void add(std::span<const Index> simplex) {
+        for (std::size_t a = 0; a < simplex.size(); ++a)
+            for (std::size_t b = a + 1; b < simplex.size(); ++b) {
+                edges_.push_back({simplex[a], simplex[b]});
+                for (std::size_t c = b + 1; c < simplex.size(); ++c)
+                    triangles_.push_back({simplex[a], simplex[b], simplex[c]});
+            }
+    }
+
+    /// Fills what is bounded by three or four edges: loops so short lead round nothing but a gap in
+    /// the sampling.
+    void fill_short_loops() {
+        const Neighborhoods around = neighbors();
+        const auto adjacent = [&](Index a, Index b) {
+            return std::ranges::binary_search(around[a], b);
+        };
+        std::vector<Index> second, both;
+        for (Index a = 0; a < vertices_; ++a) {
+            second.clear();
+            for (const Index b : around[a])
+                for (const Index c : around[b])
+                    if (c > a) second.push_back(c);
+            std::ranges::sort(second);
+            second.erase(std::unique(second.begin(), second.end()), second.end());
+            for (const Index c : second) {
+                both.clear();
+                std::ranges::set_intersection(around[a], around[c], std::back_inserter(both));
+                if (!adjacent(a, c)) {
+                    // A diagonal, where there are two ways from one end to the other.
+                    const bool hollow = std::ranges::any_of(both, [&](Index b) {
+                        return std::ranges::any_of(
+                            both, [&](Index d) { return d != b && !adjacent(b, d); });
+                    });
+                    if (!hollow) continue;
+                    edges_.push_back({a, c});
+                }
+                for (const Index b : both) {
+                    std::array<Index, 3> triangle{a, b, c};
+                    std::ranges::sort(triangle);
+                    triangles_.push_back(triangle);
+                }
+            }
+        }
+    }
+
+    /// Vertices next to each, ascending.
+    Neighborhoods neighbors() const {
+        std::vector<std::vector<Index>> around(at(vertices_));
+        for (const auto& [a, b] : edges_) around[at(a)].push_back(b);
+        Neighborhoods result;
+        for (auto& row : around) {
+            std::ranges::sort(row);
+            row.erase(std::unique(row.begin(), row.end()), row.end());
+            result.indices.insert(result.indices.end(), row.begin(), row.end());
+            result.offsets.push_back(static_cast<std::int64_t>(result.indices.size()));
+        }
+        return symmetrized(result);
+    }
+
+    /// The first Betti number: edges − vertices + components − rank of the triangles' boundaries.
+    Index loops() {
+        const auto unique = [](auto& rows) {
+            std::ranges::sort(rows);
+            rows.erase(std::unique(rows.begin(), rows.end()), rows.end());
+        };
+        unique(edges_);
+        unique(triangles_);
+        const Index components = connected_components(neighbors()).count();
+        return static_cast<Index>(edges_.size()) - vertices_ + components - rank();
+    }
+
+private:
+    /// By reduction of the columns, as in persistent homology (Edelsbrunner et al. 2002).
+    Index rank() const {
+        const auto edge = [&](Index a, Index b) {
+            return static_cast<Index>(std::ranges::lower_bound(edges_, std::array{a, b}) -
+                                      edges_.begin());
+        };
+        std::vector<std::vector<Index>> of_pivot(edges_.size());
+        Index rank = 0;
+        std::vector<Index> column, sum;
+        for (const auto& [a, b, c] : triangles_) {
+            column = {edge(a, b), edge(a, c), edge(b, c)};
+            while (!column.empty() && !of_pivot[at(column.back())].empty()) {
+                sum.clear();
+                std::ranges::set_symmetric_difference(column, of_pivot[at(column.back())],
+                                                      std::back_inserter(sum));
+                column.swap(sum);
+            }
+            if (column.empty()) continue;
+            of_pivot[at(column.back())] = column;
+            ++rank;
+        }
+        return rank;
+    }
+
+    Index vertices_;
+    std::vector<std::array<Index, 2>> edges_;
+    std::vector<std::array<Index, 3>> triangles_;
+};
+
+/// Points of one piece, none twice, joined along the surface.
+struct Sample {
+    Positions positions;
+    Normals normals;
+    KdTree<3> tree;
+    Neighborhoods near;  ///< on the same sheet
+
+    Sample(const Positions& all, const Normals& all_normals, std::span<const Index> rows,
+           Progress& progress)
+        : positions(gather(all, rows)), normals(gather(all_normals, rows)), tree(positions) {
+        near = filtered(nearest_neighbors(tree, static_cast<Index>(kNear), progress),
+                        [&](Index i, Index j) { return on_one_sheet(positions, normals, i, j); });
+    }
+};
+
+/// Cells of the surface around some of the points: each point's nearest along the surface.
+std::vector<Index> cells_around(const Sample& sample, std::span<const Index> centers) {
+    const Neighborhoods joined = symmetrized(sample.near);
+    std::vector<Index> cells(at(sample.tree.size()), -1);
+    std::vector<double> distances(cells.size(), std::numeric_limits<double>::infinity());
+    using Entry = std::pair<double, Index>;
+    std::priority_queue<Entry, std::vector<Entry>, std::greater<>> queue;
+    for (std::size_t c = 0; c < centers.size(); ++c) {
+        distances[at(centers[c])] = 0.0;
+        cells[at(centers[c])] = static_cast<Index>(c);
+        queue.emplace(0.0, centers[c]);
+    }
+    while (!queue.empty()) {
+        const auto [distance, i] = queue.top();
+        queue.pop();
+        if (distance > distances[at(i)]) continue;
+        for (const Index j : joined[i]) {
+            const double through =
+                distance + (sample.positions.row(i) - sample.positions.row(j)).norm();
+            if (through >= distances[at(j)]) continue;
+            distances[at(j)] = through;
+            cells[at(j)] = cells[at(i)];
+            queue.emplace(through, j);
+        }
+    }
+    return cells;
+}
+
+/// Cells from one to another, both included; from one to itself: that one.
+std::vector<Index> way(const Neighborhoods& neighbors, Index from, Index to) {
+    std::vector<Index> before(at(neighbors.size()), -1), open{to};
+    before[at(to)] = to;
+    for (std::size_t k = 0; k < open.size() && before[at(from)] < 0; ++k)
+        for (const Index j : neighbors[open[k]])
+            if (before[at(j)] < 0) {
+                before[at(j)] = open[k];
+                open.push_back(j);
+            }
+    std::vector<Index> path;
+    if (before[at(from)] < 0) return path;
+    for (Index i = from; i != to; i = before[at(i)]) path.push_back(i);
+    path.push_back(to);
+    return path;
+}
+
+/// The complex of a piece's cells: those that meet near a point span a simplex.
+Complex complex_of(const Sample& sample, std::span<const Index> cells, Index count) {
+    Complex complex(count);
+    std::vector<Index> around;
+    std::vector<std::vector<Index>> simplices;
+    for (Index i = 0; i < sample.tree.size(); ++i) {
+        around.assign(1, cells[at(i)]);
+        for (const Index j : sample.near[i])
+            if (std::ranges::find(around, cells[at(j)]) == around.end())
+                around.push_back(cells[at(j)]);
+        std::ranges::sort(around);
+        if (around.size() > 1 && around.front() >= 0) simplices.push_back(around);
+    }
+    std::ranges::sort(simplices);
+    simplices.erase(std::unique(simplices.begin(), simplices.end()), simplices.end());
+    for (const std::vector<Index>& simplex : simplices) complex.add(simplex);
+    return complex;
+}
+
+/// Closes borders with a lid each. `borders`: rows of the sample.
+void close(Complex& complex, std::span<const Index> cells,
+           std::span<const std::vector<Index>> borders) {
+    const Neighborhoods neighbors = complex.neighbors();
+    for (const std::vector<Index>& border : borders) {
+        const Index lid = complex.add_vertex();
+        for (std::size_t k = 0; k < border.size(); ++k) {
+            const Index here = cells[at(border[k])],
+                        next = cells[at(border[(k + 1) % border.size()])];
+            if (here < 0 || next < 0) continue;
+            const std::vector<Index> path = way(neighbors, here, next);
+            for (std::size_t m = 0; m + 1 < path.size(); ++m)
+                complex.add(std::array{std::min(path[m], path[m + 1]),
+                                       std::max(path[m], path[m + 1]), lid});
+        }
+    }
+}
+
+/// Handles of a piece, where two numbers of cells agree about them: two free loops each. Gaps in
+/// the sampling make more of them; then short loops are filled, which may fill thin handles, too.
+std::optional<Index> genus_of(const Sample& sample, std::span<const std::vector<Index>> borders,
+                              Index most, Progress& progress) {
+    const Index most_cells = std::min(most, sample.tree.size() / kPointsPerCell);
+    std::vector<Complex> complexes;
+    std::vector<Index> loops, filled;
+    for (const double share : {1.0, 0.5, 0.7}) {
+        const auto count = static_cast<Index>(share * most_cells);
+        if (count < kFewestCells) return std::nullopt;
+        const std::vector<Index> centers =
+            blue_noise_subset(sample.tree, sample.normals, {}, count, progress).rows;
+        const std::vector<Index> cells = cells_around(sample, centers);
+        Complex& complex =
+            complexes.emplace_back(complex_of(sample, cells, static_cast<Index>(centers.size())));
+        close(complex, cells, borders);
+        loops.push_back(complex.loops());
+        if (loops.size() == 1) continue;
+        if (loops.size() == 2 && loops[0] == loops[1] && loops[0] % 2 == 0) return loops[0] / 2;
+        while (filled.size() < complexes.size()) {
+            complexes[filled.size()].fill_short_loops();
+            filled.push_back(complexes[filled.size()].loops());
+        }
+        for (std::size_t a = 0; a < filled.size(); ++a)
+            for (std::size_t b = a + 1; b < filled.size(); ++b)
+                if (filled[a] == filled[b])
+                    return filled[a] % 2 == 0 ? std::optional(filled[a] / 2) : std::nullopt;
+    }
+    return std::nullopt;
+}
+
+std::string with_article(const Piece& piece, bool plural) {
+    std::string words;
+    if (piece.is_open) {
+        words = plural ? "open patches" : "an open patch";
+    } else {
+        words = plural ? "closed surfaces" : "a closed surface";
+    }
+    return words;
+}
+
+std::string genus_in_words(const Piece& piece) {
+    return piece.genus ? std::to_string(*piece.genus) : "unknown";
+}
+
+std::string holes_in_words(const Piece& piece) {
+    const Index holes = piece.borders - (piece.is_open ? 1 : 0);
+    if (holes <= 0) return "";
+    return " with " + std::to_string(holes) + (holes == 1 ? " hole" : " holes");
+}
+
+std::string in_words(const Piece& piece, bool plural = false) {
+    std::string words = with_article(piece, plural);
+    if (!piece.is_open || !piece.genus || *piece.genus > 0)
+        words += (piece.genus ? " of genus " : ", genus ") + genus_in_words(piece);
+    return words + holes_in_words(piece);
+}
+
+}  // namespace
+
+bool is_rim(double length, double area) {
+    // 4π for a flat disk, 2π for half a sphere, and less the more of a sphere is there.
+    constexpr double kSquaredLengthToArea = 4.0;
+    return length * length > kSquaredLengthToArea * area;
+}
+
+Topology find_topology(const Positions& positions, const Normals& normals,
+                       const Neighborhoods& nearest, std::span<const BoundaryLoop> loops,
+                       std::span<const Index> parts, const TopologyOptions& options,
+                       Progress& progress) {
+    const auto count = static_cast<Index>(positions.rows());
+    const std::vector<Index> first = without_twins(positions);
+    Topology result;
+    result.labels = parts.empty() ? found_parts(positions, normals, nearest, first)
+                                  : joined_parts(parts, first);
+    const Values spacing = local_spacing(positions, nearest);
+    if (parts.empty()) take_in(result.labels, positions, nearest, spacing);
+    result.pieces.resize(at(1 + *std::ranges::max_element(result.labels)));
+    for (const Index label : result.labels) ++result.pieces[at(label)].points;
+    tell_specks(result, spacing, options.speck);
+    const auto pieces = static_cast<Index>(result.pieces.size());
+
+    for (Index p = 0; p < pieces - result.specks; ++p) {
+        Piece& piece = result.pieces[at(p)];
+        std::vector<Index> rows;
+        for (Index i = 0; i < count; ++i)
+            if (result.labels[at(i)] == p && first[at(i)] == i) rows.push_back(i);
+        const auto step = (rows.size() + at(options.points) - 1) / at(options.points);
+        for (std::size_t k = 0; k * step < rows.size(); ++k) rows[k] = rows[k * step];
+        rows.resize((rows.size() + step - 1) / step);
+        const Sample sample(positions, normals, rows, progress);
+        const double area = estimated_area(sample.tree);
+        std::vector<std::vector<Index>> borders;
+        for (const BoundaryLoop& loop : loops) {
+            if (result.labels[at(loop.front())] != p) continue;
+            piece.is_open |= is_rim(loop_length(positions, loop), area);
+            std::vector<Index>& border = borders.emplace_back();
+            for (const Index i : loop)
+                border.push_back(nearest_on_sheet(sample.tree, sample.normals, positions.row(i),
+                                                  normals.row(i)));
+        }
+        piece.borders = static_cast<Index>(borders.size());
+        piece.genus = genus_of(sample, borders, options.cells, progress);
+        progress.report(static_cast<double>(p + 1) / pieces);
+    }
+    return result;
+}
+
+std::string in_words(const Topology& topology) {
+    const auto main = topology.main();
+    std::string specks;
+    if (topology.specks > 0)
+        specks = " and " + std::to_string(topology.specks) +
+                 (topology.specks == 1 ? " speck" : " specks");
+    if (main.size() == 1) return in_words(main.front()) + specks;
+    std::vector<std::pair<std::string, std::string>> kinds;  // of one piece, of several
+    std::vector<Index> counts;
+    for (const Piece& piece : main) {
+        const std::pair kind(in_words(piece), in_words(piece, true));
+        const auto known = std::ranges::find(kinds, kind);
+        if (known == kinds.end()) {
+            kinds.push_back(kind);
+            counts.push_back(1);
+        } else {
+            ++counts[static_cast<std::size_t>(known - kinds.begin())];
+        }
+    }
+    std::string words = std::to_string(main.size()) + " pieces (";
+    for (std::size_t k = 0; k < kinds.size(); ++k) {
+        if (k > 0) words += k + 1 < kinds.size() ? ", " : " and ";
+        words +=
+            counts[k] == 1 ? kinds[k].first : std::to_string(counts[k]) + " " + kinds[k].second;
+    }
+    return words + ")" + specks;
+}
+
+std::string difference_in_words(const Topology& source, const std::string& source_name,
+                                const Topology& target, const std::string& target_name) {
+    const Piece &s = source.pieces.front(), &t = target.pieces.front();
+    const bool handles = s.genus && t.genus && *s.genus != *t.genus;
+    if (s.is_open == t.is_open && !handles) return "";
+    return source_name + " is " + in_words(s) + " and " + target_name + " " + in_words(t) +
+           ": where they differ, the surface tears or folds on the way.";
+}
+
+std::string in_words(const Topology& source, const Topology& target) {
+    const auto s = source.main(), t = target.main();
+    const std::string one = in_words(source), other = in_words(target);
+    if (s.size() == 1 && t.size() == 1 && source.specks + target.specks == 0) {
+        if (one == other) return in_words(s.front(), true);
+        const bool alike = s.front().is_open == t.front().is_open &&
+                           holes_in_words(s.front()) == holes_in_words(t.front());
+        if (alike && !s.front().is_open)
+            return with_article(s.front(), true) + holes_in_words(s.front()) + " of genus " +
+                   genus_in_words(s.front()) + " and " + genus_in_words(t.front());
+    }
+    return one == other ? "on both sides " + one : one + ", to " + other;
+}
+
+}  // namespace pointmorph
