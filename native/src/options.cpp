@@ -143,6 +143,10 @@ std::vector<Option> make_table() {
                            "Tips without a mark (ears, a tail) that are found on models that are "
                            "cut and brought together inside the patches, at the most. 0 leaves "
                            "that to marks"));
+    table.push_back(number("sphere_nodes", POINTMORPH_FIELD(spherical_parameterization.nodes), 100,
+                           100000, "points",
+                           "About so many points of each model are triangulated and laid onto the "
+                           "sphere. Raise it where thin limbs get lost, lower it for speed"));
     table.push_back(number("lod_cluster_size",
                            POINTMORPH_FIELD(parameterization.lod.max_cluster_size), 1, 1000,
                            "points",
