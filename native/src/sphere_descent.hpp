@@ -54,8 +54,7 @@ public:
     Positions operator()(const Positions& directions) const {
         Positions sides(cholesky_.rows(), 3);
         for (std::size_t v = 0; v < free_.size(); ++v)
-            if (free_[v] >= 0)
-                sides.row(free_[v]) = directions.row(Index(v)) / scales_[Index(v)];
+            if (free_[v] >= 0) sides.row(free_[v]) = directions.row(Index(v)) / scales_[Index(v)];
         return spread(cholesky_.solve(sides), Positions::Zero(directions.rows(), 3));
     }
 

@@ -114,17 +114,17 @@ public:
 private:
     void add(const Vector3& p, const Vector3& b, const Vector3& c, Vector3& gradient,
              Matrix3& hessian) const {
-        const double dirichlet =
-            kHalfCotangent * ((b - p).squaredNorm() + (c - b).squaredNorm() + (p - c).squaredNorm());
+        const double dirichlet = kHalfCotangent * ((b - p).squaredNorm() + (c - b).squaredNorm() +
+                                                   (p - c).squaredNorm());
         const Vector3 dirichlet_slope = 2.0 * kHalfCotangent * (2.0 * p - b - c);
         const Vector3 d_slope = b.cross(c) / (2.0 * area_);
         const double d = p.dot(d_slope);
         const double g = 1.0 + 1.0 / (d * d), g1 = -2.0 / (d * d * d), g2 = 6.0 / (d * d * d * d);
         gradient += g * dirichlet_slope + dirichlet * g1 * d_slope;
-        hessian += 4.0 * kHalfCotangent * g * Matrix3::Identity() +
-                   dirichlet * g2 * d_slope * d_slope.transpose() +
-                   g1 * (dirichlet_slope * d_slope.transpose() +
-                         d_slope * dirichlet_slope.transpose());
+        hessian +=
+            4.0 * kHalfCotangent * g * Matrix3::Identity() +
+            dirichlet * g2 * d_slope * d_slope.transpose() +
+            g1 * (dirichlet_slope * d_slope.transpose() + d_slope * dirichlet_slope.transpose());
     }
 
     RingMesh& mesh_;
@@ -198,8 +198,8 @@ SphereEnergy sphere_energy_gradient(const Vector3& a, const Vector3& b, const Ve
 }
 
 Positions embed_on_sphere(RingMesh mesh, const Positions& positions, Progress& progress) {
-    constexpr double kGrowth = 1.25;
-    constexpr int kSweeps = 6, kLastSweeps = 30;
+    constexpr double kGrowth = 1.15;
+    constexpr int kSweeps = 20, kLastSweeps = 60;
     const auto count = static_cast<Index>(positions.rows());
     std::vector<char> present(at(count), 1);
     const std::vector<RingMesh::Removal> removals = taken_apart(mesh, positions, present);

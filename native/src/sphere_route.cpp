@@ -60,14 +60,14 @@ SphereRoute match_on_sphere(Side& source, Side& target, const MorphInput& input,
         meet.push_back({k, k});
         features.push_back(f.rows);
     }
-    const SphericalAlignment alignment = align_on_sphere(source_mesh, target_mesh, meet,
-                                                         options.spherical_alignment, progress);
+    const SphericalAlignment alignment =
+        align_on_sphere(source_mesh, target_mesh, meet, options.spherical_alignment, progress);
     report.alignment_sweeps = alignment.steps;
     for (const auto& [s, t] : alignment.tips)
-        report.tips.push_back({source.order[static_cast<std::size_t>(
-                                   source_mesh.rows[static_cast<std::size_t>(s)])],
-                               target.order[static_cast<std::size_t>(
-                                   target_mesh.rows[static_cast<std::size_t>(t)])]});
+        report.tips.push_back(
+            {source.order[static_cast<std::size_t>(source_mesh.rows[static_cast<std::size_t>(s)])],
+             target
+                 .order[static_cast<std::size_t>(target_mesh.rows[static_cast<std::size_t>(t)])]});
     if (alignment.searched)
         report.warnings.push_back(
             "Fewer than three places are marked: how " + source.cloud.name + " lies to " +

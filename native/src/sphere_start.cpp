@@ -80,8 +80,9 @@ CellGraph cell_graph(const Neighborhoods& nearest, const Normals& normals,
     return result;
 }
 
-std::vector<Positions> first_spheres(const CellGraph& cells, const Positions& nodes, const Normals& normals,
-                       const SphericalOptions& options, Progress& progress) {
+std::vector<Positions> first_spheres(const CellGraph& cells, const Positions& nodes,
+                                     const Normals& normals, const SphericalOptions& options,
+                                     Progress& progress) {
     const SurfaceGraph& graph = cells.graph;
     const Index count = graph.size();
     const auto each_edge = [&](Index a, auto&& visit) {
@@ -102,8 +103,8 @@ std::vector<Positions> first_spheres(const CellGraph& cells, const Positions& no
     unknown[at(pole)] = -1;
     for (std::size_t k = 0; k < circle.size(); ++k) {
         const Index b = circle[k].second;
-        const double angle = -2.0 * std::numbers::pi * static_cast<double>(k) /
-                             static_cast<double>(circle.size());
+        const double angle =
+            -2.0 * std::numbers::pi * static_cast<double>(k) / static_cast<double>(circle.size());
         plane.row(b) << std::cos(angle), std::sin(angle);
         unknown[at(b)] = -1;
     }
@@ -119,7 +120,8 @@ std::vector<Positions> first_spheres(const CellGraph& cells, const Positions& no
     Matrix matrix(unknowns, unknowns);
     std::vector<Eigen::Triplet<double, Index>> entries;
     // What is nearly a ball is there already.
-    std::vector<Positions> spheres{(nodes.rowwise() - nodes.colwise().mean()).rowwise().normalized()};
+    std::vector<Positions> spheres{
+        (nodes.rowwise() - nodes.colwise().mean()).rowwise().normalized()};
     if (unknowns == 0) return spheres;
     Positions sphere(count, 3);
     for (Index round = 0; round < options.opening_rounds; ++round) {

@@ -24,13 +24,14 @@ struct CellGraph {
 CellGraph cell_graph(const Neighborhoods& nearest, const Normals& normals,
                      std::span<const Index> cells, const Positions& nodes);
 
-/// Guesses at where the nodes lie on the unit sphere: neighbours next to each other, though some may be on the
-/// wrong side of others. All but one node in the middle of the shape go into the plane, its
-/// neighbours onto a circle, the others to the weighted mean of theirs (Tutte), and from there onto
-/// the sphere. Limbs, which come out as specks, are opened round by round: edges are loosened where
-/// the map has shrunk (after Yoshizawa, Belyaev, Seidel 2004). The guesses are the directions
-/// from the middle, and what comes of some of the rounds.
-std::vector<Positions> first_spheres(const CellGraph& cells, const Positions& nodes, const Normals& normals,
-                                     const SphericalOptions& options, Progress& progress);
+/// Guesses at where the nodes lie on the unit sphere: neighbours next to each other, though some
+/// may be on the wrong side of others. All but one node in the middle of the shape go into the
+/// plane, its neighbours onto a circle, the others to the weighted mean of theirs (Tutte), and from
+/// there onto the sphere. Limbs, which come out as specks, are opened round by round: edges are
+/// loosened where the map has shrunk (after Yoshizawa, Belyaev, Seidel 2004). The guesses are the
+/// directions from the middle, and what comes of some of the rounds.
+std::vector<Positions> first_spheres(const CellGraph& cells, const Positions& nodes,
+                                     const Normals& normals, const SphericalOptions& options,
+                                     Progress& progress);
 
 }  // namespace pointmorph

@@ -77,7 +77,8 @@ RingMesh hull_on_sphere(const Positions& points) {
     std::vector<IndexPair> edges;
     const auto make_delaunay = [&] {
         constexpr double kRounding = 1e-14;
-        auto left = 100 * static_cast<std::int64_t>(count);  // against rounding that goes in circles
+        auto left =
+            100 * static_cast<std::int64_t>(count);  // against rounding that goes in circles
         while (!edges.empty() && --left > 0) {
             const auto [a, b] = edges.back();
             edges.pop_back();

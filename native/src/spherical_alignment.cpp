@@ -85,8 +85,7 @@ public:
             // Half the cotangents; slivers count as equilateral to some part.
             const double real = std::min(1.0, shape / kWorst);
             for (int k = 0; k < 3; ++k) {
-                const double cotangent =
-                    (squared.sum() - 2.0 * squared[k]) / (4.0 * rest.area);
+                const double cotangent = (squared.sum() - 2.0 * squared[k]) / (4.0 * rest.area);
                 rest.weights[k] = 0.5 * (real * cotangent + (1.0 - real) * std::numbers::inv_sqrt3);
             }
             rests_.push_back(rest);
@@ -95,8 +94,8 @@ public:
 
     double operator()(const Positions& places, Positions& gradient) {
         constexpr double kRound = 1e-3;  // keeps triangles on the sphere from turning over
-        const double round = roundness(source_.triangles, places, kRound / (4.0 * std::numbers::pi),
-                                       gradient);
+        const double round =
+            roundness(source_.triangles, places, kRound / (4.0 * std::numbers::pi), gradient);
         if (round == kInfinity) return kInfinity;
         const Index count = source_.size();
         Positions images(count, 3), by_image = Positions::Zero(count, 3);
@@ -115,9 +114,9 @@ public:
             const Vector3 unscaled = inverse * place;
             const Vector3 image = target_scale_ * (on_surface * shares);
             images.row(v) = image.transpose();
-            slopes[at(v)] = (target_scale_ * on_surface * inverse -
-                             image * inverse.colwise().sum()) /
-                            unscaled.sum();
+            slopes[at(v)] =
+                (target_scale_ * on_surface * inverse - image * inverse.colwise().sum()) /
+                unscaled.sum();
         }
         constexpr double kFloor = 1e-3;  // of D
         double sum = 0.0;
@@ -235,8 +234,7 @@ Tips tips_of(const SphericalMesh& mesh, std::span<const Index> features, Index m
     for (std::size_t f = 0; f < features.size(); ++f)
         for (const auto& [i, distance] : search.from(features[f])) all(i, Index(f)) = distance;
     Tips tips;
-    for (const Extremity& tip :
-         extremities(mesh.graph, 1.0, kSamples, most, kProminence, progress))
+    for (const Extremity& tip : extremities(mesh.graph, 1.0, kSamples, most, kProminence, progress))
         if (all.row(tip.point).minCoeff() >= kMarked) tips.vertices.push_back(tip.point);
     tips.distances = all(tips.vertices, Eigen::all);
     return tips;
@@ -317,9 +315,9 @@ std::vector<Matrix3> likely_turns(const SphericalMesh& source, const SphericalMe
                     sum += (s[v] - t[nearest]) * (s[v] - t[nearest]);
                 }
                 for (const IndexPair& f : features)
-                    sum += kFeatures *
-                           (turn * row_of(source.images, f.source) - row_of(target.images, f.target))
-                               .squaredNorm();
+                    sum += kFeatures * (turn * row_of(source.images, f.source) -
+                                        row_of(target.images, f.target))
+                                           .squaredNorm();
                 costs[at(k)] = {sum, k};
             }
         },
@@ -357,17 +355,19 @@ double approach(SphericalMesh& mesh, const Smoother& smooth, std::span<const Ind
     for (int k = 0; k < kHalvings; ++k, share *= 0.5) {
         Positions there = (mesh.images + share * all).rowwise().normalized();
         if (share == 1.0)  // to the bit
-            for (std::size_t i = 0; i < fixed.size(); ++i) there.row(fixed[i]) = goals.row(Index(i));
+            for (std::size_t i = 0; i < fixed.size(); ++i)
+                there.row(fixed[i]) = goals.row(Index(i));
         if (!(roundness(mesh.triangles, there, 1.0, unused) < kWorse * before)) continue;
         mesh.images = std::move(there);
         farthest *= 1.0 - share;
         break;
     }
-    descend(mesh.images, smooth, kEven,
-            [&](const Positions& places, Positions& gradient) {
-                return roundness(mesh.triangles, places, 1.0, gradient);
-            },
-            progress);
+    descend(
+        mesh.images, smooth, kEven,
+        [&](const Positions& places, Positions& gradient) {
+            return roundness(mesh.triangles, places, 1.0, gradient);
+        },
+        progress);
     return farthest;
 }
 
@@ -385,8 +385,7 @@ double meet(SphericalMesh& source, SphericalMesh& target, std::span<const IndexP
             const auto [s, t] = pairs[k];
             goals.row(Index(k)) = source.images.row(s);
             if (source.images.row(s) != target.images.row(t))
-                goals.row(Index(k)) =
-                    (source.images.row(s) + target.images.row(t)).normalized();
+                goals.row(Index(k)) = (source.images.row(s) + target.images.row(t)).normalized();
         }
         apart = std::max(approach(source, source_smooth, on_source, goals, progress),
                          approach(target, target_smooth, on_target, goals, progress));
@@ -418,7 +417,8 @@ SphereLocator::SphereLocator(std::span<const Triangle> triangles, const Position
 SphereLocator::Place SphereLocator::find(const Vector3& place, Index start) const {
     const auto sides = [&](Index triangle) -> Vector3 {
         const auto& t = triangles_[at(triangle)];
-        const Vector3 p = row_of(images_, t[0]), q = row_of(images_, t[1]), r = row_of(images_, t[2]);
+        const Vector3 p = row_of(images_, t[0]), q = row_of(images_, t[1]),
+                      r = row_of(images_, t[2]);
         return {q.cross(r).dot(place), r.cross(p).dot(place), p.cross(q).dot(place)};
     };
     const auto found = [&](Index triangle, const Vector3& side) {
@@ -484,8 +484,8 @@ SphericalAlignment align_on_sphere(SphericalMesh& source, SphericalMesh& target,
             Index unused = 0;
             if (meet(s, t, features, options.max_steps, unused, progress) > 0.0) continue;
             const double done = static_cast<double>(k) / static_cast<double>(turns.size());
-            const double energy = even_out_both(s, t, kTrialRounds, 0.1 + 0.3 * done,
-                                                0.1 + 0.3 * done);
+            const double energy =
+                even_out_both(s, t, kTrialRounds, 0.1 + 0.3 * done, 0.1 + 0.3 * done);
             if (!(energy < least)) continue;
             least = energy;
             best = turns[k];

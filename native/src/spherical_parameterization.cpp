@@ -122,9 +122,12 @@ SphericalMesh spherical_mesh(const KdTree<3>& tree, const Normals& normals,
         kept.push_back(place[at(row)]);
     }
     const KdTree<3> part_tree(part_positions);
-    const Subset subset =
-        blue_noise_subset(part_tree, part_normals, kept, options.nodes, progress);
+    // Which nodes touch shows only where each has some points around it.
+    constexpr Index kPointsANode = 5;
     constexpr std::size_t kFewest = 32;
+    const Index most = std::max<Index>(kFewest, static_cast<Index>(part.size()) / kPointsANode);
+    const Subset subset =
+        blue_noise_subset(part_tree, part_normals, kept, std::min(options.nodes, most), progress);
     if (subset.rows.size() < kFewest)
         throw CloudError(name, "at least " + std::to_string(kFewest) + " different points",
                          std::to_string(subset.rows.size()), "Sample it more densely.");

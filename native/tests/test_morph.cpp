@@ -461,8 +461,8 @@ TEST(Morph, ClosedShapesMeetOnTheSphere) {
     EXPECT_EQ(std::ranges::count(source_seen, 0), 0);
     EXPECT_EQ(std::ranges::count(target_seen, 0), 0);
     for (const Feature& f : features)
-        EXPECT_TRUE(
-            std::ranges::binary_search(morph.pairs(), IndexPair{f.source.rows[0], f.target.rows[0]}));
+        EXPECT_TRUE(std::ranges::binary_search(morph.pairs(),
+                                               IndexPair{f.source.rows[0], f.target.rows[0]}));
     const auto expected = [](Positions p, double below) {
         for (Index i = 0; i < p.rows(); ++i)
             if (p(i, 2) < 0.0) p(i, 2) *= below;
@@ -471,9 +471,9 @@ TEST(Morph, ClosedShapesMeetOnTheSphere) {
     const auto mean_distance = [](const Positions& a, const Positions& b) {
         return (a - b).rowwise().norm().mean();
     };
-    EXPECT_LT(mean_distance(morph.source_to_target(progress),
-                            expected(morph.source().positions, 1.4)),
-              0.15);
+    EXPECT_LT(
+        mean_distance(morph.source_to_target(progress), expected(morph.source().positions, 1.4)),
+        0.15);
     EXPECT_LT(mean_distance(morph.target_to_source(progress),
                             expected(morph.target().positions, 1.0 / 1.4)),
               0.15);
@@ -508,7 +508,8 @@ TEST(Morph, TheSphereDoesNotDependOnOrderOrThreads) {
     EXPECT_EQ(one.pairs(), pairs);
 
     MorphInput moved = eggs();
-    moved.target.positions = (8.0 * moved.target.positions).rowwise() + Eigen::RowVector3d(64, 0, 8);
+    moved.target.positions =
+        (8.0 * moved.target.positions).rowwise() + Eigen::RowVector3d(64, 0, 8);
     EXPECT_EQ(one.pairs(), Morph(std::move(moved), options, progress).pairs());
 }
 

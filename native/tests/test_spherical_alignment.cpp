@@ -143,9 +143,10 @@ TEST(SphericalAlignment, PlacesAreFoundWhereverTheSearchStarts) {
         EXPECT_NEAR(shares.sum(), 1.0, 1e-12);
         Vector3 there = Vector3::Zero();
         for (std::size_t c = 0; c < 3; ++c)
-            there += shares[static_cast<Index>(c)] *
-                     shape.mesh.images.row(shape.mesh.triangles[static_cast<std::size_t>(triangle)][c])
-                         .transpose();
+            there +=
+                shares[static_cast<Index>(c)] *
+                shape.mesh.images.row(shape.mesh.triangles[static_cast<std::size_t>(triangle)][c])
+                    .transpose();
         EXPECT_LT((there.normalized() - place).norm(), 1e-9);
     }
 }

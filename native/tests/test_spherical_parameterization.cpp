@@ -44,9 +44,9 @@ struct Prepared {
 
 /// A ball with three limbs, one of them long.
 Positions limbed(Index count) {
-    return shapes::Urchin(count, {1.6 * Vector3::UnitX(), Vector3::UnitY(),
-                                  Vector3(-0.5, 0.2, -1.0).normalized()},
-                          5)
+    return shapes::Urchin(
+               count,
+               {1.6 * Vector3::UnitX(), Vector3::UnitY(), Vector3(-0.5, 0.2, -1.0).normalized()}, 5)
         .positions;
 }
 
@@ -85,8 +85,8 @@ TEST(SphericalParameterization, LimbsKeepTheirShareOfTheSphere) {
     EXPECT_LT((mesh.images.rowwise().norm().array() - 1.0).abs().maxCoeff(), 1e-12);
     double least = 1.0, limb = 0.0, limb_image = 0.0, all = 0.0, all_image = 0.0;
     for (const auto& [a, b, c] : mesh.triangles) {
-        const double here = area(mesh.positions.row(a), mesh.positions.row(b),
-                                 mesh.positions.row(c));
+        const double here =
+            area(mesh.positions.row(a), mesh.positions.row(b), mesh.positions.row(c));
         const double there = area(mesh.images.row(a), mesh.images.row(b), mesh.images.row(c));
         least = std::min(least, there);
         all += here;

@@ -28,9 +28,9 @@ struct SphericalAlignmentOptions {
 };
 
 struct SphericalAlignment {
-    Index steps = 0;         ///< until the features, and the tips, had met
-    bool searched = false;   ///< the features left the turn open
-    double energy = 0.0;     ///< see `area_weight`: 2 + 2 · weight where nothing is stretched
+    Index steps = 0;              ///< until the features, and the tips, had met
+    bool searched = false;        ///< the features left the turn open
+    double energy = 0.0;          ///< see `area_weight`: 2 + 2 · weight where nothing is stretched
     std::vector<IndexPair> tips;  ///< that were brought together, places in both meshes
 };
 

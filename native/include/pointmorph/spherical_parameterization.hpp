@@ -16,7 +16,8 @@
 namespace pointmorph {
 
 struct SphericalOptions {
-    /// About so many of the points are triangulated and laid onto the sphere; 100 or more.
+    /// About so many of the points, but no more than a fifth of them, are triangulated and laid
+    /// onto the sphere; 100 or more.
     Index nodes = 1500;
     /// Rounds in which what the first map has shrunk is opened, and how much in each: the power of
     /// its squared scale by which its edges are loosened.
