@@ -9,6 +9,7 @@
 #include "point_features.hpp"
 #include "pointmorph/decomposition.hpp"
 #include "pointmorph/error.hpp"
+#include "pointmorph/extremities.hpp"
 #include "pointmorph/similarity.hpp"
 
 namespace pointmorph {
@@ -146,18 +147,8 @@ std::vector<IndexPair> paired_tips(const Decomposition& source, const Decomposit
                 apart(source.tips[at(s[i])], target.tips[at(t[j])]);
         }
     std::vector<IndexPair> pairs;
-    for (Eigen::Index i = 0; i < costs.rows(); ++i)
-        for (Eigen::Index j = 0; j < costs.cols(); ++j) {
-            const double cost = costs(i, j);
-            bool best = cost < kLargest;
-            for (Eigen::Index k = 0; k < costs.rows(); ++k)
-                best = best && (k == i || costs(k, j) > kByFar * cost);
-            for (Eigen::Index k = 0; k < costs.cols(); ++k)
-                best = best && (k == j || costs(i, k) > kByFar * cost);
-            if (best)
-                pairs.push_back(
-                    {source.tips[at(s[at(Index(i))])], target.tips[at(t[at(Index(j))])]});
-        }
+    for (const auto& [i, j] : each_others_best(costs, kLargest, kByFar))
+        pairs.push_back({source.tips[at(s[at(i)])], target.tips[at(t[at(j)])]});
     return pairs;
 }
 

@@ -121,6 +121,22 @@ std::vector<Extremity> extremities(const SurfaceGraph& graph, double unit, Index
     return tips;
 }
 
+std::vector<IndexPair> each_others_best(const Eigen::MatrixXd& costs, double largest,
+                                        double by_far) {
+    std::vector<IndexPair> pairs;
+    for (Eigen::Index i = 0; i < costs.rows(); ++i)
+        for (Eigen::Index j = 0; j < costs.cols(); ++j) {
+            const double cost = costs(i, j);
+            bool best = cost < largest;
+            for (Eigen::Index k = 0; k < costs.rows(); ++k)
+                best = best && (k == i || costs(k, j) > by_far * cost);
+            for (Eigen::Index k = 0; k < costs.cols(); ++k)
+                best = best && (k == j || costs(i, k) > by_far * cost);
+            if (best) pairs.push_back({static_cast<Index>(i), static_cast<Index>(j)});
+        }
+    return pairs;
+}
+
 std::vector<Index> least_assignment(const Eigen::MatrixXd& costs) {
     const auto rows = static_cast<Index>(costs.rows()), columns = static_cast<Index>(costs.cols());
     // Row 0 and column 0 stand for "none".

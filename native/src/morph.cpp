@@ -18,6 +18,7 @@
 #include "pointmorph/parallel.hpp"
 #include "product_route.hpp"
 #include "side.hpp"
+#include "sphere_route.hpp"
 
 namespace pointmorph {
 
@@ -351,6 +352,9 @@ Morph::Morph(MorphInput input, const MorphOptions& options, Progress& progress)
     if (cut) {
         adopt.operator()<3>(
             match_in_patches(source, target, input, features, options, report_, progress), "cut");
+    } else if (options.domain == Domain::kSphere) {
+        adopt.operator()<3>(
+            match_on_sphere(source, target, input, features, options, report_, progress), "sphere");
     } else if (options.method == Method::kPaper || options.domain == Domain::kDisk) {
         adopt.operator()<2>(
             match_in_disk(source, target, input, features, options, report_, progress), "disk");

@@ -108,10 +108,11 @@ std::vector<Option> make_table() {
                            "How the correspondence is found: auto bends both models onto each "
                            "other, nearly rigidly, whatever their topology; paper takes the "
                            "published pipeline and nothing else"));
-    table.push_back(choice("domain", POINTMORPH_FIELD(domain), {"auto", "disk", "cut"},
+    table.push_back(choice("domain", POINTMORPH_FIELD(domain), {"auto", "disk", "cut", "sphere"},
                            "Where both models are laid over each other: disk is for open patches "
                            "with one boundary, cut for closed models and a loop of features, "
-                           "along which they are cut in two (without one, the features on tips); "
+                           "along which they are cut in two (without one, the features on tips), "
+                           "sphere for closed models without holes through them, uncut; "
                            "auto takes what the method and the "
                            "models ask for. With method auto, it says where the refinement "
                            "starts"));
@@ -142,6 +143,10 @@ std::vector<Option> make_table() {
                            "Tips without a mark (ears, a tail) that are found on models that are "
                            "cut and brought together inside the patches, at the most. 0 leaves "
                            "that to marks"));
+    table.push_back(number("sphere_nodes", POINTMORPH_FIELD(spherical_parameterization.nodes), 100,
+                           100000, "points",
+                           "About so many points of each model are triangulated and laid onto the "
+                           "sphere. Raise it where thin limbs get lost, lower it for speed"));
     table.push_back(number("lod_cluster_size",
                            POINTMORPH_FIELD(parameterization.lod.max_cluster_size), 1, 1000,
                            "points",

@@ -98,5 +98,15 @@ TEST(Extremities, LeastAssignmentIsTheBestOfAllPermutations) {
         }
 }
 
+TEST(Extremities, EachOthersBestIsBestByFarOfItsRowAndColumn) {
+    Eigen::MatrixXd costs(3, 3);
+    costs << 0.1, 0.5, 0.9,  //
+        0.6, 0.2, 0.25,      // two that are nearly as good
+        0.8, 0.9, 0.7;       // too dear
+    EXPECT_EQ(each_others_best(costs, 0.6, 1.5), (std::vector<IndexPair>{{0, 0}}));
+    EXPECT_EQ(each_others_best(costs, 0.6, 1.2), (std::vector<IndexPair>{{0, 0}, {1, 1}}));
+    EXPECT_TRUE(each_others_best(Eigen::MatrixXd(0, 2), 1.0, 1.5).empty());
+}
+
 }  // namespace
 }  // namespace pointmorph

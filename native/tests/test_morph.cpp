@@ -522,6 +522,113 @@ TEST(Morph, StartsFromTheCutWhenAskedTo) {
     }));
 }
 
+MorphOptions on_sphere() {
+    MorphOptions options = paper();
+    options.domain = Domain::kSphere;
+    return options;
+}
+
+TEST(Morph, ClosedShapesMeetOnTheSphere) {
+    Progress progress;
+    MorphInput input = two_eggs(3000, 2200);
+    input.loop.clear();
+    const std::vector<Feature> features = input.features;
+    const Morph morph(std::move(input), on_sphere(), progress);
+    EXPECT_EQ(morph.report().domain, "sphere");
+    EXPECT_EQ(morph.report().feature_residual, 0.0);
+    EXPECT_LT((morph.source_domain().rowwise().norm().array() - 1.0).abs().maxCoeff(), 1e-9);
+    std::vector<char> source_seen(3000, 0), target_seen(2200, 0);
+    for (const IndexPair& pair : morph.pairs()) {
+        source_seen[static_cast<std::size_t>(pair.source)] = 1;
+        target_seen[static_cast<std::size_t>(pair.target)] = 1;
+    }
+    EXPECT_EQ(std::ranges::count(source_seen, 0), 0);
+    EXPECT_EQ(std::ranges::count(target_seen, 0), 0);
+    for (const Feature& f : features)
+        EXPECT_TRUE(std::ranges::binary_search(morph.pairs(),
+                                               IndexPair{f.source.rows[0], f.target.rows[0]}));
+    const auto expected = [](Positions p, double below) {
+        for (Index i = 0; i < p.rows(); ++i)
+            if (p(i, 2) < 0.0) p(i, 2) *= below;
+        return p;
+    };
+    const auto mean_distance = [](const Positions& a, const Positions& b) {
+        return (a - b).rowwise().norm().mean();
+    };
+    EXPECT_LT(
+        mean_distance(morph.source_to_target(progress), expected(morph.source().positions, 1.4)),
+        0.15);
+    EXPECT_LT(mean_distance(morph.target_to_source(progress),
+                            expected(morph.target().positions, 1.0 / 1.4)),
+              0.15);
+    const std::vector<double> middle{0.5};
+    EXPECT_LT(morph.cracks(middle, progress).front().share, 0.002);
+}
+
+TEST(Morph, TheSphereDoesNotDependOnOrderOrThreads) {
+    Progress progress;
+    MorphOptions options = on_sphere();
+    const auto eggs = [] {
+        MorphInput input = two_eggs(1500, 1200);
+        input.loop.clear();
+        return input;
+    };
+    options.threads = 1;
+    const Morph one(eggs(), options, progress);
+    options.threads = 3;
+    const Morph three(eggs(), options, progress);
+    EXPECT_EQ(one.pairs(), three.pairs());
+    EXPECT_EQ(one.source_domain(), three.source_domain());
+
+    MorphInput shuffled = eggs();
+    const auto order = shapes::permutation(1500, 3);
+    const auto rank = inverse_order(order);
+    shuffled.source.positions = gather(shuffled.source.positions, order);
+    for (Feature& feature : shuffled.features)
+        feature.source.rows[0] = rank[static_cast<std::size_t>(feature.source.rows[0])];
+    Pairing pairs = Morph(std::move(shuffled), options, progress).pairs();
+    for (IndexPair& pair : pairs) pair.source = order[static_cast<std::size_t>(pair.source)];
+    std::ranges::sort(pairs);
+    EXPECT_EQ(one.pairs(), pairs);
+
+    MorphInput moved = eggs();
+    moved.target.positions =
+        (8.0 * moved.target.positions).rowwise() + Eigen::RowVector3d(64, 0, 8);
+    EXPECT_EQ(one.pairs(), Morph(std::move(moved), options, progress).pairs());
+}
+
+TEST(Morph, TheSphereRefusesWhatIsNone) {
+    Progress progress;
+    const auto with_source = [](Positions positions) {
+        MorphInput input = two_eggs(1500, 1200);
+        input.loop.clear();
+        input.features.clear();
+        input.source = Cloud{};
+        input.source.positions = std::move(positions);
+        return input;
+    };
+    EXPECT_THROW(Morph(with_source(shapes::sphere(2500, 0.0)), on_sphere(), progress),
+                 TopologyError);
+    EXPECT_THROW(Morph(with_source(shapes::torus(4000, 0.4)), on_sphere(), progress),
+                 TopologyError);
+    MorphInput inward = with_source(shapes::sphere(1500));
+    inward.source.normals = -inward.source.positions;
+    EXPECT_THROW(Morph(std::move(inward), on_sphere(), progress), TopologyError);
+}
+
+TEST(Morph, StartsFromTheSphereWhenAskedTo) {
+    Progress progress;
+    MorphOptions options;
+    options.domain = Domain::kSphere;
+    MorphInput input = two_eggs(800, 700);
+    input.loop.clear();
+    const Morph morph(std::move(input), options, progress);
+    EXPECT_EQ(morph.report().domain, "product");
+    EXPECT_TRUE(std::ranges::any_of(morph.report().stages, [](const StageTime& time) {
+        return time.stage == "spherical alignment";
+    }));
+}
+
 TEST(Morph, SmallHolesDoNotMakeAnOpenPatch) {
     MorphInput input = two_eggs(3000, 2200);
     // A hole on the source's shoulder.

@@ -59,6 +59,11 @@ std::vector<ExtremityPair> paired_extremities(const CoarseShape& source, const C
                                               const std::vector<Extremity>& target_tips,
                                               const ExtremityOptions& options);
 
+/// Row and column of every cost that is below `largest` and the least of its row and of its column
+/// by far: all others there are more than `by_far` times as high.
+std::vector<IndexPair> each_others_best(const Eigen::MatrixXd& costs, double largest,
+                                        double by_far);
+
 /// The column of each row, none twice, with the least sum of costs; no fewer columns than rows
 /// (Kuhn 1955, Munkres 1957; by shortest augmenting paths).
 std::vector<Index> least_assignment(const Eigen::MatrixXd& costs);

@@ -22,6 +22,8 @@
 #include "pointmorph/quality.hpp"
 #include "pointmorph/refinement.hpp"
 #include "pointmorph/resampling.hpp"
+#include "pointmorph/spherical_alignment.hpp"
+#include "pointmorph/spherical_parameterization.hpp"
 #include "pointmorph/topology.hpp"
 #include "pointmorph/transfer.hpp"
 
@@ -33,14 +35,14 @@ struct Side;
 enum class Method { kAuto, kPaper };
 
 /// Where both clouds are laid over each other. kDisk: open patches on the unit disk. kCut: closed
-/// shapes, cut in two along the loop, on two disks that are glued along their rims. With kAuto as
-/// the method, the map found there is where the refinement starts. kAuto: the disk, or the cut
-/// where a loop is given, for the paper's method; the product space, which asks nothing of the
-/// topology, for the other.
-enum class Domain { kAuto, kDisk, kCut };
+/// shapes, cut in two along the loop, on two disks that are glued along their rims. kSphere: closed
+/// shapes of genus 0 on the unit sphere, uncut. With kAuto as the method, the map found there is
+/// where the refinement starts. kAuto: the disk, or the cut where a loop is given, for the paper's
+/// method; the product space, which asks nothing of the topology, for the other.
+enum class Domain { kAuto, kDisk, kCut, kSphere };
 
-/// Points of the common domain, a row each: 2 columns in the disk, 3 on the sphere that two disks
-/// are glued to, 12 in the product space.
+/// Points of the common domain, a row each: 2 columns in the disk, 3 on the sphere, which two disks
+/// are glued to as well, 12 in the product space.
 using DomainPoints = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
 
 /// How pairs go from end to end. kLinear: straight, as in the paper. kSimilarity: straight but for
@@ -59,6 +61,8 @@ struct MorphOptions {
     DecompositionOptions decomposition;
     ParameterizationOptions parameterization;
     AlignmentOptions alignment;
+    SphericalOptions spherical_parameterization;
+    SphericalAlignmentOptions spherical_alignment;
     PairingOptions pairing;
     TransferOptions transfer;
     RefinementOptions refinement;

@@ -307,8 +307,8 @@ class Morph:
 
     @property
     def source_domain(self) -> npt.NDArray[np.float64]:
-        """(N, 2): the source's points in the unit disk; (N, 3) on the unit sphere that the disks
-        of a cut are glued to, the left one above; (N, 12) in the product space."""
+        """(N, 2): the source's points in the unit disk; (N, 3) on the unit sphere, which the
+        disks of a cut are glued to, the left one above; (N, 12) in the product space."""
         return self._native.source_domain()
 
     @property
@@ -473,7 +473,8 @@ def morph(
     loop : sequence of str, optional
         Features, in order, through which a closed model is cut (methods that cut: `paper`, or
         domain `cut`); see `decompose`. Domain `cut` proposes one through the features on tips
-        where none is given, and says so in the report. An open patch takes none.
+        where none is given, and says so in the report. An open patch takes none, and domain
+        `sphere` uses none.
     start : Morph, or (N, 3) and (M, 3) arrays, optional
         An earlier morph of these clouds, or its `source_to_target` and `target_to_source`: after a
         feature was added or moved, the new map is found from the old one. Where that contradicts

@@ -117,6 +117,25 @@ def test_closed_models_are_cut_along_the_loop(tmp_path: Path) -> None:
     assert np.linalg.norm(2.0 * clouds["source"][i] - clouds["target"][j], axis=1).mean() < 0.3
 
 
+def test_closed_models_meet_on_the_sphere(tmp_path: Path) -> None:
+    clouds = {"source": ball(900), "target": 2.0 * ball(700)}
+    for name, points in clouds.items():
+        np.savetxt(tmp_path / f"{name}.xyz", points)
+    rows = [around(points) for points in clouds.values()]
+    marks = {"features": {name: [rows[0][name], rows[1][name]] for name in rows[0]}}
+    (tmp_path / "features.json").write_text(json.dumps(marks))
+    done = run(
+        "morph", tmp_path / "source.xyz", tmp_path / "target.xyz", "--out", tmp_path / "out",
+        "--features", tmp_path / "features.json", "--method", "paper", "--domain", "sphere",
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert json.loads((tmp_path / "out" / "report.json").read_text())["domain"] == "sphere"
+    i, j = np.load(tmp_path / "out" / "pairs.npy").T
+    assert len(np.unique(i)) == 900
+    assert len(np.unique(j)) == 700
+    assert np.linalg.norm(2.0 * clouds["source"][i] - clouds["target"][j], axis=1).mean() < 0.4
+
+
 def test_a_shorter_second_run_leaves_no_old_frames(pair: Path) -> None:
     for frames in (4, 2):
         done = run(
