@@ -616,6 +616,32 @@ TEST(Morph, TheSphereRefusesWhatIsNone) {
     EXPECT_THROW(Morph(std::move(inward), on_sphere(), progress), TopologyError);
 }
 
+TEST(Morph, TheSphereSaysWhenItIsStretchedMuch) {
+    Progress progress;
+    const auto warned = [&](double side) {
+        MorphInput input = two_eggs(3000, 2500);
+        input.loop.clear();
+        input.features.clear();
+        for (const double x : {-1.0, 0.0, 1.0})
+            for (const double y : {-0.7, 0.7})
+                for (const double z : {-0.6, 0.6})
+                    input.features.push_back(
+                        point_feature("f" + std::to_string(input.features.size()),
+                                      row_near(input.source, x, y, z),
+                                      row_near(input.target, x, side * y, z < 0.0 ? 1.4 * z : z)));
+        try {
+            const Morph morph(std::move(input), on_sphere(), progress);
+            return std::ranges::any_of(morph.report().warnings, [](const std::string& warning) {
+                return warning.find("stretched much") != std::string::npos;
+            });
+        } catch (const ConvergenceError&) {
+            return true;  // it may also give up
+        }
+    };
+    EXPECT_FALSE(warned(1.0));
+    EXPECT_TRUE(warned(-1.0));  // left and right exchanged
+}
+
 TEST(Morph, StartsFromTheSphereWhenAskedTo) {
     Progress progress;
     MorphOptions options;

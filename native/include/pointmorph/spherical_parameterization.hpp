@@ -26,7 +26,7 @@ struct SphericalOptions {
     /// Share of the points that may lie in parts of their own; these go with what is nearest.
     double largest_loose_share = 0.15;
     /// Share of the surface on which the triangles may contradict the normals.
-    double largest_wrong_share = 0.05;
+    double largest_wrong_share = 0.09;
 };
 
 /// Some points of a cloud, triangulated as a closed surface of genus 0, and where they lie on the
