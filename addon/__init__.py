@@ -21,10 +21,10 @@ _library = Path(__file__).parent / "lib"
 if _library.is_dir() and str(_library) not in sys.path:
     sys.path.insert(0, str(_library))
 
-from . import handlers, operators, panels, properties  # noqa: E402
+from . import clicking, cuts, handlers, markers, marking, operators, panels, picking, properties  # noqa: E402
 
 # In this order: the others use the properties.
-_modules = (properties, operators, panels, handlers)
+_modules = (properties, markers, picking, marking, clicking, cuts, operators, panels, handlers)
 
 
 def register():

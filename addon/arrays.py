@@ -186,3 +186,10 @@ def cloud_colors(cloud):
         of_points = (point_attribute(cloud, a.name, *kinds) for a in cloud.attributes)
         attribute = next(filter(None, of_points), None)
     return None if attribute is None else read_attribute(attribute)
+
+
+def mark_points(cloud, name, rows):
+    """A new point attribute that is 1 at these rows and 0 elsewhere."""
+    values = np.zeros(len(cloud.points), np.float32)
+    values[rows] = 1.0
+    write_attribute(cloud, name, values)

@@ -65,6 +65,15 @@ def add_frames_modifier(obj, collection, plan, created):
         modifier[input_identifier(group, name)] = value
 
 
+def remove_unused():
+    """Takes the group of nodes and the material out of the file where nothing shows points."""
+    group, material = bpy.data.node_groups.get(NAME), bpy.data.materials.get(NAME)
+    if group is not None and group.users == 0:
+        bpy.data.node_groups.remove(group)
+        if material is not None and material.users == 0:
+            bpy.data.materials.remove(material)
+
+
 def frames_collection(obj):
     """That which `add_frames_modifier` was called with."""
     return _input(obj, "Collection")

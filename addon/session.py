@@ -54,14 +54,18 @@ class Job:
 current = None
 """The job that is running or waits to be taken over, or None."""
 
+problem = None
+"""(panel, text) of the last error, until the next attempt; None after a success."""
+
 earlier = None
 """A computation.Earlier of the last morph that was made in a window, or None."""
 
 
 def start(compute):
-    global current
+    global current, problem
     if current is not None:
         raise RuntimeError("a morph is being computed already")
+    problem = None
     current = Job(compute)
     return current
 
