@@ -21,10 +21,34 @@ _library = Path(__file__).parent / "lib"
 if _library.is_dir() and str(_library) not in sys.path:
     sys.path.insert(0, str(_library))
 
-from . import clicking, cuts, handlers, markers, marking, operators, panels, picking, properties  # noqa: E402
+from . import (  # noqa: E402
+    clicking,
+    cuts,
+    first_use,
+    handlers,
+    markers,
+    marking,
+    operators,
+    panels,
+    picking,
+    properties,
+    translations,
+)
 
 # In this order: the others use the properties.
-_modules = (properties, markers, picking, marking, clicking, cuts, operators, panels, handlers)
+_modules = (
+    properties,
+    markers,
+    picking,
+    marking,
+    clicking,
+    cuts,
+    operators,
+    panels,
+    first_use,
+    handlers,
+    translations,
+)
 
 
 def register():

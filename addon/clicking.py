@@ -192,6 +192,13 @@ class POINTMORPH_OT_click_features(bpy.types.Operator):
         return {"CANCELLED"}
 
     def modal(self, context, event):
+        try:
+            return self._handle(context, event)
+        except BaseException:
+            self.cancel(context)
+            raise
+
+    def _handle(self, context, event):
         if event.type in {"ESC", "RIGHTMOUSE", "RET"} and event.value == "PRESS":
             self.cancel(context)
             return {"FINISHED"}
@@ -282,7 +289,7 @@ def _navigates(event, where):
     scale = preferences.system.ui_scale
     covered = sum(r.width for r in area.regions if r.type == "UI")
     from_right = region.width - covered - x
-    size = preferences.view.gizmo_size_navigate_3d * scale
+    size = preferences.view.gizmo_size_navigate_v3d * scale
     # The turning gizmo, and a column of buttons under it.
     wide, high = size * 1.25, size * 1.5
     top = region.height - y

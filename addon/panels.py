@@ -51,6 +51,10 @@ def _draw_problem(layout, context, place):
 class POINTMORPH_PT_objects(_Panel, bpy.types.Panel):
     bl_label = "Objects"
 
+    def draw_header_preset(self, context):
+        self.layout.emboss = "NONE"
+        self.layout.operator("pointmorph.manual", text="", icon="HELP")
+
     def draw(self, context):
         settings = context.scene.pointmorph
         column = _fields(self.layout)
@@ -263,6 +267,8 @@ class POINTMORPH_PT_result(_Panel, bpy.types.Panel):
         layout = self.layout
         obj = checks.active_result(context)
         layout.label(text=obj.name, icon="OBJECT_DATA")
+        if obj.pointmorph.is_preview:
+            layout.label(text="Preview: the whole is being computed", icon="INFO")
         keys = obj.data.shape_keys
         if keys is not None and result.KEY in keys.key_blocks:
             row = layout.row()

@@ -13,11 +13,13 @@ OPERATORS = (
     "add_feature",
     "bake_frames",
     "bake_shape_keys",
+    "add_demo",
     "add_loop_feature",
     "check_features",
     "clear_loop",
     "click_features",
     "jump_to_feature",
+    "manual",
     "morph",
     "move_loop_feature",
     "pair_features",
@@ -31,8 +33,8 @@ OPERATORS = (
     "show_distortion",
     "go_to_place",
 )
-# Each click is undone by itself; what shows the cut changes nothing in the file.
-UNDO_STEPS_OF_THEIR_OWN = ("click_features", "show_cut")
+# Each click is undone by itself; the others change nothing in the file.
+UNDO_STEPS_OF_THEIR_OWN = ("click_features", "manual", "show_cut")
 
 
 def registered():

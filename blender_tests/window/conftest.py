@@ -225,6 +225,7 @@ class Window:
 # An empty scene, a sidebar in the 3D viewport, and names that tests use.
 START = """
 import scenes
+drawn = 0
 if bpy.context.object and bpy.context.object.mode == "EDIT":
     bpy.ops.object.mode_set(mode="OBJECT")
 for kind in (bpy.data.objects, bpy.data.meshes, bpy.data.node_groups, bpy.data.materials):

@@ -30,7 +30,9 @@ def start_long(window):
     add_pair(window, 500)
     window.run("before = scenes.data_blocks()")
     window.press_button(MORPH)
-    assert window.ask(RUNNING), "the computation is over already: it needs more points"
+    if not window.ask(RUNNING):
+        window.screenshot("not_running")
+        raise AssertionError("the computation is over already: it needs more points")
 
 
 def test_morph_drag_bake_undo(window):
