@@ -11,7 +11,7 @@ from .checks import activate
 from .marking import mark
 from .properties import sync_features
 
-MANUAL = Path(__file__).parent / "manual" / "index.html"
+MANUAL = Path(__file__).parent / "docs" / "manual" / "index.html"
 _SOURCES = Path(__file__).parents[1] / "docs" / "manual" / "index.md"  # of a checkout
 
 

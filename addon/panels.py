@@ -83,9 +83,12 @@ class POINTMORPH_UL_features(bpy.types.UIList):
         swatch = row.row(align=True)
         swatch.ui_units_x = 0.4
         swatch.prop(item, "color", text="")
+        number = row.row(align=True)
+        number.ui_units_x = 0.9
+        number.label(text=f"{index + 1}")
         name = row.row(align=True)
         name.active = item.use
-        name.prop(item, "name", text=f"{index + 1}", emboss=False)
+        name.prop(item, "name", text="", emboss=False)
         text, icon = self.state(context, item)
         state = row.row(align=True)
         state.active = item.use
@@ -97,7 +100,7 @@ class POINTMORPH_UL_features(bpy.types.UIList):
         if not item.use:
             return "", "BLANK1"
         if not (item.on_source and item.on_target):
-            return ("only source" if item.on_source else "only target"), "ERROR"
+            return ("no target" if item.on_source else "no source"), "ERROR"
         if item.confidence >= 0:
             return f"{100 * item.confidence:.0f} %", "QUESTION"
         kind = item.found.split(",")[0].split(" ")[-1]
