@@ -10,7 +10,7 @@ from .marking import mark, next_name, unmarkable
 from .properties import feature_names, sync_features
 
 _REACH = 14.0  # pixels from the mouse to a point without faces, at the most
-_LAYER = 0.03  # of the extent: points that lie so much deeper than the first are behind it
+_LAYER = 0.12  # of the extent: so much deeper is as bad as so far away
 
 running = False
 """Whether the operator waits for clicks."""
@@ -46,7 +46,8 @@ def nearest_on_surface(obj, origin, direction, depsgraph):
 
 
 def nearest_projected(places, matrix, size, at):
-    """The foremost of the points that are drawn near a pixel, and of these the nearest to it.
+    """A point that is drawn near a pixel and not behind others: on a slope the nearest, on a thin
+    part one of the front.
 
     Parameters
     ----------
@@ -72,11 +73,11 @@ def nearest_projected(places, matrix, size, at):
     near = np.flatnonzero(apart <= _REACH)
     if not near.size:
         return None
-    # Depth along the view: of a perspective w, else z.
-    deep = depth if np.ptp(depth) > 0 else flat[:, 2]
-    first = deep[near].min()
-    layer = near[deep[near] <= first + _LAYER * np.ptp(deep[front])]
-    return int(layer[np.argmin(apart[layer])])
+    # Depth in the world's units: w of a perspective, else z, which is scaled.
+    deep = depth if matrix[3, :3].any() else flat[:, 2] / np.linalg.norm(matrix[2, :3])
+    extent = max(float(np.ptp(places, axis=0).max()), 1e-30)
+    behind = (deep[near] - deep[near].min()) / extent
+    return int(near[np.argmin(apart[near] / _REACH + behind / _LAYER)])
 
 
 def _in_world(obj, positions):
@@ -287,8 +288,11 @@ def _navigates(event, where):
     if not area.spaces.active.show_gizmo or not area.spaces.active.show_gizmo_navigate:
         return False
     scale = preferences.system.ui_scale
-    covered = sum(r.width for r in area.regions if r.type == "UI")
-    from_right = region.width - covered - x
+    right = region.x + region.width
+    for other in area.regions:
+        if other.type == "UI" and other.width > 1 and region.x < other.x < right:
+            right = other.x  # the sidebar lies over it
+    from_right = right - region.x - x
     size = preferences.view.gizmo_size_navigate_v3d * scale
     # The turning gizmo, and a column of buttons under it.
     wide, high = size * 1.25, size * 1.5

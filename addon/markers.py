@@ -243,7 +243,7 @@ def _draw():
     scale = context.preferences.system.ui_scale
     if space is None or view is None:
         return
-    if hint:
+    if hint and _is_first(context):
         _text(hint, 20 * scale + _left(context), region.height - 110 * scale, 14 * scale)
     settings = context.scene.pointmorph
     canvas, texts = _Canvas(), []
@@ -299,6 +299,12 @@ def _faces_away(context, obj, row, place, depsgraph):
     if context.region_data.is_perspective:
         to_viewer = back.translation - place
     return normal.normalized().dot(to_viewer.normalized()) < -0.1
+
+
+def _is_first(context):
+    """Whether the region is the left upper one of four views, or the only one."""
+    views = [region for region in context.area.regions if region.type == "WINDOW"]
+    return context.region == min(views, key=lambda region: (region.x, -region.y))
 
 
 def _left(context):

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 HERE = Path(__file__).resolve().parent
-sys.path.insert(0, str(HERE.parent))
+sys.path[:0] = [str(HERE.parent), str(HERE)]
 
 import installing
 
@@ -99,8 +99,13 @@ class Window:
         subprocess.run(["xdotool", *map(str, words)], env=self._environment, check=True)
         self.settle(rounds)
 
-    def click(self, position):
+    def click(self, position, holding=None):
+        """A click; `holding` is a key that is down meanwhile."""
+        if holding:
+            self._xdotool("keydown", holding)
         self.drag(position, position, steps=1)
+        if holding:
+            self._xdotool("keyup", holding)
 
     def drag(self, start, end, steps=8):
         self.redraw()

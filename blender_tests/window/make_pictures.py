@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 from PIL import Image
-from test_window import MORPH, RUNNING
+from steps import MORPH, RUNNING
 
 IMAGES = Path(__file__).resolve().parents[2] / "docs" / "manual" / "images"
 WIDTH = 720

@@ -3,7 +3,7 @@
 import json
 
 import pytest
-from test_window import MORPH, RESULT, RUNNING, add_pair
+from steps import MORPH, RESULT, RUNNING, add_pair
 
 # Times what the add-on does between redraws, and the gaps between turns of Blender's main loop.
 STOPWATCH = """
