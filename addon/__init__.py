@@ -22,6 +22,7 @@ if _library.is_dir() and str(_library) not in sys.path:
     sys.path.insert(0, str(_library))
 
 from . import (  # noqa: E402
+    baking,
     clicking,
     cuts,
     first_use,
@@ -44,6 +45,7 @@ _modules = (
     clicking,
     cuts,
     operators,
+    baking,
     panels,
     first_use,
     handlers,

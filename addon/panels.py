@@ -341,12 +341,14 @@ class POINTMORPH_PT_bake(_Panel, bpy.types.Panel):
         column.prop(scene, "frame_end", text="Last")
         column.prop(settings, "frames_easing")
         column.prop(settings, "frames_resample")
+        column.prop(settings, "frames_faces")
         button = layout.operator("pointmorph.bake_frames")
         button.format = settings.frames_format
         button.frame_start = scene.frame_start
         button.frame_end = scene.frame_end
         button.easing = settings.frames_easing
         button.resample = settings.frames_resample
+        button.faces = settings.frames_faces
         if settings.frames_format != "SCENE":
             button.directory = settings.frames_directory
 

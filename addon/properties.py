@@ -274,10 +274,10 @@ def settings_values(settings):
 # --- Baking ---------------------------------------------------------------------------------------
 
 FORMATS = [
-    ("SCENE", "In the Scene", "An object that shows the frame of the scene as points"),
+    ("SCENE", "In the Scene", "An object that shows the frame of the scene"),
     ("PLY", "PLY Files", "One file a frame with all there is, id and velocity too"),
-    ("USD", "USD", "One file: positions, radius, colour. From Blender 4.5 on"),
-    ("ALEMBIC", "Alembic", "One file: positions only, as vertices"),
+    ("USD", "USD", "One file with all there is. Points from Blender 4.5 on"),
+    ("ALEMBIC", "Alembic", "One file: positions, as vertices, and velocity"),
 ]
 EASINGS = [
     ("LINEAR", "Even", "At the same speed all the time"),
@@ -363,6 +363,12 @@ class PointmorphScene(bpy.types.PropertyGroup):
     )
     frames_resample: bpy.props.BoolProperty(
         name="Re-sample", description="Put new points where there would be cracks", default=True
+    )
+    frames_faces: bpy.props.BoolProperty(
+        name="Faces",
+        description="A mesh for every frame, the surface through its points, instead of points. "
+        "Needs pymeshlab and scipy in Blender's Python",
+        default=False,
     )
     steps: bpy.props.IntProperty(
         name="Steps",
