@@ -21,10 +21,18 @@ _library = Path(__file__).parent / "lib"
 if _library.is_dir() and str(_library) not in sys.path:
     sys.path.insert(0, str(_library))
 
-from . import handlers, operators, panels, properties  # noqa: E402
+from . import (  # noqa: E402
+    handlers,
+    operators,
+    panels,
+    properties,
+    result_operators,
+    result_panels,
+    watching,
+)
 
 # In this order: the others use the properties.
-_modules = (properties, operators, panels, handlers)
+_modules = (properties, operators, result_operators, panels, result_panels, handlers, watching)
 
 
 def register():

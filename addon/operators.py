@@ -7,10 +7,10 @@ import bpy
 import numpy as np
 import pointmorph
 
-from . import arrays, display, frames, result, session, transforms
+from . import arrays, display, following, frames, remaking, result, session, transforms
 from .computation import Earlier, compute
 from .features import PREFIX, description
-from .properties import feature_names, settings_values, sync_features
+from .properties import feature_choices, feature_names, settings_values, sync_features
 from .reading import read_request
 
 
@@ -173,6 +173,13 @@ class POINTMORPH_OT_morph(_Computing, bpy.types.Operator):
         self._origin = np.array(source.matrix_world.translation)
         self._source_matrix = transforms.relative_to(source.matrix_world, self._origin)
         self._names = request.source.name, request.target.name
+        self._recipe = remaking.take_down(
+            context,
+            [source, context.scene.pointmorph.target],
+            [request],
+            self._origin,
+            feature_choices(context.scene.pointmorph),
+        )
         return request
 
     def _finish(self, context, outcome):
@@ -191,7 +198,7 @@ class POINTMORPH_OT_morph(_Computing, bpy.types.Operator):
         )
         _activate(context.view_layer.objects, obj)
         report = outcome.report
-        obj.pointmorph.report = json.dumps(report)
+        remaking.remember(obj, self._recipe, outcome)
         for warning in report["warnings"]:
             self.report({"WARNING"}, warning)
         seconds = report["seconds"]
@@ -275,6 +282,7 @@ class POINTMORPH_OT_bake_shape_keys(bpy.types.Operator):
         if self.path == "SETTING":
             path = context.scene.pointmorph.path
         try:
+            following.check_at_rest(obj, "shape keys")
             if self.kind == "SOURCE":
                 changed = result.bake_source(obj, self.steps, path)
             else:
@@ -352,6 +360,7 @@ class POINTMORPH_OT_bake_frames(_Computing, bpy.types.Operator):
                 "Choose a later one.",
             )
         obj = active_result(context)
+        following.check_at_rest(obj, "frames")
         self._name = obj.name
         plan = self._plan = frames.Plan(
             self.frame_start, self.frame_end, self.step, self.easing, self.resample
