@@ -7,7 +7,7 @@ import bpy
 import numpy as np
 import pointmorph
 
-from . import arrays, display, remaking, result, surfaces, transforms
+from . import arrays, display, following, remaking, result, surfaces, transforms
 from .features import PREFIX
 
 NAME = "Pointmorph Colors"
@@ -40,11 +40,17 @@ def make_mesh(context, obj):
         _know(copy, obj)
         if mesh.shape_keys is None:
             copy.shape_key_add(name="Basis", from_mix=False)
-        places = [transforms.move_positions(back, place) for place in places]
+        places = _own_places(source, places, back)
         key = result.add_keys(copy, places, result.stage_names(obj)[1:])
         key.value = result.t_key(obj).value
         copy.active_shape_key_index = copy.data.shape_keys.key_blocks.find(key.name)
     return copy
+
+
+def _own_places(source, places, back):
+    """The places of `result.source_ways` in the source's own space, the first bit by bit."""
+    rest = [transforms.move_positions(back, place) for place in places[1:]]
+    return [arrays.basis_positions(source.data), *rest]
 
 
 def _know(copy, obj):
@@ -67,7 +73,7 @@ def remake_mesh(copy, obj):
         Shape keys that couldn't follow.
     """
     source, places, _, back = result.source_ways(obj)
-    places = [transforms.move_positions(back, place) for place in places]
+    places = _own_places(source, places, back)
     mesh, keys = copy.data, copy.data.shape_keys.key_blocks
     own = result.morph_keys(copy)
     base = arrays.key_positions(keys[0])
@@ -107,6 +113,8 @@ def remake(context, obj, plan, outcome):
     """
     if result.is_result(obj):
         lost = remaking.apply(obj, plan, outcome)
+        for user in remaking.users_of(obj):
+            following.follow_on(user)
         copies = [o for o in bpy.data.objects if o.pointmorph.made_from == obj and is_copy(o)]
         for copy in copies:
             lost += remake_mesh(copy, obj)

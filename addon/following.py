@@ -31,15 +31,20 @@ def follow(obj, context, created):
     group = bpy.data.node_groups.get(name) or _group(name, stages, created)
     modifier = obj.modifiers.get(MODIFIER) or obj.modifiers.new(MODIFIER, "NODES")
     modifier.node_group = group
-    for stage, shape, count in zip(stages, shapes, counts, strict=True):
-        modifier[display.input_identifier(group, _shape_input(stage))] = shape
-        modifier[display.input_identifier(group, _count_input(stage))] = count
+    _set_inputs(obj, modifier, shapes, counts)
     _put_first(obj, modifier, context)
     path = f'modifiers["{MODIFIER}"]["{display.input_identifier(group, "t")}"]'
     obj.driver_remove(path)
     display.drive_input(obj, modifier, "t", key)
     obj.pointmorph.follows = True
     obj.update_tag()
+
+
+def follow_on(obj):
+    """Makes a morph object that follows its shapes do so with the points that it has now."""
+    modifier = obj.modifiers.get(MODIFIER)
+    if modifier is not None and modifier.node_group is not None:
+        _set_inputs(obj, modifier, remaking.shapes_of(obj), _wanted(obj))
 
 
 def rest(obj):
@@ -64,9 +69,21 @@ def check_at_rest(obj, what):
         )
 
 
+def _set_inputs(obj, modifier, shapes, counts):
+    group = modifier.node_group
+    for stage, shape, count in zip(result.stages(obj), shapes, counts, strict=True):
+        modifier[display.input_identifier(group, _shape_input(stage))] = shape
+        modifier[display.input_identifier(group, _count_input(stage))] = count
+
+
+def _wanted(obj):
+    """How many points every shape must have."""
+    return [int(rows.max()) + 1 for rows in result.stage_rows(obj)]
+
+
 def _counts(obj, shapes, context):
-    """How many points every shape must have to be followed."""
-    wanted = [int(rows.max()) + 1 for rows in result.stage_rows(obj)]
+    """The same, after a look whether they have them."""
+    wanted = _wanted(obj)
     depsgraph = context.evaluated_depsgraph_get()
     for shape, count in zip(shapes, wanted, strict=True):
         if shape is None:

@@ -105,7 +105,8 @@ def key(obj, name):
 def shown_points(obj, name=None):
     """What a morph object shows as points at the moment: positions, or an attribute."""
     for instance in bpy.context.evaluated_depsgraph_get().object_instances:
-        if instance.object.type == "POINTCLOUD" and instance.parent.original == obj:
+        parent = instance.parent
+        if instance.object.type == "POINTCLOUD" and parent and parent.original == obj:
             cloud = instance.object.data
             return coordinates(cloud.points) if name is None else attribute(cloud, name)
     raise AssertionError(f"{obj.name} shows no points")
