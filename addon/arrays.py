@@ -17,6 +17,9 @@ _VALUES = {
     "BYTE_COLOR": ("color", 4),
 }
 
+# Vertices whose groups are read at once where Blender must stay usable.
+_PART = 4096
+
 
 def _read(collection, key, width, dtype=np.float32):
     values = np.empty(len(collection) * width, dtype)
@@ -169,14 +172,27 @@ def vertex_groups(mesh, names):
 
     `names` maps the index of a vertex group to the name under which it's wanted.
     """
+    steps = vertex_group_steps(mesh, names)
+    while True:
+        try:
+            next(steps)
+        except StopIteration as end:
+            return end.value
+
+
+def vertex_group_steps(mesh, names):
+    """The same as a generator, which takes long on a large mesh: it yields after every part, and
+    returns what `vertex_groups` does. The mesh must not change meanwhile."""
     found = {name: ([], []) for name in names.values()}
-    if names:
-        for row, vertex in enumerate(mesh.vertices):
+    count = len(mesh.vertices) if names else 0
+    for start in range(0, count, _PART):
+        for row, vertex in enumerate(mesh.vertices[start : start + _PART], start):
             for element in vertex.groups:
                 name = names.get(element.group)
                 if name is not None:
                     found[name][0].append(row)
                     found[name][1].append(element.weight)
+        yield
     return {
         name: (np.array(rows, np.int64), np.array(weights, np.float32))
         for name, (rows, weights) in found.items()

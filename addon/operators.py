@@ -174,7 +174,6 @@ class POINTMORPH_OT_morph(_Computing, bpy.types.Operator):
         self._source_matrix = transforms.relative_to(source.matrix_world, self._origin)
         self._names = request.source.name, request.target.name
         self._recipe = remaking.take_down(
-            context,
             [source, context.scene.pointmorph.target],
             [request],
             self._origin,

@@ -8,7 +8,7 @@ about: the settings, what the features were, and of every shape a fingerprint of
 import hashlib
 import json
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, astuple, dataclass, fields
 from itertools import pairwise
 
 import bpy
@@ -104,8 +104,9 @@ def _digest(*parts):
     return found.hexdigest()
 
 
-def fingerprint(obj, origin, depsgraph, as_shown):
-    """What can be compared of a shape: a few short strings and numbers.
+def fingerprint_steps(obj, origin, as_shown):
+    """What can be compared of a shape: a dict of a few short strings and numbers. A generator that
+    yields often and returns it, because vertex groups take long.
 
     Parameters
     ----------
@@ -118,7 +119,7 @@ def fingerprint(obj, origin, depsgraph, as_shown):
     data = obj.data
     shown = None
     if as_shown and not is_moving(obj):
-        evaluated = obj.evaluated_get(depsgraph)
+        evaluated = obj.evaluated_get(bpy.context.evaluated_depsgraph_get())
         if evaluated.is_evaluated and type(evaluated.data) is type(data):
             shown = _digest(_positions(evaluated.data))
     if obj.type == "MESH":
@@ -130,7 +131,8 @@ def fingerprint(obj, origin, depsgraph, as_shown):
             for group in obj.vertex_groups
             if group.name.startswith(PREFIX)
         }
-        marks = arrays.vertex_groups(data, groups)
+        yield
+        marks = yield from arrays.vertex_group_steps(data, groups)
     else:
         positions = arrays.cloud_positions(data)
         color = None
@@ -177,7 +179,7 @@ def _of_points(cloud):
 # --- The recipe -----------------------------------------------------------------------------------
 
 
-def take_down(context, shapes, requests, origin, choices):
+def take_down(shapes, requests, origin, choices):
     """The recipe of a morph that is about to be computed.
 
     Parameters
@@ -189,12 +191,8 @@ def take_down(context, shapes, requests, origin, choices):
     choices : dict of str to Choice
         See `properties.feature_choices`.
     """
-    depsgraph = context.evaluated_depsgraph_get()
     return {
-        "shapes": [
-            fingerprint(shape, origin, depsgraph, as_shown=number > 0)
-            for number, shape in enumerate(shapes)
-        ],
+        "shapes": _finish(_prints_of(shapes, origin)),
         "origin": [float(x) for x in origin],
         "settings": requests[0].settings,
         "features": _plain_choices(choices),
@@ -207,7 +205,7 @@ def take_down(context, shapes, requests, origin, choices):
 
 
 def _plain_choices(choices):
-    return {name: [c.kind, c.hold, c.weight] for name, c in choices.items()}
+    return {name: list(astuple(choice)) for name, choice in choices.items()}
 
 
 def _plain_feature(feature):
@@ -314,17 +312,35 @@ def state(obj, prints=None):
 
 
 def fingerprints(obj):
-    """Those of the shapes of a morph object as they are now; None of what is gone."""
+    """Those of the shapes of a morph object as they are now; None where one is gone."""
+    return _finish(fingerprints_steps(obj))
+
+
+def fingerprints_steps(obj):
+    """The same as a generator that yields often. Nothing may change meanwhile."""
     shapes = shapes_of(obj)
     if None in shapes:
         return None
     # Seen from the source: where all went along together, nothing has changed.
     origin = np.array(shapes[0].matrix_world.translation)
-    depsgraph = bpy.context.evaluated_depsgraph_get()
-    return [
-        fingerprint(shape, origin, depsgraph, as_shown=number > 0)
-        for number, shape in enumerate(shapes)
-    ]
+    return (yield from _prints_of(shapes, origin))
+
+
+def _prints_of(shapes, origin):
+    prints = []
+    for number, shape in enumerate(shapes):
+        prints.append((yield from fingerprint_steps(shape, origin, number > 0)))
+        yield
+    return prints
+
+
+def _finish(steps):
+    """What a generator returns."""
+    while True:
+        try:
+            next(steps)
+        except StopIteration as end:
+            return end.value
 
 
 def _differences(known, now, follows):
@@ -375,7 +391,9 @@ def put_settings(settings, recipe):
             setattr(settings, by_hand(option), False)
     for item in settings.features:
         if item.marked_name in recipe["features"]:
-            item.kind, item.hold, item.weight = recipe["features"][item.marked_name]
+            kept = recipe["features"][item.marked_name]
+            for field, value in zip(fields(Choice), kept, strict=False):
+                setattr(item, field.name, value)
     settings.loop.clear()
     for name in recipe["loop"]:
         settings.loop.add().name = name
@@ -465,7 +483,7 @@ def plan_of(context, shapes, choices, loop, values):
             Request(source, target, match(source, target, choices), loop, values)
             for source, target in pairwise(read)
         ]
-        made = take_down(context, shapes, requests, origin, choices)
+        made = take_down(shapes, requests, origin, choices)
         source_matrix = transforms.relative_to(shapes[0].matrix_world, origin)
     return Plan(requests, made, origin, source_matrix, [])
 

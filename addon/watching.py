@@ -1,7 +1,7 @@
 """What the panel knows about the state of a morph object without looking it up at every redraw.
 
-To compare shapes takes up to some tenths of a second, so it waits until nothing has changed for a
-moment, and is done once.
+To compare large shapes takes a second, so it waits until nothing has changed for a moment, and is
+done once, in many short steps between which Blender goes on.
 """
 
 import time
@@ -13,8 +13,11 @@ from . import remaking
 
 _PAUSE = 0.6  # seconds
 
-_prints = {}  # by the session's name of an object; of those that a panel has shown
+_STEP = 0.02  # seconds of work at a time
+
+_prints = {}  # by name of an object; of those that a panel has shown
 _wanted = set()
+_begun = None  # the name that is being looked at, and the steps that are left
 _changed_at = 0.0
 
 
@@ -38,13 +41,28 @@ def _want(name):
 
 def _look():
     """Called by a timer; returns after how long to be called again."""
+    global _begun
     left = _changed_at + _PAUSE - time.monotonic()
     if left > 0:
         return left
-    while _wanted:
-        obj = bpy.data.objects.get(_wanted.pop())
+    if _begun is None and _wanted:
+        name = _wanted.pop()
+        obj = bpy.data.objects.get(name)
         if obj is not None and remaking.is_made(obj):
-            _prints[obj.name] = remaking.fingerprints(obj)
+            _begun = name, remaking.fingerprints_steps(obj)
+    if _begun is not None:
+        name, steps = _begun
+        try:
+            end = time.monotonic() + _STEP
+            while time.monotonic() < end:
+                next(steps)
+        except StopIteration as done:
+            _prints[name] = done.value
+            _begun = None
+        except ReferenceError:  # removed meanwhile; who shows it asks again
+            _begun = None
+    if _begun is not None or _wanted:
+        return 0.0
     for window in bpy.context.window_manager.windows:
         for area in window.screen.areas:
             if area.type == "VIEW_3D":
@@ -54,14 +72,18 @@ def _look():
 
 @persistent
 def _note_changes(scene, depsgraph):
-    global _changed_at
-    if not _prints:
+    global _begun, _changed_at
+    if not _prints and _begun is None:
         return
     changed = {
         item.id.original
         for item in depsgraph.updates
         if item.is_updated_geometry or item.is_updated_transform
     }
+    if _begun is not None and changed:
+        _wanted.add(_begun[0])
+        _begun = None
+        _changed_at = time.monotonic()
     for name in list(_prints):
         obj = bpy.data.objects.get(name)
         shapes = [] if obj is None else [s for s in remaking.shapes_of(obj) if s is not None]
@@ -72,8 +94,10 @@ def _note_changes(scene, depsgraph):
 
 @persistent
 def _forget(*_):
+    global _begun
     _prints.clear()
     _wanted.clear()
+    _begun = None
 
 
 _forgetting = ("load_post", "undo_post", "redo_post")

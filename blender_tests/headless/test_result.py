@@ -517,3 +517,36 @@ def test_several_morphs_with_keys_and_drivers_at_every_frame(addon, settings, tm
         values = [t_of(obj).value for obj in objects]
         assert values[0] + values[1] == pytest.approx(1)
         assert values[2] == pytest.approx(values[0])
+
+
+# --- What the panel knows -------------------------------------------------------------------------
+
+
+def test_the_panel_looks_in_short_steps_and_again_after_a_change(addon, settings):
+    """The timer is called by hand here: nothing runs it without a window."""
+    source, _ = pair(80, 12)
+    obj = morph()
+    watching = addon("watching")
+    watching._forget()
+    assert watching.known_state(obj) is None
+    calls = 0
+    while watching.known_state(obj) is None:
+        watching._look()
+        calls += 1
+        assert calls < 1000
+    assert watching.known_state(obj) == ("CURRENT", [])
+    settings.transfer_neighbors = 20
+    assert watching.known_state(obj)[0] == "STALE"  # settings are cheap to compare
+    settings.transfer_neighbors = 12
+    move_vertices(source, (0, 0, 1))
+    bpy.context.view_layer.update()
+    assert watching.known_state(obj) is None
+    assert watching._look() > 0  # it waits for the end of the changes
+    watching._changed_at = 0.0
+    while watching.known_state(obj) is None:
+        watching._look()
+    assert watching.known_state(obj) == ("STALE", ['"Hill" was edited'])
+    bpy.data.objects.remove(source)
+    while watching.known_state(obj) is None:
+        watching._look()
+    assert watching.known_state(obj)[0] == "ORPHAN"
