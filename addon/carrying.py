@@ -132,8 +132,8 @@ def remake(context, obj, plan, outcome):
         _transfer_again(context, obj)
     finally:
         mesh = pairs.data
-        bpy.data.objects.remove(pairs)
-        bpy.data.meshes.remove(mesh)
+        pairs.shape_key_clear()  # a data-block that isn't removed with the mesh
+        bpy.data.batch_remove([pairs, mesh])
     return lost
 
 

@@ -6,6 +6,7 @@ import bpy
 import pointmorph
 
 from . import carrying, chains, following, remaking, result, session
+from .computation import Earlier
 from .operators import _activate, _Computing, active_result, fail
 from .properties import feature_choices, settings_values, sync_features
 from .reading import TYPES
@@ -84,6 +85,8 @@ class POINTMORPH_OT_recompute(_Computing, bpy.types.Operator):
             raise pointmorph.CloudError(
                 self._name, "the object that is computed again", "none", "Undo its removal."
             )
+        if self._in_window and len(self._plan.requests) == 1:
+            session.earlier = Earlier(self._plan.requests[0], outcome.maps)
         lost = carrying.remake(context, obj, self._plan, outcome)
         for name in self._plan.missing:
             self.report({"WARNING"}, f'"{name}" is gone: the points that the morph holds were used')

@@ -34,8 +34,8 @@ class POINTMORPH_PT_chain(_Panel, bpy.types.Panel):
         layout.operator("pointmorph.morph_chain")
 
 
-class POINTMORPH_PT_result(_Panel, bpy.types.Panel):
-    bl_label = "Result"
+class POINTMORPH_PT_morph_object(_Panel, bpy.types.Panel):
+    bl_label = "Morph Object"
 
     @classmethod
     def poll(cls, context):
@@ -76,7 +76,7 @@ class POINTMORPH_PT_result(_Panel, bpy.types.Panel):
                 box.label(text=line)
 
 
-_classes = (POINTMORPH_UL_shapes, POINTMORPH_PT_chain, POINTMORPH_PT_result)
+_classes = (POINTMORPH_UL_shapes, POINTMORPH_PT_chain, POINTMORPH_PT_morph_object)
 
 
 def register():

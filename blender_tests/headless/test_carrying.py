@@ -169,10 +169,11 @@ def test_recompute_keeps_name_animation_and_materials(dressed, other_faces, with
     if without_pairs:
         bpy.data.objects.remove(obj)
         obj = None
-    count = len(bpy.data.objects), len(bpy.data.meshes)
+    kinds = (bpy.data.objects, bpy.data.meshes, bpy.data.shape_keys)
+    count = [len(kind) for kind in kinds]
     select(copy)
     assert bpy.ops.pointmorph.recompute() == {"FINISHED"}
-    assert (len(bpy.data.objects), len(bpy.data.meshes)) == count
+    assert [len(kind) for kind in kinds] == count
     assert identity == (
         copy.as_pointer(),
         copy.data.as_pointer(),
