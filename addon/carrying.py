@@ -97,8 +97,9 @@ def remake_mesh(copy, obj):
         else:
             arrays.write_key(keys[name], places[0])
             lost.append(name)
-    _know(copy, obj)
-    copy.update_tag()
+    for user in remaking.users_of(copy):
+        _know(user, obj)
+        user.update_tag()
     return lost
 
 

@@ -381,9 +381,16 @@ def bake_source(obj, steps, path):
     Raises
     ------
     CloudError
-        See `source_ways`.
+        See `source_ways`; and when the source is linked from another file.
     """
     source, places, normals, back = source_ways(obj)
+    if source.data.library is not None:
+        raise pointmorph.CloudError(
+            source.name,
+            "a mesh that can be changed",
+            "one that is linked from another file",
+            "Make it local (Object > Relations > Make Local), or bake on the pairs instead.",
+        )
     way = _through(places, normals, path)
     _add_keys(
         source, lambda t: transforms.move_positions(back, way(t)), steps, stage_names(obj)[1:]
@@ -421,13 +428,6 @@ def source_ways(obj):
             "a mesh, to hold shape keys",
             f"an object of type {source.type}",
             "Bake on the pairs instead.",
-        )
-    if source.data.library is not None:
-        raise pointmorph.CloudError(
-            source.name,
-            "a mesh that can be changed",
-            "one that is linked from another file",
-            "Make it local (Object > Relations > Make Local), or bake on the pairs instead.",
         )
     if source.mode == "EDIT":
         raise pointmorph.CloudError(

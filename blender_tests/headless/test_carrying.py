@@ -198,6 +198,24 @@ def test_recompute_keeps_name_animation_and_materials(dressed, other_faces, with
     np.testing.assert_allclose(coordinates(shown.vertices), key(copy, "Morph"), atol=1e-6)
 
 
+def test_a_linked_duplicate_shares_what_is_made_again(dressed):
+    _, target, obj = dressed
+    copy = make_mesh(obj)
+    bpy.ops.object.duplicate(linked=True)
+    twin = bpy.context.view_layer.objects.active
+    assert twin.data == copy.data
+    for vertex in target.data.vertices:
+        vertex.co.z += 1
+    for made in (None, obj):
+        if made is not None:
+            bpy.data.objects.remove(made)
+            target.data.vertices[0].co.z += 0.1
+        select(twin)
+        bpy.ops.pointmorph.recompute()
+        assert twin.pointmorph.state == copy.pointmorph.state == "CURRENT"
+        assert twin.data == copy.data
+
+
 def test_a_recompute_of_the_morph_takes_its_meshes_along(dressed):
     _, target, obj = dressed
     copy = make_mesh(obj)

@@ -468,6 +468,36 @@ def test_append_and_link_into_another_file(settings, tmp_path, as_link):
     assert_same(content(obj), before)
 
 
+def test_source_and_target_that_are_linked_from_another_file(settings, tmp_path):
+    """They can be read, so all works that changes nothing on them."""
+    pair(14, 12)
+    before = content(morph())
+    path = str(tmp_path / "shapes.blend")
+    bpy.ops.wm.save_as_mainfile(filepath=path)
+    bpy.ops.wm.read_homefile(use_empty=True)
+    with bpy.data.libraries.load(path, link=True) as (_, wanted):
+        wanted.objects = ["Hill", "Dune"]
+    for obj in wanted.objects:
+        bpy.context.scene.collection.objects.link(obj)
+    settings = bpy.context.scene.pointmorph
+    settings.source, settings.target = wanted.objects
+    bpy.context.view_layer.update()
+    obj = morph()
+    assert_same(content(obj), before)
+    assert obj.pointmorph.state == "CURRENT"
+    recompute(obj)
+    assert_same(content(obj), before)
+    assert bpy.ops.pointmorph.follow() == {"FINISHED"}
+    bpy.ops.pointmorph.follow()
+    assert bpy.ops.pointmorph.make_mesh() == {"FINISHED"}
+    copy = bpy.context.view_layer.objects.active
+    assert copy.library is None
+    assert copy.data.library is None
+    select(obj)
+    with pytest.raises(RuntimeError, match="Hill: expected a mesh that can be changed"):
+        bpy.ops.pointmorph.bake_shape_keys(kind="SOURCE")
+
+
 def test_undo_and_redo_of_a_recompute(settings):
     if bpy.app.version < (4, 0):
         pytest.skip("Blender 3.4 keeps no undo steps without a window; tested with one")
