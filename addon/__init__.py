@@ -33,7 +33,10 @@ from . import (  # noqa: E402
     panels,
     picking,
     properties,
+    result_operators,
+    result_panels,
     translations,
+    watching,
 )
 
 # In this order: the others use the properties.
@@ -46,9 +49,12 @@ _modules = (
     cuts,
     operators,
     baking,
+    result_operators,
     panels,
+    result_panels,
     first_use,
     handlers,
+    watching,
     translations,
 )
 

@@ -63,6 +63,8 @@ def result_reason(context):
     obj = active_result(context)
     if obj is None:
         return "Morph first, or make a morph object the active object"
+    if obj.pointmorph.is_preview:
+        return "This is a preview: wait for the whole"
     return "Leave Edit Mode first" if obj.mode == "EDIT" else None
 
 

@@ -43,8 +43,8 @@ def _animal(legs, body, neck, ears, tail):
 
     limb("", (0, -body, legs), (0, body, legs), 0.42, 0.4)
     for side, x in (("L", 0.26), ("R", -0.26)):
-        for end, y in (("front", -body), ("hind", body)):
-            limb(f"{end} foot.{side}", (x, y, legs), (x, y, 0.12), 0.2, 0.16)
+        for end, y in (("F", -body), ("H", body)):
+            limb(f"foot.{end}{side}", (x, y, legs), (x, y, 0.12), 0.2, 0.16)
     head = Vector((0, -body, legs + 0.15)) + Vector(neck)
     limb("", (0, -body, legs + 0.15), head, 0.3, 0.26)
     limb("nose", head, head + Vector((0, -0.5, -0.1)), 0.28, 0.17)

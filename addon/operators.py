@@ -6,12 +6,12 @@ import queue
 import bpy
 import numpy as np
 
-from . import display, preview, previewing, result, session, transforms
+from . import display, preview, previewing, remaking, result, session, transforms
 from .checks import activate, active_result, busy_reason, shapes_reason
 from .computation import Earlier, compute
 from .jobs import Computing
 from .marking import say_what_was_found
-from .properties import sync_features
+from .properties import feature_choices, sync_features
 from .reading import read_request
 
 
@@ -73,6 +73,12 @@ class POINTMORPH_OT_morph(Computing, bpy.types.Operator):
         self._origin = np.array(source.matrix_world.translation)
         self._source_matrix = transforms.relative_to(source.matrix_world, self._origin)
         self._names = request.source.name, request.target.name
+        self._recipe = remaking.take_down(
+            [source, context.scene.pointmorph.target],
+            [request],
+            self._origin,
+            feature_choices(context.scene.pointmorph),
+        )
         return request
 
     def _finish(self, context, outcome):
@@ -82,7 +88,7 @@ class POINTMORPH_OT_morph(Computing, bpy.types.Operator):
         result.morph_key(obj).value = self._value
         activate(context.view_layer.objects, obj)
         report = outcome.report
-        obj.pointmorph.report = json.dumps(report)
+        remaking.remember(obj, self._recipe, outcome)
         for warning in report["warnings"]:
             self.report({"WARNING"}, warning)
         seconds = report["seconds"]

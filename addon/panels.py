@@ -12,7 +12,9 @@ from .properties import by_hand
 _ELSEWHERE = ("domain", "path")
 
 
-class _Panel:
+class Panel:
+    """Where all panels are. `bl_order` is that of the work."""
+
     bl_space_type = "VIEW_3D"
     bl_region_type = "UI"
     bl_category = "Pointmorph"
@@ -27,7 +29,7 @@ def _fields(layout):
     return column
 
 
-def _say(layout, context, text, icon, beside=0):
+def say(layout, context, text, icon, beside=0):
     """Words on several lines; Blender doesn't wrap labels. `beside` is what stands beside."""
     scale = context.preferences.system.ui_scale
     width = context.region.width / scale - 65 - beside
@@ -42,14 +44,15 @@ def _draw_problem(layout, context, place):
         return
     box = layout.box()
     box.alert = True
-    _say(box, context, session.problem[1], "ERROR")
+    say(box, context, session.problem[1], "ERROR")
 
 
 # --- Objects --------------------------------------------------------------------------------------
 
 
-class POINTMORPH_PT_objects(_Panel, bpy.types.Panel):
+class POINTMORPH_PT_objects(Panel, bpy.types.Panel):
     bl_label = "Objects"
+    bl_order = 0
 
     def draw_header_preset(self, context):
         self.layout.emboss = "NONE"
@@ -65,7 +68,7 @@ class POINTMORPH_PT_objects(_Panel, bpy.types.Panel):
         row.operator("pointmorph.swap_objects", text="", icon="ARROW_LEFTRIGHT")
         reason = checks.shapes_reason(context)
         if reason is not None:
-            _say(self.layout, context, reason, "INFO")
+            say(self.layout, context, reason, "INFO")
         _draw_problem(self.layout, context, "OBJECTS")
 
 
@@ -100,7 +103,7 @@ class POINTMORPH_UL_features(bpy.types.UIList):
         if not item.use:
             return "", "BLANK1"
         if not (item.on_source and item.on_target):
-            return ("no target" if item.on_source else "no source"), "ERROR"
+            return "", "ERROR"
         if item.confidence >= 0:
             return f"{100 * item.confidence:.0f} %", "QUESTION"
         kind = item.found.split(",")[0].split(" ")[-1]
@@ -108,7 +111,7 @@ class POINTMORPH_UL_features(bpy.types.UIList):
             return "", self.ICONS.get(kind, "CHECKMARK")
         counts = self._counts(context, item.marked_name)
         if 0 in counts:
-            return "empty", "ERROR"
+            return "", "ERROR"
         if max(counts, default=1) > 1:
             return "", "GROUP_VERTEX"
         return "", "CHECKMARK"
@@ -121,8 +124,9 @@ class POINTMORPH_UL_features(bpy.types.UIList):
         return [count for count in known if count is not None]
 
 
-class POINTMORPH_PT_features(_Panel, bpy.types.Panel):
+class POINTMORPH_PT_features(Panel, bpy.types.Panel):
     bl_label = "Features"
+    bl_order = 1
 
     def draw(self, context):
         settings = context.scene.pointmorph
@@ -150,10 +154,24 @@ class POINTMORPH_PT_features(_Panel, bpy.types.Panel):
         ).side = "TARGET"
         buttons.separator()
         buttons.popover("POINTMORPH_PT_feature", text="", icon="DOWNARROW_HLT")
+        missing = self.missing(settings)
+        if missing is not None:
+            say(layout, context, missing, "ERROR")
         row = layout.row(align=True)
         row.operator("pointmorph.pair_features")
         row.operator("pointmorph.propose_features")
         _draw_problem(layout, context, "FEATURES")
+
+    @staticmethod
+    def missing(settings):
+        """In words, the first feature that isn't marked on both objects; None where all are."""
+        for obj, side in ((settings.source, "on_source"), (settings.target, "on_target")):
+            for item in settings.features if obj is not None else ():
+                if item.use and not getattr(item, side):
+                    return f'"{item.name}" isn\'t marked on {obj.name}'
+                if item.use and markers.count_of(obj, item.marked_name) == 0:
+                    return f'"{item.name}" holds no vertex of {obj.name}'
+        return None
 
 
 class POINTMORPH_PT_feature(bpy.types.Panel):
@@ -195,8 +213,9 @@ class POINTMORPH_UL_loop(bpy.types.UIList):
         layout.label(text=item.name, icon="DOT" if good else "ERROR")
 
 
-class POINTMORPH_PT_cut(_Panel, bpy.types.Panel):
+class POINTMORPH_PT_cut(Panel, bpy.types.Panel):
     bl_label = "Cut and Domain"
+    bl_order = 2
     bl_options = {"DEFAULT_CLOSED"}
 
     def draw(self, context):
@@ -227,8 +246,9 @@ class POINTMORPH_PT_cut(_Panel, bpy.types.Panel):
 # --- Morph ----------------------------------------------------------------------------------------
 
 
-class POINTMORPH_PT_morph(_Panel, bpy.types.Panel):
+class POINTMORPH_PT_morph(Panel, bpy.types.Panel):
     bl_label = "Morph"
+    bl_order = 3
 
     def draw(self, context):
         layout = self.layout
@@ -259,8 +279,9 @@ def _draw_progress(layout):
 # --- Result ---------------------------------------------------------------------------------------
 
 
-class POINTMORPH_PT_result(_Panel, bpy.types.Panel):
+class POINTMORPH_PT_result(Panel, bpy.types.Panel):
     bl_label = "Result"
+    bl_order = 5
 
     @classmethod
     def poll(cls, context):
@@ -284,7 +305,7 @@ class POINTMORPH_PT_result(_Panel, bpy.types.Panel):
         )
 
 
-class POINTMORPH_PT_quality(_Panel, bpy.types.Panel):
+class POINTMORPH_PT_quality(Panel, bpy.types.Panel):
     bl_label = "Quality"
     bl_parent_id = "POINTMORPH_PT_result"
     bl_options = {"DEFAULT_CLOSED"}
@@ -306,15 +327,16 @@ class POINTMORPH_PT_quality(_Panel, bpy.types.Panel):
             layout.label(text="No place stands out", icon="CHECKMARK")
         for index, place in enumerate(report["worst"]):
             row = layout.box().row()
-            _say(row, context, place["advice"], "BLANK1", beside=30)
+            say(row, context, place["advice"], "BLANK1", beside=30)
             row.operator("pointmorph.go_to_place", text="", icon="PIVOT_CURSOR").index = index
 
 
 # --- Bake -----------------------------------------------------------------------------------------
 
 
-class POINTMORPH_PT_bake(_Panel, bpy.types.Panel):
+class POINTMORPH_PT_bake(Panel, bpy.types.Panel):
     bl_label = "Bake"
+    bl_order = 7
 
     def draw(self, context):
         settings = context.scene.pointmorph
@@ -356,8 +378,9 @@ class POINTMORPH_PT_bake(_Panel, bpy.types.Panel):
 # --- Advanced -------------------------------------------------------------------------------------
 
 
-class POINTMORPH_PT_settings(_Panel, bpy.types.Panel):
+class POINTMORPH_PT_settings(Panel, bpy.types.Panel):
     bl_label = "Advanced"
+    bl_order = 8
     bl_options = {"DEFAULT_CLOSED"}
 
     def draw(self, context):

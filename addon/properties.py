@@ -296,6 +296,14 @@ def _sync(self, context):
     sync_features(self.id_data)
 
 
+class PointmorphShape(bpy.types.PropertyGroup):
+    """A shape on the way from source to target."""
+
+    object: bpy.props.PointerProperty(
+        name="Object", description="A mesh or a point cloud", type=bpy.types.Object, poll=_is_shape
+    )
+
+
 class PointmorphScene(bpy.types.PropertyGroup):
     """What is morphed in a scene, and how."""
 
@@ -370,6 +378,14 @@ class PointmorphScene(bpy.types.PropertyGroup):
         "Needs pymeshlab and scipy in Blender's Python",
         default=False,
     )
+    via: bpy.props.CollectionProperty(
+        name="Via",
+        description="Shapes that a chain goes through between source and target, in order",
+        type=PointmorphShape,
+    )
+    active_via: bpy.props.IntProperty(
+        name="Active Shape", description="The shape between that is chosen in the list"
+    )
     steps: bpy.props.IntProperty(
         name="Steps",
         description="Shape keys to bake, equally far from one another; the last one is the target",
@@ -381,6 +397,18 @@ class PointmorphScene(bpy.types.PropertyGroup):
 
 
 PointmorphScene.__annotations__.update(_settings(PointmorphScene.__annotations__))
+
+
+def _state(self):
+    from .remaking import state
+
+    return state(self.id_data)[0]
+
+
+def _stale(self):
+    from .remaking import state
+
+    return "; ".join(state(self.id_data)[1])
 
 
 class PointmorphObject(bpy.types.PropertyGroup):
@@ -401,6 +429,39 @@ class PointmorphObject(bpy.types.PropertyGroup):
         name="Preview",
         description="A coarse morph that is shown until the whole one is there",
     )
+    via: bpy.props.CollectionProperty(
+        name="Via", description="The shapes between, of a chain", type=PointmorphShape
+    )
+    made_from: bpy.props.PointerProperty(
+        name="Made From",
+        description="The morph object of a mesh with the source's faces",
+        type=bpy.types.Object,
+    )
+    keeps_faces: bpy.props.BoolProperty(
+        name="Keeps Faces", description="It is a copy of the source's mesh that morphs"
+    )
+    follows: bpy.props.BoolProperty(
+        name="Follows",
+        description="Its points follow how the objects it was made from move and deform",
+    )
+    recipe: bpy.props.StringProperty(
+        name="Recipe",
+        description="All that it takes to compute the morph again, and to see whether that would "
+        "change anything, as JSON",
+    )
+    baked: bpy.props.StringProperty(
+        name="Baked", description="t and path of the shape keys that were baked here, as JSON"
+    )
+    state: bpy.props.StringProperty(
+        name="State",
+        description="CURRENT; STALE: something has changed since it was made; ORPHAN: something it "
+        "was made from is gone; UNKNOWN: made by an earlier version; empty for other objects. "
+        "Looked up when asked for",
+        get=_state,
+    )
+    stale: bpy.props.StringProperty(
+        name="Stale", description="In words, why the state isn't CURRENT", get=_stale
+    )
     discs_before: bpy.props.BoolProperty(
         name="Discs Before", description="The points were discs before distortion was shown"
     )
@@ -413,7 +474,13 @@ class PointmorphObject(bpy.types.PropertyGroup):
     )
 
 
-_classes = (PointmorphFeature, PointmorphLoopFeature, PointmorphScene, PointmorphObject)
+_classes = (
+    PointmorphFeature,
+    PointmorphLoopFeature,
+    PointmorphShape,
+    PointmorphScene,
+    PointmorphObject,
+)
 
 
 def register():

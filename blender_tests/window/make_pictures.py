@@ -16,20 +16,23 @@ DEMO = "Hound to Giraffe"
 
 @pytest.fixture
 def demo(window):
-    """The two animals of the menu, seen from the front left."""
+    """The two animals of the menu, from the front left, with room between them."""
     window.run(
         """
-import json
+from mathutils import Euler, Vector
+area.spaces[0].shading.type = "SOLID"
+area.spaces[0].shading.color_type = "VERTEX"
 with in_viewport():
     bpy.ops.pointmorph.add_demo()
-    area.spaces[0].shading.color_type = "VERTEX"
+    bpy.data.objects["Hound"].location.x = -2.2
+    bpy.data.objects["Giraffe"].location.x = 2.2
     view = area.spaces[0].region_3d
-    view.view_perspective = "PERSP"
-    import mathutils
-    view.view_rotation = mathutils.Euler((1.25, 0, 0.5)).to_quaternion()
+    view.view_perspective = "ORTHO"
+    view.view_rotation = Euler((1.35, 0, -0.6)).to_quaternion()
     for obj in bpy.data.objects: obj.select_set(True)
     bpy.ops.view3d.view_selected()
-    view.view_distance *= 0.8
+    view.view_distance *= 0.95
+    view.view_location += view.view_rotation @ Vector((0.7, 0, 0))
 scenes.select(bpy.data.objects["Hound"])
 """
     )
@@ -47,14 +50,16 @@ def take(window, name, part="all"):
         if cut.width > WIDTH:
             cut = cut.resize((WIDTH, round(cut.height * WIDTH / cut.width)), Image.LANCZOS)
         IMAGES.mkdir(exist_ok=True)
-        cut.quantize(128).save(IMAGES / f"{name}.png", optimize=True)
+        cut.quantize(256, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE).save(
+            IMAGES / f"{name}.png", optimize=True
+        )
 
 
 def morph(window):
     window.press_button(MORPH)
     window.wait(f"bpy.data.objects.get({DEMO!r}) is not None and not ({RUNNING})", seconds=60)
-    # Beside its parents the result is seen best.
-    window.run(f"bpy.data.objects[{DEMO!r}].location = (0, -2.5, 0)")
+    # Between its parents the result is seen best.
+    window.run(f"bpy.data.objects[{DEMO!r}].location = (0, 0, 0)")
 
 
 def set_value(window, value):

@@ -15,7 +15,7 @@ SCENE = """
 import json, sys
 folder = {folder!r}
 for name, file, x in (("Koala", "source", -1), ("Spot", "target", 1)):
-    if hasattr(bpy.ops.wm, "ply_import"):
+    if "ply_import" in dir(bpy.ops.wm):
         bpy.ops.wm.ply_import(filepath=f"{{folder}}/{{file}}.ply")
     else:
         bpy.ops.import_mesh.ply(filepath=f"{{folder}}/{{file}}.ply")
