@@ -18,6 +18,7 @@ def _sync(*_):
 def _start_anew(*_):
     """What is remembered about the file that was open before doesn't hold for another state."""
     session.problem = None
+    session.overtake()
     cuts.shown.clear()
     previewing.remove_left_over()
 

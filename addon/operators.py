@@ -12,7 +12,7 @@ from .computation import Earlier, compute
 from .jobs import Computing
 from .marking import say_what_was_found
 from .properties import feature_choices, sync_features
-from .reading import read_request
+from .reading import read_request_steps
 
 
 class POINTMORPH_OT_morph(Computing, bpy.types.Operator):
@@ -31,12 +31,13 @@ class POINTMORPH_OT_morph(Computing, bpy.types.Operator):
 
     stopped = "The morph was stopped"
     _value = 0.0  # of the key when the result comes
+    _shown = ""  # name of the coarse morph's object
 
-    def _begin(self, context):
-        request = self._request = self._read(context)
+    def _begin_steps(self, context):
+        request = self._request = yield from self._read(context)
         # A script gets the same whatever was done before it.
         earlier = session.earlier if self._in_window else None
-        self._first_look, self._shown = queue.SimpleQueue(), ""
+        self._first_look = queue.SimpleQueue()
         with_preview = self._in_window and preview.is_worth_it(request)
 
         def work(progress):
@@ -67,13 +68,14 @@ class POINTMORPH_OT_morph(Computing, bpy.types.Operator):
     def _read(self, context):
         """The request. What _finish needs is kept by name: objects move in memory on undo."""
         sync_features(context.scene)
-        request = read_request(context)
+        request = yield from read_request_steps(context)
         say_what_was_found(context.scene, request)
         source = context.scene.pointmorph.source
         self._origin = np.array(source.matrix_world.translation)
         self._source_matrix = transforms.relative_to(source.matrix_world, self._origin)
         self._names = request.source.name, request.target.name
-        self._recipe = remaking.take_down(
+        yield
+        self._recipe = yield from remaking.take_down_steps(
             [source, context.scene.pointmorph.target],
             [request],
             self._origin,

@@ -9,11 +9,8 @@ import numpy as np
 import pytest
 import scenes
 
-TIPS = [
-    "nose",
-    "tail",
-    *(f"{what}.{s}" for what in ("ear", "front foot", "hind foot") for s in "LR"),
-]
+PAIRS = ("ear.", "foot.F", "foot.H")
+TIPS = ["nose", "tail", *(what + side for what in PAIRS for side in "LR")]
 
 
 def test_the_demo_is_ready_to_be_morphed(settings):

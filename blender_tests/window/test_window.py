@@ -93,6 +93,7 @@ def test_settings_and_the_state_of_features(window):
     window.screenshot("settings")
     window.close_panel("POINTMORPH_PT_settings")
     window.press_button(MORPH)
+    window.wait("session().problem is not None")
     assert window.ask(f"{RESULT} is None and not ({RUNNING})")
     window.screenshot("error")
 
