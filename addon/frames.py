@@ -56,8 +56,9 @@ def read_morph(obj, settings):
     Raises
     ------
     CloudError
-        When the object lacks what it was made with.
+        When the object lacks what it was made with, or follows shapes that move.
     """
+    result.check_at_rest(obj, "frames")
     mesh = obj.data
     stages, keys = result.stages(obj), result.stage_keys(obj)
     missing = [name for name in _needed(stages) if name not in mesh.attributes]

@@ -7,7 +7,7 @@ import bpy
 import numpy as np
 import pointmorph
 
-from . import arrays, display, following, frames, remaking, result, session, transforms
+from . import arrays, display, frames, remaking, result, session, transforms
 from .computation import Earlier, compute
 from .features import PREFIX, description
 from .properties import feature_choices, feature_names, settings_values, sync_features
@@ -281,7 +281,6 @@ class POINTMORPH_OT_bake_shape_keys(bpy.types.Operator):
         if self.path == "SETTING":
             path = context.scene.pointmorph.path
         try:
-            following.check_at_rest(obj, "shape keys")
             if self.kind == "SOURCE":
                 changed = result.bake_source(obj, self.steps, path)
             else:
@@ -359,7 +358,6 @@ class POINTMORPH_OT_bake_frames(_Computing, bpy.types.Operator):
                 "Choose a later one.",
             )
         obj = active_result(context)
-        following.check_at_rest(obj, "frames")
         self._name = obj.name
         plan = self._plan = frames.Plan(
             self.frame_start, self.frame_end, self.step, self.easing, self.resample

@@ -337,11 +337,23 @@ def _new_key(obj, name):
 # --- Baking ---------------------------------------------------------------------------------------
 
 
+def check_at_rest(obj, what):
+    """Raises CloudError for a morph object that follows its shapes, which `what` can't hold."""
+    if obj.pointmorph.follows:
+        raise pointmorph.CloudError(
+            obj.name,
+            f"a morph at rest, because {what} can't follow the moving shapes",
+            "one that follows them",
+            "Turn Follow off to bake the shapes as they were morphed, or render the object itself.",
+        )
+
+
 def bake_pairs(obj, steps, path):
     """Adds `steps` shape keys to the morph object itself, from the source to the target.
 
     `path` is the library's setting of that name.
     """
+    check_at_rest(obj, "shape keys")
     names = _add_keys(obj, _way(obj, path), steps, stage_names(obj)[1:])
     baked = json.loads(obj.pointmorph.baked or "{}")
     baked.update({name: [t, path] for name, t in names.items()})
@@ -383,6 +395,7 @@ def bake_source(obj, steps, path):
     CloudError
         See `source_ways`; and when the source is linked from another file.
     """
+    check_at_rest(obj, "shape keys")
     source, places, normals, back = source_ways(obj)
     if source.data.library is not None:
         raise pointmorph.CloudError(
