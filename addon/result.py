@@ -78,8 +78,20 @@ def stage_keys(obj):
     return [keys.reference_key, *(keys.key_blocks[name] for name in names)]
 
 
+def check_whole(obj):
+    """Raises CloudError when a morph object lacks what it was made with."""
+    stage_keys(obj)
+    for stage in stages(obj):
+        for what in ("row", "normal", "color", "radius"):
+            if f"{stage}_{what}" not in obj.data.attributes:
+                raise pointmorph.CloudError(
+                    obj.name, f"the attribute {stage}_{what}", "none of that name", "Morph again."
+                )
+
+
 def stage_rows(obj):
     """(M,) int32 for every shape in order: its point in each pair."""
+    check_whole(obj)
     return [arrays.read_rows(obj.data, f"{stage}_row") for stage in stages(obj)]
 
 
@@ -256,7 +268,7 @@ def rebuild(obj, outcome):
     Returns
     -------
     list of str
-        Shape keys that couldn't follow.
+        What couldn't follow, in words.
     """
     keys = stage_keys(obj)
     positions = [end.positions for end in outcome.ends]
@@ -286,10 +298,15 @@ def rebuild(obj, outcome):
             arrays.write_key(key, positions[0] + by_row[outcome.source.rows])
         else:
             arrays.write_key(key, positions[0])
-            lost.append(name)
+            lost.append(lost_words(obj, name))
     _write_weights(obj, groups, outcome.source.rows)
     obj.update_tag()
     return lost
+
+
+def lost_words(obj, name):
+    """About a shape key that knows nothing of the points that there are now."""
+    return f'The shape key "{name}" of "{obj.name}" moves nothing any more: it has other points now'
 
 
 def _resize_points(mesh, count):
