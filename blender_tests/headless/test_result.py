@@ -625,6 +625,11 @@ def test_the_panel_looks_in_short_steps_and_again_after_a_change(addon, settings
     while watching.known_state(obj) is None:
         watching._look()
     assert watching.known_state(obj) == ("STALE", ['"Hill" was edited'])
+    source.name = "Mountain"
+    assert watching.known_state(obj) is None
+    while watching.known_state(obj) is None:
+        watching._look()
+    assert watching.known_state(obj) == ("STALE", ['"Mountain" was edited'])
     bpy.data.objects.remove(source)
     while watching.known_state(obj) is None:
         watching._look()
