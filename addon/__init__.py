@@ -22,17 +22,41 @@ if _library.is_dir() and str(_library) not in sys.path:
     sys.path.insert(0, str(_library))
 
 from . import (  # noqa: E402
+    baking,
+    clicking,
+    cuts,
+    first_use,
     handlers,
+    markers,
+    marking,
     operators,
     panels,
+    picking,
     properties,
     result_operators,
     result_panels,
+    translations,
     watching,
 )
 
 # In this order: the others use the properties.
-_modules = (properties, operators, result_operators, panels, result_panels, handlers, watching)
+_modules = (
+    properties,
+    markers,
+    picking,
+    marking,
+    clicking,
+    cuts,
+    operators,
+    baking,
+    result_operators,
+    panels,
+    result_panels,
+    first_use,
+    handlers,
+    watching,
+    translations,
+)
 
 
 def register():

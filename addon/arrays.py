@@ -78,6 +78,14 @@ def write_attribute(geometry, name, values):
     _write(attribute.data, _VALUES[kind][0], values, np.int32 if whole else np.float32)
 
 
+def write_corner_colors(mesh, name, colors):
+    """A new attribute of 8 bits a channel at the corners of the faces, from (N, 4) linear colours
+    of the vertices."""
+    corners = _read(mesh.loops, "vertex_index", 1, np.int32)
+    attribute = mesh.attributes.new(name, "BYTE_COLOR", "CORNER")
+    _write(attribute.data, "color", colors[corners])
+
+
 def by_row(rows, values):
     """(N, …) from (M, …): what the pairs of a point say, which all say the same."""
     result = np.zeros((rows.max() + 1, *values.shape[1:]), values.dtype)
@@ -204,11 +212,21 @@ def selected_vertices(mesh):
     return np.flatnonzero(_read(mesh.vertices, "select", 1, bool))
 
 
-def fill_mesh(mesh, positions):
-    """Gives an empty mesh these vertices, and nothing else."""
+def fill_mesh(mesh, positions, triangles=None):
+    """Gives an empty mesh these vertices and smooth faces, and nothing else."""
     mesh.vertices.add(len(positions))
     _write(mesh.vertices, "co", positions)
-    mesh.update()
+    if triangles is not None:
+        count = len(triangles)
+        mesh.loops.add(3 * count)
+        _write(mesh.loops, "vertex_index", triangles, np.int32)
+        mesh.polygons.add(count)
+        _write(mesh.polygons, "loop_start", np.arange(0, 3 * count, 3), np.int32)
+        total = mesh.polygons[0].bl_rna.properties["loop_total"] if count else None
+        if total is not None and not total.is_readonly:  # before Blender 3.6
+            _write(mesh.polygons, "loop_total", np.full(count, 3), np.int32)
+        _write(mesh.polygons, "use_smooth", np.ones(count), bool)
+    mesh.update(calc_edges=triangles is not None)
 
 
 def move_vertices(mesh, positions):
@@ -250,3 +268,10 @@ def cloud_colors(cloud):
         of_points = (point_attribute(cloud, a.name, *kinds) for a in cloud.attributes)
         attribute = next(filter(None, of_points), None)
     return None if attribute is None else read_attribute(attribute)
+
+
+def mark_points(cloud, name, rows):
+    """A new point attribute that is 1 at these rows and 0 elsewhere."""
+    values = np.zeros(len(cloud.points), np.float32)
+    values[rows] = 1.0
+    write_attribute(cloud, name, values)

@@ -13,6 +13,7 @@ COLOR = "Color"
 NORMAL = "Normal"
 RADIUS = "Radius"  # in small letters it would be a point cloud's own, which a mesh hasn't
 VELOCITY = "velocity"  # by frame; Cycles blurs by it
+FILE_ID = "point_id"  # in files that don't keep "id"
 
 # How bad the map is at a pair: 0 is perfect, over 1 is bad.
 DISTORTION = "distortion"
@@ -76,8 +77,18 @@ def add_frames_modifier(obj, collection, plan, created):
     modifier = obj.modifiers.new(MODIFIER, "NODES")
     modifier.node_group = group
     values = {"Collection": collection, "First": plan.first, "Step": plan.step}
+    values["Vertices"] = plan.faces
     for name, value in values.items():
         modifier[input_identifier(group, name)] = value
+
+
+def remove_unused():
+    """Takes the group of nodes and the material out of the file where nothing shows points."""
+    group, material = bpy.data.node_groups.get(NAME), bpy.data.materials.get(NAME)
+    if group is not None and group.users == 0:
+        bpy.data.node_groups.remove(group)
+        if material is not None and material.users == 0:
+            bpy.data.materials.remove(material)
 
 
 def frames_collection(obj):
@@ -338,7 +349,10 @@ def _frames_group(material, created):
     new_input(group, "NodeSocketInt", "Step", "Frames from one mesh to the next", default_value=1)
     _new_splat_inputs(group)
     new_input(
-        group, "NodeSocketBool", "Vertices", "Shows bare vertices, for formats without points"
+        group,
+        "NodeSocketBool",
+        "Vertices",
+        "Shows the meshes as they are: bare vertices, for formats without points, or their faces",
     )
     new_output(group, "NodeSocketGeometry", "Geometry")
 
@@ -381,9 +395,9 @@ def _frames_group(material, created):
     points = build.node("GeometryNodeMeshToPoints", {"Mesh": geometry, "Radius": radius})
     discs = _discs(build, geometry, build.attribute(NORMAL, "FLOAT_VECTOR"), radius)
     shown = switch(build, "GEOMETRY", inputs["Discs"], points.outputs[0], discs)
-    finished = build.node("GeometryNodeSetMaterial", {"Geometry": shown, "Material": material})
-    either = switch(build, "GEOMETRY", inputs["Vertices"], finished.outputs["Geometry"], geometry)
-    build.node("NodeGroupOutput", {"Geometry": either})
+    either = switch(build, "GEOMETRY", inputs["Vertices"], shown, geometry)
+    finished = build.node("GeometryNodeSetMaterial", {"Geometry": either, "Material": material})
+    build.node("NodeGroupOutput", {"Geometry": finished.outputs["Geometry"]})
     return group
 
 
@@ -434,7 +448,8 @@ def _or_distortion(build, inputs, color, distortion):
 def _material(created):
     material = bpy.data.materials.new(NAME)
     created(material)
-    material.use_nodes = True
+    if material.node_tree is None:  # before Blender 5.0
+        material.use_nodes = True
     tree = material.node_tree
     surface = next(node for node in tree.nodes if node.type == "BSDF_PRINCIPLED")
     surface.inputs["Roughness"].default_value = 0.6

@@ -1,16 +1,18 @@
 """Frames of a morph object, each with as many points as it takes: in the scene, and files.
 
-In the scene each frame is a mesh without faces, all in one collection that isn't in the scene; an
-object of its own shows the one of the present frame as a point cloud.
+In the scene each frame is a mesh, without faces unless they are asked for, all in one collection
+that isn't in the scene; an object of its own shows the one of the present frame, points as a point
+cloud.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import bpy
 import numpy as np
 import pointmorph
 import pointmorph.sequences
+import pointmorph.surfaces
 
 from . import arrays, chains, display, result
 
@@ -22,9 +24,12 @@ EASINGS = {
 }
 
 SUFFIXES = {"USD": "usdc", "ALEMBIC": "abc"}
-LOSSES = {
-    "USD": "USD keeps positions, radius and colour: normals and material are lost",
-    "ALEMBIC": "Alembic keeps positions only: colour, normal and radius are lost",
+# By format and whether there are faces.
+_LOSSES = {
+    ("USD", False): f'the material and the attribute id, which stands under "{display.FILE_ID}"',
+    ("USD", True): "nothing but custom names of the material's nodes",
+    ("ALEMBIC", False): "colour, normal, radius and id",
+    ("ALEMBIC", True): "the material; colours have 8 bits a channel",
 }
 
 _USD_WITH_POINTS = (4, 5, 0)
@@ -39,6 +44,7 @@ class Plan:
     step: int
     easing: str
     resample: bool
+    faces: bool
 
     def numbers(self):
         return range(self.first, self.last + 1, self.step)
@@ -86,19 +92,24 @@ def read_morph(obj, settings):
 
 
 def compute(morph, plan, progress):
-    """All frames, for the scene: `ResampledFrame`s, or what stands for them without new points."""
+    """All frames, for the scene: `ResampledFrame`s, what stands for them without new points, or
+    `Surface`s; velocities are by frame."""
     morph.inserted(progress)
+    through = pointmorph.surfaces.Surfaces(morph).through if plan.faces else None
     times = plan.times()
-    frames = []
-    for done, t in enumerate(times):
-        if progress("frames", done / len(times)) is False:
-            raise pointmorph.Cancelled("The frames were cancelled.")
-        frames.append(_frame(morph, t, plan.resample))
-    return frames
+    grows = np.gradient(np.array(times)) / plan.step if len(times) > 1 else np.zeros(1)
+
+    def make(k, stopped):
+        frame = _frame(morph, times[k], plan.resample, stopped)
+        by_frame = (frame.velocities * grows[k]).astype(frame.positions.dtype)
+        frame = replace(frame, velocities=by_frame)
+        return through(frame, times[k], stopped) if through else frame
+
+    return list(pointmorph.sequences.in_order(make, len(times), progress))
 
 
-def _frame(morph, t, resample):
-    frame = morph.resampled_frame(t)
+def _frame(morph, t, resample, stopped):
+    frame = morph.resampled_frame(t, lambda *_: not stopped())
     if resample:
         return frame
     pairs = len(morph.pairs)
@@ -115,6 +126,7 @@ def write_files(morph, plan, folder, progress):
         first=plan.first,
         step=plan.step,
         resample=plan.resample,
+        mesh="ply" if plan.faces else None,
         resume=True,
         progress=progress,
     )
@@ -138,31 +150,37 @@ def make_folder(path):
 # --- In the scene ---------------------------------------------------------------------------------
 
 
-def build(context, obj, plan, frames):
-    """Makes the object that shows the frames; all of it or nothing. Returns the object."""
+def build(context, obj, plan, frames, kind="SCENE"):
+    """Makes the object that shows the frames; all of it or nothing. Returns the object.
+
+    `kind` is the format that it's for.
+    """
     name = f"{obj.name} {COLLECTION}"
-    # Velocity by t, to that by frame.
-    times = np.array(plan.times())
-    grows = np.gradient(times) / plan.step if len(times) > 1 else np.zeros(1)
     with result.all_or_nothing() as created:
         collection = bpy.data.collections.new(name)
         created(collection)
-        for number, (frame, grow) in enumerate(zip(frames, grows, strict=True)):
+        for number, frame in enumerate(frames):
             # In the order of their names: that of the instances.
             mesh = bpy.data.meshes.new(f"{name} {number:06d}")
             created(mesh)
-            arrays.fill_mesh(mesh, frame.positions)
-            arrays.write_attribute(mesh, display.COLOR, frame.colors)
-            arrays.write_attribute(mesh, display.NORMAL, frame.normals)
-            arrays.write_attribute(mesh, display.RADIUS, frame.radii)
-            arrays.write_attribute(mesh, display.VELOCITY, (frame.velocities * grow))
-            arrays.write_attribute(mesh, "id", frame.ids)
+            arrays.fill_mesh(mesh, frame.positions, frame.faces if plan.faces else None)
+            arrays.write_attribute(mesh, display.VELOCITY, frame.velocities)
+            if plan.faces and kind == "ALEMBIC":
+                arrays.write_corner_colors(mesh, display.COLOR, frame.colors)
+            else:
+                arrays.write_attribute(mesh, display.COLOR, frame.colors)
+            if not plan.faces:
+                arrays.write_attribute(mesh, display.NORMAL, frame.normals)
+                arrays.write_attribute(mesh, display.RADIUS, frame.radii)
+                # Blender's USD loses an attribute "id".
+                id_name = display.FILE_ID if kind == "USD" else "id"
+                arrays.write_attribute(mesh, id_name, frame.ids)
             one = bpy.data.objects.new(mesh.name, mesh)
             created(one)
             collection.objects.link(one)
-        cloud = bpy.data.pointclouds.new(name)
-        created(cloud)
-        player = bpy.data.objects.new(name, cloud)
+        data = (bpy.data.meshes if plan.faces else bpy.data.pointclouds).new(name)
+        created(data)
+        player = bpy.data.objects.new(name, data)
         created(player)
         player.matrix_world = obj.matrix_world
         display.add_frames_modifier(player, collection, plan, created)
@@ -170,10 +188,15 @@ def build(context, obj, plan, frames):
     return player
 
 
-def check_format(kind):
-    """Raises OptionError when this Blender can't write point clouds that way."""
+def losses(kind, faces):
+    """What a file of that kind doesn't keep, in words."""
+    return f"{kind.capitalize() if kind == 'ALEMBIC' else kind} loses {_LOSSES[kind, faces]}"
+
+
+def check_format(kind, faces):
+    """Raises OptionError when this Blender can't write points, or meshes, that way."""
     version = "Blender " + ".".join(map(str, bpy.app.version[:2]))
-    if kind == "USD" and bpy.app.version < _USD_WITH_POINTS:
+    if kind == "USD" and not faces and bpy.app.version < _USD_WITH_POINTS:
         raise pointmorph.OptionError(
             "format",
             "Blender 4.5 or later for USD",
@@ -192,7 +215,8 @@ def export(context, player, plan, path, kind):
     scene = context.scene
     was = scene.frame_start, scene.frame_end, scene.frame_current
     selected = [o for o in context.view_layer.objects if o.select_get()]
-    shown = display.frames_as_vertices(player) if kind == "ALEMBIC" else player
+    as_vertices = kind == "ALEMBIC" and not plan.faces
+    shown = display.frames_as_vertices(player) if as_vertices else player
     if shown is not player:
         context.collection.objects.link(shown)
     try:
@@ -210,6 +234,7 @@ def export(context, player, plan, path, kind):
                 start=plan.first,
                 end=plan.last,
                 selected=True,
+                vcolors=True,
                 as_background_job=False,
             )
         if not temporary.is_file():

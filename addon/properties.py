@@ -4,6 +4,8 @@
 under the library's own names. `object.pointmorph` says of a morph object what it was made from.
 """
 
+import colorsys
+
 import bpy
 import numpy as np
 import pointmorph
@@ -76,6 +78,15 @@ def _forget(feature, context):
     feature.found = ""
 
 
+def color_of(number):
+    """(3,) sRGB of the feature that stands at this place of the list; neighbours differ."""
+    return colorsys.hsv_to_rgb((0.02 + number * 0.381966) % 1.0, 0.75, 1.0)
+
+
+def _color(feature):
+    return color_of(feature.id_data.pointmorph.features.find(feature.name))
+
+
 class PointmorphFeature(bpy.types.PropertyGroup):
     """A place that source and target have in common."""
 
@@ -94,6 +105,18 @@ class PointmorphFeature(bpy.types.PropertyGroup):
     )
     on_target: bpy.props.BoolProperty(
         name="On Target", description="The target has the vertex group of this feature"
+    )
+    use: bpy.props.BoolProperty(
+        name="Use",
+        description="Off: the morph takes no notice of this feature, and its marks stay",
+        default=True,
+    )
+    color: bpy.props.FloatVectorProperty(
+        name="Color",
+        description="The colour of its marks in the viewport",
+        subtype="COLOR_GAMMA",
+        size=3,
+        get=_color,
     )
     confidence: bpy.props.FloatProperty(
         name="Confidence",
@@ -164,7 +187,9 @@ class PointmorphFeature(bpy.types.PropertyGroup):
 def feature_choices(settings):
     """By name, what the user wants features to be."""
     return {
-        item.marked_name: Choice(item.kind, item.hold, float(str(np.float32(item.weight))))
+        item.marked_name: Choice(
+            item.kind, item.hold, float(str(np.float32(item.weight))), item.use
+        )
         for item in settings.features
     }
 
@@ -246,6 +271,20 @@ def settings_values(settings):
     return values
 
 
+# --- Baking ---------------------------------------------------------------------------------------
+
+FORMATS = [
+    ("SCENE", "In the Scene", "An object that shows the frame of the scene"),
+    ("PLY", "PLY Files", "One file a frame with all there is, id and velocity too"),
+    ("USD", "USD", "One file with all there is. Points from Blender 4.5 on"),
+    ("ALEMBIC", "Alembic", "One file: positions, as vertices, and velocity"),
+]
+EASINGS = [
+    ("LINEAR", "Even", "At the same speed all the time"),
+    ("SMOOTH", "Smooth", "Begins and ends slowly"),
+]
+
+
 # --- The scene and the morph objects --------------------------------------------------------------
 
 
@@ -292,10 +331,52 @@ class PointmorphScene(bpy.types.PropertyGroup):
     active_feature: bpy.props.IntProperty(
         name="Active Feature", description="The feature that is chosen in the list"
     )
+    show_markers: bpy.props.BoolProperty(
+        name="Markers",
+        description="Show the marks of all features in the viewport, numbered as in the list; pale "
+        "on the far side",
+        default=True,
+    )
     loop: bpy.props.CollectionProperty(
         name="Loop",
         description="Features, in order, through which a closed model is cut",
         type=PointmorphLoopFeature,
+    )
+    active_loop: bpy.props.IntProperty(
+        name="Active", description="The feature of the loop that is chosen in its list"
+    )
+    bake_as: bpy.props.EnumProperty(
+        name="Bake As",
+        description="What the morph becomes",
+        items=[
+            ("KEYS", "Shape Keys", "Keys on the source mesh, or on the morph object"),
+            ("FRAMES", "Frames", "A cloud for each frame, in the scene or as files"),
+        ],
+        default="KEYS",
+    )
+    frames_format: bpy.props.EnumProperty(
+        name="Format", description="Where the frames go", items=FORMATS, default="SCENE"
+    )
+    frames_directory: bpy.props.StringProperty(
+        name="Folder",
+        description="Folder for the files; // is that of the blend file",
+        subtype="DIR_PATH",
+        default="//frames",
+    )
+    frames_easing: bpy.props.EnumProperty(
+        name="Easing",
+        description="How the morph runs over the frames",
+        items=EASINGS,
+        default="LINEAR",
+    )
+    frames_resample: bpy.props.BoolProperty(
+        name="Re-sample", description="Put new points where there would be cracks", default=True
+    )
+    frames_faces: bpy.props.BoolProperty(
+        name="Faces",
+        description="A mesh for every frame, the surface through its points, instead of points. "
+        "Needs pymeshlab and scipy in Blender's Python",
+        default=False,
     )
     via: bpy.props.CollectionProperty(
         name="Via",
@@ -343,6 +424,10 @@ class PointmorphObject(bpy.types.PropertyGroup):
         name="Source Matrix",
         description="Rotation and scale of the source when the morph was made, row by row",
         size=9,
+    )
+    is_preview: bpy.props.BoolProperty(
+        name="Preview",
+        description="A coarse morph that is shown until the whole one is there",
     )
     via: bpy.props.CollectionProperty(
         name="Via", description="The shapes between, of a chain", type=PointmorphShape

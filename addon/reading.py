@@ -22,16 +22,28 @@ def read_request(context):
     PointmorphError
         In words for the user, with the object's name.
     """
+    steps = read_request_steps(context)
+    while True:
+        try:
+            next(steps)
+        except StopIteration as end:
+            return end.value
+
+
+def read_request_steps(context):
+    """The same as a generator, which takes long for large shapes: it yields after each."""
     settings = context.scene.pointmorph
     update(context, settings.source, settings.target)
+    yield
     origin = np.array(settings.source.matrix_world.translation)
-    shapes = [
-        read_shape(context, settings.source, origin, as_shown=False),
-        read_shape(context, settings.target, origin, as_shown=True),
-    ]
+    source = read_shape(context, settings.source, origin, as_shown=False)
+    yield
+    target = read_shape(context, settings.target, origin, as_shown=True)
+    yield
     return Request(
-        *shapes,
-        features=match(*shapes, feature_choices(settings)),
+        source,
+        target,
+        features=match(source, target, feature_choices(settings)),
         loop=[feature.name for feature in settings.loop],
         settings=settings_values(settings),
     )

@@ -125,7 +125,10 @@ def fingerprint_steps(obj, origin, as_shown):
     if obj.type == "MESH":
         positions = arrays.basis_positions(data)
         color = data.color_attributes.active_color
-        parts = [positions, arrays.mesh_edges(data), arrays.mesh_corners(data)]
+        yield
+        parts = [positions, arrays.mesh_edges(data)]
+        yield
+        parts.append(arrays.mesh_corners(data))
         groups = {
             group.index: group.name[len(PREFIX) :]
             for group in obj.vertex_groups
@@ -180,7 +183,12 @@ def _of_points(cloud):
 
 
 def take_down(shapes, requests, origin, choices):
-    """The recipe of a morph that is about to be computed.
+    """What `take_down_steps` returns, at once."""
+    return _finish(take_down_steps(shapes, requests, origin, choices))
+
+
+def take_down_steps(shapes, requests, origin, choices):
+    """The recipe of a morph that is about to be computed; a generator that yields often.
 
     Parameters
     ----------
@@ -192,7 +200,7 @@ def take_down(shapes, requests, origin, choices):
         See `properties.feature_choices`.
     """
     return {
-        "shapes": _finish(_prints_of(shapes, origin)),
+        "shapes": (yield from _prints_of(shapes, origin)),
         "origin": [float(x) for x in origin],
         "settings": requests[0].settings,
         "features": _plain_choices(choices),

@@ -6,8 +6,9 @@ import bpy
 import pointmorph
 
 from . import carrying, chains, following, remaking, result, session
+from .checks import activate, active_result, fail
 from .computation import Earlier
-from .operators import _activate, _Computing, active_result, fail
+from .jobs import Computing
 from .properties import feature_choices, settings_values, sync_features
 from .reading import TYPES
 
@@ -57,7 +58,7 @@ class _OnResult:
             return fail(self, error)
 
 
-class POINTMORPH_OT_recompute(_Computing, bpy.types.Operator):
+class POINTMORPH_OT_recompute(Computing, bpy.types.Operator):
     """Compute this morph again in place, from the objects as they are now. Name, t with its keys
     and drivers, materials and baked keys stay"""
 
@@ -155,7 +156,7 @@ class POINTMORPH_OT_make_mesh(_OnResult, bpy.types.Operator):
 
     def change(self, context, obj):
         copy = carrying.make_mesh(context, obj)
-        _activate(context.view_layer.objects, copy)
+        activate(context.view_layer.objects, copy)
         self.report({"INFO"}, f'"{copy.name}" has the faces of "{obj.pointmorph.source.name}"')
         return {"FINISHED"}
 
@@ -289,7 +290,7 @@ class POINTMORPH_OT_change_chain(bpy.types.Operator):
         return {"FINISHED"}
 
 
-class POINTMORPH_OT_morph_chain(_Computing, bpy.types.Operator):
+class POINTMORPH_OT_morph_chain(Computing, bpy.types.Operator):
     """Compute the morph from the source over all the shapes between to the target, as one object.
     In a window Blender stays usable; Esc stops it"""
 
@@ -327,7 +328,7 @@ class POINTMORPH_OT_morph_chain(_Computing, bpy.types.Operator):
             via,
         )
         remaking.remember(obj, self._plan.recipe, outcome)
-        _activate(context.view_layer.objects, obj)
+        activate(context.view_layer.objects, obj)
         for warning in outcome.report["warnings"]:
             self.report({"WARNING"}, warning)
         report = outcome.report

@@ -1,11 +1,9 @@
 """The sidebar's part about the morph object that is there, and about chains."""
 
-import textwrap
-
 import bpy
 
 from . import remaking, result, watching
-from .panels import _characters, _Panel
+from .panels import Panel, say
 from .result_operators import made_object
 
 
@@ -16,8 +14,9 @@ class POINTMORPH_UL_shapes(bpy.types.UIList):
         layout.prop(item, "object", text="", icon="OBJECT_DATA")
 
 
-class POINTMORPH_PT_chain(_Panel, bpy.types.Panel):
+class POINTMORPH_PT_chain(Panel, bpy.types.Panel):
     bl_label = "Chain"
+    bl_order = 4
     bl_options = {"DEFAULT_CLOSED"}
 
     def draw(self, context):
@@ -34,8 +33,9 @@ class POINTMORPH_PT_chain(_Panel, bpy.types.Panel):
         layout.operator("pointmorph.morph_chain")
 
 
-class POINTMORPH_PT_morph_object(_Panel, bpy.types.Panel):
+class POINTMORPH_PT_morph_object(Panel, bpy.types.Panel):
     bl_label = "Morph Object"
+    bl_order = 6
 
     @classmethod
     def poll(cls, context):
@@ -76,8 +76,7 @@ class POINTMORPH_PT_morph_object(_Panel, bpy.types.Panel):
         box = self.layout.box().column(align=True)
         box.label(text=heads[state], icon="ERROR")
         for reason in reasons:
-            for line in textwrap.wrap(reason, _characters(context)):
-                box.label(text=line)
+            say(box, context, reason, "BLANK1")
 
 
 _classes = (POINTMORPH_UL_shapes, POINTMORPH_PT_chain, POINTMORPH_PT_morph_object)

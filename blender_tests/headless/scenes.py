@@ -88,6 +88,7 @@ def attribute(geometry, name):
         "FLOAT": ("value", 1, np.float32),
         "FLOAT_VECTOR": ("vector", 3, np.float32),
         "FLOAT_COLOR": ("color", 4, np.float32),
+        "BYTE_COLOR": ("color", 4, np.float32),
     }
     item = geometry.attributes[name]
     return read(item.data, *kinds[item.data_type])

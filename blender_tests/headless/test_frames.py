@@ -1,9 +1,12 @@
 """Frames in the scene and in files."""
 
+import sys
+
 import bpy
 import numpy as np
+import pointmorph
 import pytest
-from pointmorph import formats
+from pointmorph import formats, surfaces
 from scenes import (
     add_mesh,
     attribute,
@@ -115,24 +118,142 @@ def test_ply_files_go_on_where_they_were_stopped(torn, tmp_path):
     assert [file for file in files if again[file] != times[file]] == [files[3]]
 
 
-def test_alembic_and_usd(torn, tmp_path):
+def read_back(kind, file):
+    """The object with the geometry of a file that was baked."""
+    before = set(bpy.data.objects)
+    reader = bpy.ops.wm.usd_import if kind == "USD" else bpy.ops.wm.alembic_import
+    assert reader(filepath=str(file)) == {"FINISHED"}
+    (read,) = [o for o in set(bpy.data.objects) - before if o.type in {"MESH", "POINTCLOUD"}]
+    return read
+
+
+def geometry(obj, frame):
+    """What an object shows at a frame: its data, evaluated; valid until the frame changes."""
+    bpy.context.scene.frame_set(frame)
+    return obj.evaluated_get(bpy.context.evaluated_depsgraph_get()).data
+
+
+def can_write(kind, faces):
+    """Whether this Blender can; when it can't, a bake must have said so."""
+    if kind == "ALEMBIC":
+        return "alembic_export" in dir(bpy.ops.wm)  # Debian builds 3.4 without it
+    return bpy.app.version >= ((4, 2, 0) if faces else (4, 5, 0))
+
+
+FILES = {"USD": "Whole_to_Torn.usdc", "ALEMBIC": "Whole_to_Torn.abc"}
+
+
+@pytest.mark.parametrize("kind", FILES)
+def test_points_come_back_from_files(torn, tmp_path, kind):
     before = data_blocks()
-    if "alembic_export" in dir(bpy.ops.wm):
-        assert bake(format="ALEMBIC", directory=str(tmp_path)) == {"FINISHED"}
-        file = tmp_path / "Whole_to_Torn.abc"
-        assert file.stat().st_size > 9 * 12 * len(torn.data.vertices)
-    else:  # as Debian builds it
-        with pytest.raises(RuntimeError, match="Alembic"):
-            bake(format="ALEMBIC", directory=str(tmp_path))
-    if bpy.app.version < (4, 5, 0):
-        with pytest.raises(RuntimeError, match="Blender 4.5"):
-            bake(format="USD", directory=str(tmp_path))
-    else:
-        assert bake(format="USD", directory=str(tmp_path)) == {"FINISHED"}
-        assert (tmp_path / "Whole_to_Torn.usdc").stat().st_size > 10000
-    left = {name for name in data_blocks() ^ before if "Pointmorph" not in str(name)}
-    assert not left
-    assert not list(tmp_path.glob("*part*"))
+    if not can_write(kind, faces=False):
+        with pytest.raises(RuntimeError, match="Blender"):
+            bake(format=kind, directory=str(tmp_path))
+        return
+    assert bake(format=kind, directory=str(tmp_path)) == {"FINISHED"}
+    assert [file.name for file in tmp_path.iterdir()] == [FILES[kind]]
+    assert not {name for name in data_blocks() ^ before if "Pointmorph" not in str(name)}
+
+    bake()
+    player = bpy.context.view_layer.objects.active
+    read = read_back(kind, tmp_path / FILES[kind])
+    for frame in (1, 5, 6, 9):
+        positions, radii, colors = shown(player, frame)
+        expected = player.evaluated_get(bpy.context.evaluated_depsgraph_get()).data
+        velocities, ids = attribute(expected, "velocity"), attribute(expected, "id")
+        normals = attribute(expected, "Normal")
+        data = geometry(read, frame)
+        points = data.points if kind == "USD" else data.vertices
+        np.testing.assert_allclose(coordinates(points), positions, atol=1e-6)
+        np.testing.assert_allclose(attribute(data, "velocity"), velocities, atol=1e-6)
+        if kind == "USD":
+            np.testing.assert_allclose(attribute(data, "radius"), radii, rtol=1e-6)
+            np.testing.assert_allclose(attribute(data, "Color"), colors, atol=1e-6)
+            np.testing.assert_allclose(attribute(data, "Normal"), normals, atol=1e-6)
+            np.testing.assert_array_equal(attribute(data, "point_id"), ids)
+
+
+def is_closed_but_for_the_border(data):
+    """Whether every edge has one or two faces, and few have one."""
+    loops = np.empty(len(data.loops), np.int32)
+    data.loops.foreach_get("edge_index", loops)
+    counts = np.bincount(loops, minlength=len(data.edges))
+    return counts.min() >= 1 and counts.max() == 2 and (counts == 1).mean() < 0.15
+
+
+def makes_surfaces():
+    try:
+        surfaces.check_available()
+    except pointmorph.OptionError:
+        return False
+    return True
+
+
+@pytest.mark.parametrize("kind", ["SCENE", *FILES])
+def test_faces_on_request(torn, tmp_path, kind):
+    if not makes_surfaces():
+        pytest.skip("this Python has no pymeshlab and scipy that fit its numpy")
+    if kind != "SCENE" and not can_write(kind, faces=True):
+        pytest.skip(f"this Blender writes no {kind}")
+    before = data_blocks()
+    bake(step=4, faces=True)
+    player = bpy.context.view_layer.objects.active
+    assert player.type == "MESH"
+    expected = {}
+    for frame in (1, 5, 9):
+        data = geometry(player, frame)
+        assert is_closed_but_for_the_border(data)
+        used = data.materials[data.polygons[0].material_index]
+        assert used.name == "Pointmorph Points"
+        assert all(polygon.use_smooth for polygon in data.polygons)
+        kept = attribute(data, "Color"), attribute(data, "velocity")
+        expected[frame] = (coordinates(data.vertices), len(data.polygons), *kept)
+    if kind == "SCENE":
+        assert len({len(positions) for positions, *_ in expected.values()}) == 3
+        return
+    bpy.context.view_layer.objects.active = torn
+    bake(step=4, faces=True, format=kind, directory=str(tmp_path))
+    assert [file.name for file in tmp_path.iterdir()] == [FILES[kind]]
+    read = read_back(kind, tmp_path / FILES[kind])
+    for frame, (positions, faces, colors, velocities) in expected.items():
+        data = geometry(read, frame)
+        np.testing.assert_allclose(coordinates(data.vertices), positions, atol=1e-6)
+        assert len(data.polygons) == faces
+        np.testing.assert_allclose(attribute(data, "velocity"), velocities, atol=1e-6)
+        back = attribute(data, "Color")
+        if kind == "ALEMBIC":
+            corners = np.empty(len(data.loops), np.int32)
+            data.loops.foreach_get("vertex_index", corners)
+            colors = colors[corners]
+        np.testing.assert_allclose(back, colors, atol=0.01 if kind == "ALEMBIC" else 1e-6)
+    assert len(data_blocks()) > len(before)
+
+
+def test_faces_beside_ply_points_and_without_the_library(torn, tmp_path, monkeypatch):
+    if makes_surfaces():
+        bake(step=8, faces=True, format="PLY", directory=str(tmp_path))
+        mesh = formats.read(tmp_path / "mesh_0001.ply")
+        assert mesh.faces is not None
+        assert (tmp_path / "frame_0009.ply").exists()
+        monkeypatch.setitem(sys.modules, "pymeshlab", None)
+    before = data_blocks()
+    for kind in ("SCENE", "PLY"):
+        with pytest.raises(RuntimeError, match="pip install pymeshlab"):
+            bake(faces=True, format=kind, directory=str(tmp_path))
+    assert data_blocks() == before
+
+
+def test_a_file_that_cannot_be_written_leaves_nothing(torn, tmp_path):
+    kind = next((kind for kind in FILES if can_write(kind, faces=False)), None)
+    if kind is None:
+        pytest.skip("this Blender writes neither")
+    (tmp_path / FILES[kind]).mkdir()
+    (tmp_path / FILES[kind] / "full").touch()
+    before = data_blocks()
+    with pytest.raises(RuntimeError, match="can be written"):
+        bake(format=kind, directory=str(tmp_path))
+    assert [file.name for file in tmp_path.iterdir()] == [FILES[kind]]
+    assert not {name for name in data_blocks() ^ before if "Pointmorph" not in str(name)}
 
 
 def test_what_cannot_be_baked_says_so(morphed, tmp_path):

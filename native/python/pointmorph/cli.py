@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from pointmorph import __version__, formats, morphing, sampling, sequences
+from pointmorph import __version__, formats, morphing, sampling, sequences, surfaces
 from pointmorph.clouds import Cloud, FloatArray
 from pointmorph.errors import FeatureError, FileError, OptionError, PointmorphError
 from pointmorph.features import Feature, feature_from_json
@@ -68,6 +68,12 @@ def _parser() -> argparse.ArgumentParser:
         "--resample",
         action="store_true",
         help="write frames without cracks, with new points where some are missing, id and velocity",
+    )
+    morph.add_argument(
+        "--mesh",
+        choices=[suffix[1:] for suffix in formats.WRITTEN_MESH_SUFFIXES],
+        help="write for every frame also a mesh of this kind, mesh_0000 …: a surface through the "
+        "points. Needs pymeshlab and scipy",
     )
     propose = commands.add_parser(
         "propose",
@@ -211,6 +217,8 @@ def _nearest_row(positions: FloatArray, place: FloatArray) -> int:
 
 
 def _morph(chosen: argparse.Namespace) -> None:
+    if chosen.mesh is not None:
+        surfaces.check_available()
     features, loop = read_features(chosen.features) if chosen.features else ({}, [])
     shapes = _read_shapes(chosen)
     _make_folder(chosen.out)
@@ -220,7 +228,7 @@ def _morph(chosen: argparse.Namespace) -> None:
         result = morphing.morph(
             clouds[0], clouds[1], features, loop=loop, progress=progress, **_settings(chosen)
         )
-        counts = _write(chosen.out, result, chosen.frames, chosen.resample, progress)
+        counts = _write(chosen, result, progress)
         result.measure_quality(progress)
     report = dict(result.report)
     if chosen.resample:
@@ -295,16 +303,13 @@ def _make_folder(folder: Path) -> None:
 
 
 def _write(
-    folder: Path,
-    result: morphing.Morph,
-    frames: int,
-    resample: bool,
-    progress: morphing.Progress,
+    chosen: argparse.Namespace, result: morphing.Morph, progress: morphing.Progress
 ) -> list[int]:
     """Pairs, both clouds and the frames; returns how many points these have.
 
     Frames of an earlier run that had more are removed.
     """
+    folder: Path = chosen.out
     with formats.whole_file(folder / "pairs.npy") as file:
         np.save(file, result.pairs)
     frame = result.empty_frame()
@@ -318,8 +323,10 @@ def _write(
         positions = cloud.positions.astype(frame.positions.dtype, copy=False)
         formats.write_ply(folder / f"{name}.ply", positions, normals, colors, radii)
 
-    times = [number / (frames - 1) for number in range(frames)]
-    return sequences.write_frames(result, folder, times, resample=resample, progress=progress)
+    times = [number / (chosen.frames - 1) for number in range(chosen.frames)]
+    return sequences.write_frames(
+        result, folder, times, resample=chosen.resample, mesh=chosen.mesh, progress=progress
+    )
 
 
 def _by_point(values: FloatArray, rows: npt.NDArray[np.int64], count: int) -> FloatArray:

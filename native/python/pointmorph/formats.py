@@ -20,6 +20,7 @@ from pointmorph.meshes import boundary_loops
 TEXT_SUFFIXES = (".xyz", ".txt", ".pts", ".asc")
 MESH_SUFFIXES = (".obj", ".off", ".stl", ".glb", ".gltf", ".3mf")
 SUFFIXES = (".ply", *MESH_SUFFIXES, *TEXT_SUFFIXES)
+WRITTEN_MESH_SUFFIXES = (".ply", ".obj", ".stl", ".glb")
 
 
 @dataclass
@@ -120,31 +121,111 @@ def write_ply(
     FileError
         When the place can't be written.
     """
-    from plyfile import PlyData, PlyElement
+    vertices = _ply_vertices(positions, normals, colors, radii, ids, velocities)
+    _write_ply(path, vertices)
 
+
+def write_mesh(
+    path: str | os.PathLike[str],
+    positions: FloatArray,
+    normals: FloatArray,
+    colors: FloatArray,
+    faces: npt.NDArray[np.int32],
+    velocities: FloatArray | None = None,
+) -> None:
+    """Writes triangles as .ply, .obj, .stl or .glb, by the suffix; whole or not at all.
+
+    .ply holds all that there is; .glb loses velocities, .obj these and alpha; .stl has faces only.
+
+    Parameters
+    ----------
+    path : path
+    positions, normals : (V, 3) array
+    colors : (V, 4) array
+        0 to 1, written as 8 bits a channel.
+    faces : (F, 3) array of int32
+        Rows of positions.
+    velocities : (V, 3) array, optional
+
+    Raises
+    ------
+    FileError
+        When the place can't be written.
+    """
+    suffix = Path(path).suffix.lower()
+    if suffix not in WRITTEN_MESH_SUFFIXES:
+        raise FileError(
+            str(path), f"one of {' '.join(WRITTEN_MESH_SUFFIXES)}", repr(suffix), "Rename it."
+        )
+    if suffix == ".ply":
+        vertices = _ply_vertices(positions, normals, colors, velocities=velocities)
+        _write_ply(path, vertices, faces)
+        return
+    import trimesh
+
+    mesh = trimesh.Trimesh(
+        positions,
+        faces,
+        vertex_normals=normals,
+        vertex_colors=_bytes(colors),
+        process=False,
+    )
+    content: Any = mesh.export(file_type=suffix[1:])
+    write_bytes(path, content.encode() if isinstance(content, str) else content)
+
+
+def _ply_vertices(
+    positions: FloatArray,
+    normals: FloatArray,
+    colors: FloatArray,
+    radii: FloatArray | None = None,
+    ids: npt.NDArray[np.int32] | None = None,
+    velocities: FloatArray | None = None,
+) -> npt.NDArray[Any]:
     number = "f8" if positions.dtype == np.float64 else "f4"
     fields = [(name, number) for name in ("x", "y", "z", "nx", "ny", "nz")]
     fields += [(name, "u1") for name in ("red", "green", "blue", "alpha")]
-    fields.append(("radius", number))
+    if radii is not None:
+        fields.append(("radius", number))
     if ids is not None:
         fields.append(("id", "i4"))
     if velocities is not None:
         fields += [(name, number) for name in ("vx", "vy", "vz")]
     vertices = np.empty(len(positions), fields)
-    bytes_of = np.rint(np.clip(colors, 0.0, 1.0) * 255.0).astype(np.uint8)
     for axis, name in enumerate(("x", "y", "z")):
         vertices[name] = positions[:, axis]
         vertices["n" + name] = normals[:, axis]
     for channel, name in enumerate(("red", "green", "blue", "alpha")):
-        vertices[name] = bytes_of[:, channel]
-    vertices["radius"] = radii
+        vertices[name] = _bytes(colors)[:, channel]
+    if radii is not None:
+        vertices["radius"] = radii
     if ids is not None:
         vertices["id"] = ids
     if velocities is not None:
         for axis, name in enumerate(("vx", "vy", "vz")):
             vertices[name] = velocities[:, axis]
+    return vertices
+
+
+def _bytes(colors: FloatArray) -> npt.NDArray[np.uint8]:
+    whole: npt.NDArray[np.uint8] = np.rint(np.clip(colors, 0.0, 1.0) * 255.0).astype(np.uint8)
+    return whole
+
+
+def _write_ply(
+    path: str | os.PathLike[str],
+    vertices: npt.NDArray[Any],
+    faces: npt.NDArray[np.int32] | None = None,
+) -> None:
+    from plyfile import PlyData, PlyElement
+
+    elements = [PlyElement.describe(vertices, "vertex")]
+    if faces is not None:
+        rows = np.empty(len(faces), [("vertex_indices", "i4", (3,))])
+        rows["vertex_indices"] = faces
+        elements.append(PlyElement.describe(rows, "face"))
     with whole_file(path) as file:
-        PlyData([PlyElement.describe(vertices, "vertex")], byte_order="<").write(file)
+        PlyData(elements, byte_order="<").write(file)
 
 
 def write_bytes(path: str | os.PathLike[str], content: bytes) -> None:

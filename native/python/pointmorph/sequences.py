@@ -1,22 +1,70 @@
-"""Frames as files: each whole or not at all, one written while the next is computed."""
+"""Frames as files: each whole or not at all, one written while others are computed."""
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import json
+import threading
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import TimeoutError as FutureTimeout
+from dataclasses import replace
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 
-from pointmorph import __version__, formats
+from pointmorph import __version__, formats, surfaces
 from pointmorph.errors import Cancelled
-from pointmorph.morphing import Morph, Progress
+from pointmorph.morphing import Morph, Progress, ResampledFrame
 
 MANIFEST = "frames.json"
 _AT_ONCE = 2
+_POLL = 0.05  # seconds
+
+_T = TypeVar("_T")
+
+
+def in_order(
+    make: Callable[[int, Callable[[], bool]], _T], count: int, progress: Progress | None = None
+) -> Iterator[_T]:
+    """Yields make(0, stopped) … in order, of which a few are made at a time and none far ahead.
+
+    `progress` is told "frames" again and again. When it returns False, the caller stops, or `make`
+    raises, `stopped` returns True, and nothing more is begun.
+
+    Raises
+    ------
+    Cancelled
+        When `progress` returned False.
+    """
+    waiting: deque[Future[_T]] = deque()
+    stop = threading.Event()
+
+    def ready(done: int) -> _T:
+        while True:
+            if progress is not None and progress("frames", done / count) is False:
+                raise Cancelled("The frames were cancelled.")
+            with contextlib.suppress(FutureTimeout):
+                return waiting[0].result(_POLL)
+            if waiting[0].done():  # the timeout was its own
+                return waiting[0].result()
+
+    with ThreadPoolExecutor(_AT_ONCE, "pointmorph-frames") as pool:
+        try:
+            for k in range(count):
+                waiting.append(pool.submit(make, k, stop.is_set))
+                if len(waiting) > _AT_ONCE:
+                    yield ready(k - _AT_ONCE)
+                    waiting.popleft()
+            while waiting:
+                yield ready(count - len(waiting))
+                waiting.popleft()
+        finally:
+            stop.set()
+            pool.shutdown(cancel_futures=True)
 
 
 def write_frames(
@@ -27,6 +75,7 @@ def write_frames(
     first: int = 0,
     step: int = 1,
     resample: bool = True,
+    mesh: str | None = None,
     resume: bool = False,
     progress: Progress | None = None,
 ) -> list[int]:
@@ -44,6 +93,9 @@ def write_frames(
     resample : bool
         Frames without cracks, with `id` and `vx vy vz`: the way to the next frame at the present
         speed.
+    mesh : str, optional
+        "ply", "obj", "stl" or "glb": for each frame also a `mesh_0000` of that kind, the surface
+        through its points (see `surfaces.Surfaces`), with velocities by frame in .ply.
     resume : bool
         Frames that an interrupted run of the very same morph has left are kept. What they are of
         stands in `frames.json`.
@@ -59,13 +111,19 @@ def write_frames(
     ------
     FileError
         When a file can't be written.
+    OptionError
+        When a mesh is asked for and what makes it is missing.
     Cancelled
         When `progress` returned False. Frames that are complete stay.
     """
-    paths = [folder / f"frame_{first + step * k:04d}.ply" for k in range(len(times))]
+    through = None if mesh is None else surfaces.Surfaces(morph).through
+    numbers = [first + step * k for k in range(len(times))]
+    paths = [folder / f"frame_{number:04d}.ply" for number in numbers]
+    meshes = [folder / f"mesh_{number:04d}.{mesh}" for number in numbers]
     known = resume and _is_continued(morph, folder, times, first, step, resample)
-    for stale in folder.glob("frame_*.ply"):
-        if not known and (resume or stale not in paths):
+    wanted = {*paths, *(meshes if mesh is not None else ())}
+    for stale in [*folder.glob("frame_*.ply"), *_meshes(folder)]:
+        if stale not in wanted or (resume and not known):
             stale.unlink()
     if resume and not known:
         content = {"of": _fingerprint(morph, times, first, step, resample)}
@@ -76,40 +134,34 @@ def write_frames(
     grows = np.gradient(np.asarray(times, np.float64)) if len(times) > 1 else np.zeros(1)
     grows = grows / step
 
-    def write(k: int) -> int:
-        if known and paths[k].exists():
+    def write(k: int, stopped: Callable[[], bool]) -> int:
+        has_frame = known and paths[k].exists()
+        if has_frame and (mesh is None or meshes[k].exists()):
             return _count(paths[k])
-        if not resample:
-            frame = morph.frame(times[k])
-            formats.write_ply(paths[k], frame.positions, frame.normals, frame.colors, frame.radii)
-            return len(frame.radii)
-        closed = morph.resampled_frame(times[k])
-        formats.write_ply(
-            paths[k],
-            closed.positions,
-            closed.normals,
-            closed.colors,
-            closed.radii,
-            closed.ids,
-            (closed.velocities * grows[k]).astype(closed.positions.dtype),
+        frame = (
+            morph.resampled_frame(times[k], lambda *_: not stopped())
+            if resample
+            else morph.frame(times[k])
         )
-        return len(closed.ids)
+        if isinstance(frame, ResampledFrame):
+            by_frame = (frame.velocities * grows[k]).astype(frame.positions.dtype)
+            frame = replace(frame, velocities=by_frame)
+        if not has_frame:
+            formats.write_ply(paths[k], **vars(frame))
+        if through is not None:
+            formats.write_mesh(meshes[k], **vars(through(frame, times[k], stopped)))
+        return len(frame.radii)
 
-    counts: list[int] = []
-    waiting: deque[Future[int]] = deque()
-    with ThreadPoolExecutor(_AT_ONCE, "pointmorph-frames") as pool:
-        try:
-            for k in range(len(times)):
-                if progress is not None and progress("frames", k / len(times)) is False:
-                    raise Cancelled("The frames were cancelled.")
-                waiting.append(pool.submit(write, k))
-                if len(waiting) > _AT_ONCE:
-                    counts.append(waiting.popleft().result())
-            counts += [each.result() for each in waiting]
-        except BaseException:
-            pool.shutdown(cancel_futures=True)
-            raise
-    return counts
+    return list(in_order(write, len(times), progress))
+
+
+def _meshes(folder: Path) -> list[Path]:
+    """Those of this or an earlier run."""
+    return [
+        path
+        for suffix in formats.WRITTEN_MESH_SUFFIXES
+        for path in folder.glob(f"mesh_[0-9]*{suffix}")
+    ]
 
 
 def _fingerprint(

@@ -37,7 +37,7 @@ def test_an_interrupted_run_goes_on_and_another_morph_starts_over(
     morph: pointmorph.Morph, tmp_path: Path
 ) -> None:
     def stop(stage: str, done: float) -> bool:
-        return stage != "frames" or done < 0.5
+        return stage != "frames" or done < 0.1
 
     with pytest.raises(pointmorph.Cancelled):
         sequences.write_frames(morph, tmp_path, TIMES, resume=True, progress=stop)

@@ -1,0 +1,296 @@
+"""Surfaces with faces through in-between clouds, for what takes no points.
+
+The reconstruction is the screened Poisson one (Kazhdan and Hoppe 2013), its authors' own code as
+MeshLab brings it. It needs the extra `mesh`: pymeshlab and scipy.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import importlib.util
+import os
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from pointmorph.clouds import FloatArray
+from pointmorph.errors import Cancelled, CloudError, ConvergenceError, OptionError
+from pointmorph.meshes import vertex_normals
+from pointmorph.morphing import Frame, Morph, ResampledFrame
+
+_NEIGHBORS = 8
+_DEEPEST, _SHALLOWEST = 10, 4
+_CUBE = 1.1  # around the points, in their extent
+_POLL = 0.05  # seconds
+# In spacings of the points around. A piece that comes farther off the points than _BALLOON is no
+# surface of theirs, and goes, as far as it is farther off than _OFF: wide openings stay open, what
+# is narrower than twice _BALLOON is closed.
+_OFF, _BALLOON = 1.5, 4.0
+_HEAPED = 0.5  # spacings
+_BLENDED = 4  # points that a vertex takes its colour from
+_FEWEST = 12  # points
+
+
+@dataclass(frozen=True)
+class Surface:
+    """A mesh through the points of a frame. It has vertices and faces of its own in each frame."""
+
+    positions: FloatArray
+    """(V, 3)"""
+    normals: FloatArray
+    """(V, 3), unit length"""
+    colors: FloatArray
+    """(V, 4), those of the points around"""
+    faces: npt.NDArray[np.int32]
+    """(F, 3) rows of positions, counterclockwise seen from outside"""
+    velocities: FloatArray | None = None
+    """(V, 3), those of the points around, where the frame has them"""
+
+
+def check_available() -> None:
+    """Raises OptionError where the extra `mesh` isn't installed."""
+    _search_tree()
+
+
+class Surfaces:
+    """Makes surfaces through the frames of one morph. May be asked from several threads.
+
+    Parameters
+    ----------
+    morph : Morph
+
+    Raises
+    ------
+    OptionError
+        Where pymeshlab or scipy is missing.
+    """
+
+    def __init__(self, morph: Morph) -> None:
+        self._tree = _search_tree()
+        self._spacing: list[npt.NDArray[np.float64]] = [
+            self._point_spacing(cloud.positions)[rows]
+            for cloud, rows in zip((morph.source, morph.target), morph.pairs.T, strict=True)
+        ]
+
+    def through(
+        self, frame: Frame, t: float, stopped: Callable[[], bool] = lambda: False
+    ) -> Surface:
+        """The smooth surface through the points of a frame, with faces.
+
+        Closed where the points leave openings of less than about eight spacings, open where they
+        leave wider ones, as at the border of a patch. The same bits for the same frame.
+
+        Parameters
+        ----------
+        frame : Frame
+            The morph's at t. A re-sampled one has no cracks that would have to be bridged.
+        t : float
+        stopped : callable, optional
+            Asked many times a second; ends the work when it returns True.
+
+        Raises
+        ------
+        Cancelled
+            When `stopped` returned True.
+        CloudError
+            For a frame of fewer than 12 points, or one without extent.
+        ConvergenceError
+            When no surface is found.
+        """
+        count = len(frame.positions)
+        extent = float(np.ptp(frame.positions, axis=0).max()) if count else 0.0
+        if count < _FEWEST or not extent > 0.0:
+            raise CloudError(
+                "frame",
+                f"{_FEWEST} points or more, not all in one place",
+                f"{count} points of extent {extent:g}",
+                "Write the frames without a mesh.",
+            )
+        center = 0.5 * (frame.positions.min(axis=0) + frame.positions.max(axis=0))
+        everywhere = (frame.positions.astype(np.float64) - center) / extent
+        apart = self._expected_spacing(everywhere, t) / extent
+        rows = self._thinned(everywhere, frame.normals, apart)
+        points = everywhere[rows]
+        spacing = self._point_spacing(points)
+        positions, faces = _reconstructed(points, frame.normals[rows], _depth(spacing), stopped)
+        tree = self._tree(points)
+        distance, near = tree.query(positions)
+        positions, faces = _without_balloons(positions, faces, distance / spacing[near])
+
+        distance, near = tree.query(positions, _BLENDED)
+        weights = 1.0 / np.maximum(distance, 1e-3 * spacing[near[:, :1]]) ** 2
+        weights /= weights.sum(axis=1, keepdims=True)
+        dtype = frame.positions.dtype
+
+        def blend(values: FloatArray) -> FloatArray:
+            mixed: FloatArray = np.einsum("vk,vkc->vc", weights, values[rows[near]]).astype(dtype)
+            return mixed
+
+        return Surface(
+            (positions * extent + center).astype(dtype),
+            vertex_normals(positions, faces).astype(dtype),
+            blend(frame.colors),
+            faces,
+            blend(frame.velocities) if isinstance(frame, ResampledFrame) else None,
+        )
+
+    def _point_spacing(self, points: FloatArray) -> npt.NDArray[np.float64]:
+        """How far apart samples are around each point, were they on a square grid."""
+        count = min(_NEIGHBORS, len(points) - 1)
+        distances = self._tree(points).query(points, count + 1)[0]
+        spacing: npt.NDArray[np.float64] = distances[:, -1] * np.sqrt(np.pi / count)
+        spacing[spacing == 0.0] = 0.05 * np.median(spacing)  # coincident points
+        return spacing
+
+    def _expected_spacing(
+        self, points: npt.NDArray[np.float64], t: float
+    ) -> npt.NDArray[np.float64]:
+        """What both ends say for each pair, for a new point what the pairs around say."""
+        source, target = self._spacing
+        spacing = (1.0 - t) * source + t * target
+        if len(points) == len(spacing):
+            return spacing
+        _, near = self._tree(points[: len(spacing)]).query(points[len(spacing) :], _BLENDED)
+        return np.concatenate([spacing, spacing[near].mean(axis=1)])
+
+    def _thinned(
+        self,
+        points: npt.NDArray[np.float64],
+        normals: FloatArray,
+        spacing: npt.NDArray[np.float64],
+    ) -> npt.NDArray[np.int64]:
+        """Rows without those that lie in a heap: the pairs of one point near the end it's of."""
+        around = self._tree(points).query_ball_point(points, _HEAPED * spacing)
+        stays = np.ones(len(points), bool)
+        for row, others in enumerate(around):
+            if stays[row] and len(others) > 1:
+                heap = np.asarray(others)
+                stays[heap[(heap > row) & (normals[heap] @ normals[row] > 0.0)]] = False
+        return np.flatnonzero(stays)
+
+
+def _search_tree() -> Any:
+    """scipy's. Raises OptionError where that or pymeshlab is missing."""
+    missing = "pymeshlab"
+    if importlib.util.find_spec(missing) is not None:
+        try:
+            from scipy.spatial import cKDTree
+        except ImportError:
+            missing = "scipy"
+        else:
+            return cKDTree
+    raise OptionError(
+        "mesh",
+        "pymeshlab and scipy, which make surfaces",
+        f"no {missing}",
+        f"Install them: {sys.executable or 'python3'} -m pip install pymeshlab scipy",
+    )
+
+
+def _reconstructed(
+    points: npt.NDArray[np.float64],
+    normals: FloatArray,
+    depth: int,
+    stopped: Callable[[], bool],
+) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.int32]]:
+    """Vertices and faces, by a process that ends as soon as `stopped` says so."""
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+    with tempfile.TemporaryDirectory(prefix="pointmorph-") as folder:
+        given, wanted = (os.path.join(folder, name) for name in ("points.npz", "mesh.npz"))
+        np.savez(given, points=points, normals=normals.astype(np.float64), depth=depth, scale=_CUBE)
+        with subprocess.Popen(
+            [sys.executable, str(Path(__file__).with_name("_poisson.py")), given, wanted],
+            env=environment,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.PIPE,
+            text=True,
+        ) as process:
+            try:
+                while True:
+                    with contextlib.suppress(subprocess.TimeoutExpired):
+                        _, complaint = process.communicate(timeout=_POLL)
+                        break
+                    if stopped():
+                        raise Cancelled("The mesh was cancelled.")
+            finally:
+                process.kill()
+        if process.returncode != 0:
+            detail = (complaint.strip() or f"status {process.returncode}").splitlines()[-1]
+            raise ConvergenceError(
+                "mesh", "a surface through the points", detail, "Write the frames without a mesh."
+            )
+        mesh = np.load(wanted)
+        return mesh["positions"], mesh["faces"]
+
+
+def _depth(spacing: npt.NDArray[np.float64]) -> int:
+    """Levels of the octree over the unit cube, so that its cells resolve the finer regions.
+
+    It is refined only where there are points, so that one level too many costs little.
+    """
+    fine = float(np.percentile(spacing, 5.0))
+    return int(np.clip(np.ceil(np.log2(_CUBE / max(fine, 1e-12))), _SHALLOWEST, _DEEPEST))
+
+
+def _without_balloons(
+    positions: npt.NDArray[np.float64],
+    faces: npt.NDArray[np.int32],
+    off: npt.NDArray[np.float64],
+) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.int32]]:
+    """Without the pieces that span openings. `off`: by vertex, from the points, in spacings."""
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import connected_components
+
+    is_off = off > _OFF
+    edges = np.concatenate([faces[:, pair] for pair in ([0, 1], [1, 2], [2, 0])])
+    edges = edges[is_off[edges].all(axis=1)]
+    size = len(positions)
+    graph = coo_matrix((np.ones(len(edges), np.int8), edges.T), (size, size))
+    _, piece = connected_components(graph, directed=False)
+    farthest = np.zeros(size)
+    np.maximum.at(farthest, piece, off)
+    balloon = is_off & (farthest[piece] > _BALLOON)
+    if not balloon.any():
+        return positions, faces
+    return _clipped(positions, faces, np.where(balloon, off - _OFF, np.minimum(off - _OFF, 0.0)))
+
+
+def _clipped(
+    positions: npt.NDArray[np.float64],
+    faces: npt.NDArray[np.int32],
+    height: npt.NDArray[np.float64],
+) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.int32]]:
+    """The part where the height, linear in every face, is at most 0."""
+    above = height > 0.0
+    count = above[faces].sum(axis=1)
+    whole = faces[count == 0]
+    # The corner that is alone on its side first.
+    cut = faces[(count == 1) | (count == 2)]
+    alone = np.argmax(above[cut] == (above[cut].sum(axis=1) == 1)[:, None], axis=1)
+    a, b, c = (cut[np.arange(len(cut)), (alone + k) % 3] for k in range(3))
+    ends = np.sort(np.concatenate([np.stack([a, b], axis=1), np.stack([a, c], axis=1)]), axis=1)
+    edges, new = np.unique(ends, axis=0, return_inverse=True)
+    low, high = edges.T
+    share = (height[low] / (height[low] - height[high]))[:, None]
+    on_edges = (1.0 - share) * positions[low] + share * positions[high]
+    ab, ac = (len(positions) + new.reshape(2, -1)).astype(np.int32)
+    tip = above[a]  # what is alone goes, a quadrangle stays; else a triangle stays
+    triangles = np.concatenate(
+        [
+            whole,
+            np.stack([a, ab, ac], axis=1)[~tip],
+            np.stack([ab, b, c], axis=1)[tip],
+            np.stack([ab, c, ac], axis=1)[tip],
+        ]
+    )
+    kept, rows = np.unique(triangles, return_inverse=True)
+    vertices = np.concatenate([positions, on_edges])[kept]
+    return vertices, rows.reshape(-1, 3).astype(np.int32)
