@@ -138,11 +138,12 @@ class Window:
     def open_tab(self):
         """Shows the add-on's tab of the sidebar."""
         _, top, right, bottom = self.sidebar()
-        for y in (*range(top + 180, bottom, 20), top + 260):
+        for y in range(top + 100, min(top + 420, bottom), 25):
             for _ in range(3):  # a busy machine draws late
                 if "POINTMORPH_PT_objects" in self._panels():
                     return
             self.click((right + 12, y))
+        self.screenshot("no_tab")
         raise AssertionError("no tab of the sidebar shows the add-on")
 
     def find(self, what):

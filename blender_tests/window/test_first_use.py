@@ -14,14 +14,14 @@ RESULT = 'bpy.data.objects.get("Koala to Spot")'
 SCENE = """
 import json, sys
 folder = {folder!r}
-for name, file, x in (("Koala", "source", -1), ("Spot", "target", 1)):
+for name, file, x, turn in (("Koala", "source", -1, 0.6), ("Spot", "target", 1, 3.74)):
     if "ply_import" in dir(bpy.ops.wm):
         bpy.ops.wm.ply_import(filepath=f"{{folder}}/{{file}}.ply")
     else:
         bpy.ops.import_mesh.ply(filepath=f"{{folder}}/{{file}}.ply")
     obj = bpy.context.view_layer.objects.active
     obj.name = name
-    obj.rotation_euler = (1.5708, 0, 0.6)  # y is up in the files
+    obj.rotation_euler = (1.5708, 0, turn)  # y is up in the files
     bpy.context.view_layer.update()
     obj.scale *= 1.6 / max(obj.dimensions)
     obj.location.x = x
