@@ -3,7 +3,7 @@
 import bpy
 import pointmorph
 
-from . import following, frames, result
+from . import frames, result
 from .checks import activate, active_result, busy_reason, fail, result_reason
 from .jobs import Computing
 from .properties import EASINGS, FORMATS, settings_values
@@ -73,7 +73,6 @@ class POINTMORPH_OT_bake_shape_keys(bpy.types.Operator):
         if self.path == "SETTING":
             path = context.scene.pointmorph.path
         try:
-            following.check_at_rest(obj, "shape keys")
             if self.kind == "SOURCE":
                 changed = result.bake_source(obj, self.steps, path)
             else:
@@ -146,7 +145,6 @@ class POINTMORPH_OT_bake_frames(Computing, bpy.types.Operator):
                 "Choose a later one.",
             )
         obj = active_result(context)
-        following.check_at_rest(obj, "frames")
         self._name = obj.name
         plan = self._plan = frames.Plan(
             self.frame_start, self.frame_end, self.step, self.easing, self.resample, self.faces

@@ -70,8 +70,9 @@ def remake_mesh(copy, obj):
     Returns
     -------
     list of str
-        Shape keys that couldn't follow.
+        What couldn't follow, in words.
     """
+    result.t_key(copy)
     source, places, _, back = result.source_ways(obj)
     places = _own_places(source, places, back)
     mesh, keys = copy.data, copy.data.shape_keys.key_blocks
@@ -96,7 +97,7 @@ def remake_mesh(copy, obj):
             arrays.write_key(keys[name], places[0] + move)
         else:
             arrays.write_key(keys[name], places[0])
-            lost.append(name)
+            lost.append(result.lost_words(copy, name))
     for user in remaking.users_of(copy):
         _know(user, obj)
         user.update_tag()
@@ -110,18 +111,20 @@ def remake(context, obj, plan, outcome):
     Returns
     -------
     list of str
-        Shape keys that couldn't follow.
+        What couldn't follow, in words.
     """
     if result.is_result(obj):
-        lost = remaking.apply(obj, plan, outcome)
+        said = remaking.apply(obj, plan, outcome)
         for user in remaking.users_of(obj):
             following.follow_on(user)
-        copies = [o for o in bpy.data.objects if o.pointmorph.made_from == obj and is_copy(o)]
-        for copy in copies:
-            lost += remake_mesh(copy, obj)
-        for made in (obj, *copies):
-            _transfer_again(context, made)
-        return lost
+        for copy in bpy.data.objects:
+            if copy.pointmorph.made_from == obj and is_copy(copy):
+                try:
+                    said += remake_mesh(copy, obj)
+                    said += _transfer_again(context, copy)
+                except pointmorph.PointmorphError as error:
+                    said.append(f'"{copy.name}" stays as it was. {error}')
+        return said + _transfer_again(context, obj)
     shapes = remaking.shapes_of(obj)
     pairs = result.build(
         context, outcome, obj.name, plan.origin, shapes[0], shapes[-1], plan.source_matrix,
@@ -129,25 +132,31 @@ def remake(context, obj, plan, outcome):
     )  # fmt: skip
     try:
         remaking.remember(pairs, plan.recipe, outcome)
-        lost = remake_mesh(obj, pairs)
-        _transfer_again(context, obj)
+        said = remake_mesh(obj, pairs)
+        said += _transfer_again(context, obj)
     finally:
         mesh = pairs.data
         pairs.shape_key_clear()  # a data-block that isn't removed with the mesh
         bpy.data.batch_remove([pairs, mesh])
-    return lost
+    return said
 
 
 def is_copy(obj):
-    """Whether an object is a copy of a source that `make_mesh` made."""
-    return obj.pointmorph.keeps_faces and obj.library is None
+    """Whether an object is a copy of a source that `make_mesh` made, and can be changed now."""
+    return obj.pointmorph.keeps_faces and obj.library is None and obj.mode == "OBJECT"
 
 
 def _transfer_again(context, obj):
-    """What was brought over before, from the target as it is now."""
+    """Brings over what was brought over before, from the target as it is now. Returns what went
+    wrong, in words."""
     before = remaking.recipe_of(obj).get("transferred")
-    if before is not None and obj.pointmorph.target is not None:
+    if before is None:
+        return []
+    try:
         transfer(context, obj, *before["options"])
+    except pointmorph.PointmorphError as error:
+        return [f"What was brought over is of the old morph. {error}"]
+    return []
 
 
 def _replace_geometry(copy, source):

@@ -162,7 +162,8 @@ class ChainedMorph:
     def __init__(self, morphs):
         self._morphs = morphs
         self._native = morphs[0]._native  # for its settings
-        self.pairs = np.column_stack([morphs[0].pairs, *(m.pairs[:, 1] for m in morphs[1:])])
+        self.source, self.target = morphs[0].source, morphs[-1].target
+        self.pairs = np.column_stack([morphs[0].pairs[:, 0], morphs[-1].pairs[:, 1]])
 
     def _at(self, t):
         """The number of the morph that t is in, and t there."""
@@ -178,7 +179,7 @@ class ChainedMorph:
         number, t = self._at(t)
         frame = self._morphs[number].resampled_frame(t, progress)
         # New points of one morph aren't those of another.
-        before = sum(morph.inserted() for morph in self._morphs[:number])
+        before = sum(morph.inserted(progress) for morph in self._morphs[:number])
         ids = np.where(frame.ids < len(self.pairs), frame.ids, frame.ids + before)
         return replace(
             frame, ids=ids.astype(np.int32), velocities=frame.velocities * len(self._morphs)

@@ -58,17 +58,6 @@ def rest(obj):
     obj.pointmorph.follows = False
 
 
-def check_at_rest(obj, what):
-    """Raises CloudError for a morph object that follows its shapes, which `what` can't hold."""
-    if obj.pointmorph.follows:
-        raise pointmorph.CloudError(
-            obj.name,
-            f"a morph at rest, because {what} can't follow the moving shapes",
-            "one that follows them",
-            "Turn Follow off to bake the shapes as they were morphed, or render the object itself.",
-        )
-
-
 def _set_inputs(obj, modifier, shapes, counts):
     group = modifier.node_group
     for stage, shape, count in zip(result.stages(obj), shapes, counts, strict=True):

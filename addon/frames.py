@@ -62,15 +62,11 @@ def read_morph(obj, settings):
     Raises
     ------
     CloudError
-        When the object lacks what it was made with.
+        When the object lacks what it was made with, or follows shapes that move.
     """
+    result.check_at_rest(obj, "frames")
     mesh = obj.data
     stages, keys = result.stages(obj), result.stage_keys(obj)
-    missing = [name for name in _needed(stages) if name not in mesh.attributes]
-    if missing:
-        raise pointmorph.CloudError(
-            obj.name, f"the attribute {missing[0]}", "none of that name", "Morph again."
-        )
     rows = result.stage_rows(obj)
     clouds = []
     for stage, key, row, name in zip(stages, keys, rows, result.stage_names(obj), strict=True):
@@ -93,10 +89,6 @@ def read_morph(obj, settings):
         pairs = np.stack(rows[number : number + 2], axis=1)
         morphs.append(pointmorph.restore(*clouds[number : number + 2], pairs, maps, **settings))
     return morphs[0] if len(morphs) == 1 else chains.ChainedMorph(morphs)
-
-
-def _needed(stages):
-    return [f"{s}_{what}" for s in stages for what in ("row", "normal", "color", "radius")]
 
 
 def compute(morph, plan, progress):

@@ -551,6 +551,10 @@ def _check_changeable(obj):
         raise pointmorph.CloudError(
             obj.name, "a morph object in Object Mode", "another mode", "Leave it (Tab)."
         )
+    if result.is_result(obj):
+        result.check_whole(obj)
+    else:
+        result.t_key(obj)
 
 
 @contextmanager
@@ -573,7 +577,7 @@ def apply(obj, plan, outcome):
     Returns
     -------
     list of str
-        Shape keys that couldn't follow.
+        What couldn't follow, in words.
     """
     before = recipe_of(obj).get("origin")
     lost = result.rebuild(obj, outcome)

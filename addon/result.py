@@ -78,8 +78,20 @@ def stage_keys(obj):
     return [keys.reference_key, *(keys.key_blocks[name] for name in names)]
 
 
+def check_whole(obj):
+    """Raises CloudError when a morph object lacks what it was made with."""
+    stage_keys(obj)
+    for stage in stages(obj):
+        for what in ("row", "normal", "color", "radius"):
+            if f"{stage}_{what}" not in obj.data.attributes:
+                raise pointmorph.CloudError(
+                    obj.name, f"the attribute {stage}_{what}", "none of that name", "Morph again."
+                )
+
+
 def stage_rows(obj):
     """(M,) int32 for every shape in order: its point in each pair."""
+    check_whole(obj)
     return [arrays.read_rows(obj.data, f"{stage}_row") for stage in stages(obj)]
 
 
@@ -256,7 +268,7 @@ def rebuild(obj, outcome):
     Returns
     -------
     list of str
-        Shape keys that couldn't follow.
+        What couldn't follow, in words.
     """
     keys = stage_keys(obj)
     positions = [end.positions for end in outcome.ends]
@@ -286,10 +298,15 @@ def rebuild(obj, outcome):
             arrays.write_key(key, positions[0] + by_row[outcome.source.rows])
         else:
             arrays.write_key(key, positions[0])
-            lost.append(name)
+            lost.append(lost_words(obj, name))
     _write_weights(obj, groups, outcome.source.rows)
     obj.update_tag()
     return lost
+
+
+def lost_words(obj, name):
+    """About a shape key that knows nothing of the points that there are now."""
+    return f'The shape key "{name}" of "{obj.name}" moves nothing any more: it has other points now'
 
 
 def _resize_points(mesh, count):
@@ -337,11 +354,23 @@ def _new_key(obj, name):
 # --- Baking ---------------------------------------------------------------------------------------
 
 
+def check_at_rest(obj, what):
+    """Raises CloudError for a morph object that follows its shapes, which `what` can't hold."""
+    if obj.pointmorph.follows:
+        raise pointmorph.CloudError(
+            obj.name,
+            f"a morph at rest, because {what} can't follow the moving shapes",
+            "one that follows them",
+            "Turn Follow off to bake the shapes as they were morphed, or render the object itself.",
+        )
+
+
 def bake_pairs(obj, steps, path):
     """Adds `steps` shape keys to the morph object itself, from the source to the target.
 
     `path` is the library's setting of that name.
     """
+    check_at_rest(obj, "shape keys")
     names = _add_keys(obj, _way(obj, path), steps, stage_names(obj)[1:])
     baked = json.loads(obj.pointmorph.baked or "{}")
     baked.update({name: [t, path] for name, t in names.items()})
@@ -383,6 +412,7 @@ def bake_source(obj, steps, path):
     CloudError
         See `source_ways`; and when the source is linked from another file.
     """
+    check_at_rest(obj, "shape keys")
     source, places, normals, back = source_ways(obj)
     if source.data.library is not None:
         raise pointmorph.CloudError(

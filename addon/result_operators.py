@@ -88,12 +88,10 @@ class POINTMORPH_OT_recompute(Computing, bpy.types.Operator):
             )
         if self._in_window and len(self._plan.requests) == 1:
             session.earlier = Earlier(self._plan.requests[0], outcome.maps)
-        lost = carrying.remake(context, obj, self._plan, outcome)
+        said = carrying.remake(context, obj, self._plan, outcome)
         for name in self._plan.missing:
             self.report({"WARNING"}, f'"{name}" is gone: the points that the morph holds were used')
-        for name in lost:
-            self.report({"WARNING"}, f'The shape key "{name}" has nothing on the new points')
-        for warning in outcome.report["warnings"]:
+        for warning in [*said, *outcome.report["warnings"]]:
             self.report({"WARNING"}, warning)
         report = outcome.report
         seconds = report["seconds"]

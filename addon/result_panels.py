@@ -53,6 +53,10 @@ class POINTMORPH_PT_morph_object(Panel, bpy.types.Panel):
                 "pointmorph.follow", depress=obj.pointmorph.follows, icon="CON_FOLLOWTRACK"
             )
             layout.operator("pointmorph.make_mesh", icon="MESH_DATA")
+        elif obj.data.shape_keys is not None:
+            key = obj.data.shape_keys.key_blocks.get(result.morph_keys(obj)[0])
+            if key is not None:
+                layout.prop(key, "value", text="Morph", slider=True)
         layout.operator("pointmorph.transfer_attributes", icon="MOD_DATA_TRANSFER")
 
     def _draw_state(self, context, obj):

@@ -27,7 +27,8 @@ def known_state(obj):
         _want(obj.name)
         return None
     prints = _prints[obj.name]
-    if prints is not None and len(prints) != len(remaking.shapes_of(obj)):
+    shapes = remaking.shapes_of(obj)
+    if None not in shapes and [shape.name for shape in shapes] != [p["name"] for p in prints or ()]:
         _want(obj.name)
         return None
     return remaking.state(obj, prints)

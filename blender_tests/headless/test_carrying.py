@@ -228,6 +228,20 @@ def test_a_recompute_of_the_morph_takes_its_meshes_along(dressed):
     assert not np.array_equal(key(copy, "Morph"), before)
 
 
+def test_what_cannot_follow_a_recompute_is_named(dressed, capfd):
+    source, _, obj = dressed
+    copy = make_mesh(obj)
+    before = key(copy, "Morph")
+    select(obj)
+    bpy.ops.pointmorph.transfer_attributes()
+    bpy.data.objects.remove(source)
+    bpy.ops.pointmorph.recompute()
+    said = capfd.readouterr().out
+    assert '"Hill" is gone' in said
+    assert '"Hill to Dune Mesh" stays as it was' in said
+    assert np.array_equal(key(copy, "Morph"), before)
+
+
 def test_refusals(settings):
     pair(14, 12)
     bpy.ops.pointmorph.morph()

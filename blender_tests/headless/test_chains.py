@@ -5,7 +5,10 @@ from itertools import pairwise
 
 import bpy
 import numpy as np
+import pointmorph
 import pytest
+from mathutils import Vector
+from pointmorph.surfaces import check_available
 from scenes import (
     add_attribute,
     add_mesh,
@@ -340,6 +343,24 @@ def test_frames_with_new_points_and_other_paths(settings, tmp_path):
         format="PLY", frame_start=1, frame_end=3, directory=str(tmp_path)
     )
     assert len(list(tmp_path.glob("*.ply"))) == 3
+
+
+def test_frames_with_faces(settings):
+    try:
+        check_available()
+    except pointmorph.OptionError:
+        pytest.skip("this Python has no pymeshlab and scipy that fit its numpy")
+    found = shapes(3)
+    obj = chain()
+    bpy.ops.pointmorph.bake_frames(frame_start=1, frame_end=3, faces=True)
+    frames = sorted(bpy.data.collections[f"{obj.name} Frames"].objects.keys())
+    for name, shape, side in zip(frames, found, SIDES, strict=False):
+        mesh = bpy.data.objects[name].data
+        assert len(mesh.polygons)
+        offset = np.array(obj.location) - np.array(shape.location)
+        places = (coordinates(mesh.vertices) + offset).tolist()
+        apart = [(shape.closest_point_on_mesh(p)[1] - Vector(p)).length for p in places]
+        assert np.median(apart) < 0.25 * 2 / (side - 1)
 
 
 def test_it_follows_moving_shapes(settings):

@@ -327,6 +327,19 @@ def test_an_error_leaves_it_as_it_was(settings):
     assert obj.pointmorph.state == "STALE"
 
 
+def test_parts_that_were_taken_out(settings):
+    pair(14, 12)
+    obj = morph()
+    obj.data.attributes.remove(obj.data.attributes["target_radius"])
+    for run in (bpy.ops.pointmorph.recompute, bpy.ops.pointmorph.follow):
+        with pytest.raises(RuntimeError, match="Hill to Dune: expected the attribute target_rad"):
+            run()
+    t_of(obj).name = "Other"
+    for run in (bpy.ops.pointmorph.recompute, bpy.ops.pointmorph.follow):
+        with pytest.raises(RuntimeError, match='with its shape key "Morph", found none of that'):
+            run()
+
+
 def test_in_edit_mode(settings):
     pair(14, 12)
     obj = morph()
@@ -549,6 +562,42 @@ def test_several_morphs_with_keys_and_drivers_at_every_frame(addon, settings, tm
         assert values[2] == pytest.approx(values[0])
 
 
+def test_an_animation_of_several_renders(settings, output):
+    """One grows, one shrinks, over frames that Blender renders by itself."""
+    _, target = pair(30, 26)
+    target.scale = (2, 2, 2)
+    scene = bpy.context.scene
+    for x, values in ((-3, (0, 1)), (3, (1, 0))):
+        obj = morph()
+        obj.location.x = x
+        for frame, value in zip((1, 3), values, strict=True):
+            t_of(obj).value = value
+            t_of(obj).keyframe_insert("value", frame=frame)
+    for shape in (settings.source, target):
+        shape.hide_render = True
+    camera = add_object("Camera", bpy.data.cameras.new("Camera"))
+    camera.data.type = "ORTHO"
+    camera.data.ortho_scale = 12
+    camera.location.z = 9
+    scene.camera = camera
+    scene.render.engine = "BLENDER_WORKBENCH"
+    scene.render.film_transparent = True
+    scene.render.resolution_x, scene.render.resolution_y = 120, 60
+    scene.frame_start, scene.frame_end = 1, 3
+    scene.render.filepath = str(output / "several_")
+    bpy.ops.render.render(animation=True)
+    areas = []
+    for frame in (1, 2, 3):
+        picture = bpy.data.images.load(str(output / f"several_{frame:04d}.png"))
+        alpha = np.array(picture.pixels[:]).reshape(60, 120, 4)[..., 3] > 0.5
+        areas.append((alpha[:, :60].sum(), alpha[:, 60:].sum()))
+    (a, b), middle, (c, d) = areas
+    assert a < middle[0] < c
+    assert b > middle[1] > d
+    assert c > 3 * a
+    assert b > 3 * d
+
+
 # --- What the panel knows -------------------------------------------------------------------------
 
 
@@ -576,6 +625,11 @@ def test_the_panel_looks_in_short_steps_and_again_after_a_change(addon, settings
     while watching.known_state(obj) is None:
         watching._look()
     assert watching.known_state(obj) == ("STALE", ['"Hill" was edited'])
+    source.name = "Mountain"
+    assert watching.known_state(obj) is None
+    while watching.known_state(obj) is None:
+        watching._look()
+    assert watching.known_state(obj) == ("STALE", ['"Mountain" was edited'])
     bpy.data.objects.remove(source)
     while watching.known_state(obj) is None:
         watching._look()

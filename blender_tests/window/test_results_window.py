@@ -52,3 +52,24 @@ def test_a_recompute_that_is_stopped_leaves_everything(window):
     window.wait(f"not ({RUNNING})")
     assert window.ask(HEIGHT) == before
     assert window.ask(STATE) == "STALE"
+
+
+def test_follow_mesh_and_chain_from_the_viewport(window):
+    morph(window)
+    window.run(f"scenes.select({RESULT})")
+    window.run("with in_viewport(): bpy.ops.pointmorph.follow('INVOKE_DEFAULT')")
+    assert window.ask(f"[m.name for m in {RESULT}.modifiers]") == ["Follow", "Points"]
+    window.run("with in_viewport(): bpy.ops.pointmorph.follow('INVOKE_DEFAULT')")
+    window.run("with in_viewport(): bpy.ops.pointmorph.make_mesh('INVOKE_DEFAULT')")
+    assert window.ask("bpy.context.object.name") == "Hill to Dune Mesh"
+    window.run("scenes.add_mesh('Fell', *scenes.patch(13))")
+    window.run("scenes.mark(bpy.data.objects['Fell'], 'peak', 0, 0)")
+    window.run("scenes.mark(bpy.data.objects['Fell'], 'slope', 0.5, 0.3)")
+    window.run("scenes.select(bpy.data.objects['Fell'])")
+    window.run("with in_viewport(): bpy.ops.pointmorph.add_to_chain('INVOKE_DEFAULT')")
+    window.run("with in_viewport(): bpy.ops.pointmorph.morph_chain('INVOKE_DEFAULT')")
+    assert window.ask(RUNNING)
+    window.wait(f"not ({RUNNING})")
+    assert window.ask("bpy.context.object.name") == "Hill to Fell to Dune"
+    window.press("ctrl+z", over=VIEWPORT)
+    assert window.ask("'Hill to Fell to Dune' not in bpy.data.objects")
