@@ -6,7 +6,7 @@ import bpy
 import pointmorph
 
 from . import checks, clicking, cuts, display, jobs, markers, operators, result, session
-from .properties import by_hand
+from .properties import by_hand, setting_label
 
 # Settings that stand where they are needed; the others are advanced.
 _ELSEWHERE = ("domain", "path")
@@ -336,7 +336,7 @@ class POINTMORPH_PT_quality(Panel, bpy.types.Panel):
 
 class POINTMORPH_PT_bake(Panel, bpy.types.Panel):
     bl_label = "Bake"
-    bl_order = 7
+    bl_order = 6
 
     def draw(self, context):
         settings = context.scene.pointmorph
@@ -386,17 +386,18 @@ class POINTMORPH_PT_settings(Panel, bpy.types.Panel):
     def draw(self, context):
         settings = context.scene.pointmorph
         column = _fields(self.layout)
+        column.use_property_split = False
         for option in pointmorph.options():
             if option.name in _ELSEWHERE:
                 continue
-            if option.default is not None:
-                column.prop(settings, option.name)
-            else:
-                row = column.row(heading=settings.bl_rna.properties[option.name].name)
+            # Above its value, because names are longer than half the sidebar.
+            column.label(text=setting_label(option))
+            row = column.row(align=True)
+            if option.default is None:
                 row.prop(settings, by_hand(option), text="")
-                value = row.row()
-                value.active = getattr(settings, by_hand(option))
-                value.prop(settings, option.name, text="")
+                row = row.row(align=True)
+                row.active = getattr(settings, by_hand(option))
+            row.prop(settings, option.name, text="")
         _draw_problem(self.layout, context, "ADVANCED")
 
 

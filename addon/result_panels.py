@@ -35,7 +35,7 @@ class POINTMORPH_PT_chain(Panel, bpy.types.Panel):
 
 class POINTMORPH_PT_morph_object(Panel, bpy.types.Panel):
     bl_label = "Morph Object"
-    bl_order = 6
+    bl_order = 7
 
     @classmethod
     def poll(cls, context):

@@ -119,4 +119,5 @@ giraffe.vertex_groups.remove(giraffe.vertex_groups["pm.tail"])
 def test_frames(demo):
     morph(demo)
     demo.run("bpy.context.scene.pointmorph.bake_as = 'FRAMES'")
+    demo.find("bake_frames")
     take(demo, "frames", "sidebar")

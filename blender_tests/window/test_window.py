@@ -33,7 +33,7 @@ def test_morph_drag_bake_undo(window):
     window.run("before = scenes.data_blocks()")
 
     window.press_button(MORPH)
-    window.wait(f"{RESULT} is not None")
+    window.wait(f"{RESULT} is not None", seconds=120)
     window.screenshot("panel_after")
     assert window.ask(f"bpy.context.view_layer.objects.active == {RESULT}")
     value = f'{RESULT}.data.shape_keys.key_blocks["Morph"].value'
@@ -65,7 +65,7 @@ def test_a_new_mark_starts_from_the_last_map(window):
     stages = "list(json.loads(bpy.data.objects['{}'].pointmorph.report)['stages'])"
     window.run("import json")
     window.press_button(MORPH)
-    window.wait(f"{RESULT} is not None")
+    window.wait(f"{RESULT} is not None", seconds=120)
     assert "pose" in window.ask(stages.format("Hill to Dune"))  # two marks leave it open
     window.run("[scenes.mark(bpy.data.objects[n], 'foot', -0.6, -0.5) for n in ('Hill', 'Dune')]")
     window.press_button(MORPH)
@@ -76,7 +76,7 @@ def test_a_new_mark_starts_from_the_last_map(window):
 def test_distortion_is_one_click_and_its_end_another(window):
     add_pair(window, 40)
     window.press_button(MORPH)
-    window.wait(f"{RESULT} is not None")
+    window.wait(f"{RESULT} is not None", seconds=120)
     shading = "area.spaces[0].shading.type"
     before = window.ask(shading)
     window.press_button(SHOW_DISTORTION)
@@ -166,7 +166,7 @@ bpy.context.scene.pointmorph.active_feature = 2
     window.screenshot("feature_menu")
     window.press("Escape", over=VIEWPORT)
     window.press_button(MORPH)
-    window.wait(f"{RESULT} is not None")
+    window.wait(f"{RESULT} is not None", seconds=120)
     window.screenshot("features_kept")
 
 
@@ -183,7 +183,7 @@ except RuntimeError as error:
 """
     )
     assert "A morph is being computed" in reason
-    window.wait(f"not ({RUNNING})")
+    window.wait(f"not ({RUNNING})", seconds=120)
     assert window.ask("[obj.name for obj in bpy.data.objects]") == ["Dune", "Hill", "Hill to Dune"]
 
 
@@ -207,14 +207,14 @@ def test_escape_leaves_nothing(window):
     window.screenshot("stopped")
     # And the next one runs to its end.
     window.press_button(MORPH)
-    window.wait(f"{RESULT} is not None")
+    window.wait(f"{RESULT} is not None", seconds=120)
 
 
 def test_undo_and_deletion_while_it_runs(window):
     start_long(window)
     window.press("ctrl+z", over=VIEWPORT)
     window.run("bpy.data.objects.remove(bpy.data.objects['Hill'])")
-    window.wait(f"not ({RUNNING})")
+    window.wait(f"not ({RUNNING})", seconds=120)
     assert window.process.poll() is None
     assert window.ask(f"{RESULT} is not None")
 
@@ -226,7 +226,7 @@ def test_an_error_in_the_library_is_told(window):
     window.run("for vertex in bpy.data.objects['Hill'].data.vertices: vertex.co = 0, 0, 0")
     window.run("before = scenes.data_blocks()")
     window.press_button(MORPH)
-    window.wait(f"not ({RUNNING})")
+    window.wait(f"not ({RUNNING})", seconds=120)
     assert window.ask("scenes.data_blocks() == before")
     window.screenshot("library_error")
     assert window.process.poll() is None
