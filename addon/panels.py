@@ -34,7 +34,7 @@ def say(layout, context, text, icon, beside=0):
     scale = context.preferences.system.ui_scale
     width = context.region.width / scale - 65 - beside
     lines = layout.column(align=True)
-    for number, line in enumerate(textwrap.wrap(text, max(18, int(width / 6)))):
+    for number, line in enumerate(textwrap.wrap(text, max(18, int(width / 6.7)))):
         lines.label(text=line, icon="BLANK1" if number else icon)
 
 
