@@ -329,7 +329,7 @@ def package() -> tuple[Path, Path]:
     folder = BUILD / "package"
     extension = folder / f"pointmorph-{version}.zip"
     legacy = folder / f"pointmorph-{version}-legacy.zip"
-    key = digest(ROOT / "addon", ROOT / "LICENSE", ROOT / "build_addon.py", wheel)
+    key = digest(ROOT / "addon", ROOT / "docs", ROOT / "LICENSE", ROOT / "build_addon.py", wheel)
     stamp = folder / "stamp"
     if is_fresh(stamp, key):
         return extension, legacy
@@ -339,6 +339,7 @@ def package() -> tuple[Path, Path]:
         skip = shutil.ignore_patterns("__pycache__")
         shutil.copytree(ROOT / "addon", stage, ignore=skip)
         shutil.copy(ROOT / "LICENSE", stage)
+        run("package", PYTHON, ROOT / "docs" / "make_html.py", stage / "docs")
         numbers = ", ".join(version.split("."))
         edit(stage / "__init__.py", r'"version": \([0-9, ]+\)', f'"version": ({numbers})')
 
@@ -573,6 +574,16 @@ def bench() -> int:
     return 1 if any(statuses) else 0
 
 
+def pictures() -> int:
+    """Takes the manual's pictures anew, from the real window."""
+    set_up("blender", "window")
+    script = ROOT / "blender_tests" / "window" / "make_pictures.py"
+    zips = package()
+    environment = child_environment(POINTMORPH_ZIP=str(zips[takes_legacy()]))
+    command = (PYTHON, "-m", "pytest", script)
+    return subprocess.run(command, env=environment, check=False, cwd=ROOT).returncode
+
+
 def compare(source: str, target: str, features: str, *options: str) -> int:
     """Pointmorph and its peers on one pair: a table, the same as JSON, and pictures."""
     set_up()
@@ -600,6 +611,7 @@ def main() -> int:
         metavar="SOURCE TARGET FEATURES",
         help="compare with other methods on this pair; options of compare_peers.py may follow",
     )
+    commands.add_parser("pictures", help="the manual's pictures, taken anew from the real window")
     commands.add_parser("package", help="the extension and the legacy add-on, as zip files")
     arguments = parser.parse_args()
     try:
@@ -617,6 +629,8 @@ def main() -> int:
             if len(arguments.peers) < 3:
                 parser.error("bench --peers: expected SOURCE TARGET FEATURES")
             return compare(*arguments.peers)
+        if arguments.command == "pictures":
+            return pictures()
         if arguments.command == "setup":
             set_up("cpp-test", "blender", "window")
         else:

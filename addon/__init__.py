@@ -21,10 +21,42 @@ _library = Path(__file__).parent / "lib"
 if _library.is_dir() and str(_library) not in sys.path:
     sys.path.insert(0, str(_library))
 
-from . import baking, handlers, operators, panels, properties  # noqa: E402
+from . import (  # noqa: E402
+    baking,
+    clicking,
+    cuts,
+    first_use,
+    handlers,
+    markers,
+    marking,
+    operators,
+    panels,
+    picking,
+    properties,
+    result_operators,
+    result_panels,
+    translations,
+    watching,
+)
 
 # In this order: the others use the properties.
-_modules = (properties, operators, baking, panels, handlers)
+_modules = (
+    properties,
+    markers,
+    picking,
+    marking,
+    clicking,
+    cuts,
+    operators,
+    baking,
+    result_operators,
+    panels,
+    result_panels,
+    first_use,
+    handlers,
+    watching,
+    translations,
+)
 
 
 def register():

@@ -11,10 +11,14 @@ _VALUES = {
     "INT": ("value", 1),
     "INT8": ("value", 1),
     "BOOLEAN": ("value", 1),
+    "FLOAT2": ("vector", 2),
     "FLOAT_VECTOR": ("vector", 3),
     "FLOAT_COLOR": ("color", 4),
     "BYTE_COLOR": ("color", 4),
 }
+
+# Vertices whose groups are read at once where Blender must stay usable.
+_PART = 4096
 
 
 def _read(collection, key, width, dtype=np.float32):
@@ -59,11 +63,18 @@ def point_attribute(geometry, name, *types):
 
 
 def write_attribute(geometry, name, values):
-    """A new point attribute of the type that the array's own type and width tell."""
+    """A point attribute of the type that the array's own type and width tell, in place of one of
+    that name."""
     width = 1 if values.ndim == 1 else values.shape[1]
     whole = np.issubdtype(values.dtype, np.integer)
-    kind = "INT" if whole else {1: "FLOAT", 3: "FLOAT_VECTOR", 4: "FLOAT_COLOR"}[width]
-    attribute = geometry.attributes.new(name, kind, "POINT")
+    kinds = {1: "FLOAT", 2: "FLOAT2", 3: "FLOAT_VECTOR", 4: "FLOAT_COLOR"}
+    kind = "INT" if whole else kinds[width]
+    attribute = geometry.attributes.get(name)
+    if attribute is not None and (attribute.data_type, attribute.domain) != (kind, "POINT"):
+        geometry.attributes.remove(attribute)
+        attribute = None
+    if attribute is None:
+        attribute = geometry.attributes.new(name, kind, "POINT")
     _write(attribute.data, _VALUES[kind][0], values, np.int32 if whole else np.float32)
 
 
@@ -73,6 +84,13 @@ def write_corner_colors(mesh, name, colors):
     corners = _read(mesh.loops, "vertex_index", 1, np.int32)
     attribute = mesh.attributes.new(name, "BYTE_COLOR", "CORNER")
     _write(attribute.data, "color", colors[corners])
+
+
+def by_row(rows, values):
+    """(N, …) from (M, …): what the pairs of a point say, which all say the same."""
+    result = np.zeros((rows.max() + 1, *values.shape[1:]), values.dtype)
+    result[rows] = values
+    return result
 
 
 # --- Meshes ---------------------------------------------------------------------------------------
@@ -94,6 +112,11 @@ def mesh_edges(mesh):
     return _read(mesh.edges, "vertices", 2, np.int32)
 
 
+def mesh_corners(mesh):
+    """(C,) int32: the vertex of every face's corner, faces in order."""
+    return _read(mesh.loops, "vertex_index", 1, np.int32)
+
+
 def mesh_triangles(mesh):
     """(F, 3) int32, or None for a mesh without faces."""
     if not mesh.polygons:
@@ -104,7 +127,7 @@ def mesh_triangles(mesh):
 
 def mesh_normals(mesh):
     """(N, 3) vertex normals from the faces, or None where a vertex has no face: it has none."""
-    corners = _read(mesh.loops, "vertex_index", 1, np.int32)
+    corners = mesh_corners(mesh)
     if not np.bincount(corners, minlength=len(mesh.vertices)).all():
         return None
     if hasattr(mesh, "vertex_normals"):
@@ -115,12 +138,15 @@ def mesh_normals(mesh):
 def mesh_colors(mesh):
     """(N, 4) from the active colour attribute, or None. Corners of a vertex are averaged."""
     attribute = mesh.color_attributes.active_color
-    if attribute is None:
-        return None
+    return None if attribute is None else vertex_colors(mesh, attribute)
+
+
+def vertex_colors(mesh, attribute):
+    """(N, 4) from a colour attribute; corners of a vertex are averaged."""
     colors = read_attribute(attribute)
     if attribute.domain == "POINT":
         return colors
-    corners = _read(mesh.loops, "vertex_index", 1, np.int32)
+    corners = mesh_corners(mesh)
     counts = np.bincount(corners, minlength=len(mesh.vertices))
     result = np.ones((len(mesh.vertices), 4), np.float32)
     used = counts > 0
@@ -130,19 +156,51 @@ def mesh_colors(mesh):
     return result
 
 
+def corner_uvs(layer):
+    """(C, 2) from a UV layer."""
+    return _read(layer.data, "uv", 2)
+
+
+def first_of_corners(mesh, values):
+    """(N, K) from a row a corner: a vertex on a seam has that of one side; 0 without a face."""
+    corners = mesh_corners(mesh)
+    result = np.zeros((len(mesh.vertices), values.shape[1]), np.float32)
+    result[corners[::-1]] = values[::-1]
+    return result
+
+
+def triangle_loops(mesh):
+    """(F, 3) int32: the corners of `mesh_triangles`."""
+    mesh.calc_loop_triangles()
+    return _read(mesh.loop_triangles, "loops", 3, np.int32)
+
+
 def vertex_groups(mesh, names):
     """By name, the vertices of a group and their weights: int64 rows and float32 weights.
 
     `names` maps the index of a vertex group to the name under which it's wanted.
     """
+    steps = vertex_group_steps(mesh, names)
+    while True:
+        try:
+            next(steps)
+        except StopIteration as end:
+            return end.value
+
+
+def vertex_group_steps(mesh, names):
+    """The same as a generator, which takes long on a large mesh: it yields after every part, and
+    returns what `vertex_groups` does. The mesh must not change meanwhile."""
     found = {name: ([], []) for name in names.values()}
-    if names:
-        for row, vertex in enumerate(mesh.vertices):
+    count = len(mesh.vertices) if names else 0
+    for start in range(0, count, _PART):
+        for row, vertex in enumerate(mesh.vertices[start : start + _PART], start):
             for element in vertex.groups:
                 name = names.get(element.group)
                 if name is not None:
                     found[name][0].append(row)
                     found[name][1].append(element.weight)
+        yield
     return {
         name: (np.array(rows, np.int64), np.array(weights, np.float32))
         for name, (rows, weights) in found.items()
@@ -169,6 +227,12 @@ def fill_mesh(mesh, positions, triangles=None):
             _write(mesh.polygons, "loop_total", np.full(count, 3), np.int32)
         _write(mesh.polygons, "use_smooth", np.ones(count), bool)
     mesh.update(calc_edges=triangles is not None)
+
+
+def move_vertices(mesh, positions):
+    """Gives the vertices of a mesh other places."""
+    _write(mesh.vertices, "co", positions)
+    mesh.update()
 
 
 # --- Shape keys -----------------------------------------------------------------------------------
@@ -204,3 +268,10 @@ def cloud_colors(cloud):
         of_points = (point_attribute(cloud, a.name, *kinds) for a in cloud.attributes)
         attribute = next(filter(None, of_points), None)
     return None if attribute is None else read_attribute(attribute)
+
+
+def mark_points(cloud, name, rows):
+    """A new point attribute that is 1 at these rows and 0 elsewhere."""
+    values = np.zeros(len(cloud.points), np.float32)
+    values[rows] = 1.0
+    write_attribute(cloud, name, values)

@@ -3,9 +3,10 @@
 import bpy
 import pointmorph
 
-from . import frames, result, session
-from .operators import Computing, activate, active_result, fail, result_reason
-from .properties import settings_values
+from . import frames, result
+from .checks import activate, active_result, busy_reason, fail, result_reason
+from .jobs import Computing
+from .properties import EASINGS, FORMATS, settings_values
 
 
 def path_choice(description):
@@ -95,12 +96,7 @@ class POINTMORPH_OT_bake_frames(Computing, bpy.types.Operator):
     format: bpy.props.EnumProperty(
         name="Format",
         description="Where the frames go",
-        items=[
-            ("SCENE", "In the Scene", "An object that shows the frame of the scene"),
-            ("PLY", "PLY Files", "One file a frame with all there is, id and velocity too"),
-            ("USD", "USD", "One file with all there is. Points from Blender 4.5 on"),
-            ("ALEMBIC", "Alembic", "One file: positions, as vertices, and velocity"),
-        ],
+        items=FORMATS,
         default="SCENE",
     )
     frame_start: bpy.props.IntProperty(
@@ -115,10 +111,7 @@ class POINTMORPH_OT_bake_frames(Computing, bpy.types.Operator):
     easing: bpy.props.EnumProperty(
         name="Easing",
         description="How the morph runs over the frames",
-        items=[
-            ("LINEAR", "Even", "At the same speed all the time"),
-            ("SMOOTH", "Smooth", "Begins and ends slowly"),
-        ],
+        items=EASINGS,
         default="LINEAR",
     )
     path: path_choice("How points travel")
@@ -137,10 +130,7 @@ class POINTMORPH_OT_bake_frames(Computing, bpy.types.Operator):
 
     @classmethod
     def poll(cls, context):
-        if session.current is not None:
-            cls.poll_message_set("Something is being computed: wait, or press Esc to stop it")
-            return False
-        reason = result_reason(context)
+        reason = busy_reason() or result_reason(context)
         if reason is not None:
             cls.poll_message_set(reason)
             return False

@@ -91,6 +91,10 @@ class Outcome:
     `landing` is (N, 3): where every source vertex ends on the target, in the morph's frame.
     `distortion` is (M,), a value a pair: the worse of both its ends, see `pointmorph.PointQuality`.
     `maps` is the landing of all points of the source and of all of the target, for `Earlier`.
+    `boundaries` are the rows of the boundary that each shape's faces leave open, or None.
+
+    Of a chain, `between` are the shapes on the way, `stops` where every source vertex is on each of
+    them, and `via_maps` where their own points land on the next shape and on the one before.
     """
 
     source: End
@@ -99,6 +103,15 @@ class Outcome:
     distortion: np.ndarray
     report: dict
     maps: tuple
+    boundaries: tuple
+    between: tuple = ()
+    stops: tuple = ()
+    via_maps: tuple = ()
+
+    @property
+    def ends(self):
+        """Every shape's `End`, in order."""
+        return (self.source, *self.between, self.target)
 
 
 @dataclass(frozen=True)
@@ -125,9 +138,9 @@ class Earlier:
 
 def compute(request, progress, earlier=None):
     """Runs the library. `progress` is called as that of `pointmorph.morph`."""
+    clouds = request.source.cloud(), request.target.cloud()
     morph = pointmorph.morph(
-        request.source.cloud(),
-        request.target.cloud(),
+        *clouds,
         request.features,
         loop=request.loop,
         start=earlier.start_for(request) if earlier else None,
@@ -147,4 +160,11 @@ def compute(request, progress, earlier=None):
         )
     )
     maps = morph.source_to_target, morph.target_to_source
-    return Outcome(*ends, maps[0], distortion.astype(np.float32), morph.report, maps)
+    return Outcome(
+        *ends,
+        maps[0],
+        distortion.astype(np.float32),
+        morph.report,
+        maps,
+        tuple(cloud.boundary for cloud in clouds),
+    )

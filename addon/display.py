@@ -24,22 +24,37 @@ _RAMP_END = 2.0  # the distortion of a fold
 _EEVEE_WITH_POINTS = (4, 2, 0)
 
 
-def add_points_modifier(obj, key, created):
+def add_points_modifier(obj, key, created, stages=("source", "target")):
     """Shows the vertices of `obj` as points, colour and radius at the value of shape key `key`.
 
-    `created` is called with every data-block that had to be made.
+    `created` is called with every data-block that had to be made. `stages` are the prefixes of the
+    attributes of all shapes, in order.
     """
-    group = bpy.data.node_groups.get(NAME)
+    name = NAME if len(stages) == 2 else f"{NAME} {len(stages)}"
+    group = bpy.data.node_groups.get(name)
     if group is None:
         material = bpy.data.materials.get(NAME)
         if material is None:
             material = _material(created)
-        group = _group(material, created)
+        group = _group(name, stages, material, created)
     modifier = obj.modifiers.new(MODIFIER, "NODES")
     modifier.node_group = group
-    curve = obj.driver_add(f'modifiers["{MODIFIER}"]["{input_identifier(group, "t")}"]')
-    curve.driver.type = "AVERAGE"
-    variable = curve.driver.variables.new()
+    drive_input(obj, modifier, "t", key)
+
+
+def drive_input(obj, modifier, name, key, divisor=1):
+    """Makes an input of a modifier's group have the value of a shape key, or a share of it."""
+    identifier = input_identifier(modifier.node_group, name)
+    curve = obj.driver_add(f'modifiers["{modifier.name}"]["{identifier}"]')
+    curve.driver.type = "AVERAGE" if divisor == 1 else "SCRIPTED"
+    drive(curve.driver, key)
+    if divisor != 1:
+        curve.driver.expression = f"t / {divisor}"
+
+
+def drive(driver, key):
+    """Gives a driver the variable t: the value of a shape key."""
+    variable = driver.variables.new()
     variable.name = "t"
     variable.type = "SINGLE_PROP"
     target = variable.targets[0]
@@ -67,6 +82,15 @@ def add_frames_modifier(obj, collection, plan, created):
     values["Frame Rate"] = render.fps / render.fps_base
     for name, value in values.items():
         modifier[input_identifier(group, name)] = value
+
+
+def remove_unused():
+    """Takes the group of nodes and the material out of the file where nothing shows points."""
+    group, material = bpy.data.node_groups.get(NAME), bpy.data.materials.get(NAME)
+    if group is not None and group.users == 0:
+        bpy.data.node_groups.remove(group)
+        if material is not None and material.users == 0:
+            bpy.data.materials.remove(material)
 
 
 def frames_collection(obj):
@@ -145,7 +169,7 @@ def _inputs(group):
     return {socket.name: socket for socket in group.inputs}
 
 
-def _new_input(group, kind, name, description="", **values):
+def new_input(group, kind, name, description="", **values):
     if hasattr(group, "interface"):
         socket = group.interface.new_socket(name, in_out="INPUT", socket_type=kind)
     else:
@@ -157,7 +181,7 @@ def _new_input(group, kind, name, description="", **values):
 
 def _new_splat_inputs(group):
     """How points are drawn."""
-    _new_input(
+    new_input(
         group,
         "NodeSocketFloat",
         "Radius Scale",
@@ -165,7 +189,7 @@ def _new_splat_inputs(group):
         default_value=1.0,
         min_value=0.0,
     )
-    _new_input(
+    new_input(
         group,
         "NodeSocketBool",
         "Discs",
@@ -174,19 +198,19 @@ def _new_splat_inputs(group):
     )
 
 
-def _new_output(group, kind, name):
+def new_output(group, kind, name):
     if hasattr(group, "interface"):
         group.interface.new_socket(name, in_out="OUTPUT", socket_type=kind)
     else:
         group.outputs.new(kind, name)
 
 
-def _enabled(sockets, name):
+def enabled(sockets, name):
     """The socket of a node that has one for each type of data under the same name."""
     return next(socket for socket in sockets if socket.enabled and socket.name == name)
 
 
-class _Builder:
+class Builder:
     """Adds nodes to a tree from left to right."""
 
     def __init__(self, tree):
@@ -199,7 +223,7 @@ class _Builder:
         for key, value in settings.items():
             setattr(node, key, value)
         for name, value in (inputs or {}).items():
-            socket = _enabled(node.inputs, name)
+            socket = enabled(node.inputs, name)
             if isinstance(value, bpy.types.NodeSocket):
                 self.tree.links.new(value, socket)
             else:
@@ -208,66 +232,101 @@ class _Builder:
         self._column += 1
         return node
 
+    def attribute(self, name, kind):
+        """The values of a named attribute."""
+        node = self.node("GeometryNodeInputNamedAttribute", {"Name": name}, data_type=kind)
+        return enabled(node.outputs, "Attribute")
 
-def _group(material, created):
-    group = bpy.data.node_groups.new(NAME, "GeometryNodeTree")
-    created(group)
-    _new_input(group, "NodeSocketGeometry", "Geometry")
-    _new_input(
+
+def new_t_input(group, count):
+    """The input that a shape key drives, for `count` shapes."""
+    new_input(
         group,
         "NodeSocketFloat",
         "t",
-        "0 shows colour and radius of the source, 1 of the target. Follows the shape key Morph",
+        "0 shows colour and radius of the source, 1 of the target. Follows the shape key Morph"
+        if count == 2
+        else "0 shows colour and radius of the first shape, 1 of the second and so on. Follows the "
+        "shape key Morph",
         min_value=0.0,
-        max_value=1.0,
+        max_value=float(count - 1),
     )
+
+
+def shares(build, t, count):
+    """Of the shapes after the first: how far the way to each of them is done at `t`, 0 to 1."""
+    if count == 2:
+        return [t]
+    found = []
+    for number in range(count - 1):
+        less = build.node("ShaderNodeMath", operation="SUBTRACT", use_clamp=True)
+        build.tree.links.new(t, less.inputs[0])
+        less.inputs[1].default_value = float(number)
+        found.append(less.outputs["Value"])
+    return found
+
+
+def mix_through(build, values, factors, kind):
+    """The first of `values`, mixed with one after the other of the rest."""
+    result = values[0]
+    for value, factor in zip(values[1:], factors, strict=True):
+        ends = {"Factor": factor, "A": result, "B": value}
+        node = build.node("ShaderNodeMix", ends, data_type=kind, clamp_factor=False)
+        result = enabled(node.outputs, "Result")
+    return result
+
+
+def mix_colors(build, colors, factors):
+    """Like `mix_through`. A mix of colours keeps the first alpha, so it's mixed as a number."""
+    alphas = [
+        build.node("FunctionNodeSeparateColor", {"Color": color}).outputs["Alpha"]
+        for color in colors
+    ]
+    mixed = mix_through(build, colors, factors, "RGBA")
+    solid = build.node("FunctionNodeSeparateColor", {"Color": mixed}).outputs
+    channels = {name: solid[name] for name in ("Red", "Green", "Blue")}
+    channels["Alpha"] = mix_through(build, alphas, factors, "FLOAT")
+    return build.node("FunctionNodeCombineColor", channels).outputs["Color"]
+
+
+def _group(name, stages, material, created):
+    group = bpy.data.node_groups.new(name, "GeometryNodeTree")
+    created(group)
+    new_input(group, "NodeSocketGeometry", "Geometry")
+    new_t_input(group, len(stages))
     _new_splat_inputs(group)
-    _new_input(
+    new_input(
         group,
         "NodeSocketBool",
         SHOW_DISTORTION,
         "Colours the points by how bad the map is there: blue is good, yellow bad, red folded",
     )
-    _new_output(group, "NodeSocketGeometry", "Geometry")
+    new_output(group, "NodeSocketGeometry", "Geometry")
 
-    build = _Builder(group)
+    build = Builder(group)
     inputs = build.node("NodeGroupInput").outputs
-    sides = ("source", "target")
+    factors = shares(build, inputs["t"], len(stages))
 
-    def attribute(name, kind):
-        node = build.node("GeometryNodeInputNamedAttribute", {"Name": name}, data_type=kind)
-        return _enabled(node.outputs, "Attribute")
-
-    def mixed(a, b, kind):
-        ends = {"Factor": inputs["t"], "A": a, "B": b}
-        node = build.node("ShaderNodeMix", ends, data_type=kind, clamp_factor=False)
-        return _enabled(node.outputs, "Result")
+    def mixed(values, kind):
+        return mix_through(build, values, factors, kind)
 
     def stored(geometry, name, kind, value):
         fields = {"Geometry": geometry, "Name": name, "Value": value}
         node = build.node("GeometryNodeStoreNamedAttribute", fields, data_type=kind, domain="POINT")
         return node.outputs["Geometry"]
 
-    # A mix of colours keeps the first alpha, so it's mixed as a number.
-    colors = [attribute(f"{side}_color", "FLOAT_COLOR") for side in sides]
-    alphas = [
-        build.node("FunctionNodeSeparateColor", {"Color": color}).outputs["Alpha"]
-        for color in colors
-    ]
-    solid = build.node("FunctionNodeSeparateColor", {"Color": mixed(*colors, "RGBA")}).outputs
-    channels = {name: solid[name] for name in ("Red", "Green", "Blue")}
-    channels["Alpha"] = mixed(*alphas, "FLOAT")
-    color = build.node("FunctionNodeCombineColor", channels).outputs["Color"]
-    color = _or_distortion(build, inputs, color, attribute(DISTORTION, "FLOAT"))
+    colors = [build.attribute(f"{side}_color", "FLOAT_COLOR") for side in stages]
+    color = mix_colors(build, colors, factors)
+    color = _or_distortion(build, inputs, color, build.attribute(DISTORTION, "FLOAT"))
 
-    normals = [attribute(f"{side}_normal", "FLOAT_VECTOR") for side in sides]
+    normals = [build.attribute(f"{side}_normal", "FLOAT_VECTOR") for side in stages]
     unit = build.node("ShaderNodeVectorMath", operation="NORMALIZE")
-    group.links.new(mixed(*normals, "VECTOR"), unit.inputs[0])
+    group.links.new(mixed(normals, "VECTOR"), unit.inputs[0])
     unit_normal = unit.outputs["Vector"]
 
-    radii = [attribute(f"{side}_radius", "FLOAT") for side in sides]
+    radii = [build.attribute(f"{side}_radius", "FLOAT") for side in stages]
     scaled = build.node("ShaderNodeMath", operation="MULTIPLY")
-    group.links.new(mixed(*radii, "FLOAT"), scaled.inputs[0])
+    group.links.new(mixed(radii, "FLOAT"), scaled.inputs[0])
     group.links.new(inputs["Radius Scale"], scaled.inputs[1])
     radius = scaled.outputs["Value"]
 
@@ -277,7 +336,7 @@ def _group(material, created):
     points = build.node("GeometryNodeMeshToPoints", {"Mesh": geometry, "Radius": radius})
 
     discs = _discs(build, geometry, unit_normal, radius)
-    shown = _switch(build, "GEOMETRY", inputs["Discs"], points.outputs[0], discs)
+    shown = switch(build, "GEOMETRY", inputs["Discs"], points.outputs[0], discs)
     finished = build.node("GeometryNodeSetMaterial", {"Geometry": shown, "Material": material})
     build.node("NodeGroupOutput", {"Geometry": finished.outputs["Geometry"]})
     return group
@@ -286,11 +345,11 @@ def _group(material, created):
 def _frames_group(material, created):
     group = bpy.data.node_groups.new(FRAMES_NAME, "GeometryNodeTree")
     created(group)
-    _new_input(group, "NodeSocketGeometry", "Geometry")
-    _new_input(group, "NodeSocketCollection", "Collection", "A mesh for each frame, by name")
-    _new_input(group, "NodeSocketInt", "First", "The scene's frame that shows the first mesh")
-    _new_input(group, "NodeSocketInt", "Step", "Frames from one mesh to the next", default_value=1)
-    _new_input(
+    new_input(group, "NodeSocketGeometry", "Geometry")
+    new_input(group, "NodeSocketCollection", "Collection", "A mesh for each frame, by name")
+    new_input(group, "NodeSocketInt", "First", "The scene's frame that shows the first mesh")
+    new_input(group, "NodeSocketInt", "Step", "Frames from one mesh to the next", default_value=1)
+    new_input(
         group,
         "NodeSocketFloat",
         "Frame Rate",
@@ -298,15 +357,15 @@ def _frames_group(material, created):
         default_value=24.0,
     )
     _new_splat_inputs(group)
-    _new_input(
+    new_input(
         group,
         "NodeSocketBool",
         "Vertices",
         "Shows the meshes as they are: bare vertices, for formats without points, or their faces",
     )
-    _new_output(group, "NodeSocketGeometry", "Geometry")
+    new_output(group, "NodeSocketGeometry", "Geometry")
 
-    build = _Builder(group)
+    build = Builder(group)
     inputs = build.node("NodeGroupInput").outputs
 
     def math(operation, a, b):
@@ -317,10 +376,6 @@ def _frames_group(material, created):
             else:
                 socket.default_value = value
         return node.outputs["Value"]
-
-    def attribute(name, kind):
-        node = build.node("GeometryNodeInputNamedAttribute", {"Name": name}, data_type=kind)
-        return _enabled(node.outputs, "Attribute")
 
     # The first mesh before its time, the last one after.
     frame = build.node("GeometryNodeInputSceneTime").outputs["Frame"]
@@ -348,7 +403,7 @@ def _frames_group(material, created):
     in_viewport = build.node("GeometryNodeIsViewport").outputs["Is Viewport"]
     factor = math("ADD", rate, math("MULTIPLY", in_viewport, math("SUBTRACT", 1.0, rate)))
     scaled = build.node("ShaderNodeVectorMath", operation="SCALE")
-    group.links.new(attribute(VELOCITY, "FLOAT_VECTOR"), scaled.inputs[0])
+    group.links.new(build.attribute(VELOCITY, "FLOAT_VECTOR"), scaled.inputs[0])
     group.links.new(factor, scaled.inputs["Scale"])
     fields = {"Geometry": realized.outputs["Geometry"], "Name": VELOCITY}
     fields["Value"] = scaled.outputs["Vector"]
@@ -356,12 +411,12 @@ def _frames_group(material, created):
         "GeometryNodeStoreNamedAttribute", fields, data_type="FLOAT_VECTOR", domain="POINT"
     )
     geometry = stored.outputs["Geometry"]
-    radius = math("MULTIPLY", attribute(RADIUS, "FLOAT"), inputs["Radius Scale"])
+    radius = math("MULTIPLY", build.attribute(RADIUS, "FLOAT"), inputs["Radius Scale"])
 
     points = build.node("GeometryNodeMeshToPoints", {"Mesh": geometry, "Radius": radius})
-    discs = _discs(build, geometry, attribute(NORMAL, "FLOAT_VECTOR"), radius)
-    shown = _switch(build, "GEOMETRY", inputs["Discs"], points.outputs[0], discs)
-    either = _switch(build, "GEOMETRY", inputs["Vertices"], shown, geometry)
+    discs = _discs(build, geometry, build.attribute(NORMAL, "FLOAT_VECTOR"), radius)
+    shown = switch(build, "GEOMETRY", inputs["Discs"], points.outputs[0], discs)
+    either = switch(build, "GEOMETRY", inputs["Vertices"], shown, geometry)
     finished = build.node("GeometryNodeSetMaterial", {"Geometry": either, "Material": material})
     build.node("NodeGroupOutput", {"Geometry": finished.outputs["Geometry"]})
     return group
@@ -388,12 +443,12 @@ def _discs(build, geometry, normal, radius):
     return realized.outputs["Geometry"]
 
 
-def _switch(build, kind, condition, if_false, if_true):
+def switch(build, kind, condition, if_false, if_true):
     switch = build.node("GeometryNodeSwitch", input_type=kind)
     build.tree.links.new(condition, next(s for s in switch.inputs if s.enabled))
-    build.tree.links.new(if_false, _enabled(switch.inputs, "False"))
-    build.tree.links.new(if_true, _enabled(switch.inputs, "True"))
-    return _enabled(switch.outputs, "Output")
+    build.tree.links.new(if_false, enabled(switch.inputs, "False"))
+    build.tree.links.new(if_true, enabled(switch.inputs, "True"))
+    return enabled(switch.outputs, "Output")
 
 
 def _or_distortion(build, inputs, color, distortion):
@@ -408,7 +463,7 @@ def _or_distortion(build, inputs, color, distortion):
     for element, (position, rgb) in zip(elements, _RAMP, strict=True):
         element.position = position
         element.color = (*rgb, 1.0)
-    return _switch(build, "RGBA", inputs[SHOW_DISTORTION], color, ramp.outputs["Color"])
+    return switch(build, "RGBA", inputs[SHOW_DISTORTION], color, ramp.outputs["Color"])
 
 
 def _material(created):

@@ -45,11 +45,14 @@ class Choice:
         "AUTO" (points of full weight exactly, all else softly), "EXACT" or "SOFT".
     weight : float
         How strongly it pulls when it's soft.
+    use : bool
+        Whether it's a feature at all; what is marked stays.
     """
 
     kind: str = "AUTO"
     hold: str = "AUTO"
     weight: float = 1.0
+    use: bool = True
 
 
 @dataclass(frozen=True)
@@ -99,19 +102,20 @@ def match(source, target, choices=None):
         For a feature on one of them only, an empty group, what isn't of one kind on both, a curve
         whose order nothing tells, and two features on one point.
     """
+    choices = choices or {}
     for one, other in ((source, target), (target, source)):
         for name in one.marks.weights:
-            if name not in other.marks.weights:
+            if name not in other.marks.weights and choices.get(name, Choice()).use:
                 raise pointmorph.FeatureError(
                     other.name,
                     f'a {other.marks.kind} "{PREFIX}{name}" like that of "{one.name}"',
                     "none of that name",
                     f'Mark "{name}" on "{other.name}" too, or remove the feature.',
                 )
-    choices = choices or {}
     found = {
         name: _feature(name, (source, target), choices.get(name, Choice()))
         for name in source.marks.weights
+        if choices.get(name, Choice()).use
     }
     for side, shape in enumerate((source, target)):
         taken = {}

@@ -14,7 +14,7 @@ import pointmorph
 import pointmorph.sequences
 import pointmorph.surfaces
 
-from . import arrays, display, result
+from . import arrays, chains, display, result
 
 COLLECTION = "Frames"
 
@@ -62,50 +62,33 @@ def read_morph(obj, settings):
     Raises
     ------
     CloudError
-        When the object lacks what it was made with.
+        When the object lacks what it was made with, or follows shapes that move.
     """
+    result.check_at_rest(obj, "frames")
     mesh = obj.data
-    keys = {
-        "source": mesh.shape_keys.reference_key if mesh.shape_keys else None,
-        "target": result.morph_key(obj),
-    }
-    missing = [name for name in _needed() if name not in mesh.attributes]
-    if missing:
-        raise pointmorph.CloudError(
-            obj.name, f"the attribute {missing[0]}", "none of that name", "Morph again."
-        )
-    clouds, rows, maps = [], [], []
-    for side, key in keys.items():
-        row = arrays.read_rows(mesh, f"{side}_row")
+    stages, keys = result.stages(obj), result.stage_keys(obj)
+    rows = result.stage_rows(obj)
+    clouds = []
+    for stage, key, row, name in zip(stages, keys, rows, result.stage_names(obj), strict=True):
         values = {
             "positions": arrays.key_positions(key),
-            "normals": arrays.read_vectors(mesh, f"{side}_normal"),
-            "colors": arrays.read_attribute(mesh.attributes[f"{side}_color"]),
-            "radii": arrays.read_attribute(mesh.attributes[f"{side}_radius"]),
+            "normals": arrays.read_vectors(mesh, f"{stage}_normal"),
+            "colors": arrays.read_attribute(mesh.attributes[f"{stage}_color"]),
+            "radii": arrays.read_attribute(mesh.attributes[f"{stage}_radius"]),
         }
-        by_point = {name: _by_point(row, array) for name, array in values.items()}
-        end = getattr(obj.pointmorph, side)
-        clouds.append(pointmorph.Cloud(**by_point, name=side if end is None else end.name))
-        rows.append(row)
-        landing = mesh.attributes.get({"source": "landing", "target": "target_landing"}[side])
-        if landing is not None:
-            maps.append(_by_point(row, arrays.read_attribute(landing)))
-    return pointmorph.restore(
-        *clouds, np.stack(rows, axis=1), tuple(maps) if len(maps) == 2 else None, **settings
-    )
-
-
-def _needed():
-    return [
-        f"{s}_{what}" for s in ("source", "target") for what in ("row", "normal", "color", "radius")
-    ]
-
-
-def _by_point(rows, values):
-    """(N, …) from (M, …): what the pairs of a point say, which all say the same."""
-    result = np.zeros((rows.max() + 1, *values.shape[1:]), values.dtype)
-    result[rows] = values
-    return result
+        by_point = {what: arrays.by_row(row, array) for what, array in values.items()}
+        clouds.append(pointmorph.Cloud(**by_point, name=name))
+    morphs = []
+    for number, (onward, back) in enumerate(result.map_names(obj)):
+        maps = None
+        if onward in mesh.attributes and back in mesh.attributes:
+            maps = tuple(
+                arrays.by_row(row, arrays.read_vectors(mesh, name))
+                for row, name in zip(rows[number:], (onward, back), strict=False)
+            )
+        pairs = np.stack(rows[number : number + 2], axis=1)
+        morphs.append(pointmorph.restore(*clouds[number : number + 2], pairs, maps, **settings))
+    return morphs[0] if len(morphs) == 1 else chains.ChainedMorph(morphs)
 
 
 def compute(morph, plan, progress):

@@ -1,126 +1,18 @@
-"""What the user does: morph, mark features, look at the quality."""
+"""What the user does: morph, look at the quality."""
 
 import json
+import queue
 
-import bmesh
 import bpy
 import numpy as np
-import pointmorph
 
-from . import arrays, display, result, session, transforms
+from . import display, preview, previewing, remaking, result, session, transforms
+from .checks import activate, active_result, busy_reason, shapes_reason
 from .computation import Earlier, compute
-from .features import PREFIX, description
-from .properties import feature_names, sync_features
-from .reading import read_request
-
-
-def fail(operator, error):
-    """Tells the user about a PointmorphError. In scripts the operator raises RuntimeError then."""
-    operator.report({"ERROR"}, str(error))
-    return {"CANCELLED"}
-
-
-def shapes_reason(context):
-    """Why source and target can't be used as they were picked; None when they can."""
-    settings = context.scene.pointmorph
-    for side, obj in (("source", settings.source), ("target", settings.target)):
-        if obj is None:
-            return f"Pick a {side} first"
-        if context.scene.objects.get(obj.name) != obj:
-            return f'The {side} "{obj.name}" is no longer in the scene: pick another'
-    if settings.source == settings.target:
-        return f'Source and target are both "{settings.source.name}": pick two objects'
-    return None
-
-
-def active_result(context):
-    """The morph object that is meant: the active one, else the last one of source and target."""
-    active = context.view_layer.objects.active
-    if result.is_result(active):
-        return active
-    settings = context.scene.pointmorph
-    found = None
-    if settings.source is not None:
-        for obj in context.scene.objects:
-            made_from = (obj.pointmorph.source, obj.pointmorph.target)
-            if made_from == (settings.source, settings.target) and result.is_result(obj):
-                found = obj
-    return found
-
-
-def result_reason(context):
-    """Why there is no morph object that could be baked; None when there is one."""
-    obj = active_result(context)
-    if obj is None:
-        return "Morph first, or make a morph object the active object"
-    return "Leave Edit Mode first" if obj.mode == "EDIT" else None
-
-
-class Computing:
-    """What an operator needs that computes in a thread while Blender stays usable.
-
-    It has `_begin(context)`, which reads the scene and returns what to call with a progress, and
-    `_finish(context, outcome)`, which changes the scene.
-    """
-
-    _in_window = False
-
-    def invoke(self, context, event):
-        if bpy.app.background:
-            return self.execute(context)
-        try:
-            self._in_window = True
-            compute = self._begin(context)
-        except pointmorph.PointmorphError as error:
-            return fail(self, error)
-        session.start(compute)
-        window_manager = context.window_manager
-        self._timer = window_manager.event_timer_add(0.05, window=context.window)
-        window_manager.modal_handler_add(self)
-        self._show_progress(context)
-        return {"RUNNING_MODAL"}
-
-    def modal(self, context, event):
-        if event.type == "ESC" and event.value == "PRESS":
-            session.current.cancel()
-            self._show_progress(context)
-            return {"RUNNING_MODAL"}
-        if event.type != "TIMER":
-            return {"PASS_THROUGH"}
-        if not session.current.done:
-            self._show_progress(context)
-            return {"PASS_THROUGH"}
-        job = self._end(context)
-        try:
-            outcome = job.result()
-            return self._finish(context, outcome)
-        except pointmorph.Cancelled:
-            self.report({"INFO"}, self.stopped)
-            return {"CANCELLED"}
-        except pointmorph.PointmorphError as error:
-            return fail(self, error)
-
-    def cancel(self, context):
-        """Called by Blender when the window or the file is closed."""
-        self._end(context)
-
-    def execute(self, context):
-        try:
-            # A function of Python's, so that Ctrl-C works.
-            return self._finish(context, self._begin(context)(lambda stage, fraction: True))
-        except pointmorph.PointmorphError as error:
-            return fail(self, error)
-
-    def _show_progress(self, context):
-        context.workspace.status_text_set(progress_text() + "   Esc: stop")
-        _redraw_sidebars(context)
-
-    def _end(self, context):
-        context.window_manager.event_timer_remove(self._timer)
-        context.workspace.status_text_set(None)
-        job = session.finish()
-        _redraw_sidebars(context)
-        return job
+from .jobs import Computing
+from .marking import say_what_was_found
+from .properties import feature_choices, sync_features
+from .reading import read_request_steps
 
 
 class POINTMORPH_OT_morph(Computing, bpy.types.Operator):
@@ -132,83 +24,78 @@ class POINTMORPH_OT_morph(Computing, bpy.types.Operator):
 
     @classmethod
     def poll(cls, context):
-        if session.current is not None:
-            cls.poll_message_set("A morph is being computed: wait, or press Esc to stop it")
-            return False
-        reason = shapes_reason(context)
+        reason = busy_reason() or shapes_reason(context)
         if reason is not None:
             cls.poll_message_set(reason)
-            return False
-        return True
+        return reason is None
 
     stopped = "The morph was stopped"
+    _value = 0.0  # of the key when the result comes
+    _shown = ""  # name of the coarse morph's object
 
-    def _begin(self, context):
-        request = self._request = self._read(context)
+    def _begin_steps(self, context):
+        request = self._request = yield from self._read(context)
         # A script gets the same whatever was done before it.
         earlier = session.earlier if self._in_window else None
-        return lambda progress: compute(request, progress, earlier)
+        self._first_look = queue.SimpleQueue()
+        with_preview = self._in_window and preview.is_worth_it(request)
+
+        def work(progress):
+            if with_preview:
+                self._first_look.put(preview.compute(request, progress))
+            return compute(request, progress, earlier)
+
+        return work
+
+    def _meanwhile(self, context):
+        """Shows the coarse morph when it's there."""
+        if self._first_look.empty():
+            return
+        outcome = self._first_look.get()
+        if outcome is not None:
+            self._shown = previewing.show(context, outcome, *self._made_of(context))
+
+    def _leave(self, context):
+        self._value = previewing.remove(self._shown)
+
+    def _made_of(self, context):
+        """What `result.build` needs besides the outcome."""
+        source_name, target_name = self._names
+        objects = context.scene.objects
+        ends = objects.get(source_name), objects.get(target_name)
+        return f"{source_name} to {target_name}", self._origin, *ends, self._source_matrix
 
     def _read(self, context):
         """The request. What _finish needs is kept by name: objects move in memory on undo."""
         sync_features(context.scene)
-        request = read_request(context)
+        request = yield from read_request_steps(context)
         say_what_was_found(context.scene, request)
         source = context.scene.pointmorph.source
         self._origin = np.array(source.matrix_world.translation)
         self._source_matrix = transforms.relative_to(source.matrix_world, self._origin)
         self._names = request.source.name, request.target.name
+        yield
+        self._recipe = yield from remaking.take_down_steps(
+            [source, context.scene.pointmorph.target],
+            [request],
+            self._origin,
+            feature_choices(context.scene.pointmorph),
+        )
         return request
 
     def _finish(self, context, outcome):
         if self._in_window:
             session.earlier = Earlier(self._request, outcome.maps)
-        source_name, target_name = self._names
-        objects = context.scene.objects
-        obj = result.build(
-            context,
-            outcome,
-            f"{source_name} to {target_name}",
-            self._origin,
-            objects.get(source_name),
-            objects.get(target_name),
-            self._source_matrix,
-        )
+        obj = result.build(context, outcome, *self._made_of(context))
+        result.morph_key(obj).value = self._value
         activate(context.view_layer.objects, obj)
         report = outcome.report
-        obj.pointmorph.report = json.dumps(report)
+        remaking.remember(obj, self._recipe, outcome)
         for warning in report["warnings"]:
             self.report({"WARNING"}, warning)
         seconds = report["seconds"]
         self.report({"INFO"}, f'"{obj.name}": {report["pairs"]:,} pairs in {seconds:.1f} s')
         return {"FINISHED"}
-
-
-def activate(objects, obj):
-    """Selects `obj` alone, unless it's in an excluded collection or the user is in another mode."""
-    in_object_mode = objects.active is None or objects.active.mode == "OBJECT"
-    if in_object_mode and objects.get(obj.name) == obj:
-        for other in list(objects.selected):
-            other.select_set(False)
-        obj.select_set(True)
-        objects.active = obj
-
-
-def progress_text():
-    """What the running job is at."""
-    job = session.current
-    if job.cancelled:
-        return "Stopping"
-    return f"{job.stage.replace('_', ' ').capitalize() or 'Starting'} {100 * job.fraction:.0f} %"
-
-
-def _redraw_sidebars(context):
-    for window in context.window_manager.windows:
-        for area in window.screen.areas:
-            if area.type == "VIEW_3D":
-                for region in area.regions:
-                    if region.type == "UI":
-                        region.tag_redraw()
 
 
 # --- Quality -----------------------------------------------------------------------------------
@@ -295,267 +182,10 @@ class POINTMORPH_OT_go_to_place(bpy.types.Operator):
         return {"FINISHED"}
 
 
-# --- Features -------------------------------------------------------------------------------------
-
-
-class POINTMORPH_OT_add_feature(bpy.types.Operator):
-    """Mark the selected vertices as a feature: on each picked object in Edit Mode, or the active.
-    One is a point, a path of edges a curve, any other several are a region"""
-
-    bl_idname = "pointmorph.add_feature"
-    bl_label = "Add Feature"
-    bl_options = {"REGISTER", "UNDO"}
-
-    name: bpy.props.StringProperty(
-        name="Name",
-        description="The feature's name. Without one, the first feature of the list that isn't "
-        "marked here yet is completed, or a new one begun",
-        options={"SKIP_SAVE"},
-    )
-
-    @classmethod
-    def poll(cls, context):
-        reason = shapes_reason(context)
-        if reason is None and not _objects_to_mark(context):
-            reason = "Make the source or the target the active object, and select vertices"
-        if reason is not None:
-            cls.poll_message_set(reason)
-        return reason is None
-
-    def execute(self, context):
-        settings = context.scene.pointmorph
-        try:
-            vertices = {obj: _selected_vertices(obj) for obj in _objects_to_mark(context)}
-        except pointmorph.PointmorphError as error:
-            return fail(self, error)
-        sync_features(context.scene)
-        name = self.name.strip().removeprefix(PREFIX) or _next_name(settings, list(vertices))
-        for obj, rows in vertices.items():
-            _mark(obj, name, rows)
-        sync_features(context.scene)
-        settings.active_feature = settings.features.find(name)
-        settings.features[name].confidence = -1.0
-        return {"FINISHED"}
-
-
-class POINTMORPH_OT_check_features(bpy.types.Operator):
-    """Look at what is marked on both objects, and say in the list what each feature is"""
-
-    bl_idname = "pointmorph.check_features"
-    bl_label = "Check Features"
-    bl_options = {"REGISTER", "UNDO"}
-
-    @classmethod
-    def poll(cls, context):
-        reason = shapes_reason(context)
-        if reason is not None:
-            cls.poll_message_set(reason)
-        return reason is None
-
-    def execute(self, context):
-        sync_features(context.scene)
-        try:
-            request = read_request(context)
-        except pointmorph.PointmorphError as error:
-            return fail(self, error)
-        say_what_was_found(context.scene, request)
-        count = len(request.features)
-        self.report({"INFO"}, f"{count} feature" + ("" if count == 1 else "s"))
-        return {"FINISHED"}
-
-
-def say_what_was_found(scene, request):
-    """Writes into the list of features what each of them is."""
-    for item in scene.pointmorph.features:
-        if item.marked_name in request.features:
-            found = description(request.features[item.marked_name])
-            if item.found != found:
-                item.found = found
-
-
-class POINTMORPH_OT_remove_feature(bpy.types.Operator):
-    """Remove the feature chosen in the list, on both objects"""
-
-    bl_idname = "pointmorph.remove_feature"
-    bl_label = "Remove Feature"
-    bl_options = {"REGISTER", "UNDO"}
-
-    name: bpy.props.StringProperty(
-        name="Name",
-        description="The feature's name; without one, that which is chosen in the list",
-        options={"SKIP_SAVE"},
-    )
-
-    @classmethod
-    def poll(cls, context):
-        settings = context.scene.pointmorph
-        if feature_names(settings.source) or feature_names(settings.target):
-            return True
-        cls.poll_message_set("There is no feature yet")
-        return False
-
-    def execute(self, context):
-        settings = context.scene.pointmorph
-        sync_features(context.scene)
-        names = [feature.name for feature in settings.features]
-        name = self.name.strip().removeprefix(PREFIX)
-        if not name:
-            name = names[min(max(settings.active_feature, 0), len(names) - 1)]
-        if name not in names:
-            error = pointmorph.FeatureError(
-                f'feature "{name}"', "one that is marked", "none of that name", "Check the name."
-            )
-            return fail(self, error)
-        for obj in (settings.source, settings.target):
-            if name in feature_names(obj):
-                named = obj.vertex_groups if obj.type == "MESH" else obj.data.attributes
-                named.remove(named[PREFIX + name])
-        sync_features(context.scene)
-        settings.active_feature = min(settings.active_feature, len(settings.features) - 1)
-        return {"FINISHED"}
-
-
-class POINTMORPH_OT_propose_features(bpy.types.Operator):
-    """Find tips and other places that belong together and mark them on both objects, to check"""
-
-    bl_idname = "pointmorph.propose_features"
-    bl_label = "Propose"
-    bl_options = {"REGISTER", "UNDO"}
-
-    confidence: bpy.props.FloatProperty(
-        name="Confidence",
-        description="Less likely pairs aren't marked",
-        default=0.5,
-        min=0.0,
-        max=1.0,
-    )
-    places: bpy.props.BoolProperty(
-        name="Places Between", description="Mark places between the tips too", default=False
-    )
-
-    @classmethod
-    def poll(cls, context):
-        reason = shapes_reason(context)
-        if reason is None:
-            settings = context.scene.pointmorph
-            for obj in (settings.source, settings.target):
-                if obj.type != "MESH":
-                    reason = f'"{obj.name}" is no mesh, which has vertex groups'
-                elif obj.mode == "EDIT":
-                    reason = "Leave Edit Mode first"
-        if reason is not None:
-            cls.poll_message_set(reason)
-        return reason is None
-
-    def execute(self, context):
-        settings = context.scene.pointmorph
-        objects = (settings.source, settings.target)
-        try:
-            request = read_request(context)
-            if len(request.target.positions) != len(settings.target.data.vertices):
-                raise pointmorph.FeatureError(
-                    settings.target.name,
-                    f"the {len(settings.target.data.vertices)} vertices of the mesh",
-                    f"{len(request.target.positions)} with modifiers",
-                    "Apply the modifiers that add or remove vertices, or disable them.",
-                )
-            proposals = pointmorph.propose_features(
-                request.source.cloud(),
-                request.target.cloud(),
-                request.features,
-                progress=lambda stage, fraction: True,
-                **request.settings,
-            )
-        except pointmorph.PointmorphError as error:
-            return fail(self, error)
-        marked = []
-        for proposal in proposals:
-            wanted = self.places or proposal.name.startswith("tip.")
-            if not wanted or proposal.confidence < self.confidence:
-                continue
-            name = proposal.name
-            while name in request.features:
-                name += "_"
-            for obj, row in zip(objects, (proposal.source, proposal.target), strict=True):
-                _mark(obj, name, [row])
-            marked.append((name, proposal.confidence))
-        sync_features(context.scene)
-        for name, confidence in marked:
-            settings.features[name].confidence = confidence
-        found = f"{len(marked)} of {len(proposals)} proposals marked"
-        self.report({"INFO"}, found + (": check them" if marked else "; the rest is too unsure"))
-        return {"FINISHED"}
-
-
-def _objects_to_mark(context):
-    """The picked objects that are being edited, or the active object when it's one of them."""
-    settings = context.scene.pointmorph
-    picked = [settings.source, settings.target]
-    edited = [obj for obj in picked if obj.mode == "EDIT"]
-    return edited or [obj for obj in picked if obj == context.view_layer.objects.active]
-
-
-def _selected_vertices(obj):
-    """Rows of the vertices that are selected."""
-    if obj.type != "MESH":
-        raise pointmorph.FeatureError(
-            obj.name,
-            "a mesh",
-            f"an object of type {obj.type}",
-            f'Store a point attribute "{PREFIX}name" that is 1 at the point, for instance with '
-            "geometry nodes.",
-        )
-    if obj.mode == "EDIT":
-        vertices = bmesh.from_edit_mesh(obj.data).verts
-        selected = [vertex.index for vertex in vertices if vertex.select]
-    else:
-        selected = arrays.selected_vertices(obj.data)
-    if not len(selected):
-        raise pointmorph.FeatureError(
-            obj.name,
-            "selected vertices",
-            "none",
-            "Select one vertex in Edit Mode, or several for a curve or a region.",
-        )
-    return [int(row) for row in selected]
-
-
-def _next_name(settings, objects):
-    for feature in settings.features:
-        if not any(feature.name in feature_names(obj) for obj in objects):
-            return feature.name
-    taken = {feature.name for feature in settings.features}
-    number = 1
-    while f"feature {number}" in taken:
-        number += 1
-    return f"feature {number}"
-
-
-def _mark(obj, name, rows):
-    """Makes the vertex group of a feature hold these vertices and no others."""
-    old = obj.vertex_groups.get(PREFIX + name)
-    if old is not None:
-        obj.vertex_groups.remove(old)
-    group = obj.vertex_groups.new(name=PREFIX + name)
-    if obj.mode == "EDIT":
-        mesh = bmesh.from_edit_mesh(obj.data)
-        layer = mesh.verts.layers.deform.verify()
-        mesh.verts.ensure_lookup_table()
-        for row in rows:
-            mesh.verts[row][layer][group.index] = 1.0
-        bmesh.update_edit_mesh(obj.data, loop_triangles=False, destructive=False)
-    else:
-        group.add(rows, 1.0, "REPLACE")
-
-
 _classes = (
     POINTMORPH_OT_morph,
     POINTMORPH_OT_show_distortion,
     POINTMORPH_OT_go_to_place,
-    POINTMORPH_OT_add_feature,
-    POINTMORPH_OT_check_features,
-    POINTMORPH_OT_remove_feature,
-    POINTMORPH_OT_propose_features,
 )
 
 

@@ -1,18 +1,78 @@
-"""The sidebar of the 3D viewport."""
+"""The sidebar of the 3D viewport, in the order of the work."""
 
 import textwrap
 
 import bpy
 import pointmorph
 
-from . import display, operators, result, session
-from .properties import by_hand
+from . import checks, clicking, cuts, display, jobs, markers, operators, result, session
+from .properties import by_hand, setting_label
+
+# Settings that stand where they are needed; the others are advanced.
+_ELSEWHERE = ("domain", "path")
 
 
-class _Panel:
+class Panel:
+    """Where all panels are. `bl_order` is that of the work."""
+
     bl_space_type = "VIEW_3D"
     bl_region_type = "UI"
     bl_category = "Pointmorph"
+
+
+def _fields(layout):
+    """A column of names and values, as Blender's own panels have them."""
+    layout.use_property_split = True
+    layout.use_property_decorate = False
+    column = layout.column()
+    column.enabled = session.current is None
+    return column
+
+
+def say(layout, context, text, icon, beside=0):
+    """Words on several lines; Blender doesn't wrap labels. `beside` is what stands beside."""
+    scale = context.preferences.system.ui_scale
+    width = context.region.width / scale - 65 - beside
+    lines = layout.column(align=True)
+    for number, line in enumerate(textwrap.wrap(text, max(18, int(width / 6.7)))):
+        lines.label(text=line, icon="BLANK1" if number else icon)
+
+
+def _draw_problem(layout, context, place):
+    """What went wrong last, next to the thing that it is about."""
+    if session.problem is None or session.problem[0] != place:
+        return
+    box = layout.box()
+    box.alert = True
+    say(box, context, session.problem[1], "ERROR")
+
+
+# --- Objects --------------------------------------------------------------------------------------
+
+
+class POINTMORPH_PT_objects(Panel, bpy.types.Panel):
+    bl_label = "Objects"
+    bl_order = 0
+
+    def draw_header_preset(self, context):
+        self.layout.emboss = "NONE"
+        self.layout.operator("pointmorph.manual", text="", icon="HELP")
+
+    def draw(self, context):
+        settings = context.scene.pointmorph
+        column = _fields(self.layout)
+        column.prop(settings, "source")
+        column.prop(settings, "target")
+        row = column.row(align=True)
+        row.operator("pointmorph.pick_selected")
+        row.operator("pointmorph.swap_objects", text="", icon="ARROW_LEFTRIGHT")
+        reason = checks.shapes_reason(context)
+        if reason is not None:
+            say(self.layout, context, reason, "INFO")
+        _draw_problem(self.layout, context, "OBJECTS")
+
+
+# --- Features -------------------------------------------------------------------------------------
 
 
 class POINTMORPH_UL_features(bpy.types.UIList):
@@ -21,48 +81,97 @@ class POINTMORPH_UL_features(bpy.types.UIList):
     ICONS = {"point": "DOT", "curve": "CURVE_DATA", "region": "GROUP_VERTEX"}
 
     def draw_item(self, context, layout, data, item, icon, active_data, active_property, index):
-        layout.prop(item, "name", text="", emboss=False)
         row = layout.row(align=True)
-        row.alignment = "RIGHT"
-        if item.on_source and item.on_target:
-            kind = item.found.split(",")[0].split(" ")[-1]
-            if item.confidence >= 0:
-                text, other = f"proposed, {100 * item.confidence:.0f} %", "QUESTION"
-            else:
-                text, other = kind or "both", "CHECKMARK"
-            row.label(text=text, icon=self.ICONS.get(kind, other))
-        else:
-            row.label(text="only source" if item.on_source else "only target", icon="ERROR")
+        row.prop(item, "use", text="")
+        swatch = row.row(align=True)
+        swatch.ui_units_x = 0.4
+        swatch.prop(item, "color", text="")
+        number = row.row(align=True)
+        number.ui_units_x = 0.9
+        number.label(text=f"{index + 1}")
+        name = row.row(align=True)
+        name.active = item.use
+        name.prop(item, "name", text="", emboss=False)
+        text, icon = self.state(context, item)
+        state = row.row(align=True)
+        state.active = item.use
+        state.alignment = "RIGHT"
+        state.label(text=text, icon=icon)
+
+    def state(self, context, item):
+        """What is to be said about a feature, and an icon for it."""
+        if not item.use:
+            return "", "BLANK1"
+        if not (item.on_source and item.on_target):
+            return "", "ERROR"
+        if item.confidence >= 0:
+            return f"{100 * item.confidence:.0f} %", "QUESTION"
+        kind = item.found.split(",")[0].split(" ")[-1]
+        if kind:
+            return "", self.ICONS.get(kind, "CHECKMARK")
+        counts = self._counts(context, item.marked_name)
+        if 0 in counts:
+            return "", "ERROR"
+        if max(counts, default=1) > 1:
+            return "", "GROUP_VERTEX"
+        return "", "CHECKMARK"
+
+    @staticmethod
+    def _counts(context, name):
+        """How many points are marked on source and target, where that is known."""
+        settings = context.scene.pointmorph
+        known = [markers.count_of(obj, name) for obj in (settings.source, settings.target)]
+        return [count for count in known if count is not None]
 
 
-class POINTMORPH_PT_objects(_Panel, bpy.types.Panel):
-    bl_label = "Objects"
+class POINTMORPH_PT_features(Panel, bpy.types.Panel):
+    bl_label = "Features"
+    bl_order = 1
 
     def draw(self, context):
         settings = context.scene.pointmorph
         layout = self.layout
-        layout.use_property_split = True
-        layout.use_property_decorate = False
-        column = layout.column()
-        column.enabled = session.current is None
-        column.prop(settings, "source")
-        column.prop(settings, "target")
-
-
-class POINTMORPH_PT_features(_Panel, bpy.types.Panel):
-    bl_label = "Features"
-
-    def draw(self, context):
-        settings = context.scene.pointmorph
-        row = self.layout.row()
+        row = layout.row(align=True)
+        row.scale_y = 1.3
+        row.operator(
+            "pointmorph.click_features", icon="RESTRICT_SELECT_OFF", depress=clicking.running
+        )
+        shown = "HIDE_OFF" if settings.show_markers else "HIDE_ON"
+        row.prop(settings, "show_markers", text="", icon=shown)
+        row = layout.row()
         row.template_list(
-            "POINTMORPH_UL_features", "", settings, "features", settings, "active_feature", rows=3
+            "POINTMORPH_UL_features", "", settings, "features", settings, "active_feature", rows=5
         )
         buttons = row.column(align=True)
         buttons.operator("pointmorph.add_feature", text="", icon="ADD")
         buttons.operator("pointmorph.remove_feature", text="", icon="REMOVE")
+        buttons.separator()
+        buttons.operator(
+            "pointmorph.jump_to_feature", text="", icon="TRIA_LEFT_BAR"
+        ).side = "SOURCE"
+        buttons.operator(
+            "pointmorph.jump_to_feature", text="", icon="TRIA_RIGHT_BAR"
+        ).side = "TARGET"
+        buttons.separator()
         buttons.popover("POINTMORPH_PT_feature", text="", icon="DOWNARROW_HLT")
-        self.layout.operator("pointmorph.propose_features", icon="VIEWZOOM")
+        missing = self.missing(settings)
+        if missing is not None:
+            say(layout, context, missing, "ERROR")
+        row = layout.row(align=True)
+        row.operator("pointmorph.pair_features")
+        row.operator("pointmorph.propose_features")
+        _draw_problem(layout, context, "FEATURES")
+
+    @staticmethod
+    def missing(settings):
+        """In words, the first feature that isn't marked on both objects; None where all are."""
+        for obj, side in ((settings.source, "on_source"), (settings.target, "on_target")):
+            for item in settings.features if obj is not None else ():
+                if item.use and not getattr(item, side):
+                    return f'"{item.name}" isn\'t marked on {obj.name}'
+                if item.use and markers.count_of(obj, item.marked_name) == 0:
+                    return f'"{item.name}" holds no vertex of {obj.name}'
+        return None
 
 
 class POINTMORPH_PT_feature(bpy.types.Panel):
@@ -86,110 +195,124 @@ class POINTMORPH_PT_feature(bpy.types.Panel):
             weight = layout.row()
             weight.active = item.hold != "EXACT"
             weight.prop(item, "weight")
+            layout.operator(
+                "pointmorph.click_features", text="Move by Clicks", icon="RESTRICT_SELECT_OFF"
+            ).name = item.name
         layout.operator("pointmorph.check_features", icon="VIEWZOOM")
 
 
-class POINTMORPH_PT_settings(_Panel, bpy.types.Panel):
-    bl_label = "Settings"
+# --- Cut and domain -------------------------------------------------------------------------------
+
+
+class POINTMORPH_UL_loop(bpy.types.UIList):
+    """The features of the loop, in the order in which the cut passes them."""
+
+    def draw_item(self, context, layout, data, item, icon, active_data, active_property, index):
+        known = data.features.get(item.name)
+        good = known is not None and known.on_source and known.on_target and known.use
+        layout.label(text=item.name, icon="DOT" if good else "ERROR")
+
+
+class POINTMORPH_PT_cut(Panel, bpy.types.Panel):
+    bl_label = "Cut and Domain"
+    bl_order = 2
     bl_options = {"DEFAULT_CLOSED"}
 
     def draw(self, context):
         settings = context.scene.pointmorph
         layout = self.layout
-        layout.use_property_split = True
-        layout.use_property_decorate = False
-        column = layout.column()
-        column.enabled = session.current is None
-        for option in pointmorph.options():
-            if option.default is not None:
-                column.prop(settings, option.name)
-            else:
-                row = column.row(heading=settings.bl_rna.properties[option.name].name)
-                row.prop(settings, by_hand(option), text="")
-                value = row.row()
-                value.active = getattr(settings, by_hand(option))
-                value.prop(settings, option.name, text="")
+        _fields(layout).prop(settings, "domain")
+        layout.label(text="Cut closed models along:")
+        row = layout.row()
+        row.template_list(
+            "POINTMORPH_UL_loop", "", settings, "loop", settings, "active_loop", rows=4
+        )
+        buttons = row.column(align=True)
+        buttons.operator("pointmorph.add_loop_feature", text="", icon="ADD")
+        buttons.operator("pointmorph.remove_loop_feature", text="", icon="REMOVE")
+        buttons.separator()
+        for direction in ("UP", "DOWN"):
+            button = buttons.operator(
+                "pointmorph.move_loop_feature", text="", icon=f"TRIA_{direction}"
+            )
+            button.direction = direction
+        row = layout.row(align=True)
+        row.operator("pointmorph.propose_loop", text="Propose")
+        row.operator("pointmorph.show_cut", icon="HIDE_OFF", depress=bool(cuts.shown))
+        row.operator("pointmorph.clear_loop", text="", icon="X")
+        _draw_problem(layout, context, "CUT")
 
 
-class POINTMORPH_PT_morph(_Panel, bpy.types.Panel):
+# --- Morph ----------------------------------------------------------------------------------------
+
+
+class POINTMORPH_PT_morph(Panel, bpy.types.Panel):
     bl_label = "Morph"
+    bl_order = 3
 
     def draw(self, context):
         layout = self.layout
         if session.current is None:
             row = layout.row()
-            row.scale_y = 1.5
-            row.operator("pointmorph.morph")
+            row.scale_y = 1.8
+            row.operator("pointmorph.morph", icon="MOD_SIMPLEDEFORM")
         else:
             _draw_progress(layout)
-        obj = operators.active_result(context)
-        if obj is None:
-            return
-        column = layout.column()
-        column.label(text=obj.name, icon="OBJECT_DATA")
-        keys = obj.data.shape_keys
-        if keys is not None and result.KEY in keys.key_blocks:
-            column.prop(keys.key_blocks[result.KEY], "value", text="Morph", slider=True)
+        _fields(layout).prop(context.scene.pointmorph, "path")
+        _draw_problem(layout, context, "MORPH")
 
 
 def _draw_progress(layout):
-    text = operators.progress_text()
+    text = jobs.progress_text()
     if hasattr(layout, "progress"):
-        layout.progress(text=text, factor=session.current.fraction)
+        row = layout.row()
+        row.scale_y = 1.8
+        row.progress(text=text, factor=session.current.fraction)
     else:
         layout.label(text=text, icon="SORTTIME")
-    layout.label(text="Press Esc over the viewport to stop")
+        bar = layout.row()
+        bar.enabled = False
+        bar.prop(bpy.context.window_manager, "pointmorph_progress", text="", slider=True)
+    layout.label(text="Press Esc over the viewport to stop", icon="EVENT_ESC")
 
 
-class POINTMORPH_PT_bake(_Panel, bpy.types.Panel):
-    bl_label = "Bake Shape Keys"
-
-    def draw(self, context):
-        settings = context.scene.pointmorph
-        layout = self.layout
-        layout.use_property_split = True
-        layout.use_property_decorate = False
-        layout.prop(settings, "steps")
-        for kind, text in (("SOURCE", "On the Source Mesh"), ("PAIRS", "On the Morph Object")):
-            button = layout.operator("pointmorph.bake_shape_keys", text=text)
-            button.kind = kind
-            button.steps = settings.steps
+# --- Result ---------------------------------------------------------------------------------------
 
 
-class POINTMORPH_PT_frames(_Panel, bpy.types.Panel):
-    bl_label = "Bake Frames"
-
-    def draw(self, context):
-        scene = context.scene
-        layout = self.layout.column(align=True)
-        for kind, text in (
-            ("SCENE", "In the Scene"),
-            ("PLY", "PLY Files"),
-            ("USD", "USD"),
-            ("ALEMBIC", "Alembic"),
-        ):
-            button = layout.operator("pointmorph.bake_frames", text=text)
-            button.format = kind
-            button.frame_start = scene.frame_start
-            button.frame_end = scene.frame_end
-
-
-class POINTMORPH_PT_quality(_Panel, bpy.types.Panel):
-    bl_label = "Quality"
+class POINTMORPH_PT_result(Panel, bpy.types.Panel):
+    bl_label = "Result"
+    bl_order = 5
 
     @classmethod
     def poll(cls, context):
-        return operators.active_result(context) is not None
+        return checks.active_result(context) is not None
 
     def draw(self, context):
         layout = self.layout
-        obj = operators.active_result(context)
+        obj = checks.active_result(context)
+        layout.label(text=obj.name, icon="OBJECT_DATA")
+        if obj.pointmorph.is_preview:
+            layout.label(text="Preview: the whole is being computed", icon="INFO")
+        keys = obj.data.shape_keys
+        if keys is not None and result.KEY in keys.key_blocks:
+            row = layout.row()
+            row.scale_y = 1.3
+            row.prop(keys.key_blocks[result.KEY], "value", text="Morph", slider=True)
         layout.operator(
             "pointmorph.show_distortion",
             icon="COLOR",
             depress=display.shows_distortion(obj),
         )
-        report = operators.report_of(obj)
+
+
+class POINTMORPH_PT_quality(Panel, bpy.types.Panel):
+    bl_label = "Quality"
+    bl_parent_id = "POINTMORPH_PT_result"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    def draw(self, context):
+        layout = self.layout
+        report = operators.report_of(checks.active_result(context))
         if report is None:
             return
         box = layout.box().column(align=True)
@@ -204,37 +327,110 @@ class POINTMORPH_PT_quality(_Panel, bpy.types.Panel):
             layout.label(text="No place stands out", icon="CHECKMARK")
         for index, place in enumerate(report["worst"]):
             row = layout.box().row()
-            lines = row.column(align=True)
-            for line in textwrap.wrap(place["advice"], _characters(context)):
-                lines.label(text=line)
+            say(row, context, place["advice"], "BLANK1", beside=30)
             row.operator("pointmorph.go_to_place", text="", icon="PIVOT_CURSOR").index = index
 
 
-def _characters(context):
-    """How many characters fit beside a button; Blender doesn't wrap labels."""
-    width = context.region.width / context.preferences.system.ui_scale
-    return max(20, int((width - 90) / 6))
+# --- Bake -----------------------------------------------------------------------------------------
+
+
+class POINTMORPH_PT_bake(Panel, bpy.types.Panel):
+    bl_label = "Bake"
+    bl_order = 6
+
+    def draw(self, context):
+        settings = context.scene.pointmorph
+        layout = self.layout
+        layout.row().prop(settings, "bake_as", expand=True)
+        if settings.bake_as == "KEYS":
+            self.draw_keys(layout, settings)
+        else:
+            self.draw_frames(layout, settings, context.scene)
+
+    def draw_keys(self, layout, settings):
+        _fields(layout).prop(settings, "steps")
+        for kind, text in (("SOURCE", "On the Source Mesh"), ("PAIRS", "On the Morph Object")):
+            button = layout.operator("pointmorph.bake_shape_keys", text=text)
+            button.kind = kind
+            button.steps = settings.steps
+
+    def draw_frames(self, layout, settings, scene):
+        column = _fields(layout)
+        column.prop(settings, "frames_format")
+        if settings.frames_format != "SCENE":
+            column.prop(settings, "frames_directory")
+        column.prop(scene, "frame_start", text="First")
+        column.prop(scene, "frame_end", text="Last")
+        column.prop(settings, "frames_easing")
+        column.prop(settings, "frames_resample")
+        column.prop(settings, "frames_faces")
+        button = layout.operator("pointmorph.bake_frames")
+        button.format = settings.frames_format
+        button.frame_start = scene.frame_start
+        button.frame_end = scene.frame_end
+        button.easing = settings.frames_easing
+        button.resample = settings.frames_resample
+        button.faces = settings.frames_faces
+        if settings.frames_format != "SCENE":
+            button.directory = settings.frames_directory
+
+
+# --- Advanced -------------------------------------------------------------------------------------
+
+
+class POINTMORPH_PT_settings(Panel, bpy.types.Panel):
+    bl_label = "Advanced"
+    bl_order = 8
+    bl_options = {"DEFAULT_CLOSED"}
+
+    def draw(self, context):
+        settings = context.scene.pointmorph
+        column = _fields(self.layout)
+        column.use_property_split = False
+        for option in pointmorph.options():
+            if option.name in _ELSEWHERE:
+                continue
+            # Above its value, because names are longer than half the sidebar.
+            column.label(text=setting_label(option))
+            row = column.row(align=True)
+            if option.default is None:
+                row.prop(settings, by_hand(option), text="")
+                row = row.row(align=True)
+                row.active = getattr(settings, by_hand(option))
+            row.prop(settings, option.name, text="")
+        _draw_problem(self.layout, context, "ADVANCED")
 
 
 # In the order of the work.
 _classes = (
     POINTMORPH_UL_features,
+    POINTMORPH_UL_loop,
     POINTMORPH_PT_objects,
     POINTMORPH_PT_features,
     POINTMORPH_PT_feature,
-    POINTMORPH_PT_settings,
+    POINTMORPH_PT_cut,
     POINTMORPH_PT_morph,
-    POINTMORPH_PT_bake,
+    POINTMORPH_PT_result,
     POINTMORPH_PT_quality,
-    POINTMORPH_PT_frames,
+    POINTMORPH_PT_bake,
+    POINTMORPH_PT_settings,
 )
 
 
 def register():
     for cls in _classes:
         bpy.utils.register_class(cls)
+    bpy.types.WindowManager.pointmorph_progress = bpy.props.FloatProperty(
+        name="Progress",
+        description="How much of the present stage is done",
+        subtype="PERCENTAGE",
+        min=0.0,
+        max=100.0,
+        get=lambda self: 100.0 * session.current.fraction if session.current else 0.0,
+    )
 
 
 def unregister():
+    del bpy.types.WindowManager.pointmorph_progress
     for cls in reversed(_classes):
         bpy.utils.unregister_class(cls)

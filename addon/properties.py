@@ -4,6 +4,8 @@
 under the library's own names. `object.pointmorph` says of a morph object what it was made from.
 """
 
+import colorsys
+
 import bpy
 import numpy as np
 import pointmorph
@@ -76,6 +78,15 @@ def _forget(feature, context):
     feature.found = ""
 
 
+def color_of(number):
+    """(3,) sRGB of the feature that stands at this place of the list; neighbours differ."""
+    return colorsys.hsv_to_rgb((0.02 + number * 0.381966) % 1.0, 0.75, 1.0)
+
+
+def _color(feature):
+    return color_of(feature.id_data.pointmorph.features.find(feature.name))
+
+
 class PointmorphFeature(bpy.types.PropertyGroup):
     """A place that source and target have in common."""
 
@@ -94,6 +105,18 @@ class PointmorphFeature(bpy.types.PropertyGroup):
     )
     on_target: bpy.props.BoolProperty(
         name="On Target", description="The target has the vertex group of this feature"
+    )
+    use: bpy.props.BoolProperty(
+        name="Use",
+        description="Off: the morph takes no notice of this feature, and its marks stay",
+        default=True,
+    )
+    color: bpy.props.FloatVectorProperty(
+        name="Color",
+        description="The colour of its marks in the viewport",
+        subtype="COLOR_GAMMA",
+        size=3,
+        get=_color,
     )
     confidence: bpy.props.FloatProperty(
         name="Confidence",
@@ -164,7 +187,9 @@ class PointmorphFeature(bpy.types.PropertyGroup):
 def feature_choices(settings):
     """By name, what the user wants features to be."""
     return {
-        item.marked_name: Choice(item.kind, item.hold, float(str(np.float32(item.weight))))
+        item.marked_name: Choice(
+            item.kind, item.hold, float(str(np.float32(item.weight))), item.use
+        )
         for item in settings.features
     }
 
@@ -246,6 +271,20 @@ def settings_values(settings):
     return values
 
 
+# --- Baking ---------------------------------------------------------------------------------------
+
+FORMATS = [
+    ("SCENE", "In the Scene", "An object that shows the frame of the scene"),
+    ("PLY", "PLY Files", "One file a frame with all there is, id and velocity too"),
+    ("USD", "USD", "One file with all there is. Points from Blender 4.5 on"),
+    ("ALEMBIC", "Alembic", "One file: positions, as vertices, and velocity"),
+]
+EASINGS = [
+    ("LINEAR", "Even", "At the same speed all the time"),
+    ("SMOOTH", "Smooth", "Begins and ends slowly"),
+]
+
+
 # --- The scene and the morph objects --------------------------------------------------------------
 
 
@@ -255,6 +294,14 @@ def _is_shape(self, obj):
 
 def _sync(self, context):
     sync_features(self.id_data)
+
+
+class PointmorphShape(bpy.types.PropertyGroup):
+    """A shape on the way from source to target."""
+
+    object: bpy.props.PointerProperty(
+        name="Object", description="A mesh or a point cloud", type=bpy.types.Object, poll=_is_shape
+    )
 
 
 class PointmorphScene(bpy.types.PropertyGroup):
@@ -284,10 +331,60 @@ class PointmorphScene(bpy.types.PropertyGroup):
     active_feature: bpy.props.IntProperty(
         name="Active Feature", description="The feature that is chosen in the list"
     )
+    show_markers: bpy.props.BoolProperty(
+        name="Markers",
+        description="Show the marks of all features in the viewport, numbered as in the list; pale "
+        "on the far side",
+        default=True,
+    )
     loop: bpy.props.CollectionProperty(
         name="Loop",
         description="Features, in order, through which a closed model is cut",
         type=PointmorphLoopFeature,
+    )
+    active_loop: bpy.props.IntProperty(
+        name="Active", description="The feature of the loop that is chosen in its list"
+    )
+    bake_as: bpy.props.EnumProperty(
+        name="Bake As",
+        description="What the morph becomes",
+        items=[
+            ("KEYS", "Shape Keys", "Keys on the source mesh, or on the morph object"),
+            ("FRAMES", "Frames", "A cloud for each frame, in the scene or as files"),
+        ],
+        default="KEYS",
+    )
+    frames_format: bpy.props.EnumProperty(
+        name="Format", description="Where the frames go", items=FORMATS, default="SCENE"
+    )
+    frames_directory: bpy.props.StringProperty(
+        name="Folder",
+        description="Folder for the files; // is that of the blend file",
+        subtype="DIR_PATH",
+        default="//frames",
+    )
+    frames_easing: bpy.props.EnumProperty(
+        name="Easing",
+        description="How the morph runs over the frames",
+        items=EASINGS,
+        default="LINEAR",
+    )
+    frames_resample: bpy.props.BoolProperty(
+        name="Re-sample", description="Put new points where there would be cracks", default=True
+    )
+    frames_faces: bpy.props.BoolProperty(
+        name="Faces",
+        description="A mesh for every frame, the surface through its points, instead of points. "
+        "Needs pymeshlab and scipy in Blender's Python",
+        default=False,
+    )
+    via: bpy.props.CollectionProperty(
+        name="Via",
+        description="Shapes that a chain goes through between source and target, in order",
+        type=PointmorphShape,
+    )
+    active_via: bpy.props.IntProperty(
+        name="Active Shape", description="The shape between that is chosen in the list"
     )
     steps: bpy.props.IntProperty(
         name="Steps",
@@ -300,6 +397,18 @@ class PointmorphScene(bpy.types.PropertyGroup):
 
 
 PointmorphScene.__annotations__.update(_settings(PointmorphScene.__annotations__))
+
+
+def _state(self):
+    from .remaking import state
+
+    return state(self.id_data)[0]
+
+
+def _stale(self):
+    from .remaking import state
+
+    return "; ".join(state(self.id_data)[1])
 
 
 class PointmorphObject(bpy.types.PropertyGroup):
@@ -316,6 +425,43 @@ class PointmorphObject(bpy.types.PropertyGroup):
         description="Rotation and scale of the source when the morph was made, row by row",
         size=9,
     )
+    is_preview: bpy.props.BoolProperty(
+        name="Preview",
+        description="A coarse morph that is shown until the whole one is there",
+    )
+    via: bpy.props.CollectionProperty(
+        name="Via", description="The shapes between, of a chain", type=PointmorphShape
+    )
+    made_from: bpy.props.PointerProperty(
+        name="Made From",
+        description="The morph object of a mesh with the source's faces",
+        type=bpy.types.Object,
+    )
+    keeps_faces: bpy.props.BoolProperty(
+        name="Keeps Faces", description="It is a copy of the source's mesh that morphs"
+    )
+    follows: bpy.props.BoolProperty(
+        name="Follows",
+        description="Its points follow how the objects it was made from move and deform",
+    )
+    recipe: bpy.props.StringProperty(
+        name="Recipe",
+        description="All that it takes to compute the morph again, and to see whether that would "
+        "change anything, as JSON",
+    )
+    baked: bpy.props.StringProperty(
+        name="Baked", description="t and path of the shape keys that were baked here, as JSON"
+    )
+    state: bpy.props.StringProperty(
+        name="State",
+        description="CURRENT; STALE: something has changed since it was made; ORPHAN: something it "
+        "was made from is gone; UNKNOWN: made by an earlier version; empty for other objects. "
+        "Looked up when asked for",
+        get=_state,
+    )
+    stale: bpy.props.StringProperty(
+        name="Stale", description="In words, why the state isn't CURRENT", get=_stale
+    )
     discs_before: bpy.props.BoolProperty(
         name="Discs Before", description="The points were discs before distortion was shown"
     )
@@ -328,7 +474,13 @@ class PointmorphObject(bpy.types.PropertyGroup):
     )
 
 
-_classes = (PointmorphFeature, PointmorphLoopFeature, PointmorphScene, PointmorphObject)
+_classes = (
+    PointmorphFeature,
+    PointmorphLoopFeature,
+    PointmorphShape,
+    PointmorphScene,
+    PointmorphObject,
+)
 
 
 def register():

@@ -6,15 +6,22 @@ import pointmorph
 
 
 class Job:
-    """Runs `compute(progress)` in a thread; `progress` is what `pointmorph.morph` calls."""
+    """Runs `compute(progress)` in a thread; `progress` is what `pointmorph.morph` calls.
 
-    def __init__(self, compute):
+    Until `begin` it waits for the scene to be read.
+    """
+
+    def __init__(self):
         self.stage = ""
         self.fraction = 0.0
-        self._compute = compute
+        self._compute = None
+        self._thread = None
         self._cancelled = threading.Event()
         self._outcome = None
         self._error = None
+
+    def begin(self, compute):
+        self._compute = compute
         # Blender ends without waiting for it; unregister() stops it before.
         self._thread = threading.Thread(target=self._run, name="pointmorph", daemon=True)
         self._thread.start()
@@ -30,8 +37,12 @@ class Job:
         return not self._cancelled.is_set()
 
     @property
+    def begun(self):
+        return self._thread is not None
+
+    @property
     def done(self):
-        return not self._thread.is_alive()
+        return self.begun and not self._thread.is_alive()
 
     @property
     def cancelled(self):
@@ -43,7 +54,8 @@ class Job:
 
     def result(self):
         """Waits for what `compute` returned. Raises what that raised, or Cancelled."""
-        self._thread.join()
+        if self.begun:
+            self._thread.join()
         if self._error is not None:
             raise self._error
         if self.cancelled:
@@ -54,15 +66,20 @@ class Job:
 current = None
 """The job that is running or waits to be taken over, or None."""
 
+problem = None
+"""(panel, text) of the last error, until the next attempt; None after a success."""
+
 earlier = None
 """A computation.Earlier of the last morph that was made in a window, or None."""
 
 
-def start(compute):
-    global current
+def start():
+    """A job that has yet to `begin`."""
+    global current, problem
     if current is not None:
         raise RuntimeError("a morph is being computed already")
-    current = Job(compute)
+    problem = None
+    current = Job()
     return current
 
 
@@ -72,5 +89,12 @@ def finish():
     job, current = current, None
     if job is not None and not job.done:
         job.cancel()
-        job._thread.join()
+        if job.begun:
+            job._thread.join()
     return job
+
+
+def overtake():
+    """Stops a job for which the scene is still being read: undo has changed it meanwhile."""
+    if current is not None and not current.begun:
+        current.cancel()

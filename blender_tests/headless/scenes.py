@@ -103,6 +103,16 @@ def key(obj, name):
     return coordinates(obj.data.shape_keys.key_blocks[name].data)
 
 
+def shown_points(obj, name=None):
+    """What a morph object shows as points at the moment: positions, or an attribute."""
+    for instance in bpy.context.evaluated_depsgraph_get().object_instances:
+        parent = instance.parent
+        if instance.object.type == "POINTCLOUD" and parent and parent.original == obj:
+            cloud = instance.object.data
+            return coordinates(cloud.points) if name is None else attribute(cloud, name)
+    raise AssertionError(f"{obj.name} shows no points")
+
+
 def data_blocks():
     """Names of everything in the file, to see that nothing was left behind."""
     return {

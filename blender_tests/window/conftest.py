@@ -12,11 +12,11 @@ from pathlib import Path
 import pytest
 
 HERE = Path(__file__).resolve().parent
-sys.path.insert(0, str(HERE.parent))
+sys.path[:0] = [str(HERE.parent), str(HERE)]
 
 import installing
 
-SIZE = (1280, 800)
+SIZE = (1280, 1000)
 PROGRAMS = ("Xvfb", "xdotool", "import")
 BLENDER = os.environ.get("POINTMORPH_BLENDER", "blender")
 
@@ -24,7 +24,8 @@ BLENDER = os.environ.get("POINTMORPH_BLENDER", "blender")
 class Window:
     """A running Blender.
 
-    Positions are those of a screenshot: pixels from the top left corner of the window.
+    Positions are those of a screenshot: pixels from the top left corner of the window. Buttons are
+    found by hovering, so that a new row in a panel doesn't move them from under the mouse.
     """
 
     def __init__(self, display, environment, output, folder):
@@ -46,6 +47,7 @@ class Window:
         server.close()
         self._connection.settimeout(60)
         self._received = b""
+        self._places, self._headers = {}, {}
         self.run(START)
         self.redraw()
 
@@ -87,18 +89,23 @@ class Window:
         self.run("redraw()")
         self.wait("drawn")
 
-    def settle(self):
+    def settle(self, rounds=3):
         """Until Blender has handled the events that were sent."""
-        for _ in range(3):
-            time.sleep(0.03)
+        for _ in range(rounds):
+            time.sleep(0.03 if rounds > 2 else 0.015)
             self.ask("0")
 
-    def _xdotool(self, *words):
+    def _xdotool(self, *words, rounds=3):
         subprocess.run(["xdotool", *map(str, words)], env=self._environment, check=True)
-        self.settle()
+        self.settle(rounds)
 
-    def click(self, position):
+    def click(self, position, holding=None):
+        """A click; `holding` is a key that is down meanwhile."""
+        if holding:
+            self._xdotool("keydown", holding)
         self.drag(position, position, steps=1)
+        if holding:
+            self._xdotool("keyup", holding)
 
     def drag(self, start, end, steps=8):
         self.redraw()
@@ -113,6 +120,95 @@ class Window:
         """A key, with the mouse over a place: Blender gives it to what lies there."""
         self._xdotool("mousemove", *over)
         self._xdotool("key", key)
+
+    # --- Buttons of the sidebar ---
+
+    def sidebar(self):
+        """Left, top, right and bottom of the sidebar without its tabs."""
+        return self.ask(
+            "(sidebar.x, window.height - sidebar.y - sidebar.height, "
+            "sidebar.x + sidebar.width - 22, window.height - sidebar.y)"
+        )
+
+    def under(self, position):
+        """What the button at a position does: a call of an operator, or the path of a property."""
+        self._xdotool("mousemove", *position, rounds=2)
+        return self.ask("hovered()")
+
+    def open_tab(self):
+        """Shows the add-on's tab of the sidebar."""
+        _, top, right, bottom = self.sidebar()
+        for y in range(top + 100, min(top + 420, bottom), 25):
+            for _ in range(3):  # a busy machine draws late
+                if "POINTMORPH_PT_objects" in self._panels():
+                    return
+            self.click((right + 12, y))
+        self.screenshot("no_tab")
+        raise AssertionError("no tab of the sidebar shows the add-on")
+
+    def find(self, what):
+        """Position of the button of which `what` is a part of the call or path."""
+        for call, known in self._places.items():
+            if what in call and what in self.under(known):
+                return known
+        left, top, right, bottom = self.sidebar()
+        over = (left + right) // 2, (top + bottom) // 2
+        for page in range(3):
+            up, down = 4, 5  # buttons of the mouse
+            self._scroll(over, *((down, 15) if page else (up, 40)))
+            for x in (right - 50, left + 60, right - 18):
+                rows = self._hover_down(x, top + 8, bottom - 4, what)
+                self._places.update({call: (x, y) for y, call in rows if call})
+                if rows and what in rows[-1][1]:
+                    return x, rows[-1][0]
+        raise AssertionError(f"no button in the sidebar is {what}: {sorted(self._places)}")
+
+    def _hover_down(self, x, top, bottom, what=None):
+        """What lies under the mouse on its way down: (y, call or path or nothing) by row.
+
+        Ends where `what` is a part of the call or path.
+        """
+        self.redraw()
+        self.run(f"hover_down({x}, {top}, {bottom}, {what!r})")
+        self.wait("hovering is None")
+        return [(y, call) for y, call in self.ask("calls")]
+
+    def _scroll(self, over, button, turns):
+        self._xdotool("mousemove", *over)
+        self._xdotool("click", "--repeat", turns, "--delay", 5, button)
+        self.redraw()
+
+    def press_button(self, what):
+        """Clicks on a button of the sidebar; see `find`."""
+        self.click(self.find(what))
+
+    def open_panel(self, name):
+        """Unfolds a panel of the sidebar by a click on its header; `name` is its class."""
+        left, top, _, bottom = self.sidebar()
+        before = self._panels()
+        if name in before:
+            return
+        rows = self._hover_down(left + 60, top + 8, bottom - 4)
+        free = [y for y, call in rows if not call]
+        for y in free[::-1]:
+            self.click((left + 60, y))
+            after = self._panels()
+            if name in after:
+                self._headers[name] = left + 60, y
+                return
+            if after != before:
+                self.click((left + 60, y))  # another panel
+        raise AssertionError(f"no header opens {name}")
+
+    def close_panel(self, name):
+        """Folds a panel that `open_panel` unfolded."""
+        self.click(self._headers[name])
+        assert name not in self._panels()
+
+    def _panels(self):
+        self.run("panels.clear()")
+        self.redraw()
+        return set(self.ask("sorted(panels)"))
 
     def screenshot(self, name):
         """A picture of the window in the output folder; returns its path."""
@@ -136,6 +232,7 @@ class Window:
 # An empty scene, a sidebar in the 3D viewport, and names that tests use.
 START = """
 import scenes
+drawn = 0
 if bpy.context.object and bpy.context.object.mode == "EDIT":
     bpy.ops.object.mode_set(mode="OBJECT")
 for kind in (bpy.data.objects, bpy.data.meshes, bpy.data.node_groups, bpy.data.materials):
@@ -165,6 +262,49 @@ def redraw():
     drawn = 0
     for area in window.screen.areas:
         area.tag_redraw()
+
+panels = set()
+
+def _note(name):
+    def draw(self, context):
+        panels.add(name)
+    return draw
+
+def hovered():
+    with bpy.context.temp_override(window=window, area=area, region=sidebar):
+        if bpy.ops.ui.copy_python_command_button.poll():
+            bpy.ops.ui.copy_python_command_button()
+        elif bpy.ops.ui.copy_data_path_button.poll():
+            bpy.ops.ui.copy_data_path_button(full_path=True)
+        else:
+            return ""
+    return window_manager.clipboard
+
+def hover_down(x, top, bottom, what):
+    # Moves the mouse from row to row, and notes in calls what lies there.
+    global hovering, calls
+    calls = []
+    places = iter(range(top, bottom, 12))
+    hovering = next(places)
+
+    def step():
+        global hovering
+        if moved:
+            calls.append((hovering, hovered()))
+            hovering = None if what and what in calls[-1][1] else next(places, None)
+        moved.append(hovering)
+        if hovering is None:
+            return None
+        window.cursor_warp(x, window.height - hovering)
+        return 0.03
+
+    moved = []
+    bpy.app.timers.register(step, first_interval=0.0)
+
+window_manager = bpy.context.window_manager
+for name in dir(bpy.types):
+    if name.startswith("POINTMORPH_PT_") and "counting" not in globals():
+        getattr(bpy.types, name).append(_note(name))
 
 if "counting" not in globals():
     counting = bpy.types.SpaceView3D.draw_handler_add(_count, (), "WINDOW", "POST_PIXEL")

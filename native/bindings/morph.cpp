@@ -34,6 +34,13 @@ Feature feature_of(const py::dict& fields) {
             fields["weight"].cast<double>()};
 }
 
+std::vector<Feature> features_of(const py::list& given) {
+    std::vector<Feature> features;
+    for (const py::handle& feature : given)
+        features.push_back(feature_of(feature.cast<py::dict>()));
+    return features;
+}
+
 py::array_t<std::int64_t> array_of(const Pairing& pairs) {
     py::array_t<std::int64_t> rows({static_cast<py::ssize_t>(pairs.size()), py::ssize_t{2}});
     auto view = rows.mutable_unchecked<2>();
@@ -224,8 +231,7 @@ void bind_morph(py::module_& module) {
                          {from_numpy<Positions>(source_start), from_numpy<Positions>(target_start)},
                          source["parts"].cast<Parts>(),
                          target["parts"].cast<Parts>()};
-        for (const py::handle& feature : features)
-            input.features.push_back(feature_of(feature.cast<py::dict>()));
+        input.features = features_of(features);
         return without_gil(callback, [&](Progress& progress) {
             return std::make_unique<Morph>(std::move(input), options, progress);
         });
@@ -244,6 +250,19 @@ void bind_morph(py::module_& module) {
         return std::make_unique<Morph>(cloud_of(source), cloud_of(target), std::move(pairs),
                                        std::move(images), options);
     };
+    module.def(
+        "propose_loop",
+        [](const py::dict& source, const py::dict& target, const py::list& features,
+           const MorphOptions& options, const py::object& callback) {
+            Cloud from = cloud_of(source), to = cloud_of(target);
+            std::vector<Feature> marked = features_of(features);
+            return without_gil(callback, [&](Progress& progress) {
+                return propose_loop(std::move(from), std::move(to), std::move(marked), options,
+                                    progress);
+            });
+        },
+        "Names of features for a loop, in order.", py::arg("source"), py::arg("target"),
+        py::arg("features"), py::arg("options"), py::arg("progress"));
     py::class_<Morph>(module, "Morph")
         .def(py::init(make))
         .def_static("restore", restore)

@@ -179,6 +179,25 @@ std::string words_for(const std::string& domain) {
     return domain == "product" ? "product space" : domain;
 }
 
+/// Names of point features that a proposed loop passes; `features` are those of both sides.
+std::vector<std::string> loop_through(const Side& source, const Side& target,
+                                      std::span<const Feature> features,
+                                      const MorphOptions& options, Progress& progress) {
+    std::vector<Feature> points;
+    std::ranges::copy_if(features, std::back_inserter(points),
+                         [](const Feature& f) { return f.kind == FeatureKind::kPoint; });
+    std::vector<std::string> loop;
+    for (const Index k :
+         propose_loop(reach_of(source, points, &Feature::source, options, progress),
+                      reach_of(target, points, &Feature::target, options, progress)))
+        loop.push_back(points[static_cast<std::size_t>(k)].name);
+    if (loop.size() < 3)
+        throw FeatureError("loop", "at least 3 features for domain cut",
+                           std::to_string(loop.size()),
+                           "Mark the tips of all limbs on both models.");
+    return loop;
+}
+
 std::span<double> span_of(Positions& rows) {
     return {rows.data(), static_cast<std::size_t>(rows.size())};
 }
@@ -310,17 +329,7 @@ Morph::Morph(MorphInput input, const MorphOptions& options, Progress& progress)
                                            options.domain == Domain::kAuto && !input.loop.empty());
     if (cut && input.loop.empty()) {
         progress.enter("decomposition");
-        std::vector<Feature> points;
-        std::ranges::copy_if(features, std::back_inserter(points),
-                             [](const Feature& f) { return f.kind == FeatureKind::kPoint; });
-        for (const Index k :
-             propose_loop(reach_of(source, points, &Feature::source, options, progress),
-                          reach_of(target, points, &Feature::target, options, progress)))
-            input.loop.push_back(points[static_cast<std::size_t>(k)].name);
-        if (input.loop.size() < 3)
-            throw FeatureError("loop", "at least 3 features for domain cut",
-                               std::to_string(input.loop.size()),
-                               "Mark the tips of all limbs on both models.");
+        input.loop = loop_through(source, target, features, options, progress);
         std::string names;
         for (const std::string& name : input.loop) names += (names.empty() ? "" : ", ") + name;
         report_.warnings.push_back("No loop was given: both models were cut along " + names + ".");
@@ -706,6 +715,30 @@ Decomposition decompose(Cloud cloud, std::span<const Index> loop,
         patches[i] = cut.patches[static_cast<std::size_t>(side.rank[i])];
     cut.patches = std::move(patches);
     return cut;
+}
+
+std::vector<std::string> propose_loop(Cloud source, Cloud target, std::vector<Feature> features,
+                                      const MorphOptions& options, Progress& progress) {
+    const ThreadCount threads(options.threads);
+    progress.enter("cloud");
+    validate(source, kMinimumPoints);
+    validate(target, kMinimumPoints);
+    validate(features, source, target);
+    Side from(source), to(target);
+    for (Side* side : {&from, &to}) {
+        side->order_points(kMinimumPoints);
+        progress.enter("neighborhoods");
+        side->nearest =
+            nearest_neighbors(KdTree<3>(side->positions), options.covariance_neighbors, progress);
+        progress.enter("covariance");
+        side->find_normals(progress);
+        check_closed(*side, {}, features.size(), options.boundary, progress);
+    }
+    progress.enter("decomposition");
+    std::vector<std::string> loop =
+        loop_through(from, to, canonical(features, from.rank, to.rank), options, progress);
+    progress.finish();
+    return loop;
 }
 
 }  // namespace pointmorph

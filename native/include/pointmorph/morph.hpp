@@ -230,6 +230,12 @@ Decomposition decompose(Cloud cloud, std::span<const Index> loop,
                         std::span<const std::string> names, const MorphOptions& options,
                         Progress& progress);
 
+/// Names of features for such a loop, in order: what domain cut takes where none is given. Rows are
+/// those of the clouds. Throws FeatureError where there are fewer than three points among them, or a
+/// cloud is an open patch.
+std::vector<std::string> propose_loop(Cloud source, Cloud target, std::vector<Feature> features,
+                                      const MorphOptions& options, Progress& progress);
+
 extern template const Path<float>& Morph::path<float>() const;
 extern template const Path<double>& Morph::path<double>() const;
 extern template void Morph::frame<float>(double, const FrameView<float>&) const;

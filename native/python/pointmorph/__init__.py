@@ -17,7 +17,7 @@ from pointmorph._waiting import giving_way
 with giving_way():
     from pointmorph._pointmorph import __version__
 from pointmorph.clouds import Cloud
-from pointmorph.cuts import Cut, decompose
+from pointmorph.cuts import Cut, decompose, propose_loop
 from pointmorph.errors import (
     Cancelled,
     CloudError,
@@ -80,6 +80,7 @@ __all__ = [
     "morph",
     "options",
     "propose_features",
+    "propose_loop",
     "quality_summary",
     "restore",
 ]

@@ -18,6 +18,13 @@ def blue_noise(
     keep: npt.NDArray[np.int64],
     progress: Any,
 ) -> npt.NDArray[np.int64]: ...
+def propose_loop(
+    source: dict[str, Any],
+    target: dict[str, Any],
+    features: Any,
+    options: MorphOptions,
+    progress: Any,
+) -> list[str]: ...
 def decompose(
     cloud: dict[str, Any],
     loop: list[int],

@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from pointmorph import _pointmorph
 from pointmorph.clouds import Cloud, FloatArray
+from pointmorph.features import Feature, native_features
 from pointmorph.morphing import Progress, native_options
 
 
@@ -77,4 +78,49 @@ def decompose(
     kind: type[np.floating[Any]] = cloud.positions.dtype.type
     return Cut(
         curve.astype(kind), normals.astype(kind), dict(zip(loop, corners, strict=True)), sides
+    )
+
+
+def propose_loop(
+    source: Cloud,
+    target: Cloud,
+    features: Mapping[str, tuple[int, int] | Feature],
+    *,
+    progress: Progress | None = None,
+    **settings: int | float | str | None,
+) -> list[str]:
+    """Features for the loop of `morph`, in order: those that domain `cut` takes without one.
+
+    Parameters, progress and errors are those of `morph`; see `decompose` for what a loop cuts.
+
+    Returns
+    -------
+    list of str
+        Three names or more.
+
+    Raises
+    ------
+    CloudError, FeatureError, OptionError
+        For an open patch, or fewer than three point features.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import pointmorph
+    >>> i = np.arange(2000)
+    >>> z, a = 1 - (2 * i + 1) / 2000, i * np.pi * (3 - 5**0.5)
+    >>> sphere = np.stack([np.cos(a), np.sin(a), z], axis=1)
+    >>> sphere[:, :2] *= np.sqrt(1 - z * z)[:, None]
+    >>> around = {n: int(np.argmax(sphere @ p)) for n, p in zip("abc", ([1, 0, 0], [-1, 2, 0],
+    ...     [-1, -2, 0]))}
+    >>> cloud = pointmorph.Cloud(sphere)
+    >>> sorted(pointmorph.propose_loop(cloud, cloud, {n: (r, r) for n, r in around.items()}))
+    ['a', 'b', 'c']
+    """
+    return _pointmorph.propose_loop(
+        source._fields(),
+        target._fields(),
+        native_features(features),
+        native_options(settings),
+        progress,
     )

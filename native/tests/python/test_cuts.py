@@ -53,3 +53,30 @@ def test_cancelling_a_cut() -> None:
             around(points),
             progress=lambda stage, _: stage != "covariance",
         )
+
+
+def test_the_proposed_loop_is_the_one_that_is_taken_and_can_be_cut() -> None:
+    points = ball(2500)
+    loop = around(points)
+    marks = {name: (row, row) for name, row in loop.items()}
+    cloud = pointmorph.Cloud(points)
+    other = pointmorph.Cloud(3.0 * points + 1.0)
+    proposed = pointmorph.propose_loop(cloud, other, marks)
+    assert sorted(proposed) == sorted(loop)
+    taken = pointmorph.morph(cloud, other, marks, domain="cut").report["loop"]
+    assert proposed == taken
+    cut = pointmorph.decompose(cloud, {name: loop[name] for name in proposed})
+    assert abs(int(cut.sides.sum())) < 0.1 * len(points)
+
+
+def test_no_loop_is_proposed_for_too_few_marks_or_an_open_patch() -> None:
+    cloud = pointmorph.Cloud(ball(800))
+    with pytest.raises(pointmorph.FeatureError, match="at least 3"):
+        pointmorph.propose_loop(cloud, cloud, {"a": (0, 0), "b": (700, 700)})
+    patch = pointmorph.Cloud(grid(21))
+    with pytest.raises(pointmorph.FeatureError, match="open patch"):
+        pointmorph.propose_loop(patch, patch, {"a": (30, 30), "b": (50, 50), "c": (300, 300)})
+    with pytest.raises(pointmorph.Cancelled):
+        pointmorph.propose_loop(
+            cloud, cloud, {"a": (0, 0)}, progress=lambda stage, _: stage != "covariance"
+        )

@@ -1,0 +1,310 @@
+"""Features by two clicks in Object Mode: one on the source, one on the target."""
+
+import bpy
+import numpy as np
+from bpy_extras.view3d_utils import region_2d_to_origin_3d, region_2d_to_vector_3d
+
+from . import arrays, markers
+from .checks import shapes_reason
+from .marking import mark, next_name, unmarkable
+from .properties import feature_names, sync_features
+
+_REACH = 14.0  # pixels from the mouse to a point without faces, at the most
+_LAYER = 0.12  # of the extent: so much deeper is as bad as so far away
+
+running = False
+"""Whether the operator waits for clicks."""
+
+
+# --- What lies under the mouse --------------------------------------------------------------------
+
+
+def nearest_on_surface(obj, origin, direction, depsgraph):
+    """The vertex of an object nearest to where a ray meets it.
+
+    Parameters
+    ----------
+    origin, direction : (3,)
+        In the world.
+
+    Returns
+    -------
+    (float, int) or None
+        Distance from the origin to where it meets the surface, and the row.
+    """
+    inverse = obj.matrix_world.inverted_safe()
+    start = inverse @ origin
+    along = inverse @ (origin + direction) - start
+    hit, place, _, _ = obj.ray_cast(start, along, depsgraph=depsgraph)
+    if not hit:
+        return None
+    met = obj.matrix_world @ place
+    shown = arrays.vertex_positions(markers.shown_data(obj, depsgraph))
+    world = _in_world(obj, shown)
+    row = int(np.argmin(((world - np.array(met)) ** 2).sum(axis=1)))
+    return (met - origin).length, row
+
+
+def nearest_projected(places, matrix, size, at):
+    """A point that is drawn near a pixel and not behind others: on a slope the nearest, on a thin
+    part one of the front.
+
+    Parameters
+    ----------
+    places : (N, 3) array
+        In the world.
+    matrix : (4, 4) array
+        From the world to the view's cube.
+    size, at : (2,)
+        Of the region, and the pixel in it.
+
+    Returns
+    -------
+    int or None
+    """
+    if not len(places):
+        return None
+    flat = places @ matrix[:3, :3].T + matrix[:3, 3]
+    depth = places @ matrix[3, :3] + matrix[3, 3]
+    front = depth > 1e-9
+    pixels = np.full((len(places), 2), np.inf)
+    pixels[front] = (flat[front, :2] / depth[front, None] + 1) / 2 * np.array(size)
+    apart = np.hypot(*(pixels - np.array(at)).T)
+    near = np.flatnonzero(apart <= _REACH)
+    if not near.size:
+        return None
+    # Depth in the world's units: w of a perspective, else z, which is scaled.
+    deep = depth if matrix[3, :3].any() else flat[:, 2] / np.linalg.norm(matrix[2, :3])
+    extent = max(float(np.ptp(places, axis=0).max()), 1e-30)
+    behind = (deep[near] - deep[near].min()) / extent
+    return int(near[np.argmin(apart[near] / _REACH + behind / _LAYER)])
+
+
+def _in_world(obj, positions):
+    matrix = np.array(obj.matrix_world)
+    return positions.astype(np.float64) @ matrix[:3, :3].T + matrix[:3, 3]
+
+
+def pick(context, area, region, view, at):
+    """The object, source or target, and the row that lie under a pixel of a region; or None."""
+    settings = context.scene.pointmorph
+    depsgraph = context.evaluated_depsgraph_get()
+    origin = region_2d_to_origin_3d(region, view, at)
+    direction = region_2d_to_vector_3d(region, view, at)
+    best = None
+    for obj in (settings.source, settings.target):
+        if not obj.visible_get(viewport=area.spaces.active):
+            continue
+        if obj.type == "MESH" and obj.data.polygons:
+            found = nearest_on_surface(obj, origin, direction, depsgraph)
+        else:
+            data = markers.shown_data(obj, depsgraph)
+            read = arrays.vertex_positions if obj.type == "MESH" else arrays.cloud_positions
+            places = _in_world(obj, read(data))
+            matrix = np.array(view.perspective_matrix)
+            row = nearest_projected(places, matrix, (region.width, region.height), at)
+            along = None if row is None else np.dot(places[row] - np.array(origin), direction)
+            found = None if row is None else (along, row)
+        if found is not None and (best is None or found[0] < best[0]):
+            best = (*found, obj)
+    return None if best is None else (best[2], best[1])
+
+
+def viewport_at(window, x, y):
+    """Area, region, view and place of a pixel of a window that lies on a 3D viewport; or None."""
+    for area in window.screen.areas:
+        if area.type != "VIEW_3D":
+            continue
+        over = [r for r in area.regions if _inside(r, x, y)]
+        if any(region.type != "WINDOW" for region in over):
+            return None  # a bar that lies over it
+        if not over:
+            continue
+        space = area.spaces.active
+        views = [space.region_3d]
+        windows = [region for region in area.regions if region.type == "WINDOW"]
+        if len(windows) > 1:
+            views = list(space.region_quadviews)
+        region = over[0]
+        return area, region, views[windows.index(region)], (x - region.x, y - region.y)
+    return None
+
+
+def _inside(region, x, y):
+    wide = region.width > 1 and region.height > 1  # else it's hidden
+    beside = 0 <= x - region.x < region.width and 0 <= y - region.y < region.height
+    # The bar of tools is as high as the viewport, wherever its buttons end.
+    return wide and beside and region.type != "TOOLS"
+
+
+# --- The operator ---------------------------------------------------------------------------------
+
+
+def asked_for(settings, name=""):
+    """What a click marks: the feature's name, and on which objects it's missing.
+
+    It's `name`, else the first feature of the list that is marked on one object only, else a new
+    one.
+    """
+    objects = (settings.source, settings.target)
+    if not name:
+        partly = [f.marked_name for f in settings.features if f.on_source != f.on_target]
+        name = partly[0] if partly else next_name(settings, objects)
+    return name, [obj for obj in objects if name not in feature_names(obj)]
+
+
+class POINTMORPH_OT_click_features(bpy.types.Operator):
+    """Mark features by clicks: a place on one object, then the same place on the other.
+    Ctrl Z takes a click back; Esc or right click ends it"""
+
+    bl_idname = "pointmorph.click_features"
+    bl_label = "Click Features"
+    # Each click is an undo step of its own.
+    bl_options = {"REGISTER"}
+
+    name: bpy.props.StringProperty(
+        name="Name",
+        description="The feature to mark or to move. Without one, those that are marked on one "
+        "object only are completed, and then new ones made",
+        options={"SKIP_SAVE"},
+    )
+
+    @classmethod
+    def poll(cls, context):
+        reason = shapes_reason(context) or unmarkable(context)
+        if reason is None and running:
+            reason = "It waits for clicks already: Esc ends it"
+        if reason is not None:
+            cls.poll_message_set(reason)
+        return reason is None
+
+    def invoke(self, context, event):
+        global running
+        running = True
+        sync_features(context.scene)
+        context.scene.pointmorph.show_markers = True
+        context.window_manager.modal_handler_add(self)
+        context.window.cursor_modal_set("CROSSHAIR")
+        self._say(context)
+        return {"RUNNING_MODAL"}
+
+    def execute(self, context):
+        self.report({"ERROR"}, "Clicks need a window: use add_feature in scripts")
+        return {"CANCELLED"}
+
+    def modal(self, context, event):
+        try:
+            return self._handle(context, event)
+        except BaseException:
+            self.cancel(context)
+            raise
+
+    def _handle(self, context, event):
+        if event.type in {"ESC", "RIGHTMOUSE", "RET"} and event.value == "PRESS":
+            self.cancel(context)
+            return {"FINISHED"}
+        if shapes_reason(context) or unmarkable(context):
+            self.cancel(context)  # objects went, or the mode changed
+            return {"CANCELLED"}
+        where = viewport_at(context.window, event.mouse_x, event.mouse_y)
+        if event.type == "MOUSEMOVE":
+            self._follow(context, where)
+        elif event.type == "LEFTMOUSE" and event.value == "PRESS" and not _navigates(event, where):
+            self._click(context, where)
+            return {"RUNNING_MODAL"}
+        elif event.type in {"Z", "Y"}:
+            self._say(context)
+        return {"PASS_THROUGH"}
+
+    def cancel(self, context):
+        """Also called by Blender when the window or the file is closed."""
+        global running
+        running = False
+        markers.hint, markers.hover = "", None
+        context.window.cursor_modal_restore()
+        context.workspace.status_text_set(None)
+        markers.redraw()
+
+    def _follow(self, context, where):
+        """Shows which vertex a click would take."""
+        hit = None if where is None else pick(context, *where)
+        before = markers.hover
+        if hit is None:
+            markers.hover = None
+        else:
+            depsgraph = context.evaluated_depsgraph_get()
+            markers.hover = tuple(markers.place_of(*hit, depsgraph))
+        self._say(context)
+        if markers.hover != before:
+            markers.redraw()
+
+    def _click(self, context, where):
+        settings = context.scene.pointmorph
+        hit = pick(context, *where)
+        if hit is None:
+            self.report({"INFO"}, f'Click on "{settings.source.name}" or "{settings.target.name}"')
+            return
+        obj, row = hit
+        name, _ = asked_for(settings, self.name)
+        for other, known in markers.marks_of(obj, wait=True).items():
+            if other != name and known is not None and known.count == 1 and known.row == row:
+                self.report({"WARNING"}, f'"{other}" is there already: click another vertex')
+                return
+        mark(obj, name, [row])
+        sync_features(context.scene)
+        settings.active_feature = settings.features.find(name)
+        settings.features[name].confidence = -1.0
+        bpy.ops.ed.undo_push(message=f'Mark "{name}" on {obj.name}')
+        self._say(context)
+        markers.redraw()
+
+    def _say(self, context):
+        """What to click next, in the viewports and in the status bar."""
+        settings = context.scene.pointmorph
+        name, missing = asked_for(settings, self.name)
+        on = missing[0] if missing else settings.source
+        if len(missing) == 1:
+            text = f'"{name}": click the same place on {on.name}'
+        elif missing:
+            text = (
+                f'New "{name}": click a place on {settings.source.name} or {settings.target.name}'
+            )
+        else:
+            text = f'"{name}": click where it belongs'
+        if text != markers.hint:
+            markers.hint = text
+            markers.redraw()
+        context.workspace.status_text_set(f"{text}     Ctrl Z: take back     Esc: done")
+
+
+def _navigates(event, where):
+    """Whether a click is for the view: beside a viewport, on its gizmos, or an emulated button."""
+    if where is None:
+        return True
+    preferences = bpy.context.preferences
+    if event.alt and preferences.inputs.use_mouse_emulate_3_button:
+        return True
+    area, region, _, (x, y) = where
+    if not area.spaces.active.show_gizmo or not area.spaces.active.show_gizmo_navigate:
+        return False
+    scale = preferences.system.ui_scale
+    right = region.x + region.width
+    for other in area.regions:
+        if other.type == "UI" and other.width > 1 and region.x < other.x < right:
+            right = other.x  # the sidebar lies over it
+    from_right = right - region.x - x
+    size = preferences.view.gizmo_size_navigate_v3d * scale
+    # The turning gizmo, and a column of buttons under it.
+    wide, high = size * 1.25, size * 1.5
+    top = region.height - y
+    return (from_right < wide and top < high + 30 * scale) or (
+        from_right < 45 * scale and top < high + 170 * scale
+    )
+
+
+def register():
+    bpy.utils.register_class(POINTMORPH_OT_click_features)
+
+
+def unregister():
+    bpy.utils.unregister_class(POINTMORPH_OT_click_features)

@@ -1,0 +1,138 @@
+"""Operators that compute in a thread while Blender stays usable."""
+
+import time
+
+import bpy
+import pointmorph
+
+from . import session
+from .checks import fail
+
+_TURN = 0.04  # seconds of work at a time, and of rest
+
+
+def finish(steps):
+    """What a generator returns."""
+    while True:
+        try:
+            next(steps)
+        except StopIteration as end:
+            return end.value
+
+
+class Computing:
+    """What an operator needs that computes in a thread while Blender stays usable.
+
+    It has `_begin(context)`, which reads the scene and returns what to call with a progress, and
+    `_finish(context, outcome)`, which changes the scene. Where reading takes long, it has
+    `_begin_steps(context)` instead, a generator that yields often and returns the same.
+    """
+
+    _in_window = False
+
+    def invoke(self, context, event):
+        if bpy.app.background:
+            return self.execute(context)
+        self._in_window = True
+        self._steps = self._begin_steps(context)
+        session.start()
+        window_manager = context.window_manager
+        self._said = None
+        self._timer = window_manager.event_timer_add(_TURN, window=context.window)
+        window_manager.modal_handler_add(self)
+        self._show_progress(context)
+        return {"RUNNING_MODAL"}
+
+    def modal(self, context, event):
+        if event.type == "ESC" and event.value == "PRESS":
+            session.current.cancel()
+            self._show_progress(context)
+            return {"RUNNING_MODAL"}
+        if event.type != "TIMER":
+            return {"PASS_THROUGH"}
+        try:
+            if not session.current.begun and not session.current.cancelled:
+                self._read_on()
+            elif session.current.begun and not session.current.done:
+                self._meanwhile(context)
+            else:
+                return self._finish(context, self._end(context).result())
+        except pointmorph.Cancelled:
+            self.report({"INFO"}, self.stopped)
+            return {"CANCELLED"}
+        except pointmorph.PointmorphError as error:
+            self.cancel(context)
+            return fail(self, error)
+        except ReferenceError:
+            self.cancel(context)
+            self.report({"WARNING"}, "Something was removed meanwhile: start again")
+            return {"CANCELLED"}
+        self._show_progress(context)
+        return {"PASS_THROUGH"}
+
+    def _begin_steps(self, context):
+        yield
+        return self._begin(context)
+
+    def _read_on(self):
+        """Reads the scene a moment longer, and begins to compute when all is read."""
+        end = time.monotonic() + _TURN
+        try:
+            while time.monotonic() < end:
+                next(self._steps)
+        except StopIteration as done:
+            session.current.begin(done.value)
+
+    def cancel(self, context):
+        """Called by Blender when the window or the file is closed."""
+        if session.current is not None:
+            self._end(context)
+
+    def _meanwhile(self, context):
+        """Called now and then while it computes."""
+
+    def _leave(self, context):
+        """Called at the end, however it came, before `_finish`."""
+
+    def execute(self, context):
+        session.problem = None
+        try:
+            # A function of Python's, so that Ctrl-C works.
+            compute = finish(self._begin_steps(context))
+            return self._finish(context, compute(lambda stage, fraction: True))
+        except pointmorph.PointmorphError as error:
+            return fail(self, error)
+
+    def _show_progress(self, context):
+        text = progress_text()
+        if text != self._said:  # to draw anew takes time
+            self._said = text
+            context.workspace.status_text_set(text + "   Esc: stop")
+            redraw_sidebars(context)
+
+    def _end(self, context):
+        context.window_manager.event_timer_remove(self._timer)
+        context.workspace.status_text_set(None)
+        job = session.finish()
+        self._leave(context)
+        redraw_sidebars(context)
+        return job
+
+
+def progress_text():
+    """What the running job is at."""
+    job = session.current
+    if job.cancelled:
+        return "Stopping"
+    if not job.begun:
+        return "Reading the scene"
+    return f"{job.stage.replace('_', ' ').capitalize() or 'Starting'} {100 * job.fraction:.0f} %"
+
+
+def redraw_sidebars(context):
+    for window in context.window_manager.windows:
+        for area in window.screen.areas:
+            if area.type == "VIEW_3D":
+                for region in area.regions:
+                    if region.type == "UI":
+                        region.tag_redraw()

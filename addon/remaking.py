@@ -1,0 +1,597 @@
+"""What a morph object remembers of how it was made: to compute it again in place, and to say when
+that would change something.
+
+The recipe is kept as JSON, because it must survive whatever happens to the objects that it is
+about: the settings, what the features were, and of every shape a fingerprint of its own data.
+"""
+
+import hashlib
+import json
+from contextlib import contextmanager
+from dataclasses import asdict, astuple, dataclass, fields
+from itertools import pairwise
+
+import bpy
+import numpy as np
+import pointmorph
+
+from . import arrays, result, transforms
+from .computation import Request
+from .features import PREFIX, Choice, match
+from .properties import by_hand, feature_choices, settings_values
+from .reading import read_shape, update
+
+CURRENT, STALE, ORPHAN, UNKNOWN = "CURRENT", "STALE", "ORPHAN", "UNKNOWN"
+
+# They say how many hands work, or what frames look like: the same pairs come out.
+_OF_NO_CONSEQUENCE = {
+    "threads",
+    "path",
+    "omega",
+    "resample_spacing",
+    "mls_degree",
+    "mls_scale",
+    "mls_width",
+    "crowding",
+}
+
+# Modifiers that move with something else than the object itself.
+_MOVING = {
+    "ARMATURE",
+    "BUILD",
+    "CAST",
+    "CLOTH",
+    "CURVE",
+    "DYNAMIC_PAINT",
+    "FLUID",
+    "HOOK",
+    "LATTICE",
+    "MESH_CACHE",
+    "MESH_DEFORM",
+    "MESH_SEQUENCE_CACHE",
+    "OCEAN",
+    "SHRINKWRAP",
+    "SOFT_BODY",
+    "SURFACE_DEFORM",
+    "WAVE",
+}
+
+
+# What a recipe says about the object itself.
+_OWN = ("keys", "transferred")
+
+
+# --- What the shapes are now ----------------------------------------------------------------------
+
+
+def shapes_of(obj):
+    """The objects that a morph object was made from, in order; None for what is gone."""
+    data = obj.pointmorph
+    return [data.source, *(item.object for item in data.via), data.target]
+
+
+def picked_shapes(scene):
+    """The objects that the panel has picked, in order."""
+    settings = scene.pointmorph
+    return [settings.source, *(item.object for item in settings.via), settings.target]
+
+
+def is_moving(obj):
+    """Whether an object's form changes from frame to frame, so that only its rest form tells
+    whether it was edited."""
+    data = obj.data
+    animated = (obj, data, getattr(data, "shape_keys", None))
+    if any(item is not None and item.animation_data is not None for item in animated):
+        return True
+    return any(modifier.type in _MOVING for modifier in obj.modifiers)
+
+
+def _is_carried(obj):
+    """Whether an object's place changes from frame to frame."""
+    while obj is not None:
+        if obj.animation_data is not None or len(obj.constraints):
+            return True
+        obj = obj.parent
+    return False
+
+
+def _digest(*parts):
+    found = hashlib.blake2b(digest_size=8)
+    for part in parts:
+        if isinstance(part, np.ndarray):
+            part = np.ascontiguousarray(part).tobytes()
+        found.update(part)
+    return found.hexdigest()
+
+
+def fingerprint_steps(obj, origin, as_shown):
+    """What can be compared of a shape: a dict of a few short strings and numbers. A generator that
+    yields often and returns it, because vertex groups take long.
+
+    Parameters
+    ----------
+    origin : (3,) array
+        Of the morph's frame.
+    as_shown : bool
+        As in `reading.read_shape`. What the viewport shows of an object whose form moves by itself
+        isn't looked at.
+    """
+    data = obj.data
+    shown = None
+    if as_shown and not is_moving(obj):
+        evaluated = obj.evaluated_get(bpy.context.evaluated_depsgraph_get())
+        if evaluated.is_evaluated and type(evaluated.data) is type(data):
+            shown = _digest(_positions(evaluated.data))
+    if obj.type == "MESH":
+        positions = arrays.basis_positions(data)
+        color = data.color_attributes.active_color
+        yield
+        parts = [positions, arrays.mesh_edges(data)]
+        yield
+        parts.append(arrays.mesh_corners(data))
+        groups = {
+            group.index: group.name[len(PREFIX) :]
+            for group in obj.vertex_groups
+            if group.name.startswith(PREFIX)
+        }
+        yield
+        marks = yield from arrays.vertex_group_steps(data, groups)
+    else:
+        positions = arrays.cloud_positions(data)
+        color = None
+        parts = [positions, *(arrays.read_attribute(a) for a in _of_points(data))]
+        marks = {
+            a.name: (arrays.read_attribute(a),)
+            for a in data.attributes
+            if a.name.startswith(PREFIX)
+            and arrays.point_attribute(data, a.name, "FLOAT", "INT", "INT8", "BOOLEAN")
+        }
+    if color is not None:
+        parts.append(arrays.read_attribute(color))
+    radius = arrays.point_attribute(data, "radius", "FLOAT")
+    if radius is not None:
+        parts.append(arrays.read_attribute(radius))
+    return {
+        "name": obj.name,
+        "count": len(positions),
+        "data": _digest(*parts),
+        "shown": shown,
+        "marks": _digest(
+            *(part for name in sorted(marks) for part in (name.encode(), *marks[name]))
+        ),
+        "matrix": transforms.relative_to(obj.matrix_world, origin).reshape(-1).tolist(),
+        "carried": _is_carried(obj),
+    }
+
+
+def _positions(data):
+    return (
+        arrays.vertex_positions(data)
+        if isinstance(data, bpy.types.Mesh)
+        else arrays.cloud_positions(data)
+    )
+
+
+def _of_points(cloud):
+    """What a morph takes from a point cloud besides positions and features."""
+    kinds = ("FLOAT_COLOR", "BYTE_COLOR", "FLOAT_VECTOR")
+    found = (arrays.point_attribute(cloud, a.name, *kinds) for a in cloud.attributes)
+    return [a for a in found if a is not None and a.name != "position"]
+
+
+# --- The recipe -----------------------------------------------------------------------------------
+
+
+def take_down(shapes, requests, origin, choices):
+    """What `take_down_steps` returns, at once."""
+    return _finish(take_down_steps(shapes, requests, origin, choices))
+
+
+def take_down_steps(shapes, requests, origin, choices):
+    """The recipe of a morph that is about to be computed; a generator that yields often.
+
+    Parameters
+    ----------
+    shapes : sequence of Object
+    requests : sequence of Request
+        One from each shape to the next.
+    origin : (3,) array
+    choices : dict of str to Choice
+        See `properties.feature_choices`.
+    """
+    return {
+        "shapes": (yield from _prints_of(shapes, origin)),
+        "origin": [float(x) for x in origin],
+        "settings": requests[0].settings,
+        "features": _plain_choices(choices),
+        "loop": list(requests[0].loop),
+        "resolved": [
+            {name: _plain_feature(feature) for name, feature in request.features.items()}
+            for request in requests
+        ],
+    }
+
+
+def _plain_choices(choices):
+    return {name: list(astuple(choice)) for name, choice in choices.items()}
+
+
+def _plain_feature(feature):
+    if isinstance(feature, pointmorph.Feature):
+        return asdict(feature)
+    return [int(row) for row in feature]
+
+
+def _feature(plain):
+    return pointmorph.Feature(**plain) if isinstance(plain, dict) else tuple(plain)
+
+
+def remember(obj, recipe, outcome):
+    """Writes the recipe, and what only the computation knew, onto the morph object."""
+    kept = recipe_of(obj)
+    recipe = {
+        **recipe,
+        **{key: kept[key] for key in _OWN if key in kept},
+        "boundaries": [
+            None if rows is None else np.asarray(rows).tolist() for rows in outcome.boundaries
+        ],
+        "points": [int(end.rows.max()) + 1 for end in outcome.ends],
+    }
+    obj.pointmorph.recipe = json.dumps(recipe)
+    obj.pointmorph.report = json.dumps(outcome.report)
+
+
+def share_recipe(copy, obj):
+    """Makes one object remember what another does, but for what it has of its own."""
+    own = {key: value for key, value in recipe_of(copy).items() if key in _OWN}
+    common = {key: value for key, value in recipe_of(obj).items() if key not in _OWN}
+    copy.pointmorph.recipe = json.dumps({**common, **own})
+    copy.pointmorph.report = obj.pointmorph.report
+
+
+def note(obj, name, value):
+    """Adds something to the recipe of an object."""
+    obj.pointmorph.recipe = json.dumps({**recipe_of(obj), name: value})
+
+
+def recipe_of(obj):
+    """The recipe of a morph object; empty for one of an earlier version."""
+    try:
+        return json.loads(obj.pointmorph.recipe)
+    except ValueError:
+        return {}
+
+
+def is_known(recipe):
+    """Whether a recipe has what it takes."""
+    return "shapes" in recipe
+
+
+def is_made(obj):
+    """Whether an object is a morph object, of pairs or with the source's faces."""
+    return result.is_result(obj) or (obj is not None and obj.pointmorph.keeps_faces)
+
+
+def is_picked(scene, obj):
+    """Whether the panel is about this morph object: the same shapes are picked there."""
+    shapes = shapes_of(obj)
+    return None not in shapes and picked_shapes(scene) == shapes
+
+
+# --- The state ------------------------------------------------------------------------------------
+
+
+def state(obj, prints=None):
+    """Whether a morph object is what it would be if it were computed now.
+
+    Parameters
+    ----------
+    prints : list, optional
+        What `fingerprints` said a moment ago.
+
+    Returns
+    -------
+    str
+        CURRENT, STALE, ORPHAN, UNKNOWN; "" for any other object.
+    list of str
+        What has changed, in words.
+    """
+    if not is_made(obj):
+        return "", []
+    recipe = recipe_of(obj)
+    if not is_known(recipe):
+        return UNKNOWN, ["made by an earlier version, which kept no settings"]
+    shapes = shapes_of(obj)
+    gone = [
+        f'"{known["name"]}" is gone'
+        for known, shape in zip(recipe["shapes"], shapes, strict=True)
+        if shape is None
+    ]
+    if gone:
+        return ORPHAN, gone
+    prints = fingerprints(obj) if prints is None else prints
+    reasons = []
+    for known, now in zip(recipe["shapes"], prints, strict=True):
+        reasons += _differences(known, now, obj.pointmorph.follows)
+    scene = bpy.context.scene
+    if is_picked(scene, obj):
+        reasons += _other_settings(recipe, scene.pointmorph)
+    return (STALE if reasons else CURRENT), reasons
+
+
+def fingerprints(obj):
+    """Those of the shapes of a morph object as they are now; None where one is gone."""
+    return _finish(fingerprints_steps(obj))
+
+
+def fingerprints_steps(obj):
+    """The same as a generator that yields often. Nothing may change meanwhile."""
+    shapes = shapes_of(obj)
+    if None in shapes:
+        return None
+    # Seen from the source: where all went along together, nothing has changed.
+    origin = np.array(shapes[0].matrix_world.translation)
+    return (yield from _prints_of(shapes, origin))
+
+
+def _prints_of(shapes, origin):
+    prints = []
+    for number, shape in enumerate(shapes):
+        prints.append((yield from fingerprint_steps(shape, origin, number > 0)))
+        yield
+    return prints
+
+
+def _finish(steps):
+    """What a generator returns."""
+    while True:
+        try:
+            next(steps)
+        except StopIteration as end:
+            return end.value
+
+
+def _differences(known, now, follows):
+    """What has become of a shape, in words."""
+    name = now["name"]
+    if known["count"] != now["count"]:
+        return [f'"{name}" has {now["count"]:,} points instead of {known["count"]:,}']
+    both_shown = None not in (known["shown"], now["shown"])
+    found = []
+    if known["data"] != now["data"]:
+        found.append(f'"{name}" was edited')
+    elif both_shown and known["shown"] != now["shown"] and not follows:
+        found.append(f'"{name}" looks different: its modifiers or shape keys were changed')
+    if known["marks"] != now["marks"]:
+        found.append(f'features on "{name}" were changed')
+    if not (known["carried"] or now["carried"] or follows):
+        before, after = np.array(known["matrix"]), np.array(now["matrix"])
+        if np.abs(before - after).max() > 1e-5 * max(np.abs(before).max(), 1e-30):
+            found.append(f'"{name}" was moved, turned or scaled')
+    return found
+
+
+def _other_settings(recipe, settings):
+    now = settings_values(settings)
+    before = recipe["settings"]
+    names = [
+        name
+        for name in sorted({*now, *before} - _OF_NO_CONSEQUENCE)
+        if now.get(name) != before.get(name)
+    ]
+    found = [f"setting {name.replace('_', ' ')} was changed" for name in names]
+    choices = _plain_choices(feature_choices(settings))
+    for name, choice in choices.items():
+        if name in recipe["features"] and recipe["features"][name] != choice:
+            found.append(f'feature "{name}" is held in another way')
+    if recipe["loop"] != [item.name for item in settings.loop]:
+        found.append("the loop was changed")
+    return found
+
+
+def put_settings(settings, recipe):
+    """Puts what a morph object was made with into the panel."""
+    values = recipe["settings"]
+    for option in pointmorph.options():
+        if option.name in values:
+            setattr(settings, option.name, values[option.name])
+        elif option.default is None:
+            setattr(settings, by_hand(option), False)
+    for item in settings.features:
+        if item.marked_name in recipe["features"]:
+            kept = recipe["features"][item.marked_name]
+            for field, value in zip(fields(Choice), kept, strict=False):
+                setattr(item, field.name, value)
+    settings.loop.clear()
+    for name in recipe["loop"]:
+        settings.loop.add().name = name
+
+
+# --- Again ----------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Remembered:
+    """A shape as the morph object holds it, in place of a `computation.Shape`."""
+
+    name: str
+    positions: np.ndarray
+    normals: np.ndarray
+    colors: np.ndarray
+    radii: np.ndarray
+    boundary: list | None
+
+    def cloud(self):
+        return pointmorph.Cloud(
+            self.positions,
+            self.normals,
+            self.colors,
+            self.radii,
+            name=self.name,
+            boundary=self.boundary,
+        )
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What it takes to make a morph object again."""
+
+    requests: list
+    recipe: dict
+    origin: np.ndarray
+    source_matrix: np.ndarray
+    missing: list
+
+
+def plan(context, obj):
+    """How to compute a morph object again: with the panel's settings when the panel is about it,
+    else with its own; from the objects it was made from or, when one is gone, from what it holds.
+
+    Raises
+    ------
+    PointmorphError
+    """
+    _check_changeable(obj)
+    recipe = recipe_of(obj)
+    shapes = shapes_of(obj)
+    settings = context.scene.pointmorph
+    missing = [
+        known["name"]
+        for known, shape in zip(recipe.get("shapes", ()), shapes, strict=False)
+        if shape is None
+    ]
+    if not is_known(recipe) and None in shapes:
+        raise pointmorph.CloudError(
+            obj.name,
+            "the objects that it was made from",
+            "one that is gone, and an earlier version that kept no copy",
+            "Pick two objects and morph again.",
+        )
+    if not is_known(recipe) or is_picked(context.scene, obj):
+        choices, loop = feature_choices(settings), [item.name for item in settings.loop]
+        values = settings_values(settings)
+    else:
+        choices = {name: Choice(*parts) for name, parts in recipe["features"].items()}
+        loop, values = recipe["loop"], recipe["settings"]
+    if missing:
+        return _plan_from_itself(obj, recipe, values, loop, missing)
+    return plan_of(context, shapes, choices, loop, values)
+
+
+def plan_of(context, shapes, choices, loop, values):
+    """How to compute the morph from each of these objects to the next; see `plan`."""
+    with present(context, shapes):
+        update(context, *shapes)
+        origin = np.array(shapes[0].matrix_world.translation)
+        read = [
+            read_shape(context, shape, origin, as_shown=number > 0)
+            for number, shape in enumerate(shapes)
+        ]
+        requests = [
+            Request(source, target, match(source, target, choices), loop, values)
+            for source, target in pairwise(read)
+        ]
+        made = take_down(shapes, requests, origin, choices)
+        source_matrix = transforms.relative_to(shapes[0].matrix_world, origin)
+    return Plan(requests, made, origin, source_matrix, [])
+
+
+def _plan_from_itself(obj, recipe, values, loop, missing):
+    """From the points that the pairs hold, which are all there are of an object that is gone."""
+    if not result.is_result(obj):
+        raise pointmorph.CloudError(
+            obj.name,
+            "the objects that it was made from",
+            f'no "{missing[0]}"',
+            "Undo its removal, or morph other objects. What is there stays usable.",
+        )
+    read = []
+    for number, (stage, key) in enumerate(
+        zip(result.stages(obj), result.stage_keys(obj), strict=True)
+    ):
+        row = arrays.read_rows(obj.data, f"{stage}_row")
+        values_of = [
+            arrays.by_row(row, array)
+            for array in (
+                arrays.key_positions(key),
+                arrays.read_vectors(obj.data, f"{stage}_normal"),
+                arrays.read_attribute(obj.data.attributes[f"{stage}_color"]),
+                arrays.read_attribute(obj.data.attributes[f"{stage}_radius"]),
+            )
+        ]
+        read.append(
+            Remembered(recipe["shapes"][number]["name"], *values_of, recipe["boundaries"][number])
+        )
+    requests = [
+        Request(
+            source,
+            target,
+            {name: _feature(plain) for name, plain in features.items()},
+            loop,
+            values,
+        )
+        for (source, target), features in zip(pairwise(read), recipe["resolved"], strict=True)
+    ]
+    matrix = np.eye(4)
+    matrix[:3, :3] = np.reshape(obj.pointmorph.source_matrix, (3, 3))
+    made = {**recipe, "settings": values, "loop": loop}
+    return Plan(requests, made, np.array(recipe["origin"]), matrix, missing)
+
+
+def _check_changeable(obj):
+    for item in (obj, obj.data):
+        if item.library is not None:
+            raise pointmorph.CloudError(
+                obj.name,
+                "a morph object of this file",
+                f"one that is linked from {item.library.filepath}",
+                "Make it local (Object > Relations > Make Local) to compute it again.",
+            )
+    if obj.mode != "OBJECT":
+        raise pointmorph.CloudError(
+            obj.name, "a morph object in Object Mode", "another mode", "Leave it (Tab)."
+        )
+    if result.is_result(obj):
+        result.check_whole(obj)
+    else:
+        result.t_key(obj)
+
+
+@contextmanager
+def present(context, objects):
+    """Objects that are in no scene, as after their removal, can be read meanwhile."""
+    collection = context.scene.collection
+    absent = [obj for obj in dict.fromkeys(objects) if context.scene.objects.get(obj.name) != obj]
+    for obj in absent:
+        collection.objects.link(obj)
+    try:
+        yield
+    finally:
+        for obj in absent:
+            collection.objects.unlink(obj)
+
+
+def apply(obj, plan, outcome):
+    """Puts what was computed again into a morph object of pairs and all that share its points.
+
+    Returns
+    -------
+    list of str
+        What couldn't follow, in words.
+    """
+    before = recipe_of(obj).get("origin")
+    lost = result.rebuild(obj, outcome)
+    shapes = shapes_of(obj)
+    for user in users_of(obj):
+        result.link(user, shapes[0], shapes[-1], plan.source_matrix, shapes[1:-1])
+        remember(user, plan.recipe, outcome)
+        # Left where it was made, it goes along with its source.
+        at_home = before is None or np.allclose(user.location, before, rtol=1e-6, atol=1e-6)
+        if at_home and user.parent is None:
+            user.location = plan.origin
+    return lost
+
+
+def users_of(obj):
+    """The objects of this file that share a morph object's points, itself among them."""
+    return [other for other in bpy.data.objects if other.data == obj.data]

@@ -1,0 +1,99 @@
+"""What someone meets who has never used it: the demo, the manual, their own language."""
+
+import ast
+import json
+from pathlib import Path
+
+import bpy
+import numpy as np
+import pytest
+import scenes
+
+PAIRS = ("ear.", "foot.F", "foot.H")
+TIPS = ["nose", "tail", *(what + side for what in PAIRS for side in "LR")]
+
+
+def test_the_demo_is_ready_to_be_morphed(settings):
+    bpy.ops.pointmorph.add_demo()
+    source, target = settings.source, settings.target
+    assert (source.name, target.name) == ("Hound", "Giraffe")
+    assert len(source.data.vertices) != len(target.data.vertices)
+    assert sorted(feature.name for feature in settings.features) == sorted(TIPS)
+    for obj in (source, target):
+        counts = np.bincount(np.ravel([e.vertices for e in obj.data.edges]))
+        assert counts.min() > 2  # no loose points
+        euler = len(obj.data.vertices) - len(obj.data.edges) + len(obj.data.polygons)
+        assert euler == 2, "closed, in one piece, without a hole"
+        assert obj.data.color_attributes.active_color is not None
+    assert not [obj for obj in bpy.data.objects if obj.type == "META"]
+    bpy.ops.pointmorph.morph()
+    report = json.loads(bpy.data.objects["Hound to Giraffe"].pointmorph.report)
+    assert max(way["flipped"] for way in report["quality"].values()) < 0.02
+    assert min(way["coverage"] for way in report["quality"].values()) > 0.98
+
+
+def test_a_second_demo_stands_beside_the_first(settings):
+    bpy.ops.pointmorph.add_demo()
+    bpy.ops.pointmorph.add_demo()
+    assert settings.source.name == "Hound.001"
+
+
+def test_the_demo_is_in_the_menu():
+    functions = [f.__module__ for f in bpy.types.VIEW3D_MT_mesh_add._dyn_ui_initialize()]
+    assert any("first_use" in module for module in functions)
+
+
+def strings(module_file):
+    """All texts that stand in the add-on's code, docstrings as tooltips included."""
+    for path in Path(module_file).parent.glob("*.py"):
+        if path.stem == "translations":
+            continue
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.Constant) and isinstance(node.value, str):
+                yield node.value
+
+
+def test_every_word_that_is_translated_is_used(addon, module):
+    import pointmorph
+
+    used = set(strings(addon("panels").__file__))
+    used |= {addon("properties").setting_label(option) for option in pointmorph.options()}
+    for language, known in addon("translations").words().items():
+        unused = sorted(set(known) - used)
+        assert not unused, (language, unused)
+        assert all(text.strip() for text in known.values())
+
+
+def test_the_panel_speaks_german(addon):
+    view = bpy.context.preferences.view
+    if "de_DE" not in bpy.app.translations.locales:
+        pytest.skip("this Blender is built without languages")
+    before = view.language
+    try:
+        view.language = "de_DE"
+        view.use_translate_interface = view.use_translate_tooltips = True
+        translated = bpy.app.translations.pgettext_iface
+        assert translated("Take Selected", "Operator") == "Auswahl nehmen"
+        assert translated("Cut and Domain") == "Schnitt und Grundfläche"
+        assert "Quelle" in bpy.app.translations.pgettext_tip(
+            "Make the target the source and the source the target"
+        )
+    finally:
+        view.language = before
+
+
+def test_the_manual_is_found(addon, monkeypatch, tmp_path):
+    first_use = addon("first_use")
+    monkeypatch.setattr(first_use, "MANUAL", tmp_path / "index.html")
+    monkeypatch.setattr(first_use, "_SOURCES", tmp_path / "index.md")
+    with pytest.raises(RuntimeError, match="install the add-on anew"):
+        bpy.ops.pointmorph.manual()
+
+
+def test_the_demo_needs_object_mode():
+    obj = scenes.add_mesh("Sheet", *scenes.patch(5))
+    scenes.select(obj)
+    bpy.ops.object.mode_set(mode="EDIT")
+    with pytest.raises(RuntimeError, match="Edit Mode"):
+        bpy.ops.pointmorph.add_demo()
+    bpy.ops.object.mode_set(mode="OBJECT")

@@ -1,0 +1,636 @@
+"""What a morph object survives, how it says that it is out of date, and how it is made again."""
+
+import json
+
+import bpy
+import numpy as np
+import pytest
+from scenes import (
+    add_attribute,
+    add_mesh,
+    add_object,
+    attribute,
+    coordinates,
+    key,
+    mark,
+    pair,
+    patch,
+    row_pairs,
+    select,
+    shown_points,
+)
+
+
+def morph():
+    assert bpy.ops.pointmorph.morph() == {"FINISHED"}
+    return bpy.context.view_layer.objects.active
+
+
+def recompute(obj):
+    select(obj)
+    assert bpy.ops.pointmorph.recompute() == {"FINISHED"}
+
+
+def t_of(obj):
+    return obj.data.shape_keys.key_blocks["Morph"]
+
+
+def content(obj):
+    """All that a morph object of pairs holds, to compare bit by bit."""
+    names = [a.name for a in obj.data.attributes if a.domain == "POINT"]
+    known = {"INT", "FLOAT", "FLOAT_VECTOR", "FLOAT_COLOR"}
+    found = {
+        name: attribute(obj.data, name)
+        for name in names
+        if obj.data.attributes[name].data_type in known and not name.startswith(".")
+    }
+    return {**found, "Basis": key(obj, "Basis"), "Morph": key(obj, "Morph")}
+
+
+def assert_same(a, b):
+    assert a.keys() == b.keys()
+    for name in a:
+        assert np.array_equal(a[name], b[name]), name
+
+
+def move_vertices(obj, offset):
+    positions = coordinates(obj.data.vertices) + np.asarray(offset, np.float32)
+    obj.data.vertices.foreach_set("co", positions.reshape(-1))
+    obj.data.update()
+
+
+def save_and_open(tmp_path):
+    path = str(tmp_path / "morph.blend")
+    bpy.ops.wm.save_as_mainfile(filepath=path)
+    bpy.ops.wm.read_homefile(use_empty=True)
+    bpy.ops.wm.open_mainfile(filepath=path)
+
+
+# --- The state ------------------------------------------------------------------------------------
+
+
+def test_a_new_morph_is_up_to_date(settings):
+    pair(14, 12)
+    obj = morph()
+    assert (obj.pointmorph.state, obj.pointmorph.stale) == ("CURRENT", "")
+    assert settings.source.pointmorph.state == ""
+
+
+def edit_source(source, target, settings):
+    move_vertices(source, (0, 0, 0.1))
+
+
+def edit_target(source, target, settings):
+    move_vertices(target, (0, 0, 0.1))
+
+
+def mark_both(source, target, settings):
+    for obj in (source, target):
+        mark(obj, "foot", -0.6, -0.6)
+
+
+def weaken_a_feature(source, target, settings):
+    group = target.vertex_groups["pm.peak"]
+    for vertex in target.data.vertices:
+        if any(element.group == group.index for element in vertex.groups):
+            group.add([vertex.index], 0.5, "REPLACE")
+
+
+def move_target(source, target, settings):
+    target.location.x += 1
+
+
+def turn_source(source, target, settings):
+    source.rotation_euler.z += 1
+
+
+def change_a_setting(source, target, settings):
+    settings.transfer_neighbors = 20
+
+
+def set_by_hand(source, target, settings):
+    settings.domain = "disk"
+
+
+def hold_softly(source, target, settings):
+    settings.features["peak"].hold = "SOFT"
+
+
+def add_a_modifier(source, target, settings):
+    target.modifiers.new("Wave", "SIMPLE_DEFORM").angle = 1.0
+
+
+def color_the_source(source, target, settings):
+    values = np.tile((1, 0, 0, 1), (len(source.data.vertices), 1))
+    item = add_attribute(source.data, "Col", "FLOAT_COLOR", values)
+    source.data.color_attributes.active_color = item
+
+
+@pytest.mark.parametrize(
+    ("edit", "word"),
+    [
+        (edit_source, '"Hill" was edited'),
+        (edit_target, '"Dune" was edited'),
+        (mark_both, 'features on "Hill" were changed; features on "Dune" were changed'),
+        (weaken_a_feature, 'features on "Dune" were changed'),
+        (move_target, '"Dune" was moved, turned or scaled'),
+        (turn_source, '"Hill" was moved, turned or scaled'),
+        (change_a_setting, "setting transfer neighbors was changed"),
+        (set_by_hand, "setting domain was changed"),
+        (hold_softly, 'feature "peak" is held in another way'),
+        (add_a_modifier, '"Dune" looks different'),
+        (color_the_source, '"Hill" was edited'),
+    ],
+)
+def test_what_is_stale_says_so_and_recompute_makes_what_a_new_morph_would(settings, edit, word):
+    source, target = pair(14, 12)
+    obj = morph()
+    edit(source, target, settings)
+    bpy.context.view_layer.update()
+    assert obj.pointmorph.state == "STALE"
+    assert word in obj.pointmorph.stale
+    recompute(obj)
+    assert (obj.pointmorph.state, obj.pointmorph.stale) == ("CURRENT", "")
+    again = content(obj)
+    assert_same(content(morph()), again)
+
+
+@pytest.mark.parametrize(
+    "edit",
+    [
+        lambda source, target, settings: source.modifiers.new("Finer", "SUBSURF"),
+        lambda source, target, settings: setattr(source, "name", "Mountain"),
+        lambda source, target, settings: setattr(target.data, "name", "Sand"),
+        lambda source, target, settings: setattr(settings, "threads", 1),
+        lambda source, target, settings: setattr(settings, "path", "rigid"),
+        lambda source, target, settings: source.vertex_groups.new(name="bone"),
+        lambda source, target, settings: [
+            setattr(obj.location, "x", obj.location.x + 3) for obj in (source, target)
+        ],
+    ],
+    ids=["modifier", "name", "mesh's name", "threads", "path", "bone", "moved together"],
+)
+def test_what_changes_nothing_is_not_stale(settings, edit):
+    source, target = pair(14, 12)
+    obj = morph()
+    edit(source, target, settings)
+    bpy.context.view_layer.update()
+    assert (obj.pointmorph.state, obj.pointmorph.stale) == ("CURRENT", "")
+
+
+def test_other_settings_in_the_panel_do_not_concern_a_morph_of_other_objects(settings):
+    pair(14, 12)
+    obj = morph()
+    settings.source = add_mesh("Other", *patch(8))
+    settings.transfer_neighbors = 20
+    assert obj.pointmorph.state == "CURRENT"
+    recompute(obj)
+    assert json.loads(obj.pointmorph.report)["options"]["transfer_neighbors"] == 12
+    select(obj)
+    bpy.ops.pointmorph.edit_morph()
+    assert settings.source.name == "Hill"
+    assert settings.transfer_neighbors == 12
+    assert obj.pointmorph.state == "CURRENT"
+
+
+def test_a_target_that_moves_by_itself_does_not_become_stale(settings):
+    _, target = pair(14, 12)
+    target.shape_key_add(name="Basis")
+    wave = target.shape_key_add(name="Wave")
+    for point in wave.data:
+        point.co.z += 0.3
+    for frame, value in ((1, 0.0), (11, 1.0)):
+        wave.value = value
+        wave.keyframe_insert("value", frame=frame)
+    bpy.context.scene.frame_set(1)
+    obj = morph()
+    for frame in (5, 11):
+        bpy.context.scene.frame_set(frame)
+        assert obj.pointmorph.state == "CURRENT"
+
+
+# --- Recompute in place ---------------------------------------------------------------------------
+
+
+def test_recompute_keeps_name_animation_drivers_materials_and_modifiers(addon, settings):
+    source, target = pair(14, 12)
+    obj = morph()
+    obj.name, obj.data.name = "My morph", "My mesh"
+    for frame, value in ((1, 0.0), (11, 1.0)):
+        t_of(obj).value = value
+        t_of(obj).keyframe_insert("value", frame=frame)
+    follower = add_object("Follower", None)
+    curve = follower.driver_add("location", 2)
+    curve.driver.type = "AVERAGE"
+    addon("display").drive(curve.driver, t_of(obj))
+    obj.data.materials.append(bpy.data.materials.new("Mine"))
+    obj.rotation_euler.x = 0.3
+    display = addon("display")
+    modifier = obj.modifiers[display.MODIFIER]
+    modifier[display.input_identifier(modifier.node_group, "Radius Scale")] = 3.0
+    later = obj.modifiers.new("Later", "SIMPLE_DEFORM")
+    identity = (obj.as_pointer(), obj.data.as_pointer(), obj.data.shape_keys.as_pointer())
+
+    positions, faces = patch(31)
+    finer = bpy.data.meshes.new("Finer")
+    finer.from_pydata(positions.tolist(), [], faces.tolist())
+    source.data = finer
+    source.vertex_groups.clear()
+    target.vertex_groups.clear()
+    recompute(obj)
+
+    assert len(np.unique(row_pairs(obj)[:, 0])) == 31 * 31
+    assert (obj.name, obj.data.name) == ("My morph", "My mesh")
+    assert identity == (obj.as_pointer(), obj.data.as_pointer(), obj.data.shape_keys.as_pointer())
+    assert [m.name for m in obj.data.materials] == ["Mine"]
+    assert [m.name for m in obj.modifiers] == [display.MODIFIER, later.name]
+    assert modifier[display.input_identifier(modifier.node_group, "Radius Scale")] == 3.0
+    assert obj.rotation_euler.x == pytest.approx(0.3)
+    assert len(key(obj, "Basis")) == len(key(obj, "Morph")) == len(obj.data.vertices)
+    obj.modifiers.remove(later)
+    for frame, t in ((1, 0.0), (6, 0.5), (11, 1.0)):
+        bpy.context.scene.frame_set(frame)
+        assert follower.matrix_world.translation.z == pytest.approx(t)
+        np.testing.assert_allclose(
+            shown_points(obj), (1 - t) * key(obj, "Basis") + t * key(obj, "Morph"), atol=1e-5
+        )
+
+
+@pytest.mark.parametrize("side", [31, 15])
+def test_keys_and_weights_on_the_morph_object_follow(settings, side):
+    source, target = pair(14, 12)
+    obj = morph()
+    bpy.ops.pointmorph.bake_shape_keys(kind="PAIRS", steps=2, path="LINEAR")
+    own = obj.shape_key_add(name="Own", from_mix=False)
+    for point in own.data:
+        point.co.x += 2
+    group = obj.vertex_groups.new(name="half")
+    group.add([int(v) for v in np.flatnonzero(key(obj, "Basis")[:, 0] < 0)], 0.25, "REPLACE")
+    move_vertices(target, (0, 0, 0.2))
+    recompute(obj)
+    start, end = key(obj, "Basis"), key(obj, "Morph")
+    np.testing.assert_allclose(key(obj, "Dune 50 %"), (start + end) / 2, atol=1e-6)
+    np.testing.assert_array_equal(key(obj, "Dune"), end)
+    np.testing.assert_allclose(key(obj, "Own"), start + (2, 0, 0), atol=1e-6)
+    for vertex, place in zip(obj.data.vertices, start, strict=True):
+        weights = [element.weight for element in vertex.groups if element.group == group.index]
+        assert weights == ([0.25] if place[0] < 0 else [])
+    # With other points there is nothing to put a user's own key on.
+    mesh = bpy.data.meshes.new("Other")
+    positions, faces = patch(side)
+    mesh.from_pydata(positions.tolist(), [], faces.tolist())
+    source.data = mesh
+    for shape in (source, target):
+        shape.vertex_groups.clear()
+    recompute(obj)
+    assert np.array_equal(key(obj, "Own"), key(obj, "Basis"))
+    np.testing.assert_array_equal(key(obj, "Dune"), key(obj, "Morph"))
+
+
+def test_it_goes_along_with_its_source_unless_it_was_put_elsewhere(settings):
+    source, target = pair(14, 12)
+    obj = morph()
+    for shape in (source, target):
+        shape.location.x += 5
+    recompute(obj)
+    assert obj.location == source.location
+    obj.location.y = 7
+    source.location.x += 1
+    recompute(obj)
+    assert tuple(obj.location) == (5, 7, 0)
+
+
+def test_a_morph_of_an_earlier_version(settings):
+    pair(14, 12)
+    obj = morph()
+    before = content(obj)
+    obj.pointmorph.recipe = ""
+    assert obj.pointmorph.state == "UNKNOWN"
+    assert "earlier version" in obj.pointmorph.stale
+    recompute(obj)
+    assert obj.pointmorph.state == "CURRENT"
+    assert_same(content(obj), before)
+    obj.pointmorph.recipe = ""
+    bpy.data.objects.remove(settings.target)
+    with pytest.raises(RuntimeError, match="Pick two objects and morph again"):
+        recompute(obj)
+
+
+def test_an_error_leaves_it_as_it_was(settings):
+    _, target = pair(14, 12)
+    obj = morph()
+    before = content(obj)
+    target.vertex_groups.remove(target.vertex_groups["pm.peak"])
+    with pytest.raises(RuntimeError, match='Dune: expected a vertex group "pm.peak"'):
+        recompute(obj)
+    assert_same(content(obj), before)
+    assert obj.pointmorph.state == "STALE"
+
+
+def test_parts_that_were_taken_out(settings):
+    pair(14, 12)
+    obj = morph()
+    obj.data.attributes.remove(obj.data.attributes["target_radius"])
+    for run in (bpy.ops.pointmorph.recompute, bpy.ops.pointmorph.follow):
+        with pytest.raises(RuntimeError, match="Hill to Dune: expected the attribute target_rad"):
+            run()
+    t_of(obj).name = "Other"
+    for run in (bpy.ops.pointmorph.recompute, bpy.ops.pointmorph.follow):
+        with pytest.raises(RuntimeError, match='with its shape key "Morph", found none of that'):
+            run()
+
+
+def test_in_edit_mode(settings):
+    pair(14, 12)
+    obj = morph()
+    select(obj)
+    bpy.ops.object.mode_set(mode="EDIT")
+    with pytest.raises(RuntimeError, match='Leave the mode that "Hill to Dune" is in'):
+        bpy.ops.pointmorph.recompute()
+
+
+# --- What it survives -----------------------------------------------------------------------------
+
+
+def test_save_and_load_then_recompute(settings, tmp_path):
+    pair(14, 12)
+    settings.transfer_neighbors = 20
+    obj = morph()
+    before = content(obj)
+    save_and_open(tmp_path)
+    obj = bpy.data.objects["Hill to Dune"]
+    assert obj.pointmorph.state == "CURRENT"
+    move_vertices(bpy.data.objects["Dune"], (0, 0, 0.1))
+    assert obj.pointmorph.state == "STALE"
+    move_vertices(bpy.data.objects["Dune"], (0, 0, -0.1))
+    recompute(obj)
+    assert np.array_equal(content(obj)["Basis"], before["Basis"])
+    assert json.loads(obj.pointmorph.report)["options"]["transfer_neighbors"] == 20
+
+
+def test_rename_of_it_and_of_its_parents(settings):
+    source, target = pair(14, 12)
+    obj = morph()
+    before = content(obj)
+    source.name, target.name, obj.name = "One", "Two", "Three"
+    source.data.name = "Mesh of one"
+    assert obj.pointmorph.state == "CURRENT"
+    recompute(obj)
+    assert obj.name == "Three"
+    assert_same(content(obj), before)
+    move_vertices(source, (0, 0, 1))
+    assert obj.pointmorph.stale == '"One" was edited'
+
+
+@pytest.mark.parametrize("linked", [False, True])
+def test_a_duplicate(settings, linked):
+    """A copy has its own points and t; a linked one (Alt+D) shares both, as Blender has it."""
+    _, target = pair(14, 12)
+    obj = morph()
+    before = content(obj)
+    select(obj)
+    bpy.ops.object.duplicate(linked=linked)
+    copy = bpy.context.view_layer.objects.active
+    assert copy != obj
+    assert copy.pointmorph.state == "CURRENT"
+    t_of(copy).value = 1.0
+    bpy.context.view_layer.update()
+    assert t_of(obj).value == (1.0 if linked else 0.0)
+    radii = [attribute(obj.data, f"{side}_radius") for side in ("source", "target")]
+    np.testing.assert_allclose(shown_points(copy, "radius"), radii[1], rtol=1e-5)
+    np.testing.assert_allclose(shown_points(obj, "radius"), radii[linked], rtol=1e-5)
+    move_vertices(target, (0, 0, 0.3))
+    recompute(copy)
+    assert copy.pointmorph.state == "CURRENT"
+    assert obj.pointmorph.state == ("CURRENT" if linked else "STALE")
+    if not linked:
+        assert_same(content(obj), before)
+
+
+def test_deletion_of_its_parents_in_the_viewport(settings):
+    """They are in no scene any more; the file keeps them as long as the morph knows them."""
+    source, target = pair(14, 12)
+    target.location.x = 0.2
+    obj = morph()
+    before = content(obj)
+    bpy.ops.object.select_all(action="DESELECT")
+    source.select_set(True)
+    target.select_set(True)
+    bpy.ops.object.delete()
+    assert not {"Hill", "Dune"} & set(bpy.context.scene.objects.keys())
+    t_of(obj).value = 1.0
+    np.testing.assert_allclose(shown_points(obj), key(obj, "Morph"), atol=1e-6)
+    assert obj.pointmorph.state == "CURRENT"
+    recompute(obj)
+    assert_same(content(obj), before)
+    assert not {"Hill", "Dune"} & set(bpy.context.scene.objects.keys())
+
+
+@pytest.mark.parametrize("which", ["source", "target", "both"])
+def test_deletion_of_its_parents_from_the_file(settings, which, tmp_path):
+    source, target = pair(14, 12)
+    obj = morph()
+    before = content(obj)
+    for side, shape in (("source", source), ("target", target)):
+        if which in (side, "both"):
+            bpy.data.objects.remove(shape)
+    assert obj.pointmorph.state == "ORPHAN"
+    for side, name in (("source", "Hill"), ("target", "Dune")):
+        assert (f'"{name}" is gone' in obj.pointmorph.stale) == (which in (side, "both"))
+    t_of(obj).value = 0.5
+    np.testing.assert_allclose(
+        shown_points(obj), (before["Basis"] + before["Morph"]) / 2, atol=1e-6
+    )
+    save_and_open(tmp_path)
+    obj = bpy.data.objects["Hill to Dune"]
+    assert obj.pointmorph.state == "ORPHAN"
+    recompute(obj)  # from what it holds
+    after = content(obj)
+    for name in ("source_row", "target_row", "Basis", "Morph", "source_color", "target_radius"):
+        assert np.array_equal(after[name], before[name]), name
+    select(obj)
+    assert bpy.ops.pointmorph.bake_shape_keys(kind="PAIRS") == {"FINISHED"}
+    if which != "target":
+        with pytest.raises(RuntimeError, match="expected its source in the file, found none"):
+            bpy.ops.pointmorph.bake_shape_keys(kind="SOURCE")
+
+
+@pytest.mark.parametrize("as_link", [False, True])
+def test_append_and_link_into_another_file(settings, tmp_path, as_link):
+    pair(14, 12)
+    obj = morph()
+    before = content(obj)
+    path = str(tmp_path / "morph.blend")
+    bpy.ops.wm.save_as_mainfile(filepath=path)
+    bpy.ops.wm.read_homefile(use_empty=True)
+    with bpy.data.libraries.load(path, link=as_link) as (_, wanted):
+        wanted.objects = ["Hill to Dune"]
+    obj = wanted.objects[0]
+    bpy.context.scene.collection.objects.link(obj)
+    assert_same(content(obj), before)
+    assert obj.pointmorph.source.name == "Hill"
+    assert obj.pointmorph.state == "CURRENT"
+    if as_link:
+        select(obj)
+        with pytest.raises(RuntimeError, match="linked from another file: make it local"):
+            bpy.ops.pointmorph.recompute()
+        return
+    t_of(obj).value = 1.0
+    np.testing.assert_allclose(shown_points(obj), before["Morph"], atol=1e-6)
+    recompute(obj)
+    assert_same(content(obj), before)
+
+
+def test_source_and_target_that_are_linked_from_another_file(settings, tmp_path):
+    """They can be read, so all works that changes nothing on them."""
+    pair(14, 12)
+    before = content(morph())
+    path = str(tmp_path / "shapes.blend")
+    bpy.ops.wm.save_as_mainfile(filepath=path)
+    bpy.ops.wm.read_homefile(use_empty=True)
+    with bpy.data.libraries.load(path, link=True) as (_, wanted):
+        wanted.objects = ["Hill", "Dune"]
+    for obj in wanted.objects:
+        bpy.context.scene.collection.objects.link(obj)
+    settings = bpy.context.scene.pointmorph
+    settings.source, settings.target = wanted.objects
+    bpy.context.view_layer.update()
+    obj = morph()
+    assert_same(content(obj), before)
+    assert obj.pointmorph.state == "CURRENT"
+    recompute(obj)
+    assert_same(content(obj), before)
+    assert bpy.ops.pointmorph.follow() == {"FINISHED"}
+    bpy.ops.pointmorph.follow()
+    assert bpy.ops.pointmorph.make_mesh() == {"FINISHED"}
+    copy = bpy.context.view_layer.objects.active
+    assert copy.library is None
+    assert copy.data.library is None
+    select(obj)
+    with pytest.raises(RuntimeError, match="Hill: expected a mesh that can be changed"):
+        bpy.ops.pointmorph.bake_shape_keys(kind="SOURCE")
+
+
+def test_undo_and_redo_of_a_recompute(settings):
+    if bpy.app.version < (4, 0):
+        pytest.skip("Blender 3.4 keeps no undo steps without a window; tested with one")
+    source, _ = pair(14, 12)
+    obj = morph()
+    before = content(obj)
+    move_vertices(source, (0, 0, 0.5))
+    bpy.ops.ed.undo_push(message="before")
+    select(obj)
+    bpy.ops.pointmorph.recompute("EXEC_DEFAULT", True)
+    after = content(bpy.data.objects["Hill to Dune"])
+    assert not np.array_equal(after["Basis"], before["Basis"])
+    bpy.ops.ed.undo()
+    obj = bpy.data.objects["Hill to Dune"]
+    assert_same(content(obj), before)
+    assert obj.pointmorph.state == "STALE"
+    bpy.ops.ed.redo()
+    obj = bpy.data.objects["Hill to Dune"]
+    assert_same(content(obj), after)
+    assert obj.pointmorph.state == "CURRENT"
+
+
+# --- t --------------------------------------------------------------------------------------------
+
+
+def test_several_morphs_with_keys_and_drivers_at_every_frame(addon, settings, tmp_path):
+    """Also in a file that was opened again, as a farm does it."""
+    pair(14, 12)
+    first, second, third = morph(), morph(), morph()
+    for obj, values in ((first, (0, 1)), (second, (1, 0))):
+        for frame, value in zip((1, 11), values, strict=True):
+            t_of(obj).value = value
+            t_of(obj).keyframe_insert("value", frame=frame)
+    curve = t_of(third).driver_add("value")
+    curve.driver.type = "AVERAGE"
+    addon("display").drive(curve.driver, t_of(first))
+    names = [obj.name for obj in (first, second, third)]
+    save_and_open(tmp_path)
+    objects = [bpy.data.objects[name] for name in names]
+    for frame in (1, 4, 6, 11):
+        bpy.context.scene.frame_set(frame)
+        for obj in objects:
+            t = t_of(obj).value
+            np.testing.assert_allclose(
+                shown_points(obj), (1 - t) * key(obj, "Basis") + t * key(obj, "Morph"), atol=1e-5
+            )
+        values = [t_of(obj).value for obj in objects]
+        assert values[0] + values[1] == pytest.approx(1)
+        assert values[2] == pytest.approx(values[0])
+
+
+def test_an_animation_of_several_renders(settings, output):
+    """One grows, one shrinks, over frames that Blender renders by itself."""
+    _, target = pair(30, 26)
+    target.scale = (2, 2, 2)
+    scene = bpy.context.scene
+    for x, values in ((-3, (0, 1)), (3, (1, 0))):
+        obj = morph()
+        obj.location.x = x
+        for frame, value in zip((1, 3), values, strict=True):
+            t_of(obj).value = value
+            t_of(obj).keyframe_insert("value", frame=frame)
+    for shape in (settings.source, target):
+        shape.hide_render = True
+    camera = add_object("Camera", bpy.data.cameras.new("Camera"))
+    camera.data.type = "ORTHO"
+    camera.data.ortho_scale = 12
+    camera.location.z = 9
+    scene.camera = camera
+    scene.render.engine = "BLENDER_WORKBENCH"
+    scene.render.film_transparent = True
+    scene.render.resolution_x, scene.render.resolution_y = 120, 60
+    scene.frame_start, scene.frame_end = 1, 3
+    scene.render.filepath = str(output / "several_")
+    bpy.ops.render.render(animation=True)
+    areas = []
+    for frame in (1, 2, 3):
+        picture = bpy.data.images.load(str(output / f"several_{frame:04d}.png"))
+        alpha = np.array(picture.pixels[:]).reshape(60, 120, 4)[..., 3] > 0.5
+        areas.append((alpha[:, :60].sum(), alpha[:, 60:].sum()))
+    (a, b), middle, (c, d) = areas
+    assert a < middle[0] < c
+    assert b > middle[1] > d
+    assert c > 3 * a
+    assert b > 3 * d
+
+
+# --- What the panel knows -------------------------------------------------------------------------
+
+
+def test_the_panel_looks_in_short_steps_and_again_after_a_change(addon, settings):
+    """The timer is called by hand here: nothing runs it without a window."""
+    source, _ = pair(80, 12)
+    obj = morph()
+    watching = addon("watching")
+    watching._forget()
+    assert watching.known_state(obj) is None
+    calls = 0
+    while watching.known_state(obj) is None:
+        watching._look()
+        calls += 1
+        assert calls < 1000
+    assert watching.known_state(obj) == ("CURRENT", [])
+    settings.transfer_neighbors = 20
+    assert watching.known_state(obj)[0] == "STALE"  # settings are cheap to compare
+    settings.transfer_neighbors = 12
+    move_vertices(source, (0, 0, 1))
+    bpy.context.view_layer.update()
+    assert watching.known_state(obj) is None
+    assert watching._look() > 0  # it waits for the end of the changes
+    watching._changed_at = 0.0
+    while watching.known_state(obj) is None:
+        watching._look()
+    assert watching.known_state(obj) == ("STALE", ['"Hill" was edited'])
+    source.name = "Mountain"
+    assert watching.known_state(obj) is None
+    while watching.known_state(obj) is None:
+        watching._look()
+    assert watching.known_state(obj) == ("STALE", ['"Mountain" was edited'])
+    bpy.data.objects.remove(source)
+    while watching.known_state(obj) is None:
+        watching._look()
+    assert watching.known_state(obj)[0] == "ORPHAN"

@@ -1,0 +1,123 @@
+"""Takes the manual's pictures from the real window: python3 build_addon.py pictures
+
+Not among the tests: it writes into docs/manual/images.
+"""
+
+from pathlib import Path
+
+import pytest
+from PIL import Image
+from steps import MORPH, RUNNING
+
+IMAGES = Path(__file__).resolve().parents[2] / "docs" / "manual" / "images"
+WIDTH = 720
+DEMO = "Hound to Giraffe"
+
+
+@pytest.fixture
+def demo(window):
+    """The two animals of the menu, from the front left, with room between them."""
+    window.run(
+        """
+from mathutils import Euler, Vector
+area.spaces[0].shading.type = "SOLID"
+area.spaces[0].shading.color_type = "VERTEX"
+with in_viewport():
+    bpy.ops.pointmorph.add_demo()
+    bpy.data.objects["Hound"].location.x = -2.2
+    bpy.data.objects["Giraffe"].location.x = 2.2
+    view = area.spaces[0].region_3d
+    view.view_perspective = "ORTHO"
+    view.view_rotation = Euler((1.35, 0, -0.6)).to_quaternion()
+    for obj in bpy.data.objects: obj.select_set(True)
+    bpy.ops.view3d.view_selected()
+    view.view_distance *= 0.95
+    view.view_location += view.view_rotation @ Vector((0.7, 0, 0))
+scenes.select(bpy.data.objects["Hound"])
+"""
+    )
+    window.open_tab()
+    return window
+
+
+def take(window, name, part="all"):
+    """A picture of the viewport and the sidebar, or of the sidebar alone."""
+    path = window.screenshot(name)
+    left, top, right, bottom = window.sidebar()
+    with Image.open(path) as picture:
+        edge = {"all": 60, "sidebar": left}[part]
+        cut = picture.convert("RGB").crop((edge, top, right + 22, min(bottom, top + 800)))
+        if cut.width > WIDTH:
+            cut = cut.resize((WIDTH, round(cut.height * WIDTH / cut.width)), Image.LANCZOS)
+        IMAGES.mkdir(exist_ok=True)
+        cut.quantize(256, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE).save(
+            IMAGES / f"{name}.png", optimize=True
+        )
+
+
+def morph(window):
+    window.press_button(MORPH)
+    window.wait(f"bpy.data.objects.get({DEMO!r}) is not None and not ({RUNNING})", seconds=60)
+    # Between its parents the result is seen best.
+    window.run(f"bpy.data.objects[{DEMO!r}].location = (0, 0, 0)")
+
+
+def set_value(window, value):
+    keys = f"bpy.data.objects[{DEMO!r}].data.shape_keys"
+    window.run(f"{keys}.key_blocks['Morph'].value = {value}")
+
+
+def test_marked(demo):
+    take(demo, "marked")
+
+
+def test_clicking(demo):
+    demo.run(
+        """
+for obj in (bpy.data.objects["Hound"], bpy.data.objects["Giraffe"]):
+    for name in ("pm.nose", "pm.ear.L", "pm.ear.R"):
+        if (obj.name, name) != ("Hound", "pm.nose"):
+            obj.vertex_groups.remove(obj.vertex_groups[name])
+"""
+    )
+    demo.press_button("click_features")
+    demo.settle()
+    take(demo, "clicking")
+    demo.press("Escape", over=(400, 700))
+
+
+def test_result(demo):
+    morph(demo)
+    set_value(demo, 0.5)
+    take(demo, "result")
+    demo.press_button("show_distortion")
+    take(demo, "distortion")
+
+
+def test_cut(demo):
+    demo.open_panel("POINTMORPH_PT_cut")
+    demo.press_button("propose_loop")
+    demo.wait(f"not ({RUNNING}) and len(bpy.context.scene.pointmorph.loop) > 2", seconds=60)
+    take(demo, "cut")
+    demo.close_panel("POINTMORPH_PT_cut")
+
+
+def test_error(demo):
+    demo.run(
+        """
+giraffe = bpy.data.objects["Giraffe"]
+giraffe.vertex_groups.remove(giraffe.vertex_groups["pm.tail"])
+"""
+    )
+    demo.press_button(MORPH)
+    demo.wait("session().problem is not None")
+    demo.press("Left", over=(300, 980))  # Blender's own message goes when the mouse does
+    demo.settle()
+    take(demo, "error", "sidebar")
+
+
+def test_frames(demo):
+    morph(demo)
+    demo.run("bpy.context.scene.pointmorph.bake_as = 'FRAMES'")
+    demo.find("bake_frames")
+    take(demo, "frames", "sidebar")

@@ -1,0 +1,27 @@
+"""Buttons, expressions and scenes that tests with a window share."""
+
+VIEWPORT = (400, 700)
+MORPH = "pointmorph.morph("
+KEY = "key_blocks["
+BAKE_SOURCE = "bake_shape_keys(kind='SOURCE'"
+SHOW_DISTORTION = "show_distortion"
+
+RESULT = 'bpy.data.objects.get("Hill to Dune")'
+RUNNING = "session().current is not None"
+
+PIXEL = """
+from bpy_extras.view3d_utils import location_3d_to_region_2d
+def pixel(name, row):
+    obj = bpy.data.objects[name]
+    view = area.spaces[0].region_3d
+    spot = location_3d_to_region_2d(viewport, view, obj.matrix_world @ obj.data.vertices[row].co)
+    return round(viewport.x + spot.x), round(window.height - viewport.y - spot.y)
+"""
+
+
+def add_pair(window, side):
+    """Makes a pair of sheets with so many vertices a side, and opens the tab."""
+    window.run(f"scenes.pair({side}, {side - 3}); scenes.select(bpy.data.objects['Hill'])")
+    window.run("with in_viewport(): bpy.ops.view3d.view_all()")
+    window.run("bpy.ops.ed.undo_push(message='A pair of sheets')")
+    window.open_tab()

@@ -1,0 +1,82 @@
+"""How long Blender keeps a person waiting: figures for people, in the output folder."""
+
+import json
+
+from steps import MORPH, RESULT, RUNNING, add_pair
+
+# Times what the add-on does between redraws, and the gaps between turns of Blender's main loop.
+STOPWATCH = """
+import sys, time
+ours, gaps = {}, []
+
+def timed(owner, name, what):
+    before = getattr(owner, name)
+    def call(*arguments, **keywords):
+        start = time.perf_counter()
+        try:
+            return before(*arguments, **keywords)
+        finally:
+            ours.setdefault(what, []).append(time.perf_counter() - start)
+    setattr(owner, name, call)
+    undo.append(lambda: setattr(owner, name, before))
+
+undo, last = [], []
+package = session().__package__
+jobs, markers = (sys.modules[f"{package}.{name}"] for name in ("jobs", "markers"))
+morph = sys.modules[f"{package}.operators"].POINTMORPH_OT_morph
+timed(jobs.Computing, "_read_on", "reading the scene, a turn")
+timed(morph, "_meanwhile", "showing the coarse morph")
+timed(morph, "_leave", "taking the coarse morph away")
+timed(morph, "_finish", "making the result")
+timed(markers, "marks_of", "looking up marks")
+
+def beat():
+    now = time.perf_counter()
+    gaps.extend(now - before for before in last)
+    last[:] = [now]
+    return 0.005 if undo else None
+
+bpy.app.timers.register(beat)
+"""
+
+
+def test_how_long_it_holds_blender_up(window, output):
+    """As many points as koala_spot_big: 120,409 and 118,336. Drawing them without a graphics card
+    takes seconds, so they are hidden."""
+    window.run("area.spaces[0].show_object_viewport_mesh = False")
+    window.run("area.spaces[0].show_object_viewport_pointcloud = False")
+    add_pair(window, 347)
+    place = window.find(MORPH)
+    window.run(STOPWATCH)
+    window.run("started = time.perf_counter(); first = None")
+    window.run(
+        """
+def look():
+    global first
+    if any(obj.pointmorph.is_preview for obj in bpy.data.objects):
+        first = time.perf_counter() - started
+        return None
+    return 0.01 if undo else None
+bpy.app.timers.register(look)
+"""
+    )
+    window.click(place)
+    window.run("clicked = time.perf_counter() - started")
+    window.wait(f"{RESULT} is not None and not ({RUNNING})", seconds=120)
+    window.redraw()
+    figures = window.run(
+        """
+while undo: undo.pop()()
+answer = {
+    "seconds": time.perf_counter() - started,
+    "coarse morph after seconds": first,
+    "longest gap between turns, ms": 1000 * max(gaps),
+    "gaps over 100 ms": [round(1000 * g) for g in gaps if g > 0.1],
+    "longest of the add-on's own, ms": {k: round(1000 * max(v), 1) for k, v in ours.items()},
+}
+"""
+    )
+    (output / "waiting.json").write_text(json.dumps(figures, indent=2))
+    print(json.dumps(figures, indent=2))
+    assert figures["coarse morph after seconds"] is not None
+    assert not window.ask("[o.name for o in bpy.data.objects if o.pointmorph.is_preview]")
