@@ -22,7 +22,11 @@ def read_request(context):
     PointmorphError
         In words for the user, with the object's name.
     """
-    steps = read_request_steps(context)
+    return _finish(read_request_steps(context))
+
+
+def _finish(steps):
+    """What a generator returns."""
     while True:
         try:
             next(steps)
@@ -31,14 +35,14 @@ def read_request(context):
 
 
 def read_request_steps(context):
-    """The same as a generator, which takes long for large shapes: it yields after each."""
+    """The same as a generator that yields often, because large shapes take long."""
     settings = context.scene.pointmorph
     update(context, settings.source, settings.target)
     yield
     origin = np.array(settings.source.matrix_world.translation)
-    source = read_shape(context, settings.source, origin, as_shown=False)
+    source = yield from _read_shape_steps(context, settings.source, origin, False)
     yield
-    target = read_shape(context, settings.target, origin, as_shown=True)
+    target = yield from _read_shape_steps(context, settings.target, origin, True)
     yield
     return Request(
         source,
@@ -66,6 +70,10 @@ def read_shape(context, obj, origin, *, as_shown):
     as_shown : bool
         With modifiers and shape keys, as in the viewport. A point cloud always is.
     """
+    return _finish(_read_shape_steps(context, obj, origin, as_shown))
+
+
+def _read_shape_steps(context, obj, origin, as_shown):
     if obj.type not in TYPES:
         raise pointmorph.CloudError(
             obj.name,
@@ -86,33 +94,54 @@ def read_shape(context, obj, origin, *, as_shown):
     transforms.check_invertible(obj.name, matrix)
     if obj.type == "POINTCLOUD":
         shape = _read_cloud(obj, evaluated.data)
-    elif as_shown:
+    elif as_shown and not _is_plain(obj):
+        # Lives until the scene is evaluated again, so this is one step.
         mesh = evaluated.to_mesh(preserve_all_data_layers=True, depsgraph=depsgraph)
         try:
-            shape = _read_mesh(obj, mesh, arrays.vertex_positions(mesh))
+            shape = _finish(_read_mesh(obj, mesh, arrays.vertex_positions(mesh)))
         finally:
             evaluated.to_mesh_clear()
     else:
-        shape = _read_mesh(obj, obj.data, arrays.basis_positions(obj.data))
+        shape = yield from _read_mesh(obj, obj.data, arrays.basis_positions(obj.data))
+        if len(obj.data.vertices) != len(shape.positions):
+            raise pointmorph.CloudError(
+                obj.name, "a mesh that stays as it is", "changes while it was read", "Start again."
+            )
     return shape.moved(matrix)
 
 
+def _is_plain(obj):
+    """Whether the viewport shows a mesh as it is, for all that one can tell without looking."""
+    by_parent = obj.parent is not None and obj.parent_type != "OBJECT"
+    return not (obj.modifiers or obj.data.shape_keys or obj.mode == "EDIT" or by_parent)
+
+
 def _read_mesh(obj, mesh, positions):
+    """A generator that yields often and returns a Shape."""
     groups = {
         group.index: group.name[len(PREFIX) :]
         for group in obj.vertex_groups
         if group.name.startswith(PREFIX)
     }
+    yield
     triangles = arrays.mesh_triangles(mesh)
+    yield
+    # Without faces Blender makes normals up.
+    normals = _own_normals(mesh) if triangles is None else arrays.mesh_normals(mesh)
+    yield
+    colors, radii = arrays.mesh_colors(mesh), _radii(mesh)
+    yield
+    edges = arrays.mesh_edges(mesh)
+    yield
+    weights = yield from arrays.vertex_group_steps(mesh, groups)
     return Shape(
         name=obj.name,
         positions=positions,
-        # Without faces Blender makes normals up.
-        normals=_own_normals(mesh) if triangles is None else arrays.mesh_normals(mesh),
-        colors=arrays.mesh_colors(mesh),
-        radii=_radii(mesh),
+        normals=normals,
+        colors=colors,
+        radii=radii,
         triangles=triangles,
-        marks=Marks("vertex group", arrays.vertex_groups(mesh, groups), arrays.mesh_edges(mesh)),
+        marks=Marks("vertex group", weights, edges),
     )
 
 
