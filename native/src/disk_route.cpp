@@ -66,10 +66,11 @@ void need_boundary(Side& side, const BoundaryLoop& given, const BoundaryOptions&
                    std::vector<std::string>& warnings, Progress& progress) {
     const Index count = side.find_boundary(given, options, progress);
     if (count == 0)
-        throw TopologyError(side.cloud.name, "an open patch with a boundary", "a closed surface",
-                            "Take method auto, which needs no boundary; or domain sphere, for closed "
-                            "models without handles; or list features in a loop, along which both "
-                            "models are cut; or give the rows of its boundary.");
+        throw TopologyError(
+            side.cloud.name, "an open patch with a boundary", "a closed surface",
+            "Take method auto, which needs no boundary; or domain sphere, for closed "
+            "models without handles; or list features in a loop, along which both "
+            "models are cut; or give the rows of its boundary.");
     if (count > 1)
         warnings.push_back(side.cloud.name + ": the longest of " + std::to_string(count) +
                            " boundary loops goes to the rim of the disk, the others are treated "

@@ -263,6 +263,11 @@ std::vector<IndexPair> paired_tips(const SphericalMesh& source, const SphericalM
     return pairs;
 }
 
+/// The k-th of `count` nodes that lie all over the surface: nodes stand in spatial order.
+Index spread_node(const SphericalMesh& mesh, Index k, Index count) {
+    return static_cast<Index>(std::int64_t{k} * mesh.size() / count);
+}
+
 /// Mean distance along the surface from every node to the whole of it, in √area.
 Values remoteness(const SphericalMesh& mesh, Progress& progress) {
     constexpr Index kSamples = 60;
@@ -270,7 +275,7 @@ Values remoteness(const SphericalMesh& mesh, Progress& progress) {
     Values sum = Values::Zero(mesh.size());
     const Index samples = std::min(kSamples, mesh.size());
     for (Index k = 0; k < samples; ++k) {
-        const Index from = mesh.size() - 1 - k;  // drawn at random
+        const Index from = spread_node(mesh, k, samples);
         for (const auto& [i, distance] : search.from(from)) sum[i] += distance;
         progress.throw_if_cancelled();
     }
@@ -307,7 +312,7 @@ std::vector<Matrix3> likely_turns(const SphericalMesh& source, const SphericalMe
                 const Matrix3 turn = spread_turn(k, options.turns);
                 double sum = 0.0;
                 for (Index i = 0; i < samples; ++i) {
-                    const Index v = source.size() - 1 - i;
+                    const Index v = spread_node(source, i, samples);
                     const Vector3 place = turn * row_of(source.images, v);
                     Index nearest;
                     double squared;

@@ -611,9 +611,21 @@ TEST(Morph, TheSphereRefusesWhatIsNone) {
                  TopologyError);
     EXPECT_THROW(Morph(with_source(shapes::torus(4000, 0.4)), on_sphere(), progress),
                  TopologyError);
-    MorphInput inward = with_source(shapes::sphere(1500));
+}
+
+TEST(Morph, NormalsThatPointInwardsAreTurnedBeforeTheSphere) {
+    Progress progress;
+    MorphInput inward = two_eggs(1500, 1200);
+    inward.loop.clear();
+    inward.features.clear();
     inward.source.normals = -inward.source.positions;
-    EXPECT_THROW(Morph(std::move(inward), on_sphere(), progress), TopologyError);
+    const Morph morph(std::move(inward), on_sphere(), progress);
+    EXPECT_TRUE(std::ranges::any_of(morph.report().warnings, [](const std::string& warning) {
+        return warning.find("inwards") != std::string::npos;
+    }));
+    EXPECT_TRUE(
+        ((morph.source().normals.array() * morph.source().positions.array()).rowwise().sum() > 0.0)
+            .all());
 }
 
 TEST(Morph, TheSphereSaysWhenItIsStretchedMuch) {

@@ -231,8 +231,8 @@ Decomposition decompose(Cloud cloud, std::span<const Index> loop,
                         Progress& progress);
 
 /// Names of features for such a loop, in order: what domain cut takes where none is given. Rows are
-/// those of the clouds. Throws FeatureError where there are fewer than three points among them, or a
-/// cloud is an open patch.
+/// those of the clouds. Throws FeatureError where there are fewer than three points among them, or
+/// a cloud is an open patch.
 std::vector<std::string> propose_loop(Cloud source, Cloud target, std::vector<Feature> features,
                                       const MorphOptions& options, Progress& progress);
 

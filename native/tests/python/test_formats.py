@@ -169,8 +169,10 @@ def test_closed_and_empty_meshes_have_no_boundary() -> None:
 def test_parts_are_what_faces_join_also_over_seams() -> None:
     # Two triangles that share a place but no vertex, one apart, and two vertices without a face.
     places = np.array(
-        [[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 0, 0], [2, 0, 0], [1, 1, 0]]
-        + [[9, 0, 0], [9, 1, 0], [8, 0, 0], [8.5, 0.1, 0], [0.1, 0.1, 0]],
+        [
+            *([0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 0, 0], [2, 0, 0], [1, 1, 0]),
+            *([9, 0, 0], [9, 1, 0], [8, 0, 0], [8.5, 0.1, 0], [0.1, 0.1, 0]),
+        ],
         np.float32,
     )
     labels = meshes.parts([[0, 1, 2], [3, 4, 5], [6, 7, 8]], places)
