@@ -300,12 +300,11 @@ Morph::Morph(MorphInput input, const MorphOptions& options, Progress& progress)
             seen.points = std::min<Index>(seen.points, 5000);
             seen.cells = std::min<Index>(seen.cells, 400);
         }
-        const auto find = [&](Side& side, const Parts& parts, double first, double last) {
-            const Progress::Part part(progress, first, last);
-            side.find_topology(parts, options.boundary, seen, progress);
-        };
-        find(source, input.source_parts, 0.0, 0.5);
-        find(target, input.target_parts, 0.5, 1.0);
+        on_both(progress, [&](bool is_source, Progress& p) {
+            (is_source ? source : target)
+                .find_topology(is_source ? input.source_parts : input.target_parts,
+                               options.boundary, seen, p);
+        });
         for (Side* side : {&source, &target})
             if (side->turn_outwards())
                 report_.warnings.push_back("The normals of " + side->cloud.name +

@@ -27,13 +27,6 @@ std::size_t at(Index i) {
     return static_cast<std::size_t>(i);
 }
 
-/// Calls `work(is_source, progress)` for both clouds, next to each other where there are threads.
-template <std::invocable<bool, Progress&> Work>
-void on_both(Progress& progress, Work&& work) {
-    Progress silent;
-    parallel_invoke(2, [&](int k, bool owner) { work(k == 0, owner ? progress : silent); });
-}
-
 /// A similarity after which the cloud has area 1 and its mean at the origin.
 Similarity to_unit_area(const Positions& positions) {
     Similarity result;

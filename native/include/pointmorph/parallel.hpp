@@ -81,4 +81,12 @@ void parallel_invoke(int count, Body&& body) {
         if (failure) std::rethrow_exception(failure);
 }
 
+/// Calls `work(is_source, progress)` for both clouds, next to each other where there are threads;
+/// the one on the calling thread gets `progress`, the other one that says and asks nothing.
+template <std::invocable<bool, Progress&> Work>
+void on_both(Progress& progress, Work&& work) {
+    Progress silent;
+    parallel_invoke(2, [&](int k, bool owner) { work(k == 0, owner ? progress : silent); });
+}
+
 }  // namespace pointmorph
