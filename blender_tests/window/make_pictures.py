@@ -50,9 +50,7 @@ def take(window, name, part="all"):
         if cut.width > WIDTH:
             cut = cut.resize((WIDTH, round(cut.height * WIDTH / cut.width)), Image.LANCZOS)
         IMAGES.mkdir(exist_ok=True)
-        cut.quantize(256, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE).save(
-            IMAGES / f"{name}.png", optimize=True
-        )
+        cut.save(IMAGES / f"{name}.png", optimize=True)
 
 
 def morph(window):
