@@ -12,8 +12,8 @@ import math
 import os
 import sys
 import time
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -90,6 +90,9 @@ class Subject:
     target: formats.Shape
     features: models.Features
     azimuth: float
+    loop: Sequence[str] = ()
+    """Features through which a cut runs."""
+    settings: Mapping[str, str] = field(default_factory=dict)
 
 
 def obtain(files: Sequence[Path]) -> Iterator[Subject]:
@@ -109,7 +112,9 @@ def obtain(files: Sequence[Path]) -> Iterator[Subject]:
             for path, turn in zip((case.source, case.target), case.turns, strict=True)
         ]
         features = models.read_features(case.features) if case.features else {}
-        yield Subject(case.name, *shapes, features, case.azimuth)
+        cut = case.settings.get("domain") == "cut"
+        loop = models.read_loop(case.features) if case.features and cut else []
+        yield Subject(case.name, *shapes, features, case.azimuth, loop, case.settings)
 
 
 def _own(files: Sequence[Path]) -> models.Case:
@@ -163,6 +168,12 @@ def morph(subject: Subject, out: Path, scale: Scale, *, filmed: bool) -> None:
             sampled(paint.painted(target, paint.SAND), scale.points[1], features, 1),
             strict=True,
         )
+    if subject.loop:
+        with clock.stage("cuts, to colour both patches"):
+            clouds = tuple(
+                paint.show_patches(cloud, {name: rows[name] for name in subject.loop})
+                for cloud, rows in zip(clouds, marks, strict=True)
+            )
     with clock.stage("Blender objects"):
         objects = [
             scenery.add_cloud(scene, cloud, rows) for cloud, rows in zip(clouds, marks, strict=True)
@@ -174,6 +185,10 @@ def morph(subject: Subject, out: Path, scale: Scale, *, filmed: bool) -> None:
         )
         objects[1].matrix_world = Matrix(matrix.tolist())
         scene.pointmorph.source, scene.pointmorph.target = objects
+        for name, value in subject.settings.items():
+            setattr(scene.pointmorph, name, value)
+        for name in subject.loop:
+            scene.pointmorph.loop.add().name = name
     with clock.stage(MORPH_STAGE):
         bpy.ops.pointmorph.morph()
     result = bpy.context.object

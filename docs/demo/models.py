@@ -9,7 +9,8 @@ import os
 import shutil
 import subprocess
 import tarfile
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
@@ -20,6 +21,7 @@ FILES = {
     "cow.off": "1c5a25c3047fc6b14dd0c962d3562b1796671422ab4634f9d46f9f23814cd54a",
     "triceratops.off": "0fb444933884486a09eb4329a832f15ab792590f2a5bb75385d157e654ddbf5c",
     "bull.off": "5c7b9631f8c278c12b30c0eea0b72da871504674516daf7d7eaaf5fa4154224a",
+    "bear.off": "058f6ce62635e5f86958adea9706a8dca3ebe4fae76a0d32b8318d107d40bda6",
     "mannequin-devil.off": "9424b7132b58766984051fb7757543e88972f91fe7e9565d4e5b715b204f74a5",
     "lion-head.off": "cf159eeb12a3f3f345e57448693e9f0d115f3f6f38fd1d4519b336cede849289",
 }
@@ -42,10 +44,17 @@ class Case:
     """Whether the files' y axis points upwards, which Blender turns into its z."""
     azimuth: float = 32.0
     """Degrees from the front from which the camera looks."""
+    settings: Mapping[str, str] = field(default_factory=dict)
+    """Of the panel, other than the defaults."""
 
 
 class UnobtainableError(Exception):
     """The package's models cannot be had here; the message says why."""
+
+
+def read_loop(path: Path) -> list[str]:
+    """The `loop` of a FEATURES.json: names of features in the order in which a cut passes them."""
+    return [str(name) for name in json.loads(path.read_text(encoding="utf-8")).get("loop", [])]
 
 
 def read_features(path: Path) -> Features:
@@ -72,6 +81,14 @@ def debian_cases(cache: Path) -> list[Case]:
     for name in FILES:
         if not _is_intact(folder / name):
             raise UnobtainableError(f"{folder / name} is not the file that the demo was made for")
+    bear_to_bull = {
+        "source": folder / "bear.off",
+        "target": folder / "bull.off",
+        "features": HERE / "bear_to_bull.json",
+        "turns": (0.0, 90.0),
+        "upright": True,
+        "azimuth": 50.0,
+    }
     return [
         Case(
             "cow_to_triceratops",
@@ -96,6 +113,17 @@ def debian_cases(cache: Path) -> list[Case]:
             folder / "mannequin-devil.off",
             folder / "lion-head.off",
             HERE / "mannequin_to_lion.json",
+        ),
+        Case("bear_to_bull", **bear_to_bull),
+        Case(
+            "bear_to_bull_by_a_cut",
+            **bear_to_bull,
+            settings={"method": "paper", "domain": "cut"},
+        ),
+        Case(
+            "bear_to_bull_on_a_sphere",
+            **bear_to_bull,
+            settings={"method": "paper", "domain": "sphere"},
         ),
     ]
 

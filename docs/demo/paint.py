@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping
 
 import numpy as np
 import numpy.typing as npt
+import pointmorph
+from mathutils.kdtree import KDTree
 from pointmorph.formats import Shape
 from pointmorph.meshes import face_edges, vertex_normals
 
@@ -14,6 +17,12 @@ FloatArray = npt.NDArray[np.float64]
 # Linear red, green, blue of hollows, of the plain surface and of ridges.
 TERRACOTTA = np.array([[0.05, 0.006, 0.004], [0.42, 0.055, 0.02], [0.74, 0.33, 0.17]])
 SAND = np.array([[0.09, 0.03, 0.006], [0.58, 0.28, 0.06], [0.92, 0.72, 0.36]])
+
+TINT = np.array([[0.15, 0.2, 0.45], [0.1, 0.5, 0.4], [0.05, 0.2, 0.5]])
+"""What red, green and blue become on the second patch."""
+INK = 0.004
+CURVE_WIDTH = 0.006
+"""Half of it, as a share of the bounding box's diagonal."""
 
 SMOOTHING = 0.012
 """Radius over which the curvature is averaged, as a share of the bounding box's diagonal."""
@@ -35,6 +44,22 @@ def painted(shape: Shape, tones: FloatArray) -> Shape:
     colors = np.ones((len(relief), 4), np.float32)
     colors[:, :3] = tones[1] + amount * (far - tones[1])
     return dataclasses.replace(shape, colors=colors)
+
+
+def show_patches(cloud: pointmorph.Cloud, loop: Mapping[str, int]) -> pointmorph.Cloud:
+    """The cloud with the patch to the right of a cut tinted, and the curve drawn."""
+    cut = pointmorph.decompose(cloud, loop)
+    colors = cloud.colors.copy()
+    right = cut.sides < 0
+    colors[right, :3] = colors[right, :3] @ TINT
+    curve = KDTree(len(cut.curve))
+    for row, place in enumerate(cut.curve):
+        curve.insert(place, row)
+    curve.balance()
+    width = CURVE_WIDTH * np.linalg.norm(np.ptp(cloud.positions, axis=0))
+    near = [curve.find(place)[2] < width for place in cloud.positions]
+    colors[near, :3] = INK
+    return pointmorph.Cloud(cloud.positions, cloud.normals, colors, cloud.radii, name=cloud.name)
 
 
 def _relief(shape: Shape) -> FloatArray:
