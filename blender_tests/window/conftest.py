@@ -15,6 +15,7 @@ HERE = Path(__file__).resolve().parent
 sys.path[:0] = [str(HERE.parent), str(HERE)]
 
 import installing
+from steps import VIEWPORT
 
 SIZE = (1280, 1000)
 PROGRAMS = ("Xvfb", "xdotool", "import")
@@ -122,6 +123,11 @@ class Window:
         self._xdotool("key", key)
 
     # --- Buttons of the sidebar ---
+
+    def leave_sidebar(self):
+        """Moves the mouse over the viewport."""
+        self._xdotool("mousemove", *VIEWPORT)
+        self.redraw()
 
     def sidebar(self):
         """Left, top, right and bottom of the sidebar without its tabs."""
@@ -375,6 +381,8 @@ def _shared(display, environment, output, tmp_path_factory):
 @pytest.fixture
 def window(_shared):
     """Blender with an empty scene."""
+    # Blender keeps a button as it is, greyed for instance, while the mouse is over it.
+    _shared.leave_sidebar()
     _shared.run(START)
     return _shared
 
