@@ -212,6 +212,8 @@ def test_escape_leaves_nothing(window):
 
 def test_undo_and_deletion_while_it_runs(window):
     start_long(window)
+    # While the scene is still being read, undo would stop it: what was read is no longer true.
+    window.wait("session().current.begun", seconds=30)
     window.press("ctrl+z", over=VIEWPORT)
     window.run("bpy.data.objects.remove(bpy.data.objects['Hill'])")
     window.wait(f"not ({RUNNING})", seconds=120)
