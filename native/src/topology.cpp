@@ -177,6 +177,7 @@ struct Sample {
     Positions positions;
     Normals normals;
     KdTree<3> tree;
+    double area;
     Neighborhoods near;  ///< on the same sheet
     SurfaceGraph graph;  ///< of these
 
@@ -188,6 +189,7 @@ struct Sample {
         const Neighborhoods own =
             whole ? Neighborhoods() : nearest_neighbors(tree, static_cast<Index>(kNear), progress);
         const Neighborhoods& nearest = whole ? all_nearest : own;
+        area = estimated_area(positions, nearest);
         for (Index i = 0; i < tree.size(); ++i) {
             const auto row = nearest[i];
             for (const Index j : row.first(std::min(kNear, row.size())))
@@ -300,7 +302,7 @@ std::optional<Index> genus_of(const Sample& sample, std::span<const std::vector<
         const auto count = static_cast<Index>(share * most_cells);
         if (count < kFewestCells) return std::nullopt;
         const std::vector<Index> centers =
-            blue_noise_subset(sample.tree, sample.normals, {}, count, progress).rows;
+            blue_noise_subset(sample.tree, sample.normals, {}, count, progress, sample.area).rows;
         const std::vector<Index> cells = cells_around(sample, centers);
         Complex complex = complex_of(sample, cells, static_cast<Index>(centers.size()));
         close(complex, cells, borders);
@@ -381,11 +383,10 @@ Topology find_topology(const Positions& positions, const Normals& normals,
         for (std::size_t k = 0; k * step < rows.size(); ++k) rows[k] = rows[k * step];
         rows.resize((rows.size() + step - 1) / step);
         const Sample sample(positions, normals, nearest, rows, progress);
-        const double area = estimated_area(sample.tree);
         std::vector<std::vector<Index>> borders;
         for (const BoundaryLoop& loop : loops) {
             if (result.labels[at(loop.front())] != p) continue;
-            piece.is_open |= is_rim(loop_length(positions, loop), area);
+            piece.is_open |= is_rim(loop_length(positions, loop), sample.area);
             std::vector<Index>& border = borders.emplace_back();
             for (const Index i : loop)
                 border.push_back(nearest_on_sheet(sample.tree, sample.normals, positions.row(i),
