@@ -4,7 +4,6 @@
 #include <cmath>
 #include <numbers>
 #include <numeric>
-#include <optional>
 
 #include "pointmorph/cloud.hpp"
 #include "pointmorph/parallel.hpp"
@@ -41,9 +40,7 @@ CoarseShape coarse_shape(const KdTree<3>& tree, const Normals& normals,
                          std::span<const Index> required, const CoarseShapeOptions& options,
                          Progress& progress, const Neighborhoods* nearest) {
     CoarseShape shape;
-    const std::optional<double> area =
-        nearest ? std::optional(estimated_area(tree.points(), *nearest)) : std::nullopt;
-    shape.rows = blue_noise_subset(tree, normals, required, options.points, progress, area).rows;
+    shape.rows = blue_noise_subset(tree, normals, required, options.points, progress, nearest).rows;
     shape.positions = gather(tree.points(), shape.rows);
     shape.normals = gather(normals, shape.rows);
 
@@ -57,11 +54,10 @@ CoarseShape coarse_shape(const KdTree<3>& tree, const Normals& normals,
     std::vector<Index> first(required.size());
     std::iota(first.begin(), first.end(), 0);
     for (const Index nodes : options.nodes)
-        shape.levels.push_back(
-            deformation_graph(shape.graph,
-                              blue_noise_subset(coarse_tree, shape.normals, first, nodes, progress,
-                                                shape.areas.sum()),
-                              progress));
+        shape.levels.push_back(deformation_graph(
+            shape.graph,
+            blue_noise_subset(coarse_tree, shape.normals, first, nodes, progress, &near),
+            progress));
     return shape;
 }
 

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <functional>
 
 #include "pointmorph/parallel.hpp"
 
@@ -116,10 +117,17 @@ Positions landed(const Positions& images, std::span<const Index> anchors, const 
             const Vector3 foot = x - height * normal;
 
             const Vector3 right = normal.unitOrthogonal(), up = normal.cross(right);
+            std::array<bool, 4> in_quadrant{};
             for (std::size_t k = 0; k < found; ++k) {
                 const Vector3 offset = samples.row(near[k]).transpose() - foot;
                 flat[k] = {offset.dot(right), offset.dot(up)};
+                if (flat[k].x() != 0.0 && flat[k].y() != 0.0)
+                    in_quadrant[(flat[k].x() > 0.0 ? 1u : 0u) + (flat[k].y() > 0.0 ? 2u : 0u)] =
+                        true;
             }
+            result.row(i) = foot;
+            // With a sample in each quadrant around it, it lies between them.
+            if (std::ranges::all_of(in_quadrant, std::identity())) continue;
             const Vector2 inside = nearest_in_hull(hull, convex_hull(flat, found, hull));
             result.row(i) = foot + inside.x() * right + inside.y() * up;
         }

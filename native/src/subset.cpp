@@ -27,7 +27,7 @@ std::vector<Index> permutation(Index count) {
 }
 
 /// Rows drawn at a given radius; ends early once there are more than `most`.
-std::vector<Index> draw(const KdTree<3>& tree, const Normals& normals,
+std::vector<Index> draw(const KdTree<3>& tree, const Normals& normals, const Neighborhoods* nearest,
                         std::span<const Index> required, std::span<const Index> order,
                         double radius, std::size_t most, Progress& progress) {
     std::vector<char> covered(at(tree.size()), 0);
@@ -36,6 +36,18 @@ std::vector<Index> draw(const KdTree<3>& tree, const Normals& normals,
     const auto take = [&](Index i) {
         rows.push_back(i);
         covered[at(i)] = 1;
+        // All that is as near is among the nearest where the last of them isn't.
+        const auto near = nearest ? (*nearest)[i] : std::span<const Index>();
+        const auto squared = [&](Index j) {
+            return (tree.points().row(j) - tree.points().row(i)).squaredNorm();
+        };
+        if (!near.empty() && squared(near.back()) >= radius * radius) {
+            for (const Index j : near) {
+                if (squared(j) >= radius * radius) break;
+                if (normals.row(i).dot(normals.row(j)) > 0.0) covered[at(j)] = 1;
+            }
+            return;
+        }
         tree.within(tree.points().row(i).data(), radius, ball);
         for (const auto& [j, squared_distance] : ball)
             if (normals.row(i).dot(normals.row(j)) > 0.0) covered[at(j)] = 1;
@@ -96,15 +108,15 @@ double estimated_area(const Positions& positions, const Neighborhoods& nearest) 
 
 Subset blue_noise_subset(const KdTree<3>& tree, const Normals& normals,
                          std::span<const Index> required, Index count, Progress& progress,
-                         std::optional<double> known_area) {
+                         const Neighborhoods* nearest) {
     const Index size = tree.size();
     Subset subset;
-    const double area = known_area ? *known_area : estimated_area(tree);
+    const double area = nearest ? estimated_area(tree.points(), *nearest) : estimated_area(tree);
     subset.radius = std::sqrt(kSaturation * area / std::max<Index>(1, std::min(count, size)));
     const auto order = permutation(size);
     if (size <= count || !(area > 0.0)) {
         constexpr double kCoincident = 1e-9, kSmallest = 1e-150;  // a square that isn't 0
-        subset.rows = draw(tree, normals, required, order,
+        subset.rows = draw(tree, normals, nearest, required, order,
                            std::max(kCoincident * std::sqrt(area), kSmallest), at(size), progress);
         return subset;
     }
@@ -114,7 +126,7 @@ Subset blue_noise_subset(const KdTree<3>& tree, const Normals& normals,
     const double wanted = count;
     for (int round = 0; round < kRounds; ++round) {
         const bool last = round + 1 == kRounds;
-        subset.rows = draw(tree, normals, required, order, subset.radius,
+        subset.rows = draw(tree, normals, nearest, required, order, subset.radius,
                            last ? at(size) : at(2 * count), progress);
         const double ratio = static_cast<double>(subset.rows.size()) / wanted;
         if (last || std::abs(ratio - 1.0) < 0.03) break;

@@ -177,21 +177,22 @@ struct Sample {
     Positions positions;
     Normals normals;
     KdTree<3> tree;
+    Neighborhoods own;             ///< where there are others in the cloud
+    const Neighborhoods* nearest;  ///< 12 or more, where there are so many
     double area;
-    Neighborhoods near;  ///< on the same sheet
-    SurfaceGraph graph;  ///< of these
+    Neighborhoods near;  ///< of these, 12 at the most: on the same sheet
+    SurfaceGraph graph;  ///< symmetric
 
     /// `all_nearest`: of all points, ascending by distance.
     Sample(const Positions& all, const Normals& all_normals, const Neighborhoods& all_nearest,
            std::span<const Index> rows, Progress& progress)
         : positions(gather(all, rows)), normals(gather(all_normals, rows)), tree(positions) {
         const bool whole = static_cast<Eigen::Index>(rows.size()) == all.rows();
-        const Neighborhoods own =
-            whole ? Neighborhoods() : nearest_neighbors(tree, static_cast<Index>(kNear), progress);
-        const Neighborhoods& nearest = whole ? all_nearest : own;
-        area = estimated_area(positions, nearest);
+        if (!whole) own = nearest_neighbors(tree, static_cast<Index>(kNear), progress);
+        nearest = whole ? &all_nearest : &own;
+        area = estimated_area(positions, *nearest);
         for (Index i = 0; i < tree.size(); ++i) {
-            const auto row = nearest[i];
+            const auto row = (*nearest)[i];
             for (const Index j : row.first(std::min(kNear, row.size())))
                 if (on_one_sheet(positions, normals, i, j)) near.indices.push_back(j);
             near.offsets.push_back(static_cast<std::int64_t>(near.indices.size()));
@@ -302,7 +303,8 @@ std::optional<Index> genus_of(const Sample& sample, std::span<const std::vector<
         const auto count = static_cast<Index>(share * most_cells);
         if (count < kFewestCells) return std::nullopt;
         const std::vector<Index> centers =
-            blue_noise_subset(sample.tree, sample.normals, {}, count, progress, sample.area).rows;
+            blue_noise_subset(sample.tree, sample.normals, {}, count, progress, sample.nearest)
+                .rows;
         const std::vector<Index> cells = cells_around(sample, centers);
         Complex complex = complex_of(sample, cells, static_cast<Index>(centers.size()));
         close(complex, cells, borders);

@@ -35,6 +35,19 @@ TEST(CoarseShape, HoldsTheRequiredRowsFirstAtEveryLevel) {
     }
 }
 
+TEST(CoarseShape, IsTheSameWhereNeighborsAreKnown) {
+    const Positions p = shapes::sphere(4000);
+    const KdTree<3> tree(p);
+    Progress progress;
+    const Neighborhoods nearest = nearest_neighbors(tree, 16, progress);
+    const CoarseShape one = coarse_shape(tree, p, {}, {1500, {200}, {}}, progress);
+    const CoarseShape same = coarse_shape(tree, p, {}, {1500, {200}, {}}, progress, &nearest);
+    EXPECT_EQ(same.rows, one.rows);
+    EXPECT_EQ(same.areas, one.areas);
+    EXPECT_EQ(same.graph.neighbors, one.graph.neighbors);
+    EXPECT_EQ(same.levels.front().nodes, one.levels.front().nodes);
+}
+
 TEST(CoarseShape, AreasAreThoseOfTheSurfaceHoweverUnevenTheCloud) {
     // Nine of ten points on the upper half.
     Positions p(6000, 3);

@@ -104,6 +104,7 @@ TEST(KdTree, AgreesWithBruteForceInSpace) {
 TEST(KdTree, AgreesWithBruteForceInTheProductSpaces) {
     expect_brute_force<6>();
     expect_brute_force<12>();
+    expect_brute_force<32>();
 }
 
 TEST(KdTree, OrderOfThePointsMattersOnlyForTies) {
@@ -116,6 +117,21 @@ TEST(KdTree, OrderOfThePointsMattersOnlyForTies) {
         ASSERT_EQ(one.size(), other.size());
         for (std::size_t n = 0; n < one.size(); ++n)
             EXPECT_EQ(one[n].second, order[static_cast<std::size_t>(other[n].second)]);
+    }
+}
+
+TEST(KdTree, CoincidentPointsOfTheProductSpaceAreFoundInNoTime) {
+    KdTree<12>::Points p = KdTree<12>::Points::Constant(100000, 12, 0.25);
+    p.row(7).setZero();
+    const KdTree<12> tree(p);
+    const auto from_afar = nearest(tree, p.row(7).data(), 4);
+    ASSERT_EQ(from_afar.size(), 4u);
+    EXPECT_EQ(from_afar[0], std::pair(0.0, 7));
+    for (std::size_t n = 1; n < 4; ++n) EXPECT_EQ(from_afar[n].second, static_cast<Index>(n - 1));
+    for (Index i = 8; i < p.rows(); ++i) {
+        const auto found = nearest(tree, p.row(i).data(), 4);
+        ASSERT_EQ(found.size(), 4u);
+        ASSERT_EQ(found.back().first, 0.0);
     }
 }
 

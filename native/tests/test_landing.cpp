@@ -31,6 +31,20 @@ Normals upward(Index count) {
     return normals;
 }
 
+TEST(Landing, IsTheSameWhereNeighborsAreKnown) {
+    const Positions ball = shapes::sphere(2000);
+    const Positions images = shapes::cube_noise(500) * 1.2;  // near the ball and far from it
+    const KdTree<3> tree(ball);
+    Progress progress;
+    const auto anchors = nearest_rows(tree, images);
+    const Positions searched = landed(images, anchors, tree, ball, progress);
+    for (const Index count : {15, 24, 8}) {  // of the last there are too few
+        const Neighborhoods nearest = nearest_neighbors(tree, count, progress);
+        const Positions known = landed(images, anchors, tree, ball, progress, &nearest);
+        EXPECT_LT((known - searched).cwiseAbs().maxCoeff(), 1e-12) << count;
+    }
+}
+
 TEST(Landing, OnAPlaneIsItsProjection) {
     const Positions flat = shapes::grid(21);
     const Positions inside = shapes::sphere(300) * 0.6;

@@ -42,6 +42,19 @@ TEST(Subset, KeepsItsDistanceAndCoversTheCloud) {
     }
 }
 
+TEST(Subset, IsTheSameWhereNeighborsAreKnown) {
+    for (const Positions& p : {shapes::sphere(5000), shapes::cube_noise(3000)}) {
+        Progress progress;
+        const KdTree<3> tree(p);
+        const Normals n = p.rowwise().normalized();
+        const Neighborhoods nearest = nearest_neighbors(tree, 16, progress);
+        EXPECT_DOUBLE_EQ(estimated_area(p, nearest), estimated_area(tree));
+        for (const Index count : {100, 1000, 2500, 9000})
+            EXPECT_EQ(blue_noise_subset(tree, n, {}, count, progress, &nearest).rows,
+                      blue_noise_subset(tree, n, {}, count, progress).rows);
+    }
+}
+
 TEST(Subset, BothSidesOfAThinSheetGetTheirOwn) {
     const Positions top = shapes::grid(40);
     Positions p(2 * top.rows(), 3);
