@@ -5,7 +5,7 @@ from itertools import pairwise
 import bpy
 import pointmorph
 
-from . import carrying, chains, following, remaking, result, session
+from . import carrying, chains, following, remaking, result, session, transferring
 from .checks import activate, active_result, fail
 from .computation import Earlier
 from .jobs import Computing
@@ -70,13 +70,13 @@ class POINTMORPH_OT_recompute(Computing, bpy.types.Operator):
     poll = _OnResult.__dict__["poll"]
     reason = staticmethod(made_reason)
 
-    def _begin(self, context):
+    def _begin_steps(self, context):
         sync_features(context.scene)
         obj = made_object(context)
         if obj.pointmorph.keeps_faces and obj.pointmorph.made_from is not None:
             obj = obj.pointmorph.made_from  # it goes along
-        plan = self._plan = remaking.plan(context, obj)
         self._name = obj.name
+        plan = self._plan = yield from remaking.plan_steps(context, obj)
         earlier = session.earlier if self._in_window else None
         return lambda progress: chains.compute_all(plan.requests, progress, earlier)
 
@@ -161,12 +161,16 @@ class POINTMORPH_OT_make_mesh(_OnResult, bpy.types.Operator):
         return {"FINISHED"}
 
 
-class POINTMORPH_OT_transfer_attributes(_OnResult, bpy.types.Operator):
+class POINTMORPH_OT_transfer_attributes(Computing, bpy.types.Operator):
     """Bring colours, weights and UV maps of the target over, to where its surface lands"""
 
     bl_idname = "pointmorph.transfer_attributes"
     bl_label = "Bring Over from Target"
     bl_options = {"REGISTER", "UNDO"}
+    stopped = "It was stopped: nothing was brought over"
+
+    poll = _OnResult.__dict__["poll"]
+    reason = staticmethod(made_reason)
 
     colors: bpy.props.BoolProperty(
         name="Colours",
@@ -187,8 +191,24 @@ class POINTMORPH_OT_transfer_attributes(_OnResult, bpy.types.Operator):
         default="target.",
     )
 
-    def change(self, context, obj):
-        names = carrying.transfer(context, obj, self.colors, self.weights, self.uvs, self.prefix)
+    def _begin_steps(self, context):
+        obj = made_object(context)
+        self._name = obj.name
+        wanted = self._wanted = transferring.Wanted(
+            self.colors, self.weights, self.uvs, self.prefix
+        )
+        return (yield from transferring.read_steps(context, obj, wanted))
+
+    def _leave(self, context):
+        self._steps.close()
+
+    def _finish(self, context, outcome):
+        obj = bpy.data.objects.get(self._name)
+        if not remaking.is_made(obj):
+            raise pointmorph.CloudError(
+                self._name, "the object that attributes go to", "none", "Undo its removal."
+            )
+        names = transferring.write(obj, self._wanted, outcome)
         self.report({"INFO"}, "Brought over: " + ", ".join(names))
         return {"FINISHED"}
 
@@ -302,10 +322,10 @@ class POINTMORPH_OT_morph_chain(Computing, bpy.types.Operator):
     poll = _OnResult.__dict__["poll"]
     reason = staticmethod(chain_reason)
 
-    def _begin(self, context):
+    def _begin_steps(self, context):
         sync_features(context.scene)
         settings = context.scene.pointmorph
-        plan = self._plan = remaking.plan_of(
+        plan = self._plan = yield from remaking.plan_of_steps(
             context,
             remaking.picked_shapes(context.scene),
             feature_choices(settings),
