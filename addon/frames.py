@@ -224,6 +224,7 @@ def build(context, name, matrix, plan, frames, kind="SCENE"):
                 arrays.write_corner_colors(mesh, display.COLOR, frame.colors)
             else:
                 arrays.write_attribute(mesh, display.COLOR, frame.colors)
+            arrays.activate_colors(mesh, display.COLOR)
             if not plan.faces:
                 arrays.write_attribute(mesh, display.NORMAL, frame.normals)
                 arrays.write_attribute(mesh, display.RADIUS, frame.radii)

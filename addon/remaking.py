@@ -124,7 +124,7 @@ def fingerprint_steps(obj, origin, as_shown):
             shown = _digest(_positions(evaluated.data))
     if obj.type == "MESH":
         positions = arrays.basis_positions(data)
-        color = data.color_attributes.active_color
+        color = arrays.active_colors(data)
         yield
         parts = [positions, arrays.mesh_edges(data)]
         yield

@@ -166,6 +166,7 @@ def write_pairs(obj, outcome):
         arrays.write_attribute(mesh, f"{stage}_normal", end.normals)
         arrays.write_attribute(mesh, f"{stage}_color", end.colors)
         arrays.write_attribute(mesh, f"{stage}_radius", end.radii)
+    arrays.activate_colors(mesh, display.COLOR)
     arrays.write_attribute(mesh, "landing", outcome.landing[outcome.source.rows])
     arrays.write_attribute(mesh, "target_landing", outcome.maps[1][outcome.target.rows])
     for number, landing in enumerate(outcome.stops, 1):
