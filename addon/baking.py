@@ -10,6 +10,7 @@ from . import frames, poses, result
 from .checks import activate, active_result, busy_reason, fail, result_reason
 from .jobs import Computing
 from .properties import EASINGS, FORMATS, settings_values
+from .translations import tell
 
 
 def path_choice(description):
@@ -83,8 +84,8 @@ class POINTMORPH_OT_bake_shape_keys(bpy.types.Operator):
                 changed = obj
         except pointmorph.PointmorphError as error:
             return fail(self, error)
-        count = f"{self.steps} shape key" + ("s" if self.steps > 1 else "")
-        self.report({"INFO"}, f'{count} added to "{changed.name}"')
+        added = 'Shape keys added to "{name}": {count}'
+        self.report({"INFO"}, tell(added, name=changed.name, count=self.steps))
         return {"FINISHED"}
 
 
@@ -190,11 +191,14 @@ class POINTMORPH_OT_bake_frames(Computing, bpy.types.Operator):
     def _leave(self, context):
         self._steps.close()  # a shape that moves may be in another frame
 
+    def _say_written(self, place):
+        written = "{count} frames written to {place}"
+        self.report({"INFO"}, tell(written, count=len(self._plan.numbers()), place=place))
+
     def _finish(self, context, outcome):
         plan = self._plan
-        count = len(plan.numbers())
         if self.format == "PLY":
-            self.report({"INFO"}, f"{count} frames written to {self._folder}")
+            self._say_written(self._folder)
             return {"FINISHED"}
         obj = context.scene.objects.get(self._name)
         if obj is None:
@@ -209,7 +213,8 @@ class POINTMORPH_OT_bake_frames(Computing, bpy.types.Operator):
             obj.hide_set(True)
             obj.hide_render = True
             activate(context.view_layer.objects, player)
-            self.report({"INFO"}, f'{count} frames in "{player.name}"')
+            made = '{count} frames in "{name}"'
+            self.report({"INFO"}, tell(made, count=len(plan.numbers()), name=player.name))
             return {"FINISHED"}
         try:
             frames.export(context, player, plan, self._path, self.format)
@@ -217,7 +222,7 @@ class POINTMORPH_OT_bake_frames(Computing, bpy.types.Operator):
             frames.remove(player)
         frames.empty(outcome)
         self.report({"WARNING"}, frames.losses(self.format, self.faces))
-        self.report({"INFO"}, f"{count} frames written to {self._path}")
+        self._say_written(self._path)
         return {"FINISHED"}
 
 

@@ -20,6 +20,7 @@ from .computation import Request
 from .features import PREFIX, Choice, match
 from .properties import by_hand, feature_choices, settings_values
 from .reading import read_shape_steps, update
+from .translations import tell
 
 CURRENT, STALE, ORPHAN, UNKNOWN = "CURRENT", "STALE", "ORPHAN", "UNKNOWN"
 
@@ -295,10 +296,10 @@ def state(obj, prints=None):
         return "", []
     recipe = recipe_of(obj)
     if not is_known(recipe):
-        return UNKNOWN, ["made by an earlier version, which kept no settings"]
+        return UNKNOWN, [tell("made by an earlier version, which kept no settings")]
     shapes = shapes_of(obj)
     gone = [
-        f'"{known["name"]}" is gone'
+        tell('"{name}" is gone', name=known["name"])
         for known, shape in zip(recipe["shapes"], shapes, strict=True)
         if shape is None
     ]
@@ -350,19 +351,21 @@ def _differences(known, now, follows):
     """What has become of a shape, in words."""
     name = now["name"]
     if known["count"] != now["count"]:
-        return [f'"{name}" has {now["count"]:,} points instead of {known["count"]:,}']
+        counts = {"now": f"{now['count']:,}", "before": f"{known['count']:,}"}
+        return [tell('"{name}" has {now} points instead of {before}', name=name, **counts)]
     both_shown = None not in (known["shown"], now["shown"])
     found = []
     if known["data"] != now["data"]:
-        found.append(f'"{name}" was edited')
+        found.append(tell('"{name}" was edited', name=name))
     elif both_shown and known["shown"] != now["shown"] and not follows:
-        found.append(f'"{name}" looks different: its modifiers or shape keys were changed')
+        other = '"{name}" looks different: its modifiers or shape keys were changed'
+        found.append(tell(other, name=name))
     if known["marks"] != now["marks"]:
-        found.append(f'features on "{name}" were changed')
+        found.append(tell('features on "{name}" were changed', name=name))
     if not (known["carried"] or now["carried"] or follows):
         before, after = np.array(known["matrix"]), np.array(now["matrix"])
         if np.abs(before - after).max() > 1e-5 * max(np.abs(before).max(), 1e-30):
-            found.append(f'"{name}" was moved, turned or scaled')
+            found.append(tell('"{name}" was moved, turned or scaled', name=name))
     return found
 
 
@@ -374,13 +377,13 @@ def _other_settings(recipe, settings):
         for name in sorted({*now, *before} - _OF_NO_CONSEQUENCE)
         if now.get(name) != before.get(name)
     ]
-    found = [f"setting {name.replace('_', ' ')} was changed" for name in names]
+    found = [tell("setting {name} was changed", name=name.replace("_", " ")) for name in names]
     choices = _plain_choices(feature_choices(settings))
     for name, choice in choices.items():
         if name in recipe["features"] and recipe["features"][name] != choice:
-            found.append(f'feature "{name}" is held in another way')
+            found.append(tell('feature "{name}" is held in another way', name=name))
     if recipe["loop"] != [item.name for item in settings.loop]:
-        found.append("the loop was changed")
+        found.append(tell("the loop was changed"))
     return found
 
 
