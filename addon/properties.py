@@ -14,6 +14,9 @@ from .features import PREFIX, Choice
 
 _LARGEST_INT = 2**31 - 1
 
+CONTEXT = "Pointmorph"
+"""Of words for which Blender has another translation, made for something else."""
+
 
 # --- Features -------------------------------------------------------------------------------------
 
@@ -380,6 +383,7 @@ class PointmorphScene(bpy.types.PropertyGroup):
         description="How the morph runs over the frames",
         items=EASINGS,
         default="LINEAR",
+        translation_context=CONTEXT,
     )
     frames_resample: bpy.props.BoolProperty(
         name="Re-sample", description="Put new points where there would be cracks", default=True

@@ -6,7 +6,7 @@ import bpy
 import pointmorph
 
 from . import german
-from .properties import choice_label, setting_label, setting_tip, switch_label, switch_tip
+from .properties import CONTEXT, choice_label, setting_label, setting_tip, switch_label, switch_tip
 
 
 def tell(text, **values):
@@ -59,10 +59,13 @@ def _german_tip(option, tip):
 
 
 def _dictionary():
-    """As Blender wants it: labels and tooltips have no context, names of operators have one."""
+    """As Blender wants it: labels and tooltips have no context, names of operators have one, and so
+    has what Blender itself would translate otherwise."""
     return {
         language: {
-            (context, word): text for word, text in known.items() for context in ("*", "Operator")
+            (context, word): text
+            for word, text in known.items()
+            for context in ("*", "Operator", CONTEXT)
         }
         for language, known in words().items()
     }

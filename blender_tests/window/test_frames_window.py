@@ -1,7 +1,9 @@
 """Bakes, recomputes and transfers in a window: Blender goes on, Esc stops, the same goes on."""
 
 import json
+import subprocess
 
+import numpy as np
 from steps import RESULT, RUNNING, VIEWPORT, add_pair
 from test_waiting import STOPWATCH
 
@@ -148,3 +150,74 @@ def test_how_long_reading_holds_blender_up(window, output):
     (output / "reading.json").write_text(json.dumps(figures, indent=2))
     print(json.dumps(figures, indent=2))
     assert all(figure["turns of reading"] for figure in figures.values())
+
+
+LANGUAGE = """
+view = bpy.context.preferences.view
+view.language = {!r}
+view.use_translate_interface = view.use_translate_tooltips = {}
+"""
+
+
+def test_panels_in_german(own_window):
+    """For people to look at: nothing cut off."""
+    window = own_window
+    window.run("area.spaces[0].show_object_viewport_pointcloud = False")
+    window.run(LANGUAGE.format("de_DE", True))
+    add_pair(window, 12)
+    window.run("bpy.context.scene.pointmorph.bake_as = 'FRAMES'")
+    window.run("bpy.ops.pointmorph.morph('EXEC_DEFAULT')")
+    window.screenshot("german_top")
+    left, top, right, bottom = window.sidebar()
+    window._scroll(((left + right) // 2, (top + bottom) // 2), 5, 40)
+    window.screenshot("german_bottom")
+    window.open_panel("POINTMORPH_PT_settings")
+    window._scroll(((left + right) // 2, (top + bottom) // 2), 5, 60)
+    window.screenshot("german_advanced")
+
+
+SHADING = """
+shading = area.spaces[0].shading
+shading.type, shading.color_type = {!r}, "VERTEX"
+modifier = {}.modifiers["Points"]
+for socket in modifier.node_group.inputs:
+    if socket.name in ("Spheres", "Discs"):
+        modifier[socket.identifier] = socket.name == {!r}
+modifier.id_data.update_tag()
+"""
+
+
+def test_colours_in_the_viewport(window):
+    """Red, green and half seen through, in solid shading and in the material preview."""
+    window.run(
+        """
+for obj in scenes.pair(30, 28):
+    p = scenes.coordinates(obj.data.vertices)
+    colors = [[1, 0, 0, 1] if x < 0 else [0, 1, 0, 0.3] for x in p[:, 0]]
+    scenes.add_attribute(obj.data, "Paint", "FLOAT_COLOR", colors)
+    obj.data.color_attributes.active_color = obj.data.color_attributes["Paint"]
+bpy.ops.pointmorph.morph('EXEC_DEFAULT')
+for name in ("Hill", "Dune"):
+    bpy.data.objects[name].hide_set(True)
+"""
+    )
+    window.run("with in_viewport(): bpy.ops.view3d.view_all()")
+    for shading in ("SOLID", "MATERIAL"):
+        for kind in ("Spheres", "Discs"):
+            window.run(SHADING.format(shading, RESULT, kind))
+            window.leave_sidebar()
+            path = window.screenshot(f"colours_{shading.lower()}_{kind.lower()}")
+            red, green = colored(path)
+            assert red > 2000, (shading, kind)
+            assert green > 2000, (shading, kind)
+    window.run("area.spaces[0].shading.type = 'SOLID'")
+    window.run("area.spaces[0].shading.color_type = 'MATERIAL'")
+
+
+def colored(path):
+    """How many pixels of the viewport are red, and green."""
+    program = ("convert", str(path), "-crop", "700x700+60+100", "-depth", "8", "rgb:-")
+    pixels = subprocess.run(program, capture_output=True, check=True).stdout
+    values = np.frombuffer(pixels, np.uint8).reshape(-1, 3).astype(int)
+    red, green, _ = values.T
+    return int((red > green + 50).sum()), int((green > red + 50).sum())
