@@ -566,6 +566,9 @@ Refinement refine(const Positions& source, const Normals& source_normals, const 
     result.alignment = composed(source_unit.inverse(), target_move);
 
     progress.enter("registration");
+    RegistrationOptions first_registration = options.registration;
+    // As stiff as from the features alone, few of them would move legs that lie well.
+    if (given) first_registration.levels.front() = options.pose.relaxation;
     Attempts attempts =
         register_best(coarse_source, coarse_target, coarse_features,
                       given  ? "earlier map"
@@ -573,7 +576,7 @@ Refinement refine(const Positions& source, const Normals& source_normals, const 
                              : "features",
                       pose ? pose->best.registration
                            : register_shapes(coarse_source, coarse_target, coarse_features, start,
-                                             options.registration, progress),
+                                             first_registration, progress),
                       options.attempts, options.registration, progress);
     const Registration& registration = attempts.registration;
     result.starts = std::move(attempts.tried);
