@@ -61,12 +61,9 @@ def _german_tip(option, tip):
 def _dictionary():
     """As Blender wants it: labels and tooltips have no context, names of operators have one, and so
     has what Blender itself would translate otherwise."""
+    contexts = ("*", "Operator", CONTEXT)
     return {
-        language: {
-            (context, word): text
-            for word, text in known.items()
-            for context in ("*", "Operator", CONTEXT)
-        }
+        language: {(context, word): text for word, text in known.items() for context in contexts}
         for language, known in words().items()
     }
 
