@@ -6,7 +6,7 @@ import bpy
 import pointmorph
 
 from . import checks, clicking, cuts, display, jobs, markers, operators, result, session
-from .properties import by_hand, setting_label
+from .properties import CONTEXT, by_hand, setting_label
 from .translations import tell
 
 # Settings that stand where they are needed; the others are advanced.
@@ -364,7 +364,7 @@ class POINTMORPH_PT_bake(Panel, bpy.types.Panel):
             column.prop(settings, "frames_directory")
         column.prop(scene, "frame_start", text="First")
         column.prop(scene, "frame_end", text="Last")
-        column.prop(settings, "frames_easing")
+        column.prop(settings, "frames_easing", text="Easing", text_ctxt=CONTEXT)
         column.prop(settings, "frames_resample")
         column.prop(settings, "frames_faces")
         button = layout.operator("pointmorph.bake_frames")

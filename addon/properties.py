@@ -383,7 +383,6 @@ class PointmorphScene(bpy.types.PropertyGroup):
         description="How the morph runs over the frames",
         items=EASINGS,
         default="LINEAR",
-        translation_context=CONTEXT,
     )
     frames_resample: bpy.props.BoolProperty(
         name="Re-sample", description="Put new points where there would be cracks", default=True
