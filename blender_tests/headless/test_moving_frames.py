@@ -4,9 +4,10 @@ import bpy
 import numpy as np
 import pytest
 from mathutils import Matrix
+from pointmorph import formats
 from scenes import add_mesh, attribute, coordinates, mark, pair, patch, row_pairs, select
 from test_following import bend, in_world, morph_and_follow, swell, travel
-from test_frames import bake, group_meshes
+from test_frames import bake, group_meshes, makes_surfaces
 
 LAST = 9
 
@@ -144,3 +145,32 @@ def test_points_that_come_up_on_the_way_are_refused(settings):
     with pytest.raises(RuntimeError, match="Hill: expected 196 points in every frame"):
         bake()
     assert bpy.context.scene.frame_current == 1
+
+
+def test_files_of_points_and_faces(settings, tmp_path):
+    """PLY files go on, too, and start over when a shape moves in another way."""
+    source, target = pair(20, 18)
+    for obj in (source, target):
+        travel(obj)
+    obj = morph_and_follow()
+    faces = makes_surfaces()
+    options = {"format": "PLY", "directory": str(tmp_path), "faces": faces, "step": 4}
+    assert bake(**options) == {"FINISHED"}
+    names = sorted(path.name for path in tmp_path.glob("frame_*.ply"))
+    assert names == ["frame_0001.ply", "frame_0005.ply", "frame_0009.ply"]
+    places = formats.read(tmp_path / names[-1]).positions
+    rows = row_pairs(obj)
+    bpy.context.scene.frame_set(LAST)
+    np.testing.assert_allclose(places[: len(rows)], in_world(target)[rows[:, 1]], atol=1e-5)
+    if faces:
+        mesh = formats.read(tmp_path / "mesh_0009.ply").positions
+        np.testing.assert_allclose(np.ptp(mesh, axis=0), np.ptp(places, axis=0), atol=0.2)
+        np.testing.assert_allclose(mesh.mean(axis=0), places.mean(axis=0), atol=0.1)
+    bpy.context.scene.frame_set(1)
+    times = {path: path.stat().st_mtime_ns for path in tmp_path.glob("frame_*.ply")}
+    bake(**options)
+    assert {path: path.stat().st_mtime_ns for path in times} == times
+    target.location.z = 1.0
+    target.keyframe_insert("location", frame=1)
+    bake(**options)
+    assert all(path.stat().st_mtime_ns != before for path, before in times.items())
