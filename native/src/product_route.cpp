@@ -12,7 +12,11 @@ Refinement match_in_product_space(const Side& source, const Side& target,
                                   const std::optional<RefinementStart>& start,
                                   const MorphOptions& options, MorphReport& report,
                                   Progress& progress) {
-    const KnownNeighborhoods known{&source.nearest, &target.nearest};
+    // The way by the disk has let them go.
+    const auto known_of = [](const Side& side) {
+        return side.nearest.size() == side.positions.rows() ? &side.nearest : nullptr;
+    };
+    const KnownNeighborhoods known{known_of(source), known_of(target)};
     Refinement whole =
         refine(source.positions, source.normals, target.positions, target.normals, features,
                options.refinement, progress, start ? &*start : nullptr, known);
