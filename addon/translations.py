@@ -9,7 +9,7 @@ from . import german
 from .properties import CONTEXT, choice_label, setting_label, setting_tip, switch_label, switch_tip
 
 
-def tell(text, **values):
+def tell(text, /, **values):
     """A message in the user's language, with values put where their names stand in braces. Blender
     itself translates what is the same every time."""
     return bpy.app.translations.pgettext_tip(text).format(**values)

@@ -141,6 +141,11 @@ def test_messages_with_something_put_in_are_translated_first(addon):
                 assert not composed, (where, node.lineno)
 
 
+def test_anything_can_be_put_in(addon):
+    told = addon("translations").tell("{text}     Ctrl Z: take back     Esc: done", text="{a}")
+    assert told.startswith("{a}")
+
+
 def test_what_is_put_in_is_the_same_in_both_languages(german):
     for english, other in german.items():
         names = [

@@ -152,10 +152,11 @@ def test_how_long_reading_holds_blender_up(window, output):
     assert all(figure["turns of reading"] for figure in figures.values())
 
 
-LANGUAGE = """
+GERMAN = """
+bpy.context.preferences.use_preferences_save = False  # other windows stay as they are
 view = bpy.context.preferences.view
-view.language = {!r}
-view.use_translate_interface = view.use_translate_tooltips = {}
+view.language = "de_DE"
+view.use_translate_interface = view.use_translate_tooltips = True
 """
 
 
@@ -163,7 +164,7 @@ def test_panels_in_german(own_window):
     """For people to look at: nothing cut off."""
     window = own_window
     window.run("area.spaces[0].show_object_viewport_pointcloud = False")
-    window.run(LANGUAGE.format("de_DE", True))
+    window.run(GERMAN)
     add_pair(window, 12)
     window.run("bpy.context.scene.pointmorph.bake_as = 'FRAMES'")
     window.run("bpy.ops.pointmorph.morph('EXEC_DEFAULT')")
