@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <bit>
 #include <cmath>
+#include <exception>
 #include <functional>
 #include <map>
 #include <memory>
@@ -35,14 +36,21 @@ struct Candidate {
     double cost;
 };
 
-/// Places of a way, evenly along it.
-Positions sampled(const Positions& nodes, const Way& way) {
-    constexpr Index kSamples = 24;
-    Positions points(static_cast<Eigen::Index>(way.nodes.size()), 3);
-    for (std::size_t k = 0; k < way.nodes.size(); ++k)
-        points.row(static_cast<Eigen::Index>(k)) = nodes.row(way.nodes[k]);
-    const SurfaceCurve curve{points, points};
-    return resampled(curve, curve_length(points) / kSamples).points;
+/// Coarse points of a way, evenly along it.
+std::vector<Index> sampled(const Positions& positions, const Way& way) {
+    constexpr int kSamples = 24;
+    std::vector<double> along{0.0};
+    for (std::size_t k = 1; k < way.nodes.size(); ++k)
+        along.push_back(along.back() +
+                        (positions.row(way.nodes[k]) - positions.row(way.nodes[k - 1])).norm());
+    std::vector<Index> result;
+    std::size_t k = 0;
+    for (int i = 0; i <= kSamples; ++i) {
+        const double goal = along.back() * i / kSamples;
+        while (k + 1 < along.size() && along[k + 1] - goal <= goal - along[k]) ++k;
+        result.push_back(way.nodes[k]);
+    }
+    return result;
 }
 
 /// Sums of class bits: how many of them are independent, and which are new.
@@ -63,18 +71,28 @@ private:
     std::vector<std::uint32_t> sums_;
 };
 
+/// How much it counts against a pair of ways that they run elsewhere, in lengths of √area: once the
+/// features are laid over each other, and in the distances along the surface from all features,
+/// which don't mind poses.
+struct Weights {
+    double place, reach;
+};
+
 class Tracer {
 public:
-    Tracer(const std::array<NetworkSide, 2>& sides, std::span<const std::string> names,
+    Tracer(const std::array<NetworkSide, 2>& sides, const std::array<CoarseModel, 2>& models,
+           std::span<const std::string> names, const Weights& weights,
            const DecompositionOptions& options, Progress& progress)
         : sides_(sides),
+          models_(models),
           names_(names),
+          weights_(weights),
           progress_(progress),
           most_tips_(options.tips),
           corners_(static_cast<Index>(names.size())),
           piece_(names.size()) {
         for (const std::size_t m : {0u, 1u})
-            surfaces_[m] = std::make_unique<NetworkSurface>(sides[m], options, progress);
+            surfaces_[m] = std::make_unique<NetworkSurface>(sides[m], models[m], options);
         std::iota(piece_.begin(), piece_.end(), 0);
         for (auto& potential : potentials_) potential.assign(names.size(), 0);
         const auto feature_places = [&](std::size_t m) {
@@ -83,21 +101,55 @@ public:
         const Similarity onto_target = fit_similarity(feature_places(0), feature_places(1));
         laid_over_[0] = onto_target.apply(surfaces_[0]->coarse().positions);
         laid_over_[1] = surfaces_[1]->coarse().positions;
+        for (const std::size_t m : {0u, 1u}) {
+            const std::vector<Values> from = distances_from(surfaces_[m]->coarse(), names.size());
+            reach_[m].resize(surfaces_[m]->coarse().positions.rows(), corners_);
+            for (Index k = 0; k < corners_; ++k) reach_[m].col(k) = from[at(k)];
+        }
     }
 
-    Network run(std::span<const std::vector<Index>> loops) {
+    /// Traces all curves.
+    void run(std::span<const std::vector<Index>> loops) {
         agree_on_handles();
         for (std::size_t l = 0; l < loops.size(); ++l)
             for (std::size_t k = 0; k < loops[l].size(); ++k)
                 lead(loops[l][k], loops[l][(k + 1) % loops[l].size()], l);
-        progress_.report(0.3);
         while (pieces() > 1) join_pieces();
-        progress_.report(0.5);
         while (spans_[0].rank() < rank()) open_handle();
-        progress_.report(0.6);
         while (part_patch()) progress_.throw_if_cancelled();
-        progress_.report(0.8);
-        return finished();
+        check();
+    }
+
+    /// How much longer the curves are than the shortest ways between their ends, in √area, mean.
+    /// A curve that passes a limb on the wrong side forces the later ones to run round it.
+    double detour() const {
+        double sum = 0.0;
+        for (const NetworkCurve& curve : curves_)
+            for (const std::size_t m : {0u, 1u})
+                sum += curve_length(curve.on[m].points) / surfaces_[m]->coarse().unit -
+                       reach_[m](curve.from, curve.to);
+        return sum / static_cast<double>(curves_.size());
+    }
+
+    /// What was traced.
+    Network finished() {
+        Network result;
+        result.patches = faces();
+        result.genus = rank() / 2;
+        std::vector<Index> face(2 * curves_.size());
+        for (std::size_t f = 0; f < result.patches.size(); ++f)
+            for (const Dart dart : result.patches[f]) face[at(dart)] = static_cast<Index>(f);
+        const auto patches = static_cast<Index>(result.patches.size());
+        for (const std::size_t m : {0u, 1u}) {
+            result.labels[m] = surfaces_[m]->labels(face, patches, progress_);
+            const CoarseCloud& coarse = surfaces_[m]->coarse();
+            UnmarkedTips tips =
+                unmarked_tips(coarse, distances_from(coarse, names_.size()), most_tips_, progress_);
+            result.tips[m] = std::move(tips.rows);
+            result.tip_distances[m] = std::move(tips.distances);
+        }
+        result.curves = std::move(curves_);
+        return result;
     }
 
 private:
@@ -123,12 +175,13 @@ private:
         const auto s = sides_[0].genus, t = sides_[1].genus;
         if (s && t && *s != *t)
             refuse("genus " + std::to_string(*s) + " and " + std::to_string(*t));
-        const auto s_ranks = surfaces_[0]->ranks(), t_ranks = surfaces_[1]->ranks();
+        const auto counts = [&](std::size_t m, Index rank) {
+            return std::ranges::find(models_[m].scales, rank, &LoopClasses::rank) !=
+                   models_[m].scales.end();
+        };
         for (Index handles = 0; handles <= kMostHandles; ++handles) {
             if ((s && *s != handles) || (t && *t != handles)) continue;
-            if (std::ranges::find(s_ranks, 2 * handles) == s_ranks.end() ||
-                std::ranges::find(t_ranks, 2 * handles) == t_ranks.end())
-                continue;
+            if (!counts(0, 2 * handles) || !counts(1, 2 * handles)) continue;
             for (const auto& surface : surfaces_) surface->take_rank(2 * handles);
             return;
         }
@@ -150,17 +203,24 @@ private:
     /// over each other, so that they pass a limb or a handle on the same side.
     void weigh(const Sector& from, const Sector& to, const std::array<std::vector<Way>, 2>& ways,
                const Accept& accept, std::vector<Candidate>& found) const {
-        constexpr double kAlike = 3.0;
-        std::array<std::vector<Positions>, 2> places;
+        std::array<std::vector<std::vector<Index>>, 2> samples;
         for (const std::size_t m : {0u, 1u})
-            for (const Way& way : ways[m]) places[m].push_back(sampled(laid_over_[m], way));
+            for (const Way& way : ways[m])
+                samples[m].push_back(sampled(surfaces_[m]->coarse().positions, way));
+        const double unit = surfaces_[1]->coarse().unit;
         for (std::size_t s = 0; s < ways[0].size(); ++s)
             for (std::size_t t = 0; t < ways[1].size(); ++t) {
-                const Positions difference = places[0][s] - places[1][t];
-                const double apart =
-                    difference.rowwise().norm().mean() / surfaces_[1]->coarse().unit;
+                double apart = 0.0, other_reach = 0.0;
+                for (std::size_t k = 0; k < samples[0][s].size(); ++k) {
+                    const Index a = samples[0][s][k], b = samples[1][t][k];
+                    apart += (laid_over_[0].row(a) - laid_over_[1].row(b)).norm() / unit;
+                    other_reach += (reach_[0].row(a) - reach_[1].row(b)).norm() /
+                                   std::sqrt(static_cast<double>(corners_));
+                }
+                apart = (weights_.place * apart + weights_.reach * other_reach) /
+                        static_cast<double>(samples[0][s].size());
                 Candidate candidate{from, to, {ways[0][s], ways[1][t]}, 0.0};
-                candidate.cost = ways[0][s].length + ways[1][t].length + kAlike * apart;
+                candidate.cost = ways[0][s].length + ways[1][t].length + apart;
                 if (accept(candidate)) found.push_back(std::move(candidate));
             }
     }
@@ -350,45 +410,32 @@ private:
         return add_best(found);
     }
 
-    Network finished() {
-        Network result;
-        result.patches = faces();
-        result.genus = rank() / 2;
-        const auto euler = corners_ - static_cast<Index>(curves_.size()) +
-                           static_cast<Index>(result.patches.size());
-        std::vector<Index> face(2 * curves_.size());
-        bool meets_itself = euler != 2 - 2 * result.genus;
-        for (std::size_t f = 0; f < result.patches.size(); ++f)
-            for (const Dart dart : result.patches[f]) face[at(dart)] = static_cast<Index>(f);
-        for (std::size_t d = 0; d < face.size(); d += 2)
-            meets_itself = meets_itself || face[d] == face[d + 1];
+    void check() const {
+        const auto patches = faces();
+        const Index euler =
+            corners_ - static_cast<Index>(curves_.size()) + static_cast<Index>(patches.size());
+        bool meets_itself = euler != 2 - rank();
+        for (const auto& patch : patches)
+            for (const Dart dart : patch)
+                meets_itself = meets_itself || std::ranges::find(patch, twin(dart)) != patch.end();
         if (meets_itself)
             throw FeatureError(
                 "features", "enough features for curves that cut both models into disks",
                 std::to_string(corners_) + " features and " + std::to_string(curves_.size()) +
                     " curves, after which a patch still meets itself",
                 "Mark more features, around handles and on limbs.");
-        const auto patches = static_cast<Index>(result.patches.size());
-        for (const std::size_t m : {0u, 1u}) {
-            result.labels[m] = surfaces_[m]->labels(face, patches, progress_);
-            const CoarseCloud& coarse = surfaces_[m]->coarse();
-            UnmarkedTips tips =
-                unmarked_tips(coarse, distances_from(coarse, names_.size()), most_tips_, progress_);
-            result.tips[m] = std::move(tips.rows);
-            result.tip_distances[m] = std::move(tips.distances);
-            progress_.report(0.9 + 0.05 * static_cast<double>(m));
-        }
-        result.curves = std::move(curves_);
-        return result;
     }
 
     const std::array<NetworkSide, 2>& sides_;
+    const std::array<CoarseModel, 2>& models_;
     std::span<const std::string> names_;
+    Weights weights_;
     Progress& progress_;
     Index most_tips_;
     Index corners_;
     std::array<std::unique_ptr<NetworkSurface>, 2> surfaces_;
-    std::array<Positions, 2> laid_over_;  ///< coarse points, the source's as the target lies
+    std::array<Positions, 2> laid_over_;    ///< coarse points, the source's as the target lies
+    std::array<Eigen::MatrixXd, 2> reach_;  ///< distances of coarse points from all corners, √area
     std::vector<NetworkCurve> curves_;
     std::vector<Index> piece_;  ///< of each corner: the lowest that it is joined with
     std::array<std::vector<std::uint32_t>, 2> potentials_;
@@ -452,7 +499,28 @@ Network trace_network(const std::array<NetworkSide, 2>& sides, std::span<const s
         throw FeatureError("features", "at least 3 for a network of curves",
                            std::to_string(names.size()),
                            "Mark places around each handle and at the tips of limbs.");
-    Network result = Tracer(sides, names, options, progress).run(loops);
+    // Taking the shortest first can go astray: of three ways to weigh them, the one with which the
+    // curves have the least to run round.
+    constexpr std::array<Weights, 3> kWeights{{{3.0, 0.0}, {0.0, 6.0}, {0.0, 12.0}}};
+    constexpr double kStraight = 0.03;
+    const std::array<CoarseModel, 2> models{CoarseModel(sides[0], options, progress),
+                                            CoarseModel(sides[1], options, progress)};
+    std::unique_ptr<Tracer> best;
+    std::exception_ptr failure;
+    for (const Weights& weights : kWeights) {
+        auto tracer = std::make_unique<Tracer>(sides, models, names, weights, options, progress);
+        try {
+            tracer->run(loops);
+        } catch (const FeatureError&) {
+            if (!failure) failure = std::current_exception();
+            continue;
+        }
+        if (!best || tracer->detour() < best->detour()) best = std::move(tracer);
+        if (best->detour() < kStraight) break;
+    }
+    if (!best) std::rethrow_exception(failure);
+    progress.report(0.8);
+    Network result = best->finished();
     for (const std::size_t m : {0u, 1u})
         clean_up(result.labels[m], sides[m].nearest, sides[m].features,
                  static_cast<Index>(result.patches.size()));

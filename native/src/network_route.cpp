@@ -12,6 +12,7 @@
 #include "pointmorph/kd_tree.hpp"
 #include "pointmorph/network.hpp"
 #include "pointmorph/similarity.hpp"
+#include "pointmorph/subset.hpp"
 #include "tips.hpp"
 
 namespace pointmorph {
@@ -89,6 +90,26 @@ bool looks_mirrored(const Network& network) {
     return misfit(mirrored) < kMuchBetter * misfit(places[0]);
 }
 
+/// Tips without a mark that belong together whatever the map: as far from all features.
+std::vector<IndexPair> tips_alike(const Side& source, const KdTree<3>& source_tree,
+                                  const Side& target, const KdTree<3>& target_tree,
+                                  std::span<const PointFeature> known,
+                                  const DecompositionOptions& options, Progress& progress) {
+    const auto tips = [&](const Side& side, const KdTree<3>& tree, Index IndexPair::*row) {
+        std::vector<Index> features;
+        for (const PointFeature& f : known) features.push_back(f.rows.*row);
+        Subset subset = blue_noise_subset(tree, side.normals, features, options.points, progress);
+        const CoarseCloud coarse(std::move(subset.rows), subset.radius, estimated_area(tree), tree,
+                                 side.normals, side.nearest, progress);
+        return unmarked_tips(coarse, distances_from(coarse, features.size()), options.tips,
+                             progress);
+    };
+    return paired_tips(
+        tips(source, source_tree, &IndexPair::source),
+        tips(target, target_tree, &IndexPair::target), [](bool, Index) { return true; },
+        [](Index, Index) { return 0.0; });
+}
+
 }  // namespace
 
 TracedNetwork traced_network(const Side& source, const Side& target, const MorphInput& input,
@@ -108,6 +129,12 @@ TracedNetwork traced_network(const Side& source, const Side& target, const Morph
                 static_cast<Index>(std::ranges::find(result.names, name) - result.names.begin()));
     }
     const KdTree<3> source_tree(source.positions), target_tree(target.positions);
+    for (const IndexPair& tip : tips_alike(source, source_tree, target, target_tree, result.known,
+                                           options.decomposition, progress)) {
+        result.names.push_back("tip " + std::to_string(report.tips.size() + 1));
+        result.known.push_back({result.names.back(), tip});
+        report.tips.push_back({source.order[at(tip.source)], target.order[at(tip.target)]});
+    }
     const auto side_of = [&](const Side& side, const KdTree<3>& tree, Index IndexPair::*row) {
         const Piece& largest = side.topology.pieces.front();
         NetworkSide seen{tree, side.normals, side.nearest, {}, side.cloud.name, largest.genus};

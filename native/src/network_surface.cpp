@@ -92,21 +92,27 @@ bool Wall::is_crossed(const SurfaceCurve& other) const {
     return false;
 }
 
-NetworkSurface::NetworkSurface(const NetworkSide& side, const DecompositionOptions& options,
-                               Progress& progress)
-    : side_(side),
-      options_(options),
-      coarse_(coarse_of(side, options, progress)),
-      corners_(static_cast<Index>(side.features.size())),
-      closed_(coarse_.rows.size(), 0),
-      costs_(Values::Ones(coarse_.graph.size())),
-      spokes_(side.features.size()) {
+CoarseModel::CoarseModel(const NetworkSide& side, const DecompositionOptions& options,
+                         Progress& progress)
+    : cloud(coarse_of(side, options, progress)) {
     // Gaps in the sampling count as handles at first; thin handles are lost at last.
     constexpr std::array<double, 6> kScales{0.0, 1.2, 1.5, 2.0, 2.5, 3.0};
     for (const double scale : kScales) {
         progress.throw_if_cancelled();
-        scales_.push_back(loop_classes(coarse_.graph, scale * coarse_.spacing));
+        scales.push_back(loop_classes(cloud.graph, scale * cloud.spacing));
     }
+}
+
+NetworkSurface::NetworkSurface(const NetworkSide& side, const CoarseModel& model,
+                               const DecompositionOptions& options)
+    : side_(side),
+      options_(options),
+      model_(model),
+      coarse_(model.cloud),
+      corners_(static_cast<Index>(side.features.size())),
+      closed_(coarse_.rows.size(), 0),
+      costs_(Values::Ones(coarse_.graph.size())),
+      spokes_(side.features.size()) {
     const SurfaceGraph& graph = coarse_.graph;
     links_.resize(at(graph.size()));
     for (Index i = 0; i < graph.size(); ++i)
@@ -120,20 +126,13 @@ NetworkSurface::NetworkSurface(const NetworkSide& side, const DecompositionOptio
     }
 }
 
-std::vector<Index> NetworkSurface::ranks() const {
-    std::vector<Index> result;
-    for (const LoopClasses& classes : scales_) result.push_back(classes.rank);
-    return result;
-}
-
 void NetworkSurface::take_rank(Index rank) {
-    const LoopClasses& classes = *std::ranges::find(scales_, rank, &LoopClasses::rank);
+    const LoopClasses& classes = *std::ranges::find(model_.scales, rank, &LoopClasses::rank);
     rank_ = rank;
     for (Index i = 0; i < coarse_.graph.size(); ++i)
         for (std::size_t k = 0; k < links_[at(i)].size(); ++k)
             links_[at(i)][k].bits =
                 classes.bits[static_cast<std::size_t>(coarse_.graph.offsets[at(i)]) + k];
-    scales_.clear();
 }
 
 std::vector<Dart> NetworkSurface::darts(Index corner) const {

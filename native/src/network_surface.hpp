@@ -51,16 +51,24 @@ struct Way {
     double length = 0.0;  ///< in √area
 };
 
+/// What doesn't depend on the curves: the places among which they are searched for, and what the
+/// handles may count as, with larger and larger gaps in the sampling taken for surface.
+struct CoarseModel {
+    CoarseCloud cloud;
+    std::vector<LoopClasses> scales;
+
+    CoarseModel(const NetworkSide& side, const DecompositionOptions& options, Progress& progress);
+};
+
+/// Keeps references to what it is made from.
 class NetworkSurface {
 public:
-    NetworkSurface(const NetworkSide& side, const DecompositionOptions& options,
-                   Progress& progress);
+    NetworkSurface(const NetworkSide& side, const CoarseModel& model,
+                   const DecompositionOptions& options);
 
     const NetworkSide& side() const noexcept { return side_; }
     const CoarseCloud& coarse() const noexcept { return coarse_; }
-    /// What the handles may count as, with smaller gaps in the sampling taken for holes first.
-    std::vector<Index> ranks() const;
-    /// Settles on one of ranks(), before anything else is asked.
+    /// Settles on the rank of one of the model's scales, before anything else is asked.
     void take_rank(Index rank);
     Index rank() const noexcept { return rank_; }
 
@@ -110,10 +118,10 @@ private:
 
     const NetworkSide& side_;
     const DecompositionOptions& options_;
-    CoarseCloud coarse_;
+    const CoarseModel& model_;
+    const CoarseCloud& coarse_;
     Index corners_;
     Index rank_ = 0;
-    std::vector<LoopClasses> scales_;
     std::vector<std::vector<Link>> links_;
     std::vector<char> closed_;  ///< coarse points that lie on a curve
     Values costs_;
