@@ -167,9 +167,19 @@ LoopClasses loop_classes(const SurfaceGraph& graph, double radius) {
                  e < static_cast<std::size_t>(graph.offsets[at(i) + 1]); ++e)
                 if (const Index there = cells.of[at(graph.neighbors[e])]; there != cells.of[at(i)])
                     around[at(cells.of[at(i)])].push_back(there);
-        for (auto& joined : around) {
-            std::ranges::sort(joined);
-            joined.erase(std::ranges::unique(joined).begin(), joined.end());
+        const auto once = [](std::vector<Index>& rows) {
+            std::ranges::sort(rows);
+            rows.erase(std::ranges::unique(rows).begin(), rows.end());
+        };
+        std::ranges::for_each(around, once);
+        const std::vector<std::vector<Index>> next = around;
+        for (std::size_t a = 0; a < around.size(); ++a) {
+            for (const Index b : next[a])
+                for (const Index c : next[at(b)])
+                    if (at(c) != a) around[a].push_back(c);
+            once(around[a]);
+        }
+        for (const auto& joined : around) {
             merged.neighbors.insert(merged.neighbors.end(), joined.begin(), joined.end());
             merged.offsets.push_back(static_cast<std::int64_t>(merged.neighbors.size()));
         }

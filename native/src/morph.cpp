@@ -196,10 +196,10 @@ TopologyOptions seen_quickly(TopologyOptions options) {
     return options;
 }
 
-/// Whether the largest piece is a closed surface that is known to have handles.
-bool has_handles(const Topology& topology) {
+/// Whether the largest piece is a closed surface that isn't known to be without handles.
+bool may_have_handles(const Topology& topology) {
     const Piece& largest = topology.pieces.front();
-    return !largest.is_open && largest.genus.value_or(0) > 0;
+    return !largest.is_open && largest.genus.value_or(1) > 0;
 }
 
 /// What a domain is called in a sentence.
@@ -323,8 +323,8 @@ Morph::Morph(MorphInput input, const MorphOptions& options, Progress& progress)
 
     progress.enter("topology");
     {
-        const TopologyOptions seen =
-            options.method == Method::kPaper ? seen_quickly(options.topology) : options.topology;
+        const bool quick = options.method == Method::kPaper && options.domain != Domain::kNetwork;
+        const TopologyOptions seen = quick ? seen_quickly(options.topology) : options.topology;
         on_both(progress, [&](bool is_source, Progress& p) {
             (is_source ? source : target)
                 .find_topology(is_source ? input.source_parts : input.target_parts,
@@ -350,9 +350,19 @@ Morph::Morph(MorphInput input, const MorphOptions& options, Progress& progress)
 
     // The paper's method, left to choose, takes what the loops and the handles ask for.
     const bool chooses = options.method == Method::kPaper && options.domain == Domain::kAuto;
-    const bool network = options.domain == Domain::kNetwork ||
-                         (chooses && (!input.more_loops.empty() || (has_handles(source.topology) &&
-                                                                    has_handles(target.topology))));
+    if (chooses && input.loop.empty() && may_have_handles(source.topology) &&
+        may_have_handles(target.topology)) {  // look again, closely
+        progress.enter("topology");
+        on_both(progress, [&](bool is_source, Progress& p) {
+            (is_source ? source : target)
+                .find_topology(is_source ? input.source_parts : input.target_parts,
+                               options.boundary, options.topology, p);
+        });
+    }
+    const bool network =
+        options.domain == Domain::kNetwork ||
+        (chooses && (!input.more_loops.empty() ||
+                     (may_have_handles(source.topology) && may_have_handles(target.topology))));
     const bool cut = options.domain == Domain::kCut || (chooses && !network && !input.loop.empty());
     if (cut && input.loop.empty()) {
         progress.enter("decomposition");
@@ -805,7 +815,7 @@ NamedNetwork trace_network(MorphInput input, const MorphOptions& options, Progre
         prepare_closed(*side, 0, options, progress);
         progress.enter("topology");
         side->find_topology(side == &source ? input.source_parts : input.target_parts,
-                            options.boundary, seen_quickly(options.topology), progress);
+                            options.boundary, options.topology, progress);
         side->turn_outwards();
     }
     const std::vector<Feature> features = canonical(input.features, source.rank, target.rank);

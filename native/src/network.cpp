@@ -136,6 +136,7 @@ public:
         Network result;
         result.patches = faces();
         result.genus = rank() / 2;
+        result.detour = detour();
         std::vector<Index> face(2 * curves_.size());
         for (std::size_t f = 0; f < result.patches.size(); ++f)
             for (const Dart dart : result.patches[f]) face[at(dart)] = static_cast<Index>(f);
@@ -163,31 +164,37 @@ private:
     }
     std::string quoted(Index corner) const { return "\"" + names_[at(corner)] + "\""; }
 
-    /// Settles how many handles both shapes have.
+    /// Settles how many handles both shapes have: what most of the scales say of both, and what is
+    /// known otherwise.
     void agree_on_handles() {
-        constexpr Index kMostHandles = 4;
-        const auto refuse = [&](const std::string& found) {
-            throw TopologyError(sides_[0].name + " and " + sides_[1].name,
-                                "closed surfaces with the same number of handles, at most " +
-                                    std::to_string(kMostHandles),
-                                found, "Close holes, sample more densely, or take method auto.");
-        };
-        const auto s = sides_[0].genus, t = sides_[1].genus;
-        if (s && t && *s != *t)
-            refuse("genus " + std::to_string(*s) + " and " + std::to_string(*t));
-        const auto counts = [&](std::size_t m, Index rank) {
-            return std::ranges::find(models_[m].scales, rank, &LoopClasses::rank) !=
-                   models_[m].scales.end();
-        };
-        for (Index handles = 0; handles <= kMostHandles; ++handles) {
-            if ((s && *s != handles) || (t && *t != handles)) continue;
-            if (!counts(0, 2 * handles) || !counts(1, 2 * handles)) continue;
-            for (const auto& surface : surfaces_) surface->take_rank(2 * handles);
-            return;
+        constexpr Index kMostHandles = 4, kKnown = 2;
+        std::array<std::vector<Index>, 2> votes;
+        std::array<Index, 2> likeliest{};
+        for (const std::size_t m : {0u, 1u}) {
+            votes[m].assign(kMostHandles + 1, 0);
+            for (Index h = 0; h <= kMostHandles; ++h) {
+                votes[m][at(h)] = static_cast<Index>(
+                    std::ranges::count(models_[m].scales, 2 * h, &LoopClasses::rank));
+                if (votes[m][at(h)] > 0 && sides_[m].genus == h) votes[m][at(h)] += kKnown;
+            }
+            likeliest[m] = sides_[m].genus.value_or(
+                static_cast<Index>(std::ranges::max_element(votes[m]) - votes[m].begin()));
         }
-        refuse(s || t ? "genus " + std::to_string(s ? *s : *t) +
-                            ", which curves on both can't be told to go round"
-                      : "no number that both agree on");
+        Index best = -1, most = 0;
+        for (Index h = 0; h <= kMostHandles; ++h) {
+            const Index sum = votes[0][at(h)] + votes[1][at(h)];
+            if (votes[0][at(h)] == 0 || votes[1][at(h)] == 0 || sum <= most) continue;
+            best = h;
+            most = sum;
+        }
+        if (best < 0)
+            throw TopologyError(
+                sides_[0].name + " and " + sides_[1].name,
+                "closed surfaces with the same number of handles, at most " +
+                    std::to_string(kMostHandles) + ", all of them thick enough to be told",
+                "genus " + std::to_string(likeliest[0]) + " and " + std::to_string(likeliest[1]),
+                "Close holes, sample more densely, or take method auto.");
+        for (const auto& surface : surfaces_) surface->take_rank(2 * best);
     }
 
     /// Which handles a closed curve goes round that is closed along the network.

@@ -161,6 +161,14 @@ NetworkRoute match_in_network(Side& source, Side& target, const MorphInput& inpu
             "The curves fit much better when one model is mirrored: check that left and right are "
             "not swapped and that the normals of both point outwards.");
 
+    for (Side* side : {&source, &target}) side->topology.pieces.front().genus = network.genus;
+    constexpr double kLongDetour = 0.15;
+    if (network.detour > kLongDetour)
+        report.warnings.push_back(
+            "The curves between the features run long ways round each other: check that all "
+            "features are in the same places on both models, and that left and right are not "
+            "swapped.");
+
     const std::array<const Side*, 2> sides{&source, &target};
     NetworkRoute route;
     const std::array<DiskPoints*, 2> domains{&route.source, &route.target};

@@ -96,7 +96,7 @@ CoarseModel::CoarseModel(const NetworkSide& side, const DecompositionOptions& op
                          Progress& progress)
     : cloud(coarse_of(side, options, progress)) {
     // Gaps in the sampling count as handles at first; thin handles are lost at last.
-    constexpr std::array<double, 6> kScales{0.0, 1.2, 1.5, 2.0, 2.5, 3.0};
+    constexpr std::array<double, 6> kScales{0.0, 0.6, 0.9, 1.2, 1.6, 2.2};
     for (const double scale : kScales) {
         progress.throw_if_cancelled();
         scales.push_back(loop_classes(cloud.graph, scale * cloud.spacing));
@@ -213,15 +213,39 @@ std::vector<std::vector<Way>> NetworkSurface::ways(const Sector& from, std::span
         queue.emplace_back(through, place);
         std::ranges::push_heap(queue, later);
     };
+    // Over when every goal can be got to in so many classes of ways.
+    constexpr std::size_t kMost = 4;
+    std::vector<std::vector<const Link*>> goal_doors;
+    std::vector<std::vector<Index>> goals_at(links_.size());
+    for (std::size_t g = 0; g < to.size(); ++g) {
+        goal_doors.push_back(doors(to[g]));
+        for (const Link* link : goal_doors[g])
+            goals_at[at(link->to)].push_back(static_cast<Index>(g));
+    }
+    std::vector<std::uint64_t> reached(to.size() * ((sheets + 63) / 64), 0);
+    std::vector<std::size_t> kinds(to.size(), 0);
+    std::size_t left = static_cast<std::size_t>(
+        std::ranges::count_if(goal_doors, [](const auto& d) { return !d.empty(); }));
+    const auto arrive = [&](Index node, std::uint32_t bits) {
+        for (const Index g : goals_at[at(node)]) {
+            const Link& link = **std::ranges::find(goal_doors[at(g)], node, &Link::to);
+            const std::uint32_t there = (bits ^ link.bits) & mask;
+            std::uint64_t& word = reached[at(g) * ((sheets + 63) / 64) + there / 64];
+            if ((word >> (there % 64)) & 1) continue;
+            word |= std::uint64_t{1} << (there % 64);
+            if (++kinds[at(g)] == std::min<std::size_t>(kMost, sheets)) --left;
+        }
+    };
     for (const Link* link : doors(from))
         reach(state(link->to, link->bits), link->length * costs_[link->to], -1);
-    while (!queue.empty()) {
+    while (!queue.empty() && left > 0) {
         std::ranges::pop_heap(queue, later);
         const auto [so_far, place] = queue.back();
         queue.pop_back();
         if (so_far > distance[place]) continue;
         const auto node = static_cast<Index>(place / sheets);
         const auto bits = static_cast<std::uint32_t>(place % sheets);
+        arrive(node, bits);
         for (const Link& link : links_[at(node)]) {
             if (link.barred || closed_[at(link.to)] || link.to < corners_) continue;
             reach(state(link.to, bits ^ link.bits),
@@ -230,10 +254,11 @@ std::vector<std::vector<Way>> NetworkSurface::ways(const Sector& from, std::span
         }
     }
     std::vector<std::vector<Way>> result;
-    for (const Sector& goal : to) {
+    for (std::size_t g = 0; g < to.size(); ++g) {
+        const Sector& goal = to[g];
         std::vector<double> least(sheets, kFar);
         std::vector<std::size_t> last(sheets, 0);
-        for (const Link* link : doors(goal))
+        for (const Link* link : goal_doors[g])
             for (std::uint32_t bits = 0; bits < sheets; ++bits) {
                 const std::size_t place = state(link->to, bits);
                 const double through = distance[place] + link->length * costs_[link->to];
@@ -246,7 +271,6 @@ std::vector<std::vector<Way>> NetworkSurface::ways(const Sector& from, std::span
         for (std::uint32_t bits = 0; bits < sheets; ++bits)
             if (least[bits] < kFar) order.emplace_back(least[bits], bits);
         std::ranges::sort(order);
-        constexpr std::size_t kMost = 6;
         if (order.size() > kMost) order.resize(kMost);
         std::vector<Way> found;
         for (const auto& [cost, bits] : order) {

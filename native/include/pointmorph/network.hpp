@@ -50,6 +50,9 @@ struct Network {
     /// Which patch each point of the source and of the target lies in, −1 for features.
     std::array<std::vector<Index>, 2> labels;
     Index genus = 0;
+    /// How much longer the curves are than the shortest ways between their ends, in √area, mean of
+    /// the sum over both shapes.
+    double detour = 0.0;
     /// See Decomposition::tips.
     std::array<std::vector<Index>, 2> tips;
     std::array<Eigen::MatrixXd, 2> tip_distances;
