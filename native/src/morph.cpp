@@ -809,7 +809,9 @@ NamedNetwork trace_network(MorphInput input, const MorphOptions& options, Progre
     validate(input.source, kMinimumPoints);
     validate(input.target, kMinimumPoints);
     validate(input.features, input.source, input.target);
-    check_loops(input, options);
+    MorphOptions chosen = options;
+    chosen.domain = Domain::kNetwork;
+    check_loops(input, chosen);
     Side source(input.source), target(input.target);
     for (Side* side : {&source, &target}) {
         prepare_closed(*side, 0, options, progress);

@@ -79,13 +79,14 @@ def trace_network(
         native_options(settings),
         progress,
     )
+    ends = [(start, end) for start, end, _, _ in curves]
     kinds: tuple[type[np.floating[Any]], ...] = (
         source.positions.dtype.type,
         target.positions.dtype.type,
     )
     return Network(
         tuple(NetworkCurve(a, b, s.astype(kinds[0]), t.astype(kinds[1])) for a, b, s, t in curves),
-        tuple(tuple(curves[dart // 2][dart % 2] for dart in darts) for darts in patches),
+        tuple(tuple(ends[dart // 2][dart % 2] for dart in darts) for darts in patches),
         source_labels,
         target_labels,
     )
