@@ -61,6 +61,7 @@ _modules = (
 
 def register():
     for module in _modules:
+        translations.put_tooltips(getattr(module, "_classes", ()))
         module.register()
 
 

@@ -135,9 +135,20 @@ def mesh_normals(mesh):
     return _read(mesh.vertices, "normal", 3)
 
 
+def active_colors(mesh):
+    """The active colour attribute or, failing it, the first; else None."""
+    return mesh.color_attributes.active_color or next(iter(mesh.color_attributes), None)
+
+
+def activate_colors(mesh, name):
+    """Makes a colour attribute the active one, be it one that only modifiers make."""
+    if hasattr(mesh.attributes, "active_color_name"):
+        mesh.attributes.active_color_name = name  # before Blender 4 the only one is taken anyway
+
+
 def mesh_colors(mesh):
     """(N, 4) from the active colour attribute, or None. Corners of a vertex are averaged."""
-    attribute = mesh.color_attributes.active_color
+    attribute = active_colors(mesh)
     return None if attribute is None else vertex_colors(mesh, attribute)
 
 

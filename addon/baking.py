@@ -2,11 +2,15 @@
 
 import bpy
 import pointmorph
+import pointmorph.frame_stores
+import pointmorph.sequences
+import pointmorph.surfaces
 
-from . import frames, result
+from . import frames, poses, result
 from .checks import activate, active_result, busy_reason, fail, result_reason
 from .jobs import Computing
 from .properties import EASINGS, FORMATS, settings_values
+from .translations import tell
 
 
 def path_choice(description):
@@ -80,8 +84,8 @@ class POINTMORPH_OT_bake_shape_keys(bpy.types.Operator):
                 changed = obj
         except pointmorph.PointmorphError as error:
             return fail(self, error)
-        count = f"{self.steps} shape key" + ("s" if self.steps > 1 else "")
-        self.report({"INFO"}, f'{count} added to "{changed.name}"')
+        added = 'Shape keys added to "{name}": {count}'
+        self.report({"INFO"}, tell(added, name=changed.name, count=self.steps))
         return {"FINISHED"}
 
 
@@ -91,7 +95,7 @@ class POINTMORPH_OT_bake_frames(Computing, bpy.types.Operator):
     bl_idname = "pointmorph.bake_frames"
     bl_label = "Bake Frames"
     bl_options = {"REGISTER", "UNDO"}
-    stopped = "The bake was stopped. Frames in files stay: bake again to go on"
+    stopped = "The bake was stopped. Frames that are done wait: bake again to go on"
 
     format: bpy.props.EnumProperty(
         name="Format",
@@ -136,7 +140,7 @@ class POINTMORPH_OT_bake_frames(Computing, bpy.types.Operator):
             return False
         return True
 
-    def _begin(self, context):
+    def _begin_steps(self, context):
         if self.frame_end <= self.frame_start:
             raise pointmorph.OptionError(
                 "frame_end",
@@ -145,48 +149,80 @@ class POINTMORPH_OT_bake_frames(Computing, bpy.types.Operator):
                 "Choose a later one.",
             )
         obj = active_result(context)
-        self._name = obj.name
+        self._name, self._matrix = obj.name, obj.matrix_world.copy()
         plan = self._plan = frames.Plan(
             self.frame_start, self.frame_end, self.step, self.easing, self.resample, self.faces
         )
         settings = settings_values(context.scene.pointmorph)
         if self.path != "SETTING":
             settings["path"] = self.path.lower()
-        if self.format in {"USD", "ALEMBIC"}:
+        if self.format in frames.SUFFIXES:
             frames.check_format(self.format, self.faces)
         if self.faces:
             pointmorph.surfaces.check_available()
-        folder = None if self.format == "SCENE" else frames.make_folder(self.directory)
-        self._folder = folder
-        morph = frames.read_morph(obj, settings)
+        self._path = None
+        if self.format != "SCENE":
+            self._folder = frames.make_folder(self.directory)
+        if self.format in frames.SUFFIXES:
+            self._path = frames.file_path(self._folder, self._name, self.format)
+        held = yield from frames.read_steps(obj)
+        taken = None
+        if obj.pointmorph.follows:
+            taken = yield from poses.read_steps(context, obj, plan.numbers())
         if self.format == "PLY":
-            return lambda progress: frames.write_files(morph, plan, folder, progress)
-        return lambda progress: frames.compute(morph, plan, progress)
+            folder, mesh = self._folder, "ply" if plan.faces else None
+            return lambda progress: pointmorph.sequences.write_sequence(
+                frames.sequence_of(held, plan, settings, taken),
+                folder,
+                mesh=mesh,
+                resume=True,
+                progress=progress,
+            )
+        place = frames.store_folder(self._name, self._path)
+
+        def work(progress):
+            sequence = frames.sequence_of(held, plan, settings, taken)
+            store = pointmorph.frame_stores.FrameStore(place, sequence, faces=plan.faces)
+            store.fill(progress)
+            return store
+
+        return work
+
+    def _leave(self, context):
+        self._steps.close()  # a shape that moves may be in another frame
+
+    def _say_written(self, place):
+        written = "{count} frames written to {place}"
+        self.report({"INFO"}, tell(written, count=len(self._plan.numbers()), place=place))
 
     def _finish(self, context, outcome):
         plan = self._plan
         if self.format == "PLY":
-            self.report({"INFO"}, f"{len(outcome)} frames written to {self._folder}")
+            self._say_written(self._folder)
             return {"FINISHED"}
         obj = context.scene.objects.get(self._name)
         if obj is None:
             raise pointmorph.CloudError(
                 self._name, "the object that was baked", "none", "Undo its removal."
             )
-        player = frames.build(context, obj, plan, outcome, self.format)
+        player = frames.build(
+            context, self._name, self._matrix, plan, outcome.frames(), self.format
+        )
         if self.format == "SCENE":
+            frames.empty(outcome)
             obj.hide_set(True)
             obj.hide_render = True
             activate(context.view_layer.objects, player)
-            self.report({"INFO"}, f'{len(outcome)} frames in "{player.name}"')
+            made = '{count} frames in "{name}"'
+            self.report({"INFO"}, tell(made, count=len(plan.numbers()), name=player.name))
             return {"FINISHED"}
-        path = self._folder / f"{bpy.path.clean_name(self._name)}.{frames.SUFFIXES[self.format]}"
         try:
-            frames.export(context, player, plan, path, self.format)
+            frames.export(context, player, plan, self._path, self.format)
         finally:
             frames.remove(player)
+        frames.empty(outcome)
         self.report({"WARNING"}, frames.losses(self.format, self.faces))
-        self.report({"INFO"}, f"{len(outcome)} frames written to {path}")
+        self._say_written(self._path)
         return {"FINISHED"}
 
 

@@ -160,30 +160,30 @@ class ChainedMorph:
     """Morphs one after the other, with equal shares of t from 0 to 1, as `pointmorph.Morph` is."""
 
     def __init__(self, morphs):
-        self._morphs = morphs
+        self.parts = tuple(morphs)
         self._native = morphs[0]._native  # for its settings
         self.source, self.target = morphs[0].source, morphs[-1].target
         self.pairs = np.column_stack([morphs[0].pairs[:, 0], morphs[-1].pairs[:, 1]])
 
     def _at(self, t):
         """The number of the morph that t is in, and t there."""
-        along = t * len(self._morphs)
-        number = min(int(along), len(self._morphs) - 1)
+        along = t * len(self.parts)
+        number = min(int(along), len(self.parts) - 1)
         return number, along - number
 
     def frame(self, t):
         number, t = self._at(t)
-        return self._morphs[number].frame(t)
+        return self.parts[number].frame(t)
 
     def resampled_frame(self, t, progress=None):
         number, t = self._at(t)
-        frame = self._morphs[number].resampled_frame(t, progress)
+        frame = self.parts[number].resampled_frame(t, progress)
         # New points of one morph aren't those of another.
-        before = sum(morph.inserted(progress) for morph in self._morphs[:number])
+        before = sum(morph.inserted(progress) for morph in self.parts[:number])
         ids = np.where(frame.ids < len(self.pairs), frame.ids, frame.ids + before)
         return replace(
-            frame, ids=ids.astype(np.int32), velocities=frame.velocities * len(self._morphs)
+            frame, ids=ids.astype(np.int32), velocities=frame.velocities * len(self.parts)
         )
 
     def inserted(self, progress=None):
-        return sum(morph.inserted(progress) for morph in self._morphs)
+        return sum(morph.inserted(progress) for morph in self.parts)

@@ -3,6 +3,7 @@
 import pointmorph
 
 from . import result, session
+from .translations import tell
 
 _PLACES = (
     (pointmorph.FeatureError, "FEATURES"),
@@ -37,10 +38,20 @@ def shapes_reason(context):
         if obj is None:
             return f"Pick a {side} first"
         if context.scene.objects.get(obj.name) != obj:
-            return f'The {side} "{obj.name}" is no longer in the scene: pick another'
+            gone = f'The {side} "{{name}}" is no longer in the scene: pick another'
+            return tell(gone, name=obj.name)
     if settings.source == settings.target:
-        return f'Source and target are both "{settings.source.name}": pick two objects'
+        both = 'Source and target are both "{name}": pick two objects'
+        return tell(both, name=settings.source.name)
     return None
+
+
+def say_pairs(obj, report):
+    """What was made, in words."""
+    pairs, seconds = f"{report['pairs']:,}", f"{report['seconds']:.1f}"
+    return tell(
+        '"{name}": {pairs} pairs in {seconds} s', name=obj.name, pairs=pairs, seconds=seconds
+    )
 
 
 def active_result(context):

@@ -8,6 +8,7 @@ from . import arrays, markers
 from .checks import shapes_reason
 from .marking import mark, next_name, unmarkable
 from .properties import feature_names, sync_features
+from .translations import tell
 
 _REACH = 14.0  # pixels from the mouse to a point without faces, at the most
 _LAYER = 0.12  # of the extent: so much deeper is as bad as so far away
@@ -242,13 +243,15 @@ class POINTMORPH_OT_click_features(bpy.types.Operator):
         settings = context.scene.pointmorph
         hit = pick(context, *where)
         if hit is None:
-            self.report({"INFO"}, f'Click on "{settings.source.name}" or "{settings.target.name}"')
+            names = {"source": settings.source.name, "target": settings.target.name}
+            self.report({"INFO"}, tell('Click on "{source}" or "{target}"', **names))
             return
         obj, row = hit
         name, _ = asked_for(settings, self.name)
         for other, known in markers.marks_of(obj, wait=True).items():
             if other != name and known is not None and known.count == 1 and known.row == row:
-                self.report({"WARNING"}, f'"{other}" is there already: click another vertex')
+                there = '"{name}" is there already: click another vertex'
+                self.report({"WARNING"}, tell(there, name=other))
                 return
         mark(obj, name, [row])
         sync_features(context.scene)
@@ -264,17 +267,18 @@ class POINTMORPH_OT_click_features(bpy.types.Operator):
         name, missing = asked_for(settings, self.name)
         on = missing[0] if missing else settings.source
         if len(missing) == 1:
-            text = f'"{name}": click the same place on {on.name}'
+            same = '"{name}": click the same place on {object}'
+            text = tell(same, name=name, object=on.name)
         elif missing:
-            text = (
-                f'New "{name}": click a place on {settings.source.name} or {settings.target.name}'
-            )
+            names = {"source": settings.source.name, "target": settings.target.name}
+            text = tell('New "{name}": click a place on {source} or {target}', name=name, **names)
         else:
-            text = f'"{name}": click where it belongs'
+            text = tell('"{name}": click where it belongs', name=name)
         if text != markers.hint:
             markers.hint = text
             markers.redraw()
-        context.workspace.status_text_set(f"{text}     Ctrl Z: take back     Esc: done")
+        status = tell("{text}     Ctrl Z: take back     Esc: done", text=text)
+        context.workspace.status_text_set(status)
 
 
 def _navigates(event, where):
@@ -302,9 +306,14 @@ def _navigates(event, where):
     )
 
 
+_classes = (POINTMORPH_OT_click_features,)
+
+
 def register():
-    bpy.utils.register_class(POINTMORPH_OT_click_features)
+    for cls in _classes:
+        bpy.utils.register_class(cls)
 
 
 def unregister():
-    bpy.utils.unregister_class(POINTMORPH_OT_click_features)
+    for cls in reversed(_classes):
+        bpy.utils.unregister_class(cls)

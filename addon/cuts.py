@@ -11,6 +11,7 @@ from .checks import busy_reason, fail, shapes_reason
 from .jobs import Computing
 from .properties import sync_features
 from .reading import read_request
+from .translations import tell
 
 _COLOR = (1.0, 0.55, 0.1, 1.0)
 
@@ -28,7 +29,8 @@ def _loop_reason(settings):
     marked = {f.marked_name for f in settings.features if f.on_source and f.on_target and f.use}
     for name in names:
         if name not in marked:
-            return f'"{name}" isn\'t marked on both objects: take it out of the loop, or mark it'
+            unmarked = '"{name}" isn\'t marked on both objects: take it out of the loop, or mark it'
+            return tell(unmarked, name=name)
     return None
 
 
@@ -243,7 +245,7 @@ class POINTMORPH_OT_propose_loop(_Curves, bpy.types.Operator):
         loop, curves = outcome
         set_loop(context.scene.pointmorph, loop)
         self._show(context, curves)
-        self.report({"INFO"}, "Loop: " + ", ".join(loop))
+        self.report({"INFO"}, tell("Loop: {names}", names=", ".join(loop)))
         return {"FINISHED"}
 
 

@@ -194,7 +194,14 @@ def _new_splat_inputs(group):
         "NodeSocketBool",
         "Discs",
         "Shows discs in the surface instead of balls: slower, and visible where point clouds "
-        "aren't, as in the Eevee of Blender 3.4",
+        "aren't, as in the Eevee of Blender 3.4, and coloured in Workbench",
+    )
+    new_input(
+        group,
+        "NodeSocketBool",
+        "Spheres",
+        "Shows balls that are made of faces: slower than points, and coloured in Workbench and in "
+        "solid shading, whose Color must be set to Attribute",
     )
 
 
@@ -333,10 +340,7 @@ def _group(name, stages, material, created):
     geometry = stored(inputs["Geometry"], COLOR, "FLOAT_COLOR", color)
     geometry = stored(geometry, NORMAL, "FLOAT_VECTOR", unit_normal)
 
-    points = build.node("GeometryNodeMeshToPoints", {"Mesh": geometry, "Radius": radius})
-
-    discs = _discs(build, geometry, unit_normal, radius)
-    shown = switch(build, "GEOMETRY", inputs["Discs"], points.outputs[0], discs)
+    shown = _splats(build, inputs, geometry, unit_normal, radius)
     finished = build.node("GeometryNodeSetMaterial", {"Geometry": shown, "Material": material})
     build.node("NodeGroupOutput", {"Geometry": finished.outputs["Geometry"]})
     return group
@@ -413,13 +417,24 @@ def _frames_group(material, created):
     geometry = stored.outputs["Geometry"]
     radius = math("MULTIPLY", build.attribute(RADIUS, "FLOAT"), inputs["Radius Scale"])
 
-    points = build.node("GeometryNodeMeshToPoints", {"Mesh": geometry, "Radius": radius})
-    discs = _discs(build, geometry, build.attribute(NORMAL, "FLOAT_VECTOR"), radius)
-    shown = switch(build, "GEOMETRY", inputs["Discs"], points.outputs[0], discs)
+    normal = build.attribute(NORMAL, "FLOAT_VECTOR")
+    shown = _splats(build, inputs, geometry, normal, radius)
     either = switch(build, "GEOMETRY", inputs["Vertices"], shown, geometry)
     finished = build.node("GeometryNodeSetMaterial", {"Geometry": either, "Material": material})
     build.node("NodeGroupOutput", {"Geometry": finished.outputs["Geometry"]})
     return group
+
+
+def _splats(build, inputs, geometry, normal, radius):
+    """What stands for the vertices of `geometry`: points, spheres, or discs in the surface."""
+    points = build.node("GeometryNodeMeshToPoints", {"Mesh": geometry, "Radius": radius})
+    ball = build.node("GeometryNodeMeshIcoSphere", {"Radius": 1.0, "Subdivisions": 1})
+    smooth = build.node("GeometryNodeSetShadeSmooth")
+    build.tree.links.new(ball.outputs["Mesh"], smooth.inputs[0])  # by another name since Blender 5
+    spheres = _realized(build, geometry, smooth.outputs[0], {"Scale": radius})
+    discs = _discs(build, geometry, normal, radius)
+    either = switch(build, "GEOMETRY", inputs["Spheres"], points.outputs[0], spheres)
+    return switch(build, "GEOMETRY", inputs["Discs"], either, discs)
 
 
 def _discs(build, geometry, normal, radius):
@@ -430,17 +445,27 @@ def _discs(build, geometry, normal, radius):
         upright = build.node("FunctionNodeAlignRotationToVector", align, axis="Z")
     else:
         upright = build.node("FunctionNodeAlignEulerToVector", align, axis="Z")
-    discs = build.node(
-        "GeometryNodeInstanceOnPoints",
-        {
-            "Points": geometry,
-            "Instance": disc.outputs["Mesh"],
-            "Rotation": upright.outputs["Rotation"],
-            "Scale": radius,
-        },
-    )
-    realized = build.node("GeometryNodeRealizeInstances", {"Geometry": discs.outputs["Instances"]})
-    return realized.outputs["Geometry"]
+    where = {"Rotation": upright.outputs["Rotation"], "Scale": radius}
+    return _realized(build, geometry, disc.outputs["Mesh"], where)
+
+
+def _realized(build, geometry, instance, where):
+    """A mesh at each vertex of `geometry`, in one. Which colours are active, and so shown by
+    Workbench, only `geometry` knows: both are joined, and nothing else of it stays."""
+    at_points = {"Points": geometry, "Instance": instance, **where}
+    instances = build.node("GeometryNodeInstanceOnPoints", at_points).outputs["Instances"]
+    realized = build.node("GeometryNodeRealizeInstances", {"Geometry": instances})
+    both = build.node("GeometryNodeJoinGeometry")
+    # The last one that is linked comes first.
+    for part in (realized.outputs["Geometry"], geometry):
+        build.tree.links.new(part, both.inputs[0])
+    size = build.node("GeometryNodeAttributeDomainSize", {"Geometry": geometry})
+    index = build.node("GeometryNodeInputIndex").outputs["Index"]
+    own = build.node("ShaderNodeMath", operation="LESS_THAN")
+    build.tree.links.new(index, own.inputs[0])
+    build.tree.links.new(size.outputs["Point Count"], own.inputs[1])
+    rest = {"Geometry": both.outputs["Geometry"], "Selection": own.outputs["Value"]}
+    return build.node("GeometryNodeDeleteGeometry", rest).outputs["Geometry"]
 
 
 def switch(build, kind, condition, if_false, if_true):
@@ -474,6 +499,8 @@ def _material(created):
     tree = material.node_tree
     surface = next(node for node in tree.nodes if node.type == "BSDF_PRINCIPLED")
     surface.inputs["Roughness"].default_value = 0.6
+    if bpy.app.version < _EEVEE_WITH_POINTS:  # whose Eevee takes no notice of alpha by default
+        material.blend_method = material.shadow_method = "HASHED"
     color = tree.nodes.new("ShaderNodeAttribute")
     color.attribute_name = COLOR
     color.location = (surface.location.x - 300, surface.location.y)

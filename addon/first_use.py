@@ -10,6 +10,7 @@ from . import arrays
 from .checks import activate
 from .marking import mark
 from .properties import sync_features
+from .translations import tell
 
 MANUAL = Path(__file__).parent / "docs" / "manual" / "index.html"
 _SOURCES = Path(__file__).parents[1] / "docs" / "manual" / "index.md"  # of a checkout
@@ -147,7 +148,8 @@ class POINTMORPH_OT_manual(bpy.types.Operator):
     def execute(self, context):
         found = MANUAL if MANUAL.is_file() else _SOURCES
         if not found.is_file():
-            self.report({"ERROR"}, f"The manual isn't at {MANUAL}: install the add-on anew")
+            missing = "The manual isn't at {path}: install the add-on anew"
+            self.report({"ERROR"}, tell(missing, path=MANUAL))
             return {"CANCELLED"}
         bpy.ops.wm.url_open(url=found.as_uri())
         return {"FINISHED"}

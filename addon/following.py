@@ -25,7 +25,7 @@ def follow(obj, context, created):
     """
     key = result.morph_key(obj)
     shapes = remaking.shapes_of(obj)
-    counts = _counts(obj, shapes, context)
+    counts = check_counts(obj, shapes, context)
     stages = result.stages(obj)
     name = NAME if len(stages) == 2 else f"{NAME} {len(stages)}"
     group = bpy.data.node_groups.get(name) or _group(name, stages, created)
@@ -70,8 +70,8 @@ def _wanted(obj):
     return [int(rows.max()) + 1 for rows in result.stage_rows(obj)]
 
 
-def _counts(obj, shapes, context):
-    """The same, after a look whether they have them."""
+def check_counts(obj, shapes, context):
+    """How many points every shape must have, after a look whether they have them."""
     wanted = _wanted(obj)
     depsgraph = context.evaluated_depsgraph_get()
     for shape, count in zip(shapes, wanted, strict=True):

@@ -5,18 +5,23 @@ that isn't in the scene; an object of its own shows the one of the present frame
 cloud.
 """
 
-from dataclasses import dataclass, replace
+import contextlib
+import os
+from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 
 import bpy
 import numpy as np
 import pointmorph
+import pointmorph.moving
 import pointmorph.sequences
-import pointmorph.surfaces
 
 from . import arrays, chains, display, result
+from .jobs import finish
 
 COLLECTION = "Frames"
+_CACHE = "blendcache_"  # what Blender itself calls the folder
 
 EASINGS = {
     "LINEAR": lambda x: x,
@@ -56,80 +61,94 @@ class Plan:
         return [float(ease((number - self.first) / length)) for number in self.numbers()]
 
 
-def read_morph(obj, settings):
-    """The morph that a morph object remembers, with settings of the library.
+@dataclass(frozen=True)
+class Held:
+    """What a morph object holds of its morph, as plain arrays.
+
+    `shapes` are what clouds are made of, `pairs` and `maps` are for each way from a shape to the
+    next; no maps where the object has none.
+    """
+
+    shapes: list
+    pairs: list
+    maps: list
+
+
+def read(obj):
+    """What `read_steps` returns, at once."""
+    return finish(read_steps(obj))
+
+
+def read_steps(obj):
+    """A generator that yields often and returns what a morph object holds.
 
     Raises
     ------
     CloudError
-        When the object lacks what it was made with, or follows shapes that move.
+        When the object lacks what it was made with.
     """
-    result.check_at_rest(obj, "frames")
     mesh = obj.data
-    stages, keys = result.stages(obj), result.stage_keys(obj)
-    rows = result.stage_rows(obj)
-    clouds = []
-    for stage, key, row, name in zip(stages, keys, rows, result.stage_names(obj), strict=True):
+    keys, rows = result.stage_keys(obj), result.stage_rows(obj)
+    names = result.stage_names(obj)
+    shapes, pairs, maps = [], [], []
+    for stage, key, row, name in zip(result.stages(obj), keys, rows, names, strict=True):
+        yield
         values = {
             "positions": arrays.key_positions(key),
             "normals": arrays.read_vectors(mesh, f"{stage}_normal"),
             "colors": arrays.read_attribute(mesh.attributes[f"{stage}_color"]),
             "radii": arrays.read_attribute(mesh.attributes[f"{stage}_radius"]),
         }
-        by_point = {what: arrays.by_row(row, array) for what, array in values.items()}
-        clouds.append(pointmorph.Cloud(**by_point, name=name))
-    morphs = []
+        shapes.append({what: arrays.by_row(row, array) for what, array in values.items()})
+        shapes[-1]["name"] = name
     for number, (onward, back) in enumerate(result.map_names(obj)):
-        maps = None
-        if onward in mesh.attributes and back in mesh.attributes:
-            maps = tuple(
-                arrays.by_row(row, arrays.read_vectors(mesh, name))
-                for row, name in zip(rows[number:], (onward, back), strict=False)
-            )
-        pairs = np.stack(rows[number : number + 2], axis=1)
-        morphs.append(pointmorph.restore(*clouds[number : number + 2], pairs, maps, **settings))
-    return morphs[0] if len(morphs) == 1 else chains.ChainedMorph(morphs)
+        yield
+        known = onward in mesh.attributes and back in mesh.attributes
+        of_ends = zip(rows[number:], (onward, back), strict=False)
+        maps.append(
+            tuple(arrays.by_row(row, arrays.read_vectors(mesh, name)) for row, name in of_ends)
+            if known
+            else None
+        )
+        pairs.append(np.stack(rows[number : number + 2], axis=1))
+    return Held(shapes, pairs, maps)
 
 
-def compute(morph, plan, progress):
-    """All frames, for the scene: `ResampledFrame`s, what stands for them without new points, or
-    `Surface`s; velocities are by frame."""
-    morph.inserted(progress)
-    through = pointmorph.surfaces.Surfaces(morph).through if plan.faces else None
-    times = plan.times()
-    grows = np.gradient(np.array(times)) / plan.step if len(times) > 1 else np.zeros(1)
+def sequence_of(held, plan, settings, poses=None):
+    """The frames of a plan, to be made.
 
-    def make(k, stopped):
-        frame = _frame(morph, times[k], plan.resample, stopped)
-        by_frame = (frame.velocities * grows[k]).astype(frame.positions.dtype)
-        frame = replace(frame, velocities=by_frame)
-        return through(frame, times[k], stopped) if through else frame
+    Parameters
+    ----------
+    held : Held
+    plan : Plan
+    settings : dict
+        Of the library.
+    poses : list, optional
+        Of shapes that move: what `poses.read_steps` returned.
+    """
+    clouds = [pointmorph.Cloud(**shape) for shape in held.shapes]
+    ways = zip(pairwise(clouds), held.pairs, held.maps, strict=True)
+    morphs = [pointmorph.restore(*ends, pairs, maps, **settings) for ends, pairs, maps in ways]
+    morph = morphs[0] if len(morphs) == 1 else chains.ChainedMorph(morphs)
+    numbers = {"first": plan.first, "step": plan.step}
+    if poses is not None:
+        return pointmorph.moving.MovingSequence(
+            morph, plan.times(), poses, settings, **numbers, resample=plan.resample
+        )
+    kind = pointmorph.sequences.Sequence if plan.resample else _Pairs
+    return kind(morph, plan.times(), **numbers)
 
-    return list(pointmorph.sequences.in_order(make, len(times), progress))
 
+class _Pairs(pointmorph.sequences.Sequence):
+    """Frames without new points, which have ids and velocities all the same."""
 
-def _frame(morph, t, resample, stopped):
-    frame = morph.resampled_frame(t, lambda *_: not stopped())
-    if resample:
-        return frame
-    pairs = len(morph.pairs)
-    plain = {name: getattr(frame, name)[:pairs] for name in ("ids", "velocities")}
-    return pointmorph.ResampledFrame(**vars(morph.frame(t)), **plain)
-
-
-def write_files(morph, plan, folder, progress):
-    """PLY files, as the command line writes them; an interrupted bake goes on."""
-    return pointmorph.sequences.write_frames(
-        morph,
-        folder,
-        plan.times(),
-        first=plan.first,
-        step=plan.step,
-        resample=plan.resample,
-        mesh="ply" if plan.faces else None,
-        resume=True,
-        progress=progress,
-    )
+    def _at(self, t, stopped):
+        resampled, frame = super()._at(t, stopped), self.morph.frame(t)
+        own = resampled.ids < len(frame.positions)
+        velocities = np.zeros_like(frame.positions)
+        velocities[resampled.ids[own]] = resampled.velocities[own]
+        ids = np.arange(len(frame.positions), dtype=np.int32)
+        return pointmorph.ResampledFrame(**vars(frame), ids=ids, velocities=velocities)
 
 
 def make_folder(path):
@@ -147,15 +166,51 @@ def make_folder(path):
     return folder
 
 
+# --- Until all are there --------------------------------------------------------------------------
+
+
+def file_path(folder, name, kind):
+    """The file that frames of the object `name` go to."""
+    return folder / f"{bpy.path.clean_name(name)}.{SUFFIXES[kind]}"
+
+
+def store_folder(name, path=None):
+    """Where frames wait until all are there: beside the file, or in the folder that Blender keeps
+    caches of this file in.
+
+    Where there is none, as for a file that was never saved, frames wait as long as Blender runs.
+    """
+    if path is not None:
+        return path.with_name(f"{path.name}.frames")
+    own = f"{bpy.path.clean_name(name)}.frames"
+    if bpy.data.filepath:
+        file = Path(bpy.data.filepath)
+        folder = file.with_name(f"{_CACHE}{file.stem}")
+        with contextlib.suppress(OSError):
+            folder.mkdir(exist_ok=True)
+            if os.access(folder, os.W_OK):
+                return folder / own
+    return Path(bpy.app.tempdir) / own
+
+
+def empty(store):
+    """Removes a store of frames that are in the scene, or in their file, by now."""
+    store.remove()
+    if store.folder.parent.name.startswith(_CACHE):
+        with contextlib.suppress(OSError):  # something else is there
+            store.folder.parent.rmdir()
+
+
 # --- In the scene ---------------------------------------------------------------------------------
 
 
-def build(context, obj, plan, frames, kind="SCENE"):
-    """Makes the object that shows the frames; all of it or nothing. Returns the object.
+def build(context, name, matrix, plan, frames, kind="SCENE"):
+    """Makes the object that shows the frames of the object `name`, with the matrix that this had;
+    all of it or nothing. Returns the object.
 
     `kind` is the format that it's for.
     """
-    name = f"{obj.name} {COLLECTION}"
+    name = f"{name} {COLLECTION}"
     with result.all_or_nothing() as created:
         collection = bpy.data.collections.new(name)
         created(collection)
@@ -169,6 +224,7 @@ def build(context, obj, plan, frames, kind="SCENE"):
                 arrays.write_corner_colors(mesh, display.COLOR, frame.colors)
             else:
                 arrays.write_attribute(mesh, display.COLOR, frame.colors)
+            arrays.activate_colors(mesh, display.COLOR)
             if not plan.faces:
                 arrays.write_attribute(mesh, display.NORMAL, frame.normals)
                 arrays.write_attribute(mesh, display.RADIUS, frame.radii)
@@ -182,7 +238,7 @@ def build(context, obj, plan, frames, kind="SCENE"):
         created(data)
         player = bpy.data.objects.new(name, data)
         created(player)
-        player.matrix_world = obj.matrix_world
+        player.matrix_world = matrix
         display.add_frames_modifier(player, collection, plan, created)
         context.collection.objects.link(player)
     return player

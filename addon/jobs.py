@@ -8,7 +8,8 @@ import pointmorph
 from . import session
 from .checks import fail
 
-_TURN = 0.04  # seconds of work at a time, and of rest
+_TURN = 0.04  # seconds of work at a time
+_REST = 0.01  # seconds at least between two turns
 
 
 def finish(steps):
@@ -38,7 +39,7 @@ class Computing:
         session.start()
         window_manager = context.window_manager
         self._said = None
-        self._timer = window_manager.event_timer_add(_TURN, window=context.window)
+        self._timer = window_manager.event_timer_add(_REST, window=context.window)
         window_manager.modal_handler_add(self)
         self._show_progress(context)
         return {"RUNNING_MODAL"}

@@ -10,6 +10,7 @@ from .features import PREFIX, description
 from .jobs import Computing
 from .properties import feature_names, sync_features
 from .reading import read_request
+from .translations import tell
 
 
 class POINTMORPH_OT_add_feature(bpy.types.Operator):
@@ -74,7 +75,7 @@ class POINTMORPH_OT_check_features(bpy.types.Operator):
             return fail(self, error)
         say_what_was_found(context.scene, request)
         count = len(request.features)
-        self.report({"INFO"}, f"{count} feature" + ("" if count == 1 else "s"))
+        self.report({"INFO"}, tell("Features: {count}", count=count))
         return {"FINISHED"}
 
 
@@ -195,8 +196,12 @@ class POINTMORPH_OT_propose_features(Computing, bpy.types.Operator):
         sync_features(context.scene)
         for name, confidence in marked:
             settings.features[name].confidence = confidence
-        found = f"{len(marked)} of {len(proposals)} proposals marked"
-        self.report({"INFO"}, found + (": check them" if marked else "; the rest is too unsure"))
+        found = (
+            "{count} of {all} proposals marked: check them"
+            if marked
+            else "{count} of {all} proposals marked; the rest is too unsure"
+        )
+        self.report({"INFO"}, tell(found, count=len(marked), all=len(proposals)))
         return {"FINISHED"}
 
 
@@ -229,7 +234,7 @@ class POINTMORPH_OT_pair_features(bpy.types.Operator):
         if self.groups and "POINTCLOUD" not in (settings.source.type, settings.target.type):
             count += _copy_groups(settings.source, settings.target)
         sync_features(context.scene)
-        self.report({"INFO"}, f"{count} pair" + ("" if count == 1 else "s") + " found")
+        self.report({"INFO"}, tell("Pairs found: {count}", count=count))
         return {"FINISHED"}
 
 
@@ -401,9 +406,11 @@ def unmarkable(context):
         if obj.mode == "EDIT":
             return "Leave Edit Mode first"
         if obj.library is not None or obj.data.library is not None:
-            return f'"{obj.name}" is linked from another file: make it local to mark it'
+            linked = '"{name}" is linked from another file: make it local to mark it'
+            return tell(linked, name=obj.name)
         if obj.type == "POINTCLOUD" and not len(obj.data.points):
-            return f'The points of "{obj.name}" are made by nodes: make them real to mark them'
+            made = 'The points of "{name}" are made by nodes: make them real to mark them'
+            return tell(made, name=obj.name)
     return None
 
 

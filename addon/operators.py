@@ -7,7 +7,7 @@ import bpy
 import numpy as np
 
 from . import display, preview, previewing, remaking, result, session, transforms
-from .checks import activate, active_result, busy_reason, shapes_reason
+from .checks import activate, active_result, busy_reason, say_pairs, shapes_reason
 from .computation import Earlier, compute
 from .jobs import Computing
 from .marking import say_what_was_found
@@ -89,12 +89,10 @@ class POINTMORPH_OT_morph(Computing, bpy.types.Operator):
         obj = result.build(context, outcome, *self._made_of(context))
         result.morph_key(obj).value = self._value
         activate(context.view_layer.objects, obj)
-        report = outcome.report
         remaking.remember(obj, self._recipe, outcome)
-        for warning in report["warnings"]:
+        for warning in outcome.report["warnings"]:
             self.report({"WARNING"}, warning)
-        seconds = report["seconds"]
-        self.report({"INFO"}, f'"{obj.name}": {report["pairs"]:,} pairs in {seconds:.1f} s')
+        self.report({"INFO"}, say_pairs(obj, outcome.report))
         return {"FINISHED"}
 
 

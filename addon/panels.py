@@ -6,7 +6,8 @@ import bpy
 import pointmorph
 
 from . import checks, clicking, cuts, display, jobs, markers, operators, result, session
-from .properties import by_hand, setting_label
+from .properties import CONTEXT, by_hand, setting_label
+from .translations import tell
 
 # Settings that stand where they are needed; the others are advanced.
 _ELSEWHERE = ("domain", "path")
@@ -168,9 +169,11 @@ class POINTMORPH_PT_features(Panel, bpy.types.Panel):
         for obj, side in ((settings.source, "on_source"), (settings.target, "on_target")):
             for item in settings.features if obj is not None else ():
                 if item.use and not getattr(item, side):
-                    return f'"{item.name}" isn\'t marked on {obj.name}'
+                    unmarked = '"{name}" isn\'t marked on {object}'
+                    return tell(unmarked, name=item.name, object=obj.name)
                 if item.use and markers.count_of(obj, item.marked_name) == 0:
-                    return f'"{item.name}" holds no vertex of {obj.name}'
+                    empty = '"{name}" holds no vertex of {object}'
+                    return tell(empty, name=item.name, object=obj.name)
         return None
 
 
@@ -361,7 +364,7 @@ class POINTMORPH_PT_bake(Panel, bpy.types.Panel):
             column.prop(settings, "frames_directory")
         column.prop(scene, "frame_start", text="First")
         column.prop(scene, "frame_end", text="Last")
-        column.prop(settings, "frames_easing")
+        column.prop(settings, "frames_easing", text="Easing", text_ctxt=CONTEXT)
         column.prop(settings, "frames_resample")
         column.prop(settings, "frames_faces")
         button = layout.operator("pointmorph.bake_frames")

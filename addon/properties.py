@@ -14,6 +14,9 @@ from .features import PREFIX, Choice
 
 _LARGEST_INT = 2**31 - 1
 
+CONTEXT = "Pointmorph"
+"""Of words for which Blender has another translation, made for something else."""
+
 
 # --- Features -------------------------------------------------------------------------------------
 
@@ -210,7 +213,20 @@ def setting_label(option):
     return option.name.replace("_", " ").title()
 
 
-def _description(option):
+def switch_label(option):
+    """Of a setting that is automatic by default."""
+    return f"Set {setting_label(option)}"
+
+
+def switch_tip(option):
+    return f"Set by hand instead of automatically: {option.help}"
+
+
+def choice_label(choice):
+    return choice.replace("_", " ").title()
+
+
+def setting_tip(option):
     parts = [option.help.rstrip(".")]
     if option.kind != "choice":
         unit = f" {option.unit}" if option.unit else ""
@@ -221,9 +237,9 @@ def _description(option):
 
 
 def _property(option):
-    shared = {"name": setting_label(option), "description": _description(option)}
+    shared = {"name": setting_label(option), "description": setting_tip(option)}
     if option.kind == "choice":
-        items = [(choice, choice.replace("_", " ").title(), "") for choice in option.choices]
+        items = [(choice, choice_label(choice), "") for choice in option.choices]
         return bpy.props.EnumProperty(items=items, default=option.default, **shared)
     if option.default is None:
         # Who sets a value wants it used.
@@ -252,8 +268,7 @@ def _settings(taken):
         properties[option.name] = _property(option)
         if option.default is None:
             properties[by_hand(option)] = bpy.props.BoolProperty(
-                name=f"Set {setting_label(option)}",
-                description=f"Set by hand instead of automatically: {option.help}",
+                name=switch_label(option), description=switch_tip(option)
             )
     return properties
 

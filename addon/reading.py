@@ -40,9 +40,9 @@ def read_request_steps(context):
     update(context, settings.source, settings.target)
     yield
     origin = np.array(settings.source.matrix_world.translation)
-    source = yield from _read_shape_steps(context, settings.source, origin, False)
+    source = yield from read_shape_steps(context, settings.source, origin, False)
     yield
-    target = yield from _read_shape_steps(context, settings.target, origin, True)
+    target = yield from read_shape_steps(context, settings.target, origin, True)
     yield
     return Request(
         source,
@@ -62,18 +62,15 @@ def update(context, *objects):
     context.view_layer.update()
 
 
-def read_shape(context, obj, origin, *, as_shown):
-    """An object in the frame with the world's axes and this origin; `update` must come before.
+def read_shape_steps(context, obj, origin, as_shown):
+    """A generator that yields often and returns an object in the frame with the world's axes and
+    this origin; `update` must come before.
 
     Parameters
     ----------
     as_shown : bool
         With modifiers and shape keys, as in the viewport. A point cloud always is.
     """
-    return _finish(_read_shape_steps(context, obj, origin, as_shown))
-
-
-def _read_shape_steps(context, obj, origin, as_shown):
     if obj.type not in TYPES:
         raise pointmorph.CloudError(
             obj.name,
@@ -94,7 +91,7 @@ def _read_shape_steps(context, obj, origin, as_shown):
     transforms.check_invertible(obj.name, matrix)
     if obj.type == "POINTCLOUD":
         shape = _read_cloud(obj, evaluated.data)
-    elif as_shown and not _is_plain(obj):
+    elif as_shown and not is_plain(obj):
         # Lives until the scene is evaluated again, so this is one step.
         mesh = evaluated.to_mesh(preserve_all_data_layers=True, depsgraph=depsgraph)
         try:
@@ -110,7 +107,7 @@ def _read_shape_steps(context, obj, origin, as_shown):
     return shape.moved(matrix)
 
 
-def _is_plain(obj):
+def is_plain(obj):
     """Whether the viewport shows a mesh as it is, for all that one can tell without looking."""
     by_parent = obj.parent is not None and obj.parent_type != "OBJECT"
     return not (obj.modifiers or obj.data.shape_keys or obj.mode == "EDIT" or by_parent)

@@ -19,7 +19,8 @@ from . import arrays, result, transforms
 from .computation import Request
 from .features import PREFIX, Choice, match
 from .properties import by_hand, feature_choices, settings_values
-from .reading import read_shape, update
+from .reading import read_shape_steps, update
+from .translations import tell
 
 CURRENT, STALE, ORPHAN, UNKNOWN = "CURRENT", "STALE", "ORPHAN", "UNKNOWN"
 
@@ -113,8 +114,8 @@ def fingerprint_steps(obj, origin, as_shown):
     origin : (3,) array
         Of the morph's frame.
     as_shown : bool
-        As in `reading.read_shape`. What the viewport shows of an object whose form moves by itself
-        isn't looked at.
+        As in `reading.read_shape_steps`. What the viewport shows of an object whose form moves by
+        itself isn't looked at.
     """
     data = obj.data
     shown = None
@@ -124,7 +125,7 @@ def fingerprint_steps(obj, origin, as_shown):
             shown = _digest(_positions(evaluated.data))
     if obj.type == "MESH":
         positions = arrays.basis_positions(data)
-        color = data.color_attributes.active_color
+        color = arrays.active_colors(data)
         yield
         parts = [positions, arrays.mesh_edges(data)]
         yield
@@ -180,11 +181,6 @@ def _of_points(cloud):
 
 
 # --- The recipe -----------------------------------------------------------------------------------
-
-
-def take_down(shapes, requests, origin, choices):
-    """What `take_down_steps` returns, at once."""
-    return _finish(take_down_steps(shapes, requests, origin, choices))
 
 
 def take_down_steps(shapes, requests, origin, choices):
@@ -300,10 +296,10 @@ def state(obj, prints=None):
         return "", []
     recipe = recipe_of(obj)
     if not is_known(recipe):
-        return UNKNOWN, ["made by an earlier version, which kept no settings"]
+        return UNKNOWN, [tell("made by an earlier version, which kept no settings")]
     shapes = shapes_of(obj)
     gone = [
-        f'"{known["name"]}" is gone'
+        tell('"{name}" is gone', name=known["name"])
         for known, shape in zip(recipe["shapes"], shapes, strict=True)
         if shape is None
     ]
@@ -355,19 +351,21 @@ def _differences(known, now, follows):
     """What has become of a shape, in words."""
     name = now["name"]
     if known["count"] != now["count"]:
-        return [f'"{name}" has {now["count"]:,} points instead of {known["count"]:,}']
+        counts = {"now": f"{now['count']:,}", "before": f"{known['count']:,}"}
+        return [tell('"{name}" has {now} points instead of {before}', name=name, **counts)]
     both_shown = None not in (known["shown"], now["shown"])
     found = []
     if known["data"] != now["data"]:
-        found.append(f'"{name}" was edited')
+        found.append(tell('"{name}" was edited', name=name))
     elif both_shown and known["shown"] != now["shown"] and not follows:
-        found.append(f'"{name}" looks different: its modifiers or shape keys were changed')
+        other = '"{name}" looks different: its modifiers or shape keys were changed'
+        found.append(tell(other, name=name))
     if known["marks"] != now["marks"]:
-        found.append(f'features on "{name}" were changed')
+        found.append(tell('features on "{name}" were changed', name=name))
     if not (known["carried"] or now["carried"] or follows):
         before, after = np.array(known["matrix"]), np.array(now["matrix"])
         if np.abs(before - after).max() > 1e-5 * max(np.abs(before).max(), 1e-30):
-            found.append(f'"{name}" was moved, turned or scaled')
+            found.append(tell('"{name}" was moved, turned or scaled', name=name))
     return found
 
 
@@ -379,13 +377,13 @@ def _other_settings(recipe, settings):
         for name in sorted({*now, *before} - _OF_NO_CONSEQUENCE)
         if now.get(name) != before.get(name)
     ]
-    found = [f"setting {name.replace('_', ' ')} was changed" for name in names]
+    found = [tell("setting {name} was changed", name=name.replace("_", " ")) for name in names]
     choices = _plain_choices(feature_choices(settings))
     for name, choice in choices.items():
         if name in recipe["features"] and recipe["features"][name] != choice:
-            found.append(f'feature "{name}" is held in another way')
+            found.append(tell('feature "{name}" is held in another way', name=name))
     if recipe["loop"] != [item.name for item in settings.loop]:
-        found.append("the loop was changed")
+        found.append(tell("the loop was changed"))
     return found
 
 
@@ -443,9 +441,10 @@ class Plan:
     missing: list
 
 
-def plan(context, obj):
+def plan_steps(context, obj):
     """How to compute a morph object again: with the panel's settings when the panel is about it,
     else with its own; from the objects it was made from or, when one is gone, from what it holds.
+    A generator that yields often and returns a Plan.
 
     Raises
     ------
@@ -475,24 +474,32 @@ def plan(context, obj):
         loop, values = recipe["loop"], recipe["settings"]
     if missing:
         return _plan_from_itself(obj, recipe, values, loop, missing)
-    return plan_of(context, shapes, choices, loop, values)
+    return (yield from plan_of_steps(context, shapes, choices, loop, values))
 
 
-def plan_of(context, shapes, choices, loop, values):
-    """How to compute the morph from each of these objects to the next; see `plan`."""
+def plan_of_steps(context, shapes, choices, loop, values):
+    """How to compute the morph from each of these objects to the next; see `plan_steps`."""
+    steps = _read_plan_steps(context, shapes, choices, loop, values)
+    if not absent(context, shapes):
+        return (yield from steps)
+    # What is only for the moment in the scene must not be there when Blender goes on.
     with present(context, shapes):
-        update(context, *shapes)
-        origin = np.array(shapes[0].matrix_world.translation)
-        read = [
-            read_shape(context, shape, origin, as_shown=number > 0)
-            for number, shape in enumerate(shapes)
-        ]
-        requests = [
-            Request(source, target, match(source, target, choices), loop, values)
-            for source, target in pairwise(read)
-        ]
-        made = take_down(shapes, requests, origin, choices)
-        source_matrix = transforms.relative_to(shapes[0].matrix_world, origin)
+        return _finish(steps)
+
+
+def _read_plan_steps(context, shapes, choices, loop, values):
+    update(context, *shapes)
+    origin = np.array(shapes[0].matrix_world.translation)
+    read = []
+    for number, shape in enumerate(shapes):
+        yield
+        read.append((yield from read_shape_steps(context, shape, origin, number > 0)))
+    requests = []
+    for source, target in pairwise(read):
+        yield
+        requests.append(Request(source, target, match(source, target, choices), loop, values))
+    made = yield from take_down_steps(shapes, requests, origin, choices)
+    source_matrix = transforms.relative_to(shapes[0].matrix_world, origin)
     return Plan(requests, made, origin, source_matrix, [])
 
 
@@ -557,17 +564,23 @@ def _check_changeable(obj):
         result.t_key(obj)
 
 
+def absent(context, objects):
+    """Those that aren't in the scene, as after their removal."""
+    known = context.scene.objects
+    return [obj for obj in dict.fromkeys(objects) if known.get(obj.name) != obj]
+
+
 @contextmanager
 def present(context, objects):
-    """Objects that are in no scene, as after their removal, can be read meanwhile."""
+    """Objects that are in no scene can be read meanwhile."""
     collection = context.scene.collection
-    absent = [obj for obj in dict.fromkeys(objects) if context.scene.objects.get(obj.name) != obj]
-    for obj in absent:
+    linked = absent(context, objects)
+    for obj in linked:
         collection.objects.link(obj)
     try:
         yield
     finally:
-        for obj in absent:
+        for obj in linked:
             collection.objects.unlink(obj)
 
 

@@ -166,6 +166,7 @@ def write_pairs(obj, outcome):
         arrays.write_attribute(mesh, f"{stage}_normal", end.normals)
         arrays.write_attribute(mesh, f"{stage}_color", end.colors)
         arrays.write_attribute(mesh, f"{stage}_radius", end.radii)
+    arrays.activate_colors(mesh, display.COLOR)
     arrays.write_attribute(mesh, "landing", outcome.landing[outcome.source.rows])
     arrays.write_attribute(mesh, "target_landing", outcome.maps[1][outcome.target.rows])
     for number, landing in enumerate(outcome.stops, 1):
@@ -354,14 +355,14 @@ def _new_key(obj, name):
 # --- Baking ---------------------------------------------------------------------------------------
 
 
-def check_at_rest(obj, what):
-    """Raises CloudError for a morph object that follows its shapes, which `what` can't hold."""
+def _check_at_rest(obj):
+    """Raises CloudError for a morph object that follows its shapes, which keys can't hold."""
     if obj.pointmorph.follows:
         raise pointmorph.CloudError(
             obj.name,
-            f"a morph at rest, because {what} can't follow the moving shapes",
+            "a morph at rest, because shape keys can't follow the moving shapes",
             "one that follows them",
-            "Turn Follow off to bake the shapes as they were morphed, or render the object itself.",
+            "Bake frames, or turn Follow off to bake the shapes as they were morphed.",
         )
 
 
@@ -370,7 +371,7 @@ def bake_pairs(obj, steps, path):
 
     `path` is the library's setting of that name.
     """
-    check_at_rest(obj, "shape keys")
+    _check_at_rest(obj)
     names = _add_keys(obj, _way(obj, path), steps, stage_names(obj)[1:])
     baked = json.loads(obj.pointmorph.baked or "{}")
     baked.update({name: [t, path] for name, t in names.items()})
@@ -412,7 +413,7 @@ def bake_source(obj, steps, path):
     CloudError
         See `source_ways`; and when the source is linked from another file.
     """
-    check_at_rest(obj, "shape keys")
+    _check_at_rest(obj)
     source, places, normals, back = source_ways(obj)
     if source.data.library is not None:
         raise pointmorph.CloudError(

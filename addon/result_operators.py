@@ -5,12 +5,13 @@ from itertools import pairwise
 import bpy
 import pointmorph
 
-from . import carrying, chains, following, remaking, result, session
-from .checks import activate, active_result, fail
+from . import carrying, chains, following, remaking, result, session, transferring
+from .checks import activate, active_result, fail, say_pairs
 from .computation import Earlier
 from .jobs import Computing
 from .properties import feature_choices, settings_values, sync_features
 from .reading import TYPES
+from .translations import tell
 
 
 def made_object(context):
@@ -25,8 +26,10 @@ def made_reason(context):
     if obj is None:
         return "Morph first, or make a morph object the active object"
     if obj.library is not None:
-        return f'"{obj.name}" is linked from another file: make it local first'
-    return None if obj.mode == "OBJECT" else f'Leave the mode that "{obj.name}" is in first (Tab)'
+        return tell('"{name}" is linked from another file: make it local first', name=obj.name)
+    if obj.mode == "OBJECT":
+        return None
+    return tell('Leave the mode that "{name}" is in first (Tab)', name=obj.name)
 
 
 def pairs_reason(context):
@@ -70,13 +73,13 @@ class POINTMORPH_OT_recompute(Computing, bpy.types.Operator):
     poll = _OnResult.__dict__["poll"]
     reason = staticmethod(made_reason)
 
-    def _begin(self, context):
+    def _begin_steps(self, context):
         sync_features(context.scene)
         obj = made_object(context)
         if obj.pointmorph.keeps_faces and obj.pointmorph.made_from is not None:
             obj = obj.pointmorph.made_from  # it goes along
-        plan = self._plan = remaking.plan(context, obj)
         self._name = obj.name
+        plan = self._plan = yield from remaking.plan_steps(context, obj)
         earlier = session.earlier if self._in_window else None
         return lambda progress: chains.compute_all(plan.requests, progress, earlier)
 
@@ -90,12 +93,11 @@ class POINTMORPH_OT_recompute(Computing, bpy.types.Operator):
             session.earlier = Earlier(self._plan.requests[0], outcome.maps)
         said = carrying.remake(context, obj, self._plan, outcome)
         for name in self._plan.missing:
-            self.report({"WARNING"}, f'"{name}" is gone: the points that the morph holds were used')
+            gone = '"{name}" is gone: the points that the morph holds were used'
+            self.report({"WARNING"}, tell(gone, name=name))
         for warning in [*said, *outcome.report["warnings"]]:
             self.report({"WARNING"}, warning)
-        report = outcome.report
-        seconds = report["seconds"]
-        self.report({"INFO"}, f'"{obj.name}": {report["pairs"]:,} pairs in {seconds:.1f} s')
+        self.report({"INFO"}, say_pairs(obj, outcome.report))
         return {"FINISHED"}
 
 
@@ -157,16 +159,21 @@ class POINTMORPH_OT_make_mesh(_OnResult, bpy.types.Operator):
     def change(self, context, obj):
         copy = carrying.make_mesh(context, obj)
         activate(context.view_layer.objects, copy)
-        self.report({"INFO"}, f'"{copy.name}" has the faces of "{obj.pointmorph.source.name}"')
+        made = '"{name}" has the faces of "{source}"'
+        self.report({"INFO"}, tell(made, name=copy.name, source=obj.pointmorph.source.name))
         return {"FINISHED"}
 
 
-class POINTMORPH_OT_transfer_attributes(_OnResult, bpy.types.Operator):
+class POINTMORPH_OT_transfer_attributes(Computing, bpy.types.Operator):
     """Bring colours, weights and UV maps of the target over, to where its surface lands"""
 
     bl_idname = "pointmorph.transfer_attributes"
     bl_label = "Bring Over from Target"
     bl_options = {"REGISTER", "UNDO"}
+    stopped = "It was stopped: nothing was brought over"
+
+    poll = _OnResult.__dict__["poll"]
+    reason = staticmethod(made_reason)
 
     colors: bpy.props.BoolProperty(
         name="Colours",
@@ -187,9 +194,25 @@ class POINTMORPH_OT_transfer_attributes(_OnResult, bpy.types.Operator):
         default="target.",
     )
 
-    def change(self, context, obj):
-        names = carrying.transfer(context, obj, self.colors, self.weights, self.uvs, self.prefix)
-        self.report({"INFO"}, "Brought over: " + ", ".join(names))
+    def _begin_steps(self, context):
+        obj = made_object(context)
+        self._name = obj.name
+        wanted = self._wanted = transferring.Wanted(
+            self.colors, self.weights, self.uvs, self.prefix
+        )
+        return (yield from transferring.read_steps(context, obj, wanted))
+
+    def _leave(self, context):
+        self._steps.close()
+
+    def _finish(self, context, outcome):
+        obj = bpy.data.objects.get(self._name)
+        if not remaking.is_made(obj):
+            raise pointmorph.CloudError(
+                self._name, "the object that attributes go to", "none", "Undo its removal."
+            )
+        names = transferring.write(obj, self._wanted, outcome)
+        self.report({"INFO"}, tell("Brought over: {names}", names=", ".join(names)))
         return {"FINISHED"}
 
 
@@ -205,12 +228,13 @@ def chain_reason(context):
         return "Pick an object for the source, the target and every shape between"
     for obj in shapes:
         if context.scene.objects.get(obj.name) != obj:
-            return f'"{obj.name}" is no longer in the scene: pick another'
+            return tell('"{name}" is no longer in the scene: pick another', name=obj.name)
     for obj, after in pairwise(shapes):
         if obj == after:
-            return f'"{obj.name}" follows itself: take one of both out'
+            return tell('"{name}" follows itself: take one of both out', name=obj.name)
     if len(shapes) > chains.LONGEST:
-        return f"A chain has at most {chains.LONGEST} shapes, and there are {len(shapes)}"
+        many = "A chain has at most {most} shapes, and there are {count}"
+        return tell(many, most=chains.LONGEST, count=len(shapes))
     return None
 
 
@@ -302,10 +326,10 @@ class POINTMORPH_OT_morph_chain(Computing, bpy.types.Operator):
     poll = _OnResult.__dict__["poll"]
     reason = staticmethod(chain_reason)
 
-    def _begin(self, context):
+    def _begin_steps(self, context):
         sync_features(context.scene)
         settings = context.scene.pointmorph
-        plan = self._plan = remaking.plan_of(
+        plan = self._plan = yield from remaking.plan_of_steps(
             context,
             remaking.picked_shapes(context.scene),
             feature_choices(settings),
@@ -331,9 +355,7 @@ class POINTMORPH_OT_morph_chain(Computing, bpy.types.Operator):
         activate(context.view_layer.objects, obj)
         for warning in outcome.report["warnings"]:
             self.report({"WARNING"}, warning)
-        report = outcome.report
-        seconds = report["seconds"]
-        self.report({"INFO"}, f'"{obj.name}": {report["pairs"]:,} pairs in {seconds:.1f} s')
+        self.report({"INFO"}, say_pairs(obj, outcome.report))
         return {"FINISHED"}
 
 

@@ -1,8 +1,12 @@
 """A computation in a thread of its own: started, watched, stopped. One at a time."""
 
+import os
+import sys
 import threading
 
 import pointmorph
+
+_NICENESS = 10  # more, of 19
 
 
 class Job:
@@ -27,6 +31,7 @@ class Job:
         self._thread.start()
 
     def _run(self):
+        _stand_back()
         try:
             self._outcome = self._compute(self._progress)
         except BaseException as error:  # handed to the main thread by result()
@@ -61,6 +66,14 @@ class Job:
         if self.cancelled:
             raise pointmorph.Cancelled("The morph was cancelled.")
         return self._outcome
+
+
+def _stand_back():
+    """Lets the window go before this thread, and those it starts, where all cores are busy."""
+    if sys.platform == "linux":  # elsewhere priority is a whole process's
+        thread = threading.get_native_id()
+        now = os.getpriority(os.PRIO_PROCESS, thread)
+        os.setpriority(os.PRIO_PROCESS, thread, min(now + _NICENESS, 19))
 
 
 current = None

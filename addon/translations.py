@@ -1,94 +1,69 @@
-"""The panel's words in other languages."""
+"""The panel's words in other languages, and messages that have something put in."""
+
+import inspect
 
 import bpy
+import pointmorph
 
-# By the words in the code, which Blender looks up: labels and buttons, then some of the tooltips.
-_GERMAN = {
-    "Objects": "Objekte",
-    "Source": "Quelle",
-    "Target": "Ziel",
-    "Take Selected": "Auswahl nehmen",
-    "Swap": "Tauschen",
-    "Manual": "Handbuch",
-    "Features": "Merkmale",
-    "Click Features": "Merkmale anklicken",
-    "Add Feature": "Merkmal hinzufügen",
-    "Remove Feature": "Merkmal entfernen",
-    "Jump to Feature": "Zum Merkmal springen",
-    "Pair by Name": "Nach Namen paaren",
-    "Propose": "Vorschlagen",
-    "Check Features": "Merkmale prüfen",
-    "Move by Clicks": "Durch Klicks verschieben",
-    "Markers": "Markierungen",
-    "Kind": "Art",
-    "Hold": "Halten",
-    "Weight": "Gewicht",
-    "Curve": "Kurve",
-    "Region": "Bereich",
-    "Exactly": "Genau",
-    "Softly": "Weich",
-    "Cut and Domain": "Schnitt und Grundfläche",
-    "Domain": "Grundfläche",
-    "Cut closed models along:": "Geschlossene Modelle schneiden:",
-    "Add to Loop": "Zur Schleife hinzufügen",
-    "Remove from Loop": "Aus der Schleife nehmen",
-    "Clear Loop": "Schleife leeren",
-    "Propose Loop": "Schleife vorschlagen",
-    "Show Cut": "Schnitt zeigen",
-    "Morph": "Verwandeln",
-    "Path": "Weg",
-    "Press Esc over the viewport to stop": "Esc über der Ansicht hält an",
-    "Preview: the whole is being computed": "Vorschau: das Ganze wird berechnet",
-    "Result": "Ergebnis",
-    "Quality": "Güte",
-    "Show Distortion": "Verzerrung zeigen",
-    "No place stands out": "Keine Stelle fällt auf",
-    "Go to the Place": "Zur Stelle gehen",
-    "Bake": "Backen",
-    "Shape Keys": "Formschlüssel",
-    "Frames": "Einzelbilder",
-    "Steps": "Schritte",
-    "On the Source Mesh": "Auf das Quellnetz",
-    "On the Morph Object": "Auf das Ergebnis",
-    "Bake Shape Keys": "Formschlüssel backen",
-    "Bake Frames": "Einzelbilder backen",
-    "Format": "Format",
-    "Folder": "Ordner",
-    "In the Scene": "In der Szene",
-    "PLY Files": "PLY-Dateien",
-    "Easing": "Verlauf",
-    "Even": "Gleichmäßig",
-    "Smooth": "Sanft",
-    "Re-sample": "Neu abtasten",
-    "First": "Erstes",
-    "Last": "Letztes",
-    "Advanced": "Für Fortgeschrittene",
-    "Pointmorph Demo": "Pointmorph-Beispiel",
-    "Take the two selected objects: the active one, which was selected last, is the target": (
-        "Nimmt die beiden ausgewählten Objekte: das aktive, zuletzt gewählte, ist das Ziel"
-    ),
-    "Make the target the source and the source the target": "Vertauscht Quelle und Ziel",
-    "Remove the feature chosen in the list, on both objects": (
-        "Entfernt das in der Liste gewählte Merkmal von beiden Objekten"
-    ),
-    "Compute the morph from source to target. In a window Blender stays usable; Esc stops it": (
-        "Berechnet die Verwandlung der Quelle ins Ziel. Blender bleibt dabei benutzbar; Esc hält an"
-    ),
-    "Open the manual that came with the add-on": "Öffnet das mitgelieferte Handbuch",
-}
+from . import german
+from .properties import CONTEXT, choice_label, setting_label, setting_tip, switch_label, switch_tip
+
+
+def tell(text, **values):
+    """A message in the user's language, with values put where their names stand in braces. Blender
+    itself translates what is the same every time."""
+    return bpy.app.translations.pgettext_tip(text).format(**values)
+
+
+def put_tooltips(classes):
+    """Gives operators tooltips without the line breaks of their docstrings."""
+    for cls in classes:
+        if issubclass(cls, bpy.types.Operator) and "bl_description" not in vars(cls):
+            cls.bl_description = tooltip(cls)
+
+
+def tooltip(cls):
+    """What an operator says about itself, in one line."""
+    return " ".join((inspect.getdoc(cls) or "").split())
 
 
 def words():
     """All words that are translated, by language."""
-    return {"de_DE": _GERMAN}
+    known = {**german.LABELS, **german.TIPS, **german.MESSAGES}
+    for option in pointmorph.options():
+        if option.name not in german.SETTINGS:  # of another version of the library
+            continue
+        label, tip = german.SETTINGS[option.name]
+        known[setting_label(option)] = label
+        known[setting_tip(option)] = _german_tip(option, tip)
+        if option.default is None:
+            known[switch_label(option)] = f"{label} setzen"
+            known[switch_tip(option)] = f"Von Hand statt automatisch: {tip}"
+        known.update((choice_label(choice), _german_choice(choice)) for choice in option.choices)
+    return {"de_DE": known}
+
+
+def _german_choice(choice):
+    return german.CHOICES.get(choice, choice)
+
+
+def _german_tip(option, tip):
+    """As `properties.setting_tip` does in English."""
+    parts = [tip]
+    if option.kind != "choice":
+        unit = f" {german.UNITS.get(option.unit, option.unit)}" if option.unit else ""
+        parts.append(f"Von {option.minimum:g} bis {option.maximum:g}{unit}")
+    default = "automatisch" if option.default is None else option.default
+    parts.append(f"Standard: {_german_choice(default)}")
+    return ". ".join(parts)
 
 
 def _dictionary():
-    """As Blender wants it: labels and tooltips have no context, names of operators have one."""
+    """As Blender wants it: labels and tooltips have no context, names of operators have one, and so
+    has what Blender itself would translate otherwise."""
+    contexts = ("*", "Operator", CONTEXT)
     return {
-        language: {
-            (context, word): text for word, text in known.items() for context in ("*", "Operator")
-        }
+        language: {(context, word): text for word, text in known.items() for context in contexts}
         for language, known in words().items()
     }
 

@@ -1,8 +1,6 @@
 """What someone meets who has never used it: the demo, the manual, their own language."""
 
-import ast
 import json
-from pathlib import Path
 
 import bpy
 import numpy as np
@@ -41,45 +39,6 @@ def test_a_second_demo_stands_beside_the_first(settings):
 def test_the_demo_is_in_the_menu():
     functions = [f.__module__ for f in bpy.types.VIEW3D_MT_mesh_add._dyn_ui_initialize()]
     assert any("first_use" in module for module in functions)
-
-
-def strings(module_file):
-    """All texts that stand in the add-on's code, docstrings as tooltips included."""
-    for path in Path(module_file).parent.glob("*.py"):
-        if path.stem == "translations":
-            continue
-        for node in ast.walk(ast.parse(path.read_text())):
-            if isinstance(node, ast.Constant) and isinstance(node.value, str):
-                yield node.value
-
-
-def test_every_word_that_is_translated_is_used(addon, module):
-    import pointmorph
-
-    used = set(strings(addon("panels").__file__))
-    used |= {addon("properties").setting_label(option) for option in pointmorph.options()}
-    for language, known in addon("translations").words().items():
-        unused = sorted(set(known) - used)
-        assert not unused, (language, unused)
-        assert all(text.strip() for text in known.values())
-
-
-def test_the_panel_speaks_german(addon):
-    view = bpy.context.preferences.view
-    if "de_DE" not in bpy.app.translations.locales:
-        pytest.skip("this Blender is built without languages")
-    before = view.language
-    try:
-        view.language = "de_DE"
-        view.use_translate_interface = view.use_translate_tooltips = True
-        translated = bpy.app.translations.pgettext_iface
-        assert translated("Take Selected", "Operator") == "Auswahl nehmen"
-        assert translated("Cut and Domain") == "Schnitt und Grundfläche"
-        assert "Quelle" in bpy.app.translations.pgettext_tip(
-            "Make the target the source and the source the target"
-        )
-    finally:
-        view.language = before
 
 
 def test_the_manual_is_found(addon, monkeypatch, tmp_path):

@@ -299,7 +299,7 @@ def test_faces_beside_ply_points_and_without_the_library(torn, tmp_path, monkeyp
     assert data_blocks() == before
 
 
-def test_a_file_that_cannot_be_written_leaves_nothing(torn, tmp_path):
+def test_a_file_that_cannot_be_written_leaves_the_frames_for_another_try(torn, tmp_path):
     kind = next((kind for kind in FILES if can_write(kind, faces=False)), None)
     if kind is None:
         pytest.skip("this Blender writes neither")
@@ -308,8 +308,14 @@ def test_a_file_that_cannot_be_written_leaves_nothing(torn, tmp_path):
     before = data_blocks()
     with pytest.raises(RuntimeError, match="can be written"):
         bake(format=kind, directory=str(tmp_path))
-    assert [file.name for file in tmp_path.iterdir()] == [FILES[kind]]
+    store = tmp_path / f"{FILES[kind]}.frames"
+    assert {file.name for file in tmp_path.iterdir()} == {FILES[kind], store.name}
+    assert len(list(store.glob("*.npz"))) == 9
     assert not {name for name in data_blocks() ^ before if "Pointmorph" not in str(name)}
+    (tmp_path / FILES[kind] / "full").unlink()
+    (tmp_path / FILES[kind]).rmdir()
+    bake(format=kind, directory=str(tmp_path))
+    assert [file.name for file in tmp_path.iterdir()] == [FILES[kind]]
 
 
 def test_what_cannot_be_baked_says_so(morphed, tmp_path):

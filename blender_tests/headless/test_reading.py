@@ -35,7 +35,8 @@ def read(addon, settings):
     def read_shape(obj, as_shown=False, origin=(0.0, 0.0, 0.0)):
         reading = addon("reading")
         reading.update(bpy.context, obj)
-        return reading.read_shape(bpy.context, obj, np.array(origin), as_shown=as_shown)
+        steps = reading.read_shape_steps(bpy.context, obj, np.array(origin), as_shown)
+        return addon("jobs").finish(steps)
 
     return read_shape
 

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <numbers>
 #include <numeric>
+#include <optional>
 
 #include "pointmorph/cloud.hpp"
 #include "pointmorph/parallel.hpp"
@@ -17,20 +18,18 @@ std::size_t at(Index i) {
     return static_cast<std::size_t>(i);
 }
 
+constexpr Index kAreaNeighbors = 12;
+
 /// Area per point, π r²/k from the distance r to the k-th neighbour.
-Values point_areas(const KdTree<3>& tree, Progress& progress) {
-    constexpr Index kNeighbors = 12;
-    Values areas(tree.size());
-    parallel_for(tree.size(), progress, [&](Index begin, Index end) {
-        std::vector<Index> near(
-            std::min<std::size_t>(kNeighbors + 1, static_cast<std::size_t>(tree.size())));
-        std::vector<double> squared(near.size());
-        for (Index i = begin; i < end; ++i) {
-            tree.nearest(tree.points().row(i).data(), near, squared);
-            areas[i] = std::numbers::pi * squared.back() /
-                       static_cast<double>(std::max<std::size_t>(near.size() - 1, 1));
-        }
-    });
+Values point_areas(const Positions& positions, const Neighborhoods& nearest) {
+    Values areas = Values::Zero(positions.rows());
+    for (Index i = 0; i < nearest.size(); ++i) {
+        const auto near = nearest[i].first(std::min(at(kAreaNeighbors), nearest[i].size()));
+        if (near.empty()) continue;
+        areas[i] = std::numbers::pi *
+                   (positions.row(near.back()) - positions.row(i)).squaredNorm() /
+                   static_cast<double>(near.size());
+    }
     // All at one place: any weights do, as long as there are some.
     if (!(areas.sum() > 0.0)) areas.setOnes();
     return areas;
@@ -40,22 +39,29 @@ Values point_areas(const KdTree<3>& tree, Progress& progress) {
 
 CoarseShape coarse_shape(const KdTree<3>& tree, const Normals& normals,
                          std::span<const Index> required, const CoarseShapeOptions& options,
-                         Progress& progress) {
+                         Progress& progress, const Neighborhoods* nearest) {
     CoarseShape shape;
-    shape.rows = blue_noise_subset(tree, normals, required, options.points, progress).rows;
+    const std::optional<double> area =
+        nearest ? std::optional(estimated_area(tree.points(), *nearest)) : std::nullopt;
+    shape.rows = blue_noise_subset(tree, normals, required, options.points, progress, area).rows;
     shape.positions = gather(tree.points(), shape.rows);
     shape.normals = gather(normals, shape.rows);
 
     const KdTree<3> coarse_tree(shape.positions);
-    shape.areas = point_areas(coarse_tree, progress);
-    shape.graph = surface_graph(coarse_tree, shape.normals, options.graph, progress, &tree);
+    const Neighborhoods near = nearest_neighbors(coarse_tree, options.graph.neighbors, progress);
+    shape.areas = point_areas(shape.positions, near);
+    shape.graph = surface_graph(shape.positions, shape.normals, near, options.graph, &tree,
+                                nearest ? spacings_around(tree.points(), *nearest, shape.rows)
+                                        : spacings_around(tree, shape.positions, progress));
 
     std::vector<Index> first(required.size());
     std::iota(first.begin(), first.end(), 0);
     for (const Index nodes : options.nodes)
-        shape.levels.push_back(deformation_graph(
-            shape.graph, blue_noise_subset(coarse_tree, shape.normals, first, nodes, progress),
-            progress));
+        shape.levels.push_back(
+            deformation_graph(shape.graph,
+                              blue_noise_subset(coarse_tree, shape.normals, first, nodes, progress,
+                                                shape.areas.sum()),
+                              progress));
     return shape;
 }
 

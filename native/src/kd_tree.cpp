@@ -6,6 +6,8 @@
 #include <nanoflann.hpp>
 #include <type_traits>
 
+#include "bucket_tree.hpp"
+
 namespace pointmorph {
 
 namespace {
@@ -33,26 +35,6 @@ struct Adaptor {
         return false;
     }
 };
-
-/// Squared distance; in many dimensions by Eigen, which takes several coordinates at once.
-template <int Dim>
-struct VectorMetric {
-    using ElementType = double;
-    using DistanceType = double;
-
-    explicit VectorMetric(const Adaptor<Dim>& adaptor) : points(adaptor.points) {}
-
-    double evalMetric(const double* query, Index row, std::size_t) const {
-        using Point = Eigen::Map<const Eigen::Matrix<double, 1, Dim>>;
-        return (Point(query) - Point(points.data() + Dim * std::ptrdiff_t{row})).squaredNorm();
-    }
-    double accum_dist(double a, double b, std::size_t) const { return (a - b) * (a - b); }
-
-    const typename KdTree<Dim>::Points& points;
-};
-template <int Dim>
-using Metric = std::conditional_t<Dim <= 3, nanoflann::L2_Simple_Adaptor<double, Adaptor<Dim>>,
-                                  VectorMetric<Dim>>;
 
 /// Keeps the nearest points, ties by row, so that the result doesn't depend on the tree's shape.
 /// nanoflann's own takes whichever of several equally far points it meets first.
@@ -146,20 +128,35 @@ private:
     bool found_ = false;
 };
 
+/// nanoflann's, for few dimensions.
+template <int Dim>
+class SpaceTree {
+public:
+    explicit SpaceTree(const typename KdTree<Dim>::Points& points)
+        : adaptor_{points},
+          tree_(Dim, adaptor_, nanoflann::KDTreeSingleIndexAdaptorParams(kLeafSize)) {
+        tree_.buildIndex();
+    }
+
+    template <class Result>
+    void find(Result& result, const double* query) const {
+        tree_.findNeighbors(result, query, SearchParameters());
+    }
+
+private:
+    using Metric = nanoflann::L2_Simple_Adaptor<double, Adaptor<Dim>>;
+
+    Adaptor<Dim> adaptor_;
+    nanoflann::KDTreeSingleIndexAdaptor<Metric, Adaptor<Dim>, Dim, Index> tree_;
+};
+
 }  // namespace
 
 template <int Dim>
 struct KdTree<Dim>::Impl {
-    using Tree = nanoflann::KDTreeSingleIndexAdaptor<Metric<Dim>, Adaptor<Dim>, Dim, Index>;
+    explicit Impl(const Points& points) : tree(points) {}
 
-    explicit Impl(const Points& points)
-        : adaptor{points},
-          tree(Dim, adaptor, nanoflann::KDTreeSingleIndexAdaptorParams(kLeafSize)) {
-        tree.buildIndex();
-    }
-
-    Adaptor<Dim> adaptor;
-    Tree tree;
+    std::conditional_t<(Dim > 3), BucketTree<Dim>, SpaceTree<Dim>> tree;
 };
 
 template <int Dim>
@@ -185,7 +182,7 @@ Index KdTree<Dim>::nearest_within(const double* query, double radius, std::span<
                                   std::span<double> squared_distances) const {
     if (!impl_ || indices.empty() || !(radius > 0.0)) return 0;
     NearestResult result(radius * radius, indices, squared_distances);
-    impl_->tree.findNeighbors(result, query, SearchParameters());
+    impl_->tree.find(result, query);
     return static_cast<Index>(result.size());
 }
 
@@ -195,7 +192,7 @@ void KdTree<Dim>::within(const double* query, double radius,
     result.clear();
     if (!impl_ || !(radius > 0.0)) return;
     BallResult ball(radius * radius, result);
-    impl_->tree.findNeighbors(ball, query, SearchParameters());
+    impl_->tree.find(ball, query);
     std::ranges::sort(result, [](const auto& a, const auto& b) {
         return a.second != b.second ? a.second < b.second : a.first < b.first;
     });
@@ -205,7 +202,7 @@ template <int Dim>
 bool KdTree<Dim>::any_within(const double* query, double radius) const {
     if (!impl_ || !(radius > 0.0)) return false;
     AnyResult any(radius * radius);
-    impl_->tree.findNeighbors(any, query, SearchParameters());
+    impl_->tree.find(any, query);
     return !any.empty();
 }
 

@@ -58,7 +58,7 @@ Vector2 nearest_in_hull(const std::array<Vector2, 2 * kNeighbors>& hull, std::si
 }  // namespace
 
 Positions landed(const Positions& images, std::span<const Index> anchors, const KdTree<3>& surface,
-                 const Normals& normals, Progress& progress) {
+                 const Normals& normals, Progress& progress, const Neighborhoods* nearest) {
     Positions result(images.rows(), 3);
     const Positions& samples = surface.points();
     parallel_for(static_cast<Index>(images.rows()), progress, [&](Index begin, Index end) {
@@ -68,10 +68,20 @@ Positions landed(const Positions& images, std::span<const Index> anchors, const 
         std::array<Vector2, 2 * kNeighbors> hull;
         for (Index i = begin; i < end; ++i) {
             const Index anchor = anchors[static_cast<std::size_t>(i)];
-            auto found = static_cast<std::size_t>(
-                surface.nearest(samples.row(anchor).data(), near, squared));
+            std::size_t found;
+            double farthest;  // of those found, from the anchor
+            if (nearest && (*nearest)[anchor].size() + 1 >= kNeighbors) {
+                found = kNeighbors;
+                near.front() = anchor;
+                std::copy_n((*nearest)[anchor].begin(), kNeighbors - 1, near.begin() + 1);
+                farthest = (samples.row(near.back()) - samples.row(anchor)).norm();
+            } else {
+                found = static_cast<std::size_t>(
+                    surface.nearest(samples.row(anchor).data(), near, squared));
+                farthest = std::sqrt(squared[found - 1]);
+            }
             // One reach for all images of an anchor, which holds it well inside.
-            const double reach = 1.5 * std::sqrt(squared[found - 1]);
+            const double reach = 1.5 * farthest;
             found = static_cast<std::size_t>(
                 std::remove_if(near.begin(), near.begin() + static_cast<std::ptrdiff_t>(found),
                                [&](Index j) {
@@ -85,7 +95,8 @@ Positions landed(const Positions& images, std::span<const Index> anchors, const 
             for (std::size_t k = 0; k < found; ++k) {
                 const double ratio = (samples.row(near[k]) - images.row(i)).squaredNorm() /
                                      std::max(reach * reach, 1e-300);
-                const double weight = ratio < 1.0 ? std::pow(1.0 - ratio, 4) : 0.0;
+                const double inside = std::max(0.0, 1.0 - ratio);
+                const double weight = (inside * inside) * (inside * inside);
                 mean += weight * samples.row(near[k]).transpose();
                 normal += weight * normals.row(near[k]).transpose();
                 height += weight * normals.row(near[k]).dot(images.row(i) - samples.row(near[k]));

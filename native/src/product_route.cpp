@@ -12,8 +12,10 @@ Refinement match_in_product_space(const Side& source, const Side& target,
                                   const std::optional<RefinementStart>& start,
                                   const MorphOptions& options, MorphReport& report,
                                   Progress& progress) {
-    Refinement whole = refine(source.positions, source.normals, target.positions, target.normals,
-                              features, options.refinement, progress, start ? &*start : nullptr);
+    const KnownNeighborhoods known{&source.nearest, &target.nearest};
+    Refinement whole =
+        refine(source.positions, source.normals, target.positions, target.normals, features,
+               options.refinement, progress, start ? &*start : nullptr, known);
     if (source.topology.main().size() == 1 && target.topology.main().size() == 1) return whole;
 
     progress.enter("pieces");
@@ -41,7 +43,7 @@ Refinement match_in_product_space(const Side& source, const Side& target,
     const RefinementStart again =
         piece_start(source_view, target_view, pieces, whole.alignment, options.pieces);
     Refinement apart = refine(source.positions, source.normals, target.positions, target.normals,
-                              all, options.refinement, progress, &again);
+                              all, options.refinement, progress, &again, known);
     // What was found on the way to the first map is still so.
     apart.margin = whole.margin;
     apart.confidence = whole.confidence;

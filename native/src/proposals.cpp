@@ -152,10 +152,9 @@ std::vector<Rival> describe_rivals(const CoarseShape& source, const CoarseShape&
     return rivals;
 }
 
-double proposal_confidence(double confidence, double distance, bool is_tip) {
-    // Of pairs under right maps of four-legged animals; see docs/stages/proposals.md.
-    const double evidence = (is_tip ? 3.5 : 2.5) - 20.0 * distance;
-    return confidence / (1.0 + std::exp(-evidence));
+double proposal_confidence(double confidence, double distance) {
+    // Fitted to proposals between animals; see docs/stages/proposals.md.
+    return confidence / (1.0 + std::exp(40.0 * distance - 4.9));
 }
 
 std::vector<Proposal> propose_features(const CoarseShape& source, const CoarseShape& target,
@@ -174,7 +173,7 @@ std::vector<Proposal> propose_features(const CoarseShape& source, const CoarseSh
         return std::ranges::find(features, row, side) != features.end();
     };
     const auto rated = [&](Index s, Index t, bool is_tip) {
-        return Proposal{s, t, proposal_confidence(confidence, agreement(s, t), is_tip), is_tip};
+        return Proposal{s, t, proposal_confidence(confidence, agreement(s, t)), is_tip};
     };
     std::vector<Proposal> proposals;
     for (const ExtremityPair& pair :

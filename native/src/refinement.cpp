@@ -28,9 +28,10 @@ std::size_t at(Index i) {
 }
 
 /// A similarity after which the cloud has area 1 and its mean at the origin.
-Similarity to_unit_area(const Positions& positions) {
+Similarity to_unit_area(const Positions& positions, const Neighborhoods* nearest) {
     Similarity result;
-    const double area = estimated_area(KdTree<3>(positions));
+    const double area =
+        nearest ? estimated_area(positions, *nearest) : estimated_area(KdTree<3>(positions));
     if (area > 0.0) result.scale = 1.0 / std::sqrt(area);
     result.shift = -result.scale * positions.colwise().mean().transpose();
     return result;
@@ -455,12 +456,13 @@ void to_cloud_rows(Refinement& result, const std::vector<Index>& source,
 Refinement refine(const Positions& source, const Normals& source_normals, const Positions& target,
                   const Normals& target_normals, std::span<const Feature> features,
                   const RefinementOptions& options, Progress& progress,
-                  const RefinementStart* given) {
+                  const RefinementStart* given, const KnownNeighborhoods& known) {
     Refinement result;
     progress.enter("coarse shapes");
     Similarity source_unit, target_move;
     on_both(progress, [&](bool is_source, Progress&) {
-        (is_source ? source_unit : target_move) = to_unit_area(is_source ? source : target);
+        (is_source ? source_unit : target_move) =
+            to_unit_area(is_source ? source : target, is_source ? known.source : known.target);
     });
     const Positions s = source_unit.apply(source);
     Positions t = target_move.apply(target);
@@ -520,11 +522,12 @@ Refinement refine(const Positions& source, const Normals& source_normals, const 
     CoarseShape coarse_source, coarse_target;
     on_both(progress, [&](bool is_source, Progress& p) {
         if (is_source)
-            coarse_source = coarse_shape(source_tree ? *source_tree : source_tree.emplace(s),
-                                         source_normals, source_required, options.coarse, p);
+            coarse_source =
+                coarse_shape(source_tree ? *source_tree : source_tree.emplace(s), source_normals,
+                             source_required, options.coarse, p, known.source);
         else
-            coarse_target =
-                coarse_shape(target_tree.emplace(t), tn, target_required, options.coarse, p);
+            coarse_target = coarse_shape(target_tree.emplace(t), tn, target_required,
+                                         options.coarse, p, known.target);
     });
     add_guides(coarse_source, coarse_target, marks, options);
     Labels source_members, target_members;
@@ -566,6 +569,9 @@ Refinement refine(const Positions& source, const Normals& source_normals, const 
     result.alignment = composed(source_unit.inverse(), target_move);
 
     progress.enter("registration");
+    RegistrationOptions first_registration = options.registration;
+    // As stiff as from the features alone, few of them would move legs that lie well.
+    if (given) first_registration.levels.front() = options.pose.relaxation;
     Attempts attempts =
         register_best(coarse_source, coarse_target, coarse_features,
                       given  ? "earlier map"
@@ -573,7 +579,7 @@ Refinement refine(const Positions& source, const Normals& source_normals, const 
                              : "features",
                       pose ? pose->best.registration
                            : register_shapes(coarse_source, coarse_target, coarse_features, start,
-                                             options.registration, progress),
+                                             first_registration, progress),
                       options.attempts, options.registration, progress);
     const Registration& registration = attempts.registration;
     result.starts = std::move(attempts.tried);
@@ -650,11 +656,11 @@ Refinement refine(const Positions& source, const Normals& source_normals, const 
     x.positions = landed(
         x.positions,
         nearest_partners(x.positions, result.pairs, &IndexPair::source, &IndexPair::target, t),
-        *target_tree, tn, progress);
+        *target_tree, tn, progress, known.target);
     y.positions = landed(
         y.positions,
         nearest_partners(y.positions, result.pairs, &IndexPair::target, &IndexPair::source, s),
-        *source_tree, source_normals, progress);
+        *source_tree, source_normals, progress, known.source);
     for (std::size_t r = 0; r < marks.regions.size(); ++r) {
         if (!marks.regions[r].feature->hard) continue;
         const auto column = static_cast<Eigen::Index>(r);

@@ -58,32 +58,48 @@ std::vector<Index> draw(const KdTree<3>& tree, const Normals& normals,
     return rows;
 }
 
+constexpr Index kAreaNeighbors = 12;
+
+/// `squared_radius(i)`: of the disk around a point that it has to itself, over π.
+template <class SquaredRadius>
+double probed_area(const Positions& positions, SquaredRadius&& squared_radius) {
+    constexpr Index kProbes = 500;
+    const auto count = static_cast<Index>(positions.rows());
+    if (count < 2) return 0.0;
+    const Index step = std::max<Index>(1, count / kProbes);
+    double sum = 0.0;
+    Index probes = 0;
+    for (Index i = 0; i < count; i += step, ++probes) sum += std::numbers::pi * squared_radius(i);
+    if (sum > 0.0) return sum / probes * count;
+    // Many points at each place: something of the right order.
+    return (positions.colwise().maxCoeff() - positions.colwise().minCoeff()).squaredNorm();
+}
+
 }  // namespace
 
 double estimated_area(const KdTree<3>& tree) {
-    constexpr Index kNeighbors = 12, kProbes = 500;
-    const Index count = tree.size();
-    if (count < 2) return 0.0;
-    const Index step = std::max<Index>(1, count / kProbes);
-    std::vector<Index> near(at(std::min<Index>(kNeighbors + 1, count)));
+    std::vector<Index> near(at(std::min<Index>(kAreaNeighbors + 1, tree.size())));
     std::vector<double> squared(near.size());
-    double sum = 0.0;
-    Index probes = 0;
-    for (Index i = 0; i < count; i += step, ++probes) {
+    return probed_area(tree.points(), [&](Index i) {
         tree.nearest(tree.points().row(i).data(), near, squared);
-        sum += std::numbers::pi * squared.back() / static_cast<double>(near.size() - 1);
-    }
-    if (sum > 0.0) return sum / probes * count;
-    // Many points at each place: something of the right order.
-    const auto& p = tree.points();
-    return (p.colwise().maxCoeff() - p.colwise().minCoeff()).squaredNorm();
+        return squared.back() / static_cast<double>(near.size() - 1);
+    });
+}
+
+double estimated_area(const Positions& positions, const Neighborhoods& nearest) {
+    return probed_area(positions, [&](Index i) {
+        const auto near = nearest[i].first(std::min(at(kAreaNeighbors), nearest[i].size()));
+        return (positions.row(near.back()) - positions.row(i)).squaredNorm() /
+               static_cast<double>(near.size());
+    });
 }
 
 Subset blue_noise_subset(const KdTree<3>& tree, const Normals& normals,
-                         std::span<const Index> required, Index count, Progress& progress) {
+                         std::span<const Index> required, Index count, Progress& progress,
+                         std::optional<double> known_area) {
     const Index size = tree.size();
     Subset subset;
-    const double area = estimated_area(tree);
+    const double area = known_area ? *known_area : estimated_area(tree);
     subset.radius = std::sqrt(kSaturation * area / std::max<Index>(1, std::min(count, size)));
     const auto order = permutation(size);
     if (size <= count || !(area > 0.0)) {

@@ -45,21 +45,10 @@ std::vector<IndexPair> joining_edges(const Positions& positions, const Component
     return best;
 }
 
-/// Distance between samples of `dense` around each of `positions`, from the disk that holds the
-/// nearest ones.
-Values local_spacings(const KdTree<3>& dense, const Positions& positions, Progress& progress) {
-    constexpr Index kNeighbors = 7;
-    Values spacings(positions.rows());
-    parallel_for(positions.rows(), progress, [&](Index begin, Index end) {
-        std::vector<Index> near(at(std::min(kNeighbors, dense.size())));
-        std::vector<double> squared(near.size());
-        for (Index i = begin; i < end; ++i) {
-            dense.nearest(positions.row(i).data(), near, squared);
-            spacings[i] =
-                std::sqrt(std::numbers::pi * squared.back() / static_cast<double>(near.size()));
-        }
-    });
-    return spacings;
+constexpr std::size_t kSpacingSamples = 7;
+
+double disk_spacing(double squared_radius, std::size_t samples) {
+    return std::sqrt(std::numbers::pi * squared_radius / static_cast<double>(samples));
 }
 
 /// Adds lengths.
@@ -100,11 +89,44 @@ Neighborhoods in_one_piece(const Positions& positions, Neighborhoods joined) {
     return joined;
 }
 
+Values spacings_around(const KdTree<3>& dense, const Positions& places, Progress& progress) {
+    Values spacings(places.rows());
+    parallel_for(places.rows(), progress, [&](Index begin, Index end) {
+        std::vector<Index> near(std::min(kSpacingSamples, at(dense.size())));
+        std::vector<double> squared(near.size());
+        for (Index i = begin; i < end; ++i) {
+            dense.nearest(places.row(i).data(), near, squared);
+            spacings[i] = disk_spacing(squared.back(), near.size());
+        }
+    });
+    return spacings;
+}
+
+Values spacings_around(const Positions& dense, const Neighborhoods& nearest,
+                       std::span<const Index> rows) {
+    Values spacings(static_cast<Eigen::Index>(rows.size()));
+    for (std::size_t k = 0; k < rows.size(); ++k) {
+        const auto near = nearest[rows[k]];
+        const auto used = std::min(kSpacingSamples - 1, near.size());
+        const double squared =
+            used > 0 ? (dense.row(near[used - 1]) - dense.row(rows[k])).squaredNorm() : 0.0;
+        spacings[static_cast<Eigen::Index>(k)] = disk_spacing(squared, used + 1);
+    }
+    return spacings;
+}
+
 SurfaceGraph surface_graph(const KdTree<3>& tree, const Normals& normals,
                            const SurfaceGraphOptions& options, Progress& progress,
                            const KdTree<3>* dense) {
-    const Positions& positions = tree.points();
-    const Values spacings = dense ? local_spacings(*dense, positions, progress) : Values();
+    const Values spacings = dense ? spacings_around(*dense, tree.points(), progress) : Values();
+    return surface_graph(tree.points(), normals,
+                         nearest_neighbors(tree, options.neighbors, progress), options, dense,
+                         spacings);
+}
+
+SurfaceGraph surface_graph(const Positions& positions, const Normals& normals,
+                           const Neighborhoods& nearest, const SurfaceGraphOptions& options,
+                           const KdTree<3>* dense, const Values& spacings) {
     const auto on_surface = [&](Index i, Index j) {
         if (!dense) return true;
         const Eigen::RowVector3d middle = 0.5 * (positions.row(i) + positions.row(j));
@@ -114,7 +136,7 @@ SurfaceGraph surface_graph(const KdTree<3>& tree, const Normals& normals,
             options.bulge * length + options.gap * std::max(spacings[i], spacings[j]));
     };
     // Each pair is looked at once.
-    const Neighborhoods near = symmetrized(nearest_neighbors(tree, options.neighbors, progress));
+    const Neighborhoods near = symmetrized(nearest);
     Neighborhoods joined = symmetrized(filtered(near, [&](Index i, Index j) {
         return i < j && normals.row(i).dot(normals.row(j)) > options.smallest_agreement &&
                on_surface(i, j);

@@ -10,6 +10,7 @@
 #include <utility>
 
 #include "pointmorph/cloud.hpp"
+#include "pointmorph/free_loops.hpp"
 #include "pointmorph/kd_tree.hpp"
 #include "pointmorph/subset.hpp"
 #include "pointmorph/surface_graph.hpp"
@@ -50,18 +51,23 @@ std::vector<Index> by_size(std::vector<Index> labels, Index count) {
 }
 
 /// Rows of points at the very same place as one of a lower row, which stands for them: that row;
-/// else the row itself.
-std::vector<Index> without_twins(const Positions& positions) {
+/// else the row itself. `nearest` is ascending by distance.
+std::vector<Index> without_twins(const Positions& positions, const Neighborhoods& nearest) {
     const Index count = static_cast<Index>(positions.rows());
-    std::vector<Index> order(at(count)), first(at(count));
-    std::iota(order.begin(), order.end(), 0);
+    std::vector<Index> first(at(count));
+    std::iota(first.begin(), first.end(), 0);
+    bool any = false;
+    for (Index i = 0; i < count && !any; ++i)
+        any = !nearest[i].empty() && positions.row(nearest[i].front()) == positions.row(i);
+    if (!any) return first;
+
+    std::vector<Index> order = first;
     const auto key = [&](Index i) {
         return std::array{positions(i, 0), positions(i, 1), positions(i, 2)};
     };
     std::ranges::stable_sort(order, {}, key);
-    for (std::size_t k = 0; k < order.size(); ++k)
-        first[at(order[k])] =
-            k > 0 && key(order[k]) == key(order[k - 1]) ? first[at(order[k - 1])] : order[k];
+    for (std::size_t k = 1; k < order.size(); ++k)
+        if (key(order[k]) == key(order[k - 1])) first[at(order[k])] = first[at(order[k - 1])];
     return first;
 }
 
@@ -143,8 +149,8 @@ std::vector<Index> joined_parts(std::span<const Index> parts, std::span<const In
 
 /// Components over neighbours on the same sheet.
 std::vector<Index> found_parts(const Positions& positions, const Normals& normals,
-                               const Neighborhoods& nearest, std::span<const Index> first) {
-    const Values spacing = local_spacing(positions, nearest);
+                               const Neighborhoods& nearest, const Values& spacing,
+                               std::span<const Index> first) {
     const auto has = [&](Index i, Index j) {
         return std::ranges::find(nearest[i], j) != nearest[i].end();
     };
@@ -166,135 +172,46 @@ std::vector<Index> found_parts(const Positions& positions, const Normals& normal
     return by_size(std::move(components.label), components.count());
 }
 
-/// A complex of vertices, edges and triangles, of which only the first homology (over two
-/// elements) is wanted: how many loops are there that bound nothing?
-class Complex {
-public:
-    explicit Complex(Index vertices) : vertices_(vertices) {}
-
-    Index add_vertex() { return vertices_++; }
-
-    /// All edges and triangles of a set of vertices, ascending.
-    void add(std::span<const Index> simplex) {
-        for (std::size_t a = 0; a < simplex.size(); ++a)
-            for (std::size_t b = a + 1; b < simplex.size(); ++b) {
-                edges_.push_back({simplex[a], simplex[b]});
-                for (std::size_t c = b + 1; c < simplex.size(); ++c)
-                    triangles_.push_back({simplex[a], simplex[b], simplex[c]});
-            }
-    }
-
-    /// Fills what is bounded by three or four edges: loops so short lead round nothing but a gap in
-    /// the sampling.
-    void fill_short_loops() {
-        const Neighborhoods around = neighbors();
-        const auto adjacent = [&](Index a, Index b) {
-            return std::ranges::binary_search(around[a], b);
-        };
-        std::vector<Index> second, both;
-        for (Index a = 0; a < vertices_; ++a) {
-            second.clear();
-            for (const Index b : around[a])
-                for (const Index c : around[b])
-                    if (c > a) second.push_back(c);
-            std::ranges::sort(second);
-            second.erase(std::unique(second.begin(), second.end()), second.end());
-            for (const Index c : second) {
-                both.clear();
-                std::ranges::set_intersection(around[a], around[c], std::back_inserter(both));
-                if (!adjacent(a, c)) {
-                    // A diagonal, where there are two ways from one end to the other.
-                    const bool hollow = std::ranges::any_of(both, [&](Index b) {
-                        return std::ranges::any_of(
-                            both, [&](Index d) { return d != b && !adjacent(b, d); });
-                    });
-                    if (!hollow) continue;
-                    edges_.push_back({a, c});
-                }
-                for (const Index b : both) {
-                    std::array<Index, 3> triangle{a, b, c};
-                    std::ranges::sort(triangle);
-                    triangles_.push_back(triangle);
-                }
-            }
-        }
-    }
-
-    /// Vertices next to each, ascending.
-    Neighborhoods neighbors() const {
-        std::vector<std::vector<Index>> around(at(vertices_));
-        for (const auto& [a, b] : edges_) around[at(a)].push_back(b);
-        Neighborhoods result;
-        for (auto& row : around) {
-            std::ranges::sort(row);
-            row.erase(std::unique(row.begin(), row.end()), row.end());
-            result.indices.insert(result.indices.end(), row.begin(), row.end());
-            result.offsets.push_back(static_cast<std::int64_t>(result.indices.size()));
-        }
-        return symmetrized(result);
-    }
-
-    /// The first Betti number: edges − vertices + components − rank of the triangles' boundaries.
-    Index loops() {
-        const auto unique = [](auto& rows) {
-            std::ranges::sort(rows);
-            rows.erase(std::unique(rows.begin(), rows.end()), rows.end());
-        };
-        unique(edges_);
-        unique(triangles_);
-        const Index components = connected_components(neighbors()).count();
-        return static_cast<Index>(edges_.size()) - vertices_ + components - rank();
-    }
-
-private:
-    /// By reduction of the columns, as in persistent homology (Edelsbrunner et al. 2002).
-    Index rank() const {
-        const auto edge = [&](Index a, Index b) {
-            return static_cast<Index>(std::ranges::lower_bound(edges_, std::array{a, b}) -
-                                      edges_.begin());
-        };
-        std::vector<std::vector<Index>> of_pivot(edges_.size());
-        Index rank = 0;
-        std::vector<Index> column, sum;
-        for (const auto& [a, b, c] : triangles_) {
-            column = {edge(a, b), edge(a, c), edge(b, c)};
-            while (!column.empty() && !of_pivot[at(column.back())].empty()) {
-                sum.clear();
-                std::ranges::set_symmetric_difference(column, of_pivot[at(column.back())],
-                                                      std::back_inserter(sum));
-                column.swap(sum);
-            }
-            if (column.empty()) continue;
-            of_pivot[at(column.back())] = column;
-            ++rank;
-        }
-        return rank;
-    }
-
-    Index vertices_;
-    std::vector<std::array<Index, 2>> edges_;
-    std::vector<std::array<Index, 3>> triangles_;
-};
-
 /// Points of one piece, none twice, joined along the surface.
 struct Sample {
     Positions positions;
     Normals normals;
     KdTree<3> tree;
+    double area;
     Neighborhoods near;  ///< on the same sheet
+    SurfaceGraph graph;  ///< of these
 
-    Sample(const Positions& all, const Normals& all_normals, std::span<const Index> rows,
-           Progress& progress)
+    /// `all_nearest`: of all points, ascending by distance.
+    Sample(const Positions& all, const Normals& all_normals, const Neighborhoods& all_nearest,
+           std::span<const Index> rows, Progress& progress)
         : positions(gather(all, rows)), normals(gather(all_normals, rows)), tree(positions) {
-        near = filtered(nearest_neighbors(tree, static_cast<Index>(kNear), progress),
-                        [&](Index i, Index j) { return on_one_sheet(positions, normals, i, j); });
+        const bool whole = static_cast<Eigen::Index>(rows.size()) == all.rows();
+        const Neighborhoods own =
+            whole ? Neighborhoods() : nearest_neighbors(tree, static_cast<Index>(kNear), progress);
+        const Neighborhoods& nearest = whole ? all_nearest : own;
+        area = estimated_area(positions, nearest);
+        for (Index i = 0; i < tree.size(); ++i) {
+            const auto row = nearest[i];
+            for (const Index j : row.first(std::min(kNear, row.size())))
+                if (on_one_sheet(positions, normals, i, j)) near.indices.push_back(j);
+            near.offsets.push_back(static_cast<std::int64_t>(near.indices.size()));
+        }
+        Neighborhoods joined = symmetrized(near);
+        graph.offsets = std::move(joined.offsets);
+        graph.neighbors = std::move(joined.indices);
+        graph.lengths.reserve(graph.neighbors.size());
+        for (Index i = 0; i < tree.size(); ++i)
+            for (auto e = graph.offsets[at(i)]; e < graph.offsets[at(i) + 1]; ++e)
+                graph.lengths.push_back(
+                    (positions.row(i) - positions.row(graph.neighbors[static_cast<std::size_t>(e)]))
+                        .norm());
     }
 };
 
 /// Cells of the surface around some of the points: each point's nearest along the surface.
 std::vector<Index> cells_around(const Sample& sample, std::span<const Index> centers) {
-    const Neighborhoods joined = symmetrized(sample.near);
-    std::vector<Index> cells(at(sample.tree.size()), -1);
+    const SurfaceGraph& graph = sample.graph;
+    std::vector<Index> cells(at(graph.size()), -1);
     std::vector<double> distances(cells.size(), std::numeric_limits<double>::infinity());
     using Entry = std::pair<double, Index>;
     std::priority_queue<Entry, std::vector<Entry>, std::greater<>> queue;
@@ -307,9 +224,10 @@ std::vector<Index> cells_around(const Sample& sample, std::span<const Index> cen
         const auto [distance, i] = queue.top();
         queue.pop();
         if (distance > distances[at(i)]) continue;
-        for (const Index j : joined[i]) {
-            const double through =
-                distance + (sample.positions.row(i) - sample.positions.row(j)).norm();
+        for (auto e = static_cast<std::size_t>(graph.offsets[at(i)]);
+             e < static_cast<std::size_t>(graph.offsets[at(i) + 1]); ++e) {
+            const Index j = graph.neighbors[e];
+            const double through = distance + graph.lengths[e];
             if (through >= distances[at(j)]) continue;
             distances[at(j)] = through;
             cells[at(j)] = cells[at(i)];
@@ -339,25 +257,24 @@ std::vector<Index> way(const Neighborhoods& neighbors, Index from, Index to) {
 /// The complex of a piece's cells: those that meet near a point span a simplex.
 Complex complex_of(const Sample& sample, std::span<const Index> cells, Index count) {
     Complex complex(count);
-    std::vector<Index> around;
-    std::vector<std::vector<Index>> simplices;
+    std::vector<Index> around, before;
     for (Index i = 0; i < sample.tree.size(); ++i) {
         around.assign(1, cells[at(i)]);
         for (const Index j : sample.near[i])
             if (std::ranges::find(around, cells[at(j)]) == around.end())
                 around.push_back(cells[at(j)]);
         std::ranges::sort(around);
-        if (around.size() > 1 && around.front() >= 0) simplices.push_back(around);
+        if (around.size() == 1 || around.front() < 0 || around == before) continue;
+        complex.add(around);
+        before.swap(around);
     }
-    std::ranges::sort(simplices);
-    simplices.erase(std::unique(simplices.begin(), simplices.end()), simplices.end());
-    for (const std::vector<Index>& simplex : simplices) complex.add(simplex);
     return complex;
 }
 
 /// Closes borders with a lid each. `borders`: rows of the sample.
 void close(Complex& complex, std::span<const Index> cells,
            std::span<const std::vector<Index>> borders) {
+    if (borders.empty()) return;
     const Neighborhoods neighbors = complex.neighbors();
     for (const std::vector<Index>& border : borders) {
         const Index lid = complex.add_vertex();
@@ -373,33 +290,35 @@ void close(Complex& complex, std::span<const Index> cells,
     }
 }
 
-/// Handles of a piece, where two numbers of cells agree about them: two free loops each. Gaps in
-/// the sampling make more of them; then short loops are filled, which may fill thin handles, too.
+/// Handles of a piece, two free loops each. Where no loop is free among the most cells, or only an
+/// odd number of short ones are, there is none, since fewer cells could but lose some; else there
+/// are as many as two numbers of cells agree about. Gaps in the sampling make more loops; then the
+/// wide ones are counted, which thin handles lack.
 std::optional<Index> genus_of(const Sample& sample, std::span<const std::vector<Index>> borders,
                               Index most, Progress& progress) {
     const Index most_cells = std::min(most, sample.tree.size() / kPointsPerCell);
-    std::vector<Complex> complexes;
-    std::vector<Index> loops, filled;
+    std::vector<FreeLoops> found;
     for (const double share : {1.0, 0.5, 0.7}) {
         const auto count = static_cast<Index>(share * most_cells);
         if (count < kFewestCells) return std::nullopt;
         const std::vector<Index> centers =
-            blue_noise_subset(sample.tree, sample.normals, {}, count, progress).rows;
+            blue_noise_subset(sample.tree, sample.normals, {}, count, progress, sample.area).rows;
         const std::vector<Index> cells = cells_around(sample, centers);
-        Complex& complex =
-            complexes.emplace_back(complex_of(sample, cells, static_cast<Index>(centers.size())));
+        Complex complex = complex_of(sample, cells, static_cast<Index>(centers.size()));
         close(complex, cells, borders);
-        loops.push_back(complex.loops());
-        if (loops.size() == 1) continue;
-        if (loops.size() == 2 && loops[0] == loops[1] && loops[0] % 2 == 0) return loops[0] / 2;
-        while (filled.size() < complexes.size()) {
-            complexes[filled.size()].fill_short_loops();
-            filled.push_back(complexes[filled.size()].loops());
+        found.emplace_back(complex);
+        const FreeLoops& first = found.front();
+        if (found.size() == 1) {
+            if (first.all == 0 || (first.wide == 0 && first.all % 2 == 1)) return 0;
+            continue;
         }
-        for (std::size_t a = 0; a < filled.size(); ++a)
-            for (std::size_t b = a + 1; b < filled.size(); ++b)
-                if (filled[a] == filled[b])
-                    return filled[a] % 2 == 0 ? std::optional(filled[a] / 2) : std::nullopt;
+        if (found.size() == 2 && first.all == found[1].all && first.all % 2 == 0)
+            return first.all / 2;
+        for (std::size_t a = 0; a < found.size(); ++a)
+            for (std::size_t b = a + 1; b < found.size(); ++b)
+                if (found[a].wide == found[b].wide)
+                    return found[a].wide % 2 == 0 ? std::optional(found[a].wide / 2) : std::nullopt;
+        if (first.wide == 0) return 0;
     }
     return std::nullopt;
 }
@@ -444,11 +363,11 @@ Topology find_topology(const Positions& positions, const Normals& normals,
                        std::span<const Index> parts, const TopologyOptions& options,
                        Progress& progress) {
     const auto count = static_cast<Index>(positions.rows());
-    const std::vector<Index> first = without_twins(positions);
-    Topology result;
-    result.labels = parts.empty() ? found_parts(positions, normals, nearest, first)
-                                  : joined_parts(parts, first);
+    const std::vector<Index> first = without_twins(positions, nearest);
     const Values spacing = local_spacing(positions, nearest);
+    Topology result;
+    result.labels = parts.empty() ? found_parts(positions, normals, nearest, spacing, first)
+                                  : joined_parts(parts, first);
     if (parts.empty()) take_in(result.labels, positions, nearest, spacing);
     result.pieces.resize(at(1 + *std::ranges::max_element(result.labels)));
     for (const Index label : result.labels) ++result.pieces[at(label)].points;
@@ -463,12 +382,11 @@ Topology find_topology(const Positions& positions, const Normals& normals,
         const auto step = (rows.size() + at(options.points) - 1) / at(options.points);
         for (std::size_t k = 0; k * step < rows.size(); ++k) rows[k] = rows[k * step];
         rows.resize((rows.size() + step - 1) / step);
-        const Sample sample(positions, normals, rows, progress);
-        const double area = estimated_area(sample.tree);
+        const Sample sample(positions, normals, nearest, rows, progress);
         std::vector<std::vector<Index>> borders;
         for (const BoundaryLoop& loop : loops) {
             if (result.labels[at(loop.front())] != p) continue;
-            piece.is_open |= is_rim(loop_length(positions, loop), area);
+            piece.is_open |= is_rim(loop_length(positions, loop), sample.area);
             std::vector<Index>& border = borders.emplace_back();
             for (const Index i : loop)
                 border.push_back(nearest_on_sheet(sample.tree, sample.normals, positions.row(i),

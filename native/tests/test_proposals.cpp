@@ -84,14 +84,12 @@ TEST(Proposals, LeaveFeaturesAloneAndNoRowTwice) {
 }
 
 TEST(Proposals, ConfidenceFollowsTheMapsAndFallsWithTheDistance) {
-    for (const bool is_tip : {true, false}) {
-        double last = 1.0;
-        for (const double distance : {0.0, 0.02, 0.05, 0.2}) {
-            const double confidence = proposal_confidence(0.8, distance, is_tip);
-            EXPECT_LT(confidence, std::min(last, 0.8));
-            EXPECT_LT(proposal_confidence(0.4, distance, is_tip), confidence);
-            last = confidence;
-        }
+    double last = 1.0;
+    for (const double distance : {0.0, 0.02, 0.05, 0.2}) {
+        const double confidence = proposal_confidence(0.8, distance);
+        EXPECT_LT(confidence, std::min(last, 0.8));
+        EXPECT_LT(proposal_confidence(0.4, distance), confidence);
+        last = confidence;
     }
 }
 

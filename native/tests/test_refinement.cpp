@@ -232,6 +232,21 @@ TEST(Refinement, StartsFromAnEarlierMap) {
     EXPECT_LT(animals.error(edited, 0.5), 0.04);
 }
 
+TEST(Refinement, FewMarksDontPullAnEarlierMapAway) {
+    // They say nothing of a leg that has swung forward; the map that is started from knows.
+    constexpr double kBend = 2.2;
+    const Animals animals(1500, 1200, kBend);
+    Progress progress;
+    const Refinement first = animals.refined(progress);
+    ASSERT_LT(animals.error(first, kBend), 0.03);
+    const RefinementStart start{first.source_images, first.target_images};
+    const std::vector<IndexPair> few{animals.features[3], animals.features[6], animals.features[7]};
+    const Refinement again =
+        refine(animals.source.positions, animals.source.normals, animals.target.positions,
+               animals.target.normals, as_features(few), {}, progress, &start);
+    EXPECT_LT(animals.error(again, kBend), 1.3 * animals.error(first, kBend));
+}
+
 TEST(Refinement, AnEarlierMapThatContradictsTheFeaturesIsNotUsed) {
     const Animals animals(1500, 1200, 0.0);
     Progress progress;

@@ -50,10 +50,11 @@ struct CoarseShape {
     Index size() const { return static_cast<Index>(rows.size()); }
 };
 
-/// `required` rows (features), none twice, are among the points and the nodes.
+/// `required` rows (features), none twice, are among the points and the nodes. `nearest`, where
+/// they are known, are the neighbourhoods of the cloud's points, ascending by distance.
 CoarseShape coarse_shape(const KdTree<3>& tree, const Normals& normals,
                          std::span<const Index> required, const CoarseShapeOptions& options,
-                         Progress& progress);
+                         Progress& progress, const Neighborhoods* nearest = nullptr);
 
 /// #points by 4: log(area of the geodesic ball / r²) for the radii r of .1, .15, .2 and .3 √area,
 /// from the finest level's nodes: log π in a plane, less on a limb, however the shape is posed.

@@ -4,6 +4,7 @@
 #include <span>
 
 #include "pointmorph/kd_tree.hpp"
+#include "pointmorph/neighborhoods.hpp"
 #include "pointmorph/progress.hpp"
 #include "pointmorph/types.hpp"
 
@@ -15,7 +16,9 @@ namespace pointmorph {
 /// whose errors on a curved surface are opposite. Where that lies outside of the samples' convex
 /// hull in the plane, over the edge of an open patch, the nearest point of the hull is taken.
 /// #images by 3. `anchors` are rows of `surface`, one an image; `normals` has #surface unit rows.
+/// `nearest`, where they are known, are the neighbourhoods of the samples, ascending by distance.
 Positions landed(const Positions& images, std::span<const Index> anchors, const KdTree<3>& surface,
-                 const Normals& normals, Progress& progress);
+                 const Normals& normals, Progress& progress,
+                 const Neighborhoods* nearest = nullptr);
 
 }  // namespace pointmorph

@@ -48,8 +48,8 @@ struct Proposal {
 };
 
 /// That of a pair: `confidence` is the map's, `distance` how far apart it leaves the two (mean of
-/// both ways, in √area).
-double proposal_confidence(double confidence, double distance, bool is_tip);
+/// both ways, in √area). Fitted to maps between animals.
+double proposal_confidence(double confidence, double distance);
 
 /// The tips of both shapes that the map brings together, the most confident first, then `others`
 /// spread over what is far from tips and features. No row of a feature. `confidence` is that of the

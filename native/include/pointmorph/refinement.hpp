@@ -74,6 +74,12 @@ struct Refinement {
     bool inside_out = false;
 };
 
+/// Neighbourhoods of the clouds' points, ascending by distance, where they have been found already.
+struct KnownNeighborhoods {
+    const Neighborhoods* source = nullptr;
+    const Neighborhoods* target = nullptr;
+};
+
 /// `features` are valid for the clouds and in canonical() order. The maps take hard points and the
 /// ends of hard curves exactly onto each other, hard curves to a fraction of a spacing, and no
 /// point of a hard region out of it; soft ones are brought as near as their weight against the
@@ -86,6 +92,6 @@ struct Refinement {
 Refinement refine(const Positions& source, const Normals& source_normals, const Positions& target,
                   const Normals& target_normals, std::span<const Feature> features,
                   const RefinementOptions& options, Progress& progress,
-                  const RefinementStart* start = nullptr);
+                  const RefinementStart* start = nullptr, const KnownNeighborhoods& known = {});
 
 }  // namespace pointmorph

@@ -46,6 +46,19 @@ SurfaceGraph surface_graph(const KdTree<3>& tree, const Normals& normals,
                            const SurfaceGraphOptions& options, Progress& progress,
                            const KdTree<3>* dense = nullptr);
 
+/// The same where more is known: the nearest neighbours of the points themselves, as many as are to
+/// be taken, and the spacing of the dense cloud around each of them.
+SurfaceGraph surface_graph(const Positions& positions, const Normals& normals,
+                           const Neighborhoods& nearest, const SurfaceGraphOptions& options,
+                           const KdTree<3>* dense, const Values& dense_spacings);
+
+/// Distance between samples of `dense` around places, from the disk that holds the nearest ones.
+Values spacings_around(const KdTree<3>& dense, const Positions& places, Progress& progress);
+
+/// The same around some of the samples, whose neighbourhoods, ascending by distance, are known.
+Values spacings_around(const Positions& dense, const Neighborhoods& nearest,
+                       std::span<const Index> rows);
+
 /// The graph of some points of a cloud, from the cloud's own neighbourhoods `nearest` (ascending by
 /// distance), which see gaps that the few points don't: feet that nearly touch stay apart. Every
 /// point of the cloud belongs to one of the `nodes`, `cells[i]`; nodes are joined where neighbours

@@ -11,6 +11,9 @@ class MorphOptions:
 
 def option_table() -> list[dict[str, Any]]: ...
 def nearest_neighbors(positions: npt.NDArray[Any], k: int) -> npt.NDArray[np.int32]: ...
+def nearest_rows(
+    positions: npt.NDArray[Any], places: npt.NDArray[Any], k: int
+) -> npt.NDArray[np.int32]: ...
 def blue_noise(
     positions: npt.NDArray[Any],
     normals: npt.NDArray[Any] | None,

@@ -207,6 +207,11 @@ class Morph:
     def __repr__(self) -> str:
         return f"<Morph {self.source.name!r} to {self.target.name!r}: {len(self.pairs)} pairs>"
 
+    @property
+    def parts(self) -> tuple[Morph, ...]:
+        """The morphs that it goes through one after the other: itself."""
+        return (self,)
+
     def empty_frame(self) -> Frame:
         """Arrays of the right size and type to pass as `out` to `frame`."""
         m = len(self.pairs)

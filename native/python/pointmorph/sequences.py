@@ -7,18 +7,21 @@ import hashlib
 import json
 import threading
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
+from collections.abc import Sequence as Sequence_
 from concurrent.futures import Future, ThreadPoolExecutor
 from concurrent.futures import TimeoutError as FutureTimeout
 from dataclasses import replace
+from functools import cached_property
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
+import numpy.typing as npt
 
 from pointmorph import __version__, formats, surfaces
 from pointmorph.errors import Cancelled
-from pointmorph.morphing import Morph, Progress, ResampledFrame
+from pointmorph.morphing import Frame, Morph, Progress, ResampledFrame
 
 MANIFEST = "frames.json"
 _AT_ONCE = 2
@@ -67,10 +70,95 @@ def in_order(
             pool.shutdown(cancel_futures=True)
 
 
+class Sequence:
+    """The frames of a morph at certain times, to be made in any order and from several threads.
+
+    Parameters
+    ----------
+    morph : Morph
+    times : sequence of float
+        t of each frame, 0 to 1.
+    first, step : int
+        The number of the first frame, and how much it grows from one to the next.
+    resample : bool
+        Frames without cracks, with ids and velocities.
+
+    Attributes
+    ----------
+    numbers : range
+        Of the frames.
+    """
+
+    def __init__(
+        self,
+        morph: Morph,
+        times: Sequence_[float],
+        *,
+        first: int = 0,
+        step: int = 1,
+        resample: bool = True,
+    ) -> None:
+        self.morph = morph
+        self.times = [float(t) for t in times]
+        self.numbers = range(first, first + step * len(times), step)
+        self._resample = resample
+        # Speed is by t; how much t grows to the next frame, to the one before at the end.
+        grows = np.gradient(np.asarray(times, np.float64)) if len(times) > 1 else np.zeros(1)
+        self._grows = grows / step
+
+    @cached_property
+    def fingerprint(self) -> str:
+        """Tells sequences apart: equal ones have the same bits in every frame."""
+        digest = hashlib.sha256()
+        for array in self._arrays():
+            digest.update(np.ascontiguousarray(array).tobytes())
+        options = self.morph._native.report()["options"]
+        options.pop("threads")
+        numbers = self.numbers
+        made = [type(self).__name__, self.times, numbers.start, numbers.step, self._resample]
+        digest.update(json.dumps([__version__, *made, options], sort_keys=True).encode())
+        return digest.hexdigest()
+
+    def _arrays(self) -> Iterator[npt.NDArray[Any]]:
+        """All that says what the frames are of."""
+        for part in self.morph.parts:
+            yield np.asarray(part.pairs)
+            for t in (0.0, 0.5, 1.0):
+                yield from vars(part.frame(t)).values()
+
+    def prepare(self, progress: Progress | None = None) -> None:
+        """What all frames need; `frame` does it where it wasn't done before."""
+        if self._resample:
+            self.morph.inserted(progress)
+
+    def frame(self, k: int, stopped: Callable[[], bool] = lambda: False) -> Frame:
+        """Frame k, with velocities by frame where it's re-sampled. Raises Cancelled."""
+        frame = self._at(self.times[k], stopped)
+        if isinstance(frame, ResampledFrame):
+            by_frame = (frame.velocities * self._grows[k]).astype(frame.positions.dtype)
+            frame = replace(frame, velocities=by_frame)
+        return frame
+
+    def _at(self, t: float, stopped: Callable[[], bool]) -> Frame:
+        if self._resample:
+            return self.morph.resampled_frame(t, lambda *_: not stopped())
+        return self.morph.frame(t)
+
+    @cached_property
+    def _surfaces(self) -> surfaces.Surfaces:
+        return surfaces.Surfaces(self.morph)
+
+    def surface(
+        self, k: int, frame: Frame, stopped: Callable[[], bool] = lambda: False
+    ) -> surfaces.Surface:
+        """The surface through frame k. Raises OptionError where what makes it is missing."""
+        return self._surfaces.through(frame, self.times[k], stopped)
+
+
 def write_frames(
     morph: Morph,
     folder: Path,
-    times: Sequence[float],
+    times: Sequence_[float],
     *,
     first: int = 0,
     step: int = 1,
@@ -116,43 +204,44 @@ def write_frames(
     Cancelled
         When `progress` returned False. Frames that are complete stay.
     """
-    through = None if mesh is None else surfaces.Surfaces(morph).through
-    numbers = [first + step * k for k in range(len(times))]
-    paths = [folder / f"frame_{number:04d}.ply" for number in numbers]
-    meshes = [folder / f"mesh_{number:04d}.{mesh}" for number in numbers]
-    known = resume and _is_continued(morph, folder, times, first, step, resample)
+    sequence = Sequence(morph, times, first=first, step=step, resample=resample)
+    return write_sequence(sequence, folder, mesh=mesh, resume=resume, progress=progress)
+
+
+def write_sequence(
+    sequence: Sequence,
+    folder: Path,
+    *,
+    mesh: str | None = None,
+    resume: bool = False,
+    progress: Progress | None = None,
+) -> list[int]:
+    """Writes the frames of a sequence; see `write_frames`."""
+    if mesh is not None:
+        surfaces.check_available()
+    paths = [folder / f"frame_{number:04d}.ply" for number in sequence.numbers]
+    meshes = [folder / f"mesh_{number:04d}.{mesh}" for number in sequence.numbers]
+    known = resume and is_of(folder, sequence.fingerprint)
     wanted = {*paths, *(meshes if mesh is not None else ())}
     for stale in [*folder.glob("frame_*.ply"), *_meshes(folder)]:
         if stale not in wanted or (resume and not known):
             stale.unlink()
     if resume and not known:
-        content = {"of": _fingerprint(morph, times, first, step, resample)}
-        formats.write_bytes(folder / MANIFEST, json.dumps(content).encode())
-    if resample:
-        morph.inserted(progress)
-    # Speed is by t; how much t grows to the next frame, to the one before at the end.
-    grows = np.gradient(np.asarray(times, np.float64)) if len(times) > 1 else np.zeros(1)
-    grows = grows / step
+        mark(folder, sequence.fingerprint)
+    sequence.prepare(progress)
 
     def write(k: int, stopped: Callable[[], bool]) -> int:
         has_frame = known and paths[k].exists()
         if has_frame and (mesh is None or meshes[k].exists()):
             return _count(paths[k])
-        frame = (
-            morph.resampled_frame(times[k], lambda *_: not stopped())
-            if resample
-            else morph.frame(times[k])
-        )
-        if isinstance(frame, ResampledFrame):
-            by_frame = (frame.velocities * grows[k]).astype(frame.positions.dtype)
-            frame = replace(frame, velocities=by_frame)
+        frame = sequence.frame(k, stopped)
         if not has_frame:
             formats.write_ply(paths[k], **vars(frame))
-        if through is not None:
-            formats.write_mesh(meshes[k], **vars(through(frame, times[k], stopped)))
+        if mesh is not None:
+            formats.write_mesh(meshes[k], **vars(sequence.surface(k, frame, stopped)))
         return len(frame.radii)
 
-    return list(in_order(write, len(times), progress))
+    return list(in_order(write, len(paths), progress))
 
 
 def _meshes(folder: Path) -> list[Path]:
@@ -164,31 +253,16 @@ def _meshes(folder: Path) -> list[Path]:
     ]
 
 
-def _fingerprint(
-    morph: Morph, times: Sequence[float], first: int, step: int, resample: bool
-) -> str:
-    """Tells morphs and their settings apart."""
-    ends = [morph.frame(t) for t in (0.0, 0.5, 1.0)]
-    digest = hashlib.sha256()
-    for array in (
-        np.asarray(morph.pairs),
-        *(getattr(end, name) for end in ends for name in ("positions", "normals", "colors")),
-        *(end.radii for end in ends),
-    ):
-        digest.update(np.ascontiguousarray(array).tobytes())
-    options = morph._native.report()["options"]
-    options.pop("threads")
-    settings = [__version__, list(map(float, times)), first, step, resample, options]
-    digest.update(json.dumps(settings, sort_keys=True).encode())
-    return digest.hexdigest()
+def mark(folder: Path, of: str) -> None:
+    """Writes down which frames are in a folder. Raises FileError."""
+    formats.write_bytes(folder / MANIFEST, json.dumps({"of": of}).encode())
 
 
-def _is_continued(
-    morph: Morph, folder: Path, times: Sequence[float], first: int, step: int, resample: bool
-) -> bool:
+def is_of(folder: Path, of: str) -> bool:
+    """Whether that is what `mark` wrote down there."""
     try:
         content = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
-        return bool(content["of"] == _fingerprint(morph, times, first, step, resample))
+        return bool(content["of"] == of)
     except (OSError, ValueError, KeyError, TypeError):
         return False
 

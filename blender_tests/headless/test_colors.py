@@ -1,0 +1,119 @@
+"""What is shown has its colours, in Cycles and in Workbench, whatever stands for the points."""
+
+import bpy
+import numpy as np
+import pytest
+from scenes import add_attribute, add_object, coordinates, pair
+from test_frames import makes_surfaces
+
+SIDE = 64
+CLEAR = 0.3  # alpha, on the right
+
+
+@pytest.fixture
+def painted(settings):
+    """A morph object whose points are red on the left and green on the right, half seen through
+    there; and a camera above it."""
+    for obj in pair(40, 38):
+        left = coordinates(obj.data.vertices)[:, :1] < 0
+        colors = np.where(left, [1.0, 0.0, 0.0, 1.0], [0.0, 1.0, 0.0, CLEAR])
+        add_attribute(obj.data, "Paint", "FLOAT_COLOR", colors)
+        obj.data.color_attributes.active_color = obj.data.color_attributes["Paint"]
+        obj.hide_render = True
+    bpy.ops.pointmorph.morph()
+    scene = bpy.context.scene
+    camera = add_object("Camera", bpy.data.cameras.new("Camera"))
+    camera.data.type, camera.data.ortho_scale = "ORTHO", 2.2
+    camera.location.z = 5
+    scene.camera = camera
+    add_object("Sun", bpy.data.lights.new("Sun", "SUN")).data.energy = 3.0
+    scene.render.film_transparent = True
+    scene.view_settings.view_transform = "Standard"
+    scene.render.resolution_x = scene.render.resolution_y = SIDE
+    scene.render.image_settings.file_format = "PNG"
+    scene.render.image_settings.color_mode = "RGBA"
+    return bpy.context.view_layer.objects.active
+
+
+def show_as(obj, kind):
+    modifier = obj.modifiers["Points"]
+    group = modifier.node_group
+    sockets = group.interface.items_tree if hasattr(group, "interface") else group.inputs
+    for name in ("Discs", "Spheres"):
+        identifier = next(item for item in sockets if item.name == name).identifier
+        modifier[identifier] = name == kind
+    obj.update_tag()
+
+
+def sides(path):
+    """Mean red, green, blue and alpha on the left and on the right."""
+    scene = bpy.context.scene
+    scene.render.filepath = str(path)
+    bpy.ops.render.render(write_still=True)
+    image = bpy.data.images.load(str(path))
+    values = np.array(image.pixels[:]).reshape(SIDE, SIDE, 4)
+    bpy.data.images.remove(image)
+    middle = slice(SIDE // 4, -SIDE // 4)
+    return [
+        values[middle, columns].mean(axis=(0, 1))
+        for columns in (slice(8, SIDE // 2 - 8), slice(SIDE // 2 + 8, -8))
+    ]
+
+
+def render(kind, output, name):
+    scene = bpy.context.scene
+    if kind == "CYCLES":
+        scene.render.engine = "CYCLES"
+        scene.cycles.samples, scene.cycles.use_denoising = 16, False
+    else:
+        scene.render.engine = "BLENDER_WORKBENCH"
+        scene.display.shading.color_type = "VERTEX"
+    return sides(output / f"colors_{name}_{kind.lower()}.png")
+
+
+def assert_red_and_green(left, right):
+    assert left[0] > 2.5 * left[1:3].max(), left
+    assert right[1] > 2.5 * max(right[0], right[2]), right
+    assert left[3] > 0.98
+
+
+@pytest.mark.parametrize("kind", ["Points", "Spheres", "Discs"])
+@pytest.mark.parametrize("what", ["morph", "frames"])
+def test_colours_show(painted, output, kind, what):
+    obj = painted
+    if what == "frames":
+        bpy.ops.pointmorph.bake_frames(frame_start=1, frame_end=3, resample=False)
+        obj = bpy.context.view_layer.objects.active
+    show_as(obj, kind)
+    for t, frame in ((0.0, 1), (0.5, 2)):
+        painted.data.shape_keys.key_blocks["Morph"].value = t
+        bpy.context.scene.frame_set(frame)
+        left, right = render("CYCLES", output, f"{what}_{kind}_{frame}")
+        assert_red_and_green(left, right)
+        assert CLEAR < right[3] < 0.93  # where splats lie on one another, less shines through
+        if kind != "Points":  # Workbench knows no colours of points
+            assert_red_and_green(*render("WORKBENCH", output, f"{what}_{kind}_{frame}"))
+
+
+def test_colours_of_faces_show(painted, output):
+    if not makes_surfaces():
+        pytest.skip("this Python has no pymeshlab and scipy that fit its numpy")
+    bpy.ops.pointmorph.bake_frames(frame_start=1, frame_end=3, step=2, faces=True)
+    for kind in ("CYCLES", "WORKBENCH"):
+        assert_red_and_green(*render(kind, output, "faces"))
+
+
+@pytest.mark.parametrize("kind", ["Spheres", "Discs"])
+def test_nothing_but_the_splats_is_left(painted, kind):
+    """The mesh that says which colours are active isn't shown itself."""
+    show_as(painted, kind)
+    evaluated = painted.evaluated_get(bpy.context.evaluated_depsgraph_get()).data
+    corners = 12 if kind == "Spheres" else 6
+    assert len(evaluated.vertices) == corners * len(painted.data.vertices)
+    assert evaluated.color_attributes.active_color.name == "Color"
+
+
+def test_a_morph_object_as_a_shape_keeps_its_colours(painted, addon):
+    colors = addon("arrays").mesh_colors(painted.data)
+    assert colors is not None
+    assert set(np.unique(colors[:, 2])) == {0.0}

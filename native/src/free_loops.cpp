@@ -1,0 +1,268 @@
+#include "pointmorph/free_loops.hpp"
+
+#include <algorithm>
+#include <array>
+#include <numeric>
+
+namespace pointmorph {
+
+namespace {
+
+std::size_t at(Index i) {
+    return static_cast<std::size_t>(i);
+}
+
+template <class Value>
+void make_unique(std::vector<Value>& row) {
+    std::ranges::sort(row);
+    row.erase(std::unique(row.begin(), row.end()), row.end());
+}
+
+/// A sum over two elements: the terms that occur in it, ascending.
+using Sum = std::vector<Index>;
+
+/// Adds over two elements; `scratch` is memory to use again.
+void add_to(Sum& sum, const Sum& other, Sum& scratch) {
+    if (other.empty()) return;
+    scratch.clear();
+    std::ranges::set_symmetric_difference(sum, other, std::back_inserter(scratch));
+    sum.swap(scratch);
+}
+
+/// Independent sums, by the reduction of columns of persistent homology (Edelsbrunner et al. 2002).
+class IndependentSums {
+public:
+    explicit IndependentSums(Index terms) : with_last_(at(terms)) {}
+
+    /// Whether it isn't a sum of those that are there.
+    bool add(Sum sum) {
+        while (!sum.empty() && !with_last(sum.back()).empty())
+            add_to(sum, with_last(sum.back()), scratch_);
+        if (sum.empty()) return false;
+        Sum& place = with_last_[at(sum.back())];
+        place = std::move(sum);
+        ++count_;
+        return true;
+    }
+
+    /// The one whose last term is this; empty where there is none.
+    const Sum& with_last(Index term) const { return with_last_[at(term)]; }
+    Index count() const { return count_; }
+
+private:
+    std::vector<Sum> with_last_;
+    Index count_ = 0;
+    Sum scratch_;
+};
+
+/// What edges come to where some sums of three come to nothing.
+class EdgeSums {
+public:
+    static constexpr Index kNothing = 0;  ///< the number of all edges that come to nothing
+
+    /// Of edges 1 … `edges`.
+    explicit EdgeSums(Index edges) : stands_for_(at(edges) + 1), sums_of_(at(edges) + 1) {
+        std::iota(stands_for_.begin(), stands_for_.end(), 0);
+    }
+
+    void add(const std::array<Index, 3>& sum) {
+        for (const Index edge : sum) sums_of_[at(edge)].push_back(static_cast<Index>(sums_.size()));
+        sums_.push_back(sum);
+    }
+
+    /// Every edge as a sum of free ones, which are as many as `free()` says: by substitution as
+    /// long as a sum has no more than two unknown edges, which settles nearly all those of a
+    /// surface's triangles; then by reduction.
+    void solve() {
+        std::vector<char> is_settled(sums_.size(), 0);
+        std::vector<Index> open(sums_.size());
+        std::iota(open.rbegin(), open.rend(), 0);
+        while (!open.empty()) {
+            const Index sum = open.back();
+            open.pop_back();
+            if (is_settled[at(sum)]) continue;
+            std::array<Index, 3> left;
+            const Index count = unknowns(sums_[at(sum)], left);
+            if (count == 3) continue;
+            is_settled[at(sum)] = 1;
+            if (count > 0) substitute(left[0], count == 1 ? kNothing : left[1], open);
+        }
+
+        const auto edges = static_cast<Index>(stands_for_.size());
+        IndependentSums rest(edges);
+        for (std::size_t sum = 0; sum < sums_.size(); ++sum) {
+            if (is_settled[sum]) continue;
+            std::array<Index, 3> left;
+            const Index count = unknowns(sums_[sum], left);
+            rest.add(Sum(left.begin(), left.begin() + count));
+        }
+        in_free_.resize(at(edges));
+        Sum scratch;
+        for (Index edge = 1; edge < edges; ++edge) {
+            if (stands_for_[at(edge)] != edge) continue;
+            const Sum& of_lower = rest.with_last(edge);
+            if (of_lower.empty()) in_free_[at(edge)] = {free_++};
+            for (const Index other : of_lower)
+                if (other != edge) add_to(in_free_[at(edge)], in_free_[at(other)], scratch);
+        }
+    }
+
+    Index free() const { return free_; }
+    const Sum& in_free(Index edge) { return in_free_[at(representative(edge))]; }
+
+private:
+    Index representative(Index edge) {
+        while (stands_for_[at(edge)] != edge) {
+            Index& above = stands_for_[at(edge)];
+            above = stands_for_[at(above)];
+            edge = above;
+        }
+        return edge;
+    }
+
+    /// What is left of a sum, ascending, at the front of `left`; returns how many.
+    Index unknowns(const std::array<Index, 3>& sum, std::array<Index, 3>& left) {
+        std::array<Index, 3> edges;
+        std::ranges::transform(sum, edges.begin(), [&](Index e) { return representative(e); });
+        std::ranges::sort(edges);
+        Index count = 0;
+        for (const Index edge : edges) {
+            if (edge == kNothing) continue;
+            if (count > 0 && left[at(count - 1)] == edge)
+                --count;
+            else
+                left[at(count++)] = edge;
+        }
+        return count;
+    }
+
+    /// Puts one for the other; `open` gets the sums in which that may settle something.
+    void substitute(Index edge, Index by, std::vector<Index>& open) {
+        if (by != kNothing && sums_of_[at(edge)].size() > sums_of_[at(by)].size())
+            std::swap(edge, by);
+        stands_for_[at(edge)] = by;
+        std::vector<Index>& of = sums_of_[at(edge)];
+        open.insert(open.end(), of.begin(), of.end());
+        if (by != kNothing) sums_of_[at(by)].insert(sums_of_[at(by)].end(), of.begin(), of.end());
+        of = {};
+    }
+
+    std::vector<Index> stands_for_;            ///< up to the one that stands for itself
+    std::vector<std::vector<Index>> sums_of_;  ///< of each that stands for itself: where it occurs
+    std::vector<std::array<Index, 3>> sums_;
+    std::vector<Sum> in_free_;  ///< of each that stands for itself
+    Index free_ = 0;
+};
+
+/// Edges with their numbers: nothing for those of a spanning forest. Every loop is, up to edges of
+/// the forest, the sum of its others.
+struct NumberedEdges {
+    std::vector<std::vector<Index>> ends;  ///< of each vertex: higher ones, ascending
+    std::vector<std::vector<Index>> numbers;
+    Index count = 0;
+
+    explicit NumberedEdges(std::vector<std::vector<Index>> edges)
+        : ends(std::move(edges)), numbers(ends.size()) {
+        std::vector<Index> above(ends.size());
+        std::iota(above.begin(), above.end(), 0);
+        const auto root = [&](Index i) {
+            while (above[at(i)] != i) i = above[at(i)] = above[at(above[at(i)])];
+            return i;
+        };
+        for (Index a = 0; a < static_cast<Index>(ends.size()); ++a) {
+            make_unique(ends[at(a)]);
+            for (const Index b : ends[at(a)]) {
+                const Index i = root(a), j = root(b);
+                above[at(i)] = j;
+                numbers[at(a)].push_back(i == j ? ++count : EdgeSums::kNothing);
+            }
+        }
+    }
+
+    Index number(Index a, Index b) const {
+        const auto& row = ends[at(std::min(a, b))];
+        const auto place = std::ranges::lower_bound(row, std::max(a, b)) - row.begin();
+        return numbers[at(std::min(a, b))][static_cast<std::size_t>(place)];
+    }
+};
+
+/// Loops that are left where those of three or four edges are spanned. Only loops with an edge that
+/// doesn't come to nothing are looked at.
+Index wide_loops(const NumberedEdges& edges, const Neighborhoods& around, EdgeSums& sums) {
+    const auto in_free = [&](Index a, Index b) -> const Sum& {
+        return sums.in_free(edges.number(a, b));
+    };
+    IndependentSums spanned(sums.free());
+    Sum loop, scratch;
+    std::vector<Index> both;
+    for (Index a = 0; a < around.size(); ++a)
+        for (const Index b : edges.ends[at(a)]) {
+            if (in_free(a, b).empty()) continue;
+            for (const Index c : around[b]) {
+                if (c == a) continue;
+                both.clear();
+                std::ranges::set_intersection(around[a], around[c], std::back_inserter(both));
+                for (const Index d : both) {
+                    // Where d is b, three edges remain if a and c are joined.
+                    const bool three = d == b;
+                    if (three && !std::ranges::binary_search(around[a], c)) continue;
+                    loop = in_free(a, b);
+                    add_to(loop, in_free(b, c), scratch);
+                    add_to(loop, three ? in_free(a, c) : in_free(c, d), scratch);
+                    if (!three) add_to(loop, in_free(d, a), scratch);
+                    spanned.add(loop);
+                }
+                if (spanned.count() == sums.free()) return 0;
+            }
+        }
+    return sums.free() - spanned.count();
+}
+
+}  // namespace
+
+Complex::Complex(Index vertices) : edges_(at(vertices)), triangles_(at(vertices)) {}
+
+Index Complex::add_vertex() {
+    edges_.emplace_back();
+    triangles_.emplace_back();
+    return size() - 1;
+}
+
+void Complex::add(std::span<const Index> simplex) {
+    for (std::size_t a = 0; a < simplex.size(); ++a)
+        for (std::size_t b = a + 1; b < simplex.size(); ++b) {
+            edges_[at(simplex[a])].push_back(simplex[b]);
+            for (std::size_t c = b + 1; c < simplex.size(); ++c)
+                triangles_[at(simplex[a])].push_back(static_cast<std::uint64_t>(simplex[b]) << 32 |
+                                                     static_cast<std::uint64_t>(simplex[c]));
+        }
+}
+
+Neighborhoods Complex::neighbors() const {
+    Neighborhoods result;
+    for (std::vector<Index> row : edges_) {
+        make_unique(row);
+        result.indices.insert(result.indices.end(), row.begin(), row.end());
+        result.offsets.push_back(static_cast<std::int64_t>(result.indices.size()));
+    }
+    return symmetrized(result);
+}
+
+FreeLoops::FreeLoops(const Complex& complex) {
+    const NumberedEdges edges(complex.edges_);
+    EdgeSums sums(edges.count);
+    for (Index a = 0; a < complex.size(); ++a) {
+        std::vector<std::uint64_t> triangles = complex.triangles_[at(a)];
+        make_unique(triangles);
+        for (const std::uint64_t two : triangles) {
+            const auto b = static_cast<Index>(two >> 32);
+            const auto c = static_cast<Index>(two & 0xffffffffu);
+            sums.add({edges.number(a, b), edges.number(a, c), edges.number(b, c)});
+        }
+    }
+    sums.solve();
+    all = wide = sums.free();
+    if (all > 0) wide = wide_loops(edges, complex.neighbors(), sums);
+}
+
+}  // namespace pointmorph
