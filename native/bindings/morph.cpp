@@ -121,7 +121,9 @@ py::dict dict_of(const MorphReport& report, const MorphOptions& options) {
         py::arg("alignment_sweeps") = report.alignment_sweeps,
         py::arg("source_parameterization") = dict_of(report.source_parameterization),
         py::arg("target_parameterization") = dict_of(report.target_parameterization),
-        py::arg("loop") = report.loop, py::arg("tips") = array_of(report.tips).attr("tolist")(),
+        py::arg("loop") = report.loop, py::arg("curves") = report.curves,
+        py::arg("patches") = report.patches,
+        py::arg("tips") = array_of(report.tips).attr("tolist")(),
         py::arg("warnings") = report.warnings, py::arg("options") = chosen);
 }
 
@@ -218,20 +220,31 @@ py::dict resampled_frame(const Morph& morph, double t, const py::object& callbac
 }  // namespace
 
 void bind_morph(py::module_& module) {
-    const auto make = [](const py::dict& source, const py::dict& target, const py::list& features,
-                         const std::vector<std::string>& loop, const MorphOptions& options,
-                         const py::object& source_start, const py::object& target_start,
-                         const py::object& callback) {
+    const auto input_of = [](const py::dict& source, const py::dict& target,
+                             const py::list& features,
+                             std::vector<std::vector<std::string>> loops) {
         MorphInput input{cloud_of(source),
                          cloud_of(target),
+                         features_of(features),
                          {},
-                         loop,
                          source["boundary"].cast<BoundaryLoop>(),
                          target["boundary"].cast<BoundaryLoop>(),
-                         {from_numpy<Positions>(source_start), from_numpy<Positions>(target_start)},
+                         {},
                          source["parts"].cast<Parts>(),
                          target["parts"].cast<Parts>()};
-        input.features = features_of(features);
+        if (!loops.empty()) {
+            input.loop = std::move(loops.front());
+            input.more_loops.assign(loops.begin() + 1, loops.end());
+        }
+        return input;
+    };
+    const auto make = [input_of](const py::dict& source, const py::dict& target,
+                                 const py::list& features,
+                                 std::vector<std::vector<std::string>> loops,
+                                 const MorphOptions& options, const py::object& source_start,
+                                 const py::object& target_start, const py::object& callback) {
+        MorphInput input = input_of(source, target, features, std::move(loops));
+        input.start = {from_numpy<Positions>(source_start), from_numpy<Positions>(target_start)};
         return without_gil(callback, [&](Progress& progress) {
             return std::make_unique<Morph>(std::move(input), options, progress);
         });
@@ -263,6 +276,28 @@ void bind_morph(py::module_& module) {
         },
         "Names of features for a loop, in order.", py::arg("source"), py::arg("target"),
         py::arg("features"), py::arg("options"), py::arg("progress"));
+    module.def(
+        "trace_network",
+        [input_of](const py::dict& source, const py::dict& target, const py::list& features,
+                   std::vector<std::vector<std::string>> loops, const MorphOptions& options,
+                   const py::object& callback) {
+            MorphInput input = input_of(source, target, features, std::move(loops));
+            NamedNetwork found = without_gil(callback, [&](Progress& progress) {
+                return trace_network(std::move(input), options, progress);
+            });
+            py::list curves;
+            for (NetworkCurve& curve : found.network.curves)
+                curves.append(py::make_tuple(found.corners[static_cast<std::size_t>(curve.from)],
+                                             found.corners[static_cast<std::size_t>(curve.to)],
+                                             to_numpy(std::move(curve.on[0].points)),
+                                             to_numpy(std::move(curve.on[1].points))));
+            return py::make_tuple(curves, found.network.patches, array_of(found.network.labels[0]),
+                                  array_of(found.network.labels[1]));
+        },
+        "Ends and points of the curves on both, the curves around each patch, and the patch of "
+        "each point.",
+        py::arg("source"), py::arg("target"), py::arg("features"), py::arg("loops"),
+        py::arg("options"), py::arg("progress"));
     py::class_<Morph>(module, "Morph")
         .def(py::init(make))
         .def_static("restore", restore)

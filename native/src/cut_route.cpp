@@ -6,11 +6,12 @@
 #include <numeric>
 #include <utility>
 
+#include "patch_cloud.hpp"
 #include "point_features.hpp"
 #include "pointmorph/decomposition.hpp"
 #include "pointmorph/error.hpp"
-#include "pointmorph/extremities.hpp"
 #include "pointmorph/similarity.hpp"
+#include "tips.hpp"
 
 namespace pointmorph {
 
@@ -20,30 +21,13 @@ std::size_t at(Index i) {
     return static_cast<std::size_t>(i);
 }
 
-/// One patch of a shape: its points, then the curve.
-struct PatchCloud {
-    std::vector<Index> rows;  ///< of the side, without the curve's
-    Positions positions;
-    Normals normals;
-    BoundaryLoop loop;  ///< rows of `positions`
-
-    PatchCloud(const Side& side, const Decomposition& cut, Patch patch) {
-        for (Index i = 0; i < static_cast<Index>(cut.patches.size()); ++i)
-            if (cut.patches[at(i)] == patch) rows.push_back(i);
-        const auto inside = static_cast<Index>(rows.size());
-        positions.resize(inside + cut.curve.size(), 3);
-        normals.resize(inside + cut.curve.size(), 3);
-        positions << gather(side.positions, rows), cut.curve.points;
-        normals << gather(side.normals, rows), cut.curve.normals;
-        loop.resize(at(cut.curve.size()));
-        std::iota(loop.begin(), loop.end(), inside);
-    }
-
-    /// Row here of a row of the side.
-    Index place(Index row) const {
-        return static_cast<Index>(std::ranges::lower_bound(rows, row) - rows.begin());
-    }
-};
+/// One patch of a cut shape.
+PatchCloud patch_of(const Side& side, const Decomposition& cut, Patch patch) {
+    std::vector<Index> rows;
+    for (Index i = 0; i < static_cast<Index>(cut.patches.size()); ++i)
+        if (cut.patches[at(i)] == patch) rows.push_back(i);
+    return PatchCloud(side, std::move(rows), cut.curve);
+}
 
 /// Onto the unit sphere; the equator is the circle.
 Eigen::RowVector3d lifted(const Eigen::RowVector2d& u, bool above) {
@@ -69,16 +53,6 @@ std::array<std::vector<double>, 2> curve_angles(const Decomposition& source,
                                         target_loop, spacing, corners);
     return {boundary_angles(source.curve.points, source_loop, spacing, pins.source),
             boundary_angles(target.curve.points, target_loop, spacing, pins.target)};
-}
-
-/// Limbs of small clouds need finer simplified patches than the paper's threshold leaves them, and
-/// eyes or a loose button go with the patch around them.
-ParameterizationOptions for_patches(ParameterizationOptions options, Index points) {
-    constexpr Index kPointsToSize = 1500;
-    options.join_parts = true;
-    options.lod.max_cluster_size =
-        std::clamp<Index>(points / kPointsToSize, 1, options.lod.max_cluster_size);
-    return options;
 }
 
 /// Features inside the patches that don't lie on the same side of both curves, and how many there
@@ -123,34 +97,6 @@ struct Astray {
                                " into the loop, move the mark, or leave it out.");
     }
 };
-
-/// Tips of a patch that belong together: each other's best by far, in where they lie in the disk
-/// and along the surface from all features. `apart(s, t)` is the distance in the disk.
-template <class Apart>
-std::vector<IndexPair> paired_tips(const Decomposition& source, const Decomposition& target,
-                                   Patch patch, Apart&& apart) {
-    constexpr double kLargest = 0.35, kByFar = 1.5;
-    const auto on_patch = [&](const Decomposition& cut) {
-        std::vector<Index> places;
-        for (std::size_t i = 0; i < cut.tips.size(); ++i)
-            if (cut.patches[at(cut.tips[i])] == patch) places.push_back(static_cast<Index>(i));
-        return places;
-    };
-    const auto s = on_patch(source), t = on_patch(target);
-    Eigen::MatrixXd costs(s.size(), t.size());
-    for (std::size_t i = 0; i < s.size(); ++i)
-        for (std::size_t j = 0; j < t.size(); ++j) {
-            const Eigen::RowVectorXd difference =
-                source.tip_distances.row(s[i]) - target.tip_distances.row(t[j]);
-            costs(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(j)) =
-                difference.norm() / std::sqrt(static_cast<double>(difference.size())) +
-                apart(source.tips[at(s[i])], target.tips[at(t[j])]);
-        }
-    std::vector<IndexPair> pairs;
-    for (const auto& [i, j] : each_others_best(costs, kLargest, kByFar))
-        pairs.push_back({source.tips[at(s[at(i)])], target.tips[at(t[at(j)])]});
-    return pairs;
-}
 
 /// The loop's features would fit much better if one model were a mirror image: left and right are
 /// probably swapped.
@@ -265,31 +211,15 @@ CutRoute match_in_patches(Side& source, Side& target, const MorphInput& input,
     };
     for (const Patch patch : {Patch::kLeft, Patch::kRight}) {
         const bool above = patch == Patch::kLeft;
-        const PatchCloud source_patch(source, source_cut, patch);
-        const PatchCloud target_patch(target, target_cut, patch);
+        const PatchCloud source_patch = patch_of(source, source_cut, patch);
+        const PatchCloud target_patch = patch_of(target, target_cut, patch);
         progress.enter("parameterization");
         const auto onto_disk = [&](const Side& side, const PatchCloud& cloud,
                                    const std::vector<double>& angle, ParameterizationReport& said,
                                    double first, double last) {
-            Neighborhoods nearest;
-            if (options.parameterization.solve == SolveMode::kFull)
-                nearest = nearest_neighbors(KdTree<3>(cloud.positions),
-                                            options.covariance_neighbors, progress);
             const Progress::Part part(progress, first, last);
-            auto result = parameterize(
-                cloud.positions, cloud.normals, nearest, cloud.loop, angle,
-                for_patches(options.parameterization, static_cast<Index>(side.positions.rows())),
-                side.cloud.name, progress);
-            if (result.joined > 0)
-                report.warnings.push_back(side.cloud.name + ": " + std::to_string(result.joined) +
-                                          " points in separate parts were tied to the nearest "
-                                          "places of the largest part.");
-            said.unknowns += result.unknowns;
-            said.iterations = std::max(said.iterations, result.iterations);
-            said.relative_residual = std::max(said.relative_residual, result.relative_residual);
-            said.solve_seconds += result.solve_seconds;
             said.boundary_points = static_cast<Index>(cloud.loop.size());
-            return std::move(result.points);
+            return on_disk(side, cloud, angle, options, said, report, progress);
         };
         const double done = above ? 0.0 : 0.5;
         DiskPoints source_disk = onto_disk(source, source_patch, angles[0],
@@ -303,10 +233,17 @@ CutRoute match_in_patches(Side& source, Side& target, const MorphInput& input,
             if (source_cut.patches[at(rows.source)] == patch)
                 inside.push_back(
                     {source_patch.place(rows.source), target_patch.place(rows.target)});
-        const auto tips = paired_tips(source_cut, target_cut, patch, [&](Index s, Index t) {
-            return (source_disk.row(source_patch.place(s)) - target_disk.row(target_patch.place(t)))
-                .norm();
-        });
+        const auto tips = paired_tips(
+            {source_cut.tips, source_cut.tip_distances},
+            {target_cut.tips, target_cut.tip_distances},
+            [&](bool is_source, Index row) {
+                return (is_source ? source_cut : target_cut).patches[at(row)] == patch;
+            },
+            [&](Index s, Index t) {
+                return (source_disk.row(source_patch.place(s)) -
+                        target_disk.row(target_patch.place(t)))
+                    .norm();
+            });
         for (const auto& [s, t] : tips) {
             inside.push_back({source_patch.place(s), target_patch.place(t)});
             report.tips.push_back({source.order[at(s)], target.order[at(t)]});

@@ -9,11 +9,12 @@
 #include <optional>
 #include <utility>
 
+#include "coarse_cloud.hpp"
 #include "pointmorph/cloud.hpp"
 #include "pointmorph/error.hpp"
-#include "pointmorph/extremities.hpp"
 #include "pointmorph/parallel.hpp"
 #include "pointmorph/subset.hpp"
+#include "tips.hpp"
 
 namespace pointmorph {
 
@@ -33,52 +34,6 @@ double sigmoid(double x) {
     return 1.0 / (1.0 + std::exp(-x));
 }
 
-/// The few thousand points among which the curve is searched for.
-struct Coarse {
-    std::vector<Index> rows;  ///< of the cloud, the loop's features first
-    Positions positions;
-    Normals normals;
-    KdTree<3> tree;
-    std::vector<Index> cells;  ///< #cloud: the nearest coarse point on the same sheet
-    SurfaceGraph graph;
-    double spacing;  ///< of these points
-    double unit;     ///< √area
-
-    Coarse(std::vector<Index> chosen, double radius, double area, const KdTree<3>& dense,
-           const Normals& dense_normals, const Neighborhoods& nearest, Progress& progress)
-        : rows(std::move(chosen)),
-          positions(gather(dense.points(), rows)),
-          normals(gather(dense_normals, rows)),
-          tree(positions),
-          cells(nearest_on_sheet(dense.points(), dense_normals, progress)),
-          graph(surface_graph(dense.points(), dense_normals, nearest, rows, cells)),
-          spacing(std::max(radius, std::sqrt(area / static_cast<double>(rows.size())))),
-          unit(std::sqrt(area)) {}
-
-private:
-    std::vector<Index> nearest_on_sheet(const Positions& points, const Normals& point_normals,
-                                        Progress& progress) const {
-        std::vector<Index> result(at(Index(points.rows())));
-        parallel_for(Index(points.rows()), progress, [&](Index begin, Index end) {
-            std::array<Index, 4> near;
-            std::array<double, 4> squared;
-            for (Index i = begin; i < end; ++i) {
-                const auto agrees = [&](Index k) {
-                    return normals.row(k).dot(point_normals.row(i)) > 0.0;
-                };
-                tree.nearest(points.row(i).data(), std::span(near).first(1),
-                             std::span(squared).first(1));
-                result[at(i)] = near[0];
-                if (agrees(near[0])) continue;
-                const auto found = at(tree.nearest(points.row(i).data(), near, squared));
-                const auto best = std::find_if(near.begin(), near.begin() + Index(found), agrees);
-                if (best != near.begin() + Index(found)) result[at(i)] = *best;
-            }
-        });
-        return result;
-    }
-};
-
 /// Distance of every point within `limit` to the nearest of some.
 Values distances_to_path(GeodesicSearch& search, Index count, std::span<const Index> path,
                          double limit) {
@@ -89,13 +44,13 @@ Values distances_to_path(GeodesicSearch& search, Index count, std::span<const In
     return result;
 }
 
-SurfaceCurve curve_of(const Coarse& coarse, const std::vector<Index>& path) {
+SurfaceCurve curve_of(const CoarseCloud& coarse, const std::vector<Index>& path) {
     return {gather(coarse.positions, path), gather(coarse.normals, path)};
 }
 
 /// One curve from each feature to the next, guided and keeping apart. Features are rows 0, 1, …;
 /// `from` has every point's distance from each, in √area.
-std::vector<SurfaceCurve> guided_curves(const Coarse& coarse, std::span<const Values> from,
+std::vector<SurfaceCurve> guided_curves(const CoarseCloud& coarse, std::span<const Values> from,
                                         Index features, const DecompositionOptions& options,
                                         Progress& progress) {
     const Index count = coarse.graph.size();
@@ -304,7 +259,7 @@ void uncross(ClosedCurve& closed, std::span<const std::string> names, const std:
 /// How much every coarse point belongs to the left, 1, or the right, −1: fixed next to the curve,
 /// and from there a random walker's chance to meet the left side first, over edges that don't
 /// cross the curve.
-Values walk(const Coarse& coarse, const CurveSides& sides, Index features) {
+Values walk(const CoarseCloud& coarse, const CurveSides& sides, Index features) {
     const Index count = coarse.graph.size();
     const double reach = 3.0 * coarse.spacing, seed_reach = 1.2 * coarse.spacing;
     Values local = Values::Zero(count), value = Values::Zero(count);
@@ -352,10 +307,10 @@ Values walk(const Coarse& coarse, const CurveSides& sides, Index features) {
 }
 
 /// Next to the curve a point's own side counts, elsewhere that of the coarse points around.
-std::vector<Patch> patches_of(const KdTree<3>& tree, const Normals& normals, const Coarse& coarse,
-                              const CurveSides& sides, const Values& left,
-                              std::span<const Index> loop, Progress& progress, double first,
-                              double last) {
+std::vector<Patch> patches_of(const KdTree<3>& tree, const Normals& normals,
+                              const CoarseCloud& coarse, const CurveSides& sides,
+                              const Values& left, std::span<const Index> loop, Progress& progress,
+                              double first, double last) {
     std::vector<Patch> patches(at(tree.size()));
     // Coarse points well away from the curve speak for all around them.
     const double reach = 1.2 * coarse.spacing;
@@ -407,30 +362,8 @@ std::array<Index, 2> clean_up(std::vector<Patch>& patches, const Neighborhoods& 
     return sizes;
 }
 
-/// Distances from the first `features` coarse points to all, in √area.
-std::vector<Values> distances_from(const Coarse& coarse, std::size_t features) {
-    GeodesicSearch search(coarse.graph);
-    std::vector<Values> from;
-    for (std::size_t k = 0; k < features; ++k) {
-        Values distances(coarse.graph.size());
-        for (const auto& [i, distance] : search.from(static_cast<Index>(k)))
-            distances[i] = distance / coarse.unit;
-        from.push_back(std::move(distances));
-    }
-    return from;
-}
-
-/// A feature this near to a tip, in √area, stands for it.
-constexpr double kMarked = 0.1;
-
-std::vector<Extremity> tips_of(const Coarse& coarse, Index most, Progress& progress) {
-    constexpr Index kSamples = 30;
-    constexpr double kProminence = 0.04;  // in √area
-    return extremities(coarse.graph, coarse.unit, kSamples, most, kProminence, progress);
-}
-
 /// The ways from feature to feature as one smooth curve on the cloud itself, as dense as that.
-ClosedCurve traced(const Coarse& coarse, const std::vector<SurfaceCurve>& ways,
+ClosedCurve traced(const CoarseCloud& coarse, const std::vector<SurfaceCurve>& ways,
                    std::span<const Index> rounds, const KdTree<3>& tree, const Normals& normals,
                    std::span<const std::string> names, const std::string& name,
                    Progress& progress) {
@@ -465,8 +398,9 @@ ClosedCurve traced(const Coarse& coarse, const std::vector<SurfaceCurve>& ways,
 /// Traces the way that passes nearest to a feature anew, so that it passes on the feature's other
 /// side: it may not cross a path from the feature to the middle of the patch that it should be on.
 /// Returns which way that is. `left` is what walk() said.
-Index led_round(std::vector<SurfaceCurve>& ways, const Coarse& coarse, std::span<const Values> from,
-                const ClosedCurve& closed, const Values& left, Index feature, Index corners) {
+Index led_round(std::vector<SurfaceCurve>& ways, const CoarseCloud& coarse,
+                std::span<const Values> from, const ClosedCurve& closed, const Values& left,
+                Index feature, Index corners) {
     constexpr double kBarred = 1000.0, kOther = 50.0;
     const KdTree<3> curve(closed.curve.points);
     const auto way_at = [&](Index place) {
@@ -525,8 +459,8 @@ Decomposition decompose(const KdTree<3>& tree, const Normals& normals, const Nei
     const auto corners = static_cast<Index>(names.size());
     const double area = estimated_area(tree);
     Subset subset = blue_noise_subset(tree, normals, features, options.points, progress);
-    const Coarse coarse(std::move(subset.rows), subset.radius, area, tree, normals, nearest,
-                        progress);
+    const CoarseCloud coarse(std::move(subset.rows), subset.radius, area, tree, normals, nearest,
+                             progress);
 
     const std::vector<Values> from = distances_from(coarse, features.size());
     std::vector<SurfaceCurve> ways = guided_curves(coarse, from, corners, options, progress);
@@ -577,18 +511,9 @@ Decomposition decompose(const KdTree<3>& tree, const Normals& normals, const Nei
             "Take features around the whole shape into the loop, for instance the tips of all "
             "limbs in the order in which one walks around it.");
 
-    std::vector<Index> tips;  // coarse rows
-    if (options.tips > 0)
-        for (const Extremity& tip : tips_of(coarse, options.tips, progress))
-            if (std::ranges::all_of(from, [&](const Values& d) { return d[tip.point] > kMarked; }))
-                tips.push_back(tip.point);
-    for (const Index tip : tips) result.tips.push_back(coarse.rows[at(tip)]);
-    result.tip_distances.resize(static_cast<Eigen::Index>(tips.size()),
-                                static_cast<Eigen::Index>(from.size()));
-    for (std::size_t i = 0; i < tips.size(); ++i)
-        for (std::size_t k = 0; k < from.size(); ++k)
-            result.tip_distances(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(k)) =
-                from[k][tips[i]];
+    UnmarkedTips tips = unmarked_tips(coarse, from, options.tips, progress);
+    result.tips = std::move(tips.rows);
+    result.tip_distances = std::move(tips.distances);
     return result;
 }
 
@@ -596,8 +521,8 @@ FeatureReach feature_reach(const KdTree<3>& tree, const Normals& normals,
                            const Neighborhoods& nearest, std::span<const Index> features,
                            const DecompositionOptions& options, Progress& progress) {
     Subset subset = blue_noise_subset(tree, normals, features, options.points, progress);
-    const Coarse coarse(std::move(subset.rows), subset.radius, estimated_area(tree), tree, normals,
-                        nearest, progress);
+    const CoarseCloud coarse(std::move(subset.rows), subset.radius, estimated_area(tree), tree,
+                             normals, nearest, progress);
     const std::vector<Values> from = distances_from(coarse, features.size());
     const auto count = static_cast<Eigen::Index>(features.size());
     FeatureReach reach{Eigen::MatrixXd(count, count), std::vector<char>(features.size(), 0)};

@@ -69,8 +69,9 @@ void need_boundary(Side& side, const BoundaryLoop& given, const BoundaryOptions&
         throw TopologyError(
             side.cloud.name, "an open patch with a boundary", "a closed surface",
             "Take method auto, which needs no boundary; or domain sphere, for closed "
-            "models without handles; or list features in a loop, along which both "
-            "models are cut; or give the rows of its boundary.");
+            "models without handles; or domain network with features all over both models; "
+            "or list features in a loop, along which both models are cut; or give the rows of its "
+            "boundary.");
     if (count > 1)
         warnings.push_back(side.cloud.name + ": the longest of " + std::to_string(count) +
                            " boundary loops goes to the rim of the disk, the others are treated "

@@ -12,6 +12,7 @@
 
 #include "cut_route.hpp"
 #include "disk_route.hpp"
+#include "network_route.hpp"
 #include "pointmorph/error.hpp"
 #include "pointmorph/kd_tree.hpp"
 #include "pointmorph/neighborhoods.hpp"
@@ -47,6 +48,16 @@ void check_loop(std::span<const std::string> loop, std::span<const Feature> feat
     if (!loop.empty() && loop.size() < 3)
         throw FeatureError("loop", "at least 3 features", std::to_string(loop.size()),
                            "Add features to the loop, or leave it out.");
+}
+
+void check_loops(const MorphInput& input, const MorphOptions& options) {
+    check_loop(input.loop, input.features);
+    for (const auto& loop : input.more_loops) check_loop(loop, input.features);
+    if (!input.more_loops.empty() && options.domain != Domain::kNetwork &&
+        (options.domain != Domain::kAuto || options.method != Method::kPaper))
+        throw OptionError("domain", "network, where several loops are given",
+                          "another with " + std::to_string(input.more_loops.size() + 1) + " loops",
+                          "Give one loop, or take domain network.");
 }
 
 /// Two point features may not share a place, even where it has a row for each.
@@ -86,6 +97,10 @@ void check_closed(Side& side, const BoundaryLoop& boundary, std::size_t features
     side.find_boundary(boundary, options, progress);
     const bool open = side.is_open();
     side.loop.clear();
+    if (open && features == 0)
+        throw TopologyError(side.cloud.name, "a closed surface for a network of curves",
+                            "an open patch, whose boundary is known",
+                            "Take domain disk or method auto.");
     if (open)
         throw FeatureError("loop", "no loop for open patches, whose boundary is known",
                            "one of " + std::to_string(features) + " features, while " +
@@ -172,6 +187,19 @@ FeatureReach reach_of(const Side& side, std::span<const Feature> points, Marked 
     for (const Feature& f : points) rows.push_back((f.*marked).rows.front());
     return feature_reach(KdTree<3>(side.positions), side.normals, side.nearest, rows,
                          options.decomposition, progress);
+}
+
+/// For what is quick as it is, and asks for borders and handles only.
+TopologyOptions seen_quickly(TopologyOptions options) {
+    options.points = std::min<Index>(options.points, 5000);
+    options.cells = std::min<Index>(options.cells, 400);
+    return options;
+}
+
+/// Whether the largest piece is a closed surface that isn't known to be without handles.
+bool may_have_handles(const Topology& topology) {
+    const Piece& largest = topology.pieces.front();
+    return !largest.is_open && largest.genus.value_or(1) > 0;
 }
 
 /// What a domain is called in a sentence.
@@ -272,7 +300,7 @@ Morph::Morph(MorphInput input, const MorphOptions& options, Progress& progress)
     validate(source_, kMinimumPoints);
     validate(target_, kMinimumPoints);
     validate(input.features, source_, target_);
-    check_loop(input.loop, input.features);
+    check_loops(input, options);
     both([&] { source.order_points(kMinimumPoints); },
          [&] { target.order_points(kMinimumPoints); });
 
@@ -295,11 +323,8 @@ Morph::Morph(MorphInput input, const MorphOptions& options, Progress& progress)
 
     progress.enter("topology");
     {
-        TopologyOptions seen = options.topology;
-        if (options.method == Method::kPaper) {  // quick as it is, and asks for borders only
-            seen.points = std::min<Index>(seen.points, 5000);
-            seen.cells = std::min<Index>(seen.cells, 400);
-        }
+        const bool quick = options.method == Method::kPaper && options.domain != Domain::kNetwork;
+        const TopologyOptions seen = quick ? seen_quickly(options.topology) : options.topology;
         on_both(progress, [&](bool is_source, Progress& p) {
             (is_source ? source : target)
                 .find_topology(is_source ? input.source_parts : input.target_parts,
@@ -323,9 +348,22 @@ Morph::Morph(MorphInput input, const MorphOptions& options, Progress& progress)
     const std::vector<Feature> features = canonical(input.features, source.rank, target.rank);
     check_places(features, source_, target_);
 
-    const bool cut =
-        options.domain == Domain::kCut || (options.method == Method::kPaper &&
-                                           options.domain == Domain::kAuto && !input.loop.empty());
+    // The paper's method, left to choose, takes what the loops and the handles ask for.
+    const bool chooses = options.method == Method::kPaper && options.domain == Domain::kAuto;
+    if (chooses && input.loop.empty() && may_have_handles(source.topology) &&
+        may_have_handles(target.topology)) {  // look again, closely
+        progress.enter("topology");
+        on_both(progress, [&](bool is_source, Progress& p) {
+            (is_source ? source : target)
+                .find_topology(is_source ? input.source_parts : input.target_parts,
+                               options.boundary, options.topology, p);
+        });
+    }
+    const bool network =
+        options.domain == Domain::kNetwork ||
+        (chooses && (!input.more_loops.empty() ||
+                     (may_have_handles(source.topology) && may_have_handles(target.topology))));
+    const bool cut = options.domain == Domain::kCut || (chooses && !network && !input.loop.empty());
     if (cut && input.loop.empty()) {
         progress.enter("decomposition");
         input.loop = loop_through(source, target, features, options, progress);
@@ -334,7 +372,7 @@ Morph::Morph(MorphInput input, const MorphOptions& options, Progress& progress)
         report_.warnings.push_back("No loop was given: both models were cut along " + names + ".");
     }
     report_.loop = input.loop;
-    if (!input.loop.empty()) {
+    if (network || !input.loop.empty()) {
         progress.enter("boundary");
         check_closed(source, input.source_boundary, input.loop.size(), options.boundary, progress);
         check_closed(target, input.target_boundary, input.loop.size(), options.boundary, progress);
@@ -357,7 +395,24 @@ Morph::Morph(MorphInput input, const MorphOptions& options, Progress& progress)
         take(match_in_product_space(source, target, features, images, options, report_, progress),
              source, target);
     };
-    if (cut) {
+    if (network) {
+        NetworkRoute route =
+            match_in_network(source, target, input, features, options, report_, progress);
+        if (options.method == Method::kPaper) {
+            source_domain_ = gather(route.source, source.rank);
+            target_domain_ = gather(route.target, target.rank);
+            source_images_ = target.unit.restore(gather(route.source_images, source.rank));
+            target_images_ = source.unit.restore(gather(route.target_images, target.rank));
+            pairs_ = std::move(route.pairs);
+            report_.domain = "network";
+        } else {
+            const std::optional<RefinementStart> images =
+                RefinementStart{std::move(route.source_images), std::move(route.target_images)};
+            take(match_in_product_space(source, target, features, images, options, report_,
+                                        progress),
+                 source, target);
+        }
+    } else if (cut) {
         adopt.operator()<3>(
             match_in_patches(source, target, input, features, options, report_, progress), "cut");
     } else if (options.domain == Domain::kSphere) {
@@ -716,6 +771,22 @@ Decomposition decompose(Cloud cloud, std::span<const Index> loop,
     return cut;
 }
 
+namespace {
+
+/// As the routes want it, closed.
+void prepare_closed(Side& side, std::size_t features, const MorphOptions& options,
+                    Progress& progress) {
+    side.order_points(kMinimumPoints);
+    progress.enter("neighborhoods");
+    side.nearest =
+        nearest_neighbors(KdTree<3>(side.positions), options.covariance_neighbors, progress);
+    progress.enter("covariance");
+    side.find_normals(progress);
+    check_closed(side, {}, features, options.boundary, progress);
+}
+
+}  // namespace
+
 std::vector<std::string> propose_loop(Cloud source, Cloud target, std::vector<Feature> features,
                                       const MorphOptions& options, Progress& progress) {
     const ThreadCount threads(options.threads);
@@ -724,20 +795,48 @@ std::vector<std::string> propose_loop(Cloud source, Cloud target, std::vector<Fe
     validate(target, kMinimumPoints);
     validate(features, source, target);
     Side from(source), to(target);
-    for (Side* side : {&from, &to}) {
-        side->order_points(kMinimumPoints);
-        progress.enter("neighborhoods");
-        side->nearest =
-            nearest_neighbors(KdTree<3>(side->positions), options.covariance_neighbors, progress);
-        progress.enter("covariance");
-        side->find_normals(progress);
-        check_closed(*side, {}, features.size(), options.boundary, progress);
-    }
+    for (Side* side : {&from, &to}) prepare_closed(*side, features.size(), options, progress);
     progress.enter("decomposition");
     std::vector<std::string> loop =
         loop_through(from, to, canonical(features, from.rank, to.rank), options, progress);
     progress.finish();
     return loop;
+}
+
+NamedNetwork trace_network(MorphInput input, const MorphOptions& options, Progress& progress) {
+    const ThreadCount threads(options.threads);
+    progress.enter("cloud");
+    validate(input.source, kMinimumPoints);
+    validate(input.target, kMinimumPoints);
+    validate(input.features, input.source, input.target);
+    MorphOptions chosen = options;
+    chosen.domain = Domain::kNetwork;
+    check_loops(input, chosen);
+    Side source(input.source), target(input.target);
+    for (Side* side : {&source, &target}) {
+        prepare_closed(*side, 0, options, progress);
+        progress.enter("topology");
+        side->find_topology(side == &source ? input.source_parts : input.target_parts,
+                            options.boundary, options.topology, progress);
+        side->turn_outwards();
+    }
+    const std::vector<Feature> features = canonical(input.features, source.rank, target.rank);
+    check_places(features, input.source, input.target);
+    MorphReport report;
+    TracedNetwork traced =
+        traced_network(source, target, input, features, options, report, progress);
+    progress.finish();
+    NamedNetwork result{std::move(traced.network), std::move(traced.names)};
+    const std::array<const Side*, 2> sides{&source, &target};
+    for (const std::size_t m : {0u, 1u}) {
+        for (NetworkCurve& curve : result.network.curves)
+            curve.on[m].points = sides[m]->unit.restore(curve.on[m].points);
+        std::vector<Index> labels;
+        for (const Index row : sides[m]->rank)
+            labels.push_back(result.network.labels[m][static_cast<std::size_t>(row)]);
+        result.network.labels[m] = std::move(labels);
+    }
+    return result;
 }
 
 }  // namespace pointmorph

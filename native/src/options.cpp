@@ -108,11 +108,14 @@ std::vector<Option> make_table() {
                            "How the correspondence is found: auto bends both models onto each "
                            "other, nearly rigidly, whatever their topology; paper takes the "
                            "published pipeline and nothing else"));
-    table.push_back(choice("domain", POINTMORPH_FIELD(domain), {"auto", "disk", "cut", "sphere"},
+    table.push_back(choice("domain", POINTMORPH_FIELD(domain),
+                           {"auto", "disk", "cut", "sphere", "network"},
                            "Where both models are laid over each other: disk is for open patches "
                            "with one boundary, cut for closed models and a loop of features, "
                            "along which they are cut in two (without one, the features on tips), "
                            "sphere for closed models without holes through them, uncut; "
+                           "network for closed models of any kind, cut into many patches by curves "
+                           "between all features; "
                            "auto takes what the method and the "
                            "models ask for. With method auto, it says where the refinement "
                            "starts"));

@@ -59,6 +59,24 @@ inline Positions torus(Index count, double tube, unsigned seed = 1) {
     return p;
 }
 
+/// Two tori side by side, merged: points inside the other one are left out.
+inline Positions double_torus(Index count, unsigned seed = 1) {
+    const auto inside = [](double x, double y, double z) {
+        const double ring = std::hypot(x, y) - 1.0;
+        return ring * ring + z * z < 0.3 * 0.3 - 1e-9;
+    };
+    std::vector<Eigen::RowVector3d> rows;
+    for (const double side : {-1.1, 1.1}) {
+        const Positions ring_points = torus(count, 0.3, side < 0 ? seed : seed + 1);
+        for (Eigen::Index i = 0; i < ring_points.rows(); ++i)
+            if (!inside(ring_points(i, 0) + 2 * side, ring_points(i, 1), ring_points(i, 2)))
+                rows.emplace_back(ring_points.row(i) + Eigen::RowVector3d(side, 0, 0));
+    }
+    Positions all(static_cast<Eigen::Index>(rows.size()), 3);
+    for (std::size_t i = 0; i < rows.size(); ++i) all.row(static_cast<Eigen::Index>(i)) = rows[i];
+    return all;
+}
+
 /// Independent uniform points of the cube [−1, 1]³.
 inline Positions cube_noise(Index count, unsigned seed = 1) {
     std::mt19937_64 random(seed);

@@ -40,28 +40,10 @@ Positions shaken(Positions positions, double by) {
     return positions;
 }
 
-/// Two tori side by side, merged: points inside the other one are left out.
-Positions double_torus(Index count) {
-    const auto inside = [](double x, double y, double z) {
-        const double ring = std::hypot(x, y) - 1.0;
-        return ring * ring + z * z < 0.3 * 0.3 - 1e-9;
-    };
-    std::vector<Eigen::RowVector3d> rows;
-    for (const double side : {-1.1, 1.1}) {
-        Positions torus = shapes::torus(count, 0.3, side < 0 ? 1 : 2);
-        for (Eigen::Index i = 0; i < torus.rows(); ++i)
-            if (!inside(torus(i, 0) + 2 * side, torus(i, 1), torus(i, 2)))
-                rows.emplace_back(torus.row(i) + Eigen::RowVector3d(side, 0, 0));
-    }
-    Positions all(static_cast<Eigen::Index>(rows.size()), 3);
-    for (std::size_t i = 0; i < rows.size(); ++i) all.row(static_cast<Eigen::Index>(i)) = rows[i];
-    return all;
-}
-
 TEST(Topology, CountsHandlesOfAnalyticShapes) {
     EXPECT_EQ(in_words(topology_of(shapes::sphere(4000))), "a closed surface of genus 0");
     EXPECT_EQ(in_words(topology_of(shapes::torus(6000, 0.4))), "a closed surface of genus 1");
-    EXPECT_EQ(in_words(topology_of(double_torus(6000))), "a closed surface of genus 2");
+    EXPECT_EQ(in_words(topology_of(shapes::double_torus(6000))), "a closed surface of genus 2");
     EXPECT_EQ(in_words(topology_of(shapes::grid(60))), "an open patch");
     EXPECT_EQ(in_words(topology_of(shapes::sphere(3000, 0.2))), "an open patch");
 }

@@ -1,6 +1,7 @@
 // The whole morph: the one place that knows all stages.
 #pragma once
 
+#include <array>
 #include <limits>
 #include <memory>
 #include <span>
@@ -14,6 +15,7 @@
 #include "pointmorph/decomposition.hpp"
 #include "pointmorph/features.hpp"
 #include "pointmorph/motion.hpp"
+#include "pointmorph/network.hpp"
 #include "pointmorph/pairing.hpp"
 #include "pointmorph/parameterization.hpp"
 #include "pointmorph/path.hpp"
@@ -36,10 +38,12 @@ enum class Method { kAuto, kPaper };
 
 /// Where both clouds are laid over each other. kDisk: open patches on the unit disk. kCut: closed
 /// shapes, cut in two along the loop, on two disks that are glued along their rims. kSphere: closed
-/// shapes of genus 0 on the unit sphere, uncut. With kAuto as the method, the map found there is
-/// where the refinement starts. kAuto: the disk, or the cut where a loop is given, for the paper's
-/// method; the product space, which asks nothing of the topology, for the other.
-enum class Domain { kAuto, kDisk, kCut, kSphere };
+/// shapes of genus 0 on the unit sphere, uncut. kNetwork: closed shapes of any genus, cut into
+/// patches by a network of curves between all features, each on a disk of its own. With kAuto as
+/// the method, the map found there is where the refinement starts. kAuto: for the paper's method
+/// the disk, the cut where a loop is given, or the network for several loops and for shapes with
+/// handles; for the other the product space, which asks nothing of the topology.
+enum class Domain { kAuto, kDisk, kCut, kSphere, kNetwork };
 
 /// Points of the common domain, a row each: 2 columns in the disk, 3 on the sphere, which two disks
 /// are glued to as well, 12 in the product space.
@@ -86,6 +90,7 @@ struct MorphInput {
     /// none. Only method auto uses them; see refine().
     RefinementStart start{};
     Parts source_parts{}, target_parts{};  ///< what hangs together, as faces say; empty: found
+    std::vector<std::vector<std::string>> more_loops{};  ///< as `loop`, for a network of curves
 };
 
 /// A frame without cracks: as many rows as it takes. Row-major, numbers a point as in a FrameView.
@@ -134,6 +139,10 @@ struct MorphReport {
     ParameterizationReport target_parameterization;
     /// The loop given, or proposed where the domain is cut and none was given; see propose_loop().
     std::vector<std::string> loop;
+    /// Ends of the curves of a network, in the order in which they were traced, and how many
+    /// patches they part; see Network.
+    std::vector<std::array<std::string, 2>> curves;
+    Index patches = 0;
     /// Tips without a mark that were brought together, rows as given; see Decomposition::tips.
     Pairing tips;
     std::vector<std::string> warnings;
@@ -235,6 +244,14 @@ Decomposition decompose(Cloud cloud, std::span<const Index> loop,
 /// a cloud is an open patch.
 std::vector<std::string> propose_loop(Cloud source, Cloud target, std::vector<Feature> features,
                                       const MorphOptions& options, Progress& progress);
+
+/// The network that domain network cuts both shapes along, to be looked at before it is used: rows
+/// and lengths as given, and the names of its corners. Throws what Morph throws.
+struct NamedNetwork {
+    Network network;
+    std::vector<std::string> corners;
+};
+NamedNetwork trace_network(MorphInput input, const MorphOptions& options, Progress& progress);
 
 extern template const Path<float>& Morph::path<float>() const;
 extern template const Path<double>& Morph::path<double>() const;

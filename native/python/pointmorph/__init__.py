@@ -49,6 +49,7 @@ from pointmorph.morphing import (
     restore,
 )
 from pointmorph.motions import Motion
+from pointmorph.networks import Network, NetworkCurve, trace_network
 
 __all__ = [
     "Cancelled",
@@ -64,6 +65,8 @@ __all__ = [
     "MapFigures",
     "Morph",
     "Motion",
+    "Network",
+    "NetworkCurve",
     "Option",
     "OptionError",
     "Place",
@@ -83,4 +86,5 @@ __all__ = [
     "propose_loop",
     "quality_summary",
     "restore",
+    "trace_network",
 ]

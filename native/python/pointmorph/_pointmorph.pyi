@@ -35,6 +35,19 @@ def decompose(
     options: MorphOptions,
     progress: Any,
 ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64], list[int], npt.NDArray[np.int8]]: ...
+def trace_network(
+    source: dict[str, Any],
+    target: dict[str, Any],
+    features: Any,
+    loops: list[list[str]],
+    options: MorphOptions,
+    progress: Any,
+) -> tuple[
+    list[tuple[str, str, npt.NDArray[np.float64], npt.NDArray[np.float64]]],
+    list[list[int]],
+    npt.NDArray[np.int64],
+    npt.NDArray[np.int64],
+]: ...
 
 class Motion:
     def __init__(
@@ -53,7 +66,7 @@ class Morph:
         source: dict[str, Any],
         target: dict[str, Any],
         features: list[dict[str, Any]],
-        loop: list[str],
+        loops: list[list[str]],
         options: MorphOptions,
         source_start: npt.NDArray[Any] | None,
         target_start: npt.NDArray[Any] | None,

@@ -280,14 +280,19 @@ def _read_json(path: Path) -> dict[str, Any]:
     return content
 
 
-def read_features(path: Path, key: str = "features") -> tuple[dict[str, Feature], list[str]]:
-    """The features that FEATURES.json has under `key`, by name, and its loop."""
+def read_features(
+    path: Path, key: str = "features"
+) -> tuple[dict[str, Feature], list[str] | list[list[str]]]:
+    """The features that FEATURES.json has under `key`, by name, and its loop or loops."""
     content = _read_json(path)
     features, loop = content.get(key, {}), content.get("loop", [])
     if not isinstance(features, dict):
         raise FileError(str(path), f"JSON like {_SHAPE}", "something else", "Correct it.")
-    if not isinstance(loop, list) or not all(isinstance(name, str) for name in loop):
-        raise FileError(str(path), "a loop that lists features' names", repr(loop), "Correct it.")
+    loops = loop if isinstance(loop, list) and loop and isinstance(loop[0], list) else [loop]
+    if not all(isinstance(one, list) and all(isinstance(n, str) for n in one) for one in loops):
+        raise FileError(
+            str(path), "a loop that lists features' names, or several", repr(loop), "Correct it."
+        )
     return {name: feature_from_json(name, value) for name, value in features.items()}, loop
 
 

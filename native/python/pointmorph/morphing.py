@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from pointmorph import _pointmorph
 from pointmorph.clouds import Cloud, FloatArray
-from pointmorph.errors import CloudError, OptionError
+from pointmorph.errors import CloudError, FeatureError, OptionError
 from pointmorph.features import Feature, native_features
 
 Progress = Callable[[str, float], bool | None]
@@ -462,7 +462,7 @@ def morph(
     target: Cloud,
     features: Mapping[str, tuple[int, int] | Feature] | None = None,
     *,
-    loop: Sequence[str] = (),
+    loop: Sequence[str] | Sequence[Sequence[str]] = (),
     start: Morph | tuple[npt.ArrayLike, npt.ArrayLike] | None = None,
     progress: Progress | None = None,
     **settings: int | float | str | None,
@@ -475,11 +475,12 @@ def morph(
         Any sizes; no common mesh, no faces needed.
     features : mapping of name to (source row, target row) or `Feature`, optional
         Points that must coincide; curves, regions, and what is soft are a `Feature`.
-    loop : sequence of str, optional
+    loop : sequence of str, or of such sequences, optional
         Features, in order, through which a closed model is cut (methods that cut: `paper`, or
         domain `cut`); see `decompose`. Domain `cut` proposes one through the features on tips
         where none is given, and says so in the report. An open patch takes none, and domain
-        `sphere` uses none.
+        `sphere` uses none. Several loops, which may share features, are the first curves of domain
+        `network`, which needs none.
     start : Morph, or (N, 3) and (M, 3) arrays, optional
         An earlier morph of these clouds, or its `source_to_target` and `target_to_source`: after a
         feature was added or moved, the new map is found from the old one. Where that contradicts
@@ -561,11 +562,23 @@ def propose_features(
     return tuple(proposals)
 
 
+def native_loops(loop: Sequence[str] | Sequence[Sequence[str]]) -> list[list[str]]:
+    """None, one, or several, as lists."""
+    single = [name for name in loop if isinstance(name, str)]
+    if single:
+        if len(single) < len(loop):
+            raise FeatureError(
+                "loop", "names of features, or sequences of them", repr(loop), "Don't mix the two."
+            )
+        return [single]
+    return [list(names) for names in loop]
+
+
 def _native(
     source: Cloud,
     target: Cloud,
     features: Mapping[str, tuple[int, int] | Feature] | None,
-    loop: Sequence[str],
+    loop: Sequence[str] | Sequence[Sequence[str]],
     chosen: _pointmorph.MorphOptions,
     start: Morph | tuple[npt.ArrayLike, npt.ArrayLike] | None,
     progress: Progress | None,
@@ -574,7 +587,7 @@ def _native(
         source._fields(),
         target._fields(),
         native_features(features),
-        list(loop),
+        native_loops(loop),
         chosen,
         *_start_arrays(start),
         progress,

@@ -1,0 +1,60 @@
+#include "patch_cloud.hpp"
+
+#include <algorithm>
+#include <numeric>
+#include <string>
+#include <utility>
+
+namespace pointmorph {
+
+namespace {
+
+/// Limbs of small clouds need finer simplified patches than the paper's threshold leaves them, and
+/// eyes or a loose button go with the patch around them.
+ParameterizationOptions for_patches(ParameterizationOptions options, Index points) {
+    constexpr Index kPointsToSize = 1500;
+    options.join_parts = true;
+    options.lod.max_cluster_size =
+        std::clamp<Index>(points / kPointsToSize, 1, options.lod.max_cluster_size);
+    return options;
+}
+
+}  // namespace
+
+PatchCloud::PatchCloud(const Side& side, std::vector<Index> inside, const SurfaceCurve& boundary)
+    : rows(std::move(inside)),
+      positions(static_cast<Eigen::Index>(rows.size()) + boundary.size(), 3),
+      normals(positions.rows(), 3),
+      loop(static_cast<std::size_t>(boundary.size())) {
+    positions << gather(side.positions, rows), boundary.points;
+    normals << gather(side.normals, rows), boundary.normals;
+    std::iota(loop.begin(), loop.end(), static_cast<Index>(rows.size()));
+}
+
+Index PatchCloud::place(Index row) const {
+    return static_cast<Index>(std::ranges::lower_bound(rows, row) - rows.begin());
+}
+
+DiskPoints on_disk(const Side& side, const PatchCloud& patch, std::span<const double> angles,
+                   const MorphOptions& options, ParameterizationReport& said, MorphReport& report,
+                   Progress& progress) {
+    Neighborhoods nearest;
+    if (options.parameterization.solve == SolveMode::kFull)
+        nearest =
+            nearest_neighbors(KdTree<3>(patch.positions), options.covariance_neighbors, progress);
+    auto result = parameterize(
+        patch.positions, patch.normals, nearest, patch.loop, angles,
+        for_patches(options.parameterization, static_cast<Index>(side.positions.rows())),
+        side.cloud.name, progress);
+    if (result.joined > 0)
+        report.warnings.push_back(side.cloud.name + ": " + std::to_string(result.joined) +
+                                  " points in separate parts were tied to the nearest places of "
+                                  "the largest part.");
+    said.unknowns += result.unknowns;
+    said.iterations = std::max(said.iterations, result.iterations);
+    said.relative_residual = std::max(said.relative_residual, result.relative_residual);
+    said.solve_seconds += result.solve_seconds;
+    return std::move(result.points);
+}
+
+}  // namespace pointmorph

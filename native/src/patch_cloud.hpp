@@ -1,0 +1,34 @@
+// A patch of a shape with the curves around it, on its way to the disk; not for callers of the
+// library.
+#pragma once
+
+#include <span>
+#include <vector>
+
+#include "pointmorph/geodesics.hpp"
+#include "pointmorph/morph.hpp"
+#include "side.hpp"
+
+namespace pointmorph {
+
+/// The patch's points, then its boundary.
+struct PatchCloud {
+    std::vector<Index> rows;  ///< of the side, ascending, without the boundary's
+    Positions positions;
+    Normals normals;
+    BoundaryLoop loop;  ///< rows of `positions`
+
+    /// `boundary` is closed: its first point follows the last.
+    PatchCloud(const Side& side, std::vector<Index> inside, const SurfaceCurve& boundary);
+
+    /// Row here of a row of the side.
+    Index place(Index row) const;
+};
+
+/// Onto the disk with the boundary at `angles`. Adds to what is said of the side's
+/// parameterization.
+DiskPoints on_disk(const Side& side, const PatchCloud& patch, std::span<const double> angles,
+                   const MorphOptions& options, ParameterizationReport& said, MorphReport& report,
+                   Progress& progress);
+
+}  // namespace pointmorph

@@ -1,0 +1,63 @@
+"""Networks of curves on closed shapes with handles."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pointmorph
+import pytest
+from pointmorph import cli
+
+
+def torus(tube: float, turns: int, across: int) -> pointmorph.Cloud:
+    u, v = np.meshgrid(np.arange(turns) * 2 * np.pi / turns, np.arange(across) * 2 * np.pi / across)
+    r = 1 + tube * np.cos(v)
+    rows = np.stack([r * np.cos(u), r * np.sin(u), tube * np.sin(v)], axis=-1)
+    return pointmorph.Cloud(rows.reshape(-1, 3))
+
+
+SOURCE, TARGET = torus(0.4, 90, 36), torus(0.3, 84, 30)
+FEATURES = {
+    f"{a}{b}": (12 * b * 90 + 30 * a, 10 * b * 84 + 28 * a) for a in range(3) for b in range(3)
+}
+
+
+def test_patches_are_the_same_on_both_and_curves_join_their_features() -> None:
+    network = pointmorph.trace_network(SOURCE, TARGET, FEATURES)
+    assert len(FEATURES) - len(network.curves) + len(network.patches) == 0
+    for curve in network.curves:
+        for points, cloud, side in ((curve.source, SOURCE, 0), (curve.target, TARGET, 1)):
+            ends = cloud.positions[[FEATURES[curve.start][side], FEATURES[curve.end][side]]]
+            assert np.allclose(points[[0, -1]], ends, atol=1e-9)
+    for labels in (network.source, network.target):
+        assert set(labels) == {-1, *range(len(network.patches))}
+        assert (labels < 0).sum() == len(FEATURES)
+    assert all(len(set(patch)) >= 3 for patch in network.patches)
+
+
+def test_loops_are_the_first_curves() -> None:
+    loops = [["00", "01", "02"], ["00", "10", "20"]]
+    network = pointmorph.trace_network(SOURCE, TARGET, FEATURES, loop=loops)
+    first = [{curve.start, curve.end} for curve in network.curves[:6]]
+    assert first == [{loop[k], loop[(k + 1) % 3]} for loop in loops for k in range(3)]
+    morph = pointmorph.morph(SOURCE, TARGET, FEATURES, loop=loops, method="paper")
+    assert morph.report["domain"] == "network"
+    assert [set(ends) for ends in morph.report["curves"][:6]] == first
+
+
+def test_names_and_loops_dont_mix() -> None:
+    with pytest.raises(pointmorph.FeatureError, match="mix"):
+        pointmorph.morph(SOURCE, TARGET, FEATURES, loop=["00", ["01", "02"]])  # type: ignore[list-item]
+
+
+def test_the_command_line_takes_several_loops(tmp_path: Path) -> None:
+    for name, cloud in (("a.xyz", SOURCE), ("b.xyz", TARGET)):
+        np.savetxt(tmp_path / name, cloud.positions)
+    content = {"features": FEATURES, "loop": [["00", "01", "02"], ["00", "10", "20"]]}
+    (tmp_path / "features.json").write_text(json.dumps(content))
+    arguments = ["morph", str(tmp_path / "a.xyz"), str(tmp_path / "b.xyz")]
+    arguments += ["--out", str(tmp_path / "out"), "--features", str(tmp_path / "features.json")]
+    assert cli.main([*arguments, "--method", "paper"]) == 0
+    report = json.loads((tmp_path / "out" / "report.json").read_text())
+    assert report["domain"] == "network"
+    assert report["patches"] == len(report["curves"]) - len(FEATURES)
