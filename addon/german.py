@@ -591,8 +591,9 @@ SETTINGS = {
         "Worauf beide Modelle übereinandergelegt werden: Scheibe ist für offene Stücke mit einem "
         "Rand, Schnitt für geschlossene Modelle und eine Schleife von Merkmalen, an der sie in "
         "zwei geteilt werden (ohne sie die Merkmale auf Spitzen), Kugel für geschlossene Modelle "
-        "ohne Löcher, ungeschnitten; Auto nimmt, was Verfahren und Modelle verlangen. Beim "
-        "Verfahren Auto sagt es, womit die Verfeinerung beginnt",
+        "ohne Löcher, ungeschnitten; Netz für geschlossene Modelle jeder Art, an Kurven zwischen "
+        "allen Merkmalen in viele Stücke geteilt; Auto nimmt, was Verfahren und Modelle verlangen. "
+        "Beim Verfahren Auto sagt es, womit die Verfeinerung beginnt",
     ),
     "threads": (
         "Threads",
@@ -733,6 +734,7 @@ CHOICES = {
     "disk": "Scheibe",
     "cut": "Schnitt",
     "sphere": "Kugel",
+    "network": "Netz",
     "uniform": "Gleichmäßig",
     "chord": "Nach Abstand",
     "full": "Alles",
