@@ -55,7 +55,7 @@ LABELS = {
     "Down": "Hinunter",
     "Remove": "Entfernen",
     "Morph": "Verwandeln",
-    "Press Esc over the viewport to stop": "Esc über der Ansicht hält an",
+    "Esc stops it": "Esc hält an",
     "Stopping": "Wird angehalten",
     "Reading the scene": "Die Szene wird gelesen",
     "Preview: the whole is being computed": "Vorschau: das Ganze wird berechnet",

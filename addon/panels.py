@@ -276,7 +276,7 @@ def _draw_progress(layout):
         bar = layout.row()
         bar.enabled = False
         bar.prop(bpy.context.window_manager, "pointmorph_progress", text="", slider=True)
-    layout.label(text="Press Esc over the viewport to stop", icon="EVENT_ESC")
+    layout.label(text="Esc stops it", icon="EVENT_ESC")
 
 
 # --- Result ---------------------------------------------------------------------------------------

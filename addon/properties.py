@@ -10,6 +10,7 @@ import bpy
 import numpy as np
 import pointmorph
 
+from . import session
 from .features import PREFIX, Choice
 
 _LARGEST_INT = 2**31 - 1
@@ -35,8 +36,12 @@ def feature_names(obj):
 
 
 def sync_features(scene):
-    """Makes the list of features say what is marked on source and target; order is kept."""
+    """Makes the list of features say what is marked on source and target; order is kept.
+
+    What went wrong before something was marked or unmarked is forgotten.
+    """
     settings = scene.pointmorph
+    before = _standing(settings.features)
     on_source = feature_names(settings.source)
     on_target = feature_names(settings.target)
     names = list(dict.fromkeys(on_source + on_target))
@@ -52,6 +57,12 @@ def sync_features(scene):
         _set(listed[name], "name", name)
         _set(listed[name], "on_source", name in on_source)
         _set(listed[name], "on_target", name in on_target)
+    if _standing(features) != before:
+        session.problem = None
+
+
+def _standing(features):
+    return [(feature.marked_name, feature.on_source, feature.on_target) for feature in features]
 
 
 def _set(item, key, value):
@@ -308,6 +319,7 @@ def _is_shape(self, obj):
 
 
 def _sync(self, context):
+    session.problem = None  # it was about other shapes
     sync_features(self.id_data)
 
 

@@ -236,11 +236,27 @@ def test_a_feature_that_is_off_is_none(addon, pair, settings):
     with pytest.raises(RuntimeError, match="half"):
         bpy.ops.pointmorph.morph()
     assert addon("session").problem[0] == "FEATURES"
+    addon("properties").sync_features(bpy.context.scene)
+    assert addon("session").problem is not None  # nothing has changed
     settings.features["half"].use = False
     settings.features["slope"].use = False
     assert set(addon("reading").read_request(bpy.context).features) == {"peak"}
     assert bpy.ops.pointmorph.morph() == {"FINISHED"}
     assert addon("session").problem is None
+
+
+def test_a_problem_is_forgotten_once_something_else_is_marked_or_picked(addon, pair, settings):
+    session, sync = addon("session"), addon("properties").sync_features
+    for change in (
+        lambda: scenes.mark(pair[1], "half", 0.2, 0.9),
+        lambda: setattr(settings, "target", None),
+    ):
+        scenes.mark(pair[0], "half", 0.2, 0.9)
+        sync(bpy.context.scene)
+        session.problem = "FEATURES", "half isn't marked on the target"
+        change()
+        sync(bpy.context.scene)
+        assert session.problem is None
 
 
 def test_points_of_a_cloud_can_be_marked(addon, settings):
