@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <numeric>
 #include <utility>
 
 #include "patch_cloud.hpp"
@@ -34,25 +33,6 @@ Eigen::RowVector3d lifted(const Eigen::RowVector2d& u, bool above) {
     const double squared = u.squaredNorm();
     const double height = (1.0 - squared) / (1.0 + squared);
     return {2.0 * u.x() / (1.0 + squared), 2.0 * u.y() / (1.0 + squared), above ? height : -height};
-}
-
-/// Angles of both curves' points, equal at the loop's features.
-std::array<std::vector<double>, 2> curve_angles(const Decomposition& source,
-                                                const Decomposition& target,
-                                                BoundarySpacing spacing) {
-    const auto all = [](const Decomposition& cut) {
-        std::vector<Index> loop(at(cut.curve.size()));
-        std::iota(loop.begin(), loop.end(), 0);
-        return loop;
-    };
-    const auto source_loop = all(source), target_loop = all(target);
-    std::vector<IndexPair> corners;
-    for (std::size_t k = 0; k < source.corners.size(); ++k)
-        corners.push_back({source.corners[k], target.corners[k]});
-    const MatchedPins pins = match_pins(source.curve.points, source_loop, target.curve.points,
-                                        target_loop, spacing, corners);
-    return {boundary_angles(source.curve.points, source_loop, spacing, pins.source),
-            boundary_angles(target.curve.points, target_loop, spacing, pins.target)};
 }
 
 /// Features inside the patches that don't lie on the same side of both curves, and how many there
@@ -194,8 +174,8 @@ CutRoute match_in_patches(Side& source, Side& target, const MorphInput& input,
                                           ", to have it on the same side as on the other model.");
     }
     Astray(source_cut, target_cut, known).check(known);
-    const auto angles =
-        curve_angles(source_cut, target_cut, options.parameterization.boundary_spacing);
+    const auto angles = rim_angles(source_cut.curve, source_cut.corners, target_cut.curve,
+                                   target_cut.corners, options.parameterization.boundary_spacing);
     if (looks_mirrored(source_cut, target_cut, angles))
         report.warnings.push_back(
             "The loop fits much better when one model is mirrored: check that left and right are "

@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <numeric>
 #include <string>
 #include <utility>
 
@@ -50,24 +49,6 @@ struct Rim {
         }
     }
 };
-
-/// Angles of both rims' points, equal at the corners.
-std::array<std::vector<double>, 2> rim_angles(const Rim& source, const Rim& target,
-                                              BoundarySpacing spacing) {
-    const auto all = [](const Rim& rim) {
-        std::vector<Index> loop(at(rim.curve.size()));
-        std::iota(loop.begin(), loop.end(), 0);
-        return loop;
-    };
-    const auto source_loop = all(source), target_loop = all(target);
-    std::vector<IndexPair> corners;
-    for (std::size_t k = 0; k < source.corners.size(); ++k)
-        corners.push_back({source.corners[k], target.corners[k]});
-    const MatchedPins pins = match_pins(source.curve.points, source_loop, target.curve.points,
-                                        target_loop, spacing, corners);
-    return {boundary_angles(source.curve.points, source_loop, spacing, pins.source),
-            boundary_angles(target.curve.points, target_loop, spacing, pins.target)};
-}
 
 /// All curves would fit much better if one model were a mirror image.
 bool looks_mirrored(const Network& network) {
@@ -186,7 +167,8 @@ NetworkRoute match_in_network(Side& source, Side& target, const MorphInput& inpu
         progress.enter("parameterization");
         const auto& darts = network.patches[at(p)];
         const std::array<Rim, 2> rims{Rim(network, darts, 0), Rim(network, darts, 1)};
-        const auto angles = rim_angles(rims[0], rims[1], options.parameterization.boundary_spacing);
+        const auto angles = rim_angles(rims[0].curve, rims[0].corners, rims[1].curve,
+                                       rims[1].corners, options.parameterization.boundary_spacing);
         std::vector<PatchCloud> clouds;
         std::array<DiskPoints, 2> disks;
         for (const std::size_t m : {0u, 1u}) {

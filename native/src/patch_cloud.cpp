@@ -35,6 +35,26 @@ Index PatchCloud::place(Index row) const {
     return static_cast<Index>(std::ranges::lower_bound(rows, row) - rows.begin());
 }
 
+std::array<std::vector<double>, 2> rim_angles(const SurfaceCurve& source,
+                                              std::span<const Index> source_corners,
+                                              const SurfaceCurve& target,
+                                              std::span<const Index> target_corners,
+                                              BoundarySpacing spacing) {
+    const auto all = [](const SurfaceCurve& rim) {
+        std::vector<Index> loop(static_cast<std::size_t>(rim.size()));
+        std::iota(loop.begin(), loop.end(), 0);
+        return loop;
+    };
+    const auto source_loop = all(source), target_loop = all(target);
+    std::vector<IndexPair> corners;
+    for (std::size_t k = 0; k < source_corners.size(); ++k)
+        corners.push_back({source_corners[k], target_corners[k]});
+    const MatchedPins pins =
+        match_pins(source.points, source_loop, target.points, target_loop, spacing, corners);
+    return {boundary_angles(source.points, source_loop, spacing, pins.source),
+            boundary_angles(target.points, target_loop, spacing, pins.target)};
+}
+
 DiskPoints on_disk(const Side& side, const PatchCloud& patch, std::span<const double> angles,
                    const MorphOptions& options, ParameterizationReport& said, MorphReport& report,
                    Progress& progress) {

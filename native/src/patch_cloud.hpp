@@ -2,6 +2,7 @@
 // library.
 #pragma once
 
+#include <array>
 #include <span>
 #include <vector>
 
@@ -24,6 +25,14 @@ struct PatchCloud {
     /// Row here of a row of the side.
     Index place(Index row) const;
 };
+
+/// Where the points of two closed curves lie on the circle, the corners (rows, the first with the
+/// first and so on) at the same angles on both.
+std::array<std::vector<double>, 2> rim_angles(const SurfaceCurve& source,
+                                              std::span<const Index> source_corners,
+                                              const SurfaceCurve& target,
+                                              std::span<const Index> target_corners,
+                                              BoundarySpacing spacing);
 
 /// Onto the disk with the boundary at `angles`. Adds to what is said of the side's
 /// parameterization.
