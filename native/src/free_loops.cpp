@@ -12,6 +12,11 @@ std::size_t at(Index i) {
     return static_cast<std::size_t>(i);
 }
 
+/// Two vertices in one number, which sort as they do.
+std::uint64_t packed(Index b, Index c) {
+    return static_cast<std::uint64_t>(b) << 32 | static_cast<std::uint64_t>(c);
+}
+
 template <class Value>
 void make_unique(std::vector<Value>& row) {
     std::ranges::sort(row);
@@ -65,33 +70,27 @@ public:
         std::iota(stands_for_.begin(), stands_for_.end(), 0);
     }
 
+    /// Three edges that come to nothing together. What follows by substitution, as long as a sum
+    /// has no more than two unknown edges, is settled at once: nearly all of a surface's triangles.
     void add(const std::array<Index, 3>& sum) {
-        for (const Index edge : sum) sums_of_[at(edge)].push_back(static_cast<Index>(sums_.size()));
-        sums_.push_back(sum);
+        std::array<Index, 3> left;
+        if (settle(sum, left)) {
+            follow_up();
+            return;
+        }
+        for (const Index edge : left)
+            sums_of_[at(edge)].push_back(static_cast<Index>(sums_.size()));
+        sums_.push_back(left);
+        is_settled_.push_back(0);
     }
 
-    /// Every edge as a sum of free ones, which are as many as `free()` says: by substitution as
-    /// long as a sum has no more than two unknown edges, which settles nearly all those of a
-    /// surface's triangles; then by reduction.
+    /// Every edge as a sum of free ones, which are as many as `free()` says, by reduction of what
+    /// is left.
     void solve() {
-        std::vector<char> is_settled(sums_.size(), 0);
-        std::vector<Index> open(sums_.size());
-        std::iota(open.rbegin(), open.rend(), 0);
-        while (!open.empty()) {
-            const Index sum = open.back();
-            open.pop_back();
-            if (is_settled[at(sum)]) continue;
-            std::array<Index, 3> left;
-            const Index count = unknowns(sums_[at(sum)], left);
-            if (count == 3) continue;
-            is_settled[at(sum)] = 1;
-            if (count > 0) substitute(left[0], count == 1 ? kNothing : left[1], open);
-        }
-
         const auto edges = static_cast<Index>(stands_for_.size());
         IndependentSums rest(edges);
         for (std::size_t sum = 0; sum < sums_.size(); ++sum) {
-            if (is_settled[sum]) continue;
+            if (is_settled_[sum]) continue;
             std::array<Index, 3> left;
             const Index count = unknowns(sums_[sum], left);
             rest.add(Sum(left.begin(), left.begin() + count));
@@ -136,13 +135,31 @@ private:
         return count;
     }
 
-    /// Puts one for the other; `open` gets the sums in which that may settle something.
-    void substitute(Index edge, Index by, std::vector<Index>& open) {
+    /// Whether a sum has no more than two unknown edges; all is said about them then.
+    bool settle(const std::array<Index, 3>& sum, std::array<Index, 3>& left) {
+        const Index count = unknowns(sum, left);
+        if (count == 3) return false;
+        if (count > 0) substitute(left[0], count == 1 ? kNothing : left[1]);
+        return true;
+    }
+
+    /// Settles what substitutions have opened.
+    void follow_up() {
+        std::array<Index, 3> left;
+        while (!open_.empty()) {
+            const Index sum = open_.back();
+            open_.pop_back();
+            if (!is_settled_[at(sum)]) is_settled_[at(sum)] = settle(sums_[at(sum)], left) ? 1 : 0;
+        }
+    }
+
+    /// Puts one for the other; sums in which that may settle something are open then.
+    void substitute(Index edge, Index by) {
         if (by != kNothing && sums_of_[at(edge)].size() > sums_of_[at(by)].size())
             std::swap(edge, by);
         stands_for_[at(edge)] = by;
         std::vector<Index>& of = sums_of_[at(edge)];
-        open.insert(open.end(), of.begin(), of.end());
+        open_.insert(open_.end(), of.begin(), of.end());
         if (by != kNothing) sums_of_[at(by)].insert(sums_of_[at(by)].end(), of.begin(), of.end());
         of = {};
     }
@@ -150,6 +167,8 @@ private:
     std::vector<Index> stands_for_;            ///< up to the one that stands for itself
     std::vector<std::vector<Index>> sums_of_;  ///< of each that stands for itself: where it occurs
     std::vector<std::array<Index, 3>> sums_;
+    std::vector<char> is_settled_;
+    std::vector<Index> open_;   ///< sums to look at again
     std::vector<Sum> in_free_;  ///< of each that stands for itself
     Index free_ = 0;
 };
@@ -185,6 +204,22 @@ struct NumberedEdges {
         return numbers[at(std::min(a, b))][static_cast<std::size_t>(place)];
     }
 };
+
+/// `triangles`: of each vertex, as Complex keeps them.
+EdgeSums solved(const NumberedEdges& edges, std::vector<std::vector<std::uint64_t>> triangles) {
+    EdgeSums sums(edges.count);
+    for (std::size_t a = 0; a < triangles.size(); ++a) {
+        make_unique(triangles[a]);
+        for (const std::uint64_t two : triangles[a]) {
+            const auto first = static_cast<Index>(a);
+            const auto b = static_cast<Index>(two >> 32);
+            const auto c = static_cast<Index>(two & 0xffffffffu);
+            sums.add({edges.number(first, b), edges.number(first, c), edges.number(b, c)});
+        }
+    }
+    sums.solve();
+    return sums;
+}
 
 /// Loops that are left where those of three or four edges are spanned. Only loops with an edge that
 /// doesn't come to nothing are looked at.
@@ -222,6 +257,21 @@ Index wide_loops(const NumberedEdges& edges, const Neighborhoods& around, EdgeSu
 
 Complex::Complex(Index vertices) : edges_(at(vertices)), triangles_(at(vertices)) {}
 
+Complex::Complex(const Neighborhoods& graph) : Complex(graph.size()) {
+    std::vector<Index> both;
+    for (Index a = 0; a < graph.size(); ++a) {
+        const auto higher = [&](Index i, Index than) {
+            return std::span(std::ranges::upper_bound(graph[i], than), graph[i].end());
+        };
+        edges_[at(a)].assign(higher(a, a).begin(), higher(a, a).end());
+        for (const Index b : edges_[at(a)]) {
+            both.clear();
+            std::ranges::set_intersection(higher(a, b), higher(b, b), std::back_inserter(both));
+            for (const Index c : both) triangles_[at(a)].push_back(packed(b, c));
+        }
+    }
+}
+
 Index Complex::add_vertex() {
     edges_.emplace_back();
     triangles_.emplace_back();
@@ -233,8 +283,7 @@ void Complex::add(std::span<const Index> simplex) {
         for (std::size_t b = a + 1; b < simplex.size(); ++b) {
             edges_[at(simplex[a])].push_back(simplex[b]);
             for (std::size_t c = b + 1; c < simplex.size(); ++c)
-                triangles_[at(simplex[a])].push_back(static_cast<std::uint64_t>(simplex[b]) << 32 |
-                                                     static_cast<std::uint64_t>(simplex[c]));
+                triangles_[at(simplex[a])].push_back(packed(simplex[b], simplex[c]));
         }
 }
 
@@ -248,19 +297,19 @@ Neighborhoods Complex::neighbors() const {
     return symmetrized(result);
 }
 
+EdgeLoops::EdgeLoops(const Complex& complex) {
+    const NumberedEdges edges(complex.edges_);
+    EdgeSums known = solved(edges, complex.triangles_);
+    count = known.free();
+    const Neighborhoods around = complex.neighbors();
+    sums.reserve(around.indices.size());
+    for (Index a = 0; a < around.size(); ++a)
+        for (const Index b : around[a]) sums.push_back(known.in_free(edges.number(a, b)));
+}
+
 FreeLoops::FreeLoops(const Complex& complex) {
     const NumberedEdges edges(complex.edges_);
-    EdgeSums sums(edges.count);
-    for (Index a = 0; a < complex.size(); ++a) {
-        std::vector<std::uint64_t> triangles = complex.triangles_[at(a)];
-        make_unique(triangles);
-        for (const std::uint64_t two : triangles) {
-            const auto b = static_cast<Index>(two >> 32);
-            const auto c = static_cast<Index>(two & 0xffffffffu);
-            sums.add({edges.number(a, b), edges.number(a, c), edges.number(b, c)});
-        }
-    }
-    sums.solve();
+    EdgeSums sums = solved(edges, complex.triangles_);
     all = wide = sums.free();
     if (all > 0) wide = wide_loops(edges, complex.neighbors(), sums);
 }

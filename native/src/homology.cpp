@@ -1,136 +1,27 @@
 #include "pointmorph/homology.hpp"
 
 #include <algorithm>
-#include <bitset>
 #include <cstddef>
 #include <limits>
+
+#include "pointmorph/free_loops.hpp"
 
 namespace pointmorph {
 
 namespace {
 
-constexpr std::size_t kGenerators = 1024;
-using Sum = std::bitset<kGenerators>;
-
 std::size_t at(Index i) {
     return static_cast<std::size_t>(i);
 }
 
-/// Sums of generators that are known to be 0, each under its highest one.
-class Relations {
-public:
-    void add(Sum sum) {
-        for (std::size_t g = kGenerators; g-- > 0 && sum.any();) {
-            if (!sum[g]) continue;
-            if (!known_[g]) {
-                known_[g] = true;
-                sums_[g] = sum;
-                return;
-            }
-            sum ^= sums_[g];
-        }
-    }
-
-    /// A bit for each of the first `count` generators that nothing is known about; sums of those
-    /// for the others. Returns how many bits there are.
-    Index resolve(std::size_t count, std::vector<std::uint32_t>& bits) const {
-        bits.assign(count, 0);
-        Index rank = 0;
-        for (std::size_t g = 0; g < count; ++g) {
-            if (!known_[g]) {
-                if (rank < 32) bits[g] = std::uint32_t{1} << rank;
-                ++rank;
-                continue;
-            }
-            for (std::size_t lower = 0; lower < g; ++lower)
-                if (sums_[g][lower]) bits[g] ^= bits[lower];
-        }
-        return rank;
-    }
-
-private:
-    std::bitset<kGenerators> known_;
-    std::vector<Sum> sums_ = std::vector<Sum>(kGenerators);
-};
-
 /// Of the graph itself.
 LoopClasses classes_of(const SurfaceGraph& graph) {
-    const auto count = graph.neighbors.size();
-    // Both directions of an edge share one sum, that of the one that is met first.
-    std::vector<std::size_t> edge(count);
-    const auto place = [&](Index from, Index to) {
-        const auto begin = graph.neighbors.begin() + graph.offsets[at(from)];
-        const auto end = graph.neighbors.begin() + graph.offsets[at(from) + 1];
-        return static_cast<std::size_t>(std::lower_bound(begin, end, to) - graph.neighbors.begin());
-    };
-    struct Ends {
-        Index a, b;
-    };
-    std::vector<Ends> ends;
-    for (Index i = 0; i < graph.size(); ++i)
-        for (auto e = static_cast<std::size_t>(graph.offsets[at(i)]);
-             e < static_cast<std::size_t>(graph.offsets[at(i) + 1]); ++e) {
-            const Index j = graph.neighbors[e];
-            edge[e] = i < j ? ends.size() : edge[place(j, i)];
-            if (i < j) ends.push_back({i, j});
-        }
-
-    std::vector<Sum> sums(ends.size());
-    std::vector<char> known(ends.size(), 0);
-    std::vector<std::size_t> queue;
-    Relations relations;
-    const auto learn = [&](std::size_t e, const Sum& sum) {
-        sums[e] = sum;
-        known[e] = 1;
-        queue.push_back(e);
-    };
-    // A tree has no loops.
-    std::vector<Index> front{0};
-    std::vector<char> reached(at(graph.size()), 0);
-    if (graph.size() > 0) reached[0] = 1;
-    for (std::size_t k = 0; k < front.size() && graph.size() > 0; ++k)
-        for (auto e = static_cast<std::size_t>(graph.offsets[at(front[k])]);
-             e < static_cast<std::size_t>(graph.offsets[at(front[k]) + 1]); ++e) {
-            const Index j = graph.neighbors[e];
-            if (reached[at(j)]) continue;
-            reached[at(j)] = 1;
-            front.push_back(j);
-            learn(edge[e], Sum());
-        }
-    std::size_t generators = 0, done = 0, next = 0;
-    for (;;) {
-        for (; done < queue.size(); ++done) {
-            const std::size_t e = queue[done];
-            const auto [a, b] = ends[e];
-            auto p = static_cast<std::size_t>(graph.offsets[at(a)]);
-            auto q = static_cast<std::size_t>(graph.offsets[at(b)]);
-            const auto p_end = static_cast<std::size_t>(graph.offsets[at(a) + 1]);
-            const auto q_end = static_cast<std::size_t>(graph.offsets[at(b) + 1]);
-            while (p < p_end && q < q_end) {
-                if (graph.neighbors[p] != graph.neighbors[q]) {
-                    ++(graph.neighbors[p] < graph.neighbors[q] ? p : q);
-                    continue;
-                }
-                const std::size_t f = edge[p++], g = edge[q++];
-                if (known[f] && known[g])
-                    relations.add(sums[e] ^ sums[f] ^ sums[g]);
-                else if (known[f])
-                    learn(g, sums[e] ^ sums[f]);
-                else if (known[g])
-                    learn(f, sums[e] ^ sums[g]);
-            }
-        }
-        while (next < known.size() && known[next]) ++next;
-        if (next == known.size() || generators == kGenerators) break;
-        learn(next, Sum().set(generators++));
-    }
-    LoopClasses result;
-    std::vector<std::uint32_t> bits;
-    result.rank = relations.resolve(generators, bits);
-    result.bits.resize(count);
-    for (std::size_t e = 0; e < count; ++e)
-        for (std::size_t g = 0; g < generators; ++g)
-            if (sums[edge[e]][g]) result.bits[e] ^= bits[g];
+    const EdgeLoops loops(Complex({graph.offsets, graph.neighbors}));
+    LoopClasses result{std::vector<std::uint32_t>(loops.sums.size(), 0), loops.count};
+    constexpr Index kBits = 32;
+    for (std::size_t e = 0; e < loops.sums.size(); ++e)
+        for (const Index loop : loops.sums[e])
+            if (loop < kBits) result.bits[e] |= std::uint32_t{1} << loop;
     return result;
 }
 
