@@ -135,11 +135,11 @@ def sequence_of(held, plan, settings, poses=None):
         return pointmorph.moving.MovingSequence(
             morph, plan.times(), poses, settings, **numbers, resample=plan.resample
         )
-    kind = pointmorph.sequences.Sequence if plan.resample else _Pairs
+    kind = pointmorph.sequences.FrameSequence if plan.resample else _Pairs
     return kind(morph, plan.times(), **numbers)
 
 
-class _Pairs(pointmorph.sequences.Sequence):
+class _Pairs(pointmorph.sequences.FrameSequence):
     """Frames without new points, which have ids and velocities all the same."""
 
     def _at(self, t, stopped):

@@ -29,7 +29,7 @@ def made(monkeypatch):
     class Made(list):
         limit = None
 
-    made, before = Made(), sequences.Sequence.frame
+    made, before = Made(), sequences.FrameSequence.frame
 
     def frame(self, k, stopped):
         if made.limit is not None and len(made) >= made.limit:
@@ -37,7 +37,7 @@ def made(monkeypatch):
         made.append(k)
         return before(self, k, stopped)
 
-    monkeypatch.setattr(sequences.Sequence, "frame", frame)
+    monkeypatch.setattr(sequences.FrameSequence, "frame", frame)
     return made
 
 

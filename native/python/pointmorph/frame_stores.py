@@ -11,7 +11,7 @@ import numpy as np
 from pointmorph import formats
 from pointmorph.errors import FileError
 from pointmorph.morphing import Frame, Progress, ResampledFrame
-from pointmorph.sequences import MANIFEST, Sequence, in_order, is_of, mark
+from pointmorph.sequences import MANIFEST, FrameSequence, in_order, is_of, mark
 from pointmorph.surfaces import Surface
 
 
@@ -25,7 +25,7 @@ class FrameStore:
     ----------
     folder : path
         Made when it isn't there; its parent exists. `remove` takes it away again.
-    sequence : Sequence
+    sequence : FrameSequence
     faces : bool
         Surfaces through the points instead of points.
 
@@ -39,7 +39,7 @@ class FrameStore:
     folder : path
     """
 
-    def __init__(self, folder: Path, sequence: Sequence, *, faces: bool = False) -> None:
+    def __init__(self, folder: Path, sequence: FrameSequence, *, faces: bool = False) -> None:
         self.folder = folder
         self._sequence = sequence
         self._faces = faces

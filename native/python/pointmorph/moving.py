@@ -34,7 +34,7 @@ class Pose:
     """(N, 3), unit length"""
 
 
-class MovingSequence(sequences.Sequence):
+class MovingSequence(sequences.FrameSequence):
     """The frames of a morph each of whose shapes is in a pose of its own in every frame.
 
     Pairs lie between where their points are in that frame, along the paths of the settings. New
@@ -52,7 +52,7 @@ class MovingSequence(sequences.Sequence):
     settings : mapping
         Of the library, as `restore` takes them.
     first, step, resample
-        As for `sequences.Sequence`. Frames have ids and velocities in any case.
+        As for `sequences.FrameSequence`. Frames have ids and velocities in any case.
 
     Raises
     ------

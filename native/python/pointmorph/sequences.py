@@ -7,8 +7,7 @@ import hashlib
 import json
 import threading
 from collections import deque
-from collections.abc import Callable, Iterator
-from collections.abc import Sequence as Sequence_
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from concurrent.futures import TimeoutError as FutureTimeout
 from dataclasses import replace
@@ -70,7 +69,7 @@ def in_order(
             pool.shutdown(cancel_futures=True)
 
 
-class Sequence:
+class FrameSequence:
     """The frames of a morph at certain times, to be made in any order and from several threads.
 
     Parameters
@@ -92,7 +91,7 @@ class Sequence:
     def __init__(
         self,
         morph: Morph,
-        times: Sequence_[float],
+        times: Sequence[float],
         *,
         first: int = 0,
         step: int = 1,
@@ -158,7 +157,7 @@ class Sequence:
 def write_frames(
     morph: Morph,
     folder: Path,
-    times: Sequence_[float],
+    times: Sequence[float],
     *,
     first: int = 0,
     step: int = 1,
@@ -204,12 +203,12 @@ def write_frames(
     Cancelled
         When `progress` returned False. Frames that are complete stay.
     """
-    sequence = Sequence(morph, times, first=first, step=step, resample=resample)
+    sequence = FrameSequence(morph, times, first=first, step=step, resample=resample)
     return write_sequence(sequence, folder, mesh=mesh, resume=resume, progress=progress)
 
 
 def write_sequence(
-    sequence: Sequence,
+    sequence: FrameSequence,
     folder: Path,
     *,
     mesh: str | None = None,

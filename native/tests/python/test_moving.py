@@ -121,7 +121,7 @@ def arrays(store: frame_stores.FrameStore) -> list[dict[str, npt.NDArray[np.gene
 def test_a_store_goes_on_bit_for_bit_and_another_sequence_starts_over(
     torn: pointmorph.Morph, tmp_path: Path
 ) -> None:
-    sequence = sequences.Sequence(torn, TIMES, first=3)
+    sequence = sequences.FrameSequence(torn, TIMES, first=3)
     whole = frame_stores.FrameStore(tmp_path / "whole", sequence)
     assert whole.fill() == len(TIMES)
     store = frame_stores.FrameStore(tmp_path / "broken", sequence)
@@ -129,7 +129,9 @@ def test_a_store_goes_on_bit_for_bit_and_another_sequence_starts_over(
         store.fill(stop_after(2))
     kept = {p: p.stat().st_mtime_ns for p in (tmp_path / "broken").glob("*.npz")}
     assert 0 < len(kept) < len(TIMES)
-    again = frame_stores.FrameStore(tmp_path / "broken", sequences.Sequence(torn, TIMES, first=3))
+    again = frame_stores.FrameStore(
+        tmp_path / "broken", sequences.FrameSequence(torn, TIMES, first=3)
+    )
     assert again.fill() == len(TIMES)
     assert {path: path.stat().st_mtime_ns for path in kept} == kept
     for one, other in zip(arrays(whole), arrays(again), strict=True):
@@ -139,9 +141,9 @@ def test_a_store_goes_on_bit_for_bit_and_another_sequence_starts_over(
 
     moved = poses_of(torn, [turn(0.1 * k) for k in range(5)])
     for other_sequence in (
-        sequences.Sequence(torn, TIMES, first=3, step=2),
-        sequences.Sequence(torn, TIMES[::-1], first=3),
-        sequences.Sequence(torn, TIMES, first=3, resample=False),
+        sequences.FrameSequence(torn, TIMES, first=3, step=2),
+        sequences.FrameSequence(torn, TIMES[::-1], first=3),
+        sequences.FrameSequence(torn, TIMES, first=3, resample=False),
         MovingSequence(torn, TIMES, moved, {}, first=3),
         MovingSequence(torn, TIMES, moved[::-1], {}, first=3),
     ):
@@ -152,7 +154,7 @@ def test_a_store_goes_on_bit_for_bit_and_another_sequence_starts_over(
 
 
 def test_a_store_removes_what_is_its_own(torn: pointmorph.Morph, tmp_path: Path) -> None:
-    store = frame_stores.FrameStore(tmp_path / "a", sequences.Sequence(torn, TIMES[:2]))
+    store = frame_stores.FrameStore(tmp_path / "a", sequences.FrameSequence(torn, TIMES[:2]))
     store.fill()
     (tmp_path / "a" / ".frame_0001.npz.x.part").touch()
     (tmp_path / "a" / "mine.txt").touch()
@@ -162,4 +164,4 @@ def test_a_store_removes_what_is_its_own(torn: pointmorph.Morph, tmp_path: Path)
     store.remove()
     (tmp_path / "b").touch()
     with pytest.raises(pointmorph.FileError, match="can be kept"):
-        frame_stores.FrameStore(tmp_path / "b", sequences.Sequence(torn, TIMES[:2]))
+        frame_stores.FrameStore(tmp_path / "b", sequences.FrameSequence(torn, TIMES[:2]))
