@@ -4,6 +4,7 @@ from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
+from pointmorph.sequences import part_at
 
 from . import surfaces
 from .computation import End, Outcome, compute
@@ -165,18 +166,12 @@ class ChainedMorph:
         self.source, self.target = morphs[0].source, morphs[-1].target
         self.pairs = np.column_stack([morphs[0].pairs[:, 0], morphs[-1].pairs[:, 1]])
 
-    def _at(self, t):
-        """The number of the morph that t is in, and t there."""
-        along = t * len(self.parts)
-        number = min(int(along), len(self.parts) - 1)
-        return number, along - number
-
     def frame(self, t):
-        number, t = self._at(t)
+        number, t = part_at(t, len(self.parts))
         return self.parts[number].frame(t)
 
     def resampled_frame(self, t, progress=None):
-        number, t = self._at(t)
+        number, t = part_at(t, len(self.parts))
         frame = self.parts[number].resampled_frame(t, progress)
         # New points of one morph aren't those of another.
         before = sum(morph.inserted(progress) for morph in self.parts[:number])

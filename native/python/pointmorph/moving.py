@@ -155,10 +155,7 @@ class MovingSequence(sequences.FrameSequence):
 
     def _part(self, k: int) -> tuple[int, float]:
         """The number of the morph that frame k is in, and t there."""
-        count = len(self.morph.parts)
-        along = self.times[k] * count
-        number = min(int(along), count - 1)
-        return number, along - number
+        return sequences.part_at(self.times[k], len(self.morph.parts))
 
     def _find_pairs(self, k: int) -> Frame:
         number, t = self._part(k)

@@ -69,6 +69,14 @@ def in_order(
             pool.shutdown(cancel_futures=True)
 
 
+def part_at(t: float, count: int) -> tuple[int, float]:
+    """Which of `count` morphs one after the other, with equal shares of t, is shown at t from 0 to
+    1: its number, and t there."""
+    along = t * count
+    number = min(int(along), count - 1)
+    return number, along - number
+
+
 class FrameSequence:
     """The frames of a morph at certain times, to be made in any order and from several threads.
 
