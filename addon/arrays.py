@@ -5,6 +5,8 @@ Everything is float32 or int32, as Blender keeps it.
 
 import numpy as np
 
+from .steps import finish
+
 # By type of attribute: the name of its values, and how many numbers each has.
 _VALUES = {
     "FLOAT": ("value", 1),
@@ -191,12 +193,7 @@ def vertex_groups(mesh, names):
 
     `names` maps the index of a vertex group to the name under which it's wanted.
     """
-    steps = vertex_group_steps(mesh, names)
-    while True:
-        try:
-            next(steps)
-        except StopIteration as end:
-            return end.value
+    return finish(vertex_group_steps(mesh, names))
 
 
 def vertex_group_steps(mesh, names):

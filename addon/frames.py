@@ -18,7 +18,7 @@ import pointmorph.moving
 import pointmorph.sequences
 
 from . import arrays, chains, display, result
-from .jobs import finish
+from .steps import finish
 
 COLLECTION = "Frames"
 _CACHE = "blendcache_"  # what Blender itself calls the folder

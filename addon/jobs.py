@@ -1,24 +1,14 @@
 """Operators that compute in a thread while Blender stays usable."""
 
-import time
-
 import bpy
 import pointmorph
 
 from . import session
 from .checks import fail
+from .steps import finish, go_on
 
 _TURN = 0.04  # seconds of work at a time
 _REST = 0.01  # seconds at least between two turns
-
-
-def finish(steps):
-    """What a generator returns."""
-    while True:
-        try:
-            next(steps)
-        except StopIteration as end:
-            return end.value
 
 
 class Computing:
@@ -77,10 +67,8 @@ class Computing:
 
     def _read_on(self):
         """Reads the scene a moment longer, and begins to compute when all is read."""
-        end = time.monotonic() + _TURN
         try:
-            while time.monotonic() < end:
-                next(self._steps)
+            go_on(self._steps, _TURN)
         except StopIteration as done:
             session.current.begin(done.value)
 

@@ -7,6 +7,7 @@ from . import arrays, transforms
 from .computation import Request, Shape
 from .features import PREFIX, Marks, match
 from .properties import feature_choices, settings_values
+from .steps import finish
 
 TYPES = ("MESH", "POINTCLOUD")
 
@@ -22,16 +23,7 @@ def read_request(context):
     PointmorphError
         In words for the user, with the object's name.
     """
-    return _finish(read_request_steps(context))
-
-
-def _finish(steps):
-    """What a generator returns."""
-    while True:
-        try:
-            next(steps)
-        except StopIteration as end:
-            return end.value
+    return finish(read_request_steps(context))
 
 
 def read_request_steps(context):
@@ -95,7 +87,7 @@ def read_shape_steps(context, obj, origin, as_shown):
         # Lives until the scene is evaluated again, so this is one step.
         mesh = evaluated.to_mesh(preserve_all_data_layers=True, depsgraph=depsgraph)
         try:
-            shape = _finish(_read_mesh(obj, mesh, arrays.vertex_positions(mesh)))
+            shape = finish(_read_mesh(obj, mesh, arrays.vertex_positions(mesh)))
         finally:
             evaluated.to_mesh_clear()
     else:
@@ -105,6 +97,25 @@ def read_shape_steps(context, obj, origin, as_shown):
                 obj.name, "a mesh that stays as it is", "changes while it was read", "Start again."
             )
     return shape.moved(matrix)
+
+
+def present_steps(context, objects, steps):
+    """The steps of a generator that reads objects, and what it returns. Those that aren't in the
+    scene, as after their removal, are there while it reads, which then is a single step.
+    """
+    known = context.scene.objects
+    absent = [obj for obj in dict.fromkeys(objects) if known.get(obj.name) != obj]
+    if not absent:
+        return (yield from steps)
+    # What is only for the moment in the scene must not be there when Blender goes on.
+    collection = context.scene.collection
+    for obj in absent:
+        collection.objects.link(obj)
+    try:
+        return finish(steps)
+    finally:
+        for obj in absent:
+            collection.objects.unlink(obj)
 
 
 def is_plain(obj):

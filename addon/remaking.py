@@ -7,7 +7,6 @@ about: the settings, what the features were, and of every shape a fingerprint of
 
 import hashlib
 import json
-from contextlib import contextmanager
 from dataclasses import asdict, astuple, dataclass, fields
 from itertools import pairwise
 
@@ -19,7 +18,8 @@ from . import arrays, result, transforms
 from .computation import Request
 from .features import PREFIX, Choice, match
 from .properties import by_hand, feature_choices, settings_values
-from .reading import read_shape_steps, update
+from .reading import present_steps, read_shape_steps, update
+from .steps import finish
 from .translations import tell
 
 CURRENT, STALE, ORPHAN, UNKNOWN = "CURRENT", "STALE", "ORPHAN", "UNKNOWN"
@@ -317,7 +317,7 @@ def state(obj, prints=None):
 
 def fingerprints(obj):
     """Those of the shapes of a morph object as they are now; None where one is gone."""
-    return _finish(fingerprints_steps(obj))
+    return finish(fingerprints_steps(obj))
 
 
 def fingerprints_steps(obj):
@@ -336,15 +336,6 @@ def _prints_of(shapes, origin):
         prints.append((yield from fingerprint_steps(shape, origin, number > 0)))
         yield
     return prints
-
-
-def _finish(steps):
-    """What a generator returns."""
-    while True:
-        try:
-            next(steps)
-        except StopIteration as end:
-            return end.value
 
 
 def _differences(known, now, follows):
@@ -480,11 +471,7 @@ def plan_steps(context, obj):
 def plan_of_steps(context, shapes, choices, loop, values):
     """How to compute the morph from each of these objects to the next; see `plan_steps`."""
     steps = _read_plan_steps(context, shapes, choices, loop, values)
-    if not absent(context, shapes):
-        return (yield from steps)
-    # What is only for the moment in the scene must not be there when Blender goes on.
-    with present(context, shapes):
-        return _finish(steps)
+    return (yield from present_steps(context, shapes, steps))
 
 
 def _read_plan_steps(context, shapes, choices, loop, values):
@@ -562,26 +549,6 @@ def _check_changeable(obj):
         result.check_whole(obj)
     else:
         result.t_key(obj)
-
-
-def absent(context, objects):
-    """Those that aren't in the scene, as after their removal."""
-    known = context.scene.objects
-    return [obj for obj in dict.fromkeys(objects) if known.get(obj.name) != obj]
-
-
-@contextmanager
-def present(context, objects):
-    """Objects that are in no scene can be read meanwhile."""
-    collection = context.scene.collection
-    linked = absent(context, objects)
-    for obj in linked:
-        collection.objects.link(obj)
-    try:
-        yield
-    finally:
-        for obj in linked:
-            collection.objects.unlink(obj)
 
 
 def apply(obj, plan, outcome):

@@ -9,8 +9,8 @@ import pointmorph
 
 from . import arrays, display, remaking, result, surfaces, transforms
 from .features import PREFIX
-from .jobs import finish
-from .reading import is_plain, update
+from .reading import is_plain, present_steps, update
+from .steps import finish
 
 NAME = "Pointmorph Colors"
 MODIFIER = "Colors"
@@ -58,11 +58,8 @@ def read_steps(context, obj, wanted):
         When the target is gone, was changed since, or has none of what is asked for.
     """
     target = _unchanged_target(obj)
-    if remaking.absent(context, [target]):
-        # What is only for the moment in the scene must not be there when Blender goes on.
-        with remaking.present(context, [target]):
-            return finish(_read_target_steps(context, obj, target, wanted))
-    return (yield from _read_target_steps(context, obj, target, wanted))
+    steps = _read_target_steps(context, obj, target, wanted)
+    return (yield from present_steps(context, [target], steps))
 
 
 def _unchanged_target(obj):

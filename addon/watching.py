@@ -10,6 +10,7 @@ import bpy
 from bpy.app.handlers import persistent
 
 from . import remaking
+from .steps import go_on
 
 _PAUSE = 0.6  # seconds
 
@@ -54,9 +55,7 @@ def _look():
     if _begun is not None:
         name, steps = _begun
         try:
-            end = time.monotonic() + _STEP
-            while time.monotonic() < end:
-                next(steps)
+            go_on(steps, _STEP)
         except StopIteration as done:
             _prints[name] = done.value
             _begun = None

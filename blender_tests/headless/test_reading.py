@@ -36,7 +36,7 @@ def read(addon, settings):
         reading = addon("reading")
         reading.update(bpy.context, obj)
         steps = reading.read_shape_steps(bpy.context, obj, np.array(origin), as_shown)
-        return addon("jobs").finish(steps)
+        return addon("steps").finish(steps)
 
     return read_shape
 

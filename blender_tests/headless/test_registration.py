@@ -8,7 +8,7 @@ from pathlib import Path
 import bpy
 import pytest
 
-WITHOUT_BLENDER = ("arrays", "computation", "features", "preview", "session", "transforms")
+WITHOUT_BLENDER = ("arrays", "computation", "features", "preview", "session", "steps", "transforms")
 OPERATORS = (
     "add_feature",
     "add_to_chain",
