@@ -5,7 +5,7 @@ import bpy
 import numpy as np
 import pointmorph
 
-from . import arrays, following, remaking, result, transferring, transforms
+from . import arrays, following, recomputing, remaking, result, transferring, transforms
 
 
 def make_mesh(context, obj):
@@ -89,7 +89,7 @@ def remake_mesh(copy, obj):
         else:
             arrays.write_key(keys[name], places[0])
             lost.append(result.lost_words(copy, name))
-    for user in remaking.users_of(copy):
+    for user in recomputing.users_of(copy):
         _know(user, obj)
         user.update_tag()
     return lost
@@ -105,8 +105,8 @@ def remake(context, obj, plan, outcome):
         What couldn't follow, in words.
     """
     if result.is_result(obj):
-        said = remaking.apply(obj, plan, outcome)
-        for user in remaking.users_of(obj):
+        said = recomputing.apply(obj, plan, outcome)
+        for user in recomputing.users_of(obj):
             following.follow_on(user)
         for copy in bpy.data.objects:
             if copy.pointmorph.made_from == obj and is_copy(copy):

@@ -5,7 +5,7 @@ from itertools import pairwise
 import bpy
 import pointmorph
 
-from . import carrying, chains, following, remaking, result, session, transferring
+from . import carrying, chains, following, recomputing, remaking, result, session, transferring
 from .checks import activate, active_result, fail, say_pairs
 from .computation import Earlier
 from .jobs import Computing
@@ -79,7 +79,7 @@ class POINTMORPH_OT_recompute(Computing, bpy.types.Operator):
         if obj.pointmorph.keeps_faces and obj.pointmorph.made_from is not None:
             obj = obj.pointmorph.made_from  # it goes along
         self._name = obj.name
-        plan = self._plan = yield from remaking.plan_steps(context, obj)
+        plan = self._plan = yield from recomputing.plan_steps(context, obj)
         earlier = session.earlier if self._in_window else None
         return lambda progress: chains.compute_all(plan.requests, progress, earlier)
 
@@ -329,7 +329,7 @@ class POINTMORPH_OT_morph_chain(Computing, bpy.types.Operator):
     def _begin_steps(self, context):
         sync_features(context.scene)
         settings = context.scene.pointmorph
-        plan = self._plan = yield from remaking.plan_of_steps(
+        plan = self._plan = yield from recomputing.plan_of_steps(
             context,
             remaking.picked_shapes(context.scene),
             feature_choices(settings),
