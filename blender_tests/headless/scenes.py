@@ -58,9 +58,26 @@ def pair(source_side=24, target_side=19):
     for obj in (source, target):
         mark(obj, "peak", 0, 0)
         mark(obj, "slope", 0.5, 0.3)
+    pick(source, target)
+    return source, target
+
+
+def torn_pair():
+    """A sheet, and the same with its right half drifted away, picked as source and target: frames
+    between the ends have a crack."""
+    positions, faces = patch(24, bump=0.0)
+    apart = positions + np.where(positions[:, :1] > 0, [[0.6, 0, 0]], 0.0).astype(np.float32)
+    source, target = add_mesh("Whole", positions, faces), add_mesh("Torn", apart)
+    for number in range(0, len(positions), 40):
+        for obj in (source, target):
+            add_group(obj, f"pm.{number}", {number: 1.0})
+    pick(source, target)
+    return source, target
+
+
+def pick(source, target):
     settings = bpy.context.scene.pointmorph
     settings.source, settings.target = source, target
-    return source, target
 
 
 def select(obj):

@@ -7,15 +7,7 @@ import numpy as np
 import pointmorph
 import pytest
 from pointmorph import formats, surfaces
-from scenes import (
-    add_mesh,
-    attribute,
-    coordinates,
-    data_blocks,
-    pair,
-    patch,
-    row_pairs,
-)
+from scenes import attribute, coordinates, data_blocks, pair, row_pairs, torn_pair
 
 
 def bake(**options):
@@ -32,15 +24,8 @@ def morphed(settings):
 
 @pytest.fixture
 def torn(settings):
-    """A sheet whose right half drifts away: frames between the ends have a crack."""
-    positions, faces = patch(24, bump=0.0)
-    apart = positions + np.where(positions[:, :1] > 0, [[0.6, 0, 0]], 0.0).astype(np.float32)
-    settings.source = add_mesh("Whole", positions, faces)
-    settings.target = add_mesh("Torn", apart)
-    for number in range(0, len(positions), 40):
-        for obj in (settings.source, settings.target):
-            group = obj.vertex_groups.new(name=f"pm.{number}")
-            group.add([number], 1.0, "REPLACE")
+    """The morph object of a sheet whose right half drifts away."""
+    torn_pair()
     bpy.ops.pointmorph.morph()
     return bpy.context.view_layer.objects.active
 

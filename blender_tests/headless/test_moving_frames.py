@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from mathutils import Matrix
 from pointmorph import formats
-from scenes import add_mesh, attribute, coordinates, mark, pair, patch, row_pairs, select
+from scenes import add_mesh, attribute, coordinates, mark, pair, patch, row_pairs, select, torn_pair
 from test_following import bend, in_world, morph_and_follow, swell, travel
 from test_frames import bake, group_meshes, makes_surfaces
 
@@ -68,18 +68,12 @@ def test_velocities_and_normals_go_along(settings):
 
 def test_new_points_keep_their_ids_and_go_along(settings):
     """A sheet that tears and travels meanwhile: the crack is closed in every frame."""
-    positions, faces = patch(24, bump=0.0)
-    apart = positions + np.where(positions[:, :1] > 0, [[0.6, 0, 0]], 0.0).astype(np.float32)
-    settings.source = add_mesh("Whole", positions, faces)
-    settings.target = add_mesh("Torn", apart)
-    for number in range(0, len(positions), 40):
-        for obj in (settings.source, settings.target):
-            obj.vertex_groups.new(name=f"pm.{number}").add([number], 1.0, "REPLACE")
+    sheets = torn_pair()
     bpy.ops.pointmorph.morph()
     at_rest = bpy.context.view_layer.objects.active
     bake()
     rest = group_meshes(bpy.context.view_layer.objects.active)
-    for obj in (settings.source, settings.target):
+    for obj in sheets:
         for frame, y in ((1, 0.0), (LAST, 2.0)):
             obj.location.y = y
             obj.keyframe_insert("location", frame=frame)
