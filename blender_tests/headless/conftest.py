@@ -11,6 +11,7 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parent))  # for `scenes`
 
 import installing
+import scenes
 
 # Before pytest imports the tests, and with them `pointmorph`: a packaged add-on brings its own.
 MODULE = installing.install()
@@ -33,6 +34,12 @@ def settings(module):
     """`scene.pointmorph` of an empty scene."""
     bpy.ops.wm.read_homefile(use_empty=True)
     return bpy.context.scene.pointmorph
+
+
+@pytest.fixture
+def morphed(settings):
+    """Source, target and morph object, which is active."""
+    return *scenes.pair(), scenes.morph()
 
 
 @pytest.fixture(scope="session")

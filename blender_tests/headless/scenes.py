@@ -80,6 +80,23 @@ def pick(source, target):
     settings.source, settings.target = source, target
 
 
+def morph():
+    """Computes the morph; returns the object that it makes."""
+    assert bpy.ops.pointmorph.morph() == {"FINISHED"}
+    return bpy.context.view_layer.objects.active
+
+
+def error_of(operator, **options):
+    """What an operator says that must refuse; nothing may have changed."""
+    before = data_blocks()
+    try:
+        done = operator(**options)
+    except RuntimeError as error:
+        assert data_blocks() == before
+        return str(error)
+    raise AssertionError(f"it didn't refuse: {done}")
+
+
 def select(obj):
     """Makes an object the only one that is selected, and active."""
     bpy.context.view_layer.update()

@@ -10,8 +10,10 @@ from scenes import (
     attribute,
     coordinates,
     data_blocks,
+    error_of,
     key,
     mark,
+    morph,
     pair,
     patch,
     row_pairs,
@@ -25,14 +27,6 @@ def names(obj):
 
 def bake(**options):
     return bpy.ops.pointmorph.bake_shape_keys(**options)
-
-
-@pytest.fixture
-def morphed(settings):
-    """Source, target and morph object, which is active."""
-    source, target = pair()
-    bpy.ops.pointmorph.morph()
-    return source, target, bpy.context.view_layer.objects.active
 
 
 def landing_by_row(obj, count):
@@ -156,8 +150,7 @@ def test_transforms(settings, moved_after):
     rotation = Matrix.Rotation(1, 3, (1, 2, 0)).to_quaternion()
     source.matrix_world = Matrix.LocRotScale((5, 6, 7), rotation, (2, -1, 0.5))
     target.location = (4, 6, 8)
-    bpy.ops.pointmorph.morph()
-    obj = bpy.context.view_layer.objects.active
+    obj = morph()
     bpy.context.view_layer.update()
     matrix = source.matrix_world.copy()
     if moved_after:
@@ -202,11 +195,7 @@ def test_keys_can_be_undone(morphed):
 
 
 def refused(kind="SOURCE"):
-    before = data_blocks()
-    with pytest.raises(RuntimeError) as error:
-        bake(kind=kind)
-    assert data_blocks() == before
-    return str(error.value)
+    return error_of(bake, kind=kind)
 
 
 def test_before_a_morph(settings):

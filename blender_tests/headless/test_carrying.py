@@ -11,6 +11,7 @@ from scenes import (
     coordinates,
     data_blocks,
     key,
+    morph,
     pair,
     patch,
     read,
@@ -76,8 +77,7 @@ def dressed(settings):
     source.modifiers.new("Finer", "SUBSURF")
     source.matrix_world = Matrix.LocRotScale((5, 6, 7), None, (2, -1, 0.5))
     target.location = (5, 6, 7.5)
-    bpy.ops.pointmorph.morph()
-    return source, target, bpy.context.view_layer.objects.active
+    return source, target, morph()
 
 
 def make_mesh(obj):
@@ -125,8 +125,7 @@ def test_existing_keys_of_the_source_stay(settings):
         for point in source.shape_key_add(name=name).data:
             point.co.z += 1
     kept = {name: key(source, name) for name in ("Smile", "Morph")}
-    bpy.ops.pointmorph.morph()
-    copy = make_mesh(bpy.context.view_layer.objects.active)
+    copy = make_mesh(morph())
     for name, positions in kept.items():
         assert np.array_equal(key(copy, name), positions)
     assert [k.name for k in copy.data.shape_keys.key_blocks][-1] == "Morph.001"
@@ -189,8 +188,7 @@ def test_recompute_keeps_name_animation_and_materials(dressed, other_faces, with
     assert np.array_equal(key(copy, "Basis"), start)
     offset = 0 if other_faces else 3
     np.testing.assert_allclose(key(copy, "Own"), start + (0, 0, offset), atol=1e-6)
-    bpy.ops.pointmorph.morph()
-    fresh = make_mesh(bpy.context.view_layer.objects.active)
+    fresh = make_mesh(morph())
     assert np.array_equal(key(copy, "Morph"), key(fresh, "Morph"))
     copy.modifiers.clear()
     bpy.context.scene.frame_set(11)
@@ -244,8 +242,7 @@ def test_what_cannot_follow_a_recompute_is_named(dressed, capfd):
 
 def test_refusals(settings):
     pair(14, 12)
-    bpy.ops.pointmorph.morph()
-    obj = bpy.context.view_layer.objects.active
+    obj = morph()
     copy = make_mesh(obj)
     with pytest.raises(RuntimeError, match="Make the morph object the active object"):
         bpy.ops.pointmorph.make_mesh()
@@ -330,8 +327,7 @@ def test_onto_a_mesh_of_the_source_along_the_map(settings, pairs_gone):
     target.matrix_world = Matrix.LocRotScale(
         (1.5, 0, 0), Matrix.Rotation(1, 3, "Z").to_quaternion(), None
     )
-    bpy.ops.pointmorph.morph()
-    obj = bpy.context.view_layer.objects.active
+    obj = morph()
     copy = make_mesh(obj)
     if pairs_gone:
         bpy.data.objects.remove(obj)
@@ -359,8 +355,7 @@ def test_colors_go_over_with_t(settings, domain):
         values = np.random.default_rng(4).uniform(0, 1, (count, 4))
         add_attribute(source.data, "Skin", "FLOAT_COLOR", values, domain)
         source.data.color_attributes.active_color = source.data.color_attributes["Skin"]
-    bpy.ops.pointmorph.morph()
-    copy = make_mesh(bpy.context.view_layer.objects.active)
+    copy = make_mesh(morph())
     bpy.ops.pointmorph.transfer_attributes(weights=False)
     name = "Skin" if domain else "Color"
     start = attribute(copy.data, name)

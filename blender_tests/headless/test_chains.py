@@ -14,9 +14,10 @@ from scenes import (
     add_mesh,
     attribute,
     coordinates,
-    data_blocks,
+    error_of,
     key,
     mark,
+    morph,
     patch,
     row_at,
     select,
@@ -127,8 +128,7 @@ def test_every_pair_of_every_way_is_in_it(settings):
     settings.via.clear()
     for number in (0, 1):
         settings.source, settings.target = found[number : number + 2]
-        bpy.ops.pointmorph.morph()
-        alone = bpy.context.view_layer.objects.active
+        alone = morph()
         pairs = {
             tuple(row)
             for row in np.stack(
@@ -405,11 +405,7 @@ def test_picking_a_chain_from_the_selection(settings):
 
 
 def refused():
-    before = data_blocks()
-    with pytest.raises(RuntimeError) as error:
-        bpy.ops.pointmorph.morph_chain()
-    assert data_blocks() == before
-    return str(error.value)
+    return error_of(bpy.ops.pointmorph.morph_chain)
 
 
 def test_chains_that_cannot_be_made(settings):

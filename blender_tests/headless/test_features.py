@@ -13,8 +13,9 @@ from scenes import (
     add_mesh,
     add_object,
     coordinates,
-    data_blocks,
+    error_of,
     mark,
+    morph,
     pair,
     patch,
     select,
@@ -93,11 +94,7 @@ def test_both_objects_give_a_row(addon, settings):
 
 
 def morph_error():
-    before = data_blocks()
-    with pytest.raises(RuntimeError) as error:
-        bpy.ops.pointmorph.morph()
-    assert data_blocks() == before
-    return str(error.value)
+    return error_of(bpy.ops.pointmorph.morph)
 
 
 @pytest.mark.parametrize("side", [0, 1])
@@ -378,8 +375,7 @@ def test_a_morph_with_all_kinds_reports_each(settings, sheets):
     there = [row for row in range(19 * 19) if 0 < row % 19 < 6 and 2 < row // 19 < 7]
     sheets("spot", near, there)
     sheets("tip", {row_of(24, 0.8, 0.8): 0.5}, {row_of(19, 0.8, 0.7): 0.5})
-    bpy.ops.pointmorph.morph()
-    obj = bpy.context.view_layer.objects.active
+    obj = morph()
     report = json.loads(obj.pointmorph.report)
     kinds = {name: (kept["kind"], kept["hard"]) for name, kept in report["features"].items()}
     assert kinds == {

@@ -10,6 +10,7 @@ from scenes import (
     coordinates,
     data_blocks,
     key,
+    morph,
     pair,
     patch,
     row_pairs,
@@ -79,8 +80,7 @@ def shown_in_world(obj):
 
 def morph_and_follow():
     bpy.context.scene.frame_set(1)
-    bpy.ops.pointmorph.morph()
-    obj = bpy.context.view_layer.objects.active
+    obj = morph()
     assert bpy.ops.pointmorph.follow() == {"FINISHED"}
     assert obj.pointmorph.follows
     return obj

@@ -7,7 +7,7 @@ import numpy as np
 import pointmorph
 import pytest
 from pointmorph import formats, surfaces
-from scenes import attribute, coordinates, data_blocks, pair, row_pairs, torn_pair
+from scenes import attribute, coordinates, data_blocks, morph, row_pairs, torn_pair
 
 
 def bake(**options):
@@ -15,19 +15,10 @@ def bake(**options):
 
 
 @pytest.fixture
-def morphed(settings):
-    """Source, target and morph object, which is active."""
-    source, target = pair()
-    bpy.ops.pointmorph.morph()
-    return source, target, bpy.context.view_layer.objects.active
-
-
-@pytest.fixture
 def torn(settings):
     """The morph object of a sheet whose right half drifts away."""
     torn_pair()
-    bpy.ops.pointmorph.morph()
-    return bpy.context.view_layer.objects.active
+    return morph()
 
 
 def shown(obj, frame):

@@ -5,7 +5,18 @@ import numpy as np
 import pytest
 from mathutils import Matrix
 from pointmorph import formats
-from scenes import add_mesh, attribute, coordinates, mark, pair, patch, row_pairs, select, torn_pair
+from scenes import (
+    add_mesh,
+    attribute,
+    coordinates,
+    mark,
+    morph,
+    pair,
+    patch,
+    row_pairs,
+    select,
+    torn_pair,
+)
 from test_following import bend, in_world, morph_and_follow, swell, travel
 from test_frames import bake, group_meshes, makes_surfaces
 
@@ -69,8 +80,7 @@ def test_velocities_and_normals_go_along(settings):
 def test_new_points_keep_their_ids_and_go_along(settings):
     """A sheet that tears and travels meanwhile: the crack is closed in every frame."""
     sheets = torn_pair()
-    bpy.ops.pointmorph.morph()
-    at_rest = bpy.context.view_layer.objects.active
+    at_rest = morph()
     bake()
     rest = group_meshes(bpy.context.view_layer.objects.active)
     for obj in sheets:

@@ -7,12 +7,7 @@ import bpy
 import numpy as np
 import pointmorph
 import pytest
-from scenes import add_attribute, attribute, data_blocks, key, mark, pair, read, select
-
-
-def run():
-    assert bpy.ops.pointmorph.morph() == {"FINISHED"}
-    return bpy.context.view_layer.objects.active
+from scenes import add_attribute, attribute, data_blocks, key, mark, morph, pair, read, select
 
 
 def bad_pair():
@@ -37,7 +32,7 @@ def shown_colors(addon, obj):
 
 def test_the_attribute_is_the_worse_end_of_every_pair(settings):
     objects = bad_pair()
-    obj = run()
+    obj = morph()
     distortion = attribute(obj.data, "distortion")
     assert len(distortion) == len(obj.data.vertices)
     assert (distortion >= 0).all()
@@ -69,7 +64,7 @@ def test_one_click_colors_by_distortion_and_another_restores(addon, settings):
         colors = np.tile((0.1, 0.2, 0.3, 1.0), (len(shape.data.vertices), 1))
         item = add_attribute(shape.data, "Col", "FLOAT_COLOR", colors)
         shape.data.color_attributes.active_color = item
-    obj = run()
+    obj = morph()
     display = addon("display")
     before = shown_colors(addon, obj)
     np.testing.assert_allclose(before, np.tile((0.1, 0.2, 0.3, 1.0), (len(before), 1)), rtol=1e-5)
@@ -99,7 +94,7 @@ def test_one_click_colors_by_distortion_and_another_restores(addon, settings):
 
 def test_discs_that_were_there_stay(addon, settings):
     pair()
-    obj = run()
+    obj = morph()
     display = addon("display")
     modifier = obj.modifiers[display.MODIFIER]
     discs = display.input_identifier(modifier.node_group, "Discs")
@@ -111,7 +106,7 @@ def test_discs_that_were_there_stay(addon, settings):
 
 def test_showing_makes_no_data(settings):
     pair()
-    run()
+    morph()
     before = data_blocks()
     bpy.ops.pointmorph.show_distortion()
     assert data_blocks() == before
@@ -120,7 +115,7 @@ def test_showing_makes_no_data(settings):
 def test_the_cursor_goes_to_the_worst_place(settings):
     bad_pair()
     settings.source.location = (5, 6, 7)
-    obj = run()
+    obj = morph()
     [place, *_] = json.loads(obj.pointmorph.report)["worst"]
     assert '"' in place["advice"]
     row = np.flatnonzero(attribute(obj.data, "source_row") == place["source"])[0]
@@ -137,7 +132,7 @@ def test_reasons_why_not(settings):
     for operator in ("show_distortion", "go_to_place"):
         with pytest.raises(RuntimeError, match="Morph first"):
             getattr(bpy.ops.pointmorph, operator)()
-    obj = run()
+    obj = morph()
     report = json.loads(obj.pointmorph.report)
     obj.pointmorph.report = json.dumps({**report, "worst": []})
     with pytest.raises(RuntimeError, match="no bad places"):
@@ -153,7 +148,7 @@ def test_reasons_why_not(settings):
 def test_the_panel_draws(addon, settings):
     """Everything that it asks for is there, with bad places and without a report."""
     bad_pair()
-    obj = run()
+    obj = morph()
     drawn = []
 
     class Layout:

@@ -13,17 +13,13 @@ from scenes import (
     coordinates,
     key,
     mark,
+    morph,
     pair,
     patch,
     row_pairs,
     select,
     shown_points,
 )
-
-
-def morph():
-    assert bpy.ops.pointmorph.morph() == {"FINISHED"}
-    return bpy.context.view_layer.objects.active
 
 
 def recompute(obj):
