@@ -5,7 +5,7 @@ import bpy
 import numpy as np
 import pointmorph
 
-from . import arrays, following, recomputing, remaking, result, transferring, transforms
+from . import arrays, following, recipes, recomputing, result, transferring, transforms
 
 
 def make_mesh(context, obj):
@@ -46,10 +46,9 @@ def _own_places(source, places, back):
 
 def _know(copy, obj):
     """Makes the copy remember what the morph object does."""
-    shapes = remaking.shapes_of(obj)
-    matrix = np.reshape(obj.pointmorph.source_matrix, (3, 3))
-    result.link(copy, shapes[0], shapes[-1], matrix, shapes[1:-1])
-    remaking.share_recipe(copy, obj)
+    shapes = recipes.shapes_of(obj)
+    result.link(copy, shapes[0], shapes[-1], result.source_matrix_of(obj), shapes[1:-1])
+    recipes.share_recipe(copy, obj)
     copy.pointmorph.keeps_faces = True
     copy.pointmorph.made_from = obj
 
@@ -116,19 +115,17 @@ def remake(context, obj, plan, outcome):
                 except pointmorph.PointmorphError as error:
                     said.append(f'"{copy.name}" stays as it was. {error}')
         return said + transferring.again(context, obj)
-    shapes = remaking.shapes_of(obj)
+    shapes = recipes.shapes_of(obj)
     pairs = result.build(
         context, outcome, obj.name, plan.origin, shapes[0], shapes[-1], plan.source_matrix,
         shapes[1:-1],
     )  # fmt: skip
     try:
-        remaking.remember(pairs, plan.recipe, outcome)
+        recipes.remember(pairs, plan.recipe, outcome)
         said = remake_mesh(obj, pairs)
         said += transferring.again(context, obj)
     finally:
-        mesh = pairs.data
-        pairs.shape_key_clear()  # a data-block that isn't removed with the mesh
-        bpy.data.batch_remove([pairs, mesh])
+        result.remove(pairs)
     return said
 
 

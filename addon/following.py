@@ -9,7 +9,7 @@ was morphed.
 import bpy
 import pointmorph
 
-from . import display, remaking, result
+from . import display, recipes, result
 
 NAME = "Pointmorph Follow"
 MODIFIER = "Follow"
@@ -24,7 +24,7 @@ def follow(obj, context, created):
         When a shape is gone, or doesn't have the points any more that were morphed.
     """
     key = result.morph_key(obj)
-    shapes = remaking.shapes_of(obj)
+    shapes = recipes.shapes_of(obj)
     counts = check_counts(obj, shapes, context)
     stages = result.stages(obj)
     name = NAME if len(stages) == 2 else f"{NAME} {len(stages)}"
@@ -44,7 +44,7 @@ def follow_on(obj):
     """Makes a morph object that follows its shapes do so with the points that it has now."""
     modifier = obj.modifiers.get(MODIFIER)
     if modifier is not None and modifier.node_group is not None:
-        _set_inputs(obj, modifier, remaking.shapes_of(obj), _wanted(obj))
+        _set_inputs(obj, modifier, recipes.shapes_of(obj), _wanted(obj))
 
 
 def rest(obj):

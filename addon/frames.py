@@ -93,14 +93,7 @@ def read_steps(obj):
     shapes, pairs, maps = [], [], []
     for stage, key, row, name in zip(result.stages(obj), keys, rows, names, strict=True):
         yield
-        values = {
-            "positions": arrays.key_positions(key),
-            "normals": arrays.read_vectors(mesh, f"{stage}_normal"),
-            "colors": arrays.read_attribute(mesh.attributes[f"{stage}_color"]),
-            "radii": arrays.read_attribute(mesh.attributes[f"{stage}_radius"]),
-        }
-        shapes.append({what: arrays.by_row(row, array) for what, array in values.items()})
-        shapes[-1]["name"] = name
+        shapes.append({"name": name, **result.read_stage(obj, stage, key, row)})
     for number, (onward, back) in enumerate(result.map_names(obj)):
         yield
         known = onward in mesh.attributes and back in mesh.attributes

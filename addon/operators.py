@@ -6,7 +6,7 @@ import queue
 import bpy
 import numpy as np
 
-from . import display, preview, previewing, remaking, result, session, transforms
+from . import display, preview, previewing, recipes, result, session, transforms
 from .checks import activate, active_result, busy_reason, say_pairs, shapes_reason
 from .computation import Earlier, compute
 from .jobs import Computing
@@ -75,7 +75,7 @@ class POINTMORPH_OT_morph(Computing, bpy.types.Operator):
         self._source_matrix = transforms.relative_to(source.matrix_world, self._origin)
         self._names = request.source.name, request.target.name
         yield
-        self._recipe = yield from remaking.take_down_steps(
+        self._recipe = yield from recipes.take_down_steps(
             [source, context.scene.pointmorph.target],
             [request],
             self._origin,
@@ -89,7 +89,7 @@ class POINTMORPH_OT_morph(Computing, bpy.types.Operator):
         obj = result.build(context, outcome, *self._made_of(context))
         result.morph_key(obj).value = self._value
         activate(context.view_layer.objects, obj)
-        remaking.remember(obj, self._recipe, outcome)
+        recipes.remember(obj, self._recipe, outcome)
         for warning in outcome.report["warnings"]:
             self.report({"WARNING"}, warning)
         self.report({"INFO"}, say_pairs(obj, outcome.report))

@@ -4,7 +4,7 @@ import bpy
 import numpy as np
 from pointmorph.moving import Pose
 
-from . import arrays, following, remaking, result, transforms
+from . import arrays, following, recipes, result, transforms
 
 
 def read_steps(context, obj, numbers):
@@ -22,7 +22,7 @@ def read_steps(context, obj, numbers):
     name, was, part = scene.name, scene.frame_current, scene.frame_subframe
     transforms.check_invertible(obj.name, obj.matrix_world)
     into = np.linalg.inv(np.array(obj.matrix_world, dtype=np.float64))
-    shapes = remaking.shapes_of(obj)
+    shapes = recipes.shapes_of(obj)
     following.check_counts(obj, shapes, context)
     at_rest = [
         (arrays.by_row(row, arrays.read_vectors(obj.data, f"{stage}_normal")), matrix)
@@ -52,7 +52,7 @@ def read_steps(context, obj, numbers):
 
 def _matrices_at_rest(obj, shapes):
     """(3, 3) for every shape: how it was turned and scaled when it was morphed."""
-    known = remaking.recipe_of(obj).get("shapes")
+    known = recipes.recipe_of(obj).get("shapes")
     if known is None:
         return [np.array(shape.matrix_world)[:3, :3] for shape in shapes]
     return [np.reshape(shape["matrix"], (4, 4))[:3, :3] for shape in known]

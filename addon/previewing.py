@@ -22,9 +22,7 @@ def remove(name):
     if obj is None or not obj.pointmorph.is_preview:
         return 0.0
     value = result.morph_key(obj).value
-    mesh = obj.data
-    obj.shape_key_clear()  # a data-block that isn't removed with the mesh
-    bpy.data.batch_remove([obj, mesh])
+    result.remove(obj)
     display.remove_unused()
     return value
 

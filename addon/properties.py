@@ -427,13 +427,13 @@ PointmorphScene.__annotations__.update(_settings(PointmorphScene.__annotations__
 
 
 def _state(self):
-    from .remaking import state
+    from .states import state
 
     return state(self.id_data)[0]
 
 
 def _stale(self):
-    from .remaking import state
+    from .states import state
 
     return "; ".join(state(self.id_data)[1])
 

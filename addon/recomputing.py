@@ -8,7 +8,7 @@ import bpy
 import numpy as np
 import pointmorph
 
-from . import arrays, remaking, result, transforms
+from . import recipes, result, states, transforms
 from .computation import Request
 from .features import Choice, match
 from .properties import feature_choices, settings_values
@@ -58,22 +58,22 @@ def plan_steps(context, obj):
     PointmorphError
     """
     _check_changeable(obj)
-    recipe = remaking.recipe_of(obj)
-    shapes = remaking.shapes_of(obj)
+    recipe = recipes.recipe_of(obj)
+    shapes = recipes.shapes_of(obj)
     settings = context.scene.pointmorph
     missing = [
         known["name"]
         for known, shape in zip(recipe.get("shapes", ()), shapes, strict=False)
         if shape is None
     ]
-    if not remaking.is_known(recipe) and None in shapes:
+    if not recipes.is_known(recipe) and None in shapes:
         raise pointmorph.CloudError(
             obj.name,
             "the objects that it was made from",
             "one that is gone, and an earlier version that kept no copy",
             "Pick two objects and morph again.",
         )
-    if not remaking.is_known(recipe) or remaking.is_picked(context.scene, obj):
+    if not recipes.is_known(recipe) or states.is_picked(context.scene, obj):
         choices, loop = feature_choices(settings), [item.name for item in settings.loop]
         values = settings_values(settings)
     else:
@@ -101,7 +101,7 @@ def _read_plan_steps(context, shapes, choices, loop, values):
     for source, target in pairwise(read):
         yield
         requests.append(Request(source, target, match(source, target, choices), loop, values))
-    made = yield from remaking.take_down_steps(shapes, requests, origin, choices)
+    made = yield from recipes.take_down_steps(shapes, requests, origin, choices)
     source_matrix = transforms.relative_to(shapes[0].matrix_world, origin)
     return Plan(requests, made, origin, source_matrix, [])
 
@@ -115,37 +115,25 @@ def _plan_from_itself(obj, recipe, values, loop, missing):
             f'no "{missing[0]}"',
             "Undo its removal, or morph other objects. What is there stays usable.",
         )
-    read = []
-    for number, (stage, key) in enumerate(
-        zip(result.stages(obj), result.stage_keys(obj), strict=True)
-    ):
-        row = arrays.read_rows(obj.data, f"{stage}_row")
-        values_of = [
-            arrays.by_row(row, array)
-            for array in (
-                arrays.key_positions(key),
-                arrays.read_vectors(obj.data, f"{stage}_normal"),
-                arrays.read_attribute(obj.data.attributes[f"{stage}_color"]),
-                arrays.read_attribute(obj.data.attributes[f"{stage}_radius"]),
-            )
-        ]
-        read.append(
-            Remembered(recipe["shapes"][number]["name"], *values_of, recipe["boundaries"][number])
+    stages = zip(result.stages(obj), result.stage_keys(obj), result.stage_rows(obj), strict=True)
+    read = [
+        Remembered(known["name"], **result.read_stage(obj, *stage), boundary=boundary)
+        for known, stage, boundary in zip(
+            recipe["shapes"], stages, recipe["boundaries"], strict=True
         )
+    ]
     requests = [
         Request(
             source,
             target,
-            {name: remaking.feature_of(plain) for name, plain in features.items()},
+            {name: recipes.feature_of(plain) for name, plain in features.items()},
             loop,
             values,
         )
         for (source, target), features in zip(pairwise(read), recipe["resolved"], strict=True)
     ]
-    matrix = np.eye(4)
-    matrix[:3, :3] = np.reshape(obj.pointmorph.source_matrix, (3, 3))
     made = {**recipe, "settings": values, "loop": loop}
-    return Plan(requests, made, np.array(recipe["origin"]), matrix, missing)
+    return Plan(requests, made, np.array(recipe["origin"]), result.source_matrix_of(obj), missing)
 
 
 def _check_changeable(obj):
@@ -175,12 +163,12 @@ def apply(obj, plan, outcome):
     list of str
         What couldn't follow, in words.
     """
-    before = remaking.recipe_of(obj).get("origin")
+    before = recipes.recipe_of(obj).get("origin")
     lost = result.rebuild(obj, outcome)
-    shapes = remaking.shapes_of(obj)
+    shapes = recipes.shapes_of(obj)
     for user in users_of(obj):
         result.link(user, shapes[0], shapes[-1], plan.source_matrix, shapes[1:-1])
-        remaking.remember(user, plan.recipe, outcome)
+        recipes.remember(user, plan.recipe, outcome)
         # Left where it was made, it goes along with its source.
         at_home = before is None or np.allclose(user.location, before, rtol=1e-6, atol=1e-6)
         if at_home and user.parent is None:

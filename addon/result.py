@@ -16,7 +16,7 @@ import bpy
 import numpy as np
 import pointmorph
 
-from . import arrays, display, transforms
+from . import arrays, display, recipes, transforms
 
 KEY = "Morph"
 
@@ -38,6 +38,11 @@ def all_or_nothing():
 def is_result(obj):
     """Whether an object is a morph object."""
     return obj is not None and obj.type == "MESH" and "source_row" in obj.data.attributes
+
+
+def is_made(obj):
+    """Whether an object is a morph object, of pairs or with the source's faces."""
+    return is_result(obj) or (obj is not None and obj.pointmorph.keeps_faces)
 
 
 def morph_key(obj):
@@ -93,6 +98,29 @@ def stage_rows(obj):
     """(M,) int32 for every shape in order: its point in each pair."""
     check_whole(obj)
     return [arrays.read_rows(obj.data, f"{stage}_row") for stage in stages(obj)]
+
+
+def read_stage(obj, stage, key, row):
+    """What a morph object holds of one of its shapes, a row for each point of that.
+
+    Parameters
+    ----------
+    stage, key, row
+        Of the shape: see `stages`, `stage_keys` and `stage_rows`.
+
+    Returns
+    -------
+    dict of str to array
+        `positions`, `normals`, `colors` and `radii`.
+    """
+    mesh = obj.data
+    values = {
+        "positions": arrays.key_positions(key),
+        "normals": arrays.read_vectors(mesh, f"{stage}_normal"),
+        "colors": arrays.read_attribute(mesh.attributes[f"{stage}_color"]),
+        "radii": arrays.read_attribute(mesh.attributes[f"{stage}_radius"]),
+    }
+    return {what: arrays.by_row(row, array) for what, array in values.items()}
 
 
 def positions_at(obj, t):
@@ -158,6 +186,20 @@ def link(obj, source, target, source_matrix, via=()):
     obj.pointmorph.source_matrix = np.asarray(source_matrix)[:3, :3].reshape(-1)
 
 
+def source_matrix_of(obj):
+    """(4, 4): from the source's own space to the morph's frame, whose origin is the source's."""
+    matrix = np.eye(4)
+    matrix[:3, :3] = np.reshape(obj.pointmorph.source_matrix, (3, 3))
+    return matrix
+
+
+def remove(obj):
+    """Takes a morph object and its points out of the file."""
+    mesh = obj.data
+    obj.shape_key_clear()  # a data-block that isn't removed with the mesh
+    bpy.data.batch_remove([obj, mesh])
+
+
 def write_pairs(obj, outcome):
     """Writes what the pairs have at all shapes as point attributes."""
     mesh = obj.data
@@ -196,10 +238,7 @@ def t_key(obj):
 def morph_keys(obj):
     """Names of the shape keys that `add_keys` made: that whose value is t, and of a chain those of
     the shapes after the first."""
-    try:
-        return json.loads(obj.pointmorph.recipe)["keys"]
-    except (ValueError, KeyError):
-        return [KEY]
+    return recipes.recipe_of(obj).get("keys", [KEY])
 
 
 def last_key(obj):
@@ -239,16 +278,9 @@ def add_keys(obj, places, names):
             if number == count
             else f"max(0, 1 - abs(t - {number}))"
         )
-    obj.pointmorph.recipe = json.dumps({**_recipe(obj), "keys": made})
+    recipes.note(obj, "keys", made)
     write_keys(obj, places)
     return obj.data.shape_keys.key_blocks[made[0]]
-
-
-def _recipe(obj):
-    try:
-        return json.loads(obj.pointmorph.recipe)
-    except ValueError:
-        return {}
 
 
 def write_keys(obj, places):
@@ -465,8 +497,7 @@ def source_ways(obj):
             source.name, "an object in Object Mode", "Edit Mode", "Leave Edit Mode (Tab)."
         )
     start = arrays.basis_positions(source.data)
-    matrix = np.eye(4)
-    matrix[:3, :3] = np.reshape(obj.pointmorph.source_matrix, (3, 3))
+    matrix = source_matrix_of(obj)
     morph_key(obj)
     rows = arrays.read_rows(obj.data, "source_row")
     known = arrays.key_positions(obj.data.shape_keys.reference_key)
@@ -516,9 +547,7 @@ def _same(a, b):
 
 def stage_names(obj):
     """Names of the shapes of a morph object, in order; what is missing has another."""
-    data = obj.pointmorph
-    shapes = [data.source, *(item.object for item in data.via), data.target]
-    return [KEY if shape is None else shape.name for shape in shapes]
+    return [KEY if shape is None else shape.name for shape in recipes.shapes_of(obj)]
 
 
 def _add_keys(obj, positions_at, steps, names):

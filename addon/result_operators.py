@@ -5,7 +5,17 @@ from itertools import pairwise
 import bpy
 import pointmorph
 
-from . import carrying, chains, following, recomputing, remaking, result, session, transferring
+from . import (
+    carrying,
+    chains,
+    following,
+    recipes,
+    recomputing,
+    result,
+    session,
+    states,
+    transferring,
+)
 from .checks import activate, active_result, fail, say_pairs
 from .computation import Earlier
 from .jobs import Computing
@@ -17,7 +27,7 @@ from .translations import tell
 def made_object(context):
     """The morph object, of pairs or with the source's faces, that is meant."""
     active = context.view_layer.objects.active
-    return active if remaking.is_made(active) else active_result(context)
+    return active if result.is_made(active) else active_result(context)
 
 
 def made_reason(context):
@@ -85,7 +95,7 @@ class POINTMORPH_OT_recompute(Computing, bpy.types.Operator):
 
     def _finish(self, context, outcome):
         obj = bpy.data.objects.get(self._name)
-        if not remaking.is_made(obj):
+        if not result.is_made(obj):
             raise pointmorph.CloudError(
                 self._name, "the object that is computed again", "none", "Undo its removal."
             )
@@ -109,8 +119,8 @@ class POINTMORPH_OT_edit_morph(_OnResult, bpy.types.Operator):
     bl_options = {"REGISTER", "UNDO"}
 
     def change(self, context, obj):
-        recipe = remaking.recipe_of(obj)
-        shapes = remaking.shapes_of(obj)
+        recipe = recipes.recipe_of(obj)
+        shapes = recipes.shapes_of(obj)
         if None in shapes:
             raise pointmorph.CloudError(
                 obj.name,
@@ -124,8 +134,8 @@ class POINTMORPH_OT_edit_morph(_OnResult, bpy.types.Operator):
         for shape in shapes[1:-1]:
             settings.via.add().object = shape
         sync_features(context.scene)
-        if remaking.is_known(recipe):
-            remaking.put_settings(settings, recipe)
+        if recipes.is_known(recipe):
+            recipes.put_settings(settings, recipe)
         return {"FINISHED"}
 
 
@@ -207,7 +217,7 @@ class POINTMORPH_OT_transfer_attributes(Computing, bpy.types.Operator):
 
     def _finish(self, context, outcome):
         obj = bpy.data.objects.get(self._name)
-        if not remaking.is_made(obj):
+        if not result.is_made(obj):
             raise pointmorph.CloudError(
                 self._name, "the object that attributes go to", "none", "Undo its removal."
             )
@@ -221,7 +231,7 @@ class POINTMORPH_OT_transfer_attributes(Computing, bpy.types.Operator):
 
 def chain_reason(context):
     """Why no chain can be made of what is picked; None when one can."""
-    shapes = remaking.picked_shapes(context.scene)
+    shapes = states.picked_shapes(context.scene)
     if len(shapes) < 3:
         return "Add shapes between source and target first"
     if None in shapes:
@@ -271,7 +281,7 @@ def _selected_shapes(context):
     return [
         obj
         for obj in context.view_layer.objects.selected
-        if obj.type in TYPES and obj not in picked and not remaking.is_made(obj)
+        if obj.type in TYPES and obj not in picked and not result.is_made(obj)
     ]
 
 
@@ -331,7 +341,7 @@ class POINTMORPH_OT_morph_chain(Computing, bpy.types.Operator):
         settings = context.scene.pointmorph
         plan = self._plan = yield from recomputing.plan_of_steps(
             context,
-            remaking.picked_shapes(context.scene),
+            states.picked_shapes(context.scene),
             feature_choices(settings),
             [item.name for item in settings.loop],
             settings_values(settings),
@@ -351,7 +361,7 @@ class POINTMORPH_OT_morph_chain(Computing, bpy.types.Operator):
             self._plan.source_matrix,
             via,
         )
-        remaking.remember(obj, self._plan.recipe, outcome)
+        recipes.remember(obj, self._plan.recipe, outcome)
         activate(context.view_layer.objects, obj)
         for warning in outcome.report["warnings"]:
             self.report({"WARNING"}, warning)

@@ -2,7 +2,7 @@
 
 import bpy
 
-from . import remaking, result, watching
+from . import result, states, watching
 from .panels import Panel, say
 from .result_operators import made_object
 
@@ -65,13 +65,13 @@ class POINTMORPH_PT_morph_object(Panel, bpy.types.Panel):
             self.layout.label(text="Looking whether it is up to date", icon="TIME")
             return
         state, reasons = known
-        if state == remaking.CURRENT:
+        if state == states.CURRENT:
             self.layout.label(text="Up to date", icon="CHECKMARK")
             return
         heads = {
-            remaking.STALE: "Out of date",
-            remaking.ORPHAN: "Without its objects",
-            remaking.UNKNOWN: "Not known whether up to date",
+            states.STALE: "Out of date",
+            states.ORPHAN: "Without its objects",
+            states.UNKNOWN: "Not known whether up to date",
         }
         box = self.layout.box().column(align=True)
         box.label(text=heads[state], icon="ERROR")

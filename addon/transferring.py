@@ -7,7 +7,7 @@ import bpy
 import numpy as np
 import pointmorph
 
-from . import arrays, display, remaking, result, surfaces, transforms
+from . import arrays, display, recipes, result, surfaces, transforms
 from .features import PREFIX
 from .reading import is_plain, present_steps, update
 from .steps import finish
@@ -30,7 +30,7 @@ class Wanted:
 def again(context, obj):
     """Brings over what was brought over before, from the target as it is now. Returns what went
     wrong, in words."""
-    before = remaking.recipe_of(obj).get("transferred")
+    before = recipes.recipe_of(obj).get("transferred")
     if before is None:
         return []
     wanted = Wanted(*before["options"])
@@ -109,7 +109,7 @@ def _as_shown(context, target):
 
 def _read_mesh_steps(obj, target, mesh, wanted):
     rows = result.stage_rows(obj)[-1] if result.is_result(obj) else None
-    count = int(rows.max()) + 1 if rows is not None else remaking.recipe_of(obj)["points"][-1]
+    count = int(rows.max()) + 1 if rows is not None else recipes.recipe_of(obj)["points"][-1]
     if len(mesh.vertices) != count:
         raise pointmorph.CloudError(
             target.name,
@@ -192,7 +192,7 @@ class _Landing:
 
 
 def _read_landing(obj, mesh):
-    recipe = remaking.recipe_of(obj)
+    recipe = recipes.recipe_of(obj)
     pairs = obj.pointmorph.made_from
     if pairs is not None and result.is_result(pairs):
         rows = result.stage_rows(pairs)[-1]
@@ -200,8 +200,7 @@ def _read_landing(obj, mesh):
     else:
         matrix = np.reshape(recipe["shapes"][-1]["matrix"], (4, 4))
         positions = transforms.move_positions(matrix, arrays.vertex_positions(mesh))
-    matrix = np.eye(4)
-    matrix[:3, :3] = np.reshape(obj.pointmorph.source_matrix, (3, 3))
+    matrix = result.source_matrix_of(obj)
     landing = transforms.move_positions(matrix, arrays.key_positions(result.last_key(obj)))
     triangles = arrays.mesh_triangles(mesh)
     loops = None if triangles is None else arrays.triangle_loops(mesh)
@@ -233,7 +232,7 @@ def write(obj, wanted, found):
     prefix = wanted.prefix
     taken = {group.name for group in obj.vertex_groups}
     taken |= {attribute.name for attribute in obj.data.attributes}
-    known = set(remaking.recipe_of(obj).get("transferred", {}).get("names", ()))
+    known = set(recipes.recipe_of(obj).get("transferred", {}).get("names", ()))
     for kind, name, _ in found:
         if prefix + name in taken - known:
             raise pointmorph.CloudError(
@@ -252,7 +251,7 @@ def write(obj, wanted, found):
         if first is not None:
             _blend_colors(obj, prefix + first)
     names = [prefix + name for _, name, _ in found]
-    remaking.note(obj, "transferred", {"names": names, "options": list(astuple(wanted))})
+    recipes.note(obj, "transferred", {"names": names, "options": list(astuple(wanted))})
     return names
 
 

@@ -9,7 +9,7 @@ import time
 import bpy
 from bpy.app.handlers import persistent
 
-from . import remaking
+from . import recipes, result, states
 from .steps import go_on
 
 _PAUSE = 0.6  # seconds
@@ -23,16 +23,16 @@ _changed_at = 0.0
 
 
 def known_state(obj):
-    """What `remaking.state` says, as far as known; the rest is looked up soon. None for not yet."""
+    """What `states.state` says, as far as known; the rest is looked up soon. None for not yet."""
     if obj.name not in _prints:
         _want(obj.name)
         return None
     prints = _prints[obj.name]
-    shapes = remaking.shapes_of(obj)
+    shapes = recipes.shapes_of(obj)
     if None not in shapes and [shape.name for shape in shapes] != [p["name"] for p in prints or ()]:
         _want(obj.name)
         return None
-    return remaking.state(obj, prints)
+    return states.state(obj, prints)
 
 
 def _want(name):
@@ -50,8 +50,8 @@ def _look():
     if _begun is None and _wanted:
         name = _wanted.pop()
         obj = bpy.data.objects.get(name)
-        if obj is not None and remaking.is_made(obj):
-            _begun = name, remaking.fingerprints_steps(obj)
+        if obj is not None and result.is_made(obj):
+            _begun = name, states.fingerprints_steps(obj)
     if _begun is not None:
         name, steps = _begun
         try:
@@ -86,7 +86,7 @@ def _note_changes(scene, depsgraph):
         _changed_at = time.monotonic()
     for name in list(_prints):
         obj = bpy.data.objects.get(name)
-        shapes = [] if obj is None else [s for s in remaking.shapes_of(obj) if s is not None]
+        shapes = [] if obj is None else [s for s in recipes.shapes_of(obj) if s is not None]
         if obj is None or not changed.isdisjoint([*shapes, *(s.data for s in shapes)]):
             del _prints[name]
             _changed_at = time.monotonic()

@@ -1,5 +1,4 @@
-"""What a morph object remembers of how it was made: to compute it again in place (recomputing.py),
-and to say when that would change something.
+"""What a morph object remembers of how it was made.
 
 The recipe is kept as JSON, because it must survive whatever happens to the objects that it is
 about: the settings, what the features were, and of every shape a fingerprint of its own data.
@@ -13,25 +12,9 @@ import bpy
 import numpy as np
 import pointmorph
 
-from . import arrays, result, transforms
+from . import arrays, transforms
 from .features import PREFIX, Choice
-from .properties import by_hand, feature_choices, settings_values
-from .steps import finish
-from .translations import tell
-
-CURRENT, STALE, ORPHAN, UNKNOWN = "CURRENT", "STALE", "ORPHAN", "UNKNOWN"
-
-# They say how many hands work, or what frames look like: the same pairs come out.
-_OF_NO_CONSEQUENCE = {
-    "threads",
-    "path",
-    "omega",
-    "resample_spacing",
-    "mls_degree",
-    "mls_scale",
-    "mls_width",
-    "crowding",
-}
+from .properties import by_hand
 
 # Modifiers that move with something else than the object itself.
 _MOVING = {
@@ -54,7 +37,6 @@ _MOVING = {
     "WAVE",
 }
 
-
 # What a recipe says about the object itself.
 _OWN = ("keys", "transferred")
 
@@ -66,12 +48,6 @@ def shapes_of(obj):
     """The objects that a morph object was made from, in order; None for what is gone."""
     data = obj.pointmorph
     return [data.source, *(item.object for item in data.via), data.target]
-
-
-def picked_shapes(scene):
-    """The objects that the panel has picked, in order."""
-    settings = scene.pointmorph
-    return [settings.source, *(item.object for item in settings.via), settings.target]
 
 
 def is_moving(obj):
@@ -177,6 +153,15 @@ def _of_points(cloud):
     return [a for a in found if a is not None and a.name != "position"]
 
 
+def prints_of_steps(shapes, origin):
+    """`fingerprint_steps` of all shapes of a morph, in order; a list."""
+    prints = []
+    for number, shape in enumerate(shapes):
+        prints.append((yield from fingerprint_steps(shape, origin, number > 0)))
+        yield
+    return prints
+
+
 # --- The recipe -----------------------------------------------------------------------------------
 
 
@@ -193,10 +178,10 @@ def take_down_steps(shapes, requests, origin, choices):
         See `properties.feature_choices`.
     """
     return {
-        "shapes": (yield from _prints_of(shapes, origin)),
+        "shapes": (yield from prints_of_steps(shapes, origin)),
         "origin": [float(x) for x in origin],
         "settings": requests[0].settings,
-        "features": _plain_choices(choices),
+        "features": plain_choices(choices),
         "loop": list(requests[0].loop),
         "resolved": [
             {name: _plain_feature(feature) for name, feature in request.features.items()}
@@ -205,7 +190,7 @@ def take_down_steps(shapes, requests, origin, choices):
     }
 
 
-def _plain_choices(choices):
+def plain_choices(choices):
     return {name: list(astuple(choice)) for name, choice in choices.items()}
 
 
@@ -259,121 +244,6 @@ def recipe_of(obj):
 def is_known(recipe):
     """Whether a recipe has what it takes."""
     return "shapes" in recipe
-
-
-def is_made(obj):
-    """Whether an object is a morph object, of pairs or with the source's faces."""
-    return result.is_result(obj) or (obj is not None and obj.pointmorph.keeps_faces)
-
-
-def is_picked(scene, obj):
-    """Whether the panel is about this morph object: the same shapes are picked there."""
-    shapes = shapes_of(obj)
-    return None not in shapes and picked_shapes(scene) == shapes
-
-
-# --- The state ------------------------------------------------------------------------------------
-
-
-def state(obj, prints=None):
-    """Whether a morph object is what it would be if it were computed now.
-
-    Parameters
-    ----------
-    prints : list, optional
-        What `fingerprints` said a moment ago.
-
-    Returns
-    -------
-    str
-        CURRENT, STALE, ORPHAN, UNKNOWN; "" for any other object.
-    list of str
-        What has changed, in words.
-    """
-    if not is_made(obj):
-        return "", []
-    recipe = recipe_of(obj)
-    if not is_known(recipe):
-        return UNKNOWN, [tell("made by an earlier version, which kept no settings")]
-    shapes = shapes_of(obj)
-    gone = [
-        tell('"{name}" is gone', name=known["name"])
-        for known, shape in zip(recipe["shapes"], shapes, strict=True)
-        if shape is None
-    ]
-    if gone:
-        return ORPHAN, gone
-    prints = fingerprints(obj) if prints is None else prints
-    reasons = []
-    for known, now in zip(recipe["shapes"], prints, strict=True):
-        reasons += _differences(known, now, obj.pointmorph.follows)
-    scene = bpy.context.scene
-    if is_picked(scene, obj):
-        reasons += _other_settings(recipe, scene.pointmorph)
-    return (STALE if reasons else CURRENT), reasons
-
-
-def fingerprints(obj):
-    """Those of the shapes of a morph object as they are now; None where one is gone."""
-    return finish(fingerprints_steps(obj))
-
-
-def fingerprints_steps(obj):
-    """The same as a generator that yields often. Nothing may change meanwhile."""
-    shapes = shapes_of(obj)
-    if None in shapes:
-        return None
-    # Seen from the source: where all went along together, nothing has changed.
-    origin = np.array(shapes[0].matrix_world.translation)
-    return (yield from _prints_of(shapes, origin))
-
-
-def _prints_of(shapes, origin):
-    prints = []
-    for number, shape in enumerate(shapes):
-        prints.append((yield from fingerprint_steps(shape, origin, number > 0)))
-        yield
-    return prints
-
-
-def _differences(known, now, follows):
-    """What has become of a shape, in words."""
-    name = now["name"]
-    if known["count"] != now["count"]:
-        counts = {"now": f"{now['count']:,}", "before": f"{known['count']:,}"}
-        return [tell('"{name}" has {now} points instead of {before}', name=name, **counts)]
-    both_shown = None not in (known["shown"], now["shown"])
-    found = []
-    if known["data"] != now["data"]:
-        found.append(tell('"{name}" was edited', name=name))
-    elif both_shown and known["shown"] != now["shown"] and not follows:
-        other = '"{name}" looks different: its modifiers or shape keys were changed'
-        found.append(tell(other, name=name))
-    if known["marks"] != now["marks"]:
-        found.append(tell('features on "{name}" were changed', name=name))
-    if not (known["carried"] or now["carried"] or follows):
-        before, after = np.array(known["matrix"]), np.array(now["matrix"])
-        if np.abs(before - after).max() > 1e-5 * max(np.abs(before).max(), 1e-30):
-            found.append(tell('"{name}" was moved, turned or scaled', name=name))
-    return found
-
-
-def _other_settings(recipe, settings):
-    now = settings_values(settings)
-    before = recipe["settings"]
-    names = [
-        name
-        for name in sorted({*now, *before} - _OF_NO_CONSEQUENCE)
-        if now.get(name) != before.get(name)
-    ]
-    found = [tell("setting {name} was changed", name=name.replace("_", " ")) for name in names]
-    choices = _plain_choices(feature_choices(settings))
-    for name, choice in choices.items():
-        if name in recipe["features"] and recipe["features"][name] != choice:
-            found.append(tell('feature "{name}" is held in another way', name=name))
-    if recipe["loop"] != [item.name for item in settings.loop]:
-        found.append(tell("the loop was changed"))
-    return found
 
 
 def put_settings(settings, recipe):
