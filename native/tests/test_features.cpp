@@ -8,6 +8,7 @@
 #include <numbers>
 #include <numeric>
 
+#include "checks.hpp"
 #include "pointmorph/error.hpp"
 #include "pointmorph/morph.hpp"
 #include "pointmorph/parallel.hpp"
@@ -622,9 +623,7 @@ TEST(Features, MethodPaperTakesPointsOfACurve) {
 
     const Morph morph({sheet(41, 0.0), sheet(33, 0.4), {curve("line", here, there)}, {}, {}, {}},
                       paper(), progress);
-    EXPECT_TRUE(std::ranges::any_of(morph.report().warnings, [](const std::string& warning) {
-        return warning.find("no soft features") != std::string::npos;
-    }));
+    EXPECT_TRUE(checks::mentions(morph.report().warnings, "no soft features"));
 }
 
 TEST(Features, MethodPaperRefusesRegions) {

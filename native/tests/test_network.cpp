@@ -10,6 +10,7 @@
 #include <random>
 #include <set>
 
+#include "checks.hpp"
 #include "pointmorph/error.hpp"
 #include "pointmorph/morph.hpp"
 #include "shapes.hpp"
@@ -150,17 +151,8 @@ void expect_disks(const NamedNetwork& named, const MorphInput& input, Index genu
 /// Every point in a pair, features in theirs, and few neighbours torn apart, none of them
 /// because they lie on either side of a curve.
 void expect_whole(const Morph& morph, const std::vector<Feature>& features) {
-    std::vector<char> s(static_cast<std::size_t>(morph.source().size()), 0);
-    std::vector<char> t(static_cast<std::size_t>(morph.target().size()), 0);
-    for (const IndexPair& pair : morph.pairs()) {
-        s[static_cast<std::size_t>(pair.source)] = 1;
-        t[static_cast<std::size_t>(pair.target)] = 1;
-    }
-    EXPECT_EQ(std::ranges::count(s, 0), 0);
-    EXPECT_EQ(std::ranges::count(t, 0), 0);
-    for (const Feature& f : features)
-        EXPECT_TRUE(std::ranges::binary_search(
-            morph.pairs(), IndexPair{f.source.rows.front(), f.target.rows.front()}));
+    EXPECT_TRUE(checks::is_total(morph.pairs(), morph.source().size(), morph.target().size()));
+    EXPECT_TRUE(checks::are_paired(features, morph.pairs()));
     Progress progress;
     const std::vector<double> times{0.25, 0.5, 0.75};
     for (const Cracks& cracks : morph.cracks(times, progress)) EXPECT_LT(cracks.share, 0.002);

@@ -8,8 +8,8 @@
 #include <limits>
 #include <map>
 #include <random>
-#include <set>
 
+#include "checks.hpp"
 #include "pointmorph/error.hpp"
 #include "pointmorph/parallel.hpp"
 #include "shapes.hpp"
@@ -34,25 +34,6 @@ Pairing pair(const Points<Dim>& source, const Points<Dim>& target,
              const std::vector<IndexPair>& features = {}, Index max_cluster_size = 10) {
     Progress progress;
     return pair_points<Dim>(source, target, features, {max_cluster_size}, progress);
-}
-
-/// Sorted, without repeats, rows in range, every row there.
-::testing::AssertionResult is_total(const Pairing& pairs, Index sources, Index targets) {
-    if (!std::ranges::is_sorted(pairs)) return ::testing::AssertionFailure() << "not sorted";
-    if (std::ranges::adjacent_find(pairs) != pairs.end())
-        return ::testing::AssertionFailure() << "a pair twice";
-    std::set<Index> source_rows, target_rows;
-    for (const auto& [s, t] : pairs) {
-        if (s < 0 || s >= sources || t < 0 || t >= targets)
-            return ::testing::AssertionFailure() << s << ", " << t << " out of range";
-        source_rows.insert(s);
-        target_rows.insert(t);
-    }
-    if (std::ssize(source_rows) != sources || std::ssize(target_rows) != targets)
-        return ::testing::AssertionFailure()
-               << source_rows.size() << " of " << sources << " and " << target_rows.size() << " of "
-               << targets << " rows are in a pair";
-    return ::testing::AssertionSuccess();
 }
 
 /// The most partners that a row has.
@@ -123,9 +104,9 @@ TEST(Pairing, EveryRowIsInAPair) {
                                            {12345, 11111}})
         for (const Index size : {2, 10, 50}) {
             const auto pairs = pair<2>(noise<2>(sources, 1), noise<2>(targets, 2), {}, size);
-            EXPECT_TRUE(is_total(pairs, sources, targets)) << sources << " " << targets;
+            EXPECT_TRUE(checks::is_total(pairs, sources, targets)) << sources << " " << targets;
         }
-    EXPECT_TRUE(is_total(pair<3>(noise<3>(5000, 1), noise<3>(4000, 2)), 5000, 4000));
+    EXPECT_TRUE(checks::is_total(pair<3>(noise<3>(5000, 1), noise<3>(4000, 2)), 5000, 4000));
 }
 
 TEST(Pairing, ClustersHoldNoMoreThanAsked) {
@@ -167,8 +148,8 @@ TEST(Pairing, OnePointTakesAllOfTheOther) {
     const auto one = noise<2>(1, 1), many = noise<2>(20000, 2);
     const auto pairs = pair<2>(one, many);
     EXPECT_EQ(pairs.size(), 20000U);
-    EXPECT_TRUE(is_total(pairs, 1, 20000));
-    EXPECT_TRUE(is_total(pair<2>(many, one), 20000, 1));
+    EXPECT_TRUE(checks::is_total(pairs, 1, 20000));
+    EXPECT_TRUE(checks::is_total(pair<2>(many, one), 20000, 1));
 }
 
 TEST(Pairing, SameCloudPairsWithItself) {
@@ -199,7 +180,7 @@ TEST(Pairing, UnequalDensities) {
     Points<2> target = noise<2>(5000, 10);
     target.topRows(4900) = (target.topRows(4900).array() * 1e-6 + 0.9).matrix();
     const auto pairs = pair<2>(source, target);
-    EXPECT_TRUE(is_total(pairs, 5000, 5000));
+    EXPECT_TRUE(checks::is_total(pairs, 5000, 5000));
     EXPECT_LT(pairs.size(), 10000U);
 }
 
@@ -208,17 +189,17 @@ TEST(Pairing, CoincidentPoints) {
     source.setConstant(0.25);
     target.setConstant(0.25);
     auto pairs = pair<2>(source, target);
-    EXPECT_TRUE(is_total(pairs, 3000, 2000));
+    EXPECT_TRUE(checks::is_total(pairs, 3000, 2000));
     EXPECT_LE(most_partners(pairs), 10);  // split by rank down to σ
 
     target.setConstant(-0.5);  // elsewhere
     pairs = pair<2>(source, target);
-    EXPECT_TRUE(is_total(pairs, 3000, 2000));
+    EXPECT_TRUE(checks::is_total(pairs, 3000, 2000));
     EXPECT_LE(most_partners(pairs), 10);
 
     target = noise<2>(2000, 3);  // one point of the source, 3000 times, among many
-    EXPECT_TRUE(is_total(pair<2>(source, target), 3000, 2000));
-    EXPECT_TRUE(is_total(pair<2>(target, source), 2000, 3000));
+    EXPECT_TRUE(checks::is_total(pair<2>(source, target), 3000, 2000));
+    EXPECT_TRUE(checks::is_total(pair<2>(target, source), 2000, 3000));
 }
 
 TEST(Pairing, CloudsThatDoNotOverlap) {
@@ -227,14 +208,14 @@ TEST(Pairing, CloudsThatDoNotOverlap) {
     for (Index i = 0; i < 500; ++i) source.row(i) << 0.001 * i, 0.0;
     for (Index i = 0; i < 400; ++i) target.row(i) << 2.0 + 0.001 * i, 0.0;
     const auto pairs = pair<2>(source, target);
-    EXPECT_TRUE(is_total(pairs, 500, 400));
+    EXPECT_TRUE(checks::is_total(pairs, 500, 400));
     EXPECT_LE(most_partners(pairs), 10);
     // The order along the line is kept but for the few within a cluster.
     for (const auto& [s, t] : pairs) EXPECT_NEAR(s / 500.0, t / 400.0, 0.03);
 
     Points<2> aside = noise<2>(400, 1);
     aside.col(0).array() += 5.0;
-    EXPECT_TRUE(is_total(pair<2>(noise<2>(500, 2), aside), 500, 400));
+    EXPECT_TRUE(checks::is_total(pair<2>(noise<2>(500, 2), aside), 500, 400));
 }
 
 TEST(Pairing, OtherAxesAreTriedWhenTheFirstFails) {
@@ -253,7 +234,7 @@ TEST(Pairing, FeaturesArePairedFirstAndKeptOut) {
     const auto source = noise<2>(1000, 1), target = noise<2>(900, 2);
     const std::vector<IndexPair> features{{3, 800}, {500, 7}, {500, 9}, {3, 800}};
     const auto pairs = pair<2>(source, target, features);
-    EXPECT_TRUE(is_total(pairs, 1000, 900));
+    EXPECT_TRUE(checks::is_total(pairs, 1000, 900));
     std::vector<IndexPair> of_features;
     std::ranges::copy_if(pairs, std::back_inserter(of_features), [](const IndexPair& p) {
         return p.source == 3 || p.source == 500 || p.target == 800 || p.target == 7 ||
@@ -266,7 +247,7 @@ TEST(Pairing, OnlyFeaturesOnOneSide) {
     const auto source = noise<2>(3, 1), target = noise<2>(50, 2);
     const std::vector<IndexPair> features{{0, 10}, {1, 20}, {2, 30}};
     const auto pairs = pair<2>(source, target, features);
-    EXPECT_TRUE(is_total(pairs, 3, 50));
+    EXPECT_TRUE(checks::is_total(pairs, 3, 50));
     EXPECT_EQ(pairs.size(), 50U);
     for (const auto& [s, t] : pairs) {
         if (t % 10 == 0 && t > 0 && t < 40) continue;
@@ -276,7 +257,7 @@ TEST(Pairing, OnlyFeaturesOnOneSide) {
     }
     EXPECT_EQ(pair<2>(source, noise<2>(3, 3), {{0, 2}, {1, 1}, {2, 0}}),
               (Pairing{{0, 2}, {1, 1}, {2, 0}}));
-    EXPECT_TRUE(is_total(pair<2>(target, source, {{10, 0}, {20, 1}, {30, 2}}), 50, 3));
+    EXPECT_TRUE(checks::is_total(pair<2>(target, source, {{10, 0}, {20, 1}, {30, 2}}), 50, 3));
 }
 
 TEST(Pairing, DoesNotDependOnThreadsOrOrder) {

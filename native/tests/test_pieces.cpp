@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include "checks.hpp"
 #include "pointmorph/morph.hpp"
 #include "shapes.hpp"
 
@@ -99,13 +100,9 @@ TEST(Pieces, WithoutACounterpartAreJoined) {
     input.target = {"two", body, {}, {}, {}};
     Progress progress;
     const Morph morph(std::move(input), {}, progress);
-    std::vector<char> seen(static_cast<std::size_t>(kBody + 2 * kEye), 0);
-    for (const auto& pair : morph.pairs()) seen[static_cast<std::size_t>(pair.source)] = 1;
-    EXPECT_EQ(std::ranges::count(seen, 0), 0);
-    const auto& warnings = morph.report().warnings;
-    EXPECT_TRUE(std::ranges::any_of(warnings, [](const std::string& words) {
-        return words.find("2 pieces of one (500 points) have no counterpart") != std::string::npos;
-    }));
+    EXPECT_TRUE(checks::is_total(morph.pairs(), kBody + 2 * kEye, kBody));
+    EXPECT_TRUE(checks::mentions(morph.report().warnings,
+                                 "2 pieces of one (500 points) have no counterpart"));
 }
 
 }  // namespace

@@ -6,6 +6,7 @@
 #include <cmath>
 #include <numbers>
 
+#include "checks.hpp"
 #include "pointmorph/error.hpp"
 #include "pointmorph/neighborhoods.hpp"
 #include "pointmorph/parallel.hpp"
@@ -115,14 +116,7 @@ void expect_complete(const Refinement& r, Index source_count, Index target_count
     EXPECT_TRUE(r.target_images.allFinite());
     EXPECT_EQ(r.source_images.rows(), source_count);
     EXPECT_EQ(r.target_images.rows(), target_count);
-    std::vector<char> source(static_cast<std::size_t>(source_count), 0);
-    std::vector<char> target(static_cast<std::size_t>(target_count), 0);
-    for (const IndexPair& p : r.pairs) {
-        source.at(static_cast<std::size_t>(p.source)) = 1;
-        target.at(static_cast<std::size_t>(p.target)) = 1;
-    }
-    EXPECT_EQ(std::ranges::count(source, 0), 0);
-    EXPECT_EQ(std::ranges::count(target, 0), 0);
+    EXPECT_TRUE(checks::is_total(r.pairs, source_count, target_count));
 }
 
 TEST(Refinement, FindsTheSameShapeSampledAnew) {
