@@ -33,7 +33,17 @@ def _write(collection, key, values, dtype=np.float32):
     collection.foreach_set(key, np.ascontiguousarray(values, dtype).reshape(-1))
 
 
-# --- Attributes of any geometry -------------------------------------------------------------------
+# --- Any geometry ---------------------------------------------------------------------------------
+
+
+def points_of(geometry):
+    """The vertices of a mesh, or the points of a point cloud."""
+    return geometry.vertices if hasattr(geometry, "vertices") else geometry.points
+
+
+def positions_of(geometry):
+    """(N, 3): of the vertices or points."""
+    return _read(points_of(geometry), "co", 3)
 
 
 def read_attribute(attribute):
@@ -83,9 +93,8 @@ def write_attribute(geometry, name, values):
 def write_corner_colors(mesh, name, colors):
     """A new attribute of 8 bits a channel at the corners of the faces, from (N, 4) linear colours
     of the vertices."""
-    corners = _read(mesh.loops, "vertex_index", 1, np.int32)
     attribute = mesh.attributes.new(name, "BYTE_COLOR", "CORNER")
-    _write(attribute.data, "color", colors[corners])
+    _write(attribute.data, "color", colors[mesh_corners(mesh)])
 
 
 def by_row(rows, values):

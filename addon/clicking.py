@@ -4,7 +4,7 @@ import bpy
 import numpy as np
 from bpy_extras.view3d_utils import region_2d_to_origin_3d, region_2d_to_vector_3d
 
-from . import arrays, markers
+from . import arrays, markers, transforms
 from .checks import shapes_reason
 from .marking import mark, next_name, unmarkable
 from .properties import feature_names, sync_features
@@ -41,7 +41,7 @@ def nearest_on_surface(obj, origin, direction, depsgraph):
         return None
     met = obj.matrix_world @ place
     shown = arrays.vertex_positions(markers.shown_data(obj, depsgraph))
-    world = _in_world(obj, shown)
+    world = transforms.apply(obj.matrix_world, shown)
     row = int(np.argmin(((world - np.array(met)) ** 2).sum(axis=1)))
     return (met - origin).length, row
 
@@ -65,7 +65,7 @@ def nearest_projected(places, matrix, size, at):
     """
     if not len(places):
         return None
-    flat = places @ matrix[:3, :3].T + matrix[:3, 3]
+    flat = transforms.apply(matrix, places)
     depth = places @ matrix[3, :3] + matrix[3, 3]
     front = depth > 1e-9
     pixels = np.full((len(places), 2), np.inf)
@@ -79,11 +79,6 @@ def nearest_projected(places, matrix, size, at):
     extent = max(float(np.ptp(places, axis=0).max()), 1e-30)
     behind = (deep[near] - deep[near].min()) / extent
     return int(near[np.argmin(apart[near] / _REACH + behind / _LAYER)])
-
-
-def _in_world(obj, positions):
-    matrix = np.array(obj.matrix_world)
-    return positions.astype(np.float64) @ matrix[:3, :3].T + matrix[:3, 3]
 
 
 def pick(context, area, region, view, at):
@@ -100,8 +95,7 @@ def pick(context, area, region, view, at):
             found = nearest_on_surface(obj, origin, direction, depsgraph)
         else:
             data = markers.shown_data(obj, depsgraph)
-            read = arrays.vertex_positions if obj.type == "MESH" else arrays.cloud_positions
-            places = _in_world(obj, read(data))
+            places = transforms.apply(obj.matrix_world, arrays.positions_of(data))
             matrix = np.array(view.perspective_matrix)
             row = nearest_projected(places, matrix, (region.width, region.height), at)
             along = None if row is None else np.dot(places[row] - np.array(origin), direction)

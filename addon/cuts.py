@@ -6,7 +6,7 @@ import numpy as np
 import pointmorph
 from gpu_extras.batch import batch_for_shader
 
-from . import markers, session
+from . import markers, session, transforms
 from .checks import busy_reason, fail, shapes_reason
 from .jobs import Computing
 from .properties import sync_features
@@ -161,20 +161,23 @@ class _Curves(Computing):
         for name, curve in zip(self._names, curves, strict=True):
             obj = context.scene.objects.get(name)
             if obj is not None:
-                inverse = np.array(obj.matrix_world.inverted_safe())
                 world = curve.astype(np.float64) + self._origin
-                shown[name] = world @ inverse[:3, :3].T + inverse[:3, 3]
+                shown[name] = transforms.apply(obj.matrix_world.inverted_safe(), world)
         if not bpy.app.background:
             markers.redraw()
 
 
+def _settings(request):
+    """Those that a cut takes notice of."""
+    return {k: v for k, v in request.settings.items() if k not in ("method", "domain")}
+
+
 def _curves_of(request, loop, progress):
     """The curve through the loop on both shapes."""
-    settings = {k: v for k, v in request.settings.items() if k not in ("method", "domain")}
     curves = []
     for side, shape in enumerate((request.source, request.target)):
         rows = {name: request.features[name][side] for name in loop}
-        cut = pointmorph.decompose(shape.cloud(), rows, progress=progress, **settings)
+        cut = pointmorph.decompose(shape.cloud(), rows, progress=progress, **_settings(request))
         curves.append(cut.curve)
     return curves
 
@@ -227,7 +230,6 @@ class POINTMORPH_OT_propose_loop(_Curves, bpy.types.Operator):
 
     def _begin(self, context):
         request = self._read(context)
-        settings = {k: v for k, v in request.settings.items() if k not in ("method", "domain")}
 
         def compute(progress):
             loop = pointmorph.propose_loop(
@@ -235,7 +237,7 @@ class POINTMORPH_OT_propose_loop(_Curves, bpy.types.Operator):
                 request.target.cloud(),
                 request.features,
                 progress=progress,
-                **settings,
+                **_settings(request),
             )
             return loop, _curves_of(request, loop, progress)
 
@@ -260,9 +262,7 @@ def _draw():
     for obj in (settings.source, settings.target):
         if obj is None or obj.name not in shown or not obj.visible_get(viewport=space):
             continue
-        curve = shown[obj.name]
-        matrix = np.array(obj.matrix_world)
-        world = curve @ matrix[:3, :3].T + matrix[:3, 3]
+        world = transforms.apply(obj.matrix_world, shown[obj.name])
         _draw_line(np.concatenate([world, world[:1]]))
 
 

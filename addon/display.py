@@ -33,10 +33,7 @@ def add_points_modifier(obj, key, created, stages=("source", "target")):
     name = NAME if len(stages) == 2 else f"{NAME} {len(stages)}"
     group = bpy.data.node_groups.get(name)
     if group is None:
-        material = bpy.data.materials.get(NAME)
-        if material is None:
-            material = _material(created)
-        group = _group(name, stages, material, created)
+        group = _group(name, stages, _material(created), created)
     modifier = obj.modifiers.new(MODIFIER, "NODES")
     modifier.node_group = group
     drive_input(obj, modifier, "t", key)
@@ -70,10 +67,7 @@ def add_frames_modifier(obj, collection, plan, created):
     """Shows the mesh of `collection` that belongs to the scene's frame, as points or discs."""
     group = bpy.data.node_groups.get(FRAMES_NAME)
     if group is None:
-        material = bpy.data.materials.get(NAME)
-        if material is None:
-            material = _material(created)
-        group = _frames_group(material, created)
+        group = _frames_group(_material(created), created)
     modifier = obj.modifiers.new(MODIFIER, "NODES")
     modifier.node_group = group
     values = {"Collection": collection, "First": plan.first, "Step": plan.step}
@@ -492,6 +486,10 @@ def _or_distortion(build, inputs, color, distortion):
 
 
 def _material(created):
+    """The one of this file, made when it isn't there."""
+    material = bpy.data.materials.get(NAME)
+    if material is not None:
+        return material
     material = bpy.data.materials.new(NAME)
     created(material)
     if material.node_tree is None:  # before Blender 5.0

@@ -9,7 +9,7 @@ was morphed.
 import bpy
 import pointmorph
 
-from . import display, recipes, result
+from . import arrays, display, recipes, result
 
 NAME = "Pointmorph Follow"
 MODIFIER = "Follow"
@@ -82,8 +82,7 @@ def check_counts(obj, shapes, context):
                 "one that is gone",
                 "Undo its removal, or morph other objects.",
             )
-        evaluated = shape.evaluated_get(depsgraph).data
-        found = len(evaluated.vertices if shape.type == "MESH" else evaluated.points)
+        found = len(arrays.points_of(shape.evaluated_get(depsgraph).data))
         if found != count:
             raise pointmorph.CloudError(
                 shape.name,

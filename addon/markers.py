@@ -18,7 +18,7 @@ from mathutils import Vector
 
 from . import arrays
 from .features import PREFIX, feature_row
-from .properties import color_of, feature_names
+from .properties import color_of, feature_groups, feature_names
 
 _SLICE = 8192  # vertices looked at between redraws
 _SHOWN = 100  # dots for a curve or region, at the most
@@ -88,7 +88,7 @@ def count_of(obj, name):
 
 def size_of(obj):
     """How many points an object has by itself."""
-    return len(obj.data.vertices if obj.type == "MESH" else obj.data.points)
+    return len(arrays.points_of(obj.data))
 
 
 def _holds(obj, name, mark):
@@ -113,7 +113,7 @@ def _members(obj, first, last):
             rows = np.flatnonzero(values > 0)
             found[name] = list(zip(rows.tolist(), values[rows].tolist(), strict=True))
         return found
-    groups = {obj.vertex_groups[PREFIX + name].index: name for name in feature_names(obj)}
+    groups = feature_groups(obj)
     found = {name: [] for name in groups.values()}
     for row, vertex in enumerate(obj.data.vertices[first:last], first):
         for element in vertex.groups:
@@ -133,17 +133,11 @@ def _learn(obj, members):
         row = int(rows[0])
         if len(rows) > 1:
             if positions is None:
-                positions = _own_positions(obj)
+                positions = arrays.positions_of(obj.data)
             row = feature_row(positions, rows, weights)
         some = rows[:: math.ceil(len(rows) / _SHOWN)]
         marks[name] = Mark(len(rows), row, tuple(int(r) for r in some))
     _known[obj.name] = marks
-
-
-def _own_positions(obj):
-    if obj.type == "POINTCLOUD":
-        return arrays.cloud_positions(obj.data)
-    return arrays.vertex_positions(obj.data)
 
 
 def _look():
@@ -192,8 +186,7 @@ def shown_data(obj, depsgraph):
 
 def place_of(obj, row, depsgraph):
     """(3,) of a row, in the world, as the viewport shows it."""
-    data = shown_data(obj, depsgraph)
-    points = data.vertices if obj.type == "MESH" else data.points
+    points = arrays.points_of(shown_data(obj, depsgraph))
     return obj.matrix_world @ Vector(points[row].co)
 
 

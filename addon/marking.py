@@ -8,7 +8,7 @@ from . import arrays, markers
 from .checks import busy_reason, fail, shapes_reason
 from .features import PREFIX, description
 from .jobs import Computing
-from .properties import feature_names, sync_features
+from .properties import feature_names, named, sync_features
 from .reading import read_request
 from .translations import tell
 
@@ -246,13 +246,12 @@ def _rename_alike(settings):
     """Gives marks of the target the names of those of the source that differ in spelling alone."""
     left = {_plain(f.name): f.name for f in settings.features if f.on_source and not f.on_target}
     others = [f.name for f in settings.features if f.on_target and not f.on_source]
-    obj = settings.target
-    named = obj.vertex_groups if obj.type == "MESH" else obj.data.attributes
+    marks = named(settings.target)
     count = 0
     for name in others:
         wanted = left.pop(_plain(name), None)
         if wanted is not None:
-            named[PREFIX + name].name = PREFIX + wanted
+            marks[PREFIX + name].name = PREFIX + wanted
             count += 1
     return count
 
@@ -395,8 +394,8 @@ def _fill_group(obj, group, rows):
 def unmark(obj, name):
     """Takes a feature off an object."""
     if name in feature_names(obj):
-        named = obj.vertex_groups if obj.type == "MESH" else obj.data.attributes
-        named.remove(named[PREFIX + name])
+        marks = named(obj)
+        marks.remove(marks[PREFIX + name])
 
 
 def unmarkable(context):

@@ -24,15 +24,23 @@ CONTEXT = "Pointmorph"
 
 def feature_names(obj):
     """Names, without the prefix, of the features that are marked on an object or None."""
-    if obj is None:
+    if obj is None or obj.type not in {"MESH", "POINTCLOUD"}:
         return []
-    if obj.type == "MESH":
-        named = obj.vertex_groups
-    elif obj.type == "POINTCLOUD":
-        named = obj.data.attributes
-    else:
-        return []
-    return [item.name[len(PREFIX) :] for item in named if item.name.startswith(PREFIX)]
+    return [item.name[len(PREFIX) :] for item in named(obj) if item.name.startswith(PREFIX)]
+
+
+def named(obj):
+    """What marks features by its name: vertex groups, or the attributes of a point cloud."""
+    return obj.vertex_groups if obj.type == "MESH" else obj.data.attributes
+
+
+def feature_groups(obj):
+    """By index, the vertex groups of a mesh that mark features: names without the prefix."""
+    return {
+        group.index: group.name[len(PREFIX) :]
+        for group in obj.vertex_groups
+        if group.name.startswith(PREFIX)
+    }
 
 
 def sync_features(scene):
@@ -84,8 +92,7 @@ def _rename(feature, context):
     feature.marked_name = new
     for obj in (settings.source, settings.target):
         if old in feature_names(obj):
-            named = obj.vertex_groups if obj.type == "MESH" else obj.data.attributes
-            named[PREFIX + old].name = PREFIX + new
+            named(obj)[PREFIX + old].name = PREFIX + new
 
 
 def _forget(feature, context):

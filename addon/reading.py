@@ -6,7 +6,7 @@ import pointmorph
 from . import arrays, transforms
 from .computation import Request, Shape
 from .features import PREFIX, Marks, match
-from .properties import feature_choices, settings_values
+from .properties import feature_choices, feature_groups, settings_values
 from .steps import finish
 
 TYPES = ("MESH", "POINTCLOUD")
@@ -126,11 +126,7 @@ def is_plain(obj):
 
 def _read_mesh(obj, mesh, positions):
     """A generator that yields often and returns a Shape."""
-    groups = {
-        group.index: group.name[len(PREFIX) :]
-        for group in obj.vertex_groups
-        if group.name.startswith(PREFIX)
-    }
+    groups = feature_groups(obj)
     yield
     triangles = arrays.mesh_triangles(mesh)
     yield

@@ -14,7 +14,7 @@ import pointmorph
 
 from . import arrays, transforms
 from .features import PREFIX, Choice
-from .properties import by_hand
+from .properties import by_hand, feature_groups
 
 # Modifiers that move with something else than the object itself.
 _MOVING = {
@@ -95,7 +95,7 @@ def fingerprint_steps(obj, origin, as_shown):
     if as_shown and not is_moving(obj):
         evaluated = obj.evaluated_get(bpy.context.evaluated_depsgraph_get())
         if evaluated.is_evaluated and type(evaluated.data) is type(data):
-            shown = _digest(_positions(evaluated.data))
+            shown = _digest(arrays.positions_of(evaluated.data))
     if obj.type == "MESH":
         positions = arrays.basis_positions(data)
         color = arrays.active_colors(data)
@@ -103,11 +103,7 @@ def fingerprint_steps(obj, origin, as_shown):
         parts = [positions, arrays.mesh_edges(data)]
         yield
         parts.append(arrays.mesh_corners(data))
-        groups = {
-            group.index: group.name[len(PREFIX) :]
-            for group in obj.vertex_groups
-            if group.name.startswith(PREFIX)
-        }
+        groups = feature_groups(obj)
         yield
         marks = yield from arrays.vertex_group_steps(data, groups)
     else:
@@ -136,14 +132,6 @@ def fingerprint_steps(obj, origin, as_shown):
         "matrix": transforms.relative_to(obj.matrix_world, origin).reshape(-1).tolist(),
         "carried": _is_carried(obj),
     }
-
-
-def _positions(data):
-    return (
-        arrays.vertex_positions(data)
-        if isinstance(data, bpy.types.Mesh)
-        else arrays.cloud_positions(data)
-    )
 
 
 def _of_points(cloud):

@@ -32,12 +32,17 @@ def check_invertible(name, matrix):
     )
 
 
+def apply(matrix, positions):
+    """(N, 3) float64: positions taken through a (4, 4) matrix, the last row of which is ignored."""
+    matrix = np.asarray(matrix)
+    return positions.astype(np.float64) @ matrix[:3, :3].T + matrix[:3, 3]
+
+
 def move_positions(matrix, positions):
     """(N, 3) float32: positions taken through a (4, 4) matrix; their own bits by the identity."""
     if np.array_equal(matrix, np.eye(4)):
         return positions
-    moved = positions.astype(np.float64) @ matrix[:3, :3].T + matrix[:3, 3]
-    return moved.astype(np.float32)
+    return apply(matrix, positions).astype(np.float32)
 
 
 def move_normals(matrix, normals):

@@ -9,7 +9,7 @@ import time
 import bpy
 from bpy.app.handlers import persistent
 
-from . import recipes, result, states
+from . import markers, recipes, result, states
 from .steps import go_on
 
 _PAUSE = 0.6  # seconds
@@ -63,10 +63,7 @@ def _look():
             _begun = None
     if _begun is not None or _wanted:
         return 0.0
-    for window in bpy.context.window_manager.windows:
-        for area in window.screen.areas:
-            if area.type == "VIEW_3D":
-                area.tag_redraw()
+    markers.redraw()
     return None
 
 
