@@ -7,7 +7,7 @@ import pointmorph.sequences
 import pointmorph.surfaces
 
 from . import frames, poses, result
-from .checks import activate, active_result, busy_reason, fail, result_reason
+from .checks import activate, active_result, busy_reason, fail, possible, result_reason
 from .jobs import Computing
 from .properties import EASINGS, FORMATS, settings_values
 from .translations import tell
@@ -65,11 +65,7 @@ class POINTMORPH_OT_bake_shape_keys(bpy.types.Operator):
 
     @classmethod
     def poll(cls, context):
-        reason = result_reason(context)
-        if reason is not None:
-            cls.poll_message_set(reason)
-            return False
-        return True
+        return possible(cls, result_reason(context))
 
     def execute(self, context):
         obj = active_result(context)
@@ -134,11 +130,7 @@ class POINTMORPH_OT_bake_frames(Computing, bpy.types.Operator):
 
     @classmethod
     def poll(cls, context):
-        reason = busy_reason() or result_reason(context)
-        if reason is not None:
-            cls.poll_message_set(reason)
-            return False
-        return True
+        return possible(cls, busy_reason() or result_reason(context))
 
     def _begin_steps(self, context):
         if self.frame_end <= self.frame_start:

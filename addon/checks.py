@@ -24,6 +24,14 @@ def fail(operator, error):
     return {"CANCELLED"}
 
 
+def possible(operator, reason):
+    """What `poll` returns: whether nothing speaks against an operator. What does is shown where it
+    is greyed."""
+    if reason is not None:
+        operator.poll_message_set(reason)
+    return reason is None
+
+
 def busy_reason():
     """Why nothing can be computed now; None when it can."""
     if session.current is None:
@@ -46,12 +54,13 @@ def shapes_reason(context):
     return None
 
 
-def say_pairs(obj, report):
-    """What was made, in words."""
+def say_made(operator, obj, report):
+    """Tells the user what came of a morph."""
+    for warning in report["warnings"]:
+        operator.report({"WARNING"}, warning)
     pairs, seconds = f"{report['pairs']:,}", f"{report['seconds']:.1f}"
-    return tell(
-        '"{name}": {pairs} pairs in {seconds} s', name=obj.name, pairs=pairs, seconds=seconds
-    )
+    made = '"{name}": {pairs} pairs in {seconds} s'
+    operator.report({"INFO"}, tell(made, name=obj.name, pairs=pairs, seconds=seconds))
 
 
 def active_result(context):

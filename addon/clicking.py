@@ -5,7 +5,7 @@ import numpy as np
 from bpy_extras.view3d_utils import region_2d_to_origin_3d, region_2d_to_vector_3d
 
 from . import arrays, markers, transforms
-from .checks import shapes_reason
+from .checks import possible, shapes_reason
 from .marking import mark, next_name, unmarkable
 from .properties import feature_names, sync_features
 from .translations import tell
@@ -169,9 +169,7 @@ class POINTMORPH_OT_click_features(bpy.types.Operator):
         reason = shapes_reason(context) or unmarkable(context)
         if reason is None and running:
             reason = "It waits for clicks already: Esc ends it"
-        if reason is not None:
-            cls.poll_message_set(reason)
-        return reason is None
+        return possible(cls, reason)
 
     def invoke(self, context, event):
         global running

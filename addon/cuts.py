@@ -7,7 +7,7 @@ import pointmorph
 from gpu_extras.batch import batch_for_shader
 
 from . import markers, session, transforms
-from .checks import busy_reason, fail, shapes_reason
+from .checks import busy_reason, fail, possible, shapes_reason
 from .jobs import Computing
 from .properties import sync_features
 from .reading import read_request
@@ -192,10 +192,7 @@ class POINTMORPH_OT_show_cut(_Curves, bpy.types.Operator):
     @classmethod
     def poll(cls, context):
         reason = busy_reason() or shapes_reason(context)
-        reason = reason or (None if shown else _loop_reason(context.scene.pointmorph))
-        if reason is not None:
-            cls.poll_message_set(reason)
-        return reason is None
+        return possible(cls, reason or (None if shown else _loop_reason(context.scene.pointmorph)))
 
     def invoke(self, context, event):
         if not shown:
@@ -223,10 +220,7 @@ class POINTMORPH_OT_propose_loop(_Curves, bpy.types.Operator):
 
     @classmethod
     def poll(cls, context):
-        reason = busy_reason() or shapes_reason(context)
-        if reason is not None:
-            cls.poll_message_set(reason)
-        return reason is None
+        return possible(cls, busy_reason() or shapes_reason(context))
 
     def _begin(self, context):
         request = self._read(context)

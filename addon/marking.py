@@ -5,7 +5,7 @@ import bpy
 import pointmorph
 
 from . import arrays, markers
-from .checks import busy_reason, fail, shapes_reason
+from .checks import busy_reason, fail, possible, shapes_reason
 from .features import PREFIX, description
 from .jobs import Computing
 from .properties import feature_names, named, sync_features
@@ -33,9 +33,7 @@ class POINTMORPH_OT_add_feature(bpy.types.Operator):
         reason = shapes_reason(context)
         if reason is None and not _objects_to_mark(context):
             reason = "Make the source or the target the active object, and select vertices"
-        if reason is not None:
-            cls.poll_message_set(reason)
-        return reason is None
+        return possible(cls, reason)
 
     def execute(self, context):
         settings = context.scene.pointmorph
@@ -62,10 +60,7 @@ class POINTMORPH_OT_check_features(bpy.types.Operator):
 
     @classmethod
     def poll(cls, context):
-        reason = shapes_reason(context)
-        if reason is not None:
-            cls.poll_message_set(reason)
-        return reason is None
+        return possible(cls, shapes_reason(context))
 
     def execute(self, context):
         sync_features(context.scene)
@@ -149,10 +144,7 @@ class POINTMORPH_OT_propose_features(Computing, bpy.types.Operator):
 
     @classmethod
     def poll(cls, context):
-        reason = busy_reason() or shapes_reason(context) or unmarkable(context)
-        if reason is not None:
-            cls.poll_message_set(reason)
-        return reason is None
+        return possible(cls, busy_reason() or shapes_reason(context) or unmarkable(context))
 
     def _begin(self, context):
         settings = context.scene.pointmorph
@@ -222,10 +214,7 @@ class POINTMORPH_OT_pair_features(bpy.types.Operator):
 
     @classmethod
     def poll(cls, context):
-        reason = shapes_reason(context) or unmarkable(context)
-        if reason is not None:
-            cls.poll_message_set(reason)
-        return reason is None
+        return possible(cls, shapes_reason(context) or unmarkable(context))
 
     def execute(self, context):
         settings = context.scene.pointmorph
@@ -303,9 +292,7 @@ class POINTMORPH_OT_jump_to_feature(bpy.types.Operator):
         reason = shapes_reason(context)
         if reason is None and not 0 <= settings.active_feature < len(settings.features):
             reason = "Choose a feature in the list"
-        if reason is not None:
-            cls.poll_message_set(reason)
-        return reason is None
+        return possible(cls, reason)
 
     def execute(self, context):
         settings = context.scene.pointmorph

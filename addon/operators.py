@@ -7,7 +7,7 @@ import bpy
 import numpy as np
 
 from . import display, preview, previewing, recipes, result, session, transforms
-from .checks import activate, active_result, busy_reason, say_pairs, shapes_reason
+from .checks import activate, active_result, busy_reason, possible, say_made, shapes_reason
 from .computation import Earlier, compute
 from .jobs import Computing
 from .marking import say_what_was_found
@@ -24,10 +24,7 @@ class POINTMORPH_OT_morph(Computing, bpy.types.Operator):
 
     @classmethod
     def poll(cls, context):
-        reason = busy_reason() or shapes_reason(context)
-        if reason is not None:
-            cls.poll_message_set(reason)
-        return reason is None
+        return possible(cls, busy_reason() or shapes_reason(context))
 
     stopped = "The morph was stopped"
     _value = 0.0  # of the key when the result comes
@@ -90,9 +87,7 @@ class POINTMORPH_OT_morph(Computing, bpy.types.Operator):
         result.morph_key(obj).value = self._value
         activate(context.view_layer.objects, obj)
         recipes.remember(obj, self._recipe, outcome)
-        for warning in outcome.report["warnings"]:
-            self.report({"WARNING"}, warning)
-        self.report({"INFO"}, say_pairs(obj, outcome.report))
+        say_made(self, obj, outcome.report)
         return {"FINISHED"}
 
 

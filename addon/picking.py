@@ -2,6 +2,7 @@
 
 import bpy
 
+from .checks import possible
 from .properties import sync_features
 
 
@@ -22,10 +23,7 @@ class POINTMORPH_OT_pick_selected(bpy.types.Operator):
 
     @classmethod
     def poll(cls, context):
-        reason = _reason(context)
-        if reason is not None:
-            cls.poll_message_set(reason)
-        return reason is None
+        return possible(cls, _reason(context))
 
     def execute(self, context):
         settings = context.scene.pointmorph

@@ -16,7 +16,7 @@ from . import (
     states,
     transferring,
 )
-from .checks import activate, active_result, fail, say_pairs
+from .checks import activate, active_result, fail, possible, say_made
 from .computation import Earlier
 from .jobs import Computing
 from .properties import feature_choices, settings_values, sync_features
@@ -60,9 +60,7 @@ class _OnResult:
         reason = cls.reason(context)
         if session.current is not None:
             reason = "Something is being computed: wait, or press Esc to stop it"
-        if reason is not None:
-            cls.poll_message_set(reason)
-        return reason is None
+        return possible(cls, reason)
 
     def execute(self, context):
         try:
@@ -105,9 +103,9 @@ class POINTMORPH_OT_recompute(Computing, bpy.types.Operator):
         for name in self._plan.missing:
             gone = '"{name}" is gone: the points that the morph holds were used'
             self.report({"WARNING"}, tell(gone, name=name))
-        for warning in [*said, *outcome.report["warnings"]]:
+        for warning in said:
             self.report({"WARNING"}, warning)
-        self.report({"INFO"}, say_pairs(obj, outcome.report))
+        say_made(self, obj, outcome.report)
         return {"FINISHED"}
 
 
@@ -363,9 +361,7 @@ class POINTMORPH_OT_morph_chain(Computing, bpy.types.Operator):
         )
         recipes.remember(obj, self._plan.recipe, outcome)
         activate(context.view_layer.objects, obj)
-        for warning in outcome.report["warnings"]:
-            self.report({"WARNING"}, warning)
-        self.report({"INFO"}, say_pairs(obj, outcome.report))
+        say_made(self, obj, outcome.report)
         return {"FINISHED"}
 
 

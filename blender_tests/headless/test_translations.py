@@ -103,6 +103,10 @@ def values_of(node, within):
     return []
 
 
+SAYING = {"tell": 0, "poll_message_set": 0, "possible": 1, "report": 1}
+"""What says something: the place of that among its arguments."""
+
+
 def said(addon):
     """(where, text) of every message, and of every label that a panel writes itself."""
     for where, tree in sources(addon):
@@ -118,7 +122,7 @@ def said(addon):
             for node in ast.walk(within):
                 if not isinstance(node, ast.Call):
                     continue
-                place = {"tell": 0, "poll_message_set": 0, "report": 1}.get(name_of(node))
+                place = SAYING.get(name_of(node))
                 if place is not None and len(node.args) > place:
                     yield from ((where, text) for text in values_of(node.args[place], within))
                 for word in node.keywords:
@@ -136,7 +140,7 @@ def test_messages_with_something_put_in_are_translated_first(addon):
     """What is put together already can't be looked up any more."""
     for where, tree in sources(addon):
         for node in ast.walk(tree):
-            if isinstance(node, ast.Call) and name_of(node) in {"report", "poll_message_set"}:
+            if isinstance(node, ast.Call) and name_of(node) in {*SAYING} - {"tell"}:
                 composed = [a for a in node.args if isinstance(a, (ast.JoinedStr, ast.BinOp))]
                 assert not composed, (where, node.lineno)
 
