@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pointmorph
-import pointmorph.meshes
+import pointmorph.formats
 
 from . import transforms
 from .features import Marks
@@ -47,19 +47,9 @@ class Shape:
     def cloud(self):
         """As the library takes it. The boundary is the longest that the faces leave open, and they
         say what hangs together."""
-        loops, parts = [], None
-        if self.triangles is not None:
-            loops = pointmorph.meshes.boundary_loops(self.triangles, len(self.positions))
-            parts = pointmorph.meshes.parts(self.triangles, self.positions)
-        return pointmorph.Cloud(
-            self.positions,
-            self.normals,
-            self.colors,
-            self.radii,
-            name=self.name,
-            boundary=loops[0] if loops else None,
-            parts=parts,
-        )
+        return pointmorph.formats.Shape(
+            self.name, self.positions, self.normals, self.colors, self.radii, self.triangles
+        ).cloud()
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,7 @@ from pathlib import Path
 import bpy
 import numpy as np
 import pointmorph
+import pointmorph.formats
 import pointmorph.moving
 import pointmorph.sequences
 
@@ -147,15 +148,7 @@ class _Pairs(pointmorph.sequences.FrameSequence):
 def make_folder(path):
     """The folder of that name, made when it isn't there. Raises FileError."""
     folder = Path(bpy.path.abspath(path))
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise pointmorph.FileError(
-            str(folder),
-            "a folder that can be made",
-            error.strerror or str(error),
-            "Choose another.",
-        ) from error
+    pointmorph.formats.make_folder(folder)
     return folder
 
 

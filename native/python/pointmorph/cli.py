@@ -221,7 +221,7 @@ def _morph(chosen: argparse.Namespace) -> None:
         surfaces.check_available()
     features, loop = read_features(chosen.features) if chosen.features else ({}, [])
     shapes = _read_shapes(chosen)
-    _make_folder(chosen.out)
+    formats.make_folder(chosen.out)
 
     with _bars() as progress:
         clouds, features = _clouds(chosen, shapes, features, progress)
@@ -294,18 +294,6 @@ def read_features(
             str(path), "a loop that lists features' names, or several", repr(loop), "Correct it."
         )
     return {name: feature_from_json(name, value) for name, value in features.items()}, loop
-
-
-def _make_folder(folder: Path) -> None:
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise FileError(
-            str(folder),
-            "a folder that can be made",
-            error.strerror or str(error),
-            "Choose another.",
-        ) from error
 
 
 def _write(

@@ -230,6 +230,19 @@ def _write_ply(
         PlyData(elements, byte_order="<").write(file)
 
 
+def make_folder(folder: Path) -> None:
+    """Makes a folder, and those that it's in, where there is none. Raises FileError."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise FileError(
+            str(folder),
+            "a folder that can be made",
+            error.strerror or str(error),
+            "Choose another.",
+        ) from error
+
+
 def write_bytes(path: str | os.PathLike[str], content: bytes) -> None:
     """Writes a file whole or not at all. Raises FileError."""
     with whole_file(path) as file:

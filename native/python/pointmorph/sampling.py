@@ -102,8 +102,7 @@ def _thinned_curve(shape: Shape, rows: list[int], closed: bool, count: int) -> l
     """The curve's first vertex, its last if it's open, and those between that lie apart."""
     if shape.faces is None:
         return rows
-    a, b, c = (shape.positions[shape.faces[:, k]].astype(np.float64) for k in range(3))
-    area = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1).sum()
+    area = _face_areas(shape).sum()
     ends = [*rows, rows[0]] if closed else rows
     steps = np.linalg.norm(np.diff(shape.positions[ends].astype(np.float64), axis=0), axis=1)
     along = np.concatenate([[0.0], np.cumsum(steps)])
@@ -227,14 +226,19 @@ def _mixed(
     return result
 
 
+def _face_areas(shape: Shape) -> npt.NDArray[np.float64]:
+    assert shape.faces is not None
+    a, b, c = (shape.positions[shape.faces[:, k]].astype(np.float64) for k in range(3))
+    areas: npt.NDArray[np.float64] = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    return areas
+
+
 def _random_points(
     shape: Shape, count: int, seed: int
 ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.float64]]:
     """Corners and barycentric weights of points that are uniform by area, stratified."""
     assert shape.faces is not None
-    a, b, c = (shape.positions[shape.faces[:, k]].astype(np.float64) for k in range(3))
-    areas = np.linalg.norm(np.cross(b - a, c - a), axis=1)
-    total = np.cumsum(areas)
+    total = np.cumsum(_face_areas(shape))
     if not (len(total) and np.isfinite(total[-1]) and total[-1] > 0.0):
         raise CloudError(shape.name, "faces with an area", "none", "Check the mesh.")
     random = np.random.default_rng(seed)
@@ -265,9 +269,7 @@ def _boundary_points(
     loop, steps = loops[longest], lengths[longest]
     along = np.concatenate([[0.0], np.cumsum(steps)])
 
-    a, b, c = (shape.positions[shape.faces[:, k]].astype(np.float64) for k in range(3))
-    area = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1).sum()
-    spacing = np.sqrt(area / count)
+    spacing = np.sqrt(_face_areas(shape).sum() / count)
     number = int(max(np.ceil(along[-1] / spacing), 8))
     even = np.arange(number) * along[-1] / number
 
