@@ -39,16 +39,22 @@ std::vector<Index> nearest_on_sheet(const KdTree<3>& tree, const Normals& normal
 
 }  // namespace
 
-CoarseCloud::CoarseCloud(std::vector<Index> chosen, double radius, double area,
-                         const KdTree<3>& dense, const Normals& dense_normals,
-                         const Neighborhoods& nearest, Progress& progress)
-    : rows(std::move(chosen)),
+CoarseCloud::CoarseCloud(const KdTree<3>& dense, const Normals& dense_normals,
+                         const Neighborhoods& nearest, std::span<const Index> features,
+                         Index points, Progress& progress)
+    : CoarseCloud(blue_noise_subset(dense, dense_normals, features, points, progress),
+                  estimated_area(dense), dense, dense_normals, nearest, progress) {}
+
+CoarseCloud::CoarseCloud(Subset chosen, double area, const KdTree<3>& dense,
+                         const Normals& dense_normals, const Neighborhoods& nearest,
+                         Progress& progress)
+    : rows(std::move(chosen.rows)),
       positions(gather(dense.points(), rows)),
       normals(gather(dense_normals, rows)),
       tree(positions),
       cells(nearest_on_sheet(tree, normals, dense.points(), dense_normals, progress)),
       graph(surface_graph(dense.points(), dense_normals, nearest, rows, cells)),
-      spacing(std::max(radius, std::sqrt(area / static_cast<double>(rows.size())))),
+      spacing(std::max(chosen.radius, std::sqrt(area / static_cast<double>(rows.size())))),
       unit(std::sqrt(area)) {}
 
 }  // namespace pointmorph

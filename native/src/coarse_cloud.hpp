@@ -2,11 +2,13 @@
 // library.
 #pragma once
 
+#include <span>
 #include <vector>
 
 #include "pointmorph/kd_tree.hpp"
 #include "pointmorph/neighborhoods.hpp"
 #include "pointmorph/progress.hpp"
+#include "pointmorph/subset.hpp"
 #include "pointmorph/surface_graph.hpp"
 #include "pointmorph/types.hpp"
 
@@ -22,9 +24,13 @@ struct CoarseCloud {
     double spacing;  ///< of these points
     double unit;     ///< √area
 
-    /// `chosen` and `radius` are those of blue_noise_subset(), `area` that of the surface.
-    CoarseCloud(std::vector<Index> chosen, double radius, double area, const KdTree<3>& dense,
-                const Normals& dense_normals, const Neighborhoods& nearest, Progress& progress);
+    /// `features` and others to make `points` in all.
+    CoarseCloud(const KdTree<3>& dense, const Normals& dense_normals, const Neighborhoods& nearest,
+                std::span<const Index> features, Index points, Progress& progress);
+
+private:
+    CoarseCloud(Subset chosen, double area, const KdTree<3>& dense, const Normals& dense_normals,
+                const Neighborhoods& nearest, Progress& progress);
 };
 
 }  // namespace pointmorph

@@ -96,15 +96,7 @@ bool looks_mirrored(const Decomposition& source, const Decomposition& target,
         }
         return points;
     };
-    const Positions s = sampled(source, angles[0]), t = sampled(target, angles[1]);
-    const auto misfit = [&](const Positions& from) {
-        const Similarity best = fit_similarity(from, t);
-        return (best.apply(from) - t).squaredNorm();
-    };
-    Positions mirrored = s;
-    mirrored.col(0) *= -1.0;
-    constexpr double kMuchBetter = 0.25;
-    return misfit(mirrored) < kMuchBetter * misfit(s);
+    return fits_better_mirrored(sampled(source, angles[0]), sampled(target, angles[1]));
 }
 
 }  // namespace

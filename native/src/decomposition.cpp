@@ -13,7 +13,6 @@
 #include "pointmorph/cloud.hpp"
 #include "pointmorph/error.hpp"
 #include "pointmorph/parallel.hpp"
-#include "pointmorph/subset.hpp"
 #include "tips.hpp"
 
 namespace pointmorph {
@@ -189,17 +188,8 @@ std::optional<std::pair<Index, Index>> first_crossing(const SurfaceCurve& curve)
             if (curve.normals.row(i).dot(curve.normals.row(j)) <= 0.0) continue;
             const Vector3 normal =
                 (curve.normals.row(i) + curve.normals.row(j)).transpose().normalized();
-            const Vector3 right = normal.unitOrthogonal(), up = normal.cross(right);
-            const auto flat = [&](Index k) -> Eigen::Vector2d {
-                const Vector3 offset = (curve.points.row(k) - curve.points.row(i)).transpose();
-                return {offset.dot(right), offset.dot(up)};
-            };
-            const Eigen::Vector2d a = flat(i), b = flat(i2), c = flat(j), d = flat(j2);
-            const auto turn = [](const Eigen::Vector2d& p, const Eigen::Vector2d& q,
-                                 const Eigen::Vector2d& r) {
-                return (q - p).x() * (r - p).y() - (q - p).y() * (r - p).x();
-            };
-            if (turn(a, b, c) * turn(a, b, d) < 0.0 && turn(c, d, a) * turn(c, d, b) < 0.0)
+            if (edges_cross(curve.points.row(i), curve.points.row(i2), curve.points.row(j),
+                            curve.points.row(j2), normal))
                 return std::pair{i, j};
         }
     }
@@ -457,10 +447,7 @@ Decomposition decompose(const KdTree<3>& tree, const Normals& normals, const Nei
                         const DecompositionOptions& options, const std::string& name,
                         Progress& progress, std::span<const Patch> wanted) {
     const auto corners = static_cast<Index>(names.size());
-    const double area = estimated_area(tree);
-    Subset subset = blue_noise_subset(tree, normals, features, options.points, progress);
-    const CoarseCloud coarse(std::move(subset.rows), subset.radius, area, tree, normals, nearest,
-                             progress);
+    const CoarseCloud coarse(tree, normals, nearest, features, options.points, progress);
 
     const std::vector<Values> from = distances_from(coarse, features.size());
     std::vector<SurfaceCurve> ways = guided_curves(coarse, from, corners, options, progress);
@@ -520,9 +507,7 @@ Decomposition decompose(const KdTree<3>& tree, const Normals& normals, const Nei
 FeatureReach feature_reach(const KdTree<3>& tree, const Normals& normals,
                            const Neighborhoods& nearest, std::span<const Index> features,
                            const DecompositionOptions& options, Progress& progress) {
-    Subset subset = blue_noise_subset(tree, normals, features, options.points, progress);
-    const CoarseCloud coarse(std::move(subset.rows), subset.radius, estimated_area(tree), tree,
-                             normals, nearest, progress);
+    const CoarseCloud coarse(tree, normals, nearest, features, options.points, progress);
     const std::vector<Values> from = distances_from(coarse, features.size());
     const auto count = static_cast<Eigen::Index>(features.size());
     FeatureReach reach{Eigen::MatrixXd(count, count), std::vector<char>(features.size(), 0)};

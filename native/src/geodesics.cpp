@@ -1,5 +1,6 @@
 #include "pointmorph/geodesics.hpp"
 
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -74,6 +75,21 @@ double curve_length(const Positions& points) {
     for (Eigen::Index i = 1; i < points.rows(); ++i)
         length += (points.row(i) - points.row(i - 1)).norm();
     return length;
+}
+
+bool edges_cross(const Eigen::RowVector3d& a, const Eigen::RowVector3d& b,
+                 const Eigen::RowVector3d& c, const Eigen::RowVector3d& d, const Vector3& normal) {
+    const Vector3 right = normal.unitOrthogonal(), up = normal.cross(right);
+    const auto flat = [&](const Eigen::RowVector3d& point) -> Eigen::Vector2d {
+        const Vector3 offset = (point - a).transpose();
+        return {offset.dot(right), offset.dot(up)};
+    };
+    const auto turn = [](const Eigen::Vector2d& p, const Eigen::Vector2d& q,
+                         const Eigen::Vector2d& r) {
+        return (q - p).x() * (r - p).y() - (q - p).y() * (r - p).x();
+    };
+    const Eigen::Vector2d p = flat(a), q = flat(b), r = flat(c), s = flat(d);
+    return turn(p, q, r) * turn(p, q, s) < 0.0 && turn(r, s, p) * turn(r, s, q) < 0.0;
 }
 
 std::vector<Index> cheapest_path(const SurfaceGraph& graph, Index from, Index to,

@@ -379,39 +379,37 @@ Morph::Morph(MorphInput input, const MorphOptions& options, Progress& progress)
     }
     // Pairs and domain of the paper's way, or a map from them to start from.
     const auto adopt = [&]<int Dim>(auto route, const char* domain) {
+        constexpr bool kHasImages = requires {
+            route.source_images;
+        };
         if (options.method == Method::kPaper) {
             source_domain_ = gather(route.source, source.rank);
             target_domain_ = gather(route.target, target.rank);
+            if constexpr (kHasImages) {
+                source_images_ = target.unit.restore(gather(route.source_images, source.rank));
+                target_images_ = source.unit.restore(gather(route.target_images, target.rank));
+            }
             pairs_ = std::move(route.pairs);
             report_.domain = domain;
             return;
         }
-        progress.enter("transfer");
-        const std::optional<RefinementStart> images =
-            RefinementStart{transfer<Dim>(KdTree<Dim>(route.target), target.positions, route.source,
-                                          options.transfer, progress),
-                            transfer<Dim>(KdTree<Dim>(route.source), source.positions, route.target,
-                                          options.transfer, progress)};
+        std::optional<RefinementStart> images;
+        if constexpr (kHasImages) {
+            images = {std::move(route.source_images), std::move(route.target_images)};
+        } else {
+            progress.enter("transfer");
+            images = {transfer<Dim>(KdTree<Dim>(route.target), target.positions, route.source,
+                                    options.transfer, progress),
+                      transfer<Dim>(KdTree<Dim>(route.source), source.positions, route.target,
+                                    options.transfer, progress)};
+        }
         take(match_in_product_space(source, target, features, images, options, report_, progress),
              source, target);
     };
     if (network) {
-        NetworkRoute route =
-            match_in_network(source, target, input, features, options, report_, progress);
-        if (options.method == Method::kPaper) {
-            source_domain_ = gather(route.source, source.rank);
-            target_domain_ = gather(route.target, target.rank);
-            source_images_ = target.unit.restore(gather(route.source_images, source.rank));
-            target_images_ = source.unit.restore(gather(route.target_images, target.rank));
-            pairs_ = std::move(route.pairs);
-            report_.domain = "network";
-        } else {
-            const std::optional<RefinementStart> images =
-                RefinementStart{std::move(route.source_images), std::move(route.target_images)};
-            take(match_in_product_space(source, target, features, images, options, report_,
-                                        progress),
-                 source, target);
-        }
+        adopt.operator()<2>(
+            match_in_network(source, target, input, features, options, report_, progress),
+            "network");
     } else if (cut) {
         adopt.operator()<3>(
             match_in_patches(source, target, input, features, options, report_, progress), "cut");

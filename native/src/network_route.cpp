@@ -11,7 +11,6 @@
 #include "pointmorph/kd_tree.hpp"
 #include "pointmorph/network.hpp"
 #include "pointmorph/similarity.hpp"
-#include "pointmorph/subset.hpp"
 #include "tips.hpp"
 
 namespace pointmorph {
@@ -62,13 +61,7 @@ bool looks_mirrored(const Network& network) {
                 places[m].row(row++) =
                     curve.on[m].points.row((curve.on[m].size() - 1) * k / (kSamples - 1));
     }
-    const auto misfit = [&](const Positions& from) {
-        return (fit_similarity(from, places[1]).apply(from) - places[1]).squaredNorm();
-    };
-    Positions mirrored = places[0];
-    mirrored.col(0) *= -1.0;
-    constexpr double kMuchBetter = 0.25;
-    return misfit(mirrored) < kMuchBetter * misfit(places[0]);
+    return fits_better_mirrored(places[0], places[1]);
 }
 
 /// Tips without a mark that belong together whatever the map: as far from all features.
@@ -79,9 +72,8 @@ std::vector<IndexPair> tips_alike(const Side& source, const KdTree<3>& source_tr
     const auto tips = [&](const Side& side, const KdTree<3>& tree, Index IndexPair::*row) {
         std::vector<Index> features;
         for (const PointFeature& f : known) features.push_back(f.rows.*row);
-        Subset subset = blue_noise_subset(tree, side.normals, features, options.points, progress);
-        const CoarseCloud coarse(std::move(subset.rows), subset.radius, estimated_area(tree), tree,
-                                 side.normals, side.nearest, progress);
+        const CoarseCloud coarse(tree, side.normals, side.nearest, features, options.points,
+                                 progress);
         return unmarked_tips(coarse, distances_from(coarse, features.size()), options.tips,
                              progress);
     };

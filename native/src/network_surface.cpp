@@ -13,7 +13,6 @@
 #include "pointmorph/cloud.hpp"
 #include "pointmorph/error.hpp"
 #include "pointmorph/parallel.hpp"
-#include "pointmorph/subset.hpp"
 
 namespace pointmorph {
 
@@ -27,14 +26,6 @@ constexpr double kFar = std::numeric_limits<double>::infinity();
 constexpr double kTurn = 2.0 * std::numbers::pi;
 /// Length in √area over which curves keep each other away.
 constexpr double kRepulsion = 0.03;
-
-CoarseCloud coarse_of(const NetworkSide& side, const DecompositionOptions& options,
-                      Progress& progress) {
-    Subset subset =
-        blue_noise_subset(side.tree, side.normals, side.features, options.points, progress);
-    return CoarseCloud(std::move(subset.rows), subset.radius, estimated_area(side.tree), side.tree,
-                       side.normals, side.nearest, progress);
-}
 
 double longest_edge(const Positions& points) {
     double longest = 0.0;
@@ -60,25 +51,13 @@ bool Wall::is_crossed(const Eigen::RowVector3d& p, const Eigen::RowVector3d& q,
     std::vector<std::pair<Index, double>> ball;
     tree_.within(middle.data(), reach, ball);
     const Vector3 up = normal.transpose().normalized();
-    const Vector3 x = up.unitOrthogonal(), y = up.cross(x);
-    const auto flat = [&](const Eigen::RowVector3d& point) -> Eigen::Vector2d {
-        const Vector3 offset = (point - p).transpose();
-        return {offset.dot(x), offset.dot(y)};
-    };
-    const auto turn = [](const Eigen::Vector2d& a, const Eigen::Vector2d& b,
-                         const Eigen::Vector2d& c) {
-        return (b - a).x() * (c - a).y() - (b - a).y() * (c - a).x();
-    };
-    const Eigen::Vector2d a = flat(p), b = flat(q);
     for (const auto& [i, squared] : ball) {
         if (curve_.normals.row(i).dot(normal) <= 0.0) continue;
         for (const Index k : {i - 1, i}) {
             if (k < 0 || k + 1 >= curve_.size()) continue;
             const auto first = curve_.points.row(k), second = curve_.points.row(k + 1);
             if (first == p || first == q || second == p || second == q) continue;
-            const Eigen::Vector2d c = flat(first), d = flat(second);
-            if (turn(a, b, c) * turn(a, b, d) < 0.0 && turn(c, d, a) * turn(c, d, b) < 0.0)
-                return true;
+            if (edges_cross(p, q, first, second, up)) return true;
         }
     }
     return false;
@@ -94,7 +73,7 @@ bool Wall::is_crossed(const SurfaceCurve& other) const {
 
 CoarseModel::CoarseModel(const NetworkSide& side, const DecompositionOptions& options,
                          Progress& progress)
-    : cloud(coarse_of(side, options, progress)) {
+    : cloud(side.tree, side.normals, side.nearest, side.features, options.points, progress) {
     // Gaps in the sampling count as handles at first; thin handles are lost at last.
     constexpr std::array<double, 6> kScales{0.0, 0.6, 0.9, 1.2, 1.6, 2.2};
     for (const double scale : kScales) {

@@ -113,4 +113,14 @@ Similarity composed(const Similarity& after, const Similarity& before) {
             after.scale * (after.rotation * before.shift) + after.shift};
 }
 
+bool fits_better_mirrored(const Positions& from, const Positions& to) {
+    const auto misfit = [&](const Positions& p) {
+        return (fit_similarity(p, to).apply(p) - to).squaredNorm();
+    };
+    Positions mirrored = from;
+    mirrored.col(0) *= -1.0;
+    constexpr double kMuchBetter = 0.25;  // squared
+    return misfit(mirrored) < kMuchBetter * misfit(from);
+}
+
 }  // namespace pointmorph

@@ -25,6 +25,11 @@ struct SurfaceCurve {
 /// Length of the open polygon.
 double curve_length(const Positions& points);
 
+/// Whether the edges from a to b and from c to d cross, seen along `normal`, which has unit length;
+/// touching isn't crossing.
+bool edges_cross(const Eigen::RowVector3d& a, const Eigen::RowVector3d& b,
+                 const Eigen::RowVector3d& c, const Eigen::RowVector3d& d, const Vector3& normal);
+
 /// The path with the least sum of edge length × mean of `costs` at both ends (Dijkstra 1959): rows
 /// from `from` to `to`, both included. `costs`, one a point, are > 0; none given: the shortest
 /// path. The graph is connected.

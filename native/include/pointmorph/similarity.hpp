@@ -32,4 +32,8 @@ Similarity composed(const Similarity& after, const Similarity& before);
 /// one line).
 Similarity fit_similarity(const Positions& from, const Positions& to);
 
+/// Whether the best similarity leaves them less than half as far apart (root mean square) where
+/// `from` is mirrored first: left and right are probably swapped.
+bool fits_better_mirrored(const Positions& from, const Positions& to);
+
 }  // namespace pointmorph
