@@ -59,6 +59,15 @@ std::vector<Index> highest(const std::vector<double>& prominent, Index most, dou
     return peaks;
 }
 
+/// Of `count` tips those that no pair holds.
+std::vector<Index> left_alone(const std::vector<IndexPair>& pairs, Index count,
+                              Index IndexPair::*side) {
+    std::vector<Index> result;
+    for (Index k = 0; k < count; ++k)
+        if (std::ranges::find(pairs, k, side) == pairs.end()) result.push_back(k);
+    return result;
+}
+
 }  // namespace
 
 std::vector<Extremity> extremities(const CoarseShape& shape, const Eigen::MatrixXd& distances,
@@ -209,6 +218,39 @@ std::vector<ExtremityPair> paired_extremities(const CoarseShape& source, const C
             pairs.push_back({static_cast<Index>(i), j, costs(i, j)});
     }
     return pairs;
+}
+
+std::vector<std::vector<IndexPair>> changed_pairings(const std::vector<IndexPair>& now,
+                                                     Index sources, Index targets) {
+    std::vector<std::vector<IndexPair>> result;
+    const auto add = [&](auto&& change) {
+        change(result.emplace_back(now));
+        std::ranges::sort(result.back());
+    };
+    const std::vector<Index> free_sources = left_alone(now, sources, &IndexPair::source);
+    const std::vector<Index> free_targets = left_alone(now, targets, &IndexPair::target);
+    using Pairs = std::vector<IndexPair>;
+    for (const Index s : free_sources)
+        for (const Index t : free_targets) add([&](Pairs& pairs) { pairs.push_back({s, t}); });
+    for (std::size_t i = 0; i < now.size(); ++i) {
+        for (const Index t : free_targets) add([&](Pairs& pairs) { pairs[i].target = t; });
+        for (const Index s : free_sources) add([&](Pairs& pairs) { pairs[i].source = s; });
+        add([&](Pairs& pairs) { pairs.erase(pairs.begin() + static_cast<std::ptrdiff_t>(i)); });
+        for (std::size_t j = 0; j < i; ++j) {
+            add([&](Pairs& pairs) { std::swap(pairs[i].target, pairs[j].target); });
+            for (std::size_t k = 0; k < j; ++k) {
+                add([&](Pairs& pairs) {
+                    std::swap(pairs[i].target, pairs[j].target);
+                    std::swap(pairs[j].target, pairs[k].target);
+                });
+                add([&](Pairs& pairs) {
+                    std::swap(pairs[i].target, pairs[k].target);
+                    std::swap(pairs[k].target, pairs[j].target);
+                });
+            }
+        }
+    }
+    return result;
 }
 
 }  // namespace pointmorph

@@ -572,23 +572,27 @@ Refinement refine(const Positions& source, const Normals& source_normals, const 
     RegistrationOptions first_registration = options.registration;
     // As stiff as from the features alone, few of them would move legs that lie well.
     if (given) first_registration.levels.front() = options.pose.relaxation;
-    Attempts attempts =
-        register_best(coarse_source, coarse_target, coarse_features,
-                      given  ? "earlier map"
-                      : pose ? "pose"
-                             : "features",
-                      pose ? pose->best.registration
-                           : register_shapes(coarse_source, coarse_target, coarse_features, start,
-                                             first_registration, progress),
-                      options.attempts, options.registration, progress);
-    const Registration& registration = attempts.registration;
-    result.starts = std::move(attempts.tried);
-    result.start_taken = attempts.taken;
+    const Registration registration = [&] {
+        // The search has compared other maps already, and more of them.
+        if (pose) {
+            const Candidate& best = pose->best;
+            result.starts = {{"pose",
+                              torn_share(coarse_source, coarse_target, best.registration,
+                                         options.attempts.tears, options.registration, progress),
+                              best.misfit.energy()}};
+            return best.registration;
+        }
+        Attempts attempts = register_best(
+            coarse_source, coarse_target, coarse_features, given ? "earlier map" : "features",
+            register_shapes(coarse_source, coarse_target, coarse_features, start,
+                            first_registration, progress),
+            options.attempts, options.registration, progress);
+        result.starts = std::move(attempts.tried);
+        result.start_taken = attempts.taken;
+        return std::move(attempts.registration);
+    }();
 
     if (pose) {
-        if (attempts.taken > 0)
-            replace_best(*pose, registration, coarse_source, coarse_target, options.pose,
-                         options.registration, progress);
         result.margin = pose->margin;
         result.confidence = pose->confidence;
         result.rivals = describe_rivals(coarse_source, target_at_rest, *pose);

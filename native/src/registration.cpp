@@ -439,7 +439,7 @@ NodeDistances node_distances(const CoarseShape& source, const CoarseShape& targe
 }
 
 double torn_share(const CoarseShape& source, const CoarseShape& target,
-                  const Registration& registration, double stretch, double gap,
+                  const Registration& registration, const TearOptions& tears,
                   const RegistrationOptions& options, Progress& progress) {
     const Keys s(
         product_points(registration.source_points.positions, source.positions,
@@ -460,7 +460,7 @@ double torn_share(const CoarseShape& source, const CoarseShape& target,
                  ++e) {
                 const Index a = matches.to[at(i)], b = matches.to[at(here.graph.neighbors[e])];
                 torn += (there.positions.row(a) - there.positions.row(b)).norm() >
-                        stretch * here.graph.lengths[e] + gap;
+                        tears.stretch * here.graph.lengths[e] + tears.gap;
             }
         share += 0.5 * static_cast<double>(torn) /
                  static_cast<double>(std::max<std::size_t>(here.graph.lengths.size(), 1));
@@ -474,8 +474,8 @@ double Misfit::energy() const {
         double exponent;  ///< those that ranked maps of four-legged animals best
         double floor;     ///< what a perfect map of samples has anyway, so that none can win alone
     };
-    const Term terms[] = {{gap, 0.8, 1e-3},     {round_trip, 0.5, 1e-3}, {normals, 1.2, 1e-3},
-                          {opposed, 0.1, 1e-2}, {residual, 0.8, 1e-4},   {turn, 0.4, 1e-3},
+    const Term terms[] = {{gap, 0.8, 1e-3},     {round_trip, 0.5, 1e-3}, {normals, 1.6, 1e-3},
+                          {opposed, 0.1, 1e-2}, {residual, 0.4, 1e-4},   {turn, 0.4, 1e-3},
                           {scale, 0.5, 1e-3},   {geodesics, 0.3, 1e-2}};
     double logarithm = 0.0, exponents = 0.0;
     for (const Term& term : terms) {

@@ -68,4 +68,10 @@ std::vector<IndexPair> each_others_best(const Eigen::MatrixXd& costs, double lar
 /// (Kuhn 1955, Munkres 1957; by shortest augmenting paths).
 std::vector<Index> least_assignment(const Eigen::MatrixXd& costs);
 
+/// Pairings that differ little from `now` (places in lists of `sources` and `targets` tips): with a
+/// pair more or less, with one tip exchanged for one left alone, with two swapped, and with three
+/// exchanged in turn, as nose and ears where a head was turned. Each once, sorted.
+std::vector<std::vector<IndexPair>> changed_pairings(const std::vector<IndexPair>& now,
+                                                     Index sources, Index targets);
+
 }  // namespace pointmorph

@@ -14,6 +14,13 @@
 
 namespace pointmorph {
 
+/// How widely ways to pair the tips are searched.
+struct PoseEffort {
+    Index variants;  ///< that each of the best maps is tried with …
+    Index rounds;    ///< … so often, or until nothing better is found
+    double hopeful;  ///< maps that are worse than the best by this factor aren't varied further
+};
+
 struct PoseOptions {
     /// Spreads along two axes that are taken for one another differ by no more than this factor;
     /// 1 or more.
@@ -22,27 +29,36 @@ struct PoseOptions {
     /// much, root mean square, in √area.
     double feature_distance = 0.3;
     /// So many of the best distinct maps are tried again, and at last continued to the finest
-    /// level and compared there.
+    /// level and compared there …
     Index finalists = 2;
+    Index semifinalists = 8;  ///< … out of so many that were registered for longer
+    /// At least so many that lay the shapes onto each other quite another way are among those, if
+    /// they fit nearly as well.
+    Index other_ways = 2;
     /// Two maps are distinct when their images lie further apart than this in √area: the mean, or
     /// .35 times the mean of the worst 3 % where that is more (a limb).
-    double distinct = 0.08;
-    /// So while searching: finer, as the best map may be near one that was found.
-    double apart = 0.05;
+    double distinct = 0.05;
+    double same = 0.02;   ///< and so for maps that tips have led halfway
     Index points = 600;   ///< of each shape in a trial, the nodes among them
     double swing = 0.44;  ///< turns about each axis that the best pose is tried with; radians
     ExtremityOptions extremities;
-    Index variants = 8;    ///< ways to pair the tips that each of the best maps is tried with …
-    Index tip_rounds = 3;  ///< … so often, or until nothing better is found
-    double hopeful = 1.3;  ///< what is worse than the best by this factor isn't tried further
+    PoseEffort effort{8, 3, 1.3};
+    PoseEffort second_effort{24, 6, 1.5};  ///< after it, where the best map looks wrong:
+    TearOptions tears;                     ///< is torn …
+    double backs = 0.002;  ///< … or a larger share than this of its images show their backs
+    // What is worse than the best by such a factor isn't followed further:
+    double promising = 1.2;    ///< as tips have led a map halfway, among those of the same round
+    double contending = 1.15;  ///< when registered for longer
     /// Maps that leave the target turned by less than `as_given_turn` (radians) from how it was
     /// given win where their energy is within `as_given` of the best one's: where shape alone can
     /// hardly tell, the user has. 1 or more.
-    double as_given = 1.1;
+    double as_given = 1.05;
     double as_given_turn = 1.0;
     /// The quick trial of every pose, on the coarsest level.
     RegistrationLevel trial{2, 8, 10.0, 1.5, 1, 2, 1, 450, 0};
-    /// What continues the best of them before the finest level.
+    /// What makes energies of trials comparable: the best of them are registered for longer.
+    RegistrationLevel longer{0, 8, 5.0, 1.0, 1, 2, 1, 450, 0};
+    /// What continues the best of those, on all points, before the finest level.
     RegistrationLevel relaxation{0, 12, 5.0, 1.0, 2, 2, 1, 1000, 0};
 };
 
@@ -91,13 +107,6 @@ std::vector<Similarity> candidate_poses(const CoarseShape& source, const CoarseS
 Pose find_pose(const CoarseShape& source, const CoarseShape& target,
                std::span<const IndexPair> features, const PoseOptions& options,
                const RegistrationOptions& registration, Progress& progress);
-
-/// Puts another registration of the same pose in the place of the best map's, and rates it anew;
-/// rivals that aren't distinct from it any more are dropped. `target` has been moved to where the
-/// registration has it.
-void replace_best(Pose& pose, Registration registration, const CoarseShape& source,
-                  const CoarseShape& target, const PoseOptions& options,
-                  const RegistrationOptions& registration_options, Progress& progress);
 
 /// A coarse shape turned and moved; `move.scale` is 1.
 CoarseShape moved(const CoarseShape& shape, const Similarity& move);

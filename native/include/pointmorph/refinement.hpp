@@ -31,7 +31,7 @@ struct RefinementOptions {
     /// In √area; see refine().
     double trusted_distance = 0.3;
     /// Below this the user is told what may be wrong and which mark would settle it; 0 to 1.
-    double clear_confidence = 0.85;
+    double clear_confidence = 0.9;
     /// Propose features even where the pose was known.
     bool propose = false;
     Index other_proposals = 4;  ///< places between the tips that are proposed too

@@ -89,10 +89,17 @@ Eigen::MatrixXd node_distances(const CoarseShape& shape);
 using NodeDistances = std::array<Eigen::MatrixXd, 2>;
 NodeDistances node_distances(const CoarseShape& source, const CoarseShape& target);
 
+struct TearOptions {
+    double stretch = 3.0, gap = 0.06;  ///< of an edge that counts as torn; the gap in √area
+    /// A result with a larger share of torn edges looks wrong. Limbs without a counterpart of their
+    /// size tear some edges in good maps, too.
+    double most = 0.0025;
+};
+
 /// Share of the edges of both surface graphs that are torn: whose ends the last matching takes
-/// further apart than `stretch` times their length and `gap`, in √area.
+/// further apart than `stretch` times their length and `gap`.
 double torn_share(const CoarseShape& source, const CoarseShape& target,
-                  const Registration& registration, double stretch, double gap,
+                  const Registration& registration, const TearOptions& tears,
                   const RegistrationOptions& options, Progress& progress);
 
 /// How much the shapes had to bend, and what gap is left: means over both directions, at the nodes

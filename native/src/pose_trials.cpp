@@ -1,0 +1,222 @@
+#include "pose_trials.hpp"
+
+#include <Eigen/Geometry>
+#include <limits>
+#include <utility>
+
+#include "pointmorph/cloud.hpp"
+#include "pointmorph/kd_tree.hpp"
+#include "pointmorph/parallel.hpp"
+#include "pointmorph/subset.hpp"
+
+namespace pointmorph {
+
+namespace {
+
+std::size_t at(Index i) {
+    return static_cast<std::size_t>(i);
+}
+
+CoarseShape thinned(const CoarseShape& shape, const std::vector<Extremity>& tips, Index points,
+                    Progress& progress) {
+    const DeformationGraph& graph = shape.levels.front();
+    const KdTree<3> tree(shape.positions);
+    std::vector<Index> required = graph.nodes;
+    for (const Extremity& tip : tips)
+        if (std::ranges::find(required, tip.point) == required.end()) required.push_back(tip.point);
+    const Subset subset =
+        blue_noise_subset(tree, shape.normals, required,
+                          std::max(points, static_cast<Index>(required.size())), progress);
+    CoarseShape thin;
+    thin.rows = subset.rows;
+    thin.positions = gather(shape.positions, thin.rows);
+    thin.normals = gather(shape.normals, thin.rows);
+    thin.areas = Values::Zero(thin.size());
+    const KdTree<3> thin_tree(thin.positions);
+    for (Index i = 0; i < shape.size(); ++i) {
+        Index nearest;
+        double squared;
+        thin_tree.nearest(shape.positions.row(i).data(), {&nearest, 1}, {&squared, 1});
+        thin.areas[nearest] += shape.areas[i];
+    }
+    DeformationGraph& level = thin.levels.emplace_back(graph);
+    std::iota(level.nodes.begin(), level.nodes.end(), 0);
+    level.point_nodes.clear();
+    level.point_weights.clear();
+    for (const Index row : thin.rows) {
+        level.point_nodes.push_back(graph.point_nodes[at(row)]);
+        level.point_weights.push_back(graph.point_weights[at(row)]);
+    }
+    thin.guides = shape.guides;
+    for (Index& row : thin.guides.rows)
+        row = nearest_on_sheet(thin_tree, thin.normals, shape.positions.row(row),
+                               shape.normals.row(row));
+    if (shape.labels.rows() > 0) {
+        thin.labels = gather(shape.labels, thin.rows);
+        thin.pulls = gather(shape.pulls, thin.rows);
+    }
+    return thin;
+}
+
+/// One level of the thinned shapes, the target moved; with its energy.
+Trial registered(const PoseSearch& search, const Similarity& alignment,
+                 std::span<const IndexPair> features, const RegistrationStart& start,
+                 const RegistrationLevel& level, const RegistrationOptions& options) {
+    Progress silent;
+    const CoarseShape there = moved(search.target.thin, alignment);
+    Trial trial{alignment, register_level(search.source.thin, there, 0, features, start, level,
+                                          options, silent)};
+    trial.energy = registration_energy(search.source.thin, there, 0, trial.registration,
+                                       search.distances, search.registration, silent);
+    return trial;
+}
+
+/// Where the points of a trial have come to.
+RegistrationStart from_there(const Trial& trial) {
+    return {trial.registration.source_points.positions, trial.registration.target_points.positions};
+}
+
+/// The stiffness at which tips are let go.
+double middle_stiffness(const RegistrationLevel& level) {
+    return std::sqrt(level.first_stiffness * level.last_stiffness);
+}
+
+Trial begun(const PoseSearch& search, const TrialStart& start) {
+    const CoarseShape there = moved(search.target.thin, start.alignment);
+    // Curves and regions have to be brought over; by points alone a plate turns heads.
+    const RegistrationStart places =
+        search.source.thin.guides.size() > 0
+            ? thin_plate_start(search.source.thin, there, search.features)
+            : RegistrationStart{search.source.thin.positions, there.positions};
+    RegistrationLevel level = search.options.trial;
+    if (start.tips.empty())
+        return registered(search, start.alignment, search.features, places, level,
+                          search.registration);
+    // Tips lead the way while the shapes are stiff; then the surfaces decide.
+    level.rounds /= 2;
+    level.last_stiffness = middle_stiffness(search.options.trial);
+    RegistrationOptions soft = search.registration;
+    soft.feature_weight /= 10.0;
+    std::vector<IndexPair> guides(search.features.begin(), search.features.end());
+    for (const IndexPair& tip : start.tips)
+        guides.push_back(
+            {search.source.tips[at(tip.source)].point, search.target.tips[at(tip.target)].point});
+    return registered(search, start.alignment, guides, places, level, soft);
+}
+
+Trial ended(const PoseSearch& search, const Trial& led) {
+    RegistrationLevel level = search.options.trial;
+    level.stiff_rounds = 0;
+    level.rounds -= level.rounds / 2;
+    level.first_stiffness = middle_stiffness(search.options.trial);
+    return registered(search, led.alignment, search.features, from_there(led), level,
+                      search.registration);
+}
+
+/// `make` of all of them, side by side.
+template <class Made, class Given, class Make>
+std::vector<Made> each(const std::vector<Given>& given, Make&& make, Progress& progress,
+                       double first, double last) {
+    std::vector<Made> made(given.size());
+    parallel_for(
+        static_cast<Index>(given.size()), progress,
+        [&](Index begin, Index end) {
+            for (Index k = begin; k < end; ++k) made[at(k)] = make(given[at(k)]);
+        },
+        first, last, 1);
+    return made;
+}
+
+void keep_best(std::vector<Trial>& trials, double distinct) {
+    std::ranges::stable_sort(trials, {}, &Trial::energy);
+    keep_distinct(trials, distinct);
+}
+
+/// The finest level, from a trial's map.
+Candidate to_the_finest(const PoseSearch& search, const Trial& trial) {
+    Progress silent;
+    const CoarseShape& source = search.source.full;
+    const CoarseShape there = moved(search.target.full, trial.alignment);
+    const auto all = [](const CoarseShape& shape, const Deformation& deformation) {
+        return deformed(shape.positions, shape.normals, shape.levels.front(), deformation)
+            .positions;
+    };
+    const Registration coarse = register_level(
+        source, there, 0, search.features,
+        {all(source, trial.registration.source), all(there, trial.registration.target)},
+        search.options.relaxation, search.registration, silent);
+    Candidate result{
+        trial.alignment,
+        register_shapes(source, there, search.features,
+                        {coarse.source_points.positions, coarse.target_points.positions},
+                        search.registration, silent, 1),
+        {}};
+    const auto finest = static_cast<Index>(source.levels.size()) - 1;
+    result.misfit = registration_misfit(source, there, finest, result.registration,
+                                        search.distances, search.registration, silent);
+    return result;
+}
+
+}  // namespace
+
+ThinnedShape::ThinnedShape(const CoarseShape& shape, const std::vector<Extremity>& its_tips,
+                           Index points, Progress& progress)
+    : full(shape), thin(thinned(shape, its_tips, points, progress)), tips(its_tips) {
+    for (Extremity& tip : tips)
+        tip.point = static_cast<Index>(std::ranges::find(thin.rows, tip.point) - thin.rows.begin());
+}
+
+void try_starts(const PoseSearch& search, const std::vector<TrialStart>& starts,
+                std::vector<Trial>& trials, Progress& progress, double first, double last) {
+    const double middle = 0.5 * (first + last);
+    std::vector<Trial> made = each<Trial>(
+        starts, [&](const TrialStart& start) { return begun(search, start); }, progress, first,
+        middle);
+    std::vector<Trial> led;
+    for (std::size_t k = 0; k < starts.size(); ++k)
+        (starts[k].tips.empty() ? trials : led).push_back(std::move(made[k]));
+    keep_best(led, search.options.same);
+    std::erase_if(led, [&](const Trial& trial) {
+        return trial.energy > search.options.promising * led.front().energy;
+    });
+    for (Trial& trial : each<Trial>(
+             led, [&](const Trial& half) { return ended(search, half); }, progress, middle, last))
+        trials.push_back(std::move(trial));
+    keep_best(trials, search.options.distinct);
+}
+
+std::vector<Trial> relaxed(const PoseSearch& search, const std::vector<Trial>& trials,
+                           Progress& progress, double first, double last) {
+    std::vector<Trial> result = each<Trial>(
+        trials,
+        [&](const Trial& trial) {
+            return registered(search, trial.alignment, search.features, from_there(trial),
+                              search.options.longer, search.registration);
+        },
+        progress, first, last);
+    keep_best(result, search.options.distinct);
+    return result;
+}
+
+std::vector<Candidate> continued(const PoseSearch& search, const std::vector<Trial>& trials,
+                                 Progress& progress, double first, double last) {
+    return each<Candidate>(
+        trials, [&](const Trial& trial) { return to_the_finest(search, trial); }, progress, first,
+        last);
+}
+
+Similarity implied_pose(const Positions& source, const Positions& images,
+                        const Similarity& alignment) {
+    const Similarity fit = fit_similarity(source, images);
+    const Matrix3 back = fit.rotation.transpose();
+    const Vector3 from = images.colwise().mean().transpose(),
+                  to = source.colwise().mean().transpose();
+    return composed({1.0, back, to - back * from}, alignment);
+}
+
+Similarity implied_pose(const PoseSearch& search, const Trial& trial) {
+    return implied_pose(search.source.thin.positions, trial.registration.source_points.positions,
+                        trial.alignment);
+}
+
+}  // namespace pointmorph

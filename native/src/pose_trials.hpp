@@ -1,0 +1,115 @@
+// Quick registrations of thinned shapes, from which the search for the pose chooses. Not a part of
+// the library.
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <functional>
+#include <numeric>
+#include <span>
+#include <vector>
+
+#include "pointmorph/coarse_shape.hpp"
+#include "pointmorph/extremities.hpp"
+#include "pointmorph/pose.hpp"
+#include "pointmorph/progress.hpp"
+#include "pointmorph/registration.hpp"
+#include "pointmorph/similarity.hpp"
+#include "pointmorph/types.hpp"
+
+namespace pointmorph {
+
+/// A shape in full, and thinned to the nodes of the coarsest level and some points more: the same
+/// deformations, at a fraction of the cost.
+struct ThinnedShape {
+    const CoarseShape& full;
+    CoarseShape thin;             ///< no surface graph
+    std::vector<Extremity> tips;  ///< rows of `thin`
+
+    ThinnedShape(const CoarseShape& shape, const std::vector<Extremity>& its_tips, Index points,
+                 Progress& progress);
+};
+
+/// What the search for a pose is given.
+struct PoseSearch {
+    ThinnedShape source, target;
+    NodeDistances distances;
+    std::span<const IndexPair> features;
+    const PoseOptions& options;
+    const RegistrationOptions& registration;
+};
+
+using Tips = std::vector<IndexPair>;  ///< places in the lists of tips; sorted
+
+/// A pose, and tips that are drawn together at first.
+struct TrialStart {
+    Similarity alignment;
+    Tips tips;
+};
+
+/// A map between the thinned shapes.
+struct Trial {
+    Similarity alignment;
+    Registration registration;
+    double energy = 0.0;
+};
+
+/// How far two maps lie apart: the mean, or a share of the mean over the worst nodes where that is
+/// more, of the distances between images of the source's nodes seen from the target at rest, and
+/// the other way round.
+template <class Map>
+double difference(const Map& a, const Map& b) {
+    constexpr double kWorst = 0.03, kShare = 0.35;
+    double result = 0.0;
+    const auto compare = [&](const Positions& x, const Positions& y) {
+        std::vector<double> distances;
+        for (Eigen::Index i = 0; i < x.rows(); ++i)
+            distances.push_back((x.row(i) - y.row(i)).norm());
+        const auto worst = std::max<std::ptrdiff_t>(
+            1, std::lround(kWorst * static_cast<double>(distances.size())));
+        std::ranges::sort(distances, std::greater<>());
+        const double all = std::accumulate(distances.begin(), distances.end(), 0.0);
+        const double some = std::accumulate(distances.begin(), distances.begin() + worst, 0.0);
+        result = std::max({result, all / static_cast<double>(distances.size()),
+                           kShare * some / static_cast<double>(worst)});
+    };
+    compare(a.alignment.inverse().apply(a.registration.source.positions),
+            b.alignment.inverse().apply(b.registration.source.positions));
+    compare(a.registration.target.positions, b.registration.target.positions);
+    return result;
+}
+
+/// Of maps that aren't distinct, only the first.
+template <class Map>
+void keep_distinct(std::vector<Map>& maps, double distinct) {
+    std::vector<Map> kept;
+    for (Map& map : maps)
+        if (std::ranges::none_of(
+                kept, [&](const Map& other) { return difference(map, other) < distinct; }))
+            kept.push_back(std::move(map));
+    maps = std::move(kept);
+}
+
+/// Registers from all, side by side, and sorts what is distinct into `trials`. Of those that tips
+/// lead, only what looks well halfway is followed to its end. Progress runs from `first` to `last`.
+void try_starts(const PoseSearch& search, const std::vector<TrialStart>& starts,
+                std::vector<Trial>& trials, Progress& progress, double first, double last);
+
+/// All of them registered for longer; what is distinct, sorted.
+std::vector<Trial> relaxed(const PoseSearch& search, const std::vector<Trial>& trials,
+                           Progress& progress, double first, double last);
+
+/// All of them to the finest level.
+std::vector<Candidate> continued(const PoseSearch& search, const std::vector<Trial>& trials,
+                                 Progress& progress, double first, double last);
+
+/// Ways in which the tips may belong together, the likeliest first: as the map has them, and with
+/// one pair more or less, two of them swapped, three exchanged in turn, or one exchanged.
+std::vector<Tips> tip_variants(const PoseSearch& search, const Trial& trial);
+
+/// The pose that makes a map turn as little as it can.
+Similarity implied_pose(const Positions& source, const Positions& images,
+                        const Similarity& alignment);
+Similarity implied_pose(const PoseSearch& search, const Trial& trial);
+
+}  // namespace pointmorph
