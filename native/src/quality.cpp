@@ -460,6 +460,7 @@ std::string advice_on(const Seen& seen, const Words& words, const std::string& s
                       const std::string& target) {
     const std::string& here = seen.on_source ? source : target;
     const std::string& there = seen.on_source ? target : source;
+    const std::string subject = words.where.ends_with(" of " + source) ? "it" : source;
     const auto what = [&]() -> std::string {
         switch (seen.flaw) {
             case Flaw::kFolded:
@@ -467,9 +468,9 @@ std::string advice_on(const Seen& seen, const Words& words, const std::string& s
             case Flaw::kLost:
                 return "a part of " + here + " has no counterpart on " + there;
             case Flaw::kSqueezed:
-                return source + " is squeezed " + times(seen.factor);
+                return subject + " is squeezed " + times(seen.factor);
             default:
-                return source + " is stretched " + times(seen.factor);
+                return subject + " is stretched " + times(seen.factor);
         }
     };
     std::string text = words.where + " " + what() + " (" + percent(seen.share) + " of " + here +
