@@ -69,12 +69,12 @@ Attempts register_best(const CoarseShape& source, const CoarseShape& target,
                        Registration first, const AttemptOptions& options,
                        const RegistrationOptions& registration, Progress& progress) {
     const auto torn = [&](const Registration& result) {
-        return torn_share(source, target, result, options.tears, registration, progress);
+        return torn_share(source, target, result, registration, progress);
     };
     Attempts attempts;
     attempts.registration = std::move(first);
     attempts.tried.push_back({start_name, torn(attempts.registration)});
-    if (attempts.tried.front().torn <= options.tears.most) return attempts;
+    if (attempts.tried.front().torn <= registration.most_torn) return attempts;
 
     const NodeDistances distances = node_distances(source, target);
     const auto last = static_cast<Index>(source.levels.size()) - 1;
@@ -82,7 +82,7 @@ Attempts register_best(const CoarseShape& source, const CoarseShape& target,
         return registration_energy(source, target, last, result, distances, registration, progress);
     };
     const auto score = [&](const Attempt& attempt) {
-        return attempt.energy * (1.0 + attempt.torn / options.tears.most);
+        return attempt.energy * (1.0 + attempt.torn / registration.most_torn);
     };
     attempts.tried.front().energy = energy(attempts.registration);
     const auto consider = [&](const char* name, Registration result) {
@@ -92,7 +92,7 @@ Attempts register_best(const CoarseShape& source, const CoarseShape& target,
         attempts.registration = std::move(result);
     };
     const auto looks_wrong = [&] {
-        return attempts.tried[attempts.taken].torn > options.tears.most;
+        return attempts.tried[attempts.taken].torn > registration.most_torn;
     };
 
     const RegistrationStart plate = thin_plate_start(source, target, features);

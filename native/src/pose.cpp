@@ -6,14 +6,9 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <functional>
 #include <iterator>
-#include <numeric>
 
-#include "pointmorph/cloud.hpp"
 #include "pointmorph/extremities.hpp"
-#include "pointmorph/kd_tree.hpp"
-#include "pointmorph/parallel.hpp"
 #include "pose_trials.hpp"
 
 namespace pointmorph {
@@ -143,11 +138,7 @@ std::vector<Candidate> finals(const PoseSearch& search, const PoseEffort& effort
 }
 
 bool looks_wrong(const PoseSearch& search, const Candidate& map) {
-    if (map.misfit.opposed > search.options.backs) return true;
-    Progress silent;
-    return torn_share(search.source.full, moved(search.target.full, map.alignment),
-                      map.registration, search.options.tears, search.registration,
-                      silent) > search.options.tears.most;
+    return map.misfit.opposed > search.options.backs || map.torn > search.registration.most_torn;
 }
 
 /// Margin, where there are rivals, and confidence of the best map.
@@ -256,10 +247,11 @@ Pose find_pose(const CoarseShape& source, const CoarseShape& target,
     try_starts(search, starts, trials, progress, 0.0, 0.2);
 
     starts.clear();
+    const Similarity implied_best = implied_pose(search, trials.front());
     for (std::size_t k = 0; k < trials.size() && k < at(options.finalists); ++k)
         starts.push_back({implied_pose(search, trials[k]), {}});
     for (const Similarity& turn : swings(source, options.swing))
-        starts.push_back({composed(turn, starts.front().alignment), {}});
+        starts.push_back({composed(turn, implied_best), {}});
     try_starts(search, starts, trials, progress, 0.2, 0.4);
 
     std::vector<Tips> tried;

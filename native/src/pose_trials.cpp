@@ -1,7 +1,5 @@
 #include "pose_trials.hpp"
 
-#include <Eigen/Geometry>
-#include <limits>
 #include <utility>
 
 #include "pointmorph/cloud.hpp"
@@ -82,12 +80,12 @@ double middle_stiffness(const RegistrationLevel& level) {
 }
 
 Trial begun(const PoseSearch& search, const TrialStart& start) {
-    const CoarseShape there = moved(search.target.thin, start.alignment);
+    const CoarseShape &source = search.source.thin, &target = search.target.thin;
     // Curves and regions have to be brought over; by points alone a plate turns heads.
     const RegistrationStart places =
-        search.source.thin.guides.size() > 0
-            ? thin_plate_start(search.source.thin, there, search.features)
-            : RegistrationStart{search.source.thin.positions, there.positions};
+        source.guides.size() > 0
+            ? thin_plate_start(source, moved(target, start.alignment), search.features)
+            : RegistrationStart{source.positions, start.alignment.apply(target.positions)};
     RegistrationLevel level = search.options.trial;
     if (start.tips.empty())
         return registered(search, start.alignment, search.features, places, level,
@@ -150,10 +148,12 @@ Candidate to_the_finest(const PoseSearch& search, const Trial& trial) {
         register_shapes(source, there, search.features,
                         {coarse.source_points.positions, coarse.target_points.positions},
                         search.registration, silent, 1),
-        {}};
+        {},
+        0.0};
     const auto finest = static_cast<Index>(source.levels.size()) - 1;
     result.misfit = registration_misfit(source, there, finest, result.registration,
                                         search.distances, search.registration, silent);
+    result.torn = torn_share(source, there, result.registration, search.registration, silent);
     return result;
 }
 

@@ -576,10 +576,7 @@ Refinement refine(const Positions& source, const Normals& source_normals, const 
         // The search has compared other maps already, and more of them.
         if (pose) {
             const Candidate& best = pose->best;
-            result.starts = {{"pose",
-                              torn_share(coarse_source, coarse_target, best.registration,
-                                         options.attempts.tears, options.registration, progress),
-                              best.misfit.energy()}};
+            result.starts = {{"pose", best.torn, best.misfit.energy()}};
             return best.registration;
         }
         Attempts attempts = register_best(

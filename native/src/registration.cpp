@@ -439,8 +439,8 @@ NodeDistances node_distances(const CoarseShape& source, const CoarseShape& targe
 }
 
 double torn_share(const CoarseShape& source, const CoarseShape& target,
-                  const Registration& registration, const TearOptions& tears,
-                  const RegistrationOptions& options, Progress& progress) {
+                  const Registration& registration, const RegistrationOptions& options,
+                  Progress& progress) {
     const Keys s(
         product_points(registration.source_points.positions, source.positions,
                        registration.source_points.normals, source.normals, options.normal_weight),
@@ -460,7 +460,7 @@ double torn_share(const CoarseShape& source, const CoarseShape& target,
                  ++e) {
                 const Index a = matches.to[at(i)], b = matches.to[at(here.graph.neighbors[e])];
                 torn += (there.positions.row(a) - there.positions.row(b)).norm() >
-                        tears.stretch * here.graph.lengths[e] + tears.gap;
+                        options.tear_stretch * here.graph.lengths[e] + options.tear_gap;
             }
         share += 0.5 * static_cast<double>(torn) /
                  static_cast<double>(std::max<std::size_t>(here.graph.lengths.size(), 1));

@@ -88,7 +88,7 @@ TEST(Attempts, AGoodResultIsNotTriedAgain) {
     EXPECT_EQ(attempts.tried[0].start, "features");
     EXPECT_EQ(attempts.registration.source_points.positions, first.source_points.positions);
     EXPECT_EQ(attempts.registration.target_points.positions, first.target_points.positions);
-    EXPECT_LE(attempts.tried[0].torn, AttemptOptions().tears.most);
+    EXPECT_LE(attempts.tried[0].torn, RegistrationOptions().most_torn);
 }
 
 TEST(Attempts, AStartThatCannotWorkIsReplaced) {
@@ -107,17 +107,17 @@ TEST(Attempts, AStartThatCannotWorkIsReplaced) {
         options, registration, progress);
     ASSERT_GE(attempts.tried.size(), 2u);
     EXPECT_EQ(attempts.tried[0].start, "earlier map");
-    EXPECT_GT(attempts.tried[0].torn, options.tears.most);
+    EXPECT_GT(attempts.tried[0].torn, registration.most_torn);
     EXPECT_GT(attempts.taken, 0u);
     const auto score = [&](const Attempt& a) {
-        return a.energy * (1.0 + a.torn / options.tears.most);
+        return a.energy * (1.0 + a.torn / registration.most_torn);
     };
     for (const Attempt& a : attempts.tried)
         EXPECT_GE(score(a), score(attempts.tried[attempts.taken]));
-    const double kept = torn_share(source.coarse, target.coarse, attempts.registration,
-                                   options.tears, registration, progress);
+    const double kept =
+        torn_share(source.coarse, target.coarse, attempts.registration, registration, progress);
     EXPECT_EQ(kept, attempts.tried[attempts.taken].torn);
-    EXPECT_LE(kept, options.tears.most);
+    EXPECT_LE(kept, registration.most_torn);
 }
 
 TEST(Attempts, TornIsTheShareOfEdgesWhoseEndsPart) {
@@ -127,7 +127,7 @@ TEST(Attempts, TornIsTheShareOfEdgesWhoseEndsPart) {
     Registration identity;
     identity.source_points = {source.coarse.positions, source.coarse.normals, {}};
     identity.target_points = identity.source_points;
-    EXPECT_EQ(torn_share(source.coarse, same.coarse, identity, {}, {}, progress), 0.0);
+    EXPECT_EQ(torn_share(source.coarse, same.coarse, identity, {}, progress), 0.0);
     // A coarse shape halved by a plane, one half carried to the opposite end.
     Registration cut = identity;
     std::vector<char> moved(static_cast<std::size_t>(source.coarse.size()), 0);
@@ -144,7 +144,7 @@ TEST(Attempts, TornIsTheShareOfEdgesWhoseEndsPart) {
              e < graph.offsets[static_cast<std::size_t>(i) + 1]; ++e)
             across += moved[static_cast<std::size_t>(i)] !=
                       moved[static_cast<std::size_t>(graph.neighbors[static_cast<std::size_t>(e)])];
-    const double torn = torn_share(source.coarse, same.coarse, cut, {}, {}, progress);
+    const double torn = torn_share(source.coarse, same.coarse, cut, {}, progress);
     const double expected = static_cast<double>(across) / static_cast<double>(graph.lengths.size());
     EXPECT_GT(torn, 0.3 * expected);
 }

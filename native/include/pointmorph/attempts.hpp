@@ -15,7 +15,6 @@ namespace pointmorph {
 
 /// Lengths are in units of √(surface area).
 struct AttemptOptions {
-    TearOptions tears;
     Index tips = 12;           ///< so many are looked for on each shape, the most prominent …
     double prominence = 0.04;  ///< … by mean distance along the surface; see extremities()
     /// Tips closer than this to a feature are that feature.
@@ -51,7 +50,7 @@ std::vector<IndexPair> tips_by_features(const CoarseShape& source, const CoarseS
 
 /// Where `first`, a finished registration called `start_name`, looks wrong, registers also through
 /// tips, and on the finest level alone, both from the thin plate through the features. Kept is what
-/// has the least energy · (1 + torn/`tears.most`).
+/// has the least energy · (1 + torn/`most_torn`); see RegistrationOptions.
 Attempts register_best(const CoarseShape& source, const CoarseShape& target,
                        std::span<const IndexPair> features, const std::string& start_name,
                        Registration first, const AttemptOptions& options,

@@ -32,7 +32,7 @@ struct PoseOptions {
     /// level and compared there …
     Index finalists = 2;
     Index semifinalists = 8;  ///< … out of so many that were registered for longer
-    /// At least so many that lay the shapes onto each other quite another way are among those, if
+    /// Up to so many that lay the shapes onto each other quite another way are among those, if
     /// they fit nearly as well.
     Index other_ways = 2;
     /// Two maps are distinct when their images lie further apart than this in √area: the mean, or
@@ -43,9 +43,10 @@ struct PoseOptions {
     double swing = 0.44;  ///< turns about each axis that the best pose is tried with; radians
     ExtremityOptions extremities;
     PoseEffort effort{8, 3, 1.3};
-    PoseEffort second_effort{24, 6, 1.5};  ///< after it, where the best map looks wrong:
-    TearOptions tears;                     ///< is torn …
-    double backs = 0.002;  ///< … or a larger share than this of its images show their backs
+    /// After it, where the best map is torn (`most_torn`), or where a larger share than `backs` of
+    /// its images show their backs.
+    PoseEffort second_effort{24, 6, 1.5};
+    double backs = 0.002;
     // What is worse than the best by such a factor isn't followed further:
     double promising = 1.2;    ///< as tips have led a map halfway, among those of the same round
     double contending = 1.15;  ///< when registered for longer
@@ -67,6 +68,7 @@ struct Candidate {
     Similarity alignment;       ///< turns and moves the target to where the registration has it
     Registration registration;  ///< of the finest level, for the target so moved
     Misfit misfit;
+    double torn = 0.0;  ///< torn_share()
 };
 
 struct Pose {

@@ -51,6 +51,10 @@ struct RegistrationOptions {
     /// this share of the nodes.
     double torn_piece = 0.04;
     double largest_scale = 3.0;  ///< of a node's surroundings, and the inverse of the smallest
+    double tear_stretch = 3.0, tear_gap = 0.06;  ///< of an edge that counts as torn
+    /// A result with a larger share of torn edges looks wrong; see torn_share(). Limbs without a
+    /// counterpart of their size tear some edges in good maps, too.
+    double most_torn = 0.0025;
 };
 
 /// Both shapes deformed onto each other.
@@ -89,18 +93,11 @@ Eigen::MatrixXd node_distances(const CoarseShape& shape);
 using NodeDistances = std::array<Eigen::MatrixXd, 2>;
 NodeDistances node_distances(const CoarseShape& source, const CoarseShape& target);
 
-struct TearOptions {
-    double stretch = 3.0, gap = 0.06;  ///< of an edge that counts as torn; the gap in √area
-    /// A result with a larger share of torn edges looks wrong. Limbs without a counterpart of their
-    /// size tear some edges in good maps, too.
-    double most = 0.0025;
-};
-
 /// Share of the edges of both surface graphs that are torn: whose ends the last matching takes
-/// further apart than `stretch` times their length and `gap`.
+/// further apart than `tear_stretch` times their length and `tear_gap`.
 double torn_share(const CoarseShape& source, const CoarseShape& target,
-                  const Registration& registration, const TearOptions& tears,
-                  const RegistrationOptions& options, Progress& progress);
+                  const Registration& registration, const RegistrationOptions& options,
+                  Progress& progress);
 
 /// How much the shapes had to bend, and what gap is left: means over both directions, at the nodes
 /// of a level or the edges between them. All ≥ 0, 0 is perfect.
