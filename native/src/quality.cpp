@@ -398,9 +398,10 @@ std::string times(double factor) {
     return text.data();
 }
 
-/// Where a point lies in terms of the features, and the mark that would help there.
+/// Where a point of the source lies in terms of the features, the mark that would help there, and
+/// what to call the source after that.
 struct Words {
-    std::string where, remedy;
+    std::string where, remedy, source;
 };
 
 /// A marked point, by the name of its feature.
@@ -429,19 +430,20 @@ Words words_for(const Sheet& source, Index row, const std::string& name,
     };
     const auto nearest = std::ranges::min_element(features, by_distance);
     if (nearest == features.end() || arm(*nearest).norm() > 0.5 * source.root_area)
-        return {direction_in_words(source.positions, row) + " of " + name, mark};
+        return {direction_in_words(source.positions, row) + " of " + name, mark, "it"};
     if (arm(*nearest).norm() < 0.05 * source.root_area)
         return {"at " + quoted(*nearest->name),
                 "check that " + quoted(*nearest->name) +
-                    " marks the same place on both models, or mark another feature beside it"};
+                    " marks the same place on both models, or mark another feature beside it",
+                name};
     std::vector<MarkedPoint> beyond;
     for (const MarkedPoint& feature : features)
         if (feature.name != nearest->name && arm(feature).dot(arm(*nearest)) < 0.0 &&
             arm(feature).norm() < source.root_area)
             beyond.push_back(feature);
     const auto second = std::ranges::min_element(beyond, by_distance);
-    if (second == beyond.end()) return {"near " + quoted(*nearest->name), mark};
-    return {"between " + quoted(*nearest->name) + " and " + quoted(*second->name), mark};
+    if (second == beyond.end()) return {"near " + quoted(*nearest->name), mark, name};
+    return {"between " + quoted(*nearest->name) + " and " + quoted(*second->name), mark, name};
 }
 
 /// A spot of either side, as the user hears of it.
@@ -460,7 +462,6 @@ std::string advice_on(const Seen& seen, const Words& words, const std::string& s
                       const std::string& target) {
     const std::string& here = seen.on_source ? source : target;
     const std::string& there = seen.on_source ? target : source;
-    const std::string subject = words.where.ends_with(" of " + source) ? "it" : source;
     const auto what = [&]() -> std::string {
         switch (seen.flaw) {
             case Flaw::kFolded:
@@ -468,9 +469,9 @@ std::string advice_on(const Seen& seen, const Words& words, const std::string& s
             case Flaw::kLost:
                 return "a part of " + here + " has no counterpart on " + there;
             case Flaw::kSqueezed:
-                return subject + " is squeezed " + times(seen.factor);
+                return words.source + " is squeezed " + times(seen.factor);
             default:
-                return subject + " is stretched " + times(seen.factor);
+                return words.source + " is stretched " + times(seen.factor);
         }
     };
     std::string text = words.where + " " + what() + " (" + percent(seen.share) + " of " + here +
