@@ -15,9 +15,11 @@ HERE = Path(__file__).resolve().parent
 sys.path[:0] = [str(HERE.parent), str(HERE)]
 
 import installing
-from steps import VIEWPORT
+from steps import RUNNING, VIEWPORT
 
 SIZE = (1280, 1000)
+PATIENCE = 300.0
+"""Seconds after which what is waited for won't come: no measure of how long it should take."""
 PROGRAMS = ("Xvfb", "xdotool", "import")
 BLENDER = os.environ.get("POINTMORPH_BLENDER", "blender")
 
@@ -36,7 +38,7 @@ class Window:
         server = socket.socket(socket.AF_UNIX)
         server.bind(path)
         server.listen(1)
-        server.settimeout(60)
+        server.settimeout(PATIENCE)
         self._log = (folder / "log.txt").open("w+")
         self.process = subprocess.Popen(
             [BLENDER, "--window-geometry", "0", "0", *map(str, SIZE), "-P", HERE / "control.py"],
@@ -46,7 +48,7 @@ class Window:
         )
         self._connection, _ = server.accept()
         server.close()
-        self._connection.settimeout(60)
+        self._connection.settimeout(PATIENCE)
         self._received = b""
         self._places, self._headers = {}, {}
         self.run(START)
@@ -78,9 +80,9 @@ class Window:
         """Value of a Python expression in Blender."""
         return self.run(f"answer = {expression}")
 
-    def wait(self, expression, seconds=30.0):
-        """Until a Python expression is true in Blender."""
-        end = time.monotonic() + seconds
+    def wait(self, expression):
+        """Until a Python expression is true in Blender; long enough for a busy machine."""
+        end = time.monotonic() + PATIENCE
         while not (value := self.ask(expression)):
             assert time.monotonic() < end, f"{expression} stayed {value!r}\n{self.log}"
             time.sleep(0.02)
@@ -89,6 +91,14 @@ class Window:
         """Until Blender has drawn its window anew: buttons are where they are drawn."""
         self.run("redraw()")
         self.wait("drawn")
+
+    def rest(self):
+        """Until panels lie where they stay: they glide there when one above them has grown."""
+        drawings = None
+        for _ in range(20):  # progress that is shown is drawn again and again
+            if drawings == (drawings := self.ask("drawings")):
+                return
+            time.sleep(0.1)
 
     def settle(self, rounds=3):
         """Until Blender has handled the events that were sent."""
@@ -154,6 +164,7 @@ class Window:
 
     def find(self, what):
         """Position of the button of which `what` is a part of the call or path."""
+        self.rest()
         for call, known in self._places.items():
             if what in call and what in self.under(known):
                 return known
@@ -228,11 +239,16 @@ class Window:
         """Quits Blender; returns its exit status."""
         self.send("bpy.ops.wm.quit_blender()")
         try:
-            return self.process.wait(20)
+            return self.process.wait(PATIENCE)
         finally:
-            self.process.kill()
-            self._connection.close()
-            self._log.close()
+            self.kill()
+
+    def kill(self):
+        """Ends Blender, whatever it does."""
+        self.process.kill()
+        self.process.wait()
+        self._connection.close()
+        self._log.close()
 
 
 # An empty scene, a sidebar in the 3D viewport, and names that tests use.
@@ -270,9 +286,12 @@ def redraw():
         area.tag_redraw()
 
 panels = set()
+drawings = 0
 
 def _note(name):
     def draw(self, context):
+        global drawings
+        drawings += 1
         panels.add(name)
     return draw
 
@@ -369,22 +388,41 @@ def display():
     server.wait()
 
 
+_FAILED = pytest.StashKey[bool]()
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(item):
+    report = yield
+    item.stash[_FAILED] = item.stash.get(_FAILED, False) or report.failed
+    return report
+
+
 @pytest.fixture(scope="module")
-def _shared(display, environment, output, tmp_path_factory):
-    """A Blender that tests use one after another."""
-    shared = Window(display, environment, output, tmp_path_factory.mktemp("shared"))
-    yield shared
-    if shared.process.poll() is None:
-        shared.close()
+def _shared():
+    """The Blender that tests use one after another, once there is one."""
+    windows = []
+    yield windows
+    for window in windows:
+        window.kill()
 
 
 @pytest.fixture
-def window(_shared):
+def window(request, _shared, display, environment, output, tmp_path_factory):
     """Blender with an empty scene."""
+    if not _shared:
+        _shared.append(Window(display, environment, output, tmp_path_factory.mktemp("shared")))
+    window = _shared[0]
     # Blender keeps a button as it is, greyed for instance, while the mouse is over it.
-    _shared.leave_sidebar()
-    _shared.run(START)
-    return _shared
+    window.leave_sidebar()
+    window.run(START)
+    yield window
+    # What a failure leaves, a dialog or a panel that is folded, is not for the next test.
+    if request.node.stash[_FAILED]:
+        _shared.remove(window)
+        window.kill()
+    else:
+        window.wait(f"not ({RUNNING})")
 
 
 @pytest.fixture
@@ -392,5 +430,4 @@ def own_window(display, environment, output, tmp_path):
     """A Blender that was just started, for a test that doesn't leave it as it was."""
     window = Window(display, environment, output, tmp_path)
     yield window
-    if window.process.poll() is None:
-        window.close()
+    window.kill()

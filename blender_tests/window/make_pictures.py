@@ -55,7 +55,7 @@ def take(window, name, part="all"):
 
 def morph(window):
     window.press_button(MORPH)
-    window.wait(f"bpy.data.objects.get({DEMO!r}) is not None and not ({RUNNING})", seconds=60)
+    window.wait(f"bpy.data.objects.get({DEMO!r}) is not None and not ({RUNNING})")
     # Between its parents the result is seen best.
     window.run(f"bpy.data.objects[{DEMO!r}].location = (0, 0, 0)")
 
@@ -95,7 +95,7 @@ def test_result(demo):
 def test_cut(demo):
     demo.open_panel("POINTMORPH_PT_cut")
     demo.press_button("propose_loop")
-    demo.wait(f"not ({RUNNING}) and len(bpy.context.scene.pointmorph.loop) > 2", seconds=60)
+    demo.wait(f"not ({RUNNING}) and len(bpy.context.scene.pointmorph.loop) > 2")
     take(demo, "cut")
     demo.close_panel("POINTMORPH_PT_cut")
 

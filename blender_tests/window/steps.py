@@ -8,6 +8,7 @@ SHOW_DISTORTION = "show_distortion"
 
 RESULT = 'bpy.data.objects.get("Hill to Dune")'
 RUNNING = "session().current is not None"
+DONE = f"{RESULT} is not None and not ({RUNNING})"
 
 PIXEL = """
 from bpy_extras.view3d_utils import location_3d_to_region_2d

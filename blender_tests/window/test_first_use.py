@@ -95,13 +95,13 @@ def test_the_first_minute(window, output):
     assert window.ask(f"[f.on_source and f.on_target for f in {scene}.features]") == [True, True]
     lap("two features clicked")
     window.press_button(MORPH)
-    window.wait(f"{RESULT} is not None and not ({RUNNING})", seconds=120)
+    window.wait(f"{RESULT} is not None and not ({RUNNING})")
     lap("morphed")
     x, y = window.find(KEY)
     window.drag((x - 60, y), (x + 40, y))
     window.press("i", over=(x, y))
     keys = f"{RESULT}.data.shape_keys"
-    window.wait(f"{keys}.animation_data is not None", seconds=5)
+    window.wait(f"{keys}.animation_data is not None")
     lap("dragged and keyed")
     (output / "first_minute.json").write_text(json.dumps(laps, indent=2))
     print(json.dumps(laps, indent=2))
@@ -111,9 +111,9 @@ def test_the_first_minute(window, output):
     # ESC in the middle of another run leaves the scene as it was.
     window.run("before = scenes.data_blocks()")
     window.press_button(MORPH)
-    window.wait(RUNNING, seconds=10)
+    window.wait(RUNNING)
     window.press("Escape", over=VIEWPORT)
-    window.wait(f"not ({RUNNING})", seconds=10)
+    window.wait(f"not ({RUNNING})")
     assert window.ask("scenes.data_blocks() == before")
 
     window.press_button(BAKE_SOURCE)
@@ -142,6 +142,6 @@ bpy.app.handlers.render_complete.append(lambda *_: rendered.append(1))
 """
     )
     window.press("F12", over=VIEWPORT)
-    window.wait("rendered", seconds=60)
+    window.wait("rendered")
     window.run(f"bpy.data.images['Render Result'].save_render({str(path)!r})")
     return Path(path)

@@ -2,7 +2,7 @@
 
 import json
 
-from steps import MORPH, RESULT, RUNNING, add_pair
+from steps import DONE, MORPH, add_pair
 
 # Times what the add-on does between redraws, and the gaps between turns of Blender's main loop.
 STOPWATCH = """
@@ -62,7 +62,7 @@ bpy.app.timers.register(look)
     )
     window.click(place)
     window.run("clicked = time.perf_counter() - started")
-    window.wait(f"{RESULT} is not None and not ({RUNNING})", seconds=120)
+    window.wait(DONE)
     window.redraw()
     figures = window.run(
         """

@@ -5,6 +5,7 @@ import time
 import pytest
 from steps import (
     BAKE_SOURCE,
+    DONE,
     KEY,
     MORPH,
     PIXEL,
@@ -24,7 +25,7 @@ def start_long(window):
     add_pair(window, 500)
     window.run("before = scenes.data_blocks()")
     window.press_button(MORPH)
-    window.wait(RUNNING, seconds=10)
+    window.wait(RUNNING)
 
 
 def test_morph_drag_bake_undo(window):
@@ -33,7 +34,7 @@ def test_morph_drag_bake_undo(window):
     window.run("before = scenes.data_blocks()")
 
     window.press_button(MORPH)
-    window.wait(f"{RESULT} is not None", seconds=120)
+    window.wait(DONE)
     window.screenshot("panel_after")
     assert window.ask(f"bpy.context.view_layer.objects.active == {RESULT}")
     value = f'{RESULT}.data.shape_keys.key_blocks["Morph"].value'
@@ -65,7 +66,7 @@ def test_a_new_mark_starts_from_the_last_map(window):
     stages = "list(json.loads(bpy.data.objects['{}'].pointmorph.report)['stages'])"
     window.run("import json")
     window.press_button(MORPH)
-    window.wait(f"{RESULT} is not None", seconds=120)
+    window.wait(DONE)
     assert "pose" in window.ask(stages.format("Hill to Dune"))  # two marks leave it open
     window.run("[scenes.mark(bpy.data.objects[n], 'foot', -0.6, -0.5) for n in ('Hill', 'Dune')]")
     window.press_button(MORPH)
@@ -76,7 +77,7 @@ def test_a_new_mark_starts_from_the_last_map(window):
 def test_distortion_is_one_click_and_its_end_another(window):
     add_pair(window, 40)
     window.press_button(MORPH)
-    window.wait(f"{RESULT} is not None", seconds=120)
+    window.wait(DONE)
     shading = "area.spaces[0].shading.type"
     before = window.ask(shading)
     window.press_button(SHOW_DISTORTION)
@@ -166,7 +167,7 @@ bpy.context.scene.pointmorph.active_feature = 2
     window.screenshot("feature_menu")
     window.press("Escape", over=VIEWPORT)
     window.press_button(MORPH)
-    window.wait(f"{RESULT} is not None", seconds=120)
+    window.wait(DONE)
     window.screenshot("features_kept")
 
 
@@ -183,7 +184,7 @@ except RuntimeError as error:
 """
     )
     assert "A morph is being computed" in reason
-    window.wait(f"not ({RUNNING})", seconds=120)
+    window.wait(f"not ({RUNNING})")
     assert window.ask("[obj.name for obj in bpy.data.objects]") == ["Dune", "Hill", "Hill to Dune"]
 
 
@@ -201,22 +202,22 @@ def test_blender_stays_responsive(window):
 def test_escape_leaves_nothing(window):
     start_long(window)
     window.press("Escape", over=VIEWPORT)
-    window.wait(f"not ({RUNNING})", seconds=5)
+    window.wait(f"not ({RUNNING})")
     assert window.ask("scenes.data_blocks() == before")
     assert window.ask("bpy.ops.pointmorph.morph.poll()")
     window.screenshot("stopped")
     # And the next one runs to its end.
     window.press_button(MORPH)
-    window.wait(f"{RESULT} is not None", seconds=120)
+    window.wait(DONE)
 
 
 def test_undo_and_deletion_while_it_runs(window):
     start_long(window)
     # While the scene is still being read, undo would stop it: what was read is no longer true.
-    window.wait("session().current.begun", seconds=30)
+    window.wait("session().current.begun")
     window.press("ctrl+z", over=VIEWPORT)
     window.run("bpy.data.objects.remove(bpy.data.objects['Hill'])")
-    window.wait(f"not ({RUNNING})", seconds=120)
+    window.wait(f"not ({RUNNING})")
     assert window.process.poll() is None
     assert window.ask(f"{RESULT} is not None")
 
@@ -228,7 +229,7 @@ def test_an_error_in_the_library_is_told(window):
     window.run("for vertex in bpy.data.objects['Hill'].data.vertices: vertex.co = 0, 0, 0")
     window.run("before = scenes.data_blocks()")
     window.press_button(MORPH)
-    window.wait(f"not ({RUNNING})", seconds=120)
+    window.wait(f"not ({RUNNING})")
     assert window.ask("scenes.data_blocks() == before")
     window.screenshot("library_error")
     assert window.process.poll() is None
