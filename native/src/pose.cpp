@@ -58,10 +58,6 @@ bool is_as_given(const Similarity& implied_alignment, const PoseOptions& options
     return Eigen::AngleAxisd(implied_alignment.rotation).angle() < options.as_given_turn;
 }
 
-double energy_of(const Candidate& candidate) {
-    return candidate.misfit.energy();
-}
-
 /// Turns to either side about the shape's principal axes.
 std::vector<Similarity> swings(const CoarseShape& shape, double angle) {
     const PrincipalFrame frame = principal_frame(shape);
@@ -133,7 +129,7 @@ std::vector<Candidate> finals(const PoseSearch& search, const PoseEffort& effort
     std::vector<Candidate> result = continued(
         search, hopeful(search, longer, std::max<Index>(options.finalists, 1), options.contending),
         progress, middle, last);
-    std::ranges::stable_sort(result, {}, energy_of);
+    std::ranges::stable_sort(result, {}, &Candidate::energy);
     return result;
 }
 
@@ -143,13 +139,12 @@ bool looks_wrong(const PoseSearch& search, const Candidate& map) {
 
 /// Margin, where there are rivals, and confidence of the best map.
 void rate(Pose& pose) {
-    const double energy = pose.best.misfit.energy();
     const auto at_rest = [](const Candidate& c) {
         return c.alignment.inverse().apply(c.registration.source_points.positions);
     };
     std::vector<Competitor> competitors;
     for (const Candidate& rival : pose.rivals)
-        competitors.push_back({rival.misfit.energy() / energy,
+        competitors.push_back({rival.energy / pose.best.energy,
                                (at_rest(rival) - at_rest(pose.best)).rowwise().norm().mean()});
     if (!competitors.empty()) pose.margin = competitors.front().ratio;
     pose.confidence = pose_confidence(pose.best.misfit, competitors);
@@ -233,18 +228,24 @@ Pose find_pose(const CoarseShape& source, const CoarseShape& target,
     NodeDistances distances = node_distances(source, target);
     result.source_tips = extremities(source, distances[0], options.extremities);
     result.target_tips = extremities(target, distances[1], options.extremities);
-    const PoseSearch search{{source, result.source_tips, options.points, progress},
-                            {target, result.target_tips, options.points, progress},
-                            std::move(distances),
-                            features,
-                            options,
-                            registration};
+    PoseSearch search{thinned_shape(source, result.source_tips, options.points, progress),
+                      thinned_shape(target, result.target_tips, options.points, progress),
+                      std::move(distances),
+                      {},
+                      features,
+                      options,
+                      registration};
+    if (options.symmetry.weight > 0.0)
+        search.symmetries = {reflection_symmetry(search.source.thin, search.distances[0], options,
+                                                 registration, progress, 0.0, 0.05),
+                             reflection_symmetry(search.target.thin, search.distances[1], options,
+                                                 registration, progress, 0.05, 0.1)};
 
     std::vector<TrialStart> starts;
     for (const Similarity& pose : candidate_poses(source, target, features, options))
         starts.push_back({pose, {}});
     std::vector<Trial> trials;
-    try_starts(search, starts, trials, progress, 0.0, 0.2);
+    try_starts(search, starts, trials, progress, 0.1, 0.25);
 
     starts.clear();
     const Similarity implied_best = implied_pose(search, trials.front());
@@ -252,7 +253,7 @@ Pose find_pose(const CoarseShape& source, const CoarseShape& target,
         starts.push_back({implied_pose(search, trials[k]), {}});
     for (const Similarity& turn : swings(source, options.swing))
         starts.push_back({composed(turn, implied_best), {}});
-    try_starts(search, starts, trials, progress, 0.2, 0.4);
+    try_starts(search, starts, trials, progress, 0.25, 0.4);
 
     std::vector<Tips> tried;
     try_tips(search, options.effort, trials, tried, progress, 0.4, 0.65);
@@ -262,10 +263,10 @@ Pose find_pose(const CoarseShape& source, const CoarseShape& target,
         for (Candidate& candidate :
              finals(search, options.second_effort, trials, progress, 0.95, 1.0))
             best.push_back(std::move(candidate));
-        std::ranges::stable_sort(best, {}, energy_of);
+        std::ranges::stable_sort(best, {}, &Candidate::energy);
     }
     const auto given = std::ranges::find_if(best, [&](const Candidate& c) {
-        return energy_of(c) <= options.as_given * energy_of(best.front()) &&
+        return c.energy <= options.as_given * best.front().energy &&
                is_as_given(implied_pose(source.positions, c.registration.source_points.positions,
                                         c.alignment),
                            options);

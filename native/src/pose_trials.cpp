@@ -56,6 +56,15 @@ CoarseShape thinned(const CoarseShape& shape, const std::vector<Extremity>& tips
     return thin;
 }
 
+/// The factor by which a map's energy is larger for the sides that it doesn't treat alike. Images
+/// of the thinned shapes, those of the source seen from the target at rest.
+double dearer_by_asymmetry(const PoseSearch& search, const Positions& source_images,
+                           const Positions& target_images) {
+    return 1.0 + search.options.symmetry.weight * asymmetry(search.source.thin, search.target.thin,
+                                                            search.symmetries, source_images,
+                                                            target_images);
+}
+
 /// One level of the thinned shapes, the target moved; with its energy.
 Trial registered(const PoseSearch& search, const Similarity& alignment,
                  std::span<const IndexPair> features, const RegistrationStart& start,
@@ -64,8 +73,11 @@ Trial registered(const PoseSearch& search, const Similarity& alignment,
     const CoarseShape there = moved(search.target.thin, alignment);
     Trial trial{alignment, register_level(search.source.thin, there, 0, features, start, level,
                                           options, silent)};
+    const Positions &images = trial.registration.source_points.positions,
+                    &back = trial.registration.target_points.positions;
     trial.energy = registration_energy(search.source.thin, there, 0, trial.registration,
-                                       search.distances, search.registration, silent);
+                                       search.distances, search.registration, silent) *
+                   dearer_by_asymmetry(search, alignment.inverse().apply(images), back);
     return trial;
 }
 
@@ -149,21 +161,30 @@ Candidate to_the_finest(const PoseSearch& search, const Trial& trial) {
                         {coarse.source_points.positions, coarse.target_points.positions},
                         search.registration, silent, 1),
         {},
+        0.0,
         0.0};
     const auto finest = static_cast<Index>(source.levels.size()) - 1;
     result.misfit = registration_misfit(source, there, finest, result.registration,
                                         search.distances, search.registration, silent);
+    const Registration& finest_map = result.registration;
+    const Positions images = gather(finest_map.source_points.positions, search.source.thin.rows);
+    result.energy =
+        result.misfit.energy() *
+        dearer_by_asymmetry(search, trial.alignment.inverse().apply(images),
+                            gather(finest_map.target_points.positions, search.target.thin.rows));
     result.torn = torn_share(source, there, result.registration, search.registration, silent);
     return result;
 }
 
 }  // namespace
 
-ThinnedShape::ThinnedShape(const CoarseShape& shape, const std::vector<Extremity>& its_tips,
-                           Index points, Progress& progress)
-    : full(shape), thin(thinned(shape, its_tips, points, progress)), tips(its_tips) {
-    for (Extremity& tip : tips)
-        tip.point = static_cast<Index>(std::ranges::find(thin.rows, tip.point) - thin.rows.begin());
+ThinnedShape thinned_shape(const CoarseShape& shape, std::vector<Extremity> tips, Index points,
+                           Progress& progress) {
+    ThinnedShape result{shape, thinned(shape, tips, points, progress), std::move(tips)};
+    const std::vector<Index>& rows = result.thin.rows;
+    for (Extremity& tip : result.tips)
+        tip.point = static_cast<Index>(std::ranges::find(rows, tip.point) - rows.begin());
+    return result;
 }
 
 void try_starts(const PoseSearch& search, const std::vector<TrialStart>& starts,

@@ -3,6 +3,7 @@
 #pragma once
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <functional>
 #include <numeric>
@@ -25,15 +26,16 @@ struct ThinnedShape {
     const CoarseShape& full;
     CoarseShape thin;             ///< no surface graph
     std::vector<Extremity> tips;  ///< rows of `thin`
-
-    ThinnedShape(const CoarseShape& shape, const std::vector<Extremity>& its_tips, Index points,
-                 Progress& progress);
 };
+
+ThinnedShape thinned_shape(const CoarseShape& shape, std::vector<Extremity> tips, Index points,
+                           Progress& progress);
 
 /// What the search for a pose is given.
 struct PoseSearch {
     ThinnedShape source, target;
     NodeDistances distances;
+    std::array<Symmetry, 2> symmetries;  ///< of the thinned shapes
     std::span<const IndexPair> features;
     const PoseOptions& options;
     const RegistrationOptions& registration;

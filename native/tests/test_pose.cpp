@@ -3,15 +3,25 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 
 #include "pointmorph/error.hpp"
 #include "pointmorph/parallel.hpp"
 #include "pointmorph/proposals.hpp"
+#include "pointmorph/subset.hpp"
 #include "shapes.hpp"
 
 namespace pointmorph {
 namespace {
+
+CoarseShape coarse(const Positions& positions, const Normals& normals,
+                   const std::vector<Index>& required = {}) {
+    Progress progress;
+    CoarseShapeOptions options;
+    options.points = 1500;
+    return coarse_shape(KdTree<3>(positions), normals, required, options, progress);
+}
 
 /// An ellipsoid of about unit area; `bump` breaks all its symmetries.
 CoarseShape egg(Index count, double bump, unsigned seed, const Matrix3& turn,
@@ -32,10 +42,7 @@ CoarseShape egg(Index count, double bump, unsigned seed, const Matrix3& turn,
     }
     p *= turn.transpose();
     normals *= turn.transpose();
-    Progress progress;
-    CoarseShapeOptions options;
-    options.points = 1500;
-    return coarse_shape(KdTree<3>(p), normals, required, options, progress);
+    return coarse(p, normals, required);
 }
 
 Pose found(const CoarseShape& source, const CoarseShape& target) {
@@ -140,6 +147,102 @@ TEST(Pose, EndsWhenAskedTo) {
             },
             Cancelled);
     }
+}
+
+/// Four legs, a head and a tail; unit area. The left is where y > 0.
+Positions two_sided(Index count, unsigned seed, Normals* normals) {
+    shapes::Urchin animal(count,
+                          {{0.9, 0.6, -0.6},
+                           {0.9, -0.6, -0.6},
+                           {-0.9, 0.5, -0.7},
+                           {-0.9, -0.5, -0.7},
+                           {1.4, 0.0, 0.6},
+                           {-0.6, 0.0, 0.4}},
+                          seed);
+    *normals = animal.normals;
+    return animal.positions / std::sqrt(estimated_area(KdTree<3>(animal.positions)));
+}
+
+Positions other_side(Positions positions) {
+    positions.col(1) *= -1.0;
+    return positions;
+}
+
+Symmetry symmetry_of(const CoarseShape& shape) {
+    Progress progress;
+    return reflection_symmetry(shape, node_distances(shape), {}, {}, progress);
+}
+
+TEST(Symmetry, LeftIsTakenToRightHoweverTheShapeLies) {
+    for (const unsigned seed : {3u, 4u}) {
+        Normals normals;
+        const Matrix3 turn = shapes::rotation(seed);
+        const Positions upright = two_sided(3000, seed, &normals);
+        const Positions turned = upright * turn.transpose();
+        const CoarseShape shape = coarse(turned, normals * turn.transpose());
+        const Symmetry symmetry = symmetry_of(shape);
+        ASSERT_EQ(symmetry.images.rows(), shape.positions.rows());
+        const Positions truth = other_side(shape.positions * turn) * turn.transpose();
+        EXPECT_LT((symmetry.images - truth).rowwise().norm().mean(), 0.02);
+        EXPECT_LT(
+            (symmetry.turn - turn * Vector3(1.0, -1.0, 1.0).asDiagonal() * turn.transpose()).norm(),
+            0.1);
+    }
+}
+
+TEST(Symmetry, ThereIsNoneWithoutSidesOrWithManyReflections) {
+    EXPECT_EQ(symmetry_of(egg(2500, 0.0, 1, Matrix3::Identity())).images.rows(), 0);
+    const shapes::Urchin odd(
+        3000, {{1.2, 0.3, -0.2}, {-0.3, 0.9, 0.5}, {-0.6, -0.5, 0.7}, {0.1, -0.4, -1.0}}, 5);
+    const double unit = std::sqrt(estimated_area(KdTree<3>(odd.positions)));
+    EXPECT_EQ(symmetry_of(coarse(odd.positions / unit, odd.normals)).images.rows(), 0);
+}
+
+TEST(Symmetry, AsymmetryIsHowFarSidesAreTakenApart) {
+    Normals normals;
+    const CoarseShape shape = coarse(two_sided(3000, 6, &normals), normals);
+    const Positions& x = shape.positions;
+    Symmetry exact;
+    exact.images = other_side(x);
+    exact.turn = Vector3(1.0, -1.0, 1.0).asDiagonal();
+    exact.trust = 1.0;
+    const std::array<Symmetry, 2> both{exact, exact};
+    EXPECT_LT(asymmetry(shape, shape, both, x, x), 0.01);
+    const Positions about = x * Vector3(-1.0, -1.0, 1.0).asDiagonal();
+    EXPECT_LT(asymmetry(shape, shape, both, about, about), 0.01);
+
+    // One leg elsewhere: so are it and its counterpart, after one order or the other.
+    const auto one_leg_moved = [](Positions places) {
+        for (Eigen::Index i = 0; i < places.rows(); ++i)
+            if (places(i, 0) > 0.15 && places(i, 1) > 0.1) places(i, 2) += 0.3;
+        return places;
+    };
+    const Positions moved = one_leg_moved(x);
+    const Values apart = (one_leg_moved(other_side(x)) - other_side(moved)).rowwise().norm();
+    const double truth = shape.areas.dot(apart) / shape.areas.sum();
+    EXPECT_GT(truth, 0.03);
+    EXPECT_NEAR(asymmetry(shape, shape, both, moved, moved), truth, 0.2 * truth);
+    Symmetry doubted = exact;
+    doubted.trust = 0.5;
+    EXPECT_NEAR(asymmetry(shape, shape, {exact, doubted}, moved, moved),
+                0.5 * asymmetry(shape, shape, both, moved, moved), 1e-12);
+    EXPECT_EQ(asymmetry(shape, shape, {exact, {}}, moved, moved), 0.0);
+}
+
+TEST(Pose, AMapCostsMoreForSidesThatItTreatsDifferently) {
+    Normals source_normals, target_normals;
+    const Positions source_positions = two_sided(3000, 3, &source_normals),
+                    target_positions = two_sided(3000, 4, &target_normals);
+    const CoarseShape source = coarse(source_positions, source_normals),
+                      target = coarse(target_positions, target_normals);
+    Progress progress;
+    PoseOptions options;
+    const Candidate with = find_pose(source, target, {}, options, {}, progress).best;
+    EXPECT_GT(with.energy, with.misfit.energy());
+    EXPECT_LT(with.energy, 1.2 * with.misfit.energy());
+    options.symmetry.weight = 0.0;
+    const Candidate without = find_pose(source, target, {}, options, {}, progress).best;
+    EXPECT_EQ(without.energy, without.misfit.energy());
 }
 
 }  // namespace

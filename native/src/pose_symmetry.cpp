@@ -1,0 +1,99 @@
+#include <algorithm>
+#include <utility>
+
+#include "pointmorph/kd_tree.hpp"
+#include "pointmorph/pose.hpp"
+#include "pose_trials.hpp"
+
+namespace pointmorph {
+
+namespace {
+
+CoarseShape mirrored(CoarseShape shape) {
+    shape.positions.col(0) *= -1.0;
+    shape.normals.col(0) *= -1.0;
+    return shape;
+}
+
+/// A map of places in space that is known at some points.
+class PointMap {
+public:
+    /// `turn` is what it does to small steps.
+    PointMap(const Positions& points, const Positions& images, const Matrix3& turn)
+        : tree_(points), images_(images), turn_(turn) {}
+
+    PointMap(const Positions& points, const Positions& images)
+        : PointMap(points, images, fit_similarity(points, images).rotation) {}
+
+    Positions operator()(const Positions& places) const {
+        Positions result(places.rows(), 3);
+        for (Eigen::Index i = 0; i < places.rows(); ++i) {
+            Index nearest;
+            double squared;
+            tree_.nearest(places.row(i).data(), {&nearest, 1}, {&squared, 1});
+            result.row(i) = images_.row(nearest) +
+                            (places.row(i) - tree_.points().row(nearest)) * turn_.transpose();
+        }
+        return result;
+    }
+
+private:
+    KdTree<3> tree_;
+    const Positions& images_;
+    Matrix3 turn_;
+};
+
+double mean_distance(const Positions& a, const Positions& b, const Values& weights) {
+    return weights.dot((a - b).rowwise().norm()) / weights.sum();
+}
+
+}  // namespace
+
+Symmetry reflection_symmetry(const CoarseShape& shape, const Eigen::MatrixXd& distances,
+                             const PoseOptions& options, const RegistrationOptions& registration,
+                             Progress& progress, double first, double last) {
+    constexpr double kAlike = 1.2;  // spreads of the same shape
+    CoarseShape plain = shape;
+    plain.guides = {};
+    const CoarseShape image = mirrored(plain);
+    PoseOptions its = options;
+    its.spread_ratio = kAlike;
+    const PoseSearch search{
+        {plain, plain, {}}, {image, image, {}}, {distances, distances}, {}, {}, its, registration};
+
+    std::vector<TrialStart> starts;
+    for (const Similarity& pose : candidate_poses(plain, image, {}, its))
+        starts.push_back({pose, {}});
+    std::vector<Trial> trials;
+    const double most = first + 0.8 * (last - first);
+    try_starts(search, starts, trials, progress, first, most);
+    if (trials.size() > 1 && trials[1].energy < its.symmetry.least_margin * trials[0].energy)
+        return {};
+    trials.resize(1);
+    const Trial best = relaxed(search, trials, progress, most, last).front();
+    const SymmetryOptions& bounds = its.symmetry;
+    if (!(best.energy < bounds.most_energy)) return {};
+    Symmetry result;
+    result.trust = std::min(
+        1.0, (bounds.most_energy - best.energy) / (bounds.most_energy - bounds.sure_energy));
+    result.images = best.alignment.inverse().apply(best.registration.source_points.positions);
+    result.turn = fit_similarity(plain.positions, result.images).rotation;
+    result.images.col(0) *= -1.0;
+    result.turn.row(0) *= -1.0;
+    return result;
+}
+
+double asymmetry(const CoarseShape& source, const CoarseShape& target,
+                 const std::array<Symmetry, 2>& symmetries, const Positions& source_images,
+                 const Positions& target_images) {
+    const auto& [s, t] = symmetries;
+    if (s.images.rows() == 0 || t.images.rows() == 0) return 0.0;
+    const PointMap there(source.positions, source_images), back(target.positions, target_images),
+        across_source(source.positions, s.images, s.turn),
+        across_target(target.positions, t.images, t.turn);
+    return std::min(s.trust, t.trust) * 0.5 *
+           (mean_distance(there(s.images), across_target(source_images), source.areas) +
+            mean_distance(back(t.images), across_source(target_images), target.areas));
+}
+
+}  // namespace pointmorph
