@@ -16,7 +16,7 @@ namespace pointmorph {
 
 namespace {
 
-std::size_t slot(Index i) {
+constexpr std::size_t slot(Index i) {
     return static_cast<std::size_t>(i);
 }
 
@@ -63,20 +63,23 @@ double edge_length(const Positions& positions, const std::array<Index, 3>& corne
     return std::sqrt(sum / 3.0);
 }
 
-/// How far the place of a triangle that is farthest from all corners is from them.
-double covering_radius(const Positions& positions, const std::array<Index, 3>& corners) {
+/// Whether some place of a triangle is farther than `radius` from all corners.
+bool is_wider(const Positions& positions, const std::array<Index, 3>& corners, double radius) {
     std::array<double, 3> squares;  // of the edge opposite to a corner
     for (std::size_t c = 0; c < 3; ++c)
         squares[c] = (positions.row(corners[(c + 1) % 3]) - positions.row(corners[(c + 2) % 3]))
                          .squaredNorm();
+    const double largest = std::max({squares[0], squares[1], squares[2]});
+    // No place is farther than in the triangle whose edges are all as long as the longest.
+    if (!(largest > 3.0 * radius * radius)) return false;
     std::ranges::sort(squares);
     const auto [a, b, c] = squares;
     if (a + b > c) {  // acute: the centre of the circle through the corners
         const double area = 2.0 * (a * b + b * c + c * a) - a * a - b * b - c * c;
-        return std::sqrt(a * b * c / std::max(area, std::numeric_limits<double>::min()));
+        return a * b * c > radius * radius * area;
     }
     // Obtuse: on the longest edge, where the middle line of the second longest meets it.
-    return c > 0.0 ? b * std::sqrt(c) / (b + c - a) : 0.0;
+    return b * std::sqrt(c) > radius * (b + c - a);
 }
 
 /// Room for what decides on a density: the point itself and the k nearest.
@@ -122,15 +125,21 @@ struct Samples {
     Values spacing;
     Values density;  ///< per share of the surface
     double size;     ///< √area, as given
+    Neighborhoods nearest;
     std::vector<Triangle> triangles;
+    std::vector<Index> pairs;  ///< by row, the pair that stands for it
+    /// The nearest of every row, nearest first; kDensityNeighbors of each, or all others.
+    Neighborhoods around;
 
-    Samples(const Cloud& cloud, Progress& progress, double first, double last)
+    Samples(const Cloud& cloud, std::vector<Index> standing, Progress& progress, double first,
+            double last)
         : unit(normalization(cloud.positions)),
           positions(unit.apply(cloud.positions)),
           normals(cloud.normals.rowwise().normalized()),
-          tree(positions) {
+          tree(positions),
+          pairs(std::move(standing)) {
         const Progress::Part part(progress, first, last);
-        const auto nearest = nearest_neighbors(tree, kNeighbors, progress);
+        nearest = nearest_neighbors(tree, kNeighbors, progress);
         const double area = estimated_area(tree);
         const auto count = static_cast<double>(positions.rows());
         spacing = local_spacing(positions, nearest).cwiseMax(kFinest * std::sqrt(area / count));
@@ -171,24 +180,18 @@ std::vector<Index> standing_for(std::span<const IndexPair> pairs, Index IndexPai
     return result;
 }
 
-/// Whether a point on the same side of the surface lies within a radius. One object a thread.
+/// Finds a point on the same side of the surface within a radius. One object a thread.
 class NeighborSearch {
 public:
-    /// Rows for which `counts(row)` is false don't.
+    /// The nearest row for which `counts(row)` is true.
     template <class Counts>
-    bool operator()(const KdTree<3>& tree, const Normals& normals, const Vector3& place,
-                    const Vector3& normal, double radius, Counts&& counts) {
-        const auto is_one = [&](Index row) {
-            return normals.row(row).dot(normal) > 0.0 && counts(row);
-        };
-        // Mostly the nearest is one.
-        Index nearest = 0;
-        double squared = 0.0;
-        if (tree.nearest_within(place.data(), radius, {&nearest, 1}, {&squared, 1}) == 0)
-            return false;
-        if (is_one(nearest)) return true;
+    std::optional<Index> operator()(const KdTree<3>& tree, const Normals& normals,
+                                    const Vector3& place, const Vector3& normal, double radius,
+                                    Counts&& counts) {
         tree.within(place.data(), radius, ball_);
-        return std::ranges::any_of(ball_, [&](const auto& near) { return is_one(near.first); });
+        for (const auto& [row, squared] : ball_)
+            if (normals.row(row).dot(normal) > 0.0 && counts(row)) return row;
+        return std::nullopt;
     }
 
 private:
@@ -215,7 +218,11 @@ public:
           pairs_(pairs),
           source_(source),
           target_(target),
-          triangles_(std::move(triangles)) {}
+          triangles_(std::move(triangles)),
+          nearest_(pairs.size(), kNone) {
+        covering_.resize(triangles_.size());
+        for (auto& rows : covering_) rows.fill(-1);
+    }
 
     void step(int key, const Resampling::FrameAt& frame_at, Progress& progress) {
         const double t = static_cast<double>(key) / kKeys;
@@ -226,6 +233,8 @@ public:
         frame.positions = unit_.apply(frame.positions);
         t_ = t;
         key_ = key;
+        spacing_ =
+            ((1.0 - t) * result_.source_spacing_ + t * result_.target_spacing_) / unit_.scale;
         const std::vector<Index> open = open_triangles(frame, progress);
         if (!options_.crowding && open.empty() && alive_.empty()) return;
 
@@ -243,10 +252,23 @@ public:
                 blend_normals(frame.normals, point(alive_[a])).transpose();
         }
         const KdTree<3> tree(positions);
+        row_.assign(result_.points_.size(), -1);
+        for (std::size_t a = 0; a < alive_.size(); ++a)
+            row_[slot(alive_[a])] = pairs + static_cast<Index>(a);
         const std::vector<char> dead = end_crowded(tree, normals, pairs);
         if (options_.crowding) hide_crowded(tree, normals, pairs, progress);
-        const std::vector<char> sparse = hold_sparse(tree, pairs, dead, progress);
-        insert(open, sparse, frame, tree, normals, pairs, dead, progress);
+        const std::vector<char> sparse = sparse_rows(open, tree, pairs, dead, progress);
+        std::vector<char> holds_sparse(triangles_.size());
+        for (std::size_t a = 0; a < alive_.size(); ++a)
+            if (sparse[slot(pairs) + a]) holds_sparse[slot(triangle_[slot(alive_[a])])] = 1;
+        const auto is_sparse = [&](Index row) { return sparse[slot(row)] != 0; };
+        std::vector<Gap> gaps;
+        for (const Index i : open) {
+            const bool lacks_points =
+                holds_sparse[slot(i)] || std::ranges::any_of(triangles_[slot(i)], is_sparse);
+            if (lacks_points || may_leave_gap(i, frame)) gaps.push_back({i, lacks_points});
+        }
+        insert(gaps, frame, tree, normals, pairs, dead, progress);
 
         std::vector<Index> living;
         for (std::size_t a = 0; a < alive_.size(); ++a)
@@ -263,6 +285,9 @@ public:
     }
 
 private:
+    static constexpr std::size_t kNearest = slot(Resampling::kDensityNeighbors), kRemembered = 4;
+    static constexpr std::array<Index, kNearest> kNone{-1};
+
     static Life life(int first, int last) {
         const auto time = [](int key) { return static_cast<double>(key) / kKeys; };
         return {time(first - 1), time(first), time(last), time(last + 1)};
@@ -270,7 +295,7 @@ private:
 
     const InsertedPoint& point(Index id) const { return result_.points_[slot(id)]; }
 
-    double spacing(Index pair) const { return result_.spacing(pair, t_) / unit_.scale; }
+    double spacing(Index pair) const { return spacing_[pair]; }
     double spacing(const InsertedPoint& point) const {
         double sum = 0.0;
         for (std::size_t c = 0; c < 3; ++c) sum += point.weights[c] * spacing(point.pairs[c]);
@@ -285,9 +310,9 @@ private:
                 const auto& corners = triangles_[slot(i)];
                 const double wanted =
                     (spacing(corners[0]) + spacing(corners[1]) + spacing(corners[2])) / 3.0;
-                is_open[slot(i)] = covering_radius(frame.positions, corners) >
-                                       kEmpty * options_.spacing * wanted &&
-                                   is_surface(frame, corners);
+                is_open[slot(i)] =
+                    is_wider(frame.positions, corners, kEmpty * options_.spacing * wanted) &&
+                    is_surface(frame, corners);
             }
         });
         std::vector<Index> result;
@@ -299,28 +324,29 @@ private:
     bool may_leave_gap(Index triangle, const LiftedCloud& frame) const {
         const auto& corners = triangles_[slot(triangle)];
         const InsertedPoint middle{corners, {1.0 / 3, 1.0 / 3, 1.0 / 3}, {}};
-        return covering_radius(frame.positions, corners) > kGap * spacing(middle);
+        return is_wider(frame.positions, corners, kGap * spacing(middle));
     }
 
     /// Points that are no longer needed: others have come close.
     std::vector<char> end_crowded(const KdTree<3>& tree, const Normals& normals,
                                   Index pairs) const {
         std::vector<char> dead(alive_.size());
-        NeighborSearch has_neighbor;
+        NeighborSearch find;
         for (std::size_t a = 0; a < alive_.size(); ++a) {
             const Index row = pairs + static_cast<Index>(a);
             const auto counts = [&](Index other) {
                 return other < pairs || (other < row && !dead[slot(other - pairs)]);
             };
-            dead[a] = has_neighbor(tree, normals, tree.points().row(row).transpose(),
-                                   normals.row(row).transpose(),
-                                   kCrowded * spacing(point(alive_[a])), counts);
+            dead[a] =
+                find(tree, normals, tree.points().row(row).transpose(),
+                     normals.row(row).transpose(), kCrowded * spacing(point(alive_[a])), counts)
+                    .has_value();
         }
         return dead;
     }
 
-    /// Whether the density at a point of the tree, a pair or then an inserted one, fails the test.
-    bool is_sparse(const KdTree<3>& tree, Index row, Index pairs, Nearest& nearest) const {
+    /// Whether a density, as k/r² in the frame, fails the test at a pair or an inserted point.
+    bool is_too_low(double density, Index row, Index pairs) const {
         double wanted = 0.0;
         if (row < pairs) {
             wanted = result_.wanted_density(row, t_);
@@ -330,26 +356,74 @@ private:
                 wanted += inserted.weights[c] * result_.wanted_density(inserted.pairs[c], t_);
         }
         const double area = result_.unit_area(t_) / (unit_.scale * unit_.scale);
-        return density(tree, row, nearest) * area < options_.omega * wanted;
+        return density * area < options_.omega * wanted;
     }
 
-    /// By triangle, whether a point that was put into it fails the test.
-    std::vector<char> hold_sparse(const KdTree<3>& tree, Index pairs, std::span<const char> dead,
-                                  Progress& progress) const {
-        std::vector<char> sparse(alive_.size());
-        parallel_for(static_cast<Index>(alive_.size()), progress, [&](Index begin, Index end) {
-            Nearest nearest;
-            for (Index a = begin; a < end; ++a)
-                sparse[slot(a)] = !dead[slot(a)] && is_sparse(tree, pairs + a, pairs, nearest);
+    /// What a row of the tree keeps for all times: the pair, or the number of pairs plus the id.
+    Index number_of(Index row) const {
+        const auto pairs = static_cast<Index>(pairs_.size());
+        return row < pairs ? row : pairs + alive_[slot(row - pairs)];
+    }
+    /// −1 where it's in the tree no more.
+    Index row_of(Index number) const {
+        const auto pairs = static_cast<Index>(pairs_.size());
+        return number < pairs ? number : row_[slot(number - pairs)];
+    }
+
+    /// Whether the density at a row of the tree passes the test by points that are known to be
+    /// near: its k nearest of the last time, and those around it on the models.
+    bool is_dense(Index row, const Positions& positions) const {
+        const auto pairs = static_cast<Index>(pairs_.size());
+        const auto suffice = [&](std::span<const Index> near, auto&& row_at) {
+            if (near.size() < kNearest) return false;
+            double squared = 0.0;
+            for (const Index other : near.first(kNearest)) {
+                const Index there = row_at(other);
+                if (there < 0) return false;
+                squared =
+                    std::max(squared, (positions.row(there) - positions.row(row)).squaredNorm());
+            }
+            return !is_too_low(Resampling::kDensityNeighbors / squared, row, pairs);
+        };
+        const auto& known = nearest_[slot(number_of(row))];
+        if (known.front() >= 0) return suffice(known, [&](Index number) { return row_of(number); });
+        if (row >= pairs) return false;
+        const auto around = [&](const Samples& end, Index at) {
+            return suffice(end.nearest[at], [&](Index other) { return end.pairs[slot(other)]; });
+        };
+        const auto [s, d] = pairs_[slot(row)];
+        return around(source_, s) || around(target_, d);
+    }
+
+    /// Whether the density at a row of the tree fails the test.
+    bool is_sparse(Index row, const KdTree<3>& tree) {
+        if (is_dense(row, tree.points())) return false;
+        Nearest nearest;
+        const double found = density(tree, row, nearest);
+        if (tree.size() > Resampling::kDensityNeighbors)
+            std::ranges::transform(std::span(nearest.rows).last(kNearest),
+                                   nearest_[slot(number_of(row))].begin(),
+                                   [&](Index other) { return number_of(other); });
+        return is_too_low(found, row, static_cast<Index>(pairs_.size()));
+    }
+
+    /// Which rows of the tree fail the test: corners of `open` triangles, then what is alive.
+    std::vector<char> sparse_rows(std::span<const Index> open, const KdTree<3>& tree, Index pairs,
+                                  std::span<const char> dead, Progress& progress) {
+        const Index rows = tree.size();
+        std::vector<char> sparse(slot(rows));
+        for (const Index i : open)
+            for (const Index corner : triangles_[slot(i)]) sparse[slot(corner)] = 1;
+        for (Index row = pairs; row < rows; ++row) sparse[slot(row)] = !dead[slot(row - pairs)];
+        parallel_for(rows, progress, [&](Index begin, Index end) {
+            for (Index row = begin; row < end; ++row)
+                sparse[slot(row)] = sparse[slot(row)] && is_sparse(row, tree);
         });
-        std::vector<char> result(triangles_.size());
-        for (std::size_t a = 0; a < alive_.size(); ++a)
-            if (sparse[a]) result[slot(triangle_[slot(alive_[a])])] = 1;
-        return result;
+        return sparse;
     }
 
     /// Whether one of the models has a sample there: a gap that both have stays one.
-    bool is_covered_at_an_end(const InsertedPoint& point, NeighborSearch& has_neighbor) const {
+    bool is_covered_at_an_end(const InsertedPoint& point, NeighborSearch& find) const {
         const auto covers = [&](const Samples& end, Index IndexPair::*side) {
             InsertedPoint there = point;
             double spacing = 0.0;
@@ -357,17 +431,17 @@ private:
                 there.pairs[c] = pairs_[slot(point.pairs[c])].*side;
                 spacing += point.weights[c] * end.spacing[there.pairs[c]];
             }
-            return has_neighbor(end.tree, end.normals, blend(end.positions, there),
-                                blend_normals(end.normals, there), kGap * spacing,
-                                [](Index) { return true; });
+            return find(end.tree, end.normals, blend(end.positions, there),
+                        blend_normals(end.normals, there), kGap * spacing,
+                        [](Index) { return true; })
+                .has_value();
         };
         return covers(source_, &IndexPair::source) || covers(target_, &IndexPair::target);
     }
 
     /// Most samples are, and so needn't be looked for in the tree.
     bool is_near_corner(const LiftedCloud& frame, const InsertedPoint& candidate,
-                        const Vector3& place, const Vector3& normal) const {
-        const double radius = kEmpty * spacing(candidate);
+                        const Vector3& place, const Vector3& normal, double radius) const {
         return std::ranges::any_of(candidate.pairs, [&](Index pair) {
             return (frame.positions.row(pair).transpose() - place).squaredNorm() <
                        radius * radius &&
@@ -375,12 +449,18 @@ private:
         });
     }
 
+    /// A triangle that may take points.
+    struct Gap {
+        Index triangle;
+        bool lacks_points;  ///< by the density; else only if discs leave a gap in it
+    };
     struct Candidate {
         Index triangle;
         InsertedPoint point;
     };
 
-    /// Uniform samples of a triangle's bounding rectangle in its plane, those inside.
+    /// Uniform samples of a triangle's bounding rectangle in its plane, those inside, until `take`
+    /// returns false.
     template <class Take>
     void sample(Index triangle, const Positions& positions, Take&& take) const {
         auto corners = triangles_[slot(triangle)];
@@ -412,52 +492,61 @@ private:
                 const double right = i / columns - up * along / width;
                 if (right < 0.0 || right + up > 1.0) continue;
                 candidate.weights = {1.0 - right - up, right, up};
-                take(candidate);
+                if (!take(candidate)) return;
             }
         }
     }
 
-    /// Fills triangles of which a corner, or a point that was put into them (`holds_sparse`, by
-    /// triangle), fails the test, and those in which discs leave a gap that not both models have.
-    void insert(std::span<const Index> open, std::span<const char> holds_sparse,
-                const LiftedCloud& frame, const KdTree<3>& tree, const Normals& normals,
-                Index pairs, std::span<const char> dead, Progress& progress) {
+    /// Fills triangles of which a corner, or a point that was put into them, fails the test, and
+    /// those in which discs leave a gap that not both models have.
+    void insert(std::span<const Gap> gaps, const LiftedCloud& frame, const KdTree<3>& tree,
+                const Normals& normals, Index pairs, std::span<const char> dead,
+                Progress& progress) {
         constexpr Index kChunk = 64;
-        const auto count = static_cast<Index>(open.size());
+        const auto count = static_cast<Index>(gaps.size());
         std::vector<std::vector<Candidate>> found(slot((count + kChunk - 1) / kChunk));
         const auto counts = [&](Index row) { return row < pairs || !dead[slot(row - pairs)]; };
         parallel_for(
             count, progress,
             [&](Index begin, Index end) {
-                NeighborSearch has_neighbor;
-                Nearest nearest;
+                NeighborSearch find;
                 auto& taken = found[slot(begin / kChunk)];
                 for (Index i = begin; i < end; ++i) {
-                    const Index triangle = open[slot(i)];
-                    const std::size_t before = taken.size();
-                    bool leaves_gap = false;
-                    sample(triangle, frame.positions, [&](const InsertedPoint& candidate) {
-                        const Vector3 place = blend(frame.positions, candidate);
-                        const Vector3 normal = blend_normals(frame.normals, candidate);
-                        if (is_near_corner(frame, candidate, place, normal)) return;
-                        const auto is_empty = [&](double radius) {
-                            return !has_neighbor(tree, normals, place, normal,
-                                                 radius * spacing(candidate), counts);
-                        };
-                        if (!is_empty(kEmpty)) return;
-                        taken.push_back({triangle, candidate});
-                        leaves_gap =
-                            leaves_gap || (is_empty(kGap) && may_leave_gap(triangle, frame) &&
-                                           is_covered_at_an_end(candidate, has_neighbor));
-                    });
-                    // Few triangles come this far: the densities are asked for last.
-                    const auto fails = [&](Index corner) {
-                        return is_sparse(tree, corner, pairs, nearest);
+                    const auto [triangle, lacks_points] = gaps[slot(i)];
+                    const auto each_empty = [&](double radius, auto&& take) {
+                        sample(triangle, frame.positions, [&](const InsertedPoint& candidate) {
+                            const Vector3 place = blend(frame.positions, candidate);
+                            const Vector3 normal = blend_normals(frame.normals, candidate);
+                            const double distance = radius * spacing(candidate);
+                            if (is_near_corner(frame, candidate, place, normal, distance))
+                                return true;
+                            auto& covering = covering_[slot(triangle)];
+                            const auto still_covers = [&](Index number) {
+                                const Index row = number < 0 ? -1 : row_of(number);
+                                if (row < 0 || !counts(row)) return false;
+                                const Vector3 there = tree.points().row(row).transpose();
+                                return (there - place).squaredNorm() < distance * distance &&
+                                       normals.row(row).dot(normal) > 0.0;
+                            };
+                            if (std::ranges::any_of(covering, still_covers)) return true;
+                            const auto row = find(tree, normals, place, normal, distance, counts);
+                            if (!row) return take(candidate);
+                            std::ranges::rotate(covering, covering.end() - 1);
+                            covering.front() = number_of(*row);
+                            return true;
+                        });
                     };
-                    if (taken.size() > before && !leaves_gap && !holds_sparse[slot(triangle)] &&
-                        std::ranges::none_of(triangles_[slot(triangle)], fails))
-                        taken.erase(taken.begin() + static_cast<std::ptrdiff_t>(before),
-                                    taken.end());
+                    bool is_needed = lacks_points;
+                    if (!is_needed)
+                        each_empty(kGap, [&](const InsertedPoint& candidate) {
+                            is_needed = is_covered_at_an_end(candidate, find);
+                            return !is_needed;
+                        });
+                    if (is_needed)
+                        each_empty(kEmpty, [&](const InsertedPoint& candidate) {
+                            taken.push_back({triangle, candidate});
+                            return true;
+                        });
                 }
             },
             0.0, 1.0, kChunk);
@@ -481,6 +570,7 @@ private:
             if (covered[slot(c)]) continue;
             const InsertedPoint& taken = candidates[slot(c)].point;
             born_.push_back(static_cast<Index>(result_.points_.size()));
+            nearest_.push_back(kNone);
             result_.points_.push_back(taken);
             triangle_.push_back(candidates[slot(c)].triangle);
             first_key_.push_back(key_);
@@ -505,7 +595,7 @@ private:
         });
         hidden_since_.resize(slot(pairs), 0);
         std::vector<char> stays(slot(pairs), 1);
-        NeighborSearch has_neighbor;
+        NeighborSearch find;
         // Those that are hidden already first, so that they stay so.
         for (const bool was_hidden : {true, false})
             for (Index i = 0; i < pairs; ++i) {
@@ -513,9 +603,8 @@ private:
                 const auto counts = [&](Index other) {
                     return other != i && other < pairs && stays[slot(other)];
                 };
-                stays[slot(i)] =
-                    !has_neighbor(tree, normals, tree.points().row(i).transpose(),
-                                  normals.row(i).transpose(), kCrowded * spacing(i), counts);
+                stays[slot(i)] = !find(tree, normals, tree.points().row(i).transpose(),
+                                       normals.row(i).transpose(), kCrowded * spacing(i), counts);
             }
         for (Index i = 0; i < pairs; ++i) show_or_hide(i, !stays[slot(i)]);
     }
@@ -538,7 +627,13 @@ private:
     std::vector<Index> triangle_;      ///< by id
     std::vector<int> first_key_, last_key_;
     std::vector<int> hidden_since_;  ///< by pair, the key; 0: shown
+    // Who lay near at the last time that it was asked, as numbers (see number_of): most of them
+    // still do, and then the tree needn't be asked again.
+    std::vector<std::array<Index, kRemembered>> covering_;  ///< by triangle, some of its samples
+    std::vector<std::array<Index, kNearest>> nearest_;      ///< by number, the k nearest
+    std::vector<Index> row_;                                ///< by id, in the tree; −1: in none
     Normalization unit_{};
+    Values spacing_;  ///< by pair
     double t_ = 0.0;
     int key_ = 0;
 };
@@ -557,11 +652,13 @@ Resampling::Resampling(const Cloud& source, const Cloud& target, std::span<const
     check(options.spacing, 0.25, 4.0, "resample_spacing");
     if (options.crowding) check(*options.crowding, 1.5, 100.0, "crowding");
 
-    const Samples from(source, progress, 0.0, 0.15), to(target, progress, 0.15, 0.3);
-    const auto by_source =
-        standing_for(pairs, &IndexPair::source, &IndexPair::target, source, target);
-    const auto by_target =
-        standing_for(pairs, &IndexPair::target, &IndexPair::source, target, source);
+    const Samples from(source,
+                       standing_for(pairs, &IndexPair::source, &IndexPair::target, source, target),
+                       progress, 0.0, 0.15);
+    const Samples to(target,
+                     standing_for(pairs, &IndexPair::target, &IndexPair::source, target, source),
+                     progress, 0.15, 0.3);
+    const std::vector<Index>&by_source = from.pairs, &by_target = to.pairs;
     source_size_ = from.size;
     target_size_ = to.size;
     const auto count = static_cast<Index>(pairs.size());
