@@ -31,12 +31,11 @@ constexpr double kFinest = 0.05;
 
 // In the spacing of new points. Where no point lies within kGap, discs of one spacing leave a gap;
 // where every place has one within kEmpty they don't. The samples that are tried lie kStep apart.
-constexpr double kEmpty = 0.75, kStep = 0.45, kCrowded = 0.4, kGap = 1.0;
+constexpr double kEmpty = 0.75, kStep = 0.3, kCrowded = 0.4, kGap = 1.0;
 constexpr double kMostSteps = 256.0;  // along either side of one rectangle
 
 // Corners of a triangle that lie this many spacings apart are no longer samples of one smooth
 // piece: from the first on the MLS surface counts less, from the second on not at all.
-constexpr double kAgreement = 0.0;  // cosine
 constexpr double kCoherent = 2.0, kTorn = 4.0, kWidest = 1.5;
 
 Vector3 blend(const Positions& rows, const InsertedPoint& point) {
@@ -46,10 +45,34 @@ Vector3 blend(const Positions& rows, const InsertedPoint& point) {
     return sum;
 }
 
-/// The corners' mean normal; where they cancel, that of the corner that counts most.
-Vector3 blend_normals(const Normals& normals, const InsertedPoint& point) {
-    const Vector3 sum = blend(normals, point);
-    constexpr double kCancelled = 1e-6;
+/// Twice a triangle's area, along the normal of the side from which its corners are seen to go
+/// round to the left.
+Vector3 facing(const Positions& positions, const Triangle& corners) {
+    const Vector3 origin = positions.row(corners[0]).transpose();
+    return (positions.row(corners[1]).transpose() - origin)
+        .cross(positions.row(corners[2]).transpose() - origin);
+}
+
+/// Whether a triangle shows its front where its corners do. One that doesn't is folded over, or
+/// leads through the inside of a shape: a sheet there would show its back. A line has no front: its
+/// ends must agree.
+bool shows_front(const Positions& positions, const Normals& normals, const Triangle& corners) {
+    const Vector3 faces = facing(positions, corners);
+    const auto [a, b, c] = corners;
+    if (!(faces.squaredNorm() > 0.0)) return normals.row(a).dot(normals.row(c)) >= 0.0;
+    return (normals.row(a) + normals.row(b) + normals.row(c)).dot(faces) >= 0.0;
+}
+
+/// The corners' mean normal; the less they agree, the more the side to which the triangle faces.
+Vector3 blend_normals(const Positions& positions, const Normals& normals,
+                      const InsertedPoint& point) {
+    constexpr double kAgreeing = 0.9, kCancelled = 1e-6;
+    Vector3 sum = blend(normals, point);
+    if (const double length = sum.norm(); length < kAgreeing) {
+        const Vector3 faces = facing(positions, point.pairs);
+        if (const double area = faces.norm(); area > 0.0)
+            sum += (1.0 - length / kAgreeing) / area * faces;
+    }
     if (const double length = sum.norm(); length > kCancelled) return sum / length;
     const auto most = std::ranges::max_element(point.weights) - point.weights.begin();
     return normals.row(point.pairs[static_cast<std::size_t>(most)]).transpose();
@@ -94,26 +117,6 @@ double density(const KdTree<3>& tree, Index row, Nearest& nearest) {
         tree.nearest(tree.points().row(row).data(), nearest.rows, nearest.squared_distances);
     const double radius = found > 0 ? nearest.squared_distances[slot(found - 1)] : 0.0;
     return radius > 0.0 ? (found - 1) / radius : std::numeric_limits<double>::infinity();
-}
-
-/// Whether a triangle lies as its corners' normals say. One that doesn't leads through the inside
-/// or the outside, from one part of a shape to another: a sheet there would show its back.
-bool is_surface(const LiftedCloud& frame, const std::array<Index, 3>& corners) {
-    const auto place = [&](std::size_t c) -> Vector3 {
-        return frame.positions.row(corners[c]).transpose();
-    };
-    const Vector3 across = (place(1) - place(0)).cross(place(2) - place(0));
-    const double area = across.norm();
-    double least = 1.0, most = -1.0;
-    for (std::size_t c = 0; c < 3; ++c) {
-        const Vector3 normal = frame.normals.row(corners[c]).transpose();
-        if (normal.dot(frame.normals.row(corners[(c + 1) % 3]).transpose()) < kAgreement)
-            return false;
-        const double cosine = area > 0.0 ? normal.dot(across) / area : 0.0;
-        least = std::min(least, cosine);
-        most = std::max(most, cosine);
-    }
-    return !(area > 0.0) || least > kAgreement || most < -kAgreement;
 }
 
 /// What one cloud says: by row, in its own unit ball.
@@ -249,7 +252,7 @@ public:
             positions.row(pairs + static_cast<Index>(a)) =
                 blend(frame.positions, point(alive_[a])).transpose();
             normals.row(pairs + static_cast<Index>(a)) =
-                blend_normals(frame.normals, point(alive_[a])).transpose();
+                blend_normals(frame.positions, frame.normals, point(alive_[a])).transpose();
         }
         const KdTree<3> tree(positions);
         row_.assign(result_.points_.size(), -1);
@@ -312,7 +315,7 @@ private:
                     (spacing(corners[0]) + spacing(corners[1]) + spacing(corners[2])) / 3.0;
                 is_open[slot(i)] =
                     is_wider(frame.positions, corners, kEmpty * options_.spacing * wanted) &&
-                    is_surface(frame, corners);
+                    shows_front(frame.positions, frame.normals, corners);
             }
         });
         std::vector<Index> result;
@@ -432,7 +435,7 @@ private:
                 spacing += point.weights[c] * end.spacing[there.pairs[c]];
             }
             return find(end.tree, end.normals, blend(end.positions, there),
-                        blend_normals(end.normals, there), kGap * spacing,
+                        blend_normals(end.positions, end.normals, there), kGap * spacing,
                         [](Index) { return true; })
                 .has_value();
         };
@@ -516,7 +519,8 @@ private:
                     const auto each_empty = [&](double radius, auto&& take) {
                         sample(triangle, frame.positions, [&](const InsertedPoint& candidate) {
                             const Vector3 place = blend(frame.positions, candidate);
-                            const Vector3 normal = blend_normals(frame.normals, candidate);
+                            const Vector3 normal =
+                                blend_normals(frame.positions, frame.normals, candidate);
                             const double distance = radius * spacing(candidate);
                             if (is_near_corner(frame, candidate, place, normal, distance))
                                 return true;
@@ -560,7 +564,9 @@ private:
         Normals directions(size, 3);
         for (Index c = 0; c < size; ++c) {
             places.row(c) = blend(frame.positions, candidates[slot(c)].point).transpose();
-            directions.row(c) = blend_normals(frame.normals, candidates[slot(c)].point).transpose();
+            directions.row(c) =
+                blend_normals(frame.positions, frame.normals, candidates[slot(c)].point)
+                    .transpose();
         }
         const KdTree<3> among(places);
         std::vector<char> covered(slot(size));
@@ -666,9 +672,17 @@ Resampling::Resampling(const Cloud& source, const Cloud& target, std::span<const
         values->resize(count);
     std::vector<Triangle> triangles;
     triangles.reserve(from.triangles.size() + to.triangles.size() + pairs.size() / 2);
+    // The lowest row first, the way round as it is. One that goes round the other way on the other
+    // model is in twice: either is made where it shows its front.
     const auto add = [&](Triangle corners) {
-        std::ranges::sort(corners);
-        if (corners.front() != corners.back()) triangles.push_back(corners);
+        const auto [lowest, highest] = std::ranges::minmax(corners);
+        if (lowest == highest) return;
+        const auto& [a, b, c] = corners;
+        if (a == b || b == c || c == a)
+            corners = {lowest, lowest, highest};
+        else
+            std::ranges::rotate(corners, std::ranges::min_element(corners));
+        triangles.push_back(corners);
     };
     for (Index i = 0; i < count; ++i) {
         const auto [s, d] = pairs[slot(i)];
@@ -677,12 +691,17 @@ Resampling::Resampling(const Cloud& source, const Cloud& target, std::span<const
         source_density_[i] = from.density[s];
         target_density_[i] = to.density[d];
         // A point with several partners holds all of them together.
-        add({i, by_source[slot(s)], by_target[slot(d)]});
+        const Index a = by_source[slot(s)], b = by_target[slot(d)];
+        add({i, a, b});
+        add({i, b, a});
     }
-    for (const auto& [a, b, c] : from.triangles)
-        add({by_source[slot(a)], by_source[slot(b)], by_source[slot(c)]});
-    for (const auto& [a, b, c] : to.triangles)
-        add({by_target[slot(a)], by_target[slot(b)], by_target[slot(c)]});
+    for (const Samples* end : {&from, &to})
+        for (Triangle corners : end->triangles) {
+            if (!shows_front(end->positions, end->normals, corners))
+                std::swap(corners[1], corners[2]);
+            for (Index& corner : corners) corner = end->pairs[slot(corner)];
+            add(corners);
+        }
     std::ranges::sort(triangles);
     const auto unique = std::ranges::unique(triangles);
     triangles.erase(unique.begin(), unique.end());
@@ -721,7 +740,7 @@ Resampling::Alive Resampling::at(double t, const LiftedCloud& frame, Progress& p
             for (Index i = begin; i < end; ++i) {
                 const InsertedPoint& point = points_[slot(alive.ids[slot(i)])];
                 Vector3 place = blend(positions, point);
-                Vector3 normal = blend_normals(frame.normals, point);
+                Vector3 normal = blend_normals(positions, frame.normals, point);
                 double wanted = 0.0;
                 for (std::size_t c = 0; c < 3; ++c)
                     wanted += point.weights[c] * spacing(point.pairs[c], t) / unit.scale;

@@ -200,7 +200,7 @@ TEST(Resampling, CracksAreFilledAndNothingElse) {
     const Resampling resampling = given.resampled();
     Progress progress;
     const double spacing = 2.0 / 39;
-    for (const double t : {0.2, 0.5, 0.77}) {
+    for (const double t : {0.2, 0.5, 0.77, 0.95}) {
         const LiftedCloud frame = given.at(t);
         const Resampling::Alive alive = resampling.at(t, frame, progress);
         const Positions all = with_pairs(frame, alive);
@@ -218,6 +218,60 @@ TEST(Resampling, CracksAreFilledAndNothingElse) {
             EXPECT_NEAR(alive.positions(i, 2), 0.0, 1e-6);
         }
     }
+}
+
+/// A plane whose halves are apart on the source, moved and turned by `place` and `normal` there.
+Given parted_plane(const std::function<Vector3(const Vector3&)>& place,
+                   const std::function<Vector3(const Vector3&)>& normal) {
+    const Positions plane = shaken_grid(40);
+    Positions parted(plane.rows(), 3);
+    Normals normals(plane.rows(), 3);
+    for (Index i = 0; i < plane.rows(); ++i) {
+        parted.row(i) = place(plane.row(i).transpose());
+        normals.row(i) = normal(plane.row(i).transpose());
+    }
+    return same_points(parted, normals, plane, up(plane.rows()));
+}
+
+TEST(Resampling, ACrackBetweenSidesThatFaceEachOtherIsFilled) {
+    // A valley, 60° steep on both sides, without its bottom.
+    constexpr double kGap = 0.2;
+    const double sine = std::sqrt(0.75), cosine = 0.5;
+    const auto side = [](const Vector3& p) { return p.x() > 0.0 ? 1.0 : -1.0; };
+    const Given given = parted_plane(
+        [&](const Vector3& p) {
+            const double up_hill = std::abs(p.x());
+            return Vector3(side(p) * (kGap + cosine * up_hill), p.y(), sine * up_hill);
+        },
+        [&](const Vector3& p) { return Vector3(-side(p) * sine, 0.0, cosine); });
+    const Resampling resampling = given.resampled();
+    Progress progress;
+    const double spacing = 2.0 / 39;
+    for (const double t : {0.1, 0.2}) {
+        const LiftedCloud frame = given.at(t);
+        ASSERT_LT(frame.normals.row(0).dot(frame.normals.row(frame.normals.rows() - 1)), 0.0);
+        const auto alive = resampling.at(t, frame, progress);
+        const Positions all = with_pairs(frame, alive);
+        const KdTree<3> tree(all);
+        for (double x = -kGap * (1 - t); x < kGap * (1 - t); x += 0.01)
+            for (double y = -0.95; y < 0.95; y += 0.03)
+                EXPECT_LT(distance_to(tree, {x, y, 0}), 1.3 * spacing) << t << " " << x << " " << y;
+        // The bottom faces up, and turns into the sides.
+        for (Eigen::Index i = 0; i < alive.positions.rows(); ++i) {
+            const bool is_in_the_middle = std::abs(alive.positions(i, 0)) < 0.02;
+            EXPECT_GT(alive.normals(i, 2), is_in_the_middle ? 0.9 : 0.4);
+        }
+    }
+}
+
+TEST(Resampling, ASheetThatWouldShowItsBackIsNotMade) {
+    // One half slid over the other: what joins their edges would lie upside down in between.
+    const Given given = parted_plane(
+        [](const Vector3& p) {
+            return Vector3(p.x() > 0.0 ? p.x() - 0.4 : p.x() + 0.4, p.y(), p.x() > 0.0 ? -0.3 : 0);
+        },
+        [](const Vector3&) { return Vector3(0, 0, 1); });
+    EXPECT_EQ(given.resampled().points().size(), 0U);
 }
 
 TEST(Resampling, AHoleThatBothModelsHaveStaysOpen) {
