@@ -413,6 +413,14 @@ TEST(Resampling, CrowdedPointsHideAndLeaveNoGap) {
         EXPECT_LT(distance_to(tree, frame.positions.row(i).transpose()), 0.8 * 2.0 / 39);
 }
 
+TEST(Resampling, OmegaZeroInsertsNothing) {
+    ResamplingOptions options;
+    options.omega = 0.0;
+    EXPECT_TRUE(torn_plane().resampled(options).points().empty());
+    options.crowding = 2.0;
+    EXPECT_TRUE(torn_plane().resampled(options).points().empty());
+}
+
 TEST(Resampling, RefusesBadOptionsAndCanBeCancelled) {
     const Given given = torn_plane(20);
     ResamplingOptions omega, spacing, crowding;

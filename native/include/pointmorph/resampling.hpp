@@ -67,6 +67,8 @@ public:
     Resampling(const Cloud& source, const Cloud& target, std::span<const IndexPair> pairs,
                const FrameAt& frame_at, const ResamplingOptions& options, Progress& progress);
 
+    const ResamplingOptions& options() const noexcept { return options_; }
+
     /// All that ever live, in the order of their ids.
     const std::vector<InsertedPoint>& points() const noexcept { return points_; }
     const std::vector<HiddenPair>& hidden() const noexcept { return hidden_; }
@@ -103,8 +105,6 @@ public:
     double unit_area(double t) const;
 
 private:
-    friend class ResamplingBuilder;
-
     ResamplingOptions options_;
     Values source_spacing_, target_spacing_;        ///< by pair
     Values source_density_, target_density_;        ///< by pair, per share of the surface

@@ -1,0 +1,155 @@
+#include "point_lives.hpp"
+
+#include <algorithm>
+
+#include "pointmorph/parallel.hpp"
+
+namespace pointmorph {
+
+namespace {
+
+/// Times at which points come and go, evenly over the morph.
+constexpr int kKeys = 16;
+
+/// In spacings: a point that others have come closer to is no longer needed.
+constexpr double kCrowded = 0.4;
+
+std::size_t slot(Index i) {
+    return static_cast<std::size_t>(i);
+}
+
+double time_of(int key) {
+    return static_cast<double>(key) / kKeys;
+}
+
+/// There in full from the first key to the last one.
+Life life(int first, int last) {
+    return {time_of(first - 1), time_of(first), time_of(last), time_of(last + 1)};
+}
+
+}  // namespace
+
+PointLives::PointLives(const Resampling& resampling, std::span<const IndexPair> pairs,
+                       const EndSamples& source, const EndSamples& target)
+    : resampling_(resampling),
+      hidden_since_(pairs.size()),
+      missing_(resampling, pairs, source, target, chosen_) {}
+
+void PointLives::pass(const Resampling::FrameAt& frame_at, Progress& progress) {
+    for (int key = 1; key < kKeys; ++key) {
+        const Progress::Part part(progress, time_of(key - 1), time_of(key));
+        step(key, frame_at, progress);
+    }
+}
+
+std::vector<InsertedPoint> PointLives::points() const {
+    std::vector<InsertedPoint> result;
+    result.reserve(chosen_.size());
+    for (std::size_t id = 0; id < chosen_.size(); ++id) {
+        result.push_back(chosen_[id].point);
+        result.back().life = life(first_key_[id], last_key_[id]);
+    }
+    return result;
+}
+
+void PointLives::step(int key, const Resampling::FrameAt& frame_at, Progress& progress) {
+    std::vector<InsertedPoint> points;
+    for (const Index id : alive_) points.push_back(chosen_[slot(id)].point);
+    const Moment moment(time_of(key), frame_at(time_of(key)), resampling_, std::move(points),
+                        alive_, chosen_.size());
+    if (resampling_.options().crowding) hide_crowded(moment, key, progress);
+    if (resampling_.options().omega == 0.0) return;
+
+    const std::vector<char> dead = crowded(moment);
+    const auto places = missing_(moment, dead, progress);
+    std::vector<Index> living;
+    for (std::size_t a = 0; a < alive_.size(); ++a)
+        if (!dead[a]) living.push_back(alive_[a]);
+    choose(moment, places, living, progress);
+    first_key_.resize(chosen_.size(), key);
+    last_key_.resize(chosen_.size());
+    for (const Index id : living) last_key_[slot(id)] = key;
+    alive_ = std::move(living);
+}
+
+/// Points that others have come close to.
+std::vector<char> PointLives::crowded(const Moment& moment) const {
+    std::vector<char> dead(moment.ids.size());
+    NeighborSearch find;
+    for (std::size_t a = 0; a < dead.size(); ++a) {
+        const Index row = moment.pairs + static_cast<Index>(a);
+        const auto counts = [&](Index other) {
+            return other < moment.pairs || (other < row && !dead[slot(other - moment.pairs)]);
+        };
+        dead[a] = find(moment.tree, moment.normals, moment.positions.row(row).transpose(),
+                       moment.normals.row(row).transpose(),
+                       kCrowded * moment.spacing_at(moment.points[a]), counts) >= 0;
+    }
+    return dead;
+}
+
+/// First come, first served.
+void PointLives::choose(const Moment& moment, std::span<const MissingPoints::Place> places,
+                        std::vector<Index>& born, Progress& progress) {
+    if (places.empty()) return;
+    const auto count = static_cast<Index>(places.size());
+    Positions positions(count, 3);
+    Normals normals(count, 3);
+    for (Index i = 0; i < count; ++i) {
+        const InsertedPoint& point = places[slot(i)].point;
+        positions.row(i) = blend(moment.positions, point).transpose();
+        normals.row(i) = sheet_normal(moment.positions, moment.normals, point).transpose();
+    }
+    const KdTree<3> tree(positions);
+    std::vector<char> covered(slot(count));
+    std::vector<std::pair<Index, double>> near;
+    for (Index i = 0; i < count; ++i) {
+        if (i % 256 == 0) progress.report(static_cast<double>(i) / count);
+        if (covered[slot(i)]) continue;
+        born.push_back(static_cast<Index>(chosen_.size()));
+        chosen_.push_back(places[slot(i)]);
+        tree.within(positions.row(i).data(), kEmpty * moment.spacing_at(places[slot(i)].point),
+                    near);
+        for (const auto& [other, squared] : near)
+            if (normals.row(other).dot(normals.row(i)) > 0.0) covered[slot(other)] = 1;
+    }
+}
+
+/// Pairs that have one that stays close by, where points crowd.
+void PointLives::hide_crowded(const Moment& moment, int key, Progress& progress) {
+    const double area = resampling_.unit_area(moment.t) / (moment.unit.scale * moment.unit.scale);
+    std::vector<char> is_crowded(slot(moment.pairs));
+    parallel_for(moment.pairs, progress, [&](Index begin, Index end) {
+        for (Index i = begin; i < end; ++i) {
+            const double wanted =
+                std::max(resampling_.wanted_density(i, 0.0), resampling_.wanted_density(i, 1.0));
+            is_crowded[slot(i)] =
+                density(moment, i) * area > *resampling_.options().crowding * wanted;
+        }
+    });
+    std::vector<char> stays(slot(moment.pairs), 1);
+    NeighborSearch find;
+    // Those that are hidden already first, so that they stay so.
+    for (const bool was_hidden : {true, false})
+        for (Index i = 0; i < moment.pairs; ++i) {
+            if ((hidden_since_[slot(i)] > 0) != was_hidden || !is_crowded[slot(i)]) continue;
+            const auto counts = [&](Index other) {
+                return other != i && other < moment.pairs && stays[slot(other)];
+            };
+            const double radius = kCrowded * resampling_.spacing(i, moment.t) / moment.unit.scale;
+            stays[slot(i)] = find(moment.tree, moment.normals, moment.positions.row(i).transpose(),
+                                  moment.normals.row(i).transpose(), radius, counts) < 0;
+        }
+    for (Index i = 0; i < moment.pairs; ++i) show_or_hide(i, !stays[slot(i)], key);
+}
+
+void PointLives::show_or_hide(Index pair, bool hide, int key) {
+    int& since = hidden_since_[slot(pair)];
+    if (hide && since == 0) since = key;
+    const bool ends = !hide || key == kKeys - 1;
+    if (since == 0 || !ends) return;
+    hidden_.push_back({pair, life(since, hide ? key : key - 1)});
+    since = 0;
+}
+
+}  // namespace pointmorph

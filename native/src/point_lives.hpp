@@ -1,0 +1,45 @@
+// Which points of re-sampled frames live, and when. Not a part of the library.
+#pragma once
+
+#include <span>
+#include <vector>
+
+#include "missing_points.hpp"
+#include "pointmorph/progress.hpp"
+#include "pointmorph/resampling.hpp"
+#include "pointmorph/types.hpp"
+#include "sheets.hpp"
+
+namespace pointmorph {
+
+/// Goes through the times in order, and keeps who is born and who ends at each.
+class PointLives {
+public:
+    /// Keeps references to all.
+    PointLives(const Resampling& resampling, std::span<const IndexPair> pairs,
+               const EndSamples& source, const EndSamples& target);
+
+    /// All times, from source to target.
+    void pass(const Resampling::FrameAt& frame_at, Progress& progress);
+
+    std::vector<InsertedPoint> points() const;  ///< all that ever live
+    const std::vector<HiddenPair>& hidden() const { return hidden_; }
+
+private:
+    void step(int key, const Resampling::FrameAt& frame_at, Progress& progress);
+    std::vector<char> crowded(const Moment& moment) const;
+    void choose(const Moment& moment, std::span<const MissingPoints::Place> places,
+                std::vector<Index>& born, Progress& progress);
+    void hide_crowded(const Moment& moment, int key, Progress& progress);
+    void show_or_hide(Index pair, bool hide, int key);
+
+    const Resampling& resampling_;
+    std::vector<MissingPoints::Place> chosen_;  ///< by id
+    std::vector<int> first_key_, last_key_;     ///< by id
+    std::vector<Index> alive_;                  ///< ids, ascending
+    std::vector<int> hidden_since_;             ///< by pair, the key; 0: shown
+    std::vector<HiddenPair> hidden_;
+    MissingPoints missing_;
+};
+
+}  // namespace pointmorph

@@ -1,0 +1,106 @@
+// The triangles between pairs on which the new points of re-sampled frames lie. Not a part of the
+// library.
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <span>
+#include <vector>
+
+#include "pointmorph/cloud.hpp"
+#include "pointmorph/kd_tree.hpp"
+#include "pointmorph/local_triangles.hpp"
+#include "pointmorph/neighborhoods.hpp"
+#include "pointmorph/resampling.hpp"
+#include "pointmorph/types.hpp"
+
+namespace pointmorph {
+
+/// What one of the models says: by row, in its own unit ball.
+struct EndSamples {
+    Normalization unit;
+    Positions positions;
+    Normals normals;
+    KdTree<3> tree;
+    std::vector<Index> pairs;  ///< the pair that stands for a row
+    Values spacing;
+    Values density;  ///< k/r², per share of the surface
+    double size;     ///< √area, as given
+    Neighborhoods nearest;
+    std::vector<Triangle> triangles;
+
+    /// `pairs` stand for the rows of the cloud.
+    EndSamples(const Cloud& cloud, std::vector<Index> pairs, Progress& progress);
+    EndSamples(EndSamples&&) = delete;  // the tree refers to the positions
+};
+
+/// By row of the cloud on one `side` of the pairs, the pair that stands for it: its partner lies
+/// nearest to the mean of all its partners on the other cloud.
+std::vector<Index> standing_for(std::span<const IndexPair> pairs, Index IndexPair::*side,
+                                Index IndexPair::*other_side, const Cloud& cloud,
+                                const Cloud& other);
+
+/// The triangles of both models between the pairs that stand for their corners, and one that holds
+/// together all pairs of a point. They go round as on the model, seen from outside to the left, the
+/// lowest row first; what goes round the other way on the other model is in twice. Where two
+/// corners are one it is a line, and the lower is in twice. Ascending, none twice.
+std::vector<Triangle> sheets(const EndSamples& source, const EndSamples& target,
+                             std::span<const IndexPair> pairs);
+
+/// Weighted mean of the rows of a point's pairs.
+Vector3 blend(const Positions& rows, const InsertedPoint& point);
+
+/// Whether a triangle shows its front where its corners do. One that doesn't is folded over, or
+/// leads through the inside of a shape: a sheet there would show its back. A line has no front: its
+/// ends must agree.
+bool shows_front(const Positions& positions, const Normals& normals, const Triangle& corners);
+
+/// The corners' mean normal at a point; the less they agree, the more the side to which the
+/// triangle faces.
+Vector3 sheet_normal(const Positions& positions, const Normals& normals,
+                     const InsertedPoint& point);
+
+/// Root of the mean squared length of a triangle's edges.
+double edge_length(const Positions& positions, const Triangle& corners);
+
+/// Whether some place of a triangle is farther than `radius` from all corners.
+bool is_wider(const Positions& positions, const Triangle& corners, double radius);
+
+/// Calls `take(point)` at uniform samples of a triangle's bounding rectangle in its plane, those
+/// inside, no more than `step` apart, until it returns false.
+template <class Take>
+void each_sample(Triangle corners, const Positions& positions, double step, Take&& take) {
+    constexpr double kMostSteps = 256.0;  // along either side of the rectangle
+    // The longest edge first: the rectangle's base.
+    const auto length = [&](std::size_t c) {
+        return (positions.row(corners[(c + 1) % 3]) - positions.row(corners[c])).squaredNorm();
+    };
+    std::size_t longest = 0;
+    for (std::size_t c = 1; c < 3; ++c)
+        if (length(c) > length(longest)) longest = c;
+    std::ranges::rotate(corners, corners.begin() + static_cast<std::ptrdiff_t>(longest));
+    const Vector3 origin = positions.row(corners[0]).transpose();
+    const Vector3 base = positions.row(corners[1]).transpose() - origin;
+    const Vector3 apex = positions.row(corners[2]).transpose() - origin;
+    const double width = base.norm();
+    if (!(width > 0.0)) return;
+    const double along = apex.dot(base) / width;  // 0 to width, the base being the longest
+    const double height = (apex - along / width * base).norm();
+
+    const auto count = [&](double side) {
+        return std::clamp(std::ceil(side / step), 1.0, kMostSteps);
+    };
+    const double columns = count(width), rows = count(height);
+    InsertedPoint point{corners, {}, {}};
+    for (double j = 0.5; j < rows; ++j) {
+        const double up = height > 0.0 ? j / rows : 0.0;
+        for (double i = 0.5; i < columns; ++i) {
+            const double right = i / columns - up * along / width;
+            if (right < 0.0 || right + up > 1.0) continue;
+            point.weights = {1.0 - right - up, right, up};
+            if (!take(point)) return;
+        }
+    }
+}
+
+}  // namespace pointmorph
