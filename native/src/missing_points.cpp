@@ -233,26 +233,37 @@ void MissingPoints::each_empty(const Moment& moment, Index sheet, double radius,
     const auto counts = [&](Index row) {
         return row < moment.pairs || !dead[slot(row - moment.pairs)];
     };
+    // Where the corners' normals are this near to each other, that of any place lies between them,
+    // on the side of all.
+    constexpr double kAlike = 0.75;  // cosine
+    const auto [a, b, c] = corners;
+    const auto& normals = moment.normals;
+    const bool are_alike = normals.row(a).dot(normals.row(b)) > kAlike &&
+                           normals.row(b).dot(normals.row(c)) > kAlike &&
+                           normals.row(c).dot(normals.row(a)) > kAlike;
     const InsertedPoint middle{corners, {1.0 / 3, 1.0 / 3, 1.0 / 3}, {}};
     each_sample(corners, moment.positions, kStep * moment.spacing_at(middle),
                 [&](const InsertedPoint& point) {
                     const Vector3 place = blend(moment.positions, point);
-                    const Vector3 normal = sheet_normal(moment.positions, moment.normals, point);
                     const double distance = radius * moment.spacing_at(point);
-                    const auto covers = [&](Index row) {
+                    const auto is_near = [&](Index row) {
                         return (moment.positions.row(row).transpose() - place).squaredNorm() <
-                                   distance * distance &&
-                               moment.normals.row(row).dot(normal) > 0.0;
+                               distance * distance;
                     };
-                    // Mostly a corner does, or who did at the last time.
-                    if (std::ranges::any_of(corners, covers)) return true;
+                    // Mostly a corner covers it, or who did at the last time.
+                    const bool is_near_corner = std::ranges::any_of(corners, is_near);
+                    if (is_near_corner && are_alike) return true;
+                    const Vector3 normal = sheet_normal(moment.positions, normals, point);
+                    const auto covers = [&](Index row) {
+                        return is_near(row) && normals.row(row).dot(normal) > 0.0;
+                    };
+                    if (is_near_corner && std::ranges::any_of(corners, covers)) return true;
                     const auto still_covers = [&](Index number) {
                         const Index row = number < 0 ? -1 : row_of(moment, number);
                         return row >= 0 && counts(row) && covers(row);
                     };
                     if (std::ranges::any_of(covering, still_covers)) return true;
-                    const Index row =
-                        find(moment.tree, moment.normals, place, normal, distance, counts);
+                    const Index row = find(moment.tree, normals, place, normal, distance, counts);
                     if (row < 0) return take(point);
                     std::ranges::rotate(covering, covering.end() - 1);
                     covering.front() = number_of(moment, row);
