@@ -9,8 +9,7 @@ namespace pointmorph {
 
 namespace {
 
-/// How far apart the samples that are tried lie, in the spacing of new points: no gap goes unseen,
-/// as no place is farther than kGap − kEmpty from one.
+/// How far apart the samples that are tried lie, in the spacing of new points.
 constexpr double kStep = 0.3;
 
 constexpr std::size_t slot(Index i) {

@@ -55,7 +55,7 @@ private:
 
 /// In the spacing of new points: where no point lies within kGap, discs of one spacing leave a gap;
 /// where every place has one within kEmpty they don't.
-constexpr double kEmpty = 0.75, kGap = 1.0;
+constexpr double kEmpty = 0.85, kGap = 1.0;
 
 /// k/r² at a row, with the distance r to its k-th nearest.
 double density(const Moment& moment, Index row);

@@ -17,6 +17,8 @@ namespace {
 // Corners of a triangle that lie this many spacings apart are no longer samples of one smooth
 // piece: from the first on the MLS surface counts less, from the second on not at all.
 constexpr double kCoherent = 2.0, kTorn = 4.0, kWidest = 1.5;
+/// Edges of even triangles between samples of spacing 1.
+constexpr double kEvenEdge = 1.0746;
 
 std::size_t slot(Index i) {
     return static_cast<std::size_t>(i);
@@ -116,8 +118,8 @@ Resampling::Alive Resampling::at(double t, const LiftedCloud& frame, Progress& p
                 const double coherence =
                     std::clamp((kTorn - apart / wanted) / (kTorn - kCoherent), 0.0, 1.0);
                 if (coherence > 0.0) {
-                    const MlsFoot foot =
-                        project(place, normal, std::clamp(apart, wanted, kWidest * wanted));
+                    const double around = std::clamp(apart / kEvenEdge, wanted, kWidest * wanted);
+                    const MlsFoot foot = project(place, normal, around);
                     place += coherence * (foot.position - place);
                     normal = (normal + coherence * (foot.normal - normal)).normalized();
                 }
