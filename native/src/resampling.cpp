@@ -16,7 +16,7 @@ namespace {
 
 // Corners of a triangle that lie this many spacings apart are no longer samples of one smooth
 // piece: from the first on the MLS surface counts less, from the second on not at all.
-constexpr double kCoherent = 2.0, kTorn = 4.0, kWidest = 1.5;
+constexpr double kCoherent = 1.5, kTorn = 3.0, kWidest = 1.5;
 /// Edges of even triangles between samples of spacing 1.
 constexpr double kEvenEdge = 1.0746;
 
