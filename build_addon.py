@@ -483,7 +483,9 @@ def blender() -> Outcome:
 
 def window() -> Outcome:
     """The installed Blender with a window, driven by mouse and keyboard."""
-    return in_blender("window", takes_legacy(), PYTHON, "-m", "pytest", "blender_tests/window")
+    # Where nothing can be clicked, each test would wait for its own end of patience.
+    command = (PYTHON, "-m", "pytest", "--maxfail=3", "blender_tests/window")
+    return in_blender("window", takes_legacy(), *command)
 
 
 @dataclass(frozen=True)

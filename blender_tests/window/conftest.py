@@ -38,7 +38,7 @@ class Window:
         server = socket.socket(socket.AF_UNIX)
         server.bind(path)
         server.listen(1)
-        server.settimeout(PATIENCE)
+        server.settimeout(1)
         self._log = (folder / "log.txt").open("w+")
         self.process = subprocess.Popen(
             [BLENDER, "--window-geometry", "0", "0", *map(str, SIZE), "-P", HERE / "control.py"],
@@ -46,13 +46,27 @@ class Window:
             stdout=self._log,
             stderr=subprocess.STDOUT,
         )
-        self._connection, _ = server.accept()
+        self._connection = self._accepted(server)
         server.close()
         self._connection.settimeout(PATIENCE)
         self._received = b""
         self._places, self._headers = {}, {}
         self.run(START)
         self.redraw()
+
+    def _accepted(self, server):
+        """The connection that Blender makes once it is up."""
+        end = time.monotonic() + PATIENCE
+        while True:
+            try:
+                return server.accept()[0]
+            except TimeoutError:
+                ended = self.process.poll() is not None
+                if ended or time.monotonic() > end:
+                    self.process.kill()
+                    raise AssertionError(
+                        f"Blender {'ended' if ended else 'did not start'}:\n{self.log}"
+                    ) from None
 
     @property
     def log(self):
@@ -94,11 +108,13 @@ class Window:
 
     def rest(self):
         """Until panels lie where they stay: they glide there when one above them has grown."""
-        drawings = None
+        known, still = self.ask("drawings"), 0
         for _ in range(20):  # progress that is shown is drawn again and again
-            if drawings == (drawings := self.ask("drawings")):
+            time.sleep(0.08)
+            before, known = known, self.ask("drawings")
+            still = still + 1 if known == before else 0
+            if still == 2:  # a busy machine may take long for one picture of a glide
                 return
-            time.sleep(0.1)
 
     def settle(self, rounds=3):
         """Until Blender has handled the events that were sent."""
@@ -400,7 +416,7 @@ def pytest_runtest_makereport(item):
 
 @pytest.fixture(scope="module")
 def _shared():
-    """The Blender that tests use one after another, once there is one."""
+    """The Blender that tests use one after another, while none is using it."""
     windows = []
     yield windows
     for window in windows:
@@ -410,19 +426,23 @@ def _shared():
 @pytest.fixture
 def window(request, _shared, display, environment, output, tmp_path_factory):
     """Blender with an empty scene."""
-    if not _shared:
-        _shared.append(Window(display, environment, output, tmp_path_factory.mktemp("shared")))
-    window = _shared[0]
-    # Blender keeps a button as it is, greyed for instance, while the mouse is over it.
-    window.leave_sidebar()
-    window.run(START)
-    yield window
-    # What a failure leaves, a dialog or a panel that is folded, is not for the next test.
-    if request.node.stash[_FAILED]:
-        _shared.remove(window)
-        window.kill()
+    if _shared:
+        window = _shared.pop()
     else:
-        window.wait(f"not ({RUNNING})")
+        window = Window(display, environment, output, tmp_path_factory.mktemp("shared"))
+    # What a failure leaves, a dialog or a panel that is folded, is not for the next test: Blender
+    # is handed on only after a test that passed.
+    try:
+        # It keeps a button as it is, greyed for instance, while the mouse is over it.
+        window.leave_sidebar()
+        window.run(START)
+        yield window
+        if not request.node.stash[_FAILED]:
+            window.wait(f"not ({RUNNING})")
+            _shared.append(window)
+    finally:
+        if not _shared:
+            window.kill()
 
 
 @pytest.fixture

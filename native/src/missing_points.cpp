@@ -80,9 +80,7 @@ Moment::Moment(double time, const LiftedCloud& frame, const Resampling& resampli
 }
 
 double Moment::spacing_at(const InsertedPoint& point) const {
-    double sum = 0.0;
-    for (std::size_t c = 0; c < 3; ++c) sum += point.weights[c] * spacing[point.pairs[c]];
-    return sum;
+    return blend(point, [&](Index pair) { return spacing[pair]; });
 }
 
 double density(const Moment& moment, Index row) {
@@ -125,14 +123,10 @@ bool MissingPoints::is_wider_than(const Moment& moment, Index sheet, double radi
 
 /// Whether a density, as k/r², fails the test at a row.
 bool MissingPoints::is_too_low(const Moment& moment, double density, Index row) const {
-    double wanted = 0.0;
-    if (row < moment.pairs) {
-        wanted = resampling_.wanted_density(row, moment.t);
-    } else {
-        const InsertedPoint& point = moment.points[slot(row - moment.pairs)];
-        for (std::size_t c = 0; c < 3; ++c)
-            wanted += point.weights[c] * resampling_.wanted_density(point.pairs[c], moment.t);
-    }
+    const auto wanted_at = [&](Index pair) { return resampling_.wanted_density(pair, moment.t); };
+    const double wanted = row < moment.pairs
+                              ? wanted_at(row)
+                              : blend(moment.points[slot(row - moment.pairs)], wanted_at);
     const double area = resampling_.unit_area(moment.t) / (moment.unit.scale * moment.unit.scale);
     return density * area < resampling_.options().omega * wanted;
 }
@@ -164,10 +158,13 @@ bool MissingPoints::is_dense(const Moment& moment, Index row) const {
 bool MissingPoints::is_sparse(const Moment& moment, Index row) {
     if (is_dense(moment, row)) return false;
     const Nearest nearest(moment, row);
-    if (slot(nearest.found) > kNearest)
-        std::ranges::transform(std::span(nearest.rows).last(kNearest),
-                               nearest_[slot(number_of(moment, row))].begin(),
-                               [&](Index other) { return number_of(moment, other); });
+    if (slot(nearest.found) > kNearest) {
+        // Where points coincide, the row itself isn't always the first.
+        std::size_t count = 0;
+        for (const Index other : nearest.rows)
+            if (other != row && count < kNearest)
+                nearest_[slot(number_of(moment, row))][count++] = number_of(moment, other);
+    }
     return is_too_low(moment, nearest.density(), row);
 }
 
@@ -190,8 +187,13 @@ std::vector<char> MissingPoints::sparse_rows(const Moment& moment, std::span<con
 std::vector<MissingPoints::Gap> MissingPoints::gaps(const Moment& moment,
                                                     std::span<const char> dead,
                                                     Progress& progress) {
-    const std::vector<Index> open = open_sheets(moment, progress);
-    const std::vector<char> sparse = sparse_rows(moment, open, dead, progress);
+    const auto within = [&](double first, double last, auto&& part_of_it) {
+        const Progress::Part part(progress, first, last);
+        return part_of_it();
+    };
+    const std::vector<Index> open = within(0.0, 0.5, [&] { return open_sheets(moment, progress); });
+    const std::vector<char> sparse =
+        within(0.5, 1.0, [&] { return sparse_rows(moment, open, dead, progress); });
     std::vector<char> holds_sparse(sheets_.size());
     for (std::size_t a = 0; a < moment.ids.size(); ++a)
         if (sparse[slot(moment.pairs) + a])
@@ -210,11 +212,8 @@ std::vector<MissingPoints::Gap> MissingPoints::gaps(const Moment& moment,
 bool MissingPoints::is_covered_at_an_end(const InsertedPoint& point, NeighborSearch& find) const {
     const auto covers = [&](const EndSamples& end, Index IndexPair::*side) {
         InsertedPoint there = point;
-        double spacing = 0.0;
-        for (std::size_t c = 0; c < 3; ++c) {
-            there.pairs[c] = pairs_[slot(point.pairs[c])].*side;
-            spacing += point.weights[c] * end.spacing[there.pairs[c]];
-        }
+        for (Index& row : there.pairs) row = pairs_[slot(row)].*side;
+        const double spacing = blend(there, [&](Index row) { return end.spacing[row]; });
         return find(end.tree, end.normals, blend(end.positions, there),
                     sheet_normal(end.positions, end.normals, there), kGap * spacing,
                     [](Index) { return true; }) >= 0;
@@ -227,7 +226,7 @@ bool MissingPoints::is_covered_at_an_end(const InsertedPoint& point, NeighborSea
 template <class Take>
 void MissingPoints::each_empty(const Moment& moment, Index sheet, double radius,
                                std::span<const char> dead, NeighborSearch& find, Take&& take) {
-    const Triangle& corners = sheets_[slot(sheet)];
+    const Sheet& corners = sheets_[slot(sheet)];
     auto& covering = covering_[slot(sheet)];
     const auto counts = [&](Index row) {
         return row < moment.pairs || !dead[slot(row - moment.pairs)];
@@ -276,8 +275,12 @@ std::vector<MissingPoints::Place> MissingPoints::operator()(const Moment& moment
     constexpr std::array<Index, kNearest> kNone{-1};
     nearest_.resize(pairs_.size() + chosen_.size(), kNone);
     constexpr Index kChunk = 64;
-    const std::vector<Gap> gaps = this->gaps(moment, dead, progress);
-    const auto count = static_cast<Index>(gaps.size());
+    constexpr double kLookedFor = 0.4;  // share of the time
+    const std::vector<Gap> found_gaps = [&] {
+        const Progress::Part part(progress, 0.0, kLookedFor);
+        return gaps(moment, dead, progress);
+    }();
+    const auto count = static_cast<Index>(found_gaps.size());
     std::vector<std::vector<Place>> found(slot((count + kChunk - 1) / kChunk));
     parallel_for(
         count, progress,
@@ -285,7 +288,7 @@ std::vector<MissingPoints::Place> MissingPoints::operator()(const Moment& moment
             NeighborSearch find;
             auto& taken = found[slot(begin / kChunk)];
             for (Index i = begin; i < end; ++i) {
-                const auto [sheet, lacks_points] = gaps[slot(i)];
+                const auto [sheet, lacks_points] = found_gaps[slot(i)];
                 bool is_needed = lacks_points;
                 if (!is_needed)
                     each_empty(moment, sheet, kGap, dead, find, [&](const InsertedPoint& point) {
@@ -299,7 +302,7 @@ std::vector<MissingPoints::Place> MissingPoints::operator()(const Moment& moment
                     });
             }
         },
-        0.0, 1.0, kChunk);
+        kLookedFor, 1.0, kChunk);
     std::vector<Place> places;
     for (const auto& some : found) places.insert(places.end(), some.begin(), some.end());
     return places;

@@ -106,7 +106,7 @@ private:
     std::span<const IndexPair> pairs_;
     const EndSamples &source_, &target_;
     const std::vector<Place>& chosen_;
-    std::vector<Triangle> sheets_;
+    std::vector<Sheet> sheets_;
     // Who lay near when it was last asked, as pairs, or the number of pairs plus the id: most of
     // them still do, and then the tree needn't be asked again. −1: none.
     std::vector<std::array<Index, kRemembered>> covering_;  ///< by sheet, some of its samples

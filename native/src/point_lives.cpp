@@ -11,6 +11,9 @@ namespace {
 /// Times at which points come and go, evenly over the morph.
 constexpr int kKeys = 16;
 
+/// Of loops on one thread, between two looks at whether they are to end.
+constexpr Index kRowsPerReport = 256;
+
 /// In spacings: a point that others have come closer to is no longer needed.
 constexpr double kCrowded = 0.4;
 
@@ -31,13 +34,15 @@ Life life(int first, int last) {
 
 PointLives::PointLives(const Resampling& resampling, std::span<const IndexPair> pairs,
                        const EndSamples& source, const EndSamples& target)
-    : resampling_(resampling),
-      hidden_since_(pairs.size()),
-      missing_(resampling, pairs, source, target, chosen_) {}
+    : resampling_(resampling), hidden_since_(pairs.size()) {
+    if (resampling.options().omega > 0.0)
+        missing_.emplace(resampling, pairs, source, target, chosen_);
+}
 
 void PointLives::pass(const Resampling::FrameAt& frame_at, Progress& progress) {
     for (int key = 1; key < kKeys; ++key) {
-        const Progress::Part part(progress, time_of(key - 1), time_of(key));
+        const Progress::Part part(progress, static_cast<double>(key - 1) / (kKeys - 1),
+                                  static_cast<double>(key) / (kKeys - 1));
         step(key, frame_at, progress);
     }
 }
@@ -57,14 +62,22 @@ void PointLives::step(int key, const Resampling::FrameAt& frame_at, Progress& pr
     for (const Index id : alive_) points.push_back(chosen_[slot(id)].point);
     const Moment moment(time_of(key), frame_at(time_of(key)), resampling_, std::move(points),
                         alive_, chosen_.size());
-    if (resampling_.options().crowding) hide_crowded(moment, key, progress);
-    if (resampling_.options().omega == 0.0) return;
+    constexpr double kHidden = 0.2, kFound = 0.9;  // share of the time
+    if (resampling_.options().crowding) {
+        const Progress::Part part(progress, 0.0, kHidden);
+        hide_crowded(moment, key, progress);
+    }
+    if (!missing_) return;
 
-    const std::vector<char> dead = crowded(moment);
-    const auto places = missing_(moment, dead, progress);
+    const std::vector<char> dead = crowded(moment, progress);
+    const auto places = [&] {
+        const Progress::Part part(progress, kHidden, kFound);
+        return (*missing_)(moment, dead, progress);
+    }();
     std::vector<Index> living;
     for (std::size_t a = 0; a < alive_.size(); ++a)
         if (!dead[a]) living.push_back(alive_[a]);
+    const Progress::Part part(progress, kFound, 1.0);
     choose(moment, places, living, progress);
     first_key_.resize(chosen_.size(), key);
     last_key_.resize(chosen_.size());
@@ -73,10 +86,11 @@ void PointLives::step(int key, const Resampling::FrameAt& frame_at, Progress& pr
 }
 
 /// Points that others have come close to.
-std::vector<char> PointLives::crowded(const Moment& moment) const {
+std::vector<char> PointLives::crowded(const Moment& moment, Progress& progress) const {
     std::vector<char> dead(moment.ids.size());
     NeighborSearch find;
     for (std::size_t a = 0; a < dead.size(); ++a) {
+        if (a % kRowsPerReport == 0) progress.report(0.2);
         const Index row = moment.pairs + static_cast<Index>(a);
         const auto counts = [&](Index other) {
             return other < moment.pairs || (other < row && !dead[slot(other - moment.pairs)]);
@@ -90,7 +104,7 @@ std::vector<char> PointLives::crowded(const Moment& moment) const {
 
 /// First come, first served.
 void PointLives::choose(const Moment& moment, std::span<const MissingPoints::Place> places,
-                        std::vector<Index>& born, Progress& progress) {
+                        std::vector<Index>& living, Progress& progress) {
     if (places.empty()) return;
     const auto count = static_cast<Index>(places.size());
     Positions positions(count, 3);
@@ -104,9 +118,9 @@ void PointLives::choose(const Moment& moment, std::span<const MissingPoints::Pla
     std::vector<char> covered(slot(count));
     std::vector<std::pair<Index, double>> near;
     for (Index i = 0; i < count; ++i) {
-        if (i % 256 == 0) progress.report(static_cast<double>(i) / count);
+        if (i % kRowsPerReport == 0) progress.report(static_cast<double>(i) / count);
         if (covered[slot(i)]) continue;
-        born.push_back(static_cast<Index>(chosen_.size()));
+        living.push_back(static_cast<Index>(chosen_.size()));
         chosen_.push_back(places[slot(i)]);
         tree.within(positions.row(i).data(), kEmpty * moment.spacing_at(places[slot(i)].point),
                     near);
@@ -119,19 +133,22 @@ void PointLives::choose(const Moment& moment, std::span<const MissingPoints::Pla
 void PointLives::hide_crowded(const Moment& moment, int key, Progress& progress) {
     const double area = resampling_.unit_area(moment.t) / (moment.unit.scale * moment.unit.scale);
     std::vector<char> is_crowded(slot(moment.pairs));
-    parallel_for(moment.pairs, progress, [&](Index begin, Index end) {
+    constexpr double kSearched = 0.7;  // share of the time
+    const auto search = [&](Index begin, Index end) {
         for (Index i = begin; i < end; ++i) {
             const double wanted =
                 std::max(resampling_.wanted_density(i, 0.0), resampling_.wanted_density(i, 1.0));
             is_crowded[slot(i)] =
                 density(moment, i) * area > *resampling_.options().crowding * wanted;
         }
-    });
+    };
+    parallel_for(moment.pairs, progress, search, 0.0, kSearched);
     std::vector<char> stays(slot(moment.pairs), 1);
     NeighborSearch find;
     // Those that are hidden already first, so that they stay so.
     for (const bool was_hidden : {true, false})
         for (Index i = 0; i < moment.pairs; ++i) {
+            if (i % kRowsPerReport == 0) progress.report(was_hidden ? kSearched : 1.0);
             if ((hidden_since_[slot(i)] > 0) != was_hidden || !is_crowded[slot(i)]) continue;
             const auto counts = [&](Index other) {
                 return other != i && other < moment.pairs && stays[slot(other)];

@@ -1,6 +1,7 @@
 // Which points of re-sampled frames live, and when. Not a part of the library.
 #pragma once
 
+#include <optional>
 #include <span>
 #include <vector>
 
@@ -18,6 +19,7 @@ public:
     /// Keeps references to all.
     PointLives(const Resampling& resampling, std::span<const IndexPair> pairs,
                const EndSamples& source, const EndSamples& target);
+    PointLives(PointLives&&) = delete;  // what finds missing points refers to those chosen
 
     /// All times, from source to target.
     void pass(const Resampling::FrameAt& frame_at, Progress& progress);
@@ -27,9 +29,9 @@ public:
 
 private:
     void step(int key, const Resampling::FrameAt& frame_at, Progress& progress);
-    std::vector<char> crowded(const Moment& moment) const;
+    std::vector<char> crowded(const Moment& moment, Progress& progress) const;
     void choose(const Moment& moment, std::span<const MissingPoints::Place> places,
-                std::vector<Index>& born, Progress& progress);
+                std::vector<Index>& living, Progress& progress);
     void hide_crowded(const Moment& moment, int key, Progress& progress);
     void show_or_hide(Index pair, bool hide, int key);
 
@@ -39,7 +41,7 @@ private:
     std::vector<Index> alive_;                  ///< ids, ascending
     std::vector<int> hidden_since_;             ///< by pair, the key; 0: shown
     std::vector<HiddenPair> hidden_;
-    MissingPoints missing_;
+    std::optional<MissingPoints> missing_;  ///< none where no points are wanted
 };
 
 }  // namespace pointmorph

@@ -1,5 +1,6 @@
+#include "pointmorph/pose_symmetry.hpp"
+
 #include <algorithm>
-#include <utility>
 
 #include "pointmorph/kd_tree.hpp"
 #include "pointmorph/pose.hpp"
@@ -54,7 +55,10 @@ Symmetry reflection_symmetry(const CoarseShape& shape, const Eigen::MatrixXd& di
                              Progress& progress, double first, double last) {
     constexpr double kAlike = 1.2;  // spreads of the same shape
     CoarseShape plain = shape;
+    // What is marked on one side alone would speak against any symmetry.
     plain.guides = {};
+    plain.labels = {};
+    plain.pulls = {};
     const CoarseShape image = mirrored(plain);
     PoseOptions its = options;
     its.spread_ratio = kAlike;

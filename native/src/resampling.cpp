@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <string>
+#include <utility>
 
 #include "point_lives.hpp"
 #include "pointmorph/error.hpp"
@@ -111,9 +112,8 @@ Resampling::Alive Resampling::at(double t, const LiftedCloud& frame, Progress& p
                 const InsertedPoint& point = points_[slot(alive.ids[slot(i)])];
                 Vector3 place = blend(positions, point);
                 Vector3 normal = sheet_normal(positions, frame.normals, point);
-                double wanted = 0.0;
-                for (std::size_t c = 0; c < 3; ++c)
-                    wanted += point.weights[c] * spacing(point.pairs[c], t) / unit.scale;
+                const double wanted =
+                    blend(point, [&](Index pair) { return spacing(pair, t); }) / unit.scale;
                 const double apart = edge_length(positions, point.pairs);
                 const double coherence =
                     std::clamp((kTorn - apart / wanted) / (kTorn - kCoherent), 0.0, 1.0);

@@ -21,7 +21,7 @@ std::size_t slot(Index i) {
 
 /// Twice a triangle's area, along the normal of the side from which its corners are seen to go
 /// round to the left.
-Vector3 facing(const Positions& positions, const Triangle& corners) {
+Vector3 facing(const Positions& positions, const Sheet& corners) {
     const Vector3 origin = positions.row(corners[0]).transpose();
     return (positions.row(corners[1]).transpose() - origin)
         .cross(positions.row(corners[2]).transpose() - origin);
@@ -35,11 +35,17 @@ EndSamples::EndSamples(const Cloud& cloud, std::vector<Index> its_pairs, Progres
       normals(cloud.normals.rowwise().normalized()),
       tree(positions),
       pairs(std::move(its_pairs)) {
-    nearest = nearest_neighbors(tree, kNeighbors, progress);
+    {
+        const Progress::Part part(progress, 0.0, 0.5);
+        nearest = nearest_neighbors(tree, kNeighbors, progress);
+    }
     const double area = estimated_area(tree);
     const double finest = kFinest * std::sqrt(area / static_cast<double>(positions.rows()));
     spacing = local_spacing(positions, nearest).cwiseMax(finest);
-    triangles = local_triangles(positions, normals, nearest, spacing, kReach, progress);
+    {
+        const Progress::Part part(progress, 0.5, 1.0);
+        triangles = local_triangles(positions, normals, nearest, spacing, kReach, progress);
+    }
     density.resize(positions.rows());
     for (Index i = 0; i < positions.rows(); ++i) {
         const auto near = nearest[i];
@@ -73,11 +79,11 @@ std::vector<Index> standing_for(std::span<const IndexPair> pairs, Index IndexPai
     return result;
 }
 
-std::vector<Triangle> sheets(const EndSamples& source, const EndSamples& target,
-                             std::span<const IndexPair> pairs) {
-    std::vector<Triangle> result;
+std::vector<Sheet> sheets(const EndSamples& source, const EndSamples& target,
+                          std::span<const IndexPair> pairs) {
+    std::vector<Sheet> result;
     result.reserve(source.triangles.size() + target.triangles.size() + pairs.size() / 2);
-    const auto add = [&](Triangle corners) {
+    const auto add = [&](Sheet corners) {
         const auto [lowest, highest] = std::ranges::minmax(corners);
         if (lowest == highest) return;
         const auto& [a, b, c] = corners;
@@ -95,7 +101,7 @@ std::vector<Triangle> sheets(const EndSamples& source, const EndSamples& target,
         add({pair, b, a});
     }
     for (const EndSamples* end : {&source, &target})
-        for (Triangle corners : end->triangles) {
+        for (Sheet corners : end->triangles) {
             if (!shows_front(end->positions, end->normals, corners))
                 std::swap(corners[1], corners[2]);
             for (Index& corner : corners) corner = end->pairs[slot(corner)];
@@ -114,7 +120,7 @@ Vector3 blend(const Positions& rows, const InsertedPoint& point) {
     return sum;
 }
 
-bool shows_front(const Positions& positions, const Normals& normals, const Triangle& corners) {
+bool shows_front(const Positions& positions, const Normals& normals, const Sheet& corners) {
     const Vector3 faces = facing(positions, corners);
     const auto [a, b, c] = corners;
     if (!(faces.squaredNorm() > 0.0)) return normals.row(a).dot(normals.row(c)) >= 0.0;
@@ -135,14 +141,14 @@ Vector3 sheet_normal(const Positions& positions, const Normals& normals,
     return normals.row(point.pairs[static_cast<std::size_t>(most)]).transpose();
 }
 
-double edge_length(const Positions& positions, const Triangle& corners) {
+double edge_length(const Positions& positions, const Sheet& corners) {
     double sum = 0.0;
     for (std::size_t c = 0; c < 3; ++c)
         sum += (positions.row(corners[c]) - positions.row(corners[(c + 1) % 3])).squaredNorm();
     return std::sqrt(sum / 3.0);
 }
 
-bool is_wider(const Positions& positions, const Triangle& corners, double radius) {
+bool is_wider(const Positions& positions, const Sheet& corners, double radius) {
     std::array<double, 3> squares;  // of the edge opposite to a corner
     for (std::size_t c = 0; c < 3; ++c)
         squares[c] = (positions.row(corners[(c + 1) % 3]) - positions.row(corners[(c + 2) % 3]))

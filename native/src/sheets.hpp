@@ -3,6 +3,7 @@
 #pragma once
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <span>
 #include <vector>
@@ -15,6 +16,10 @@
 #include "pointmorph/types.hpp"
 
 namespace pointmorph {
+
+/// Three pairs between which points may be missing: round to the left as seen from outside, the
+/// lowest first; or a line, the lower pair twice.
+using Sheet = std::array<Index, 3>;
 
 /// What one of the models says: by row, in its own unit ball.
 struct EndSamples {
@@ -29,7 +34,7 @@ struct EndSamples {
     Neighborhoods nearest;
     std::vector<Triangle> triangles;
 
-    /// `pairs` stand for the rows of the cloud.
+    /// `pairs` stand for the rows of the cloud, of which there are three or more.
     EndSamples(const Cloud& cloud, std::vector<Index> pairs, Progress& progress);
     EndSamples(EndSamples&&) = delete;  // the tree refers to the positions
 };
@@ -41,19 +46,26 @@ std::vector<Index> standing_for(std::span<const IndexPair> pairs, Index IndexPai
                                 const Cloud& other);
 
 /// The triangles of both models between the pairs that stand for their corners, and one that holds
-/// together all pairs of a point. They go round as on the model, seen from outside to the left, the
-/// lowest row first; what goes round the other way on the other model is in twice. Where two
-/// corners are one it is a line, and the lower is in twice. Ascending, none twice.
-std::vector<Triangle> sheets(const EndSamples& source, const EndSamples& target,
-                             std::span<const IndexPair> pairs);
+/// together all pairs of a point. What goes round the other way on the other model is there twice.
+/// Ascending.
+std::vector<Sheet> sheets(const EndSamples& source, const EndSamples& target,
+                          std::span<const IndexPair> pairs);
 
-/// Weighted mean of the rows of a point's pairs.
+/// Weighted mean of what `value_of(pair)` says of a point's pairs.
+template <class ValueOf>
+double blend(const InsertedPoint& point, ValueOf&& value_of) {
+    double sum = 0.0;
+    for (std::size_t c = 0; c < 3; ++c) sum += point.weights[c] * value_of(point.pairs[c]);
+    return sum;
+}
+
+/// Of the rows of its pairs.
 Vector3 blend(const Positions& rows, const InsertedPoint& point);
 
 /// Whether a triangle shows its front where its corners do. One that doesn't is folded over, or
 /// leads through the inside of a shape: a sheet there would show its back. A line has no front: its
 /// ends must agree.
-bool shows_front(const Positions& positions, const Normals& normals, const Triangle& corners);
+bool shows_front(const Positions& positions, const Normals& normals, const Sheet& corners);
 
 /// The corners' mean normal at a point; the less they agree, the more the side to which the
 /// triangle faces.
@@ -61,15 +73,15 @@ Vector3 sheet_normal(const Positions& positions, const Normals& normals,
                      const InsertedPoint& point);
 
 /// Root of the mean squared length of a triangle's edges.
-double edge_length(const Positions& positions, const Triangle& corners);
+double edge_length(const Positions& positions, const Sheet& corners);
 
 /// Whether some place of a triangle is farther than `radius` from all corners.
-bool is_wider(const Positions& positions, const Triangle& corners, double radius);
+bool is_wider(const Positions& positions, const Sheet& corners, double radius);
 
 /// Calls `take(point)` at uniform samples of a triangle's bounding rectangle in its plane, those
 /// inside, no more than `step` apart, until it returns false.
 template <class Take>
-void each_sample(Triangle corners, const Positions& positions, double step, Take&& take) {
+void each_sample(Sheet corners, const Positions& positions, double step, Take&& take) {
     constexpr double kMostSteps = 256.0;  // along either side of the rectangle
     // The longest edge first: the rectangle's base.
     const auto length = [&](std::size_t c) {

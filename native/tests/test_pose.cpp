@@ -8,6 +8,7 @@
 
 #include "pointmorph/error.hpp"
 #include "pointmorph/parallel.hpp"
+#include "pointmorph/pose_symmetry.hpp"
 #include "pointmorph/proposals.hpp"
 #include "pointmorph/subset.hpp"
 #include "shapes.hpp"
@@ -196,6 +197,30 @@ TEST(Symmetry, ThereIsNoneWithoutSidesOrWithManyReflections) {
         3000, {{1.2, 0.3, -0.2}, {-0.3, 0.9, 0.5}, {-0.6, -0.5, 0.7}, {0.1, -0.4, -1.0}}, 5);
     const double unit = std::sqrt(estimated_area(KdTree<3>(odd.positions)));
     EXPECT_EQ(symmetry_of(coarse(odd.positions / unit, odd.normals)).images.rows(), 0);
+}
+
+TEST(Symmetry, WhatIsMarkedOnOneSideIsNoReasonAgainstIt) {
+    Normals normals;
+    CoarseShape shape = coarse(two_sided(3000, 3, &normals), normals);
+    shape.labels = Labels::Zero(shape.size(), 16);
+    shape.pulls = Values::Ones(shape.size());
+    for (Index i = 0; i < shape.size(); ++i)
+        if (shape.positions(i, 0) > 0.15 && shape.positions(i, 1) > 0.1) {
+            shape.labels(i, 0) = 0.5;
+            shape.pulls[i] = 20.0;
+        }
+    EXPECT_GT(symmetry_of(shape).trust, 0.5);
+}
+
+TEST(Symmetry, FlatShapesDoNoHarm) {
+    for (const double height : {0.0, 1e-3}) {
+        Positions sheet = 0.5 * shapes::grid(30);
+        sheet.col(1) *= height;
+        const Normals up = Eigen::RowVector3d(0, 0, 1).replicate(sheet.rows(), 1);
+        const Symmetry symmetry = symmetry_of(coarse(sheet, up));
+        EXPECT_TRUE(symmetry.images.allFinite());
+        EXPECT_TRUE(symmetry.turn.allFinite());
+    }
 }
 
 TEST(Symmetry, AsymmetryIsHowFarSidesAreTakenApart) {

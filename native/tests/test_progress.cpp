@@ -43,6 +43,32 @@ TEST(Progress, TellsStagesAndFractions) {
     EXPECT_EQ(calls[3].fraction, 1.0);
 }
 
+TEST(Progress, PartsInsidePartsAreSharesOfThem) {
+    std::vector<double> fractions;
+    Progress progress([&](std::string_view, double fraction) {
+        fractions.push_back(fraction);
+        return true;
+    });
+    const auto half_done = [&] {
+        std::this_thread::sleep_for(30ms);
+        progress.report(0.5);
+    };
+    progress.enter("stage");
+    {
+        const Progress::Part outer(progress, 0.2, 0.6);
+        {
+            const Progress::Part inner(progress, 0.5, 1.0);
+            half_done();
+        }
+        half_done();
+    }
+    half_done();
+    ASSERT_EQ(fractions.size(), 4u);
+    EXPECT_DOUBLE_EQ(fractions[1], 0.5);
+    EXPECT_DOUBLE_EQ(fractions[2], 0.4);
+    EXPECT_DOUBLE_EQ(fractions[3], 0.5);
+}
+
 TEST(Progress, CallsNoMoreOftenThanItsInterval) {
     int calls = 0;
     Progress progress([&](std::string_view, double) { return ++calls > 0; });

@@ -438,6 +438,30 @@ TEST(Resampling, RefusesBadOptionsAndCanBeCancelled) {
                  Cancelled);
 }
 
+TEST(Resampling, ProgressNeverFallsAndEveryMomentCanBeTheLast) {
+    const Given given = torn_plane(60);
+    ResamplingOptions options;
+    options.crowding = 2.0;
+    const auto run = [&](Progress& progress) {
+        progress.enter("resampling");
+        Resampling(
+            given.source, given.target, given.pairs, [&](double t) { return given.at(t); }, options,
+            progress);
+    };
+    double last = 0.0;
+    Progress watched([&](std::string_view, double fraction) {
+        EXPECT_GE(fraction, last);
+        last = fraction;
+        return true;
+    });
+    run(watched);
+    EXPECT_GT(last, 0.5);
+    for (const double share : {0.1, 0.5, 0.8}) {
+        Progress ended([&](std::string_view, double fraction) { return fraction < share; });
+        EXPECT_THROW(run(ended), Cancelled) << share;
+    }
+}
+
 TEST(Resampling, CoincidentPointsDoNoHarm) {
     const Positions plane = shaken_grid(20);
     Positions doubled(800, 3);

@@ -1,13 +1,13 @@
 // Stage `pose`: how the target lies to the source, where features don't say it.
 #pragma once
 
-#include <array>
 #include <limits>
 #include <span>
 #include <vector>
 
 #include "pointmorph/coarse_shape.hpp"
 #include "pointmorph/extremities.hpp"
+#include "pointmorph/pose_symmetry.hpp"
 #include "pointmorph/progress.hpp"
 #include "pointmorph/registration.hpp"
 #include "pointmorph/similarity.hpp"
@@ -20,17 +20,6 @@ struct PoseEffort {
     Index variants;  ///< that each of the best maps is tried with …
     Index rounds;    ///< … so often, or until nothing better is found
     double hopeful;  ///< maps that are worse than the best by this factor aren't varied further
-};
-
-/// When a shape has a left and a right side, and how much a map is to treat them alike.
-struct SymmetryOptions {
-    /// A reflection is trusted where its energy is no more than the first, and less and less up to
-    /// the second …
-    double sure_energy = 0.035, most_energy = 0.046;
-    /// … and where that of every other one is larger by this factor or more: a vase has many.
-    double least_margin = 1.25;
-    /// A map's energy grows by so many times its asymmetry(). 0: symmetry isn't looked for.
-    double weight = 5.0;
 };
 
 struct PoseOptions {
@@ -81,7 +70,7 @@ struct Candidate {
     Similarity alignment;       ///< turns and moves the target to where the registration has it
     Registration registration;  ///< of the finest level, for the target so moved
     Misfit misfit;
-    double energy = 0.0;  ///< that of the misfit, larger by SymmetryOptions::weight
+    double energy = 0.0;  ///< that of the misfit · (1 + SymmetryOptions::weight · asymmetry)
     double torn = 0.0;    ///< torn_share()
 };
 
@@ -123,28 +112,6 @@ std::vector<Similarity> candidate_poses(const CoarseShape& source, const CoarseS
 Pose find_pose(const CoarseShape& source, const CoarseShape& target,
                std::span<const IndexPair> features, const PoseOptions& options,
                const RegistrationOptions& registration, Progress& progress);
-
-/// The reflection that takes the left side of a shape to its right, bent as the shape is.
-struct Symmetry {
-    Positions images;  ///< of the shape's points; no rows where no such reflection was found
-    Matrix3 turn = Matrix3::Identity();  ///< what it does to small steps on average; improper
-    double trust = 0.0;                  ///< 0 to 1
-};
-
-/// Registers a shape with its mirror image, at its coarsest level alone, from all reflections that
-/// its principal axes suggest. `distances` are node_distances(); progress runs from `first` to
-/// `last`.
-Symmetry reflection_symmetry(const CoarseShape& shape, const Eigen::MatrixXd& distances,
-                             const PoseOptions& options, const RegistrationOptions& registration,
-                             Progress& progress, double first = 0.0, double last = 1.0);
-
-/// How differently a map treats the sides of the shapes: how far apart the images of a point lie
-/// when it is reflected before and after the map; mean over both shapes, in √area, times the lesser
-/// trust in the symmetries (of source and target): 0 where one has none. The map takes the source's
-/// points to `source_images`, on the target, and the target's to `target_images`.
-double asymmetry(const CoarseShape& source, const CoarseShape& target,
-                 const std::array<Symmetry, 2>& symmetries, const Positions& source_images,
-                 const Positions& target_images);
 
 /// A coarse shape turned and moved; `move.scale` is 1.
 CoarseShape moved(const CoarseShape& shape, const Similarity& move);

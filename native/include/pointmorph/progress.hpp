@@ -39,22 +39,25 @@ public:
     void finish();
 
     /// While it lives, fractions 0 to 1 mean `first` to `last` of the present stage: for a stage
-    /// that does the same to both clouds. Not nested.
+    /// that does the same to both clouds. Inside another one, of its share.
     class Part {
     public:
-        Part(Progress& progress, double first, double last) : progress_(progress) {
-            progress_.first_ = first;
-            progress_.last_ = last;
+        Part(Progress& progress, double first, double last)
+            : progress_(progress), outer_first_(progress.first_), outer_last_(progress.last_) {
+            const double share = outer_last_ - outer_first_;
+            progress_.first_ = outer_first_ + share * first;
+            progress_.last_ = outer_first_ + share * last;
         }
         ~Part() {
-            progress_.first_ = 0.0;
-            progress_.last_ = 1.0;
+            progress_.first_ = outer_first_;
+            progress_.last_ = outer_last_;
         }
         Part(const Part&) = delete;
         Part& operator=(const Part&) = delete;
 
     private:
         Progress& progress_;
+        double outer_first_, outer_last_;
     };
 
     /// Reports the fraction done of the present stage, 0 to 1. Throws Cancelled.

@@ -53,7 +53,7 @@ struct HiddenPair {
 /// Which points are inserted, once for the whole morph; then where they are at any t.
 ///
 /// At a number of times, the same for every morph, the cloud is compared with what both ends would
-/// have there (see `sparse`), and where points are missing, places between pairs that are
+/// have there (wanted_density()), and where points are missing, places between pairs that are
 /// neighbours on the source or on the target get a new point, unless one lies close by. So a
 /// new point has one identity from its birth to its end, its place at t depends on t alone, and no
 /// point comes to be where neither model has a surface.
@@ -62,8 +62,8 @@ public:
     /// Places and unit normals of all pairs at t, 0 < t < 1.
     using FrameAt = std::function<LiftedCloud(double t)>;
 
-    /// `source` and `target` have normals. `pairs` are their rows; every row is in at least one.
-    /// Throws OptionError, and Cancelled.
+    /// `source` and `target` have three points or more, and normals. `pairs` are their rows; every
+    /// row is in at least one. Throws OptionError, and Cancelled.
     Resampling(const Cloud& source, const Cloud& target, std::span<const IndexPair> pairs,
                const FrameAt& frame_at, const ResamplingOptions& options, Progress& progress);
 
