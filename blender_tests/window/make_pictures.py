@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 from PIL import Image
-from steps import MORPH, RUNNING
+from steps import MORPH, RUNNING, finished
 
 IMAGES = Path(__file__).resolve().parents[2] / "docs" / "manual" / "images"
 WIDTH = 720
@@ -55,7 +55,7 @@ def take(window, name, part="all"):
 
 def morph(window):
     window.press_button(MORPH)
-    window.wait(f"bpy.data.objects.get({DEMO!r}) is not None and not ({RUNNING})")
+    window.wait(finished(f"bpy.data.objects.get({DEMO!r})"))
     # Between its parents the result is seen best.
     window.run(f"bpy.data.objects[{DEMO!r}].location = (0, 0, 0)")
 

@@ -8,7 +8,14 @@ SHOW_DISTORTION = "show_distortion"
 
 RESULT = 'bpy.data.objects.get("Hill to Dune")'
 RUNNING = "session().current is not None"
-DONE = f"{RESULT} is not None and not ({RUNNING})"
+
+
+def finished(result):
+    """The expression that is true when the object is there and nothing runs any more."""
+    return f"{result} is not None and not ({RUNNING})"
+
+
+DONE = finished(RESULT)
 
 PIXEL = """
 from bpy_extras.view3d_utils import location_3d_to_region_2d

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import installing
 import pytest
-from steps import BAKE_SOURCE, KEY, MORPH, PIXEL, RUNNING, VIEWPORT
+from steps import BAKE_SOURCE, KEY, MORPH, PIXEL, RUNNING, VIEWPORT, finished
 
 PAIR = installing.ROOT.parent / "shared" / "data" / "koala_spot"
 RESULT = 'bpy.data.objects.get("Koala to Spot")'
@@ -95,7 +95,7 @@ def test_the_first_minute(window, output):
     assert window.ask(f"[f.on_source and f.on_target for f in {scene}.features]") == [True, True]
     lap("two features clicked")
     window.press_button(MORPH)
-    window.wait(f"{RESULT} is not None and not ({RUNNING})")
+    window.wait(finished(RESULT))
     lap("morphed")
     x, y = window.find(KEY)
     window.drag((x - 60, y), (x + 40, y))

@@ -4,7 +4,7 @@ import json
 import subprocess
 
 import numpy as np
-from steps import RESULT, RUNNING, VIEWPORT, add_pair
+from steps import RESULT, RUNNING, VIEWPORT, add_pair, finished
 from test_waiting import STOPWATCH
 
 BAKE = "pointmorph.bake_frames("
@@ -48,7 +48,7 @@ def test_a_bake_that_esc_stopped_goes_on(own_window, tmp_path):
     window.wait(f"({WAITING}) > {kept}")
     assert window.ask("all((store / n).stat().st_mtime_ns == t for n, t in times.items())")
     window.screenshot("bake_running")
-    window.wait(f"{FRAMES} is not None and not ({RUNNING})")
+    window.wait(finished(FRAMES))
     assert len(window.ask(COUNTS)) == 100
     assert not window.ask("store.exists()")
     window.screenshot("bake_done")
@@ -82,7 +82,7 @@ def test_moving_shapes_are_read_between_redraws(window):
     assert window.ask(f"{FRAMES} is None")
     window.run("bpy.context.scene.frame_end = 12")
     window.press_button(BAKE)
-    window.wait(f"{FRAMES} is not None and not ({RUNNING})")
+    window.wait(finished(FRAMES))
     assert window.ask("bpy.context.scene.frame_current") == 5
     assert len(window.ask(COUNTS)) == 12
 

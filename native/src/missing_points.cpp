@@ -12,9 +12,8 @@ namespace {
 /// How far apart the samples that are tried lie, in the spacing of new points.
 constexpr double kStep = 0.3;
 
-constexpr std::size_t slot(Index i) {
-    return static_cast<std::size_t>(i);
-}
+/// Share of the time by which the open triangles are known, then which rows are sparse.
+constexpr double kOpened = 0.2, kTested = 0.4;
 
 /// What a row keeps for all times: the pair, or the number of pairs plus the id.
 Index number_of(const Moment& moment, Index row) {
@@ -103,11 +102,12 @@ MissingPoints::MissingPoints(const Resampling& resampling, std::span<const Index
 /// Triangles with corners so far apart that discs around them may leave a gap.
 std::vector<Index> MissingPoints::open_sheets(const Moment& moment, Progress& progress) const {
     std::vector<char> is_open(sheets_.size());
-    parallel_for(static_cast<Index>(sheets_.size()), progress, [&](Index begin, Index end) {
+    const auto look = [&](Index begin, Index end) {
         for (Index i = begin; i < end; ++i)
             is_open[slot(i)] = is_wider_than(moment, i, kEmpty) &&
                                shows_front(moment.positions, moment.normals, sheets_[slot(i)]);
-    });
+    };
+    parallel_for(static_cast<Index>(sheets_.size()), progress, look, 0.0, kOpened);
     std::vector<Index> result;
     for (Index i = 0; i < static_cast<Index>(is_open.size()); ++i)
         if (is_open[slot(i)]) result.push_back(i);
@@ -176,10 +176,11 @@ std::vector<char> MissingPoints::sparse_rows(const Moment& moment, std::span<con
     for (const Index i : open)
         for (const Index corner : sheets_[slot(i)]) sparse[slot(corner)] = 1;
     for (std::size_t a = 0; a < dead.size(); ++a) sparse[slot(moment.pairs) + a] = !dead[a];
-    parallel_for(rows, progress, [&](Index begin, Index end) {
+    const auto test = [&](Index begin, Index end) {
         for (Index row = begin; row < end; ++row)
             sparse[slot(row)] = sparse[slot(row)] && is_sparse(moment, row);
-    });
+    };
+    parallel_for(rows, progress, test, kOpened, kTested);
     return sparse;
 }
 
@@ -187,13 +188,8 @@ std::vector<char> MissingPoints::sparse_rows(const Moment& moment, std::span<con
 std::vector<MissingPoints::Gap> MissingPoints::gaps(const Moment& moment,
                                                     std::span<const char> dead,
                                                     Progress& progress) {
-    const auto within = [&](double first, double last, auto&& part_of_it) {
-        const Progress::Part part(progress, first, last);
-        return part_of_it();
-    };
-    const std::vector<Index> open = within(0.0, 0.5, [&] { return open_sheets(moment, progress); });
-    const std::vector<char> sparse =
-        within(0.5, 1.0, [&] { return sparse_rows(moment, open, dead, progress); });
+    const std::vector<Index> open = open_sheets(moment, progress);
+    const std::vector<char> sparse = sparse_rows(moment, open, dead, progress);
     std::vector<char> holds_sparse(sheets_.size());
     for (std::size_t a = 0; a < moment.ids.size(); ++a)
         if (sparse[slot(moment.pairs) + a])
@@ -275,11 +271,7 @@ std::vector<MissingPoints::Place> MissingPoints::operator()(const Moment& moment
     constexpr std::array<Index, kNearest> kNone{-1};
     nearest_.resize(pairs_.size() + chosen_.size(), kNone);
     constexpr Index kChunk = 64;
-    constexpr double kLookedFor = 0.4;  // share of the time
-    const std::vector<Gap> found_gaps = [&] {
-        const Progress::Part part(progress, 0.0, kLookedFor);
-        return gaps(moment, dead, progress);
-    }();
+    const std::vector<Gap> found_gaps = gaps(moment, dead, progress);
     const auto count = static_cast<Index>(found_gaps.size());
     std::vector<std::vector<Place>> found(slot((count + kChunk - 1) / kChunk));
     parallel_for(
@@ -302,7 +294,7 @@ std::vector<MissingPoints::Place> MissingPoints::operator()(const Moment& moment
                     });
             }
         },
-        kLookedFor, 1.0, kChunk);
+        kTested, 1.0, kChunk);
     std::vector<Place> places;
     for (const auto& some : found) places.insert(places.end(), some.begin(), some.end());
     return places;

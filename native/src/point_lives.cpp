@@ -14,12 +14,11 @@ constexpr int kKeys = 16;
 /// Of loops on one thread, between two looks at whether they are to end.
 constexpr Index kRowsPerReport = 256;
 
+/// Share of the time of a key by which crowded pairs are hidden, then empty places found.
+constexpr double kHidden = 0.2, kFound = 0.9;
+
 /// In spacings: a point that others have come closer to is no longer needed.
 constexpr double kCrowded = 0.4;
-
-std::size_t slot(Index i) {
-    return static_cast<std::size_t>(i);
-}
 
 double time_of(int key) {
     return static_cast<double>(key) / kKeys;
@@ -62,7 +61,6 @@ void PointLives::step(int key, const Resampling::FrameAt& frame_at, Progress& pr
     for (const Index id : alive_) points.push_back(chosen_[slot(id)].point);
     const Moment moment(time_of(key), frame_at(time_of(key)), resampling_, std::move(points),
                         alive_, chosen_.size());
-    constexpr double kHidden = 0.2, kFound = 0.9;  // share of the time
     if (resampling_.options().crowding) {
         const Progress::Part part(progress, 0.0, kHidden);
         hide_crowded(moment, key, progress);
@@ -90,7 +88,7 @@ std::vector<char> PointLives::crowded(const Moment& moment, Progress& progress) 
     std::vector<char> dead(moment.ids.size());
     NeighborSearch find;
     for (std::size_t a = 0; a < dead.size(); ++a) {
-        if (a % kRowsPerReport == 0) progress.report(0.2);
+        if (a % kRowsPerReport == 0) progress.report(kHidden);
         const Index row = moment.pairs + static_cast<Index>(a);
         const auto counts = [&](Index other) {
             return other < moment.pairs || (other < row && !dead[slot(other - moment.pairs)]);

@@ -16,15 +16,15 @@ CoarseShape mirrored(CoarseShape shape) {
     return shape;
 }
 
-/// A map of places in space that is known at some points.
+/// A map of places in space that is known at a tree's points.
 class PointMap {
 public:
     /// `turn` is what it does to small steps.
-    PointMap(const Positions& points, const Positions& images, const Matrix3& turn)
-        : tree_(points), images_(images), turn_(turn) {}
+    PointMap(const KdTree<3>& tree, const Positions& images, const Matrix3& turn)
+        : tree_(tree), images_(images), turn_(turn) {}
 
-    PointMap(const Positions& points, const Positions& images)
-        : PointMap(points, images, fit_similarity(points, images).rotation) {}
+    PointMap(const KdTree<3>& tree, const Positions& images)
+        : PointMap(tree, images, fit_similarity(tree.points(), images).rotation) {}
 
     Positions operator()(const Positions& places) const {
         Positions result(places.rows(), 3);
@@ -39,7 +39,7 @@ public:
     }
 
 private:
-    KdTree<3> tree_;
+    const KdTree<3>& tree_;
     const Positions& images_;
     Matrix3 turn_;
 };
@@ -92,9 +92,9 @@ double asymmetry(const CoarseShape& source, const CoarseShape& target,
                  const Positions& target_images) {
     const auto& [s, t] = symmetries;
     if (s.images.rows() == 0 || t.images.rows() == 0) return 0.0;
-    const PointMap there(source.positions, source_images), back(target.positions, target_images),
-        across_source(source.positions, s.images, s.turn),
-        across_target(target.positions, t.images, t.turn);
+    const KdTree<3> source_tree(source.positions), target_tree(target.positions);
+    const PointMap there(source_tree, source_images), back(target_tree, target_images),
+        across_source(source_tree, s.images, s.turn), across_target(target_tree, t.images, t.turn);
     return std::min(s.trust, t.trust) * 0.5 *
            (mean_distance(there(s.images), across_target(source_images), source.areas) +
             mean_distance(back(t.images), across_source(target_images), target.areas));

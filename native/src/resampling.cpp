@@ -21,10 +21,6 @@ constexpr double kCoherent = 1.5, kTorn = 3.0, kWidest = 1.5;
 /// Edges of even triangles between samples of spacing 1.
 constexpr double kEvenEdge = 1.0746;
 
-std::size_t slot(Index i) {
-    return static_cast<std::size_t>(i);
-}
-
 EndSamples end_samples(const Cloud& cloud, std::vector<Index> pairs, Progress& progress,
                        double first, double last) {
     const Progress::Part part(progress, first, last);

@@ -15,10 +15,6 @@ constexpr double kReach = 2.0;
 /// Spacings below this share of the cloud's mean are rounding or doubled points.
 constexpr double kFinest = 0.05;
 
-std::size_t slot(Index i) {
-    return static_cast<std::size_t>(i);
-}
-
 /// Twice a triangle's area, along the normal of the side from which its corners are seen to go
 /// round to the left.
 Vector3 facing(const Positions& positions, const Sheet& corners) {

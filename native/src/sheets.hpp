@@ -21,6 +21,11 @@ namespace pointmorph {
 /// lowest first; or a line, the lower pair twice.
 using Sheet = std::array<Index, 3>;
 
+/// An index as the standard library's containers take it.
+constexpr std::size_t slot(Index i) {
+    return static_cast<std::size_t>(i);
+}
+
 /// What one of the models says: by row, in its own unit ball.
 struct EndSamples {
     Normalization unit;
