@@ -224,14 +224,29 @@ class Builder:
         for key, value in settings.items():
             setattr(node, key, value)
         for name, value in (inputs or {}).items():
-            socket = enabled(node.inputs, name)
-            if isinstance(value, bpy.types.NodeSocket):
-                self.tree.links.new(value, socket)
-            else:
-                socket.default_value = value
+            self._feed(enabled(node.inputs, name), value)
         node.location = (self._column % 8 * 200, -(self._column // 8) * 320)
         self._column += 1
         return node
+
+    def _feed(self, socket, value):
+        if isinstance(value, bpy.types.NodeSocket):
+            self.tree.links.new(value, socket)
+        else:
+            socket.default_value = value
+
+    def math(self, operation, *values, kind="ShaderNodeMath", **settings):
+        """What an operation makes of `values`, its inputs in their order."""
+        node = self.node(kind, operation=operation, **settings)
+        for socket, value in zip(node.inputs, values, strict=False):
+            self._feed(socket, value)
+        return node.outputs[0]
+
+    def mixed_shaders(self, factor, first, second):
+        node = self.node("ShaderNodeMixShader")
+        for socket, value in zip(node.inputs, (factor, first, second), strict=True):
+            self._feed(socket, value)
+        return node.outputs[0]
 
     def attribute(self, name, kind):
         """The values of a named attribute."""
@@ -260,10 +275,7 @@ def shares(build, t, count):
         return [t]
     found = []
     for number in range(count - 1):
-        less = build.node("ShaderNodeMath", operation="SUBTRACT", use_clamp=True)
-        build.tree.links.new(t, less.inputs[0])
-        less.inputs[1].default_value = float(number)
-        found.append(less.outputs["Value"])
+        found.append(build.math("SUBTRACT", t, float(number), use_clamp=True))
     return found
 
 
@@ -321,15 +333,10 @@ def _group(name, stages, material, created):
     color = _or_distortion(build, inputs, color, build.attribute(DISTORTION, "FLOAT"))
 
     normals = [build.attribute(f"{side}_normal", "FLOAT_VECTOR") for side in stages]
-    unit = build.node("ShaderNodeVectorMath", operation="NORMALIZE")
-    group.links.new(mixed(normals, "VECTOR"), unit.inputs[0])
-    unit_normal = unit.outputs["Vector"]
+    unit_normal = build.math("NORMALIZE", mixed(normals, "VECTOR"), kind="ShaderNodeVectorMath")
 
     radii = [build.attribute(f"{side}_radius", "FLOAT") for side in stages]
-    scaled = build.node("ShaderNodeMath", operation="MULTIPLY")
-    group.links.new(mixed(radii, "FLOAT"), scaled.inputs[0])
-    group.links.new(inputs["Radius Scale"], scaled.inputs[1])
-    radius = scaled.outputs["Value"]
+    radius = build.math("MULTIPLY", mixed(radii, "FLOAT"), inputs["Radius Scale"])
 
     geometry = stored(inputs["Geometry"], COLOR, "FLOAT_COLOR", color)
     geometry = stored(geometry, NORMAL, "FLOAT_VECTOR", unit_normal)
@@ -365,15 +372,7 @@ def _frames_group(material, created):
 
     build = Builder(group)
     inputs = build.node("NodeGroupInput").outputs
-
-    def math(operation, a, b):
-        node = build.node("ShaderNodeMath", operation=operation)
-        for socket, value in zip(node.inputs, (a, b), strict=False):
-            if isinstance(value, bpy.types.NodeSocket):
-                group.links.new(value, socket)
-            else:
-                socket.default_value = value
-        return node.outputs["Value"]
+    math = build.math
 
     # The first mesh before its time, the last one after.
     frame = build.node("GeometryNodeInputSceneTime").outputs["Frame"]
@@ -387,9 +386,9 @@ def _frames_group(material, created):
     )
     last = math("SUBTRACT", size.outputs["Instance Count"], 1.0)
     wanted = math("DIVIDE", math("SUBTRACT", frame, inputs["First"]), inputs["Step"])
-    wanted = math("MINIMUM", math("MAXIMUM", math("FLOOR", wanted, 0.0), 0.0), last)
+    wanted = math("MINIMUM", math("MAXIMUM", math("FLOOR", wanted), 0.0), last)
     index = build.node("GeometryNodeInputIndex").outputs["Index"]
-    others = math("GREATER_THAN", math("ABSOLUTE", math("SUBTRACT", index, wanted), 0.0), 0.5)
+    others = math("GREATER_THAN", math("ABSOLUTE", math("SUBTRACT", index, wanted)), 0.5)
     one = build.node(
         "GeometryNodeDeleteGeometry",
         {"Geometry": instances, "Selection": others},
@@ -455,10 +454,8 @@ def _realized(build, geometry, instance, where):
         build.tree.links.new(part, both.inputs[0])
     size = build.node("GeometryNodeAttributeDomainSize", {"Geometry": geometry})
     index = build.node("GeometryNodeInputIndex").outputs["Index"]
-    own = build.node("ShaderNodeMath", operation="LESS_THAN")
-    build.tree.links.new(index, own.inputs[0])
-    build.tree.links.new(size.outputs["Point Count"], own.inputs[1])
-    rest = {"Geometry": both.outputs["Geometry"], "Selection": own.outputs["Value"]}
+    own = build.math("LESS_THAN", index, size.outputs["Point Count"])
+    rest = {"Geometry": both.outputs["Geometry"], "Selection": own}
     return build.node("GeometryNodeDeleteGeometry", rest).outputs["Geometry"]
 
 
@@ -472,11 +469,9 @@ def switch(build, kind, condition, if_false, if_true):
 
 def _or_distortion(build, inputs, color, distortion):
     """`color`, or while the group's input says so that of the distortion."""
-    scaled = build.node("ShaderNodeMath", operation="DIVIDE")
-    build.tree.links.new(distortion, scaled.inputs[0])
-    scaled.inputs[1].default_value = _RAMP_END
+    share = build.math("DIVIDE", distortion, _RAMP_END)
     ramp = build.node("ShaderNodeValToRGB")
-    build.tree.links.new(scaled.outputs["Value"], ramp.inputs[0])
+    build.tree.links.new(share, ramp.inputs[0])
     elements = ramp.color_ramp.elements
     elements.new(0.5)
     for element, (position, rgb) in zip(elements, _RAMP, strict=True):
@@ -496,12 +491,35 @@ def _material(created):
         material.use_nodes = True
     tree = material.node_tree
     surface = next(node for node in tree.nodes if node.type == "BSDF_PRINCIPLED")
+    output = next(node for node in tree.nodes if node.type == "OUTPUT_MATERIAL")
     surface.inputs["Roughness"].default_value = 0.6
     if bpy.app.version < _EEVEE_WITH_POINTS:  # whose Eevee takes no notice of alpha by default
         material.blend_method = material.shadow_method = "HASHED"
-    color = tree.nodes.new("ShaderNodeAttribute")
-    color.attribute_name = COLOR
-    color.location = (surface.location.x - 300, surface.location.y)
+    build = Builder(tree)
+    color = build.node("ShaderNodeAttribute", attribute_name=COLOR)
     tree.links.new(color.outputs["Color"], surface.inputs["Base Color"])
     tree.links.new(color.outputs["Alpha"], surface.inputs["Alpha"])
+    is_back = build.node("ShaderNodeNewGeometry").outputs["Backfacing"]
+    solid = build.mixed_shaders(is_back, surface.outputs[0], _back(build, color.outputs))
+    tree.links.new(solid, output.inputs["Surface"])
+    surface.location, output.location = (1600, 400), (1900, 0)
     return material
+
+
+def _back(build, color):
+    """The shader of backs, which makes a surface of discs or of balls look solid.
+
+    None must keep the light from the next one, which lies a hair lower, nor from one in the same
+    place, as pairs of one point are at their end of a morph: light passes through backs. It meets
+    fronts where it enters another part of the shape, so shadows stay. To the eye a disc has a back,
+    and one that sticks out behind the horizon must not look like a black rim: the light on its
+    front shines through.
+    """
+    lit, shining = (
+        build.node(kind, {"Color": color["Color"]}).outputs[0]
+        for kind in ("ShaderNodeBsdfDiffuse", "ShaderNodeBsdfTranslucent")
+    )
+    is_eye = build.node("ShaderNodeLightPath").outputs["Is Camera Ray"]
+    opacity = build.math("MULTIPLY", is_eye, color["Alpha"])
+    nothing = build.node("ShaderNodeBsdfTransparent").outputs[0]
+    return build.mixed_shaders(opacity, nothing, build.mixed_shaders(0.5, lit, shining))

@@ -140,13 +140,12 @@ def _group(name, stages, created):
             build.node("GeometryNodeAttributeDomainSize", {"Geometry": shape}, component=component)
             for component in ("MESH", "POINTCLOUD")
         )
-        points = build.node("ShaderNodeMath", operation="ADD")
-        group.links.new(on_mesh.outputs["Point Count"], points.inputs[0])
-        group.links.new(
-            next(s for s in on_cloud.outputs if s.enabled and s.name == "Point Count"),
-            points.inputs[1],
+        points = build.math(
+            "ADD",
+            on_mesh.outputs["Point Count"],
+            display.enabled(on_cloud.outputs, "Point Count"),
         )
-        there = _compare(build, points.outputs["Value"], inputs[_count_input(stage)], "EQUAL")
+        there = _compare(build, points, inputs[_count_input(stage)], "EQUAL")
         all_there = there if all_there is None else _both(build, all_there, there)
         row = build.attribute(f"{stage}_row", "INT")
 
@@ -186,13 +185,9 @@ def _group(name, stages, created):
 
 
 def _compare(build, a, b, operation):
-    node = build.node("FunctionNodeCompare", data_type="FLOAT", operation=operation)
-    for name, value in (("A", a), ("B", b)):
-        socket = display.enabled(node.inputs, name)
-        if isinstance(value, bpy.types.NodeSocket):
-            build.tree.links.new(value, socket)
-        else:
-            socket.default_value = value
+    node = build.node(
+        "FunctionNodeCompare", {"A": a, "B": b}, data_type="FLOAT", operation=operation
+    )
     if operation == "EQUAL":
         display.enabled(node.inputs, "Epsilon").default_value = 0.5
     return node.outputs["Result"]

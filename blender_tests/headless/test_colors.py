@@ -1,5 +1,7 @@
 """What is shown has its colours, in Cycles and in Workbench, whatever stands for the points."""
 
+import math
+
 import bpy
 import numpy as np
 import pytest
@@ -45,22 +47,8 @@ def show_as(obj, kind):
     obj.update_tag()
 
 
-def sides(path):
-    """Mean red, green, blue and alpha on the left and on the right."""
-    scene = bpy.context.scene
-    scene.render.filepath = str(path)
-    bpy.ops.render.render(write_still=True)
-    image = bpy.data.images.load(str(path))
-    values = np.array(image.pixels[:]).reshape(SIDE, SIDE, 4)
-    bpy.data.images.remove(image)
-    middle = slice(SIDE // 4, -SIDE // 4)
-    return [
-        values[middle, columns].mean(axis=(0, 1))
-        for columns in (slice(8, SIDE // 2 - 8), slice(SIDE // 2 + 8, -8))
-    ]
-
-
-def render(kind, output, name):
+def sides(kind, output, name):
+    """Red, green, blue and alpha of the pixels on the left and of those on the right."""
     scene = bpy.context.scene
     if kind == "CYCLES":
         scene.render.engine = "CYCLES"
@@ -68,7 +56,19 @@ def render(kind, output, name):
     else:
         scene.render.engine = "BLENDER_WORKBENCH"
         scene.display.shading.color_type = "VERTEX"
-    return sides(output / f"colors_{name}_{kind.lower()}.png")
+    path = output / f"colors_{name}_{kind.lower()}.png"
+    scene.render.filepath = str(path)
+    bpy.ops.render.render(write_still=True)
+    image = bpy.data.images.load(str(path))
+    values = np.array(image.pixels[:]).reshape(SIDE, SIDE, 4)[SIDE // 4 : -SIDE // 4]
+    bpy.data.images.remove(image)
+    both = values[:, 8 : SIDE // 2 - 8], values[:, SIDE // 2 + 8 : -8]
+    return [side.reshape(-1, 4) for side in both]
+
+
+def render(kind, output, name):
+    """Mean red, green, blue and alpha on the left and on the right."""
+    return [side.mean(axis=0) for side in sides(kind, output, name)]
 
 
 def assert_red_and_green(left, right):
@@ -93,6 +93,28 @@ def test_colours_show(painted, output, kind, what):
         assert CLEAR < right[3] < 0.93  # where splats lie on one another, less shines through
         if kind != "Points":  # Workbench knows no colours of points
             assert_red_and_green(*render("WORKBENCH", output, f"{what}_{kind}_{frame}"))
+
+
+@pytest.mark.parametrize("kind", ["Spheres", "Discs"])
+def test_pairs_of_one_point_are_as_bright_as_others(painted, output, kind):
+    """Splats that lie in the same place keep no light from each other."""
+    show_as(painted, kind)
+    end = painted.data.shape_keys.key_blocks["Morph"]
+    places = coordinates(end.data)
+    assert len(np.unique(places, axis=0)) < 0.9 * len(places)
+    end.value = 1.0
+    left, _ = sides("CYCLES", output, f"one_point_{kind}")
+    red = left[:, 0]
+    assert red.min() > 0.8 * red.mean()
+
+
+def test_backs_of_discs_have_colour_and_alpha(painted, output):
+    show_as(painted, "Discs")
+    camera = bpy.context.scene.camera
+    camera.location.z, camera.rotation_euler.y = -5, math.pi
+    right, left = render("CYCLES", output, "backs")
+    assert_red_and_green(left, right)
+    assert CLEAR < right[3] < 0.93
 
 
 def test_colours_of_faces_show(painted, output):

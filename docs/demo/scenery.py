@@ -111,44 +111,6 @@ def show_as_solid(morph: bpy.types.Object) -> None:
     inputs = modifier.node_group.interface.items_tree
     modifier[inputs["Discs"].identifier] = True
     modifier[inputs["Radius Scale"].identifier] = OVERLAP
-    paint = next(node for node in modifier.node_group.nodes if node.type == "SET_MATERIAL")
-    _weld(paint.inputs["Material"].default_value)
-
-
-def _weld(material: bpy.types.Material) -> None:
-    """Hides from light and eye that a surface is made of discs.
-
-    No disc must keep the light from the next one, which lies a hair lower: light passes through
-    the backs of discs. It meets their fronts where it enters another part of the shape, so shadows
-    stay. To the eye a disc has a back, and one that sticks out behind the horizon must not look
-    like a black rim: the light on its front shines through.
-    """
-    nodes, links = material.node_tree.nodes, material.node_tree.links
-
-    def add(kind: str) -> bpy.types.Node:
-        return nodes.new(f"ShaderNode{kind}")
-
-    def mixed(
-        factor: bpy.types.NodeSocket, none: bpy.types.Node, full: bpy.types.Node
-    ) -> bpy.types.Node:
-        mix = add("MixShader")
-        links.new(factor, mix.inputs[0])
-        links.new(none.outputs[0], mix.inputs[1])
-        links.new(full.outputs[0], mix.inputs[2])
-        return mix
-
-    front = next(node for node in nodes if node.type == "BSDF_PRINCIPLED")
-    output = next(node for node in nodes if node.type == "OUTPUT_MATERIAL")
-    color = front.inputs["Base Color"].links[0].from_socket
-    half, ray, geometry = add("Value"), add("LightPath"), add("NewGeometry")
-    half.outputs[0].default_value = 0.5
-    matt, shining = add("BsdfDiffuse"), add("BsdfTranslucent")
-    for shader in (matt, shining):
-        links.new(color, shader.inputs["Color"])
-    back = mixed(half.outputs[0], matt, shining)
-    back = mixed(ray.outputs["Is Camera Ray"], add("BsdfTransparent"), back)
-    whole = mixed(geometry.outputs["Backfacing"], front, back)
-    links.new(whole.outputs[0], output.inputs["Surface"])
 
 
 def go_to(scene: bpy.types.Scene, t: float, first: int, last: int) -> None:
