@@ -75,7 +75,6 @@ std::vector<Similarity> swings(const CoarseShape& shape, double angle) {
 /// than the best by more than `factor`.
 std::vector<Trial> hopeful(const PoseSearch& search, const std::vector<Trial>& trials, Index count,
                            double factor) {
-    constexpr double kAnotherWay = 0.2;
     std::vector<Trial> chosen;
     bool given = false;
     Index others = 0;
@@ -117,20 +116,31 @@ void try_tips(const PoseSearch& search, const PoseEffort& effort, std::vector<Tr
     }
 }
 
-/// The best trials registered for longer, and the best of those to the finest level; sorted.
-std::vector<Candidate> finals(const PoseSearch& search, const PoseEffort& effort,
-                              const std::vector<Trial>& trials, Progress& progress, double first,
-                              double last) {
+/// Registers the best trials for longer, and takes the best of those to the finest level, into
+/// `finals`, which are sorted; `contenders` are those that have been there, which aren't taken
+/// again.
+void try_finals(const PoseSearch& search, const PoseEffort& effort,
+                const std::vector<Trial>& trials, std::vector<Trial>& contenders,
+                std::vector<Candidate>& finals, Progress& progress, double first, double last) {
     const PoseOptions& options = search.options;
     const double middle = 0.5 * (first + last);
-    const std::vector<Trial> longer =
+    std::vector<Trial> longer =
         relaxed(search, hopeful(search, trials, options.semifinalists, effort.hopeful), progress,
                 first, middle);
-    std::vector<Candidate> result = continued(
-        search, hopeful(search, longer, std::max<Index>(options.finalists, 1), options.contending),
-        progress, middle, last);
-    std::ranges::stable_sort(result, {}, &Candidate::energy);
-    return result;
+    const double best = longer.front().energy;
+    std::erase_if(longer, [&](const Trial& trial) {
+        return trial.energy > options.contending * best ||
+               std::ranges::any_of(contenders, [&](const Trial& other) {
+                   return difference(trial, other) < options.same;
+               });
+    });
+    if (longer.empty()) return;
+    const std::vector<Trial> chosen =
+        hopeful(search, longer, std::max<Index>(options.finalists, 1), options.contending);
+    contenders.insert(contenders.end(), chosen.begin(), chosen.end());
+    for (Candidate& candidate : continued(search, chosen, progress, middle, last))
+        finals.push_back(std::move(candidate));
+    std::ranges::stable_sort(finals, {}, &Candidate::energy);
 }
 
 bool looks_wrong(const PoseSearch& search, const Candidate& map) {
@@ -257,13 +267,12 @@ Pose find_pose(const CoarseShape& source, const CoarseShape& target,
 
     std::vector<Tips> tried;
     try_tips(search, options.effort, trials, tried, progress, 0.4, 0.65);
-    std::vector<Candidate> best = finals(search, options.effort, trials, progress, 0.65, 0.8);
+    std::vector<Trial> contenders;
+    std::vector<Candidate> best;
+    try_finals(search, options.effort, trials, contenders, best, progress, 0.65, 0.8);
     if (looks_wrong(search, best.front())) {
         try_tips(search, options.second_effort, trials, tried, progress, 0.8, 0.95);
-        for (Candidate& candidate :
-             finals(search, options.second_effort, trials, progress, 0.95, 1.0))
-            best.push_back(std::move(candidate));
-        std::ranges::stable_sort(best, {}, &Candidate::energy);
+        try_finals(search, options.second_effort, trials, contenders, best, progress, 0.95, 1.0);
     }
     const auto given = std::ranges::find_if(best, [&](const Candidate& c) {
         return c.energy <= options.as_given * best.front().energy &&

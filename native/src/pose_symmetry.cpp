@@ -69,12 +69,19 @@ Symmetry reflection_symmetry(const CoarseShape& shape, const Eigen::MatrixXd& di
     for (const Similarity& pose : candidate_poses(plain, image, {}, its))
         starts.push_back({pose, {}});
     std::vector<Trial> trials;
-    const double most = first + 0.8 * (last - first);
-    try_starts(search, starts, trials, progress, first, most);
-    if (trials.size() > 1 && trials[1].energy < its.symmetry.least_margin * trials[0].energy)
+    const auto at = [&](double share) { return first + share * (last - first); };
+    try_starts(search, starts, trials, progress, first, at(0.7));
+    // The best of these may have left a leg behind: seen along its own plane it lies better.
+    try_starts(search, {{implied_pose(search, trials.front()), {}}}, trials, progress, at(0.7),
+               at(0.8));
+    const auto another = std::ranges::find_if(trials, [&](const Trial& trial) {
+        return difference(trial, trials.front()) > kAnotherWay;
+    });
+    if (another != trials.end() &&
+        another->energy < its.symmetry.least_margin * trials.front().energy)
         return {};
     trials.resize(1);
-    const Trial best = relaxed(search, trials, progress, most, last).front();
+    const Trial best = relaxed(search, trials, progress, at(0.8), last).front();
     const SymmetryOptions& bounds = its.symmetry;
     if (!(best.energy < bounds.most_energy)) return {};
     Symmetry result;

@@ -81,6 +81,9 @@ double difference(const Map& a, const Map& b) {
     return result;
 }
 
+/// Maps with a larger difference() lay the shapes onto each other another way, not only some limb.
+constexpr double kAnotherWay = 0.2;
+
 /// Of maps that aren't distinct, only the first.
 template <class Map>
 void keep_distinct(std::vector<Map>& maps, double distinct) {

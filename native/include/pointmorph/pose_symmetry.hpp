@@ -18,7 +18,8 @@ struct SymmetryOptions {
     /// A reflection is trusted where its energy is no more than the first, and less and less up to
     /// the second …
     double sure_energy = 0.035, most_energy = 0.046;
-    /// … and where that of every other one is larger by this factor or more: a vase has many.
+    /// … and where that of those that run quite another way is larger by this factor or more: a
+    /// vase has many.
     double least_margin = 1.25;
     /// A map's energy is multiplied by 1 + so many times its asymmetry(). 0: symmetry isn't looked
     /// for.
