@@ -76,6 +76,9 @@ def child_environment(**more: str) -> dict[str, str]:
     ours.setdefault("OMP_WAIT_POLICY", "passive")  # as the package; suites run side by side
     prefixes = [str(SITE_PACKAGES / "cmeel.prefix"), os.environ.get("CMAKE_PREFIX_PATH", "")]
     ours["CMAKE_PREFIX_PATH"] = os.pathsep.join(filter(None, prefixes))
+    if shutil.which("ccache"):  # the C++ tests compile what the wheel is made of once more
+        ours.setdefault("CMAKE_CXX_COMPILER_LAUNCHER", "ccache")
+        ours.setdefault("CCACHE_DIR", str(BUILD / "ccache"))
     return ours | more
 
 

@@ -67,7 +67,7 @@ LocalAreas local_areas(const CoarseShape& shape, Progress& progress) {
     const double all = shape.areas.sum(), unit = std::sqrt(all);
     Values area = Values::Zero(nodes.size());
     for (Index i = 0; i < shape.size(); ++i)
-        for (std::size_t k = 0; k < DeformationGraph::kNodesPerPoint; ++k)
+        for (std::size_t k = 0; k < kNodesPerPoint; ++k)
             area[nodes.point_nodes[at(i)][k]] +=
                 nodes.point_weights[at(i)][k] * shape.areas[i] / all;
 
@@ -89,7 +89,7 @@ LocalAreas local_areas(const CoarseShape& shape, Progress& progress) {
     });
     LocalAreas result = LocalAreas::Zero(shape.size(), LocalAreas::ColsAtCompileTime);
     for (Index i = 0; i < shape.size(); ++i)
-        for (std::size_t k = 0; k < DeformationGraph::kNodesPerPoint; ++k)
+        for (std::size_t k = 0; k < kNodesPerPoint; ++k)
             result.row(i) +=
                 nodes.point_weights[at(i)][k] * of_nodes.row(nodes.point_nodes[at(i)][k]);
     return result;

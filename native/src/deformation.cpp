@@ -11,7 +11,7 @@ namespace pointmorph {
 
 namespace {
 
-constexpr int kNodes = DeformationGraph::kNodesPerPoint;
+constexpr int kNodes = kNodesPerPoint;
 constexpr double kReach = 2.4;       // spacings within which a point looks for its nodes
 constexpr double kEdgeLength = 2.1;  // spacings between nodes that hold one another
 
@@ -163,7 +163,69 @@ DeformationGraph deformation_graph(const SurfaceGraph& graph, const Subset& subs
         }
         result.edge_offsets.push_back(static_cast<std::int64_t>(result.edge_ends.size()));
     }
+    result.pattern = deformation_pattern(result);
     return result;
+}
+
+std::shared_ptr<const DeformationPattern> deformation_pattern(const DeformationGraph& graph) {
+    const Index count = graph.size();
+    std::vector<std::vector<Index>> columns(at(count));  // rows ≥ column
+    const auto add = [&](Index i, Index j) {
+        columns[at(std::min(i, j))].push_back(std::max(i, j));
+    };
+    for (Index i = 0; i < count; ++i) {
+        add(i, i);
+        for (auto e = at(graph.edge_offsets[at(i)]); e < at(graph.edge_offsets[at(i) + 1]); ++e)
+            if (graph.edge_ends[e] > i) add(i, graph.edge_ends[e]);
+    }
+    for (const auto& nodes : graph.point_nodes)
+        for (std::size_t k = 0; k < kNodes; ++k)
+            for (std::size_t l = 0; l < k; ++l) add(nodes[k], nodes[l]);
+    for (auto& rows : columns) {
+        std::ranges::sort(rows);
+        rows.erase(std::ranges::unique(rows).begin(), rows.end());
+    }
+
+    DeformationPattern::Matrix lower(count, count);
+    std::vector<Eigen::Triplet<double, Index>> entries;
+    for (Index j = 0; j < count; ++j)
+        for (const Index i : columns[at(j)]) entries.emplace_back(i, j, 1.0);
+    lower.setFromTriplets(entries.begin(), entries.end());
+    DeformationPattern::Matrix whole = lower.selfadjointView<Eigen::Lower>();
+    Eigen::PermutationMatrix<Eigen::Dynamic, Eigen::Dynamic, Index> node_of;
+    Eigen::AMDOrdering<Index>()(whole, node_of);
+    const auto row_of = node_of.inverse().eval();
+
+    DeformationPattern result;
+    result.order.assign(row_of.indices().data(), row_of.indices().data() + count);
+    result.matrix.resize(count, count);
+    result.matrix.selfadjointView<Eigen::Upper>() =
+        lower.selfadjointView<Eigen::Lower>().twistedBy(row_of);
+    std::fill_n(result.matrix.valuePtr(), result.matrix.nonZeros(), 0.0);
+
+    // Columns are short, so that counting what comes before is quicker than halving.
+    const auto place = [&](Index i, Index j) {
+        const auto [row, column] = std::minmax(result.order[at(i)], result.order[at(j)]);
+        const Index* const inner = result.matrix.innerIndexPtr();
+        Index k = result.matrix.outerIndexPtr()[column];
+        while (inner[k] != row) ++k;
+        return k;
+    };
+    result.diagonal.resize(at(count));
+    result.laplacian.assign(graph.edge_ends.size(), -1);
+    for (Index i = 0; i < count; ++i) {
+        result.diagonal[at(i)] = place(i, i);
+        for (auto e = at(graph.edge_offsets[at(i)]); e < at(graph.edge_offsets[at(i) + 1]); ++e)
+            if (graph.edge_ends[e] < i) result.laplacian[e] = place(i, graph.edge_ends[e]);
+    }
+    result.blocks.resize(graph.point_nodes.size());
+    for (std::size_t p = 0; p < result.blocks.size(); ++p) {
+        std::size_t b = 0;
+        for (std::size_t k = 0; k < kNodes; ++k)
+            for (std::size_t l = 0; l <= k; ++l)
+                result.blocks[p][b++] = place(graph.point_nodes[p][k], graph.point_nodes[p][l]);
+    }
+    return std::make_shared<const DeformationPattern>(std::move(result));
 }
 
 SurfaceGraph node_graph(const Positions& positions, const DeformationGraph& nodes) {
@@ -270,58 +332,8 @@ DeformedCloud deformed(const Positions& positions, const Normals& normals,
 }
 
 DeformationSolver::DeformationSolver(const Positions& positions, const DeformationGraph& graph)
-    : positions_(positions), graph_(graph) {
-    const Index count = graph.size();
-    std::vector<std::vector<Index>> columns(at(count));  // rows ≥ column
-    const auto add = [&](Index i, Index j) {
-        columns[at(std::min(i, j))].push_back(std::max(i, j));
-    };
-    for (Index i = 0; i < count; ++i) {
-        add(i, i);
-        for (auto e = at(graph.edge_offsets[at(i)]); e < at(graph.edge_offsets[at(i) + 1]); ++e)
-            if (graph.edge_ends[e] > i) add(i, graph.edge_ends[e]);
-    }
-    for (const auto& nodes : graph.point_nodes)
-        for (int k = 0; k < kNodes; ++k)
-            for (int l = 0; l < k; ++l) add(nodes[at(Index(k))], nodes[at(Index(l))]);
-
-    matrix_.resize(count, count);
-    std::vector<Index> outer{0};
-    std::vector<Index> inner;
-    for (auto& rows : columns) {
-        std::ranges::sort(rows);
-        rows.erase(std::ranges::unique(rows).begin(), rows.end());
-        inner.insert(inner.end(), rows.begin(), rows.end());
-        outer.push_back(static_cast<Index>(inner.size()));
-    }
-    matrix_.resizeNonZeros(static_cast<Index>(inner.size()));
-    std::ranges::copy(outer, matrix_.outerIndexPtr());
-    std::ranges::copy(inner, matrix_.innerIndexPtr());
-    std::fill_n(matrix_.valuePtr(), inner.size(), 1.0);
+    : positions_(positions), graph_(graph), pattern_(*graph.pattern), matrix_(pattern_.matrix) {
     cholesky_.analyzePattern(matrix_);
-
-    // Columns are short, so that counting what comes before is quicker than halving.
-    const auto place = [&](Index i, Index j) {
-        const auto column = at(std::min(i, j));
-        const Index row = std::max(i, j);
-        Index before = outer[column];
-        for (Index k = outer[column]; k < outer[column + 1]; ++k) before += inner[at(k)] < row;
-        return before;
-    };
-    diagonal_.resize(at(count));
-    laplacian_.assign(graph.edge_ends.size(), -1);
-    for (Index i = 0; i < count; ++i) {
-        diagonal_[at(i)] = place(i, i);
-        for (auto e = at(graph.edge_offsets[at(i)]); e < at(graph.edge_offsets[at(i) + 1]); ++e)
-            if (graph.edge_ends[e] < i) laplacian_[e] = place(i, graph.edge_ends[e]);
-    }
-    blocks_.resize(graph.point_nodes.size());
-    for (std::size_t p = 0; p < blocks_.size(); ++p) {
-        std::size_t b = 0;
-        for (std::size_t k = 0; k < kNodes; ++k)
-            for (std::size_t l = 0; l <= k; ++l)
-                blocks_[p][b++] = place(graph.point_nodes[p][k], graph.point_nodes[p][l]);
-    }
 }
 
 void DeformationSolver::factorize(double stiffness, std::span<const Attraction> attractions) {
@@ -329,16 +341,17 @@ void DeformationSolver::factorize(double stiffness, std::span<const Attraction> 
     double* const values = matrix_.valuePtr();
     std::fill_n(values, matrix_.nonZeros(), 0.0);
     // A trace of the identity holds what nothing else holds.
-    for (Index i = 0; i < graph_.size(); ++i) values[diagonal_[at(i)]] = 1e-9;
+    for (Index i = 0; i < graph_.size(); ++i) values[pattern_.diagonal[at(i)]] = 1e-9;
     for (Index i = 0; i < graph_.size(); ++i)
         for (auto e = at(graph_.edge_offsets[at(i)]); e < at(graph_.edge_offsets[at(i) + 1]); ++e) {
-            values[diagonal_[at(i)]] += stiffness * graph_.edge_weights[e];
-            if (laplacian_[e] >= 0) values[laplacian_[e]] -= stiffness * graph_.edge_weights[e];
+            values[pattern_.diagonal[at(i)]] += stiffness * graph_.edge_weights[e];
+            if (pattern_.laplacian[e] >= 0)
+                values[pattern_.laplacian[e]] -= stiffness * graph_.edge_weights[e];
         }
     for (const Attraction& a : attractions) {
         const auto& weights = graph_.point_weights[at(a.point)];
         const auto& nodes = graph_.point_nodes[at(a.point)];
-        const auto& block = blocks_[at(a.point)];
+        const auto& block = pattern_.blocks[at(a.point)];
         std::size_t b = 0;
         for (std::size_t k = 0; k < kNodes; ++k)
             for (std::size_t l = 0; l <= k; ++l, ++b)
@@ -359,14 +372,15 @@ void DeformationSolver::solve(std::span<const Attraction> attractions,
     }
     Eigen::Matrix<double, Eigen::Dynamic, 3> right =
         Eigen::Matrix<double, Eigen::Dynamic, 3>::Zero(count, 3);
+    const auto row_of = [&](Index node) { return right.row(pattern_.order[at(node)]); };
     for (Index i = 0; i < count; ++i)
         for (auto e = at(graph_.edge_offsets[at(i)]); e < at(graph_.edge_offsets[at(i) + 1]); ++e) {
             const Index j = graph_.edge_ends[e];
             const Vector3 rest =
                 (positions_.row(graph_.nodes[at(i)]) - positions_.row(graph_.nodes[at(j)]))
                     .transpose();
-            right.row(i) += stiffness_ * graph_.edge_weights[e] * 0.5 *
-                            ((linear[at(i)] + linear[at(j)]) * rest).transpose();
+            row_of(i) += stiffness_ * graph_.edge_weights[e] * 0.5 *
+                         ((linear[at(i)] + linear[at(j)]) * rest).transpose();
         }
     for (const Attraction& a : attractions) {
         const auto& weights = graph_.point_weights[at(a.point)];
@@ -377,9 +391,11 @@ void DeformationSolver::solve(std::span<const Attraction> attractions,
             wanted -= weights[k] * (linear[at(nodes[k])] * p - constant.row(nodes[k]).transpose());
         wanted *= a.weight;
         for (std::size_t k = 0; k < kNodes; ++k)
-            right.row(nodes[k]) += weights[k] * wanted.transpose();
+            row_of(nodes[k]) += weights[k] * wanted.transpose();
     }
-    deformation.positions = cholesky_.solve(right);
+    right = cholesky_.solve(right).eval();
+    deformation.positions.resize(count, 3);
+    for (Index i = 0; i < count; ++i) deformation.positions.row(i) = row_of(i);
 }
 
 }  // namespace pointmorph

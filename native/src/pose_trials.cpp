@@ -45,6 +45,7 @@ CoarseShape thinned(const CoarseShape& shape, const std::vector<Extremity>& tips
         level.point_nodes.push_back(graph.point_nodes[at(row)]);
         level.point_weights.push_back(graph.point_weights[at(row)]);
     }
+    level.pattern = deformation_pattern(level);
     thin.guides = shape.guides;
     for (Index& row : thin.guides.rows)
         row = nearest_on_sheet(thin_tree, thin.normals, shape.positions.row(row),

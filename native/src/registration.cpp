@@ -234,7 +234,7 @@ void ignore_torn(Side& side, const Side& other, double smallest_piece) {
     for (std::size_t i = 0; i < side.rows.size(); ++i) {
         const auto row = at(side.rows[i]);
         double share = 0.0;
-        for (std::size_t k = 0; k < DeformationGraph::kNodesPerPoint; ++k)
+        for (std::size_t k = 0; k < kNodesPerPoint; ++k)
             share += graph.point_weights[row][k] * keep[at(graph.point_nodes[row][k])];
         side.weights[i] *= share;
     }

@@ -44,7 +44,7 @@ TEST(Deformation, EveryPointHangsOnNearNodes) {
     const Ball ball;
     for (Index i = 0; i < ball.graph.points(); ++i) {
         double sum = 0.0;
-        for (std::size_t k = 0; k < DeformationGraph::kNodesPerPoint; ++k) {
+        for (std::size_t k = 0; k < kNodesPerPoint; ++k) {
             EXPECT_GE(ball.graph.point_weights[at(i)][k], 0.0);
             sum += ball.graph.point_weights[at(i)][k];
             const Index row = ball.graph.nodes[at(ball.graph.point_nodes[at(i)][k])];
@@ -132,7 +132,7 @@ TEST(Deformation, TheSolverMinimisesItsEnergy) {
     for (const Attraction& a : pulls) {
         Eigen::VectorXd row = Eigen::VectorXd::Zero(count);
         Vector3 value = a.target;
-        for (std::size_t k = 0; k < DeformationGraph::kNodesPerPoint; ++k) {
+        for (std::size_t k = 0; k < kNodesPerPoint; ++k) {
             const double w = ball.graph.point_weights[at(a.point)][k];
             const Index node = ball.graph.point_nodes[at(a.point)][k];
             row[node] += w;

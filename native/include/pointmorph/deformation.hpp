@@ -4,6 +4,7 @@
 
 #include <Eigen/SparseCholesky>
 #include <array>
+#include <memory>
 #include <span>
 #include <vector>
 
@@ -13,10 +14,23 @@
 
 namespace pointmorph {
 
+constexpr int kNodesPerPoint = 6;
+
+/// Where the entries lie of the equations that a graph's deformations are solved from, with the
+/// nodes in an order that keeps factors sparse (approximate minimum degree, Amestoy et al. 1996).
+struct DeformationPattern {
+    using Matrix = Eigen::SparseMatrix<double, Eigen::ColMajor, Index>;
+    static constexpr std::size_t kProducts = kNodesPerPoint * (kNodesPerPoint + 1) / 2;
+
+    std::vector<Index> order;      ///< row of each node
+    Matrix matrix;                 ///< upper half, all 0
+    std::vector<Index> laplacian;  ///< place of each edge (i > j) in the values, else −1
+    std::vector<Index> diagonal;   ///< place of each node's diagonal
+    std::vector<std::array<Index, kProducts>> blocks;  ///< places of each point's weights' products
+};
+
 /// Nodes of a cloud, which of them each point hangs on, and which hold one another.
 struct DeformationGraph {
-    static constexpr int kNodesPerPoint = 6;
-
     std::vector<Index> nodes;  ///< rows of the cloud
     double spacing = 0.0;      ///< distance between nodes that is about the smallest there is
 
@@ -30,6 +44,9 @@ struct DeformationGraph {
     std::vector<Index> edge_ends;
     std::vector<double> edge_weights;
 
+    /// Of all the above; shared by all deformations.
+    std::shared_ptr<const DeformationPattern> pattern;
+
     Index size() const { return static_cast<Index>(nodes.size()); }
     Index points() const { return static_cast<Index>(point_nodes.size()); }
 };
@@ -38,6 +55,9 @@ struct DeformationGraph {
 /// nodes closer than 2.1 spacings along the surface are joined.
 DeformationGraph deformation_graph(const SurfaceGraph& graph, const Subset& subset,
                                    Progress& progress);
+
+/// From a graph's nodes, points and edges.
+std::shared_ptr<const DeformationPattern> deformation_pattern(const DeformationGraph& graph);
 
 /// The nodes and their edges as a graph of its own; `positions` are the cloud's.
 SurfaceGraph node_graph(const Positions& positions, const DeformationGraph& nodes);
@@ -77,7 +97,7 @@ struct Attraction {
 };
 
 /// Solves for the nodes: least squares of κ Σ_edges w_ij |x_j − x_i − ½(s_i R_i + s_j R_j)(c_j −
-/// c_i)|² + Σ_attractions weight |X(point) − target|². The sparsity pattern is analysed once.
+/// c_i)|² + Σ_attractions weight |X(point) − target|².
 class DeformationSolver {
 public:
     DeformationSolver(const Positions& positions, const DeformationGraph& graph);
@@ -90,18 +110,14 @@ public:
     void solve(std::span<const Attraction> attractions, Deformation& deformation) const;
 
 private:
-    using Matrix = Eigen::SparseMatrix<double, Eigen::ColMajor, Index>;
+    using Matrix = DeformationPattern::Matrix;
 
     const Positions& positions_;
     const DeformationGraph& graph_;
+    const DeformationPattern& pattern_;
     double stiffness_ = 0.0;
-    Matrix matrix_;                 ///< lower half
-    std::vector<Index> laplacian_;  ///< place of each edge (i > j) in the values, else −1
-    std::vector<Index> diagonal_;   ///< place of each node's diagonal
-    std::vector<std::array<
-        Index, DeformationGraph::kNodesPerPoint*(DeformationGraph::kNodesPerPoint + 1) / 2>>
-        blocks_;  ///< places of each point's products of weights
-    Eigen::SimplicialLLT<Matrix, Eigen::Lower, Eigen::AMDOrdering<Index>> cholesky_;
+    Matrix matrix_;
+    Eigen::SimplicialLLT<Matrix, Eigen::Upper, Eigen::NaturalOrdering<Index>> cholesky_;
 };
 
 }  // namespace pointmorph
