@@ -44,8 +44,10 @@ private:
     Matrix3 turn_;
 };
 
-double mean_distance(const Positions& a, const Positions& b, const Values& weights) {
-    return weights.dot((a - b).rowwise().norm()) / weights.sum();
+/// Weighted mean of min(1, (d/far)²) over the distances d.
+double far_share(const Positions& a, const Positions& b, const Values& weights, double far) {
+    const Values squared = (a - b).rowwise().squaredNorm() / (far * far);
+    return weights.dot(squared.cwiseMin(1.0)) / weights.sum();
 }
 
 }  // namespace
@@ -96,15 +98,15 @@ Symmetry reflection_symmetry(const CoarseShape& shape, const Eigen::MatrixXd& di
 
 double asymmetry(const CoarseShape& source, const CoarseShape& target,
                  const std::array<Symmetry, 2>& symmetries, const Positions& source_images,
-                 const Positions& target_images) {
+                 const Positions& target_images, double far) {
     const auto& [s, t] = symmetries;
     if (s.images.rows() == 0 || t.images.rows() == 0) return 0.0;
     const KdTree<3> source_tree(source.positions), target_tree(target.positions);
     const PointMap there(source_tree, source_images), back(target_tree, target_images),
         across_source(source_tree, s.images, s.turn), across_target(target_tree, t.images, t.turn);
     return std::min(s.trust, t.trust) * 0.5 *
-           (mean_distance(there(s.images), across_target(source_images), source.areas) +
-            mean_distance(back(t.images), across_source(target_images), target.areas));
+           (far_share(there(s.images), across_target(source_images), source.areas, far) +
+            far_share(back(t.images), across_source(target_images), target.areas, far));
 }
 
 }  // namespace pointmorph

@@ -61,9 +61,10 @@ CoarseShape thinned(const CoarseShape& shape, const std::vector<Extremity>& tips
 /// of the thinned shapes, those of the source seen from the target at rest.
 double dearer_by_asymmetry(const PoseSearch& search, const Positions& source_images,
                            const Positions& target_images) {
-    return 1.0 + search.options.symmetry.weight * asymmetry(search.source.thin, search.target.thin,
-                                                            search.symmetries, source_images,
-                                                            target_images);
+    const SymmetryOptions& options = search.options.symmetry;
+    return 1.0 + options.weight * asymmetry(search.source.thin, search.target.thin,
+                                            search.symmetries, source_images, target_images,
+                                            options.far);
 }
 
 /// One level of the thinned shapes, the target moved; with its energy.

@@ -232,26 +232,30 @@ TEST(Symmetry, AsymmetryIsHowFarSidesAreTakenApart) {
     exact.turn = Vector3(1.0, -1.0, 1.0).asDiagonal();
     exact.trust = 1.0;
     const std::array<Symmetry, 2> both{exact, exact};
-    EXPECT_LT(asymmetry(shape, shape, both, x, x), 0.01);
+    constexpr double kFar = 0.2;
+    EXPECT_LT(asymmetry(shape, shape, both, x, x, kFar), 0.01);
     const Positions about = x * Vector3(-1.0, -1.0, 1.0).asDiagonal();
-    EXPECT_LT(asymmetry(shape, shape, both, about, about), 0.01);
+    EXPECT_LT(asymmetry(shape, shape, both, about, about, kFar), 0.01);
 
     // One leg elsewhere: so are it and its counterpart, after one order or the other.
-    const auto one_leg_moved = [](Positions places) {
-        for (Eigen::Index i = 0; i < places.rows(); ++i)
-            if (places(i, 0) > 0.15 && places(i, 1) > 0.1) places(i, 2) += 0.3;
-        return places;
-    };
-    const Positions moved = one_leg_moved(x);
-    const Values apart = (one_leg_moved(other_side(x)) - other_side(moved)).rowwise().norm();
-    const double truth = shape.areas.dot(apart) / shape.areas.sum();
-    EXPECT_GT(truth, 0.03);
-    EXPECT_NEAR(asymmetry(shape, shape, both, moved, moved), truth, 0.2 * truth);
-    Symmetry doubted = exact;
-    doubted.trust = 0.5;
-    EXPECT_NEAR(asymmetry(shape, shape, {exact, doubted}, moved, moved),
-                0.5 * asymmetry(shape, shape, both, moved, moved), 1e-12);
-    EXPECT_EQ(asymmetry(shape, shape, {exact, {}}, moved, moved), 0.0);
+    for (const double off : {0.1, 0.3}) {
+        const auto one_leg_moved = [&](Positions places) {
+            for (Eigen::Index i = 0; i < places.rows(); ++i)
+                if (places(i, 0) > 0.15 && places(i, 1) > 0.1) places(i, 2) += off;
+            return places;
+        };
+        const Positions moved = one_leg_moved(x);
+        Values apart = (one_leg_moved(other_side(x)) - other_side(moved)).rowwise().norm();
+        for (double& d : apart) d = std::min(1.0, d * d / (kFar * kFar));
+        const double truth = shape.areas.dot(apart) / shape.areas.sum();
+        EXPECT_GT(truth, 0.02);
+        EXPECT_NEAR(asymmetry(shape, shape, both, moved, moved, kFar), truth, 0.2 * truth);
+        Symmetry doubted = exact;
+        doubted.trust = 0.5;
+        EXPECT_NEAR(asymmetry(shape, shape, {exact, doubted}, moved, moved, kFar),
+                    0.5 * asymmetry(shape, shape, both, moved, moved, kFar), 1e-12);
+        EXPECT_EQ(asymmetry(shape, shape, {exact, {}}, moved, moved, kFar), 0.0);
+    }
 }
 
 TEST(Pose, AMapCostsMoreForSidesThatItTreatsDifferently) {

@@ -50,12 +50,12 @@ struct PoseOptions {
     PoseEffort second_effort{24, 6, 1.5};
     double backs = 0.002;
     // What is worse than the best by such a factor isn't followed further:
-    double promising = 1.2;    ///< as tips have led a map halfway, among those of the same round
+    double promising = 1.15;    ///< as tips have led a map halfway, among those of the same round
     double contending = 1.15;  ///< when registered for longer
     /// Maps that leave the target turned by less than `as_given_turn` (radians) from how it was
     /// given win where their energy is within `as_given` of the best one's: where shape alone can
     /// hardly tell, the user has. 1 or more.
-    double as_given = 1.05;
+    double as_given = 1.03;
     double as_given_turn = 1.0;
     /// The quick trial of every pose, on the coarsest level.
     RegistrationLevel trial{2, 8, 10.0, 1.5, 1, 2, 1, 450, 0};

@@ -23,7 +23,10 @@ struct SymmetryOptions {
     double least_margin = 1.25;
     /// A map's energy is multiplied by 1 + so many times its asymmetry(). 0: symmetry isn't looked
     /// for.
-    double weight = 5.0;
+    double weight = 2.5;
+    /// Distance in √area at which the two images of a point count as being elsewhere: limbs that
+    /// lie on others do, poses that differ don't.
+    double far = 0.2;
 };
 
 /// The reflection that takes the left side of a shape to its right, bent as the shape is.
@@ -40,12 +43,13 @@ Symmetry reflection_symmetry(const CoarseShape& shape, const Eigen::MatrixXd& di
                              const PoseOptions& options, const RegistrationOptions& registration,
                              Progress& progress, double first = 0.0, double last = 1.0);
 
-/// How differently a map treats the sides of the shapes: how far apart the images of a point lie
-/// when it is reflected before and after the map; mean over both shapes, in √area, times the lesser
-/// trust in the symmetries (of source and target): 0 where one has none. The map takes the source's
-/// points to `source_images`, on the target, and the target's to `target_images`.
+/// How differently a map treats the sides of the shapes, 0 to 1: for the distance d between the
+/// images of a point that is reflected before and after the map, the mean of min(1, (d/far)²) over
+/// both shapes, times the lesser trust in the symmetries (of source and target): 0 where one has
+/// none. The map takes the source's points to `source_images`, on the target, and the target's to
+/// `target_images`; `far` is SymmetryOptions::far.
 double asymmetry(const CoarseShape& source, const CoarseShape& target,
                  const std::array<Symmetry, 2>& symmetries, const Positions& source_images,
-                 const Positions& target_images);
+                 const Positions& target_images, double far);
 
 }  // namespace pointmorph
