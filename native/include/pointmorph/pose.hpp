@@ -50,7 +50,7 @@ struct PoseOptions {
     PoseEffort second_effort{24, 6, 1.5};
     double backs = 0.002;
     // What is worse than the best by such a factor isn't followed further:
-    double promising = 1.15;    ///< as tips have led a map halfway, among those of the same round
+    double promising = 1.15;   ///< as tips have led a map halfway, among those of the same round
     double contending = 1.15;  ///< when registered for longer
     /// Maps that leave the target turned by less than `as_given_turn` (radians) from how it was
     /// given win where their energy is within `as_given` of the best one's: where shape alone can
