@@ -92,38 +92,16 @@ std::vector<Trial> hopeful(const PoseSearch& search, const std::vector<Trial>& t
     return chosen;
 }
 
-/// Sorted trials that lay the shapes onto each other about the same way.
-using Way = std::vector<const Trial*>;
-
-/// The ways of sorted trials, the best first, with the best two trials of each; none that are worse
-/// than the best of all by more than `factor`.
-std::vector<Way> ways_of(const PoseSearch& search, const std::vector<Trial>& trials,
-                         double factor) {
-    constexpr std::size_t kOfEach = 2;
-    std::vector<Way> ways;
-    for (const Trial& trial : trials) {
-        if (trial.energy > factor * trials.front().energy) break;
-        const auto way = std::ranges::find_if(ways, [&](const Way& other) {
-            return difference(trial, *other.front()) <= kAnotherWay;
-        });
-        if (way != ways.end()) {
-            if (way->size() < kOfEach) way->push_back(&trial);
-        } else if (ways.size() <= at(search.options.other_ways)) {
-            ways.push_back({&trial});
-        }
-    }
-    return ways;
-}
-
 /// Varies how the tips are paired under the best trials, in turn, and adds what comes out to them.
 /// `tried` holds what needn't be tried again.
 void try_tips(const PoseSearch& search, const PoseEffort& effort, std::vector<Trial>& trials,
               std::vector<Tips>& tried, Progress& progress, double first, double last) {
+    const PoseOptions& options = search.options;
     const double share = (last - first) / std::max<Index>(effort.rounds, 1);
     for (Index round = 0; round < effort.rounds; ++round) {
-        std::vector<Way> ways = ways_of(search, trials, effort.hopeful);
+        std::vector<Way> ways = ways_of(trials, effort.hopeful, options.other_ways);
         std::erase_if(ways, [&](const Way& way) {
-            return way.front()->energy > search.options.contending * trials.front().energy;
+            return way.front()->energy > options.contending * trials.front().energy;
         });
         // Where one way doesn't stand out, each is looked at more closely.
         const Index variants = (ways.size() > 1 ? 2 : 1) * effort.variants;
@@ -289,7 +267,7 @@ Pose find_pose(const CoarseShape& source, const CoarseShape& target,
     try_starts(search, starts, trials, progress, 0.1, 0.25);
 
     starts.clear();
-    for (const Way& way : ways_of(search, trials, options.effort.hopeful)) {
+    for (const Way& way : ways_of(trials, options.effort.hopeful, options.other_ways)) {
         for (const Trial* trial : way) starts.push_back({implied_pose(search, *trial), {}});
         for (const Similarity& turn : swings(source, options.swing))
             starts.push_back({composed(turn, implied_pose(search, *way.front())), {}});

@@ -189,6 +189,23 @@ ThinnedShape thinned_shape(const CoarseShape& shape, std::vector<Extremity> tips
     return result;
 }
 
+std::vector<Way> ways_of(const std::vector<Trial>& trials, double factor, Index others) {
+    constexpr std::size_t kOfEach = 2;
+    std::vector<Way> ways;
+    for (const Trial& trial : trials) {
+        if (trial.energy > factor * trials.front().energy) break;
+        const auto way = std::ranges::find_if(ways, [&](const Way& other) {
+            return difference(trial, *other.front()) <= kAnotherWay;
+        });
+        if (way != ways.end()) {
+            if (way->size() < kOfEach) way->push_back(&trial);
+        } else if (ways.size() <= at(others)) {
+            ways.push_back({&trial});
+        }
+    }
+    return ways;
+}
+
 void try_starts(const PoseSearch& search, const std::vector<TrialStart>& starts,
                 std::vector<Trial>& trials, Progress& progress, double first, double last) {
     const double middle = 0.5 * (first + last);

@@ -95,6 +95,13 @@ void keep_distinct(std::vector<Map>& maps, double distinct) {
     maps = std::move(kept);
 }
 
+/// Sorted trials that lay the shapes onto each other about the same way.
+using Way = std::vector<const Trial*>;
+
+/// The ways of sorted trials, the best first, with the best two trials of each: that of the best
+/// trial and up to `others`; none that are worse than the best of all by more than `factor`.
+std::vector<Way> ways_of(const std::vector<Trial>& trials, double factor, Index others);
+
 /// Registers from all, side by side, and sorts what is distinct into `trials`. Of those that tips
 /// lead, only what looks well halfway is followed to its end. Progress runs from `first` to `last`.
 void try_starts(const PoseSearch& search, const std::vector<TrialStart>& starts,
