@@ -44,7 +44,16 @@ BPY_VERSIONS = ("5.0", "4.5", "4.2")
 # Where the system's packages can't be installed, these come from the Python package index.
 PYPI_INSTEAD = {"cmake": "cmake", "ninja-build": "ninja", "libeigen3-dev": "cmeel-eigen"}
 
+# What the C++ tests need besides what the wheel does.
+CPP_TEST_SETTINGS = (
+    "-DPOINTMORPH_TESTS=ON",
+    "-DPOINTMORPH_BENCHMARKS=ON",
+    "-DPOINTMORPH_SANITIZE=address,undefined",
+    "-DPOINTMORPH_WERROR=ON",
+)
+
 packaging = threading.Lock()
+building = threading.Lock()
 
 
 class SetupError(Exception):
@@ -76,9 +85,6 @@ def child_environment(**more: str) -> dict[str, str]:
     ours.setdefault("OMP_WAIT_POLICY", "passive")  # as the package; suites run side by side
     prefixes = [str(SITE_PACKAGES / "cmeel.prefix"), os.environ.get("CMAKE_PREFIX_PATH", "")]
     ours["CMAKE_PREFIX_PATH"] = os.pathsep.join(filter(None, prefixes))
-    if shutil.which("ccache"):  # the C++ tests compile what the wheel is made of once more
-        ours.setdefault("CMAKE_CXX_COMPILER_LAUNCHER", "ccache")
-        ours.setdefault("CCACHE_DIR", str(BUILD / "ccache"))
     return ours | more
 
 
@@ -275,8 +281,11 @@ def set_up_bpy(version: str) -> Path:
     return folder
 
 
-def set_up_wheel() -> Path:
-    """Builds the wheel when its sources have changed, and installs it in .venv."""
+def set_up_wheel(strict: bool = False) -> Path:
+    """Builds the wheel when its sources have changed, and installs it in .venv.
+
+    `strict`: a warning in the C++ sources is an error.
+    """
     sources = [ROOT / "CMakeLists.txt", ROOT / "pyproject.toml", ROOT / "LICENSE"]
     sources += [ROOT / "native" / part for part in ("include", "src", "bindings", "python")]
     key = digest(sys.version, *sources)
@@ -287,7 +296,8 @@ def set_up_wheel() -> Path:
             for old in (folder, raw):
                 shutil.rmtree(old, ignore_errors=True)
             pip = (PYTHON, "-m", "pip", "wheel", "--no-deps", "--no-build-isolation")
-            run("wheel", *pip, "--wheel-dir", raw, ROOT)
+            setting = f"cmake.define.POINTMORPH_WERROR={'ON' if strict else 'OFF'}"
+            run("wheel", *pip, "--config-settings", setting, "--wheel-dir", raw, ROOT)
             # Takes in what another machine may lack (OpenMP) and names the oldest that it fits.
             run("wheel", PYTHON, "-m", "auditwheel", "repair", "-w", folder, *raw.glob("*.whl"))
             stamp.write_text(key)
@@ -299,19 +309,22 @@ def set_up_wheel() -> Path:
     return wheel
 
 
-def set_up(*groups: str) -> None:
+def set_up(*groups: str, strict: bool = False) -> None:
     """What every command needs, and Debian's packages in `groups` (see pyproject.toml)."""
     say("Setting up")
     set_up_python(set_up_system(["build", "bpy", *groups]))
-    set_up_wheel()
+    set_up_wheel(strict)
 
 
-def build_native(folder: str, *settings: str) -> Path:
-    """Configures and builds the C++ tests (and what `settings` add) in build/<folder>."""
-    build = BUILD / folder
-    cmake = ("cmake", "-S", ROOT, "-B", build, "-G", "Ninja", "-DPOINTMORPH_TESTS=ON")
-    run(folder, *cmake, *settings)
-    run(folder, "cmake", "--build", build)
+def build_native(targets: Iterable[str], *settings: str) -> Path:
+    """Builds more targets in the wheel's folder, from the library that is compiled there already.
+
+    The `settings` stay until others are given.
+    """
+    build = BUILD / "wheel"
+    with building:
+        run("native", "cmake", "-S", ROOT, "-B", build, "-G", "Ninja", *settings)
+        run("native", "cmake", "--build", build, "--target", *targets)
     return build
 
 
@@ -440,14 +453,15 @@ def checks() -> Outcome:
 
 
 def cpp() -> Outcome:
-    build = build_native("native", "-DPOINTMORPH_BENCHMARKS=ON")
-    return run_suite("cpp", build / "pointmorph_tests", "--gtest_output=xml:")
+    targets = ("pointmorph_tests", "pointmorph_benchmarks")
+    tests = build_native(targets, *CPP_TEST_SETTINGS) / "pointmorph_tests"
+    return run_suite("cpp", tests, "--gtest_output=xml:")
 
 
 def sanitizers() -> Outcome:
     """The C++ tests again, where a bad access or undefined behaviour ends the run."""
-    settings = ("-DPOINTMORPH_SANITIZE=address,undefined", "-DCMAKE_BUILD_TYPE=RelWithDebInfo")
-    tests = build_native("sanitized", *settings) / "pointmorph_tests"
+    targets = ["pointmorph_sanitized_tests"]
+    tests = build_native(targets, *CPP_TEST_SETTINGS) / "pointmorph_sanitized_tests"
     halt = "halt_on_error=1:print_stacktrace=1"
     return run_suite("sanitizers", tests, "--gtest_output=xml:", UBSAN_OPTIONS=halt)
 
@@ -525,7 +539,7 @@ def timed(name: str) -> Outcome:
 
 def test(names: list[str], jobs: int) -> int:
     """Runs suites, several at a time, and all of them even when one fails."""
-    set_up(*(group for name in names for group in SUITES[name].debian))
+    set_up(*(group for name in names for group in SUITES[name].debian), strict=True)
     say("Testing (what each suite says is in build/logs)")
     with ThreadPoolExecutor(jobs) as pool:
         try:
@@ -568,11 +582,11 @@ def bench() -> int:
     """The benchmarks in native/benchmarks; each prints a table and writes JSON."""
     set_up("cpp-test")
     with step("C++ benchmarks"):
-        native = build_native("native", "-DPOINTMORPH_BENCHMARKS=ON") / "pointmorph_benchmarks"
+        build = build_native(["pointmorph_benchmarks"], "-DPOINTMORPH_BENCHMARKS=ON")
     folder = BUILD / "bench"
     folder.mkdir(exist_ok=True)
     output = (f"--benchmark_out={folder / 'native.json'}", "--benchmark_out_format=json")
-    statuses = [show(native, *output)]
+    statuses = [show(build / "pointmorph_benchmarks", *output)]
     for script in sorted((ROOT / "native" / "benchmarks").glob("bench_*.py")):
         statuses.append(show(PYTHON, script, "--json", folder / f"{script.stem}.json"))
     say(f"As JSON: {folder}")

@@ -47,6 +47,7 @@ def shapes(count=3, marked=True):
         found.append(obj)
     settings = bpy.context.scene.pointmorph
     settings.source, settings.target = found[0], found[-1]
+    settings.domain = "disk"  # as in scenes.pair
     for obj in found[1:-1]:
         settings.via.add().object = obj
     return found

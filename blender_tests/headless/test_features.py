@@ -157,7 +157,7 @@ def read_all():
 
 @pytest.fixture
 def sheets(settings):
-    source, target = pair()
+    source, target = pair(24, 19)
 
     def group(name, source_rows, target_rows):
         for obj, rows in ((source, source_rows), (target, target_rows)):

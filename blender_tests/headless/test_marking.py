@@ -11,7 +11,7 @@ from mathutils import Matrix, Vector
 
 @pytest.fixture
 def pair():
-    return scenes.pair()
+    return scenes.pair(24, 19)
 
 
 def marked(obj, name):

@@ -134,7 +134,8 @@ def dense(shape: Shape) -> Drawn:
 def carried(drawn: Drawn, points: Floats, normals: Floats, partners: Floats) -> Floats:
     """Where drawn points go, by the partners of nearby points of the cloud on the same sheet."""
     distances, near = cKDTree(points).query(drawn.positions, 6, workers=-1)
-    width = np.median(distances[:, 0]) * 2
+    # Points that are drawn where the cloud has one count for all, and most may be.
+    width = max(np.median(distances[:, 0]) * 2, np.median(distances[:, -1]) * 1e-2)
     weights = np.exp(-((distances / width) ** 2)) + 1e-12
     same = (normals[near] * drawn.normals[:, None]).sum(axis=2) > 0.2
     weights *= np.where(same.any(axis=1, keepdims=True), np.maximum(same, 1e-6), 1.0)

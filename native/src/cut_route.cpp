@@ -161,15 +161,15 @@ CutRoute match_in_patches(Side& source, Side& target, const MorphInput& input,
         }
         for (const std::size_t side : {0u, 1u})
             if (!names[side].empty())
-                report.warnings.push_back("The cut of " + (side == 0 ? source : target).cloud.name +
-                                          " was led round " + names[side] +
-                                          ", to have it on the same side as on the other model.");
+                report.warnings.emplace_back(
+                    "The cut of " + (side == 0 ? source : target).cloud.name + " was led round " +
+                    names[side] + ", to have it on the same side as on the other model.");
     }
     Astray(source_cut, target_cut, known).check(known);
     const auto angles = rim_angles(source_cut.curve, source_cut.corners, target_cut.curve,
                                    target_cut.corners, options.parameterization.boundary_spacing);
     if (looks_mirrored(source_cut, target_cut, angles))
-        report.warnings.push_back(
+        report.warnings.emplace_back(
             "The loop fits much better when one model is mirrored: check that left and right are "
             "not swapped and that the normals of both point outwards.");
 

@@ -140,7 +140,7 @@ DiskRoute match_in_disk(Side& source, Side& target, const MorphInput& input,
                 turnable->flip();
                 (turnable == &source ? route.source : route.target).col(1) *= -1.0;
             } else {
-                report.warnings.push_back(
+                report.warnings.emplace_back(
                     "The features fit much better when one model is mirrored: check that left and "
                     "right are not swapped and that the normals of both point outwards.");
             }

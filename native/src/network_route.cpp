@@ -130,14 +130,14 @@ NetworkRoute match_in_network(Side& source, Side& target, const MorphInput& inpu
         report.curves.push_back({names[at(curve.from)], names[at(curve.to)]});
     report.patches = static_cast<Index>(network.patches.size());
     if (looks_mirrored(network))
-        report.warnings.push_back(
+        report.warnings.emplace_back(
             "The curves fit much better when one model is mirrored: check that left and right are "
             "not swapped and that the normals of both point outwards.");
 
     for (Side* side : {&source, &target}) side->topology.pieces.front().genus = network.genus;
     constexpr double kLongDetour = 0.15;
     if (network.detour > kLongDetour)
-        report.warnings.push_back(
+        report.warnings.emplace_back(
             "The curves between the features run long ways round each other: check that all "
             "features are in the same places on both models, and that left and right are not "
             "swapped.");

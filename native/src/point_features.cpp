@@ -68,7 +68,7 @@ std::vector<PointFeature> point_features(const Side& source, const Side& target,
         soft = soft || !f.hard;
     }
     if (soft && options.method == Method::kPaper)
-        report.warnings.push_back(
+        report.warnings.emplace_back(
             "Method paper has no soft features: all points, and some of each curve, are brought "
             "together exactly.");
     return result;

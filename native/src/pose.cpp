@@ -15,10 +15,6 @@ namespace pointmorph {
 
 namespace {
 
-std::size_t at(Index i) {
-    return static_cast<std::size_t>(i);
-}
-
 struct PrincipalFrame {
     Vector3 center;
     Vector3 spreads;  ///< root mean square along the axes, ascending

@@ -69,7 +69,7 @@ SphereRoute match_on_sphere(Side& source, Side& target, const MorphInput& input,
              target
                  .order[static_cast<std::size_t>(target_mesh.rows[static_cast<std::size_t>(t)])]});
     if (alignment.searched)
-        report.warnings.push_back(
+        report.warnings.emplace_back(
             "Fewer than three places are marked: how " + source.cloud.name + " lies to " +
             target.cloud.name +
             " on the sphere was found by trying. Mark three or more if it is wrong.");
@@ -78,7 +78,7 @@ SphereRoute match_on_sphere(Side& source, Side& target, const MorphInput& input,
     // are twisted about their axis have more.
     constexpr double kMuch = 4.5;
     if (alignment.energy > kMuch)
-        report.warnings.push_back(
+        report.warnings.emplace_back(
             "The map over the sphere is stretched much: limbs may have arrived twisted, or marks "
             "may "
             "be exchanged. Mark more places around the limbs, or take domain auto.");

@@ -238,7 +238,7 @@ TEST(Features, WhereThereIsNoWayAlongTheSurfaceACurveIsStraight) {
 /// Two ellipsoids. Directions are the sphere's. Rows of the belt come first: points along the
 /// equator, the target's turned by `twist`.
 struct Belted {
-    static constexpr Index kSource = 2500, kTarget = 2000, kBelt = 50, kOtherBelt = 37;
+    static constexpr Index kSource = 1250, kTarget = 1000, kBelt = 50, kOtherBelt = 37;
     Positions directions[2];
     Positions positions[2];
     Normals normals[2];

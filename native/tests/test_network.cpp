@@ -242,8 +242,8 @@ TEST(Network, StaysTheSameWhenAShapeIsTurnedOrScaledAndForAnyThreads) {
 }
 
 TEST(Network, OpensTwoHandles) {
-    const Positions source = shapes::double_torus(5000);
-    Positions target = shapes::double_torus(4500, 7);
+    const Positions source = shapes::double_torus(3000);
+    Positions target = shapes::double_torus(2700, 7);
     MorphInput input;
     const auto near = [](const Positions& points, const Eigen::RowVector3d& place) {
         Index row;

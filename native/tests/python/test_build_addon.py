@@ -110,7 +110,7 @@ def test_all_suites_run_and_the_last_line_is_the_sum(
         "second": entry.Suite(lambda: entry.Outcome(3, [], ["no data", "no data"])),
     }
     monkeypatch.setattr(entry, "SUITES", suites)
-    monkeypatch.setattr(entry, "set_up", lambda *groups: None)
+    monkeypatch.setattr(entry, "set_up", lambda *groups, strict: None)
     assert entry.test(list(suites), 1) == 1
     said = capsys.readouterr().out.splitlines()
     assert said[-1] == "3 passed, 1 failed, 2 skipped"

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import functools
 import json
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +21,8 @@ import compare_methods as methods
 import compare_peers
 
 SCRIPT = Path(compare_peers.__file__)
-COUNT = 6000
+COUNT = 3000
+MARK_STEP = COUNT // 20
 SPHERE_AREA = 4 * np.pi
 
 
@@ -41,13 +44,17 @@ def around_z(points: measures.Floats, degrees: float) -> measures.Floats:
     return points @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]])
 
 
-def measured(images: measures.Floats, **changes: measures.Ints) -> dict[str, float | None]:
-    """Measures of the map of the sphere onto itself that sends its points to `images`."""
+@functools.cache
+def yardstick() -> measures.Yardstick:
+    """Between the sphere and itself, with every place its own counterpart."""
     ball = surface(sphere(), sphere(), SPHERE_AREA)
-    same = np.repeat(np.arange(0, COUNT, 300)[:, None], 2, axis=1)
-    marks = {"features": np.empty((0, 2), np.int64), "landmarks": same} | changes
-    yardstick = measures.Yardstick(ball, ball, **marks)
-    return yardstick.measure(methods.two_way(images, ball.positions))
+    same = np.repeat(np.arange(0, COUNT, MARK_STEP)[:, None], 2, axis=1)
+    return measures.Yardstick(ball, ball, np.empty((0, 2), np.int64), same)
+
+
+def measured(images: measures.Floats) -> dict[str, float | None]:
+    """Measures of the map of the sphere onto itself that sends its points to `images`."""
+    return yardstick().measure(methods.two_way(images, sphere()))
 
 
 def test_the_identity_is_perfect() -> None:
@@ -63,7 +70,7 @@ def test_the_identity_is_perfect() -> None:
 def test_a_rotation_misses_landmarks_by_its_arc_and_distorts_nothing() -> None:
     images = around_z(sphere(), 40)
     row = measured(images)
-    cosines = (images * sphere()).sum(axis=1)[::300]
+    cosines = (images * sphere()).sum(axis=1)[::MARK_STEP]
     arcs = np.arccos(np.clip(cosines, -1, 1)) / np.sqrt(SPHERE_AREA)
     assert row["landmarks"] == pytest.approx(arcs.mean(), rel=0.06)  # graphs are 3 % too long
     assert row["dirichlet"] == pytest.approx(1, abs=0.15)  # snapping to samples
@@ -104,7 +111,8 @@ def test_a_half_that_is_turned_outside_in_is_torn_off_and_flipped() -> None:
     _, near = measures.neighbors(points, measures.TEAR_NEIGHBORS)
     crossing = (upper[:, None] != upper[near]).mean()
     assert 0.7 * crossing < row["tears"] < 2 * crossing
-    assert 0.4 < row["flips"] < 0.52
+    # Half, less the places near the seams, whose width goes with the spacing: 0.1 at 6000 points.
+    assert 0.5 - 0.1 * np.sqrt(6000 / COUNT) < row["flips"] < 0.52
     assert row["stretch_p99"] > 3
 
 
@@ -114,8 +122,8 @@ def test_features_count_apart_and_their_pose_is_taken_away() -> None:
     ball = surface(points, points, SPHERE_AREA)
     moved = surface(turned, around_z(points, 70), 9 * SPHERE_AREA)
     rows = np.arange(COUNT)
-    features = np.stack([rows[::1500], rows[::1500]], axis=-1)
-    landmarks = np.stack([rows[100::1500], rows[200::1500]], axis=-1)
+    features = np.stack([rows[::750], rows[::750]], axis=-1)
+    landmarks = np.stack([rows[50::750], rows[100::750]], axis=-1)
     row = measures.Yardstick(ball, moved, features, landmarks).measure(
         np.stack([rows, rows], axis=-1)
     )
@@ -145,8 +153,8 @@ def test_bare_clouds_get_an_area_and_normals() -> None:
 @pytest.fixture
 def pair(tmp_path: Path) -> Path:
     """Two bumps over the same square, with and without faces, six features and two landmarks."""
-    corners = [(0, 0), (0, 40), (40, 0), (40, 40), (20, 20), (20, 30), (10, 20), (30, 10)]
-    for name, side, height in (("low", 41, 0.3), ("high", 21, 0.6)):
+    corners = [(0, 0), (0, 32), (32, 0), (32, 32), (16, 16), (16, 24), (8, 16), (24, 8)]
+    for name, side, height in (("low", 33, 0.3), ("high", 17, 0.6)):
         points, faces = grid(side, height), grid_faces(side)
         (tmp_path / f"{name}.off").write_text(
             f"OFF\n{len(points)} {len(faces)} 0\n"
@@ -154,7 +162,7 @@ def pair(tmp_path: Path) -> Path:
             + "".join(f"3 {a} {b} {c}\n" for a, b, c in faces)
         )
         np.savetxt(tmp_path / f"{name}.xyz", points)
-    rows = [[i * 41 + j, i // 2 * 21 + j // 2] for i, j in corners]
+    rows = [[i * 33 + j, i // 2 * 17 + j // 2] for i, j in corners]
     marks = {
         "features": {f"f{k}": row for k, row in enumerate(rows[:6])},
         "landmarks": {f"l{k}": row for k, row in enumerate(rows[6:])},
@@ -163,17 +171,48 @@ def pair(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def run(pair: Path, suffix: str, *options: object) -> subprocess.CompletedProcess[str]:
+def arguments(pair: Path, suffix: str, options: tuple[object, ...]) -> list[str]:
     files = [pair / f"{name}.{suffix}" for name in ("low", "high")]
-    command = [sys.executable, SCRIPT, *files, "--features", pair / "marks.json", *options]
-    return subprocess.run([str(word) for word in command], capture_output=True, text=True)
+    return [str(word) for word in (*files, "--features", pair / "marks.json", *options)]
 
 
-def test_the_table_has_a_row_for_each_method(pair: Path) -> None:
-    names = ["auto", "procrustes", "thin-plate"]
-    done = run(
-        pair, "off", "--methods", ",".join(names), "--points", 1500, "--json", pair / "out.json"
+def run(pair: Path, suffix: str, *options: object) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, str(SCRIPT), *arguments(pair, suffix, options)]
+    return subprocess.run(command, capture_output=True, text=True)
+
+
+Call = Callable[..., subprocess.CompletedProcess[str]]
+
+
+@pytest.fixture
+def call(pair: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Call:
+    """The same as `run` but without a new interpreter, and with fewer points to measure along and
+    to draw with: most of the script's time goes there."""
+    monkeypatch.setattr(measures, "DENSE", 3000)
+
+    def called(suffix: str, *options: object) -> subprocess.CompletedProcess[str]:
+        words = [str(SCRIPT), *arguments(pair, suffix, options)]
+        monkeypatch.setattr(sys, "argv", words)
+        try:
+            status = compare_peers.main()
+        except SystemExit as stop:
+            status = stop.code
+        return subprocess.CompletedProcess(words, status, *capsys.readouterr())
+
+    return called
+
+
+@pytest.fixture
+def one_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Methods run in this process, where that they have their own isn't what is tested."""
+    monkeypatch.setattr(
+        compare_peers, "run", lambda name, pair, _: compare_peers._measured(name, pair)
     )
+
+
+def test_the_table_has_a_row_for_each_method(pair: Path, call: Call) -> None:
+    names = ["auto", "procrustes", "thin-plate"]
+    done = call("off", "--methods", ",".join(names), "--points", 400, "--json", pair / "out.json")
     assert done.returncode == 0, done.stderr
     assert "6 features, 2 landmarks held out" in done.stdout
     rows = {row["method"]: row for row in json.loads((pair / "out.json").read_text())}
@@ -206,41 +245,42 @@ def test_an_installed_peer_finds_its_way_over_a_bump(pair: Path, name: str) -> N
     assert row["covered"] > 0.99
 
 
-def test_files_vertices_and_features_that_are_held_out(pair: Path) -> None:
-    done = run(pair, "off", "--methods", "procrustes", "--points", 0, "--hold-out", "f4,f5")
+@pytest.mark.usefixtures("one_process")
+def test_files_vertices_and_features_that_are_held_out(call: Call) -> None:
+    done = call("off", "--methods", "procrustes", "--points", 0, "--hold-out", "f4,f5")
     assert done.returncode == 0, done.stderr
-    assert "low (1,681 points) to high (441), 4 features, 4 landmarks held out" in done.stdout
+    assert "low (1,089 points) to high (289), 4 features, 4 landmarks held out" in done.stdout
 
 
 def test_what_cannot_run_is_named_with_the_reason(
     pair: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    done = run(pair, "xyz", "--methods", "procrustes,nricp", "--points", 400)
+    done = run(pair, "xyz", "--methods", "procrustes,nricp", "--points", 250)
     assert done.returncode == 0, done.stderr
     assert "trimesh's non-rigid ICP: needs faces, and these models have none" in done.stdout
 
     absent = methods.Method("absent", methods.procrustes, ("no_such_package",))
     files = pair / "low.off", pair / "high.off"
-    given = compare_peers.read(files, pair / "marks.json", 400, [])
+    given = compare_peers.read(files, pair / "marks.json", 250, [])
     monkeypatch.setitem(methods.METHODS, "procrustes", absent)
     assert "not installed" in compare_peers._measured("procrustes", given.pair).skipped
 
-    few = compare_peers.read(files, pair / "marks.json", 400, ["f0", "f1", "f2", "f3"]).pair
+    few = compare_peers.read(files, pair / "marks.json", 250, ["f0", "f1", "f2", "f3"]).pair
     with pytest.raises(methods.NotApplicableError, match="three features or more, found 2"):
         methods.procrustes(few)
-    flat = compare_peers.read(files, pair / "marks.json", 400, ["f4", "f5"]).pair
+    flat = compare_peers.read(files, pair / "marks.json", 250, ["f4", "f5"]).pair
     with pytest.raises(methods.NotApplicableError, match="four features or more"):
         methods.thin_plate(flat)
 
 
-def test_a_method_that_takes_too_long_is_stopped(pair: Path) -> None:
-    done = run(pair, "off", "--methods", "auto", "--timeout", 0)
+def test_a_method_that_takes_too_long_is_stopped(call: Call) -> None:
+    done = call("off", "--methods", "auto", "--points", 400, "--timeout", 0)
     assert done.returncode == 0, done.stderr
     assert "Pointmorph: stopped after 0 s" in done.stdout
 
 
-def test_wrong_calls_say_what_is_wrong(pair: Path) -> None:
-    done = run(pair, "off", "--methods", "magic")
+def test_wrong_calls_say_what_is_wrong(pair: Path, call: Call) -> None:
+    done = call("off", "--methods", "magic")
     assert done.returncode == 2
     assert "no such method: magic" in done.stderr
     done = run(pair, "off", "--hold-out", "tail")
@@ -248,12 +288,30 @@ def test_wrong_calls_say_what_is_wrong(pair: Path) -> None:
     assert 'feature "tail": expected one of' in done.stderr
 
 
-def test_pictures_of_meshes_and_bare_clouds(pair: Path) -> None:
+def test_what_is_drawn_where_the_cloud_has_a_point_goes_where_that_goes() -> None:
     pytest.importorskip("PIL", reason="the comparison's pictures need pillow")
+    import compare_pictures
+
+    points = grid(9, dtype=np.float64)
+    normals = np.tile([0.0, 0.0, 1.0], (len(points), 1))
+    drawn = compare_pictures.Drawn(points[5:], normals[5:])
+    partners = points[::-1].copy()
+    images = compare_pictures.carried(drawn, points, normals, partners)
+    np.testing.assert_allclose(images, partners[5:], atol=1e-6)
+
+
+@pytest.mark.usefixtures("one_process")
+def test_pictures_of_meshes_and_bare_clouds(
+    pair: Path, call: Call, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("PIL", reason="the comparison's pictures need pillow")
+    import compare_pictures
+
+    monkeypatch.setattr(compare_pictures, "SPLATS", 10_000)
     for suffix in ("off", "xyz"):
         folder = pair / suffix
-        done = run(
-            pair, suffix, "--methods", "procrustes", "--points", 400, "--pictures", folder,
+        done = call(
+            suffix, "--methods", "procrustes", "--points", 250, "--pictures", folder,
             "--up", "z", "--view", "1,1,0.5",
         )  # fmt: skip
         assert done.returncode == 0, done.stderr

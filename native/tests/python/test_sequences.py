@@ -16,7 +16,7 @@ TIMES = [0.0, 0.1, 0.4, 0.7, 1.0]
 
 @pytest.fixture(scope="module")
 def morph() -> pointmorph.Morph:
-    return pointmorph.morph(pointmorph.Cloud(grid(21)), pointmorph.Cloud(grid(21, 0.8)))
+    return pointmorph.morph(pointmorph.Cloud(grid(13)), pointmorph.Cloud(grid(13, 0.8)))
 
 
 def names(folder: Path) -> list[str]:
