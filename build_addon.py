@@ -512,15 +512,15 @@ class Suite:
     """Groups of Debian's packages that it needs."""
 
 
-# In the order in which they are started.
+# In the order in which they are started: long ones early, so that none is left over at the end.
 SUITES: dict[str, Suite] = {
     "cpp": Suite(cpp, ("cpp-test",)),
     "checks": Suite(checks),
     "python": Suite(python),
     "sanitizers": Suite(sanitizers, ("cpp-test",)),
+    "window": Suite(window, ("blender", "window")),
     **{f"bpy-{version}": Suite(partial(bpy, version)) for version in BPY_VERSIONS},
     "blender": Suite(blender, ("blender",)),
-    "window": Suite(window, ("blender", "window")),
 }
 
 

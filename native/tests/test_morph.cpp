@@ -135,8 +135,8 @@ TEST_P(AnyMorph, SameBitsForAnyNumberOfThreads) {
     MorphOptions one = options(), two = options();
     one.threads = 1;
     two.threads = 2;
-    const Morph a = make(plane_cloud(61), hemisphere(3000), {}, one);
-    const Morph b = make(plane_cloud(61), hemisphere(3000), {}, two);
+    const Morph a = make(plane_cloud(41), hemisphere(1500), {}, one);
+    const Morph b = make(plane_cloud(41), hemisphere(1500), {}, two);
     EXPECT_EQ(a.pairs(), b.pairs());
     EXPECT_EQ(a.source_domain(), b.source_domain());
     EXPECT_EQ(a.target_domain(), b.target_domain());
@@ -254,7 +254,7 @@ TEST_P(AnyMorph, CancelWorksInEveryStage) {
         if (stages.empty() || stages.back() != stage) stages.emplace_back(stage);
         return true;
     });
-    const MorphInput input{bump_cloud(51), hemisphere(2500), {}, {}, {}, {}};
+    const MorphInput input{bump_cloud(25), hemisphere(600), {}, {}, {}, {}};
     const Morph whole(input, options(), watch);
     ASSERT_GE(stages.size(), 6u);
     for (const std::string& last : stages) {
