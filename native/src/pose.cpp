@@ -176,11 +176,11 @@ CoarseShape moved(const CoarseShape& shape, const Similarity& move) {
 }
 
 double pose_confidence(const Misfit& misfit, std::span<const Competitor> competitors) {
-    constexpr double kPlain = 4.5, kOpposed = 20.0, kEnergy = 24.0, kApart = 0.15;
+    constexpr double kPlain = 4.5, kOpposed = 20.0, kEnergy = 36.0, kApart = 0.15;
     double others = 0.0;
     for (const Competitor& other : competitors)
-        others +=
-            std::min(other.distance / kApart, 1.0) * std::pow(std::max(other.ratio, 0.5), -kEnergy);
+        others += std::pow(std::min(other.distance / kApart, 1.0), 1.5) *
+                  std::pow(std::max(other.ratio, 0.5), -kEnergy);
     const double alone = 1.0 / (1.0 + std::exp(kOpposed * std::sqrt(misfit.opposed) - kPlain));
     return alone / (1.0 + others);
 }
