@@ -63,8 +63,7 @@ def test_the_object(settings):
 
 
 def test_ends_are_the_inputs_bit_for_bit_and_every_vertex_is_there(settings):
-    source, target = pair()
-    settings.domain = "auto"
+    source, target = pair(domain="auto")
     obj = morph()
     rows = row_pairs(obj)
     for side, name, shape in ((0, "Basis", source), (1, "Morph", target)):
@@ -75,8 +74,7 @@ def test_ends_are_the_inputs_bit_for_bit_and_every_vertex_is_there(settings):
 
 
 def test_features_meet(settings):
-    source, target = pair()
-    settings.domain = "auto"
+    source, target = pair(domain="auto")
     rows = {tuple(row) for row in row_pairs(morph())}
     for place in ((0, 0), (0.5, 0.3)):
         ends = tuple(row_at(coordinates(o.data.vertices), *place) for o in (source, target))
@@ -85,8 +83,7 @@ def test_features_meet(settings):
 
 def test_the_library_gives_the_same_pairs(settings):
     """Called directly, with the same arrays made independently of the add-on."""
-    objects = pair()
-    settings.domain = "auto"
+    objects = pair(domain="auto")
     obj = morph()
     clouds = []
     for shape in objects:

@@ -29,8 +29,7 @@ def pixel(name, row):
 
 def add_pair(window, side):
     """Makes a pair of sheets with so many vertices a side, and opens the tab."""
-    window.run(f"scenes.pair({side}, {side - 3}); scenes.select(bpy.data.objects['Hill'])")
-    window.run("bpy.context.scene.pointmorph.domain = 'auto'")  # as users find it
+    window.run(f"scenes.pair({side}, {side - 3}, 'auto'); scenes.select(bpy.data.objects['Hill'])")
     window.run("with in_viewport(): bpy.ops.view3d.view_all()")
     window.run("bpy.ops.ed.undo_push(message='A pair of sheets')")
     window.open_tab()

@@ -21,7 +21,7 @@ import compare_methods as methods
 import compare_peers
 
 SCRIPT = Path(compare_peers.__file__)
-COUNT = 3000
+COUNT = 6000
 MARK_STEP = COUNT // 20
 SPHERE_AREA = 4 * np.pi
 
@@ -111,8 +111,7 @@ def test_a_half_that_is_turned_outside_in_is_torn_off_and_flipped() -> None:
     _, near = measures.neighbors(points, measures.TEAR_NEIGHBORS)
     crossing = (upper[:, None] != upper[near]).mean()
     assert 0.7 * crossing < row["tears"] < 2 * crossing
-    # Half, less the places near the seams, whose width goes with the spacing: 0.1 at 6000 points.
-    assert 0.5 - 0.1 * np.sqrt(6000 / COUNT) < row["flips"] < 0.52
+    assert 0.4 < row["flips"] < 0.52
     assert row["stretch_p99"] > 3
 
 
@@ -122,8 +121,8 @@ def test_features_count_apart_and_their_pose_is_taken_away() -> None:
     ball = surface(points, points, SPHERE_AREA)
     moved = surface(turned, around_z(points, 70), 9 * SPHERE_AREA)
     rows = np.arange(COUNT)
-    features = np.stack([rows[::750], rows[::750]], axis=-1)
-    landmarks = np.stack([rows[50::750], rows[100::750]], axis=-1)
+    features = np.stack([rows[::1500], rows[::1500]], axis=-1)
+    landmarks = np.stack([rows[100::1500], rows[200::1500]], axis=-1)
     row = measures.Yardstick(ball, moved, features, landmarks).measure(
         np.stack([rows, rows], axis=-1)
     )
