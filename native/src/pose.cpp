@@ -176,7 +176,7 @@ CoarseShape moved(const CoarseShape& shape, const Similarity& move) {
 }
 
 double pose_confidence(const Misfit& misfit, std::span<const Competitor> competitors) {
-    constexpr double kPlain = 4.5, kOpposed = 20.0, kEnergy = 36.0, kApart = 0.15;
+    constexpr double kPlain = 4.5, kOpposed = 20.0, kEnergy = 40.0, kApart = 0.15;
     double others = 0.0;
     for (const Competitor& other : competitors)
         others += std::pow(std::min(other.distance / kApart, 1.0), 1.5) *

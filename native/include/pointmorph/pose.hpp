@@ -31,7 +31,7 @@ struct PoseOptions {
     double feature_distance = 0.3;
     /// So many of the best distinct maps are tried again, and at last continued to the finest
     /// level and compared there …
-    Index finalists = 2;
+    Index finalists = 4;
     Index semifinalists = 8;  ///< … out of so many that were registered for longer
     /// Up to so many that lay the shapes onto each other quite another way are among those, if
     /// they fit nearly as well.
