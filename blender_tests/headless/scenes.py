@@ -194,3 +194,20 @@ def add_point_cloud(name, positions, attributes):
     links.new(points.outputs[0], nodes.new("NodeGroupOutput").inputs[0])
     cloud.modifiers.new("From vertices", "NODES").node_group = group
     return cloud
+
+
+def listed(settings):
+    """Name of every feature in the list, and whether it is on the source and on the target."""
+    for obj in filter(None, (settings.source, settings.target)):
+        obj.update_tag()  # in Blender 3.4 a script's change of groups doesn't say that it happened
+    bpy.context.view_layer.update()
+    return [(f.name, f.on_source, f.on_target) for f in settings.features]
+
+
+def groups(obj):
+    """The weights of every vertex group by name and vertex."""
+    return {group.name: members(obj, group.index) for group in obj.vertex_groups}
+
+
+def members(obj, index):
+    return {v.index: g.weight for v in obj.data.vertices for g in v.groups if g.group == index}

@@ -15,8 +15,7 @@ def pair():
 
 
 def marked(obj, name):
-    group = obj.vertex_groups[f"pm.{name}"].index
-    return [v.index for v in obj.data.vertices if any(g.group == group for g in v.groups)]
+    return list(scenes.groups(obj)[f"pm.{name}"])
 
 
 def bare(obj):

@@ -7,7 +7,18 @@ import bpy
 import numpy as np
 import pointmorph
 import pytest
-from scenes import add_attribute, attribute, data_blocks, key, mark, morph, pair, read, select
+from scenes import (
+    add_attribute,
+    attribute,
+    data_blocks,
+    groups,
+    key,
+    mark,
+    morph,
+    pair,
+    read,
+    select,
+)
 
 
 def bad_pair():
@@ -46,11 +57,8 @@ def test_the_attribute_is_the_worse_end_of_every_pair(settings):
     report = json.loads(obj.pointmorph.report)
     pairs = [attribute(obj.data, f"{side}_row") for side in ("source", "target")]
     rows = {
-        group.name[3:]: tuple(
-            next(v.index for v in shape.data.vertices for g in v.groups if g.group == i)
-            for shape, i in ((o, o.vertex_groups[group.name].index) for o in objects)
-        )
-        for group in objects[0].vertex_groups
+        name[3:]: tuple(next(iter(groups(shape)[name])) for shape in objects)
+        for name in groups(objects[0])
     }
     quality = pointmorph.morph(*clouds, rows, domain="disk").quality
     expected = np.maximum(quality.source.distortion[pairs[0]], quality.target.distortion[pairs[1]])
