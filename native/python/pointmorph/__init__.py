@@ -30,26 +30,28 @@ from pointmorph.errors import (
 )
 from pointmorph.features import Feature
 from pointmorph.morphing import (
-    FeatureResidual,
     Frame,
-    MapFigures,
     Morph,
     Option,
-    Place,
-    PointQuality,
     Progress,
     Proposal,
-    Quality,
     ResampledFrame,
-    feature_summary,
     morph,
     options,
     propose_features,
-    quality_summary,
     restore,
 )
 from pointmorph.motions import Motion
 from pointmorph.networks import Network, NetworkCurve, trace_network
+from pointmorph.quality import (
+    FeatureResidual,
+    MapFigures,
+    Place,
+    PointQuality,
+    Quality,
+    feature_summary,
+    quality_summary,
+)
 
 __all__ = [
     "Cancelled",

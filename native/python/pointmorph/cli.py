@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from pointmorph import __version__, formats, morphing, sampling, sequences, surfaces
+from pointmorph import __version__, formats, morphing, quality, sampling, sequences, surfaces
 from pointmorph.clouds import Cloud, FloatArray
 from pointmorph.errors import FeatureError, FileError, OptionError, PointmorphError
 from pointmorph.features import Feature, feature_from_json
@@ -241,9 +241,9 @@ def _morph(chosen: argparse.Namespace) -> None:
         f"in {report['seconds']:.2f} s: {chosen.out}"
     )
     print(f"  {report['choice']}")
-    for name, value in morphing.quality_summary(report):
+    for name, value in quality.quality_summary(report):
         print(f"  {name:<11}{value}")
-    for name, value in morphing.feature_summary(report):
+    for name, value in quality.feature_summary(report):
         print(f"  {name}: {value}")
     for place in report["worst"]:
         print(f"  {place['advice']}")
