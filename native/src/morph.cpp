@@ -166,7 +166,7 @@ std::string doubts(const MorphReport& report, const Cloud& source, const Cloud& 
             return "with other partners for parts of it (" + places + ")";
         };
         text += ": " + source.name + " fits " + target.name + " another way too, " + other() +
-                ", with " + number(rival.ratio) + " times the energy";
+                ", " + number(rival.ratio) + " times as badly";
         mark = point(rival.source) + ", which is on point " + std::to_string(rival.target) +
                " of " + target.name + " now and would be on point " +
                std::to_string(rival.rival_target);

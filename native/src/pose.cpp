@@ -8,6 +8,7 @@
 #include <cmath>
 #include <iterator>
 
+#include "pointmorph/anchored_start.hpp"
 #include "pointmorph/extremities.hpp"
 #include "pose_trials.hpp"
 
@@ -108,7 +109,11 @@ void try_tips(const PoseSearch& search, const PoseEffort& effort, std::vector<Tr
                 if (count == variants) break;
                 if (std::ranges::find(tried, tips) != tried.end()) continue;
                 ++count;
-                starts.push_back({implied_pose(search, trial), tips});
+                const Similarity pose = implied_pose(search, trial);
+                starts.push_back({pose, tips});
+                // Each costs as much as another variant: the likeliest is worth it.
+                if (count == 1 && anchors(search, tips).size() >= kFewestAnchors)
+                    starts.push_back({pose, tips, true});
                 tried.push_back(std::move(tips));
             }
         };
@@ -145,7 +150,7 @@ void try_finals(const PoseSearch& search, const PoseEffort& effort,
     contenders.insert(contenders.end(), chosen.begin(), chosen.end());
     for (Candidate& candidate : continued(search, chosen, progress, middle, last))
         finals.push_back(std::move(candidate));
-    std::ranges::stable_sort(finals, {}, &Candidate::energy);
+    std::ranges::stable_sort(finals, {}, &Candidate::cost);
 }
 
 bool looks_wrong(const PoseSearch& search, const Candidate& map) {
@@ -159,7 +164,7 @@ void rate(Pose& pose) {
     };
     std::vector<Competitor> competitors;
     for (const Candidate& rival : pose.rivals)
-        competitors.push_back({rival.energy / pose.best.energy,
+        competitors.push_back({rival.cost / pose.best.cost,
                                (at_rest(rival) - at_rest(pose.best)).rowwise().norm().mean()});
     if (!competitors.empty()) pose.margin = competitors.front().ratio;
     pose.confidence = pose_confidence(pose.best.misfit, competitors);
@@ -176,11 +181,11 @@ CoarseShape moved(const CoarseShape& shape, const Similarity& move) {
 }
 
 double pose_confidence(const Misfit& misfit, std::span<const Competitor> competitors) {
-    constexpr double kPlain = 4.5, kOpposed = 20.0, kEnergy = 40.0, kApart = 0.15;
+    constexpr double kPlain = 4.5, kOpposed = 20.0, kCost = 40.0, kApart = 0.15;
     double others = 0.0;
     for (const Competitor& other : competitors)
         others += std::pow(std::min(other.distance / kApart, 1.0), 1.5) *
-                  std::pow(std::max(other.ratio, 0.5), -kEnergy);
+                  std::pow(std::max(other.ratio, 0.5), -kCost);
     const double alone = 1.0 / (1.0 + std::exp(kOpposed * std::sqrt(misfit.opposed) - kPlain));
     return alone / (1.0 + others);
 }
@@ -279,8 +284,10 @@ Pose find_pose(const CoarseShape& source, const CoarseShape& target,
         try_tips(search, options.second_effort, trials, tried, progress, 0.8, 0.95);
         try_finals(search, options.second_effort, trials, contenders, best, progress, 0.95, 1.0);
     }
+    const double least_energy = std::ranges::min_element(best, {}, &Candidate::energy)->energy;
     const auto given = std::ranges::find_if(best, [&](const Candidate& c) {
-        return c.energy <= options.as_given * best.front().energy &&
+        return c.cost <= options.as_given * best.front().cost &&
+               c.energy <= options.as_given * least_energy &&
                is_as_given(implied_pose(source.positions, c.registration.source_points.positions,
                                         c.alignment),
                            options);

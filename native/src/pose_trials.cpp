@@ -2,6 +2,7 @@
 
 #include <utility>
 
+#include "pointmorph/anchored_start.hpp"
 #include "pointmorph/cloud.hpp"
 #include "pointmorph/kd_tree.hpp"
 #include "pointmorph/parallel.hpp"
@@ -93,7 +94,17 @@ double middle_stiffness(const RegistrationLevel& level) {
     return std::sqrt(level.first_stiffness * level.last_stiffness);
 }
 
+Trial begun_at_anchors(const PoseSearch& search, const TrialStart& start) {
+    RegistrationLevel level = search.options.trial;
+    level.stiff_rounds = 0;  // the points are where they belong, the shapes don't lie alike
+    return registered(search, start.alignment, search.features,
+                      anchored_start(search.source.thin, moved(search.target.thin, start.alignment),
+                                     search.distances, anchors(search, start.tips)),
+                      level, search.registration);
+}
+
 Trial begun(const PoseSearch& search, const TrialStart& start) {
+    if (start.anchored) return begun_at_anchors(search, start);
     const CoarseShape &source = search.source.thin, &target = search.target.thin;
     // Curves and regions have to be brought over; by points alone a plate turns heads.
     const RegistrationStart places =
@@ -175,10 +186,26 @@ Candidate to_the_finest(const PoseSearch& search, const Trial& trial) {
         dearer_by_asymmetry(search, trial.alignment.inverse().apply(images),
                             gather(finest_map.target_points.positions, search.target.thin.rows));
     result.torn = torn_share(source, there, result.registration, search.registration, silent);
+    result.cost = result.energy * (1.0 + search.options.tear_weight * result.torn);
     return result;
 }
 
 }  // namespace
+
+std::vector<IndexPair> anchors(const PoseSearch& search, const Tips& tips) {
+    std::vector<IndexPair> result;
+    for (const IndexPair& f : search.features)
+        result.push_back({node_at(search.source, f.source), node_at(search.target, f.target)});
+    for (const IndexPair& tip : tips) {
+        const Index s = node_at(search.source, search.source.tips[at(tip.source)].point),
+                    t = node_at(search.target, search.target.tips[at(tip.target)].point);
+        if (std::ranges::none_of(result, [&](const IndexPair& other) {
+                return other.source == s || other.target == t;
+            }))
+            result.push_back({s, t});
+    }
+    return result;
+}
 
 ThinnedShape thinned_shape(const CoarseShape& shape, std::vector<Extremity> tips, Index points,
                            Progress& progress) {
@@ -214,7 +241,7 @@ void try_starts(const PoseSearch& search, const std::vector<TrialStart>& starts,
         middle);
     std::vector<Trial> led;
     for (std::size_t k = 0; k < starts.size(); ++k)
-        (starts[k].tips.empty() ? trials : led).push_back(std::move(made[k]));
+        (starts[k].tips.empty() || starts[k].anchored ? trials : led).push_back(std::move(made[k]));
     keep_best(led, search.options.same);
     std::erase_if(led, [&](const Trial& trial) {
         return trial.energy > search.options.promising * led.front().energy;

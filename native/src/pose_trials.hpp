@@ -28,6 +28,11 @@ struct ThinnedShape {
     std::vector<Extremity> tips;  ///< rows of `thin`
 };
 
+/// The node of the coarsest level next to a point, a row of `thin`.
+inline Index node_at(const ThinnedShape& shape, Index row) {
+    return shape.thin.levels.front().point_nodes[static_cast<std::size_t>(row)][0];
+}
+
 ThinnedShape thinned_shape(const CoarseShape& shape, std::vector<Extremity> tips, Index points,
                            Progress& progress);
 
@@ -43,10 +48,13 @@ struct PoseSearch {
 
 using Tips = std::vector<IndexPair>;  ///< places in the lists of tips; sorted
 
-/// A pose, and tips that are drawn together at first.
+/// A pose, and tips that belong together.
 struct TrialStart {
     Similarity alignment;
     Tips tips;
+    /// All points start where the tips and the features say, see anchored_start(), and the tips let
+    /// go then. Else the tips are drawn together at first.
+    bool anchored = false;
 };
 
 /// A map between the thinned shapes.
@@ -103,7 +111,8 @@ using Way = std::vector<const Trial*>;
 std::vector<Way> ways_of(const std::vector<Trial>& trials, double factor, Index others);
 
 /// Registers from all, side by side, and sorts what is distinct into `trials`. Of those that tips
-/// lead, only what looks well halfway is followed to its end. Progress runs from `first` to `last`.
+/// draw together, only what looks well halfway is followed to its end. Progress runs from `first`
+/// to `last`.
 void try_starts(const PoseSearch& search, const std::vector<TrialStart>& starts,
                 std::vector<Trial>& trials, Progress& progress, double first, double last);
 
@@ -118,6 +127,10 @@ std::vector<Candidate> continued(const PoseSearch& search, const std::vector<Tri
 /// Ways in which the tips may belong together, the likeliest first: as the map has them, and with
 /// one pair more or less, two of them swapped, three exchanged in turn, or one exchanged.
 std::vector<Tips> tip_variants(const PoseSearch& search, const Trial& trial);
+
+/// Nodes of the coarsest level that belong together: the features', then those of tips, but of none
+/// that sits on another anchor.
+std::vector<IndexPair> anchors(const PoseSearch& search, const Tips& tips);
 
 /// The pose that makes a map turn as little as it can.
 Similarity implied_pose(const Positions& source, const Positions& images,

@@ -110,7 +110,7 @@ std::vector<Rival> describe_rivals(const CoarseShape& source, const CoarseShape&
             there_and_back.row(k) = pose.best.registration.target_points.positions.row(
                 nearest(target_tree, its_images.row(i)));
         }
-        Rival rival{other.energy / pose.best.energy,
+        Rival rival{other.cost / pose.best.cost,
                     swap_of(source, there_and_back,
                             static_cast<double>(moved_nodes) / std::max(graph.size(), Index{1})),
                     distances[worst],

@@ -8,10 +8,6 @@ namespace pointmorph {
 
 namespace {
 
-std::size_t at(Index i) {
-    return static_cast<std::size_t>(i);
-}
-
 /// How far a map leaves tips apart, how differently far apart they are along both shapes, and a
 /// price for those left alone.
 class TipCost {
@@ -53,8 +49,7 @@ private:
 
     static Eigen::MatrixXd between(const ThinnedShape& shape, const Eigen::MatrixXd& distances) {
         std::vector<Index> nodes;
-        for (const Extremity& tip : shape.tips)
-            nodes.push_back(shape.thin.levels.front().point_nodes[at(tip.point)][0]);
+        for (const Extremity& tip : shape.tips) nodes.push_back(node_at(shape, tip.point));
         return distances(nodes, nodes);
     }
 };

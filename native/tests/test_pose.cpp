@@ -89,9 +89,26 @@ TEST(Pose, OneMarkSettlesAnAmbiguousShapeEitherWay) {
     }
 }
 
+/// Four legs, a head and a tail; unit area. The left is where y > 0.
+Positions two_sided(Index count, unsigned seed, Normals* normals) {
+    shapes::Urchin animal(count,
+                          {{0.9, 0.6, -0.6},
+                           {0.9, -0.6, -0.6},
+                           {-0.9, 0.5, -0.7},
+                           {-0.9, -0.5, -0.7},
+                           {1.4, 0.0, 0.6},
+                           {-0.6, 0.0, 0.4}},
+                          seed);
+    *normals = animal.normals;
+    return animal.positions / std::sqrt(estimated_area(KdTree<3>(animal.positions)));
+}
+
 TEST(Pose, IsTheSameToTheBitForAnyNumberOfThreads) {
-    const CoarseShape source = egg(1500, 0.8, 1, Matrix3::Identity());
-    const CoarseShape target = egg(1500, 0.8, 2, shapes::rotation(7));
+    Normals source_normals, target_normals;  // limbs, so that tips are varied and anchor trials
+    const Positions source_positions = two_sided(3000, 3, &source_normals),
+                    target_positions = two_sided(3000, 4, &target_normals);
+    const CoarseShape source = coarse(source_positions, source_normals),
+                      target = coarse(target_positions, target_normals);
     std::vector<Pose> poses;
     for (const int threads : {1, 3}) {
         const ThreadCount count(threads);
@@ -148,20 +165,6 @@ TEST(Pose, EndsWhenAskedTo) {
             },
             Cancelled);
     }
-}
-
-/// Four legs, a head and a tail; unit area. The left is where y > 0.
-Positions two_sided(Index count, unsigned seed, Normals* normals) {
-    shapes::Urchin animal(count,
-                          {{0.9, 0.6, -0.6},
-                           {0.9, -0.6, -0.6},
-                           {-0.9, 0.5, -0.7},
-                           {-0.9, -0.5, -0.7},
-                           {1.4, 0.0, 0.6},
-                           {-0.6, 0.0, 0.4}},
-                          seed);
-    *normals = animal.normals;
-    return animal.positions / std::sqrt(estimated_area(KdTree<3>(animal.positions)));
 }
 
 Positions other_side(Positions positions) {
@@ -272,6 +275,38 @@ TEST(Pose, AMapCostsMoreForSidesThatItTreatsDifferently) {
     options.symmetry.weight = 0.0;
     const Candidate without = find_pose(source, target, {}, options, {}, progress).best;
     EXPECT_EQ(without.energy, without.misfit.energy());
+}
+
+TEST(Pose, AMapCostsMoreForItsTears) {
+    // A table, which has many ways to stand on another, and a limb on top that the other hasn't
+    // got: it can't be mapped without a tear.
+    const std::vector<Vector3> legs{
+        {0.9, 0.6, -0.6}, {0.9, -0.6, -0.6}, {-0.9, 0.6, -0.6}, {-0.9, -0.6, -0.6}};
+    std::vector<Vector3> more = legs;
+    more.emplace_back(0.0, 0.0, 1.6);
+    const auto of = [](const std::vector<Vector3>& spikes, unsigned seed) {
+        const shapes::Urchin urchin(6000, spikes, seed);
+        const double unit = std::sqrt(estimated_area(KdTree<3>(urchin.positions)));
+        return coarse(urchin.positions / unit, urchin.normals);
+    };
+    const CoarseShape source = of(more, 3), target = of(legs, 4);
+    Progress progress;
+    PoseOptions options;
+    options.as_given = 1.0;
+    for (const double weight : {0.0, 1e6}) {
+        options.tear_weight = weight;
+        const Pose pose = find_pose(source, target, {}, options, {}, progress);
+        ASSERT_FALSE(pose.rivals.empty());
+        EXPECT_DOUBLE_EQ(pose.margin, pose.rivals.front().cost / pose.best.cost);
+        EXPECT_GE(pose.margin, 1.0);
+        for (const Candidate& rival : pose.rivals) {
+            if (weight == 0.0) {
+                EXPECT_LE(pose.best.energy, rival.energy);
+            } else {
+                EXPECT_LT(pose.best.torn * pose.best.energy, 1.001 * rival.torn * rival.energy);
+            }
+        }
+    }
 }
 
 }  // namespace

@@ -52,9 +52,13 @@ struct PoseOptions {
     // What is worse than the best by such a factor isn't followed further:
     double promising = 1.15;   ///< as tips have led a map halfway, among those of the same round
     double contending = 1.15;  ///< when registered for longer
+    /// At the finest level maps are ranked by energy · (1 + so many times the share of torn edges).
+    /// With more, maps would be preferred that lay head on tail where a limb has no partner, as
+    /// right maps tear there. Two maps of one pose differ less: attempts weigh tears more.
+    double tear_weight = 20.0;
     /// Maps that leave the target turned by less than `as_given_turn` (radians) from how it was
-    /// given win where their energy is within `as_given` of the best one's: where shape alone can
-    /// hardly tell, the user has. 1 or more.
+    /// given win where energy and cost are within `as_given` of the least ones: where shape alone
+    /// can hardly tell, the user has. 1 or more.
     double as_given = 1.03;
     double as_given_turn = 1.0;
     /// The quick trial of every pose, on the coarsest level.
@@ -72,13 +76,14 @@ struct Candidate {
     Misfit misfit;
     double energy = 0.0;  ///< that of the misfit · (1 + SymmetryOptions::weight · asymmetry)
     double torn = 0.0;    ///< torn_share()
+    double cost = 0.0;    ///< energy · (1 + PoseOptions::tear_weight · torn)
 };
 
 struct Pose {
     Candidate best;
     /// Other maps, distinct from the best and from one another, the best first.
     std::vector<Candidate> rivals;
-    /// Energy of the best distinct map over that of this one: near 1, the shapes fit another way
+    /// Cost of the best distinct map over that of this one: near 1, the shapes fit another way
     /// just as well; below 1 where it was preferred because the shapes were given so. Infinite
     /// where no other was found.
     double margin = std::numeric_limits<double>::infinity();
@@ -89,13 +94,13 @@ struct Pose {
 
 /// Another map, compared with the one that was chosen.
 struct Competitor {
-    double ratio;     ///< its energy over the chosen one's
+    double ratio;     ///< its cost over the chosen one's
     double distance;  ///< mean over the source between a point's two images, in √area
 };
 
 /// How likely a map is right, 0 to 1: falls with the share of images that show their backs
 /// (logistic), and with every competitor that fits nearly as well, the more the further it lies
-/// apart: two maps of the same energy that have nothing in common are right half the time at most.
+/// apart: two maps of the same cost that have nothing in common are right half the time at most.
 /// Fitted to maps between animals; "right" is a mean landmark error of at most .07 √area.
 double pose_confidence(const Misfit& misfit, std::span<const Competitor> competitors);
 

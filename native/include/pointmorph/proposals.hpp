@@ -27,7 +27,7 @@ std::string name_of(Swap swap);
 
 /// Another map that fits about as well, and a mark that would tell which is right.
 struct Rival {
-    double ratio;               ///< its energy over the chosen map's
+    double ratio;               ///< its cost over the chosen map's
     Swap swap;                  ///< what differs
     double distance;            ///< the largest between a point's two images, in √area
     std::vector<Index> places;  ///< source rows: the middle of what differs, largest area first

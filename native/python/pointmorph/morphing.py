@@ -291,8 +291,8 @@ class Morph:
         `options` and what the solver needed on both sides.
 
         Where few or no features said how the clouds lie to each other: `confidence` (about how
-        likely the map is right, 0 to 1), `margin` (energy of the second best map over that of this
-        one; None where there is none), `rivals` (other maps that were found: `ratio` of energies;
+        likely the map is right, 0 to 1), `margin` (cost of the second best map over that of this
+        one; None where there is none), `rivals` (other maps that were found: `ratio` of costs;
         `swap`, which is ends, sides, turned or places; `distance`, the largest between two images,
         in √area; `places`, source rows where they differ; and a mark that tells them apart,
         `source`, with its partner `target` now and `rival_target` then) and `proposals` (pairs of
