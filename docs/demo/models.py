@@ -19,7 +19,8 @@ ARCHIVE = "./usr/share/doc/libcgal-dev/data.tar.gz"
 # The feature rows and the turns hold for exactly these files.
 FILES = {
     "cow.off": "1c5a25c3047fc6b14dd0c962d3562b1796671422ab4634f9d46f9f23814cd54a",
-    "triceratops.off": "0fb444933884486a09eb4329a832f15ab792590f2a5bb75385d157e654ddbf5c",
+    "camel.off": "9ac960a9fee27e6fcc6baaa2340260834625084ee20f4a97194212404e650a22",
+    "diplodocus.off": "661fdac29eca4b205e354da112b3cbfd08dcfae07df989234b71421e62521c96",
     "bull.off": "5c7b9631f8c278c12b30c0eea0b72da871504674516daf7d7eaaf5fa4154224a",
     "bear.off": "058f6ce62635e5f86958adea9706a8dca3ebe4fae76a0d32b8318d107d40bda6",
     "mannequin-devil.off": "9424b7132b58766984051fb7757543e88972f91fe7e9565d4e5b715b204f74a5",
@@ -91,11 +92,11 @@ def debian_cases(cache: Path) -> list[Case]:
     }
     return [
         Case(
-            "cow_to_triceratops",
-            folder / "cow.off",
-            folder / "triceratops.off",
+            "camel_to_diplodocus",
+            folder / "camel.off",
+            folder / "diplodocus.off",
             None,
-            turns=(-90.0, -90.0),
+            turns=(0.0, -90.0),
             upright=True,
             azimuth=68.0,
         ),
