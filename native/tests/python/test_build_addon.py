@@ -1,27 +1,44 @@
 """The one entry: what it counts, what it notices and what it says."""
 
 import importlib.util
+import json
+import shutil
 import subprocess
 import sys
 from pathlib import Path
 from types import ModuleType
 
 import pytest
+from build_tools import (
+    packaging,
+    paths,
+    python_environment,
+    reports,
+    running,
+    suites,
+    system,
+    wheels,
+)
+from build_tools.reports import Outcome
 
 ROOT = Path(__file__).resolve().parents[3]
 
 
+@pytest.fixture(autouse=True)
+def _own_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What the tools make lies in a folder of the test."""
+    monkeypatch.setattr(paths, "BUILD", tmp_path)
+    monkeypatch.setattr(paths, "LOGS", tmp_path / "logs")
+
+
 @pytest.fixture
-def entry(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> ModuleType:
-    """build_addon.py as a module whose files lie in a folder of the test."""
+def entry() -> ModuleType:
+    """build_addon.py as a module."""
     spec = importlib.util.spec_from_file_location("build_addon", ROOT / "build_addon.py")
     assert spec
     assert spec.loader
     module = importlib.util.module_from_spec(spec)
-    monkeypatch.setitem(sys.modules, "build_addon", module)
     spec.loader.exec_module(module)
-    monkeypatch.setattr(module, "BUILD", tmp_path)
-    monkeypatch.setattr(module, "LOGS", tmp_path / "logs")
     return module
 
 
@@ -34,7 +51,7 @@ def pytest_report(folder: Path, source: str) -> tuple[int, Path]:
     return done.returncode, report
 
 
-def test_counts_passes_failures_errors_and_skips(entry: ModuleType, tmp_path: Path) -> None:
+def test_counts_passes_failures_errors_and_skips(tmp_path: Path) -> None:
     status, report = pytest_report(
         tmp_path,
         """
@@ -48,14 +65,14 @@ def test_error(broken): pass
 def test_absent(): pytest.skip("no data")
 """,
     )
-    outcome = entry.judge(status, report)
+    outcome = reports.judge(status, report)
     assert outcome.passed == 4
     assert len(outcome.failures) == 2
     assert any("test_bad" in line and "one is not two" in line for line in outcome.failures)
     assert outcome.skips == ["no data"]
 
 
-def test_counts_google_test(entry: ModuleType, tmp_path: Path) -> None:
+def test_counts_google_test(tmp_path: Path) -> None:
     report = tmp_path / "report.xml"
     report.write_text("""<?xml version="1.0" encoding="UTF-8"?>
 <testsuites tests="4" failures="1" disabled="1" errors="0" time="0.1" name="AllTests">
@@ -71,7 +88,7 @@ def test_counts_google_test(entry: ModuleType, tmp_path: Path) -> None:
     </testcase>
   </testsuite>
 </testsuites>""")
-    outcome = entry.judge(1, report)
+    outcome = reports.judge(1, report)
     assert outcome.passed == 1
     assert len(outcome.failures) == 1
     assert outcome.failures[0].startswith("A.Bad")
@@ -87,100 +104,131 @@ def test_counts_google_test(entry: ModuleType, tmp_path: Path) -> None:
     ],
 )
 def test_a_suite_that_did_not_really_pass_fails(
-    entry: ModuleType, tmp_path: Path, status: int, source: str, expected: str
+    tmp_path: Path, status: int, source: str, expected: str
 ) -> None:
     _, report = pytest_report(tmp_path, source)
-    [failure] = entry.judge(status, report).failures
+    [failure] = reports.judge(status, report).failures
     assert expected in failure
 
 
-def test_a_missing_report_is_a_failure(entry: ModuleType, tmp_path: Path) -> None:
-    [failure] = entry.judge(-11, tmp_path / "none.xml").failures
+def test_a_missing_report_is_a_failure(tmp_path: Path) -> None:
+    [failure] = reports.judge(-11, tmp_path / "none.xml").failures
     assert "no report" in failure
 
 
 def test_all_suites_run_and_the_last_line_is_the_sum(
-    entry: ModuleType, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    def breaks() -> None:
-        raise entry.SetupError("no compiler")
+    def breaks() -> Outcome:
+        raise running.SetupError("no compiler")
 
-    suites = {
-        "first": entry.Suite(breaks),
-        "second": entry.Suite(lambda: entry.Outcome(3, [], ["no data", "no data"])),
+    known = {
+        "first": suites.Suite(breaks),
+        "second": suites.Suite(lambda: Outcome(3, [], ["no data", "no data"])),
     }
-    monkeypatch.setattr(entry, "SUITES", suites)
-    monkeypatch.setattr(entry, "set_up", lambda *groups, strict: None)
-    assert entry.test(list(suites), 1) == 1
+    monkeypatch.setattr(suites, "SUITES", known)
+    monkeypatch.setattr(suites, "set_up", lambda *groups, strict: None)
+    assert suites.test(list(known), 1) == 1
     said = capsys.readouterr().out.splitlines()
     assert said[-1] == "3 passed, 1 failed, 2 skipped"
     assert "skipped 2 in second: no data" in said
     assert any("no compiler" in line for line in said)
 
-    assert entry.test(["second"], 1) == 0
+    assert suites.test(["second"], 1) == 0
     assert capsys.readouterr().out.splitlines()[-1] == "3 passed, 0 failed, 2 skipped"
 
 
-def test_a_failed_command_shows_the_end_of_its_log(entry: ModuleType) -> None:
+def test_the_slowest_tests_and_the_shares_of_suites_are_told_and_kept(tmp_path: Path) -> None:
+    _, report = pytest_report(
+        tmp_path, "def test_quick(): pass\ndef test_slow(): import time; time.sleep(0.3)"
+    )
+    read = reports.read_junit(report)
+    slow = next(test for test in read.times if test.endswith("test_slow"))
+    assert read.times[slow] >= 0.3
+    many = Outcome(passed=30, times={f"test {i}": i / 1000 for i in range(30)}, processor=3.0)
+    read.processor = 1.0
+    said = reports.tell({"many": many, "few": read}, tmp_path)
+    assert "20 slowest of 32" in said[0]
+    assert said[1].endswith(f"few: {slow}")
+    assert said[2].endswith("many: test 29")
+    assert [line.split()[-2:] for line in said if line.startswith(("many", "few"))] == [
+        ["75", "%"],
+        ["25", "%"],
+    ]
+    assert json.loads((tmp_path / "times.json").read_text())["few"]["tests"] == read.times
+    assert (tmp_path / "times.txt").read_text().splitlines() == said
+
+
+def test_processor_time_is_that_of_the_commands() -> None:
+    before = running.processor_seconds()
+    busy = "import time\nwhile time.process_time() < 0.3: pass"
+    running.run("log", sys.executable, "-c", busy)
+    used = running.processor_seconds() - before
+    assert used >= 0.3
+    running.run("log", sys.executable, "-c", "import time; time.sleep(0.5)")
+    assert running.processor_seconds() - before - used < 0.5
+
+
+def test_a_failed_command_shows_the_end_of_its_log() -> None:
     command = (sys.executable, "-c", "print('line\\n' * 99, 'the reason'); raise SystemExit(3)")
-    with pytest.raises(entry.SetupError, match=r"status 3:\n(.*\n)*.*the reason"):
-        entry.run("log", *command)
-    assert entry.run("log", *command, check=False) == 3
+    with pytest.raises(running.SetupError, match=r"status 3:\n(.*\n)*.*the reason"):
+        running.run("log", *command)
+    assert running.run("log", *command, check=False) == 3
 
 
-def test_a_command_that_hangs_is_stopped(entry: ModuleType) -> None:
+def test_a_command_that_hangs_is_stopped() -> None:
     command = (sys.executable, "-c", "import time; time.sleep(60)")
-    assert entry.run("log", *command, timeout=0.2, check=False) < 0
+    assert running.run("log", *command, timeout=0.2, check=False) < 0
 
 
-def test_a_command_that_is_not_there_is_named(entry: ModuleType) -> None:
-    with pytest.raises(entry.SetupError, match="no-such-program"):
-        entry.run("log", "no-such-program")
+def test_a_command_that_is_not_there_is_named() -> None:
+    with pytest.raises(running.SetupError, match="no-such-program"):
+        running.run("log", "no-such-program")
 
 
 def test_the_digest_follows_names_and_contents(
-    entry: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    monkeypatch.setattr(entry, "ROOT", tmp_path)
+    monkeypatch.setattr(paths, "ROOT", tmp_path)
     folder = tmp_path / "sources"
     folder.mkdir()
     seen = set()
     for name, text in (("a", "1"), ("a", "2"), ("b", "2")):
         (folder / name).write_text(text)
-        seen.add(entry.digest("key", folder))
-    before = entry.digest("key", folder)
+        seen.add(running.digest("key", folder))
+    before = running.digest("key", folder)
     (folder / "__pycache__").mkdir()
     (folder / "__pycache__" / "a.pyc").write_text("")
-    assert entry.digest("key", folder) == before
+    assert running.digest("key", folder) == before
     assert len(seen) == 3
 
 
 def test_what_is_missing_is_named_where_nothing_can_install_it(
-    entry: ModuleType, monkeypatch: pytest.MonkeyPatch
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(entry, "is_present", lambda evidence: False)
-    monkeypatch.setattr(entry.shutil, "which", lambda name, path=None: None)
-    with pytest.raises(entry.SetupError, match=r"g\+\+.*libnanoflann-dev") as caught:
-        entry.set_up_system(["build"])
+    monkeypatch.setattr(system, "is_present", lambda evidence: False)
+    monkeypatch.setattr(shutil, "which", lambda name, path=None: None)
+    with pytest.raises(running.SetupError, match=r"g\+\+.*libnanoflann-dev") as caught:
+        system.set_up_system(["build"])
     assert "cmake" not in str(caught.value)  # which pip can bring
 
 
-def test_evidence(entry: ModuleType) -> None:
-    assert entry.is_present("program:sh")
-    assert entry.is_present("library:libc.so.6")
-    assert entry.is_present("module:venv")
-    assert entry.is_present(f"file:{ROOT}")
+def test_evidence() -> None:
+    assert system.is_present("program:sh")
+    assert system.is_present("library:libc.so.6")
+    assert system.is_present("module:venv")
+    assert system.is_present(f"file:{ROOT}")
     for kind in ("program", "library", "module", "file"):
-        assert not entry.is_present(f"{kind}:surely_absent")
+        assert not system.is_present(f"{kind}:surely_absent")
 
 
-def test_editing_insists_on_one_match(entry: ModuleType, tmp_path: Path) -> None:
+def test_editing_insists_on_one_match(tmp_path: Path) -> None:
     path = tmp_path / "manifest"
     path.write_text('version = "0"\nname = "x"\n')
-    entry.edit(path, r'^version = ".*"$', 'version = "1.2.0"')
+    packaging.edit(path, r'^version = ".*"$', 'version = "1.2.0"')
     assert path.read_text() == 'version = "1.2.0"\nname = "x"\n'
-    with pytest.raises(entry.SetupError, match="wheels"):
-        entry.edit(path, r"^wheels = .*$", "wheels = []")
+    with pytest.raises(running.SetupError, match="wheels"):
+        packaging.edit(path, r"^wheels = .*$", "wheels = []")
 
 
 @pytest.mark.parametrize("arguments", [["nothing"], ["test", "--only", "nothing"], []])
@@ -199,8 +247,8 @@ def test_the_comparison_gets_the_pair_and_its_options(
     entry: ModuleType, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     shown: list[str] = []
-    for name in ("check_system", "set_up", "set_up_peers"):
-        monkeypatch.setattr(entry, name, lambda: None)
+    monkeypatch.setattr(wheels, "set_up", lambda: None)
+    monkeypatch.setattr(python_environment, "set_up_peers", lambda: None)
     monkeypatch.setattr(entry, "show", lambda *command: shown.extend(map(str, command)) or 0)
     words = ["a.ply", "b.obj", "marks.json", "--points", "3000"]
     monkeypatch.setattr(sys, "argv", ["build_addon.py", "bench", "--peers", *words])

@@ -1,0 +1,102 @@
+"""What tests said: counts, reasons and times, read from the reports that they wrote."""
+
+from __future__ import annotations
+
+import json
+import xml.etree.ElementTree as ElementTree
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+SLOWEST = 20
+"""How many of the slowest tests are shown."""
+
+
+@dataclass
+class Outcome:
+    """What came of a suite: counts, and a line for everything that failed or was skipped."""
+
+    passed: int = 0
+    failures: list[str] = field(default_factory=list)
+    skips: list[str] = field(default_factory=list)
+    times: dict[str, float] = field(default_factory=dict)
+    """Seconds that each test took; the first test that needs a fixture pays for it."""
+    seconds: float = 0.0
+    """From the suite's start to its end, building included."""
+    processor: float = 0.0
+    """Processor seconds, which other suites beside it don't change."""
+
+
+def read_junit(report: Path) -> Outcome:
+    """What Google Test or pytest reported."""
+    outcome = Outcome()
+    for case in ElementTree.parse(report).iter("testcase"):
+        name = f"{case.get('classname')}.{case.get('name')}"
+        bad = [child for child in case if child.tag in ("failure", "error")]
+        skip = case.find("skipped")
+        outcome.times[name] = float(case.get("time") or 0)
+        if bad:
+            message = (bad[0].get("message") or "").strip().partition("\n")[0]
+            outcome.failures.append(f"{name}: {message}")
+        elif skip is not None or case.get("status") == "notrun":
+            outcome.skips.append("disabled" if skip is None else skip.get("message", ""))
+        else:
+            outcome.passed += 1
+    return outcome
+
+
+def judge(status: int, report: Path) -> Outcome:
+    """The outcome of a suite that ended with `status` and was to write `report`."""
+    try:
+        outcome = read_junit(report)
+    except (OSError, ElementTree.ParseError):
+        return Outcome(failures=[f"ended with status {status} and left no report"])
+    if status != 0 and not outcome.failures:
+        outcome.failures.append(f"ended with status {status} though no test failed")
+    if not outcome.passed and not outcome.failures:
+        outcome.failures.append("ran no test")
+    return outcome
+
+
+def times_of(outcomes: Mapping[str, Outcome]) -> list[str]:
+    """Lines that say which tests were the slowest."""
+    tests = [(t, name, test) for name, o in outcomes.items() for test, t in o.times.items()]
+    tests.sort(key=lambda test: (-test[0], *test[1:]))
+    if not tests:
+        return []
+    lines = [f"The {min(SLOWEST, len(tests))} slowest of {len(tests)} tests, in seconds:"]
+    return lines + [f"{t:>8.1f}  {name}: {test}" for t, name, test in tests[:SLOWEST]]
+
+
+def table_of(outcomes: Mapping[str, Outcome]) -> list[str]:
+    """Lines with the figures of every suite; the last is the sum."""
+    heads = ("passed", "failed", "skipped", "seconds", "processor", "share")
+    lines = [f"{'suite':<12}" + "".join(f"{head:>10}" for head in heads)]
+    whole = sum(outcome.processor for outcome in outcomes.values()) or 1.0
+    sums = [0, 0, 0]
+    for name, outcome in outcomes.items():
+        counts = (outcome.passed, len(outcome.failures), len(outcome.skips))
+        sums = [a + b for a, b in zip(sums, counts, strict=True)]
+        times = f"{outcome.seconds:>10.0f}{outcome.processor:>10.0f}"
+        share = f"{100 * outcome.processor / whole:>8.0f} %"
+        lines.append(f"{name:<12}{'{:>10}{:>10}{:>10}'.format(*counts)}{times}{share}")
+    return [*lines, "{} passed, {} failed, {} skipped".format(*sums)]
+
+
+def tell(outcomes: Mapping[str, Outcome], folder: Path) -> list[str]:
+    """All that is to be said of a run; the times are kept in `folder` as well."""
+    lines = []
+    for name, outcome in outcomes.items():
+        for reason, count in Counter(outcome.skips).items():
+            lines.append(f"skipped {count} in {name}: {reason}")
+        lines += [f"FAILED in {name}: {failure}" for failure in outcome.failures]
+    folder.mkdir(parents=True, exist_ok=True)
+    kept = {
+        name: {"seconds": o.seconds, "processor": o.processor, "tests": o.times}
+        for name, o in outcomes.items()
+    }
+    (folder / "times.json").write_text(json.dumps(kept, indent=1))
+    slowest, table = times_of(outcomes), table_of(outcomes)
+    (folder / "times.txt").write_text("\n".join([*slowest, *table, ""]))
+    return [*lines, *slowest, *table]
