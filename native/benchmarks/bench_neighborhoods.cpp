@@ -9,10 +9,10 @@
 #include <vector>
 
 #include "../tests/shapes.hpp"
-#include "pointmorph/covariance.hpp"
-#include "pointmorph/lod.hpp"
-#include "pointmorph/parallel.hpp"
-#include "pointmorph/sampling.hpp"
+#include "pointmorph/base/parallel.hpp"
+#include "pointmorph/cloud/covariance.hpp"
+#include "pointmorph/cloud/lod.hpp"
+#include "pointmorph/cloud/sampling.hpp"
 
 namespace pointmorph {
 namespace {
@@ -102,7 +102,7 @@ void BM_Orientation(benchmark::State& state) {
 void BM_Lod(benchmark::State& state) {
     Progress progress;
     const Positions& p = prepared().positions;
-    std::vector<Index> rows(static_cast<std::size_t>(p.rows()));
+    std::vector<Index> rows(to_size(p.rows()));
     std::iota(rows.begin(), rows.end(), 0);
     measure(state, [&] { return simplify(p, rows, {12}, progress); });
 }

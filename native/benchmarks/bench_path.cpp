@@ -9,8 +9,8 @@
 #include <random>
 #include <vector>
 
-#include "pointmorph/parallel.hpp"
-#include "pointmorph/path.hpp"
+#include "pointmorph/base/parallel.hpp"
+#include "pointmorph/frames/path.hpp"
 
 namespace pointmorph {
 namespace {
@@ -76,7 +76,7 @@ void BM_Frame(benchmark::State& state) {
     const auto copy = [&] {
 #pragma omp parallel for schedule(static)
         for (int part = 0; part < kThreads; ++part) {
-            const std::size_t begin = copy_from.size() / kThreads * static_cast<std::size_t>(part);
+            const std::size_t begin = copy_from.size() / kThreads * to_size(part);
             std::memcpy(copy_to.data() + begin, copy_from.data() + begin,
                         copy_from.size() / kThreads);
         }

@@ -9,9 +9,9 @@
 #include <utility>
 #include <vector>
 
-#include "pointmorph/cloud.hpp"
-#include "pointmorph/progress.hpp"
-#include "pointmorph/types.hpp"
+#include "pointmorph/base/progress.hpp"
+#include "pointmorph/base/types.hpp"
+#include "pointmorph/cloud/cloud.hpp"
 
 namespace pointmorph::bindings {
 

@@ -1,9 +1,9 @@
-#include "pointmorph/decomposition.hpp"
+#include "pointmorph/disk/decomposition.hpp"
 
 #include <algorithm>
 
 #include "bindings.hpp"
-#include "pointmorph/morph.hpp"
+#include "pointmorph/morph/morph.hpp"
 
 namespace pointmorph::bindings {
 

@@ -1,5 +1,5 @@
 // C++ errors become those of pointmorph.errors; progress and signals.
-#include "pointmorph/error.hpp"
+#include "pointmorph/base/error.hpp"
 
 #include "bindings.hpp"
 

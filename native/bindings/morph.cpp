@@ -1,9 +1,9 @@
-#include "pointmorph/morph.hpp"
+#include "pointmorph/morph/morph.hpp"
 
 #include "bindings.hpp"
-#include "pointmorph/error.hpp"
-#include "pointmorph/options.hpp"
-#include "pointmorph/parallel.hpp"
+#include "pointmorph/base/error.hpp"
+#include "pointmorph/base/parallel.hpp"
+#include "pointmorph/morph/options.hpp"
 
 namespace pointmorph::bindings {
 
@@ -45,8 +45,8 @@ py::array_t<std::int64_t> array_of(const Pairing& pairs) {
     py::array_t<std::int64_t> rows({static_cast<py::ssize_t>(pairs.size()), py::ssize_t{2}});
     auto view = rows.mutable_unchecked<2>();
     for (py::ssize_t i = 0; i < view.shape(0); ++i) {
-        view(i, 0) = pairs[static_cast<std::size_t>(i)].source;
-        view(i, 1) = pairs[static_cast<std::size_t>(i)].target;
+        view(i, 0) = pairs[to_size(i)].source;
+        view(i, 1) = pairs[to_size(i)].target;
     }
     return rows;
 }
@@ -177,7 +177,7 @@ void frame_into(const Morph& morph, double t, const py::array_t<Scalar>& positio
                 const py::array_t<Scalar>& normals, const py::array_t<Scalar>& colors,
                 const py::array_t<Scalar>& radii) {
     const auto span = [](const py::array_t<Scalar>& rows) -> std::span<Scalar> {
-        return {const_cast<Scalar*>(rows.data()), static_cast<std::size_t>(rows.size())};
+        return {const_cast<Scalar*>(rows.data()), to_size(rows.size())};
     };
     const FrameView<Scalar> view{span(positions), span(normals), span(colors), span(radii)};
     const py::gil_scoped_release release;
@@ -253,11 +253,10 @@ void bind_morph(py::module_& module) {
                             const py::array_t<std::int64_t, py::array::c_style>& rows,
                             const py::object& source_images, const py::object& target_images,
                             const MorphOptions& options) {
-        Pairing pairs(static_cast<std::size_t>(rows.shape(0)));
+        Pairing pairs(to_size(rows.shape(0)));
         const auto view = rows.unchecked<2>();
         for (py::ssize_t i = 0; i < view.shape(0); ++i)
-            pairs[static_cast<std::size_t>(i)] = {static_cast<Index>(view(i, 0)),
-                                                  static_cast<Index>(view(i, 1))};
+            pairs[to_size(i)] = {static_cast<Index>(view(i, 0)), static_cast<Index>(view(i, 1))};
         RefinementStart images{from_numpy<Positions>(source_images),
                                from_numpy<Positions>(target_images)};
         return std::make_unique<Morph>(cloud_of(source), cloud_of(target), std::move(pairs),
@@ -287,8 +286,8 @@ void bind_morph(py::module_& module) {
             });
             py::list curves;
             for (NetworkCurve& curve : found.network.curves)
-                curves.append(py::make_tuple(found.corners[static_cast<std::size_t>(curve.from)],
-                                             found.corners[static_cast<std::size_t>(curve.to)],
+                curves.append(py::make_tuple(found.corners[to_size(curve.from)],
+                                             found.corners[to_size(curve.to)],
                                              to_numpy(std::move(curve.on[0].points)),
                                              to_numpy(std::move(curve.on[1].points))));
             return py::make_tuple(curves, found.network.patches, array_of(found.network.labels[0]),

@@ -1,4 +1,4 @@
-#include "pointmorph/motion.hpp"
+#include "pointmorph/frames/motion.hpp"
 
 #include "bindings.hpp"
 
@@ -18,7 +18,7 @@ void bind_motion(py::module_& module) {
     py::class_<Motion>(module, "Motion")
         .def(py::init(make))
         .def("at", [](const Motion& m, double t) {
-            LiftedCloud cloud;
+            OrientedPoints cloud;
             {
                 const py::gil_scoped_release release;
                 cloud = m.at(t);

@@ -1,11 +1,11 @@
-#include "pointmorph/neighborhoods.hpp"
+#include "pointmorph/cloud/neighborhoods.hpp"
 
 #include <algorithm>
 #include <vector>
 
 #include "bindings.hpp"
-#include "pointmorph/kd_tree.hpp"
-#include "pointmorph/parallel.hpp"
+#include "pointmorph/base/parallel.hpp"
+#include "pointmorph/cloud/kd_tree.hpp"
 
 namespace pointmorph::bindings {
 
@@ -43,7 +43,7 @@ void bind_neighborhoods(py::module_& module) {
                 const KdTree<3> tree(positions);
                 const auto count = static_cast<Index>(queries.rows());
                 parallel_for(count, *progress, [&](Index begin, Index end) {
-                    const auto size = static_cast<std::size_t>(width);
+                    const auto size = to_size(width);
                     std::vector<double> squared(size);
                     for (Index i = begin; i < end; ++i)
                         tree.nearest(queries.row(i).data(), {result.row(i).data(), size}, squared);

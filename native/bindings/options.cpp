@@ -1,4 +1,4 @@
-#include "pointmorph/options.hpp"
+#include "pointmorph/morph/options.hpp"
 
 #include "bindings.hpp"
 

@@ -1,4 +1,4 @@
-#include "pointmorph/sampling.hpp"
+#include "pointmorph/cloud/sampling.hpp"
 
 #include "bindings.hpp"
 

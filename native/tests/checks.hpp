@@ -9,8 +9,8 @@
 #include <string_view>
 #include <vector>
 
-#include "pointmorph/features.hpp"
-#include "pointmorph/pairing.hpp"
+#include "pointmorph/surface/features.hpp"
+#include "pointmorph/surface/pairing.hpp"
 
 namespace pointmorph::checks {
 

@@ -17,7 +17,7 @@
 
 #include <Eigen/Geometry>
 
-#include "pointmorph/types.hpp"
+#include "pointmorph/base/types.hpp"
 
 namespace pointmorph::real_meshes {
 
@@ -66,9 +66,8 @@ inline std::optional<Mesh> read(const std::string& name) {
         const Vector3 a = mesh.positions.row(face[0]), b = mesh.positions.row(face[1]),
                       c = mesh.positions.row(face[2]);
         for (int k = 0; k < 3; ++k) {
-            mesh.normals.row(face[static_cast<std::size_t>(k)]) += (b - a).cross(c - a);
-            ++sides[{face[static_cast<std::size_t>(k)],
-                     face[static_cast<std::size_t>((k + 1) % 3)]}];
+            mesh.normals.row(face[to_size(k)]) += (b - a).cross(c - a);
+            ++sides[{face[to_size(k)], face[to_size((k + 1) % 3)]}];
         }
     }
     mesh.normals.rowwise().normalize();

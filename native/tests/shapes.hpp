@@ -7,8 +7,8 @@
 #include <random>
 #include <vector>
 
-#include "pointmorph/cloud.hpp"
-#include "pointmorph/types.hpp"
+#include "pointmorph/base/types.hpp"
+#include "pointmorph/cloud/cloud.hpp"
 
 namespace pointmorph::shapes {
 
@@ -96,8 +96,8 @@ inline Matrix3 rotation(unsigned seed) {
 
 /// A random permutation of 0 … count − 1.
 inline std::vector<Index> permutation(Index count, unsigned seed) {
-    std::vector<Index> order(static_cast<std::size_t>(count));
-    for (Index i = 0; i < count; ++i) order[static_cast<std::size_t>(i)] = i;
+    std::vector<Index> order(to_size(count));
+    for (Index i = 0; i < count; ++i) order[to_size(i)] = i;
     std::mt19937_64 random(seed);
     for (std::size_t i = order.size(); i > 1; --i) std::swap(order[i - 1], order[random() % i]);
     return order;

@@ -27,10 +27,3 @@ def test_links_lead_somewhere(page: Path) -> None:
     for target in re.findall(r"\]\(([^)#]+)(?:#[^)]*)?\)", text):
         if not re.match(r"[a-z]+:", target):
             assert ((ROOT / page).parent / target).exists(), target
-
-
-@pytest.mark.parametrize("stem", sorted(p.stem for p in ROOT.glob("docs/stages/*.md")))
-def test_every_stage_page_has_its_header_source_and_test(stem: str) -> None:
-    assert (ROOT / "native/include/pointmorph" / f"{stem}.hpp").exists()
-    assert (ROOT / "native/src" / f"{stem}.cpp").exists()
-    assert (ROOT / "native/tests" / f"test_{stem}.cpp").exists()

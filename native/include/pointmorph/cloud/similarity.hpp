@@ -1,0 +1,39 @@
+// Stage `similarity`: the turn, scale and shift that best take points to points.
+#pragma once
+
+#include "pointmorph/base/types.hpp"
+
+namespace pointmorph {
+
+/// The rotation R (determinant 1) with the largest tr(Rᵀ C), and that trace, ≥ 0 (Horn 1987, by
+/// unit quaternions: reflections can't occur, whatever the rank of C).
+struct BestRotation {
+    Matrix3 rotation;
+    double trace;
+};
+BestRotation best_rotation(const Matrix3& covariance);
+
+/// p ↦ scale · rotation · p + shift.
+struct Similarity {
+    double scale = 1.0;
+    Matrix3 rotation = Matrix3::Identity();
+    Vector3 shift = Vector3::Zero();
+
+    Positions apply(const Positions& positions) const;  ///< #points by 3
+    Normals turn(const Normals& normals) const;         ///< by the rotation alone
+    Similarity inverse() const;
+};
+
+/// First `before`, then `after`.
+Similarity composed(const Similarity& after, const Similarity& before);
+
+/// The similarity that takes `from` to `to` in the least squares sense, row by row. Scale 1 where
+/// all of either coincide; the least turn where the points leave it open (fewer than three, or on
+/// one line).
+Similarity fit_similarity(const Positions& from, const Positions& to);
+
+/// Whether the best similarity leaves them less than half as far apart (root mean square) where
+/// `from` is mirrored first: left and right are probably swapped.
+bool fits_better_mirrored(const Positions& from, const Positions& to);
+
+}  // namespace pointmorph

@@ -1,0 +1,64 @@
+// Stage `motion`: a cloud on its way along a smooth map, turning and bending instead of shrinking.
+#pragma once
+
+#include <memory>
+#include <span>
+
+#include "pointmorph/base/progress.hpp"
+#include "pointmorph/base/types.hpp"
+#include "pointmorph/cloud/cloud.hpp"
+#include "pointmorph/cloud/oriented_points.hpp"
+#include "pointmorph/cloud/similarity.hpp"
+
+namespace pointmorph {
+
+/// A similarity that comes about gradually: at t the shape has turned by t of the angle about
+/// `center`, grown by the t-th power of the scale, and its centre has gone t of the way.
+struct GradualSimilarity {
+    Similarity whole;
+    Vector3 center;
+
+    Similarity at(double t) const;
+    /// The same way back: reversed().at(1 − t) takes the other end where at(t) takes this one.
+    GradualSimilarity reversed() const;
+};
+
+/// Where every point of a cloud is at t between itself and its image under a smooth map. Apart
+/// from the similarity, points go straight, or, when the cloud bends, as rigidly as possible: a
+/// thousand nodes turn by t of their own angles, their places follow from these by a Poisson
+/// equation (Alexa, Cohen-Or and Levin 2000, on a deformation graph), and all points follow the
+/// nodes; what is left of the map is added in proportion to t, turning with what is around it.
+class Motion {
+public:
+    /// All #points by 3; normals have unit length. Throws Cancelled.
+    Motion(const Positions& positions, const Normals& normals, const Positions& images,
+           const GradualSimilarity& similarity, bool bends, Progress& progress);
+    ~Motion();
+    Motion(Motion&&) noexcept;
+
+    /// t from 0 to 1; normals have unit length. At the ends the positions are those given, up to
+    /// rounding. May be called from several threads at once.
+    OrientedPoints at(double t) const;
+
+private:
+    struct Bend;
+
+    Normalization unit_;
+    Positions positions_;  ///< normalised
+    Normals normals_;
+    Positions offsets_;  ///< what is added by t = 1, before anything turns
+    GradualSimilarity similarity_;
+    std::unique_ptr<const Bend> bend_;
+};
+
+/// Pairs at t: from the source's motion to the target's own, run backwards, the one fading into the
+/// other by 3t² − 2t³. Both lie on the same in-between surface, so that pairing samples with
+/// samples leaves no grain, and the ends are the samples themselves. `source` and `target` are both
+/// clouds at t; spans hold three numbers a pair, or none. Normals are renormalised (where both
+/// cancel, the nearer end's).
+template <class Scalar>
+void fade(const OrientedPoints& source, const OrientedPoints& target,
+          std::span<const IndexPair> pairs, double t, std::span<Scalar> positions,
+          std::span<Scalar> normals);
+
+}  // namespace pointmorph

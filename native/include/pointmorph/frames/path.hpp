@@ -1,0 +1,52 @@
+// Stage `path`: the in-between cloud at t (paper, Morphing Path, eq. (5)).
+#pragma once
+
+#include <span>
+#include <vector>
+
+#include "pointmorph/base/types.hpp"
+#include "pointmorph/cloud/cloud.hpp"
+
+namespace pointmorph {
+
+/// Attributes of one in-between cloud, #pairs rows each, row-major; memory is the caller's.
+/// An empty span leaves that attribute out.
+template <class Scalar>
+struct FrameView {
+    std::span<Scalar> positions;  ///< 3 a pair
+    std::span<Scalar> normals;    ///< 3 a pair
+    std::span<Scalar> colors;     ///< 4 a pair
+    std::span<Scalar> radii;      ///< 1 a pair
+};
+
+/// Both ends of every pair, laid out so that a frame is one pass over consecutive memory.
+/// Scalar is the caller's type: float or double.
+template <class Scalar>
+class Path {
+public:
+    /// `pairs` are rows of both clouds. Both clouds need normals and radii here; colours may be
+    /// missing: white, opaque. Throws CloudError for missing attributes and for numbers beyond
+    /// half of what Scalar can hold: their differences might not be finite.
+    Path(const Cloud& source, const Cloud& target, std::span<const IndexPair> pairs);
+
+    Index size() const noexcept { return size_; }
+
+    /// The cloud at t in [0, 1]: (1 − t) s + t t' for positions, colours with alpha, and radii;
+    /// normals likewise and renormalised (where both cancel, the source's for t < ½, else the
+    /// target's). At t = 0 and t = 1 the inputs' own bits; between them, positions, colours and
+    /// radii that are the same at both ends stay so to the bit, and no number leaves the interval
+    /// between its ends. Spans that are neither empty nor of the right size, or t outside [0, 1],
+    /// are an OptionError. Allocates nothing; runs on all threads; may be called from several
+    /// threads at once.
+    void frame(double t, const FrameView<Scalar>& out) const;
+
+private:
+    Index size_;
+    // All positions, then all normals, colours and radii, each laid out as in a FrameView.
+    std::vector<Scalar> source_, target_;
+};
+
+extern template class Path<float>;
+extern template class Path<double>;
+
+}  // namespace pointmorph

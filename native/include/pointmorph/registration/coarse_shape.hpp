@@ -1,0 +1,64 @@
+// Stage `coarse_shape`: a cloud of any size as the few thousand points, with a node graph among
+// them, that the registration works on.
+#pragma once
+
+#include <array>
+#include <span>
+#include <vector>
+
+#include "pointmorph/base/progress.hpp"
+#include "pointmorph/base/types.hpp"
+#include "pointmorph/cloud/kd_tree.hpp"
+#include "pointmorph/registration/deformation.hpp"
+#include "pointmorph/surface/surface_graph.hpp"
+
+namespace pointmorph {
+
+struct CoarseShapeOptions {
+    Index points = 5000;  ///< about so many of the cloud's; 100 or more
+    /// About so many of those carry the deformation, at each of the levels; 20 or more.
+    std::vector<Index> nodes{250, 1000};
+    SurfaceGraphOptions graph;
+};
+
+/// Places on the surface, or off it, that the guide of the same number on the other shape is to
+/// meet.
+struct Guides {
+    Positions places;         ///< #guides by 3
+    std::vector<Index> rows;  ///< the coarse points that carry them
+    Values weights;           ///< how much they pull, the same on both shapes; 0 to show the pose
+
+    Index size() const { return static_cast<Index>(rows.size()); }
+};
+
+/// How far each point belongs to the regions: close in the product space are only points of like
+/// labels.
+using Labels = Eigen::Matrix<double, Eigen::Dynamic, 16, Eigen::RowMajor>;
+
+struct CoarseShape {
+    std::vector<Index> rows;  ///< of the cloud; first the required ones, in their order
+    Positions positions;
+    Normals normals;
+    Values areas;  ///< surface that each point stands for
+    SurfaceGraph graph;
+    std::vector<DeformationGraph> levels;  ///< required rows are each one's first nodes
+
+    Guides guides;
+    Labels labels;  ///< #points by 16, in √area; no rows where there are no regions
+    Values pulls;   ///< by how much a point's match counts for more; as many
+
+    Index size() const { return static_cast<Index>(rows.size()); }
+};
+
+/// `required` rows (features), none twice, are among the points and the nodes. `nearest`, where
+/// they are known, are the neighbourhoods of the cloud's points, ascending by distance.
+CoarseShape coarse_shape(const KdTree<3>& tree, const Normals& normals,
+                         std::span<const Index> required, const CoarseShapeOptions& options,
+                         Progress& progress, const Neighborhoods* nearest = nullptr);
+
+/// #points by 4: log(area of the geodesic ball / r²) for the radii r of .1, .15, .2 and .3 √area,
+/// from the finest level's nodes: log π in a plane, less on a limb, however the shape is posed.
+using LocalAreas = Eigen::Matrix<double, Eigen::Dynamic, 4, Eigen::RowMajor>;
+LocalAreas local_areas(const CoarseShape& shape, Progress& progress);
+
+}  // namespace pointmorph

@@ -1,0 +1,40 @@
+// Stage `lift`: from the images of some points of a cloud to those of all its points.
+#pragma once
+
+#include <array>
+#include <vector>
+
+#include "pointmorph/base/progress.hpp"
+#include "pointmorph/base/types.hpp"
+#include "pointmorph/cloud/oriented_points.hpp"
+#include "pointmorph/registration/coarse_shape.hpp"
+#include "pointmorph/registration/deformation.hpp"
+
+namespace pointmorph {
+
+/// Which coarse points every point of a cloud follows, and how much: those nearest on its side of
+/// the surface, with weights that fall with the distance and fade to 0 at the farthest, so that the
+/// result is continuous. Kept for as many deformations as are wanted.
+class Prolongation {
+public:
+    /// `shape` has been made from the cloud; normals have unit length.
+    Prolongation(const CoarseShape& shape, const Positions& positions, const Normals& normals,
+                 Progress& progress);
+
+    /// Every point under the affine maps of its coarse points; a coarse point goes where `coarse`
+    /// has it, up to about a hundredth of a spacing. `shape`, `positions` and `normals` as given
+    /// to the constructor.
+    OrientedPoints operator()(const CoarseShape& shape, const DeformedCloud& coarse,
+                              const Positions& positions, const Normals& normals,
+                              Progress& progress) const;
+
+    /// What happens right around a point: its coarse points' linear maps, averaged.
+    Matrix3 linear(Index point, const DeformedCloud& coarse) const;
+
+private:
+    static constexpr std::size_t kFollowed = 5;
+    std::vector<std::array<Index, kFollowed>> followed_;
+    std::vector<std::array<float, kFollowed>> weights_;  ///< of sum 1
+};
+
+}  // namespace pointmorph

@@ -1,0 +1,64 @@
+// Stage `proposals`: what to ask the user. Where the best maps differ, and places of both shapes
+// that probably belong together.
+#pragma once
+
+#include <span>
+#include <string>
+#include <vector>
+
+#include "pointmorph/base/progress.hpp"
+#include "pointmorph/base/types.hpp"
+#include "pointmorph/registration/coarse_shape.hpp"
+#include "pointmorph/registration/extremities.hpp"
+#include "pointmorph/registration/pose.hpp"
+#include "pointmorph/registration/registration.hpp"
+
+namespace pointmorph {
+
+/// What a rival does to the shape, against the map that was chosen.
+enum class Swap {
+    kEnds,    ///< exchanges the ends of its longest axis: head and tail
+    kSides,   ///< turns the others about it: left and right
+    kTurned,  ///< turns most of it some other way
+    kPlaces   ///< differs in some places: a limb, how a head is held
+};
+/// "ends", "sides", "turned", "places"
+std::string name_of(Swap swap);
+
+/// Another map that fits about as well, and a mark that would tell which is right.
+struct Rival {
+    double ratio;               ///< its cost over the chosen map's
+    Swap swap;                  ///< what differs
+    double distance;            ///< the largest between a point's two images, in √area
+    std::vector<Index> places;  ///< source rows: the middle of what differs, largest area first
+    Index source;               ///< where a mark would tell them apart
+    Index target;               ///< that point's partner under the chosen map
+    Index rival_target;         ///< under this one
+};
+
+/// Rows of the coarse shapes; `target` as it was before it was aligned.
+std::vector<Rival> describe_rivals(const CoarseShape& source, const CoarseShape& target,
+                                   const Pose& pose);
+
+/// Two places that probably belong together.
+struct Proposal {
+    Index source, target;  ///< rows
+    double confidence;     ///< about how often such a pair lies within 0.1 √area of the truth
+    bool is_tip;           ///< of tips of both shapes, not a place between
+};
+
+/// That of a pair: `confidence` is the map's, `distance` how far apart it leaves the two (mean of
+/// both ways, in √area). Fitted to maps between animals.
+double proposal_confidence(double confidence, double distance);
+
+/// The tips of both shapes that the map brings together, the most confident first, then `others`
+/// spread over what is far from tips and features. No row of a feature. `confidence` is that of the
+/// map. Rows of the coarse shapes; `target` has been moved to where the registration has it.
+std::vector<Proposal> propose_features(const CoarseShape& source, const CoarseShape& target,
+                                       const Registration& registration,
+                                       const std::vector<Extremity>& source_tips,
+                                       const std::vector<Extremity>& target_tips,
+                                       std::span<const IndexPair> features, double confidence,
+                                       Index others, Progress& progress);
+
+}  // namespace pointmorph

@@ -1,0 +1,36 @@
+// Stage `graph_extremities`: the tips of a shape (feet, nose, tail), from the graph along its
+// surface alone.
+#pragma once
+
+#include <span>
+#include <vector>
+
+#include "pointmorph/base/progress.hpp"
+#include "pointmorph/base/types.hpp"
+#include "pointmorph/surface/surface_graph.hpp"
+
+namespace pointmorph {
+
+/// A point that sticks out further than all around it.
+struct Extremity {
+    Index point;  ///< row of the shape or node of the graph
+    /// > 0, in √area for those of a graph alone. The highest tip has its height above the lowest
+    /// point.
+    double prominence;
+};
+
+/// Those of a connected graph with lengths in units of `unit`, √area: local maxima of the mean
+/// distance along it (after Hilaga et al. 2001) to `samples` points spread over it (farthest point
+/// sampling). At most so many, with more than `prominence`, the most prominent first.
+std::vector<Extremity> extremities(const SurfaceGraph& graph, double unit, Index samples,
+                                   Index most, double prominence, Progress& progress);
+
+/// Prominence of every local maximum of `height` over a graph, 0 elsewhere: how far the values fall
+/// until a higher maximum's surroundings are met. `offsets` and `ends` are as in SurfaceGraph.
+std::vector<double> prominences(std::span<const std::int64_t> offsets, std::span<const Index> ends,
+                                const Eigen::VectorXd& height);
+
+/// Rows with more than `least` prominence, the most prominent first, `most` at the most.
+std::vector<Index> most_prominent(const std::vector<double>& prominences, Index most, double least);
+
+}  // namespace pointmorph

@@ -1,0 +1,27 @@
+// Stage `local_triangles`: which three points of a cloud lie around one place of its surface.
+#pragma once
+
+#include <array>
+#include <vector>
+
+#include "pointmorph/base/progress.hpp"
+#include "pointmorph/base/types.hpp"
+#include "pointmorph/cloud/neighborhoods.hpp"
+
+namespace pointmorph {
+
+/// Three rows, ascending.
+using Triangle = std::array<Index, 3>;
+
+/// Every point's neighbours are laid into its tangent plane and triangulated around it (Delaunay);
+/// a triangle that any of its corners finds is one. Sorted, none twice. They cover the surface, but
+/// where points see their surroundings differently they may overlap: no mesh.
+///
+/// `normals` have unit length; `nearest` is ascending by distance, 16 are enough; only neighbours
+/// on the same sheet count. No triangle has a circle through its corners of more than `reach` times
+/// a corner's `spacing`: holes and borders stay open.
+std::vector<Triangle> local_triangles(const Positions& positions, const Normals& normals,
+                                      const Neighborhoods& nearest, const Values& spacing,
+                                      double reach, Progress& progress);
+
+}  // namespace pointmorph

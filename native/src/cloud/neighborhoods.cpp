@@ -1,0 +1,152 @@
+#include "pointmorph/cloud/neighborhoods.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+#include <numeric>
+
+#include "pointmorph/base/parallel.hpp"
+
+namespace pointmorph {
+
+Neighborhoods nearest_neighbors(const KdTree<3>& tree, Index k, Progress& progress) {
+    const Index count = tree.size();
+    const Index width = std::clamp<Index>(k, 0, std::max<Index>(count - 1, 0));
+    Neighborhoods result;
+    result.offsets.resize(to_size(count) + 1);
+    for (std::size_t i = 0; i < result.offsets.size(); ++i)
+        result.offsets[i] = static_cast<std::int64_t>(i) * width;
+    result.indices.resize(to_size(result.offsets.back()));
+
+    parallel_for(count, progress, [&](Index begin, Index end) {
+        std::vector<Index> found(to_size(width) + 1);
+        std::vector<double> squared_distances(found.size());
+        for (Index i = begin; i < end; ++i) {
+            tree.nearest(tree.points().row(i).data(), found, squared_distances);
+            // Among coincident points the query itself may stand anywhere, or be missing.
+            const auto self = std::ranges::find(found, i);
+            std::rotate(self == found.end() ? found.end() - 1 : self,
+                        self == found.end() ? found.end() : self + 1, found.end());
+            std::copy_n(found.begin(), width, result.indices.begin() + result.offsets[to_size(i)]);
+        }
+    });
+    return result;
+}
+
+Neighborhoods radius_neighbors(const KdTree<3>& tree, double radius, Progress& progress) {
+    const Index count = tree.size();
+    constexpr Index kChunk = 512;
+    std::vector<std::vector<Index>> chunk_indices(to_size((count + kChunk - 1) / kChunk));
+    Neighborhoods result;
+    result.offsets.assign(to_size(count) + 1, 0);
+
+    parallel_for(
+        count, progress,
+        [&](Index begin, Index end) {
+            auto& indices = chunk_indices[to_size(begin / kChunk)];
+            std::vector<std::pair<Index, double>> found;
+            for (Index i = begin; i < end; ++i) {
+                tree.within(tree.points().row(i).data(), radius, found);
+                const auto before = indices.size();
+                for (const auto& [j, squared_distance] : found)
+                    if (squared_distance > 0.0) indices.push_back(j);
+                result.offsets[to_size(i) + 1] = static_cast<std::int64_t>(indices.size() - before);
+            }
+        },
+        0.0, 1.0, kChunk);
+
+    std::partial_sum(result.offsets.begin(), result.offsets.end(), result.offsets.begin());
+    result.indices.reserve(to_size(result.offsets.back()));
+    for (auto& indices : chunk_indices) {
+        result.indices.insert(result.indices.end(), indices.begin(), indices.end());
+        indices = {};
+    }
+    return result;
+}
+
+Neighborhoods symmetrized(const Neighborhoods& neighborhoods) {
+    const Index count = neighborhoods.size();
+    const auto row = [](Index i) { return to_size(i); };
+    // Both directions of every pair, by counting; rows are visited in order, so each list is a
+    // merge of two sorted runs once its own part is sorted.
+    std::vector<std::int64_t> offsets(row(count) + 1, 0);
+    for (Index i = 0; i < count; ++i)
+        for (const Index j : neighborhoods[i]) {
+            ++offsets[row(i) + 1];
+            ++offsets[row(j) + 1];
+        }
+    std::partial_sum(offsets.begin(), offsets.end(), offsets.begin());
+    std::vector<Index> both(to_size(offsets.back()));
+    std::vector<std::int64_t> next(offsets.begin(), offsets.end() - 1);
+    for (Index i = 0; i < count; ++i)
+        for (const Index j : neighborhoods[i]) {
+            both[to_size(next[row(i)]++)] = j;
+            both[to_size(next[row(j)]++)] = i;
+        }
+
+    Neighborhoods result;
+    result.offsets.reserve(row(count) + 1);
+    std::size_t end = 0;
+    for (Index i = 0; i < count; ++i) {  // compact in place, behind the reading
+        const auto first = both.begin() + offsets[row(i)];
+        const auto last = both.begin() + offsets[row(i) + 1];
+        std::sort(first, last);
+        const auto unique = std::unique(first, last);
+        end = to_size(std::move(first, unique, both.begin() + static_cast<std::ptrdiff_t>(end)) -
+                      both.begin());
+        result.offsets.push_back(static_cast<std::int64_t>(end));
+    }
+    both.resize(end);
+    result.indices = std::move(both);
+    return result;
+}
+
+Components connected_components(const Neighborhoods& neighborhoods) {
+    const Index count = neighborhoods.size();
+    std::vector<Index> parent(to_size(count));
+    std::iota(parent.begin(), parent.end(), 0);
+    const auto root = [&](Index i) {
+        while (parent[to_size(i)] != i) {
+            auto& above = parent[to_size(i)];
+            above = parent[to_size(above)];
+            i = above;
+        }
+        return i;
+    };
+    for (Index i = 0; i < count; ++i)
+        for (const Index j : neighborhoods[i]) {
+            const Index a = root(i), b = root(j);
+            parent[to_size(std::max(a, b))] = std::min(a, b);
+        }
+
+    Components result;
+    result.label.resize(to_size(count));
+    for (Index i = 0; i < count; ++i) {
+        const Index top = root(i);  // never above i, so it is labelled already
+        if (top == i) {
+            result.label[to_size(i)] = result.count();
+            result.sizes.push_back(0);
+        } else {
+            result.label[to_size(i)] = result.label[to_size(top)];
+        }
+        ++result.sizes[to_size(result.label[to_size(i)])];
+    }
+    return result;
+}
+
+Values local_spacing(const Positions& positions, const Neighborhoods& nearest, Index k) {
+    Values spacing(positions.rows());
+    for (Index i = 0; i < positions.rows(); ++i) {
+        const auto near = nearest[i];
+        if (near.empty()) {
+            spacing[i] = 0.0;
+            continue;
+        }
+        const auto used = std::min<std::size_t>(near.size(), to_size(k));
+        const double distance = (positions.row(near[used - 1]) - positions.row(i)).norm();
+        spacing[i] = distance * std::sqrt(std::numbers::pi / static_cast<double>(used));
+    }
+    return spacing;
+}
+
+}  // namespace pointmorph

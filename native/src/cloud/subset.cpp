@@ -1,0 +1,135 @@
+#include "pointmorph/cloud/subset.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+#include <numeric>
+#include <random>
+
+namespace pointmorph {
+
+namespace {
+
+/// Points per squared radius and area of a saturated Poisson-disk sampling of the plane.
+constexpr double kSaturation = 0.7;
+
+/// The same permutation everywhere, unlike std::shuffle's.
+std::vector<Index> permutation(Index count) {
+    std::vector<Index> order(to_size(count));
+    std::iota(order.begin(), order.end(), 0);
+    std::mt19937_64 random(1);
+    for (std::size_t i = order.size(); i > 1; --i) std::swap(order[i - 1], order[random() % i]);
+    return order;
+}
+
+/// Rows drawn at a given radius; ends early once there are more than `most`.
+std::vector<Index> draw(const KdTree<3>& tree, const Normals& normals, const Neighborhoods* nearest,
+                        std::span<const Index> required, std::span<const Index> order,
+                        double radius, std::size_t most, Progress& progress) {
+    std::vector<char> covered(to_size(tree.size()), 0);
+    std::vector<std::pair<Index, double>> ball;
+    std::vector<Index> rows;
+    const auto take = [&](Index i) {
+        rows.push_back(i);
+        covered[to_size(i)] = 1;
+        // All that is as near is among the nearest where the last of them isn't.
+        const auto near = nearest ? (*nearest)[i] : std::span<const Index>();
+        const auto squared = [&](Index j) {
+            return (tree.points().row(j) - tree.points().row(i)).squaredNorm();
+        };
+        if (!near.empty() && squared(near.back()) >= radius * radius) {
+            for (const Index j : near) {
+                if (squared(j) >= radius * radius) break;
+                if (normals.row(i).dot(normals.row(j)) > 0.0) covered[to_size(j)] = 1;
+            }
+            return;
+        }
+        tree.within(tree.points().row(i).data(), radius, ball);
+        for (const auto& [j, squared_distance] : ball)
+            if (normals.row(i).dot(normals.row(j)) > 0.0) covered[to_size(j)] = 1;
+    };
+    std::vector<char> taken(to_size(tree.size()), 0);
+    for (const Index i : required)
+        if (!taken[to_size(i)]) {
+            taken[to_size(i)] = 1;
+            take(i);
+        }
+    const std::size_t drawn_from = rows.size();
+    for (const Index i : order) {
+        if (covered[to_size(i)]) continue;
+        take(i);
+        if (rows.size() > most) break;
+        if (rows.size() % 256 == 0) progress.report(0.0);
+    }
+    // What lies close in a cloud in spatial order stays close in memory.
+    std::sort(rows.begin() + static_cast<std::ptrdiff_t>(drawn_from), rows.end());
+    return rows;
+}
+
+constexpr Index kAreaNeighbors = 12;
+
+/// `squared_radius(i)`: of the disk around a point that it has to itself, over π.
+template <class SquaredRadius>
+double probed_area(const Positions& positions, SquaredRadius&& squared_radius) {
+    constexpr Index kProbes = 500;
+    const auto count = static_cast<Index>(positions.rows());
+    if (count < 2) return 0.0;
+    const Index step = std::max<Index>(1, count / kProbes);
+    double sum = 0.0;
+    Index probes = 0;
+    for (Index i = 0; i < count; i += step, ++probes) sum += std::numbers::pi * squared_radius(i);
+    if (sum > 0.0) return sum / probes * count;
+    // Many points at each place: something of the right order.
+    return (positions.colwise().maxCoeff() - positions.colwise().minCoeff()).squaredNorm();
+}
+
+}  // namespace
+
+double estimated_area(const KdTree<3>& tree) {
+    std::vector<Index> near(to_size(std::min<Index>(kAreaNeighbors + 1, tree.size())));
+    std::vector<double> squared(near.size());
+    return probed_area(tree.points(), [&](Index i) {
+        tree.nearest(tree.points().row(i).data(), near, squared);
+        return squared.back() / static_cast<double>(near.size() - 1);
+    });
+}
+
+double estimated_area(const Positions& positions, const Neighborhoods& nearest) {
+    return probed_area(positions, [&](Index i) {
+        const auto near = nearest[i].first(std::min(to_size(kAreaNeighbors), nearest[i].size()));
+        return (positions.row(near.back()) - positions.row(i)).squaredNorm() /
+               static_cast<double>(near.size());
+    });
+}
+
+Subset blue_noise_subset(const KdTree<3>& tree, const Normals& normals,
+                         std::span<const Index> required, Index count, Progress& progress,
+                         const Neighborhoods* nearest) {
+    const Index size = tree.size();
+    Subset subset;
+    const double area = nearest ? estimated_area(tree.points(), *nearest) : estimated_area(tree);
+    subset.radius = std::sqrt(kSaturation * area / std::max<Index>(1, std::min(count, size)));
+    const auto order = permutation(size);
+    if (size <= count || !(area > 0.0)) {
+        constexpr double kCoincident = 1e-9, kSmallest = 1e-150;  // a square that isn't 0
+        subset.rows =
+            draw(tree, normals, nearest, required, order,
+                 std::max(kCoincident * std::sqrt(area), kSmallest), to_size(size), progress);
+        return subset;
+    }
+    // The count goes with 1/radius², so that this converges in two or three rounds; the last round
+    // is the one that counts, whatever it gives.
+    constexpr int kRounds = 4;
+    const double wanted = count;
+    for (int round = 0; round < kRounds; ++round) {
+        const bool last = round + 1 == kRounds;
+        subset.rows = draw(tree, normals, nearest, required, order, subset.radius,
+                           last ? to_size(size) : to_size(2 * count), progress);
+        const double ratio = static_cast<double>(subset.rows.size()) / wanted;
+        if (last || std::abs(ratio - 1.0) < 0.03) break;
+        subset.radius *= std::sqrt(ratio);
+    }
+    return subset;
+}
+
+}  // namespace pointmorph

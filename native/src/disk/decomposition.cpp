@@ -1,0 +1,570 @@
+#include "pointmorph/disk/decomposition.hpp"
+
+#include <Eigen/Geometry>
+#include <Eigen/SparseCholesky>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+#include <optional>
+#include <utility>
+
+#include "disk/unmarked_tips.hpp"
+#include "pointmorph/base/error.hpp"
+#include "pointmorph/base/parallel.hpp"
+#include "pointmorph/cloud/cloud.hpp"
+#include "surface/coarse_cloud.hpp"
+
+namespace pointmorph {
+
+namespace {
+
+constexpr double kFar = std::numeric_limits<double>::infinity();
+
+/// Lengths in √area over which the guide turns from one side of a limb to the other, and over
+/// which the parts of the curve feel each other.
+constexpr double kTurn = 0.02, kRepulsion = 0.04;
+
+double sigmoid(double x) {
+    return 1.0 / (1.0 + std::exp(-x));
+}
+
+/// Distance of every point within `limit` to the nearest of some.
+Values distances_to_path(GeodesicSearch& search, Index count, std::span<const Index> path,
+                         double limit) {
+    Values result = Values::Constant(count, kFar);
+    for (const Index from : path)
+        for (const auto& [i, distance] : search.from(from, limit))
+            result[i] = std::min(result[i], distance);
+    return result;
+}
+
+SurfaceCurve curve_of(const CoarseCloud& coarse, const std::vector<Index>& path) {
+    return {gather(coarse.positions, path), gather(coarse.normals, path)};
+}
+
+/// One curve from each feature to the next, guided and keeping apart. Features are rows 0, 1, …;
+/// `from` has every point's distance from each, in √area.
+std::vector<SurfaceCurve> guided_curves(const CoarseCloud& coarse, std::span<const Values> from,
+                                        Index features, const DecompositionOptions& options,
+                                        Progress& progress) {
+    const Index count = coarse.graph.size();
+    GeodesicSearch search(coarse.graph);
+    const auto next = [&](Index k) { return (k + 1) % features; };
+    const auto previous = [&](Index k) { return (k + features - 1) % features; };
+    // Above 0 where a point near feature k lies on the side of the next feature.
+    const auto side = [&](Index k, Index x) {
+        const Values &back = from[to_size(previous(k))], &ahead = from[to_size(next(k))];
+        return (back[x] - back[k]) - (ahead[x] - ahead[k]);
+    };
+    std::vector<Index> cell(to_size(count), 0);
+    for (Index x = 0; x < count; ++x)
+        for (Index k = 1; k < features; ++k)
+            if (from[to_size(k)][x] < from[to_size(cell[to_size(x)])][x]) cell[to_size(x)] = k;
+
+    std::vector<SurfaceCurve> curves;
+    Values repulsion = Values::Zero(count);
+    for (Index a = 0; a < features; ++a) {
+        const Index b = next(a);
+        Values costs(count);
+        for (Index x = 0; x < count; ++x) {
+            double dearer = options.elsewhere;
+            if (cell[to_size(x)] == a) dearer = options.guide * sigmoid(-side(a, x) / kTurn);
+            if (cell[to_size(x)] == b) dearer = options.guide * sigmoid(side(b, x) / kTurn);
+            costs[x] = 1.0 + dearer + options.repulsion * repulsion[x];
+        }
+        const std::vector<Index> path = cheapest_path(coarse.graph, a, b, costs);
+        const Values near = distances_to_path(search, count, path, 3.0 * kRepulsion * coarse.unit);
+        for (Index x = 0; x < count; ++x) {
+            const double d = near[x] / (kRepulsion * coarse.unit);
+            if (!(d < 3.0)) continue;
+            // The curves meet at their ends, which must not push the next one away.
+            const double end =
+                std::min(from[to_size(a)][x], from[to_size(b)][x]) / (2.0 * kRepulsion);
+            repulsion[x] += std::exp(-d * d) * std::min(1.0, end);
+        }
+        curves.push_back(curve_of(coarse, path));
+        progress.report(0.2 + 0.3 * (a + 1) / features);
+    }
+    return curves;
+}
+
+/// Curves end to end; the last ends where the first begins.
+struct ClosedCurve {
+    SurfaceCurve curve;
+    std::vector<Index> corners;
+};
+
+ClosedCurve joined(const std::vector<SurfaceCurve>& parts) {
+    ClosedCurve result;
+    Index count = 0;
+    for (const SurfaceCurve& part : parts) count += part.size() - 1;
+    result.curve = {Positions(count, 3), Normals(count, 3)};
+    Index row = 0;
+    for (const SurfaceCurve& part : parts) {
+        result.corners.push_back(row);
+        result.curve.points.middleRows(row, part.size() - 1) = part.points.topRows(part.size() - 1);
+        result.curve.normals.middleRows(row, part.size() - 1) =
+            part.normals.topRows(part.size() - 1);
+        row += part.size() - 1;
+    }
+    return result;
+}
+
+/// Finds the nearest place of a closed curve and on which side of it a point lies.
+class CurveSides {
+public:
+    explicit CurveSides(const SurfaceCurve& curve) : curve_(curve), tree_(curve.points) {}
+
+    /// Distance to the curve, above 0 on its left; nothing where no part of it within `reach`
+    /// lies on the same sheet.
+    std::optional<double> signed_distance(const Eigen::RowVector3d& point,
+                                          const Eigen::RowVector3d& normal, double reach) const {
+        std::array<Index, 6> near;
+        std::array<double, 6> squared;
+        const auto found = to_size(tree_.nearest_within(point.data(), reach, near, squared));
+        const Index count = curve_.size();
+        double best = kFar;
+        Eigen::RowVector3d left = Eigen::RowVector3d::Zero(), offset = left;
+        for (std::size_t k = 0; k < found; ++k) {
+            const Index c = near[k];
+            if (curve_.normals.row(c).dot(normal) <= 0.0) continue;
+            for (const Index a : {(c + count - 1) % count, c}) {
+                const Index b = (a + 1) % count;
+                const Eigen::RowVector3d edge = curve_.points.row(b) - curve_.points.row(a);
+                const double length = edge.squaredNorm();
+                const double along =
+                    length > 0.0
+                        ? std::clamp((point - curve_.points.row(a)).dot(edge) / length, 0.0, 1.0)
+                        : 0.0;
+                const Eigen::RowVector3d foot = curve_.points.row(a) + along * edge;
+                const double distance = (point - foot).squaredNorm();
+                if (distance >= best) continue;
+                best = distance;
+                offset = point - foot;
+                left = along <= 0.0 ? left_at(a) : along >= 1.0 ? left_at(b) : left_of(a, c);
+            }
+        }
+        if (best == kFar) return std::nullopt;
+        return std::copysign(std::sqrt(best), left.dot(offset));
+    }
+
+private:
+    /// Across the edge from a to the next point.
+    Eigen::RowVector3d left_of(Index a, Index at_normal) const {
+        const Eigen::RowVector3d edge =
+            curve_.points.row((a + 1) % curve_.size()) - curve_.points.row(a);
+        const Eigen::RowVector3d across = curve_.normals.row(at_normal).cross(edge);
+        return across.norm() > 0.0 ? across.normalized() : across;
+    }
+    /// At a corner, halfway between both edges.
+    Eigen::RowVector3d left_at(Index a) const {
+        return left_of((a + curve_.size() - 1) % curve_.size(), a) + left_of(a, a);
+    }
+
+    const SurfaceCurve& curve_;
+    KdTree<3> tree_;
+};
+
+/// Two edges of a closed curve that cross, seen along the normal: places of their first points.
+std::optional<std::pair<Index, Index>> first_crossing(const SurfaceCurve& curve) {
+    const Index count = curve.size();
+    double longest = 0.0;
+    for (Index i = 0; i < count; ++i)
+        longest =
+            std::max(longest, (curve.points.row((i + 1) % count) - curve.points.row(i)).norm());
+    const KdTree<3> tree(curve.points);
+    std::vector<std::pair<Index, double>> ball;
+    for (Index i = 0; i < count; ++i) {
+        const Index i2 = (i + 1) % count;
+        tree.within(curve.points.row(i).data(), 2.0 * longest, ball);
+        std::ranges::sort(ball);
+        for (const auto& [j, squared] : ball) {
+            const Index j2 = (j + 1) % count;
+            if (j <= i || j == i2 || j2 == i) continue;
+            if (curve.normals.row(i).dot(curve.normals.row(j)) <= 0.0) continue;
+            const Vector3 normal =
+                (curve.normals.row(i) + curve.normals.row(j)).transpose().normalized();
+            if (edges_cross(curve.points.row(i), curve.points.row(i2), curve.points.row(j),
+                            curve.points.row(j2), normal))
+                return std::pair{i, j};
+        }
+    }
+    return std::nullopt;
+}
+
+/// Takes crossings out: a loop with no feature on it is left out, one with a single feature is
+/// walked the other way round, which doesn't change the features' order. Throws FeatureError for
+/// loops with more.
+void uncross(ClosedCurve& closed, std::span<const std::string> names, const std::string& name) {
+    constexpr int kMost = 200;
+    for (int repair = 0; repair < kMost; ++repair) {
+        const auto crossing = first_crossing(closed.curve);
+        if (!crossing) return;
+        const Index count = closed.curve.size();
+        std::vector<Index> order;
+        // The loop from i + 1 to j, and the other one.
+        const auto [i, j] = *crossing;
+        const auto in_loop = [&](Index corner) { return corner > i && corner <= j; };
+        const auto inside = std::ranges::count_if(closed.corners, in_loop);
+        const auto outside = static_cast<std::ptrdiff_t>(closed.corners.size()) - inside;
+        if (inside > 1 && outside > 1) {
+            const auto segment = [&](Index place) {
+                const auto after = std::ranges::upper_bound(closed.corners, place);
+                const auto k = to_size(after - closed.corners.begin()) - 1;
+                return "from \"" + names[k] + "\" to \"" + names[(k + 1) % names.size()] + "\"";
+            };
+            throw FeatureError("loop", "a closed curve on " + name + " that doesn't cross itself",
+                               "that the ways " + segment(i) + " and " + segment(j) + " cross",
+                               "Change the order of the features in the loop, or add a feature "
+                               "that leads one of the two ways round.");
+        }
+        // What is reversed or left out stands between a and b (inclusive, cyclic).
+        const Index first = inside <= 1 ? i + 1 : j + 1;
+        const Index last = inside <= 1 ? j : i + count;
+        const auto held = inside <= 1 ? inside : outside;
+        std::vector<char> corner(to_size(count), 0);
+        for (const Index c : closed.corners) corner[to_size(c)] = 1;
+        for (Index k = last + 1; k < first + count; ++k) order.push_back(k % count);
+        if (held == 1)
+            for (Index k = last; k >= first; --k) order.push_back(k % count);
+        // Feature 0 stays in front.
+        const auto front = std::ranges::find(order, 0);
+        std::ranges::rotate(order, front);
+        ClosedCurve next;
+        next.curve = {gather(closed.curve.points, order), gather(closed.curve.normals, order)};
+        for (std::size_t k = 0; k < order.size(); ++k)
+            if (corner[to_size(order[k])]) next.corners.push_back(static_cast<Index>(k));
+        closed = std::move(next);
+    }
+    throw FeatureError("loop", "a closed curve on " + name + " that doesn't cross itself",
+                       "one that crosses itself many times",
+                       "Change the order of the features in the loop, or add features between "
+                       "those that lie far apart.");
+}
+
+/// How much every coarse point belongs to the left, 1, or the right, −1: fixed next to the curve,
+/// and from there a random walker's chance to meet the left side first, over edges that don't
+/// cross the curve.
+Values walk(const CoarseCloud& coarse, const CurveSides& sides, Index features) {
+    const Index count = coarse.graph.size();
+    const double reach = 3.0 * coarse.spacing, seed_reach = 1.2 * coarse.spacing;
+    Values local = Values::Zero(count), value = Values::Zero(count);
+    std::vector<char> fixed(to_size(count), 0);
+    for (Index i = 0; i < count; ++i) {
+        if (i < features) continue;
+        const auto d = sides.signed_distance(coarse.positions.row(i), coarse.normals.row(i), reach);
+        if (!d) continue;
+        local[i] = *d;
+        if (std::abs(*d) > seed_reach) continue;
+        fixed[to_size(i)] = 1;
+        value[i] = *d > 0.0 ? 1.0 : -1.0;
+    }
+    std::vector<Index> unknown(to_size(count), -1);
+    Index unknowns = 0;
+    for (Index i = 0; i < count; ++i)
+        if (!fixed[to_size(i)]) unknown[to_size(i)] = unknowns++;
+    if (unknowns == 0) return value;
+
+    std::vector<Eigen::Triplet<double>> entries;
+    Values right = Values::Zero(unknowns), diagonal = Values::Constant(unknowns, 1e-9);
+    for (Index i = 0; i < count; ++i) {
+        const Index row = unknown[to_size(i)];
+        if (row < 0 || i < features) continue;
+        for (auto e = to_size(coarse.graph.offsets[to_size(i)]);
+             e < to_size(coarse.graph.offsets[to_size(i) + 1]); ++e) {
+            const Index j = coarse.graph.neighbors[e];
+            if (j < features || local[i] * local[j] < 0.0) continue;
+            const double weight = coarse.spacing / coarse.graph.lengths[e];
+            diagonal[row] += weight;
+            if (const Index column = unknown[to_size(j)]; column >= 0)
+                entries.emplace_back(row, column, -weight);
+            else
+                right[row] += weight * value[j];
+        }
+    }
+    for (Index i = 0; i < unknowns; ++i) entries.emplace_back(i, i, diagonal[i]);
+    Eigen::SparseMatrix<double> matrix(unknowns, unknowns);
+    matrix.setFromTriplets(entries.begin(), entries.end());
+    const Eigen::SimplicialLDLT<Eigen::SparseMatrix<double>> solver(matrix);
+    const Values solved = solver.solve(right);
+    for (Index i = 0; i < count; ++i)
+        if (const Index row = unknown[to_size(i)]; row >= 0) value[i] = solved[row];
+    return value;
+}
+
+/// Next to the curve a point's own side counts, elsewhere that of the coarse points around.
+std::vector<Patch> patches_of(const KdTree<3>& tree, const Normals& normals,
+                              const CoarseCloud& coarse, const CurveSides& sides,
+                              const Values& left, std::span<const Index> loop, Progress& progress,
+                              double first, double last) {
+    std::vector<Patch> patches(to_size(tree.size()));
+    // Coarse points well away from the curve speak for all around them.
+    const double reach = 1.2 * coarse.spacing;
+    std::vector<char> remote(to_size(coarse.graph.size()), 0);
+    for (Index i = 0; i < coarse.graph.size(); ++i)
+        remote[to_size(i)] = !sides.signed_distance(coarse.positions.row(i), coarse.normals.row(i),
+                                                    3.0 * coarse.spacing);
+    parallel_for(
+        tree.size(), progress,
+        [&](Index begin, Index end) {
+            for (Index i = begin; i < end; ++i) {
+                const Index cell = coarse.cells[to_size(i)];
+                double value = left[cell];
+                if (!remote[to_size(cell)])
+                    if (const auto d =
+                            sides.signed_distance(tree.points().row(i), normals.row(i), reach))
+                        value = *d;
+                patches[to_size(i)] = value > 0.0 ? Patch::kLeft : Patch::kRight;
+            }
+        },
+        first, last);
+    for (const Index row : loop) patches[to_size(row)] = Patch::kCurve;
+    return patches;
+}
+
+/// Small islands go over to the patch around them. Returns the sizes of left and right.
+std::array<Index, 2> clean_up(std::vector<Patch>& patches, const Neighborhoods& nearest) {
+    const Components parts = connected_components(filtered(
+        nearest, [&](Index i, Index j) { return patches[to_size(i)] == patches[to_size(j)]; }));
+    const Components whole = connected_components(nearest);
+    // The largest part of each patch in each piece of the shape stays.
+    std::vector<std::array<Index, 2>> largest(to_size(whole.count()), {-1, -1});
+    for (std::size_t i = 0; i < patches.size(); ++i) {
+        if (patches[i] == Patch::kCurve) continue;
+        Index& best = largest[to_size(whole.label[i])][to_size(patches[i])];
+        const Index mine = parts.label[i];
+        if (best < 0 || parts.sizes[to_size(mine)] > parts.sizes[to_size(best)]) best = mine;
+    }
+    std::array<Index, 2> sizes{};
+    for (std::size_t i = 0; i < patches.size(); ++i) {
+        if (patches[i] == Patch::kCurve) continue;
+        const auto& kept = largest[to_size(whole.label[i])];
+        const Index mine = parts.label[i];
+        if (mine != kept[0] && mine != kept[1] &&
+            parts.sizes[to_size(mine)] * 50 < whole.sizes[to_size(whole.label[i])])
+            patches[i] = patches[i] == Patch::kLeft ? Patch::kRight : Patch::kLeft;
+        ++sizes[to_size(patches[i])];
+    }
+    return sizes;
+}
+
+/// The ways from feature to feature as one smooth curve on the cloud itself, as dense as that.
+ClosedCurve traced(const CoarseCloud& coarse, const std::vector<SurfaceCurve>& ways,
+                   std::span<const Index> rounds, const KdTree<3>& tree, const Normals& normals,
+                   std::span<const std::string> names, const std::string& name,
+                   Progress& progress) {
+    const auto corners = static_cast<Index>(ways.size());
+    std::vector<SurfaceCurve> parts;
+    for (std::size_t k = 0; k < ways.size(); ++k)
+        parts.push_back(straightened(resampled(ways[k], coarse.spacing), coarse.tree,
+                                     coarse.normals, rounds[k], 1.0, progress));
+    ClosedCurve closed = joined(parts);
+    uncross(closed, names, name);
+
+    const double spacing = coarse.unit / std::sqrt(static_cast<double>(tree.size()));
+    parts.clear();
+    for (Index k = 0; k < corners; ++k) {
+        const Index begin = closed.corners[to_size(k)];
+        const Index end = k + 1 < corners ? closed.corners[to_size(k) + 1] : closed.curve.size();
+        SurfaceCurve part{Positions(end - begin + 1, 3), Normals(end - begin + 1, 3)};
+        for (Index i = begin; i <= end; ++i) {
+            part.points.row(i - begin) = closed.curve.points.row(i % closed.curve.size());
+            part.normals.row(i - begin) = closed.curve.normals.row(i % closed.curve.size());
+        }
+        constexpr Index kRounds = 4;
+        parts.push_back(
+            straightened(resampled(part, spacing), tree, normals, kRounds, 1.0, progress));
+        progress.report(0.6 + 0.1 * (k + 1) / corners);
+    }
+    closed = joined(parts);
+    uncross(closed, names, name);
+    return closed;
+}
+
+/// Traces the way that passes nearest to a feature anew, so that it passes on the feature's other
+/// side: it may not cross a path from the feature to the middle of the patch that it should be on.
+/// Returns which way that is. `left` is what walk() said.
+Index led_round(std::vector<SurfaceCurve>& ways, const CoarseCloud& coarse,
+                std::span<const Values> from, const ClosedCurve& closed, const Values& left,
+                Index feature, Index corners) {
+    constexpr double kBarred = 1000.0, kOther = 50.0;
+    const KdTree<3> curve(closed.curve.points);
+    const auto way_at = [&](Index place) {
+        return static_cast<Index>(std::ranges::upper_bound(closed.corners, place) -
+                                  closed.corners.begin()) -
+               1;
+    };
+    const Index way = way_at(nearest_on_sheet(
+        curve, closed.curve.normals, coarse.positions.row(feature), coarse.normals.row(feature)));
+    const Index begin = way, end = (way + 1) % corners;
+
+    // Other ways are dear, but where this one has to meet them.
+    const Index count = coarse.graph.size();
+    Values costs = Values::Ones(count);
+    for (Index i = 0; i < count; ++i) {
+        std::array<Index, 1> place;
+        std::array<double, 1> squared;
+        if (curve.nearest_within(coarse.positions.row(i).data(), 2.0 * coarse.spacing, place,
+                                 squared) == 0 ||
+            way_at(place[0]) == way)
+            continue;
+        const double to_end =
+            std::min(from[to_size(begin)][i], from[to_size(end)][i]) * coarse.unit;
+        costs[i] += kOther * std::min(1.0, to_end / (4.0 * coarse.spacing));
+    }
+    // The middle of a patch is what is farthest from all the loop's features.
+    const bool to_left = left[feature] <= 0.0;
+    Index middle = feature;
+    double farthest = -1.0;
+    for (Index i = corners; i < count; ++i) {
+        if (to_left ? left[i] < 0.5 : left[i] > -0.5) continue;
+        double least = kFar;
+        for (Index k = 0; k < corners; ++k) least = std::min(least, from[to_size(k)][i]);
+        if (least <= farthest) continue;
+        farthest = least;
+        middle = i;
+    }
+    const std::vector<Index> bar = cheapest_path(coarse.graph, feature, middle, costs);
+    std::vector<char> barred(to_size(count), 0);
+    for (const Index i : bar) {
+        barred[to_size(i)] = 1;
+        for (auto e = coarse.graph.offsets[to_size(i)]; e < coarse.graph.offsets[to_size(i) + 1];
+             ++e)
+            barred[to_size(coarse.graph.neighbors[to_size(e)])] = 1;
+    }
+    for (Index i = 0; i < count; ++i)
+        if (barred[to_size(i)]) costs[i] += kBarred;
+    ways[to_size(way)] = curve_of(coarse, cheapest_path(coarse.graph, begin, end, costs));
+    return way;
+}
+
+}  // namespace
+
+Decomposition decompose(const KdTree<3>& tree, const Normals& normals, const Neighborhoods& nearest,
+                        std::span<const Index> features, std::span<const std::string> names,
+                        const DecompositionOptions& options, const std::string& name,
+                        Progress& progress, std::span<const Patch> wanted) {
+    const auto corners = static_cast<Index>(names.size());
+    const CoarseCloud coarse(tree, normals, nearest, features, options.points, progress);
+
+    const std::vector<Values> from = distances_from(coarse, features.size());
+    std::vector<SurfaceCurve> ways = guided_curves(coarse, from, corners, options, progress);
+    std::vector<Index> rounds(ways.size(), options.straightening);
+    Decomposition result;
+    std::array<Index, 2> sizes;
+    for (Index repairs = 0;; ++repairs) {
+        ClosedCurve closed = traced(coarse, ways, rounds, tree, normals, names, name, progress);
+        const CurveSides sides(closed.curve);
+        const Values left = walk(coarse, sides, corners);
+        // Where the curve keeps left and right apart, every point belongs to one of them entirely.
+        constexpr double kClear = 0.5, kFew = 0.03;
+        const auto undecided = (left.tail(left.size() - corners).array().abs() < kClear).count();
+        if (static_cast<double>(undecided) > kFew * static_cast<double>(left.size()))
+            throw TopologyError(
+                name, "a loop that divides the surface into two patches",
+                "a way from its left to its right that doesn't cross it",
+                "Lead the loop round the whole shape, not through a handle or round a limb that "
+                "touches another. A shape with a handle needs method auto.");
+        result.patches = patches_of(tree, normals, coarse, sides, left,
+                                    features.first(names.size()), progress, 0.75, 0.9);
+        sizes = clean_up(result.patches, nearest);
+        const auto astray = [&](Index f) {
+            const Patch patch = wanted[to_size(f - corners)];
+            return patch != Patch::kCurve && result.patches[to_size(features[to_size(f)])] != patch;
+        };
+        Index wrong = corners;
+        const auto end = corners + static_cast<Index>(wanted.size());
+        while (wrong < end && !astray(wrong)) ++wrong;
+        constexpr Index kMostRepairs = 4;
+        if (wrong < end && repairs < kMostRepairs) {
+            const Index k = led_round(ways, coarse, from, closed, left, wrong, corners);
+            rounds[to_size(k)] =
+                std::min<Index>(options.straightening, 3);  // more would lead it back
+            continue;
+        }
+        result.curve = std::move(closed.curve);
+        result.corners = std::move(closed.corners);
+        break;
+    }
+
+    const double smaller =
+        static_cast<double>(std::min(sizes[0], sizes[1])) / static_cast<double>(tree.size());
+    if (smaller < options.smallest_share)
+        throw TopologyError(
+            name, "a loop that divides the surface into two patches",
+            "one patch with " + std::to_string(std::min(sizes[0], sizes[1])) + " of " +
+                std::to_string(tree.size()) + " points",
+            "Take features around the whole shape into the loop, for instance the tips of all "
+            "limbs in the order in which one walks around it.");
+
+    UnmarkedTips tips = unmarked_tips(coarse, from, options.tips, progress);
+    result.tips = std::move(tips.rows);
+    result.tip_distances = std::move(tips.distances);
+    return result;
+}
+
+FeatureReach feature_reach(const KdTree<3>& tree, const Normals& normals,
+                           const Neighborhoods& nearest, std::span<const Index> features,
+                           const DecompositionOptions& options, Progress& progress) {
+    const CoarseCloud coarse(tree, normals, nearest, features, options.points, progress);
+    const std::vector<Values> from = distances_from(coarse, features.size());
+    const auto count = static_cast<Eigen::Index>(features.size());
+    FeatureReach reach{Eigen::MatrixXd(count, count), std::vector<char>(features.size(), 0)};
+    for (std::size_t k = 0; k < features.size(); ++k)
+        reach.distances.row(static_cast<Eigen::Index>(k)) = from[k].head(count).transpose();
+    constexpr Index kMost = 100;
+    for (const Extremity& tip : tips_of(coarse, kMost, progress)) {
+        // The nearest mark is the tip's, if it's near enough.
+        const auto nearest_mark = std::ranges::min_element(
+            from, {}, [&](const Values& distances) { return distances[tip.point]; });
+        if (nearest_mark != from.end() && (*nearest_mark)[tip.point] <= kMarked)
+            reach.on_tip[to_size(nearest_mark - from.begin())] = 1;
+    }
+    return reach;
+}
+
+std::vector<Index> propose_loop(const FeatureReach& source, const FeatureReach& target) {
+    const auto count = static_cast<Index>(source.on_tip.size());
+    std::vector<Index> chosen;
+    for (int needed = 2; needed >= 0 && chosen.size() < 3; --needed) {
+        chosen.clear();
+        for (Index k = 0; k < count; ++k)
+            if (source.on_tip[to_size(k)] + target.on_tip[to_size(k)] >= needed)
+                chosen.push_back(k);
+    }
+    const Eigen::MatrixXd lengths = source.distances + target.distances;
+    // Each goes where it makes the tour least longer; then parts are turned round while that helps.
+    std::vector<Index> tour;
+    for (const Index k : chosen) {
+        std::size_t best = 0;
+        double least = kFar;
+        for (std::size_t i = 0; i < tour.size(); ++i) {
+            const Index a = tour[i], b = tour[(i + 1) % tour.size()];
+            const double longer = lengths(a, k) + lengths(k, b) - lengths(a, b);
+            if (longer < least) {
+                least = longer;
+                best = i + 1;
+            }
+        }
+        tour.insert(tour.begin() + static_cast<std::ptrdiff_t>(best), k);
+    }
+    const std::size_t size = tour.size();
+    for (bool better = true; better;) {
+        better = false;
+        for (std::size_t i = 0; i + 2 < size; ++i)
+            for (std::size_t j = i + 2; j < size; ++j) {
+                const Index a = tour[i], b = tour[i + 1], c = tour[j], d = tour[(j + 1) % size];
+                if (a == d) continue;
+                if (lengths(a, c) + lengths(b, d) < lengths(a, b) + lengths(c, d) - 1e-9) {
+                    std::reverse(tour.begin() + static_cast<std::ptrdiff_t>(i + 1),
+                                 tour.begin() + static_cast<std::ptrdiff_t>(j + 1));
+                    better = true;
+                }
+            }
+    }
+    if (!tour.empty()) std::ranges::rotate(tour, std::ranges::min_element(tour));
+    return tour;
+}
+
+}  // namespace pointmorph

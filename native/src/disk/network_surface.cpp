@@ -1,0 +1,463 @@
+#include "disk/network_surface.hpp"
+
+#include <Eigen/Geometry>
+#include <Eigen/SparseCholesky>
+#include <algorithm>
+#include <cmath>
+#include <functional>
+#include <limits>
+#include <numbers>
+#include <string>
+#include <utility>
+
+#include "pointmorph/base/error.hpp"
+#include "pointmorph/base/parallel.hpp"
+#include "pointmorph/cloud/cloud.hpp"
+
+namespace pointmorph {
+
+namespace {
+
+constexpr double kFar = std::numeric_limits<double>::infinity();
+constexpr double kTurn = 2.0 * std::numbers::pi;
+/// Length in √area over which curves keep each other away.
+constexpr double kRepulsion = 0.03;
+
+double longest_edge(const Positions& points) {
+    double longest = 0.0;
+    for (Eigen::Index i = 1; i < points.rows(); ++i)
+        longest = std::max(longest, (points.row(i) - points.row(i - 1)).norm());
+    return longest;
+}
+
+double modulo(double angle) {
+    return angle - kTurn * std::floor(angle / kTurn);
+}
+
+}  // namespace
+
+Wall::Wall(SurfaceCurve curve)
+    : curve_(std::move(curve)), tree_(curve_.points), longest_(longest_edge(curve_.points)) {}
+
+bool Wall::is_crossed(const Eigen::RowVector3d& p, const Eigen::RowVector3d& q,
+                      const Eigen::RowVector3d& normal) const {
+    const Eigen::RowVector3d middle = 0.5 * (p + q);
+    const double reach = 0.5 * (q - p).norm() + longest_;
+    if (!tree_.any_within(middle.data(), reach)) return false;
+    std::vector<std::pair<Index, double>> ball;
+    tree_.within(middle.data(), reach, ball);
+    const Vector3 up = normal.transpose().normalized();
+    for (const auto& [i, squared] : ball) {
+        if (curve_.normals.row(i).dot(normal) <= 0.0) continue;
+        for (const Index k : {i - 1, i}) {
+            if (k < 0 || k + 1 >= curve_.size()) continue;
+            const auto first = curve_.points.row(k), second = curve_.points.row(k + 1);
+            if (first == p || first == q || second == p || second == q) continue;
+            if (edges_cross(p, q, first, second, up)) return true;
+        }
+    }
+    return false;
+}
+
+bool Wall::is_crossed(const SurfaceCurve& other) const {
+    for (Index i = 0; i + 1 < other.size(); ++i)
+        if (is_crossed(other.points.row(i), other.points.row(i + 1),
+                       other.normals.row(i) + other.normals.row(i + 1)))
+            return true;
+    return false;
+}
+
+CoarseModel::CoarseModel(const NetworkSide& side, const DecompositionOptions& options,
+                         Progress& progress)
+    : cloud(side.tree, side.normals, side.nearest, side.features, options.points, progress) {
+    // Gaps in the sampling count as handles at first; thin handles are lost at last.
+    constexpr std::array<double, 6> kScales{0.0, 0.6, 0.9, 1.2, 1.6, 2.2};
+    for (const double scale : kScales) {
+        progress.throw_if_cancelled();
+        scales.push_back(loop_classes(cloud.graph, scale * cloud.spacing));
+    }
+}
+
+NetworkSurface::NetworkSurface(const NetworkSide& side, const CoarseModel& model,
+                               const DecompositionOptions& options)
+    : side_(side),
+      options_(options),
+      model_(model),
+      coarse_(model.cloud),
+      corners_(static_cast<Index>(side.features.size())),
+      closed_(coarse_.rows.size(), 0),
+      costs_(Values::Ones(coarse_.graph.size())),
+      spokes_(side.features.size()) {
+    const SurfaceGraph& graph = coarse_.graph;
+    links_.resize(to_size(graph.size()));
+    for (Index i = 0; i < graph.size(); ++i)
+        for (auto e = to_size(graph.offsets[to_size(i)]);
+             e < to_size(graph.offsets[to_size(i) + 1]); ++e)
+            links_[to_size(i)].push_back({graph.neighbors[e], graph.lengths[e]});
+    for (Index k = 0; k < corners_; ++k) {
+        const Vector3 normal = coarse_.normals.row(k).transpose();
+        const Vector3 x = normal.unitOrthogonal();
+        frames_.push_back({x, normal.cross(x)});
+    }
+}
+
+void NetworkSurface::take_rank(Index rank) {
+    const LoopClasses& classes = *std::ranges::find(model_.scales, rank, &LoopClasses::rank);
+    rank_ = rank;
+    for (Index i = 0; i < coarse_.graph.size(); ++i)
+        for (std::size_t k = 0; k < links_[to_size(i)].size(); ++k)
+            links_[to_size(i)][k].bits =
+                classes.bits[to_size(coarse_.graph.offsets[to_size(i)]) + k];
+}
+
+std::vector<Dart> NetworkSurface::darts(Index corner) const {
+    std::vector<Dart> result;
+    for (const Spoke& spoke : spokes_[to_size(corner)]) result.push_back(spoke.dart);
+    return result;
+}
+
+std::vector<Sector> NetworkSurface::sectors(Index corner) const {
+    if (spokes_[to_size(corner)].empty()) return {{corner, -1}};
+    std::vector<Sector> result;
+    for (const Dart dart : darts(corner)) result.push_back({corner, dart});
+    return result;
+}
+
+double NetworkSurface::angle(Index corner, const Eigen::RowVector3d& place) const {
+    const Vector3 offset = (place - coarse_.positions.row(corner)).transpose();
+    const auto& [x, y] = frames_[to_size(corner)];
+    return modulo(std::atan2(offset.dot(y), offset.dot(x)));
+}
+
+double NetworkSurface::leaving_angle(Index corner, const SurfaceCurve& curve, bool from_end) const {
+    // Far enough for a direction, near enough to lie in the corner's plane.
+    const double goal = std::min(1.5 * coarse_.spacing, 0.5 * curve_length(curve.points));
+    double passed = 0.0;
+    Index i = 0;
+    const auto place = [&](Index k) { return from_end ? curve.size() - 1 - k : k; };
+    while (i + 1 < curve.size() && passed < goal) {
+        passed += (curve.points.row(place(i + 1)) - curve.points.row(place(i))).norm();
+        ++i;
+    }
+    return angle(corner, curve.points.row(place(i)));
+}
+
+NetworkSurface::Room NetworkSurface::room(const Sector& sector) const {
+    const auto& spokes = spokes_[to_size(sector.corner)];
+    if (sector.dart < 0) return {0.0, kTurn};
+    const auto here = std::ranges::find(spokes, sector.dart, &Spoke::dart);
+    const auto next = here + 1 == spokes.end() ? spokes.begin() : here + 1;
+    const double width = modulo(next->angle - here->angle);
+    return {here->angle, spokes.size() == 1 ? kTurn : width};
+}
+
+bool NetworkSurface::is_within(const Sector& sector, double angle, double margin) const {
+    if (sector.dart < 0) return true;
+    const auto [start, width] = room(sector);
+    const double inside = modulo(angle - start);
+    return inside > margin && inside < width - margin;
+}
+
+std::vector<const NetworkSurface::Link*> NetworkSurface::doors(const Sector& sector) const {
+    constexpr double kMargin = 0.25, kShare = 0.2;  // radians, of the room
+    const double margin = std::min(kMargin, kShare * room(sector).width);
+    std::vector<const Link*> result;
+    for (const Link& link : links_[to_size(sector.corner)])
+        if (!link.barred && !closed_[to_size(link.to)] && link.to >= corners_ &&
+            is_within(sector, angle(sector.corner, coarse_.positions.row(link.to)), margin))
+            result.push_back(&link);
+    return result;
+}
+
+std::vector<std::vector<Way>> NetworkSurface::ways(const Sector& from, std::span<const Sector> to,
+                                                   bool classes) const {
+    // Of the surface's covering with a sheet for each class: nodes and classes together.
+    const std::uint32_t sheets = classes ? std::uint32_t{1} << rank_ : 1;
+    const std::uint32_t mask = sheets - 1;
+    const auto state = [&](Index node, std::uint32_t bits) {
+        return to_size(node) * sheets + (bits & mask);
+    };
+    std::vector<double> distance(links_.size() * sheets, kFar);
+    std::vector<std::int64_t> before(distance.size(), -1);
+    std::vector<std::pair<double, std::size_t>> queue;
+    constexpr auto later = std::greater<std::pair<double, std::size_t>>();
+    const auto reach = [&](std::size_t place, double through, std::int64_t origin) {
+        if (through >= distance[place]) return;
+        distance[place] = through;
+        before[place] = origin;
+        queue.emplace_back(through, place);
+        std::ranges::push_heap(queue, later);
+    };
+    // Over when every goal can be got to in so many classes of ways.
+    constexpr std::size_t kMost = 4;
+    std::vector<std::vector<const Link*>> goal_doors;
+    std::vector<std::vector<Index>> goals_at(links_.size());
+    for (std::size_t g = 0; g < to.size(); ++g) {
+        goal_doors.push_back(doors(to[g]));
+        for (const Link* link : goal_doors[g])
+            goals_at[to_size(link->to)].push_back(static_cast<Index>(g));
+    }
+    std::vector<std::uint64_t> reached(to.size() * ((sheets + 63) / 64), 0);
+    std::vector<std::size_t> kinds(to.size(), 0);
+    std::size_t left =
+        to_size(std::ranges::count_if(goal_doors, [](const auto& d) { return !d.empty(); }));
+    const auto arrive = [&](Index node, std::uint32_t bits) {
+        for (const Index g : goals_at[to_size(node)]) {
+            const Link& link = **std::ranges::find(goal_doors[to_size(g)], node, &Link::to);
+            const std::uint32_t there = (bits ^ link.bits) & mask;
+            std::uint64_t& word = reached[to_size(g) * ((sheets + 63) / 64) + there / 64];
+            if ((word >> (there % 64)) & 1) continue;
+            word |= std::uint64_t{1} << (there % 64);
+            if (++kinds[to_size(g)] == std::min<std::size_t>(kMost, sheets)) --left;
+        }
+    };
+    for (const Link* link : doors(from))
+        reach(state(link->to, link->bits), link->length * costs_[link->to], -1);
+    while (!queue.empty() && left > 0) {
+        std::ranges::pop_heap(queue, later);
+        const auto [so_far, place] = queue.back();
+        queue.pop_back();
+        if (so_far > distance[place]) continue;
+        const auto node = static_cast<Index>(place / sheets);
+        const auto bits = static_cast<std::uint32_t>(place % sheets);
+        arrive(node, bits);
+        for (const Link& link : links_[to_size(node)]) {
+            if (link.barred || closed_[to_size(link.to)] || link.to < corners_) continue;
+            reach(state(link.to, bits ^ link.bits),
+                  so_far + link.length * 0.5 * (costs_[node] + costs_[link.to]),
+                  static_cast<std::int64_t>(place));
+        }
+    }
+    std::vector<std::vector<Way>> result;
+    for (std::size_t g = 0; g < to.size(); ++g) {
+        const Sector& goal = to[g];
+        std::vector<double> least(sheets, kFar);
+        std::vector<std::size_t> last(sheets, 0);
+        for (const Link* link : goal_doors[g])
+            for (std::uint32_t bits = 0; bits < sheets; ++bits) {
+                const std::size_t place = state(link->to, bits);
+                const double through = distance[place] + link->length * costs_[link->to];
+                const std::uint32_t there = (bits ^ link->bits) & mask;
+                if (through >= least[there]) continue;
+                least[there] = through;
+                last[there] = place;
+            }
+        std::vector<std::pair<double, std::uint32_t>> order;
+        for (std::uint32_t bits = 0; bits < sheets; ++bits)
+            if (least[bits] < kFar) order.emplace_back(least[bits], bits);
+        std::ranges::sort(order);
+        if (order.size() > kMost) order.resize(kMost);
+        std::vector<Way> found;
+        for (const auto& [cost, bits] : order) {
+            Way way;
+            way.bits = bits;
+            way.nodes.push_back(goal.corner);
+            for (auto place = static_cast<std::int64_t>(last[bits]); place >= 0;
+                 place = before[to_size(place)])
+                way.nodes.push_back(static_cast<Index>(place / sheets));
+            way.nodes.push_back(from.corner);
+            std::ranges::reverse(way.nodes);
+            // The same place on two sheets: it crosses itself.
+            std::vector<Index> sorted = way.nodes;
+            std::ranges::sort(sorted);
+            if (std::ranges::adjacent_find(sorted) != sorted.end()) continue;
+            for (std::size_t k = 1; k < way.nodes.size(); ++k)
+                way.length +=
+                    (coarse_.positions.row(way.nodes[k]) - coarse_.positions.row(way.nodes[k - 1]))
+                        .norm();
+            way.length /= coarse_.unit;
+            found.push_back(std::move(way));
+        }
+        result.push_back(std::move(found));
+    }
+    return result;
+}
+
+std::optional<SurfaceCurve> NetworkSurface::traced(const Way& way, const Sector& from,
+                                                   const Sector& to, Progress& progress) const {
+    const SurfaceCurve path{gather(coarse_.positions, way.nodes),
+                            gather(coarse_.normals, way.nodes)};
+    const double spacing = coarse_.unit / std::sqrt(static_cast<double>(side_.tree.size()));
+    constexpr double kMargin = 0.05;  // radians
+    constexpr Index kDense = 4;
+    for (const Index rounds : {options_.straightening, options_.straightening / 3, Index{0}}) {
+        SurfaceCurve curve = straightened(resampled(path, coarse_.spacing), coarse_.tree,
+                                          coarse_.normals, rounds, 1.0, progress);
+        curve = straightened(resampled(curve, spacing), side_.tree, side_.normals,
+                             std::min(rounds, kDense), 1.0, progress);
+        if (!is_within(from, leaving_angle(from.corner, curve, false), kMargin) ||
+            !is_within(to, leaving_angle(to.corner, curve, true), kMargin))
+            continue;
+        if (std::ranges::any_of(walls_, [&](const Wall& w) { return w.is_crossed(curve); }))
+            continue;
+        const Wall itself(curve);
+        if (!itself.is_crossed(curve)) return curve;
+    }
+    return std::nullopt;
+}
+
+void NetworkSurface::add(SurfaceCurve curve, const Sector& from, const Sector& to) {
+    const Dart dart = 2 * static_cast<Dart>(walls_.size());
+    const auto insert = [&](const Sector& sector, Dart leaving, double angle) {
+        auto& spokes = spokes_[to_size(sector.corner)];
+        const auto before = std::ranges::find(spokes, sector.dart, &Spoke::dart);
+        spokes.insert(before == spokes.end() ? before : before + 1, {leaving, angle});
+    };
+    insert(from, dart, leaving_angle(from.corner, curve, false));
+    insert(to, dart + 1, leaving_angle(to.corner, curve, true));
+    const Wall& wall = walls_.emplace_back(std::move(curve));
+
+    constexpr double kOnIt = 0.2;  // of the coarse points' spacing
+    const double scale = kRepulsion * coarse_.unit;
+    for (Index i = 0; i < coarse_.graph.size(); ++i) {
+        const Eigen::RowVector3d here = coarse_.positions.row(i);
+        Index nearest;
+        double squared;
+        wall.tree().nearest(here.data(), {&nearest, 1}, {&squared, 1});
+        const double distance = std::sqrt(squared);
+        if (wall.curve().normals.row(nearest).dot(coarse_.normals.row(i)) <= 0.0) continue;
+        if (i >= corners_ && distance < kOnIt * coarse_.spacing) closed_[to_size(i)] = 1;
+        if (distance < 3.0 * scale) {
+            // Curves meet at their ends, which must not push the next one away.
+            const double end = std::min((here - coarse_.positions.row(from.corner)).norm(),
+                                        (here - coarse_.positions.row(to.corner)).norm());
+            costs_[i] += options_.repulsion * std::exp(-squared / (scale * scale)) *
+                         std::min(1.0, end / (2.0 * scale));
+        }
+    }
+    for (Index i = 0; i < coarse_.graph.size(); ++i)
+        for (Link& link : links_[to_size(i)]) {
+            if (link.to < i || link.barred) continue;
+            link.barred = wall.is_crossed(coarse_.positions.row(i), coarse_.positions.row(link.to),
+                                          coarse_.normals.row(i) + coarse_.normals.row(link.to));
+            if (link.barred)
+                std::ranges::find(links_[to_size(link.to)], i, &Link::to)->barred = true;
+        }
+}
+
+std::optional<Index> NetworkSurface::face_next_to(const Eigen::RowVector3d& point,
+                                                  const Eigen::RowVector3d& normal, double reach,
+                                                  std::span<const Index> face) const {
+    double best = reach * reach;
+    std::optional<Index> found;
+    for (std::size_t w = 0; w < walls_.size(); ++w) {
+        const SurfaceCurve& curve = walls_[w].curve();
+        std::array<Index, 6> near;
+        std::array<double, 6> squared;
+        const auto count = to_size(
+            walls_[w].tree().nearest_within(point.data(), std::sqrt(best) * 1.5, near, squared));
+        for (std::size_t k = 0; k < count; ++k) {
+            const Index c = near[k];
+            if (curve.normals.row(c).dot(normal) <= 0.0) continue;
+            for (const Index a : {c - 1, c}) {
+                if (a < 0 || a + 1 >= curve.size()) continue;
+                const Eigen::RowVector3d edge = curve.points.row(a + 1) - curve.points.row(a);
+                const double length = edge.squaredNorm();
+                if (!(length > 0.0)) continue;
+                const double along =
+                    std::clamp((point - curve.points.row(a)).dot(edge) / length, 0.0, 1.0);
+                const Eigen::RowVector3d offset = point - curve.points.row(a) - along * edge;
+                if (offset.squaredNorm() >= best) continue;
+                best = offset.squaredNorm();
+                const bool at_start = a == 0 && along <= 0.0;
+                const bool at_end = a + 2 == curve.size() && along >= 1.0;
+                if (at_start || at_end) {
+                    // Nearest to a corner: the sector that it lies in.
+                    const Dart dart = 2 * static_cast<Dart>(w) + (at_end ? 1 : 0);
+                    Index corner = 0;
+                    while (std::ranges::find(spokes_[to_size(corner)], dart, &Spoke::dart) ==
+                           spokes_[to_size(corner)].end())
+                        ++corner;
+                    const double direction = angle(corner, point);
+                    const Spoke* opening = &spokes_[to_size(corner)].front();
+                    for (const Spoke& spoke : spokes_[to_size(corner)])
+                        if (modulo(direction - spoke.angle) < modulo(direction - opening->angle))
+                            opening = &spoke;
+                    found = face[to_size(opening->dart)];
+                    continue;
+                }
+                const auto across = [&](Index from) -> Eigen::RowVector3d {
+                    const Eigen::RowVector3d step =
+                        curve.points.row(from + 1) - curve.points.row(from);
+                    const Eigen::RowVector3d left = curve.normals.row(c).cross(step);
+                    return left.norm() > 0.0 ? left.normalized() : left;
+                };
+                Eigen::RowVector3d left = across(a);
+                if (along <= 0.0) left += across(a - 1);
+                if (along >= 1.0) left += across(a + 1);
+                found = face[2 * w + (left.dot(offset) > 0.0 ? 0 : 1)];
+            }
+        }
+    }
+    return found;
+}
+
+std::vector<Index> NetworkSurface::labels(std::span<const Index> face, Index patches,
+                                          Progress& progress) const {
+    // A random walker's chance to meet each patch's side of the curves first.
+    const Index count = coarse_.graph.size();
+    const double reach = 1.2 * coarse_.spacing;
+    std::vector<Index> seed(to_size(count), -1), unknown(to_size(count), -1);
+    Index unknowns = 0;
+    for (Index i = corners_; i < count; ++i) {
+        const auto mine =
+            face_next_to(coarse_.positions.row(i), coarse_.normals.row(i), reach, face);
+        if (mine) seed[to_size(i)] = *mine;
+        if (!mine) unknown[to_size(i)] = unknowns++;
+    }
+    std::vector<Index> node_labels = seed;
+    if (unknowns > 0) {
+        std::vector<Eigen::Triplet<double>> entries;
+        Eigen::MatrixXd sides = Eigen::MatrixXd::Zero(unknowns, patches);
+        Values diagonal = Values::Constant(unknowns, 1e-9);
+        for (Index i = corners_; i < count; ++i) {
+            const Index row = unknown[to_size(i)];
+            if (row < 0) continue;
+            for (const Link& link : links_[to_size(i)]) {
+                if (link.barred || link.to < corners_) continue;
+                const double weight = coarse_.spacing / link.length;
+                diagonal[row] += weight;
+                if (const Index column = unknown[to_size(link.to)]; column >= 0)
+                    entries.emplace_back(row, column, -weight);
+                else
+                    sides(row, seed[to_size(link.to)]) += weight;
+            }
+        }
+        for (Index i = 0; i < unknowns; ++i) entries.emplace_back(i, i, diagonal[i]);
+        Eigen::SparseMatrix<double> matrix(unknowns, unknowns);
+        matrix.setFromTriplets(entries.begin(), entries.end());
+        const Eigen::SimplicialLDLT<Eigen::SparseMatrix<double>> solver(matrix);
+        const Eigen::MatrixXd chances = solver.solve(sides);
+        Index doubtful = 0;
+        constexpr double kSure = 0.7, kMostDoubtful = 0.03;
+        for (Index i = corners_; i < count; ++i) {
+            const Index row = unknown[to_size(i)];
+            if (row < 0) continue;
+            Eigen::Index best = 0;
+            if (chances.row(row).maxCoeff(&best) < kSure) ++doubtful;
+            node_labels[to_size(i)] = static_cast<Index>(best);
+        }
+        if (doubtful > kMostDoubtful * count)
+            throw TopologyError(
+                side_.name, "curves that divide the surface into patches",
+                std::to_string(doubtful) + " of " + std::to_string(count) +
+                    " places that belong to several patches",
+                "Mark features around the handles and at the tips of limbs, or take method auto.");
+    }
+    std::vector<Index> result(to_size(side_.tree.size()), -1);
+    parallel_for(side_.tree.size(), progress, [&](Index begin, Index end) {
+        for (Index i = begin; i < end; ++i) {
+            const Index cell = coarse_.cells[to_size(i)];
+            Index label = node_labels[to_size(cell)];
+            if (label < 0 || seed[to_size(cell)] >= 0 || cell < corners_)
+                if (const auto mine = face_next_to(side_.tree.points().row(i), side_.normals.row(i),
+                                                   2.0 * reach, face))
+                    label = *mine;
+            result[to_size(i)] = label;
+        }
+    });
+    for (const Index row : side_.features) result[to_size(row)] = -1;
+    return result;
+}
+
+}  // namespace pointmorph

@@ -1,0 +1,165 @@
+#include "frames/gap_triangles.hpp"
+
+#include <Eigen/Geometry>
+#include <utility>
+
+#include "pointmorph/cloud/subset.hpp"
+
+namespace pointmorph {
+
+namespace {
+
+constexpr Index kNeighbors = 16;
+/// Largest circle through a triangle's corners, in spacings: wider gaps are holes of the model.
+constexpr double kReach = 2.0;
+/// Spacings below this share of the cloud's mean are rounding or doubled points.
+constexpr double kFinest = 0.05;
+
+/// Twice a triangle's area, along the normal of the side from which its corners are seen to go
+/// round to the left.
+Vector3 facing(const Positions& positions, const Sheet& corners) {
+    const Vector3 origin = positions.row(corners[0]).transpose();
+    return (positions.row(corners[1]).transpose() - origin)
+        .cross(positions.row(corners[2]).transpose() - origin);
+}
+
+}  // namespace
+
+EndSamples::EndSamples(const Cloud& cloud, std::vector<Index> its_pairs, Progress& progress)
+    : unit(normalization(cloud.positions)),
+      positions(unit.apply(cloud.positions)),
+      normals(cloud.normals.rowwise().normalized()),
+      tree(positions),
+      pairs(std::move(its_pairs)) {
+    {
+        const Progress::Part part(progress, 0.0, 0.5);
+        nearest = nearest_neighbors(tree, kNeighbors, progress);
+    }
+    const double area = estimated_area(tree);
+    const double finest = kFinest * std::sqrt(area / static_cast<double>(positions.rows()));
+    spacing = local_spacing(positions, nearest).cwiseMax(finest);
+    {
+        const Progress::Part part(progress, 0.5, 1.0);
+        triangles = local_triangles(positions, normals, nearest, spacing, kReach, progress);
+    }
+    density.resize(positions.rows());
+    for (Index i = 0; i < positions.rows(); ++i) {
+        const auto near = nearest[i];
+        const auto k = std::min(near.size(), to_size(Resampling::kDensityNeighbors));
+        const double radius =
+            std::max((positions.row(near[k - 1]) - positions.row(i)).norm(), finest);
+        density[i] = static_cast<double>(k) / (radius * radius) * area;
+    }
+    size = std::sqrt(area) * unit.scale;
+}
+
+std::vector<Index> standing_for(std::span<const IndexPair> pairs, Index IndexPair::*side,
+                                Index IndexPair::*other_side, const Cloud& cloud,
+                                const Cloud& other) {
+    Positions mean = Positions::Zero(cloud.size(), 3);
+    Values count = Values::Zero(cloud.size());
+    for (const IndexPair& pair : pairs) {
+        mean.row(pair.*side) += other.positions.row(pair.*other_side);
+        count[pair.*side] += 1.0;
+    }
+    std::vector<Index> result(to_size(cloud.size()), -1);
+    Values best(cloud.size());
+    for (std::size_t i = 0; i < pairs.size(); ++i) {
+        const Index row = pairs[i].*side;
+        const double off =
+            (other.positions.row(pairs[i].*other_side) - mean.row(row) / count[row]).stableNorm();
+        if (result[to_size(row)] >= 0 && !(off < best[row])) continue;
+        result[to_size(row)] = static_cast<Index>(i);
+        best[row] = off;
+    }
+    return result;
+}
+
+std::vector<Sheet> sheets(const EndSamples& source, const EndSamples& target,
+                          std::span<const IndexPair> pairs) {
+    std::vector<Sheet> result;
+    result.reserve(source.triangles.size() + target.triangles.size() + pairs.size() / 2);
+    const auto add = [&](Sheet corners) {
+        const auto [lowest, highest] = std::ranges::minmax(corners);
+        if (lowest == highest) return;
+        const auto& [a, b, c] = corners;
+        if (a == b || b == c || c == a)
+            corners = {lowest, lowest, highest};
+        else
+            std::ranges::rotate(corners, std::ranges::min_element(corners));
+        result.push_back(corners);
+    };
+    for (std::size_t i = 0; i < pairs.size(); ++i) {
+        const Index pair = static_cast<Index>(i);
+        const Index a = source.pairs[to_size(pairs[i].source)];
+        const Index b = target.pairs[to_size(pairs[i].target)];
+        add({pair, a, b});
+        add({pair, b, a});
+    }
+    for (const EndSamples* end : {&source, &target})
+        for (Sheet corners : end->triangles) {
+            if (!shows_front(end->positions, end->normals, corners))
+                std::swap(corners[1], corners[2]);
+            for (Index& corner : corners) corner = end->pairs[to_size(corner)];
+            add(corners);
+        }
+    std::ranges::sort(result);
+    const auto unique = std::ranges::unique(result);
+    result.erase(unique.begin(), unique.end());
+    return result;
+}
+
+Vector3 blend(const Positions& rows, const InsertedPoint& point) {
+    Vector3 sum = Vector3::Zero();
+    for (std::size_t c = 0; c < 3; ++c)
+        sum += point.weights[c] * rows.row(point.pairs[c]).transpose();
+    return sum;
+}
+
+bool shows_front(const Positions& positions, const Normals& normals, const Sheet& corners) {
+    const Vector3 faces = facing(positions, corners);
+    const auto [a, b, c] = corners;
+    if (!(faces.squaredNorm() > 0.0)) return normals.row(a).dot(normals.row(c)) >= 0.0;
+    return (normals.row(a) + normals.row(b) + normals.row(c)).dot(faces) >= 0.0;
+}
+
+Vector3 sheet_normal(const Positions& positions, const Normals& normals,
+                     const InsertedPoint& point) {
+    constexpr double kAgreeing = 0.9, kCancelled = 1e-6;
+    Vector3 sum = blend(normals, point);
+    if (const double length = sum.norm(); length < kAgreeing) {
+        const Vector3 faces = facing(positions, point.pairs);
+        if (const double area = faces.norm(); area > 0.0)
+            sum += (1.0 - length / kAgreeing) / area * faces;
+    }
+    if (const double length = sum.norm(); length > kCancelled) return sum / length;
+    const auto most = std::ranges::max_element(point.weights) - point.weights.begin();
+    return normals.row(point.pairs[to_size(most)]).transpose();
+}
+
+double edge_length(const Positions& positions, const Sheet& corners) {
+    double sum = 0.0;
+    for (std::size_t c = 0; c < 3; ++c)
+        sum += (positions.row(corners[c]) - positions.row(corners[(c + 1) % 3])).squaredNorm();
+    return std::sqrt(sum / 3.0);
+}
+
+bool is_wider(const Positions& positions, const Sheet& corners, double radius) {
+    std::array<double, 3> squares;  // of the edge opposite to a corner
+    for (std::size_t c = 0; c < 3; ++c)
+        squares[c] = (positions.row(corners[(c + 1) % 3]) - positions.row(corners[(c + 2) % 3]))
+                         .squaredNorm();
+    const double largest = std::max({squares[0], squares[1], squares[2]});
+    // No place is farther than in the triangle whose edges are all as long as the longest.
+    if (!(largest > 3.0 * radius * radius)) return false;
+    std::ranges::sort(squares);
+    const auto [a, b, c] = squares;
+    if (a + b > c) {  // acute: the centre of the circle through the corners
+        const double area = 2.0 * (a * b + b * c + c * a) - a * a - b * b - c * c;
+        return a * b * c > radius * radius * area;
+    }
+    // Obtuse: on the longest edge, where the middle line of the second longest meets it.
+    return b * std::sqrt(c) > radius * (b + c - a);
+}
+
+}  // namespace pointmorph

@@ -1,0 +1,47 @@
+// Which points of re-sampled frames live, and when. Not a part of the library.
+#pragma once
+
+#include <optional>
+#include <span>
+#include <vector>
+
+#include "frames/gap_triangles.hpp"
+#include "frames/missing_points.hpp"
+#include "pointmorph/base/progress.hpp"
+#include "pointmorph/base/types.hpp"
+#include "pointmorph/frames/resampling.hpp"
+
+namespace pointmorph {
+
+/// Goes through the times in order, and keeps who is born and who ends at each.
+class PointLives {
+public:
+    /// Keeps references to all.
+    PointLives(const Resampling& resampling, std::span<const IndexPair> pairs,
+               const EndSamples& source, const EndSamples& target);
+    PointLives(PointLives&&) = delete;  // what finds missing points refers to those chosen
+
+    /// All times, from source to target.
+    void pass(const Resampling::FrameAt& frame_at, Progress& progress);
+
+    std::vector<InsertedPoint> points() const;  ///< all that ever live
+    const std::vector<HiddenPair>& hidden() const { return hidden_; }
+
+private:
+    void step(int key, const Resampling::FrameAt& frame_at, Progress& progress);
+    std::vector<char> crowded(const Moment& moment, Progress& progress) const;
+    void choose(const Moment& moment, std::span<const MissingPoints::Place> places,
+                std::vector<Index>& living, Progress& progress);
+    void hide_crowded(const Moment& moment, int key, Progress& progress);
+    void show_or_hide(Index pair, bool hide, int key);
+
+    const Resampling& resampling_;
+    std::vector<MissingPoints::Place> chosen_;  ///< by id
+    std::vector<int> first_key_, last_key_;     ///< by id
+    std::vector<Index> alive_;                  ///< ids, ascending
+    std::vector<int> hidden_since_;             ///< by pair, the key; 0: shown
+    std::vector<HiddenPair> hidden_;
+    std::optional<MissingPoints> missing_;  ///< none where no points are wanted
+};
+
+}  // namespace pointmorph

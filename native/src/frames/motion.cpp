@@ -1,0 +1,165 @@
+#include "pointmorph/frames/motion.hpp"
+
+#include <Eigen/Geometry>
+#include <Eigen/LU>
+#include <cmath>
+
+#include "pointmorph/base/parallel.hpp"
+#include "pointmorph/cloud/cloud.hpp"
+#include "pointmorph/registration/coarse_shape.hpp"
+#include "pointmorph/registration/prolongation.hpp"
+
+namespace pointmorph {
+
+namespace {
+
+Matrix3 share_of(const Matrix3& rotation, double t) {
+    const Eigen::AngleAxisd whole(rotation);
+    return Eigen::AngleAxisd(t * whole.angle(), whole.axis()).toRotationMatrix();
+}
+
+}  // namespace
+
+Similarity GradualSimilarity::at(double t) const {
+    Similarity part;
+    part.scale = std::pow(whole.scale, t);
+    part.rotation = share_of(whole.rotation, t);
+    const Vector3 end = whole.scale * (whole.rotation * center) + whole.shift;
+    part.shift = (1.0 - t) * center + t * end - part.scale * (part.rotation * center);
+    return part;
+}
+
+GradualSimilarity GradualSimilarity::reversed() const {
+    return {whole.inverse(), whole.scale * (whole.rotation * center) + whole.shift};
+}
+
+/// The nodes and what they do by t = 1.
+struct Motion::Bend {
+    CoarseShape shape;
+    DeformationSolver solver;
+    Deformation whole;
+    Positions residual;  ///< nodes' images less where their own turns and scales would put them
+    Prolongation lift;
+
+    Bend(CoarseShape coarse, const Positions& positions, const Normals& normals,
+         const Positions& images, Progress& progress)
+        : shape(std::move(coarse)),
+          solver(shape.positions, graph()),
+          lift(shape, positions, normals, progress) {
+        constexpr int kSmoothing = 1;
+        constexpr double kLargestScale = 10.0;
+        whole.positions = gather(gather(images, shape.rows), graph().nodes);
+        fit_similarities(shape.positions, graph(), kSmoothing, kLargestScale, whole);
+        solver.factorize(1.0, {});
+        residual = whole.positions - placed(whole);
+    }
+
+    const DeformationGraph& graph() const { return shape.levels.front(); }
+
+    /// Places that follow from the turns and scales, about the centre of the nodes' images.
+    Positions placed(Deformation deformation) const {
+        solver.solve({}, deformation);
+        return deformation.positions.rowwise() - deformation.positions.colwise().mean();
+    }
+
+    DeformedCloud at(double t) const {
+        Deformation part;
+        for (const Matrix3& rotation : whole.rotations)
+            part.rotations.push_back(share_of(rotation, t));
+        part.scales = whole.scales.array().pow(t);
+        part.positions = placed(part) + t * residual;
+        const Positions rest = gather(shape.positions, graph().nodes);
+        part.positions.rowwise() += (1.0 - t) * rest.colwise().mean();
+        return deformed(shape.positions, shape.normals, graph(), part);
+    }
+};
+
+Motion::Motion(const Positions& positions, const Normals& normals, const Positions& images,
+               const GradualSimilarity& similarity, bool bends, Progress& progress)
+    : unit_(normalization(positions)),
+      positions_(unit_.apply(positions)),
+      normals_(normals),
+      similarity_(similarity) {
+    const Positions straight = unit_.apply(similarity.whole.inverse().apply(images));
+    if (!bends) {
+        offsets_ = straight - positions_;
+        return;
+    }
+    constexpr Index kNodes = 1000;
+    CoarseShapeOptions options;
+    options.nodes = {kNodes};
+    const KdTree<3> tree(positions_);
+    bend_ = std::make_unique<const Bend>(coarse_shape(tree, normals, {}, options, progress),
+                                         positions_, normals_, straight, progress);
+    // Found backwards: what has to be added at rest so that the end is the image. Where blended
+    // turns cancel, as far as that can be.
+    const DeformedCloud end = bend_->at(1.0);
+    offsets_ = straight - bend_->lift(bend_->shape, end, positions_, normals_, progress).positions;
+    constexpr double kSingular = 1e-3;
+    parallel_for(static_cast<Index>(positions_.rows()), progress, [&](Index first, Index last) {
+        for (Index i = first; i < last; ++i) {
+            const Matrix3 linear = bend_->lift.linear(i, end);
+            const double scale = linear.norm();
+            if (linear.determinant() > kSingular * scale * scale * scale)
+                offsets_.row(i) = linear.inverse() * offsets_.row(i).transpose();
+        }
+    });
+}
+
+Motion::~Motion() = default;
+Motion::Motion(Motion&&) noexcept = default;
+
+OrientedPoints Motion::at(double t) const {
+    Progress silent;
+    OrientedPoints result{positions_ + t * offsets_, normals_};
+    if (bend_) result = bend_->lift(bend_->shape, bend_->at(t), result.positions, normals_, silent);
+    const Similarity part = similarity_.at(t);
+    const Matrix3 linear = unit_.scale * part.scale * part.rotation;
+    const Vector3 shift = part.scale * (part.rotation * unit_.center) + part.shift;
+    parallel_for(static_cast<Index>(positions_.rows()), silent, [&](Index begin, Index end) {
+        for (Index i = begin; i < end; ++i) {
+            const Vector3 x = result.positions.row(i).transpose();
+            result.positions.row(i) = linear * x + shift;
+            const Vector3 normal = part.rotation * result.normals.row(i).transpose();
+            result.normals.row(i) = normal;
+        }
+    });
+    return result;
+}
+
+template <class Scalar>
+void fade(const OrientedPoints& source, const OrientedPoints& target,
+          std::span<const IndexPair> pairs, double t, std::span<Scalar> positions,
+          std::span<Scalar> normals) {
+    const double share = t * t * (3.0 - 2.0 * t);
+    const auto put = [](const Vector3& from, std::span<Scalar> to, std::size_t pair) {
+        for (int d = 0; d < 3; ++d) to[3 * pair + to_size(d)] = static_cast<Scalar>(from[d]);
+    };
+    Progress silent;
+    parallel_for(static_cast<Index>(pairs.size()), silent, [&](Index begin, Index end) {
+        for (auto i = to_size(begin); i < to_size(end); ++i) {
+            const auto [s, r] = pairs[i];
+            if (!positions.empty())
+                put(((1.0 - share) * source.positions.row(s) + share * target.positions.row(r))
+                        .transpose(),
+                    positions, i);
+            if (normals.empty()) continue;
+            const Vector3 a = source.normals.row(s).transpose();
+            const Vector3 b = target.normals.row(r).transpose();
+            const Vector3 normal = (1.0 - share) * a + share * b;
+            const double length = normal.norm();
+            constexpr double kCancelled = 1e-6;
+            if (length > kCancelled)
+                put(normal / length, normals, i);
+            else
+                put(share < 0.5 ? a : b, normals, i);
+        }
+    });
+}
+
+template void fade<float>(const OrientedPoints&, const OrientedPoints&, std::span<const IndexPair>,
+                          double, std::span<float>, std::span<float>);
+template void fade<double>(const OrientedPoints&, const OrientedPoints&, std::span<const IndexPair>,
+                           double, std::span<double>, std::span<double>);
+
+}  // namespace pointmorph

@@ -1,0 +1,249 @@
+#include "pointmorph/frames/path.hpp"
+
+#include <algorithm>
+#include <array>
+#include <atomic>
+#include <cassert>
+#include <cmath>
+#include <cstdint>
+#include <limits>
+#include <sstream>
+#include <string>
+
+#if defined(__SSE2__) || defined(_M_X64)
+#include <emmintrin.h>
+#define POINTMORPH_STREAMING_STORES
+#endif
+
+#include "pointmorph/base/error.hpp"
+#include "pointmorph/base/parallel.hpp"
+
+namespace pointmorph {
+
+namespace {
+
+struct Attribute {
+    const char* name;
+    std::size_t width;   ///< numbers a pair
+    std::size_t offset;  ///< of its part, in numbers a pair
+};
+constexpr Attribute kPositions{"positions", 3, 0};
+constexpr Attribute kNormals{"normals", 3, 3};
+constexpr Attribute kColors{"colors", 4, 6};
+constexpr Attribute kRadii{"radii", 1, 10};
+constexpr std::size_t kNumbersAPair = 11;
+
+/// Pairs that a thread takes at once: large enough to be worth it, small enough for the caches.
+constexpr Index kChunk = 4096;
+/// Rows of a block: both ends' and the result's parts stay in the first-level cache.
+constexpr std::size_t kBlock = 256;
+
+/// Writes a block to the frame. Past the caches where the processor can: a frame is larger than
+/// they are, and so its memory needn't be read before it is written over, a quarter of all
+/// traffic.
+template <class Scalar>
+void write(const Scalar* block, Scalar* out, std::size_t count) {
+    std::size_t i = 0;
+#ifdef POINTMORPH_STREAMING_STORES
+    constexpr std::size_t kPerRegister = 16 / sizeof(Scalar);
+    while (i < count && reinterpret_cast<std::uintptr_t>(out + i) % 16 != 0) {
+        out[i] = block[i];
+        ++i;
+    }
+    for (; i + kPerRegister <= count; i += kPerRegister)
+        _mm_stream_si128(reinterpret_cast<__m128i*>(out + i),
+                         _mm_loadu_si128(reinterpret_cast<const __m128i*>(block + i)));
+#endif
+    std::copy(block + i, block + count, out + i);
+}
+
+/// Makes what was written visible to other threads.
+inline void finish_writing() {
+#ifdef POINTMORPH_STREAMING_STORES
+    _mm_sfence();
+#endif
+}
+
+/// One end of an interval at the share of the way from it to the other: base + share (other −
+/// base). Written so that equal ends give that very number back, −0 too. The compiler vectorises
+/// it.
+template <class Scalar>
+void blend(const Scalar* __restrict base, const Scalar* __restrict other, Scalar share,
+           Scalar* __restrict out, std::size_t count) {
+    for (std::size_t i = 0; i < count; ++i) out[i] = base[i] - share * (base[i] - other[i]);
+}
+
+/// One blended and renormalised normal where the quick way may fail: the ends are nearly
+/// opposite, or so short or long that squares leave Scalar's range.
+template <class Scalar>
+void blend_normal_carefully(const Scalar* base, const Scalar* other, Scalar share, Scalar* out) {
+    const auto load = [](const Scalar* v) { return Vector3(v[0], v[1], v[2]); };
+    Vector3 a = load(base), b = load(other);
+    const double largest = std::max(a.cwiseAbs().maxCoeff(), b.cwiseAbs().maxCoeff());
+    if (largest > 0.0) {
+        a /= largest;
+        b /= largest;
+    }
+    Vector3 normal = a - share * (a - b);
+    // What is left of two ends that cancel is their rounding.
+    if (!(normal.norm() > 8.0 * std::numeric_limits<Scalar>::epsilon())) {
+        normal = a.squaredNorm() > 0.0 ? a : b;
+        const double length = normal.cwiseAbs().maxCoeff();
+        if (length > 0.0) normal /= length;
+    }
+    if (normal.squaredNorm() > 0.0) normal.normalize();
+    for (int d = 0; d < 3; ++d) out[d] = static_cast<Scalar>(normal[d]);
+}
+
+/// `count` ≤ kBlock normals. Step by step over the block, each of which the compiler (or Eigen, for
+/// the square root) vectorises.
+template <class Scalar>
+void blend_normals(const Scalar* __restrict base, const Scalar* __restrict other, Scalar share,
+                   Scalar* __restrict out, std::size_t count) {
+    alignas(16) std::array<Scalar, 3 * kBlock> n;
+    alignas(16) std::array<Scalar, kBlock> factor;
+    blend(base, other, share, n.data(), 3 * count);
+    for (std::size_t i = 0; i < count; ++i)
+        factor[i] = n[3 * i] * n[3 * i] + n[3 * i + 1] * n[3 * i + 1] + n[3 * i + 2] * n[3 * i + 2];
+    auto factors = Eigen::Array<Scalar, Eigen::Dynamic, 1>::MapAligned(
+        factor.data(), static_cast<Eigen::Index>(count));
+    const bool in_range = factors.minCoeff() > Scalar(1e-4) && factors.maxCoeff() < Scalar(1e4);
+    factors = factors.sqrt().inverse();
+    for (std::size_t i = 0; i < count; ++i) {
+        out[3 * i] = n[3 * i] * factor[i];
+        out[3 * i + 1] = n[3 * i + 1] * factor[i];
+        out[3 * i + 2] = n[3 * i + 2] * factor[i];
+    }
+    if (in_range) return;
+    for (std::size_t i = 0; i < count; ++i)
+        if (!(factor[i] < Scalar(1e2) && factor[i] > Scalar(1e-2)))
+            blend_normal_carefully(base + 3 * i, other + 3 * i, share, out + 3 * i);
+}
+
+template <class Scalar>
+void fill(const Cloud& cloud, std::span<const IndexPair> pairs, Index IndexPair::*side,
+          std::vector<Scalar>& ends) {
+    const std::size_t count = pairs.size();
+    ends.resize(kNumbersAPair * count);
+    std::atomic<bool> too_large{false};
+    Progress silent;
+    parallel_for(static_cast<Index>(count), silent, [&](Index begin, Index end) {
+        bool fits = true;
+        for (auto i = to_size(begin); i < to_size(end); ++i) {
+            const Index row = pairs[i].*side;
+            assert(row >= 0 && row < cloud.size());
+            const auto put = [&](const Attribute& attribute, std::size_t column, double value) {
+                fits = fits && std::abs(value) <= std::numeric_limits<Scalar>::max() / 2;
+                ends[attribute.offset * count + attribute.width * i + column] =
+                    static_cast<Scalar>(value);
+            };
+            for (std::size_t d = 0; d < 3; ++d) {
+                put(kPositions, d, cloud.positions(row, static_cast<int>(d)));
+                put(kNormals, d, cloud.normals(row, static_cast<int>(d)));
+            }
+            for (std::size_t d = 0; d < 4; ++d)
+                put(kColors, d,
+                    cloud.colors.rows() > 0 ? cloud.colors(row, static_cast<int>(d)) : 1.0F);
+            put(kRadii, 0, cloud.radii[row]);
+        }
+        if (!fits) too_large = true;
+    });
+    if (too_large) {
+        std::ostringstream largest;
+        largest << "numbers up to " << std::numeric_limits<Scalar>::max() / 2;
+        throw CloudError(cloud.name, largest.str(), "a larger one", "Scale the object.");
+    }
+}
+
+void check_complete(const Cloud& cloud) {
+    const auto check = [&](Eigen::Index rows, const char* what) {
+        if (rows != cloud.positions.rows())
+            throw CloudError(
+                cloud.name, std::string(what) + " for every point",
+                std::to_string(rows) + " for " + std::to_string(cloud.positions.rows()) + " points",
+                "Estimate them first.");
+    };
+    check(cloud.normals.rows(), "normals");
+    check(cloud.radii.rows(), "radii");
+    if (cloud.colors.rows() > 0) check(cloud.colors.rows(), "colors");
+}
+
+}  // namespace
+
+template <class Scalar>
+Path<Scalar>::Path(const Cloud& source, const Cloud& target, std::span<const IndexPair> pairs)
+    : size_(static_cast<Index>(pairs.size())) {
+    check_complete(source);
+    check_complete(target);
+    fill(source, pairs, &IndexPair::source, source_);
+    fill(target, pairs, &IndexPair::target, target_);
+}
+
+template <class Scalar>
+void Path<Scalar>::frame(double t, const FrameView<Scalar>& out) const {
+    if (!(t >= 0.0 && t <= 1.0))
+        throw OptionError("t", "a number from 0 to 1", std::to_string(t), "Clamp it.");
+    const auto count = to_size(size_);
+    const auto check = [&](const Attribute& attribute, std::span<Scalar> span) {
+        if (!span.empty() && span.size() != attribute.width * count)
+            throw OptionError(std::string("frame ") + attribute.name,
+                              std::to_string(attribute.width * count) + " numbers or none",
+                              std::to_string(span.size()),
+                              "Give " + std::to_string(attribute.width) + " a pair.");
+    };
+    check(kPositions, out.positions);
+    check(kNormals, out.normals);
+    check(kColors, out.colors);
+    check(kRadii, out.radii);
+
+    // From the nearer end: the error is that of one rounding at either end, and the two halves
+    // mirror one another.
+    const bool near_source = t < 0.5;
+    const Scalar* base = near_source ? source_.data() : target_.data();
+    const Scalar* other = near_source ? target_.data() : source_.data();
+    const auto share = static_cast<Scalar>(near_source ? t : 1.0 - t);
+    const bool at_end = t == 0.0 || t == 1.0;
+
+    Progress silent;
+    parallel_for(
+        size_, silent,
+        [&](Index first, Index last) {
+            const auto begin = to_size(first);
+            const auto rows = to_size(last - first);
+            alignas(64) std::array<Scalar, 4 * kBlock> block;
+            const auto each = [&](const Attribute& attribute, std::span<Scalar> span, auto&& form) {
+                if (span.empty()) return;
+                const std::size_t start = attribute.width * begin;
+                const Scalar* from = base + attribute.offset * count + start;
+                const Scalar* to = other + attribute.offset * count + start;
+                if (at_end)
+                    std::copy_n(from, attribute.width * rows, span.data() + start);
+                else
+                    for (std::size_t i = 0; i < attribute.width * rows;
+                         i += attribute.width * kBlock) {
+                        const std::size_t numbers =
+                            std::min(attribute.width * kBlock, attribute.width * rows - i);
+                        form(from + i, to + i, block.data(), numbers);
+                        write(block.data(), span.data() + start + i, numbers);
+                    }
+            };
+            const auto plain = [&](const Scalar* from, const Scalar* to, Scalar* result,
+                                   std::size_t numbers) {
+                blend(from, to, share, result, numbers);
+            };
+            each(kPositions, out.positions, plain);
+            each(kNormals, out.normals,
+                 [&](const Scalar* from, const Scalar* to, Scalar* result, std::size_t numbers) {
+                     blend_normals(from, to, share, result, numbers / 3);
+                 });
+            each(kColors, out.colors, plain);
+            each(kRadii, out.radii, plain);
+            finish_writing();
+        },
+        0.0, 1.0, kChunk);
+}
+
+template class Path<float>;
+template class Path<double>;
+
+}  // namespace pointmorph

@@ -1,0 +1,138 @@
+#include "pointmorph/frames/resampling.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <string>
+#include <utility>
+
+#include "frames/gap_triangles.hpp"
+#include "frames/lifetimes.hpp"
+#include "pointmorph/base/error.hpp"
+#include "pointmorph/base/parallel.hpp"
+#include "pointmorph/cloud/kd_tree.hpp"
+
+namespace pointmorph {
+
+namespace {
+
+// Corners of a triangle that lie this many spacings apart are no longer samples of one smooth
+// piece: from the first on the MLS surface counts less, from the second on not at all.
+constexpr double kCoherent = 1.5, kTorn = 3.0, kWidest = 1.5;
+/// Edges of even triangles between samples of spacing 1.
+constexpr double kEvenEdge = 1.0746;
+
+EndSamples end_samples(const Cloud& cloud, std::vector<Index> pairs, Progress& progress,
+                       double first, double last) {
+    const Progress::Part part(progress, first, last);
+    return EndSamples(cloud, std::move(pairs), progress);
+}
+
+}  // namespace
+
+double Life::share(double t) const {
+    if (t <= born || t >= gone) return 0.0;
+    const double x = t < full     ? (t - born) / (full - born)
+                     : t > fading ? (gone - t) / (gone - fading)
+                                  : 1.0;
+    return x * x * (3.0 - 2.0 * x);
+}
+
+Resampling::Resampling(const Cloud& source, const Cloud& target, std::span<const IndexPair> pairs,
+                       const FrameAt& frame_at, const ResamplingOptions& options,
+                       Progress& progress)
+    : options_(options) {
+    const auto check = [](double value, double least, double most, const char* name) {
+        if (!(value >= least && value <= most))
+            throw OptionError(
+                name, "a number from " + std::to_string(least) + " to " + std::to_string(most),
+                std::to_string(value), "Choose a value from that range.");
+    };
+    check(options.omega, 0.0, 2.0, "omega");
+    check(options.spacing, 0.25, 4.0, "resample_spacing");
+    if (options.crowding) check(*options.crowding, 1.5, 100.0, "crowding");
+
+    constexpr double kFirst = 0.15, kBoth = 0.3;  // share of the time
+    const EndSamples from = end_samples(
+        source, standing_for(pairs, &IndexPair::source, &IndexPair::target, source, target),
+        progress, 0.0, kFirst);
+    const EndSamples to = end_samples(
+        target, standing_for(pairs, &IndexPair::target, &IndexPair::source, target, source),
+        progress, kFirst, kBoth);
+    source_size_ = from.size;
+    target_size_ = to.size;
+    const auto count = static_cast<Index>(pairs.size());
+    for (Values* values : {&source_spacing_, &target_spacing_, &source_density_, &target_density_})
+        values->resize(count);
+    for (Index i = 0; i < count; ++i) {
+        const auto [s, d] = pairs[to_size(i)];
+        source_spacing_[i] = from.spacing[s] * from.unit.scale;
+        target_spacing_[i] = to.spacing[d] * to.unit.scale;
+        source_density_[i] = from.density[s];
+        target_density_[i] = to.density[d];
+    }
+    if (options.omega == 0.0 && !options.crowding) return;
+
+    const Progress::Part part(progress, kBoth, 1.0);
+    PointLives lives(*this, pairs, from, to);
+    lives.pass(frame_at, progress);
+    points_ = lives.points();
+    hidden_ = lives.hidden();
+}
+
+double Resampling::unit_area(double t) const {
+    const double size = (1.0 - t) * source_size_ + t * target_size_;
+    return size * size;
+}
+
+Resampling::Alive Resampling::at(double t, const OrientedPoints& frame, Progress& progress) const {
+    Alive alive;
+    for (std::size_t i = 0; i < points_.size(); ++i)
+        if (points_[i].life.share(t) > 0.0) alive.ids.push_back(static_cast<Index>(i));
+    const auto count = static_cast<Index>(alive.ids.size());
+    alive.share.resize(count);
+    alive.positions.resize(count, 3);
+    alive.normals.resize(count, 3);
+    if (count == 0) return alive;
+
+    const Normalization unit = normalization(frame.positions);
+    const Positions positions = unit.apply(frame.positions);
+    const KdTree<3> tree(positions);
+    MlsOptions mls = options_.mls;
+    if (mls.width) *mls.width /= unit.scale;
+    constexpr Index kChunk = 32;
+    parallel_for(
+        count, progress,
+        [&](Index begin, Index end) {
+            MlsProjection project(tree, frame.normals, mls);
+            for (Index i = begin; i < end; ++i) {
+                const InsertedPoint& point = points_[to_size(alive.ids[to_size(i)])];
+                Vector3 place = blend(positions, point);
+                Vector3 normal = sheet_normal(positions, frame.normals, point);
+                const double wanted =
+                    blend(point, [&](Index pair) { return spacing(pair, t); }) / unit.scale;
+                const double apart = edge_length(positions, point.pairs);
+                const double coherence =
+                    std::clamp((kTorn - apart / wanted) / (kTorn - kCoherent), 0.0, 1.0);
+                if (coherence > 0.0) {
+                    const double around = std::clamp(apart / kEvenEdge, wanted, kWidest * wanted);
+                    const MlsFoot foot = project(place, normal, around);
+                    place += coherence * (foot.position - place);
+                    normal = (normal + coherence * (foot.normal - normal)).normalized();
+                }
+                alive.share[i] = point.life.share(t);
+                alive.positions.row(i) = (place * unit.scale + unit.center).transpose();
+                alive.normals.row(i) = normal.transpose();
+            }
+        },
+        0.0, 1.0, kChunk);
+    return alive;
+}
+
+Values Resampling::pair_shares(double t) const {
+    Values shares = Values::Ones(source_spacing_.size());
+    for (const HiddenPair& hidden : hidden_)
+        shares[hidden.pair] = std::min(shares[hidden.pair], 1.0 - hidden.life.share(t));
+    return shares;
+}
+
+}  // namespace pointmorph

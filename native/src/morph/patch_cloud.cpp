@@ -1,0 +1,80 @@
+#include "morph/patch_cloud.hpp"
+
+#include <algorithm>
+#include <numeric>
+#include <string>
+#include <utility>
+
+namespace pointmorph {
+
+namespace {
+
+/// Limbs of small clouds need finer simplified patches than the paper's threshold leaves them, and
+/// eyes or a loose button go with the patch around them.
+ParameterizationOptions for_patches(ParameterizationOptions options, Index points) {
+    constexpr Index kPointsToSize = 1500;
+    options.join_parts = true;
+    options.lod.max_cluster_size =
+        std::clamp<Index>(points / kPointsToSize, 1, options.lod.max_cluster_size);
+    return options;
+}
+
+}  // namespace
+
+PatchCloud::PatchCloud(const Side& side, std::vector<Index> inside, const SurfaceCurve& boundary)
+    : rows(std::move(inside)),
+      positions(static_cast<Eigen::Index>(rows.size()) + boundary.size(), 3),
+      normals(positions.rows(), 3),
+      loop(to_size(boundary.size())) {
+    positions << gather(side.positions, rows), boundary.points;
+    normals << gather(side.normals, rows), boundary.normals;
+    std::iota(loop.begin(), loop.end(), static_cast<Index>(rows.size()));
+}
+
+Index PatchCloud::place(Index row) const {
+    return static_cast<Index>(std::ranges::lower_bound(rows, row) - rows.begin());
+}
+
+std::array<std::vector<double>, 2> rim_angles(const SurfaceCurve& source,
+                                              std::span<const Index> source_corners,
+                                              const SurfaceCurve& target,
+                                              std::span<const Index> target_corners,
+                                              BoundarySpacing spacing) {
+    const auto all = [](const SurfaceCurve& rim) {
+        std::vector<Index> loop(to_size(rim.size()));
+        std::iota(loop.begin(), loop.end(), 0);
+        return loop;
+    };
+    const auto source_loop = all(source), target_loop = all(target);
+    std::vector<IndexPair> corners;
+    for (std::size_t k = 0; k < source_corners.size(); ++k)
+        corners.push_back({source_corners[k], target_corners[k]});
+    const MatchedPins pins =
+        match_pins(source.points, source_loop, target.points, target_loop, spacing, corners);
+    return {boundary_angles(source.points, source_loop, spacing, pins.source),
+            boundary_angles(target.points, target_loop, spacing, pins.target)};
+}
+
+DiskPoints on_disk(const Side& side, const PatchCloud& patch, std::span<const double> angles,
+                   const MorphOptions& options, ParameterizationReport& said, MorphReport& report,
+                   Progress& progress) {
+    Neighborhoods nearest;
+    if (options.parameterization.solve == SolveMode::kFull)
+        nearest =
+            nearest_neighbors(KdTree<3>(patch.positions), options.covariance_neighbors, progress);
+    auto result = parameterize(
+        patch.positions, patch.normals, nearest, patch.loop, angles,
+        for_patches(options.parameterization, static_cast<Index>(side.positions.rows())),
+        side.cloud.name, progress);
+    if (result.joined > 0)
+        report.warnings.push_back(side.cloud.name + ": " + std::to_string(result.joined) +
+                                  " points in separate parts were tied to the nearest places of "
+                                  "the largest part.");
+    said.unknowns += result.unknowns;
+    said.iterations = std::max(said.iterations, result.iterations);
+    said.relative_residual = std::max(said.relative_residual, result.relative_residual);
+    said.solve_seconds += result.solve_seconds;
+    return std::move(result.points);
+}
+
+}  // namespace pointmorph

@@ -1,0 +1,403 @@
+#include "pointmorph/registration/deformation.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <numeric>
+
+#include "pointmorph/base/parallel.hpp"
+#include "pointmorph/cloud/similarity.hpp"
+
+namespace pointmorph {
+
+namespace {
+
+constexpr int kNodes = kNodesPerPoint;
+constexpr double kReach = 2.4;       // spacings within which a point looks for its nodes
+constexpr double kEdgeLength = 2.1;  // spacings between nodes that hold one another
+
+/// Nodes near every point, ascending by distance: (distance, node).
+using Nearby = std::vector<std::vector<std::pair<double, Index>>>;
+
+Nearby nodes_near_points(const SurfaceGraph& graph, const Subset& subset, Progress& progress) {
+    const auto count = static_cast<Index>(subset.rows.size());
+    std::vector<std::vector<std::pair<Index, double>>> balls(to_size(count));
+    parallel_for(
+        count, progress,
+        [&](Index begin, Index end) {
+            GeodesicSearch search(graph);
+            for (Index k = begin; k < end; ++k) {
+                const auto ball = search.from(subset.rows[to_size(k)], kReach * subset.radius);
+                balls[to_size(k)].assign(ball.begin(), ball.end());
+            }
+        },
+        0.0, 0.8, 64);
+    Nearby nearby(to_size(graph.size()));
+    for (Index k = 0; k < count; ++k)
+        for (const auto& [i, distance] : balls[to_size(k)])
+            nearby[to_size(i)].emplace_back(distance, k);
+    // A point out of every node's reach (an edge longer than the reach) takes the nearest node.
+    std::vector<Index> lost;
+    for (Index i = 0; i < graph.size(); ++i)
+        if (nearby[to_size(i)].empty()) lost.push_back(i);
+    if (!lost.empty()) {
+        std::vector<Index> node_of(to_size(graph.size()), -1);
+        for (Index k = 0; k < count; ++k) node_of[to_size(subset.rows[to_size(k)])] = k;
+        GeodesicSearch search(graph);
+        for (const Index i : lost) {
+            for (const auto& [j, distance] : search.from(i))
+                if (node_of[to_size(j)] >= 0) {
+                    nearby[to_size(i)].emplace_back(distance, node_of[to_size(j)]);
+                    break;
+                }
+            progress.report(0.8);
+        }
+    }
+    for (auto& list : nearby) std::ranges::sort(list);
+    return nearby;
+}
+
+/// Edges between nodes as adjacency lists; every component of them hangs together with the rest.
+std::vector<std::vector<Index>> node_edges(const SurfaceGraph& graph, const Subset& subset,
+                                           const Nearby& nearby) {
+    const auto count = static_cast<Index>(subset.rows.size());
+    std::vector<std::vector<Index>> edges(to_size(count));
+    for (Index k = 0; k < count; ++k)
+        for (const auto& [distance, other] : nearby[to_size(subset.rows[to_size(k)])])
+            if (other != k && distance < kEdgeLength * subset.radius) {
+                edges[to_size(k)].push_back(other);
+                edges[to_size(other)].push_back(k);
+            }
+    for (auto& list : edges) {
+        std::ranges::sort(list);
+        list.erase(std::ranges::unique(list).begin(), list.end());
+    }
+    // Parts that lie far from the rest (an eyeball): walk on from each until another part is met.
+    for (;;) {
+        std::vector<Index> part(to_size(count), -1), sizes;
+        for (Index k = 0; k < count; ++k) {
+            if (part[to_size(k)] >= 0) continue;
+            const auto label = static_cast<Index>(sizes.size());
+            std::vector<Index> open{k};
+            part[to_size(k)] = label;
+            Index size = 0;
+            while (!open.empty()) {
+                const Index i = open.back();
+                open.pop_back();
+                ++size;
+                for (const Index j : edges[to_size(i)])
+                    if (part[to_size(j)] < 0) {
+                        part[to_size(j)] = label;
+                        open.push_back(j);
+                    }
+            }
+            sizes.push_back(size);
+        }
+        if (sizes.size() <= 1) return edges;
+        // From the smallest part: the search stays short.
+        const auto smallest = static_cast<Index>(std::ranges::min_element(sizes) - sizes.begin());
+        std::vector<Index> node_of(to_size(graph.size()), -1);
+        for (Index k = 0; k < count; ++k) node_of[to_size(subset.rows[to_size(k)])] = k;
+        GeodesicSearch search(graph);
+        double shortest = std::numeric_limits<double>::infinity();
+        IndexPair bridge{-1, -1};
+        for (Index k = 0; k < count; ++k) {
+            if (part[to_size(k)] != smallest) continue;
+            for (const auto& [i, distance] : search.from(subset.rows[to_size(k)], shortest)) {
+                const Index other = node_of[to_size(i)];
+                if (other < 0 || part[to_size(other)] == smallest) continue;
+                shortest = distance;
+                bridge = {k, other};
+                break;
+            }
+        }
+        if (bridge.source < 0) return edges;  // the surface graph itself falls apart
+        edges[to_size(bridge.source)].push_back(bridge.target);
+        edges[to_size(bridge.target)].push_back(bridge.source);
+        std::ranges::sort(edges[to_size(bridge.source)]);
+        std::ranges::sort(edges[to_size(bridge.target)]);
+    }
+}
+
+}  // namespace
+
+DeformationGraph deformation_graph(const SurfaceGraph& graph, const Subset& subset,
+                                   Progress& progress) {
+    DeformationGraph result;
+    result.nodes = subset.rows;
+    result.spacing = subset.radius;
+    const Nearby nearby = nodes_near_points(graph, subset, progress);
+
+    result.point_nodes.resize(to_size(graph.size()));
+    result.point_weights.resize(to_size(graph.size()));
+    for (Index i = 0; i < graph.size(); ++i) {
+        const auto& list = nearby[to_size(i)];
+        auto& nodes = result.point_nodes[to_size(i)];
+        auto& weights = result.point_weights[to_size(i)];
+        const auto used = std::min<std::size_t>(list.size(), kNodes);
+        const double farthest = 1.05 * std::max(list[used - 1].first, 1e-9);
+        double sum = 0.0;
+        for (std::size_t k = 0; k < used; ++k) {
+            nodes[k] = list[k].second;
+            weights[k] = std::pow(1.0 - list[k].first / farthest, 2);
+            sum += weights[k];
+        }
+        for (std::size_t k = 0; k < used; ++k) weights[k] /= sum;
+        for (std::size_t k = used; k < kNodes; ++k) {
+            nodes[k] = nodes[0];
+            weights[k] = 0.0;
+        }
+    }
+
+    const auto edges = node_edges(graph, subset, nearby);
+    for (const auto& list : edges) {
+        for (const Index j : list) {
+            result.edge_ends.push_back(j);
+            result.edge_weights.push_back(
+                1.0 / std::sqrt(static_cast<double>(list.size() * edges[to_size(j)].size())));
+        }
+        result.edge_offsets.push_back(static_cast<std::int64_t>(result.edge_ends.size()));
+    }
+    result.pattern = deformation_pattern(result);
+    return result;
+}
+
+std::shared_ptr<const DeformationPattern> deformation_pattern(const DeformationGraph& graph) {
+    const Index count = graph.size();
+    std::vector<std::vector<Index>> columns(to_size(count));  // rows ≥ column
+    const auto add = [&](Index i, Index j) {
+        columns[to_size(std::min(i, j))].push_back(std::max(i, j));
+    };
+    for (Index i = 0; i < count; ++i) {
+        add(i, i);
+        for (auto e = to_size(graph.edge_offsets[to_size(i)]);
+             e < to_size(graph.edge_offsets[to_size(i) + 1]); ++e)
+            if (graph.edge_ends[e] > i) add(i, graph.edge_ends[e]);
+    }
+    for (const auto& nodes : graph.point_nodes)
+        for (std::size_t k = 0; k < kNodes; ++k)
+            for (std::size_t l = 0; l < k; ++l) add(nodes[k], nodes[l]);
+    for (auto& rows : columns) {
+        std::ranges::sort(rows);
+        rows.erase(std::ranges::unique(rows).begin(), rows.end());
+    }
+
+    DeformationPattern::Matrix lower(count, count);
+    std::vector<Eigen::Triplet<double, Index>> entries;
+    for (Index j = 0; j < count; ++j)
+        for (const Index i : columns[to_size(j)]) entries.emplace_back(i, j, 1.0);
+    lower.setFromTriplets(entries.begin(), entries.end());
+    DeformationPattern::Matrix whole = lower.selfadjointView<Eigen::Lower>();
+    Eigen::PermutationMatrix<Eigen::Dynamic, Eigen::Dynamic, Index> node_of;
+    Eigen::AMDOrdering<Index>()(whole, node_of);
+    const auto row_of = node_of.inverse().eval();
+
+    DeformationPattern result;
+    result.order.assign(row_of.indices().data(), row_of.indices().data() + count);
+    result.matrix.resize(count, count);
+    result.matrix.selfadjointView<Eigen::Upper>() =
+        lower.selfadjointView<Eigen::Lower>().twistedBy(row_of);
+    std::fill_n(result.matrix.valuePtr(), result.matrix.nonZeros(), 0.0);
+
+    // Columns are short, so that counting what comes before is quicker than halving.
+    const auto place = [&](Index i, Index j) {
+        const auto [row, column] = std::minmax(result.order[to_size(i)], result.order[to_size(j)]);
+        const Index* const inner = result.matrix.innerIndexPtr();
+        Index k = result.matrix.outerIndexPtr()[column];
+        while (inner[k] != row) ++k;
+        return k;
+    };
+    result.diagonal.resize(to_size(count));
+    result.laplacian.assign(graph.edge_ends.size(), -1);
+    for (Index i = 0; i < count; ++i) {
+        result.diagonal[to_size(i)] = place(i, i);
+        for (auto e = to_size(graph.edge_offsets[to_size(i)]);
+             e < to_size(graph.edge_offsets[to_size(i) + 1]); ++e)
+            if (graph.edge_ends[e] < i) result.laplacian[e] = place(i, graph.edge_ends[e]);
+    }
+    result.blocks.resize(graph.point_nodes.size());
+    for (std::size_t p = 0; p < result.blocks.size(); ++p) {
+        std::size_t b = 0;
+        for (std::size_t k = 0; k < kNodes; ++k)
+            for (std::size_t l = 0; l <= k; ++l)
+                result.blocks[p][b++] = place(graph.point_nodes[p][k], graph.point_nodes[p][l]);
+    }
+    return std::make_shared<const DeformationPattern>(std::move(result));
+}
+
+SurfaceGraph node_graph(const Positions& positions, const DeformationGraph& nodes) {
+    constexpr double kShortest = 1e-12;
+    SurfaceGraph graph;
+    graph.offsets = nodes.edge_offsets;
+    graph.neighbors = nodes.edge_ends;
+    for (Index i = 0; i < nodes.size(); ++i)
+        for (auto e = nodes.edge_offsets[to_size(i)]; e < nodes.edge_offsets[to_size(i) + 1]; ++e) {
+            const Index j = nodes.edge_ends[to_size(e)];
+            graph.lengths.push_back(std::max(kShortest, (positions.row(nodes.nodes[to_size(i)]) -
+                                                         positions.row(nodes.nodes[to_size(j)]))
+                                                            .norm()));
+        }
+    return graph;
+}
+
+void fit_similarities(const Positions& positions, const DeformationGraph& graph, int smoothing,
+                      double largest_scale, Deformation& deformation) {
+    const Index count = graph.size();
+    using Moments = Eigen::Matrix<double, 10, 1>;  // 3 × 3 covariance, then Σ w |e|²
+    std::vector<Moments> moments(to_size(count), Moments::Zero()), average(to_size(count));
+    for (Index i = 0; i < count; ++i) {
+        auto& m = moments[to_size(i)];
+        Eigen::Map<Matrix3> covariance(m.data());
+        for (auto e = to_size(graph.edge_offsets[to_size(i)]);
+             e < to_size(graph.edge_offsets[to_size(i) + 1]); ++e) {
+            const Index j = graph.edge_ends[e];
+            const Vector3 rest =
+                (positions.row(graph.nodes[to_size(j)]) - positions.row(graph.nodes[to_size(i)]))
+                    .transpose();
+            const Vector3 now =
+                (deformation.positions.row(j) - deformation.positions.row(i)).transpose();
+            covariance.noalias() += graph.edge_weights[e] * now * rest.transpose();
+            m[9] += graph.edge_weights[e] * rest.squaredNorm();
+        }
+    }
+    for (int round = 0; round < smoothing; ++round) {
+        for (Index i = 0; i < count; ++i) {
+            Moments sum = moments[to_size(i)];
+            double weights = 1.0;
+            for (auto e = to_size(graph.edge_offsets[to_size(i)]);
+                 e < to_size(graph.edge_offsets[to_size(i) + 1]); ++e) {
+                sum += graph.edge_weights[e] * moments[to_size(graph.edge_ends[e])];
+                weights += graph.edge_weights[e];
+            }
+            average[to_size(i)] = sum / weights;
+        }
+        moments.swap(average);
+    }
+    deformation.rotations.resize(to_size(count));
+    deformation.scales.resize(count);
+    for (Index i = 0; i < count; ++i) {
+        const auto& m = moments[to_size(i)];
+        const auto best = best_rotation(Eigen::Map<const Matrix3>(m.data()));
+        deformation.rotations[to_size(i)] = best.rotation;
+        const double scale = best.trace / std::max(m[9], 1e-300);
+        deformation.scales[i] = std::clamp(scale, 1.0 / largest_scale, largest_scale);
+    }
+}
+
+DeformedCloud deformed(const Positions& positions, const Normals& normals,
+                       const DeformationGraph& graph, const Deformation& deformation,
+                       std::span<const Index> rows) {
+    // X(p) = Σ w (linear_k p + constant_k)
+    const Index count = graph.size();
+    std::vector<Matrix3> linear_of(to_size(count));
+    std::vector<Vector3> constant_of(to_size(count));
+    for (Index k = 0; k < count; ++k) {
+        linear_of[to_size(k)] = deformation.scales[k] * deformation.rotations[to_size(k)];
+        constant_of[to_size(k)] =
+            deformation.positions.row(k).transpose() -
+            linear_of[to_size(k)] * positions.row(graph.nodes[to_size(k)]).transpose();
+    }
+    const auto size = static_cast<Eigen::Index>(rows.size());
+    DeformedCloud result{Positions(size, 3), Normals(size, 3), std::vector<Matrix3>(rows.size())};
+    for (std::size_t r = 0; r < rows.size(); ++r) {
+        const Index i = rows[r];
+        const Vector3 p = positions.row(i).transpose();
+        Matrix3 linear = Matrix3::Zero(), rotation = Matrix3::Zero();
+        Vector3 constant = Vector3::Zero();
+        for (std::size_t k = 0; k < kNodes; ++k) {
+            const double w = graph.point_weights[to_size(i)][k];
+            const auto node = to_size(graph.point_nodes[to_size(i)][k]);
+            rotation += w * deformation.rotations[node];
+            linear += w * linear_of[node];
+            constant += w * constant_of[node];
+        }
+        const auto row = static_cast<Eigen::Index>(r);
+        result.positions.row(row) = linear * p + constant;
+        result.linear[r] = linear;
+        const Vector3 normal = rotation * normals.row(i).transpose();
+        const double length = normal.norm();
+        if (length > 1e-9)
+            result.normals.row(row) = normal / length;
+        else
+            result.normals.row(row) = normals.row(i);
+    }
+    return result;
+}
+
+DeformedCloud deformed(const Positions& positions, const Normals& normals,
+                       const DeformationGraph& graph, const Deformation& deformation) {
+    std::vector<Index> rows(to_size(static_cast<Index>(positions.rows())));
+    std::iota(rows.begin(), rows.end(), 0);
+    return deformed(positions, normals, graph, deformation, rows);
+}
+
+DeformationSolver::DeformationSolver(const Positions& positions, const DeformationGraph& graph)
+    : positions_(positions), graph_(graph), pattern_(*graph.pattern), matrix_(pattern_.matrix) {
+    cholesky_.analyzePattern(matrix_);
+}
+
+void DeformationSolver::factorize(double stiffness, std::span<const Attraction> attractions) {
+    stiffness_ = stiffness;
+    double* const values = matrix_.valuePtr();
+    std::fill_n(values, matrix_.nonZeros(), 0.0);
+    // A trace of the identity holds what nothing else holds.
+    for (Index i = 0; i < graph_.size(); ++i) values[pattern_.diagonal[to_size(i)]] = 1e-9;
+    for (Index i = 0; i < graph_.size(); ++i)
+        for (auto e = to_size(graph_.edge_offsets[to_size(i)]);
+             e < to_size(graph_.edge_offsets[to_size(i) + 1]); ++e) {
+            values[pattern_.diagonal[to_size(i)]] += stiffness * graph_.edge_weights[e];
+            if (pattern_.laplacian[e] >= 0)
+                values[pattern_.laplacian[e]] -= stiffness * graph_.edge_weights[e];
+        }
+    for (const Attraction& a : attractions) {
+        const auto& weights = graph_.point_weights[to_size(a.point)];
+        const auto& nodes = graph_.point_nodes[to_size(a.point)];
+        const auto& block = pattern_.blocks[to_size(a.point)];
+        std::size_t b = 0;
+        for (std::size_t k = 0; k < kNodes; ++k)
+            for (std::size_t l = 0; l <= k; ++l, ++b)
+                values[block[b]] += (k != l && nodes[k] == nodes[l] ? 2.0 : 1.0) * a.weight *
+                                    weights[k] * weights[l];
+    }
+    cholesky_.factorize(matrix_);
+}
+
+void DeformationSolver::solve(std::span<const Attraction> attractions,
+                              Deformation& deformation) const {
+    const Index count = graph_.size();
+    std::vector<Matrix3> linear(to_size(count));
+    Positions constant(count, 3);  // X(p) = Σ w (x_k + linear_k p − constant_k)
+    for (Index k = 0; k < count; ++k) {
+        linear[to_size(k)] = deformation.scales[k] * deformation.rotations[to_size(k)];
+        constant.row(k) = linear[to_size(k)] * positions_.row(graph_.nodes[to_size(k)]).transpose();
+    }
+    Eigen::Matrix<double, Eigen::Dynamic, 3> right =
+        Eigen::Matrix<double, Eigen::Dynamic, 3>::Zero(count, 3);
+    const auto row_of = [&](Index node) { return right.row(pattern_.order[to_size(node)]); };
+    for (Index i = 0; i < count; ++i)
+        for (auto e = to_size(graph_.edge_offsets[to_size(i)]);
+             e < to_size(graph_.edge_offsets[to_size(i) + 1]); ++e) {
+            const Index j = graph_.edge_ends[e];
+            const Vector3 rest = (positions_.row(graph_.nodes[to_size(i)]) -
+                                  positions_.row(graph_.nodes[to_size(j)]))
+                                     .transpose();
+            row_of(i) += stiffness_ * graph_.edge_weights[e] * 0.5 *
+                         ((linear[to_size(i)] + linear[to_size(j)]) * rest).transpose();
+        }
+    for (const Attraction& a : attractions) {
+        const auto& weights = graph_.point_weights[to_size(a.point)];
+        const auto& nodes = graph_.point_nodes[to_size(a.point)];
+        const Vector3 p = positions_.row(a.point).transpose();
+        Vector3 wanted = a.target;
+        for (std::size_t k = 0; k < kNodes; ++k)
+            wanted -=
+                weights[k] * (linear[to_size(nodes[k])] * p - constant.row(nodes[k]).transpose());
+        wanted *= a.weight;
+        for (std::size_t k = 0; k < kNodes; ++k)
+            row_of(nodes[k]) += weights[k] * wanted.transpose();
+    }
+    right = cholesky_.solve(right).eval();
+    deformation.positions.resize(count, 3);
+    for (Index i = 0; i < count; ++i) deformation.positions.row(i) = row_of(i);
+}
+
+}  // namespace pointmorph

@@ -1,0 +1,112 @@
+#include "pointmorph/registration/pose_symmetry.hpp"
+
+#include <algorithm>
+
+#include "pointmorph/cloud/kd_tree.hpp"
+#include "pointmorph/registration/pose.hpp"
+#include "registration/pose_trials.hpp"
+
+namespace pointmorph {
+
+namespace {
+
+CoarseShape mirrored(CoarseShape shape) {
+    shape.positions.col(0) *= -1.0;
+    shape.normals.col(0) *= -1.0;
+    return shape;
+}
+
+/// A map of places in space that is known at a tree's points.
+class PointMap {
+public:
+    /// `turn` is what it does to small steps.
+    PointMap(const KdTree<3>& tree, const Positions& images, const Matrix3& turn)
+        : tree_(tree), images_(images), turn_(turn) {}
+
+    PointMap(const KdTree<3>& tree, const Positions& images)
+        : PointMap(tree, images, fit_similarity(tree.points(), images).rotation) {}
+
+    Positions operator()(const Positions& places) const {
+        Positions result(places.rows(), 3);
+        for (Eigen::Index i = 0; i < places.rows(); ++i) {
+            Index nearest;
+            double squared;
+            tree_.nearest(places.row(i).data(), {&nearest, 1}, {&squared, 1});
+            result.row(i) = images_.row(nearest) +
+                            (places.row(i) - tree_.points().row(nearest)) * turn_.transpose();
+        }
+        return result;
+    }
+
+private:
+    const KdTree<3>& tree_;
+    const Positions& images_;
+    Matrix3 turn_;
+};
+
+/// Weighted mean of min(1, (d/far)²) over the distances d.
+double far_share(const Positions& a, const Positions& b, const Values& weights, double far) {
+    const Values squared = (a - b).rowwise().squaredNorm() / (far * far);
+    return weights.dot(squared.cwiseMin(1.0)) / weights.sum();
+}
+
+}  // namespace
+
+Symmetry reflection_symmetry(const CoarseShape& shape, const Eigen::MatrixXd& distances,
+                             const PoseOptions& options, const RegistrationOptions& registration,
+                             Progress& progress, double first, double last) {
+    constexpr double kAlike = 1.2;  // spreads of the same shape
+    CoarseShape plain = shape;
+    // What is marked on one side alone would speak against any symmetry.
+    plain.guides = {};
+    plain.labels = {};
+    plain.pulls = {};
+    const CoarseShape image = mirrored(plain);
+    PoseOptions its = options;
+    its.spread_ratio = kAlike;
+    const PoseSearch search{
+        {plain, plain, {}}, {image, image, {}}, {distances, distances}, {}, {}, its, registration};
+
+    std::vector<TrialStart> starts;
+    for (const Similarity& pose : candidate_poses(plain, image, {}, its))
+        starts.push_back({pose, {}});
+    std::vector<Trial> trials;
+    const auto at = [&](double share) { return first + share * (last - first); };
+    try_starts(search, starts, trials, progress, first, at(0.7));
+    // The best of these may have left a leg behind: seen along its own plane it lies better.
+    try_starts(search, {{implied_pose(search, trials.front()), {}}}, trials, progress, at(0.7),
+               at(0.8));
+    const auto another = std::ranges::find_if(trials, [&](const Trial& trial) {
+        return difference(trial, trials.front()) > kAnotherWay;
+    });
+    if (another != trials.end() &&
+        another->energy < its.symmetry.least_margin * trials.front().energy)
+        return {};
+    trials.resize(1);
+    const Trial best = relaxed(search, trials, progress, at(0.8), last).front();
+    const SymmetryOptions& bounds = its.symmetry;
+    if (!(best.energy < bounds.most_energy)) return {};
+    Symmetry result;
+    result.trust = std::min(
+        1.0, (bounds.most_energy - best.energy) / (bounds.most_energy - bounds.sure_energy));
+    result.images = best.alignment.inverse().apply(best.registration.source_points.positions);
+    result.turn = fit_similarity(plain.positions, result.images).rotation;
+    result.images.col(0) *= -1.0;
+    result.turn.row(0) *= -1.0;
+    return result;
+}
+
+double asymmetry(const CoarseShape& source, const CoarseShape& target,
+                 const std::array<Symmetry, 2>& symmetries, const Positions& source_images,
+                 const Positions& target_images, double far) {
+    const auto& [s, t] = symmetries;
+    if (s.images.rows() == 0 || t.images.rows() == 0) return 0.0;
+    const KdTree<3> source_tree(source.positions), target_tree(target.positions);
+    const PointMap there(source_tree, source_images), back(target_tree, target_images),
+        across_source(source_tree, s.images, s.turn), across_target(target_tree, t.images, t.turn);
+    return std::min(s.trust, t.trust) * 0.5 *
+           (far_share(there(s.images), across_target(source_images), source.areas, far) +
+            far_share(back(t.images), across_source(target_images), target.areas, far));
+}
+
+}  // namespace pointmorph

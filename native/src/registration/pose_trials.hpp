@@ -1,0 +1,136 @@
+// Quick registrations of thinned shapes, from which the search for the pose chooses. Not a part of
+// the library.
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <functional>
+#include <numeric>
+#include <span>
+#include <vector>
+
+#include "pointmorph/base/progress.hpp"
+#include "pointmorph/base/types.hpp"
+#include "pointmorph/cloud/similarity.hpp"
+#include "pointmorph/registration/coarse_shape.hpp"
+#include "pointmorph/registration/extremities.hpp"
+#include "pointmorph/registration/pose.hpp"
+#include "pointmorph/registration/registration.hpp"
+
+namespace pointmorph {
+
+/// A shape in full, and thinned to the nodes of the coarsest level and some points more: the same
+/// deformations, at a fraction of the cost.
+struct ThinnedShape {
+    const CoarseShape& full;
+    CoarseShape thin;             ///< no surface graph
+    std::vector<Extremity> tips;  ///< rows of `thin`
+};
+
+/// The node of the coarsest level next to a point, a row of `thin`.
+inline Index node_at(const ThinnedShape& shape, Index row) {
+    return shape.thin.levels.front().point_nodes[to_size(row)][0];
+}
+
+ThinnedShape thinned_shape(const CoarseShape& shape, std::vector<Extremity> tips, Index points,
+                           Progress& progress);
+
+/// What the search for a pose is given.
+struct PoseSearch {
+    ThinnedShape source, target;
+    NodeDistances distances;
+    std::array<Symmetry, 2> symmetries;  ///< of the thinned shapes
+    std::span<const IndexPair> features;
+    const PoseOptions& options;
+    const RegistrationOptions& registration;
+};
+
+using Tips = std::vector<IndexPair>;  ///< places in the lists of tips; sorted
+
+/// A pose, and tips that belong together.
+struct TrialStart {
+    Similarity alignment;
+    Tips tips;
+    /// All points start where the tips and the features say, see anchored_start(), and the tips let
+    /// go then. Else the tips are drawn together at first.
+    bool anchored = false;
+};
+
+/// A map between the thinned shapes.
+struct Trial {
+    Similarity alignment;
+    Registration registration;
+    double energy = 0.0;
+};
+
+/// How far two maps lie apart: the mean, or a share of the mean over the worst nodes where that is
+/// more, of the distances between images of the source's nodes seen from the target at rest, and
+/// the other way round.
+template <class Map>
+double difference(const Map& a, const Map& b) {
+    constexpr double kWorst = 0.03, kShare = 0.35;
+    double result = 0.0;
+    const auto compare = [&](const Positions& x, const Positions& y) {
+        std::vector<double> distances;
+        for (Eigen::Index i = 0; i < x.rows(); ++i)
+            distances.push_back((x.row(i) - y.row(i)).norm());
+        const auto worst = std::max<std::ptrdiff_t>(
+            1, std::lround(kWorst * static_cast<double>(distances.size())));
+        std::ranges::sort(distances, std::greater<>());
+        const double all = std::accumulate(distances.begin(), distances.end(), 0.0);
+        const double some = std::accumulate(distances.begin(), distances.begin() + worst, 0.0);
+        result = std::max({result, all / static_cast<double>(distances.size()),
+                           kShare * some / static_cast<double>(worst)});
+    };
+    compare(a.alignment.inverse().apply(a.registration.source.positions),
+            b.alignment.inverse().apply(b.registration.source.positions));
+    compare(a.registration.target.positions, b.registration.target.positions);
+    return result;
+}
+
+/// Maps with a larger difference() lay the shapes onto each other another way, not only some limb.
+constexpr double kAnotherWay = 0.2;
+
+/// Of maps that aren't distinct, only the first.
+template <class Map>
+void keep_distinct(std::vector<Map>& maps, double distinct) {
+    std::vector<Map> kept;
+    for (Map& map : maps)
+        if (std::ranges::none_of(
+                kept, [&](const Map& other) { return difference(map, other) < distinct; }))
+            kept.push_back(std::move(map));
+    maps = std::move(kept);
+}
+
+/// Sorted trials that lay the shapes onto each other about the same way.
+using Way = std::vector<const Trial*>;
+
+/// The ways of sorted trials, the best first, with the best two trials of each: that of the best
+/// trial and up to `others`; none that are worse than the best of all by more than `factor`.
+std::vector<Way> ways_of(const std::vector<Trial>& trials, double factor, Index others);
+
+/// Registers from all, side by side, and sorts what is distinct into `trials`. Of those that tips
+/// draw together, only what looks well halfway is followed to its end. Progress runs from `first`
+/// to `last`.
+void try_starts(const PoseSearch& search, const std::vector<TrialStart>& starts,
+                std::vector<Trial>& trials, Progress& progress, double first, double last);
+
+/// All of them registered for longer; what is distinct, sorted.
+std::vector<Trial> relaxed(const PoseSearch& search, const std::vector<Trial>& trials,
+                           Progress& progress, double first, double last);
+
+/// All of them to the finest level.
+std::vector<Candidate> continued(const PoseSearch& search, const std::vector<Trial>& trials,
+                                 Progress& progress, double first, double last);
+
+/// Nodes of the coarsest level that belong together: the features', then those of tips, but of none
+/// that sits on another anchor.
+std::vector<IndexPair> anchors(const PoseSearch& search, const Tips& tips);
+
+/// The pose that makes a map turn as little as it can.
+Similarity implied_pose(const Positions& source, const Positions& images,
+                        const Similarity& alignment);
+Similarity implied_pose(const PoseSearch& search, const Trial& trial);
+
+}  // namespace pointmorph

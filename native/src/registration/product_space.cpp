@@ -1,0 +1,107 @@
+#include "pointmorph/registration/product_space.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <numeric>
+
+#include "pointmorph/base/parallel.hpp"
+#include "pointmorph/cloud/cloud.hpp"
+
+namespace pointmorph {
+
+namespace {
+
+/// All rows but those of features; all rows where that would leave none.
+std::vector<Index> free_rows(Index count, std::span<const IndexPair> features,
+                             Index IndexPair::*side) {
+    std::vector<char> taken(to_size(count), 0);
+    for (const IndexPair& f : features) taken[to_size(f.*side)] = 1;
+    std::vector<Index> rows;
+    for (Index i = 0; i < count; ++i)
+        if (!taken[to_size(i)]) rows.push_back(i);
+    if (rows.empty()) {
+        rows.resize(to_size(count));
+        std::iota(rows.begin(), rows.end(), 0);
+    }
+    return rows;
+}
+
+}  // namespace
+
+ProductPoints product_points(const Positions& on_target, const Positions& on_source,
+                             const Normals& target_normals, const Normals& source_normals,
+                             double normal_weight) {
+    ProductPoints product(on_target.rows(), ProductPoints::ColsAtCompileTime);
+    product << on_target, on_source, normal_weight * target_normals, normal_weight * source_normals;
+    return product;
+}
+
+LabelledPoints labelled_points(const ProductPoints& points,
+                               const Eigen::Ref<const DynamicRows>& labels,
+                               const Eigen::Ref<const DynamicRows>& areas) {
+    LabelledPoints labelled =
+        LabelledPoints::Zero(points.rows(), LabelledPoints::ColsAtCompileTime);
+    labelled.leftCols<ProductPoints::ColsAtCompileTime>() = points;
+    if (labels.rows() > 0)
+        labelled.middleCols(ProductPoints::ColsAtCompileTime, labels.cols()) = labels;
+    if (areas.rows() > 0) labelled.rightCols(areas.cols()) = areas;
+    return labelled;
+}
+
+template <int Dim>
+Matches nearest_matches(const typename KdTree<Dim>::Points& points, const KdTree<Dim>& others,
+                        Progress& progress, const Matches* guess) {
+    constexpr double kBarelyMore = 1.0 + 1e-12;
+    const auto count = static_cast<Index>(points.rows());
+    Matches matches{std::vector<Index>(to_size(count)), std::vector<double>(to_size(count))};
+    parallel_for(
+        count, progress,
+        [&](Index begin, Index end) {
+            for (Index i = begin; i < end; ++i) {
+                Index& to = matches.to[to_size(i)];
+                double squared, radius = std::numeric_limits<double>::infinity();
+                if (guess) {
+                    to = guess->to[to_size(i)];
+                    squared = (others.points().row(to) - points.row(i)).squaredNorm();
+                    radius = std::sqrt(squared) * kBarelyMore;
+                }
+                others.nearest_within(points.row(i).data(), radius, {&to, 1}, {&squared, 1});
+                matches.distances[to_size(i)] = std::sqrt(squared);
+            }
+        },
+        0.0, 1.0, 128);
+    return matches;
+}
+
+template <int Dim>
+Pairing mutual_pairs(const typename KdTree<Dim>::Points& source,
+                     const typename KdTree<Dim>::Points& target,
+                     std::span<const IndexPair> features, Progress& progress) {
+    const auto source_rows =
+        free_rows(static_cast<Index>(source.rows()), features, &IndexPair::source);
+    const auto target_rows =
+        free_rows(static_cast<Index>(target.rows()), features, &IndexPair::target);
+    const typename KdTree<Dim>::Points s = gather(source, source_rows),
+                                       t = gather(target, target_rows);
+    Pairing pairs(features.begin(), features.end());
+    const Matches forward = nearest_matches<Dim>(s, KdTree<Dim>(t), progress);
+    const Matches backward = nearest_matches<Dim>(t, KdTree<Dim>(s), progress);
+    for (std::size_t i = 0; i < source_rows.size(); ++i)
+        pairs.push_back({source_rows[i], target_rows[to_size(forward.to[i])]});
+    for (std::size_t j = 0; j < target_rows.size(); ++j)
+        pairs.push_back({source_rows[to_size(backward.to[j])], target_rows[j]});
+    std::ranges::sort(pairs);
+    pairs.erase(std::ranges::unique(pairs).begin(), pairs.end());
+    return pairs;
+}
+
+template Matches nearest_matches<12>(const ProductPoints&, const KdTree<12>&, Progress&,
+                                     const Matches*);
+template Matches nearest_matches<32>(const LabelledPoints&, const KdTree<32>&, Progress&,
+                                     const Matches*);
+template Pairing mutual_pairs<12>(const ProductPoints&, const ProductPoints&,
+                                  std::span<const IndexPair>, Progress&);
+template Pairing mutual_pairs<32>(const LabelledPoints&, const LabelledPoints&,
+                                  std::span<const IndexPair>, Progress&);
+
+}  // namespace pointmorph

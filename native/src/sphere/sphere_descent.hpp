@@ -1,0 +1,168 @@
+// Descent for places on the unit sphere; not for callers of the library.
+#pragma once
+
+#include <Eigen/SparseCholesky>
+#include <algorithm>
+#include <cmath>
+#include <concepts>
+#include <deque>
+#include <span>
+#include <utility>
+#include <vector>
+
+#include "pointmorph/base/progress.hpp"
+#include "pointmorph/base/types.hpp"
+#include "pointmorph/surface/local_triangles.hpp"
+
+namespace pointmorph {
+
+/// Smooths directions: the inverse of S (L + ε) S, where L is a Laplacian of a mesh's edges and S a
+/// scale for each vertex; 0 at the vertices that are fixed.
+class Smoother {
+public:
+    /// `weights`: those of the edges across from each triangle's corners, > 0 or nearly; each edge
+    /// has two. None: all are 1.
+    Smoother(std::span<const Triangle> triangles, Index count, std::span<const Index> fixed,
+             std::span<const Vector3> weights = {})
+        : free_(to_size(count), 0), scales_(Values::Ones(count)) {
+        constexpr double kShift = 1e-3, kLeast = 0.05;
+        for (const Index f : fixed) free_[to_size(f)] = -1;
+        Index unknowns = 0;
+        for (Index& f : free_)
+            if (f >= 0) f = unknowns++;
+        std::vector<Eigen::Triplet<double, Index>> entries;
+        for (std::size_t t = 0; t < triangles.size(); ++t)
+            for (Index k = 0; k < 3; ++k) {
+                const Index a = triangles[t][to_size((k + 1) % 3)],
+                            b = triangles[t][to_size((k + 2) % 3)];
+                const double weight = weights.empty() ? 1.0 : std::max(kLeast, weights[t][k]);
+                const Index i = free_[to_size(a)], j = free_[to_size(b)];
+                if (i >= 0) entries.emplace_back(i, i, (1.0 + kShift) * weight);
+                if (j >= 0) entries.emplace_back(j, j, (1.0 + kShift) * weight);
+                if (i >= 0 && j >= 0) entries.emplace_back(std::max(i, j), std::min(i, j), -weight);
+                if (i >= 0 && j < 0) pulls_.push_back({i, b, weight});
+                if (j >= 0 && i < 0) pulls_.push_back({j, a, weight});
+            }
+        Eigen::SparseMatrix<double, Eigen::ColMajor, Index> matrix(unknowns, unknowns);
+        matrix.setFromTriplets(entries.begin(), entries.end());
+        cholesky_.compute(matrix);
+    }
+
+    void set_scales(Values scales) { scales_ = std::move(scales); }
+
+    Positions operator()(const Positions& directions) const {
+        Positions sides(cholesky_.rows(), 3);
+        for (std::size_t v = 0; v < free_.size(); ++v)
+            if (free_[v] >= 0) sides.row(free_[v]) = directions.row(Index(v)) / scales_[Index(v)];
+        return spread(cholesky_.solve(sides), Positions::Zero(directions.rows(), 3));
+    }
+
+    /// The smoothest directions that are as given at the fixed vertices.
+    Positions extended(const Positions& at_fixed) const {
+        Positions sides = Positions::Zero(cholesky_.rows(), 3);
+        for (const Pull& p : pulls_) sides.row(p.row) += p.weight * at_fixed.row(p.fixed);
+        return spread(cholesky_.solve(sides), at_fixed);
+    }
+
+private:
+    /// Of a fixed vertex at a row of the matrix.
+    struct Pull {
+        Index row, fixed;
+        double weight;
+    };
+
+    Positions spread(const Positions& solved, Positions result) const {
+        for (std::size_t v = 0; v < free_.size(); ++v)
+            if (free_[v] >= 0) result.row(Index(v)) = solved.row(free_[v]) / scales_[Index(v)];
+        return result;
+    }
+
+    std::vector<Index> free_;  ///< row of each vertex that isn't fixed
+    std::vector<Pull> pulls_;
+    Values scales_;
+    Eigen::SimplicialLLT<Eigen::SparseMatrix<double, Eigen::ColMajor, Index>, Eigen::Lower,
+                         Eigen::AMDOrdering<Index>>
+        cholesky_;
+};
+
+/// Quasi-Newton descent (L-BFGS) of `energy(places, gradient)`, which returns infinity where it
+/// isn't defined and fills in the gradient otherwise, from where it is finite. Ends after
+/// `iterations`, or when it hardly gains. Returns the energy.
+template <class Energy>
+double descend(Positions& places, const Smoother& smooth, int iterations, Energy&& energy,
+               Progress& progress) {
+    constexpr std::size_t kMemory = 8;
+    constexpr double kSufficient = 1e-4, kGain = 1e-6;
+    constexpr int kHalvings = 25;
+    struct Step {
+        Positions way, change;
+        double product;
+    };
+    std::deque<Step> steps;
+    const auto tangent = [&](Positions& directions) {
+        const Values along = directions.cwiseProduct(places).rowwise().sum();
+        directions -= along.asDiagonal() * places;
+    };
+    Positions gradient = Positions::Zero(places.rows(), 3);
+    double present = energy(places, gradient);
+    tangent(gradient);
+    int poor = 0;
+    for (int iteration = 0; iteration < iterations; ++iteration) {
+        progress.throw_if_cancelled();
+        Positions way = gradient;
+        std::vector<double> shares;
+        for (auto s = steps.rbegin(); s != steps.rend(); ++s) {
+            shares.push_back(s->way.cwiseProduct(way).sum() / s->product);
+            way -= shares.back() * s->change;
+        }
+        way = smooth(way);
+        for (const Step& s : steps) {
+            const double share = s.change.cwiseProduct(way).sum() / s.product;
+            way += (shares.back() - share) * s.way;
+            shares.pop_back();
+        }
+        way = -way;
+        tangent(way);
+        double slope = way.cwiseProduct(gradient).sum();
+        if (!(slope < 0.0)) {
+            if (steps.empty()) break;
+            steps.clear();
+            continue;
+        }
+        // No point goes farther than this at once.
+        constexpr double kFarthest = 0.2;
+        double length = std::min(1.0, kFarthest / way.rowwise().norm().maxCoeff());
+        Positions there, gradient_there(places.rows(), 3);
+        double energy_there = present;
+        bool gained = false;
+        for (int k = 0; k < kHalvings && !gained; ++k) {
+            there = (places + length * way).rowwise().normalized();
+            gradient_there.setZero();
+            energy_there = energy(there, gradient_there);
+            gained = energy_there <= present + kSufficient * length * slope;
+            if (!gained) length *= 0.5;
+        }
+        if (!gained) {
+            if (steps.empty()) break;
+            steps.clear();
+            continue;
+        }
+        Step step{there - places, -gradient, 0.0};
+        places = there;
+        gradient = gradient_there;
+        tangent(gradient);
+        step.change += gradient;
+        step.product = step.way.cwiseProduct(step.change).sum();
+        const double gain = present - energy_there;
+        present = energy_there;
+        if (step.product > 1e-12 * step.change.squaredNorm()) {
+            steps.push_back(std::move(step));
+            if (steps.size() > kMemory) steps.pop_front();
+        }
+        poor = gain < kGain * present ? poor + 1 : 0;
+        if (poor >= 3) break;
+    }
+    return present;
+}
+
+}  // namespace pointmorph

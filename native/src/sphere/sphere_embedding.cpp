@@ -1,0 +1,243 @@
+#include "sphere/sphere_embedding.hpp"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+#include <numbers>
+#include <utility>
+#include <vector>
+
+namespace pointmorph {
+
+namespace {
+
+constexpr double kInfinity = std::numeric_limits<double>::infinity();
+/// Half the cotangent of 60°.
+constexpr double kHalfCotangent = 0.5 * std::numbers::inv_sqrt3;
+
+double determinant(const Vector3& a, const Vector3& b, const Vector3& c) {
+    return a.dot(b.cross(c));
+}
+
+/// Vertices on the sphere that come and go.
+class Embedding {
+public:
+    Embedding(RingMesh& mesh, Index count)
+        : mesh_(mesh), places_(to_size(count), Vector3::Zero()) {}
+
+    Vector3& operator[](Index v) { return places_[to_size(v)]; }
+    void set_area(double area) { area_ = area; }
+
+    double energy(Index v, const Vector3& place) const {
+        const auto ring = mesh_.ring(v);
+        double sum = 0.0;
+        for (std::size_t k = 0; k < ring.size(); ++k)
+            sum += sphere_energy(place, places_[to_size(ring[k])],
+                                 places_[to_size(ring[(k + 1) % ring.size()])], area_);
+        return sum;
+    }
+
+    /// Newton's method for one vertex, in its tangent plane.
+    void improve(Index v, int steps) {
+        Vector3& place = places_[to_size(v)];
+        double present = energy(v, place);
+        for (int step = 0; step < steps; ++step) {
+            Vector3 gradient = Vector3::Zero();
+            Matrix3 hessian = Matrix3::Zero();
+            const auto ring = mesh_.ring(v);
+            for (std::size_t k = 0; k < ring.size(); ++k)
+                add(place, places_[to_size(ring[k])], places_[to_size(ring[(k + 1) % ring.size()])],
+                    gradient, hessian);
+            const Vector3 u = place.unitOrthogonal();
+            Eigen::Matrix<double, 3, 2> tangent;
+            tangent << u, place.cross(u);
+            const Eigen::Vector2d slope = tangent.transpose() * gradient;
+            Eigen::Matrix2d bend = tangent.transpose() * hessian * tangent;
+            bend.diagonal().array() -= gradient.dot(place);
+            // The sum of a matrix and a multiple of 1 that has no eigenvalue below a small one.
+            const double middle = 0.5 * bend.trace();
+            const double spread = std::hypot(0.5 * (bend(0, 0) - bend(1, 1)), bend(0, 1));
+            const double least = 1e-3 * (std::abs(middle) + spread);
+            if (middle - spread < least) bend.diagonal().array() += least - (middle - spread);
+            const Eigen::Vector2d way = -bend.inverse() * slope;
+            if (!way.allFinite()) return;
+            double length = 1.0;
+            bool gained = false;
+            for (int half = 0; half < 12 && !gained; ++half, length *= 0.5) {
+                const Vector3 there = (place + length * (tangent * way)).normalized();
+                const double energy_there = energy(v, there);
+                if (!(energy_there < present)) continue;
+                gained = true;
+                const double gain = present - energy_there;
+                place = there;
+                present = energy_there;
+                if (gain < 1e-6 * present) return;
+            }
+            if (!gained) return;
+        }
+    }
+
+    /// A place in the part of the ring that sees all of it. The ring's first vertex sees all, and
+    /// so does what is near enough to it between the next one and the last.
+    void put_into_ring(Index v) {
+        const auto ring = mesh_.ring(v);
+        Vector3 middle = Vector3::Zero();
+        for (const Index r : ring) middle += places_[to_size(r)];
+        const Vector3 corner = places_[to_size(ring.front())];
+        const auto direction = [&](Index r) {
+            const Vector3 way = places_[to_size(r)] - corner;
+            return (way - way.dot(corner) * corner).normalized();
+        };
+        const Vector3 next = direction(ring[1]), last = direction(ring.back());
+        const Vector3 half = next + last;
+        Vector3 inside = corner.cross(next);
+        if (half.norm() > 1e-3) inside = determinant(corner, next, last) > 0.0 ? half : -half;
+        double size = 0.0;
+        for (const Index r : ring) size = std::max(size, (places_[to_size(r)] - corner).norm());
+        double best = kInfinity;
+        for (const Vector3& towards :
+             {Vector3(middle.normalized() - corner), Vector3(size * inside.normalized())})
+            for (double share = 1.0; share > 1e-9; share *= 0.6) {
+                const Vector3 place = (corner + share * towards).normalized();
+                const double there = energy(v, place);
+                if (!(there < best)) continue;
+                best = there;
+                places_[to_size(v)] = place;
+            }
+    }
+
+private:
+    void add(const Vector3& p, const Vector3& b, const Vector3& c, Vector3& gradient,
+             Matrix3& hessian) const {
+        const double dirichlet = kHalfCotangent * ((b - p).squaredNorm() + (c - b).squaredNorm() +
+                                                   (p - c).squaredNorm());
+        const Vector3 dirichlet_slope = 2.0 * kHalfCotangent * (2.0 * p - b - c);
+        const Vector3 d_slope = b.cross(c) / (2.0 * area_);
+        const double d = p.dot(d_slope);
+        const double g = 1.0 + 1.0 / (d * d), g1 = -2.0 / (d * d * d), g2 = 6.0 / (d * d * d * d);
+        gradient += g * dirichlet_slope + dirichlet * g1 * d_slope;
+        hessian +=
+            4.0 * kHalfCotangent * g * Matrix3::Identity() +
+            dirichlet * g2 * d_slope * d_slope.transpose() +
+            g1 * (dirichlet_slope * d_slope.transpose() + d_slope * dirichlet_slope.transpose());
+    }
+
+    RingMesh& mesh_;
+    std::vector<Vector3> places_;
+    double area_ = 1.0;
+};
+
+/// Takes vertices away until four are left.
+std::vector<RingMesh::Removal> taken_apart(RingMesh& mesh, const Positions& positions,
+                                           std::vector<char>& present) {
+    const auto count = static_cast<Index>(positions.rows());
+    std::vector<RingMesh::Removal> removals;
+    // The cheapest way to remove each vertex; found anew where something has changed.
+    struct Cheapest {
+        double cost = kInfinity;
+        Index into = -1;
+    };
+    std::vector<Cheapest> cheapest(to_size(count));
+    const auto look = [&](Index v) {
+        const auto ring = mesh.ring(v);
+        Cheapest best;
+        constexpr double kValence = 6.0;
+        for (const Index into : ring) {
+            const double size = static_cast<double>(std::max(ring.size(), mesh.ring(into).size()));
+            const double cost = (positions.row(v) - positions.row(into)).norm() *
+                                (1.0 + 0.3 * std::max(0.0, size - kValence));
+            if (cost < best.cost && mesh.can_remove(v, into)) best = {cost, into};
+        }
+        cheapest[to_size(v)] = best;
+    };
+    for (Index v = 0; v < count; ++v) look(v);
+    for (Index left = count; left > 4; --left) {
+        Index v = -1;
+        for (Index k = 0; k < count; ++k)
+            if (present[to_size(k)] && cheapest[to_size(k)].into >= 0 &&
+                (v < 0 || cheapest[to_size(k)].cost < cheapest[to_size(v)].cost))
+                v = k;
+        removals.push_back(mesh.remove(v, cheapest[to_size(v)].into));
+        present[to_size(v)] = 0;
+        // Rings of those around, and what is joined to them, are others now.
+        for (const Index r : removals.back().ring) {
+            look(r);
+            for (const Index s : mesh.ring(r)) look(s);
+        }
+    }
+    return removals;
+}
+
+}  // namespace
+
+double sphere_energy(const Vector3& a, const Vector3& b, const Vector3& c, double area) {
+    const double d = determinant(a, b, c) / (2.0 * area);
+    if (!(d > 0.0)) return kInfinity;
+    return kHalfCotangent *
+           ((b - a).squaredNorm() + (c - b).squaredNorm() + (a - c).squaredNorm()) *
+           (1.0 + 1.0 / (d * d));
+}
+
+SphereEnergy sphere_energy_gradient(const Vector3& a, const Vector3& b, const Vector3& c,
+                                    double area) {
+    const double d = determinant(a, b, c) / (2.0 * area);
+    const double dirichlet =
+        kHalfCotangent * ((b - a).squaredNorm() + (c - b).squaredNorm() + (a - c).squaredNorm());
+    const double g = 1.0 + 1.0 / (d * d);
+    const double by_d = -dirichlet / (d * d * d * area);
+    SphereEnergy result{dirichlet * g, {}};
+    result.gradient.col(0) = 2.0 * kHalfCotangent * g * (2.0 * a - b - c) + by_d * b.cross(c);
+    result.gradient.col(1) = 2.0 * kHalfCotangent * g * (2.0 * b - c - a) + by_d * c.cross(a);
+    result.gradient.col(2) = 2.0 * kHalfCotangent * g * (2.0 * c - a - b) + by_d * a.cross(b);
+    return result;
+}
+
+Positions embed_on_sphere(RingMesh mesh, const Positions& positions, Progress& progress) {
+    constexpr double kGrowth = 1.15;
+    constexpr int kSweeps = 20, kLastSweeps = 60;
+    const auto count = static_cast<Index>(positions.rows());
+    std::vector<char> present(to_size(count), 1);
+    const std::vector<RingMesh::Removal> removals = taken_apart(mesh, positions, present);
+
+    Embedding places(mesh, count);
+    const auto area_of = [](Index vertices) { return 4.0 * std::numbers::pi / (2 * vertices - 4); };
+    Index first = 0;
+    while (!present[to_size(first)]) ++first;
+    const auto ring = mesh.ring(first);
+    const double s = std::numbers::inv_sqrt3;
+    places[first] = {s, s, s};
+    places[ring[0]] = {-s, s, -s};
+    places[ring[1]] = {-s, -s, s};
+    places[ring[2]] = {s, -s, -s};
+
+    const auto sweep = [&](int steps) {
+        for (Index v = 0; v < count; ++v)
+            if (present[to_size(v)]) places.improve(v, steps);
+        progress.throw_if_cancelled();
+    };
+    Index now = 4;
+    double next = 8.0;
+    for (auto k = removals.size(); k-- > 0;) {
+        const Index v = removals[k].vertex;
+        mesh.restore(removals[k]);
+        present[to_size(v)] = 1;
+        places.set_area(area_of(++now));
+        places.put_into_ring(v);
+        places.improve(v, 3);
+        for (const Index r : mesh.ring(v)) places.improve(r, 1);
+        places.improve(v, 1);
+        if (now >= next) {
+            for (int i = 0; i < kSweeps; ++i) sweep(1);
+            next = kGrowth * now;
+            progress.report(0.3 + 0.6 * now / count);
+        }
+    }
+    for (int i = 0; i < kLastSweeps; ++i) sweep(1);
+    Positions result(count, 3);
+    for (Index v = 0; v < count; ++v) result.row(v) = places[v].transpose();
+    return result;
+}
+
+}  // namespace pointmorph

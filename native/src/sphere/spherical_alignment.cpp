@@ -1,0 +1,518 @@
+#include "pointmorph/sphere/spherical_alignment.hpp"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+#include <numbers>
+#include <string>
+#include <utility>
+
+#include "pointmorph/base/assignment.hpp"
+#include "pointmorph/base/error.hpp"
+#include "pointmorph/base/parallel.hpp"
+#include "pointmorph/cloud/kd_tree.hpp"
+#include "pointmorph/cloud/similarity.hpp"
+#include "pointmorph/surface/graph_extremities.hpp"
+#include "sphere/sphere_descent.hpp"
+#include "sphere/sphere_embedding.hpp"
+
+namespace pointmorph {
+
+namespace {
+
+constexpr double kInfinity = std::numeric_limits<double>::infinity();
+
+Vector3 row_of(const Positions& rows, Index i) {
+    return rows.row(i).transpose();
+}
+
+/// sphere_energy() of all triangles, of one area.
+double roundness(std::span<const Triangle> triangles, const Positions& places, double weight,
+                 Positions& gradient) {
+    const double area = 4.0 * std::numbers::pi / static_cast<double>(triangles.size());
+    double sum = 0.0;
+    for (const auto& [a, b, c] : triangles) {
+        const Vector3 p = row_of(places, a), q = row_of(places, b), r = row_of(places, c);
+        if (!(p.dot(q.cross(r)) > 0.0)) return kInfinity;
+        const SphereEnergy e = sphere_energy_gradient(p, q, r, area);
+        sum += weight * e.energy;
+        gradient.row(a) += weight * e.gradient.col(0).transpose();
+        gradient.row(b) += weight * e.gradient.col(1).transpose();
+        gradient.row(c) += weight * e.gradient.col(2).transpose();
+    }
+    return sum;
+}
+
+double area_of(const SphericalMesh& mesh) {
+    double sum = 0.0;
+    for (const auto& [a, b, c] : mesh.triangles) {
+        const Eigen::RowVector3d ab = mesh.positions.row(b) - mesh.positions.row(a),
+                                 ac = mesh.positions.row(c) - mesh.positions.row(a);
+        sum += 0.5 * ab.cross(ac).norm();
+    }
+    return sum;
+}
+
+/// How much the map from the source through the sphere onto the target stretches: the mean of
+/// tr JᵀJ / D, which is 2 where angles are kept, and `area_weight` times D + 1/D, which is 2 where
+/// areas are; J, with D = det J, between triangles of the source and the triangles between where
+/// their corners land (after Schmidt et al. 2019).
+class Stretch {
+public:
+    Stretch(const SphericalMesh& source, const SphericalMesh& target, double area_weight)
+        : source_(source),
+          target_(target),
+          locator_(target.triangles, target.images),
+          hints_(to_size(source.size()), 0),
+          area_weight_(area_weight),
+          target_scale_(1.0 / std::sqrt(area_of(target))) {
+        const double scale = 1.0 / std::sqrt(area_of(source));
+        for (const auto& [a, b, c] : source.triangles) {
+            constexpr double kWorst = 0.3;  // shape of triangles that count as they are
+            const Vector3 x = scale * row_of(source.positions, a),
+                          y = scale * row_of(source.positions, b),
+                          z = scale * row_of(source.positions, c);
+            const double area = 0.5 * (y - x).cross(z - x).norm();
+            Vector3 squared((z - y).squaredNorm(), (x - z).squaredNorm(), (y - x).squaredNorm());
+            const double shape = 4.0 * std::numbers::sqrt3 * area / squared.sum();
+            Rest rest;
+            rest.area = std::max(area, 1e-3 / static_cast<double>(source.triangles.size()));
+            // Half the cotangents; slivers count as equilateral to some part.
+            const double real = std::min(1.0, shape / kWorst);
+            for (int k = 0; k < 3; ++k) {
+                const double cotangent = (squared.sum() - 2.0 * squared[k]) / (4.0 * rest.area);
+                rest.weights[k] = 0.5 * (real * cotangent + (1.0 - real) * std::numbers::inv_sqrt3);
+            }
+            rests_.push_back(rest);
+        }
+    }
+
+    double operator()(const Positions& places, Positions& gradient) {
+        constexpr double kRound = 1e-3;  // keeps triangles on the sphere from turning over
+        const double round =
+            roundness(source_.triangles, places, kRound / (4.0 * std::numbers::pi), gradient);
+        if (round == kInfinity) return kInfinity;
+        const Index count = source_.size();
+        Positions images(count, 3), by_image = Positions::Zero(count, 3);
+        std::vector<Matrix3> slopes(to_size(count));
+        for (Index v = 0; v < count; ++v) {
+            const Vector3 place = row_of(places, v);
+            const auto [triangle, shares] = locator_.find(place, hints_[to_size(v)]);
+            hints_[to_size(v)] = triangle;
+            const auto& [a, b, c] = target_.triangles[to_size(triangle)];
+            Matrix3 corners, on_surface;
+            corners << row_of(target_.images, a), row_of(target_.images, b),
+                row_of(target_.images, c);
+            on_surface << row_of(target_.positions, a), row_of(target_.positions, b),
+                row_of(target_.positions, c);
+            const Matrix3 inverse = corners.inverse();
+            const Vector3 unscaled = inverse * place;
+            const Vector3 image = target_scale_ * (on_surface * shares);
+            images.row(v) = image.transpose();
+            slopes[to_size(v)] =
+                (target_scale_ * on_surface * inverse - image * inverse.colwise().sum()) /
+                unscaled.sum();
+        }
+        constexpr double kFloor = 1e-3;  // of D
+        double sum = 0.0;
+        for (std::size_t t = 0; t < rests_.size(); ++t) {
+            const auto& [a, b, c] = source_.triangles[t];
+            const Rest& rest = rests_[t];
+            const Vector3 p = row_of(images, a), q = row_of(images, b), r = row_of(images, c);
+            const Vector3 across = (q - p).cross(r - p);
+            const double norm = across.norm();
+            const Vector3 facing = norm > 0.0 ? Vector3(across / norm) : Vector3::Zero();
+            const double dirichlet = rest.weights[0] * (r - q).squaredNorm() +
+                                     rest.weights[1] * (p - r).squaredNorm() +
+                                     rest.weights[2] * (q - p).squaredNorm();
+            const double d = 0.5 * norm / rest.area + kFloor;
+            const double g = 1.0 / d;
+            const double by_d =
+                -dirichlet / (d * d * rest.area) + area_weight_ * (1.0 - 1.0 / (d * d));
+            sum += area_weight_ * rest.area * (d + 1.0 / d);
+            sum += dirichlet * g;
+            by_image.row(a) += (2.0 * g * (rest.weights[1] * (p - r) + rest.weights[2] * (p - q)) +
+                                by_d * 0.5 * facing.cross(r - q))
+                                   .transpose();
+            by_image.row(b) += (2.0 * g * (rest.weights[2] * (q - p) + rest.weights[0] * (q - r)) +
+                                by_d * 0.5 * facing.cross(p - r))
+                                   .transpose();
+            by_image.row(c) += (2.0 * g * (rest.weights[0] * (r - q) + rest.weights[1] * (r - p)) +
+                                by_d * 0.5 * facing.cross(q - p))
+                                   .transpose();
+        }
+        for (Index v = 0; v < count; ++v) gradient.row(v) += by_image.row(v) * slopes[to_size(v)];
+        return sum + round;
+    }
+
+    /// How stiff the edges across from each triangle's corners are at present: about the energy's
+    /// second derivative (after Rabinovich et al. 2017).
+    std::vector<Vector3> stiffness(const Positions& places) {
+        Positions images(places.rows(), 3);
+        for (Index v = 0; v < static_cast<Index>(places.rows()); ++v) {
+            const auto [triangle, shares] = locator_.find(row_of(places, v), hints_[to_size(v)]);
+            images.row(v).setZero();
+            for (Index k = 0; k < 3; ++k)
+                images.row(v) +=
+                    target_scale_ * shares[k] *
+                    target_.positions.row(target_.triangles[to_size(triangle)][to_size(k)]);
+        }
+        std::vector<Vector3> result;
+        for (std::size_t t = 0; t < rests_.size(); ++t) {
+            const auto& [a, b, c] = source_.triangles[t];
+            const Eigen::RowVector3d ab = images.row(b) - images.row(a),
+                                     ac = images.row(c) - images.row(a);
+            const double shrunk =
+                1.0 / std::sqrt(std::max(0.5 * ab.cross(ac).norm() / rests_[t].area, 0.01));
+            result.push_back((1.0 + shrunk * (1.0 + shrunk * (1.0 + shrunk))) * rests_[t].weights);
+        }
+        return result;
+    }
+
+    /// How much longer ways are on the target than on the sphere, at each source vertex.
+    Values scales(const Positions& places) {
+        Values result(places.rows());
+        for (Index v = 0; v < static_cast<Index>(places.rows()); ++v) {
+            const auto [triangle, shares] = locator_.find(row_of(places, v), hints_[to_size(v)]);
+            const auto& [a, b, c] = target_.triangles[to_size(triangle)];
+            const auto area = [&](const Positions& p) {
+                return Eigen::RowVector3d(p.row(b) - p.row(a)).cross(p.row(c) - p.row(a)).norm();
+            };
+            result[v] = target_scale_ *
+                        std::sqrt(area(target_.positions) / std::max(area(target_.images), 1e-12));
+        }
+        return result;
+    }
+
+private:
+    struct Rest {
+        double area;
+        Vector3 weights;  ///< of the edges across from the corners
+    };
+    const SphericalMesh& source_;
+    const SphericalMesh& target_;
+    SphereLocator locator_;
+    std::vector<Index> hints_;
+    std::vector<Rest> rests_;
+    double area_weight_;
+    double target_scale_;
+};
+
+std::vector<Index> side_of(std::span<const IndexPair> features, Index IndexPair::*side) {
+    std::vector<Index> result;
+    for (const IndexPair& f : features) result.push_back(f.*side);
+    return result;
+}
+
+/// The source turned so that features come near each other.
+void turn_to_features(SphericalMesh& source, const SphericalMesh& target,
+                      std::span<const IndexPair> features) {
+    Matrix3 covariance = Matrix3::Zero();
+    for (const auto& [s, t] : features)
+        covariance += row_of(target.images, t) * row_of(source.images, s).transpose();
+    source.images = source.images * best_rotation(covariance).rotation.transpose();
+}
+
+/// Ends of limbs away from the features, and how far they lie from each of them: #tips by
+/// #features, in √area.
+struct Tips {
+    std::vector<Index> vertices;
+    Eigen::MatrixXd distances;
+};
+
+Tips tips_of(const SphericalMesh& mesh, std::span<const Index> features, Index most,
+             Progress& progress) {
+    constexpr Index kSamples = 30;
+    constexpr double kProminence = 0.04;
+    constexpr double kMarked = 0.1;  // a feature this near stands for the tip
+    Eigen::MatrixXd all(mesh.size(), static_cast<Eigen::Index>(features.size()));
+    GeodesicSearch search(mesh.graph);
+    for (std::size_t f = 0; f < features.size(); ++f)
+        for (const auto& [i, distance] : search.from(features[f])) all(i, Index(f)) = distance;
+    Tips tips;
+    for (const Extremity& tip : extremities(mesh.graph, 1.0, kSamples, most, kProminence, progress))
+        if (all.row(tip.point).minCoeff() >= kMarked) tips.vertices.push_back(tip.point);
+    tips.distances = all(tips.vertices, Eigen::all);
+    return tips;
+}
+
+/// Tips that belong together: each other's best by far, in where they lie on the sphere and along
+/// the surface from all features.
+std::vector<IndexPair> paired_tips(const SphericalMesh& source, const SphericalMesh& target,
+                                   std::span<const IndexPair> features, Index most,
+                                   Progress& progress) {
+    constexpr double kLargest = 0.5, kByFar = 1.5;
+    if (features.empty() || most == 0) return {};
+    const Tips s = tips_of(source, side_of(features, &IndexPair::source), most, progress);
+    const Tips t = tips_of(target, side_of(features, &IndexPair::target), most, progress);
+    Eigen::MatrixXd costs(s.distances.rows(), t.distances.rows());
+    for (Eigen::Index i = 0; i < costs.rows(); ++i)
+        for (Eigen::Index j = 0; j < costs.cols(); ++j)
+            costs(i, j) = (s.distances.row(i) - t.distances.row(j)).norm() /
+                              std::sqrt(static_cast<double>(features.size())) +
+                          (source.images.row(s.vertices[to_size(Index(i))]) -
+                           target.images.row(t.vertices[to_size(Index(j))]))
+                              .norm();
+    std::vector<IndexPair> pairs;
+    for (const auto& [i, j] : each_others_best(costs, kLargest, kByFar))
+        pairs.push_back({s.vertices[to_size(i)], t.vertices[to_size(j)]});
+    return pairs;
+}
+
+/// The k-th of `count` nodes that lie all over the surface: nodes stand in spatial order.
+Index spread_node(const SphericalMesh& mesh, Index k, Index count) {
+    return static_cast<Index>(std::int64_t{k} * mesh.size() / count);
+}
+
+/// Mean distance along the surface from every node to the whole of it, in √area.
+Values remoteness(const SphericalMesh& mesh, Progress& progress) {
+    constexpr Index kSamples = 60;
+    GeodesicSearch search(mesh.graph);
+    Values sum = Values::Zero(mesh.size());
+    const Index samples = std::min(kSamples, mesh.size());
+    for (Index k = 0; k < samples; ++k) {
+        const Index from = spread_node(mesh, k, samples);
+        for (const auto& [i, distance] : search.from(from)) sum[i] += distance;
+        progress.throw_if_cancelled();
+    }
+    return sum / samples;
+}
+
+/// Evenly spread turns (super-Fibonacci spirals, Alexa 2022).
+Matrix3 spread_turn(Index k, Index count) {
+    constexpr double kPhi = std::numbers::sqrt2, kPsi = 1.533751168755204288118041;
+    const double s = k + 0.5, t = s / count, d = 2.0 * std::numbers::pi * s;
+    const double r = std::sqrt(t), rest = std::sqrt(1.0 - t);
+    const double alpha = d / kPhi, beta = d / kPsi;
+    return Eigen::Quaterniond(rest * std::cos(beta), r * std::sin(alpha), r * std::cos(alpha),
+                              rest * std::sin(beta))
+        .normalized()
+        .toRotationMatrix();
+}
+
+/// Turns of the source under which both agree most in how remote places are, and in the features.
+std::vector<Matrix3> likely_turns(const SphericalMesh& source, const SphericalMesh& target,
+                                  std::span<const IndexPair> features,
+                                  const SphericalAlignmentOptions& options, Progress& progress) {
+    constexpr Index kSamples = 200;
+    constexpr double kFeatures = 10.0;  // weight of a feature's squared distance
+    constexpr double kAlike = 2.5;      // trace from which on two turns are one: some 40 degrees
+    const Values s = remoteness(source, progress), t = remoteness(target, progress);
+    const KdTree<3> tree(target.images);
+    const Index samples = std::min(kSamples, source.size());
+    std::vector<std::pair<double, Index>> costs(to_size(options.turns));
+    parallel_for(
+        options.turns, progress,
+        [&](Index begin, Index end) {
+            for (Index k = begin; k < end; ++k) {
+                const Matrix3 turn = spread_turn(k, options.turns);
+                double sum = 0.0;
+                for (Index i = 0; i < samples; ++i) {
+                    const Index v = spread_node(source, i, samples);
+                    const Vector3 place = turn * row_of(source.images, v);
+                    Index nearest;
+                    double squared;
+                    tree.nearest(place.data(), {&nearest, 1}, {&squared, 1});
+                    sum += (s[v] - t[nearest]) * (s[v] - t[nearest]);
+                }
+                for (const IndexPair& f : features)
+                    sum += kFeatures * (turn * row_of(source.images, f.source) -
+                                        row_of(target.images, f.target))
+                                           .squaredNorm();
+                costs[to_size(k)] = {sum, k};
+            }
+        },
+        0.0, 0.1, 16);
+    std::ranges::sort(costs);
+    std::vector<Matrix3> turns;
+    for (const auto& [cost, k] : costs) {
+        if (static_cast<Index>(turns.size()) == options.finalists) break;
+        const Matrix3 turn = spread_turn(k, options.turns);
+        if (std::ranges::none_of(turns, [&](const Matrix3& other) {
+                return (other.transpose() * turn).trace() > kAlike;
+            }))
+            turns.push_back(turn);
+    }
+    return turns;
+}
+
+/// Moves fixed vertices on their way to `goals`, everything with them, without a fold; then evens
+/// out the others. Returns the largest distance left.
+double approach(SphericalMesh& mesh, const Smoother& smooth, std::span<const Index> fixed,
+                const Positions& goals, Progress& progress) {
+    constexpr double kLongest = 0.3, kWorse = 3.0;
+    constexpr int kHalvings = 12, kEven = 8;
+    Positions moves = Positions::Zero(mesh.size(), 3);
+    double farthest = 0.0;
+    for (std::size_t k = 0; k < fixed.size(); ++k) {
+        moves.row(fixed[k]) = goals.row(Index(k)) - mesh.images.row(fixed[k]);
+        farthest = std::max(farthest, moves.row(fixed[k]).norm());
+    }
+    if (farthest == 0.0) return 0.0;
+    const Positions all = smooth.extended(moves);
+    Positions unused = Positions::Zero(mesh.size(), 3);
+    const double before = roundness(mesh.triangles, mesh.images, 1.0, unused);
+    double share = std::min(1.0, kLongest / farthest);
+    for (int k = 0; k < kHalvings; ++k, share *= 0.5) {
+        Positions there = (mesh.images + share * all).rowwise().normalized();
+        if (share == 1.0)  // to the bit
+            for (std::size_t i = 0; i < fixed.size(); ++i)
+                there.row(fixed[i]) = goals.row(Index(i));
+        if (!(roundness(mesh.triangles, there, 1.0, unused) < kWorse * before)) continue;
+        mesh.images = std::move(there);
+        farthest *= 1.0 - share;
+        break;
+    }
+    descend(
+        mesh.images, smooth, kEven,
+        [&](const Positions& places, Positions& gradient) {
+            return roundness(mesh.triangles, places, 1.0, gradient);
+        },
+        progress);
+    return farthest;
+}
+
+/// Brings both together halfway. Returns how far apart the farthest are, 0 where all have met.
+double meet(SphericalMesh& source, SphericalMesh& target, std::span<const IndexPair> pairs,
+            Index most, Index& steps, Progress& progress) {
+    const std::vector<Index> on_source = side_of(pairs, &IndexPair::source),
+                             on_target = side_of(pairs, &IndexPair::target);
+    const Smoother source_smooth(source.triangles, source.size(), on_source),
+        target_smooth(target.triangles, target.size(), on_target);
+    double apart = kInfinity;
+    for (Index step = 0; apart > 0.0 && step < most; ++step, ++steps) {
+        Positions goals(static_cast<Eigen::Index>(pairs.size()), 3);
+        for (std::size_t k = 0; k < pairs.size(); ++k) {
+            const auto [s, t] = pairs[k];
+            goals.row(Index(k)) = source.images.row(s);
+            if (source.images.row(s) != target.images.row(t))
+                goals.row(Index(k)) = (source.images.row(s) + target.images.row(t)).normalized();
+        }
+        apart = std::max(approach(source, source_smooth, on_source, goals, progress),
+                         approach(target, target_smooth, on_target, goals, progress));
+    }
+    return apart;
+}
+
+}  // namespace
+
+SphereLocator::SphereLocator(std::span<const Triangle> triangles, const Positions& images)
+    : triangles_(triangles), images_(images), across_(triangles.size()) {
+    struct Side {
+        Index low, high, triangle, corner;
+        auto operator<=>(const Side&) const = default;
+    };
+    std::vector<Side> sides;
+    for (Index t = 0; t < static_cast<Index>(triangles.size()); ++t)
+        for (Index k = 0; k < 3; ++k) {
+            const Index a = triangles[to_size(t)][to_size(k)],
+                        b = triangles[to_size(t)][to_size((k + 1) % 3)];
+            sides.push_back({std::min(a, b), std::max(a, b), t, k});
+        }
+    std::ranges::sort(sides);
+    for (std::size_t i = 0; i + 1 < sides.size(); i += 2) {
+        across_[to_size(sides[i].triangle)][to_size(sides[i].corner)] = sides[i + 1].triangle;
+        across_[to_size(sides[i + 1].triangle)][to_size(sides[i + 1].corner)] = sides[i].triangle;
+    }
+}
+
+SphereLocator::Place SphereLocator::find(const Vector3& place, Index start) const {
+    const auto sides = [&](Index triangle) -> Vector3 {
+        const auto& t = triangles_[to_size(triangle)];
+        const Vector3 p = row_of(images_, t[0]), q = row_of(images_, t[1]),
+                      r = row_of(images_, t[2]);
+        return {q.cross(r).dot(place), r.cross(p).dot(place), p.cross(q).dot(place)};
+    };
+    const auto found = [&](Index triangle, const Vector3& side) {
+        const Vector3 inside = side.cwiseMax(0.0);
+        return Place{triangle, inside / inside.sum()};
+    };
+    const auto count = static_cast<Index>(triangles_.size());
+    Index triangle = start;
+    for (Index step = 0; step < count; ++step) {
+        const Vector3 side = sides(triangle);
+        Index least = 0;
+        if (side.minCoeff(&least) >= 0.0) return found(triangle, side);
+        triangle = across_[to_size(triangle)][to_size((least + 1) % 3)];
+    }
+    // Walks end but for rounding.
+    double best = -kInfinity;
+    for (Index t = 0; t < count; ++t) {
+        const Vector3 side = sides(t);
+        const double inside = side.minCoeff() / side.sum();
+        if (!(side.sum() > 0.0) || inside <= best) continue;
+        best = inside;
+        triangle = t;
+    }
+    return found(triangle, sides(triangle));
+}
+
+SphericalAlignment align_on_sphere(SphericalMesh& source, SphericalMesh& target,
+                                   std::span<const IndexPair> features,
+                                   const SphericalAlignmentOptions& options, Progress& progress) {
+    constexpr int kRound = 30, kTrialRounds = 2;
+    SphericalAlignment result;
+    // From one side, then from the other: triangles of one see what lies between the corners of
+    // the other's.
+    const auto even_out = [&](SphericalMesh& moving, const SphericalMesh& other,
+                              Index IndexPair::*side) {
+        const std::vector<Index> fixed = side_of(features, side);
+        Stretch stretch(moving, other, options.area_weight);
+        Smoother smooth(moving.triangles, moving.size(), fixed, stretch.stiffness(moving.images));
+        smooth.set_scales(stretch.scales(moving.images));
+        return descend(moving.images, smooth, kRound, stretch, progress);
+    };
+    const auto even_out_both = [&](SphericalMesh& s, SphericalMesh& t, Index rounds, double first,
+                                   double last) {
+        double energy = 0.0;
+        for (Index round = 0; round < rounds; ++round) {
+            energy = round % 2 == 0 ? even_out(s, t, &IndexPair::source)
+                                    : even_out(t, s, &IndexPair::target);
+            progress.report(first + (last - first) * (round + 1) / rounds);
+        }
+        return energy;
+    };
+
+    if (static_cast<Index>(features.size()) >= options.features_that_fix_the_turn) {
+        turn_to_features(source, target, features);
+    } else {
+        result.searched = true;
+        Matrix3 best = Matrix3::Identity();
+        double least = kInfinity;
+        const auto turns = likely_turns(source, target, features, options, progress);
+        for (std::size_t k = 0; k < turns.size(); ++k) {
+            SphericalMesh s = source, t = target;
+            s.images = source.images * turns[k].transpose();
+            Index unused = 0;
+            if (meet(s, t, features, options.max_steps, unused, progress) > 0.0) continue;
+            const double done = static_cast<double>(k) / static_cast<double>(turns.size());
+            const double energy =
+                even_out_both(s, t, kTrialRounds, 0.1 + 0.3 * done, 0.1 + 0.3 * done);
+            if (!(energy < least)) continue;
+            least = energy;
+            best = turns[k];
+        }
+        source.images = source.images * best.transpose();
+    }
+    double apart = meet(source, target, features, options.max_steps, result.steps, progress);
+    if (apart > 0.0)
+        throw ConvergenceError("features", "features that meet on the sphere without a fold",
+                               "some that stay " + std::to_string(apart) + " sphere radii apart",
+                               "Check that they mark the same places on both models, that left "
+                               "and right are not swapped, and that none lie on top of each "
+                               "other.");
+    // Tips come as near as they can, and the descent may take them on from there.
+    if (const auto tips = paired_tips(source, target, features, options.tips, progress);
+        !tips.empty()) {
+        std::vector<IndexPair> all(features.begin(), features.end());
+        all.insert(all.end(), tips.begin(), tips.end());
+        meet(source, target, all, options.max_tip_steps, result.steps, progress);
+        result.tips = tips;
+    }
+    result.energy = even_out_both(source, target, options.descent_rounds, 0.5, 0.9);
+    return result;
+}
+
+}  // namespace pointmorph

@@ -1,0 +1,240 @@
+#include "pointmorph/sphere/spherical_parameterization.hpp"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+#include <optional>
+#include <string>
+#include <utility>
+
+#include "pointmorph/base/error.hpp"
+#include "pointmorph/base/parallel.hpp"
+#include "pointmorph/cloud/cloud.hpp"
+#include "pointmorph/cloud/subset.hpp"
+#include "sphere/sphere_embedding.hpp"
+#include "sphere/sphere_start.hpp"
+#include "sphere/sphere_triangulation.hpp"
+
+namespace pointmorph {
+
+namespace {
+
+/// Rows of the largest component.
+std::vector<Index> largest_part(const Neighborhoods& nearest) {
+    const Components components = connected_components(nearest);
+    const auto largest = std::ranges::max_element(components.sizes) - components.sizes.begin();
+    std::vector<Index> rows;
+    for (Index i = 0; i < nearest.size(); ++i)
+        if (components.label[to_size(i)] == largest) rows.push_back(i);
+    return rows;
+}
+
+/// Above 0 where the normals point outwards.
+double outwardness(const Positions& positions, const Normals& normals) {
+    const Eigen::RowVector3d center = positions.colwise().mean();
+    return (positions.rowwise() - center).cwiseProduct(normals).sum();
+}
+
+/// Shares of the corners in the point of a triangle that is nearest to a place (Ericson 2005).
+Vector3 nearest_in_triangle(const Positions& positions, const Triangle& corners,
+                            const Eigen::RowVector3d& place) {
+    const Eigen::RowVector3d a = positions.row(corners[0]), b = positions.row(corners[1]),
+                             c = positions.row(corners[2]);
+    const Eigen::RowVector3d ab = b - a, ac = c - a;
+    const auto share = [](double to, double from) {
+        const double sum = to + from;
+        return sum > 0.0 ? to / sum : 0.0;
+    };
+    const double a1 = ab.dot(place - a), a2 = ac.dot(place - a);
+    if (a1 <= 0.0 && a2 <= 0.0) return {1.0, 0.0, 0.0};
+    const double b1 = ab.dot(place - b), b2 = ac.dot(place - b);
+    if (b1 >= 0.0 && b2 <= b1) return {0.0, 1.0, 0.0};
+    const double c1 = ab.dot(place - c), c2 = ac.dot(place - c);
+    if (c2 >= 0.0 && c1 <= c2) return {0.0, 0.0, 1.0};
+    const double at_c = a1 * b2 - b1 * a2, at_b = c1 * a2 - a1 * c2, at_a = b1 * c2 - c1 * b2;
+    if (at_c <= 0.0 && a1 >= 0.0 && b1 <= 0.0) {
+        const double v = share(a1, -b1);
+        return {1.0 - v, v, 0.0};
+    }
+    if (at_b <= 0.0 && a2 >= 0.0 && c2 <= 0.0) {
+        const double w = share(a2, -c2);
+        return {1.0 - w, 0.0, w};
+    }
+    if (at_a <= 0.0 && b2 - b1 >= 0.0 && c1 - c2 >= 0.0) {
+        const double w = share(b2 - b1, c1 - c2);
+        return {0.0, 1.0 - w, w};
+    }
+    const double sum = at_a + at_b + at_c;
+    if (!(sum > 0.0)) return {1.0, 0.0, 0.0};
+    return Vector3(at_a, at_b, at_c) / sum;
+}
+
+/// Share of the area whose triangles face the other way than the points do.
+double contradicting(const SphericalMesh& mesh) {
+    double wrong = 0.0, all = 0.0;
+    for (const auto& [a, b, c] : mesh.triangles) {
+        const Eigen::RowVector3d ab = mesh.positions.row(b) - mesh.positions.row(a),
+                                 ac = mesh.positions.row(c) - mesh.positions.row(a),
+                                 across = ab.cross(ac);
+        const double area = across.norm();
+        all += area;
+        if (across.dot(mesh.normals.row(a) + mesh.normals.row(b) + mesh.normals.row(c)) < 0.0)
+            wrong += area;
+    }
+    return all > 0.0 ? wrong / all : 1.0;
+}
+
+}  // namespace
+
+SphericalMesh spherical_mesh(const KdTree<3>& tree, const Normals& normals,
+                             const Neighborhoods& nearest, std::span<const Index> required,
+                             const SphericalOptions& options, const std::string& name,
+                             Progress& progress) {
+    const Positions& positions = tree.points();
+    const auto count = static_cast<Index>(positions.rows());
+    const std::vector<Index> part = largest_part(nearest);
+    SphericalMesh mesh;
+    mesh.loose = count - static_cast<Index>(part.size());
+    if (mesh.loose > options.largest_loose_share * count)
+        throw TopologyError(name, "one closed surface for the sphere",
+                            "several parts, the largest with " + std::to_string(part.size()) +
+                                " of " + std::to_string(count) + " points",
+                            "Take domain auto, or morph the parts one by one.");
+    std::vector<Index> place(to_size(count), -1);
+    for (std::size_t i = 0; i < part.size(); ++i) place[to_size(part[i])] = static_cast<Index>(i);
+    const Positions part_positions = gather(positions, part);
+    const Normals part_normals = gather(normals, part);
+    if (outwardness(part_positions, part_normals) < 0.0)
+        throw TopologyError(name, "normals that point outwards", "normals that point inwards",
+                            "Recalculate them, or give none: they are estimated then.");
+    std::vector<Index> kept;
+    for (const Index row : required) {
+        if (place[to_size(row)] < 0)
+            throw FeatureError("features", "marks on the largest part of " + name,
+                               "one on a part of its own",
+                               "Move that mark, or leave it out, or take domain auto.");
+        kept.push_back(place[to_size(row)]);
+    }
+    const KdTree<3> part_tree(part_positions);
+    // Which nodes touch shows only where each has some points around it.
+    constexpr Index kPointsANode = 5;
+    constexpr std::size_t kFewest = 32;
+    const Index most = std::max<Index>(kFewest, static_cast<Index>(part.size()) / kPointsANode);
+    const Subset subset =
+        blue_noise_subset(part_tree, part_normals, kept, std::min(options.nodes, most), progress);
+    if (subset.rows.size() < kFewest)
+        throw CloudError(name, "at least " + std::to_string(kFewest) + " different points",
+                         std::to_string(subset.rows.size()), "Sample it more densely.");
+    for (const Index row : subset.rows) mesh.rows.push_back(part[to_size(row)]);
+    mesh.positions = gather(positions, mesh.rows);
+    mesh.normals = gather(normals, mesh.rows);
+
+    const KdTree<3> nodes(mesh.positions);
+    std::vector<Index> cells(to_size(count), -1);
+    parallel_for(
+        static_cast<Index>(part.size()), progress,
+        [&](Index begin, Index end) {
+            for (Index i = begin; i < end; ++i)
+                cells[to_size(part[to_size(i)])] = nearest_on_sheet(
+                    nodes, mesh.normals, part_positions.row(i), part_normals.row(i));
+        },
+        0.0, 0.1);
+    CellGraph cell = cell_graph(nearest, normals, cells, mesh.positions);
+    const auto guesses = first_spheres(cell, mesh.positions, mesh.normals, options, progress);
+    std::optional<RingMesh> rings;
+    double least = std::numeric_limits<double>::infinity();
+    for (std::size_t k = 0; k < guesses.size() && least > 0.0; ++k) {
+        progress.report(0.2 + 0.1 * static_cast<double>(k) / static_cast<double>(guesses.size()));
+        RingMesh candidate = hull_on_sphere(guesses[k]);
+        flip_to_shape(candidate, mesh.positions, mesh.normals, progress);
+        mesh.triangles = candidate.triangles();
+        const double wrong = contradicting(mesh);
+        if (rings && wrong >= least) continue;
+        least = wrong;
+        rings = std::move(candidate);
+    }
+    if (least > options.largest_wrong_share)
+        throw TopologyError(
+            name, "a closed surface without handles, of genus 0",
+            "one that no sphere follows: " + std::to_string(std::lround(100.0 * least)) +
+                " % of it would lie the wrong way round",
+            "Take domain auto, which asks nothing of the topology; or check that the normals "
+            "point outwards everywhere and that limbs don't touch.");
+    mesh.triangles = rings->triangles();
+    mesh.images = embed_on_sphere(std::move(*rings), mesh.positions, progress);
+    if (!mesh.images.allFinite() || turned_over(mesh.triangles, mesh.images) > 0.0)
+        throw ConvergenceError(name, "a sphere without folds", "triangles turned over",
+                               "Sample it more densely or evenly, or take domain auto.");
+    const double unit = std::sqrt(estimated_area(part_tree));
+    for (double& length : cell.graph.lengths) length /= unit;
+    mesh.graph = std::move(cell.graph);
+    progress.report(1.0);
+    return mesh;
+}
+
+Positions onto_sphere(const SphericalMesh& mesh, const Positions& points, const Normals& normals,
+                      Progress& progress) {
+    constexpr std::size_t kNodes = 6;  // whose triangles are tried
+    std::vector<std::vector<Index>> around(to_size(mesh.size()));
+    std::vector<Vector3> facing;
+    double edges = 0.0;
+    for (std::size_t t = 0; t < mesh.triangles.size(); ++t) {
+        const auto& [a, b, c] = mesh.triangles[t];
+        for (const Index v : {a, b, c}) around[to_size(v)].push_back(static_cast<Index>(t));
+        const Eigen::RowVector3d ab = mesh.positions.row(b) - mesh.positions.row(a),
+                                 ac = mesh.positions.row(c) - mesh.positions.row(a);
+        facing.push_back(ab.cross(ac).normalized().transpose());
+        edges += ab.squaredNorm();
+    }
+    // What facing the other way counts for, next to squared distances.
+    const double penalty = edges / static_cast<double>(mesh.triangles.size());
+    const KdTree<3> tree(mesh.positions);
+    Positions result(points.rows(), 3);
+    parallel_for(static_cast<Index>(points.rows()), progress, [&](Index begin, Index end) {
+        std::array<Index, kNodes> near;
+        std::array<double, kNodes> squared;
+        std::vector<Index> candidates;
+        for (Index i = begin; i < end; ++i) {
+            const auto found = to_size(tree.nearest(points.row(i).data(), near, squared));
+            const auto agrees = [&](Index v) {
+                return mesh.normals.row(v).dot(normals.row(i)) > 0.0;
+            };
+            candidates.clear();
+            const bool any = std::ranges::any_of(std::span(near).first(found), agrees);
+            for (const Index v : std::span(near).first(found))
+                if (!any || agrees(v))
+                    candidates.insert(candidates.end(), around[to_size(v)].begin(),
+                                      around[to_size(v)].end());
+            std::ranges::sort(candidates);
+            candidates.erase(std::unique(candidates.begin(), candidates.end()), candidates.end());
+            double best = std::numeric_limits<double>::infinity();
+            for (const Index t : candidates) {
+                const auto& corners = mesh.triangles[to_size(t)];
+                const Vector3 shares = nearest_in_triangle(mesh.positions, corners, points.row(i));
+                Eigen::RowVector3d place = Eigen::RowVector3d::Zero(), image = place;
+                for (Index k = 0; k < 3; ++k) {
+                    place += shares[k] * mesh.positions.row(corners[to_size(k)]);
+                    image += shares[k] * mesh.images.row(corners[to_size(k)]);
+                }
+                const double cost = (place - points.row(i)).squaredNorm() +
+                                    penalty * (1.0 - normals.row(i).dot(facing[to_size(t)]));
+                if (cost >= best) continue;
+                best = cost;
+                result.row(i) = image.normalized();
+            }
+        }
+    });
+    for (Index v = 0; v < mesh.size(); ++v) result.row(mesh.rows[to_size(v)]) = mesh.images.row(v);
+    return result;
+}
+
+double turned_over(std::span<const Triangle> triangles, const Positions& images) {
+    std::size_t wrong = 0;
+    for (const auto& [a, b, c] : triangles)
+        if (!(images.row(a).dot(images.row(b).cross(images.row(c))) > 0.0)) ++wrong;
+    return static_cast<double>(wrong) / static_cast<double>(triangles.size());
+}
+
+}  // namespace pointmorph

@@ -1,0 +1,451 @@
+#include "pointmorph/surface/topology.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+#include <map>
+#include <numeric>
+#include <queue>
+#include <utility>
+
+#include "pointmorph/cloud/cloud.hpp"
+#include "pointmorph/cloud/kd_tree.hpp"
+#include "pointmorph/cloud/subset.hpp"
+#include "pointmorph/surface/free_loops.hpp"
+#include "pointmorph/surface/surface_graph.hpp"
+
+namespace pointmorph {
+
+namespace {
+
+constexpr std::size_t kNear = 12;    // farther neighbours reach over gaps
+constexpr double kGap = 5.0;         // in spacings: what is so far from a piece isn't of it
+constexpr double kSameSheet = 0.0;   // cosine between normals
+constexpr double kSteepest = 0.8;    // sine of the angle between an edge and a tangent plane
+constexpr Index kPointsPerCell = 8;  // so that cells are surface, not single samples
+constexpr Index kFewestCells = 16;   // fewer show nothing
+
+/// Whether two neighbours lie on the same sheet of the surface.
+bool on_one_sheet(const Positions& positions, const Normals& normals, Index i, Index j) {
+    if (normals.row(i).dot(normals.row(j)) <= kSameSheet) return false;
+    const Eigen::RowVector3d edge = positions.row(j) - positions.row(i);
+    const double steep = kSteepest * edge.norm();
+    return std::abs(edge.dot(normals.row(i))) <= steep ||
+           std::abs(edge.dot(normals.row(j))) <= steep;
+}
+
+/// Pieces numbered by size, the largest first; ties by lowest row.
+std::vector<Index> by_size(std::vector<Index> labels, Index count) {
+    std::vector<Index> sizes(to_size(count), 0), order(to_size(count)), rank(to_size(count));
+    for (const Index label : labels) ++sizes[to_size(label)];
+    std::iota(order.begin(), order.end(), 0);
+    std::ranges::stable_sort(order, std::greater<>(), [&](Index c) { return sizes[to_size(c)]; });
+    for (Index k = 0; k < count; ++k) rank[to_size(order[to_size(k)])] = k;
+    for (Index& label : labels) label = rank[to_size(label)];
+    return labels;
+}
+
+/// Rows of points at the very same place as one of a lower row, which stands for them: that row;
+/// else the row itself. `nearest` is ascending by distance.
+std::vector<Index> without_twins(const Positions& positions, const Neighborhoods& nearest) {
+    const Index count = static_cast<Index>(positions.rows());
+    std::vector<Index> first(to_size(count));
+    std::iota(first.begin(), first.end(), 0);
+    bool any = false;
+    for (Index i = 0; i < count && !any; ++i)
+        any = !nearest[i].empty() && positions.row(nearest[i].front()) == positions.row(i);
+    if (!any) return first;
+
+    std::vector<Index> order = first;
+    const auto key = [&](Index i) {
+        return std::array{positions(i, 0), positions(i, 1), positions(i, 2)};
+    };
+    std::ranges::stable_sort(order, {}, key);
+    for (std::size_t k = 1; k < order.size(); ++k)
+        if (key(order[k]) == key(order[k - 1]))
+            first[to_size(order[k])] = first[to_size(order[k - 1])];
+    return first;
+}
+
+/// Takes a few points that hang together with nothing, but lie on a piece (a thin rim whose normals
+/// nothing agrees with), into that piece.
+void take_in(std::vector<Index>& labels, const Positions& positions, const Neighborhoods& nearest,
+             const Values& spacing) {
+    constexpr double kBeside = 2.0;  // spacings
+    std::vector<Index> sizes(to_size(1 + *std::ranges::max_element(labels)), 0);
+    for (const Index label : labels) ++sizes[to_size(label)];
+    std::vector<Index> into(sizes.size());
+    std::iota(into.begin(), into.end(), 0);
+    for (Index i = 0; i < nearest.size(); ++i) {
+        const Index own = labels[to_size(i)];
+        if (sizes[to_size(own)] >= kPointsPerCell || into[to_size(own)] != own) continue;
+        for (const Index j : nearest[i])
+            if (sizes[to_size(labels[to_size(j)])] >= kPointsPerCell &&
+                (positions.row(i) - positions.row(j)).norm() < kBeside * spacing[j]) {
+                into[to_size(own)] = labels[to_size(j)];
+                break;
+            }
+    }
+    // Numbers without a gap again, still by size.
+    std::vector<Index> rank(sizes.size(), -1);
+    Index count = 0;
+    for (std::size_t p = 0; p < into.size(); ++p)
+        if (into[p] == static_cast<Index>(p)) rank[p] = count++;
+    for (Index& label : labels) label = rank[to_size(into[to_size(label)])];
+}
+
+/// Sets how many of the pieces, numbered by size, are specks: those of few points, and scattered
+/// points that aren't many. Those go last.
+void tell_specks(Topology& topology, const Values& spacing, double speck) {
+    constexpr double kFew = 0.02, kScattered = 3.0;  // a share of the points; main spacings
+    const auto count = static_cast<double>(topology.labels.size());
+    std::vector<std::vector<double>> spacings(topology.pieces.size());
+    for (std::size_t i = 0; i < topology.labels.size(); ++i)
+        spacings[to_size(topology.labels[i])].push_back(spacing[static_cast<Eigen::Index>(i)]);
+    const auto median = [](std::vector<double>& values) {
+        const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
+        std::ranges::nth_element(values, middle);
+        return *middle;
+    };
+    const double usual = median(spacings.front());
+    std::vector<Index> order, specks;
+    for (Index p = 0; p < static_cast<Index>(spacings.size()); ++p) {
+        const auto points = static_cast<double>(spacings[to_size(p)].size());
+        const bool is_speck =
+            points < speck * count || points < kPointsPerCell ||
+            (points < kFew * count && median(spacings[to_size(p)]) > kScattered * usual);
+        (p > 0 && is_speck ? specks : order).push_back(p);
+    }
+    topology.specks = static_cast<Index>(specks.size());
+    order.insert(order.end(), specks.begin(), specks.end());
+    std::vector<Index> rank(order.size());
+    std::vector<Piece> pieces;
+    for (std::size_t k = 0; k < order.size(); ++k) {
+        rank[to_size(order[k])] = static_cast<Index>(k);
+        pieces.push_back(topology.pieces[to_size(order[k])]);
+    }
+    topology.pieces = std::move(pieces);
+    for (Index& label : topology.labels) label = rank[to_size(label)];
+}
+
+/// The pieces that faces say, but for points at one place, which belong together; what has no face
+/// goes with its nearest neighbours.
+std::vector<Index> joined_parts(std::span<const Index> parts, std::span<const Index> first) {
+    Neighborhoods same;
+    std::map<Index, Index> representative;
+    for (std::size_t i = 0; i < parts.size(); ++i) {
+        const Index one = representative.try_emplace(parts[i], static_cast<Index>(i)).first->second;
+        for (const Index other : {one, first[i]})
+            if (other != static_cast<Index>(i)) same.indices.push_back(other);
+        same.offsets.push_back(static_cast<std::int64_t>(same.indices.size()));
+    }
+    Components components = connected_components(same);
+    return by_size(std::move(components.label), components.count());
+}
+
+/// Components over neighbours on the same sheet.
+std::vector<Index> found_parts(const Positions& positions, const Normals& normals,
+                               const Neighborhoods& nearest, const Values& spacing,
+                               std::span<const Index> first) {
+    const auto has = [&](Index i, Index j) {
+        return std::ranges::find(nearest[i], j) != nearest[i].end();
+    };
+    Neighborhoods joined;
+    for (Index i = 0; i < nearest.size(); ++i) {
+        std::size_t taken = 0;
+        if (first[to_size(i)] != i) joined.indices.push_back(first[to_size(i)]);
+        for (const Index j : nearest[i]) {
+            if (first[to_size(i)] != i || taken == kNear) break;
+            if (first[to_size(j)] != j || !on_one_sheet(positions, normals, i, j)) continue;
+            ++taken;
+            // What floats far off has neighbours, but is none of theirs.
+            if ((positions.row(j) - positions.row(i)).norm() < kGap * spacing[j] || has(j, i))
+                joined.indices.push_back(j);
+        }
+        joined.offsets.push_back(static_cast<std::int64_t>(joined.indices.size()));
+    }
+    Components components = connected_components(joined);
+    return by_size(std::move(components.label), components.count());
+}
+
+/// Points of one piece, none twice, joined along the surface.
+struct Sample {
+    Positions positions;
+    Normals normals;
+    KdTree<3> tree;
+    Neighborhoods own;             ///< where there are others in the cloud
+    const Neighborhoods* nearest;  ///< 12 or more, where there are so many
+    double area;
+    Neighborhoods near;  ///< of these, 12 at the most: on the same sheet
+    SurfaceGraph graph;  ///< symmetric
+
+    /// `all_nearest`: of all points, ascending by distance.
+    Sample(const Positions& all, const Normals& all_normals, const Neighborhoods& all_nearest,
+           std::span<const Index> rows, Progress& progress)
+        : positions(gather(all, rows)), normals(gather(all_normals, rows)), tree(positions) {
+        const bool whole = static_cast<Eigen::Index>(rows.size()) == all.rows();
+        if (!whole) own = nearest_neighbors(tree, static_cast<Index>(kNear), progress);
+        nearest = whole ? &all_nearest : &own;
+        area = estimated_area(positions, *nearest);
+        for (Index i = 0; i < tree.size(); ++i) {
+            const auto row = (*nearest)[i];
+            for (const Index j : row.first(std::min(kNear, row.size())))
+                if (on_one_sheet(positions, normals, i, j)) near.indices.push_back(j);
+            near.offsets.push_back(static_cast<std::int64_t>(near.indices.size()));
+        }
+        Neighborhoods joined = symmetrized(near);
+        graph.offsets = std::move(joined.offsets);
+        graph.neighbors = std::move(joined.indices);
+        graph.lengths.reserve(graph.neighbors.size());
+        for (Index i = 0; i < tree.size(); ++i)
+            for (auto e = graph.offsets[to_size(i)]; e < graph.offsets[to_size(i) + 1]; ++e)
+                graph.lengths.push_back(
+                    (positions.row(i) - positions.row(graph.neighbors[to_size(e)])).norm());
+    }
+};
+
+/// Cells of the surface around some of the points: each point's nearest along the surface.
+std::vector<Index> cells_around(const Sample& sample, std::span<const Index> centers) {
+    const SurfaceGraph& graph = sample.graph;
+    std::vector<Index> cells(to_size(graph.size()), -1);
+    std::vector<double> distances(cells.size(), std::numeric_limits<double>::infinity());
+    using Entry = std::pair<double, Index>;
+    std::priority_queue<Entry, std::vector<Entry>, std::greater<>> queue;
+    for (std::size_t c = 0; c < centers.size(); ++c) {
+        distances[to_size(centers[c])] = 0.0;
+        cells[to_size(centers[c])] = static_cast<Index>(c);
+        queue.emplace(0.0, centers[c]);
+    }
+    while (!queue.empty()) {
+        const auto [distance, i] = queue.top();
+        queue.pop();
+        if (distance > distances[to_size(i)]) continue;
+        for (auto e = to_size(graph.offsets[to_size(i)]);
+             e < to_size(graph.offsets[to_size(i) + 1]); ++e) {
+            const Index j = graph.neighbors[e];
+            const double through = distance + graph.lengths[e];
+            if (through >= distances[to_size(j)]) continue;
+            distances[to_size(j)] = through;
+            cells[to_size(j)] = cells[to_size(i)];
+            queue.emplace(through, j);
+        }
+    }
+    return cells;
+}
+
+/// Cells from one to another, both included; from one to itself: that one.
+std::vector<Index> way(const Neighborhoods& neighbors, Index from, Index to) {
+    std::vector<Index> before(to_size(neighbors.size()), -1), open{to};
+    before[to_size(to)] = to;
+    for (std::size_t k = 0; k < open.size() && before[to_size(from)] < 0; ++k)
+        for (const Index j : neighbors[open[k]])
+            if (before[to_size(j)] < 0) {
+                before[to_size(j)] = open[k];
+                open.push_back(j);
+            }
+    std::vector<Index> path;
+    if (before[to_size(from)] < 0) return path;
+    for (Index i = from; i != to; i = before[to_size(i)]) path.push_back(i);
+    path.push_back(to);
+    return path;
+}
+
+/// The complex of a piece's cells: those that meet near a point span a simplex.
+Complex complex_of(const Sample& sample, std::span<const Index> cells, Index count) {
+    Complex complex(count);
+    std::vector<Index> around, before;
+    for (Index i = 0; i < sample.tree.size(); ++i) {
+        around.assign(1, cells[to_size(i)]);
+        for (const Index j : sample.near[i])
+            if (std::ranges::find(around, cells[to_size(j)]) == around.end())
+                around.push_back(cells[to_size(j)]);
+        std::ranges::sort(around);
+        if (around.size() == 1 || around.front() < 0 || around == before) continue;
+        complex.add(around);
+        before.swap(around);
+    }
+    return complex;
+}
+
+/// Closes borders with a lid each. `borders`: rows of the sample.
+void close(Complex& complex, std::span<const Index> cells,
+           std::span<const std::vector<Index>> borders) {
+    if (borders.empty()) return;
+    const Neighborhoods neighbors = complex.neighbors();
+    for (const std::vector<Index>& border : borders) {
+        const Index lid = complex.add_vertex();
+        for (std::size_t k = 0; k < border.size(); ++k) {
+            const Index here = cells[to_size(border[k])],
+                        next = cells[to_size(border[(k + 1) % border.size()])];
+            if (here < 0 || next < 0) continue;
+            const std::vector<Index> path = way(neighbors, here, next);
+            for (std::size_t m = 0; m + 1 < path.size(); ++m)
+                complex.add(std::array{std::min(path[m], path[m + 1]),
+                                       std::max(path[m], path[m + 1]), lid});
+        }
+    }
+}
+
+/// Handles of a piece, two free loops each. Where no loop is free among the most cells, or only an
+/// odd number of short ones are, there is none, since fewer cells could but lose some; else there
+/// are as many as two numbers of cells agree about. Gaps in the sampling make more loops; then the
+/// wide ones are counted, which thin handles lack.
+std::optional<Index> genus_of(const Sample& sample, std::span<const std::vector<Index>> borders,
+                              Index most, Progress& progress) {
+    const Index most_cells = std::min(most, sample.tree.size() / kPointsPerCell);
+    std::vector<FreeLoops> found;
+    for (const double share : {1.0, 0.5, 0.7}) {
+        const auto count = static_cast<Index>(share * most_cells);
+        if (count < kFewestCells) return std::nullopt;
+        const std::vector<Index> centers =
+            blue_noise_subset(sample.tree, sample.normals, {}, count, progress, sample.nearest)
+                .rows;
+        const std::vector<Index> cells = cells_around(sample, centers);
+        Complex complex = complex_of(sample, cells, static_cast<Index>(centers.size()));
+        close(complex, cells, borders);
+        found.emplace_back(complex);
+        const FreeLoops& first = found.front();
+        if (found.size() == 1) {
+            if (first.all == 0 || (first.wide == 0 && first.all % 2 == 1)) return 0;
+            continue;
+        }
+        if (found.size() == 2 && first.all == found[1].all && first.all % 2 == 0)
+            return first.all / 2;
+        for (std::size_t a = 0; a < found.size(); ++a)
+            for (std::size_t b = a + 1; b < found.size(); ++b)
+                if (found[a].wide == found[b].wide)
+                    return found[a].wide % 2 == 0 ? std::optional(found[a].wide / 2) : std::nullopt;
+        if (first.wide == 0) return 0;
+    }
+    return std::nullopt;
+}
+
+std::string with_article(const Piece& piece, bool plural) {
+    std::string words;
+    if (piece.is_open) {
+        words = plural ? "open patches" : "an open patch";
+    } else {
+        words = plural ? "closed surfaces" : "a closed surface";
+    }
+    return words;
+}
+
+std::string genus_in_words(const Piece& piece) {
+    return piece.genus ? std::to_string(*piece.genus) : "unknown";
+}
+
+std::string holes_in_words(const Piece& piece) {
+    const Index holes = piece.borders - (piece.is_open ? 1 : 0);
+    if (holes <= 0) return "";
+    return " with " + std::to_string(holes) + (holes == 1 ? " hole" : " holes");
+}
+
+std::string in_words(const Piece& piece, bool plural = false) {
+    std::string words = with_article(piece, plural);
+    if (!piece.is_open || !piece.genus || *piece.genus > 0)
+        words += (piece.genus ? " of genus " : ", genus ") + genus_in_words(piece);
+    return words + holes_in_words(piece);
+}
+
+}  // namespace
+
+bool is_rim(double length, double area) {
+    // 4π for a flat disk, 2π for half a sphere, and less the more of a sphere is there.
+    constexpr double kSquaredLengthToArea = 4.0;
+    return length * length > kSquaredLengthToArea * area;
+}
+
+Topology find_topology(const Positions& positions, const Normals& normals,
+                       const Neighborhoods& nearest, std::span<const BoundaryLoop> loops,
+                       std::span<const Index> parts, const TopologyOptions& options,
+                       Progress& progress) {
+    const auto count = static_cast<Index>(positions.rows());
+    const std::vector<Index> first = without_twins(positions, nearest);
+    const Values spacing = local_spacing(positions, nearest);
+    Topology result;
+    result.labels = parts.empty() ? found_parts(positions, normals, nearest, spacing, first)
+                                  : joined_parts(parts, first);
+    if (parts.empty()) take_in(result.labels, positions, nearest, spacing);
+    result.pieces.resize(to_size(1 + *std::ranges::max_element(result.labels)));
+    for (const Index label : result.labels) ++result.pieces[to_size(label)].points;
+    tell_specks(result, spacing, options.speck);
+    const auto pieces = static_cast<Index>(result.pieces.size());
+
+    for (Index p = 0; p < pieces - result.specks; ++p) {
+        Piece& piece = result.pieces[to_size(p)];
+        std::vector<Index> rows;
+        for (Index i = 0; i < count; ++i)
+            if (result.labels[to_size(i)] == p && first[to_size(i)] == i) rows.push_back(i);
+        const auto step = (rows.size() + to_size(options.points) - 1) / to_size(options.points);
+        for (std::size_t k = 0; k * step < rows.size(); ++k) rows[k] = rows[k * step];
+        rows.resize((rows.size() + step - 1) / step);
+        const Sample sample(positions, normals, nearest, rows, progress);
+        std::vector<std::vector<Index>> borders;
+        for (const BoundaryLoop& loop : loops) {
+            if (result.labels[to_size(loop.front())] != p) continue;
+            piece.is_open |= is_rim(loop_length(positions, loop), sample.area);
+            std::vector<Index>& border = borders.emplace_back();
+            for (const Index i : loop)
+                border.push_back(nearest_on_sheet(sample.tree, sample.normals, positions.row(i),
+                                                  normals.row(i)));
+        }
+        piece.borders = static_cast<Index>(borders.size());
+        piece.genus = genus_of(sample, borders, options.cells, progress);
+        progress.report(static_cast<double>(p + 1) / pieces);
+    }
+    return result;
+}
+
+std::string in_words(const Topology& topology) {
+    const auto main = topology.main();
+    std::string specks;
+    if (topology.specks > 0)
+        specks = " and " + std::to_string(topology.specks) +
+                 (topology.specks == 1 ? " speck" : " specks");
+    if (main.size() == 1) return in_words(main.front()) + specks;
+    std::vector<std::pair<std::string, std::string>> kinds;  // of one piece, of several
+    std::vector<Index> counts;
+    for (const Piece& piece : main) {
+        const std::pair kind(in_words(piece), in_words(piece, true));
+        const auto known = std::ranges::find(kinds, kind);
+        if (known == kinds.end()) {
+            kinds.push_back(kind);
+            counts.push_back(1);
+        } else {
+            ++counts[to_size(known - kinds.begin())];
+        }
+    }
+    std::string words = std::to_string(main.size()) + " pieces (";
+    for (std::size_t k = 0; k < kinds.size(); ++k) {
+        if (k > 0) words += k + 1 < kinds.size() ? ", " : " and ";
+        words +=
+            counts[k] == 1 ? kinds[k].first : std::to_string(counts[k]) + " " + kinds[k].second;
+    }
+    return words + ")" + specks;
+}
+
+std::string difference_in_words(const Topology& source, const std::string& source_name,
+                                const Topology& target, const std::string& target_name) {
+    const Piece &s = source.pieces.front(), &t = target.pieces.front();
+    const bool handles = s.genus && t.genus && *s.genus != *t.genus;
+    if (s.is_open == t.is_open && !handles) return "";
+    return source_name + " is " + in_words(s) + " and " + target_name + " " + in_words(t) +
+           ": where they differ, the surface tears or folds on the way.";
+}
+
+std::string in_words(const Topology& source, const Topology& target) {
+    const auto s = source.main(), t = target.main();
+    const std::string one = in_words(source), other = in_words(target);
+    if (s.size() == 1 && t.size() == 1 && source.specks + target.specks == 0) {
+        if (one == other) return in_words(s.front(), true);
+        const bool alike = s.front().is_open == t.front().is_open &&
+                           holes_in_words(s.front()) == holes_in_words(t.front());
+        if (alike && !s.front().is_open)
+            return with_article(s.front(), true) + holes_in_words(s.front()) + " of genus " +
+                   genus_in_words(s.front()) + " and " + genus_in_words(t.front());
+    }
+    return one == other ? "on both sides " + one : one + ", to " + other;
+}
+
+}  // namespace pointmorph

@@ -1,0 +1,186 @@
+#include "pointmorph/cloud/kd_tree.hpp"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <random>
+
+#include "pointmorph/cloud/cloud.hpp"
+#include "shapes.hpp"
+
+namespace pointmorph {
+namespace {
+
+using Found = std::vector<std::pair<double, Index>>;  // squared distance, row
+
+/// Random points; every fourth on a coarse grid, so that many distances tie.
+template <int Dim>
+typename KdTree<Dim>::Points random_points(Index count, unsigned seed) {
+    std::mt19937_64 random(seed);
+    std::uniform_real_distribution<double> uniform(-1.0, 1.0);
+    typename KdTree<Dim>::Points points(count, Dim);
+    for (Index i = 0; i < count; ++i)
+        for (int d = 0; d < Dim; ++d) {
+            const double x = uniform(random);
+            points(i, d) = i % 4 == 0 ? std::round(2.0 * x) / 2.0 : x;
+        }
+    return points;
+}
+
+template <int Dim>
+Found brute_force(const typename KdTree<Dim>::Points& points, const double* query, double radius,
+                  std::size_t most) {
+    Found all;
+    for (Index i = 0; i < points.rows(); ++i) {
+        double squared_distance = 0.0;
+        for (int d = 0; d < Dim; ++d)
+            squared_distance += (query[d] - points(i, d)) * (query[d] - points(i, d));
+        if (squared_distance < radius * radius) all.emplace_back(squared_distance, i);
+    }
+    std::ranges::sort(all);
+    all.resize(std::min(all.size(), most));
+    return all;
+}
+
+template <int Dim>
+Found nearest(const KdTree<Dim>& tree, const double* query, std::size_t most,
+              double radius = std::numeric_limits<double>::infinity()) {
+    std::vector<Index> rows(most, -1);
+    std::vector<double> squared_distances(most, -1.0);
+    const Index count = tree.nearest_within(query, radius, rows, squared_distances);
+    Found found;
+    for (std::size_t i = 0; i < to_size(count); ++i)
+        found.emplace_back(squared_distances[i], rows[i]);
+    return found;
+}
+
+/// The same rows in the same order; distances up to how sums are rounded. Among points that all
+/// coincide with the query any may be there.
+void expect_same(const Found& a, const Found& b) {
+    ASSERT_EQ(a.size(), b.size());
+    const bool crowd = !b.empty() && b.back().first == 0.0;
+    for (std::size_t i = 0; i < a.size(); ++i) {
+        EXPECT_NEAR(a[i].first, b[i].first, 1e-14 * std::max(1.0, b[i].first));
+        if (!crowd) {
+            EXPECT_EQ(a[i].second, b[i].second);
+        }
+    }
+}
+
+template <int Dim>
+void expect_brute_force() {
+    const auto points = random_points<Dim>(500, Dim);
+    const auto queries = random_points<Dim>(60, 100 + Dim);
+    const KdTree<Dim> tree(points);
+    EXPECT_EQ(tree.size(), 500);
+    std::vector<std::pair<Index, double>> within;
+    for (Index q = 0; q < queries.rows() + points.rows(); ++q) {
+        const double* query =
+            q < queries.rows() ? queries.row(q).data() : points.row(q - queries.rows()).data();
+        for (const std::size_t most : {1u, 2u, 17u, 500u, 600u}) {
+            const double all = std::numeric_limits<double>::infinity();
+            expect_same(nearest(tree, query, most), brute_force<Dim>(points, query, all, most));
+            for (const double radius : {0.3, 0.5, 1.0})  // 0.5 and 1 are distances on the grid
+                expect_same(nearest(tree, query, most, radius),
+                            brute_force<Dim>(points, query, radius, most));
+        }
+        for (const double radius : {0.0, 0.3, 0.5, 1.0, 10.0}) {
+            tree.within(query, radius, within);
+            Found found;
+            for (const auto& [row, squared_distance] : within)
+                found.emplace_back(squared_distance, row);
+            expect_same(found, brute_force<Dim>(points, query, radius, 500));
+            EXPECT_EQ(tree.any_within(query, radius), !found.empty());
+        }
+    }
+}
+
+TEST(KdTree, AgreesWithBruteForceInTheDisk) {
+    expect_brute_force<2>();
+}
+TEST(KdTree, AgreesWithBruteForceInSpace) {
+    expect_brute_force<3>();
+}
+TEST(KdTree, AgreesWithBruteForceInTheProductSpaces) {
+    expect_brute_force<6>();
+    expect_brute_force<12>();
+    expect_brute_force<32>();
+}
+
+TEST(KdTree, OrderOfThePointsMattersOnlyForTies) {
+    const Positions p = shapes::cube_noise(1000);
+    const auto order = shapes::permutation(1000, 4);
+    const Positions shuffled = gather(p, order);
+    const KdTree<3> a(p), b(shuffled);
+    for (Index i = 0; i < p.rows(); ++i) {
+        const auto one = nearest(a, p.row(i).data(), 12), other = nearest(b, p.row(i).data(), 12);
+        ASSERT_EQ(one.size(), other.size());
+        for (std::size_t n = 0; n < one.size(); ++n)
+            EXPECT_EQ(one[n].second, order[to_size(other[n].second)]);
+    }
+}
+
+TEST(KdTree, CoincidentPointsOfTheProductSpaceAreFoundInNoTime) {
+    KdTree<12>::Points p = KdTree<12>::Points::Constant(100000, 12, 0.25);
+    p.row(7).setZero();
+    const KdTree<12> tree(p);
+    const auto from_afar = nearest(tree, p.row(7).data(), 4);
+    ASSERT_EQ(from_afar.size(), 4u);
+    EXPECT_EQ(from_afar[0], std::pair(0.0, 7));
+    for (std::size_t n = 1; n < 4; ++n) EXPECT_EQ(from_afar[n].second, static_cast<Index>(n - 1));
+    for (Index i = 8; i < p.rows(); ++i) {
+        const auto found = nearest(tree, p.row(i).data(), 4);
+        ASSERT_EQ(found.size(), 4u);
+        ASSERT_EQ(found.back().first, 0.0);
+    }
+}
+
+TEST(KdTree, EmptyTreesAndEmptyQueriesFindNothing) {
+    const Positions none(0, 3);
+    const Positions one = Positions::Constant(1, 3, 2.0);
+    const double query[3] = {0.0, 0.0, 0.0};
+    std::vector<std::pair<Index, double>> within{{7, 7.0}};
+    for (const Positions& p : {none, one}) {
+        const KdTree<3> tree(p);
+        EXPECT_EQ(tree.size(), p.rows());
+        EXPECT_EQ(nearest(tree, query, 5).size(), to_size(p.rows()));
+        EXPECT_TRUE(nearest(tree, query, 0).empty());
+        EXPECT_TRUE(nearest(tree, query, 5, 1.0).empty());
+        tree.within(query, 1.0, within);
+        EXPECT_TRUE(within.empty());
+    }
+}
+
+TEST(KdTree, CoincidentPointsAreFoundByRowAndInNoTime) {
+    Positions p = Positions::Constant(100000, 3, 0.25);
+    p.row(7).setZero();
+    const KdTree<3> tree(p);
+    const auto from_afar = nearest(tree, p.row(7).data(), 4);  // ties at another distance than 0
+    ASSERT_EQ(from_afar.size(), 4u);
+    EXPECT_EQ(from_afar[0], std::pair(0.0, 7));
+    for (std::size_t n = 1; n < 4; ++n) EXPECT_EQ(from_afar[n].second, static_cast<Index>(n - 1));
+    // Were each of these to look at all the others, this test would take minutes.
+    for (Index i = 0; i < p.rows(); ++i) {
+        if (i == 7) continue;
+        const auto found = nearest(tree, p.row(i).data(), 4);
+        ASSERT_EQ(found.size(), 4u);
+        for (const auto& [squared_distance, row] : found) {
+            EXPECT_EQ(squared_distance, 0.0);
+            EXPECT_NE(row, 7);
+        }
+    }
+}
+
+TEST(KdTree, CanBeMoved) {
+    const Positions p = shapes::cube_noise(100), other = shapes::cube_noise(50);
+    KdTree<3> tree(p);
+    const KdTree<3> moved(std::move(tree));
+    expect_same(nearest(moved, p.row(3).data(), 5), brute_force<3>(p, p.row(3).data(), 10.0, 5));
+    KdTree<3> assigned(other);
+    assigned = KdTree<3>(p);
+    EXPECT_EQ(&assigned.points(), &p);
+    expect_same(nearest(assigned, p.row(3).data(), 5), brute_force<3>(p, p.row(3).data(), 10.0, 5));
+}
+
+}  // namespace
+}  // namespace pointmorph

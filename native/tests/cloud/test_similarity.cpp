@@ -1,0 +1,82 @@
+#include "pointmorph/cloud/similarity.hpp"
+
+#include <gtest/gtest.h>
+
+#include <Eigen/LU>
+#include <Eigen/SVD>
+
+#include "shapes.hpp"
+
+namespace pointmorph {
+namespace {
+
+TEST(Similarity, BestRotationBeatsAllOthers) {
+    for (unsigned seed = 1; seed < 6; ++seed) {
+        const Matrix3 c = shapes::cube_noise(3, seed);  // reflections among them
+        const auto best = best_rotation(c);
+        EXPECT_NEAR(best.rotation.determinant(), 1.0, 1e-12);
+        EXPECT_NEAR((best.rotation.transpose() * c).trace(), best.trace, 1e-12);
+        for (unsigned other = 1; other < 200; ++other)
+            EXPECT_LE((shapes::rotation(other).transpose() * c).trace(), best.trace + 1e-12);
+    }
+}
+
+TEST(Similarity, BestRotationAgreesWithSingularValues) {
+    const auto check = [](const Matrix3& c) {
+        const Eigen::JacobiSVD<Matrix3> svd(c, Eigen::ComputeFullU | Eigen::ComputeFullV);
+        const double sign = (svd.matrixU() * svd.matrixV().transpose()).determinant();
+        const Vector3 s = svd.singularValues();
+        const double trace = s[0] + s[1] + sign * s[2];
+        const auto best = best_rotation(c);
+        EXPECT_NEAR(best.trace, trace, 1e-12 * s[0]);
+        EXPECT_NEAR((best.rotation.transpose() * c).trace(), trace, 1e-12 * s[0]);
+        EXPECT_LT((best.rotation * best.rotation.transpose() - Matrix3::Identity()).norm(), 1e-12);
+    };
+    const Matrix3 u = shapes::rotation(1), v = shapes::rotation(2);
+    // Clear cases; then flat, a line, reflected, and all but reflected to the same turn.
+    for (const Vector3& s : {Vector3(3, 2, 1), Vector3(1, 1, 1), Vector3(2, 1, 0), Vector3(1, 0, 0),
+                             Vector3(1, 1e-9, 0), Vector3(3, 2, -1), Vector3(2, 1, -1),
+                             Vector3(2, 1, -1 + 1e-7), Vector3(1, 1, -1), Vector3(2, 1, -0.999)})
+        for (const double size : {1e-140, 1e-9, 1.0, 1e100}) check(size * u * s.asDiagonal() * v);
+    EXPECT_TRUE(best_rotation(Matrix3::Zero()).rotation.allFinite());
+}
+
+TEST(Similarity, RecoversAKnownOne) {
+    const Positions p = shapes::cube_noise(20);
+    const Similarity known{2.5, shapes::rotation(3), Vector3(1, -2, 3)};
+    const Similarity found = fit_similarity(p, known.apply(p));
+    EXPECT_NEAR(found.scale, known.scale, 1e-12);
+    EXPECT_LT((found.rotation - known.rotation).norm(), 1e-10);
+    EXPECT_LT((found.shift - known.shift).norm(), 1e-10);
+    EXPECT_LT((known.inverse().apply(known.apply(p)) - p).norm(), 1e-12);
+}
+
+TEST(Similarity, NeverReflects) {
+    const Positions p = shapes::cube_noise(20);
+    Positions mirrored = p;
+    mirrored.col(0) *= -1.0;
+    EXPECT_NEAR(fit_similarity(p, mirrored).rotation.determinant(), 1.0, 1e-12);
+}
+
+TEST(Similarity, TakesTheLeastTurnWhereThatIsOpen) {
+    Positions from(2, 3), to(2, 3);
+    from << 0, 0, 0, 1, 0, 0;
+    to << 0, 0, 0, 0, 2, 0;
+    const Similarity s = fit_similarity(from, to);
+    EXPECT_LT((s.apply(from) - to).norm(), 1e-6);
+    EXPECT_LT((s.rotation * Vector3::UnitZ() - Vector3::UnitZ()).norm(), 1e-6);
+}
+
+TEST(Similarity, DegenerateInputGivesAShift) {
+    const Positions one = Positions::Constant(1, 3, 2.0), none(0, 3);
+    const Similarity shift = fit_similarity(one, Positions::Zero(1, 3));
+    EXPECT_EQ(shift.scale, 1.0);
+    EXPECT_TRUE(shift.rotation.isIdentity());
+    EXPECT_LT(shift.apply(one).norm(), 1e-12);
+    EXPECT_EQ(fit_similarity(none, none).scale, 1.0);
+    const Positions same = Positions::Constant(5, 3, 1.0);
+    EXPECT_EQ(fit_similarity(same, shapes::cube_noise(5)).scale, 1.0);
+}
+
+}  // namespace
+}  // namespace pointmorph

@@ -1,0 +1,89 @@
+#include "pointmorph/cloud/subset.hpp"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <numbers>
+
+#include "shapes.hpp"
+
+namespace pointmorph {
+namespace {
+
+TEST(Subset, AreaOfASphere) {
+    const Positions p = shapes::sphere(4000);
+    EXPECT_NEAR(estimated_area(KdTree<3>(p)), 4.0 * std::numbers::pi, 0.1 * 4.0 * std::numbers::pi);
+}
+
+TEST(Subset, AreaOfCoincidentPointsIsPositive) {
+    Positions p = Positions::Zero(200, 3);
+    p.row(0) << 1, 0, 0;
+    EXPECT_GT(estimated_area(KdTree<3>(p)), 0.0);
+}
+
+TEST(Subset, KeepsItsDistanceAndCoversTheCloud) {
+    const Positions p = shapes::sphere(5000);
+    Progress progress;
+    const std::vector<Index> required{7, 8, 4000};
+    const Subset subset = blue_noise_subset(KdTree<3>(p), p, required, 400, progress);
+    EXPECT_NEAR(static_cast<double>(subset.rows.size()), 400.0, 40.0);
+    EXPECT_TRUE(std::equal(required.begin(), required.end(), subset.rows.begin()));
+    for (std::size_t a = 3; a < subset.rows.size(); ++a)
+        for (std::size_t b = 0; b < a; ++b)
+            EXPECT_GE((p.row(subset.rows[a]) - p.row(subset.rows[b])).norm(), subset.radius);
+    for (Index i = 0; i < p.rows(); ++i) {
+        double nearest = 1e9;
+        for (const Index j : subset.rows) nearest = std::min(nearest, (p.row(i) - p.row(j)).norm());
+        EXPECT_LE(nearest, subset.radius);
+    }
+}
+
+TEST(Subset, IsTheSameWhereNeighborsAreKnown) {
+    for (const Positions& p : {shapes::sphere(5000), shapes::cube_noise(3000)}) {
+        Progress progress;
+        const KdTree<3> tree(p);
+        const Normals n = p.rowwise().normalized();
+        const Neighborhoods nearest = nearest_neighbors(tree, 16, progress);
+        EXPECT_DOUBLE_EQ(estimated_area(p, nearest), estimated_area(tree));
+        for (const Index count : {100, 1000, 2500, 9000})
+            EXPECT_EQ(blue_noise_subset(tree, n, {}, count, progress, &nearest).rows,
+                      blue_noise_subset(tree, n, {}, count, progress).rows);
+    }
+}
+
+TEST(Subset, BothSidesOfAThinSheetGetTheirOwn) {
+    const Positions top = shapes::grid(40);
+    Positions p(2 * top.rows(), 3);
+    p << top, top;
+    p.bottomRows(top.rows()).col(2).array() -= 1e-3;
+    Normals n = Normals::Zero(p.rows(), 3);
+    n.col(2).head(top.rows()).setOnes();
+    n.col(2).tail(top.rows()).setConstant(-1.0);
+    Progress progress;
+    const Subset subset = blue_noise_subset(KdTree<3>(p), n, {}, 200, progress);
+    const auto above = std::ranges::count_if(subset.rows, [&](Index i) { return i < top.rows(); });
+    EXPECT_NEAR(static_cast<double>(above) / static_cast<double>(subset.rows.size()), 0.5, 0.05);
+}
+
+TEST(Subset, ASmallCloudIsItsOwnSubsetWithoutDuplicates) {
+    Positions p(60, 3);
+    p << shapes::cube_noise(30), shapes::cube_noise(30);
+    const Normals n = Normals::Constant(60, 3, 1.0 / std::sqrt(3.0));
+    Progress progress;
+    const Subset subset = blue_noise_subset(KdTree<3>(p), n, {}, 100, progress);
+    EXPECT_EQ(subset.rows.size(), 30u);
+    std::vector<char> seen(30, 0);
+    for (const Index i : subset.rows) seen[to_size(i % 30)] += 1;
+    EXPECT_EQ(std::ranges::count(seen, 1), 30);
+}
+
+TEST(Subset, CoincidentRequiredRowsAllStay) {
+    const Positions p = Positions::Zero(50, 3);
+    const Normals n = Normals::Constant(50, 3, 1.0 / std::sqrt(3.0));
+    Progress progress;
+    const std::vector<Index> required{3, 5};
+    EXPECT_EQ(blue_noise_subset(KdTree<3>(p), n, required, 10, progress).rows, required);
+}
+
+}  // namespace
+}  // namespace pointmorph

@@ -1,0 +1,182 @@
+#include "frames/gap_triangles.hpp"
+
+#include <gtest/gtest.h>
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <random>
+
+#include "pointmorph/base/progress.hpp"
+#include "shapes.hpp"
+
+namespace pointmorph {
+namespace {
+
+constexpr Sheet kCorners{0, 1, 2};
+
+/// Three corners anywhere; every other time nearly on a line.
+Positions random_triangle(std::mt19937_64& random) {
+    std::uniform_real_distribution<double> place(-1.0, 1.0);
+    Positions corners(3, 3);
+    for (Index i = 0; i < 3; ++i)
+        for (int k = 0; k < 3; ++k) corners(i, k) = place(random);
+    if (random() % 2 == 0) {
+        const double share = place(random);
+        corners.row(2) =
+            0.1 * corners.row(2) + (1.0 - share) * corners.row(0) + share * corners.row(1);
+    }
+    return corners;
+}
+
+Normals same_normals(const Vector3& normal) {
+    return normal.transpose().replicate(3, 1);
+}
+
+Vector3 facing(const Positions& corners) {
+    const Vector3 first = corners.row(1) - corners.row(0), second = corners.row(2) - corners.row(0);
+    return first.cross(second);
+}
+
+/// The largest distance of a place in the triangle to the nearest corner, by trying many.
+double widest(const Positions& corners) {
+    constexpr int kSteps = 300;
+    double result = 0.0;
+    for (int i = 0; i <= kSteps; ++i)
+        for (int j = 0; i + j <= kSteps; ++j) {
+            const double u = static_cast<double>(i) / kSteps, v = static_cast<double>(j) / kSteps;
+            const Eigen::RowVector3d place =
+                (1.0 - u - v) * corners.row(0) + u * corners.row(1) + v * corners.row(2);
+            result = std::max(result, (corners.rowwise() - place).rowwise().norm().minCoeff());
+        }
+    return result;
+}
+
+TEST(Sheets, AreWiderThanWhatDenseSamplesSay) {
+    std::mt19937_64 random(1);
+    for (int trial = 0; trial < 100; ++trial) {
+        const Positions corners = random_triangle(random);
+        const double width = widest(corners);
+        EXPECT_TRUE(is_wider(corners, kCorners, 0.995 * width)) << corners;
+        // No sample lies further than a step from the place that is the farthest.
+        EXPECT_FALSE(is_wider(corners, kCorners, 1.015 * width)) << corners;
+    }
+}
+
+TEST(Sheets, OfNoExtentAreWiderThanNothing) {
+    const Positions corners = Positions::Ones(3, 3);
+    EXPECT_FALSE(is_wider(corners, kCorners, 1e-9));
+    EXPECT_EQ(edge_length(corners, kCorners), 0.0);
+    int taken = 0;
+    each_sample(kCorners, corners, 0.1, [&](const InsertedPoint&) { return ++taken > 0; });
+    EXPECT_EQ(taken, 0);
+}
+
+TEST(Sheets, ShowTheirFrontWhereTheirCornersDo) {
+    std::mt19937_64 random(2);
+    for (int trial = 0; trial < 50; ++trial) {
+        const Positions corners = random_triangle(random);
+        const Vector3 normal = facing(corners).normalized();
+        EXPECT_TRUE(shows_front(corners, same_normals(normal), kCorners));
+        EXPECT_FALSE(shows_front(corners, same_normals(-normal), kCorners));
+        EXPECT_FALSE(shows_front(corners, same_normals(normal), {0, 2, 1}));
+    }
+}
+
+TEST(Sheets, ThatAreLinesShowTheirFrontWhereTheirEndsAgree) {
+    Positions ends = Positions::Zero(2, 3);
+    ends(1, 0) = 1.0;
+    Normals normals(2, 3);
+    normals << 0, 0, 1, 0, 1, 1;
+    EXPECT_TRUE(shows_front(ends, normals, {0, 0, 1}));
+    normals.row(1) << 0, 1, -1;
+    EXPECT_FALSE(shows_front(ends, normals, {0, 0, 1}));
+}
+
+TEST(Sheets, AreSampledEvenlyAndInsideAlone) {
+    constexpr double kSpacing = 0.05;
+    std::mt19937_64 random(3);
+    std::uniform_real_distribution<double> share(0.0, 1.0);
+    int looked_at = 0;
+    for (int trial = 0; trial < 50; ++trial) {
+        const Positions corners = random_triangle(random);
+        std::vector<Vector3> samples;
+        each_sample(kCorners, corners, kSpacing, [&](const InsertedPoint& point) {
+            EXPECT_GE(*std::ranges::min_element(point.weights), 0.0);
+            EXPECT_NEAR(point.weights[0] + point.weights[1] + point.weights[2], 1.0, 1e-12);
+            samples.push_back(blend(corners, point));
+            return true;
+        });
+        // Every place that lies a spacing or more from the edges has a sample closer than that.
+        const double area = facing(corners).norm();
+        for (int place = 0; place < 50; ++place) {
+            InsertedPoint point{kCorners, {share(random), share(random), 0.0}, {}};
+            if (point.weights[0] + point.weights[1] > 1.0) continue;
+            point.weights[2] = 1.0 - point.weights[0] - point.weights[1];
+            double to_edges = std::numeric_limits<double>::infinity();
+            for (Index c = 0; c < 3; ++c) {
+                const Vector3 edge = corners.row((c + 2) % 3) - corners.row((c + 1) % 3);
+                to_edges = std::min(to_edges, point.weights[to_size(c)] * area / edge.norm());
+            }
+            if (to_edges < kSpacing) continue;
+            const Vector3 at = blend(corners, point);
+            EXPECT_TRUE(std::ranges::any_of(samples, [&](const Vector3& sample) {
+                return (sample - at).norm() < kSpacing;
+            })) << corners;
+            ++looked_at;
+        }
+    }
+    EXPECT_GT(looked_at, 300);
+}
+
+TEST(Sheets, AreLeftWhenEnoughIsTaken) {
+    const Positions corners = Positions::Identity(3, 3);
+    int taken = 0;
+    each_sample(kCorners, corners, 0.01, [&](const InsertedPoint&) { return ++taken < 5; });
+    EXPECT_EQ(taken, 5);
+}
+
+TEST(Sheets, HaveTheNormalOfTheirCornersWhereTheseAgree) {
+    const Positions corners = Positions::Identity(3, 3);
+    const InsertedPoint middle{kCorners, {0.2, 0.3, 0.5}, {}};
+    const Vector3 tilted = Vector3(1.0, 2.0, 2.0) / 3.0;
+    EXPECT_LT((sheet_normal(corners, same_normals(tilted), middle) - tilted).norm(), 1e-12);
+    // Corners that cancel one another leave the side to which the triangle faces.
+    Normals opposed(3, 3);
+    opposed << 1, 0, 0, -1, 0, 0, 0, 0, 0;
+    const InsertedPoint between{kCorners, {0.5, 0.5, 0.0}, {}};
+    EXPECT_LT((sheet_normal(corners, opposed, between) - facing(corners).normalized()).norm(),
+              1e-12);
+}
+
+TEST(Sheets, BetweenTheSameModelTwiceAreItsTriangles) {
+    constexpr Index kSide = 12;
+    Cloud cloud;
+    cloud.positions = shapes::grid(kSide);
+    cloud.normals = Eigen::RowVector3d(0, 0, 1).replicate(cloud.positions.rows(), 1);
+    std::vector<IndexPair> pairs;
+    std::vector<Index> rows;
+    for (Index i = 0; i < cloud.size(); ++i) {
+        pairs.push_back({i, i});
+        rows.push_back(i);
+    }
+    Progress progress;
+    const EndSamples source(cloud, rows, progress), target(cloud, rows, progress);
+    const std::vector<Sheet> found = sheets(source, target, pairs);
+    double area = 0.0;
+    for (const Sheet& corners : found) {
+        EXPECT_TRUE(shows_front(source.positions, source.normals, corners));
+        Positions places(3, 3);
+        for (Index c = 0; c < 3; ++c) places.row(c) = cloud.positions.row(corners[to_size(c)]);
+        area += 0.5 * facing(places).norm();
+    }
+    const Eigen::RowVector3d extent =
+        cloud.positions.colwise().maxCoeff() - cloud.positions.colwise().minCoeff();
+    // All of the grid; squares, whose corners lie on one circle, may be covered by both diagonals.
+    EXPECT_GE(area, 0.999 * extent[0] * extent[1]);
+    EXPECT_LE(area, 2.001 * extent[0] * extent[1]);
+}
+
+}  // namespace
+}  // namespace pointmorph

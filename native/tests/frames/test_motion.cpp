@@ -1,0 +1,157 @@
+#include "pointmorph/frames/motion.hpp"
+
+#include <gtest/gtest.h>
+
+#include <Eigen/Geometry>
+#include <numbers>
+
+#include "pointmorph/base/error.hpp"
+#include "pointmorph/base/parallel.hpp"
+#include "shapes.hpp"
+
+namespace pointmorph {
+namespace {
+
+Matrix3 turn(double angle) {
+    return Eigen::AngleAxisd(angle, Vector3(1, 2, 3).normalized()).toRotationMatrix();
+}
+
+/// A thin bar along x from −1 to 1, with its normals.
+struct Bar {
+    Positions positions{2400, 3};
+    Normals normals{2400, 3};
+
+    Bar() {
+        for (Index i = 0; i < 2400; ++i) {
+            const double angle = 2 * std::numbers::pi * (i % 24) / 24.0;
+            const Vector3 out(0, std::cos(angle), std::sin(angle));
+            normals.row(i) = out;
+            positions.row(i) = 0.1 * out;
+            positions(i, 0) = -1.0 + 2.0 * (i / 24) / 99.0;
+        }
+    }
+
+    /// The part right of the middle turned up by `angle`, with an even bend of radius 0.3.
+    static Vector3 bent(const Vector3& p, double angle) {
+        constexpr double kRadius = 0.3;
+        const double length = kRadius * angle, along = std::clamp(p.x(), 0.0, length);
+        const double a = length > 0 ? along / kRadius : 0.0;
+        const Vector3 axis(kRadius * std::sin(a), kRadius * (1 - std::cos(a)), 0);
+        const Vector3 rest(p.x() - along, p.y(), p.z());
+        return axis + Eigen::AngleAxisd(a, Vector3::UnitZ()) * rest;
+    }
+    Positions bent(double angle) const {
+        Positions result(positions.rows(), 3);
+        for (Index i = 0; i < positions.rows(); ++i)
+            result.row(i) = bent(positions.row(i).transpose(), angle);
+        return result;
+    }
+};
+
+TEST(Motion, ATurnedAndGrownShapeTurnsAndGrowsEvenly) {
+    const Positions ball = shapes::sphere(800).rowwise() + Eigen::RowVector3d(3, 1, 0);
+    const Similarity whole{4.0, turn(2.0), Vector3(1, -5, 2)};
+    const GradualSimilarity similarity{whole, ball.colwise().mean().transpose()};
+    Progress progress;
+    for (const bool bends : {false, true}) {
+        const Motion motion(ball, shapes::sphere(800), whole.apply(ball), similarity, bends,
+                            progress);
+        for (const double t : {0.0, 0.25, 0.5, 1.0}) {
+            const OrientedPoints at = motion.at(t);
+            const Vector3 center = (1 - t) * similarity.center +
+                                   t * (4.0 * (turn(2.0) * similarity.center) + whole.shift);
+            const Positions expected =
+                (std::pow(4.0, t) * (ball.rowwise() - similarity.center.transpose()) *
+                 turn(2.0 * t).transpose())
+                    .rowwise() +
+                center.transpose();
+            EXPECT_LT((at.positions - expected).cwiseAbs().maxCoeff(), 1e-6) << t << bends;
+            EXPECT_LT((at.normals - shapes::sphere(800) * turn(2.0 * t).transpose())
+                          .cwiseAbs()
+                          .maxCoeff(),
+                      1e-5);
+        }
+    }
+}
+
+TEST(Motion, ALimbSwingsInsteadOfShrinking) {
+    const Bar bar;
+    const double angle = 2.0;
+    Progress progress;
+    const auto worst_shrink = [&](bool bends) {
+        const Motion motion(bar.positions, bar.normals, bar.bent(angle), {{}, Vector3::Zero()},
+                            bends, progress);
+        const Positions half = motion.at(0.5).positions;
+        // Along the straight part of the limb.
+        const double length = (half.row(99 * 24) - half.row(85 * 24)).norm();
+        return length / (bar.positions.row(99 * 24) - bar.positions.row(85 * 24)).norm();
+    };
+    EXPECT_NEAR(worst_shrink(true), 1.0, 0.03);
+    EXPECT_LT(worst_shrink(false), 0.75);  // cos(angle / 2) is 0.54
+
+    const Motion motion(bar.positions, bar.normals, bar.bent(angle), {{}, Vector3::Zero()}, true,
+                        progress);
+    const Positions half = motion.at(0.5).positions;
+    const Similarity onto = fit_similarity(half, bar.bent(angle / 2));
+    EXPECT_LT((onto.apply(half) - bar.bent(angle / 2)).rowwise().norm().maxCoeff(), 0.08);
+}
+
+TEST(Motion, EndsAreTheShapesThemselves) {
+    const Bar bar;
+    Progress progress;
+    for (const double size : {1e-7, 1.0, 1e6}) {
+        const Eigen::RowVector3d place(50 * size, -70 * size, size);
+        const Positions from = (size * bar.positions).rowwise() + place, to = size * bar.bent(1.5);
+        const GradualSimilarity similarity{fit_similarity(from, to),
+                                           from.colwise().mean().transpose()};
+        const Motion motion(from, bar.normals, to, similarity, true, progress);
+        EXPECT_LT((motion.at(0.0).positions - from).cwiseAbs().maxCoeff(), 1e-6 * size);
+        EXPECT_LT((motion.at(1.0).positions - to).cwiseAbs().maxCoeff(), 1e-6 * size);
+        EXPECT_TRUE(motion.at(0.3).positions.allFinite());
+    }
+}
+
+TEST(Motion, ASimilarityRunsBackwardsTheSameWay) {
+    const GradualSimilarity there{{2.5, turn(1.7), Vector3(3, 2, 1)}, Vector3(-1, 0, 4)};
+    const GradualSimilarity back = there.reversed();
+    const Positions points = shapes::sphere(50), ends = there.whole.apply(points);
+    for (const double t : {0.0, 0.2, 0.7, 1.0})
+        EXPECT_LT((there.at(t).apply(points) - back.at(1.0 - t).apply(ends)).cwiseAbs().maxCoeff(),
+                  1e-12);
+}
+
+TEST(Motion, FadesFromTheSourcesToTheTargetsOwn) {
+    const OrientedPoints source{Positions::Zero(1, 3), Eigen::RowVector3d(0, 0, 1)};
+    const OrientedPoints target{Positions::Ones(1, 3), Eigen::RowVector3d(0, 0, -1)};
+    const std::vector<IndexPair> pairs{{0, 0}};
+    std::vector<double> positions(3), normals(3);
+    for (const double t : {0.0, 0.3, 0.5, 0.8, 1.0}) {
+        fade<double>(source, target, pairs, t, positions, normals);
+        EXPECT_NEAR(positions[1], t * t * (3 - 2 * t), 1e-15);
+        EXPECT_NEAR(std::abs(normals[2]), 1.0, 1e-12);  // opposite ends too
+    }
+}
+
+TEST(Motion, SameBitsForAnyNumberOfThreads) {
+    const Bar bar;
+    const auto with = [&](int count) {
+        const ThreadCount threads(count);
+        Progress progress;
+        return Motion(bar.positions, bar.normals, bar.bent(1.0), {{}, Vector3::Zero()}, true,
+                      progress)
+            .at(0.4)
+            .positions;
+    };
+    EXPECT_EQ(with(1), with(2));
+}
+
+TEST(Motion, CanBeCancelled) {
+    const Bar bar;
+    Progress progress([](std::string_view, double) { return false; });
+    EXPECT_THROW(
+        Motion(bar.positions, bar.normals, bar.positions, {{}, Vector3::Zero()}, true, progress),
+        Cancelled);
+}
+
+}  // namespace
+}  // namespace pointmorph

@@ -1,0 +1,344 @@
+#include "pointmorph/measures/quality.hpp"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <functional>
+
+#include "pointmorph/base/error.hpp"
+#include "pointmorph/base/parallel.hpp"
+#include "shapes.hpp"
+
+namespace pointmorph {
+namespace {
+
+/// Two clouds and a map between them that is known.
+struct Case {
+    Cloud source, target;
+    Positions source_images, target_images;
+    Pairing pairs;
+    std::vector<Feature> features;
+
+    Quality measure() const {
+        Progress progress;
+        return measure_quality(source, target, source_images, target_images, pairs, features,
+                               progress);
+    }
+};
+
+using Function = std::function<Vector3(const Vector3&)>;
+
+Positions mapped(const Positions& positions, const Function& function) {
+    Positions result(positions.rows(), 3);
+    for (Eigen::Index i = 0; i < positions.rows(); ++i)
+        result.row(i) = function(positions.row(i).transpose()).transpose();
+    return result;
+}
+
+Cloud cloud(std::string name, const Positions& positions, const Function& normal) {
+    return {std::move(name), positions, mapped(positions, normal), {}, {}};
+}
+
+Vector3 up(const Vector3& /*place*/) {
+    return {0.0, 0.0, 1.0};
+}
+
+/// Rows of one place are pairs: where both clouds have the same parameters.
+Case of_same_rows(Cloud source, Cloud target, Positions source_images, Positions target_images) {
+    Case result{std::move(source),
+                std::move(target),
+                std::move(source_images),
+                std::move(target_images),
+                {},
+                {}};
+    for (Index i = 0; i < result.source.size(); ++i) result.pairs.push_back({i, i});
+    return result;
+}
+
+constexpr Index kSide = 81;
+
+/// The plane [−1, 1]² onto itself.
+Case plane(const Function& there, const Function& back) {
+    const Positions p = shapes::grid(kSide);
+    return of_same_rows(cloud("Sheet", p, up), cloud("Tray", p, up), mapped(p, there),
+                        mapped(p, back));
+}
+
+Vector3 stay(const Vector3& p) {
+    return p;
+}
+
+/// x runs back from 0 to −¼ where it should go on to ¼.
+Vector3 fold(const Vector3& p) {
+    const double x = p.x() < 0.0 ? p.x() : p.x() < 0.25 ? -p.x() : (5.0 * p.x() - 2.0) / 3.0;
+    return {x, p.y(), p.z()};
+}
+
+Index row_at(double x, double y) {
+    const auto step = [](double at) {
+        return static_cast<Index>(std::lround((at + 1.0) / 2.0 * (kSide - 1)));
+    };
+    return step(x) * kSide + step(y);
+}
+
+TEST(Quality, NothingIsWrongWhereNothingMoves) {
+    const Quality quality = plane(stay, stay).measure();
+    for (const auto& figures : {quality.source_to_target, quality.target_to_source}) {
+        EXPECT_NEAR(figures.dirichlet, 1.0, 1e-9);
+        EXPECT_NEAR(figures.stretch_p99, 1.0, 1e-9);
+        EXPECT_NEAR(figures.conformal_median, 1.0, 1e-9);
+        EXPECT_EQ(figures.flipped, 0.0);
+        EXPECT_EQ(figures.collapsed, 0.0);
+        EXPECT_NEAR(figures.round_trip_p99, 0.0, 1e-9);
+        EXPECT_EQ(figures.coverage, 1.0);
+    }
+    EXPECT_LT(quality.source.distortion.maxCoeff(), 1e-6);
+    EXPECT_TRUE(quality.worst.empty());
+}
+
+TEST(Quality, AStretchedPlaneHasTheSingularValuesOfTheStretch) {
+    // Four times as long, sampled four times as densely along it: 2 and 1/2 at unit areas.
+    const Positions source = shapes::grid(41);
+    Positions target(161 * 41, 3);
+    for (Index u = 0; u < 161; ++u)
+        for (Index v = 0; v < 41; ++v)
+            target.row(u * 41 + v) << u / 20.0 - 4.0, v / 20.0 - 1.0, 0.0;
+    const auto longer = [](const Vector3& p) { return Vector3(4.0 * p.x(), p.y(), p.z()); };
+    const auto shorter = [](const Vector3& p) { return Vector3(p.x() / 4.0, p.y(), p.z()); };
+    Case one{cloud("Short", source, up),
+             cloud("Long", target, up),
+             mapped(source, longer),
+             mapped(target, shorter),
+             {},
+             {}};
+    const Quality quality = one.measure();
+    for (const auto* points : {&quality.source, &quality.target})
+        for (Eigen::Index i = 0; i < points->stretch.rows(); ++i) {
+            ASSERT_NEAR(points->stretch(i, 0), 2.0, 0.06);
+            ASSERT_NEAR(points->stretch(i, 1), 0.5, 0.015);
+            ASSERT_NEAR(points->distortion[i], std::log(2.0), 0.03);
+            ASSERT_LT(points->round_trip[i], 1e-9);
+        }
+    for (const auto& figures : {quality.source_to_target, quality.target_to_source}) {
+        // edges along the border, of which there is more across the stretch, outweigh others
+        EXPECT_NEAR(figures.dirichlet, (4.0 + 0.25) / 2.0, 0.15);
+        EXPECT_NEAR(figures.stretch_p99, 2.0, 0.06);
+        EXPECT_NEAR(figures.conformal_median, (4.0 + 0.25) / 2.0, 1e-6);
+    }
+    EXPECT_TRUE(quality.worst.empty());
+}
+
+TEST(Quality, OfASphereThatBecomesAnEllipsoid) {
+    const Vector3 axes(2.0, 1.0, 0.7);
+    const Positions p = shapes::sphere(12000);
+    const auto there = [&](const Vector3& x) -> Vector3 { return axes.cwiseProduct(x); };
+    const auto normal = [&](const Vector3& x) -> Vector3 {
+        return x.cwiseQuotient(axes.cwiseProduct(axes));
+    };
+    const Positions ellipsoid = mapped(p, there);  // its normals are gradients, of any length
+    const Quality quality =
+        of_same_rows(cloud("Ball", p, stay), cloud("Egg", ellipsoid, normal), ellipsoid, p)
+            .measure();
+
+    // The spiral is even, so that the mean over points is that over the sphere.
+    Eigen::MatrixX2d expected(p.rows(), 2);
+    for (Eigen::Index i = 0; i < p.rows(); ++i) {
+        const Vector3 n = p.row(i), a = n.unitOrthogonal(), b = n.cross(a);
+        Eigen::Matrix<double, 3, 2> jacobian;
+        jacobian << there(a), there(b);
+        expected.row(i) = jacobian.jacobiSvd().singularValues();
+    }
+    expected /= std::sqrt(expected.rowwise().prod().mean());
+    std::vector<double> errors;
+    for (Eigen::Index i = 0; i < p.rows(); ++i)
+        for (const int k : {0, 1})
+            errors.push_back(std::abs(quality.source.stretch(i, k) / expected(i, k) - 1.0));
+    std::ranges::sort(errors);
+    EXPECT_LT(errors[errors.size() * 99 / 100], 0.04);
+    EXPECT_NEAR(quality.source_to_target.dirichlet, expected.rowwise().squaredNorm().mean() / 2.0,
+                0.06);
+    EXPECT_EQ(quality.source_to_target.flipped, 0.0);
+    EXPECT_LT(quality.source_to_target.round_trip_p99, 1e-9);  // samples land on samples
+    for (Eigen::Index i = 0; i < p.rows(); ++i)
+        ASSERT_NEAR(quality.target.stretch(i, 0) * quality.source.stretch(i, 1), 1.0, 0.03);
+}
+
+TEST(Quality, AFoldIsFlippedBetweenItsCreases) {
+    const Quality quality = plane(fold, stay).measure();
+    const Positions p = shapes::grid(kSide);
+    const double margin = 3.0 * 2.0 / (kSide - 1);
+    for (Eigen::Index i = 0; i < p.rows(); ++i) {
+        const double x = p(i, 0);
+        const auto flipped = quality.source.flipped[to_size(i)];
+        if (x > margin && x < 0.25 - margin) {
+            ASSERT_EQ(flipped, 1) << x;
+        } else if (x < -margin || x > 0.25 + margin) {
+            ASSERT_EQ(flipped, 0) << x;
+        }
+    }
+    EXPECT_NEAR(quality.source_to_target.flipped, 0.125, 0.125 * margin / 0.25);
+    EXPECT_EQ(quality.target_to_source.flipped, 0.0);
+    EXPECT_TRUE(std::ranges::any_of(quality.worst, [&](const Place& place) {
+        return place.flaw == Flaw::kFolded && std::abs(p(place.source, 0) - 0.125) < 0.125 + margin;
+    }));
+    for (const Place& place : quality.worst) EXPECT_GT(p(place.source, 0), -0.25 - margin);
+}
+
+TEST(Quality, AMirroredMapIsSaidToBeOneAsAWhole) {
+    const auto mirror = [](const Vector3& p) { return Vector3(p.x(), -p.y(), p.z()); };
+    Case one = plane(mirror, mirror);
+    one.pairs.clear();
+    const Quality quality = one.measure();
+    EXPECT_EQ(quality.source_to_target.flipped, 1.0);
+    EXPECT_LT(quality.source.distortion.maxCoeff(), 1e-6);
+    ASSERT_EQ(quality.worst.size(), 1u);
+    EXPECT_EQ(quality.worst[0].flaw, Flaw::kMirrored);
+}
+
+TEST(Quality, AMirroredPatchIsFoldedThereOnly) {
+    const auto inside = [](const Vector3& p) { return p.head<2>().norm() < 0.3; };
+    const auto mirror = [&](const Vector3& p) -> Vector3 {
+        return inside(p) ? Vector3(p.x(), -p.y(), p.z()) : p;
+    };
+    const Quality quality = plane(mirror, mirror).measure();
+    const double share = std::numbers::pi * 0.3 * 0.3 / 4.0;
+    EXPECT_NEAR(quality.source_to_target.flipped, share, 0.3 * share);
+    EXPECT_NEAR(quality.source_to_target.coverage, 1.0, 0.01);
+    ASSERT_FALSE(quality.worst.empty());
+    EXPECT_EQ(quality.worst[0].flaw, Flaw::kFolded);
+    EXPECT_GT(quality.worst[0].share, 0.2 * share);  // what lies close to the worst point
+    EXPECT_LT(quality.worst[0].share, 1.2 * share);
+    const auto row = quality.worst[0].source;
+    EXPECT_LT(shapes::grid(kSide).row(row).norm(), 0.4);
+}
+
+TEST(Quality, ADiscThatCollapsesToALineIsLostOnTheOtherSide) {
+    const auto inside = [](const Vector3& p) { return p.head<2>().norm() < 0.5; };
+    const auto flat = [&](const Vector3& p) -> Vector3 {
+        return inside(p) ? Vector3(p.x(), 0.0, 0.0) : p;
+    };
+    const Quality quality = plane(flat, stay).measure();
+    const double share = std::numbers::pi * 0.25 / 4.0;
+    const double rim = 2.0 * std::numbers::pi * 0.5 * 4.0 / (kSide - 1) / 4.0;
+    EXPECT_NEAR(quality.source_to_target.collapsed, share, rim);
+    EXPECT_NEAR(quality.source_to_target.coverage, 1.0 - share, rim + 0.06);
+    EXPECT_EQ(quality.target_to_source.collapsed, 0.0);
+    ASSERT_FALSE(quality.worst.empty());
+    const auto& sheet = shapes::grid(kSide);
+    for (const Place& place : quality.worst)
+        EXPECT_LT(std::min(sheet.row(place.source).norm(), sheet.row(place.target).norm()), 0.6);
+}
+
+TEST(Quality, TheRoundTripIsTheDistanceInRootsOfTheArea) {
+    const auto shift = [](const Vector3& p) { return Vector3(p.x(), p.y() + 0.2, p.z()); };
+    const Quality quality = plane(stay, shift).measure();
+    // neighbours that the border lacks make the area seem a tenth larger
+    EXPECT_NEAR(quality.source_to_target.round_trip_mean, 0.2 / 2.0, 0.006);
+    EXPECT_NEAR(quality.target_to_source.round_trip_mean, 0.2 / 2.0, 0.006);
+    EXPECT_NEAR(quality.source_to_target.round_trip_p99, 0.2 / 2.0, 0.006);
+    ASSERT_FALSE(quality.worst.empty());
+    EXPECT_EQ(quality.worst[0].flaw, Flaw::kLost);
+}
+
+TEST(Quality, CoverageIsTheShareThatIsReached) {
+    const auto half = [](const Vector3& p) { return Vector3(0.5 * (p.x() - 1.0), p.y(), p.z()); };
+    const Quality quality = plane(half, stay).measure();
+    const double two_spacings = 2.0 * 2.0 / (kSide - 1);
+    EXPECT_NEAR(quality.source_to_target.coverage, (1.0 + two_spacings) / 2.0, 0.03);
+    EXPECT_EQ(quality.target_to_source.coverage, 1.0);
+}
+
+TEST(Quality, BothSidesOfAThinSheetAreToldApartByTheirPairs) {
+    // A sheet with two sides a tenth of a spacing apart, and images a little off the wrong way.
+    const Positions upper = shapes::grid(41);
+    const double gap = 0.1 * 2.0 / 40.0;
+    Positions p(2 * upper.rows(), 3);
+    p << upper, upper.rowwise() - Eigen::RowVector3d(0.0, 0.0, gap);
+    Cloud thin{"Leaf", p, Positions::Zero(p.rows(), 3), {}, {}};
+    Positions images = p;
+    for (Eigen::Index i = 0; i < p.rows(); ++i) {
+        const bool top = i < upper.rows();
+        thin.normals(i, 2) = top ? 1.0 : -1.0;
+        images(i, 2) += top ? -0.8 * gap : 0.8 * gap;
+    }
+    Case one = of_same_rows(thin, thin, images, images);
+    EXPECT_EQ(one.measure().source_to_target.flipped, 0.0);
+}
+
+TEST(Quality, AdviceNamesTheFeaturesAround) {
+    Case one = plane(fold, stay);
+    one.features = {point_feature("nose", row_at(-0.3, 0.0), row_at(-0.3, 0.0)),
+                    point_feature("ear", row_at(0.5, 0.0), row_at(0.5, 0.0)),
+                    point_feature("heel", row_at(-0.9, 0.9), row_at(-0.9, 0.9))};
+    // only the middle of the band is folded
+    for (Eigen::Index i = 0; i < one.source_images.rows(); ++i)
+        if (std::abs(one.source.positions(i, 1)) > 0.2)
+            one.source_images.row(i) = one.source.positions.row(i);
+    const Quality quality = one.measure();
+    ASSERT_FALSE(quality.worst.empty());
+    const std::string& advice = quality.worst[0].advice;
+    for (const char* words : {"Between ", "\"nose\"", "\"ear\""})
+        EXPECT_NE(advice.find(words), std::string::npos) << advice;
+    EXPECT_NE(advice.find("mark a feature there on both models"), std::string::npos) << advice;
+
+    one.features = {point_feature("cheek", quality.worst[0].source, quality.worst[0].target)};
+    const std::string there = one.measure().worst[0].advice;
+    EXPECT_NE(there.find("At \"cheek\""), std::string::npos) << there;
+
+    one.features.clear();
+    const std::string without = one.measure().worst[0].advice;
+    EXPECT_NE(without.find("of Sheet"), std::string::npos) << without;
+}
+
+TEST(Quality, IsTheSameForAnyNumberOfThreadsScalePlaceAndOrientation) {
+    const Case one = plane(fold, stay);
+    const Quality quality = one.measure();
+    for (const int count : {1, 3}) {
+        const ThreadCount threads(count);
+        const Quality again = one.measure();
+        EXPECT_EQ(again.source.distortion, quality.source.distortion);
+        EXPECT_EQ(again.source.round_trip, quality.source.round_trip);
+        EXPECT_EQ(again.target.stretch, quality.target.stretch);
+        EXPECT_EQ(again.source_to_target.dirichlet, quality.source_to_target.dirichlet);
+        EXPECT_EQ(again.worst.size(), quality.worst.size());
+    }
+    const Matrix3 turn = shapes::rotation(5);
+    const auto move = [&](const Positions& p) -> Positions {
+        return (1e-3 * p * turn.transpose()).rowwise() + Eigen::RowVector3d(3.0, 4.0, 5.0);
+    };
+    Case moved = one;
+    moved.target.positions = move(one.target.positions);
+    moved.target.normals = one.target.normals * turn.transpose();
+    moved.source_images = move(one.source_images);
+    const Quality there = moved.measure();
+    EXPECT_LT((there.source.stretch - quality.source.stretch).cwiseAbs().maxCoeff(), 1e-6);
+    EXPECT_LT((there.source.round_trip - quality.source.round_trip).cwiseAbs().maxCoeff(), 1e-6);
+    EXPECT_EQ(there.source.flipped, quality.source.flipped);
+}
+
+TEST(Quality, DuplicatesAndLinesGiveNumbersToo) {
+    Positions p = shapes::grid(21);
+    p.topRows(60).rowwise() = p.row(0).eval();                       // coincident
+    for (Index i = 0; i < 40; ++i) p.row(400 + i) << 9.0 + i, 0, 0;  // on a line
+    const Quality quality = of_same_rows(cloud("Odd", p, up), cloud("Odd", p, up), p, p).measure();
+    EXPECT_TRUE(quality.source.distortion.allFinite());
+    EXPECT_TRUE(quality.source.stretch.allFinite());
+    EXPECT_EQ(quality.source.measured[0], 0);
+    EXPECT_EQ(quality.source.measured[425], 0);
+    EXPECT_TRUE(std::isfinite(quality.source_to_target.dirichlet));
+}
+
+TEST(Quality, CanBeStopped) {
+    Progress progress([](std::string_view, double) { return false; });
+    const Case one = plane(stay, stay);
+    EXPECT_THROW(
+        {
+            progress.enter("quality");
+            measure_quality(one.source, one.target, one.source_images, one.target_images, one.pairs,
+                            {}, progress);
+        },
+        Cancelled);
+}
+
+}  // namespace
+}  // namespace pointmorph

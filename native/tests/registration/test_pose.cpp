@@ -1,0 +1,313 @@
+#include "pointmorph/registration/pose.hpp"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+
+#include "pointmorph/base/error.hpp"
+#include "pointmorph/base/parallel.hpp"
+#include "pointmorph/cloud/subset.hpp"
+#include "pointmorph/registration/pose_symmetry.hpp"
+#include "pointmorph/registration/proposals.hpp"
+#include "shapes.hpp"
+
+namespace pointmorph {
+namespace {
+
+CoarseShape coarse(const Positions& positions, const Normals& normals,
+                   const std::vector<Index>& required = {}) {
+    Progress progress;
+    CoarseShapeOptions options;
+    options.points = 1500;
+    return coarse_shape(KdTree<3>(positions), normals, required, options, progress);
+}
+
+/// An ellipsoid of about unit area; `bump` breaks all its symmetries.
+CoarseShape egg(Index count, double bump, unsigned seed, const Matrix3& turn,
+                std::vector<Vector3> marks = {}) {
+    Positions p = shapes::sphere(count) * shapes::rotation(seed).transpose();
+    Normals normals(count, 3);
+    const Vector3 axes(0.42, 0.27, 0.18), bump_at = Vector3(1.0, 0.7, 0.9).normalized();
+    for (Index i = 0; i < count; ++i) {
+        const Vector3 d = p.row(i).transpose();
+        normals.row(i) = d.cwiseQuotient(axes).normalized();
+        p.row(i) = (1.0 + bump * std::exp((d.dot(bump_at) - 1.0) / 0.05)) * d.cwiseProduct(axes);
+    }
+    std::vector<Index> required;
+    for (const Vector3& mark : marks) {
+        Index row;
+        (p.rowwise() - mark.transpose()).rowwise().squaredNorm().minCoeff(&row);
+        required.push_back(row);
+    }
+    p *= turn.transpose();
+    normals *= turn.transpose();
+    return coarse(p, normals, required);
+}
+
+Pose found(const CoarseShape& source, const CoarseShape& target) {
+    Progress progress;
+    return find_pose(source, target, {}, {}, {}, progress);
+}
+
+TEST(Pose, SymmetricShapesAreAmbiguousAndTheRivalsAreNamed) {
+    const CoarseShape source = egg(2500, 0.0, 1, Matrix3::Identity());
+    const CoarseShape target = egg(2200, 0.0, 2, shapes::rotation(7));
+    const Pose pose = found(source, target);
+    EXPECT_LT(pose.margin, 1.1);
+    EXPECT_LT(pose.confidence, 0.55);
+    const std::vector<Rival> rivals = describe_rivals(source, target, pose);
+    ASSERT_FALSE(rivals.empty());
+    for (const Rival& rival : rivals) {
+        EXPECT_TRUE(rival.swap == Swap::kEnds || rival.swap == Swap::kSides);
+        EXPECT_FALSE(rival.places.empty());
+        // The mark that it asks for is on different sides under the two maps.
+        EXPECT_GT(
+            (target.positions.row(rival.target) - target.positions.row(rival.rival_target)).norm(),
+            0.25);
+    }
+    EXPECT_TRUE(
+        std::ranges::any_of(rivals, [](const Rival& rival) { return rival.swap == Swap::kEnds; }));
+}
+
+TEST(Pose, OneMarkSettlesAnAmbiguousShapeEitherWay) {
+    const Vector3 end(0.42, 0.0, 0.0);
+    const CoarseShape source = egg(2500, 0.0, 1, Matrix3::Identity(), {end});
+    for (const double side : {1.0, -1.0}) {
+        const Matrix3 turn = shapes::rotation(7);
+        const CoarseShape target = egg(2200, 0.0, 2, turn, {side * end});
+        const std::vector<IndexPair> mark{{0, 0}};
+        Progress progress;
+        const Pose pose = find_pose(source, target, mark, {}, {}, progress);
+        const Positions images =
+            pose.best.alignment.inverse().apply(pose.best.registration.source_points.positions);
+        const Values along = (images * turn).col(0), truth = side * source.positions.col(0);
+        EXPECT_LT((along - truth).cwiseAbs().mean(), 0.03) << side;
+        for (const Rival& rival : describe_rivals(source, target, pose))
+            EXPECT_NE(rival.swap, Swap::kEnds);
+    }
+}
+
+/// Four legs, a head and a tail; unit area. The left is where y > 0.
+Positions two_sided(Index count, unsigned seed, Normals* normals) {
+    shapes::Urchin animal(count,
+                          {{0.9, 0.6, -0.6},
+                           {0.9, -0.6, -0.6},
+                           {-0.9, 0.5, -0.7},
+                           {-0.9, -0.5, -0.7},
+                           {1.4, 0.0, 0.6},
+                           {-0.6, 0.0, 0.4}},
+                          seed);
+    *normals = animal.normals;
+    return animal.positions / std::sqrt(estimated_area(KdTree<3>(animal.positions)));
+}
+
+TEST(Pose, IsTheSameToTheBitForAnyNumberOfThreads) {
+    Normals source_normals, target_normals;  // limbs, so that tips are varied and anchor trials
+    const Positions source_positions = two_sided(3000, 3, &source_normals),
+                    target_positions = two_sided(3000, 4, &target_normals);
+    const CoarseShape source = coarse(source_positions, source_normals),
+                      target = coarse(target_positions, target_normals);
+    std::vector<Pose> poses;
+    for (const int threads : {1, 3}) {
+        const ThreadCount count(threads);
+        poses.push_back(found(source, target));
+    }
+    EXPECT_EQ(poses[0].best.registration.source_points.positions,
+              poses[1].best.registration.source_points.positions);
+    EXPECT_EQ(poses[0].best.alignment.rotation, poses[1].best.alignment.rotation);
+    EXPECT_EQ(poses[0].margin, poses[1].margin);
+    EXPECT_EQ(poses[0].confidence, poses[1].confidence);
+    EXPECT_EQ(poses[0].rivals.size(), poses[1].rivals.size());
+}
+
+TEST(Pose, ConfidenceFallsWithWhatSpeaksAgainstAMap) {
+    Misfit misfit;
+    const auto with = [&](std::vector<Competitor> competitors) {
+        return pose_confidence(misfit, competitors);
+    };
+    EXPECT_GT(with({}), 0.9);
+    EXPECT_LE(with({{1.0, 1.0}}), 0.5);
+    EXPECT_LT(with({{1.02, 0.5}}), with({{1.2, 0.5}}));
+    EXPECT_LT(with({{1.02, 0.5}}), with({{1.02, 0.02}}));
+    EXPECT_LT(with({{1.02, 0.5}, {1.1, 0.5}}), with({{1.02, 0.5}}));
+    double last = with({});
+    for (const double opposed : {0.001, 0.01, 0.1, 1.0}) {
+        misfit.opposed = opposed;
+        EXPECT_LT(with({}), last);
+        last = with({});
+        EXPECT_GE(last, 0.0);
+    }
+}
+
+TEST(Pose, TheTurnOfAShapeWithoutSymmetryIsFound) {
+    const CoarseShape source = egg(2500, 0.8, 1, Matrix3::Identity());
+    for (const unsigned seed : {7u, 8u}) {
+        const CoarseShape target = egg(2200, 0.8, 2, shapes::rotation(seed));
+        const Pose pose = found(source, target);
+        EXPECT_GT(pose.margin, 1.1);
+        const Positions truth = source.positions * shapes::rotation(seed).transpose();
+        const Positions images =
+            pose.best.alignment.inverse().apply(pose.best.registration.source_points.positions);
+        EXPECT_LT((images - truth).rowwise().norm().mean(), 0.03);
+    }
+}
+
+TEST(Pose, EndsWhenAskedTo) {
+    const CoarseShape shape = egg(1500, 0.8, 1, Matrix3::Identity());
+    for (const double share : {0.0, 0.4, 0.7}) {
+        Progress progress([&](std::string_view, double fraction) { return fraction < share; });
+        EXPECT_THROW(
+            {
+                progress.enter("pose");
+                find_pose(shape, shape, {}, {}, {}, progress);
+            },
+            Cancelled);
+    }
+}
+
+Positions other_side(Positions positions) {
+    positions.col(1) *= -1.0;
+    return positions;
+}
+
+Symmetry symmetry_of(const CoarseShape& shape) {
+    Progress progress;
+    return reflection_symmetry(shape, node_distances(shape), {}, {}, progress);
+}
+
+TEST(Symmetry, LeftIsTakenToRightHoweverTheShapeLies) {
+    for (const unsigned seed : {3u, 4u}) {
+        Normals normals;
+        const Matrix3 turn = shapes::rotation(seed);
+        const Positions upright = two_sided(3000, seed, &normals);
+        const Positions turned = upright * turn.transpose();
+        const CoarseShape shape = coarse(turned, normals * turn.transpose());
+        const Symmetry symmetry = symmetry_of(shape);
+        ASSERT_EQ(symmetry.images.rows(), shape.positions.rows());
+        const Positions truth = other_side(shape.positions * turn) * turn.transpose();
+        EXPECT_LT((symmetry.images - truth).rowwise().norm().mean(), 0.02);
+        EXPECT_LT(
+            (symmetry.turn - turn * Vector3(1.0, -1.0, 1.0).asDiagonal() * turn.transpose()).norm(),
+            0.1);
+    }
+}
+
+TEST(Symmetry, ThereIsNoneWithoutSidesOrWithManyReflections) {
+    EXPECT_EQ(symmetry_of(egg(2500, 0.0, 1, Matrix3::Identity())).images.rows(), 0);
+    const shapes::Urchin odd(
+        3000, {{1.2, 0.3, -0.2}, {-0.3, 0.9, 0.5}, {-0.6, -0.5, 0.7}, {0.1, -0.4, -1.0}}, 5);
+    const double unit = std::sqrt(estimated_area(KdTree<3>(odd.positions)));
+    EXPECT_EQ(symmetry_of(coarse(odd.positions / unit, odd.normals)).images.rows(), 0);
+}
+
+TEST(Symmetry, WhatIsMarkedOnOneSideIsNoReasonAgainstIt) {
+    Normals normals;
+    CoarseShape shape = coarse(two_sided(3000, 3, &normals), normals);
+    shape.labels = Labels::Zero(shape.size(), 16);
+    shape.pulls = Values::Ones(shape.size());
+    for (Index i = 0; i < shape.size(); ++i)
+        if (shape.positions(i, 0) > 0.15 && shape.positions(i, 1) > 0.1) {
+            shape.labels(i, 0) = 0.5;
+            shape.pulls[i] = 20.0;
+        }
+    EXPECT_GT(symmetry_of(shape).trust, 0.5);
+}
+
+TEST(Symmetry, FlatShapesDoNoHarm) {
+    for (const double height : {0.0, 1e-3}) {
+        Positions sheet = 0.5 * shapes::grid(30);
+        sheet.col(1) *= height;
+        const Normals up = Eigen::RowVector3d(0, 0, 1).replicate(sheet.rows(), 1);
+        const Symmetry symmetry = symmetry_of(coarse(sheet, up));
+        EXPECT_TRUE(symmetry.images.allFinite());
+        EXPECT_TRUE(symmetry.turn.allFinite());
+    }
+}
+
+TEST(Symmetry, AsymmetryIsHowFarSidesAreTakenApart) {
+    Normals normals;
+    const CoarseShape shape = coarse(two_sided(3000, 6, &normals), normals);
+    const Positions& x = shape.positions;
+    Symmetry exact;
+    exact.images = other_side(x);
+    exact.turn = Vector3(1.0, -1.0, 1.0).asDiagonal();
+    exact.trust = 1.0;
+    const std::array<Symmetry, 2> both{exact, exact};
+    constexpr double kFar = 0.2;
+    EXPECT_LT(asymmetry(shape, shape, both, x, x, kFar), 0.01);
+    const Positions about = x * Vector3(-1.0, -1.0, 1.0).asDiagonal();
+    EXPECT_LT(asymmetry(shape, shape, both, about, about, kFar), 0.01);
+
+    // One leg elsewhere: so are it and its counterpart, after one order or the other.
+    for (const double off : {0.1, 0.3}) {
+        const auto one_leg_moved = [&](Positions places) {
+            for (Eigen::Index i = 0; i < places.rows(); ++i)
+                if (places(i, 0) > 0.15 && places(i, 1) > 0.1) places(i, 2) += off;
+            return places;
+        };
+        const Positions moved = one_leg_moved(x);
+        Values apart = (one_leg_moved(other_side(x)) - other_side(moved)).rowwise().norm();
+        for (double& d : apart) d = std::min(1.0, d * d / (kFar * kFar));
+        const double truth = shape.areas.dot(apart) / shape.areas.sum();
+        EXPECT_GT(truth, 0.02);
+        EXPECT_NEAR(asymmetry(shape, shape, both, moved, moved, kFar), truth, 0.2 * truth);
+        Symmetry doubted = exact;
+        doubted.trust = 0.5;
+        EXPECT_NEAR(asymmetry(shape, shape, {exact, doubted}, moved, moved, kFar),
+                    0.5 * asymmetry(shape, shape, both, moved, moved, kFar), 1e-12);
+        EXPECT_EQ(asymmetry(shape, shape, {exact, {}}, moved, moved, kFar), 0.0);
+    }
+}
+
+TEST(Pose, AMapCostsMoreForSidesThatItTreatsDifferently) {
+    Normals source_normals, target_normals;
+    const Positions source_positions = two_sided(3000, 3, &source_normals),
+                    target_positions = two_sided(3000, 4, &target_normals);
+    const CoarseShape source = coarse(source_positions, source_normals),
+                      target = coarse(target_positions, target_normals);
+    Progress progress;
+    PoseOptions options;
+    const Candidate with = find_pose(source, target, {}, options, {}, progress).best;
+    EXPECT_GT(with.energy, with.misfit.energy());
+    EXPECT_LT(with.energy, 1.2 * with.misfit.energy());
+    options.symmetry.weight = 0.0;
+    const Candidate without = find_pose(source, target, {}, options, {}, progress).best;
+    EXPECT_EQ(without.energy, without.misfit.energy());
+}
+
+TEST(Pose, AMapCostsMoreForItsTears) {
+    // A table, which has many ways to stand on another, and a limb on top that the other hasn't
+    // got: it can't be mapped without a tear.
+    const std::vector<Vector3> legs{
+        {0.9, 0.6, -0.6}, {0.9, -0.6, -0.6}, {-0.9, 0.6, -0.6}, {-0.9, -0.6, -0.6}};
+    std::vector<Vector3> more = legs;
+    more.emplace_back(0.0, 0.0, 1.6);
+    const auto of = [](const std::vector<Vector3>& spikes, unsigned seed) {
+        const shapes::Urchin urchin(6000, spikes, seed);
+        const double unit = std::sqrt(estimated_area(KdTree<3>(urchin.positions)));
+        return coarse(urchin.positions / unit, urchin.normals);
+    };
+    const CoarseShape source = of(more, 3), target = of(legs, 4);
+    Progress progress;
+    PoseOptions options;
+    options.as_given = 1.0;
+    for (const double weight : {0.0, 1e6}) {
+        options.tear_weight = weight;
+        const Pose pose = find_pose(source, target, {}, options, {}, progress);
+        ASSERT_FALSE(pose.rivals.empty());
+        EXPECT_DOUBLE_EQ(pose.margin, pose.rivals.front().cost / pose.best.cost);
+        EXPECT_GE(pose.margin, 1.0);
+        for (const Candidate& rival : pose.rivals) {
+            if (weight == 0.0) {
+                EXPECT_LE(pose.best.energy, rival.energy);
+            } else {
+                EXPECT_LT(pose.best.torn * pose.best.energy, 1.001 * rival.torn * rival.energy);
+            }
+        }
+    }
+}
+
+}  // namespace
+}  // namespace pointmorph

@@ -1,0 +1,129 @@
+#include "registration/pose_trials.hpp"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <vector>
+
+#include "pointmorph/cloud/cloud.hpp"
+#include "shapes.hpp"
+
+namespace pointmorph {
+namespace {
+
+/// A map of twenty nodes that takes them all `offset` aside, either way.
+Trial shifted(double energy, double offset) {
+    Trial trial;
+    trial.energy = energy;
+    trial.registration.source.positions = Positions::Constant(20, 3, 0.0);
+    trial.registration.source.positions.col(0).setConstant(offset);
+    trial.registration.target.positions = -trial.registration.source.positions;
+    return trial;
+}
+
+TEST(PoseTrials, AWayIsTheBestTwoOfTheTrialsThatLieTogether) {
+    const std::vector<Trial> trials{shifted(1.00, 0.0),  shifted(1.05, 0.05), shifted(1.06, 0.1),
+                                    shifted(1.10, 0.5),  shifted(1.12, 0.55), shifted(1.20, 1.0),
+                                    shifted(1.25, -0.1), shifted(1.26, 1.5),  shifted(1.40, 1.0)};
+    const auto at = [&](const Way& way, std::size_t k) { return way[k] - trials.data(); };
+    const std::vector<Way> ways = ways_of(trials, 1.3, 2);
+    ASSERT_EQ(ways.size(), 3u);  // the fourth is one too many, the last too bad
+    ASSERT_EQ(ways[0].size(), 2u);
+    EXPECT_EQ(at(ways[0], 0), 0);
+    EXPECT_EQ(at(ways[0], 1), 1);
+    ASSERT_EQ(ways[1].size(), 2u);
+    EXPECT_EQ(at(ways[1], 0), 3);
+    EXPECT_EQ(at(ways[1], 1), 4);
+    ASSERT_EQ(ways[2].size(), 1u);
+    EXPECT_EQ(at(ways[2], 0), 5);
+
+    EXPECT_EQ(ways_of(trials, 1.3, 0).size(), 1u);
+    EXPECT_EQ(ways_of(trials, 1.01, 2).size(), 1u);
+    EXPECT_EQ(ways_of(trials, 1.3, 9).size(), 4u);
+    EXPECT_TRUE(ways_of({}, 1.3, 2).empty());
+}
+
+TEST(PoseTrials, ALimbThatLiesElsewhereMakesMapsDiffer) {
+    const Trial plain = shifted(1.0, 0.0);
+    EXPECT_EQ(difference(plain, plain), 0.0);
+    EXPECT_NEAR(difference(plain, shifted(1.0, 0.3)), 0.3, 1e-12);
+    Trial limb = plain;
+    limb.registration.target.positions(7, 1) += 1.0;  // one node of twenty: .05 in the mean
+    EXPECT_NEAR(difference(plain, limb), 0.35, 1e-12);
+    EXPECT_EQ(difference(plain, limb), difference(limb, plain));
+}
+
+TEST(PoseTrials, AnchorsAreTheFeaturesAndThoseTipsThatNoneOfThemSitsOn) {
+    CoarseShape shape;  // six points, two to a node
+    for (const Index node : {0, 0, 1, 1, 2, 2}) {
+        if (shape.levels.empty()) shape.levels.emplace_back();
+        shape.levels.front().point_nodes.push_back({node});
+    }
+    const std::vector<Extremity> tips{{1, 1.0}, {3, 1.0}, {5, 1.0}};
+    const std::vector<IndexPair> features{{2, 4}};  // nodes 1 and 2
+    const PoseOptions options;
+    const RegistrationOptions registration;
+    const PoseSearch search{{shape, shape, tips}, {shape, shape, tips}, {}, {}, features, options,
+                            registration};
+    const std::vector<IndexPair> found = anchors(search, {{0, 0}, {1, 1}, {2, 2}});
+    ASSERT_EQ(found.size(), 2u);
+    EXPECT_EQ(found[0].source, 1);
+    EXPECT_EQ(found[0].target, 2);
+    EXPECT_EQ(found[1].source, 0);
+    EXPECT_EQ(found[1].target, 0);
+}
+
+TEST(PoseTrials, AnchorsBringShapesTogetherThatLieTheOtherWayRound) {
+    const std::vector<Vector3> spikes{{1.2, 0.3, -0.2},
+                                      {-0.3, 0.9, 0.5},
+                                      {-0.6, -0.5, 0.7},
+                                      {0.1, -0.4, -1.0},
+                                      {-1.0, 0.3, -0.5}};
+    const Matrix3 turn = Vector3(-1.0, -1.0, 1.0).asDiagonal();  // by half a turn
+    const auto lying = [&](const Matrix3& as, unsigned seed) {
+        const shapes::Urchin urchin(4000, spikes, seed);
+        const double unit = std::sqrt(estimated_area(KdTree<3>(urchin.positions)));
+        Progress progress;
+        CoarseShapeOptions options;
+        options.points = 1500;
+        const Positions positions = urchin.positions * as.transpose() / unit;
+        return coarse_shape(KdTree<3>(positions), urchin.normals * as.transpose(), {}, options,
+                            progress);
+    };
+    const CoarseShape source = lying(Matrix3::Identity(), 3), target = lying(turn, 4);
+    const PoseOptions options;
+    const RegistrationOptions registration;
+    Progress progress;
+    NodeDistances distances = node_distances(source, target);
+    std::vector<Extremity> source_tips = extremities(source, distances[0], options.extremities),
+                           target_tips = extremities(target, distances[1], options.extremities);
+    Tips tips;
+    for (std::size_t i = 0; i < source_tips.size(); ++i)
+        for (std::size_t j = 0; j < target_tips.size(); ++j)
+            if ((turn * source.positions.row(source_tips[i].point).transpose() -
+                 target.positions.row(target_tips[j].point).transpose())
+                    .norm() < 0.1)
+                tips.push_back({static_cast<Index>(i), static_cast<Index>(j)});
+    ASSERT_GE(tips.size(), 5u);
+    const PoseSearch search{thinned_shape(source, source_tips, options.points, progress),
+                            thinned_shape(target, target_tips, options.points, progress),
+                            distances,
+                            {},
+                            {},
+                            options,
+                            registration};
+    const auto error = [&](bool anchored) {
+        std::vector<Trial> trials;
+        try_starts(search, {{Similarity{}, tips, anchored}}, trials, progress, 0.0, 1.0);
+        const Positions truth = search.source.thin.positions * turn.transpose();
+        return (trials.front().registration.source_points.positions - truth)
+            .rowwise()
+            .norm()
+            .mean();
+    };
+    EXPECT_LT(error(true), 0.03);
+    EXPECT_GT(error(false), 0.1);  // drawn together, the tips turn it inside out
+}
+
+}  // namespace
+}  // namespace pointmorph

@@ -1,0 +1,79 @@
+#include "pointmorph/registration/product_space.hpp"
+
+#include <gtest/gtest.h>
+
+#include <vector>
+
+#include "checks.hpp"
+#include "shapes.hpp"
+
+namespace pointmorph {
+namespace {
+
+ProductPoints noise(Index count, unsigned seed) {
+    const Positions p = shapes::cube_noise(4 * count, seed);
+    return Eigen::Map<const ProductPoints>(p.data(), count, 12);
+}
+
+Index brute_force(const ProductPoints& points, Index i, const ProductPoints& others) {
+    Index best;
+    (others.rowwise() - points.row(i)).rowwise().squaredNorm().minCoeff(&best);
+    return best;
+}
+
+TEST(ProductSpace, RowsHoldBothPlacesAndNormals) {
+    const Positions a = shapes::cube_noise(5, 1), b = shapes::cube_noise(5, 2),
+                    c = shapes::cube_noise(5, 3), d = shapes::cube_noise(5, 4);
+    const ProductPoints p = product_points(a, b, c, d, 0.5);
+    ASSERT_EQ(p.rows(), 5);
+    for (Index k = 0; k < 5; ++k) {
+        EXPECT_EQ(p.row(k).segment<3>(0), a.row(k));
+        EXPECT_EQ(p.row(k).segment<3>(3), b.row(k));
+        EXPECT_EQ(p.row(k).segment<3>(6), 0.5 * c.row(k));
+        EXPECT_EQ(p.row(k).segment<3>(9), 0.5 * d.row(k));
+    }
+}
+
+TEST(ProductSpace, MatchesAgreeWithBruteForce) {
+    const ProductPoints a = noise(300, 1), b = noise(200, 2);
+    Progress progress;
+    const KdTree<12> tree(b);
+    const Matches m = nearest_matches(a, tree, progress);
+    for (Index i = 0; i < 300; ++i) {
+        const Index j = m.to[to_size(i)];
+        EXPECT_EQ(j, brute_force(a, i, b));
+        EXPECT_NEAR(m.distances[to_size(i)], (a.row(i) - b.row(j)).norm(), 1e-12);
+    }
+}
+
+TEST(ProductSpace, AGuessDoesNotChangeTheMatches) {
+    const ProductPoints a = noise(300, 1), b = noise(200, 2);
+    Progress progress;
+    const KdTree<12> tree(b);
+    const Matches m = nearest_matches(a, tree, progress);
+    Matches guess = m;
+    for (std::size_t i = 0; i < guess.to.size(); i += 2) guess.to[i] = 7;
+    const Matches again = nearest_matches(a, tree, progress, &guess);
+    EXPECT_EQ(again.to, m.to);
+    EXPECT_EQ(again.distances, m.distances);
+}
+
+TEST(ProductSpace, PairsCoverBothSidesAndKeepFeaturesApart) {
+    const ProductPoints a = noise(300, 1), b = noise(200, 2);
+    const std::vector<IndexPair> features{{3, 9}, {299, 0}};
+    Progress progress;
+    const Pairing pairs = mutual_pairs<12>(a, b, features, progress);
+    EXPECT_TRUE(checks::is_total(pairs, 300, 200));
+    for (const IndexPair& p : pairs)
+        for (const IndexPair& f : features) EXPECT_EQ(p.source == f.source, p.target == f.target);
+}
+
+TEST(ProductSpace, ASideOfFeaturesAloneStillCoversTheOther) {
+    const ProductPoints a = noise(2, 1), b = noise(5, 2);
+    const std::vector<IndexPair> features{{0, 1}, {1, 3}};
+    Progress progress;
+    EXPECT_TRUE(checks::is_total(mutual_pairs<12>(a, b, features, progress), 2, 5));
+}
+
+}  // namespace
+}  // namespace pointmorph

@@ -1,0 +1,92 @@
+#include "pointmorph/registration/prolongation.hpp"
+
+#include <gtest/gtest.h>
+
+#include "pointmorph/cloud/similarity.hpp"
+#include "shapes.hpp"
+
+namespace pointmorph {
+namespace {
+
+Positions shape_map(const Positions& p, const Matrix3& linear) {
+    return p * linear.transpose();
+}
+
+struct Fixture {
+    Positions positions = shapes::sphere(4000);
+    Progress progress;
+    CoarseShape shape =
+        coarse_shape(KdTree<3>(positions), positions, {}, {800, {20}, {}}, progress);
+};
+
+TEST(Prolongation, AnAffineMapOfTheCoarsePointsIsOneOfAllPoints) {
+    Fixture f;
+    Matrix3 linear;
+    linear << 1.0, 0.2, 0.0, -0.1, 0.8, 0.3, 0.0, 0.0, 1.5;
+    DeformedCloud coarse;
+    coarse.positions = shape_map(f.shape.positions, linear);
+    coarse.linear.assign(to_size(f.shape.size()), linear);
+    const OrientedPoints all = Prolongation(f.shape, f.positions, f.positions, f.progress)(
+        f.shape, coarse, f.positions, f.positions, f.progress);
+    EXPECT_LT((all.positions - shape_map(f.positions, linear)).cwiseAbs().maxCoeff(), 1e-10);
+    EXPECT_LT((all.normals.rowwise().norm().array() - 1.0).abs().maxCoeff(), 1e-12);
+}
+
+TEST(Prolongation, FollowsASmoothMapAndReproducesCoarsePoints) {
+    Fixture f;
+    // x ↦ (x + 0.3 z², y, z), whose derivative is known.
+    const auto bend = [](const Eigen::RowVector3d& p) {
+        return Eigen::RowVector3d(p[0] + 0.3 * p[2] * p[2], p[1], p[2]);
+    };
+    DeformedCloud coarse;
+    coarse.positions.resize(f.shape.size(), 3);
+    for (Index c = 0; c < f.shape.size(); ++c) {
+        coarse.positions.row(c) = bend(f.shape.positions.row(c));
+        Matrix3 linear = Matrix3::Identity();
+        linear(0, 2) = 0.6 * f.shape.positions(c, 2);
+        coarse.linear.push_back(linear);
+    }
+    const OrientedPoints all = Prolongation(f.shape, f.positions, f.positions, f.progress)(
+        f.shape, coarse, f.positions, f.positions, f.progress);
+    // Taylor's remainder at two coarse spacings.
+    const double spacing = std::sqrt(4.0 * std::numbers::pi / 800);
+    for (Index i = 0; i < f.positions.rows(); ++i)
+        EXPECT_LT((all.positions.row(i) - bend(f.positions.row(i))).norm(),
+                  0.3 * 4.0 * spacing * spacing);
+    for (Index c = 0; c < f.shape.size(); ++c)
+        EXPECT_LT((all.positions.row(f.shape.rows[to_size(c)]) - coarse.positions.row(c)).norm(),
+                  0.01 * spacing);
+}
+
+TEST(Prolongation, ThinSheetsDoNotMix) {
+    const Positions top = shapes::grid(30);
+    Positions p(2 * top.rows(), 3);
+    p << top, top;
+    p.bottomRows(top.rows()).col(2).array() -= 1e-3;
+    Normals n = Normals::Zero(p.rows(), 3);
+    n.col(2).head(top.rows()).setOnes();
+    n.col(2).tail(top.rows()).setConstant(-1.0);
+    Progress progress;
+    const CoarseShape shape = coarse_shape(KdTree<3>(p), n, {}, {500, {20}, {}}, progress);
+    DeformedCloud coarse;
+    coarse.positions = shape.positions;
+    coarse.positions.col(2) += 5.0 * shape.normals.col(2);
+    coarse.linear.assign(to_size(shape.size()), Matrix3::Identity());
+    const OrientedPoints all = Prolongation(shape, p, n, progress)(shape, coarse, p, n, progress);
+    EXPECT_LT((all.positions.col(2) - p.col(2) - 5.0 * n.col(2)).cwiseAbs().maxCoeff(), 1e-9);
+}
+
+TEST(Prolongation, OneCoarsePointCarriesAll) {
+    const Positions p = Positions::Zero(6, 3);
+    const Normals n = Normals::Constant(6, 3, 1.0 / std::sqrt(3.0));
+    Progress progress;
+    const CoarseShape shape = coarse_shape(KdTree<3>(p), n, {}, {100, {20}, {}}, progress);
+    DeformedCloud coarse;
+    coarse.positions = Positions::Constant(shape.size(), 3, 2.0);
+    coarse.linear.assign(to_size(shape.size()), Matrix3::Identity());
+    EXPECT_TRUE(Prolongation(shape, p, n, progress)(shape, coarse, p, n, progress)
+                    .positions.isApprox(Positions::Constant(6, 3, 2.0)));
+}
+
+}  // namespace
+}  // namespace pointmorph

@@ -1,0 +1,202 @@
+#include "pointmorph/sphere/spherical_parameterization.hpp"
+
+#include <gtest/gtest.h>
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+#include <map>
+#include <numbers>
+#include <string>
+#include <utility>
+
+#include "pointmorph/base/error.hpp"
+#include "pointmorph/base/parallel.hpp"
+#include "pointmorph/cloud/covariance.hpp"
+#include "pointmorph/cloud/similarity.hpp"
+#include "shapes.hpp"
+
+namespace pointmorph {
+namespace {
+
+/// A cloud with what the stage needs of it.
+struct Prepared {
+    Positions positions;
+    Normals normals;
+    Neighborhoods nearest;
+
+    explicit Prepared(Positions given) : positions(std::move(given)) {
+        Progress progress;
+        const KdTree<3> tree(positions);
+        nearest = nearest_neighbors(tree, 16, progress);
+        normals = covariance_analysis(positions, nearest, progress).normals;
+        orient_normals(positions, nearest, normals, progress);
+    }
+
+    SphericalMesh mesh(Index nodes, std::span<const Index> required = {}) const {
+        Progress progress;
+        SphericalOptions options;
+        options.nodes = nodes;
+        return spherical_mesh(KdTree<3>(positions), normals, nearest, required, options, "cloud",
+                              progress);
+    }
+};
+
+/// A ball with three limbs, one of them long.
+Positions limbed(Index count) {
+    return shapes::Urchin(
+               count,
+               {1.6 * Vector3::UnitX(), Vector3::UnitY(), Vector3(-0.5, 0.2, -1.0).normalized()}, 5)
+        .positions;
+}
+
+double area(const Eigen::RowVector3d& a, const Eigen::RowVector3d& b, const Eigen::RowVector3d& c) {
+    return 0.5 * (b - a).cross(c - a).norm();
+}
+
+void expect_closed(const SphericalMesh& mesh) {
+    EXPECT_EQ(static_cast<Index>(mesh.triangles.size()), 2 * mesh.size() - 4);
+    std::map<std::pair<Index, Index>, int> edges;
+    for (const auto& [a, b, c] : mesh.triangles)
+        for (const auto& e : {std::pair{a, b}, {b, c}, {c, a}}) ++edges[e];
+    EXPECT_EQ(edges.size(), 3 * mesh.triangles.size());
+    for (const auto& [edge, times] : edges) {
+        EXPECT_EQ(times, 1);
+        EXPECT_EQ(edges.count({edge.second, edge.first}), 1u);
+    }
+}
+
+TEST(SphericalParameterization, ASphereIsItselfButForATurn) {
+    const Prepared ball(shapes::sphere(4000));
+    const SphericalMesh mesh = ball.mesh(500);
+    expect_closed(mesh);
+    EXPECT_EQ(turned_over(mesh.triangles, mesh.images), 0.0);
+    const Matrix3 covariance = mesh.positions.transpose() * mesh.images;
+    const Positions turned = mesh.images * best_rotation(covariance).rotation.transpose();
+    const double spacing = std::sqrt(4.0 * std::numbers::pi / mesh.size());
+    EXPECT_LT(std::sqrt((turned - mesh.positions).rowwise().squaredNorm().mean()), spacing);
+}
+
+TEST(SphericalParameterization, LimbsKeepTheirShareOfTheSphere) {
+    const Prepared shape(limbed(6000));
+    const SphericalMesh mesh = shape.mesh(800);
+    expect_closed(mesh);
+    EXPECT_EQ(turned_over(mesh.triangles, mesh.images), 0.0);
+    EXPECT_LT((mesh.images.rowwise().norm().array() - 1.0).abs().maxCoeff(), 1e-12);
+    double least = 1.0, limb = 0.0, limb_image = 0.0, all = 0.0, all_image = 0.0;
+    for (const auto& [a, b, c] : mesh.triangles) {
+        const double here =
+            area(mesh.positions.row(a), mesh.positions.row(b), mesh.positions.row(c));
+        const double there = area(mesh.images.row(a), mesh.images.row(b), mesh.images.row(c));
+        least = std::min(least, there);
+        all += here;
+        all_image += there;
+        if (mesh.positions(a, 0) < 0.8) continue;
+        limb += here;
+        limb_image += there;
+    }
+    // A conformal map would leave the end of the long limb a thousandth of its share.
+    EXPECT_GT(limb, 0.0);
+    EXPECT_GT(limb_image / all_image, 0.4 * limb / all);
+    EXPECT_GT(least, 0.02 * all_image / static_cast<double>(mesh.triangles.size()));
+}
+
+TEST(SphericalParameterization, TrianglesFollowTheSurface) {
+    const Prepared shape(limbed(6000));
+    const SphericalMesh mesh = shape.mesh(800);
+    double wrong = 0.0, all = 0.0;
+    for (const auto& [a, b, c] : mesh.triangles) {
+        const Eigen::RowVector3d across =
+            Eigen::RowVector3d(mesh.positions.row(b) - mesh.positions.row(a))
+                .cross(mesh.positions.row(c) - mesh.positions.row(a));
+        all += across.norm();
+        if (across.dot(mesh.normals.row(a)) < 0.0) wrong += across.norm();
+    }
+    EXPECT_LT(wrong, 0.02 * all);
+}
+
+TEST(SphericalParameterization, PointsLieBetweenTheCornersAroundThem) {
+    const Prepared shape(limbed(5000));
+    const std::vector<Index> required{17, 4000, 123};
+    const SphericalMesh mesh = shape.mesh(600, required);
+    for (std::size_t k = 0; k < required.size(); ++k) EXPECT_EQ(mesh.rows[k], required[k]);
+    Progress progress;
+    const Positions images = onto_sphere(mesh, shape.positions, shape.normals, progress);
+    EXPECT_LT((images.rowwise().norm().array() - 1.0).abs().maxCoeff(), 1e-12);
+    for (Index v = 0; v < mesh.size(); ++v)
+        EXPECT_EQ(images.row(mesh.rows[to_size(v)]), mesh.images.row(v));
+    // Close on the shape is close on the sphere: a few of the nodes' spacings at the most.
+    double farthest = 0.0;
+    for (Index i = 0; i < 5000; ++i)
+        for (const Index j : shape.nearest[i].first(4))
+            farthest = std::max(farthest, (images.row(i) - images.row(j)).norm());
+    EXPECT_LT(farthest, 4.0 * std::sqrt(4.0 * std::numbers::pi / mesh.size()));
+}
+
+TEST(SphericalParameterization, SizeAndThreadsDoNotMatter) {
+    const Prepared shape(limbed(2500)), large(4.0 * limbed(2500));
+    SphericalMesh one, three;
+    {
+        const ThreadCount threads(1);
+        one = shape.mesh(400);
+    }
+    {
+        const ThreadCount threads(3);
+        three = shape.mesh(400);
+    }
+    EXPECT_EQ(one.images, three.images);
+    EXPECT_EQ(one.triangles, three.triangles);
+    const SphericalMesh same = large.mesh(400);
+    EXPECT_EQ(one.triangles, same.triangles);
+    EXPECT_LT((one.images - same.images).cwiseAbs().maxCoeff(), 1e-9);
+}
+
+TEST(SphericalParameterization, WhatIsNoSphereIsRefused) {
+    EXPECT_THROW(Prepared(shapes::torus(5000, 0.4)).mesh(600), TopologyError);
+
+    Prepared inward(shapes::sphere(1000));
+    inward.normals = -inward.normals;
+    EXPECT_THROW(inward.mesh(300), TopologyError);
+
+    Positions two(2000, 3);
+    two << shapes::sphere(1000), shapes::sphere(1000).rowwise() + Eigen::RowVector3d(5, 0, 0);
+    EXPECT_THROW(Prepared(two).mesh(300), TopologyError);
+
+    EXPECT_THROW(Prepared(shapes::sphere(20)).mesh(300), CloudError);
+}
+
+TEST(SphericalParameterization, SmallPartsGoWithWhatIsNearest) {
+    Positions ball_with_button(2060, 3);
+    ball_with_button << shapes::sphere(2000),
+        (0.05 * shapes::sphere(60)).rowwise() + Eigen::RowVector3d(1.5, 0, 0);
+    const Prepared shape(ball_with_button);
+    const SphericalMesh mesh = shape.mesh(300);
+    EXPECT_EQ(mesh.loose, 60);
+    Progress progress;
+    const Positions images = onto_sphere(mesh, shape.positions, shape.normals, progress);
+    EXPECT_TRUE(images.allFinite());
+    const std::vector<Index> on_button{2010};
+    EXPECT_THROW(shape.mesh(300, on_button), FeatureError);
+}
+
+TEST(SphericalParameterization, PointsThatCoincideAreNoObstacle) {
+    const Positions once = limbed(1500);
+    Positions twice(3000, 3);
+    twice << once, once;
+    const SphericalMesh mesh = Prepared(twice).mesh(300);
+    expect_closed(mesh);
+    EXPECT_EQ(turned_over(mesh.triangles, mesh.images), 0.0);
+}
+
+TEST(SphericalParameterization, CanBeCancelled) {
+    const Prepared shape(limbed(3000));
+    int calls = 0;
+    Progress progress([&](std::string_view, double) { return ++calls < 3; });
+    progress.enter("spherical parameterization");
+    EXPECT_THROW(spherical_mesh(KdTree<3>(shape.positions), shape.normals, shape.nearest, {}, {},
+                                "cloud", progress),
+                 Cancelled);
+}
+
+}  // namespace
+}  // namespace pointmorph

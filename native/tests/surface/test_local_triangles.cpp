@@ -1,0 +1,101 @@
+#include "pointmorph/surface/local_triangles.hpp"
+
+#include <gtest/gtest.h>
+
+#include <random>
+
+#include "pointmorph/base/parallel.hpp"
+#include "shapes.hpp"
+
+namespace pointmorph {
+namespace {
+
+std::vector<Triangle> triangles_of(const Positions& positions, const Normals& normals,
+                                   double reach = 2.0) {
+    Progress progress;
+    const auto nearest = nearest_neighbors(KdTree<3>(positions), 16, progress);
+    return local_triangles(positions, normals, nearest, local_spacing(positions, nearest), reach,
+                           progress);
+}
+
+Normals up(Eigen::Index rows) {
+    return Eigen::RowVector3d(0, 0, 1).replicate(rows, 1);
+}
+
+Positions shaken_grid(Index side) {
+    Positions points = shapes::grid(side);
+    std::mt19937_64 random(2);
+    std::uniform_real_distribution<double> shake(-0.3 / side, 0.3 / side);
+    for (Index i = 0; i < points.rows(); ++i)
+        points.row(i).head<2>() += Eigen::RowVector2d(shake(random), shake(random));
+    return points;
+}
+
+TEST(LocalTriangles, AreDelaunayInThePlane) {
+    const Positions points = shaken_grid(20);
+    const auto triangles = triangles_of(points, up(points.rows()));
+    // All of a triangulation but slivers on the border: 2 n − 2 − border.
+    EXPECT_NEAR(static_cast<double>(triangles.size()), 2.0 * 400 - 2 - 76, 30);
+    for (const auto& [a, b, c] : triangles) {
+        const Eigen::Vector2d p = points.row(a).head<2>(), q = points.row(b).head<2>(),
+                              r = points.row(c).head<2>();
+        Eigen::Matrix2d sides;
+        sides << (q - p).transpose(), (r - p).transpose();
+        const Eigen::Vector2d center =
+            p + sides.inverse() * Eigen::Vector2d((q - p).squaredNorm(), (r - p).squaredNorm()) / 2;
+        const double radius = (p - center).norm();
+        for (Index i = 0; i < points.rows(); ++i)
+            EXPECT_GE((points.row(i).head<2>().transpose() - center).norm(), radius * (1 - 1e-9));
+    }
+}
+
+TEST(LocalTriangles, CloseASphere) {
+    const Positions points = shapes::sphere(1000);
+    const auto triangles = triangles_of(points, points);
+    EXPECT_NEAR(static_cast<double>(triangles.size()), 2.0 * 1000 - 4, 60);
+    std::vector<int> corners(1000);
+    for (const Triangle& triangle : triangles)
+        for (const Index corner : triangle) ++corners[to_size(corner)];
+    EXPECT_GE(*std::ranges::min_element(corners), 3);
+}
+
+TEST(LocalTriangles, LeaveHolesOpenAndSheetsApart) {
+    const Positions points = shaken_grid(40);
+    std::vector<Index> kept;
+    for (Index i = 0; i < points.rows(); ++i)
+        if (points.row(i).norm() > 0.3) kept.push_back(i);
+    const Positions ring = points(kept, Eigen::all);
+    for (const auto& [a, b, c] : triangles_of(ring, up(ring.rows())))
+        EXPECT_GT(((ring.row(a) + ring.row(b) + ring.row(c)) / 3.0).norm(), 0.2);
+
+    Positions sheets(2 * points.rows(), 3);
+    Normals normals(2 * points.rows(), 3);
+    sheets << points, points.rowwise() - Eigen::RowVector3d(0, 0, 0.02);
+    normals << up(points.rows()), -up(points.rows());
+    const auto rows = static_cast<Index>(points.rows());
+    const auto triangles = triangles_of(sheets, normals);
+    EXPECT_GT(triangles.size(), 2U * 2U * 1500U * 95U / 100U);
+    for (const auto& [a, b, c] : triangles) EXPECT_EQ(a < rows, c < rows);
+}
+
+TEST(LocalTriangles, CoincidentPointsAndTinyCloudsDoNoHarm) {
+    Positions points(200, 3);
+    points << shaken_grid(10), shaken_grid(10);
+    EXPECT_GT(triangles_of(points, up(200)).size(), 100U);
+    EXPECT_TRUE(triangles_of(Positions::Zero(20, 3), up(20)).empty());
+    EXPECT_TRUE(triangles_of(Positions(0, 3), up(0)).empty());
+    EXPECT_TRUE(triangles_of(Positions::Zero(1, 3), up(1)).empty());
+}
+
+TEST(LocalTriangles, SameForAnyNumberOfThreads) {
+    const Positions points = shapes::torus(3000, 0.4);
+    const Normals normals = points.rowwise().normalized();
+    const auto with = [&](int count) {
+        const ThreadCount threads(count);
+        return triangles_of(points, normals);
+    };
+    EXPECT_EQ(with(1), with(2));
+}
+
+}  // namespace
+}  // namespace pointmorph

@@ -1,0 +1,157 @@
+#include "pointmorph/surface/topology.hpp"
+
+#include <gtest/gtest.h>
+
+#include <numeric>
+#include <random>
+
+#include "pointmorph/cloud/covariance.hpp"
+#include "shapes.hpp"
+
+namespace pointmorph {
+namespace {
+
+Topology topology_of(const Positions& positions, std::vector<Index> parts = {}) {
+    Progress progress;
+    const KdTree<3> tree(positions);
+    const auto nearest = nearest_neighbors(tree, 16, progress);
+    Normals normals = covariance_analysis(positions, nearest, progress).normals;
+    orient_normals(positions, nearest, normals, progress);
+    const auto loops = find_boundary_loops(positions, normals, nearest, {}, progress);
+    return find_topology(positions, normals, nearest, loops, parts, {}, progress);
+}
+
+Positions together(const std::vector<Positions>& clouds) {
+    Eigen::Index rows = 0;
+    for (const Positions& cloud : clouds) rows += cloud.rows();
+    Positions all(rows, 3);
+    rows = 0;
+    for (const Positions& cloud : clouds) {
+        all.middleRows(rows, cloud.rows()) = cloud;
+        rows += cloud.rows();
+    }
+    return all;
+}
+
+Positions shaken(Positions positions, double by) {
+    std::mt19937_64 random(3);
+    std::normal_distribution<double> normal(0.0, by);
+    for (Eigen::Index i = 0; i < positions.size(); ++i) positions.data()[i] += normal(random);
+    return positions;
+}
+
+TEST(Topology, CountsHandlesOfAnalyticShapes) {
+    EXPECT_EQ(in_words(topology_of(shapes::sphere(4000))), "a closed surface of genus 0");
+    EXPECT_EQ(in_words(topology_of(shapes::torus(6000, 0.4))), "a closed surface of genus 1");
+    EXPECT_EQ(in_words(topology_of(shapes::double_torus(6000))), "a closed surface of genus 2");
+    EXPECT_EQ(in_words(topology_of(shapes::grid(60))), "an open patch");
+    EXPECT_EQ(in_words(topology_of(shapes::sphere(3000, 0.2))), "an open patch");
+}
+
+TEST(Topology, StaysTheSameWithNoise) {
+    for (const double share : {0.1, 0.25}) {  // of the spacing
+        const double spacing = std::sqrt(4 * std::numbers::pi / 4000);
+        EXPECT_EQ(in_words(topology_of(shaken(shapes::sphere(4000), share * spacing))),
+                  "a closed surface of genus 0");
+        const double torus = 4 * std::numbers::pi * std::numbers::pi * 0.4;
+        EXPECT_EQ(in_words(topology_of(
+                      shaken(shapes::torus(6000, 0.4), share * std::sqrt(torus / 6000)))),
+                  "a closed surface of genus 1");
+    }
+}
+
+TEST(Topology, CountsHolesAndTellsThemFromRims) {
+    const auto without = [](const Positions& all, auto&& is_cut) {
+        std::vector<Eigen::Index> kept;
+        for (Eigen::Index i = 0; i < all.rows(); ++i)
+            if (!is_cut(all.row(i))) kept.push_back(i);
+        return Positions(all(kept, Eigen::all));
+    };
+    EXPECT_EQ(in_words(topology_of(without(shapes::sphere(6000),
+                                           [](const auto& p) { return std::abs(p.x()) > 0.97; }))),
+              "a closed surface of genus 0 with 2 holes");
+    EXPECT_EQ(in_words(topology_of(without(shapes::sphere(6000),
+                                           [](const auto& p) { return std::abs(p.z()) > 0.5; }))),
+              "an open patch with 1 hole");
+    Positions torus(90 * 40, 3);  // even, for its holes to be seen
+    for (Index i = 0; i < torus.rows(); ++i) {
+        const double a = 2 * std::numbers::pi * (i / 40) / 90.0;
+        const double b = 2 * std::numbers::pi * (i % 40 + 0.5 * (i / 40 % 2)) / 40.0;
+        torus.row(i) << (1 + 0.4 * std::cos(b)) * std::cos(a),
+            (1 + 0.4 * std::cos(b)) * std::sin(a), 0.4 * std::sin(b);
+    }
+    EXPECT_EQ(in_words(topology_of(without(torus, [](const auto& p) { return p.x() > 1.33; }))),
+              "a closed surface of genus 1 with 1 hole");
+}
+
+TEST(Topology, TellsPiecesApartAndSpecksFromThem) {
+    const Positions ball = shapes::sphere(4000);
+    const Positions eye = (shapes::sphere(400) * 0.1).rowwise() + Eigen::RowVector3d(1.3, 0, 0);
+    const Positions other = eye.rowwise() + Eigen::RowVector3d(0, 0.4, 0);
+    const Positions speck = (shapes::sphere(5) * 0.01).rowwise() + Eigen::RowVector3d(0, 0, 3);
+    const Positions all = together({eye, ball, speck, other});
+    const Topology topology = topology_of(all);
+    EXPECT_EQ(in_words(topology), "3 pieces (3 closed surfaces of genus 0) and 1 speck");
+    EXPECT_EQ(topology.pieces[0].points, 4000);
+    EXPECT_EQ(topology.labels.front(), topology.labels[399]);
+    EXPECT_EQ(topology.labels[400], 0);
+    EXPECT_EQ(topology.specks, 1);
+}
+
+TEST(Topology, TakesScatteredPointsForSpecks) {
+    const Positions ball = shapes::sphere(4000), dust = shapes::cube_noise(60) * 1.8;
+    const Topology topology = topology_of(together({dust, ball}));
+    ASSERT_EQ(topology.main().size(), 1u) << in_words(topology);
+    EXPECT_EQ(topology.pieces[0].genus, std::optional<Index>(0));
+    EXPECT_GE(topology.specks, 1);
+    EXPECT_EQ(std::count(topology.labels.begin() + 60, topology.labels.end(), 0), 4000);
+}
+
+TEST(Topology, TakesTheWordOfFaces) {
+    // Two balls that touch: one piece to the eye, two by their faces.
+    const Positions ball = shapes::sphere(2000);
+    const Positions all = together({ball, ball.rowwise() + Eigen::RowVector3d(2.0, 0, 0)});
+    std::vector<Index> parts(4000, 7);
+    std::fill_n(parts.begin(), 2000, 3);
+    const Topology topology = topology_of(all, parts);
+    EXPECT_EQ(in_words(topology), "2 pieces (2 closed surfaces of genus 0)");
+    EXPECT_NE(topology.labels.front(), topology.labels.back());
+}
+
+TEST(Topology, CountsCoincidentPointsOnce) {
+    const Positions once = shapes::torus(5000, 0.4);
+    const Positions thrice = together({once, once, once});
+    Progress progress;
+    const auto nearest = nearest_neighbors(KdTree<3>(once), 16, progress);
+    Normals normals = covariance_analysis(once, nearest, progress).normals;
+    orient_normals(once, nearest, normals, progress);
+    const auto all_nearest = nearest_neighbors(KdTree<3>(thrice), 64, progress);
+    const Topology topology = find_topology(thrice, together({normals, normals, normals}),
+                                            all_nearest, {}, {}, {}, progress);
+    EXPECT_EQ(in_words(topology), "a closed surface of genus 1");
+    EXPECT_EQ(topology.pieces[0].points, 15000);
+}
+
+TEST(Topology, SaysUnknownWherePointsAreTooFew) {
+    const Topology few = topology_of(shapes::sphere(60));
+    ASSERT_EQ(few.main().size(), 1u);
+    EXPECT_FALSE(few.pieces[0].genus);
+    EXPECT_EQ(in_words(few), "a closed surface, genus unknown");
+}
+
+TEST(Topology, SpeaksOfTwoShapesAtOnce) {
+    const auto of = [](std::optional<Index> genus, Index borders = 0, bool open = false) {
+        return Topology{{}, {{100, borders, open, genus}}, 0};
+    };
+    EXPECT_EQ(in_words(of(0), of(0)), "closed surfaces of genus 0");
+    EXPECT_EQ(in_words(of(1), of(0)), "closed surfaces of genus 1 and 0");
+    EXPECT_EQ(in_words(of(1), of({})), "closed surfaces of genus 1 and unknown");
+    EXPECT_EQ(in_words(of(0, 1, true), of(0, 1, true)), "open patches");
+    EXPECT_EQ(in_words(of(0, 3, true), of(0)),
+              "an open patch with 2 holes, to a closed surface of genus 0");
+    const Topology eyes{{}, {{100, 0, false, 0}, {9, 0, false, 0}, {9, 0, false, 0}}, 0};
+    EXPECT_EQ(in_words(eyes, eyes), "on both sides 3 pieces (3 closed surfaces of genus 0)");
+}
+
+}  // namespace
+}  // namespace pointmorph
