@@ -1,70 +1,58 @@
-"""Morphs one sampled shape into another, in Blender. The work is done by the library `pointmorph`.
-
-An extension's wheel brings the library. A legacy add-on, for Blender before 4.2, holds it in `lib`
-instead, and its own folder must have another name than the library.
+"""Morphs one sampled shape into another, in Blender. The work is done by the library `pointmorph`,
+which the extension brings as a wheel.
 """
 
-import sys
-from pathlib import Path
-
-bl_info = {
-    "name": "Pointmorph",
-    "author": "The Pointmorph developers",
-    "version": (0, 1, 0),
-    "blender": (3, 4, 0),
-    "location": "3D Viewport > Sidebar > Pointmorph",
-    "description": "Morphs one sampled shape into another with other vertices",
-    "category": "Animation",
-}
-
-_library = Path(__file__).parent / "lib"
-if _library.is_dir() and str(_library) not in sys.path:
-    sys.path.insert(0, str(_library))
-
-from . import (  # noqa: E402
-    baking,
-    clicking,
-    cuts,
-    first_use,
-    handlers,
-    markers,
-    marking,
-    operators,
-    panels,
-    picking,
-    properties,
-    result_operators,
-    result_panels,
-    translations,
-    watching,
+from .data import properties, registration
+from .operators import (
+    bakes,
+    chains,
+    clicks,
+    demo_scene,
+    features,
+    loop,
+    made_objects,
+    manual,
+    modal_operator,
+    morph,
+    objects,
+    quality,
 )
+from .scene import marked_points, object_properties
+from .ui import handlers, morph_object_panels, panels
+from .view import cut_curves, markers, staleness_watch
 
-# In this order: the others use the properties.
-_modules = (
-    properties,
-    markers,
-    picking,
-    marking,
-    clicking,
-    cuts,
-    operators,
-    baking,
-    result_operators,
-    panels,
-    result_panels,
-    first_use,
-    handlers,
-    watching,
-    translations,
-)
+# In this order: the others use the properties, and a running job is stopped first.
+_registrations = [
+    module.registration
+    for module in (
+        modal_operator,
+        properties,
+        object_properties,
+        marked_points,
+        markers,
+        cut_curves,
+        staleness_watch,
+        objects,
+        features,
+        clicks,
+        loop,
+        morph,
+        quality,
+        bakes,
+        made_objects,
+        chains,
+        demo_scene,
+        manual,
+        panels,
+        morph_object_panels,
+        handlers,
+    )
+]
 
 
 def register():
-    for module in _modules:
-        translations.put_tooltips(getattr(module, "_classes", ()))
-        module.register()
+    registration.register(_registrations)
 
 
 def unregister():
-    for module in reversed(_modules):
-        module.unregister()
+    registration.unregister(_registrations)

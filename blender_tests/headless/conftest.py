@@ -25,7 +25,7 @@ def module():
 
 @pytest.fixture(scope="session")
 def addon(module):
-    """Gives the add-on's files as modules: `addon("arrays")`."""
+    """Gives the add-on's files as modules: `addon("data.arrays")`."""
     return lambda name: importlib.import_module(f"{module}.{name}")
 
 

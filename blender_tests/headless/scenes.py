@@ -179,10 +179,7 @@ def add_point_cloud(name, positions, attributes):
         return mesh_object
     cloud = add_object(name, bpy.data.pointclouds.new(name))
     group = bpy.data.node_groups.new("From vertices", "GeometryNodeTree")
-    if hasattr(group, "interface"):
-        group.interface.new_socket("Geometry", in_out="OUTPUT", socket_type="NodeSocketGeometry")
-    else:
-        group.outputs.new("NodeSocketGeometry", "Geometry")
+    group.interface.new_socket("Geometry", in_out="OUTPUT", socket_type="NodeSocketGeometry")
     nodes, links = group.nodes, group.links
     info = nodes.new("GeometryNodeObjectInfo")
     info.inputs["Object"].default_value = mesh_object
@@ -199,7 +196,7 @@ def add_point_cloud(name, positions, attributes):
 def listed(settings):
     """Name of every feature in the list, and whether it is on the source and on the target."""
     for obj in filter(None, (settings.source, settings.target)):
-        obj.update_tag()  # in Blender 3.4 a script's change of groups doesn't say that it happened
+        obj.update_tag()
     bpy.context.view_layer.update()
     return [(f.name, f.on_source, f.on_target) for f in settings.features]
 

@@ -149,7 +149,7 @@ def test_marks_meet_along_the_whole_chain(settings):
 def test_join_pairs(addon):
     """Every pair of both tables, no row more than that takes, and the same each time."""
     rng = np.random.default_rng(7)
-    join = addon("chains").join_pairs
+    join = addon("data.chains").join_pairs
     for _ in range(20):
         tables = []
         for a, b in ((5, 7), (7, 4), (4, 9)):

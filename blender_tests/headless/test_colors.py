@@ -37,13 +37,9 @@ def painted(settings):
     return bpy.context.view_layer.objects.active
 
 
-def show_as(obj, kind):
-    modifier = obj.modifiers["Points"]
-    group = modifier.node_group
-    sockets = group.interface.items_tree if hasattr(group, "interface") else group.inputs
+def show_as(versions, obj, kind):
     for name in ("Discs", "Spheres"):
-        identifier = next(item for item in sockets if item.name == name).identifier
-        modifier[identifier] = name == kind
+        versions.set_input(obj.modifiers["Points"], name, name == kind)
     obj.update_tag()
 
 
@@ -79,12 +75,12 @@ def assert_red_and_green(left, right):
 
 @pytest.mark.parametrize("kind", ["Points", "Spheres", "Discs"])
 @pytest.mark.parametrize("what", ["morph", "frames"])
-def test_colours_show(painted, output, kind, what):
+def test_colours_show(addon, painted, output, kind, what):
     obj = painted
     if what == "frames":
         bpy.ops.pointmorph.bake_frames(frame_start=1, frame_end=3, resample=False)
         obj = bpy.context.view_layer.objects.active
-    show_as(obj, kind)
+    show_as(addon("data.versions"), obj, kind)
     for t, frame in ((0.0, 1), (0.5, 2)):
         painted.data.shape_keys.key_blocks["Morph"].value = t
         bpy.context.scene.frame_set(frame)
@@ -96,9 +92,9 @@ def test_colours_show(painted, output, kind, what):
 
 
 @pytest.mark.parametrize("kind", ["Spheres", "Discs"])
-def test_pairs_of_one_point_are_as_bright_as_others(painted, output, kind):
+def test_pairs_of_one_point_are_as_bright_as_others(addon, painted, output, kind):
     """Splats that lie in the same place keep no light from each other."""
-    show_as(painted, kind)
+    show_as(addon("data.versions"), painted, kind)
     end = painted.data.shape_keys.key_blocks["Morph"]
     places = coordinates(end.data)
     assert len(np.unique(places, axis=0)) < 0.9 * len(places)
@@ -108,8 +104,8 @@ def test_pairs_of_one_point_are_as_bright_as_others(painted, output, kind):
     assert red.min() > 0.8 * red.mean()
 
 
-def test_backs_of_discs_have_colour_and_alpha(painted, output):
-    show_as(painted, "Discs")
+def test_backs_of_discs_have_colour_and_alpha(addon, painted, output):
+    show_as(addon("data.versions"), painted, "Discs")
     camera = bpy.context.scene.camera
     camera.location.z, camera.rotation_euler.y = -5, math.pi
     right, left = render("CYCLES", output, "backs")
@@ -126,9 +122,9 @@ def test_colours_of_faces_show(painted, output):
 
 
 @pytest.mark.parametrize("kind", ["Spheres", "Discs"])
-def test_nothing_but_the_splats_is_left(painted, kind):
+def test_nothing_but_the_splats_is_left(addon, painted, kind):
     """The mesh that says which colours are active isn't shown itself."""
-    show_as(painted, kind)
+    show_as(addon("data.versions"), painted, kind)
     evaluated = painted.evaluated_get(bpy.context.evaluated_depsgraph_get()).data
     corners = 12 if kind == "Spheres" else 6
     assert len(evaluated.vertices) == corners * len(painted.data.vertices)
@@ -136,6 +132,6 @@ def test_nothing_but_the_splats_is_left(painted, kind):
 
 
 def test_a_morph_object_as_a_shape_keeps_its_colours(painted, addon):
-    colors = addon("arrays").mesh_colors(painted.data)
+    colors = addon("data.arrays").mesh_colors(painted.data)
     assert colors is not None
     assert set(np.unique(colors[:, 2])) == {0.0}

@@ -24,7 +24,7 @@ from scenes import (
 def test_the_highest_weight_wins(addon):
     positions = np.arange(30, dtype=np.float32).reshape(10, 3)
     rows = np.array([2, 5, 7])
-    assert addon("features").feature_row(positions, rows, np.float32([0.2, 0.9, 0.8])) == 5
+    assert addon("core.features").feature_row(positions, rows, np.float32([0.2, 0.9, 0.8])) == 5
 
 
 def test_among_equals_the_nearest_to_the_weighted_centroid_wins(addon):
@@ -33,18 +33,18 @@ def test_among_equals_the_nearest_to_the_weighted_centroid_wins(addon):
     rows = np.arange(6)
     # The centroid of all is 4.5, of those with weight 1 alone 2.
     weights = np.ones(6, np.float32)
-    assert addon("features").feature_row(positions, rows, weights) == 3
+    assert addon("core.features").feature_row(positions, rows, weights) == 3
     weights = np.float32([0, 1, 1, 1, 0, 0])
-    assert addon("features").feature_row(positions, rows, weights) == 2
+    assert addon("core.features").feature_row(positions, rows, weights) == 2
     weights = np.float32([0.25, 1, 1, 0, 0, 0])
-    assert addon("features").feature_row(positions, rows, weights) == 1
+    assert addon("core.features").feature_row(positions, rows, weights) == 1
     weights = np.float32([0, 1, 1, 0, 0, 0.25])
-    assert addon("features").feature_row(positions, rows, weights) == 2
+    assert addon("core.features").feature_row(positions, rows, weights) == 2
 
 
 def test_both_objects_give_a_row(addon, settings):
     source, target = pair()
-    request = addon("reading").read_request(bpy.context)
+    request = addon("scene.shape_reader").read_request(bpy.context)
     assert list(request.features) == ["peak", "slope"]
     for name, rows in request.features.items():
         for obj, row in zip((source, target), rows, strict=True):
@@ -88,7 +88,7 @@ def test_two_features_on_one_vertex(settings):
 
 
 def test_point_clouds_are_told_about_attributes(addon, settings):
-    features = addon("features")
+    features = addon("core.features")
     marks = features.Marks("point attribute", {"tip": (np.array([], int), np.array([]))})
     shape = type("Shape", (), {"name": "Cloud", "positions": np.zeros((4, 3)), "marks": marks})
     with pytest.raises(pointmorph.FeatureError, match='in the point attribute "pm.tip"'):
@@ -115,7 +115,7 @@ def read_features():
 
 
 def read_all():
-    name = next(n for n in sys.modules if n.endswith(".reading") and "ointmorph" in n)
+    name = next(n for n in sys.modules if n.endswith(".scene.shape_reader"))
     bpy.context.view_layer.update()
     return sys.modules[name].read_request(bpy.context).features
 
@@ -254,7 +254,7 @@ def test_the_list_can_say_otherwise(settings, sheets):
 
 
 def test_without_edges_several_are_a_region_or_a_curve_by_weight(addon):
-    features = addon("features")
+    features = addon("core.features")
     weights = {"line": (np.array([4, 2, 9]), np.float32([0.2, 0.8, 0.5]))}
     shape = type(
         "Shape",
@@ -286,11 +286,11 @@ def test_without_edges_several_are_a_region_or_a_curve_by_weight(addon):
 )
 def test_what_is_no_path(addon, edges, rows):
     edges = np.array(edges, np.int32).reshape(-1, 2)
-    assert addon("features").chain(np.array(rows), edges) is None
+    assert addon("core.features").chain(np.array(rows), edges) is None
 
 
 def test_paths(addon):
-    chain = addon("features").chain
+    chain = addon("core.features").chain
     edges = np.array([(3, 7), (7, 1), (1, 5), (5, 3), (5, 9)], np.int32)
     path = chain(np.array([1, 5, 7]), edges)
     assert (path.rows.tolist(), path.closed) == ([5, 1, 7], False)

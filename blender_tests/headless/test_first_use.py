@@ -38,13 +38,13 @@ def test_a_second_demo_stands_beside_the_first(settings):
 
 def test_the_demo_is_in_the_menu():
     functions = [f.__module__ for f in bpy.types.VIEW3D_MT_mesh_add._dyn_ui_initialize()]
-    assert any("first_use" in module for module in functions)
+    assert any("demo_scene" in module for module in functions)
 
 
 def test_the_manual_is_found(addon, monkeypatch, tmp_path):
-    first_use = addon("first_use")
-    monkeypatch.setattr(first_use, "MANUAL", tmp_path / "index.html")
-    monkeypatch.setattr(first_use, "_SOURCES", tmp_path / "index.md")
+    manual = addon("operators.manual")
+    monkeypatch.setattr(manual, "MANUAL", tmp_path / "index.html")
+    monkeypatch.setattr(manual, "_SOURCES", tmp_path / "index.md")
     with pytest.raises(RuntimeError, match="install the add-on anew"):
         bpy.ops.pointmorph.manual()
 

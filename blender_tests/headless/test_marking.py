@@ -34,7 +34,7 @@ def place(obj, row):
 @pytest.mark.parametrize("row", [0, 100, 315, 575])
 def test_a_ray_takes_the_nearest_vertex(addon, pair, row):
     """Whatever the object's transform; shear and mirror included."""
-    clicking = addon("clicking")
+    targets = addon("view.click_targets")
     obj = pair[0]
     obj.matrix_world = Matrix(((2, 0.5, 0, 4), (0, -0.3, 0.1, -2), (0.2, 0, 1.5, 1), (0, 0, 0, 1)))
     bpy.context.view_layer.update()
@@ -42,18 +42,18 @@ def test_a_ray_takes_the_nearest_vertex(addon, pair, row):
     normal = obj.matrix_world.to_3x3().inverted().transposed() @ obj.data.vertices[row].normal
     target = place(obj, row) + 1e-3 * (place(obj, 300) - place(obj, row))
     along = -normal.normalized()
-    found = clicking.nearest_on_surface(obj, target - 5 * along, along, depsgraph)
+    found = targets.nearest_on_surface(obj, target - 5 * along, along, depsgraph)
     assert found is not None
     places = np.array([place(obj, k) for k in range(len(obj.data.vertices))])
     met = np.array(target - 5 * along + found[0] * along)
     assert found[1] == np.argmin(np.linalg.norm(places - met, axis=1)) == row
     beside = target + Vector((500, 0, 0))
-    assert clicking.nearest_on_surface(obj, beside, along, depsgraph) is None
+    assert targets.nearest_on_surface(obj, beside, along, depsgraph) is None
 
 
 def test_a_ray_takes_what_the_viewport_shows(addon, pair):
     """A modifier that moves vertices moves what can be clicked; subdivisions add no rows."""
-    clicking = addon("clicking")
+    targets = addon("view.click_targets")
     obj = pair[0]
     lift = obj.modifiers.new("Lift", "DISPLACE")
     lift.direction, lift.strength, lift.mid_level = "Z", 3.0, 0.0
@@ -61,14 +61,14 @@ def test_a_ray_takes_what_the_viewport_shows(addon, pair):
     depsgraph = bpy.context.evaluated_depsgraph_get()
     down = Vector((0, 0, -1))
     above = place(obj, 200) + Vector((0, 0, 10))
-    distance, row = clicking.nearest_on_surface(obj, above, down, depsgraph)
+    distance, row = targets.nearest_on_surface(obj, above, down, depsgraph)
     assert row == 200
     assert distance == pytest.approx(7, abs=1e-4)
     obj.modifiers.clear()
     obj.modifiers.new("Finer", "SUBSURF").levels = 1
     bpy.context.view_layer.update()
     depsgraph = bpy.context.evaluated_depsgraph_get()
-    _, row = clicking.nearest_on_surface(obj, above, down, depsgraph)
+    _, row = targets.nearest_on_surface(obj, above, down, depsgraph)
     assert row == 200
 
 
@@ -88,7 +88,7 @@ def looking_down(size, perspective):
 
 @pytest.mark.parametrize("perspective", [True, False])
 def test_a_point_without_faces_is_taken_from_the_front(addon, perspective):
-    nearest = addon("clicking").nearest_projected
+    nearest = addon("view.click_targets").nearest_projected
     rng = np.random.default_rng(4)
     front = np.column_stack([rng.uniform(-1, 1, (400, 2)), np.zeros(400)])
     places = np.concatenate([front + (0, 0, -2), front])  # the same behind
@@ -106,11 +106,11 @@ def test_a_point_without_faces_is_taken_from_the_front(addon, perspective):
 
 
 def test_what_is_asked_for_next(addon, pair, settings):
-    asked_for = addon("clicking").asked_for
+    asked_for = addon("operators.clicks").asked_for
     source, target = pair
     assert asked_for(settings) == ("feature 1", [source, target])
     scenes.mark(target, "ear", 0.7, 0.7)
-    addon("properties").sync_features(bpy.context.scene)
+    addon("data.feature_list").sync_features(bpy.context.scene)
     assert asked_for(settings) == ("ear", [source])
     assert asked_for(settings, "peak") == ("peak", [])
 
@@ -124,7 +124,7 @@ def test_clicks_need_a_window(pair):
 
 
 def test_marks_are_found_and_found_again(addon, pair):
-    markers = addon("markers")
+    markers = addon("scene.marked_points")
     source = pair[0]
     markers.forget()
     first = markers.marks_of(source, wait=True)
@@ -146,10 +146,10 @@ def test_marks_are_found_and_found_again(addon, pair):
 
 def test_marks_are_found_between_redraws(addon, pair, monkeypatch):
     """In slices: what is not known yet is no mark, and comes later."""
-    markers = addon("markers")
+    markers = addon("scene.marked_points")
     markers.forget()
     monkeypatch.setattr(markers, "_SLICE", 100)
-    monkeypatch.setattr(markers, "redraw", lambda: None)
+    monkeypatch.setattr(addon("data.areas"), "redraw_viewports", lambda: None)
     source = pair[0]
     assert set(markers.marks_of(source).values()) == {None}
     turns = 0
@@ -161,7 +161,7 @@ def test_marks_are_found_between_redraws(addon, pair, monkeypatch):
 
 
 def test_marks_lie_where_the_viewport_shows_them(addon, pair):
-    markers = addon("markers")
+    markers = addon("scene.marked_points")
     source = pair[0]
     source.matrix_world = Matrix.Translation((1, 2, 3)) @ Matrix.Rotation(1, 4, "X")
     lift = source.modifiers.new("Lift", "DISPLACE")
@@ -173,7 +173,7 @@ def test_marks_lie_where_the_viewport_shows_them(addon, pair):
 
 
 def test_neighbouring_colors_differ(addon):
-    colors = [addon("properties").color_of(k) for k in range(9)]
+    colors = [addon("data.feature_list").color_of(k) for k in range(9)]
     for a, b in itertools.pairwise(colors):
         assert np.linalg.norm(np.subtract(a, b)) > 0.4
 
@@ -231,21 +231,21 @@ def test_jump_puts_the_cursor_there(pair, settings):
 
 def test_a_feature_that_is_off_is_none(addon, pair, settings):
     scenes.mark(pair[0], "half", 0.2, 0.9)
-    addon("properties").sync_features(bpy.context.scene)
+    addon("data.feature_list").sync_features(bpy.context.scene)
     with pytest.raises(RuntimeError, match="half"):
         bpy.ops.pointmorph.morph()
-    assert addon("session").problem[0] == "FEATURES"
-    addon("properties").sync_features(bpy.context.scene)
-    assert addon("session").problem is not None  # nothing has changed
+    assert addon("core.background_job").problem[0] == "FEATURES"
+    addon("data.feature_list").sync_features(bpy.context.scene)
+    assert addon("core.background_job").problem is not None  # nothing has changed
     settings.features["half"].use = False
     settings.features["slope"].use = False
-    assert set(addon("reading").read_request(bpy.context).features) == {"peak"}
+    assert set(addon("scene.shape_reader").read_request(bpy.context).features) == {"peak"}
     assert bpy.ops.pointmorph.morph() == {"FINISHED"}
-    assert addon("session").problem is None
+    assert addon("core.background_job").problem is None
 
 
 def test_a_problem_is_forgotten_once_something_else_is_marked_or_picked(addon, pair, settings):
-    session, sync = addon("session"), addon("properties").sync_features
+    session, sync = addon("core.background_job"), addon("data.feature_list").sync_features
     for change in (
         lambda: scenes.mark(pair[1], "half", 0.2, 0.9),
         lambda: setattr(settings, "target", None),
@@ -263,13 +263,13 @@ def test_points_of_a_cloud_can_be_marked(addon, settings):
     cloud = scenes.add_point_cloud("Cloud", positions, {})
     if not len(cloud.data.points):
         pytest.skip("this Blender makes no point cloud with points of its own")
-    marking = addon("marking")
+    marking = addon("scene.feature_marks")
     marking.mark(cloud, "nose", [17])
-    assert addon("markers").marks_of(cloud, wait=True)["nose"].rows == (17,)
+    assert addon("scene.marked_points").marks_of(cloud, wait=True)["nose"].rows == (17,)
     marking.mark(cloud, "nose", [18])
-    assert addon("markers").marks_of(cloud, wait=True)["nose"].rows == (18,)
+    assert addon("scene.marked_points").marks_of(cloud, wait=True)["nose"].rows == (18,)
     marking.unmark(cloud, "nose")
-    assert addon("properties").feature_names(cloud) == []
+    assert addon("data.feature_list").feature_names(cloud) == []
 
 
 # --- The loop -------------------------------------------------------------------------------------
@@ -299,7 +299,7 @@ def balls(settings):
 def test_the_loop_is_edited(addon, pair, settings):
     scenes.mark(pair[0], "ear", 0.7, 0.7)
     scenes.mark(pair[1], "ear", 0.7, 0.7)
-    addon("properties").sync_features(bpy.context.scene)
+    addon("data.feature_list").sync_features(bpy.context.scene)
     for name in ("peak", "slope", "ear"):
         bpy.ops.pointmorph.add_loop_feature(name=name)
     assert loop_names(settings) == ["peak", "slope", "ear"]
@@ -327,7 +327,7 @@ def test_a_loop_is_proposed_and_its_cut_shown(addon, settings):
     source.scale = (2, 2, 2)
     bpy.ops.pointmorph.propose_loop()
     assert sorted(loop_names(settings)) == ["back", "front", "left", "right"]
-    shown = addon("cuts").shown
+    shown = addon("view.cut_curves").shown
     assert set(shown) == {"Ball", "Globe"}
     for name, radius in (("Ball", 1.0), ("Globe", 1.5)):
         curve = shown[name]
@@ -342,6 +342,6 @@ def test_a_loop_through_what_is_not_marked_is_refused(addon, settings):
     balls(settings)
     bpy.ops.pointmorph.propose_loop()
     settings.target.vertex_groups.remove(settings.target.vertex_groups["pm.left"])
-    addon("properties").sync_features(bpy.context.scene)
+    addon("data.feature_list").sync_features(bpy.context.scene)
     with pytest.raises(RuntimeError, match="left"):
         bpy.ops.pointmorph.show_cut()

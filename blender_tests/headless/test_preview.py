@@ -8,11 +8,11 @@ import scenes
 
 def request(addon, settings, side=150):
     source, _ = scenes.pair(side, side - 20)
-    return source, addon("reading").read_request(bpy.context)
+    return source, addon("scene.shape_reader").read_request(bpy.context)
 
 
 def test_a_thinned_shape_is_even_and_keeps_the_marks(addon, settings):
-    preview = addon("preview")
+    preview = addon("core.preview")
     _, whole = request(addon, settings)
     thinned = preview.thin(whole)
     assert preview.is_worth_it(whole)
@@ -40,8 +40,8 @@ def test_curves_and_regions_are_thinned_too(addon, settings):
         scenes.add_group(obj, "pm.ridge", dict.fromkeys(range(row + 5, row + side - 5), 1.0))
         patch = [r for r in range(side * side) if r % side < 40 and r // side > side - 40]
         scenes.add_group(obj, "pm.corner", dict.fromkeys(patch, 0.5))
-    whole = addon("reading").read_request(bpy.context)
-    thinned = addon("preview").thin(whole)
+    whole = addon("scene.shape_reader").read_request(bpy.context)
+    thinned = addon("core.preview").thin(whole)
     for name in ("ridge", "corner"):
         full, few = whole.features[name], thinned.features[name]
         assert few.kind == full.kind
@@ -52,7 +52,7 @@ def test_curves_and_regions_are_thinned_too(addon, settings):
             old = before.positions[full.rows(end)]
             new = shape.positions[few.rows(end)]
             assert all((old == place).all(axis=1).any() for place in new)
-    outcome = addon("preview").compute(whole, lambda stage, fraction: True)
+    outcome = addon("core.preview").compute(whole, lambda stage, fraction: True)
     assert outcome is not None
     assert len(outcome.source.rows) < len(whole.source.positions)
 
@@ -63,14 +63,14 @@ def test_what_cannot_be_previewed_is_not(addon, settings):
     broken = type(whole)(
         **{**vars(whole), "source": type(whole.source)(**{**vars(whole.source), "positions": flat})}
     )
-    assert addon("preview").compute(broken, lambda stage, fraction: True) is None
+    assert addon("core.preview").compute(broken, lambda stage, fraction: True) is None
 
 
 def test_it_comes_and_goes_without_a_trace(addon, settings):
-    previewing = addon("previewing")
+    previewing = addon("scene.preview_object")
     source, whole = request(addon, settings)
     before = scenes.data_blocks()
-    outcome = addon("preview").compute(whole, lambda stage, fraction: True)
+    outcome = addon("core.preview").compute(whole, lambda stage, fraction: True)
     made_of = (np.zeros(3), source, settings.target, np.eye(4))
     name = previewing.show(bpy.context, outcome, "Hill to Dune", *made_of)
     obj = bpy.data.objects[name]
@@ -87,6 +87,6 @@ def test_it_comes_and_goes_without_a_trace(addon, settings):
 def test_a_result_is_never_taken_for_a_preview(addon, settings):
     scenes.pair()
     bpy.ops.pointmorph.morph()
-    addon("previewing").remove("Hill to Dune")
-    addon("previewing").remove_left_over()
+    addon("scene.preview_object").remove("Hill to Dune")
+    addon("scene.preview_object").remove_left_over()
     assert "Hill to Dune" in bpy.data.objects

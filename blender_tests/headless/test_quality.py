@@ -31,13 +31,13 @@ def bad_pair():
 
 def shown_colors(addon, obj):
     """Colours of the points that are drawn, as point clouds or as discs."""
-    display = addon("display")
+    names = addon("data.attribute_names")
     graph = bpy.context.evaluated_depsgraph_get()
     for instance in graph.object_instances:
         if instance.object.type == "POINTCLOUD":
-            return attribute(instance.object.data, display.COLOR)
+            return attribute(instance.object.data, names.COLOR)
     mesh = obj.evaluated_get(graph).to_mesh()
-    colors = attribute(mesh, display.COLOR)
+    colors = attribute(mesh, names.COLOR)
     return colors.reshape(len(obj.data.vertices), -1, 4)[:, 0]
 
 
@@ -73,11 +73,13 @@ def test_one_click_colors_by_distortion_and_another_restores(addon, settings):
         item = add_attribute(shape.data, "Col", "FLOAT_COLOR", colors)
         shape.data.color_attributes.active_color = item
     obj = morph()
-    display = addon("display")
+    display = addon("scene.points_display")
     before = shown_colors(addon, obj)
     np.testing.assert_allclose(before, np.tile((0.1, 0.2, 0.3, 1.0), (len(before), 1)), rtol=1e-5)
     modifier = obj.modifiers[display.MODIFIER]
-    inputs = {name: modifier.get(name) for name in modifier.keys()}  # noqa: SIM118
+    versions = addon("data.versions")
+    names = ("Discs", "Spheres", "Radius Scale", display.SHOW_DISTORTION)
+    inputs = {name: versions.input_value(modifier, name) for name in names}
 
     assert bpy.ops.pointmorph.show_distortion() == {"FINISHED"}
     assert display.shows_distortion(obj)
@@ -97,19 +99,18 @@ def test_one_click_colors_by_distortion_and_another_restores(addon, settings):
     assert not display.shows_distortion(obj)
     np.testing.assert_array_equal(shown_colors(addon, obj), before)
     for name, value in inputs.items():
-        assert bool(modifier.get(name)) == bool(value), name
+        assert versions.input_value(modifier, name) == value, name
 
 
 def test_discs_that_were_there_stay(addon, settings):
     pair()
     obj = morph()
-    display = addon("display")
+    display, versions = addon("scene.points_display"), addon("data.versions")
     modifier = obj.modifiers[display.MODIFIER]
-    discs = display.input_identifier(modifier.node_group, "Discs")
-    modifier[discs] = True
+    versions.set_input(modifier, "Discs", True)
     for _ in range(2):
         bpy.ops.pointmorph.show_distortion()
-        assert modifier[discs]
+        assert versions.input_value(modifier, "Discs")
 
 
 def test_showing_makes_no_data(settings):
@@ -168,7 +169,7 @@ def test_the_panel_draws(addon, settings):
             return add
 
     panel = SimpleNamespace(layout=Layout())
-    draw = addon("panels").POINTMORPH_PT_quality.draw
+    draw = addon("ui.panels").POINTMORPH_PT_quality.draw
     context = SimpleNamespace(
         view_layer=bpy.context.view_layer,
         scene=bpy.context.scene,

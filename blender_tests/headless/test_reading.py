@@ -33,10 +33,10 @@ def read(addon, settings):
     """Reads an object in the world's frame."""
 
     def read_shape(obj, as_shown=False, origin=(0.0, 0.0, 0.0)):
-        reading = addon("reading")
+        reading = addon("scene.shape_reader")
         reading.update(bpy.context, obj)
         steps = reading.read_shape_steps(bpy.context, obj, np.array(origin), as_shown)
-        return addon("steps").finish(steps)
+        return addon("core.stepping").finish(steps)
 
     return read_shape
 
@@ -295,7 +295,7 @@ def test_both_are_read_in_the_frame_of_the_source(addon, settings):
     source, target = pair()
     source.location = (100, 0, 0)
     target.location = (100, 5, 0)
-    request = addon("reading").read_request(bpy.context)
+    request = addon("scene.shape_reader").read_request(bpy.context)
     assert np.array_equal(request.source.positions, coordinates(source.data.vertices))
     np.testing.assert_allclose(
         request.target.positions, coordinates(target.data.vertices) + [0, 5, 0], atol=1e-6

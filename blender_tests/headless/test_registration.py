@@ -1,6 +1,5 @@
 """The add-on comes and goes without a trace, and explains itself."""
 
-import ast
 import subprocess
 import sys
 from pathlib import Path
@@ -8,7 +7,6 @@ from pathlib import Path
 import bpy
 import pytest
 
-WITHOUT_BLENDER = ("arrays", "computation", "features", "preview", "session", "steps", "transforms")
 OPERATORS = (
     "add_feature",
     "add_to_chain",
@@ -85,51 +83,6 @@ def test_the_library_is_the_one_that_the_add_on_brings(module):
         assert pointmorph.__file__.startswith(os.environ["BLENDER_USER_RESOURCES"])
     else:
         assert Path(pointmorph.__file__).name == "__init__.py"
-
-
-def sources(module):
-    return sorted(Path(sys.modules[module].__file__).parent.glob("*.py"))
-
-
-def imports_blender(path):
-    modules = set()
-    for node in ast.walk(ast.parse(path.read_text())):
-        if isinstance(node, ast.Import):
-            modules |= {alias.name for alias in node.names}
-        elif isinstance(node, ast.ImportFrom) and node.level == 0:
-            modules.add(node.module)
-    return bool({name.split(".")[0] for name in modules} & {"bpy", "bmesh", "mathutils"})
-
-
-def test_files_that_need_no_blender_do_not_import_it(module):
-    free = {path.stem for path in sources(module) if not imports_blender(path)}
-    assert free == {*WITHOUT_BLENDER, "__init__", "chains", "checks", "german", "reading"}
-
-
-def test_files_that_need_no_blender_work_without_it(module):
-    import numpy
-    import pointmorph
-
-    folder = Path(sys.modules[module].__file__).parent
-    code = f"""
-import importlib, sys, types
-sys.modules["bpy"] = None
-package = types.ModuleType("addon")
-package.__path__ = [{str(folder)!r}]
-sys.modules["addon"] = package
-sys.path[:0] = {[str(Path(package.__file__).parents[1]) for package in (pointmorph, numpy)]!r}
-for name in {WITHOUT_BLENDER!r}:
-    importlib.import_module("addon." + name)
-"""
-    python = sys.executable if Path(sys.executable).name.startswith("python") else "python3"
-    subprocess.run([python, "-c", code], check=True)
-
-
-def test_one_file_moves_arrays(module):
-    """No other file calls foreach_get or foreach_set."""
-    for path in sources(module):
-        if path.stem != "arrays":
-            assert "foreach_" not in path.read_text(), path.name
 
 
 @pytest.mark.parametrize("name", OPERATORS)

@@ -12,7 +12,7 @@ def test_a_computation_stands_behind_the_window(addon):
     def priority():
         return os.getpriority(os.PRIO_PROCESS, threading.get_native_id())
 
-    session = addon("session")
+    session = addon("core.background_job")
     before = priority()
     job = session.start()
     try:

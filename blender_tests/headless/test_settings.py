@@ -26,7 +26,7 @@ def test_names_defaults_and_ranges(settings, name):
 
 def test_untouched_settings_are_exactly_the_defaults(addon, settings):
     """Not their float32 neighbours: the command line gets the same result then."""
-    values = addon("properties").settings_values(settings)
+    values = addon("core.settings").settings_values(settings)
     assert values == {name: o.default for name, o in OPTIONS.items() if o.default is not None}
 
 
@@ -35,12 +35,12 @@ def test_decimals_arrive_as_typed(addon, settings, name):
     option = OPTIONS[name]
     value = float(f"{option.minimum + 0.317 * (option.maximum - option.minimum):.3g}")
     setattr(settings, name, value)
-    assert addon("properties").settings_values(settings)[name] == value
+    assert addon("core.settings").settings_values(settings)[name] == value
 
 
 @pytest.mark.parametrize("name", AUTOMATIC)
 def test_a_value_given_is_used_and_can_be_made_automatic_again(addon, settings, name):
-    values = addon("properties").settings_values
+    values = addon("core.settings").settings_values
     assert name not in values(settings)
     setattr(settings, name, OPTIONS[name].maximum)
     assert values(settings)[name] == pytest.approx(OPTIONS[name].maximum)

@@ -7,7 +7,7 @@ from scenes import patch
 
 @pytest.fixture
 def surfaces(addon):
-    return addon("surfaces")
+    return addon("data.surfaces")
 
 
 def triangles_of(faces):

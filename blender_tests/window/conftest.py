@@ -286,10 +286,13 @@ sidebar = next(region for region in area.regions if region.type == "UI")
 def in_viewport():
     return bpy.context.temp_override(window=window, area=area, region=viewport)
 
+def addon(name):
+    import sys
+    ends = (f".pointmorph.{name}", f"pointmorph_addon.{name}")
+    return sys.modules[next(n for n in sys.modules if n.endswith(ends))]
+
 def session():
-    import importlib, sys
-    name = next(n for n in sys.modules if n.endswith("pointmorph_addon.session"))
-    return sys.modules[name]
+    return addon("core.background_job")
 
 def _count():
     global drawn

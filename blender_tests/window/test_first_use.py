@@ -38,15 +38,15 @@ bpy.ops.ed.undo_push(message="Two models")
 
 # Marks that a person would see on both from here, each well apart from the next.
 VISIBLE = """
-clicking = sys.modules[session().__package__ + ".clicking"]
+targets = addon("view.click_targets")
 settings = bpy.context.scene.pointmorph
 settings.source, settings.target = bpy.data.objects["Koala"], bpy.data.objects["Spot"]
 
 def is_seen(name, row):
     x, y = pixel(name, row)
-    where = clicking.viewport_at(window, x, window.height - y)
+    where = targets.viewport_at(window, x, window.height - y)
     with in_viewport():
-        hit = where and clicking.pick(bpy.context, *where)
+        hit = where and targets.pick(bpy.context, *where)
     if not hit or hit[0].name != name:
         return False
     vertices = hit[0].data.vertices

@@ -152,38 +152,12 @@ def test_how_long_reading_holds_blender_up(window, output):
     assert all(figure["turns of reading"] for figure in figures.values())
 
 
-GERMAN = """
-bpy.context.preferences.use_preferences_save = False  # other windows stay as they are
-view = bpy.context.preferences.view
-view.language = "de_DE"
-view.use_translate_interface = view.use_translate_tooltips = True
-"""
-
-
-def test_panels_in_german(own_window):
-    """For people to look at: nothing cut off."""
-    window = own_window
-    window.run("area.spaces[0].show_object_viewport_pointcloud = False")
-    window.run(GERMAN)
-    add_pair(window, 12)
-    window.run("bpy.context.scene.pointmorph.bake_as = 'FRAMES'")
-    window.run("bpy.ops.pointmorph.morph('EXEC_DEFAULT')")
-    window.screenshot("german_top")
-    left, top, right, bottom = window.sidebar()
-    window._scroll(((left + right) // 2, (top + bottom) // 2), 5, 40)
-    window.screenshot("german_bottom")
-    window.open_panel("POINTMORPH_PT_settings")
-    window._scroll(((left + right) // 2, (top + bottom) // 2), 5, 60)
-    window.screenshot("german_advanced")
-
-
 SHADING = """
 shading = area.spaces[0].shading
 shading.type, shading.color_type = {!r}, "VERTEX"
 modifier = {}.modifiers["Points"]
-for socket in modifier.node_group.inputs:
-    if socket.name in ("Spheres", "Discs"):
-        modifier[socket.identifier] = socket.name == {!r}
+for name in ("Spheres", "Discs"):
+    addon("data.versions").set_input(modifier, name, name == {!r})
 modifier.id_data.update_tag()
 """
 

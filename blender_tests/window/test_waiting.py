@@ -21,14 +21,12 @@ def timed(owner, name, what):
     undo.append(lambda: setattr(owner, name, before))
 
 undo, last = [], []
-package = session().__package__
-jobs, markers = (sys.modules[f"{package}.{name}"] for name in ("jobs", "markers"))
-morph = sys.modules[f"{package}.operators"].POINTMORPH_OT_morph
-timed(jobs.Computing, "_read_on", "reading the scene, a turn")
+morph = addon("operators.morph").POINTMORPH_OT_morph
+timed(addon("operators.modal_operator").Computing, "_read_on", "reading the scene, a turn")
 timed(morph, "_meanwhile", "showing the coarse morph")
 timed(morph, "_leave", "taking the coarse morph away")
 timed(morph, "_finish", "making the result")
-timed(markers, "marks_of", "looking up marks")
+timed(addon("scene.marked_points"), "marks_of", "looking up marks")
 
 def beat():
     now = time.perf_counter()

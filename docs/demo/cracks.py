@@ -20,6 +20,7 @@ import studio
 from mathutils import Matrix
 
 import addon
+from addon.data import versions
 
 POINTS = (30_000, 24_000)
 INFLUENCE = 0.6
@@ -68,9 +69,7 @@ def player(morph: bpy.types.Object, resample: bool) -> bpy.types.Object:
     bpy.ops.pointmorph.bake_frames(frame_start=1, frame_end=FRAMES, resample=resample)
     made = bpy.context.view_layer.objects.active
     scenery.show_as_solid(made)
-    modifier = made.modifiers[0]
-    scale = modifier.node_group.interface.items_tree["Radius Scale"]
-    modifier[scale.identifier] = DISC
+    versions.set_input(made.modifiers[0], "Radius Scale", DISC)
     return made
 
 

@@ -12,6 +12,8 @@ from mathutils import Matrix
 from pointmorph import Cloud
 from pointmorph.formats import Shape
 
+from addon.data import versions
+
 FloatArray = npt.NDArray[np.floating]
 
 FEATURE_PREFIX = "pm."
@@ -108,9 +110,8 @@ def _middle(points: FloatArray) -> FloatArray:
 def show_as_solid(morph: bpy.types.Object) -> None:
     """Makes the points of a morph object look like one smooth surface: overlapping discs."""
     modifier = next(modifier for modifier in morph.modifiers if modifier.type == "NODES")
-    inputs = modifier.node_group.interface.items_tree
-    modifier[inputs["Discs"].identifier] = True
-    modifier[inputs["Radius Scale"].identifier] = OVERLAP
+    versions.set_input(modifier, "Discs", True)
+    versions.set_input(modifier, "Radius Scale", OVERLAP)
 
 
 def go_to(scene: bpy.types.Scene, t: float, first: int, last: int) -> None:

@@ -1,0 +1,1 @@
+"""What needs no Blender: plain arrays in, plain arrays out."""

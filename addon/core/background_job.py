@@ -1,0 +1,111 @@
+"""A computation in a thread of its own: started, watched, stopped. One at a time."""
+
+import os
+import sys
+import threading
+
+import pointmorph
+
+_NICENESS = 10  # more, of 19
+
+
+class Job:
+    """Runs `compute(progress)` in a thread; `progress` is what `pointmorph.morph` calls.
+
+    Until `begin` it waits for the scene to be read.
+    """
+
+    def __init__(self):
+        self.stage = ""
+        self.fraction = 0.0
+        self._compute = None
+        self._thread = None
+        self._cancelled = threading.Event()
+        self._outcome = None
+        self._error = None
+
+    def begin(self, compute):
+        self._compute = compute
+        # Blender ends without waiting for it; unregister() stops it before.
+        self._thread = threading.Thread(target=self._run, name="pointmorph", daemon=True)
+        self._thread.start()
+
+    def _run(self):
+        _stand_back()
+        try:
+            self._outcome = self._compute(self._progress)
+        except BaseException as error:  # handed to the main thread by result()
+            self._error = error
+
+    def _progress(self, stage, fraction):
+        self.stage, self.fraction = stage, fraction
+        return not self._cancelled.is_set()
+
+    @property
+    def begun(self):
+        return self._thread is not None
+
+    @property
+    def done(self):
+        return self.begun and not self._thread.is_alive()
+
+    @property
+    def cancelled(self):
+        """Whether the end was asked for; it comes a moment later."""
+        return self._cancelled.is_set()
+
+    def cancel(self):
+        self._cancelled.set()
+
+    def result(self):
+        """Waits for what `compute` returned. Raises what that raised, or Cancelled."""
+        if self.begun:
+            self._thread.join()
+        if self._error is not None:
+            raise self._error
+        if self.cancelled:
+            raise pointmorph.Cancelled("The morph was cancelled.")
+        return self._outcome
+
+
+def _stand_back():
+    """Lets the window go before this thread, and those it starts, where all cores are busy."""
+    if sys.platform == "linux":  # elsewhere priority is a whole process's
+        thread = threading.get_native_id()
+        now = os.getpriority(os.PRIO_PROCESS, thread)
+        os.setpriority(os.PRIO_PROCESS, thread, min(now + _NICENESS, 19))
+
+
+current = None
+"""The job that is running or waits to be taken over, or None."""
+problem = None
+"""(panel, text) of the last error, until the next attempt; None after a success."""
+earlier = None
+"""A computation.Earlier of the last morph that was made in a window, or None."""
+
+
+def start():
+    """A job that has yet to `begin`."""
+    global current, problem
+    if current is not None:
+        raise RuntimeError("a morph is being computed already")
+    problem = None
+    current = Job()
+    return current
+
+
+def finish():
+    """Forgets the job and returns it; stops it first when it is still running."""
+    global current
+    job, current = current, None
+    if job is not None and not job.done:
+        job.cancel()
+        if job.begun:
+            job._thread.join()
+    return job
+
+
+def overtake():
+    """Stops a job for which the scene is still being read: undo has changed it meanwhile."""
+    if current is not None and not current.begun:
+        current.cancel()

@@ -1,0 +1,88 @@
+"""Which frames a bake has, and the morph that they are made of."""
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+import pointmorph
+import pointmorph.formats
+import pointmorph.moving
+import pointmorph.sequences
+
+from . import chained_morph
+
+EASINGS = {
+    "LINEAR": lambda x: x,
+    "SMOOTH": lambda x: x * x * (3.0 - 2.0 * x),
+}
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Which frames there are."""
+
+    first: int
+    last: int
+    step: int
+    easing: str
+    resample: bool
+    faces: bool
+
+    def numbers(self):
+        return range(self.first, self.last + 1, self.step)
+
+    def times(self):
+        """t of every frame: 0 at the first, 1 at the last of the range, whole steps or not."""
+        ease = EASINGS[self.easing]
+        length = self.last - self.first
+        return [float(ease((number - self.first) / length)) for number in self.numbers()]
+
+
+@dataclass(frozen=True)
+class Held:
+    """What a morph object holds of its morph, as plain arrays.
+
+    `shapes` are what clouds are made of, `pairs` and `maps` are for each way from a shape to the
+    next; no maps where the object has none.
+    """
+
+    shapes: list
+    pairs: list
+    maps: list
+
+
+def sequence_of(held, plan, settings, poses=None):
+    """The frames of a plan, to be made.
+
+    Parameters
+    ----------
+    held : Held
+    plan : Plan
+    settings : dict
+        Of the library.
+    poses : list, optional
+        Of shapes that move: what `poses.read_steps` returned.
+    """
+    clouds = [pointmorph.Cloud(**shape) for shape in held.shapes]
+    ways = zip(pairwise(clouds), held.pairs, held.maps, strict=True)
+    morphs = [pointmorph.restore(*ends, pairs, maps, **settings) for ends, pairs, maps in ways]
+    morph = morphs[0] if len(morphs) == 1 else chained_morph.ChainedMorph(morphs)
+    numbers = {"first": plan.first, "step": plan.step}
+    if poses is not None:
+        return pointmorph.moving.MovingSequence(
+            morph, plan.times(), poses, settings, **numbers, resample=plan.resample
+        )
+    kind = pointmorph.sequences.FrameSequence if plan.resample else _Pairs
+    return kind(morph, plan.times(), **numbers)
+
+
+class _Pairs(pointmorph.sequences.FrameSequence):
+    """Frames without new points, which have ids and velocities all the same."""
+
+    def _at(self, t, stopped):
+        resampled, frame = super()._at(t, stopped), self.morph.frame(t)
+        own = resampled.ids < len(frame.positions)
+        velocities = np.zeros_like(frame.positions)
+        velocities[resampled.ids[own]] = resampled.velocities[own]
+        ids = np.arange(len(frame.positions), dtype=np.int32)
+        return pointmorph.ResampledFrame(**vars(frame), ids=ids, velocities=velocities)

@@ -1,0 +1,49 @@
+"""The library's settings as the panel shows them: labels, tooltips, and values back."""
+
+import numpy as np
+import pointmorph
+
+
+def by_hand(option):
+    """Name of the switch of a setting that is automatic by default."""
+    return f"use_{option.name}"
+
+
+def setting_label(option):
+    return option.name.replace("_", " ").title()
+
+
+def switch_label(option):
+    """Of a setting that is automatic by default."""
+    return f"Set {setting_label(option)}"
+
+
+def switch_tip(option):
+    return f"Set by hand instead of automatically: {option.help}"
+
+
+def choice_label(choice):
+    return choice.replace("_", " ").title()
+
+
+def setting_tip(option):
+    parts = [option.help.rstrip(".")]
+    if option.kind != "choice":
+        unit = f" {option.unit}" if option.unit else ""
+        parts.append(f"From {option.minimum:g} to {option.maximum:g}{unit}")
+    default = "automatic" if option.default is None else f"{option.default}"
+    parts.append(f"Default: {default}")
+    return ". ".join(parts)
+
+
+def settings_values(settings):
+    """The settings as `pointmorph.morph` takes them; without those that are automatic."""
+    values = {}
+    for option in pointmorph.options():
+        if option.default is None and not getattr(settings, by_hand(option)):
+            continue
+        value = getattr(settings, option.name)
+        # Blender keeps float32: back to the decimals that the user typed, so that a setting means
+        # the same here as on the command line.
+        values[option.name] = float(str(np.float32(value))) if option.kind == "float" else value
+    return values

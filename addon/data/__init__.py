@@ -1,0 +1,1 @@
+"""Blender's data blocks and properties, without a thought of morph objects."""

@@ -1,0 +1,285 @@
+"""Arrays between Blender and numpy: the only file that moves them.
+
+Everything is float32 or int32, as Blender keeps it.
+"""
+
+import numpy as np
+
+from ..core.stepping import finish
+
+SHAPE_TYPES = ("MESH", "POINTCLOUD")
+"""Types of objects that can be morphed."""
+
+# By type of attribute: the name of its values, and how many numbers each has.
+_VALUES = {
+    "FLOAT": ("value", 1),
+    "INT": ("value", 1),
+    "INT8": ("value", 1),
+    "BOOLEAN": ("value", 1),
+    "FLOAT2": ("vector", 2),
+    "FLOAT_VECTOR": ("vector", 3),
+    "FLOAT_COLOR": ("color", 4),
+    "BYTE_COLOR": ("color", 4),
+}
+# Vertices whose groups are read at once where Blender must stay usable.
+_PART = 4096
+
+
+def _read(collection, key, width, dtype=np.float32):
+    values = np.empty(len(collection) * width, dtype)
+    collection.foreach_get(key, values)
+    return values if width == 1 else values.reshape(-1, width)
+
+
+def _write(collection, key, values, dtype=np.float32):
+    collection.foreach_set(key, np.ascontiguousarray(values, dtype).reshape(-1))
+
+
+# --- Any geometry ---------------------------------------------------------------------------------
+
+
+def points_of(geometry):
+    """The vertices of a mesh, or the points of a point cloud."""
+    return geometry.vertices if hasattr(geometry, "vertices") else geometry.points
+
+
+def positions_of(geometry):
+    """(N, 3): of the vertices or points."""
+    return _read(points_of(geometry), "co", 3)
+
+
+def read_attribute(attribute):
+    """(N,) or (N, 3 or 4) float32. Colours are linear, whether kept as bytes or floats."""
+    key, width = _VALUES[attribute.data_type]
+    if attribute.data_type == "BOOLEAN":
+        return _read(attribute.data, key, width, bool).astype(np.float32)
+    if attribute.data_type.startswith("INT"):
+        return _read(attribute.data, key, width, np.int32).astype(np.float32)
+    return _read(attribute.data, key, width)
+
+
+def read_rows(geometry, name):
+    """(N,) int32: a point attribute that `write_attribute` made from whole numbers."""
+    return _read(geometry.attributes[name].data, "value", 1, np.int32)
+
+
+def read_vectors(geometry, name):
+    """(N, 3) float32: a point attribute of vectors."""
+    return _read(geometry.attributes[name].data, "vector", 3)
+
+
+def point_attribute(geometry, name, *types):
+    """The point attribute `name` when it's one of `types`, else None."""
+    attribute = geometry.attributes.get(name)
+    if attribute is None or attribute.domain != "POINT" or attribute.data_type not in types:
+        return None
+    return attribute
+
+
+def write_attribute(geometry, name, values):
+    """A point attribute of the type that the array's own type and width tell, in place of one of
+    that name."""
+    width = 1 if values.ndim == 1 else values.shape[1]
+    whole = np.issubdtype(values.dtype, np.integer)
+    kinds = {1: "FLOAT", 2: "FLOAT2", 3: "FLOAT_VECTOR", 4: "FLOAT_COLOR"}
+    kind = "INT" if whole else kinds[width]
+    attribute = geometry.attributes.get(name)
+    if attribute is not None and (attribute.data_type, attribute.domain) != (kind, "POINT"):
+        geometry.attributes.remove(attribute)
+        attribute = None
+    if attribute is None:
+        attribute = geometry.attributes.new(name, kind, "POINT")
+    _write(attribute.data, _VALUES[kind][0], values, np.int32 if whole else np.float32)
+
+
+def write_corner_colors(mesh, name, colors):
+    """A new attribute of 8 bits a channel at the corners of the faces, from (N, 4) linear colours
+    of the vertices."""
+    attribute = mesh.attributes.new(name, "BYTE_COLOR", "CORNER")
+    _write(attribute.data, "color", colors[mesh_corners(mesh)])
+
+
+def by_row(rows, values):
+    """(N, …) from (M, …): what the pairs of a point say, which all say the same."""
+    result = np.zeros((rows.max() + 1, *values.shape[1:]), values.dtype)
+    result[rows] = values
+    return result
+
+
+# --- Meshes ---------------------------------------------------------------------------------------
+
+
+def vertex_positions(mesh):
+    """(N, 3)"""
+    return _read(mesh.vertices, "co", 3)
+
+
+def basis_positions(mesh):
+    """(N, 3): the basis of the shape keys where there are any, else the vertices."""
+    keys = mesh.shape_keys
+    return vertex_positions(mesh) if keys is None else key_positions(keys.reference_key)
+
+
+def mesh_edges(mesh):
+    """(E, 2) int32"""
+    return _read(mesh.edges, "vertices", 2, np.int32)
+
+
+def mesh_corners(mesh):
+    """(C,) int32: the vertex of every face's corner, faces in order."""
+    return _read(mesh.loops, "vertex_index", 1, np.int32)
+
+
+def mesh_triangles(mesh):
+    """(F, 3) int32, or None for a mesh without faces."""
+    if not mesh.polygons:
+        return None
+    mesh.calc_loop_triangles()
+    return _read(mesh.loop_triangles, "vertices", 3, np.int32)
+
+
+def mesh_normals(mesh):
+    """(N, 3) vertex normals from the faces, or None where a vertex has no face: it has none."""
+    corners = mesh_corners(mesh)
+    if not np.bincount(corners, minlength=len(mesh.vertices)).all():
+        return None
+    return _read(mesh.vertex_normals, "vector", 3)
+
+
+def active_colors(mesh):
+    """The active colour attribute or, failing it, the first; else None."""
+    return mesh.color_attributes.active_color or next(iter(mesh.color_attributes), None)
+
+
+def activate_colors(mesh, name):
+    """Makes a colour attribute the active one, be it one that only modifiers make."""
+    mesh.attributes.active_color_name = name
+
+
+def mesh_colors(mesh):
+    """(N, 4) from the active colour attribute, or None. Corners of a vertex are averaged."""
+    attribute = active_colors(mesh)
+    return None if attribute is None else vertex_colors(mesh, attribute)
+
+
+def vertex_colors(mesh, attribute):
+    """(N, 4) from a colour attribute; corners of a vertex are averaged."""
+    colors = read_attribute(attribute)
+    if attribute.domain == "POINT":
+        return colors
+    corners = mesh_corners(mesh)
+    counts = np.bincount(corners, minlength=len(mesh.vertices))
+    result = np.ones((len(mesh.vertices), 4), np.float32)
+    used = counts > 0
+    for channel in range(4):
+        sums = np.bincount(corners, colors[:, channel], len(mesh.vertices))
+        result[used, channel] = sums[used] / counts[used]
+    return result
+
+
+def corner_uvs(layer):
+    """(C, 2) from a UV layer."""
+    return _read(layer.data, "uv", 2)
+
+
+def first_of_corners(mesh, values):
+    """(N, K) from a row a corner: a vertex on a seam has that of one side; 0 without a face."""
+    corners = mesh_corners(mesh)
+    result = np.zeros((len(mesh.vertices), values.shape[1]), np.float32)
+    result[corners[::-1]] = values[::-1]
+    return result
+
+
+def triangle_loops(mesh):
+    """(F, 3) int32: the corners of `mesh_triangles`."""
+    mesh.calc_loop_triangles()
+    return _read(mesh.loop_triangles, "loops", 3, np.int32)
+
+
+def vertex_groups(mesh, names):
+    """By name, the vertices of a group and their weights: int64 rows and float32 weights.
+
+    `names` maps the index of a vertex group to the name under which it's wanted.
+    """
+    return finish(vertex_group_steps(mesh, names))
+
+
+def vertex_group_steps(mesh, names):
+    """The same as a generator, which takes long on a large mesh: it yields after every part, and
+    returns what `vertex_groups` does. The mesh must not change meanwhile."""
+    found = {name: ([], []) for name in names.values()}
+    count = len(mesh.vertices) if names else 0
+    for start in range(0, count, _PART):
+        for row, vertex in enumerate(mesh.vertices[start : start + _PART], start):
+            for element in vertex.groups:
+                name = names.get(element.group)
+                if name is not None:
+                    found[name][0].append(row)
+                    found[name][1].append(element.weight)
+        yield
+    return {
+        name: (np.array(rows, np.int64), np.array(weights, np.float32))
+        for name, (rows, weights) in found.items()
+    }
+
+
+def selected_vertices(mesh):
+    """Rows of the vertices that are selected in Object Mode."""
+    return np.flatnonzero(_read(mesh.vertices, "select", 1, bool))
+
+
+def fill_mesh(mesh, positions, triangles=None):
+    """Gives an empty mesh these vertices and smooth faces, and nothing else."""
+    mesh.vertices.add(len(positions))
+    _write(mesh.vertices, "co", positions)
+    if triangles is not None:
+        count = len(triangles)
+        mesh.loops.add(3 * count)
+        _write(mesh.loops, "vertex_index", triangles, np.int32)
+        mesh.polygons.add(count)
+        _write(mesh.polygons, "loop_start", np.arange(0, 3 * count, 3), np.int32)
+        _write(mesh.polygons, "use_smooth", np.ones(count), bool)
+    mesh.update(calc_edges=triangles is not None)
+
+
+def move_vertices(mesh, positions):
+    """Gives the vertices of a mesh other places."""
+    _write(mesh.vertices, "co", positions)
+    mesh.update()
+
+
+# --- Shape keys -----------------------------------------------------------------------------------
+
+
+def key_positions(key):
+    """(N, 3)"""
+    return _read(key.points, "co", 3)
+
+
+def write_key(key, positions):
+    _write(key.points, "co", positions)
+
+
+# --- Point clouds ---------------------------------------------------------------------------------
+
+
+def cloud_positions(cloud):
+    """(N, 3)"""
+    return _read(cloud.points, "co", 3)
+
+
+def cloud_colors(cloud):
+    """(N, 4): the point attribute "Color" or, failing it, the first of colours; else None."""
+    kinds = ("FLOAT_COLOR", "BYTE_COLOR")
+    attribute = point_attribute(cloud, "Color", *kinds)
+    if attribute is None:
+        of_points = (point_attribute(cloud, a.name, *kinds) for a in cloud.attributes)
+        attribute = next(filter(None, of_points), None)
+    return None if attribute is None else read_attribute(attribute)
+
+
+def mark_points(cloud, name, rows):
+    """A new point attribute that is 1 at these rows and 0 elsewhere."""
+    values = np.zeros(len(cloud.points), np.float32)
+    values[rows] = 1.0
+    write_attribute(cloud, name, values)

@@ -1,0 +1,155 @@
+"""Chains: morphs from shape to shape joined into one, each of whose points passes through all."""
+
+from itertools import pairwise
+
+import numpy as np
+
+from ..core.computation import End, Outcome, compute
+from . import surfaces
+
+LONGEST = 11
+"""Shapes in a chain: Blender's shape keys have values up to 10."""
+
+
+def compute_all(requests, progress, earlier=None):
+    """The outcome of one request, or of several as a chain. For the rest see `compute`."""
+    if len(requests) == 1:
+        return compute(requests[0], progress, earlier)
+    outcomes = []
+    for number, request in enumerate(requests):
+
+        def tell(stage, fraction, number=number):
+            return progress(f"{number + 1} of {len(requests)}: {stage}", fraction)
+
+        outcomes.append(compute(request, tell))
+    return join(requests, outcomes)
+
+
+def join(requests, outcomes):
+    """One outcome of several, each of which starts at the shape where the one before ends."""
+    tables = [np.stack([o.source.rows, o.target.rows], axis=1) for o in outcomes]
+    rows = join_pairs(tables)
+    firsts = [_first(table) for table in (*(t[:, 0] for t in tables), tables[-1][:, 1])]
+    ends = [o.source for o in outcomes] + [outcomes[-1].target]
+    ends = [
+        _pick(end, first[column], column)
+        for end, first, column in zip(ends, firsts, rows.T, strict=True)
+    ]
+
+    # Where the source's points are at every shape: carried on by the points around.
+    stops = [outcomes[0].landing]
+    for request, outcome in zip(requests[1:], outcomes[1:], strict=True):
+        stops.append(_carried(stops[-1], request.source, outcome.maps[0]))
+
+    # A pair is as bad as the worst of its ways.
+    distortion = np.max(
+        [
+            _of_pairs(table, outcome.distortion, rows[:, number : number + 2])
+            for number, (table, outcome) in enumerate(zip(tables, outcomes, strict=True))
+        ],
+        axis=0,
+    )
+    maps = outcomes[0].maps[0], outcomes[-1].maps[1]
+    return Outcome(
+        ends[0],
+        ends[-1],
+        stops[-1],
+        distortion,
+        _report(requests, outcomes, rows),
+        maps,
+        (*(o.boundaries[0] for o in outcomes), outcomes[-1].boundaries[1]),
+        tuple(ends[1:-1]),
+        tuple(stops[:-1]),
+        tuple((onward.maps[0], before.maps[1]) for before, onward in pairwise(outcomes)),
+    )
+
+
+def join_pairs(tables):
+    """(M, n + 1): rows of all shapes, from n tables of pairs of neighbouring shapes.
+
+    Every pair of every table is in a row. Where a point has several partners on either side, they
+    take turns, so that there are no more rows than that takes.
+    """
+    joined = tables[0]
+    for table in tables[1:]:
+        left, right = joined[:, -1], table[:, 0]
+        by_left, by_right = np.argsort(left, kind="stable"), np.argsort(right, kind="stable")
+        size = int(max(left.max(), right.max())) + 1
+        counts = [np.bincount(side, minlength=size) for side in (left, right)]
+        starts = [np.cumsum(count) - count for count in counts]
+        many = np.where((counts[0] > 0) & (counts[1] > 0), np.maximum(*counts), 0)
+        point = np.repeat(np.arange(size), many)
+        turn = np.arange(len(point)) - np.repeat(np.cumsum(many) - many, many)
+        first, second = (
+            order[start[point] + turn % count[point]]
+            for order, start, count in zip((by_left, by_right), starts, counts, strict=True)
+        )
+        joined = np.column_stack([joined[first], table[second, 1]])
+    return joined
+
+
+def _first(rows):
+    """By point, a pair that has it."""
+    found = np.zeros(int(rows.max()) + 1, np.int64)
+    found[rows[::-1]] = np.arange(len(rows))[::-1]
+    return found
+
+
+def _pick(end, pairs, rows):
+    return End(
+        rows.astype(np.int32),
+        end.positions[pairs],
+        end.normals[pairs],
+        end.colors[pairs],
+        end.radii[pairs],
+    )
+
+
+def _of_pairs(table, values, wanted):
+    """The values of the pairs `wanted`, which all are in the table."""
+    width = int(table[:, 1].max()) + 1
+    keys = table[:, 0].astype(np.int64) * width + table[:, 1]
+    order = np.argsort(keys)
+    found = np.searchsorted(keys[order], wanted[:, 0].astype(np.int64) * width + wanted[:, 1])
+    return values[order[found]]
+
+
+def _carried(places, shape, images):
+    """(N, 3): where `places` on a shape go, when its points go to `images`."""
+    triangles = getattr(shape, "triangles", None)
+    _, members, shares = surfaces.around(shape.positions, triangles, places)
+    ways = images - shape.positions
+    return (places + surfaces.mean(ways, members, shares)).astype(np.float32)
+
+
+def _report(requests, outcomes, rows):
+    """The reports as one, in which names tell the ways apart."""
+    names = [f"{r.source.name} to {r.target.name}" for r in requests]
+    reports = dict(zip(names, (o.report for o in outcomes), strict=True))
+
+    def gathered(part):
+        return {
+            f"{name}: {key}": value
+            for name, report in reports.items()
+            for key, value in report[part].items()
+        }
+
+    worst = []
+    for number, (name, report) in enumerate(reports.items()):
+        source = dict(zip(rows[:, number].tolist(), rows[:, 0].tolist(), strict=True))
+        worst += [
+            {**place, "source": source[place["source"]], "advice": f"{name}: {place['advice']}"}
+            for place in report["worst"]
+        ]
+    worst.sort(key=lambda place: -place["distortion"])
+    return {
+        "ways": reports,
+        "pairs": len(rows),
+        "seconds": sum(report["seconds"] for report in reports.values()),
+        "warnings": [f"{name}: {w}" for name, r in reports.items() for w in r["warnings"]],
+        "quality": gathered("quality"),
+        "cracks": gathered("cracks"),
+        "features": gathered("features"),
+        "feature_residual": max(report["feature_residual"] for report in reports.values()),
+        "worst": worst[:5],
+    }

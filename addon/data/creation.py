@@ -1,0 +1,19 @@
+"""Data-blocks made together, or not at all."""
+
+from contextlib import contextmanager
+
+import bpy
+
+
+@contextmanager
+def all_or_nothing():
+    """Gives a function to call with every data-block made; removes them all after an error."""
+    created = []
+    try:
+        yield created.append
+    except BaseException:
+        for item in created:
+            if isinstance(item, bpy.types.Object):
+                item.shape_key_clear()  # a data-block that isn't removed with the mesh
+        bpy.data.batch_remove(created)
+        raise

@@ -1,0 +1,89 @@
+"""The features that are marked on the picked objects, and the panel's list of them."""
+
+import colorsys
+
+import numpy as np
+
+from ..core import background_job
+from ..core.features import PREFIX, Choice
+from .arrays import SHAPE_TYPES
+
+
+def feature_names(obj):
+    """Names, without the prefix, of the features that are marked on an object or None."""
+    if obj is None or obj.type not in SHAPE_TYPES:
+        return []
+    return [item.name[len(PREFIX) :] for item in named(obj) if item.name.startswith(PREFIX)]
+
+
+def named(obj):
+    """What marks features by its name: vertex groups, or the attributes of a point cloud."""
+    return obj.vertex_groups if obj.type == "MESH" else obj.data.attributes
+
+
+def feature_groups(obj):
+    """By index, the vertex groups of a mesh that mark features: names without the prefix."""
+    return {
+        group.index: group.name[len(PREFIX) :]
+        for group in obj.vertex_groups
+        if group.name.startswith(PREFIX)
+    }
+
+
+def sync_features(scene):
+    """Makes the list of features say what is marked on source and target; order is kept.
+
+    What went wrong before something was marked or unmarked is forgotten.
+    """
+    settings = scene.pointmorph
+    before = _standing(settings.features)
+    on_source = feature_names(settings.source)
+    on_target = feature_names(settings.target)
+    names = list(dict.fromkeys(on_source + on_target))
+    features = settings.features
+    for index in reversed(range(len(features))):
+        if features[index].marked_name not in names:
+            features.remove(index)
+    listed = {feature.marked_name: feature for feature in features}
+    for name in names:
+        if name not in listed:
+            listed[name] = features.add()
+        _set(listed[name], "marked_name", name)
+        _set(listed[name], "name", name)
+        _set(listed[name], "on_source", name in on_source)
+        _set(listed[name], "on_target", name in on_target)
+    if _standing(features) != before:
+        background_job.problem = None
+
+
+def _standing(features):
+    return [(feature.marked_name, feature.on_source, feature.on_target) for feature in features]
+
+
+def _set(item, key, value):
+    # A write, even of the same value, makes Blender evaluate the scene again.
+    if getattr(item, key) != value:
+        setattr(item, key, value)
+
+
+def color_of(number):
+    """(3,) sRGB of the feature that stands at this place of the list; neighbours differ."""
+    return colorsys.hsv_to_rgb((0.02 + number * 0.381966) % 1.0, 0.75, 1.0)
+
+
+def feature_choices(settings):
+    """By name, what the user wants features to be."""
+    return {
+        item.marked_name: Choice(
+            item.kind, item.hold, float(str(np.float32(item.weight))), item.use
+        )
+        for item in settings.features
+    }
+
+
+def set_loop(settings, names):
+    """Makes the loop pass these features, in order."""
+    settings.loop.clear()
+    for name in names:
+        settings.loop.add().name = name
+    settings.active_loop = 0

@@ -1,0 +1,140 @@
+"""Trees of nodes, built in code."""
+
+import bpy
+
+from . import versions
+
+
+def drive_input(obj, modifier, name, key, divisor=1):
+    """Makes an input of a modifier's group have the value of a shape key, or a share of it."""
+    curve = obj.driver_add(versions.input_path(modifier, name))
+    curve.driver.type = "AVERAGE" if divisor == 1 else "SCRIPTED"
+    drive(curve.driver, key)
+    if divisor != 1:
+        curve.driver.expression = f"t / {divisor}"
+
+
+def drive(driver, key):
+    """Gives a driver the variable t: the value of a shape key."""
+    variable = driver.variables.new()
+    variable.name = "t"
+    variable.type = "SINGLE_PROP"
+    target = variable.targets[0]
+    target.id_type = "KEY"
+    target.id = key.id_data
+    target.data_path = key.path_from_id("value")
+
+
+def new_input(group, kind, name, description="", **values):
+    socket = group.interface.new_socket(name, in_out="INPUT", socket_type=kind)
+    socket.description = description
+    for key, value in values.items():
+        setattr(socket, key, value)
+
+
+def new_output(group, kind, name):
+    group.interface.new_socket(name, in_out="OUTPUT", socket_type=kind)
+
+
+def enabled(sockets, name):
+    """The socket of a node that has one for each type of data under the same name."""
+    return next(socket for socket in sockets if socket.enabled and socket.name == name)
+
+
+class Builder:
+    """Adds nodes to a tree from left to right."""
+
+    def __init__(self, tree):
+        self.tree = tree
+        self._column = 0
+
+    def node(self, kind, inputs=None, **settings):
+        """A new node with its settings made first, because they decide which sockets it has."""
+        node = self.tree.nodes.new(kind)
+        for key, value in settings.items():
+            setattr(node, key, value)
+        for name, value in (inputs or {}).items():
+            self._feed(enabled(node.inputs, name), value)
+        node.location = (self._column % 8 * 200, -(self._column // 8) * 320)
+        self._column += 1
+        return node
+
+    def _feed(self, socket, value):
+        if isinstance(value, bpy.types.NodeSocket):
+            self.tree.links.new(value, socket)
+        else:
+            socket.default_value = value
+
+    def math(self, operation, *values, kind="ShaderNodeMath", **settings):
+        """What an operation makes of `values`, its inputs in their order."""
+        node = self.node(kind, operation=operation, **settings)
+        for socket, value in zip(node.inputs, values, strict=False):
+            self._feed(socket, value)
+        return node.outputs[0]
+
+    def mixed_shaders(self, factor, first, second):
+        node = self.node("ShaderNodeMixShader")
+        for socket, value in zip(node.inputs, (factor, first, second), strict=True):
+            self._feed(socket, value)
+        return node.outputs[0]
+
+    def attribute(self, name, kind):
+        """The values of a named attribute."""
+        node = self.node("GeometryNodeInputNamedAttribute", {"Name": name}, data_type=kind)
+        return enabled(node.outputs, "Attribute")
+
+
+def new_t_input(group, count):
+    """The input that a shape key drives, for `count` shapes."""
+    new_input(
+        group,
+        "NodeSocketFloat",
+        "t",
+        "0 shows colour and radius of the source, 1 of the target. Follows the shape key Morph"
+        if count == 2
+        else "0 shows colour and radius of the first shape, 1 of the second and so on. Follows the "
+        "shape key Morph",
+        min_value=0.0,
+        max_value=float(count - 1),
+    )
+
+
+def shares(build, t, count):
+    """Of the shapes after the first: how far the way to each of them is done at `t`, 0 to 1."""
+    if count == 2:
+        return [t]
+    found = []
+    for number in range(count - 1):
+        found.append(build.math("SUBTRACT", t, float(number), use_clamp=True))
+    return found
+
+
+def mix_through(build, values, factors, kind):
+    """The first of `values`, mixed with one after the other of the rest."""
+    result = values[0]
+    for value, factor in zip(values[1:], factors, strict=True):
+        ends = {"Factor": factor, "A": result, "B": value}
+        node = build.node("ShaderNodeMix", ends, data_type=kind, clamp_factor=False)
+        result = enabled(node.outputs, "Result")
+    return result
+
+
+def mix_colors(build, colors, factors):
+    """Like `mix_through`. A mix of colours keeps the first alpha, so it's mixed as a number."""
+    alphas = [
+        build.node("FunctionNodeSeparateColor", {"Color": color}).outputs["Alpha"]
+        for color in colors
+    ]
+    mixed = mix_through(build, colors, factors, "RGBA")
+    solid = build.node("FunctionNodeSeparateColor", {"Color": mixed}).outputs
+    channels = {name: solid[name] for name in ("Red", "Green", "Blue")}
+    channels["Alpha"] = mix_through(build, alphas, factors, "FLOAT")
+    return build.node("FunctionNodeCombineColor", channels).outputs["Color"]
+
+
+def switch(build, kind, condition, if_false, if_true):
+    switch = build.node("GeometryNodeSwitch", input_type=kind)
+    build.tree.links.new(condition, next(s for s in switch.inputs if s.enabled))
+    build.tree.links.new(if_false, enabled(switch.inputs, "False"))
+    build.tree.links.new(if_true, enabled(switch.inputs, "True"))
+    return enabled(switch.outputs, "Output")

@@ -1,0 +1,84 @@
+"""What a module gives to Blender, and the one place where it is registered.
+
+A module that has something to register has a `registration`, which the package lists.
+"""
+
+import inspect
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import bpy
+from bpy.app.handlers import persistent
+
+
+@dataclass(frozen=True)
+class Registration:
+    """What one module registers, in this order; it's unregistered in reverse.
+
+    Attributes
+    ----------
+    stop : function
+        Called before anything is unregistered, to end what is still running.
+    classes : tuple of type
+    properties : tuple of (type, str, property)
+        The Blender type that gets the property, and its name there.
+    handlers : tuple of (str, function)
+        The list in `bpy.app.handlers`, and what is called. All of them outlive the open file.
+    drawings : tuple of (function, str)
+        What is drawn in 3D viewports, and when: "POST_VIEW" or "POST_PIXEL". Only with a window.
+    menus : tuple of (type, function)
+        The menu, and what adds to it.
+    """
+
+    stop: Callable[[], object] = lambda: None
+    classes: tuple = ()
+    properties: tuple = ()
+    handlers: tuple = ()
+    drawings: tuple = ()
+    menus: tuple = ()
+
+
+_drawn = []  # what draw_handler_remove() wants
+
+
+def register(registrations):
+    for one in registrations:
+        for cls in one.classes:
+            if issubclass(cls, bpy.types.Operator):
+                cls.bl_description = tooltip(cls)
+            bpy.utils.register_class(cls)
+        for owner, name, value in one.properties:
+            setattr(owner, name, value)
+        for event, function in one.handlers:
+            getattr(bpy.app.handlers, event).append(persistent(function))
+        for function, when in () if bpy.app.background else one.drawings:
+            _drawn.append(bpy.types.SpaceView3D.draw_handler_add(function, (), "WINDOW", when))
+        for menu, function in one.menus:
+            menu.append(function)
+
+
+def unregister(registrations):
+    for one in registrations:
+        one.stop()
+    while _drawn:
+        bpy.types.SpaceView3D.draw_handler_remove(_drawn.pop(), "WINDOW")
+    for one in reversed(registrations):
+        for menu, function in reversed(one.menus):
+            menu.remove(function)
+        for event, function in reversed(one.handlers):
+            getattr(bpy.app.handlers, event).remove(function)
+        for owner, name, _ in reversed(one.properties):
+            delattr(owner, name)
+        for cls in reversed(one.classes):
+            bpy.utils.unregister_class(cls)
+
+
+def tooltip(operator):
+    """What an operator's docstring says, in one line."""
+    return " ".join((inspect.getdoc(operator) or "").split())
+
+
+def stop_timer(function):
+    """Ends a timer that may be running."""
+    if bpy.app.timers.is_registered(function):
+        bpy.app.timers.unregister(function)

@@ -1,0 +1,58 @@
+"""What differs between Blender 4.2 and later versions: the only module that asks."""
+
+import bpy
+
+
+def is_at_least(*version):
+    """Whether this Blender is of that version, (major, minor), or a later one."""
+    return bpy.app.version[:2] >= version
+
+
+def name():
+    """ "Blender 4.2" or the like."""
+    return "Blender " + ".".join(map(str, bpy.app.version[:2]))
+
+
+# --- Inputs of a modifier's group of nodes --------------------------------------------------------
+# Blender 5.2 took them out of the modifier's own items.
+
+
+def group_inputs(group):
+    """By name, the inputs of a group of nodes."""
+    items = group.interface.items_tree
+    return {item.name: item for item in items if item.in_out == "INPUT"}
+
+
+def input_value(modifier, name):
+    """The value of an input of a modifier's group; None where it was never set."""
+    identifier = group_inputs(modifier.node_group)[name].identifier
+    if hasattr(modifier, "properties"):
+        return getattr(modifier.properties.inputs, identifier).value
+    return modifier.get(identifier)
+
+
+def set_input(modifier, name, value):
+    """Gives an input of a modifier's group a value."""
+    identifier = group_inputs(modifier.node_group)[name].identifier
+    if hasattr(modifier, "properties"):
+        getattr(modifier.properties.inputs, identifier).value = value
+    else:
+        modifier[identifier] = value
+
+
+def input_path(modifier, name):
+    """The data path from the object to an input of a modifier's group, for drivers."""
+    identifier = group_inputs(modifier.node_group)[name].identifier
+    if hasattr(modifier, "properties"):
+        return f'modifiers["{modifier.name}"].properties.inputs.{identifier}.value'
+    return f'modifiers["{modifier.name}"]["{identifier}"]'
+
+
+# --- Materials ------------------------------------------------------------------------------------
+
+
+def node_tree(material):
+    """The nodes of a new material, which has them by itself since Blender 5.0."""
+    if material.node_tree is None:
+        material.use_nodes = True
+    return material.node_tree

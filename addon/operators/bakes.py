@@ -1,0 +1,225 @@
+"""What the user does with a morph: bake it as shape keys or frame by frame."""
+
+import bpy
+import pointmorph
+import pointmorph.frame_stores
+import pointmorph.sequences
+import pointmorph.surfaces
+
+from ..core import frame_plan
+from ..core.settings import settings_values
+from ..data.properties import EASINGS, FORMATS
+from ..data.registration import Registration
+from ..scene import animated_shape, frame_files, frame_player, shape_key_bakes
+from .modal_operator import Computing
+from .polls import Explained, activate, active_result, busy_reason, fail, result_reason
+
+
+def path_choice(description):
+    """A property that overrides the setting Path for one bake."""
+    return bpy.props.EnumProperty(
+        name="Path",
+        description=description,
+        items=[
+            ("SETTING", "As Set", "The setting Path in the panel"),
+            ("LINEAR", "Linear", "Straight"),
+            ("SIMILARITY", "Similarity", "The whole turns and grows on the way"),
+            ("RIGID", "Rigid", "Every part turns as well: limbs swing instead of shrinking"),
+        ],
+        default="SETTING",
+    )
+
+
+class POINTMORPH_OT_bake_shape_keys(Explained, bpy.types.Operator):
+    """Add the morph as shape keys; those that are there already stay"""
+
+    bl_idname = "pointmorph.bake_shape_keys"
+    bl_label = "Bake Shape Keys"
+    bl_options = {"REGISTER", "UNDO"}
+
+    kind: bpy.props.EnumProperty(
+        name="On",
+        description="What gets the shape keys",
+        items=[
+            (
+                "SOURCE",
+                "Source Mesh",
+                "The source itself: its faces, materials and weights stay, and the key makes it "
+                "look like the target",
+            ),
+            (
+                "PAIRS",
+                "Morph Object",
+                "The points of the morph object, which show every vertex of both",
+            ),
+        ],
+        default="SOURCE",
+    )
+    path: path_choice("How vertices travel from step to step. A single key is straight in any case")
+    steps: bpy.props.IntProperty(
+        name="Steps",
+        description="Number of shape keys, equally far from one another; the last is the target",
+        default=1,
+        min=1,
+        max=1000,
+        soft_max=20,
+    )
+
+    @staticmethod
+    def reason(context):
+        return result_reason(context)
+
+    def execute(self, context):
+        obj = active_result(context)
+        path = self.path.lower()
+        if self.path == "SETTING":
+            path = context.scene.pointmorph.path
+        try:
+            if self.kind == "SOURCE":
+                changed = shape_key_bakes.bake_source(obj, self.steps, path)
+            else:
+                shape_key_bakes.bake_pairs(obj, self.steps, path)
+                changed = obj
+        except pointmorph.PointmorphError as error:
+            return fail(self, error)
+        self.report({"INFO"}, f'Shape keys added to "{changed.name}": {self.steps}')
+        return {"FINISHED"}
+
+
+class POINTMORPH_OT_bake_frames(Explained, Computing, bpy.types.Operator):
+    """Bake the morph frame by frame, with new points where it would show cracks"""
+
+    bl_idname = "pointmorph.bake_frames"
+    bl_label = "Bake Frames"
+    bl_options = {"REGISTER", "UNDO"}
+    stopped = "The bake was stopped. Frames that are done wait: bake again to go on"
+
+    format: bpy.props.EnumProperty(
+        name="Format",
+        description="Where the frames go",
+        items=FORMATS,
+        default="SCENE",
+    )
+    frame_start: bpy.props.IntProperty(
+        name="First", description="Frame that shows the source", default=1
+    )
+    frame_end: bpy.props.IntProperty(
+        name="Last", description="Frame that shows the target", default=48
+    )
+    step: bpy.props.IntProperty(
+        name="Step", description="Frames from one to the next", default=1, min=1, max=1000
+    )
+    easing: bpy.props.EnumProperty(
+        name="Easing",
+        description="How the morph runs over the frames",
+        items=EASINGS,
+        default="LINEAR",
+    )
+    path: path_choice("How points travel")
+    resample: bpy.props.BoolProperty(
+        name="Re-sample", description="Put new points where there would be cracks", default=True
+    )
+    faces: bpy.props.BoolProperty(
+        name="Faces",
+        description="A mesh for every frame, the surface through its points, instead of points; "
+        "beside the points for PLY. Needs pymeshlab and scipy in Blender's Python",
+        default=False,
+    )
+    directory: bpy.props.StringProperty(
+        name="Folder", description="Where files go", subtype="DIR_PATH", default="//frames"
+    )
+
+    @staticmethod
+    def reason(context):
+        return busy_reason() or result_reason(context)
+
+    def _begin_steps(self, context):
+        if self.frame_end <= self.frame_start:
+            raise pointmorph.OptionError(
+                "frame_end",
+                f"a frame after the first, {self.frame_start}",
+                str(self.frame_end),
+                "Choose a later one.",
+            )
+        obj = active_result(context)
+        self._name, self._matrix = obj.name, obj.matrix_world.copy()
+        plan = self._plan = frame_plan.Plan(
+            self.frame_start, self.frame_end, self.step, self.easing, self.resample, self.faces
+        )
+        settings = settings_values(context.scene.pointmorph)
+        if self.path != "SETTING":
+            settings["path"] = self.path.lower()
+        if self.format in frame_files.SUFFIXES:
+            frame_files.check_format(self.format, self.faces)
+        if self.faces:
+            pointmorph.surfaces.check_available()
+        self._path = None
+        if self.format != "SCENE":
+            self._folder = frame_files.make_folder(self.directory)
+        if self.format in frame_files.SUFFIXES:
+            self._path = frame_files.file_path(self._folder, self._name, self.format)
+        held = yield from frame_player.read_steps(obj)
+        taken = None
+        if obj.pointmorph.follows:
+            taken = yield from animated_shape.read_steps(context, obj, plan.numbers())
+        if self.format == "PLY":
+            folder, mesh = self._folder, "ply" if plan.faces else None
+            return lambda progress: pointmorph.sequences.write_sequence(
+                frame_plan.sequence_of(held, plan, settings, taken),
+                folder,
+                mesh=mesh,
+                resume=True,
+                progress=progress,
+            )
+        place = frame_files.store_folder(self._name, self._path)
+
+        def work(progress):
+            sequence = frame_plan.sequence_of(held, plan, settings, taken)
+            store = pointmorph.frame_stores.FrameStore(place, sequence, faces=plan.faces)
+            store.fill(progress)
+            return store
+
+        return work
+
+    def _leave(self, context):
+        self._steps.close()  # a shape that moves may be in another frame
+
+    def _say_written(self, place):
+        self.report({"INFO"}, f"{len(self._plan.numbers())} frames written to {place}")
+
+    def _finish(self, context, outcome):
+        plan = self._plan
+        if self.format == "PLY":
+            self._say_written(self._folder)
+            return {"FINISHED"}
+        obj = context.scene.objects.get(self._name)
+        if obj is None:
+            raise pointmorph.CloudError(
+                self._name, "the object that was baked", "none", "Undo its removal."
+            )
+        player = frame_player.build(
+            context, self._name, self._matrix, plan, outcome.frames(), self.format
+        )
+        if self.format == "SCENE":
+            frame_files.empty(outcome)
+            obj.hide_set(True)
+            obj.hide_render = True
+            activate(context.view_layer.objects, player)
+            self.report({"INFO"}, f'{len(plan.numbers())} frames in "{player.name}"')
+            return {"FINISHED"}
+        try:
+            frame_files.export(context, player, plan, self._path, self.format)
+        finally:
+            frame_player.remove(player)
+        frame_files.empty(outcome)
+        self.report({"WARNING"}, frame_files.losses(self.format, self.faces))
+        self._say_written(self._path)
+        return {"FINISHED"}
+
+
+registration = Registration(
+    classes=(
+        POINTMORPH_OT_bake_shape_keys,
+        POINTMORPH_OT_bake_frames,
+    ),
+)

@@ -1,0 +1,158 @@
+"""Chains: which shapes a morph goes through, and the morph over all of them."""
+
+from itertools import pairwise
+
+import bpy
+
+from ..core.settings import settings_values
+from ..data import arrays, chains
+from ..data.feature_list import feature_choices, sync_features
+from ..data.registration import Registration
+from ..scene import morph_builder, morph_object, recipes, recomputation, staleness
+from .modal_operator import Computing
+from .polls import Explained, activate, busy_reason, say_made
+
+
+def chain_reason(context):
+    """Why no chain can be made of what is picked; None when one can."""
+    shapes = staleness.picked_shapes(context.scene)
+    if len(shapes) < 3:
+        return "Add shapes between source and target first"
+    if None in shapes:
+        return "Pick an object for the source, the target and every shape between"
+    for obj in shapes:
+        if context.scene.objects.get(obj.name) != obj:
+            return f'"{obj.name}" is no longer in the scene: pick another'
+    for obj, after in pairwise(shapes):
+        if obj == after:
+            return f'"{obj.name}" follows itself: take one of both out'
+    if len(shapes) > chains.LONGEST:
+        return f"A chain has at most {chains.LONGEST} shapes, and there are {len(shapes)}"
+    return None
+
+
+class POINTMORPH_OT_add_to_chain(Explained, bpy.types.Operator):
+    """Add the selected objects, in the order of their names, as shapes between source and target;
+    or the source and the target too when none is picked yet"""
+
+    bl_idname = "pointmorph.add_to_chain"
+    bl_label = "Add Selected"
+    bl_options = {"REGISTER", "UNDO"}
+
+    @staticmethod
+    def reason(context):
+        if _selected_shapes(context):
+            return None
+        return "Select meshes or point clouds that aren't source or target"
+
+    def execute(self, context):
+        settings = context.scene.pointmorph
+        shapes = sorted(_selected_shapes(context), key=lambda obj: obj.name)
+        if settings.source is None and settings.target is None and len(shapes) > 1:
+            settings.source, settings.target = shapes[0], shapes[-1]
+            shapes = shapes[1:-1]
+        for obj in shapes:
+            settings.via.add().object = obj
+        settings.active_via = len(settings.via) - 1
+        return {"FINISHED"}
+
+
+def _selected_shapes(context):
+    settings = context.scene.pointmorph
+    picked = {settings.source, settings.target}
+    return [
+        obj
+        for obj in context.view_layer.objects.selected
+        if obj.type in arrays.SHAPE_TYPES and obj not in picked and not morph_object.is_made(obj)
+    ]
+
+
+class POINTMORPH_OT_change_chain(Explained, bpy.types.Operator):
+    """Move the shape chosen in the list, or take it out of the chain"""
+
+    bl_idname = "pointmorph.change_chain"
+    bl_label = "Change the Chain"
+    bl_options = {"REGISTER", "UNDO"}
+
+    change: bpy.props.EnumProperty(
+        name="Change",
+        description="What happens to the shape",
+        items=[
+            ("UP", "Up", "Towards the source"),
+            ("DOWN", "Down", "Towards the target"),
+            ("REMOVE", "Remove", "Out of the chain; the object stays"),
+        ],
+        default="REMOVE",
+    )
+
+    @staticmethod
+    def reason(context):
+        if len(context.scene.pointmorph.via):
+            return None
+        return "There is no shape between source and target"
+
+    def execute(self, context):
+        settings = context.scene.pointmorph
+        last = len(settings.via) - 1
+        index = min(max(settings.active_via, 0), last)
+        if self.change == "REMOVE":
+            settings.via.remove(index)
+            settings.active_via = max(min(index, last - 1), 0)
+        else:
+            other = min(max(index + (1 if self.change == "DOWN" else -1), 0), last)
+            settings.via.move(index, other)
+            settings.active_via = other
+        return {"FINISHED"}
+
+
+class POINTMORPH_OT_morph_chain(Explained, Computing, bpy.types.Operator):
+    """Compute the morph from the source over all the shapes between to the target, as one object.
+    In a window Blender stays usable; Esc stops it"""
+
+    bl_idname = "pointmorph.morph_chain"
+    bl_label = "Morph the Chain"
+    bl_options = {"REGISTER", "UNDO"}
+    stopped = "The chain was stopped"
+
+    @staticmethod
+    def reason(context):
+        return busy_reason() or chain_reason(context)
+
+    def _begin_steps(self, context):
+        sync_features(context.scene)
+        settings = context.scene.pointmorph
+        plan = self._plan = yield from recomputation.plan_of_steps(
+            context,
+            staleness.picked_shapes(context.scene),
+            feature_choices(settings),
+            [item.name for item in settings.loop],
+            settings_values(settings),
+        )
+        self._names = [shape["name"] for shape in plan.recipe["shapes"]]
+        return lambda progress: chains.compute_all(plan.requests, progress)
+
+    def _finish(self, context, outcome):
+        source, *via, target = (context.scene.objects.get(name) for name in self._names)
+        obj = morph_builder.build(
+            context,
+            outcome,
+            " to ".join(self._names),
+            self._plan.origin,
+            source,
+            target,
+            self._plan.source_matrix,
+            via,
+        )
+        recipes.remember(obj, self._plan.recipe, outcome)
+        activate(context.view_layer.objects, obj)
+        say_made(self, obj, outcome.report)
+        return {"FINISHED"}
+
+
+registration = Registration(
+    classes=(
+        POINTMORPH_OT_add_to_chain,
+        POINTMORPH_OT_change_chain,
+        POINTMORPH_OT_morph_chain,
+    ),
+)

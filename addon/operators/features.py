@@ -1,0 +1,344 @@
+"""How features come and go: marked at selected vertices, looked at, removed, proposed."""
+
+import bmesh
+import bpy
+import pointmorph
+
+from ..core.features import PREFIX
+from ..data import arrays
+from ..data.feature_list import feature_names, named, sync_features
+from ..data.registration import Registration
+from ..scene import feature_marks, marked_points
+from ..scene.shape_reader import read_request
+from .modal_operator import Computing
+from .polls import Explained, busy_reason, fail, shapes_reason
+
+
+class POINTMORPH_OT_add_feature(Explained, bpy.types.Operator):
+    """Mark the selected vertices as a feature: on each picked object in Edit Mode, or the active.
+    One is a point, a path of edges a curve, any other several are a region"""
+
+    bl_idname = "pointmorph.add_feature"
+    bl_label = "Add Feature"
+    bl_options = {"REGISTER", "UNDO"}
+
+    name: bpy.props.StringProperty(
+        name="Name",
+        description="The feature's name. Without one, the first feature of the list that isn't "
+        "marked here yet is completed, or a new one begun",
+        options={"SKIP_SAVE"},
+    )
+
+    @staticmethod
+    def reason(context):
+        reason = shapes_reason(context)
+        if reason is None and not _objects_to_mark(context):
+            reason = "Make the source or the target the active object, and select vertices"
+        return reason
+
+    def execute(self, context):
+        settings = context.scene.pointmorph
+        try:
+            vertices = {obj: _selected_vertices(obj) for obj in _objects_to_mark(context)}
+        except pointmorph.PointmorphError as error:
+            return fail(self, error)
+        sync_features(context.scene)
+        name = self.name.strip().removeprefix(PREFIX) or feature_marks.next_name(
+            settings, list(vertices)
+        )
+        for obj, rows in vertices.items():
+            feature_marks.mark(obj, name, rows)
+        sync_features(context.scene)
+        settings.active_feature = settings.features.find(name)
+        settings.features[name].confidence = -1.0
+        return {"FINISHED"}
+
+
+class POINTMORPH_OT_check_features(Explained, bpy.types.Operator):
+    """Look at what is marked on both objects, and say in the list what each feature is"""
+
+    bl_idname = "pointmorph.check_features"
+    bl_label = "Check Features"
+    bl_options = {"REGISTER", "UNDO"}
+
+    @staticmethod
+    def reason(context):
+        return shapes_reason(context)
+
+    def execute(self, context):
+        sync_features(context.scene)
+        try:
+            request = read_request(context)
+        except pointmorph.PointmorphError as error:
+            return fail(self, error)
+        feature_marks.say_what_was_found(context.scene, request)
+        count = len(request.features)
+        self.report({"INFO"}, f"Features: {count}")
+        return {"FINISHED"}
+
+
+class POINTMORPH_OT_remove_feature(Explained, bpy.types.Operator):
+    """Remove the feature chosen in the list, on both objects"""
+
+    bl_idname = "pointmorph.remove_feature"
+    bl_label = "Remove Feature"
+    bl_options = {"REGISTER", "UNDO"}
+
+    name: bpy.props.StringProperty(
+        name="Name",
+        description="The feature's name; without one, that which is chosen in the list",
+        options={"SKIP_SAVE"},
+    )
+
+    @staticmethod
+    def reason(context):
+        settings = context.scene.pointmorph
+        marked = feature_names(settings.source) or feature_names(settings.target)
+        return None if marked else "There is no feature yet"
+
+    def execute(self, context):
+        settings = context.scene.pointmorph
+        sync_features(context.scene)
+        names = [feature.name for feature in settings.features]
+        name = self.name.strip().removeprefix(PREFIX)
+        if not name:
+            name = names[min(max(settings.active_feature, 0), len(names) - 1)]
+        if name not in names:
+            error = pointmorph.FeatureError(
+                f'feature "{name}"', "one that is marked", "none of that name", "Check the name."
+            )
+            return fail(self, error)
+        for obj in (settings.source, settings.target):
+            feature_marks.unmark(obj, name)
+        sync_features(context.scene)
+        settings.active_feature = min(settings.active_feature, len(settings.features) - 1)
+        return {"FINISHED"}
+
+
+class POINTMORPH_OT_propose_features(Explained, Computing, bpy.types.Operator):
+    """Find tips and other places that belong together and mark them on both objects, to check"""
+
+    bl_idname = "pointmorph.propose_features"
+    bl_label = "Propose"
+    bl_options = {"REGISTER", "UNDO"}
+    stopped = "The search was stopped"
+
+    confidence: bpy.props.FloatProperty(
+        name="Confidence",
+        description="Less likely pairs aren't marked",
+        default=0.5,
+        min=0.0,
+        max=1.0,
+    )
+    places: bpy.props.BoolProperty(
+        name="Places Between", description="Mark places between the tips too", default=False
+    )
+
+    @staticmethod
+    def reason(context):
+        return busy_reason() or shapes_reason(context) or feature_marks.unmarkable(context)
+
+    def _begin(self, context):
+        settings = context.scene.pointmorph
+        sync_features(context.scene)
+        request = read_request(context)
+        own, shown = marked_points.size_of(settings.target), len(request.target.positions)
+        if own != shown:
+            raise pointmorph.FeatureError(
+                settings.target.name,
+                f"the {own} vertices of the mesh",
+                f"{shown} with modifiers",
+                "Apply the modifiers that add or remove vertices, or disable them.",
+            )
+        self._names = request.source.name, request.target.name
+        self._taken = set(request.source.marks.weights) | set(request.target.marks.weights)
+        return lambda progress: pointmorph.propose_features(
+            request.source.cloud(),
+            request.target.cloud(),
+            request.features,
+            progress=progress,
+            **request.settings,
+        )
+
+    def _finish(self, context, proposals):
+        settings = context.scene.pointmorph
+        objects = [context.scene.objects.get(name) for name in self._names]
+        if None in objects or objects != [settings.source, settings.target]:
+            self.report({"WARNING"}, "Source or target were exchanged meanwhile: propose again")
+            return {"CANCELLED"}
+        marked = []
+        for proposal in proposals:
+            wanted = self.places or proposal.name.startswith("tip.")
+            if not wanted or proposal.confidence < self.confidence:
+                continue
+            name = proposal.name
+            while name in self._taken:
+                name += "_"
+            for obj, row in zip(objects, (proposal.source, proposal.target), strict=True):
+                feature_marks.mark(obj, name, [row])
+            marked.append((name, proposal.confidence))
+        sync_features(context.scene)
+        for name, confidence in marked:
+            settings.features[name].confidence = confidence
+        rest = ": check them" if marked else "; the rest is too unsure"
+        self.report({"INFO"}, f"{len(marked)} of {len(proposals)} proposals marked{rest}")
+        return {"FINISHED"}
+
+
+class POINTMORPH_OT_pair_features(Explained, bpy.types.Operator):
+    """Make features of what has the same name on both objects: marks whose names differ in
+    capitals, spaces and dots alone and, where asked for, vertex groups without the prefix"""
+
+    bl_idname = "pointmorph.pair_features"
+    bl_label = "Pair by Name"
+    bl_options = {"REGISTER", "UNDO"}
+
+    groups: bpy.props.BoolProperty(
+        name="All Vertex Groups",
+        description="Take vertex groups without the prefix too, such as those of a rig: each is "
+        "copied as a feature, a region where it holds several vertices",
+        default=False,
+    )
+
+    @staticmethod
+    def reason(context):
+        return shapes_reason(context) or feature_marks.unmarkable(context)
+
+    def execute(self, context):
+        settings = context.scene.pointmorph
+        sync_features(context.scene)
+        count = _rename_alike(settings)
+        if self.groups and "POINTCLOUD" not in (settings.source.type, settings.target.type):
+            count += _copy_groups(settings.source, settings.target)
+        sync_features(context.scene)
+        self.report({"INFO"}, f"Pairs found: {count}")
+        return {"FINISHED"}
+
+
+def _plain(name):
+    return "".join(letter for letter in name.casefold() if letter.isalnum())
+
+
+def _rename_alike(settings):
+    """Gives marks of the target the names of those of the source that differ in spelling alone."""
+    left = {_plain(f.name): f.name for f in settings.features if f.on_source and not f.on_target}
+    others = [f.name for f in settings.features if f.on_target and not f.on_source]
+    marks = named(settings.target)
+    count = 0
+    for name in others:
+        wanted = left.pop(_plain(name), None)
+        if wanted is not None:
+            marks[PREFIX + name].name = PREFIX + wanted
+            count += 1
+    return count
+
+
+def _copy_groups(source, target):
+    """Makes features of the vertex groups that hold something on both objects."""
+    marked = {*feature_names(source), *feature_names(target)}
+    names = [
+        group.name
+        for group in source.vertex_groups
+        if group.name in target.vertex_groups
+        and not group.name.startswith(PREFIX)
+        and group.name not in marked
+    ]
+    members = {}
+    for obj in (source, target):
+        groups = {obj.vertex_groups[name].index: name for name in names}
+        members[obj] = arrays.vertex_groups(obj.data, groups)
+    full = [name for name in names if all((of[name][1] > 0).any() for of in members.values())]
+    for name in full:
+        for obj, of in members.items():
+            group = obj.vertex_groups.new(name=PREFIX + name)
+            for row, weight in zip(*of[name], strict=True):
+                if weight > 0:
+                    group.add([int(row)], float(weight), "REPLACE")
+    return len(full)
+
+
+class POINTMORPH_OT_jump_to_feature(Explained, bpy.types.Operator):
+    """Look at the feature chosen in the list: the view and the 3D cursor go there"""
+
+    bl_idname = "pointmorph.jump_to_feature"
+    bl_label = "Jump to Feature"
+    bl_options = {"REGISTER", "UNDO"}
+
+    side: bpy.props.EnumProperty(
+        name="On",
+        description="The object on which to look at it",
+        items=[
+            ("SOURCE", "Source", "Where it is on the source"),
+            ("TARGET", "Target", "Where it is on the target"),
+        ],
+        default="SOURCE",
+    )
+
+    @staticmethod
+    def reason(context):
+        settings = context.scene.pointmorph
+        reason = shapes_reason(context)
+        if reason is None and not 0 <= settings.active_feature < len(settings.features):
+            reason = "Choose a feature in the list"
+        return reason
+
+    def execute(self, context):
+        settings = context.scene.pointmorph
+        obj = settings.source if self.side == "SOURCE" else settings.target
+        name = settings.features[settings.active_feature].marked_name
+        found = marked_points.marks_of(obj, wait=True).get(name)
+        if found is None:
+            error = pointmorph.FeatureError(
+                obj.name, f'a point marked as "{name}"', "none", "Mark it there first."
+            )
+            return fail(self, error)
+        place = marked_points.place_of(obj, found.row, context.evaluated_depsgraph_get())
+        context.scene.cursor.location = place
+        if context.region_data is not None:
+            context.region_data.view_location = place
+        return {"FINISHED"}
+
+
+def _objects_to_mark(context):
+    """The picked objects that are being edited, or the active object when it's one of them."""
+    settings = context.scene.pointmorph
+    picked = [settings.source, settings.target]
+    edited = [obj for obj in picked if obj.mode == "EDIT"]
+    return edited or [obj for obj in picked if obj == context.view_layer.objects.active]
+
+
+def _selected_vertices(obj):
+    """Rows of the vertices that are selected."""
+    if obj.type != "MESH":
+        raise pointmorph.FeatureError(
+            obj.name,
+            "a mesh",
+            f"an object of type {obj.type}",
+            f'Store a point attribute "{PREFIX}name" that is 1 at the point, for instance with '
+            "geometry nodes.",
+        )
+    if obj.mode == "EDIT":
+        vertices = bmesh.from_edit_mesh(obj.data).verts
+        selected = [vertex.index for vertex in vertices if vertex.select]
+    else:
+        selected = arrays.selected_vertices(obj.data)
+    if not len(selected):
+        raise pointmorph.FeatureError(
+            obj.name,
+            "selected vertices",
+            "none",
+            "Select one vertex in Edit Mode, or several for a curve or a region.",
+        )
+    return [int(row) for row in selected]
+
+
+registration = Registration(
+    classes=(
+        POINTMORPH_OT_add_feature,
+        POINTMORPH_OT_check_features,
+        POINTMORPH_OT_remove_feature,
+        POINTMORPH_OT_propose_features,
+        POINTMORPH_OT_pair_features,
+        POINTMORPH_OT_jump_to_feature,
+    ),
+)

@@ -1,0 +1,234 @@
+"""What the user does with a morph object once it is there, and chains."""
+
+import bpy
+import pointmorph
+
+from ..core import background_job
+from ..core.computation import Earlier
+from ..data import chains, creation
+from ..data.feature_list import sync_features
+from ..data.registration import Registration
+from ..scene import (
+    attribute_transfer,
+    morph_object,
+    morphing_mesh,
+    recipes,
+    recomputation,
+    shape_follower,
+)
+from .modal_operator import Computing
+from .polls import Explained, activate, active_result, busy_reason, fail, say_made
+
+
+def made_object(context):
+    """The morph object, of pairs or with the source's faces, that is meant."""
+    active = context.view_layer.objects.active
+    return active if morph_object.is_made(active) else active_result(context)
+
+
+def made_reason(context):
+    """Why there is none that could be changed; None when there is one."""
+    obj = made_object(context)
+    if obj is None:
+        return "Morph first, or make a morph object the active object"
+    if obj.library is not None:
+        return f'"{obj.name}" is linked from another file: make it local first'
+    if obj.mode == "OBJECT":
+        return None
+    return f'Leave the mode that "{obj.name}" is in first (Tab)'
+
+
+def pairs_reason(context):
+    """The same, for what only a morph object of pairs can do."""
+    reason = made_reason(context)
+    if reason is None and not morph_object.is_result(made_object(context)):
+        reason = "Make the morph object the active object: this is a mesh that was made from it"
+    return reason
+
+
+class _OnMade(Explained):
+    """An operator that changes what `made_object` finds."""
+
+    @staticmethod
+    def reason(context):
+        return busy_reason() or made_reason(context)
+
+    def execute(self, context):
+        try:
+            return self.change(context, made_object(context))
+        except pointmorph.PointmorphError as error:
+            return fail(self, error)
+
+
+class _OnPairs(_OnMade):
+    """The same, of a morph object of pairs."""
+
+    @staticmethod
+    def reason(context):
+        return busy_reason() or pairs_reason(context)
+
+
+class POINTMORPH_OT_recompute(Explained, Computing, bpy.types.Operator):
+    """Compute this morph again in place, from the objects as they are now. Name, t with its keys
+    and drivers, materials and baked keys stay"""
+
+    bl_idname = "pointmorph.recompute"
+    bl_label = "Recompute"
+    bl_options = {"REGISTER", "UNDO"}
+    stopped = "It was stopped: the morph is as it was"
+
+    @staticmethod
+    def reason(context):
+        return busy_reason() or made_reason(context)
+
+    def _begin_steps(self, context):
+        sync_features(context.scene)
+        obj = made_object(context)
+        if obj.pointmorph.keeps_faces and obj.pointmorph.made_from is not None:
+            obj = obj.pointmorph.made_from  # it goes along
+        self._name = obj.name
+        plan = self._plan = yield from recomputation.plan_steps(context, obj)
+        earlier = background_job.earlier if self._in_window else None
+        return lambda progress: chains.compute_all(plan.requests, progress, earlier)
+
+    def _finish(self, context, outcome):
+        obj = bpy.data.objects.get(self._name)
+        if not morph_object.is_made(obj):
+            raise pointmorph.CloudError(
+                self._name, "the object that is computed again", "none", "Undo its removal."
+            )
+        if self._in_window and len(self._plan.requests) == 1:
+            background_job.earlier = Earlier(self._plan.requests[0], outcome.maps)
+        said = morphing_mesh.remake(context, obj, self._plan, outcome)
+        for name in self._plan.missing:
+            gone = f'"{name}" is gone: the points that the morph holds were used'
+            self.report({"WARNING"}, gone)
+        for warning in said:
+            self.report({"WARNING"}, warning)
+        say_made(self, obj, outcome.report)
+        return {"FINISHED"}
+
+
+class POINTMORPH_OT_edit_morph(_OnMade, bpy.types.Operator):
+    """Pick the objects of this morph in the panel again, with its settings and features"""
+
+    bl_idname = "pointmorph.edit_morph"
+    bl_label = "Edit This Morph"
+    bl_options = {"REGISTER", "UNDO"}
+
+    def change(self, context, obj):
+        recipe = recipes.recipe_of(obj)
+        shapes = recipes.shapes_of(obj)
+        if None in shapes:
+            raise pointmorph.CloudError(
+                obj.name,
+                "the objects that it was made from",
+                "one that is gone",
+                "Undo its removal, or pick others.",
+            )
+        settings = context.scene.pointmorph
+        settings.source, settings.target = shapes[0], shapes[-1]
+        settings.via.clear()
+        for shape in shapes[1:-1]:
+            settings.via.add().object = shape
+        sync_features(context.scene)
+        if recipes.is_known(recipe):
+            recipes.put_settings(settings, recipe)
+        return {"FINISHED"}
+
+
+class POINTMORPH_OT_follow(_OnPairs, bpy.types.Operator):
+    """Let the points follow how the objects that were morphed move and deform: armatures, shape
+    keys, modifiers; or show what was morphed again"""
+
+    bl_idname = "pointmorph.follow"
+    bl_label = "Follow"
+    bl_options = {"REGISTER", "UNDO"}
+
+    def change(self, context, obj):
+        if obj.pointmorph.follows:
+            shape_follower.rest(obj)
+            return {"FINISHED"}
+        with creation.all_or_nothing() as created:
+            shape_follower.follow(obj, context, created)
+        return {"FINISHED"}
+
+
+class POINTMORPH_OT_make_mesh(_OnPairs, bpy.types.Operator):
+    """Make a copy of the source that morphs: with its faces, materials, colours, UV maps, weights
+    and modifiers, and a t of its own"""
+
+    bl_idname = "pointmorph.make_mesh"
+    bl_label = "Mesh of the Source"
+    bl_options = {"REGISTER", "UNDO"}
+
+    def change(self, context, obj):
+        copy = morphing_mesh.make_mesh(context, obj)
+        activate(context.view_layer.objects, copy)
+        source = obj.pointmorph.source.name
+        self.report({"INFO"}, f'"{copy.name}" has the faces of "{source}"')
+        return {"FINISHED"}
+
+
+class POINTMORPH_OT_transfer_attributes(Explained, Computing, bpy.types.Operator):
+    """Bring colours, weights and UV maps of the target over, to where its surface lands"""
+
+    bl_idname = "pointmorph.transfer_attributes"
+    bl_label = "Bring Over from Target"
+    bl_options = {"REGISTER", "UNDO"}
+    stopped = "It was stopped: nothing was brought over"
+
+    @staticmethod
+    def reason(context):
+        return busy_reason() or made_reason(context)
+
+    colors: bpy.props.BoolProperty(
+        name="Colours",
+        description="Colour attributes. A mesh of the source shows them more and more with t",
+        default=True,
+    )
+    weights: bpy.props.BoolProperty(
+        name="Weights", description="Vertex groups, except features", default=True
+    )
+    uvs: bpy.props.BoolProperty(
+        name="UV Maps",
+        description="As point attributes: faces that lie across a seam of the target are smeared",
+        default=False,
+    )
+    prefix: bpy.props.StringProperty(
+        name="Prefix",
+        description="Goes before the target's names, so that the source's own stay",
+        default="target.",
+    )
+
+    def _begin_steps(self, context):
+        obj = made_object(context)
+        self._name = obj.name
+        wanted = self._wanted = attribute_transfer.Wanted(
+            self.colors, self.weights, self.uvs, self.prefix
+        )
+        return (yield from attribute_transfer.read_steps(context, obj, wanted))
+
+    def _leave(self, context):
+        self._steps.close()
+
+    def _finish(self, context, outcome):
+        obj = bpy.data.objects.get(self._name)
+        if not morph_object.is_made(obj):
+            raise pointmorph.CloudError(
+                self._name, "the object that attributes go to", "none", "Undo its removal."
+            )
+        names = attribute_transfer.write(obj, self._wanted, outcome)
+        self.report({"INFO"}, f"Brought over: {', '.join(names)}")
+        return {"FINISHED"}
+
+
+registration = Registration(
+    classes=(
+        POINTMORPH_OT_recompute,
+        POINTMORPH_OT_edit_morph,
+        POINTMORPH_OT_follow,
+        POINTMORPH_OT_make_mesh,
+        POINTMORPH_OT_transfer_attributes,
+    ),
+)

@@ -1,0 +1,123 @@
+"""Operators that compute in a thread while Blender stays usable."""
+
+import bpy
+import pointmorph
+
+from ..core import background_job
+from ..core.stepping import finish, go_on
+from ..data import areas
+from ..data.registration import Registration
+from .polls import fail
+
+_TURN = 0.04  # seconds of work at a time
+_REST = 0.01  # seconds at least between two turns
+
+
+class Computing:
+    """What an operator needs that computes in a thread while Blender stays usable.
+
+    It has `_begin(context)`, which reads the scene and returns what to call with a progress, and
+    `_finish(context, outcome)`, which changes the scene. Where reading takes long, it has
+    `_begin_steps(context)` instead, a generator that yields often and returns the same.
+    """
+
+    _in_window = False
+
+    def invoke(self, context, event):
+        if bpy.app.background:
+            return self.execute(context)
+        self._in_window = True
+        self._steps = self._begin_steps(context)
+        background_job.start()
+        window_manager = context.window_manager
+        self._said = None
+        self._timer = window_manager.event_timer_add(_REST, window=context.window)
+        window_manager.modal_handler_add(self)
+        self._show_progress(context)
+        return {"RUNNING_MODAL"}
+
+    def modal(self, context, event):
+        if event.type == "ESC" and event.value == "PRESS":
+            background_job.current.cancel()
+            self._show_progress(context)
+            return {"RUNNING_MODAL"}
+        if event.type != "TIMER":
+            return {"PASS_THROUGH"}
+        try:
+            if not background_job.current.begun and not background_job.current.cancelled:
+                self._read_on()
+            elif background_job.current.begun and not background_job.current.done:
+                self._meanwhile(context)
+            else:
+                return self._finish(context, self._end(context).result())
+        except pointmorph.Cancelled:
+            self.report({"INFO"}, self.stopped)
+            return {"CANCELLED"}
+        except pointmorph.PointmorphError as error:
+            self.cancel(context)
+            return fail(self, error)
+        except ReferenceError:
+            self.cancel(context)
+            self.report({"WARNING"}, "Something was removed meanwhile: start again")
+            return {"CANCELLED"}
+        self._show_progress(context)
+        return {"PASS_THROUGH"}
+
+    def _begin_steps(self, context):
+        yield
+        return self._begin(context)
+
+    def _read_on(self):
+        """Reads the scene a moment longer, and begins to compute when all is read."""
+        try:
+            go_on(self._steps, _TURN)
+        except StopIteration as done:
+            background_job.current.begin(done.value)
+
+    def cancel(self, context):
+        """Called by Blender when the window or the file is closed."""
+        if background_job.current is not None:
+            self._end(context)
+
+    def _meanwhile(self, context):
+        """Called now and then while it computes."""
+
+    def _leave(self, context):
+        """Called at the end, however it came, before `_finish`."""
+
+    def execute(self, context):
+        background_job.problem = None
+        try:
+            # A function of Python's, so that Ctrl-C works.
+            compute = finish(self._begin_steps(context))
+            return self._finish(context, compute(lambda stage, fraction: True))
+        except pointmorph.PointmorphError as error:
+            return fail(self, error)
+
+    def _show_progress(self, context):
+        text = progress_text()
+        if text != self._said:  # to draw anew takes time
+            self._said = text
+            context.workspace.status_text_set(text + "   Esc: stop")
+            areas.redraw_sidebars()
+
+    def _end(self, context):
+        context.window_manager.event_timer_remove(self._timer)
+        context.workspace.status_text_set(None)
+        job = background_job.finish()
+        self._leave(context)
+        areas.redraw_sidebars()
+        return job
+
+
+def progress_text():
+    """What the running job is at."""
+    job = background_job.current
+    if job.cancelled:
+        return "Stopping"
+    if not job.begun:
+        return "Reading the scene"
+    return f"{job.stage.replace('_', ' ').capitalize() or 'Starting'} {100 * job.fraction:.0f} %"
+
+
+registration = Registration(stop=background_job.finish)

@@ -1,0 +1,97 @@
+"""Computes the morph from source to target."""
+
+import queue
+
+import bpy
+import numpy as np
+
+from ..core import background_job, preview, transforms
+from ..core.computation import Earlier, compute
+from ..data.feature_list import feature_choices, sync_features
+from ..data.registration import Registration
+from ..scene import morph_builder, morph_object, preview_object, recipes
+from ..scene.feature_marks import say_what_was_found
+from ..scene.shape_reader import read_request_steps
+from .modal_operator import Computing
+from .polls import Explained, activate, busy_reason, say_made, shapes_reason
+
+
+class POINTMORPH_OT_morph(Explained, Computing, bpy.types.Operator):
+    """Compute the morph from source to target. In a window Blender stays usable; Esc stops it"""
+
+    bl_idname = "pointmorph.morph"
+    bl_label = "Morph"
+    bl_options = {"REGISTER", "UNDO"}
+
+    @staticmethod
+    def reason(context):
+        return busy_reason() or shapes_reason(context)
+
+    stopped = "The morph was stopped"
+    _value = 0.0  # of the key when the result comes
+    _shown = ""  # name of the coarse morph's object
+
+    def _begin_steps(self, context):
+        request = self._request = yield from self._read(context)
+        # A script gets the same whatever was done before it.
+        earlier = background_job.earlier if self._in_window else None
+        self._first_look = queue.SimpleQueue()
+        with_preview = self._in_window and preview.is_worth_it(request)
+
+        def work(progress):
+            if with_preview:
+                self._first_look.put(preview.compute(request, progress))
+            return compute(request, progress, earlier)
+
+        return work
+
+    def _meanwhile(self, context):
+        """Shows the coarse morph when it's there."""
+        if self._first_look.empty():
+            return
+        outcome = self._first_look.get()
+        if outcome is not None:
+            self._shown = preview_object.show(context, outcome, *self._made_of(context))
+
+    def _leave(self, context):
+        self._value = preview_object.remove(self._shown)
+
+    def _made_of(self, context):
+        """What `result.build` needs besides the outcome."""
+        source_name, target_name = self._names
+        objects = context.scene.objects
+        ends = objects.get(source_name), objects.get(target_name)
+        return f"{source_name} to {target_name}", self._origin, *ends, self._source_matrix
+
+    def _read(self, context):
+        """The request. What _finish needs is kept by name: objects move in memory on undo."""
+        sync_features(context.scene)
+        request = yield from read_request_steps(context)
+        say_what_was_found(context.scene, request)
+        source = context.scene.pointmorph.source
+        self._origin = np.array(source.matrix_world.translation)
+        self._source_matrix = transforms.relative_to(source.matrix_world, self._origin)
+        self._names = request.source.name, request.target.name
+        yield
+        self._recipe = yield from recipes.take_down_steps(
+            [source, context.scene.pointmorph.target],
+            [request],
+            self._origin,
+            feature_choices(context.scene.pointmorph),
+        )
+        return request
+
+    def _finish(self, context, outcome):
+        if self._in_window:
+            background_job.earlier = Earlier(self._request, outcome.maps)
+        obj = morph_builder.build(context, outcome, *self._made_of(context))
+        morph_object.morph_key(obj).value = self._value
+        activate(context.view_layer.objects, obj)
+        recipes.remember(obj, self._recipe, outcome)
+        say_made(self, obj, outcome.report)
+        return {"FINISHED"}
+
+
+registration = Registration(
+    classes=(POINTMORPH_OT_morph,),
+)

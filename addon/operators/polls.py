@@ -1,0 +1,100 @@
+"""What operators ask before they begin, and how they say no."""
+
+import pointmorph
+
+from ..core import background_job
+from ..scene import morph_object
+
+NO_RESULT = "Morph first, or make a morph object the active object"
+
+_PLACES = (
+    (pointmorph.FeatureError, "FEATURES"),
+    (pointmorph.TopologyError, "CUT"),
+    (pointmorph.OptionError, "ADVANCED"),
+    (pointmorph.CloudError, "OBJECTS"),
+)
+
+
+def fail(operator, error):
+    """Tells the user about a PointmorphError. In scripts the operator raises RuntimeError then.
+
+    The panel that the error is about shows it until the next attempt.
+    """
+    place = next((place for kind, place in _PLACES if isinstance(error, kind)), "MORPH")
+    background_job.problem = ("CUT" if error.subject == "loop" else place, str(error))
+    operator.report({"ERROR"}, str(error))
+    return {"CANCELLED"}
+
+
+class Explained:
+    """An operator that says why it is greyed out: what `reason(context)` returns, or None."""
+
+    @classmethod
+    def poll(cls, context):
+        reason = cls.reason(context)
+        if reason is not None:
+            cls.poll_message_set(reason)
+        return reason is None
+
+
+def busy_reason():
+    """Why nothing can be computed now; None when it can."""
+    if background_job.current is None:
+        return None
+    return "A morph is being computed: wait, or press Esc to stop it"
+
+
+def shapes_reason(context):
+    """Why source and target can't be used as they were picked; None when they can."""
+    settings = context.scene.pointmorph
+    for side, obj in (("source", settings.source), ("target", settings.target)):
+        if obj is None:
+            return f"Pick a {side} first"
+        if context.scene.objects.get(obj.name) != obj:
+            return f'The {side} "{obj.name}" is no longer in the scene: pick another'
+    if settings.source == settings.target:
+        return f'Source and target are both "{settings.source.name}": pick two objects'
+    return None
+
+
+def say_made(operator, obj, report):
+    """Tells the user what came of a morph."""
+    for warning in report["warnings"]:
+        operator.report({"WARNING"}, warning)
+    made = f'"{obj.name}": {report["pairs"]:,} pairs in {report["seconds"]:.1f} s'
+    operator.report({"INFO"}, made)
+
+
+def active_result(context):
+    """The morph object that is meant: the active one, else the last one of source and target."""
+    active = context.view_layer.objects.active
+    if morph_object.is_result(active):
+        return active
+    settings = context.scene.pointmorph
+    found = None
+    if settings.source is not None:
+        for obj in context.scene.objects:
+            made_from = (obj.pointmorph.source, obj.pointmorph.target)
+            if made_from == (settings.source, settings.target) and morph_object.is_result(obj):
+                found = obj
+    return found
+
+
+def result_reason(context):
+    """Why there is no morph object that could be baked; None when there is one."""
+    obj = active_result(context)
+    if obj is None:
+        return NO_RESULT
+    if obj.pointmorph.is_preview:
+        return "This is a preview: wait for the whole"
+    return "Leave Edit Mode first" if obj.mode == "EDIT" else None
+
+
+def activate(objects, obj):
+    """Selects `obj` alone, unless it's in an excluded collection or the user is in another mode."""
+    in_object_mode = objects.active is None or objects.active.mode == "OBJECT"
+    if in_object_mode and objects.get(obj.name) == obj:
+        for other in list(objects.selected):
+            other.select_set(False)
+        obj.select_set(True)
+        objects.active = obj

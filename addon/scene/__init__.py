@@ -1,0 +1,1 @@
+"""Shapes and morph objects in the scene."""

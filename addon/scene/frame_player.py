@@ -1,0 +1,97 @@
+"""Frames of a morph object, each with as many points as it takes: in the scene, and files.
+
+In the scene each frame is a mesh, without faces unless they are asked for, all in one collection
+that isn't in the scene; an object of its own shows the one of the present frame, points as a point
+cloud.
+"""
+
+import bpy
+import numpy as np
+
+from ..core import frame_plan
+from ..core.stepping import finish
+from ..data import arrays, attribute_names, creation
+from . import frames_display, morph_object
+
+COLLECTION = "Frames"
+
+
+def read(obj):
+    """What `read_steps` returns, at once."""
+    return finish(read_steps(obj))
+
+
+def read_steps(obj):
+    """A generator that yields often and returns what a morph object holds.
+
+    Raises
+    ------
+    CloudError
+        When the object lacks what it was made with.
+    """
+    mesh = obj.data
+    keys, rows = morph_object.stage_keys(obj), morph_object.stage_rows(obj)
+    names = morph_object.stage_names(obj)
+    shapes, pairs, maps = [], [], []
+    for stage, key, row, name in zip(morph_object.stages(obj), keys, rows, names, strict=True):
+        yield
+        shapes.append({"name": name, **morph_object.read_stage(obj, stage, key, row)})
+    for number, (onward, back) in enumerate(morph_object.map_names(obj)):
+        yield
+        known = onward in mesh.attributes and back in mesh.attributes
+        of_ends = zip(rows[number:], (onward, back), strict=False)
+        maps.append(
+            tuple(arrays.by_row(row, arrays.read_vectors(mesh, name)) for row, name in of_ends)
+            if known
+            else None
+        )
+        pairs.append(np.stack(rows[number : number + 2], axis=1))
+    return frame_plan.Held(shapes, pairs, maps)
+
+
+def build(context, name, matrix, plan, frames, kind="SCENE"):
+    """Makes the object that shows the frames of the object `name`, with the matrix that this had;
+    all of it or nothing. Returns the object.
+
+    `kind` is the format that it's for.
+    """
+    name = f"{name} {COLLECTION}"
+    with creation.all_or_nothing() as created:
+        collection = bpy.data.collections.new(name)
+        created(collection)
+        for number, frame in enumerate(frames):
+            # In the order of their names: that of the instances.
+            mesh = bpy.data.meshes.new(f"{name} {number:06d}")
+            created(mesh)
+            arrays.fill_mesh(mesh, frame.positions, frame.faces if plan.faces else None)
+            arrays.write_attribute(mesh, attribute_names.VELOCITY, frame.velocities)
+            if plan.faces and kind == "ALEMBIC":
+                arrays.write_corner_colors(mesh, attribute_names.COLOR, frame.colors)
+            else:
+                arrays.write_attribute(mesh, attribute_names.COLOR, frame.colors)
+            arrays.activate_colors(mesh, attribute_names.COLOR)
+            if not plan.faces:
+                arrays.write_attribute(mesh, attribute_names.NORMAL, frame.normals)
+                arrays.write_attribute(mesh, attribute_names.RADIUS, frame.radii)
+                # Blender's USD loses an attribute "id".
+                id_name = attribute_names.FILE_ID if kind == "USD" else "id"
+                arrays.write_attribute(mesh, id_name, frame.ids)
+            one = bpy.data.objects.new(mesh.name, mesh)
+            created(one)
+            collection.objects.link(one)
+        data = (bpy.data.meshes if plan.faces else bpy.data.pointclouds).new(name)
+        created(data)
+        player = bpy.data.objects.new(name, data)
+        created(player)
+        player.matrix_world = matrix
+        frames_display.add_frames_modifier(player, collection, plan, created)
+        context.collection.objects.link(player)
+    return player
+
+
+def remove(player):
+    """Takes the frames out of the file again."""
+    collection = frames_display.frames_collection(player)
+    objects = list(collection.objects)
+    meshes = [one.data for one in objects]
+    bpy.data.batch_remove([player, player.data, *objects, *meshes, collection])

@@ -1,0 +1,117 @@
+"""How baked frames look in the scene: geometry nodes that show the mesh of the present frame."""
+
+import bpy
+
+from ..data import attribute_names, nodes, versions
+from . import point_shapes, points_display, points_material
+
+FRAMES_NAME = "Pointmorph Frames"
+
+
+def add_frames_modifier(obj, collection, plan, created):
+    """Shows the mesh of `collection` that belongs to the scene's frame, as points or discs."""
+    group = bpy.data.node_groups.get(FRAMES_NAME)
+    if group is None:
+        group = _frames_group(points_material.material(created), created)
+    modifier = obj.modifiers.new(points_display.MODIFIER, "NODES")
+    modifier.node_group = group
+    values = {"Collection": collection, "First": plan.first, "Step": plan.step}
+    values["Vertices"] = plan.faces
+    render = bpy.context.scene.render
+    values["Frame Rate"] = render.fps / render.fps_base
+    for name, value in values.items():
+        versions.set_input(modifier, name, value)
+
+
+def frames_collection(obj):
+    """That which `add_frames_modifier` was called with."""
+    return versions.input_value(points_display.points_modifier(obj), "Collection")
+
+
+def frames_as_vertices(obj):
+    """A mesh object that shows what `obj` does, as vertices: for files that know no points."""
+    mesh = bpy.data.meshes.new(obj.name)
+    twin = bpy.data.objects.new(obj.name, mesh)
+    twin.matrix_world = obj.matrix_world
+    modifier = twin.modifiers.new(points_display.MODIFIER, "NODES")
+    own = points_display.points_modifier(obj)
+    modifier.node_group = own.node_group
+    for name in ("Collection", "First", "Step", "Frame Rate"):
+        versions.set_input(modifier, name, versions.input_value(own, name))
+    versions.set_input(modifier, "Vertices", True)
+    return twin
+
+
+def _frames_group(material, created):
+    group = bpy.data.node_groups.new(FRAMES_NAME, "GeometryNodeTree")
+    created(group)
+    nodes.new_input(group, "NodeSocketGeometry", "Geometry")
+    nodes.new_input(group, "NodeSocketCollection", "Collection", "A mesh for each frame, by name")
+    nodes.new_input(group, "NodeSocketInt", "First", "The scene's frame that shows the first mesh")
+    nodes.new_input(
+        group, "NodeSocketInt", "Step", "Frames from one mesh to the next", default_value=1
+    )
+    nodes.new_input(
+        group,
+        "NodeSocketFloat",
+        "Frame Rate",
+        "Frames a second: what the velocity is multiplied by in renders, for motion blur",
+        default_value=24.0,
+    )
+    point_shapes.new_splat_inputs(group)
+    nodes.new_input(
+        group,
+        "NodeSocketBool",
+        "Vertices",
+        "Shows the meshes as they are: bare vertices, for formats without points, or their faces",
+    )
+    nodes.new_output(group, "NodeSocketGeometry", "Geometry")
+
+    build = nodes.Builder(group)
+    inputs = build.node("NodeGroupInput").outputs
+    math = build.math
+
+    # The first mesh before its time, the last one after.
+    frame = build.node("GeometryNodeInputSceneTime").outputs["Frame"]
+    meshes = build.node(
+        "GeometryNodeCollectionInfo",
+        {"Collection": inputs["Collection"], "Separate Children": True, "Reset Children": True},
+    )
+    instances = next(s for s in meshes.outputs if s.enabled)
+    size = build.node(
+        "GeometryNodeAttributeDomainSize", {"Geometry": instances}, component="INSTANCES"
+    )
+    last = math("SUBTRACT", size.outputs["Instance Count"], 1.0)
+    wanted = math("DIVIDE", math("SUBTRACT", frame, inputs["First"]), inputs["Step"])
+    wanted = math("MINIMUM", math("MAXIMUM", math("FLOOR", wanted), 0.0), last)
+    index = build.node("GeometryNodeInputIndex").outputs["Index"]
+    others = math("GREATER_THAN", math("ABSOLUTE", math("SUBTRACT", index, wanted)), 0.5)
+    one = build.node(
+        "GeometryNodeDeleteGeometry",
+        {"Geometry": instances, "Selection": others},
+        domain="INSTANCE",
+    )
+    realized = build.node("GeometryNodeRealizeInstances", {"Geometry": one.outputs["Geometry"]})
+    # The renderer and files take it by second.
+    rate = inputs["Frame Rate"]
+    in_viewport = build.node("GeometryNodeIsViewport").outputs["Is Viewport"]
+    factor = math("ADD", rate, math("MULTIPLY", in_viewport, math("SUBTRACT", 1.0, rate)))
+    scaled = build.node("ShaderNodeVectorMath", operation="SCALE")
+    group.links.new(build.attribute(attribute_names.VELOCITY, "FLOAT_VECTOR"), scaled.inputs[0])
+    group.links.new(factor, scaled.inputs["Scale"])
+    fields = {"Geometry": realized.outputs["Geometry"], "Name": attribute_names.VELOCITY}
+    fields["Value"] = scaled.outputs["Vector"]
+    stored = build.node(
+        "GeometryNodeStoreNamedAttribute", fields, data_type="FLOAT_VECTOR", domain="POINT"
+    )
+    geometry = stored.outputs["Geometry"]
+    radius = math(
+        "MULTIPLY", build.attribute(attribute_names.RADIUS, "FLOAT"), inputs["Radius Scale"]
+    )
+
+    normal = build.attribute(attribute_names.NORMAL, "FLOAT_VECTOR")
+    shown = point_shapes.splats(build, inputs, geometry, normal, radius)
+    either = nodes.switch(build, "GEOMETRY", inputs["Vertices"], shown, geometry)
+    finished = build.node("GeometryNodeSetMaterial", {"Geometry": either, "Material": material})
+    build.node("NodeGroupOutput", {"Geometry": finished.outputs["Geometry"]})
+    return group

@@ -1,0 +1,186 @@
+"""The morph object: a mesh of one vertex a pair, made in one piece or not at all, and its bakes.
+
+Its basis is the source, its shape key "Morph" the target, and point attributes hold what else the
+pairs have at both ends. So it needs nothing but itself for a bake, also in a file opened later.
+
+A chain over more shapes has a key for every shape after the first. The value of "Morph", which
+moves nothing itself there, is t all the same, from 0 to the number of shapes less 1, and drives
+the others.
+"""
+
+import numpy as np
+import pointmorph
+
+from ..core import transforms
+from ..data import arrays
+from . import recipes
+
+KEY = "Morph"
+
+
+def is_result(obj):
+    """Whether an object is a morph object."""
+    return obj is not None and obj.type == "MESH" and "source_row" in obj.data.attributes
+
+
+def is_made(obj):
+    """Whether an object is a morph object, of pairs or with the source's faces."""
+    return is_result(obj) or (obj is not None and obj.pointmorph.keeps_faces)
+
+
+def morph_key(obj):
+    """The shape key of a morph object that makes it the target."""
+    keys = obj.data.shape_keys
+    key = None if keys is None else keys.key_blocks.get(KEY)
+    if key is None:
+        raise pointmorph.CloudError(
+            obj.name,
+            f'a morph object with its shape key "{KEY}"',
+            "none of that name",
+            "Morph again, or give the key its name back.",
+        )
+    return key
+
+
+def stages(obj):
+    """Of every shape of a morph object in order: the prefix of its attributes."""
+    between = len(obj.pointmorph.via)
+    return ["source", *(f"via{number + 1}" for number in range(between)), "target"]
+
+
+def stage_keys(obj):
+    """The shape keys that hold the shapes of a morph object, in order."""
+    key = morph_key(obj)
+    keys = obj.data.shape_keys
+    if not len(obj.pointmorph.via):
+        return [keys.reference_key, key]
+    names = morph_keys(obj)[1:]
+    missing = [name for name in names if name not in keys.key_blocks]
+    if missing:
+        raise pointmorph.CloudError(
+            obj.name,
+            f'a chain with its shape key "{missing[0]}"',
+            "none of that name",
+            "Give the key its name back, or make the chain again.",
+        )
+    return [keys.reference_key, *(keys.key_blocks[name] for name in names)]
+
+
+def check_whole(obj):
+    """Raises CloudError when a morph object lacks what it was made with."""
+    stage_keys(obj)
+    for stage in stages(obj):
+        for what in ("row", "normal", "color", "radius"):
+            if f"{stage}_{what}" not in obj.data.attributes:
+                raise pointmorph.CloudError(
+                    obj.name, f"the attribute {stage}_{what}", "none of that name", "Morph again."
+                )
+
+
+def stage_rows(obj):
+    """(M,) int32 for every shape in order: its point in each pair."""
+    check_whole(obj)
+    return [arrays.read_rows(obj.data, f"{stage}_row") for stage in stages(obj)]
+
+
+def read_stage(obj, stage, key, row):
+    """What a morph object holds of one of its shapes, a row for each point of that.
+
+    Parameters
+    ----------
+    stage, key, row
+        Of the shape: see `stages`, `stage_keys` and `stage_rows`.
+
+    Returns
+    -------
+    dict of str to array
+        `positions`, `normals`, `colors` and `radii`.
+    """
+    mesh = obj.data
+    values = {
+        "positions": arrays.key_positions(key),
+        "normals": arrays.read_vectors(mesh, f"{stage}_normal"),
+        "colors": arrays.read_attribute(mesh.attributes[f"{stage}_color"]),
+        "radii": arrays.read_attribute(mesh.attributes[f"{stage}_radius"]),
+    }
+    return {what: arrays.by_row(row, array) for what, array in values.items()}
+
+
+def positions_at(obj, t):
+    """(M, 3): where the points of a morph object are at t, straight from shape to shape."""
+    keys = stage_keys(obj)
+    number = min(max(int(t), 0), len(keys) - 2)
+    start, end = (arrays.key_positions(key) for key in keys[number : number + 2])
+    return (1.0 - (t - number)) * start + (t - number) * end
+
+
+def world_position(obj, source_row):
+    """Where a morph object shows a row of the source at the present value of its key."""
+    value = morph_key(obj).value
+    rows = np.flatnonzero(arrays.read_rows(obj.data, "source_row") == source_row)
+    if not rows.size:
+        raise pointmorph.CloudError(
+            obj.name, f"point {source_row} of the source", "none", "Morph again."
+        )
+    place = positions_at(obj, value)[rows[:1]]
+    return transforms.move_positions(np.array(obj.matrix_world), place)[0]
+
+
+def source_matrix_of(obj):
+    """(4, 4): from the source's own space to the morph's frame, whose origin is the source's."""
+    matrix = np.eye(4)
+    matrix[:3, :3] = np.reshape(obj.pointmorph.source_matrix, (3, 3))
+    return matrix
+
+
+def t_key(obj):
+    """The shape key whose value is t: of a morph object, or of a copy of the source."""
+    if not obj.pointmorph.keeps_faces:
+        return morph_key(obj)
+    name = morph_keys(obj)[0]
+    keys = obj.data.shape_keys
+    if keys is None or name not in keys.key_blocks:
+        raise pointmorph.CloudError(
+            obj.name,
+            f'its shape key "{name}"',
+            "none of that name",
+            "Give the key its name back, or make the mesh again.",
+        )
+    return keys.key_blocks[name]
+
+
+def morph_keys(obj):
+    """Names of the shape keys that `add_keys` made: that whose value is t, and of a chain those of
+    the shapes after the first."""
+    return recipes.recipe_of(obj).get("keys", [KEY])
+
+
+def last_key(obj):
+    """The shape key that holds the last shape."""
+    t_key(obj)
+    return obj.data.shape_keys.key_blocks[morph_keys(obj)[-1]]
+
+
+def map_names(obj):
+    """For each way from a shape to the next: the attributes that hold where the points of either
+    land on the other."""
+    between = stages(obj)[1:-1]
+    onward = ["landing1" if between else "landing", *(f"{stage}_onward" for stage in between)]
+    back = [*(f"{stage}_back" for stage in between), "target_landing"]
+    return list(zip(onward, back, strict=True))
+
+
+def landings(obj):
+    """Of every shape but the last: its prefix, and (M, 3) where the source's points of the pairs
+    are at the shape after it."""
+    mesh = obj.data
+    names = [*(f"landing{number + 1}" for number in range(len(obj.pointmorph.via))), "landing"]
+    return [
+        (stage, arrays.read_vectors(mesh, name))
+        for stage, name in zip(stages(obj), names, strict=False)
+    ]
+
+
+def stage_names(obj):
+    """Names of the shapes of a morph object, in order; what is missing has another."""
+    return [KEY if shape is None else shape.name for shape in recipes.shapes_of(obj)]

@@ -1,0 +1,95 @@
+"""Where the points of a morph object, or the source's own vertices, are on the way."""
+
+import numpy as np
+import pointmorph
+
+from ..core import transforms
+from ..data import arrays
+from . import morph_object
+
+
+def way(obj, path):
+    """A function from t to the positions of a morph object's points."""
+    places = [arrays.key_positions(key) for key in morph_object.stage_keys(obj)]
+    normals = [
+        arrays.read_vectors(obj.data, f"{stage}_normal") for stage in morph_object.stages(obj)
+    ]
+    return through(places, normals, path)
+
+
+def through(places, normals, path):
+    """A function from t, 0 to the number of places less 1, to positions on the way."""
+    motions = [
+        pointmorph.Motion(start, normal, end, path)
+        for start, normal, end in zip(places, normals, places[1:], strict=False)
+    ]
+
+    def at(t):
+        number = min(int(t), len(motions) - 1)
+        return motions[number].at(t - number)
+
+    return at
+
+
+def source_ways(obj):
+    """What the source's own vertices do in the morph.
+
+    Returns
+    -------
+    Object
+        The source.
+    list of (N, 3) array
+        Where the vertices are at every shape, in the morph's frame.
+    list of (N, 3) array
+        The normals there, but for the last.
+    (4, 4) array
+        From the morph's frame to the source's own space.
+
+    Raises
+    ------
+    CloudError
+        When the source is gone, can't hold shape keys, or isn't what was morphed any more.
+    """
+    source = obj.pointmorph.source
+    if source is None:
+        raise pointmorph.CloudError(
+            obj.name, "its source in the file", "none", "Morph again, from a mesh that is there."
+        )
+    if source.type != "MESH":
+        raise pointmorph.CloudError(
+            source.name,
+            "a mesh, to hold shape keys",
+            f"an object of type {source.type}",
+            "Bake on the pairs instead.",
+        )
+    if source.mode == "EDIT":
+        raise pointmorph.CloudError(
+            source.name, "an object in Object Mode", "Edit Mode", "Leave Edit Mode (Tab)."
+        )
+    start = arrays.basis_positions(source.data)
+    matrix = morph_object.source_matrix_of(obj)
+    morph_object.morph_key(obj)
+    rows = arrays.read_rows(obj.data, "source_row")
+    known = arrays.key_positions(obj.data.shape_keys.reference_key)
+    if len(start) != rows.max() + 1 or not _same(
+        transforms.move_positions(matrix, start)[rows], known
+    ):
+        raise pointmorph.CloudError(
+            source.name,
+            f'the mesh that "{obj.name}" was made from',
+            "one that was changed since",
+            "Morph again.",
+        )
+    places, normals = [transforms.move_positions(matrix, start)], []
+    for stage, landing in morph_object.landings(obj):
+        place, normal = np.empty_like(start), np.empty_like(start)
+        place[rows] = landing
+        normal[rows] = arrays.read_vectors(obj.data, f"{stage}_normal")
+        places.append(place)
+        normals.append(normal)
+    return source, places, normals, np.linalg.inv(matrix)
+
+
+def _same(a, b):
+    """Whether positions are equal but for what another processor may round differently."""
+    return np.abs(a - b).max() <= 1e-6 * np.abs(b).max()

@@ -1,0 +1,166 @@
+"""What models carry besides their form: a copy of the source that morphs with all it has."""
+
+import bmesh
+import bpy
+import numpy as np
+import pointmorph
+
+from ..core import transforms
+from ..data import arrays, creation
+from . import (
+    attribute_transfer,
+    morph_builder,
+    morph_object,
+    morph_paths,
+    recipes,
+    recomputation,
+    shape_follower,
+)
+
+
+def make_mesh(context, obj):
+    """A copy of the source, with its faces, materials, colours, UV maps, weights and modifiers,
+    and the key "Morph" that makes it the target.
+
+    Raises
+    ------
+    CloudError
+        See `result.source_ways`.
+    """
+    source, places, _, back = morph_paths.source_ways(obj)
+    with creation.all_or_nothing() as created:
+        mesh = source.data.copy()
+        created(mesh)
+        copy = source.copy()
+        created(copy)
+        copy.data = mesh
+        copy.pointmorph.recipe = ""  # of a source that morphs itself
+        copy.name = mesh.name = f"{obj.name} Mesh"
+        copy.hide_render = False
+        context.collection.objects.link(copy)
+        _know(copy, obj)
+        if mesh.shape_keys is None:
+            copy.shape_key_add(name="Basis", from_mix=False)
+        places = _own_places(source, places, back)
+        key = morph_builder.add_keys(copy, places, morph_object.stage_names(obj)[1:])
+        key.value = morph_object.t_key(obj).value
+        copy.active_shape_key_index = copy.data.shape_keys.key_blocks.find(key.name)
+    return copy
+
+
+def _own_places(source, places, back):
+    """The places of `result.source_ways` in the source's own space, the first bit by bit."""
+    rest = [transforms.move_positions(back, place) for place in places[1:]]
+    return [arrays.basis_positions(source.data), *rest]
+
+
+def _know(copy, obj):
+    """Makes the copy remember what the morph object does."""
+    shapes = recipes.shapes_of(obj)
+    morph_builder.link(
+        copy, shapes[0], shapes[-1], morph_object.source_matrix_of(obj), shapes[1:-1]
+    )
+    recipes.share_recipe(copy, obj)
+    copy.pointmorph.keeps_faces = True
+    copy.pointmorph.made_from = obj
+
+
+def remake_mesh(copy, obj):
+    """Gives a copy that `make_mesh` made of the morph object `obj`'s source its present form in
+    place: name, t with all that moves it, materials and modifiers stay.
+
+    Returns
+    -------
+    list of str
+        What couldn't follow, in words.
+    """
+    morph_object.t_key(copy)
+    source, places, _, back = morph_paths.source_ways(obj)
+    places = _own_places(source, places, back)
+    mesh, keys = copy.data, copy.data.shape_keys.key_blocks
+    own = morph_object.morph_keys(copy)
+    base = arrays.key_positions(keys[0])
+    moves = {key.name: arrays.key_positions(key) - base for key in keys[1:] if key.name not in own}
+    same = len(base) == len(places[0]) and all(
+        np.array_equal(read(mesh), read(source.data))
+        for read in (arrays.mesh_edges, arrays.mesh_corners)
+    )
+    if not same:
+        _replace_geometry(copy, source)
+    arrays.move_vertices(mesh, places[0])
+    arrays.write_key(keys[0], places[0])
+    morph_builder.write_keys(copy, places)
+    lost = []
+    of_source = source.data.shape_keys.key_blocks if source.data.shape_keys else {}
+    for name, move in moves.items():
+        if name in of_source:
+            arrays.write_key(keys[name], arrays.key_positions(of_source[name]))
+        elif same:
+            arrays.write_key(keys[name], places[0] + move)
+        else:
+            arrays.write_key(keys[name], places[0])
+            lost.append(morph_builder.lost_words(copy, name))
+    for user in recomputation.users_of(copy):
+        _know(user, obj)
+        user.update_tag()
+    return lost
+
+
+def remake(context, obj, plan, outcome):
+    """Puts what was computed again into a morph object and the copies of the source that were made
+    from it; or into a copy whose morph object is gone.
+
+    Returns
+    -------
+    list of str
+        What couldn't follow, in words.
+    """
+    if morph_object.is_result(obj):
+        said = recomputation.apply(obj, plan, outcome)
+        for user in recomputation.users_of(obj):
+            shape_follower.follow_on(user)
+        for copy in bpy.data.objects:
+            if copy.pointmorph.made_from == obj and is_copy(copy):
+                try:
+                    said += remake_mesh(copy, obj)
+                    said += attribute_transfer.again(context, copy)
+                except pointmorph.PointmorphError as error:
+                    said.append(f'"{copy.name}" stays as it was. {error}')
+        return said + attribute_transfer.again(context, obj)
+    shapes = recipes.shapes_of(obj)
+    pairs = morph_builder.build(
+        context, outcome, obj.name, plan.origin, shapes[0], shapes[-1], plan.source_matrix,
+        shapes[1:-1],
+    )  # fmt: skip
+    try:
+        recipes.remember(pairs, plan.recipe, outcome)
+        said = remake_mesh(obj, pairs)
+        said += attribute_transfer.again(context, obj)
+    finally:
+        morph_builder.remove(pairs)
+    return said
+
+
+def is_copy(obj):
+    """Whether an object is a copy of a source that `make_mesh` made, and can be changed now."""
+    return obj.pointmorph.keeps_faces and obj.library is None and obj.mode == "OBJECT"
+
+
+def _replace_geometry(copy, source):
+    """Gives a copy the vertices, faces and layers of its source, its shape keys as many points."""
+    names = [group.name for group in source.vertex_groups]
+    copy.vertex_groups.clear()
+    for name in names:
+        copy.vertex_groups.new(name=name)
+    edited = bmesh.new()
+    try:
+        edited.from_mesh(source.data)
+        edited.to_mesh(copy.data)
+    finally:
+        edited.free()
+    copy.data.update()
+    for material in source.data.materials[len(copy.data.materials) :]:
+        copy.data.materials.append(material)
+    active = source.data.color_attributes.active_color
+    if active is not None:
+        copy.data.color_attributes.active_color = copy.data.color_attributes[active.name]

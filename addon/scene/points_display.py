@@ -1,0 +1,130 @@
+"""How a morph object looks: geometry nodes that show its pairs as coloured points, and a material.
+
+The group of nodes and the material are made once a file and shared by all morph objects.
+"""
+
+import bpy
+
+from ..data import attribute_names, nodes, versions
+from . import point_shapes, points_material
+
+NAME = "Pointmorph Points"
+MODIFIER = "Points"
+SHOW_DISTORTION = "Show Distortion"
+_RAMP = ((0.0, (0.05, 0.25, 0.9)), (0.5, (1.0, 0.85, 0.1)), (1.0, (0.9, 0.02, 0.02)))
+_RAMP_END = 2.0  # the distortion of a fold
+
+
+def add_points_modifier(obj, key, created, stages=("source", "target")):
+    """Shows the vertices of `obj` as points, colour and radius at the value of shape key `key`.
+
+    `created` is called with every data-block that had to be made. `stages` are the prefixes of the
+    attributes of all shapes, in order.
+    """
+    name = NAME if len(stages) == 2 else f"{NAME} {len(stages)}"
+    group = bpy.data.node_groups.get(name)
+    if group is None:
+        group = _group(name, stages, points_material.material(created), created)
+    modifier = obj.modifiers.new(MODIFIER, "NODES")
+    modifier.node_group = group
+    nodes.drive_input(obj, modifier, "t", key)
+
+
+def remove_unused():
+    """Takes the group of nodes and the material out of the file where nothing shows points."""
+    group, material = bpy.data.node_groups.get(NAME), bpy.data.materials.get(NAME)
+    if group is not None and group.users == 0:
+        bpy.data.node_groups.remove(group)
+        if material is not None and material.users == 0:
+            bpy.data.materials.remove(material)
+
+
+def can_show_distortion(obj):
+    """Whether a morph object has the attribute and its nodes know what to do with it."""
+    modifier = points_modifier(obj)
+    return (
+        modifier is not None
+        and SHOW_DISTORTION in versions.group_inputs(modifier.node_group)
+        and attribute_names.DISTORTION in obj.data.attributes
+    )
+
+
+def shows_distortion(obj):
+    """Whether the points have the colours of their distortion now."""
+    return can_show_distortion(obj) and bool(
+        versions.input_value(points_modifier(obj), SHOW_DISTORTION)
+    )
+
+
+def show_distortion(obj, show):
+    """Colours the points by distortion, blue over yellow to red, or as they were."""
+    if show == shows_distortion(obj):
+        return
+    versions.set_input(points_modifier(obj), SHOW_DISTORTION, show)
+    obj.update_tag()
+
+
+def points_modifier(obj):
+    modifier = obj.modifiers.get(MODIFIER)
+    known = modifier is not None and modifier.type == "NODES" and modifier.node_group is not None
+    return modifier if known else None
+
+
+def _group(name, stages, material, created):
+    group = bpy.data.node_groups.new(name, "GeometryNodeTree")
+    created(group)
+    nodes.new_input(group, "NodeSocketGeometry", "Geometry")
+    nodes.new_t_input(group, len(stages))
+    point_shapes.new_splat_inputs(group)
+    nodes.new_input(
+        group,
+        "NodeSocketBool",
+        SHOW_DISTORTION,
+        "Colours the points by how bad the map is there: blue is good, yellow bad, red folded",
+    )
+    nodes.new_output(group, "NodeSocketGeometry", "Geometry")
+
+    build = nodes.Builder(group)
+    inputs = build.node("NodeGroupInput").outputs
+    factors = nodes.shares(build, inputs["t"], len(stages))
+
+    def mixed(values, kind):
+        return nodes.mix_through(build, values, factors, kind)
+
+    def stored(geometry, name, kind, value):
+        fields = {"Geometry": geometry, "Name": name, "Value": value}
+        node = build.node("GeometryNodeStoreNamedAttribute", fields, data_type=kind, domain="POINT")
+        return node.outputs["Geometry"]
+
+    colors = [build.attribute(f"{side}_color", "FLOAT_COLOR") for side in stages]
+    color = nodes.mix_colors(build, colors, factors)
+    color = _or_distortion(
+        build, inputs, color, build.attribute(attribute_names.DISTORTION, "FLOAT")
+    )
+
+    normals = [build.attribute(f"{side}_normal", "FLOAT_VECTOR") for side in stages]
+    unit_normal = build.math("NORMALIZE", mixed(normals, "VECTOR"), kind="ShaderNodeVectorMath")
+
+    radii = [build.attribute(f"{side}_radius", "FLOAT") for side in stages]
+    radius = build.math("MULTIPLY", mixed(radii, "FLOAT"), inputs["Radius Scale"])
+
+    geometry = stored(inputs["Geometry"], attribute_names.COLOR, "FLOAT_COLOR", color)
+    geometry = stored(geometry, attribute_names.NORMAL, "FLOAT_VECTOR", unit_normal)
+
+    shown = point_shapes.splats(build, inputs, geometry, unit_normal, radius)
+    finished = build.node("GeometryNodeSetMaterial", {"Geometry": shown, "Material": material})
+    build.node("NodeGroupOutput", {"Geometry": finished.outputs["Geometry"]})
+    return group
+
+
+def _or_distortion(build, inputs, color, distortion):
+    """`color`, or while the group's input says so that of the distortion."""
+    share = build.math("DIVIDE", distortion, _RAMP_END)
+    ramp = build.node("ShaderNodeValToRGB")
+    build.tree.links.new(share, ramp.inputs[0])
+    elements = ramp.color_ramp.elements
+    elements.new(0.5)
+    for element, (position, rgb) in zip(elements, _RAMP, strict=True):
+        element.position = position
+        element.color = (*rgb, 1.0)
+    return nodes.switch(build, "RGBA", inputs[SHOW_DISTORTION], color, ramp.outputs["Color"])

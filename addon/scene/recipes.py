@@ -1,0 +1,260 @@
+"""What a morph object remembers of how it was made.
+
+The recipe is kept as JSON, because it must survive whatever happens to the objects that it is
+about: the settings, what the features were, and of every shape a fingerprint of its own data.
+"""
+
+import hashlib
+import json
+from dataclasses import asdict, astuple, fields
+
+import bpy
+import numpy as np
+import pointmorph
+
+from ..core import transforms
+from ..core.features import PREFIX, Choice
+from ..core.settings import by_hand
+from ..data import arrays
+from ..data.feature_list import feature_groups, set_loop
+
+# Modifiers that move with something else than the object itself.
+_MOVING = {
+    "ARMATURE",
+    "BUILD",
+    "CAST",
+    "CLOTH",
+    "CURVE",
+    "DYNAMIC_PAINT",
+    "FLUID",
+    "HOOK",
+    "LATTICE",
+    "MESH_CACHE",
+    "MESH_DEFORM",
+    "MESH_SEQUENCE_CACHE",
+    "OCEAN",
+    "SHRINKWRAP",
+    "SOFT_BODY",
+    "SURFACE_DEFORM",
+    "WAVE",
+}
+# What a recipe says about the object itself.
+_OWN = ("keys", "transferred")
+
+
+# --- What the shapes are now ----------------------------------------------------------------------
+
+
+def shapes_of(obj):
+    """The objects that a morph object was made from, in order; None for what is gone."""
+    data = obj.pointmorph
+    return [data.source, *(item.object for item in data.via), data.target]
+
+
+def is_moving(obj):
+    """Whether an object's form changes from frame to frame, so that only its rest form tells
+    whether it was edited."""
+    data = obj.data
+    animated = (obj, data, getattr(data, "shape_keys", None))
+    if any(item is not None and item.animation_data is not None for item in animated):
+        return True
+    return any(modifier.type in _MOVING for modifier in obj.modifiers)
+
+
+def _is_carried(obj):
+    """Whether an object's place changes from frame to frame."""
+    while obj is not None:
+        if obj.animation_data is not None or len(obj.constraints):
+            return True
+        obj = obj.parent
+    return False
+
+
+def _digest(*parts):
+    found = hashlib.blake2b(digest_size=8)
+    for part in parts:
+        if isinstance(part, np.ndarray):
+            part = np.ascontiguousarray(part).tobytes()
+        found.update(part)
+    return found.hexdigest()
+
+
+def fingerprint_steps(obj, origin, as_shown):
+    """What can be compared of a shape: a dict of a few short strings and numbers. A generator that
+    yields often and returns it, because vertex groups take long.
+
+    Parameters
+    ----------
+    origin : (3,) array
+        Of the morph's frame.
+    as_shown : bool
+        As in `reading.read_shape_steps`. What the viewport shows of an object whose form moves by
+        itself isn't looked at.
+    """
+    data = obj.data
+    shown = None
+    if as_shown and not is_moving(obj):
+        evaluated = obj.evaluated_get(bpy.context.evaluated_depsgraph_get())
+        if evaluated.is_evaluated and type(evaluated.data) is type(data):
+            shown = _digest(arrays.positions_of(evaluated.data))
+    if obj.type == "MESH":
+        positions = arrays.basis_positions(data)
+        color = arrays.active_colors(data)
+        yield
+        parts = [positions, arrays.mesh_edges(data)]
+        yield
+        parts.append(arrays.mesh_corners(data))
+        groups = feature_groups(obj)
+        yield
+        marks = yield from arrays.vertex_group_steps(data, groups)
+    else:
+        positions = arrays.cloud_positions(data)
+        color = None
+        parts = [positions, *(arrays.read_attribute(a) for a in _of_points(data))]
+        marks = {
+            a.name: (arrays.read_attribute(a),)
+            for a in data.attributes
+            if a.name.startswith(PREFIX)
+            and arrays.point_attribute(data, a.name, "FLOAT", "INT", "INT8", "BOOLEAN")
+        }
+    if color is not None:
+        parts.append(arrays.read_attribute(color))
+    radius = arrays.point_attribute(data, "radius", "FLOAT")
+    if radius is not None:
+        parts.append(arrays.read_attribute(radius))
+    return {
+        "name": obj.name,
+        "count": len(positions),
+        "data": _digest(*parts),
+        "shown": shown,
+        "marks": _digest(
+            *(part for name in sorted(marks) for part in (name.encode(), *marks[name]))
+        ),
+        "matrix": transforms.relative_to(obj.matrix_world, origin).reshape(-1).tolist(),
+        "carried": _is_carried(obj),
+    }
+
+
+def _of_points(cloud):
+    """What a morph takes from a point cloud besides positions and features."""
+    kinds = ("FLOAT_COLOR", "BYTE_COLOR", "FLOAT_VECTOR")
+    found = (arrays.point_attribute(cloud, a.name, *kinds) for a in cloud.attributes)
+    return [a for a in found if a is not None and a.name != "position"]
+
+
+def prints_of_steps(shapes, origin):
+    """`fingerprint_steps` of all shapes of a morph, in order; a list."""
+    prints = []
+    for number, shape in enumerate(shapes):
+        prints.append((yield from fingerprint_steps(shape, origin, number > 0)))
+        yield
+    return prints
+
+
+# --- The recipe -----------------------------------------------------------------------------------
+
+
+def take_down_steps(shapes, requests, origin, choices):
+    """The recipe of a morph that is about to be computed; a generator that yields often.
+
+    Parameters
+    ----------
+    shapes : sequence of Object
+    requests : sequence of Request
+        One from each shape to the next.
+    origin : (3,) array
+    choices : dict of str to Choice
+        See `properties.feature_choices`.
+    """
+    return {
+        "shapes": (yield from prints_of_steps(shapes, origin)),
+        "origin": [float(x) for x in origin],
+        "settings": requests[0].settings,
+        "features": plain_choices(choices),
+        "loop": list(requests[0].loop),
+        "resolved": [
+            {name: _plain_feature(feature) for name, feature in request.features.items()}
+            for request in requests
+        ],
+    }
+
+
+def plain_choices(choices):
+    return {name: list(astuple(choice)) for name, choice in choices.items()}
+
+
+def _plain_feature(feature):
+    if isinstance(feature, pointmorph.Feature):
+        return asdict(feature)
+    return [int(row) for row in feature]
+
+
+def feature_of(plain):
+    """The feature that a recipe has in this form."""
+    return pointmorph.Feature(**plain) if isinstance(plain, dict) else tuple(plain)
+
+
+def remember(obj, recipe, outcome):
+    """Writes the recipe, and what only the computation knew, onto the morph object."""
+    kept = recipe_of(obj)
+    recipe = {
+        **recipe,
+        **{key: kept[key] for key in _OWN if key in kept},
+        "boundaries": [
+            None if rows is None else np.asarray(rows).tolist() for rows in outcome.boundaries
+        ],
+        "points": [int(end.rows.max()) + 1 for end in outcome.ends],
+    }
+    obj.pointmorph.recipe = json.dumps(recipe)
+    obj.pointmorph.report = json.dumps(outcome.report)
+
+
+def share_recipe(copy, obj):
+    """Makes one object remember what another does, but for what it has of its own."""
+    own = {key: value for key, value in recipe_of(copy).items() if key in _OWN}
+    common = {key: value for key, value in recipe_of(obj).items() if key not in _OWN}
+    copy.pointmorph.recipe = json.dumps({**common, **own})
+    copy.pointmorph.report = obj.pointmorph.report
+
+
+def note(obj, name, value):
+    """Adds something to the recipe of an object."""
+    obj.pointmorph.recipe = json.dumps({**recipe_of(obj), name: value})
+
+
+def recipe_of(obj):
+    """The recipe of a morph object; empty for one of an earlier version."""
+    try:
+        return json.loads(obj.pointmorph.recipe)
+    except ValueError:
+        return {}
+
+
+def is_known(recipe):
+    """Whether a recipe has what it takes."""
+    return "shapes" in recipe
+
+
+def put_settings(settings, recipe):
+    """Puts what a morph object was made with into the panel."""
+    values = recipe["settings"]
+    for option in pointmorph.options():
+        if option.name in values:
+            setattr(settings, option.name, values[option.name])
+        elif option.default is None:
+            setattr(settings, by_hand(option), False)
+    for item in settings.features:
+        if item.marked_name in recipe["features"]:
+            kept = recipe["features"][item.marked_name]
+            for field, value in zip(fields(Choice), kept, strict=False):
+                setattr(item, field.name, value)
+    set_loop(settings, recipe["loop"])
+
+
+def report_of(obj):
+    """What a morph object remembers of `Morph.report`; None when it's of an earlier version."""
+    try:
+        report = json.loads(obj.pointmorph.report)
+    except ValueError:
+        return None
+    return report if "quality" in report else None

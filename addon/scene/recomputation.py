@@ -1,0 +1,190 @@
+"""How a morph object is computed again in place: from the objects that it was made from or, when
+one is gone, from what it holds itself. Chains are computed in this way from the first."""
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import bpy
+import numpy as np
+import pointmorph
+
+from ..core import transforms
+from ..core.computation import Request
+from ..core.features import Choice, match
+from ..core.settings import settings_values
+from ..data.feature_list import feature_choices
+from . import morph_builder, morph_object, recipes, staleness
+from .shape_reader import present_steps, read_shape_steps, update
+
+
+@dataclass(frozen=True)
+class Remembered:
+    """A shape as the morph object holds it, in place of a `computation.Shape`."""
+
+    name: str
+    positions: np.ndarray
+    normals: np.ndarray
+    colors: np.ndarray
+    radii: np.ndarray
+    boundary: list | None
+
+    def cloud(self):
+        return pointmorph.Cloud(
+            self.positions,
+            self.normals,
+            self.colors,
+            self.radii,
+            name=self.name,
+            boundary=self.boundary,
+        )
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What it takes to make a morph object again."""
+
+    requests: list
+    recipe: dict
+    origin: np.ndarray
+    source_matrix: np.ndarray
+    missing: list
+
+
+def plan_steps(context, obj):
+    """How to compute a morph object again: with the panel's settings when the panel is about it,
+    else with its own; from the objects it was made from or, when one is gone, from what it holds.
+    A generator that yields often and returns a Plan.
+
+    Raises
+    ------
+    PointmorphError
+    """
+    _check_changeable(obj)
+    recipe = recipes.recipe_of(obj)
+    shapes = recipes.shapes_of(obj)
+    settings = context.scene.pointmorph
+    missing = [
+        known["name"]
+        for known, shape in zip(recipe.get("shapes", ()), shapes, strict=False)
+        if shape is None
+    ]
+    if not recipes.is_known(recipe) and None in shapes:
+        raise pointmorph.CloudError(
+            obj.name,
+            "the objects that it was made from",
+            "one that is gone, and an earlier version that kept no copy",
+            "Pick two objects and morph again.",
+        )
+    if not recipes.is_known(recipe) or staleness.is_picked(context.scene, obj):
+        choices, loop = feature_choices(settings), [item.name for item in settings.loop]
+        values = settings_values(settings)
+    else:
+        choices = {name: Choice(*parts) for name, parts in recipe["features"].items()}
+        loop, values = recipe["loop"], recipe["settings"]
+    if missing:
+        return _plan_from_itself(obj, recipe, values, loop, missing)
+    return (yield from plan_of_steps(context, shapes, choices, loop, values))
+
+
+def plan_of_steps(context, shapes, choices, loop, values):
+    """How to compute the morph from each of these objects to the next; see `plan_steps`."""
+    steps = _read_plan_steps(context, shapes, choices, loop, values)
+    return (yield from present_steps(context, shapes, steps))
+
+
+def _read_plan_steps(context, shapes, choices, loop, values):
+    update(context, *shapes)
+    origin = np.array(shapes[0].matrix_world.translation)
+    read = []
+    for number, shape in enumerate(shapes):
+        yield
+        read.append((yield from read_shape_steps(context, shape, origin, number > 0)))
+    requests = []
+    for source, target in pairwise(read):
+        yield
+        requests.append(Request(source, target, match(source, target, choices), loop, values))
+    made = yield from recipes.take_down_steps(shapes, requests, origin, choices)
+    source_matrix = transforms.relative_to(shapes[0].matrix_world, origin)
+    return Plan(requests, made, origin, source_matrix, [])
+
+
+def _plan_from_itself(obj, recipe, values, loop, missing):
+    """From the points that the pairs hold, which are all there are of an object that is gone."""
+    if not morph_object.is_result(obj):
+        raise pointmorph.CloudError(
+            obj.name,
+            "the objects that it was made from",
+            f'no "{missing[0]}"',
+            "Undo its removal, or morph other objects. What is there stays usable.",
+        )
+    stages = zip(
+        morph_object.stages(obj),
+        morph_object.stage_keys(obj),
+        morph_object.stage_rows(obj),
+        strict=True,
+    )
+    read = [
+        Remembered(known["name"], **morph_object.read_stage(obj, *stage), boundary=boundary)
+        for known, stage, boundary in zip(
+            recipe["shapes"], stages, recipe["boundaries"], strict=True
+        )
+    ]
+    requests = [
+        Request(
+            source,
+            target,
+            {name: recipes.feature_of(plain) for name, plain in features.items()},
+            loop,
+            values,
+        )
+        for (source, target), features in zip(pairwise(read), recipe["resolved"], strict=True)
+    ]
+    made = {**recipe, "settings": values, "loop": loop}
+    return Plan(
+        requests, made, np.array(recipe["origin"]), morph_object.source_matrix_of(obj), missing
+    )
+
+
+def _check_changeable(obj):
+    for item in (obj, obj.data):
+        if item.library is not None:
+            raise pointmorph.CloudError(
+                obj.name,
+                "a morph object of this file",
+                f"one that is linked from {item.library.filepath}",
+                "Make it local (Object > Relations > Make Local) to compute it again.",
+            )
+    if obj.mode != "OBJECT":
+        raise pointmorph.CloudError(
+            obj.name, "a morph object in Object Mode", "another mode", "Leave it (Tab)."
+        )
+    if morph_object.is_result(obj):
+        morph_object.check_whole(obj)
+    else:
+        morph_object.t_key(obj)
+
+
+def apply(obj, plan, outcome):
+    """Puts what was computed again into a morph object of pairs and all that share its points.
+
+    Returns
+    -------
+    list of str
+        What couldn't follow, in words.
+    """
+    before = recipes.recipe_of(obj).get("origin")
+    lost = morph_builder.rebuild(obj, outcome)
+    shapes = recipes.shapes_of(obj)
+    for user in users_of(obj):
+        morph_builder.link(user, shapes[0], shapes[-1], plan.source_matrix, shapes[1:-1])
+        recipes.remember(user, plan.recipe, outcome)
+        # Left where it was made, it goes along with its source.
+        at_home = before is None or np.allclose(user.location, before, rtol=1e-6, atol=1e-6)
+        if at_home and user.parent is None:
+            user.location = plan.origin
+    return lost
+
+
+def users_of(obj):
+    """The objects of this file that share a morph object's points, itself among them."""
+    return [other for other in bpy.data.objects if other.data == obj.data]

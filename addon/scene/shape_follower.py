@@ -1,0 +1,198 @@
+"""Morph objects that follow how their shapes move: armatures, shape keys, modifiers, transforms.
+
+Geometry nodes look every point up where it is on each shape at the moment, by its row, and mix the
+places at t. So it works at every frame, when rendering and in files opened without the add-on. A
+shape that is gone, or has another number of points by now, isn't followed: the object shows what
+was morphed.
+"""
+
+import bpy
+import pointmorph
+
+from ..data import arrays, nodes, versions
+from . import morph_object, recipes
+
+NAME = "Pointmorph Follow"
+MODIFIER = "Follow"
+
+
+def follow(obj, context, created):
+    """Makes a morph object follow its shapes. `created` gets every data-block that is made.
+
+    Raises
+    ------
+    CloudError
+        When a shape is gone, or doesn't have the points any more that were morphed.
+    """
+    key = morph_object.morph_key(obj)
+    shapes = recipes.shapes_of(obj)
+    counts = check_counts(obj, shapes, context)
+    stages = morph_object.stages(obj)
+    name = NAME if len(stages) == 2 else f"{NAME} {len(stages)}"
+    group = bpy.data.node_groups.get(name) or _group(name, stages, created)
+    modifier = obj.modifiers.get(MODIFIER) or obj.modifiers.new(MODIFIER, "NODES")
+    modifier.node_group = group
+    _set_inputs(obj, modifier, shapes, counts)
+    _put_first(obj, modifier, context)
+    obj.driver_remove(versions.input_path(modifier, "t"))
+    nodes.drive_input(obj, modifier, "t", key)
+    obj.pointmorph.follows = True
+    obj.update_tag()
+
+
+def follow_on(obj):
+    """Makes a morph object that follows its shapes do so with the points that it has now."""
+    modifier = obj.modifiers.get(MODIFIER)
+    if modifier is not None and modifier.node_group is not None:
+        _set_inputs(obj, modifier, recipes.shapes_of(obj), _wanted(obj))
+
+
+def rest(obj):
+    """Makes a morph object show what was morphed again."""
+    modifier = obj.modifiers.get(MODIFIER)
+    if modifier is not None:
+        if modifier.node_group is not None:
+            obj.driver_remove(versions.input_path(modifier, "t"))
+        obj.modifiers.remove(modifier)
+    obj.pointmorph.follows = False
+
+
+def _set_inputs(obj, modifier, shapes, counts):
+    for stage, shape, count in zip(morph_object.stages(obj), shapes, counts, strict=True):
+        versions.set_input(modifier, _shape_input(stage), shape)
+        versions.set_input(modifier, _count_input(stage), count)
+
+
+def _wanted(obj):
+    """How many points every shape must have."""
+    return [int(rows.max()) + 1 for rows in morph_object.stage_rows(obj)]
+
+
+def check_counts(obj, shapes, context):
+    """How many points every shape must have, after a look whether they have them."""
+    wanted = _wanted(obj)
+    depsgraph = context.evaluated_depsgraph_get()
+    for shape, count in zip(shapes, wanted, strict=True):
+        if shape is None:
+            raise pointmorph.CloudError(
+                obj.name,
+                "the objects that it was made from, to follow them",
+                "one that is gone",
+                "Undo its removal, or morph other objects.",
+            )
+        found = len(arrays.points_of(shape.evaluated_get(depsgraph).data))
+        if found != count:
+            raise pointmorph.CloudError(
+                shape.name,
+                f'the {count:,} points that "{obj.name}" was made from, in the same order',
+                f"{found:,} as it is shown",
+                "Disable the modifiers that add or remove vertices, or compute the morph again.",
+            )
+    return wanted
+
+
+def _put_first(obj, modifier, context):
+    """Before the points are made of the vertices; new modifiers come last."""
+    with context.temp_override(object=obj, active_object=obj):
+        bpy.ops.object.modifier_move_to_index(modifier=modifier.name, index=0)
+
+
+def _shape_input(stage):
+    return f"Shape {stage}"
+
+
+def _count_input(stage):
+    return f"Points of {stage}"
+
+
+def _group(name, stages, created):
+    group = bpy.data.node_groups.new(name, "GeometryNodeTree")
+    created(group)
+    nodes.new_input(group, "NodeSocketGeometry", "Geometry")
+    nodes.new_t_input(group, len(stages))
+    for stage in stages:
+        nodes.new_input(
+            group, "NodeSocketObject", _shape_input(stage), "The object that is followed"
+        )
+        nodes.new_input(
+            group,
+            "NodeSocketInt",
+            _count_input(stage),
+            "How many points it must have; with any other number the morph stays at rest",
+        )
+    nodes.new_output(group, "NodeSocketGeometry", "Geometry")
+
+    build = nodes.Builder(group)
+    inputs = build.node("NodeGroupInput").outputs
+    factors = nodes.shares(build, inputs["t"], len(stages))
+    here = build.node("GeometryNodeInputPosition").outputs["Position"]
+    facing = build.node("GeometryNodeInputNormal").outputs["Normal"]
+    places, normals, all_there = [], [], None
+    for stage in stages:
+        shape = build.node(
+            "GeometryNodeObjectInfo",
+            {"Object": inputs[_shape_input(stage)]},
+            transform_space="RELATIVE",
+        ).outputs["Geometry"]
+        on_mesh, on_cloud = (
+            build.node("GeometryNodeAttributeDomainSize", {"Geometry": shape}, component=component)
+            for component in ("MESH", "POINTCLOUD")
+        )
+        points = build.math(
+            "ADD",
+            on_mesh.outputs["Point Count"],
+            nodes.enabled(on_cloud.outputs, "Point Count"),
+        )
+        there = _compare(build, points, inputs[_count_input(stage)], "EQUAL")
+        all_there = there if all_there is None else _both(build, all_there, there)
+        row = build.attribute(f"{stage}_row", "INT")
+
+        def looked_up(value, shape=shape, row=row):
+            node = build.node(
+                "GeometryNodeSampleIndex",
+                {"Geometry": shape, "Value": value, "Index": row},
+                data_type="FLOAT_VECTOR",
+                domain="POINT",
+            )
+            return nodes.enabled(node.outputs, "Value")
+
+        places.append(looked_up(here))
+        # Only faces say where a vertex faces.
+        has_faces = _compare(build, on_mesh.outputs["Face Count"], 0.5, "GREATER_THAN")
+        own = build.attribute(f"{stage}_normal", "FLOAT_VECTOR")
+        normals.append(nodes.switch(build, "VECTOR", has_faces, own, looked_up(facing)))
+    moved = build.node(
+        "GeometryNodeSetPosition",
+        {
+            "Geometry": inputs["Geometry"],
+            "Selection": all_there,
+            "Position": nodes.mix_through(build, places, factors, "VECTOR"),
+        },
+    ).outputs["Geometry"]
+    for stage, normal in zip(stages, normals, strict=True):
+        own = build.attribute(f"{stage}_normal", "FLOAT_VECTOR")
+        value = nodes.switch(build, "VECTOR", all_there, own, normal)
+        moved = build.node(
+            "GeometryNodeStoreNamedAttribute",
+            {"Geometry": moved, "Name": f"{stage}_normal", "Value": value},
+            data_type="FLOAT_VECTOR",
+            domain="POINT",
+        ).outputs["Geometry"]
+    build.node("NodeGroupOutput", {"Geometry": moved})
+    return group
+
+
+def _compare(build, a, b, operation):
+    node = build.node(
+        "FunctionNodeCompare", {"A": a, "B": b}, data_type="FLOAT", operation=operation
+    )
+    if operation == "EQUAL":
+        nodes.enabled(node.inputs, "Epsilon").default_value = 0.5
+    return node.outputs["Result"]
+
+
+def _both(build, a, b):
+    node = build.node("FunctionNodeBooleanMath", operation="AND")
+    build.tree.links.new(a, node.inputs[0])
+    build.tree.links.new(b, node.inputs[1])
+    return node.outputs["Boolean"]

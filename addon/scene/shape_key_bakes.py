@@ -1,0 +1,94 @@
+"""Bakes a morph as shape keys: on the source mesh, or on the morph object."""
+
+import json
+
+import pointmorph
+
+from ..core import transforms
+from ..data import arrays
+from . import morph_builder, morph_object, morph_paths
+
+
+def _check_at_rest(obj):
+    """Raises CloudError for a morph object that follows its shapes, which keys can't hold."""
+    if obj.pointmorph.follows:
+        raise pointmorph.CloudError(
+            obj.name,
+            "a morph at rest, because shape keys can't follow the moving shapes",
+            "one that follows them",
+            "Bake frames, or turn Follow off to bake the shapes as they were morphed.",
+        )
+
+
+def bake_pairs(obj, steps, path):
+    """Adds `steps` shape keys to the morph object itself, from the source to the target.
+
+    `path` is the library's setting of that name.
+    """
+    _check_at_rest(obj)
+    names = _add_keys(obj, morph_paths.way(obj, path), steps, morph_object.stage_names(obj)[1:])
+    baked = json.loads(obj.pointmorph.baked or "{}")
+    baked.update({name: [t, path] for name, t in names.items()})
+    obj.pointmorph.baked = json.dumps(baked)
+
+
+def bake_source(obj, steps, path):
+    """Adds `steps` shape keys to the mesh that the morph object `obj` was made from, of a chain as
+    many for each shape.
+
+    Returns
+    -------
+    Object
+        The source.
+
+    Raises
+    ------
+    CloudError
+        See `source_ways`; and when the source is linked from another file.
+    """
+    _check_at_rest(obj)
+    source, places, normals, back = morph_paths.source_ways(obj)
+    if source.data.library is not None:
+        raise pointmorph.CloudError(
+            source.name,
+            "a mesh that can be changed",
+            "one that is linked from another file",
+            "Make it local (Object > Relations > Make Local), or bake on the pairs instead.",
+        )
+    way = morph_paths.through(places, normals, path)
+    _add_keys(
+        source,
+        lambda t: transforms.move_positions(back, way(t)),
+        steps,
+        morph_object.stage_names(obj)[1:],
+    )
+    return source
+
+
+def _add_keys(obj, positions_at, steps, names):
+    """Shape keys at t = 1/steps, 2/steps, … 1, and so on to the number of `names`; all or none.
+    `positions_at(t)` gives them.
+
+    Returns
+    -------
+    dict of str to float
+        t of every key.
+    """
+    added, times = [], {}
+    try:
+        if obj.data.shape_keys is None:
+            added.append(obj.shape_key_add(name="Basis", from_mix=False))
+        for number, name in enumerate(names):
+            for step in range(1, steps + 1):
+                last = step == steps
+                t = step / steps
+                key = morph_builder.new_key(obj, name if last else f"{name} {100 * t:.3g} %")
+                added.append(key)
+                arrays.write_key(key, positions_at(number + t))
+                times[key.name] = number + t
+    except BaseException:
+        for key in reversed(added):
+            obj.shape_key_remove(key)
+        raise
+    obj.active_shape_key_index = len(obj.data.shape_keys.key_blocks) - 1
+    return times

@@ -1,0 +1,179 @@
+"""Objects of the scene as shapes that the library can compute on."""
+
+import numpy as np
+import pointmorph
+
+from ..core import transforms
+from ..core.computation import Request, Shape
+from ..core.features import PREFIX, Marks, match
+from ..core.settings import settings_values
+from ..core.stepping import finish
+from ..data import arrays
+from ..data.feature_list import feature_choices, feature_groups
+
+
+def read_request(context):
+    """The scene's source and target, features and settings, as the library takes them.
+
+    The source is its mesh without modifiers, because that's what shape keys are put on; the target
+    is what the viewport shows.
+
+    Raises
+    ------
+    PointmorphError
+        In words for the user, with the object's name.
+    """
+    return finish(read_request_steps(context))
+
+
+def read_request_steps(context):
+    """The same as a generator that yields often, because large shapes take long."""
+    settings = context.scene.pointmorph
+    update(context, settings.source, settings.target)
+    yield
+    origin = np.array(settings.source.matrix_world.translation)
+    source = yield from read_shape_steps(context, settings.source, origin, False)
+    yield
+    target = yield from read_shape_steps(context, settings.target, origin, True)
+    yield
+    return Request(
+        source,
+        target,
+        features=match(source, target, feature_choices(settings)),
+        loop=[feature.name for feature in settings.loop],
+        settings=settings_values(settings),
+    )
+
+
+def update(context, *objects):
+    """Brings edits in Edit Mode, and transforms that a script has just set, up to date."""
+    for obj in objects:
+        if obj.mode == "EDIT":
+            obj.update_from_editmode()
+            obj.update_tag(refresh={"DATA"})
+    context.view_layer.update()
+
+
+def read_shape_steps(context, obj, origin, as_shown):
+    """A generator that yields often and returns an object in the frame with the world's axes and
+    this origin; `update` must come before.
+
+    Parameters
+    ----------
+    as_shown : bool
+        With modifiers and shape keys, as in the viewport. A point cloud always is.
+    """
+    if obj.type not in arrays.SHAPE_TYPES:
+        raise pointmorph.CloudError(
+            obj.name,
+            "a mesh or a point cloud",
+            f"an object of type {obj.type}",
+            "Convert it (Object > Convert > Mesh), or pick another.",
+        )
+    depsgraph = context.evaluated_depsgraph_get()
+    evaluated = obj.evaluated_get(depsgraph)
+    if not evaluated.is_evaluated:
+        raise pointmorph.CloudError(
+            obj.name,
+            "an object that is enabled in this view layer",
+            "one that is disabled in viewports, or in a collection that is",
+            "Enable it in the Outliner; it may be hidden with the eye.",
+        )
+    matrix = transforms.relative_to(obj.matrix_world, origin)
+    transforms.check_invertible(obj.name, matrix)
+    if obj.type == "POINTCLOUD":
+        shape = _read_cloud(obj, evaluated.data)
+    elif as_shown and not is_plain(obj):
+        # Lives until the scene is evaluated again, so this is one step.
+        mesh = evaluated.to_mesh(preserve_all_data_layers=True, depsgraph=depsgraph)
+        try:
+            shape = finish(_read_mesh(obj, mesh, arrays.vertex_positions(mesh)))
+        finally:
+            evaluated.to_mesh_clear()
+    else:
+        shape = yield from _read_mesh(obj, obj.data, arrays.basis_positions(obj.data))
+        if len(obj.data.vertices) != len(shape.positions):
+            raise pointmorph.CloudError(
+                obj.name, "a mesh that stays as it is", "changes while it was read", "Start again."
+            )
+    return shape.moved(matrix)
+
+
+def present_steps(context, objects, steps):
+    """The steps of a generator that reads objects, and what it returns. Those that aren't in the
+    scene, as after their removal, are there while it reads, which then is a single step.
+    """
+    known = context.scene.objects
+    absent = [obj for obj in dict.fromkeys(objects) if known.get(obj.name) != obj]
+    if not absent:
+        return (yield from steps)
+    # What is only for the moment in the scene must not be there when Blender goes on.
+    collection = context.scene.collection
+    for obj in absent:
+        collection.objects.link(obj)
+    try:
+        return finish(steps)
+    finally:
+        for obj in absent:
+            collection.objects.unlink(obj)
+
+
+def is_plain(obj):
+    """Whether the viewport shows a mesh as it is, for all that one can tell without looking."""
+    by_parent = obj.parent is not None and obj.parent_type != "OBJECT"
+    return not (obj.modifiers or obj.data.shape_keys or obj.mode == "EDIT" or by_parent)
+
+
+def _read_mesh(obj, mesh, positions):
+    """A generator that yields often and returns a Shape."""
+    groups = feature_groups(obj)
+    yield
+    triangles = arrays.mesh_triangles(mesh)
+    yield
+    # Without faces Blender makes normals up.
+    normals = _own_normals(mesh) if triangles is None else arrays.mesh_normals(mesh)
+    yield
+    colors, radii = arrays.mesh_colors(mesh), _radii(mesh)
+    yield
+    edges = arrays.mesh_edges(mesh)
+    yield
+    weights = yield from arrays.vertex_group_steps(mesh, groups)
+    return Shape(
+        name=obj.name,
+        positions=positions,
+        normals=normals,
+        colors=colors,
+        radii=radii,
+        triangles=triangles,
+        marks=Marks("vertex group", weights, edges),
+    )
+
+
+def _read_cloud(obj, cloud):
+    weights = {}
+    for attribute in cloud.attributes:
+        if attribute.name.startswith(PREFIX) and arrays.point_attribute(
+            cloud, attribute.name, "FLOAT", "INT", "INT8", "BOOLEAN"
+        ):
+            values = arrays.read_attribute(attribute)
+            rows = np.flatnonzero(values)
+            weights[attribute.name[len(PREFIX) :]] = (rows, values[rows])
+    return Shape(
+        name=obj.name,
+        positions=arrays.cloud_positions(cloud),
+        normals=_own_normals(cloud),
+        colors=arrays.cloud_colors(cloud),
+        radii=_radii(cloud),
+        triangles=None,
+        marks=Marks("point attribute", weights),
+    )
+
+
+def _own_normals(geometry):
+    attribute = arrays.point_attribute(geometry, "Normal", "FLOAT_VECTOR")
+    return None if attribute is None else arrays.read_attribute(attribute)
+
+
+def _radii(geometry):
+    attribute = arrays.point_attribute(geometry, "radius", "FLOAT")
+    return None if attribute is None else arrays.read_attribute(attribute)

@@ -1,0 +1,125 @@
+"""Whether a morph object is what it would be if it were computed now."""
+
+import bpy
+import numpy as np
+
+from ..core.settings import settings_values
+from ..core.stepping import finish
+from ..data.feature_list import feature_choices
+from . import morph_object, recipes
+
+CURRENT, STALE, ORPHAN, UNKNOWN = "CURRENT", "STALE", "ORPHAN", "UNKNOWN"
+# They say how many hands work, or what frames look like: the same pairs come out.
+_OF_NO_CONSEQUENCE = {
+    "threads",
+    "path",
+    "omega",
+    "resample_spacing",
+    "mls_degree",
+    "mls_scale",
+    "mls_width",
+    "crowding",
+}
+
+
+def picked_shapes(scene):
+    """The objects that the panel has picked, in order."""
+    settings = scene.pointmorph
+    return [settings.source, *(item.object for item in settings.via), settings.target]
+
+
+def is_picked(scene, obj):
+    """Whether the panel is about this morph object: the same shapes are picked there."""
+    shapes = recipes.shapes_of(obj)
+    return None not in shapes and picked_shapes(scene) == shapes
+
+
+def state(obj, prints=None):
+    """Whether a morph object is what it would be if it were computed now.
+
+    Parameters
+    ----------
+    prints : list, optional
+        What `fingerprints` said a moment ago.
+
+    Returns
+    -------
+    str
+        CURRENT, STALE, ORPHAN, UNKNOWN; "" for any other object.
+    list of str
+        What has changed, in words.
+    """
+    if not morph_object.is_made(obj):
+        return "", []
+    recipe = recipes.recipe_of(obj)
+    if not recipes.is_known(recipe):
+        return UNKNOWN, ["made by an earlier version, which kept no settings"]
+    shapes = recipes.shapes_of(obj)
+    gone = [
+        f'"{known["name"]}" is gone'
+        for known, shape in zip(recipe["shapes"], shapes, strict=True)
+        if shape is None
+    ]
+    if gone:
+        return ORPHAN, gone
+    prints = fingerprints(obj) if prints is None else prints
+    reasons = []
+    for known, now in zip(recipe["shapes"], prints, strict=True):
+        reasons += _differences(known, now, obj.pointmorph.follows)
+    scene = bpy.context.scene
+    if is_picked(scene, obj):
+        reasons += _other_settings(recipe, scene.pointmorph)
+    return (STALE if reasons else CURRENT), reasons
+
+
+def fingerprints(obj):
+    """Those of the shapes of a morph object as they are now; None where one is gone."""
+    return finish(fingerprints_steps(obj))
+
+
+def fingerprints_steps(obj):
+    """The same as a generator that yields often. Nothing may change meanwhile."""
+    shapes = recipes.shapes_of(obj)
+    if None in shapes:
+        return None
+    # Seen from the source: where all went along together, nothing has changed.
+    origin = np.array(shapes[0].matrix_world.translation)
+    return (yield from recipes.prints_of_steps(shapes, origin))
+
+
+def _differences(known, now, follows):
+    """What has become of a shape, in words."""
+    name = now["name"]
+    if known["count"] != now["count"]:
+        return [f'"{name}" has {now["count"]:,} points instead of {known["count"]:,}']
+    both_shown = None not in (known["shown"], now["shown"])
+    found = []
+    if known["data"] != now["data"]:
+        found.append(f'"{name}" was edited')
+    elif both_shown and known["shown"] != now["shown"] and not follows:
+        found.append(f'"{name}" looks different: its modifiers or shape keys were changed')
+    if known["marks"] != now["marks"]:
+        found.append(f'features on "{name}" were changed')
+    if not (known["carried"] or now["carried"] or follows):
+        before, after = np.array(known["matrix"]), np.array(now["matrix"])
+        if np.abs(before - after).max() > 1e-5 * max(np.abs(before).max(), 1e-30):
+            found.append(f'"{name}" was moved, turned or scaled')
+    return found
+
+
+def _other_settings(recipe, settings):
+    now = settings_values(settings)
+    before = recipe["settings"]
+    names = [
+        name
+        for name in sorted({*now, *before} - _OF_NO_CONSEQUENCE)
+        if now.get(name) != before.get(name)
+    ]
+    found = [f"setting {name.replace('_', ' ')} was changed" for name in names]
+    choices = recipes.plain_choices(feature_choices(settings))
+    for name, choice in choices.items():
+        if name in recipe["features"] and recipe["features"][name] != choice:
+            found.append(f'feature "{name}" is held in another way')
+    if recipe["loop"] != [item.name for item in settings.loop]:
+        found.append("the loop was changed")
+    return found

@@ -1,0 +1,34 @@
+"""Keeps the list of features in step with the objects, and forgets what undo or a file overtook."""
+
+import bpy
+
+from ..core import background_job
+from ..data.feature_list import sync_features
+from ..data.registration import Registration
+from ..scene import preview_object
+from ..view import cut_curves
+
+_OTHER_STATES = ("load_post", "undo_post", "redo_post")
+
+
+def _sync(*_):
+    for scene in bpy.data.scenes:
+        if scene.library is None:
+            sync_features(scene)
+
+
+def _start_anew(*_):
+    """What is remembered about the file that was open before doesn't hold for another state."""
+    background_job.problem = None
+    background_job.overtake()
+    cut_curves.shown.clear()
+    preview_object.remove_left_over()
+
+
+registration = Registration(
+    handlers=(
+        ("depsgraph_update_post", _sync),
+        *((event, _sync) for event in _OTHER_STATES),
+        *((event, _start_anew) for event in _OTHER_STATES),
+    ),
+)

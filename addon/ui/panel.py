@@ -1,0 +1,40 @@
+"""What all panels share."""
+
+import textwrap
+
+from ..core import background_job
+
+
+class Panel:
+    """Where all panels are. `bl_order` is that of the work."""
+
+    bl_space_type = "VIEW_3D"
+    bl_region_type = "UI"
+    bl_category = "Pointmorph"
+
+
+def fields(layout):
+    """A column of names and values, as Blender's own panels have them."""
+    layout.use_property_split = True
+    layout.use_property_decorate = False
+    column = layout.column()
+    column.enabled = background_job.current is None
+    return column
+
+
+def say(layout, context, text, icon, beside=0):
+    """Words on several lines; Blender doesn't wrap labels. `beside` is what stands beside."""
+    scale = context.preferences.system.ui_scale
+    width = context.region.width / scale - 65 - beside
+    lines = layout.column(align=True)
+    for number, line in enumerate(textwrap.wrap(text, max(18, int(width / 6.7)))):
+        lines.label(text=line, icon="BLANK1" if number else icon)
+
+
+def draw_problem(layout, context, place):
+    """What went wrong last, next to the thing that it is about."""
+    if background_job.problem is None or background_job.problem[0] != place:
+        return
+    box = layout.box()
+    box.alert = True
+    say(box, context, background_job.problem[1], "ERROR")

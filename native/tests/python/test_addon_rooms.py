@@ -1,0 +1,173 @@
+"""The add-on's modules lie in rooms: none imports from a room above it, and none in a circle; the
+lowest needs no Blender."""
+
+from __future__ import annotations
+
+import ast
+import importlib
+import importlib.util
+import subprocess
+import sys
+from graphlib import TopologicalSorter
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+
+ADDON = Path(__file__).resolve().parents[3] / "addon"
+ROOMS = ("core", "data", "scene", "view", "operators", "ui")
+"""The lowest first."""
+BLENDERS = {"bpy", "bmesh", "mathutils", "bpy_extras", "gpu", "gpu_extras", "blf"}
+
+
+def modules() -> dict[str, ast.Module]:
+    """Every module by its name within the add-on."""
+    found = {}
+    for path in sorted(ADDON.rglob("*.py")):
+        parts = path.relative_to(ADDON).with_suffix("").parts
+        found[".".join(parts)] = ast.parse(path.read_text(encoding="utf-8"))
+    return found
+
+
+def imports(name: str, tree: ast.Module, known: set[str]) -> set[str]:
+    """The modules of the add-on that a module imports, wherever in it."""
+    found = set()
+    for node in ast.walk(tree):
+        if not isinstance(node, ast.ImportFrom) or not node.level:
+            continue
+        base = [*name.split(".")[: -node.level], *(node.module or "").split(".")]
+        package = ".".join(filter(None, base))
+        for item in node.names:
+            inner = f"{package}.{item.name}".strip(".")
+            found.add(inner if inner in known else package)
+    return found
+
+
+def graph() -> dict[str, set[str]]:
+    trees = modules()
+    return {name: imports(name, tree, set(trees)) for name, tree in trees.items()}
+
+
+def test_every_module_has_a_room() -> None:
+    names = [name for name in graph() if name != "__init__"]
+    assert len(names) > 40
+    assert {name.split(".")[0] for name in names} == set(ROOMS)
+
+
+def test_no_import_goes_up() -> None:
+    edges = [(a, b) for a, found in graph().items() for b in found if a != "__init__"]
+    assert len(edges) > 100
+    up = [(a, b) for a, b in edges if ROOMS.index(a.split(".")[0]) < ROOMS.index(b.split(".")[0])]
+    assert up == []
+
+
+def test_no_imports_in_a_circle() -> None:
+    """Raises CycleError, which names the modules, where there is one."""
+    order = list(TopologicalSorter(graph()).static_order())
+    assert len(order) == len(graph())
+
+
+def test_the_check_finds_what_it_looks_for() -> None:
+    known = {"core.a", "data.b", "data.c"}
+    tree = ast.parse("def f():\n    from ..data import b\n    from ..data.c import d")
+    assert imports("core.a", tree, known) == {"data.b", "data.c"}
+
+
+def test_one_module_moves_arrays() -> None:
+    """No other calls foreach_get or foreach_set."""
+    paths = [path for path in ADDON.rglob("*.py") if "foreach_" in path.read_text("utf-8")]
+    assert [path.relative_to(ADDON).as_posix() for path in paths] == ["data/arrays.py"]
+
+
+def test_one_module_asks_for_blenders_version() -> None:
+    asking = {
+        name
+        for name, tree in modules().items()
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Attribute)
+        and node.attr.startswith("version")
+        and ast.unparse(node.value) == "bpy.app"
+    }
+    assert asking == {"data.versions"}
+
+
+# --- The core -------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def core() -> ModuleType:
+    """The room as a package of its own."""
+    folder = ADDON / "core"
+    spec = importlib.util.spec_from_file_location(
+        "addon_core", folder / "__init__.py", submodule_search_locations=[str(folder)]
+    )
+    assert spec is not None
+    assert spec.loader is not None
+    package = importlib.util.module_from_spec(spec)
+    sys.modules["addon_core"] = package
+    spec.loader.exec_module(package)
+    return package
+
+
+def part(core: ModuleType, name: str) -> ModuleType:
+    return importlib.import_module(f"{core.__name__}.{name}")
+
+
+WITHOUT_BLENDER = """
+import importlib, importlib.util, sys
+folder, *blenders = sys.argv[1:]
+sys.modules.update(dict.fromkeys(blenders))  # importing one of them fails
+spec = importlib.util.spec_from_file_location(
+    "addon_core", f"{folder}/__init__.py", submodule_search_locations=[folder]
+)
+sys.modules["addon_core"] = package = importlib.util.module_from_spec(spec)
+spec.loader.exec_module(package)
+import pathlib
+for path in pathlib.Path(folder).glob("[!_]*.py"):
+    importlib.import_module(f"addon_core.{path.stem}")
+    print(path.stem)
+"""
+
+
+def test_the_core_needs_no_blender() -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", WITHOUT_BLENDER, str(ADDON / "core"), *sorted(BLENDERS)],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    names = {path.stem for path in (ADDON / "core").glob("[!_]*.py")}
+    assert set(done.stdout.split()) == names
+    assert len(names) > 7
+
+
+def sheet(side: int, height: float) -> np.ndarray:
+    u, v = np.meshgrid(np.linspace(-1, 1, side), np.linspace(-1, 1, side), indexing="ij")
+    z = height * np.exp(-3 * (u**2 + v**2))
+    return np.stack([u, v, z], axis=-1).reshape(-1, 3).astype(np.float32)
+
+
+def test_the_core_morphs_without_blender(core: ModuleType) -> None:
+    """From two objects' arrays and marks to all that the scene gets of a morph."""
+    computation, features = part(core, "computation"), part(core, "features")
+    marks = features.Marks("vertex group", {"corner": (np.array([0]), np.array([1.0]))})
+    source, target = (
+        computation.Shape(name, sheet(side, height), None, None, None, None, marks)
+        for name, side, height in (("a", 12, 0.2), ("b", 10, 0.6))
+    )
+    request = computation.Request(
+        source, target, features.match(source, target), [], {"domain": "disk"}
+    )
+    assert request.features == {"corner": (0, 0)}
+    outcome = computation.compute(request, lambda stage, fraction: True)
+    assert set(outcome.source.rows) == set(range(144))
+    assert set(outcome.target.rows) == set(range(100))
+    pairs = set(zip(outcome.source.rows.tolist(), outcome.target.rows.tolist(), strict=True))
+    assert (0, 0) in pairs
+    assert np.array_equal(outcome.source.positions, source.positions[outcome.source.rows])
+    assert np.array_equal(outcome.target.positions, target.positions[outcome.target.rows])
+    plan, frame_plan = (10, 20, 5), part(core, "frame_plan")
+    times = frame_plan.Plan(*plan, "SMOOTH", False, False).times()
+    assert times == [0.0, 0.5, 1.0]
