@@ -1,5 +1,6 @@
 """Which frames a bake has, and the morph that they are made of."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -11,9 +12,19 @@ import pointmorph.sequences
 
 from . import chained_morph
 
+
+@dataclass(frozen=True)
+class Easing:
+    """How a morph runs over its frames: t from 0 to 1, at shares of the time from 0 to 1."""
+
+    label: str
+    tip: str
+    at: Callable
+
+
 EASINGS = {
-    "LINEAR": lambda x: x,
-    "SMOOTH": lambda x: x * x * (3.0 - 2.0 * x),
+    "LINEAR": Easing("Even", "At the same speed all the time", lambda x: x),
+    "SMOOTH": Easing("Smooth", "Begins and ends slowly", lambda x: x * x * (3.0 - 2.0 * x)),
 }
 
 
@@ -33,7 +44,7 @@ class Plan:
 
     def times(self):
         """t of every frame: 0 at the first, 1 at the last of the range, whole steps or not."""
-        ease = EASINGS[self.easing]
+        ease = EASINGS[self.easing].at
         length = self.last - self.first
         return [float(ease((number - self.first) / length)) for number in self.numbers()]
 

@@ -19,6 +19,7 @@ from ..core.settings import (
 )
 from . import feature_list
 from .arrays import SHAPE_TYPES
+from .frame_settings import frame_settings
 from .registration import Registration
 
 _LARGEST_INT = 2**31 - 1
@@ -186,20 +187,6 @@ def _settings(taken):
     return properties
 
 
-# --- Baking ---------------------------------------------------------------------------------------
-
-FORMATS = [
-    ("SCENE", "In the Scene", "An object that shows the frame of the scene"),
-    ("PLY", "PLY Files", "One file a frame with all there is, id and velocity too"),
-    ("USD", "USD", "One file with all there is. Points from Blender 4.5 on"),
-    ("ALEMBIC", "Alembic", "One file: positions, as vertices, and velocity"),
-]
-EASINGS = [
-    ("LINEAR", "Even", "At the same speed all the time"),
-    ("SMOOTH", "Smooth", "Begins and ends slowly"),
-]
-
-
 # --- The scene and the morph objects --------------------------------------------------------------
 
 
@@ -270,30 +257,6 @@ class PointmorphScene(bpy.types.PropertyGroup):
         ],
         default="KEYS",
     )
-    frames_format: bpy.props.EnumProperty(
-        name="Format", description="Where the frames go", items=FORMATS, default="SCENE"
-    )
-    frames_directory: bpy.props.StringProperty(
-        name="Folder",
-        description="Folder for the files; // is that of the blend file",
-        subtype="DIR_PATH",
-        default="//frames",
-    )
-    frames_easing: bpy.props.EnumProperty(
-        name="Easing",
-        description="How the morph runs over the frames",
-        items=EASINGS,
-        default="LINEAR",
-    )
-    frames_resample: bpy.props.BoolProperty(
-        name="Re-sample", description="Put new points where there would be cracks", default=True
-    )
-    frames_faces: bpy.props.BoolProperty(
-        name="Faces",
-        description="A mesh for every frame, the surface through its points, instead of points. "
-        "Needs pymeshlab and scipy in Blender's Python",
-        default=False,
-    )
     via: bpy.props.CollectionProperty(
         name="Via",
         description="Shapes that a chain goes through between source and target, in order",
@@ -312,6 +275,9 @@ class PointmorphScene(bpy.types.PropertyGroup):
     )
 
 
+PointmorphScene.__annotations__.update(
+    {f"frames_{name}": value for name, value in frame_settings().items()}
+)
 PointmorphScene.__annotations__.update(_settings(PointmorphScene.__annotations__))
 
 

@@ -7,8 +7,9 @@ import pointmorph.sequences
 import pointmorph.surfaces
 
 from ..core import frame_plan
-from ..core.settings import settings_values
-from ..data.properties import EASINGS, FORMATS
+from ..core.settings import choice_label, settings_values
+from ..data import frame_formats
+from ..data.frame_settings import frame_settings
 from ..data.registration import Registration
 from ..scene import animated_shape, frame_files, frame_player, shape_key_bakes
 from .modal_operator import Computing
@@ -17,14 +18,13 @@ from .polls import Explained, activate, active_result, busy_reason, fail, result
 
 def path_choice(description):
     """A property that overrides the setting Path for one bake."""
+    option = next(option for option in pointmorph.options() if option.name == "path")
     return bpy.props.EnumProperty(
         name="Path",
         description=description,
         items=[
             ("SETTING", "As Set", "The setting Path in the panel"),
-            ("LINEAR", "Linear", "Straight"),
-            ("SIMILARITY", "Similarity", "The whole turns and grows on the way"),
-            ("RIGID", "Rigid", "Every part turns as well: limbs swing instead of shrinking"),
+            *((name.upper(), choice_label(name), option.help) for name in option.choices),
         ],
         default="SETTING",
     )
@@ -94,12 +94,6 @@ class POINTMORPH_OT_bake_frames(Explained, Computing, bpy.types.Operator):
     bl_options = {"REGISTER", "UNDO"}
     stopped = "The bake was stopped. Frames that are done wait: bake again to go on"
 
-    format: bpy.props.EnumProperty(
-        name="Format",
-        description="Where the frames go",
-        items=FORMATS,
-        default="SCENE",
-    )
     frame_start: bpy.props.IntProperty(
         name="First", description="Frame that shows the source", default=1
     )
@@ -109,25 +103,7 @@ class POINTMORPH_OT_bake_frames(Explained, Computing, bpy.types.Operator):
     step: bpy.props.IntProperty(
         name="Step", description="Frames from one to the next", default=1, min=1, max=1000
     )
-    easing: bpy.props.EnumProperty(
-        name="Easing",
-        description="How the morph runs over the frames",
-        items=EASINGS,
-        default="LINEAR",
-    )
     path: path_choice("How points travel")
-    resample: bpy.props.BoolProperty(
-        name="Re-sample", description="Put new points where there would be cracks", default=True
-    )
-    faces: bpy.props.BoolProperty(
-        name="Faces",
-        description="A mesh for every frame, the surface through its points, instead of points; "
-        "beside the points for PLY. Needs pymeshlab and scipy in Blender's Python",
-        default=False,
-    )
-    directory: bpy.props.StringProperty(
-        name="Folder", description="Where files go", subtype="DIR_PATH", default="//frames"
-    )
 
     @staticmethod
     def reason(context):
@@ -149,20 +125,20 @@ class POINTMORPH_OT_bake_frames(Explained, Computing, bpy.types.Operator):
         settings = settings_values(context.scene.pointmorph)
         if self.path != "SETTING":
             settings["path"] = self.path.lower()
-        if self.format in frame_files.SUFFIXES:
-            frame_files.check_format(self.format, self.faces)
+        target = self._target = frame_formats.FORMATS[self.format]
+        target.check(self.faces)
         if self.faces:
             pointmorph.surfaces.check_available()
         self._path = None
-        if self.format != "SCENE":
+        if target.in_files:
             self._folder = frame_files.make_folder(self.directory)
-        if self.format in frame_files.SUFFIXES:
-            self._path = frame_files.file_path(self._folder, self._name, self.format)
+        if target.suffix:
+            self._path = frame_files.file_path(self._folder, self._name, target.suffix)
         held = yield from frame_player.read_steps(obj)
         taken = None
         if obj.pointmorph.follows:
             taken = yield from animated_shape.read_steps(context, obj, plan.numbers())
-        if self.format == "PLY":
+        if target is frame_formats.PLY:
             folder, mesh = self._folder, "ply" if plan.faces else None
             return lambda progress: pointmorph.sequences.write_sequence(
                 frame_plan.sequence_of(held, plan, settings, taken),
@@ -189,7 +165,7 @@ class POINTMORPH_OT_bake_frames(Explained, Computing, bpy.types.Operator):
 
     def _finish(self, context, outcome):
         plan = self._plan
-        if self.format == "PLY":
+        if self._target is frame_formats.PLY:
             self._say_written(self._folder)
             return {"FINISHED"}
         obj = context.scene.objects.get(self._name)
@@ -198,9 +174,14 @@ class POINTMORPH_OT_bake_frames(Explained, Computing, bpy.types.Operator):
                 self._name, "the object that was baked", "none", "Undo its removal."
             )
         player = frame_player.build(
-            context, self._name, self._matrix, plan, outcome.frames(), self.format
+            context,
+            self._name,
+            self._matrix,
+            plan,
+            outcome.frames(),
+            self._target.content(plan.faces),
         )
-        if self.format == "SCENE":
+        if self._target is frame_formats.SCENE:
             frame_files.empty(outcome)
             obj.hide_set(True)
             obj.hide_render = True
@@ -208,13 +189,16 @@ class POINTMORPH_OT_bake_frames(Explained, Computing, bpy.types.Operator):
             self.report({"INFO"}, f'{len(plan.numbers())} frames in "{player.name}"')
             return {"FINISHED"}
         try:
-            frame_files.export(context, player, plan, self._path, self.format)
+            frame_files.export(context, player, plan, self._path, self._target)
         finally:
             frame_player.remove(player)
         frame_files.empty(outcome)
-        self.report({"WARNING"}, frame_files.losses(self.format, self.faces))
+        self.report({"WARNING"}, self._target.losses(self.faces))
         self._say_written(self._path)
         return {"FINISHED"}
+
+
+POINTMORPH_OT_bake_frames.__annotations__.update(frame_settings())
 
 
 registration = Registration(

@@ -7,25 +7,10 @@ from pathlib import Path
 import bpy
 import pointmorph
 import pointmorph.formats
-import pointmorph.moving
-import pointmorph.sequences
 
-from ..data import attribute_names, versions
 from . import frames_display
 
 _CACHE = "blendcache_"  # what Blender itself calls the folder
-SUFFIXES = {"USD": "usdc", "ALEMBIC": "abc"}
-# By format and whether there are faces.
-_LOSSES = {
-    (
-        "USD",
-        False,
-    ): f'the material and the attribute id, which stands under "{attribute_names.FILE_ID}"',
-    ("USD", True): "nothing but custom names of the material's nodes",
-    ("ALEMBIC", False): "colour, normal, radius and id",
-    ("ALEMBIC", True): "the material; colours have 8 bits a channel",
-}
-_USD_WITH_POINTS = (4, 5)
 
 
 def make_folder(path):
@@ -38,9 +23,9 @@ def make_folder(path):
 # --- Until all are there --------------------------------------------------------------------------
 
 
-def file_path(folder, name, kind):
+def file_path(folder, name, suffix):
     """The file that frames of the object `name` go to."""
-    return folder / f"{bpy.path.clean_name(name)}.{SUFFIXES[kind]}"
+    return folder / f"{bpy.path.clean_name(name)}.{suffix}"
 
 
 def store_folder(name, path=None):
@@ -70,54 +55,13 @@ def empty(store):
             store.folder.parent.rmdir()
 
 
-def losses(kind, faces):
-    """What a file of that kind doesn't keep, in words."""
-    return f"{kind.capitalize() if kind == 'ALEMBIC' else kind} loses {_LOSSES[kind, faces]}"
-
-
-def check_format(kind, faces):
-    """Raises OptionError when this Blender can't write points, or meshes, that way."""
-    if kind == "USD" and not faces and not versions.is_at_least(*_USD_WITH_POINTS):
-        raise pointmorph.OptionError(
-            "format",
-            "Blender 4.5 or later for USD",
-            versions.name(),
-            "Bake PLY, or Alembic without colours.",
-        )
-    if kind == "ALEMBIC" and "alembic_export" not in dir(bpy.ops.wm):
-        raise pointmorph.OptionError(
-            "format", "a Blender with Alembic", f"{versions.name()} built without it", "Bake PLY."
-        )
-
-
-def export(context, player, plan, path, kind):
-    """Writes the frames that `player` shows as one USD or Alembic file. Raises FileError."""
+def export(context, player, plan, path, target):
+    """Writes the frames that `player` shows as one file of that format. Raises FileError."""
     temporary = path.with_name(f".{path.stem}.part{path.suffix}")
-    scene = context.scene
-    was = scene.frame_start, scene.frame_end, scene.frame_current
-    selected = [o for o in context.view_layer.objects if o.select_get()]
-    as_vertices = kind == "ALEMBIC" and not plan.faces
-    shown = frames_display.frames_as_vertices(player) if as_vertices else player
-    if shown is not player:
-        context.collection.objects.link(shown)
+    as_vertices = target.content(plan.faces).as_vertices
     try:
-        for other in selected:
-            other.select_set(False)
-        shown.select_set(True)
-        scene.frame_start, scene.frame_end = plan.first, plan.last
-        if kind == "USD":
-            bpy.ops.wm.usd_export(
-                filepath=str(temporary), selected_objects_only=True, export_animation=True
-            )
-        else:
-            bpy.ops.wm.alembic_export(
-                filepath=str(temporary),
-                start=plan.first,
-                end=plan.last,
-                selected=True,
-                vcolors=True,
-                as_background_job=False,
-            )
+        with _shown_alone(context, player, plan, as_vertices):
+            target.write(temporary, plan.first, plan.last)
         if not temporary.is_file():
             raise pointmorph.FileError(
                 str(path), "a place that can be written", "nothing written", "Choose another."
@@ -129,6 +73,24 @@ def export(context, player, plan, path, kind):
         ) from error
     finally:
         temporary.unlink(missing_ok=True)
+
+
+@contextlib.contextmanager
+def _shown_alone(context, player, plan, as_vertices):
+    """What exporters look at: the player as the only selected object, and the plan's frames."""
+    scene = context.scene
+    was = scene.frame_start, scene.frame_end, scene.frame_current
+    selected = [o for o in context.view_layer.objects if o.select_get()]
+    shown = frames_display.frames_as_vertices(player) if as_vertices else player
+    if shown is not player:
+        context.collection.objects.link(shown)
+    try:
+        for other in selected:
+            other.select_set(False)
+        shown.select_set(True)
+        scene.frame_start, scene.frame_end = plan.first, plan.last
+        yield
+    finally:
         scene.frame_start, scene.frame_end = was[:2]
         scene.frame_set(was[2])
         shown.select_set(False)

@@ -49,11 +49,11 @@ def read_steps(obj):
     return frame_plan.Held(shapes, pairs, maps)
 
 
-def build(context, name, matrix, plan, frames, kind="SCENE"):
+def build(context, name, matrix, plan, frames, content):
     """Makes the object that shows the frames of the object `name`, with the matrix that this had;
     all of it or nothing. Returns the object.
 
-    `kind` is the format that it's for.
+    `content` says how the format wants it: see `frame_formats.Content`.
     """
     name = f"{name} {COLLECTION}"
     with creation.all_or_nothing() as created:
@@ -65,7 +65,7 @@ def build(context, name, matrix, plan, frames, kind="SCENE"):
             created(mesh)
             arrays.fill_mesh(mesh, frame.positions, frame.faces if plan.faces else None)
             arrays.write_attribute(mesh, attribute_names.VELOCITY, frame.velocities)
-            if plan.faces and kind == "ALEMBIC":
+            if content.byte_colors:
                 arrays.write_corner_colors(mesh, attribute_names.COLOR, frame.colors)
             else:
                 arrays.write_attribute(mesh, attribute_names.COLOR, frame.colors)
@@ -73,9 +73,7 @@ def build(context, name, matrix, plan, frames, kind="SCENE"):
             if not plan.faces:
                 arrays.write_attribute(mesh, attribute_names.NORMAL, frame.normals)
                 arrays.write_attribute(mesh, attribute_names.RADIUS, frame.radii)
-                # Blender's USD loses an attribute "id".
-                id_name = attribute_names.FILE_ID if kind == "USD" else "id"
-                arrays.write_attribute(mesh, id_name, frame.ids)
+                arrays.write_attribute(mesh, content.id_name, frame.ids)
             one = bpy.data.objects.new(mesh.name, mesh)
             created(one)
             collection.objects.link(one)

@@ -5,6 +5,8 @@ import pointmorph
 
 from ..core import background_job
 from ..core.settings import by_hand, setting_label
+from ..data import frame_formats
+from ..data.frame_settings import copy_frame_settings
 from ..data.registration import Registration
 from ..operators import clicks, modal_operator, polls
 from ..scene import marked_points, morph_object, points_display, recipes
@@ -319,7 +321,7 @@ class POINTMORPH_PT_bake(Panel, bpy.types.Panel):
     def draw_frames(self, layout, settings, scene):
         column = fields(layout)
         column.prop(settings, "frames_format")
-        if settings.frames_format != "SCENE":
+        if frame_formats.FORMATS[settings.frames_format].in_files:
             column.prop(settings, "frames_directory")
         column.prop(scene, "frame_start", text="First")
         column.prop(scene, "frame_end", text="Last")
@@ -327,14 +329,9 @@ class POINTMORPH_PT_bake(Panel, bpy.types.Panel):
         column.prop(settings, "frames_resample")
         column.prop(settings, "frames_faces")
         button = layout.operator("pointmorph.bake_frames")
-        button.format = settings.frames_format
+        copy_frame_settings(settings, button)
         button.frame_start = scene.frame_start
         button.frame_end = scene.frame_end
-        button.easing = settings.frames_easing
-        button.resample = settings.frames_resample
-        button.faces = settings.frames_faces
-        if settings.frames_format != "SCENE":
-            button.directory = settings.frames_directory
 
 
 # --- Advanced -------------------------------------------------------------------------------------

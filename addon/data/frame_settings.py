@@ -1,0 +1,48 @@
+"""The settings of a bake of frames, which the panel remembers and the operator takes."""
+
+import bpy
+
+from ..core.frame_plan import EASINGS
+from . import frame_formats
+
+
+def frame_settings():
+    """New properties by the operator's names for them; the scene has them after "frames_"."""
+    formats = frame_formats.FORMATS.values()
+    return {
+        "format": bpy.props.EnumProperty(
+            name="Format",
+            description="Where the frames go",
+            items=[(one.identifier, one.label, one.tip) for one in formats],
+            default="SCENE",
+        ),
+        "directory": bpy.props.StringProperty(
+            name="Folder",
+            description="Folder for the files; // is that of the blend file",
+            subtype="DIR_PATH",
+            default="//frames",
+        ),
+        "easing": bpy.props.EnumProperty(
+            name="Easing",
+            description="How the morph runs over the frames",
+            items=[(name, one.label, one.tip) for name, one in EASINGS.items()],
+            default="LINEAR",
+        ),
+        "resample": bpy.props.BoolProperty(
+            name="Re-sample",
+            description="Put new points where there would be cracks",
+            default=True,
+        ),
+        "faces": bpy.props.BoolProperty(
+            name="Faces",
+            description="A mesh for every frame, the surface through its points, instead of "
+            "points; beside the points for PLY. Needs pymeshlab and scipy in Blender's Python",
+            default=False,
+        ),
+    }
+
+
+def copy_frame_settings(settings, operator):
+    """Gives the operator what the panel remembers."""
+    for name in frame_settings():
+        setattr(operator, name, getattr(settings, f"frames_{name}"))
