@@ -39,9 +39,6 @@ def package() -> tuple[Path, Path]:
         shutil.copytree(paths.ROOT / "addon", stage, ignore=skip)
         shutil.copy(paths.ROOT / "LICENSE", stage)
         run("package", paths.PYTHON, paths.ROOT / "docs" / "make_html.py", stage / "docs")
-        numbers = ", ".join(version.split("."))
-        edit(stage / "__init__.py", r'"version": \([0-9, ]+\)', f'"version": ({numbers})')
-
         manifest = stage / "blender_manifest.toml"
         edit(manifest, r'^version = ".*"$', f'version = "{version}"')
         edit(manifest, r"^wheels = \[[^]]*\]$", f'wheels = ["./wheels/{wheel.name}"]')
