@@ -94,7 +94,7 @@ def arguments_of(words: list[str]) -> argparse.Namespace:
         help="compare with other methods on this pair; options of compare_peers.py may follow",
     )
     commands.add_parser("pictures", help="the manual's pictures, taken anew from the real window")
-    commands.add_parser("package", help="the extension and the legacy add-on, as zip files")
+    commands.add_parser("package", help="the extension, as a zip file")
     arguments = parser.parse_args(words)
     if arguments.command == "test":
         arguments.suites = arguments.only.split(",") if arguments.only else list(suites.SUITES)
@@ -115,11 +115,13 @@ def do(arguments: argparse.Namespace) -> int:
     if arguments.command == "pictures":
         return suites.take_pictures()
     if arguments.command == "setup":
-        wheels.set_up("cpp-test", "blender", "window")
-        return 0
-    wheels.set_up()
-    for path in packaging.package():
-        say(f"{path} ({path.stat().st_size / 1e6:.1f} MB)")
+        errors = suites.set_up_tests(suites.SUITES)
+        for error in errors:
+            say(str(error))
+        return 1 if errors else 0
+    wheels.set_up("cpython")
+    path = packaging.package()
+    say(f"{path} ({path.stat().st_size / 1e6:.1f} MB)")
     return 0
 
 

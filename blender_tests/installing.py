@@ -5,7 +5,6 @@ POINTMORPH_ZIP is the packaged add-on; without it, the folder `addon` is taken a
 
 import os
 import sys
-import zipfile
 from importlib.machinery import PathFinder
 from pathlib import Path
 
@@ -53,17 +52,12 @@ def install():
         (addons / module).symlink_to(ROOT / "addon")
         bpy.utils.refresh_script_paths()
         bpy.ops.preferences.addon_enable(module=module)
-    elif bpy.app.version >= (4, 2):
+    else:
         sys.meta_path.insert(0, _PackagedLibrary)
         module = "bl_ext.user_default.pointmorph"
         bpy.ops.extensions.package_install_files(
             filepath=packaged, repo="user_default", enable_on_install=True
         )
-    else:
-        sys.meta_path.insert(0, _PackagedLibrary)
-        bpy.ops.preferences.addon_install(filepath=packaged)
-        [module] = {name.split("/")[0] for name in zipfile.ZipFile(packaged).namelist()}
-        bpy.ops.preferences.addon_enable(module=module)
     if module not in bpy.context.preferences.addons:
         raise RuntimeError(f"the add-on {module} could not be enabled")
     return module

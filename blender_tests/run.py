@@ -6,9 +6,9 @@
 The exit status is pytest's. Environment:
 
 POINTMORPH_ZIP
-    A packaged add-on, of the kind that this Blender takes: it's installed as users do it, and the
-    library that it brings is the one that is tested. Without it the folder `addon` is tested, and
-    the package `pointmorph` must be importable.
+    The packaged add-on: it's installed as users do it, and the library that it brings is the one
+    that is tested. Without it the folder `addon` is tested, and the package `pointmorph` must be
+    importable.
 POINTMORPH_PYTHONPATH
     Folders, separated as in PYTHONPATH, for a Blender whose Python lacks pytest (or, without a zip,
     pointmorph). The packages of `.venv` are always added.
@@ -17,7 +17,7 @@ POINTMORPH_OUTPUT
 
 The tests with a window are in `window`: `python -m pytest blender_tests/window`, with any Python
 that has pytest and numpy, and Xvfb, xdotool, ImageMagick's import and `blender` (or the program
-that POINTMORPH_BLENDER names). The variables mean the same there; the zip is a legacy add-on.
+that POINTMORPH_BLENDER names). The variables mean the same there.
 """
 
 import os

@@ -20,6 +20,8 @@ from scenes import (
     select,
 )
 
+pytestmark = pytest.mark.interface
+
 
 def names(obj):
     return [k.name for k in obj.data.shape_keys.key_blocks]

@@ -19,6 +19,8 @@ from scenes import (
     select,
 )
 
+pytestmark = pytest.mark.interface
+
 
 def dress(obj, seed):
     """Two materials in two slots, one of them the object's own; colours by corner and by point,

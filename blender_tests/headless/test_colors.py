@@ -8,6 +8,8 @@ import pytest
 from scenes import add_attribute, add_object, coordinates, pair
 from test_frames import makes_surfaces
 
+pytestmark = pytest.mark.interface
+
 SIDE = 64
 CLEAR = 0.3  # alpha, on the right
 

@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 import scenes
 
+pytestmark = pytest.mark.interface
+
 PAIRS = ("ear.", "foot.F", "foot.H")
 TIPS = ["nose", "tail", *(what + side for what in PAIRS for side in "LR")]
 

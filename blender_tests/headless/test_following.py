@@ -18,6 +18,8 @@ from scenes import (
     shown_points,
 )
 
+pytestmark = pytest.mark.interface
+
 
 def bend(obj, angle=1.0):
     """An armature of two bones with weights, which bends the object from frame 1 to frame 11."""

@@ -9,6 +9,8 @@ import pytest
 from pointmorph import formats, surfaces
 from scenes import attribute, coordinates, data_blocks, morph, row_pairs, torn_pair
 
+pytestmark = pytest.mark.interface
+
 
 def bake(**options):
     return bpy.ops.pointmorph.bake_frames(frame_start=1, frame_end=9, **options)

@@ -8,6 +8,8 @@ import pytest
 import scenes
 from mathutils import Matrix, Vector
 
+pytestmark = pytest.mark.interface
+
 
 @pytest.fixture
 def pair():

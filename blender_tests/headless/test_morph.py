@@ -27,6 +27,8 @@ from scenes import (
     select,
 )
 
+pytestmark = pytest.mark.interface
+
 
 def evaluated_points(obj):
     """What the morph object shows: positions, attributes, names of materials, world matrix."""

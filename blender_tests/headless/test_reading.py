@@ -18,6 +18,8 @@ from scenes import (
     select,
 )
 
+pytestmark = pytest.mark.interface
+
 MATRICES = {
     "moved": Matrix.Translation((3, -2, 5)),
     "rotated": Matrix.Rotation(0.8, 4, (1, 2, 3)) @ Matrix.Translation((1, 1, 1)),

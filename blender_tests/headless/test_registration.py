@@ -7,6 +7,8 @@ from pathlib import Path
 import bpy
 import pytest
 
+pytestmark = pytest.mark.interface
+
 OPERATORS = (
     "add_feature",
     "add_to_chain",

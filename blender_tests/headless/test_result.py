@@ -21,6 +21,8 @@ from scenes import (
     shown_points,
 )
 
+pytestmark = pytest.mark.interface
+
 
 def recompute(obj):
     select(obj)

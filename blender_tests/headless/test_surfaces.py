@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 from scenes import patch
 
+pytestmark = pytest.mark.interface
+
 
 @pytest.fixture
 def surfaces(addon):

@@ -1,5 +1,14 @@
 """Buttons, expressions and scenes that tests with a window share."""
 
+import os
+
+SIDE = int(os.environ.get("POINTMORPH_WINDOW_SIDE", "130"))
+"""Vertices a side of sheets that keep the library busy for a moment.
+
+Tests that also write down how long Blender was held up take this size: 347 makes as many points as
+koala_spot_big has.
+"""
+
 VIEWPORT = (400, 700)
 MORPH = "pointmorph.morph("
 KEY = "key_blocks["

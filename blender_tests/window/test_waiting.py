@@ -1,8 +1,8 @@
-"""How long Blender keeps a person waiting: figures for people, in the output folder."""
+"""What a person sees while a morph is computed; figures of the wait, in the output folder."""
 
 import json
 
-from steps import DONE, MORPH, add_pair
+from steps import DONE, MORPH, SIDE, add_pair
 
 # Times what the add-on does between redraws, and the gaps between turns of Blender's main loop.
 STOPWATCH = """
@@ -38,12 +38,11 @@ bpy.app.timers.register(beat)
 """
 
 
-def test_how_long_it_holds_blender_up(window, output):
-    """As many points as koala_spot_big: 120,409 and 118,336. Drawing them without a graphics card
-    takes seconds, so they are hidden."""
+def test_a_coarse_morph_shows_first_and_leaves_nothing(window, output):
+    """Drawing many points without a graphics card takes seconds, so they are hidden."""
     window.run("area.spaces[0].show_object_viewport_mesh = False")
     window.run("area.spaces[0].show_object_viewport_pointcloud = False")
-    add_pair(window, 347)
+    add_pair(window, SIDE)
     place = window.find(MORPH)
     window.run(STOPWATCH)
     window.run("started = time.perf_counter(); first = None")
@@ -76,5 +75,5 @@ answer = {
     )
     (output / "waiting.json").write_text(json.dumps(figures, indent=2))
     print(json.dumps(figures, indent=2))
-    assert figures["coarse morph after seconds"] is not None
+    assert 0 < figures["coarse morph after seconds"] < figures["seconds"]
     assert not window.ask("[o.name for o in bpy.data.objects if o.pointmorph.is_preview]")

@@ -28,9 +28,6 @@ class NotApplicableError(Exception):
     """The method can't be used on this pair; the message says why."""
 
 
-Marks = dict[str, tuple[int, int]]
-
-
 @dataclass(frozen=True)
 class Pair:
     """What every method gets."""
@@ -75,16 +72,6 @@ class Pair:
         middle = own.mean(axis=0)
         spread = np.sqrt(((own - middle) ** 2).sum(axis=1).mean())
         return np.asarray((np.asarray(points, np.float64) - middle) / spread)
-
-
-@dataclass(frozen=True)
-class Input:
-    """A pair to compare on, and what the methods aren't told of it."""
-
-    pair: Pair
-    shapes: tuple[formats.Shape, formats.Shape]
-    landmarks: Marks
-    """Rows of the clouds; features are not among them."""
 
 
 def two_way(images: np.ndarray, targets: np.ndarray) -> Ints:

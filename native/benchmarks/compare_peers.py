@@ -30,10 +30,12 @@ from typing import Any
 import numpy as np
 from bench_morph import resident
 from compare_measures import Ints, Surface, Yardstick
-from compare_methods import METHODS, Input, NotApplicableError, Pair
+from compare_methods import METHODS, NotApplicableError, Pair
 from pointmorph import Cloud, Feature, FeatureError, PointmorphError, cli, formats, sampling
 from pointmorph._pointmorph import nearest_neighbors
 from tabulate import tabulate
+
+Marks = dict[str, tuple[int, int]]
 
 POINTS = 4000
 """Points of each cloud by default: more, and the slow peers take many minutes."""
@@ -54,6 +56,14 @@ class Outcome:
 
 
 # --- Input ----------------------------------------------------------------------------------------
+
+
+@dataclasses.dataclass(frozen=True)
+class Input:
+    pair: Pair
+    shapes: tuple[formats.Shape, formats.Shape]
+    landmarks: Marks
+    """Rows of the clouds; features are not among them."""
 
 
 def read(files: tuple[Path, Path], marks: Path, points: int, hold_out: Iterable[str]) -> Input:

@@ -22,7 +22,7 @@ from pointmorph.formats import Shape
 from scipy.spatial import cKDTree
 
 if TYPE_CHECKING:
-    from compare_methods import Input
+    from compare_peers import Input
 
 SPLATS = 250_000
 """Points that a mesh is drawn with."""

@@ -1,42 +1,133 @@
-"""The Python in .venv, and Blenders that come as Python packages."""
+"""The Pythons: .venv, another for newer Blenders, and Blenders that come as Python packages.
+
+.venv holds all that building, testing and the demo need, in Python 3.11. Blender 5.1 and later need
+a newer Python, which Debian 12 hasn't: it comes from a Maven repository, which has it as a package
+of its own, and stands in `build/python`.
+"""
 
 from __future__ import annotations
 
 import shutil
 import sys
+import threading
+import zipfile
 from collections.abc import Iterable
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from . import paths
-from .running import digest, is_fresh, run, step
+from .running import SetupError, digest, is_fresh, run, step
 from .system import project
 
-# Blenders that come as a Python package. The first is in .venv (pyproject.toml names it too).
-BPY_VERSIONS = ("5.0", "4.5", "4.2")
+# Blenders that come as a Python package, and the Python that each is built for.
+BLENDERS = {"4.2": "3.11", "4.5": "3.11", "5.0": "3.11", "5.1": "3.13", "5.2": "3.13"}
+# The one in .venv (pyproject.toml names it too): the demo runs in it, and it packs the add-on.
+MAIN_BLENDER = "5.0"
+
+_setting_up = threading.Lock()
 
 
-def pip_install(*what: str | Path) -> None:
-    run("pip", paths.PYTHON, "-m", "pip", "install", "--no-input", "--progress-bar", "off", *what)
+@dataclass(frozen=True)
+class Environment:
+    """A virtual environment."""
+
+    version: str
+    folder: Path
+
+    @property
+    def python(self) -> Path:
+        return self.folder / "bin" / "python"
+
+    @property
+    def site_packages(self) -> Path:
+        return self.folder / "lib" / f"python{self.version}" / "site-packages"
+
+    @property
+    def tag(self) -> str:
+        """As in the names of wheels."""
+        return "cp" + self.version.replace(".", "")
+
+    def pip_install(self, *what: str | Path) -> None:
+        pip = (self.python, "-m", "pip", "install", "--no-input", "--progress-bar", "off")
+        run(f"pip-{self.version}", *pip, *what)
+
+    def fill(self, base: str | Path, requirements: Iterable[str], title: str) -> None:
+        """Makes it with the Python `base` and installs `requirements`, where that wasn't done."""
+        requirements = list(requirements)
+        key = digest(self.version, str(base), *requirements)
+        stamp, unfinished = self.folder / "requirements.stamp", self.folder / "unfinished"
+        if is_fresh(stamp, key):
+            return
+        # pip takes what an interrupted run has left for complete, so that means a new start.
+        if not (self.python.exists() and self.site_packages.exists()) or unfinished.exists():
+            run("venv", base, "-m", "venv", "--clear", self.folder)
+        with step(title):
+            unfinished.touch()
+            self.pip_install(*requirements)
+            unfinished.unlink()
+        stamp.write_text(key)
+
+
+def main_environment() -> Environment:
+    """.venv."""
+    return Environment("3.11", paths.VENV)
+
+
+def table(name: str) -> dict[str, Any]:
+    """A table of what has to be installed, from pyproject.toml."""
+    return dict(project()["tool"]["pointmorph"][name])
+
+
+def other_pythons() -> list[str]:
+    """Versions of Python besides .venv's that wheels are made for."""
+    return list(table("cpython"))
 
 
 def set_up_python(extra: Iterable[str]) -> None:
-    """Makes .venv and fills it with what pyproject.toml asks for."""
+    """Makes .venv and fills it with what pyproject.toml asks for, and with `extra`."""
     requirements = [*project()["project"]["dependencies"], *extra]
-    for group in project()["dependency-groups"].values():
-        requirements += group
-    key = digest(sys.version, *requirements)
-    stamp, unfinished = paths.VENV / "requirements.stamp", paths.VENV / "unfinished"
-    if is_fresh(stamp, key):
-        return
-    # pip takes what an interrupted run has left for complete, so that means a new start.
-    if not (paths.PYTHON.exists() and paths.SITE_PACKAGES.exists()) or unfinished.exists():
-        with step("Python environment in .venv"):
-            run("venv", sys.executable, "-m", "venv", "--clear", paths.VENV)
-    with step("Python packages, Blender's among them (about 500 MB to fetch)"):
-        unfinished.touch()
-        pip_install(*requirements)
-        unfinished.unlink()
-    stamp.write_text(key)
+    groups = project()["dependency-groups"]
+    for group in ("build", "blender", "demo", "test"):
+        requirements += groups[group]
+    title = "Python packages, Blender's among them (about 500 MB to fetch)"
+    main_environment().fill(sys.executable, requirements, title)
+
+
+def set_up_other_python(version: str) -> Environment:
+    """A Python that this system hasn't, with what building and testing in it need."""
+    folder = paths.BUILD / "python" / version
+    environment = Environment(version, folder / "venv")
+    with _setting_up:
+        base = _fetch_python(version, folder)
+        groups = project()["dependency-groups"]
+        requirements = [*groups["build"], *groups["other-python"]]
+        environment.fill(base, requirements, f"packages for Python {version}")
+    return environment
+
+
+def _fetch_python(version: str, folder: Path) -> Path:
+    """The program of a Python, which a Maven repository has packed as a zip."""
+    artifact = f"{table('cpython')[version]}:jar:linux-x86_64"
+    unpacked = folder / "cpython"
+    program = unpacked / "org/bytedeco/cpython/linux-x86_64" / f"python{version}"
+    stamp = folder / "stamp"
+    if is_fresh(stamp, artifact):
+        return program
+    with step(f"Python {version} (about 40 MB to fetch)"):
+        shutil.rmtree(folder, ignore_errors=True)
+        copy = "org.apache.maven.plugins:maven-dependency-plugin:3.6.1:copy"
+        options = (f"-Dartifact={artifact}", f"-DoutputDirectory={folder}")
+        run("maven", "mvn", "--batch-mode", copy, *options)
+        [archive] = folder.glob("*.jar")
+        with zipfile.ZipFile(archive) as content:
+            content.extractall(unpacked)
+        archive.unlink()
+        if not program.is_file():
+            raise SetupError(f"{artifact} has no {program.relative_to(unpacked)}.")
+        program.chmod(0o755)
+        stamp.write_text(artifact)
+    return program
 
 
 def set_up_peers() -> None:
@@ -45,17 +136,29 @@ def set_up_peers() -> None:
     stamp, key = paths.VENV / "peers.stamp", digest(sys.version, *requirements)
     if not is_fresh(stamp, key):
         with step("peers' Python packages (about 100 MB to fetch)"):
-            pip_install(*requirements)
+            main_environment().pip_install(*requirements)
             stamp.write_text(key)
 
 
-def set_up_bpy(version: str) -> Path:
-    """One more Blender as a Python package, outside .venv; what it needs is there already."""
+def environment_of(blender: str) -> Environment:
+    """The environment whose Python a Blender needs."""
+    main = main_environment()
+    version = BLENDERS[blender]
+    return main if version == main.version else set_up_other_python(version)
+
+
+def set_up_bpy(version: str) -> tuple[Path, str]:
+    """A Blender as a Python package: the Python that it needs, and what PYTHONPATH has to name."""
+    environment = environment_of(version)
+    if version == MAIN_BLENDER:
+        return environment.python, ""
     folder = paths.BUILD / "bpy" / version
     if not folder.exists():
         with step(f"Blender {version} as a Python package (about 350 MB to fetch)"):
             unfinished = folder.with_suffix(".unfinished")
             shutil.rmtree(unfinished, ignore_errors=True)
-            pip_install("--no-deps", "--target", unfinished, f"bpy=={version}.*")
+            # What it needs is in the environment already.
+            options = ("--no-deps", "--no-compile", "--target", unfinished)
+            environment.pip_install(*options, f"bpy=={version}.*")
             unfinished.rename(folder)
-    return folder
+    return environment.python, str(folder)

@@ -2,30 +2,39 @@
 
 from __future__ import annotations
 
-import re
-import subprocess
+import os
+import shutil
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-from . import paths
+from . import other_debian, paths
 from .packaging import package
-from .python_environment import BPY_VERSIONS, set_up_bpy
+from .python_environment import BLENDERS, set_up_bpy
 from .reports import Outcome, judge, tell
 from .running import SetupError, child_environment, end_of, processor_seconds, run, say, show
-from .wheels import build_native, set_up
+from .wheels import build_native, set_up, set_up_base, set_up_wheel, set_up_wheels
 
 # What the C++ tests need besides what the wheel does.
 CPP_TEST_SETTINGS = (
     "-DPOINTMORPH_TESTS=ON",
     "-DPOINTMORPH_BENCHMARKS=ON",
     "-DPOINTMORPH_SANITIZE=address,undefined",
-    "-DPOINTMORPH_WERROR=ON",
 )
+
+# The user's own Blender for tests with a window.
+BLENDER = os.environ.get("POINTMORPH_BLENDER")
+# Else a Debian's: trixie has Blender 4.3, sid the newest.
+WINDOW_DEBIAN = "trixie"
+WINDOW_PACKAGES: tuple[str, ...] = ("window",)
+if BLENDER is None:
+    # Where it can't be made, those tests are skipped, and say why.
+    can_be_made = os.geteuid() == 0 and shutil.which("apt-get") is not None
+    WINDOW_PACKAGES = ("other-debian",) if can_be_made else ()
 
 packaging = threading.Lock()
 
@@ -78,48 +87,52 @@ def python() -> Outcome:
     return run_suite("python", paths.PYTHON, "-m", "pytest", "--junitxml=")
 
 
-def in_blender(suite: str, legacy: bool, *command: str | Path, **environment: str) -> Outcome:
+def in_blender(suite: str, *command: str | Path, **environment: str) -> Outcome:
     """The add-on's tests in a Blender, with the add-on packaged and installed as users do it."""
     with packaging:
-        zips = package()
-    environment["POINTMORPH_ZIP"] = str(zips[legacy])
-    return run_suite(suite, *command, "--junitxml=", **environment)
+        environment["POINTMORPH_ZIP"] = str(package())
+    return run_suite(suite, *command, **environment)
 
 
 def bpy(version: str) -> Outcome:
-    path = "" if version == BPY_VERSIONS[0] else str(set_up_bpy(version))
-    command = (paths.PYTHON, "blender_tests/run.py")
-    return in_blender(f"bpy-{version}", False, *command, PYTHONPATH=path)
+    """Everything in the oldest and the newest Blender; in those between, what Blender offers."""
+    python, path = set_up_bpy(version)
+    whole = version in (min(BLENDERS), max(BLENDERS))
+    selection = [] if whole else ["-m", "interface"]
+    runner = ["blender_tests/run.py", *selection, "--junitxml="]
+    return in_blender(f"bpy-{version}", python, *runner, PYTHONPATH=path)
 
 
-def takes_legacy() -> bool:
-    """Whether the installed Blender is older than extensions; Debian's 3.4 is."""
-    said = subprocess.run(["blender", "--version"], capture_output=True, text=True, check=False)
-    found = re.search(r"Blender (\d+)\.(\d+)", said.stdout)
-    return found is not None and (int(found[1]), int(found[2])) < (4, 2)
-
-
-def blender() -> Outcome:
-    """The installed Blender without a window."""
-    runner = ("--python-exit-code", "1", "--python", "blender_tests/run.py", "--")
-    command = ("blender", "--background", "--factory-startup", *runner)
-    return in_blender("blender", takes_legacy(), *command)
-
-
-def window() -> Outcome:
-    """The installed Blender with a window, driven by mouse and keyboard."""
+def window(debian: str) -> Outcome:
+    """A Blender with a window, driven by mouse and keyboard: a newer Debian's, or the user's."""
     # Where nothing can be clicked, each test would wait for its own end of patience.
-    command = (paths.PYTHON, "-m", "pytest", "--maxfail=3", "blender_tests/window")
-    return in_blender("window", takes_legacy(), *command)
+    options = ("-m", "pytest", "--maxfail=3", "blender_tests/window")
+    if BLENDER is None and (reason := other_debian.why_not()):
+        return Outcome(skips=[f"{reason}; POINTMORPH_BLENDER can name a Blender instead"])
+    return in_blender("window", *with_window(debian, *options), "--junitxml=")
+
+
+def with_window(debian: str, *options: str | Path) -> list[str | Path]:
+    """Words that run Python where there is a Blender with a window and the add-on's zip."""
+    if BLENDER is not None:
+        return [paths.PYTHON, *options]
+    other_debian.set_up(debian)
+    data = paths.ROOT.parent / "shared" / "data"  # models that aren't in the project
+    shared = [paths.ROOT, *([data] if data.is_dir() else [])]
+    with packaging:
+        environment = {"POINTMORPH_ZIP": str(package())}
+    command = ("env", "-C", paths.ROOT, "python3", *options)
+    return list(other_debian.inside(debian, command, shared, environment))
 
 
 def take_pictures() -> int:
     """Takes the manual's pictures anew, from the real window."""
-    set_up("blender", "window")
+    set_up("cpython", *WINDOW_PACKAGES)
+    if BLENDER is None and (reason := other_debian.why_not()):
+        raise SetupError(f"No window: {reason}. POINTMORPH_BLENDER can name a Blender instead.")
     script = paths.ROOT / "blender_tests" / "window" / "make_pictures.py"
-    zips = package()
-    environment = child_environment(POINTMORPH_ZIP=str(zips[takes_legacy()]))
-    return show(paths.PYTHON, "-m", "pytest", script, environment=environment)
+    environment = child_environment(POINTMORPH_ZIP=str(package()))
+    return show(*with_window(WINDOW_DEBIAN, "-m", "pytest", script), environment=environment)
 
 
 @dataclass(frozen=True)
@@ -127,18 +140,42 @@ class Suite:
     run: Callable[[], Outcome]
     debian: tuple[str, ...] = ()
     """Groups of Debian's packages that it needs."""
+    fetch: Callable[[], object] | None = None
+    """Gets what else it needs; `run` does it as well where it wasn't done."""
+
+
+def fetch_debian() -> None:
+    if BLENDER is None and other_debian.why_not() is None:
+        other_debian.set_up(WINDOW_DEBIAN)
 
 
 # In the order in which they are started: long ones early, so that none is left over at the end.
 SUITES: dict[str, Suite] = {
     "cpp": Suite(cpp, ("cpp-test",)),
-    "checks": Suite(checks),
-    "python": Suite(python),
+    "window": Suite(partial(window, WINDOW_DEBIAN), ("cpython", *WINDOW_PACKAGES), fetch_debian),
     "sanitizers": Suite(sanitizers, ("cpp-test",)),
-    "window": Suite(window, ("blender", "window")),
-    **{f"bpy-{version}": Suite(partial(bpy, version)) for version in BPY_VERSIONS},
-    "blender": Suite(blender, ("blender",)),
+    "python": Suite(python),
+    **{
+        f"bpy-{version}": Suite(partial(bpy, version), ("cpython",), partial(set_up_bpy, version))
+        for version in BLENDERS
+    },
+    "checks": Suite(checks),
 }
+
+
+def set_up_tests(names: Iterable[str]) -> list[SetupError]:
+    """Gets all that suites need, side by side, while the library is compiled; what went wrong."""
+    set_up_base(*(group for name in names for group in SUITES[name].debian))
+    fetches = [SUITES[name].fetch for name in names]
+    in_blender = any(fetches)
+    with ThreadPoolExecutor() as pool:
+        done = [pool.submit(fetch) for fetch in fetches if fetch is not None]
+        done.insert(0, pool.submit(set_up_wheels if in_blender else set_up_wheel))
+        errors = [future.exception() for future in done]
+    for error in errors:
+        if error is not None and not isinstance(error, SetupError):
+            raise error
+    return [error for error in errors if isinstance(error, SetupError)]
 
 
 def timed(name: str) -> Outcome:
@@ -157,7 +194,7 @@ def timed(name: str) -> Outcome:
 
 def test(names: list[str], jobs: int) -> int:
     """Runs suites, several at a time, and all of them even when one fails."""
-    set_up(*(group for name in names for group in SUITES[name].debian), strict=True)
+    set_up_tests(names)  # a suite whose needs can't be met tries again, and fails by itself
     say("Testing (what each suite says is in build/logs)")
     with ThreadPoolExecutor(jobs) as pool:
         try:

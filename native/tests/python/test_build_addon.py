@@ -2,14 +2,18 @@
 
 import importlib.util
 import json
+import os
 import shutil
 import subprocess
 import sys
+import threading
+import tomllib
 from pathlib import Path
 from types import ModuleType
 
 import pytest
 from build_tools import (
+    other_debian,
     packaging,
     paths,
     python_environment,
@@ -127,7 +131,7 @@ def test_all_suites_run_and_the_last_line_is_the_sum(
         "second": suites.Suite(lambda: Outcome(3, [], ["no data", "no data"])),
     }
     monkeypatch.setattr(suites, "SUITES", known)
-    monkeypatch.setattr(suites, "set_up", lambda *groups, strict: None)
+    monkeypatch.setattr(suites, "set_up_tests", lambda names: [])
     assert suites.test(list(known), 1) == 1
     said = capsys.readouterr().out.splitlines()
     assert said[-1] == "3 passed, 1 failed, 2 skipped"
@@ -211,6 +215,54 @@ def test_what_is_missing_is_named_where_nothing_can_install_it(
     with pytest.raises(running.SetupError, match=r"g\+\+.*libnanoflann-dev") as caught:
         system.set_up_system(["build"])
     assert "cmake" not in str(caught.value)  # which pip can bring
+
+
+def test_every_blender_has_a_python_that_can_be_had() -> None:
+    pythons = {python_environment.main_environment().version, *python_environment.other_pythons()}
+    assert set(python_environment.BLENDERS.values()) == pythons
+    assert python_environment.BLENDERS[python_environment.MAIN_BLENDER] == "3.11"
+    wanted = tomllib.loads((ROOT / "pyproject.toml").read_text())["dependency-groups"]["blender"]
+    assert wanted == [f"bpy=={python_environment.MAIN_BLENDER}.*"]
+
+
+def test_what_suites_need_is_fetched_while_the_library_is_built(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    together = threading.Barrier(3, timeout=20)
+    groups: list[str] = []
+
+    def fails() -> None:
+        together.wait()
+        raise running.SetupError("no network")
+
+    known = {
+        "a": suites.Suite(Outcome, ("one",), together.wait),
+        "b": suites.Suite(Outcome, ("two",), fails),
+    }
+    monkeypatch.setattr(suites, "SUITES", known)
+    monkeypatch.setattr(suites, "set_up_base", lambda *names: groups.extend(names))
+    monkeypatch.setattr(suites, "set_up_wheels", together.wait)
+    [error] = suites.set_up_tests(known)
+    assert "no network" in str(error)
+    assert groups == ["one", "two"]
+
+
+def test_windows_are_skipped_in_words_where_there_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(suites, "BLENDER", None)
+    monkeypatch.setattr(os, "geteuid", lambda: 1000)
+    [reason] = suites.window("trixie").skips
+    assert "root" in reason
+    assert "POINTMORPH_BLENDER" in reason
+
+
+def test_mounts_end_with_the_command(tmp_path: Path) -> None:
+    if reason := other_debian.why_not():
+        pytest.skip(reason)
+    script = f"mount -t tmpfs tmpfs {tmp_path} && touch {tmp_path}/inside && ls {tmp_path}"
+    words = [*other_debian._namespace(), "sh", "-c", script]
+    assert subprocess.run(words, check=True, capture_output=True).stdout == b"inside\n"
+    assert list(tmp_path.iterdir()) == []
+    assert str(tmp_path) not in Path("/proc/mounts").read_text()
 
 
 def test_evidence() -> None:
