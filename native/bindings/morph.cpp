@@ -92,6 +92,15 @@ py::list list_of(const std::vector<Attempt>& starts, std::size_t taken) {
     return list;
 }
 
+py::dict dict_of(const Diagnostics& found) {
+    return py::dict(
+        py::arg("margin") = std::isfinite(found.margin) ? py::object(py::float_(found.margin))
+                                                        : py::object(py::none()),
+        py::arg("confidence") = found.confidence, py::arg("rivals") = list_of(found.rivals),
+        py::arg("proposals") = list_of(found.proposals),
+        py::arg("starts") = list_of(found.starts, found.start_taken));
+}
+
 py::dict dict_of(const Topology& topology) {
     py::list pieces;
     for (const Piece& piece : topology.pieces)
@@ -105,18 +114,13 @@ py::dict dict_of(const MorphReport& report, const MorphOptions& options) {
     py::dict stages, chosen;
     for (const StageTime& time : report.stages) stages[py::str(time.stage)] = time.seconds;
     for (const Option& option : option_table()) chosen[py::str(option.name)] = option.get(options);
-    return py::dict(
+    py::dict result(
         py::arg("method") = report.method, py::arg("domain") = report.domain,
         py::arg("choice") = report.choice,
         py::arg("topology") = py::dict(py::arg("source") = dict_of(report.source_topology),
                                        py::arg("target") = dict_of(report.target_topology)),
         py::arg("stages") = stages, py::arg("seconds") = report.seconds,
         py::arg("pairs") = report.pairs, py::arg("feature_residual") = report.feature_residual,
-        py::arg("margin") = std::isfinite(report.margin) ? py::object(py::float_(report.margin))
-                                                         : py::object(py::none()),
-        py::arg("confidence") = report.confidence, py::arg("rivals") = list_of(report.rivals),
-        py::arg("proposals") = list_of(report.proposals),
-        py::arg("starts") = list_of(report.starts, report.start_taken),
         py::arg("alignment_rotation") = report.alignment_rotation,
         py::arg("alignment_sweeps") = report.alignment_sweeps,
         py::arg("source_parameterization") = dict_of(report.source_parameterization),
@@ -125,6 +129,8 @@ py::dict dict_of(const MorphReport& report, const MorphOptions& options) {
         py::arg("patches") = report.patches,
         py::arg("tips") = array_of(report.tips).attr("tolist")(),
         py::arg("warnings") = report.warnings, py::arg("options") = chosen);
+    for (const auto& [name, figure] : dict_of(report.diagnostics)) result[name] = figure;
+    return result;
 }
 
 py::array_t<bool> array_of(const std::vector<std::uint8_t>& flags) {

@@ -130,7 +130,7 @@ std::string where(const Cloud& cloud, Index row, std::span<const Feature> featur
 }
 
 /// What may be wrong with a map that isn't sure, and which mark would settle it.
-std::string doubts(const MorphReport& report, const Cloud& source, const Cloud& target,
+std::string doubts(const Diagnostics& found, const Cloud& source, const Cloud& target,
                    std::span<const Feature> features) {
     const auto number = [](double value) {
         std::array<char, 32> text{};
@@ -142,10 +142,10 @@ std::string doubts(const MorphReport& report, const Cloud& source, const Cloud& 
                where(source, row, features, &Feature::source) + ")";
     };
     std::string text =
-        "Parts may have ended up in the wrong place (confidence " + number(report.confidence) + ")";
+        "Parts may have ended up in the wrong place (confidence " + number(found.confidence) + ")";
     std::string mark;
-    if (!report.rivals.empty()) {
-        const Rival& rival = report.rivals.front();
+    if (!found.rivals.empty()) {
+        const Rival& rival = found.rivals.front();
         const auto other = [&]() -> std::string {
             switch (rival.swap) {
                 case Swap::kEnds:
@@ -170,9 +170,9 @@ std::string doubts(const MorphReport& report, const Cloud& source, const Cloud& 
         mark = point(rival.source) + ", which is on point " + std::to_string(rival.target) +
                " of " + target.name + " now and would be on point " +
                std::to_string(rival.rival_target);
-    } else if (!report.proposals.empty()) {
+    } else if (!found.proposals.empty()) {
         const Proposal& weakest =
-            *std::ranges::min_element(report.proposals, {}, &Proposal::confidence);
+            *std::ranges::min_element(found.proposals, {}, &Proposal::confidence);
         mark = point(weakest.source) + ", which is on point " + std::to_string(weakest.target) +
                " of " + target.name + " now";
     }
@@ -514,25 +514,9 @@ void Morph::take(Refinement refinement, Side& source, Side& target) {
     pairs_ = std::move(refinement.pairs);
     report_.domain = "product";
     report_.feature_residual = 0.0;  // features are put onto their partners to the bit
-    report_.margin = refinement.margin;
-    report_.confidence = refinement.confidence;
-    report_.rivals = std::move(refinement.rivals);
-    report_.proposals = std::move(refinement.proposals);
-    const auto as_given = [](const Side& side, Index& row) { row = side.order[to_size(row)]; };
-    for (Rival& rival : report_.rivals) {
-        for (Index& place : rival.places) as_given(source, place);
-        as_given(source, rival.source);
-        as_given(target, rival.target);
-        as_given(target, rival.rival_target);
-    }
-    for (Proposal& proposal : report_.proposals) {
-        as_given(source, proposal.source);
-        as_given(target, proposal.target);
-    }
-    if (report_.confidence < options_.refinement.clear_confidence)
-        report_.warnings.push_back(doubts(report_, source_, target_, features_));
-    report_.starts = std::move(refinement.starts);
-    report_.start_taken = refinement.start_taken;
+    report_.diagnostics = refinement.diagnostics.with_rows(source.order, target.order);
+    if (report_.diagnostics.confidence < options_.refinement.clear_confidence)
+        report_.warnings.push_back(doubts(report_.diagnostics, source_, target_, features_));
 }
 
 Positions Morph::source_to_target(Progress& progress) const {

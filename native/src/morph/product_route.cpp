@@ -48,13 +48,7 @@ Refinement match_in_product_space(const Side& source, const Side& target,
         piece_start(source_view, target_view, pieces, whole.alignment, options.pieces);
     Refinement apart = refine(source.positions, source.normals, target.positions, target.normals,
                               all, options.refinement, progress, &again, known);
-    // What was found on the way to the first map is still so.
-    apart.margin = whole.margin;
-    apart.confidence = whole.confidence;
-    apart.rivals = std::move(whole.rivals);
-    apart.proposals = std::move(whole.proposals);
-    apart.starts.insert(apart.starts.begin(), whole.starts.begin(), whole.starts.end());
-    apart.start_taken += whole.starts.size();
+    apart.diagnostics = whole.diagnostics.followed_by(apart.diagnostics);
     return apart;
 }
 

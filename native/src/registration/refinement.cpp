@@ -431,21 +431,6 @@ std::vector<Index> nearest_partners(const Positions& images, const Pairing& pair
     return partners;
 }
 
-/// Rivals and proposals, from rows of the coarse shapes.
-void to_cloud_rows(Refinement& result, const std::vector<Index>& source,
-                   const std::vector<Index>& target) {
-    for (Rival& rival : result.rivals) {
-        for (Index& place : rival.places) place = source[to_size(place)];
-        rival.source = source[to_size(rival.source)];
-        rival.target = target[to_size(rival.target)];
-        rival.rival_target = target[to_size(rival.rival_target)];
-    }
-    for (Proposal& proposal : result.proposals) {
-        proposal.source = source[to_size(proposal.source)];
-        proposal.target = target[to_size(proposal.target)];
-    }
-}
-
 }  // namespace
 
 Refinement refine(const Positions& source, const Normals& source_normals, const Positions& target,
@@ -571,7 +556,7 @@ Refinement refine(const Positions& source, const Normals& source_normals, const 
         // The search has compared other maps already, and more of them.
         if (pose) {
             const Candidate& best = pose->best;
-            result.starts = {{"pose", best.torn, best.misfit.energy()}};
+            result.diagnostics.starts = {{"pose", best.torn, best.misfit.energy()}};
             return best.registration;
         }
         Attempts attempts = register_best(
@@ -579,15 +564,15 @@ Refinement refine(const Positions& source, const Normals& source_normals, const 
             register_shapes(coarse_source, coarse_target, coarse_features, start,
                             first_registration, progress),
             options.attempts, options.registration, progress);
-        result.starts = std::move(attempts.tried);
-        result.start_taken = attempts.taken;
+        result.diagnostics.starts = std::move(attempts.tried);
+        result.diagnostics.start_taken = attempts.taken;
         return std::move(attempts.registration);
     }();
 
     if (pose) {
-        result.margin = pose->margin;
-        result.confidence = pose->confidence;
-        result.rivals = describe_rivals(coarse_source, target_at_rest, *pose);
+        result.diagnostics.margin = pose->margin;
+        result.diagnostics.confidence = pose->confidence;
+        result.diagnostics.rivals = describe_rivals(coarse_source, target_at_rest, *pose);
     }
     if (options.propose || pose) {
         const auto tips = [&](const CoarseShape& shape) {
@@ -596,11 +581,12 @@ Refinement refine(const Positions& source, const Normals& source_normals, const 
         std::vector<IndexPair> marked = coarse_features;
         for (std::size_t k = 0; k < coarse_source.guides.rows.size(); ++k)
             marked.push_back({coarse_source.guides.rows[k], coarse_target.guides.rows[k]});
-        result.proposals = propose_features(coarse_source, coarse_target, registration,
-                                            pose ? pose->source_tips : tips(coarse_source),
-                                            pose ? pose->target_tips : tips(coarse_target), marked,
-                                            result.confidence, options.other_proposals, progress);
-        to_cloud_rows(result, coarse_source.rows, coarse_target.rows);
+        result.diagnostics.proposals =
+            propose_features(coarse_source, coarse_target, registration,
+                             pose ? pose->source_tips : tips(coarse_source),
+                             pose ? pose->target_tips : tips(coarse_target), marked,
+                             result.diagnostics.confidence, options.other_proposals, progress);
+        result.diagnostics = result.diagnostics.with_rows(coarse_source.rows, coarse_target.rows);
     }
 
     progress.enter("lift");

@@ -2,7 +2,6 @@
 #pragma once
 
 #include <array>
-#include <limits>
 #include <memory>
 #include <span>
 #include <string>
@@ -20,6 +19,7 @@
 #include "pointmorph/measures/cracks.hpp"
 #include "pointmorph/measures/quality.hpp"
 #include "pointmorph/registration/components.hpp"
+#include "pointmorph/registration/diagnostics.hpp"
 #include "pointmorph/registration/refinement.hpp"
 #include "pointmorph/sphere/spherical_alignment.hpp"
 #include "pointmorph/sphere/spherical_parameterization.hpp"
@@ -124,15 +124,8 @@ struct MorphReport {
     /// Largest distance between hard point features in spacings of the points around them: in the
     /// disk, or of the smooth maps on the other surface. Quality::features has each one's.
     double feature_residual = 0.0;
-    /// See Refinement::margin; infinite for the paper's method.
-    double margin = std::numeric_limits<double>::infinity();
-    /// See Refinement; 1, and none, for the paper's method. Rows as given.
-    double confidence = 1.0;
-    std::vector<Rival> rivals;
-    std::vector<Proposal> proposals;
-    /// See Refinement::starts; empty for the paper's method.
-    std::vector<Attempt> starts;
-    std::size_t start_taken = 0;
+    /// As they are by default for the paper's method. Rows as given.
+    Diagnostics diagnostics;
     double alignment_rotation = 0.0;
     Index alignment_sweeps = 0;
     ParameterizationReport source_parameterization;

@@ -3,7 +3,6 @@
 // space.
 #pragma once
 
-#include <limits>
 #include <span>
 #include <vector>
 
@@ -11,9 +10,9 @@
 #include "pointmorph/base/types.hpp"
 #include "pointmorph/cloud/similarity.hpp"
 #include "pointmorph/registration/coarse_shape.hpp"
+#include "pointmorph/registration/diagnostics.hpp"
 #include "pointmorph/registration/pose.hpp"
 #include "pointmorph/registration/product_space.hpp"
-#include "pointmorph/registration/proposals.hpp"
 #include "pointmorph/registration/registration.hpp"
 #include "pointmorph/registration/restarts.hpp"
 #include "pointmorph/surface/features.hpp"
@@ -57,19 +56,8 @@ struct Refinement {
     Pairing pairs;
     /// Both clouds in that space, as pair_points() and mutual_pairs() want them.
     ProductPoints source_product, target_product;
-    /// How much worse the best rival fits, 1 or more; infinite where there was none, or the
-    /// features left nothing to choose. See Pose::margin.
-    double margin = std::numeric_limits<double>::infinity();
-    /// How likely the map is right, 0 to 1; 1 where the features left nothing to choose. See
-    /// pose_confidence().
-    double confidence = 1.0;
-    /// Other maps that were found, the likeliest first, and pairs of places that a user may want to
-    /// mark; rows of the clouds. Empty where the pose was known and none were asked for.
-    std::vector<Rival> rivals;
-    std::vector<Proposal> proposals;
-    /// What the registration was started from, and which of these was taken.
-    std::vector<Attempt> starts;
-    std::size_t start_taken = 0;
+    /// Rows of the clouds.
+    Diagnostics diagnostics;
     /// Normals of the two clouds face opposite sides; the target's were taken the other way round.
     bool inside_out = false;
 };

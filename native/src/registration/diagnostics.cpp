@@ -1,0 +1,30 @@
+#include "pointmorph/registration/diagnostics.hpp"
+
+namespace pointmorph {
+
+Diagnostics Diagnostics::with_rows(std::span<const Index> source_rows,
+                                   std::span<const Index> target_rows) const {
+    Diagnostics result = *this;
+    const auto on_source = [&](Index& row) { row = source_rows[to_size(row)]; };
+    const auto on_target = [&](Index& row) { row = target_rows[to_size(row)]; };
+    for (Rival& rival : result.rivals) {
+        for (Index& place : rival.places) on_source(place);
+        on_source(rival.source);
+        on_target(rival.target);
+        on_target(rival.rival_target);
+    }
+    for (Proposal& proposal : result.proposals) {
+        on_source(proposal.source);
+        on_target(proposal.target);
+    }
+    return result;
+}
+
+Diagnostics Diagnostics::followed_by(const Diagnostics& later) const {
+    Diagnostics result = *this;
+    result.starts.insert(result.starts.end(), later.starts.begin(), later.starts.end());
+    result.start_taken = starts.size() + later.start_taken;
+    return result;
+}
+
+}  // namespace pointmorph
