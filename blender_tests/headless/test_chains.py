@@ -166,14 +166,16 @@ def test_join_pairs(addon):
 
 
 def test_report_and_quality(settings):
-    shapes(3)
+    for obj, x in zip(shapes(3), (-0.6, 0.6, -0.6), strict=True):
+        mark(obj, "wrong", x, -0.7)  # on the wrong side of the one between
     obj = chain()
     report = json.loads(obj.pointmorph.report)
     assert set(report["ways"]) == {"Hill to Dune", "Dune to Fell"}
     assert report["pairs"] == len(obj.data.vertices)
     assert bpy.ops.pointmorph.show_distortion() == {"FINISHED"}
-    if report["worst"]:
-        assert bpy.ops.pointmorph.go_to_place() == {"FINISHED"}
+    assert report["worst"]
+    assert bpy.ops.pointmorph.go_to_place() == {"FINISHED"}
+    assert bpy.context.scene.cursor.location.length > 0
 
 
 # --- What it survives -----------------------------------------------------------------------------

@@ -193,14 +193,16 @@ except RuntimeError as error:
 
 
 def test_blender_stays_responsive(window):
-    """It handles events while the library computes: in a tenth of a second, once it has drawn."""
+    """It handles events while the library computes."""
     start_long(window)
     waits = []
     while window.ask(RUNNING):
         start = time.monotonic()
         window.ask("0")
         waits.append(time.monotonic() - start)
-    assert len(waits) > 5
+    # Held up, it would answer once, at the end.
+    assert len(waits) > 20
+    assert max(waits) < 0.5 * sum(waits)
 
 
 def test_escape_leaves_nothing(window):

@@ -80,7 +80,8 @@ def sanitizers() -> Outcome:
     targets = ["pointmorph_sanitized_tests"]
     tests = build_native(targets, *CPP_TEST_SETTINGS) / "pointmorph_sanitized_tests"
     halt = "halt_on_error=1:print_stacktrace=1"
-    return run_suite("sanitizers", tests, "--gtest_output=xml:", UBSAN_OPTIONS=halt)
+    environment = {"UBSAN_OPTIONS": halt, "POINTMORPH_WATCHED": "1"}
+    return run_suite("sanitizers", tests, "--gtest_output=xml:", **environment)
 
 
 def python() -> Outcome:

