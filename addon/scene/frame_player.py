@@ -77,7 +77,8 @@ def build(context, name, matrix, plan, frames, content):
             one = bpy.data.objects.new(mesh.name, mesh)
             created(one)
             collection.objects.link(one)
-        data = (bpy.data.meshes if plan.faces else bpy.data.pointclouds).new(name)
+        new = frames_display.new_own_mesh if plan.faces else bpy.data.pointclouds.new
+        data = new(name)
         created(data)
         player = bpy.data.objects.new(name, data)
         created(player)

@@ -2,15 +2,17 @@
 
 import bpy
 
-from ..data import attribute_names, nodes, versions
+from ..data import arrays, attribute_names, nodes, versions
 from . import point_shapes, points_display, points_material
 
 FRAMES_NAME = "Pointmorph Frames"
+_SHOWS_OWN_MESH = "pointmorph_shows_own_mesh"
+"""On groups of nodes that put frames into the object's own mesh, as earlier versions didn't."""
 
 
 def add_frames_modifier(obj, collection, plan, created):
     """Shows the mesh of `collection` that belongs to the scene's frame, as points or discs."""
-    group = bpy.data.node_groups.get(FRAMES_NAME)
+    group = next((group for group in bpy.data.node_groups if group.get(_SHOWS_OWN_MESH)), None)
     if group is None:
         group = _frames_group(points_material.material(created), created)
     modifier = obj.modifiers.new(points_display.MODIFIER, "NODES")
@@ -30,7 +32,7 @@ def frames_collection(obj):
 
 def frames_as_vertices(obj):
     """A mesh object that shows what `obj` does, as vertices: for files that know no points."""
-    mesh = bpy.data.meshes.new(obj.name)
+    mesh = new_own_mesh(obj.name)
     twin = bpy.data.objects.new(obj.name, mesh)
     twin.matrix_world = obj.matrix_world
     modifier = twin.modifiers.new(points_display.MODIFIER, "NODES")
@@ -45,17 +47,27 @@ def frames_as_vertices(obj):
 def _frames_group(material, created):
     group = bpy.data.node_groups.new(FRAMES_NAME, "GeometryNodeTree")
     created(group)
+    group[_SHOWS_OWN_MESH] = True
     nodes.new_input(group, "NodeSocketGeometry", "Geometry")
-    nodes.new_input(group, "NodeSocketCollection", "Collection", "A mesh for each frame, by name")
-    nodes.new_input(group, "NodeSocketInt", "First", "The scene's frame that shows the first mesh")
     nodes.new_input(
-        group, "NodeSocketInt", "Step", "Frames from one mesh to the next", default_value=1
+        group,
+        "NodeSocketCollection",
+        "Collection",
+        "A mesh for each frame, in the order of their names",
+    )
+    nodes.new_input(group, "NodeSocketInt", "First", "Scene frame that shows the first mesh")
+    nodes.new_input(
+        group,
+        "NodeSocketInt",
+        "Step",
+        "Number of frames from one mesh to the next",
+        default_value=1,
     )
     nodes.new_input(
         group,
         "NodeSocketFloat",
         "Frame Rate",
-        "Frames a second: what the velocity is multiplied by in renders, for motion blur",
+        "Frames per second, by which the velocity is multiplied in renders for motion blur",
         default_value=24.0,
     )
     point_shapes.new_splat_inputs(group)
@@ -63,7 +75,7 @@ def _frames_group(material, created):
         group,
         "NodeSocketBool",
         "Vertices",
-        "Shows the meshes as they are: bare vertices, for formats without points, or their faces",
+        "Show the meshes as they are: bare vertices, for formats without points, or their faces",
     )
     nodes.new_output(group, "NodeSocketGeometry", "Geometry")
 
@@ -111,7 +123,33 @@ def _frames_group(material, created):
 
     normal = build.attribute(attribute_names.NORMAL, "FLOAT_VECTOR")
     shown = point_shapes.splats(build, inputs, geometry, normal, radius)
-    either = nodes.switch(build, "GEOMETRY", inputs["Vertices"], shown, geometry)
+    own_mesh = _in_own_mesh(build, inputs["Geometry"], geometry)
+    either = nodes.switch(build, "GEOMETRY", inputs["Vertices"], shown, own_mesh)
     finished = build.node("GeometryNodeSetMaterial", {"Geometry": either, "Material": material})
     build.node("NodeGroupOutput", {"Geometry": finished.outputs["Geometry"]})
     return group
+
+
+def _in_own_mesh(build, own, geometry):
+    """The vertices and faces of `geometry` in the object's own mesh, in place of its one vertex.
+
+    Blender 5.2 names what nodes show after the mesh that comes first, and puts each name under a
+    path of its own in files: Alembic would get an object for each frame, and USD would end Blender.
+    """
+    both = build.node("GeometryNodeJoinGeometry")
+    # The last one that is linked comes first.
+    for part in (geometry, own):
+        build.tree.links.new(part, both.inputs[0])
+    size = build.node("GeometryNodeAttributeDomainSize", {"Geometry": own})
+    index = build.node("GeometryNodeInputIndex").outputs["Index"]
+    is_own = build.math("LESS_THAN", index, size.outputs["Point Count"])
+    rest = {"Geometry": both.outputs["Geometry"], "Selection": is_own}
+    return build.node("GeometryNodeDeleteGeometry", rest).outputs["Geometry"]
+
+
+def new_own_mesh(name):
+    """A mesh for an object that shows frames as meshes: what `_in_own_mesh` puts them into."""
+    mesh = bpy.data.meshes.new(name)
+    mesh.vertices.add(1)
+    arrays.activate_colors(mesh, attribute_names.COLOR)
+    return mesh

@@ -1,4 +1,4 @@
-"""The material that shows a morph object's points in their colours, made once a file."""
+"""The material that shows a morph object's points in their colors, made once a file."""
 
 import bpy
 
@@ -6,11 +6,16 @@ from ..data import attribute_names, nodes, versions
 
 NAME = "Pointmorph Points"
 
+# An Attribute node would do as well, but where one feeds an alpha, Blender 5.2.3 ends when it
+# exports the material as USD ("Used null prim").
+_COLOR_NODE = "ShaderNodeVertexColor"
+
 
 def material(created):
     """The one of this file, made when it isn't there."""
     material = bpy.data.materials.get(NAME)
     if material is not None:
+        _mend(material)
         return material
     material = bpy.data.materials.new(NAME)
     created(material)
@@ -19,7 +24,7 @@ def material(created):
     output = next(node for node in tree.nodes if node.type == "OUTPUT_MATERIAL")
     surface.inputs["Roughness"].default_value = 0.6
     build = nodes.Builder(tree)
-    color = build.node("ShaderNodeAttribute", attribute_name=attribute_names.COLOR)
+    color = build.node(_COLOR_NODE, layer_name=attribute_names.COLOR)
     tree.links.new(color.outputs["Color"], surface.inputs["Base Color"])
     tree.links.new(color.outputs["Alpha"], surface.inputs["Alpha"])
     is_back = build.node("ShaderNodeNewGeometry").outputs["Backfacing"]
@@ -27,6 +32,16 @@ def material(created):
     tree.links.new(solid, output.inputs["Surface"])
     surface.location, output.location = (1600, 400), (1900, 0)
     return material
+
+
+def _mend(material):
+    """Gives a material of an earlier version the node that Blender 5.2 can export."""
+    tree = material.node_tree
+    for link in list(tree.links):
+        if link.to_socket.name == "Alpha" and link.from_node.type == "ATTRIBUTE":
+            color = nodes.Builder(tree).node(_COLOR_NODE, layer_name=link.from_node.attribute_name)
+            color.location = link.from_node.location
+            tree.links.new(color.outputs["Alpha"], link.to_socket)
 
 
 def _back(build, color):

@@ -5,7 +5,7 @@ import math
 import bpy
 import numpy as np
 import pytest
-from scenes import add_attribute, add_object, coordinates, pair
+from scenes import add_attribute, add_object, coordinates, morph, pair
 from test_frames import makes_surfaces
 
 pytestmark = pytest.mark.interface
@@ -137,3 +137,23 @@ def test_a_morph_object_as_a_shape_keeps_its_colours(painted, addon):
     colors = addon("data.arrays").mesh_colors(painted.data)
     assert colors is not None
     assert set(np.unique(colors[:, 2])) == {0.0}
+
+
+def test_a_material_of_an_earlier_version_is_mended(settings):
+    """An Attribute node that feeds an alpha makes Blender 5.2.3 end when it exports USD."""
+    material = bpy.data.materials.new("Pointmorph Points")
+    if material.node_tree is None:
+        material.use_nodes = True
+    tree = material.node_tree
+    surface = next(node for node in tree.nodes if node.type == "BSDF_PRINCIPLED")
+    color = tree.nodes.new("ShaderNodeAttribute")
+    color.attribute_name = "Color"
+    tree.links.new(color.outputs["Alpha"], surface.inputs["Alpha"])
+    pair()
+    obj = morph()
+    group = obj.modifiers["Points"].node_group
+    shown = next(node for node in group.nodes if node.bl_idname == "GeometryNodeSetMaterial")
+    assert shown.inputs["Material"].default_value == material
+    (link,) = surface.inputs["Alpha"].links
+    assert link.from_node.bl_idname == "ShaderNodeVertexColor"
+    assert link.from_node.layer_name == "Color"
