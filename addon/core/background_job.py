@@ -64,7 +64,7 @@ class Job:
         if self._error is not None:
             raise self._error
         if self.cancelled:
-            raise pointmorph.Cancelled("The morph was cancelled.")
+            raise pointmorph.Cancelled("The morph was canceled.")
         return self._outcome
 
 
@@ -88,7 +88,7 @@ def start():
     """A job that has yet to `begin`."""
     global current, problem
     if current is not None:
-        raise RuntimeError("a morph is being computed already")
+        raise RuntimeError("a morph is already being computed")
     problem = None
     current = Job()
     return current

@@ -108,9 +108,9 @@ def match(source, target, choices=None):
             if name not in other.marks.weights and choices.get(name, Choice()).use:
                 raise pointmorph.FeatureError(
                     other.name,
-                    f'a {other.marks.kind} "{PREFIX}{name}" like that of "{one.name}"',
+                    f'a {other.marks.kind} "{PREFIX}{name}" like the one on "{one.name}"',
                     "none of that name",
-                    f'Mark "{name}" on "{other.name}" too, or remove the feature.',
+                    f'Mark "{name}" on "{other.name}" as well, or remove the feature.',
                 )
     found = {
         name: _feature(name, (source, target), choices.get(name, Choice()))
@@ -124,7 +124,7 @@ def match(source, target, choices=None):
             if feature.kind == "point" and row in taken:
                 raise pointmorph.FeatureError(
                     shape.name,
-                    f'a point of its own for each of the features "{taken[row]}" and "{name}"',
+                    f'different points for the features "{taken[row]}" and "{name}"',
                     f"point {row} for both",
                     f'Move "{name}" to another vertex of "{shape.name}", or remove it.',
                 )
@@ -178,9 +178,9 @@ def _feature(name, shapes, choice):
         )
         raise pointmorph.FeatureError(
             f'feature "{name}"',
-            "a curve that is closed on both objects, or open on both",
+            "a curve that is closed on both objects or open on both",
             f'an open one on "{open_one}" and a closed one on "{closed_one}"',
-            "Close the one, or take a vertex out of the other; or set its kind to Region.",
+            "Close the open curve, remove a vertex from the closed one, or set Kind to Region.",
         )
     sides = [
         (_normalised(shape.positions), each.rows, dict(zip(*group, strict=True)))
@@ -201,7 +201,7 @@ def description(feature):
     if not isinstance(feature, pointmorph.Feature):
         return "point"
     hard = feature.kind == "point" if feature.hard is None else feature.hard
-    words = ["exact" if hard else "soft", "closed" if feature.closed else "", feature.kind]
+    words = ["hard" if hard else "soft", "closed" if feature.closed else "", feature.kind]
     text = " ".join(word for word in words if word)
     if feature.kind != "point":
         text += f", {len(feature.rows(0))} to {len(feature.rows(1))}"
@@ -237,9 +237,9 @@ def _kind(name, shapes, groups, chains):
         count = len(groups[single.index(False)][0])
         raise pointmorph.FeatureError(
             f'feature "{name}"',
-            "one point on both objects (a point), or several on both (a curve or region)",
+            "a single point on both objects, or several on both (a curve or a region)",
             f'one on "{one.name}" and {count} on "{several.name}"',
-            "Mark as much on both, or set its kind: as a Point, the highest weight counts.",
+            "Mark both objects alike, or set Kind to Point, which uses the highest weight.",
         )
     whole = [
         known is not None and len(known.rows) == len(rows)
@@ -296,10 +296,10 @@ def _by_weight(name, shape, rows, weights):
     if len(rows) < 2 or (np.diff(weights[order]) >= 0).any():
         raise pointmorph.FeatureError(
             f'feature "{name}"',
-            f'points of "{shape.name}" along edges, or with weights that fall along the curve',
-            f"{len(rows)} that are neither",
-            "Select a path of edges (Ctrl-click in Edit Mode), give each point a weight of its "
-            "own, or set the kind to Region.",
+            f'points of "{shape.name}" joined by edges, or with weights that decrease along it',
+            f"{len(rows)} points that are neither",
+            "Select a path of edges (Ctrl-click in Edit Mode), give each point a "
+            "different weight, or set Kind to Region.",
         )
     return Chain(rows[order], False)
 

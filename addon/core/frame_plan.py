@@ -23,8 +23,8 @@ class Easing:
 
 
 EASINGS = {
-    "LINEAR": Easing("Even", "At the same speed all the time", lambda x: x),
-    "SMOOTH": Easing("Smooth", "Begins and ends slowly", lambda x: x * x * (3.0 - 2.0 * x)),
+    "LINEAR": Easing("Linear", "Constant speed", lambda x: x),
+    "SMOOTH": Easing("Smooth", "Starts and ends slowly", lambda x: x * x * (3.0 - 2.0 * x)),
 }
 
 

@@ -3,14 +3,22 @@
 import numpy as np
 import pointmorph
 
+_ACRONYMS = {"lod": "LOD", "mls": "MLS"}
+
 
 def by_hand(option):
     """Name of the switch of a setting that is automatic by default."""
     return f"use_{option.name}"
 
 
+def name_label(name):
+    """How the panel calls a setting or a choice."""
+    words = (_ACRONYMS.get(word, word.capitalize()) for word in name.split("_"))
+    return " ".join(words)
+
+
 def setting_label(option):
-    return option.name.replace("_", " ").title()
+    return name_label(option.name)
 
 
 def switch_label(option):
@@ -19,11 +27,7 @@ def switch_label(option):
 
 
 def switch_tip(option):
-    return f"Set by hand instead of automatically: {option.help}"
-
-
-def choice_label(choice):
-    return choice.replace("_", " ").title()
+    return f"Set this by hand instead of automatically: {option.help}"
 
 
 def setting_tip(option):

@@ -23,12 +23,12 @@ def check_invertible(name, matrix):
             return
         found = f"scales of {scales[0]:.3g}, {scales[1]:.3g} and {scales[2]:.3g}"
     else:
-        found = "a transform that isn't finite"
+        found = "a transform with values that aren't finite"
     raise pointmorph.CloudError(
         name,
-        "an object with a scale other than 0 on every axis",
+        "a scale other than 0 on every axis",
         found,
-        "Correct the scale of the object or of its parents.",
+        "Correct the scale of the object or its parents.",
     )
 
 

@@ -49,7 +49,7 @@ def positions_of(geometry):
 
 
 def read_attribute(attribute):
-    """(N,) or (N, 3 or 4) float32. Colours are linear, whether kept as bytes or floats."""
+    """(N,) or (N, 3 or 4) float32. Colors are linear, whether kept as bytes or floats."""
     key, width = _VALUES[attribute.data_type]
     if attribute.data_type == "BOOLEAN":
         return _read(attribute.data, key, width, bool).astype(np.float32)
@@ -93,7 +93,7 @@ def write_attribute(geometry, name, values):
 
 
 def write_corner_colors(mesh, name, colors):
-    """A new attribute of 8 bits a channel at the corners of the faces, from (N, 4) linear colours
+    """A new attribute of 8 bits a channel at the corners of the faces, from (N, 4) linear colors
     of the vertices."""
     attribute = mesh.attributes.new(name, "BYTE_COLOR", "CORNER")
     _write(attribute.data, "color", colors[mesh_corners(mesh)])
@@ -147,23 +147,23 @@ def mesh_normals(mesh):
 
 
 def active_colors(mesh):
-    """The active colour attribute or, failing it, the first; else None."""
+    """The active color attribute or, failing it, the first; else None."""
     return mesh.color_attributes.active_color or next(iter(mesh.color_attributes), None)
 
 
 def activate_colors(mesh, name):
-    """Makes a colour attribute the active one, be it one that only modifiers make."""
+    """Makes a color attribute the active one, be it one that only modifiers make."""
     mesh.attributes.active_color_name = name
 
 
 def mesh_colors(mesh):
-    """(N, 4) from the active colour attribute, or None. Corners of a vertex are averaged."""
+    """(N, 4) from the active color attribute, or None. Corners of a vertex are averaged."""
     attribute = active_colors(mesh)
     return None if attribute is None else vertex_colors(mesh, attribute)
 
 
 def vertex_colors(mesh, attribute):
-    """(N, 4) from a colour attribute; corners of a vertex are averaged."""
+    """(N, 4) from a color attribute; corners of a vertex are averaged."""
     colors = read_attribute(attribute)
     if attribute.domain == "POINT":
         return colors
@@ -269,7 +269,7 @@ def cloud_positions(cloud):
 
 
 def cloud_colors(cloud):
-    """(N, 4): the point attribute "Color" or, failing it, the first of colours; else None."""
+    """(N, 4): the point attribute "Color" or, failing it, the first of colors; else None."""
     kinds = ("FLOAT_COLOR", "BYTE_COLOR")
     attribute = point_attribute(cloud, "Color", *kinds)
     if attribute is None:

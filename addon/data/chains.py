@@ -65,7 +65,7 @@ def join(requests, outcomes):
 
 
 def join_pairs(tables):
-    """(M, n + 1): rows of all shapes, from n tables of pairs of neighbouring shapes.
+    """(M, n + 1): rows of all shapes, from n tables of pairs of neighboring shapes.
 
     Every pair of every table is in a row. Where a point has several partners on either side, they
     take turns, so that there are no more rows than that takes.

@@ -67,7 +67,7 @@ def _set(item, key, value):
 
 
 def color_of(number):
-    """(3,) sRGB of the feature that stands at this place of the list; neighbours differ."""
+    """(3,) sRGB of the feature that stands at this place of the list; neighbors differ."""
     return colorsys.hsv_to_rgb((0.02 + number * 0.381966) % 1.0, 0.75, 1.0)
 
 

@@ -70,7 +70,7 @@ class FrameFormat:
 
     def losses(self, faces):
         """What a file doesn't keep, in words."""
-        return f"{self.label} loses {self.content(faces).loses}"
+        return f"{self.label} doesn't keep {self.content(faces).loses}"
 
     def check(self, faces):
         """Raises OptionError when this Blender can't write points, or meshes, that way."""
@@ -80,13 +80,13 @@ class FrameFormat:
                 "format",
                 f"Blender {oldest[0]}.{oldest[1]} or later for {self.label}",
                 versions.name(),
-                "Bake PLY, or Alembic without colours.",
+                "Bake PLY, or Alembic without colors.",
             )
         if self.operator and self.operator not in dir(bpy.ops.wm):
             raise pointmorph.OptionError(
                 "format",
-                f"a Blender with {self.label}",
-                f"{versions.name()} built without it",
+                f"a Blender built with {self.label}",
+                f"{versions.name()}, built without it",
                 "Bake PLY.",
             )
 
@@ -97,27 +97,32 @@ class FrameFormat:
 
 
 SCENE = FrameFormat(
-    "SCENE", "In the Scene", "An object that shows the frame of the scene", in_files=False
+    "SCENE",
+    "In the Scene",
+    "An object that shows the baked frame of the current frame",
+    in_files=False,
 )
-PLY = FrameFormat("PLY", "PLY Files", "One file a frame with all there is, id and velocity too")
+PLY = FrameFormat(
+    "PLY", "PLY Files", "One file per frame with all attributes, including ID and velocity"
+)
 USD = FrameFormat(
     "USD",
     "USD",
-    "One file with all there is. Points from Blender 4.5 on",
+    "One file with all attributes. Points need Blender 4.5 or later",
     suffix="usdc",
     operator="usd_export",
     arguments=lambda first, last: {"selected_objects_only": True, "export_animation": True},
     points=Content(
-        f'the material and the attribute id, which stands under "{attribute_names.FILE_ID}"',
+        f'the material, and stores the attribute id as "{attribute_names.FILE_ID}"',
         oldest=(4, 5),
         id_name=attribute_names.FILE_ID,
     ),
-    faces=Content("nothing but custom names of the material's nodes"),
+    faces=Content("custom names of the material's nodes"),
 )
 ALEMBIC = FrameFormat(
     "ALEMBIC",
     "Alembic",
-    "One file: positions, as vertices, and velocity",
+    "One file with positions, as vertices, and velocity",
     suffix="abc",
     operator="alembic_export",
     arguments=lambda first, last: {
@@ -127,8 +132,8 @@ ALEMBIC = FrameFormat(
         "vcolors": True,
         "as_background_job": False,
     },
-    points=Content("colour, normal, radius and id", as_vertices=True),
-    faces=Content("the material; colours have 8 bits a channel", byte_colors=True),
+    points=Content("colors, normals, radii and IDs", as_vertices=True),
+    faces=Content("the material, and stores colors with 8 bits per channel", byte_colors=True),
 )
 
 FORMATS = {one.identifier: one for one in (SCENE, PLY, USD, ALEMBIC)}

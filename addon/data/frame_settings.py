@@ -12,31 +12,32 @@ def frame_settings():
     return {
         "format": bpy.props.EnumProperty(
             name="Format",
-            description="Where the frames go",
+            description="Where to put the frames",
             items=[(one.identifier, one.label, one.tip) for one in formats],
             default="SCENE",
         ),
         "directory": bpy.props.StringProperty(
             name="Folder",
-            description="Folder for the files; // is that of the blend file",
+            description="Folder for the files. // is the folder of the blend file",
             subtype="DIR_PATH",
             default="//frames",
         ),
         "easing": bpy.props.EnumProperty(
             name="Easing",
-            description="How the morph runs over the frames",
+            description="How the morph progresses over the frames",
             items=[(name, one.label, one.tip) for name, one in EASINGS.items()],
             default="LINEAR",
         ),
         "resample": bpy.props.BoolProperty(
-            name="Re-sample",
-            description="Put new points where there would be cracks",
+            name="Fill Cracks",
+            description="Add points where the surface would show cracks",
             default=True,
         ),
         "faces": bpy.props.BoolProperty(
             name="Faces",
-            description="A mesh for every frame, the surface through its points, instead of "
-            "points; beside the points for PLY. Needs pymeshlab and scipy in Blender's Python",
+            description="Bake a mesh for every frame instead of points: the surface through its "
+            "points. PLY keeps the points as well. Needs pymeshlab and scipy in "
+            "Blender's Python",
             default=False,
         ),
     }

@@ -86,14 +86,16 @@ class Builder:
 
 def new_t_input(group, count):
     """The input that a shape key drives, for `count` shapes."""
+    first, second = (
+        ("the source", "the target") if count == 2 else ("the first shape", "the second")
+    )
+    more = "" if count == 2 else ", and so on"
     new_input(
         group,
         "NodeSocketFloat",
         "t",
-        "0 shows colour and radius of the source, 1 of the target. Follows the shape key Morph"
-        if count == 2
-        else "0 shows colour and radius of the first shape, 1 of the second and so on. Follows the "
-        "shape key Morph",
+        f"0 shows the colors and radii of {first}, 1 those of {second}{more}. Driven by the shape "
+        "key Morph",
         min_value=0.0,
         max_value=float(count - 1),
     )
@@ -120,7 +122,7 @@ def mix_through(build, values, factors, kind):
 
 
 def mix_colors(build, colors, factors):
-    """Like `mix_through`. A mix of colours keeps the first alpha, so it's mixed as a number."""
+    """Like `mix_through`. A mix of colors keeps the first alpha, so it's mixed as a number."""
     alphas = [
         build.node("FunctionNodeSeparateColor", {"Color": color}).outputs["Alpha"]
         for color in colors

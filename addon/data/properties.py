@@ -11,7 +11,7 @@ from ..core import background_job
 from ..core.features import PREFIX
 from ..core.settings import (
     by_hand,
-    choice_label,
+    name_label,
     setting_label,
     setting_tip,
     switch_label,
@@ -54,60 +54,62 @@ class PointmorphFeature(bpy.types.PropertyGroup):
 
     name: bpy.props.StringProperty(
         name="Name",
-        description="The vertex groups of both objects have this name with the prefix “pm.”",
+        description="Name of the feature. The vertex groups of both objects have this name "
+        "with the "
+        'prefix "pm."',
         update=_rename,
     )
     marked_name: bpy.props.StringProperty(
         name="Marked Name",
-        description="The name on the objects, without the prefix",
+        description="Name on the objects, without the prefix",
         options={"HIDDEN"},
     )
     on_source: bpy.props.BoolProperty(
-        name="On Source", description="The source has the vertex group of this feature"
+        name="On Source", description="The source has a vertex group for this feature"
     )
     on_target: bpy.props.BoolProperty(
-        name="On Target", description="The target has the vertex group of this feature"
+        name="On Target", description="The target has a vertex group for this feature"
     )
     use: bpy.props.BoolProperty(
         name="Use",
-        description="Off: the morph takes no notice of this feature, and its marks stay",
+        description="Use this feature. When off, the morph ignores it, and its marks stay",
         default=True,
     )
     color: bpy.props.FloatVectorProperty(
         name="Color",
-        description="The colour of its marks in the viewport",
+        description="Color of its marks in the viewport",
         subtype="COLOR_GAMMA",
         size=3,
         get=_color,
     )
     confidence: bpy.props.FloatProperty(
         name="Confidence",
-        description="How likely a proposed pair is right; below 0 for a mark of the user's own",
+        description="How likely a suggested pair is right. Negative for features marked by hand",
         default=-1.0,
     )
 
     kind: bpy.props.EnumProperty(
         name="Kind",
-        description="What is marked",
+        description="How the marked vertices are interpreted",
         items=[
             (
                 "AUTO",
                 "Automatic",
-                "One vertex is a point; several that edges join to a path, open or closed, are a "
-                "curve; any other several are a region",
+                "One vertex is a point. Vertices that edges join into a path, open or "
+                "closed, are a curve. Any others are a region",
             ),
-            ("POINT", "Point", "One place goes onto one place: the vertex of highest weight"),
+            ("POINT", "Point", "Match one place to one place: the vertex with the highest weight"),
             (
                 "CURVE",
                 "Curve",
-                "A path goes onto a path by share of the length. Without edges the weights say the "
-                "order, the heaviest first",
+                "Match a path to a path, evenly along their lengths. Without edges, "
+                "weights give the order, highest first",
             ),
             (
                 "REGION",
                 "Region",
-                "What is inside goes inside, however many vertices; painted weights go onto the "
-                "same weights",
+                "Match the inside to the inside, whatever the number of vertices. "
+                "Painted weights are matched to the same weights",
             ),
         ],
         default="AUTO",
@@ -115,24 +117,23 @@ class PointmorphFeature(bpy.types.PropertyGroup):
     )
     hold: bpy.props.EnumProperty(
         name="Hold",
-        description="Whether the feature must be met, or may give way",
+        description="Whether the feature must be met exactly or may give way",
         items=[
             (
                 "AUTO",
                 "Automatic",
-                "Points exactly, but softly where the weight of the vertex is below 1; curves and "
-                "regions softly",
+                "Points are hard, or soft if the weight of the vertex is below 1. Curves "
+                "and regions are soft",
             ),
-            ("EXACT", "Exactly", "The feature is met, whatever that does to its surroundings"),
-            ("SOFT", "Softly", "The feature pulls, and may give way to the shapes"),
+            ("EXACT", "Hard", "Meet the feature exactly, whatever that does to its surroundings"),
+            ("SOFT", "Soft", "Pull toward the feature, which may give way to the shapes"),
         ],
         default="AUTO",
         update=_forget,
     )
     weight: bpy.props.FloatProperty(
         name="Weight",
-        description="How strongly the feature pulls where it is held softly: 1 mostly has its way, "
-        "0.1 goes about half",
+        description="How strongly a soft feature pulls: 1 nearly meets it, 0.1 goes about halfway",
         default=1.0,
         min=0.001,
         max=1000.0,
@@ -142,7 +143,7 @@ class PointmorphFeature(bpy.types.PropertyGroup):
     )
     found: bpy.props.StringProperty(
         name="Found",
-        description="What the feature was when it was last looked at: by Check or Morph",
+        description="What the feature was when Check Features or Morph last read it",
     )
 
 
@@ -153,7 +154,7 @@ class PointmorphLoopFeature(bpy.types.PropertyGroup):
 def _property(option):
     shared = {"name": setting_label(option), "description": setting_tip(option)}
     if option.kind == "choice":
-        items = [(choice, choice_label(choice), "") for choice in option.choices]
+        items = [(choice, name_label(choice), "") for choice in option.choices]
         return bpy.props.EnumProperty(items=items, default=option.default, **shared)
     if option.default is None:
         # Who sets a value wants it used.
@@ -212,15 +213,15 @@ class PointmorphScene(bpy.types.PropertyGroup):
 
     source: bpy.props.PointerProperty(
         name="Source",
-        description="What the morph starts from: a mesh or a point cloud. Of a mesh, the vertices "
-        "without modifiers are taken, because shape keys are put on these",
+        description="Mesh or point cloud that the morph starts from. A mesh is used without its "
+        "modifiers, because shape keys are added to the unmodified mesh",
         type=bpy.types.Object,
         poll=_is_shape,
         update=_sync,
     )
     target: bpy.props.PointerProperty(
         name="Target",
-        description="What the morph ends at: a mesh or a point cloud, taken as the viewport shows "
+        description="Mesh or point cloud that the morph ends at. It is used as the viewport shows "
         "it, with modifiers and shape keys",
         type=bpy.types.Object,
         poll=_is_shape,
@@ -228,46 +229,47 @@ class PointmorphScene(bpy.types.PropertyGroup):
     )
     features: bpy.props.CollectionProperty(
         name="Features",
-        description="Places that source and target have in common",
+        description="Places that the source and target have in common",
         type=PointmorphFeature,
     )
     active_feature: bpy.props.IntProperty(
-        name="Active Feature", description="The feature that is chosen in the list"
+        name="Active Feature", description="The feature selected in the list"
     )
     show_markers: bpy.props.BoolProperty(
         name="Markers",
-        description="Show the marks of all features in the viewport, numbered as in the list; pale "
-        "on the far side",
+        description="Show the marks of all features in the viewport, numbered as in the "
+        "list. Marks "
+        "on the far side are faint",
         default=True,
     )
     loop: bpy.props.CollectionProperty(
         name="Loop",
-        description="Features, in order, through which a closed model is cut",
+        description="Features, in order, that the cut through a closed model passes",
         type=PointmorphLoopFeature,
     )
     active_loop: bpy.props.IntProperty(
-        name="Active", description="The feature of the loop that is chosen in its list"
+        name="Active", description="The feature selected in the loop"
     )
     bake_as: bpy.props.EnumProperty(
         name="Bake As",
-        description="What the morph becomes",
+        description="What to bake the morph as",
         items=[
-            ("KEYS", "Shape Keys", "Keys on the source mesh, or on the morph object"),
-            ("FRAMES", "Frames", "A cloud for each frame, in the scene or as files"),
+            ("KEYS", "Shape Keys", "Shape keys on the source mesh or on the morph object"),
+            ("FRAMES", "Frames", "A point cloud for each frame, in the scene or in files"),
         ],
         default="KEYS",
     )
     via: bpy.props.CollectionProperty(
         name="Via",
-        description="Shapes that a chain goes through between source and target, in order",
+        description="Shapes that a chain passes through between source and target, in order",
         type=PointmorphShape,
     )
     active_via: bpy.props.IntProperty(
-        name="Active Shape", description="The shape between that is chosen in the list"
+        name="Active Shape", description="The shape selected in the list"
     )
     steps: bpy.props.IntProperty(
         name="Steps",
-        description="Shape keys to bake, equally far from one another; the last one is the target",
+        description="Number of shape keys to bake, evenly spaced. The last one is the target",
         default=1,
         min=1,
         max=1000,

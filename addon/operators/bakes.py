@@ -7,7 +7,7 @@ import pointmorph.sequences
 import pointmorph.surfaces
 
 from ..core import frame_plan
-from ..core.settings import choice_label, settings_values
+from ..core.settings import name_label, settings_values
 from ..data import frame_formats
 from ..data.frame_settings import frame_settings
 from ..data.registration import Registration
@@ -23,15 +23,15 @@ def path_choice(description):
         name="Path",
         description=description,
         items=[
-            ("SETTING", "As Set", "The setting Path in the panel"),
-            *((name.upper(), choice_label(name), option.help) for name in option.choices),
+            ("SETTING", "From Panel", "Use the setting Path in the panel"),
+            *((name.upper(), name_label(name), option.help) for name in option.choices),
         ],
         default="SETTING",
     )
 
 
 class POINTMORPH_OT_bake_shape_keys(Explained, bpy.types.Operator):
-    """Add the morph as shape keys; those that are there already stay"""
+    """Add the morph as shape keys. Existing keys are kept"""
 
     bl_idname = "pointmorph.bake_shape_keys"
     bl_label = "Bake Shape Keys"
@@ -39,26 +39,28 @@ class POINTMORPH_OT_bake_shape_keys(Explained, bpy.types.Operator):
 
     kind: bpy.props.EnumProperty(
         name="On",
-        description="What gets the shape keys",
+        description="Object that gets the shape keys",
         items=[
             (
                 "SOURCE",
                 "Source Mesh",
-                "The source itself: its faces, materials and weights stay, and the key makes it "
-                "look like the target",
+                "The source itself. It keeps its faces, materials and weights, and the "
+                "key makes it look like the target",
             ),
             (
                 "PAIRS",
                 "Morph Object",
-                "The points of the morph object, which show every vertex of both",
+                "The points of the morph object, which include every vertex of both shapes",
             ),
         ],
         default="SOURCE",
     )
-    path: path_choice("How vertices travel from step to step. A single key is straight in any case")
+    path: path_choice(
+        "How vertices travel from step to step. A single key always moves them in straight lines"
+    )
     steps: bpy.props.IntProperty(
         name="Steps",
-        description="Number of shape keys, equally far from one another; the last is the target",
+        description="Number of shape keys, evenly spaced. The last one is the target",
         default=1,
         min=1,
         max=1000,
@@ -87,12 +89,12 @@ class POINTMORPH_OT_bake_shape_keys(Explained, bpy.types.Operator):
 
 
 class POINTMORPH_OT_bake_frames(Explained, Computing, bpy.types.Operator):
-    """Bake the morph frame by frame, with new points where it would show cracks"""
+    """Bake the morph frame by frame, adding points where it would show cracks"""
 
     bl_idname = "pointmorph.bake_frames"
     bl_label = "Bake Frames"
     bl_options = {"REGISTER", "UNDO"}
-    stopped = "The bake was stopped. Frames that are done wait: bake again to go on"
+    stopped = "Bake canceled. Finished frames are kept: bake again to continue"
 
     frame_start: bpy.props.IntProperty(
         name="First", description="Frame that shows the source", default=1
@@ -101,7 +103,11 @@ class POINTMORPH_OT_bake_frames(Explained, Computing, bpy.types.Operator):
         name="Last", description="Frame that shows the target", default=48
     )
     step: bpy.props.IntProperty(
-        name="Step", description="Frames from one to the next", default=1, min=1, max=1000
+        name="Step",
+        description="Number of frames from one baked frame to the next",
+        default=1,
+        min=1,
+        max=1000,
     )
     path: path_choice("How points travel")
 
@@ -115,7 +121,7 @@ class POINTMORPH_OT_bake_frames(Explained, Computing, bpy.types.Operator):
                 "frame_end",
                 f"a frame after the first, {self.frame_start}",
                 str(self.frame_end),
-                "Choose a later one.",
+                "Choose a later frame.",
             )
         obj = active_result(context)
         self._name, self._matrix = obj.name, obj.matrix_world.copy()
@@ -161,7 +167,7 @@ class POINTMORPH_OT_bake_frames(Explained, Computing, bpy.types.Operator):
         self._steps.close()  # a shape that moves may be in another frame
 
     def _say_written(self, place):
-        self.report({"INFO"}, f"{len(self._plan.numbers())} frames written to {place}")
+        self.report({"INFO"}, f"Wrote {len(self._plan.numbers())} frames to {place}")
 
     def _finish(self, context, outcome):
         plan = self._plan
@@ -171,7 +177,7 @@ class POINTMORPH_OT_bake_frames(Explained, Computing, bpy.types.Operator):
         obj = context.scene.objects.get(self._name)
         if obj is None:
             raise pointmorph.CloudError(
-                self._name, "the object that was baked", "none", "Undo its removal."
+                self._name, "the object that is being baked", "none", "Undo the deletion."
             )
         player = frame_player.build(
             context,
@@ -186,7 +192,7 @@ class POINTMORPH_OT_bake_frames(Explained, Computing, bpy.types.Operator):
             obj.hide_set(True)
             obj.hide_render = True
             activate(context.view_layer.objects, player)
-            self.report({"INFO"}, f'{len(plan.numbers())} frames in "{player.name}"')
+            self.report({"INFO"}, f'Baked {len(plan.numbers())} frames to "{player.name}"')
             return {"FINISHED"}
         try:
             frame_files.export(context, player, plan, self._path, self._target)

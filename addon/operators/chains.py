@@ -17,23 +17,23 @@ def chain_reason(context):
     """Why no chain can be made of what is picked; None when one can."""
     shapes = staleness.picked_shapes(context.scene)
     if len(shapes) < 3:
-        return "Add shapes between source and target first"
+        return "Add shapes between the source and target first"
     if None in shapes:
-        return "Pick an object for the source, the target and every shape between"
+        return "Choose an object for the source, the target and every shape in between"
     for obj in shapes:
         if context.scene.objects.get(obj.name) != obj:
-            return f'"{obj.name}" is no longer in the scene: pick another'
+            return f'"{obj.name}" is no longer in the scene: choose another object'
     for obj, after in pairwise(shapes):
         if obj == after:
-            return f'"{obj.name}" follows itself: take one of both out'
+            return f'"{obj.name}" comes twice in a row: remove one of the two'
     if len(shapes) > chains.LONGEST:
-        return f"A chain has at most {chains.LONGEST} shapes, and there are {len(shapes)}"
+        return f"A chain can have {chains.LONGEST} shapes at most, but there are {len(shapes)}"
     return None
 
 
 class POINTMORPH_OT_add_to_chain(Explained, bpy.types.Operator):
-    """Add the selected objects, in the order of their names, as shapes between source and target;
-    or the source and the target too when none is picked yet"""
+    """Add the selected objects, in the order of their names, as shapes between source and target.
+    If neither is chosen yet, the first becomes the source and the last the target"""
 
     bl_idname = "pointmorph.add_to_chain"
     bl_label = "Add Selected"
@@ -43,7 +43,7 @@ class POINTMORPH_OT_add_to_chain(Explained, bpy.types.Operator):
     def reason(context):
         if _selected_shapes(context):
             return None
-        return "Select meshes or point clouds that aren't source or target"
+        return "Select meshes or point clouds other than the source and target"
 
     def execute(self, context):
         settings = context.scene.pointmorph
@@ -68,19 +68,19 @@ def _selected_shapes(context):
 
 
 class POINTMORPH_OT_change_chain(Explained, bpy.types.Operator):
-    """Move the shape chosen in the list, or take it out of the chain"""
+    """Move the selected shape within the chain, or remove it from the chain"""
 
     bl_idname = "pointmorph.change_chain"
-    bl_label = "Change the Chain"
+    bl_label = "Change Chain"
     bl_options = {"REGISTER", "UNDO"}
 
     change: bpy.props.EnumProperty(
         name="Change",
-        description="What happens to the shape",
+        description="What to do with the shape",
         items=[
-            ("UP", "Up", "Towards the source"),
-            ("DOWN", "Down", "Towards the target"),
-            ("REMOVE", "Remove", "Out of the chain; the object stays"),
+            ("UP", "Up", "Move it toward the source"),
+            ("DOWN", "Down", "Move it toward the target"),
+            ("REMOVE", "Remove", "Remove it from the chain. The object stays"),
         ],
         default="REMOVE",
     )
@@ -89,7 +89,7 @@ class POINTMORPH_OT_change_chain(Explained, bpy.types.Operator):
     def reason(context):
         if len(context.scene.pointmorph.via):
             return None
-        return "There is no shape between source and target"
+        return "There are no shapes between the source and target"
 
     def execute(self, context):
         settings = context.scene.pointmorph
@@ -106,13 +106,13 @@ class POINTMORPH_OT_change_chain(Explained, bpy.types.Operator):
 
 
 class POINTMORPH_OT_morph_chain(Explained, Computing, bpy.types.Operator):
-    """Compute the morph from the source over all the shapes between to the target, as one object.
-    In a window Blender stays usable; Esc stops it"""
+    """Compute the morph from the source through all shapes in between to the target, as one
+    object. Blender stays usable meanwhile, and Esc cancels"""
 
     bl_idname = "pointmorph.morph_chain"
-    bl_label = "Morph the Chain"
+    bl_label = "Morph Chain"
     bl_options = {"REGISTER", "UNDO"}
-    stopped = "The chain was stopped"
+    stopped = "Chain morph canceled"
 
     @staticmethod
     def reason(context):

@@ -28,18 +28,18 @@ def asked_for(settings, name=""):
 
 
 class POINTMORPH_OT_click_features(Explained, bpy.types.Operator):
-    """Mark features by clicks: a place on one object, then the same place on the other.
-    Ctrl Z takes a click back; Esc or right click ends it"""
+    """Mark features by clicking a place on one object, then the same place on the other.
+    Ctrl Z undoes a click, Esc or right-click finishes"""
 
     bl_idname = "pointmorph.click_features"
-    bl_label = "Click Features"
+    bl_label = "Mark by Clicking"
     # Each click is an undo step of its own.
     bl_options = {"REGISTER"}
 
     name: bpy.props.StringProperty(
         name="Name",
-        description="The feature to mark or to move. Without one, those that are marked on one "
-        "object only are completed, and then new ones made",
+        description="Feature to mark or move. If empty, features marked on only one object are "
+        "completed first, and then new ones are added",
         options={"SKIP_SAVE"},
     )
 
@@ -47,7 +47,7 @@ class POINTMORPH_OT_click_features(Explained, bpy.types.Operator):
     def reason(context):
         reason = shapes_reason(context) or unmarkable(context)
         if reason is None and running:
-            reason = "It waits for clicks already: Esc ends it"
+            reason = "Already waiting for clicks: press Esc to finish"
         return reason
 
     def invoke(self, context, event):
@@ -61,7 +61,7 @@ class POINTMORPH_OT_click_features(Explained, bpy.types.Operator):
         return {"RUNNING_MODAL"}
 
     def execute(self, context):
-        self.report({"ERROR"}, "Clicks need a window: use add_feature in scripts")
+        self.report({"ERROR"}, "Clicking needs a window: in scripts, use add_feature")
         return {"CANCELLED"}
 
     def modal(self, context, event):
@@ -125,7 +125,7 @@ class POINTMORPH_OT_click_features(Explained, bpy.types.Operator):
         name, _ = asked_for(settings, self.name)
         for other, known in marked_points.marks_of(obj, wait=True).items():
             if other != name and known is not None and known.count == 1 and known.row == row:
-                there = f'"{other}" is there already: click another vertex'
+                there = f'"{other}" is already there: click another vertex'
                 self.report({"WARNING"}, there)
                 return
         mark(obj, name, [row])
@@ -145,13 +145,13 @@ class POINTMORPH_OT_click_features(Explained, bpy.types.Operator):
             text = f'"{name}": click the same place on {on.name}'
         elif missing:
             either = f"{settings.source.name} or {settings.target.name}"
-            text = f'New "{name}": click a place on {either}'
+            text = f'New feature "{name}": click a place on {either}'
         else:
             text = f'"{name}": click where it belongs'
         if text != markers.hint:
             markers.hint = text
             areas.redraw_viewports()
-        context.workspace.status_text_set(f"{text}     Ctrl Z: take back     Esc: done")
+        context.workspace.status_text_set(f"{text}     Ctrl Z: Undo     Esc: Finish")
 
 
 registration = Registration(

@@ -51,7 +51,7 @@ def _animal(legs, body, neck, ears, tail):
 
 
 def _add(context, name, balls, tips, resolution, color):
-    """An object with a closed mesh around the balls, marks on the extremities, and colours."""
+    """An object with a closed mesh around the balls, marks on the extremities, and colors."""
     metaballs = bpy.data.metaballs.new(f"{name} balls")
     metaballs.resolution = resolution
     metaballs.threshold = 0.4
@@ -96,7 +96,7 @@ def _dark_below(positions):
 
 
 class POINTMORPH_OT_add_demo(Explained, bpy.types.Operator):
-    """Add two animals of different proportions, marked and picked: press Morph in the sidebar"""
+    """Add two animals of different proportions that are ready to morph, with features marked"""
 
     bl_idname = "pointmorph.add_demo"
     bl_label = "Pointmorph Demo"
@@ -104,7 +104,7 @@ class POINTMORPH_OT_add_demo(Explained, bpy.types.Operator):
 
     @staticmethod
     def reason(context):
-        return None if context.mode == "OBJECT" else "Leave Edit Mode first"
+        return None if context.mode == "OBJECT" else "Switch to Object Mode first"
 
     def execute(self, context):
         hound = _animal(0.75, 1.0, (0, -0.25, 0.35), 0.25, (0, 0.45, 0.45))
@@ -120,7 +120,7 @@ class POINTMORPH_OT_add_demo(Explained, bpy.types.Operator):
         activate(context.view_layer.objects, source)
         if context.region_data is not None:
             bpy.ops.view3d.view_all()
-        self.report({"INFO"}, "Press Morph in the sidebar (N), tab Pointmorph")
+        self.report({"INFO"}, "Press Morph in the sidebar (N), on the Pointmorph tab")
         return {"FINISHED"}
 
 

@@ -15,8 +15,8 @@ from .polls import Explained, busy_reason, fail, shapes_reason
 
 
 class POINTMORPH_OT_add_feature(Explained, bpy.types.Operator):
-    """Mark the selected vertices as a feature: on each picked object in Edit Mode, or the active.
-    One is a point, a path of edges a curve, any other several are a region"""
+    """Mark the selected vertices as a feature, on source and target in Edit Mode, or on the
+    active one. One vertex is a point, a path of edges a curve, anything else a region"""
 
     bl_idname = "pointmorph.add_feature"
     bl_label = "Add Feature"
@@ -24,8 +24,9 @@ class POINTMORPH_OT_add_feature(Explained, bpy.types.Operator):
 
     name: bpy.props.StringProperty(
         name="Name",
-        description="The feature's name. Without one, the first feature of the list that isn't "
-        "marked here yet is completed, or a new one begun",
+        description="Name of the feature. If empty, the first feature in the list that "
+        "isn't marked "
+        "here yet is completed, or a new one is added",
         options={"SKIP_SAVE"},
     )
 
@@ -33,7 +34,7 @@ class POINTMORPH_OT_add_feature(Explained, bpy.types.Operator):
     def reason(context):
         reason = shapes_reason(context)
         if reason is None and not _objects_to_mark(context):
-            reason = "Make the source or the target the active object, and select vertices"
+            reason = "Make the source or target the active object, and select vertices"
         return reason
 
     def execute(self, context):
@@ -55,7 +56,7 @@ class POINTMORPH_OT_add_feature(Explained, bpy.types.Operator):
 
 
 class POINTMORPH_OT_check_features(Explained, bpy.types.Operator):
-    """Look at what is marked on both objects, and say in the list what each feature is"""
+    """Read what is marked on both objects, and show in the list what each feature is"""
 
     bl_idname = "pointmorph.check_features"
     bl_label = "Check Features"
@@ -78,7 +79,7 @@ class POINTMORPH_OT_check_features(Explained, bpy.types.Operator):
 
 
 class POINTMORPH_OT_remove_feature(Explained, bpy.types.Operator):
-    """Remove the feature chosen in the list, on both objects"""
+    """Remove the selected feature from both objects"""
 
     bl_idname = "pointmorph.remove_feature"
     bl_label = "Remove Feature"
@@ -86,7 +87,7 @@ class POINTMORPH_OT_remove_feature(Explained, bpy.types.Operator):
 
     name: bpy.props.StringProperty(
         name="Name",
-        description="The feature's name; without one, that which is chosen in the list",
+        description="Name of the feature. If empty, the one selected in the list",
         options={"SKIP_SAVE"},
     )
 
@@ -94,7 +95,7 @@ class POINTMORPH_OT_remove_feature(Explained, bpy.types.Operator):
     def reason(context):
         settings = context.scene.pointmorph
         marked = feature_names(settings.source) or feature_names(settings.target)
-        return None if marked else "There is no feature yet"
+        return None if marked else "There are no features yet"
 
     def execute(self, context):
         settings = context.scene.pointmorph
@@ -105,7 +106,7 @@ class POINTMORPH_OT_remove_feature(Explained, bpy.types.Operator):
             name = names[min(max(settings.active_feature, 0), len(names) - 1)]
         if name not in names:
             error = pointmorph.FeatureError(
-                f'feature "{name}"', "one that is marked", "none of that name", "Check the name."
+                f'feature "{name}"', "a marked feature", "none of that name", "Check the name."
             )
             return fail(self, error)
         for obj in (settings.source, settings.target):
@@ -116,22 +117,22 @@ class POINTMORPH_OT_remove_feature(Explained, bpy.types.Operator):
 
 
 class POINTMORPH_OT_propose_features(Explained, Computing, bpy.types.Operator):
-    """Find tips and other places that belong together and mark them on both objects, to check"""
+    """Find tips and other places that match, and mark them on both objects for you to check"""
 
     bl_idname = "pointmorph.propose_features"
-    bl_label = "Propose"
+    bl_label = "Suggest Features"
     bl_options = {"REGISTER", "UNDO"}
-    stopped = "The search was stopped"
+    stopped = "Search canceled"
 
     confidence: bpy.props.FloatProperty(
         name="Confidence",
-        description="Less likely pairs aren't marked",
+        description="Pairs that are less likely to be right aren't marked",
         default=0.5,
         min=0.0,
         max=1.0,
     )
     places: bpy.props.BoolProperty(
-        name="Places Between", description="Mark places between the tips too", default=False
+        name="Places Between", description="Also mark places between the tips", default=False
     )
 
     @staticmethod
@@ -148,7 +149,7 @@ class POINTMORPH_OT_propose_features(Explained, Computing, bpy.types.Operator):
                 settings.target.name,
                 f"the {own} vertices of the mesh",
                 f"{shown} with modifiers",
-                "Apply the modifiers that add or remove vertices, or disable them.",
+                "Apply or disable the modifiers that add or remove vertices.",
             )
         self._names = request.source.name, request.target.name
         self._taken = set(request.source.marks.weights) | set(request.target.marks.weights)
@@ -164,7 +165,10 @@ class POINTMORPH_OT_propose_features(Explained, Computing, bpy.types.Operator):
         settings = context.scene.pointmorph
         objects = [context.scene.objects.get(name) for name in self._names]
         if None in objects or objects != [settings.source, settings.target]:
-            self.report({"WARNING"}, "Source or target were exchanged meanwhile: propose again")
+            self.report(
+                {"WARNING"},
+                "The source or target has changed in the meantime: suggest features again",
+            )
             return {"CANCELLED"}
         marked = []
         for proposal in proposals:
@@ -180,14 +184,14 @@ class POINTMORPH_OT_propose_features(Explained, Computing, bpy.types.Operator):
         sync_features(context.scene)
         for name, confidence in marked:
             settings.features[name].confidence = confidence
-        rest = ": check them" if marked else "; the rest is too unsure"
-        self.report({"INFO"}, f"{len(marked)} of {len(proposals)} proposals marked{rest}")
+        rest = ": check them" if marked else ": the others are too uncertain"
+        self.report({"INFO"}, f"Marked {len(marked)} of {len(proposals)} suggestions{rest}")
         return {"FINISHED"}
 
 
 class POINTMORPH_OT_pair_features(Explained, bpy.types.Operator):
-    """Make features of what has the same name on both objects: marks whose names differ in
-    capitals, spaces and dots alone and, where asked for, vertex groups without the prefix"""
+    """Make features of marks that have the same name on both objects, apart from capitals, spaces
+    and dots. Optionally, also of vertex groups without the prefix"""
 
     bl_idname = "pointmorph.pair_features"
     bl_label = "Pair by Name"
@@ -195,8 +199,8 @@ class POINTMORPH_OT_pair_features(Explained, bpy.types.Operator):
 
     groups: bpy.props.BoolProperty(
         name="All Vertex Groups",
-        description="Take vertex groups without the prefix too, such as those of a rig: each is "
-        "copied as a feature, a region where it holds several vertices",
+        description="Also use vertex groups without the prefix, such as those of a rig. Each is "
+        "copied as a feature, a region if it has several vertices",
         default=False,
     )
 
@@ -258,7 +262,7 @@ def _copy_groups(source, target):
 
 
 class POINTMORPH_OT_jump_to_feature(Explained, bpy.types.Operator):
-    """Look at the feature chosen in the list: the view and the 3D cursor go there"""
+    """Move the view and the 3D cursor to the selected feature"""
 
     bl_idname = "pointmorph.jump_to_feature"
     bl_label = "Jump to Feature"
@@ -266,10 +270,10 @@ class POINTMORPH_OT_jump_to_feature(Explained, bpy.types.Operator):
 
     side: bpy.props.EnumProperty(
         name="On",
-        description="The object on which to look at it",
+        description="Object on which to look at the feature",
         items=[
-            ("SOURCE", "Source", "Where it is on the source"),
-            ("TARGET", "Target", "Where it is on the target"),
+            ("SOURCE", "Source", "Look at it on the source"),
+            ("TARGET", "Target", "Look at it on the target"),
         ],
         default="SOURCE",
     )
@@ -279,7 +283,7 @@ class POINTMORPH_OT_jump_to_feature(Explained, bpy.types.Operator):
         settings = context.scene.pointmorph
         reason = shapes_reason(context)
         if reason is None and not 0 <= settings.active_feature < len(settings.features):
-            reason = "Choose a feature in the list"
+            reason = "Select a feature in the list"
         return reason
 
     def execute(self, context):
@@ -315,7 +319,7 @@ def _selected_vertices(obj):
             "a mesh",
             f"an object of type {obj.type}",
             f'Store a point attribute "{PREFIX}name" that is 1 at the point, for instance with '
-            "geometry nodes.",
+            "Geometry Nodes.",
         )
     if obj.mode == "EDIT":
         vertices = bmesh.from_edit_mesh(obj.data).verts

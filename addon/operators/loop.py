@@ -18,11 +18,11 @@ def _loop_reason(settings):
     """Why the loop isn't one; None when it is."""
     names = [feature.name for feature in settings.loop]
     if len(names) < 3:
-        return "List at least three features in the loop, or let one be proposed"
+        return "Add at least three features to the loop, or use Suggest Loop"
     marked = {f.marked_name for f in settings.features if f.on_source and f.on_target and f.use}
     for name in names:
         if name not in marked:
-            return f'"{name}" isn\'t marked on both objects: take it out of the loop, or mark it'
+            return f'"{name}" isn\'t marked on both objects: mark it, or remove it from the loop'
     return None
 
 
@@ -35,11 +35,11 @@ class _Loop(Explained):
     def reason(context):
         settings = context.scene.pointmorph
         chosen = 0 <= settings.active_loop < len(settings.loop)
-        return None if chosen else "Choose a feature of the loop"
+        return None if chosen else "Select a feature in the loop"
 
 
 class POINTMORPH_OT_add_loop_feature(Explained, bpy.types.Operator):
-    """Add a feature to the loop, after the one that is chosen there"""
+    """Add a feature to the loop, after the selected one"""
 
     bl_idname = "pointmorph.add_loop_feature"
     bl_label = "Add to Loop"
@@ -47,7 +47,7 @@ class POINTMORPH_OT_add_loop_feature(Explained, bpy.types.Operator):
 
     name: bpy.props.StringProperty(
         name="Name",
-        description="The feature; without one, that which is chosen in the list of features",
+        description="Name of the feature. If empty, the one selected in the list of features",
         options={"SKIP_SAVE"},
     )
 
@@ -55,7 +55,7 @@ class POINTMORPH_OT_add_loop_feature(Explained, bpy.types.Operator):
     def reason(context):
         settings = context.scene.pointmorph
         chosen = 0 <= settings.active_feature < len(settings.features)
-        return None if chosen else "Choose a feature in the list"
+        return None if chosen else "Select a feature in the list"
 
     def execute(self, context):
         settings = context.scene.pointmorph
@@ -63,9 +63,13 @@ class POINTMORPH_OT_add_loop_feature(Explained, bpy.types.Operator):
         name = self.name or settings.features[settings.active_feature].name
         problem = None
         if name not in settings.features:
-            problem = "one that is marked", "none of that name", "Check the name."
+            problem = "a marked feature", "none of that name", "Check the name."
         elif name in settings.loop:
-            problem = "each feature once", "it twice", "A loop passes each feature once."
+            problem = (
+                "each feature only once",
+                "it a second time",
+                "A loop passes through each feature once.",
+            )
         if problem is not None:
             return fail(self, pointmorph.FeatureError(f'feature "{name}"', *problem))
         settings.loop.add().name = name
@@ -77,7 +81,7 @@ class POINTMORPH_OT_add_loop_feature(Explained, bpy.types.Operator):
 
 
 class POINTMORPH_OT_remove_loop_feature(_Loop, bpy.types.Operator):
-    """Take the chosen feature out of the loop; it stays a feature"""
+    """Remove the selected feature from the loop. It stays a feature"""
 
     bl_idname = "pointmorph.remove_loop_feature"
     bl_label = "Remove from Loop"
@@ -91,15 +95,15 @@ class POINTMORPH_OT_remove_loop_feature(_Loop, bpy.types.Operator):
 
 
 class POINTMORPH_OT_move_loop_feature(_Loop, bpy.types.Operator):
-    """Have the loop pass the chosen feature earlier or later"""
+    """Move the selected feature to an earlier or later place in the loop"""
 
     bl_idname = "pointmorph.move_loop_feature"
     bl_label = "Move in Loop"
 
     direction: bpy.props.EnumProperty(
         name="Direction",
-        description="Where to in the list",
-        items=[("UP", "Up", "One earlier"), ("DOWN", "Down", "One later")],
+        description="Which way to move it",
+        items=[("UP", "Up", "One place earlier"), ("DOWN", "Down", "One place later")],
     )
 
     def execute(self, context):
@@ -113,7 +117,7 @@ class POINTMORPH_OT_move_loop_feature(_Loop, bpy.types.Operator):
 
 
 class POINTMORPH_OT_clear_loop(_Loop, bpy.types.Operator):
-    """Empty the loop; the features stay"""
+    """Remove all features from the loop. They stay features"""
 
     bl_idname = "pointmorph.clear_loop"
     bl_label = "Clear Loop"
@@ -127,7 +131,7 @@ class POINTMORPH_OT_clear_loop(_Loop, bpy.types.Operator):
 class _Curves(Computing):
     """Finds curves on both objects and has them drawn."""
 
-    stopped = "The search for the cut was stopped"
+    stopped = "Search for the cut canceled"
 
     def _read(self, context):
         sync_features(context.scene)
@@ -164,7 +168,7 @@ def _curves_of(request, loop, progress):
 
 
 class POINTMORPH_OT_show_cut(Explained, _Curves, bpy.types.Operator):
-    """Show on both objects where the loop would cut them; once more, and it's hidden"""
+    """Show where the loop would cut both objects. Press again to hide it"""
 
     bl_idname = "pointmorph.show_cut"
     bl_label = "Show Cut"
@@ -195,10 +199,10 @@ class POINTMORPH_OT_show_cut(Explained, _Curves, bpy.types.Operator):
 
 
 class POINTMORPH_OT_propose_loop(Explained, _Curves, bpy.types.Operator):
-    """Find an order in which a curve runs through the features on tips of both, and show it"""
+    """Find an order in which a curve passes the features at the tips of both, and show it"""
 
     bl_idname = "pointmorph.propose_loop"
-    bl_label = "Propose Loop"
+    bl_label = "Suggest Loop"
     bl_options = {"REGISTER", "UNDO"}
 
     @staticmethod

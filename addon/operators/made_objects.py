@@ -35,14 +35,14 @@ def made_reason(context):
         return f'"{obj.name}" is linked from another file: make it local first'
     if obj.mode == "OBJECT":
         return None
-    return f'Leave the mode that "{obj.name}" is in first (Tab)'
+    return f'Switch "{obj.name}" to Object Mode first (Tab)'
 
 
 def pairs_reason(context):
     """The same, for what only a morph object of pairs can do."""
     reason = made_reason(context)
     if reason is None and not morph_object.is_result(made_object(context)):
-        reason = "Make the morph object the active object: this is a mesh that was made from it"
+        reason = "Make the morph object the active object: this mesh was made from it"
     return reason
 
 
@@ -69,13 +69,13 @@ class _OnPairs(_OnMade):
 
 
 class POINTMORPH_OT_recompute(Explained, Computing, bpy.types.Operator):
-    """Compute this morph again in place, from the objects as they are now. Name, t with its keys
-    and drivers, materials and baked keys stay"""
+    """Compute this morph again in place, from its objects as they are now. Its name, animation,
+    drivers, materials and baked keys are kept"""
 
     bl_idname = "pointmorph.recompute"
     bl_label = "Recompute"
     bl_options = {"REGISTER", "UNDO"}
-    stopped = "It was stopped: the morph is as it was"
+    stopped = "Canceled: the morph is unchanged"
 
     @staticmethod
     def reason(context):
@@ -95,13 +95,13 @@ class POINTMORPH_OT_recompute(Explained, Computing, bpy.types.Operator):
         obj = bpy.data.objects.get(self._name)
         if not morph_object.is_made(obj):
             raise pointmorph.CloudError(
-                self._name, "the object that is computed again", "none", "Undo its removal."
+                self._name, "the object that is being recomputed", "none", "Undo the deletion."
             )
         if self._in_window and len(self._plan.requests) == 1:
             background_job.earlier = Earlier(self._plan.requests[0], outcome.maps)
         said = morphing_mesh.remake(context, obj, self._plan, outcome)
         for name in self._plan.missing:
-            gone = f'"{name}" is gone: the points that the morph holds were used'
+            gone = f'"{name}" no longer exists: the points stored in the morph were used'
             self.report({"WARNING"}, gone)
         for warning in said:
             self.report({"WARNING"}, warning)
@@ -110,7 +110,7 @@ class POINTMORPH_OT_recompute(Explained, Computing, bpy.types.Operator):
 
 
 class POINTMORPH_OT_edit_morph(_OnMade, bpy.types.Operator):
-    """Pick the objects of this morph in the panel again, with its settings and features"""
+    """Choose the objects of this morph in the panel again, with its settings and features"""
 
     bl_idname = "pointmorph.edit_morph"
     bl_label = "Edit This Morph"
@@ -122,9 +122,9 @@ class POINTMORPH_OT_edit_morph(_OnMade, bpy.types.Operator):
         if None in shapes:
             raise pointmorph.CloudError(
                 obj.name,
-                "the objects that it was made from",
-                "one that is gone",
-                "Undo its removal, or pick others.",
+                "the objects it was made from",
+                "one that no longer exists",
+                "Undo the deletion, or choose other objects.",
             )
         settings = context.scene.pointmorph
         settings.source, settings.target = shapes[0], shapes[-1]
@@ -138,8 +138,8 @@ class POINTMORPH_OT_edit_morph(_OnMade, bpy.types.Operator):
 
 
 class POINTMORPH_OT_follow(_OnPairs, bpy.types.Operator):
-    """Let the points follow how the objects that were morphed move and deform: armatures, shape
-    keys, modifiers; or show what was morphed again"""
+    """Let the points follow the armatures, shape keys, modifiers and motion of the original
+    objects. Press again to show the shapes as they were morphed"""
 
     bl_idname = "pointmorph.follow"
     bl_label = "Follow"
@@ -155,36 +155,36 @@ class POINTMORPH_OT_follow(_OnPairs, bpy.types.Operator):
 
 
 class POINTMORPH_OT_make_mesh(_OnPairs, bpy.types.Operator):
-    """Make a copy of the source that morphs: with its faces, materials, colours, UV maps, weights
-    and modifiers, and a t of its own"""
+    """Create a copy of the source that morphs, with its faces, materials, colors, UV maps, weights
+    and modifiers"""
 
     bl_idname = "pointmorph.make_mesh"
-    bl_label = "Mesh of the Source"
+    bl_label = "Create Morphing Mesh"
     bl_options = {"REGISTER", "UNDO"}
 
     def change(self, context, obj):
         copy = morphing_mesh.make_mesh(context, obj)
         activate(context.view_layer.objects, copy)
         source = obj.pointmorph.source.name
-        self.report({"INFO"}, f'"{copy.name}" has the faces of "{source}"')
+        self.report({"INFO"}, f'Created "{copy.name}" with the faces of "{source}"')
         return {"FINISHED"}
 
 
 class POINTMORPH_OT_transfer_attributes(Explained, Computing, bpy.types.Operator):
-    """Bring colours, weights and UV maps of the target over, to where its surface lands"""
+    """Transfer colors, weights and UV maps from the target to the matching places of the morph"""
 
     bl_idname = "pointmorph.transfer_attributes"
-    bl_label = "Bring Over from Target"
+    bl_label = "Transfer from Target"
     bl_options = {"REGISTER", "UNDO"}
-    stopped = "It was stopped: nothing was brought over"
+    stopped = "Canceled: nothing was transferred"
 
     @staticmethod
     def reason(context):
         return busy_reason() or made_reason(context)
 
     colors: bpy.props.BoolProperty(
-        name="Colours",
-        description="Colour attributes. A mesh of the source shows them more and more with t",
+        name="Colors",
+        description="Color attributes. A morphing mesh blends to them as it morphs",
         default=True,
     )
     weights: bpy.props.BoolProperty(
@@ -192,12 +192,14 @@ class POINTMORPH_OT_transfer_attributes(Explained, Computing, bpy.types.Operator
     )
     uvs: bpy.props.BoolProperty(
         name="UV Maps",
-        description="As point attributes: faces that lie across a seam of the target are smeared",
+        description="Stored as point attributes. Textures are smeared on faces that cross a "
+        "seam of the target",
         default=False,
     )
     prefix: bpy.props.StringProperty(
         name="Prefix",
-        description="Goes before the target's names, so that the source's own stay",
+        description="Put before the names of the target's attributes, so that the source "
+        "keeps its own",
         default="target.",
     )
 
@@ -216,10 +218,10 @@ class POINTMORPH_OT_transfer_attributes(Explained, Computing, bpy.types.Operator
         obj = bpy.data.objects.get(self._name)
         if not morph_object.is_made(obj):
             raise pointmorph.CloudError(
-                self._name, "the object that attributes go to", "none", "Undo its removal."
+                self._name, "the object to transfer to", "none", "Undo the deletion."
             )
         names = attribute_transfer.write(obj, self._wanted, outcome)
-        self.report({"INFO"}, f"Brought over: {', '.join(names)}")
+        self.report({"INFO"}, f"Transferred: {', '.join(names)}")
         return {"FINISHED"}
 
 

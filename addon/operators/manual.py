@@ -11,7 +11,7 @@ _SOURCES = Path(__file__).parents[2] / "docs" / "manual" / "index.md"  # of a ch
 
 
 class POINTMORPH_OT_manual(bpy.types.Operator):
-    """Open the manual that came with the add-on"""
+    """Open the manual that comes with the add-on"""
 
     bl_idname = "pointmorph.manual"
     bl_label = "Manual"
@@ -20,7 +20,7 @@ class POINTMORPH_OT_manual(bpy.types.Operator):
     def execute(self, context):
         found = MANUAL if MANUAL.is_file() else _SOURCES
         if not found.is_file():
-            self.report({"ERROR"}, f"The manual isn't at {MANUAL}: install the add-on anew")
+            self.report({"ERROR"}, f"The manual wasn't found at {MANUAL}: reinstall the add-on")
             return {"CANCELLED"}
         bpy.ops.wm.url_open(url=found.as_uri())
         return {"FINISHED"}

@@ -58,7 +58,7 @@ class Computing:
             return fail(self, error)
         except ReferenceError:
             self.cancel(context)
-            self.report({"WARNING"}, "Something was removed meanwhile: start again")
+            self.report({"WARNING"}, "Something was deleted in the meantime: start again")
             return {"CANCELLED"}
         self._show_progress(context)
         return {"PASS_THROUGH"}
@@ -98,7 +98,7 @@ class Computing:
         text = progress_text()
         if text != self._said:  # to draw anew takes time
             self._said = text
-            context.workspace.status_text_set(text + "   Esc: stop")
+            context.workspace.status_text_set(text + "   Esc: Cancel")
             areas.redraw_sidebars()
 
     def _end(self, context):
@@ -114,10 +114,10 @@ def progress_text():
     """What the running job is at."""
     job = background_job.current
     if job.cancelled:
-        return "Stopping"
+        return "Canceling"
     if not job.begun:
         return "Reading the scene"
-    return f"{job.stage.replace('_', ' ').capitalize() or 'Starting'} {100 * job.fraction:.0f} %"
+    return f"{job.stage.replace('_', ' ').capitalize() or 'Starting'} {100 * job.fraction:.0f}%"
 
 
 registration = Registration(stop=background_job.finish)

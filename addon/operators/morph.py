@@ -17,7 +17,7 @@ from .polls import Explained, activate, busy_reason, say_made, shapes_reason
 
 
 class POINTMORPH_OT_morph(Explained, Computing, bpy.types.Operator):
-    """Compute the morph from source to target. In a window Blender stays usable; Esc stops it"""
+    """Compute the morph from source to target. Blender stays usable meanwhile, and Esc cancels"""
 
     bl_idname = "pointmorph.morph"
     bl_label = "Morph"
@@ -27,7 +27,7 @@ class POINTMORPH_OT_morph(Explained, Computing, bpy.types.Operator):
     def reason(context):
         return busy_reason() or shapes_reason(context)
 
-    stopped = "The morph was stopped"
+    stopped = "Morph canceled"
     _value = 0.0  # of the key when the result comes
     _shown = ""  # name of the coarse morph's object
 

@@ -9,10 +9,10 @@ from .polls import Explained
 
 
 class POINTMORPH_OT_pick_selected(Explained, bpy.types.Operator):
-    """Take the two selected objects: the active one, which was selected last, is the target"""
+    """Use the two selected objects. The active one, which was selected last, is the target"""
 
     bl_idname = "pointmorph.pick_selected"
-    bl_label = "Take Selected"
+    bl_label = "Use Selected"
     bl_options = {"REGISTER", "UNDO"}
 
     @staticmethod
@@ -32,7 +32,7 @@ class POINTMORPH_OT_pick_selected(Explained, bpy.types.Operator):
 
 
 class POINTMORPH_OT_swap_objects(Explained, bpy.types.Operator):
-    """Make the target the source and the source the target"""
+    """Swap source and target"""
 
     bl_idname = "pointmorph.swap_objects"
     bl_label = "Swap"
@@ -42,7 +42,7 @@ class POINTMORPH_OT_swap_objects(Explained, bpy.types.Operator):
     def reason(context):
         settings = context.scene.pointmorph
         picked = settings.source is not None or settings.target is not None
-        return None if picked else "Pick a source or a target first"
+        return None if picked else "Choose a source or a target first"
 
     def execute(self, context):
         settings = context.scene.pointmorph

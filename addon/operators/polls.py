@@ -27,7 +27,7 @@ def fail(operator, error):
 
 
 class Explained:
-    """An operator that says why it is greyed out: what `reason(context)` returns, or None."""
+    """An operator that says why it is grayed out: what `reason(context)` returns, or None."""
 
     @classmethod
     def poll(cls, context):
@@ -41,7 +41,7 @@ def busy_reason():
     """Why nothing can be computed now; None when it can."""
     if background_job.current is None:
         return None
-    return "A morph is being computed: wait, or press Esc to stop it"
+    return "A morph is being computed: wait, or press Esc to cancel"
 
 
 def shapes_reason(context):
@@ -49,11 +49,11 @@ def shapes_reason(context):
     settings = context.scene.pointmorph
     for side, obj in (("source", settings.source), ("target", settings.target)):
         if obj is None:
-            return f"Pick a {side} first"
+            return f"Choose a {side} first"
         if context.scene.objects.get(obj.name) != obj:
-            return f'The {side} "{obj.name}" is no longer in the scene: pick another'
+            return f'The {side} "{obj.name}" is no longer in the scene: choose another object'
     if settings.source == settings.target:
-        return f'Source and target are both "{settings.source.name}": pick two objects'
+        return f'Source and target are both "{settings.source.name}": choose two objects'
     return None
 
 
@@ -86,8 +86,8 @@ def result_reason(context):
     if obj is None:
         return NO_RESULT
     if obj.pointmorph.is_preview:
-        return "This is a preview: wait for the whole"
-    return "Leave Edit Mode first" if obj.mode == "EDIT" else None
+        return "This is only a preview: wait for the full morph"
+    return "Switch to Object Mode first" if obj.mode == "EDIT" else None
 
 
 def activate(objects, obj):

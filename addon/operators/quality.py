@@ -8,7 +8,8 @@ from .polls import NO_RESULT, Explained, active_result
 
 
 class POINTMORPH_OT_show_distortion(Explained, bpy.types.Operator):
-    """Colour the points by how bad the map is: blue good, yellow bad, red folded; or undo that"""
+    """Color the points by distortion: blue is good, yellow is bad, red is folded. Press again to
+    show their own colors"""
 
     bl_idname = "pointmorph.show_distortion"
     bl_label = "Show Distortion"
@@ -20,7 +21,7 @@ class POINTMORPH_OT_show_distortion(Explained, bpy.types.Operator):
         if obj is None:
             return NO_RESULT
         if not points_display.can_show_distortion(obj):
-            return "This morph was made without it, or lost its points: morph again"
+            return "This morph has no distortion values: morph again"
         return None
 
     def execute(self, context):
@@ -32,7 +33,7 @@ class POINTMORPH_OT_show_distortion(Explained, bpy.types.Operator):
 
     @staticmethod
     def _shade(context, remembered, show):
-        """Solid shading knows one colour for all points: material preview meanwhile."""
+        """Solid shading knows one color for all points: material preview meanwhile."""
         space = context.space_data
         if space is None or space.type != "VIEW_3D":
             return
@@ -46,14 +47,14 @@ class POINTMORPH_OT_show_distortion(Explained, bpy.types.Operator):
 
 
 class POINTMORPH_OT_go_to_place(Explained, bpy.types.Operator):
-    """Put the 3D cursor where the morph is bad"""
+    """Move the 3D cursor to a place where the morph is bad"""
 
     bl_idname = "pointmorph.go_to_place"
-    bl_label = "Go to the Place"
+    bl_label = "Show Place"
     bl_options = {"REGISTER", "UNDO"}
 
     index: bpy.props.IntProperty(
-        name="Place", description="0 for the worst", default=0, min=0, max=4
+        name="Place", description="Which place to show. 0 is the worst", default=0, min=0, max=4
     )
 
     @staticmethod

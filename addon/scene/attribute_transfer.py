@@ -1,4 +1,4 @@
-"""What the target has, brought over along the map: colours, weights, UV maps."""
+"""What the target has, brought over along the map: colors, weights, UV maps."""
 
 from contextlib import contextmanager
 from dataclasses import astuple, dataclass
@@ -40,7 +40,7 @@ def again(context, obj):
         carry = finish(read_steps(context, obj, wanted))
         write(obj, wanted, carry(lambda stage, fraction: True))
     except pointmorph.PointmorphError as error:
-        return [f"What was brought over is of the old morph. {error}"]
+        return [f"Transferred attributes are still those of the old morph. {error}"]
     return []
 
 
@@ -51,8 +51,8 @@ def read_steps(context, obj, wanted):
     """A generator that yields often, reads what the target has, and returns a function that takes
     it along the map, to be called with a progress in any thread.
 
-    Colours and UV maps become point attributes, weights vertex groups. A row each for a point of
-    `obj`, a morph object or a copy of the source, as (kind, name, values); active colours first.
+    Colors and UV maps become point attributes, weights vertex groups. A row each for a point of
+    `obj`, a morph object or a copy of the source, as (kind, name, values); active colors first.
 
     Raises
     ------
@@ -68,14 +68,14 @@ def _unchanged_target(obj):
     target = obj.pointmorph.target
     if target is None:
         raise pointmorph.CloudError(
-            obj.name, "its target in the file", "none", "Undo its removal, or morph again."
+            obj.name, "its target in this file", "none", "Undo the deletion, or morph again."
         )
     if target.type != "MESH":
         raise pointmorph.CloudError(
             target.name,
-            "a mesh, for attributes to be brought over",
+            "a mesh to transfer attributes from",
             f"an object of type {target.type}",
-            "Its colours and radii are part of the morph already.",
+            "Its colors and radii are already part of the morph.",
         )
     return target
 
@@ -115,9 +115,9 @@ def _read_mesh_steps(obj, target, mesh, wanted):
     if len(mesh.vertices) != count:
         raise pointmorph.CloudError(
             target.name,
-            f'the {count:,} points that "{obj.name}" was made from',
-            f"{len(mesh.vertices):,} as it is shown",
-            "Compute the morph again first.",
+            f'the {count:,} points "{obj.name}" was made from',
+            f"{len(mesh.vertices):,} as shown in the viewport",
+            "Recompute the morph first.",
         )
     landing = None if rows is not None else _read_landing(obj, mesh)
     yield
@@ -125,7 +125,7 @@ def _read_mesh_steps(obj, target, mesh, wanted):
     if wanted.colors:
         active = mesh.color_attributes.active_color
         for item in sorted(mesh.color_attributes, key=lambda item: item != active):
-            found.append(("colour attribute", item.name, arrays.vertex_colors(mesh, item)))
+            found.append(("color attribute", item.name, arrays.vertex_colors(mesh, item)))
             yield
     if wanted.weights:
         groups = {
@@ -147,14 +147,17 @@ def _read_mesh_steps(obj, target, mesh, wanted):
             yield
     if len(mesh.vertices) != count:
         raise pointmorph.CloudError(
-            target.name, "a mesh that stays as it is", "changes while it was read", "Start again."
+            target.name,
+            "a mesh that doesn't change",
+            "changes while it was being read",
+            "Try again.",
         )
     if not found:
         raise pointmorph.CloudError(
             target.name,
-            "something to bring over: colours, weights or UV maps",
-            "nothing of what was asked for",
-            "Choose what it has.",
+            "colors, weights or UV maps to transfer",
+            "none of the requested kinds",
+            "Choose something that it has.",
         )
 
     def carry(progress):
@@ -166,8 +169,8 @@ def _read_mesh_steps(obj, target, mesh, wanted):
             corners, *places = landing.places()
         carried = []
         for number, (kind, name, values) in enumerate(found):
-            if progress("bring over", number / len(found)) is False:
-                raise pointmorph.Cancelled("It was cancelled.")
+            if progress("transfer", number / len(found)) is False:
+                raise pointmorph.Cancelled("The transfer was canceled.")
             members, shares = places
             if kind == "UV map" and corners is not None:
                 members = corners
@@ -214,7 +217,7 @@ def _read_landing(obj, mesh):
 
 def write(obj, wanted, found):
     """Puts what was taken along the map onto a morph object, or a copy of the source, each under
-    its own name after a prefix. A copy shows colours from those of the source to the target's.
+    its own name after a prefix. A copy shows colors from those of the source to the target's.
 
     Returns
     -------
@@ -229,7 +232,10 @@ def write(obj, wanted, found):
     count = len(obj.data.vertices)
     if any(len(values) != count for *_, values in found):
         raise pointmorph.CloudError(
-            obj.name, "an object that stays as it is", "changes while it was read", "Start again."
+            obj.name,
+            "an object that doesn't change",
+            "changes while it was being read",
+            "Try again.",
         )
     prefix = wanted.prefix
     taken = {group.name for group in obj.vertex_groups}
@@ -239,9 +245,9 @@ def write(obj, wanted, found):
         if prefix + name in taken - known:
             raise pointmorph.CloudError(
                 obj.name,
-                f'no {kind} "{prefix + name}" of its own',
+                f'no other {kind} named "{prefix + name}"',
                 "one",
-                "Choose another prefix, or rename what is there.",
+                "Choose another prefix, or rename the existing one.",
             )
     for kind, name, values in found:
         if kind == "vertex group":
@@ -249,7 +255,7 @@ def write(obj, wanted, found):
         else:
             arrays.write_attribute(obj.data, prefix + name, values)
     if obj.pointmorph.keeps_faces and wanted.colors:
-        first = next((name for kind, name, _ in found if kind == "colour attribute"), None)
+        first = next((name for kind, name, _ in found if kind == "color attribute"), None)
         if first is not None:
             _blend_colors(obj, prefix + first)
     names = [prefix + name for _, name, _ in found]
@@ -270,7 +276,7 @@ def _write_group(obj, name, weights):
 
 
 def _blend_colors(obj, name):
-    """Shows the copy's active colours at 0, the attribute `name` at the end."""
+    """Shows the copy's active colors at 0, the attribute `name` at the end."""
     mesh = obj.data
     active = mesh.color_attributes.active_color
     own = [item.name for item in mesh.color_attributes if item.name != name]
@@ -299,8 +305,8 @@ def _colors_group(created):
     created(group)
     nodes.new_input(group, "NodeSocketGeometry", "Geometry")
     nodes.new_t_input(group, 2)
-    nodes.new_input(group, "NodeSocketString", "From", "Colour attribute that is shown at 0")
-    nodes.new_input(group, "NodeSocketString", "To", "Colour attribute that is shown at 1")
+    nodes.new_input(group, "NodeSocketString", "From", "Color attribute shown at 0")
+    nodes.new_input(group, "NodeSocketString", "To", "Color attribute shown at 1")
     nodes.new_output(group, "NodeSocketGeometry", "Geometry")
     build = nodes.Builder(group)
     inputs = build.node("NodeGroupInput").outputs

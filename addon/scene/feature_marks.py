@@ -63,9 +63,9 @@ def unmarkable(context):
     settings = context.scene.pointmorph
     for obj in (settings.source, settings.target):
         if obj.mode == "EDIT":
-            return "Leave Edit Mode first"
+            return "Switch to Object Mode first"
         if obj.library is not None or obj.data.library is not None:
-            return f'"{obj.name}" is linked from another file: make it local to mark it'
+            return f'"{obj.name}" is linked from another file: make it local to mark features on it'
         if obj.type == "POINTCLOUD" and not len(obj.data.points):
-            return f'The points of "{obj.name}" are made by nodes: make them real to mark them'
+            return f'The points of "{obj.name}" come from a modifier: apply it to mark features'
     return None

@@ -64,12 +64,15 @@ def export(context, player, plan, path, target):
             target.write(temporary, plan.first, plan.last)
         if not temporary.is_file():
             raise pointmorph.FileError(
-                str(path), "a place that can be written", "nothing written", "Choose another."
+                str(path),
+                "a file that can be written",
+                "that nothing was written",
+                "Choose another folder.",
             )
         temporary.replace(path)
     except (OSError, RuntimeError) as error:
         raise pointmorph.FileError(
-            str(path), "a place that can be written", str(error).strip(), "Choose another."
+            str(path), "a file that can be written", str(error).strip(), "Choose another folder."
         ) from error
     finally:
         temporary.unlink(missing_ok=True)

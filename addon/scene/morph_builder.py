@@ -175,7 +175,9 @@ def rebuild(obj, outcome):
 
 def lost_words(obj, name):
     """About a shape key that knows nothing of the points that there are now."""
-    return f'The shape key "{name}" of "{obj.name}" moves nothing any more: it has other points now'
+    return (
+        f'The shape key "{name}" of "{obj.name}" has no effect any more: the points are others now'
+    )
 
 
 def _resize_points(mesh, count):

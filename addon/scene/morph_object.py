@@ -37,7 +37,7 @@ def morph_key(obj):
             obj.name,
             f'a morph object with its shape key "{KEY}"',
             "none of that name",
-            "Morph again, or give the key its name back.",
+            "Restore the key's name, or morph again.",
         )
     return key
 
@@ -61,7 +61,7 @@ def stage_keys(obj):
             obj.name,
             f'a chain with its shape key "{missing[0]}"',
             "none of that name",
-            "Give the key its name back, or make the chain again.",
+            "Restore the key's name, or make the chain again.",
         )
     return [keys.reference_key, *(keys.key_blocks[name] for name in names)]
 
@@ -144,7 +144,7 @@ def t_key(obj):
             obj.name,
             f'its shape key "{name}"',
             "none of that name",
-            "Give the key its name back, or make the mesh again.",
+            "Restore the key's name, or make the mesh again.",
         )
     return keys.key_blocks[name]
 

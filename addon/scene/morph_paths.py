@@ -53,18 +53,21 @@ def source_ways(obj):
     source = obj.pointmorph.source
     if source is None:
         raise pointmorph.CloudError(
-            obj.name, "its source in the file", "none", "Morph again, from a mesh that is there."
+            obj.name,
+            "its source in this file",
+            "none",
+            "Undo the deletion, or morph again from another mesh.",
         )
     if source.type != "MESH":
         raise pointmorph.CloudError(
             source.name,
             "a mesh, to hold shape keys",
             f"an object of type {source.type}",
-            "Bake on the pairs instead.",
+            "Bake on the morph object instead.",
         )
     if source.mode == "EDIT":
         raise pointmorph.CloudError(
-            source.name, "an object in Object Mode", "Edit Mode", "Leave Edit Mode (Tab)."
+            source.name, "an object in Object Mode", "Edit Mode", "Switch to Object Mode (Tab)."
         )
     start = arrays.basis_positions(source.data)
     matrix = morph_object.source_matrix_of(obj)
@@ -76,8 +79,8 @@ def source_ways(obj):
     ):
         raise pointmorph.CloudError(
             source.name,
-            f'the mesh that "{obj.name}" was made from',
-            "one that was changed since",
+            f'the mesh "{obj.name}" was made from',
+            "one that has changed since",
             "Morph again.",
         )
     places, normals = [transforms.move_positions(matrix, start)], []

@@ -19,7 +19,7 @@ from . import (
 
 
 def make_mesh(context, obj):
-    """A copy of the source, with its faces, materials, colours, UV maps, weights and modifiers,
+    """A copy of the source, with its faces, materials, colors, UV maps, weights and modifiers,
     and the key "Morph" that makes it the target.
 
     Raises
@@ -125,7 +125,7 @@ def remake(context, obj, plan, outcome):
                     said += remake_mesh(copy, obj)
                     said += attribute_transfer.again(context, copy)
                 except pointmorph.PointmorphError as error:
-                    said.append(f'"{copy.name}" stays as it was. {error}')
+                    said.append(f'"{copy.name}" was left unchanged. {error}')
         return said + attribute_transfer.again(context, obj)
     shapes = recipes.shapes_of(obj)
     pairs = morph_builder.build(

@@ -19,10 +19,10 @@ class PointmorphObject(bpy.types.PropertyGroup):
     """What a morph object was made from."""
 
     source: bpy.props.PointerProperty(
-        name="Source", description="The object at 0", type=bpy.types.Object
+        name="Source", description="Object shown at 0", type=bpy.types.Object
     )
     target: bpy.props.PointerProperty(
-        name="Target", description="The object at 1", type=bpy.types.Object
+        name="Target", description="Object shown at 1", type=bpy.types.Object
     )
     source_matrix: bpy.props.FloatVectorProperty(
         name="Source Matrix",
@@ -31,47 +31,48 @@ class PointmorphObject(bpy.types.PropertyGroup):
     )
     is_preview: bpy.props.BoolProperty(
         name="Preview",
-        description="A coarse morph that is shown until the whole one is there",
+        description="A coarse morph, shown until the full one is ready",
     )
     via: bpy.props.CollectionProperty(
-        name="Via", description="The shapes between, of a chain", type=PointmorphShape
+        name="Via", description="Shapes of a chain between source and target", type=PointmorphShape
     )
     made_from: bpy.props.PointerProperty(
         name="Made From",
-        description="The morph object of a mesh with the source's faces",
+        description="Morph object that this mesh was made from",
         type=bpy.types.Object,
     )
     keeps_faces: bpy.props.BoolProperty(
-        name="Keeps Faces", description="It is a copy of the source's mesh that morphs"
+        name="Keeps Faces", description="This is a copy of the source mesh that morphs"
     )
     follows: bpy.props.BoolProperty(
         name="Follows",
-        description="Its points follow how the objects it was made from move and deform",
+        description="Points follow the movement and deformation of the original objects",
     )
     recipe: bpy.props.StringProperty(
         name="Recipe",
-        description="All that it takes to compute the morph again, and to see whether that would "
-        "change anything, as JSON",
+        description="Everything needed to compute the morph again and to tell whether it is out of "
+        "date, as JSON",
     )
     baked: bpy.props.StringProperty(
-        name="Baked", description="t and path of the shape keys that were baked here, as JSON"
+        name="Baked", description="t and path of the shape keys baked here, as JSON"
     )
     state: bpy.props.StringProperty(
         name="State",
-        description="CURRENT; STALE: something has changed since it was made; ORPHAN: something it "
-        "was made from is gone; UNKNOWN: made by an earlier version; empty for other objects. "
-        "Looked up when asked for",
+        description="CURRENT; STALE: something has changed since the morph was made; ORPHAN: an "
+        "object it was made from no longer exists; UNKNOWN: made by an earlier version. "
+        "Empty for other objects. Computed when read",
         get=_state,
     )
     stale: bpy.props.StringProperty(
-        name="Stale", description="In words, why the state isn't CURRENT", get=_stale
+        name="Stale", description="Why the state isn't CURRENT, in words", get=_stale
     )
     shading_before: bpy.props.StringProperty(
         name="Shading Before",
-        description="The viewport's shading before distortion was shown; empty where it stayed",
+        description="Viewport shading before distortion was shown. Empty if it didn't change",
     )
     report: bpy.props.StringProperty(
-        name="Report", description="What was done, how long it took and how good it is, as JSON"
+        name="Report",
+        description="What was done, how long it took and how good the result is, as JSON",
     )
 
 

@@ -9,7 +9,7 @@ def new_splat_inputs(group):
         group,
         "NodeSocketFloat",
         "Radius Scale",
-        "Makes all points larger or smaller",
+        "Make all points larger or smaller",
         default_value=1.0,
         min_value=0.0,
     )
@@ -17,14 +17,14 @@ def new_splat_inputs(group):
         group,
         "NodeSocketBool",
         "Discs",
-        "Shows discs in the surface instead of balls: slower, and coloured in Workbench",
+        "Show discs in the surface instead of points. Slower, but Workbench shows their colors",
     )
     nodes.new_input(
         group,
         "NodeSocketBool",
         "Spheres",
-        "Shows balls that are made of faces: slower than points, and coloured in Workbench and in "
-        "solid shading, whose Color must be set to Attribute",
+        "Show spheres made of faces instead of points. Slower, but Workbench and Solid "
+        "shading show their colors if Color is set to Attribute",
     )
 
 
@@ -50,7 +50,7 @@ def _discs(build, geometry, normal, radius):
 
 
 def _realized(build, geometry, instance, where):
-    """A mesh at each vertex of `geometry`, in one. Which colours are active, and so shown by
+    """A mesh at each vertex of `geometry`, in one. Which colors are active, and so shown by
     Workbench, only `geometry` knows: both are joined, and nothing else of it stays."""
     at_points = {"Points": geometry, "Instance": instance, **where}
     instances = build.node("GeometryNodeInstanceOnPoints", at_points).outputs["Instances"]

@@ -1,4 +1,4 @@
-"""How a morph object looks: geometry nodes that show its pairs as coloured points, and a material.
+"""How a morph object looks: geometry nodes that show its pairs as colored points, and a material.
 
 The group of nodes and the material are made once a file and shared by all morph objects.
 """
@@ -16,7 +16,7 @@ _RAMP_END = 2.0  # the distortion of a fold
 
 
 def add_points_modifier(obj, key, created, stages=("source", "target")):
-    """Shows the vertices of `obj` as points, colour and radius at the value of shape key `key`.
+    """Shows the vertices of `obj` as points, color and radius at the value of shape key `key`.
 
     `created` is called with every data-block that had to be made. `stages` are the prefixes of the
     attributes of all shapes, in order.
@@ -50,14 +50,14 @@ def can_show_distortion(obj):
 
 
 def shows_distortion(obj):
-    """Whether the points have the colours of their distortion now."""
+    """Whether the points have the colors of their distortion now."""
     return can_show_distortion(obj) and bool(
         versions.input_value(points_modifier(obj), SHOW_DISTORTION)
     )
 
 
 def show_distortion(obj, show):
-    """Colours the points by distortion, blue over yellow to red, or as they were."""
+    """Colors the points by distortion, blue over yellow to red, or as they were."""
     if show == shows_distortion(obj):
         return
     versions.set_input(points_modifier(obj), SHOW_DISTORTION, show)
@@ -80,7 +80,7 @@ def _group(name, stages, material, created):
         group,
         "NodeSocketBool",
         SHOW_DISTORTION,
-        "Colours the points by how bad the map is there: blue is good, yellow bad, red folded",
+        "Color the points by how bad the map is there: blue is good, yellow is bad, red is folded",
     )
     nodes.new_output(group, "NodeSocketGeometry", "Geometry")
 

@@ -71,9 +71,9 @@ def plan_steps(context, obj):
     if not recipes.is_known(recipe) and None in shapes:
         raise pointmorph.CloudError(
             obj.name,
-            "the objects that it was made from",
-            "one that is gone, and an earlier version that kept no copy",
-            "Pick two objects and morph again.",
+            "the objects it was made from",
+            "one that no longer exists, and no copy of it, since an earlier version made this",
+            "Choose two objects and morph again.",
         )
     if not recipes.is_known(recipe) or staleness.is_picked(context.scene, obj):
         choices, loop = feature_choices(settings), [item.name for item in settings.loop]
@@ -113,9 +113,9 @@ def _plan_from_itself(obj, recipe, values, loop, missing):
     if not morph_object.is_result(obj):
         raise pointmorph.CloudError(
             obj.name,
-            "the objects that it was made from",
+            "the objects it was made from",
             f'no "{missing[0]}"',
-            "Undo its removal, or morph other objects. What is there stays usable.",
+            "Undo the deletion, or morph other objects. The existing result stays usable.",
         )
     stages = zip(
         morph_object.stages(obj),
@@ -150,13 +150,16 @@ def _check_changeable(obj):
         if item.library is not None:
             raise pointmorph.CloudError(
                 obj.name,
-                "a morph object of this file",
-                f"one that is linked from {item.library.filepath}",
-                "Make it local (Object > Relations > Make Local) to compute it again.",
+                "a morph object in this file",
+                f"one linked from {item.library.filepath}",
+                "Make it local (Object > Relations > Make Local) to recompute it.",
             )
     if obj.mode != "OBJECT":
         raise pointmorph.CloudError(
-            obj.name, "a morph object in Object Mode", "another mode", "Leave it (Tab)."
+            obj.name,
+            "a morph object in Object Mode",
+            "another mode",
+            "Switch to Object Mode (Tab).",
         )
     if morph_object.is_result(obj):
         morph_object.check_whole(obj)

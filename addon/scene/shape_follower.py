@@ -76,17 +76,17 @@ def check_counts(obj, shapes, context):
         if shape is None:
             raise pointmorph.CloudError(
                 obj.name,
-                "the objects that it was made from, to follow them",
-                "one that is gone",
-                "Undo its removal, or morph other objects.",
+                "the objects it was made from, to follow them",
+                "one that no longer exists",
+                "Undo the deletion, or morph other objects.",
             )
         found = len(arrays.points_of(shape.evaluated_get(depsgraph).data))
         if found != count:
             raise pointmorph.CloudError(
                 shape.name,
-                f'the {count:,} points that "{obj.name}" was made from, in the same order',
-                f"{found:,} as it is shown",
-                "Disable the modifiers that add or remove vertices, or compute the morph again.",
+                f'the {count:,} points "{obj.name}" was made from, in the same order',
+                f"{found:,} as shown in the viewport",
+                "Disable the modifiers that add or remove vertices, or recompute the morph.",
             )
     return wanted
 
@@ -111,14 +111,12 @@ def _group(name, stages, created):
     nodes.new_input(group, "NodeSocketGeometry", "Geometry")
     nodes.new_t_input(group, len(stages))
     for stage in stages:
-        nodes.new_input(
-            group, "NodeSocketObject", _shape_input(stage), "The object that is followed"
-        )
+        nodes.new_input(group, "NodeSocketObject", _shape_input(stage), "Object to follow")
         nodes.new_input(
             group,
             "NodeSocketInt",
             _count_input(stage),
-            "How many points it must have; with any other number the morph stays at rest",
+            "Number of points it must have. With any other number, the morph stays at rest",
         )
     nodes.new_output(group, "NodeSocketGeometry", "Geometry")
 

@@ -14,9 +14,9 @@ def _check_at_rest(obj):
     if obj.pointmorph.follows:
         raise pointmorph.CloudError(
             obj.name,
-            "a morph at rest, because shape keys can't follow the moving shapes",
+            "a morph at rest, because shape keys can't follow moving shapes",
             "one that follows them",
-            "Bake frames, or turn Follow off to bake the shapes as they were morphed.",
+            "Bake frames, or turn off Follow to bake the shapes as they were morphed.",
         )
 
 
@@ -51,9 +51,9 @@ def bake_source(obj, steps, path):
     if source.data.library is not None:
         raise pointmorph.CloudError(
             source.name,
-            "a mesh that can be changed",
-            "one that is linked from another file",
-            "Make it local (Object > Relations > Make Local), or bake on the pairs instead.",
+            "an editable mesh",
+            "one linked from another file",
+            "Make it local (Object > Relations > Make Local), or bake on the morph object instead.",
         )
     way = morph_paths.through(places, normals, path)
     _add_keys(

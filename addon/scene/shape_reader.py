@@ -68,7 +68,7 @@ def read_shape_steps(context, obj, origin, as_shown):
             obj.name,
             "a mesh or a point cloud",
             f"an object of type {obj.type}",
-            "Convert it (Object > Convert > Mesh), or pick another.",
+            "Convert it (Object > Convert > Mesh), or choose another object.",
         )
     depsgraph = context.evaluated_depsgraph_get()
     evaluated = obj.evaluated_get(depsgraph)
@@ -76,8 +76,8 @@ def read_shape_steps(context, obj, origin, as_shown):
         raise pointmorph.CloudError(
             obj.name,
             "an object that is enabled in this view layer",
-            "one that is disabled in viewports, or in a collection that is",
-            "Enable it in the Outliner; it may be hidden with the eye.",
+            "one that is disabled in viewports or in a collection that is",
+            "Enable it in the Outliner. Hiding it with the eye icon is fine.",
         )
     matrix = transforms.relative_to(obj.matrix_world, origin)
     transforms.check_invertible(obj.name, matrix)
@@ -94,7 +94,10 @@ def read_shape_steps(context, obj, origin, as_shown):
         shape = yield from _read_mesh(obj, obj.data, arrays.basis_positions(obj.data))
         if len(obj.data.vertices) != len(shape.positions):
             raise pointmorph.CloudError(
-                obj.name, "a mesh that stays as it is", "changes while it was read", "Start again."
+                obj.name,
+                "a mesh that doesn't change",
+                "changes while it was being read",
+                "Try again.",
             )
     return shape.moved(matrix)
 

@@ -3,7 +3,7 @@
 import bpy
 import numpy as np
 
-from ..core.settings import settings_values
+from ..core.settings import name_label, settings_values
 from ..core.stepping import finish
 from ..data.feature_list import feature_choices
 from . import morph_object, recipes
@@ -53,10 +53,10 @@ def state(obj, prints=None):
         return "", []
     recipe = recipes.recipe_of(obj)
     if not recipes.is_known(recipe):
-        return UNKNOWN, ["made by an earlier version, which kept no settings"]
+        return UNKNOWN, ["made by an earlier version, which stored no settings"]
     shapes = recipes.shapes_of(obj)
     gone = [
-        f'"{known["name"]}" is gone'
+        f'"{known["name"]}" no longer exists'
         for known, shape in zip(recipe["shapes"], shapes, strict=True)
         if shape is None
     ]
@@ -97,13 +97,13 @@ def _differences(known, now, follows):
     if known["data"] != now["data"]:
         found.append(f'"{name}" was edited')
     elif both_shown and known["shown"] != now["shown"] and not follows:
-        found.append(f'"{name}" looks different: its modifiers or shape keys were changed')
+        found.append(f'"{name}" looks different: its modifiers or shape keys have changed')
     if known["marks"] != now["marks"]:
-        found.append(f'features on "{name}" were changed')
+        found.append(f'features on "{name}" have changed')
     if not (known["carried"] or now["carried"] or follows):
         before, after = np.array(known["matrix"]), np.array(now["matrix"])
         if np.abs(before - after).max() > 1e-5 * max(np.abs(before).max(), 1e-30):
-            found.append(f'"{name}" was moved, turned or scaled')
+            found.append(f'"{name}" was moved, rotated or scaled')
     return found
 
 
@@ -115,11 +115,11 @@ def _other_settings(recipe, settings):
         for name in sorted({*now, *before} - _OF_NO_CONSEQUENCE)
         if now.get(name) != before.get(name)
     ]
-    found = [f"setting {name.replace('_', ' ')} was changed" for name in names]
+    found = [f'the setting "{name_label(name)}" was changed' for name in names]
     choices = recipes.plain_choices(feature_choices(settings))
     for name, choice in choices.items():
         if name in recipe["features"] and recipe["features"][name] != choice:
-            found.append(f'feature "{name}" is held in another way')
+            found.append(f'the options of feature "{name}" were changed')
     if recipe["loop"] != [item.name for item in settings.loop]:
         found.append("the loop was changed")
     return found

@@ -64,7 +64,7 @@ class POINTMORPH_PT_morph_object(Panel, bpy.types.Panel):
     def _draw_state(self, context, obj):
         known = staleness_watch.known_state(obj)
         if known is None:
-            self.layout.label(text="Looking whether it is up to date", icon="TIME")
+            self.layout.label(text="Checking whether it is up to date", icon="TIME")
             return
         state, reasons = known
         if state == staleness.CURRENT:
@@ -72,8 +72,8 @@ class POINTMORPH_PT_morph_object(Panel, bpy.types.Panel):
             return
         heads = {
             staleness.STALE: "Out of date",
-            staleness.ORPHAN: "Without its objects",
-            staleness.UNKNOWN: "Not known whether up to date",
+            staleness.ORPHAN: "Objects missing",
+            staleness.UNKNOWN: "May be out of date",
         }
         box = self.layout.box().column(align=True)
         box.label(text=heads[state], icon="ERROR")

@@ -75,7 +75,7 @@ class POINTMORPH_UL_features(bpy.types.UIList):
         if not (item.on_source and item.on_target):
             return "", "ERROR"
         if item.confidence >= 0:
-            return f"{100 * item.confidence:.0f} %", "QUESTION"
+            return f"{100 * item.confidence:.0f}%", "QUESTION"
         kind = item.found.split(",")[0].split(" ")[-1]
         if kind:
             return "", self.ICONS.get(kind, "CHECKMARK")
@@ -140,7 +140,7 @@ class POINTMORPH_PT_features(Panel, bpy.types.Panel):
                 if item.use and not getattr(item, side):
                     return f'"{item.name}" isn\'t marked on {obj.name}'
                 if item.use and marked_points.count_of(obj, item.marked_name) == 0:
-                    return f'"{item.name}" holds no vertex of {obj.name}'
+                    return f'"{item.name}" has no vertices on {obj.name}'
         return None
 
 
@@ -166,7 +166,7 @@ class POINTMORPH_PT_feature(bpy.types.Panel):
             weight.active = item.hold != "EXACT"
             weight.prop(item, "weight")
             layout.operator(
-                "pointmorph.click_features", text="Move by Clicks", icon="RESTRICT_SELECT_OFF"
+                "pointmorph.click_features", text="Move by Clicking", icon="RESTRICT_SELECT_OFF"
             ).name = item.name
         layout.operator("pointmorph.check_features", icon="VIEWZOOM")
 
@@ -207,7 +207,7 @@ class POINTMORPH_PT_cut(Panel, bpy.types.Panel):
             )
             button.direction = direction
         row = layout.row(align=True)
-        row.operator("pointmorph.propose_loop", text="Propose")
+        row.operator("pointmorph.propose_loop", text="Suggest")
         row.operator("pointmorph.show_cut", icon="HIDE_OFF", depress=bool(cut_curves.shown))
         row.operator("pointmorph.clear_loop", text="", icon="X")
         draw_problem(layout, context, "CUT")
@@ -237,7 +237,7 @@ def _draw_progress(layout):
     row = layout.row()
     row.scale_y = 1.8
     row.progress(text=text, factor=background_job.current.fraction)
-    layout.label(text="Esc stops it", icon="EVENT_ESC")
+    layout.label(text="Press Esc to cancel", icon="EVENT_ESC")
 
 
 # --- Result ---------------------------------------------------------------------------------------
@@ -256,7 +256,7 @@ class POINTMORPH_PT_result(Panel, bpy.types.Panel):
         obj = polls.active_result(context)
         layout.label(text=obj.name, icon="OBJECT_DATA")
         if obj.pointmorph.is_preview:
-            layout.label(text="Preview: the whole is being computed", icon="INFO")
+            layout.label(text="Preview: computing the full morph", icon="INFO")
         keys = obj.data.shape_keys
         if keys is not None and morph_object.KEY in keys.key_blocks:
             row = layout.row()
@@ -288,7 +288,7 @@ class POINTMORPH_PT_quality(Panel, bpy.types.Panel):
             row.label(text=name)
             row.label(text=value)
         if not report["worst"]:
-            layout.label(text="No place stands out", icon="CHECKMARK")
+            layout.label(text="No bad places", icon="CHECKMARK")
         for index, place in enumerate(report["worst"]):
             row = layout.box().row()
             say(row, context, place["advice"], "BLANK1", beside=30)

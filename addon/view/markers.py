@@ -1,4 +1,4 @@
-"""Marks of features in the 3D viewports: numbered, coloured, on both objects."""
+"""Marks of features in the 3D viewports: numbered, colored, on both objects."""
 
 import itertools
 import math

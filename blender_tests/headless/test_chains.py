@@ -231,7 +231,7 @@ def test_recompute_in_place(settings):
     # Without one of its shapes it's made from what it holds.
     before = key(obj, "Fell")
     bpy.data.objects.remove(found[1])
-    assert (obj.pointmorph.state, obj.pointmorph.stale) == ("ORPHAN", '"Dune" is gone')
+    assert (obj.pointmorph.state, obj.pointmorph.stale) == ("ORPHAN", '"Dune" no longer exists')
     bpy.ops.pointmorph.recompute()
     assert np.array_equal(np.unique(key(obj, "Fell"), axis=0), np.unique(before, axis=0))
 
@@ -412,16 +412,16 @@ def refused():
 
 
 def test_chains_that_cannot_be_made(settings):
-    assert "Add shapes between source and target first" in refused()
+    assert "Add shapes between the source and target first" in refused()
     found = shapes(3)
     settings.via.add()
-    assert "every shape between" in refused()
+    assert "every shape in between" in refused()
     settings.via[1].object = found[2]
-    assert '"Fell" follows itself' in refused()
+    assert '"Fell" comes twice in a row' in refused()
     settings.via[1].object = found[0]
     for _ in range(9):
         settings.via.add().object = found[(len(settings.via) + 1) % 2]
-    assert "at most 11 shapes, and there are 13" in refused()
+    assert "11 shapes at most, but there are 13" in refused()
     settings.via.clear()
     settings.via.add().object = found[1]
     bpy.context.scene.collection.objects.unlink(found[1])

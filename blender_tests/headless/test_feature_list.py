@@ -170,7 +170,7 @@ def test_several_selected_vertices_are_one_feature(settings, unmarked, mode):
 
 def test_adding_needs_one_of_the_two(settings, unmarked):
     select(add_object("Bystander", None))
-    with pytest.raises(RuntimeError, match="Make the source or the target the active object"):
+    with pytest.raises(RuntimeError, match="Make the source or target the active object"):
         bpy.ops.pointmorph.add_feature(name="nose")
 
 
@@ -186,13 +186,13 @@ def test_remove(settings, mode):
     assert [group.name for group in target.vertex_groups] == ["pm.slope"]
     bpy.ops.pointmorph.remove_feature()
     assert listed(settings) == []
-    with pytest.raises(RuntimeError, match="There is no feature yet"):
+    with pytest.raises(RuntimeError, match="There are no features yet"):
         bpy.ops.pointmorph.remove_feature()
 
 
 def test_removing_what_is_not_there(settings):
     pair()
-    with pytest.raises(RuntimeError, match='feature "tail": expected one that is marked'):
+    with pytest.raises(RuntimeError, match='feature "tail": expected a marked feature'):
         bpy.ops.pointmorph.remove_feature(name="tail")
 
 
@@ -245,5 +245,5 @@ def test_proposals_below_the_wanted_confidence_arent_marked(addon):
 def test_proposals_need_the_vertices_of_the_mesh(addon):
     _source, target = pair()
     target.modifiers.new("More", "SUBSURF")
-    with pytest.raises(RuntimeError, match="Apply the modifiers"):
+    with pytest.raises(RuntimeError, match="Apply or disable the modifiers"):
         bpy.ops.pointmorph.propose_features()

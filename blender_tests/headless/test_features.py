@@ -83,7 +83,7 @@ def test_two_features_on_one_vertex(settings):
     mark(source, "horn", 0.0, 0.0)  # as "peak"
     mark(target, "horn", 0.7, 0.7)
     message = morph_error()
-    assert 'Hill: expected a point of its own for each of the features "peak" and "horn"' in message
+    assert 'Hill: expected different points for the features "peak" and "horn"' in message
     assert 'Move "horn"' in message
 
 
@@ -269,7 +269,7 @@ def test_without_edges_several_are_a_region_or_a_curve_by_weight(addon):
     line = features.match(shape, shape, {"line": features.Choice(kind="CURVE")})["line"]
     assert line.source == [2, 9, 4]  # the heaviest first
     weights["line"] = (np.array([4, 2, 9]), np.float32([0.2, 0.8, 0.2]))
-    with pytest.raises(pointmorph.FeatureError, match="weights that fall along the curve"):
+    with pytest.raises(pointmorph.FeatureError, match="weights that decrease along it"):
         features.match(shape, shape, {"line": features.Choice(kind="CURVE")})
 
 
@@ -302,7 +302,7 @@ def test_one_here_and_several_there(sheets):
     sheets("tip", [30], [40, 41])
     message = morph_error()
     assert 'one on "Hill" and 2 on "Dune"' in message
-    assert "as a Point, the highest weight counts" in message
+    assert "set Kind to Point, which uses the highest weight" in message
 
 
 def test_an_open_and_a_closed_curve(sheets):

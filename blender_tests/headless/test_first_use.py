@@ -47,7 +47,7 @@ def test_the_manual_is_found(addon, monkeypatch, tmp_path):
     manual = addon("operators.manual")
     monkeypatch.setattr(manual, "MANUAL", tmp_path / "index.html")
     monkeypatch.setattr(manual, "_SOURCES", tmp_path / "index.md")
-    with pytest.raises(RuntimeError, match="install the add-on anew"):
+    with pytest.raises(RuntimeError, match="reinstall the add-on"):
         bpy.ops.pointmorph.manual()
 
 
@@ -55,6 +55,6 @@ def test_the_demo_needs_object_mode():
     obj = scenes.add_mesh("Sheet", *scenes.patch(5))
     scenes.select(obj)
     bpy.ops.object.mode_set(mode="EDIT")
-    with pytest.raises(RuntimeError, match="Edit Mode"):
+    with pytest.raises(RuntimeError, match="Object Mode"):
         bpy.ops.pointmorph.add_demo()
     bpy.ops.object.mode_set(mode="OBJECT")

@@ -319,7 +319,7 @@ def test_the_loop_is_edited(addon, pair, settings):
         bpy.ops.pointmorph.show_cut()
     bpy.ops.pointmorph.clear_loop()
     assert loop_names(settings) == []
-    with pytest.raises(RuntimeError, match="Choose a feature"):
+    with pytest.raises(RuntimeError, match="Select a feature"):
         bpy.ops.pointmorph.clear_loop()
 
 

@@ -278,7 +278,7 @@ def test_other_types_are_refused(read, data):
 def test_flat_transforms_are_refused(read, scale):
     obj = add_mesh("Sheet", *patch(6))
     obj.scale = scale
-    with pytest.raises(pointmorph.CloudError, match="Sheet: expected an object with a scale"):
+    with pytest.raises(pointmorph.CloudError, match="Sheet: expected a scale other than 0"):
         read(obj)
 
 

@@ -129,13 +129,13 @@ def color_the_source(source, target, settings):
     [
         (edit_source, '"Hill" was edited'),
         (edit_target, '"Dune" was edited'),
-        (mark_both, 'features on "Hill" were changed; features on "Dune" were changed'),
-        (weaken_a_feature, 'features on "Dune" were changed'),
-        (move_target, '"Dune" was moved, turned or scaled'),
-        (turn_source, '"Hill" was moved, turned or scaled'),
-        (change_a_setting, "setting transfer neighbors was changed"),
-        (set_by_hand, "setting domain was changed"),
-        (hold_softly, 'feature "peak" is held in another way'),
+        (mark_both, 'features on "Hill" have changed; features on "Dune" have changed'),
+        (weaken_a_feature, 'features on "Dune" have changed'),
+        (move_target, '"Dune" was moved, rotated or scaled'),
+        (turn_source, '"Hill" was moved, rotated or scaled'),
+        (change_a_setting, 'the setting "Transfer Neighbors" was changed'),
+        (set_by_hand, 'the setting "Domain" was changed'),
+        (hold_softly, 'the options of feature "peak" were changed'),
         (add_a_modifier, '"Dune" looks different'),
         (color_the_source, '"Hill" was edited'),
     ],
@@ -309,7 +309,7 @@ def test_a_morph_of_an_earlier_version(settings):
     assert_same(content(obj), before)
     obj.pointmorph.recipe = ""
     bpy.data.objects.remove(settings.target)
-    with pytest.raises(RuntimeError, match="Pick two objects and morph again"):
+    with pytest.raises(RuntimeError, match="Choose two objects and morph again"):
         recompute(obj)
 
 
@@ -342,7 +342,7 @@ def test_in_edit_mode(settings):
     obj = morph()
     select(obj)
     bpy.ops.object.mode_set(mode="EDIT")
-    with pytest.raises(RuntimeError, match='Leave the mode that "Hill to Dune" is in'):
+    with pytest.raises(RuntimeError, match='Switch "Hill to Dune" to Object Mode'):
         bpy.ops.pointmorph.recompute()
 
 
@@ -433,7 +433,7 @@ def test_deletion_of_its_parents_from_the_file(settings, which, tmp_path):
             bpy.data.objects.remove(shape)
     assert obj.pointmorph.state == "ORPHAN"
     for side, name in (("source", "Hill"), ("target", "Dune")):
-        assert (f'"{name}" is gone' in obj.pointmorph.stale) == (which in (side, "both"))
+        assert (f'"{name}" no longer exists' in obj.pointmorph.stale) == (which in (side, "both"))
     t_of(obj).value = 0.5
     np.testing.assert_allclose(
         shown_points(obj), (before["Basis"] + before["Morph"]) / 2, atol=1e-6
@@ -448,7 +448,7 @@ def test_deletion_of_its_parents_from_the_file(settings, which, tmp_path):
     select(obj)
     assert bpy.ops.pointmorph.bake_shape_keys(kind="PAIRS") == {"FINISHED"}
     if which != "target":
-        with pytest.raises(RuntimeError, match="expected its source in the file, found none"):
+        with pytest.raises(RuntimeError, match="expected its source in this file, found none"):
             bpy.ops.pointmorph.bake_shape_keys(kind="SOURCE")
 
 
@@ -505,7 +505,7 @@ def test_source_and_target_that_are_linked_from_another_file(settings, tmp_path)
     assert copy.library is None
     assert copy.data.library is None
     select(obj)
-    with pytest.raises(RuntimeError, match="Hill: expected a mesh that can be changed"):
+    with pytest.raises(RuntimeError, match="Hill: expected an editable mesh"):
         bpy.ops.pointmorph.bake_shape_keys(kind="SOURCE")
 
 

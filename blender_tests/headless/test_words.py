@@ -1,9 +1,14 @@
 """What the add-on says about itself."""
 
+import re
+
 import bpy
 import pointmorph
 import pytest
 
+BRITISH = re.compile(
+    "colour|centre|grey|neighbour|towards|cancelled|[a-z]{3,}ise\\b", re.IGNORECASE
+)
 KINDS = (bpy.types.Operator, bpy.types.Panel, bpy.types.PropertyGroup)
 
 
@@ -52,8 +57,9 @@ def test_everything_has_a_name_and_a_tooltip(texts):
 
 
 def test_tooltips_are_written_as_blenders_are(texts):
-    """On one line, without a full stop at the end."""
+    """On one line, without a full stop at the end, in American spelling."""
     for where, text in texts:
         assert "\n" not in text, where
         assert "  " not in text, where
         assert not text.endswith("."), (where, text)
+        assert not BRITISH.search(text), (where, text)

@@ -8,7 +8,7 @@ import numpy.typing as npt
 from pointmorph import _pointmorph
 from pointmorph.clouds import FloatArray
 from pointmorph.errors import CloudError, OptionError
-from pointmorph.morphing import Progress
+from pointmorph.morphing import Progress, options
 
 
 class Motion:
@@ -49,10 +49,10 @@ class Motion:
         path: str,
         progress: Progress | None = None,
     ) -> None:
-        if path not in ("linear", "similarity", "rigid"):
-            raise OptionError(
-                "path", "linear, similarity or rigid", repr(path), "Choose one of them."
-            )
+        paths = next(option.choices for option in options() if option.name == "path")
+        if path not in paths:
+            expected = f"{', '.join(paths[:-1])} or {paths[-1]}"
+            raise OptionError("path", expected, repr(path), "Choose one of them.")
         arrays = [np.asarray(rows, dtype=np.float64) for rows in (positions, normals, images)]
         for name, rows in zip(("positions", "normals", "images"), arrays, strict=True):
             if rows.ndim != 2 or rows.shape[1] != 3 or rows.shape != arrays[0].shape:
