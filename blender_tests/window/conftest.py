@@ -417,7 +417,7 @@ def pytest_runtest_makereport(item):
     return report
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def _shared():
     """The Blender that tests use one after another, while none is using it."""
     windows = []

@@ -297,6 +297,8 @@ for name, x in (("Hill", -1.2), ("Dune", 1.2)):
 scenes.select(bpy.data.objects["Hill"])
 with in_viewport(): bpy.ops.view3d.view_axis(type="TOP")
 with in_viewport(): bpy.ops.view3d.view_all()
+area.spaces[0].region_3d.view_distance *= 1.4
+area.spaces[0].region_3d.view_location.x += 0.9  # from under the sidebar
 bpy.ops.ed.undo_push(message="A pair of sheets")
 """
     )

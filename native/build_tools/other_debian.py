@@ -44,7 +44,9 @@ exec chroot "$root" "$@"
 def _namespace() -> tuple[str, ...]:
     """The command in front of another that gives it mounts and processes of its own."""
     # Where the root isn't a mount, as in a chroot, it has no propagation to be changed.
-    propagation = "private" if os.path.ismount("/") else "unchanged"
+    mounts_of_all = Path("/proc/self/mountinfo").read_text().splitlines()
+    is_mount = any(line.split()[4] == "/" for line in mounts_of_all)
+    propagation = "private" if is_mount else "unchanged"
     mounts = ("unshare", "--mount", "--propagation", propagation)
     return (*mounts, "--pid", "--fork", "--kill-child")
 

@@ -142,9 +142,13 @@ def test_too_few_points_and_a_missing_library_say_so(
     assert not list(tmp_path.iterdir())
 
 
-def test_files_of_every_kind_hold_the_mesh(round_morph: pointmorph.Morph, tmp_path: Path) -> None:
+def test_files_of_every_kind_hold_the_mesh(
+    round_morph: pointmorph.Morph, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     expected = surfaces.Surfaces(round_morph).through(round_morph.resampled_frame(0.6), 0.6)
     for kind in ("ply", "obj", "stl", "glb"):
+        if kind == "obj":  # the first was made anew; the others differ in how they are written
+            monkeypatch.setattr(surfaces.Surfaces, "through", lambda *_: expected)
         times = [0.0, 0.6, 1.0] if kind == "ply" else [0.6]
         sequences.write_frames(round_morph, tmp_path, times, first=9 - len(times), mesh=kind)
         names = {path.name for path in tmp_path.iterdir()}
