@@ -75,4 +75,17 @@ std::vector<Index> least_assignment(const Eigen::MatrixXd& costs) {
     return result;
 }
 
+std::vector<IndexPair> cheapest_pairs(const Eigen::MatrixXd& costs, double alone) {
+    // A row without a partner takes one of the further columns.
+    Eigen::MatrixXd all =
+        Eigen::MatrixXd::Constant(costs.rows(), costs.cols() + costs.rows(), alone);
+    all.leftCols(costs.cols()) = costs;
+    const std::vector<Index> columns = least_assignment(all);
+    std::vector<IndexPair> pairs;
+    for (Index i = 0; i < static_cast<Index>(costs.rows()); ++i)
+        if (const Index j = columns[to_size(i)]; j < costs.cols() && costs(i, j) < alone)
+            pairs.push_back({i, j});
+    return pairs;
+}
+
 }  // namespace pointmorph

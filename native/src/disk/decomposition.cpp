@@ -9,7 +9,6 @@
 #include <optional>
 #include <utility>
 
-#include "disk/unmarked_tips.hpp"
 #include "pointmorph/base/error.hpp"
 #include "pointmorph/base/parallel.hpp"
 #include "pointmorph/cloud/cloud.hpp"
@@ -45,7 +44,7 @@ SurfaceCurve curve_of(const CoarseCloud& coarse, const std::vector<Index>& path)
 
 /// One curve from each feature to the next, guided and keeping apart. Features are rows 0, 1, …;
 /// `from` has every point's distance from each, in √area.
-std::vector<SurfaceCurve> guided_curves(const CoarseCloud& coarse, std::span<const Values> from,
+std::vector<SurfaceCurve> guided_curves(const CoarseCloud& coarse, const Eigen::MatrixXd& from,
                                         Index features, const DecompositionOptions& options,
                                         Progress& progress) {
     const Index count = coarse.graph.size();
@@ -54,13 +53,13 @@ std::vector<SurfaceCurve> guided_curves(const CoarseCloud& coarse, std::span<con
     const auto previous = [&](Index k) { return (k + features - 1) % features; };
     // Above 0 where a point near feature k lies on the side of the next feature.
     const auto side = [&](Index k, Index x) {
-        const Values &back = from[to_size(previous(k))], &ahead = from[to_size(next(k))];
-        return (back[x] - back[k]) - (ahead[x] - ahead[k]);
+        const Index back = previous(k), ahead = next(k);
+        return (from(x, back) - from(k, back)) - (from(x, ahead) - from(k, ahead));
     };
     std::vector<Index> cell(to_size(count), 0);
     for (Index x = 0; x < count; ++x)
         for (Index k = 1; k < features; ++k)
-            if (from[to_size(k)][x] < from[to_size(cell[to_size(x)])][x]) cell[to_size(x)] = k;
+            if (from(x, k) < from(x, cell[to_size(x)])) cell[to_size(x)] = k;
 
     std::vector<SurfaceCurve> curves;
     Values repulsion = Values::Zero(count);
@@ -79,8 +78,7 @@ std::vector<SurfaceCurve> guided_curves(const CoarseCloud& coarse, std::span<con
             const double d = near[x] / (kRepulsion * coarse.unit);
             if (!(d < 3.0)) continue;
             // The curves meet at their ends, which must not push the next one away.
-            const double end =
-                std::min(from[to_size(a)][x], from[to_size(b)][x]) / (2.0 * kRepulsion);
+            const double end = std::min(from(x, a), from(x, b)) / (2.0 * kRepulsion);
             repulsion[x] += std::exp(-d * d) * std::min(1.0, end);
         }
         curves.push_back(curve_of(coarse, path));
@@ -386,7 +384,7 @@ ClosedCurve traced(const CoarseCloud& coarse, const std::vector<SurfaceCurve>& w
 /// side: it may not cross a path from the feature to the middle of the patch that it should be on.
 /// Returns which way that is. `left` is what walk() said.
 Index led_round(std::vector<SurfaceCurve>& ways, const CoarseCloud& coarse,
-                std::span<const Values> from, const ClosedCurve& closed, const Values& left,
+                const Eigen::MatrixXd& from, const ClosedCurve& closed, const Values& left,
                 Index feature, Index corners) {
     constexpr double kBarred = 1000.0, kOther = 50.0;
     const KdTree<3> curve(closed.curve.points);
@@ -409,8 +407,7 @@ Index led_round(std::vector<SurfaceCurve>& ways, const CoarseCloud& coarse,
                                  squared) == 0 ||
             way_at(place[0]) == way)
             continue;
-        const double to_end =
-            std::min(from[to_size(begin)][i], from[to_size(end)][i]) * coarse.unit;
+        const double to_end = std::min(from(i, begin), from(i, end)) * coarse.unit;
         costs[i] += kOther * std::min(1.0, to_end / (4.0 * coarse.spacing));
     }
     // The middle of a patch is what is farthest from all the loop's features.
@@ -420,7 +417,7 @@ Index led_round(std::vector<SurfaceCurve>& ways, const CoarseCloud& coarse,
     for (Index i = corners; i < count; ++i) {
         if (to_left ? left[i] < 0.5 : left[i] > -0.5) continue;
         double least = kFar;
-        for (Index k = 0; k < corners; ++k) least = std::min(least, from[to_size(k)][i]);
+        for (Index k = 0; k < corners; ++k) least = std::min(least, from(i, k));
         if (least <= farthest) continue;
         farthest = least;
         middle = i;
@@ -448,7 +445,7 @@ Decomposition decompose(const KdTree<3>& tree, const Normals& normals, const Nei
     const auto corners = static_cast<Index>(names.size());
     const CoarseCloud coarse(tree, normals, nearest, features, options.points, progress);
 
-    const std::vector<Values> from = distances_from(coarse, features.size());
+    const Eigen::MatrixXd from = distances_from_features(coarse, features.size());
     std::vector<SurfaceCurve> ways = guided_curves(coarse, from, corners, options, progress);
     std::vector<Index> rounds(ways.size(), options.straightening);
     Decomposition result;
@@ -498,9 +495,7 @@ Decomposition decompose(const KdTree<3>& tree, const Normals& normals, const Nei
             "Take features around the whole shape into the loop, for instance the tips of all "
             "limbs in the order in which one walks around it.");
 
-    UnmarkedTips tips = unmarked_tips(coarse, from, options.tips, progress);
-    result.tips = std::move(tips.rows);
-    result.tip_distances = std::move(tips.distances);
+    result.unmarked = unmarked_extremities(coarse, from, options.tips, progress);
     return result;
 }
 
@@ -508,18 +503,16 @@ FeatureReach feature_reach(const KdTree<3>& tree, const Normals& normals,
                            const Neighborhoods& nearest, std::span<const Index> features,
                            const DecompositionOptions& options, Progress& progress) {
     const CoarseCloud coarse(tree, normals, nearest, features, options.points, progress);
-    const std::vector<Values> from = distances_from(coarse, features.size());
+    const Eigen::MatrixXd from = distances_from_features(coarse, features.size());
     const auto count = static_cast<Eigen::Index>(features.size());
-    FeatureReach reach{Eigen::MatrixXd(count, count), std::vector<char>(features.size(), 0)};
-    for (std::size_t k = 0; k < features.size(); ++k)
-        reach.distances.row(static_cast<Eigen::Index>(k)) = from[k].head(count).transpose();
+    FeatureReach reach{from.topRows(count).transpose(), std::vector<char>(features.size(), 0)};
     constexpr Index kMost = 100;
-    for (const Extremity& tip : tips_of(coarse, kMost, progress)) {
-        // The nearest mark is the tip's, if it's near enough.
-        const auto nearest_mark = std::ranges::min_element(
-            from, {}, [&](const Values& distances) { return distances[tip.point]; });
-        if (nearest_mark != from.end() && (*nearest_mark)[tip.point] <= kMarked)
-            reach.on_tip[to_size(nearest_mark - from.begin())] = 1;
+    if (count == 0) return reach;
+    for (const Extremity& extremity : extremities(coarse, kMost, progress)) {
+        // The nearest feature marks it, if it's near enough.
+        Eigen::Index nearest_feature;
+        if (from.row(extremity.point).minCoeff(&nearest_feature) <= kMarked)
+            reach.on_tip[to_size(nearest_feature)] = 1;
     }
     return reach;
 }

@@ -12,7 +12,6 @@
 #include <utility>
 
 #include "disk/network_surface.hpp"
-#include "disk/unmarked_tips.hpp"
 #include "pointmorph/base/error.hpp"
 #include "pointmorph/cloud/cloud.hpp"
 #include "pointmorph/cloud/similarity.hpp"
@@ -84,7 +83,7 @@ public:
           names_(names),
           weights_(weights),
           progress_(progress),
-          most_tips_(options.tips),
+          most_extremities_(options.tips),
           corners_(static_cast<Index>(names.size())),
           piece_(names.size()) {
         for (const std::size_t m : {0u, 1u})
@@ -98,9 +97,7 @@ public:
         laid_over_[0] = onto_target.apply(surfaces_[0]->coarse().positions);
         laid_over_[1] = surfaces_[1]->coarse().positions;
         for (const std::size_t m : {0u, 1u}) {
-            const std::vector<Values> from = distances_from(surfaces_[m]->coarse(), names.size());
-            reach_[m].resize(surfaces_[m]->coarse().positions.rows(), corners_);
-            for (Index k = 0; k < corners_; ++k) reach_[m].col(k) = from[to_size(k)];
+            reach_[m] = distances_from_features(surfaces_[m]->coarse(), names.size());
         }
     }
 
@@ -140,10 +137,9 @@ public:
         for (const std::size_t m : {0u, 1u}) {
             result.labels[m] = surfaces_[m]->labels(face, patches, progress_);
             const CoarseCloud& coarse = surfaces_[m]->coarse();
-            UnmarkedTips tips =
-                unmarked_tips(coarse, distances_from(coarse, names_.size()), most_tips_, progress_);
-            result.tips[m] = std::move(tips.rows);
-            result.tip_distances[m] = std::move(tips.distances);
+            result.unmarked[m] =
+                unmarked_extremities(coarse, distances_from_features(coarse, names_.size()),
+                                     most_extremities_, progress_);
         }
         result.curves = std::move(curves_);
         return result;
@@ -437,7 +433,7 @@ private:
     std::span<const std::string> names_;
     Weights weights_;
     Progress& progress_;
-    Index most_tips_;
+    Index most_extremities_;
     Index corners_;
     std::array<std::unique_ptr<NetworkSurface>, 2> surfaces_;
     std::array<Positions, 2> laid_over_;    ///< coarse points, the source's as the target lies

@@ -5,7 +5,6 @@
 #include <cmath>
 #include <utility>
 
-#include "disk/unmarked_tips.hpp"
 #include "morph/patch_cloud.hpp"
 #include "morph/point_features.hpp"
 #include "pointmorph/base/error.hpp"
@@ -201,16 +200,14 @@ CutRoute match_in_patches(Side& source, Side& target, const MorphInput& input,
             if (source_cut.patches[to_size(rows.source)] == patch)
                 inside.push_back(
                     {source_patch.place(rows.source), target_patch.place(rows.target)});
-        const auto tips = paired_tips(
-            {source_cut.tips, source_cut.tip_distances},
-            {target_cut.tips, target_cut.tip_distances},
-            [&](bool is_source, Index row) {
-                return (is_source ? source_cut : target_cut).patches[to_size(row)] == patch;
-            },
-            [&](Index s, Index t) {
-                return (source_disk.row(source_patch.place(s)) -
-                        target_disk.row(target_patch.place(t)))
-                    .norm();
+        const auto tips = paired_extremities(
+            source_cut.unmarked, target_cut.unmarked, kLargestDifference, [&](Index s, Index t) {
+                return source_cut.patches[to_size(s)] != patch ||
+                               target_cut.patches[to_size(t)] != patch
+                           ? kNoPair
+                           : (source_disk.row(source_patch.place(s)) -
+                              target_disk.row(target_patch.place(t)))
+                                 .norm();
             });
         for (const auto& [s, t] : tips) {
             inside.push_back({source_patch.place(s), target_patch.place(t)});

@@ -6,12 +6,12 @@
 #include <string>
 #include <utility>
 
-#include "disk/unmarked_tips.hpp"
 #include "morph/patch_cloud.hpp"
 #include "morph/point_features.hpp"
 #include "pointmorph/cloud/kd_tree.hpp"
 #include "pointmorph/cloud/similarity.hpp"
 #include "pointmorph/disk/network.hpp"
+#include "surface/coarse_cloud.hpp"
 
 namespace pointmorph {
 
@@ -70,13 +70,12 @@ std::vector<IndexPair> tips_alike(const Side& source, const KdTree<3>& source_tr
         for (const PointFeature& f : known) features.push_back(f.rows.*row);
         const CoarseCloud coarse(tree, side.normals, side.nearest, features, options.points,
                                  progress);
-        return unmarked_tips(coarse, distances_from(coarse, features.size()), options.tips,
-                             progress);
+        return unmarked_extremities(coarse, distances_from_features(coarse, features.size()),
+                                    options.tips, progress);
     };
-    return paired_tips(
-        tips(source, source_tree, &IndexPair::source),
-        tips(target, target_tree, &IndexPair::target), [](bool, Index) { return true; },
-        [](Index, Index) { return 0.0; });
+    return paired_extremities(tips(source, source_tree, &IndexPair::source),
+                              tips(target, target_tree, &IndexPair::target), kLargestDifference,
+                              [](Index, Index) { return 0.0; });
 }
 
 }  // namespace
@@ -172,14 +171,12 @@ NetworkRoute match_in_network(Side& source, Side& target, const MorphInput& inpu
             disks[m] = on_disk(*sides[m], clouds[m], angles[m], options, said, report, progress);
         }
         progress.enter("alignment");
-        const auto tips = paired_tips(
-            {network.tips[0], network.tip_distances[0]},
-            {network.tips[1], network.tip_distances[1]},
-            [&](bool is_source, Index row) {
-                return network.labels[is_source ? 0 : 1][to_size(row)] == p;
-            },
-            [&](Index s, Index t) {
-                return (disks[0].row(clouds[0].place(s)) - disks[1].row(clouds[1].place(t))).norm();
+        const auto tips = paired_extremities(
+            network.unmarked[0], network.unmarked[1], kLargestDifference, [&](Index s, Index t) {
+                return network.labels[0][to_size(s)] != p || network.labels[1][to_size(t)] != p
+                           ? kNoPair
+                           : (disks[0].row(clouds[0].place(s)) - disks[1].row(clouds[1].place(t)))
+                                 .norm();
             });
         std::vector<IndexPair> together;
         for (const auto& [s, t] : tips) {

@@ -61,9 +61,8 @@ PieceMatching match_pieces(const PieceView& source, const PieceView& target,
     const auto s = wholes_of(source), t = wholes_of(target);
     const auto rows = static_cast<Eigen::Index>(s.size()),
                columns = static_cast<Eigen::Index>(t.size());
-    // A piece of the source without a counterpart takes one of the further columns.
     constexpr double kAlone = 1.0;
-    Eigen::MatrixXd costs = Eigen::MatrixXd::Constant(rows, columns + rows, kAlone);
+    Eigen::MatrixXd costs(rows, columns);
     for (Eigen::Index i = 0; i < rows; ++i)
         for (Eigen::Index j = 0; j < columns; ++j) {
             const Whole &a = s[to_size(i)], &b = t[to_size(j)];
@@ -84,19 +83,16 @@ PieceMatching match_pieces(const PieceView& source, const PieceView& target,
         costs(0, 0) = 0.0;
     }
     PieceMatching matching;
-    const std::vector<Index> partners = least_assignment(costs);
-    std::vector<char> taken(t.size(), 0);
-    for (Index i = 0; i < static_cast<Index>(s.size()); ++i) {
-        const Index j = partners[to_size(i)];
-        if (j < columns && costs(i, j) < kAlone) {
-            matching.matched.push_back({i, j});
-            taken[to_size(j)] = 1;
-        } else {
-            matching.source_alone.push_back(i);
-        }
-    }
-    for (Index j = 0; j < static_cast<Index>(t.size()); ++j)
-        if (!taken[to_size(j)]) matching.target_alone.push_back(j);
+    matching.matched = cheapest_pairs(costs, kAlone);
+    const auto alone = [&](std::size_t count, Index IndexPair::*side) {
+        std::vector<Index> result;
+        for (Index i = 0; i < static_cast<Index>(count); ++i)
+            if (std::ranges::find(matching.matched, i, side) == matching.matched.end())
+                result.push_back(i);
+        return result;
+    };
+    matching.source_alone = alone(s.size(), &IndexPair::source);
+    matching.target_alone = alone(t.size(), &IndexPair::target);
     // Pieces are numbered by size, but not alike on both sides.
     std::ranges::stable_sort(matching.matched, std::greater<>(), [&](const IndexPair& pair) {
         return source.topology.pieces[to_size(pair.source)].points +

@@ -51,7 +51,7 @@ std::vector<ExtremityPair> paired_extremities(const CoarseShape& source, const C
                                               const ExtremityOptions& options) {
     const auto s = static_cast<Eigen::Index>(source_tips.size());
     const auto t = static_cast<Eigen::Index>(target_tips.size());
-    Eigen::MatrixXd costs = Eigen::MatrixXd::Constant(s, t + s, options.reach);
+    Eigen::MatrixXd costs(s, t);
     for (Eigen::Index i = 0; i < s; ++i)
         for (Eigen::Index j = 0; j < t; ++j) {
             const Index a = source_tips[to_size(i)].point;
@@ -60,12 +60,8 @@ std::vector<ExtremityPair> paired_extremities(const CoarseShape& source, const C
                                  (target_images.row(b) - source.positions.row(a)).norm());
         }
     std::vector<ExtremityPair> pairs;
-    const std::vector<Index> columns = least_assignment(costs);
-    for (Eigen::Index i = 0; i < s; ++i) {
-        const Index j = columns[to_size(i)];
-        if (j < t && costs(i, j) < options.reach)
-            pairs.push_back({static_cast<Index>(i), j, costs(i, j)});
-    }
+    for (const auto& [i, j] : cheapest_pairs(costs, options.reach))
+        pairs.push_back({i, j, costs(i, j)});
     return pairs;
 }
 

@@ -4,35 +4,19 @@
 #include <utility>
 
 #include "pointmorph/base/assignment.hpp"
-#include "pointmorph/surface/graph_extremities.hpp"
-#include "pointmorph/surface/surface_graph.hpp"
 
 namespace pointmorph {
 
 namespace {
 
-/// Tips that no feature marks, and their distances to the features: #tips by #features.
-struct Signatures {
-    std::vector<Index> tips;
-    Eigen::MatrixXd distances;
-};
-
-Signatures signatures(const CoarseShape& shape, std::span<const IndexPair> features,
-                      Index IndexPair::*side, const AttemptOptions& options, Progress& progress) {
-    constexpr Index kSamples = 30;
-    const auto count = static_cast<Eigen::Index>(features.size());
-    Eigen::MatrixXd all = Eigen::MatrixXd::Zero(shape.size(), count);
-    GeodesicSearch search(shape.graph);
-    for (Eigen::Index f = 0; f < count; ++f)
-        for (const auto& [i, distance] : search.from(features[to_size(f)].*side))
-            all(i, f) = distance;
-    Signatures result;
-    // Ends of long limbs, not all that sticks out: those are what a registration loses.
-    for (const Extremity& tip :
-         extremities(shape.graph, 1.0, kSamples, options.tips, options.prominence, progress))
-        if (all.row(tip.point).minCoeff() >= options.covered) result.tips.push_back(tip.point);
-    result.distances = all(result.tips, Eigen::all);
-    return result;
+/// Ends of long limbs, not all that sticks out: those are what a registration loses.
+UnmarkedExtremities unmarked(const CoarseShape& shape, std::span<const IndexPair> features,
+                             Index IndexPair::*side, const AttemptOptions& options,
+                             Progress& progress) {
+    std::vector<Index> rows;
+    for (const IndexPair& f : features) rows.push_back(f.*side);
+    return unmarked_extremities(shape.graph, 1.0, distances_from(shape.graph, 1.0, rows),
+                                options.extremities, progress);
 }
 
 }  // namespace
@@ -42,25 +26,19 @@ std::vector<IndexPair> tips_by_features(const CoarseShape& source, const CoarseS
                                         const AttemptOptions& options, Progress& progress) {
     constexpr std::size_t kFewest = 3;
     if (features.size() < kFewest) return {};
-    const Signatures s = signatures(source, features, &IndexPair::source, options, progress);
-    const Signatures t = signatures(target, features, &IndexPair::target, options, progress);
-    const auto rows = s.distances.rows(), columns = t.distances.rows();
-    // A tip of the source without a partner takes one of the further columns.
-    Eigen::MatrixXd costs = Eigen::MatrixXd::Constant(rows, columns + rows, options.tip_difference);
-    for (Eigen::Index i = 0; i < rows; ++i)
-        for (Eigen::Index j = 0; j < columns; ++j) {
+    const auto s = unmarked(source, features, &IndexPair::source, options, progress),
+               t = unmarked(target, features, &IndexPair::target, options, progress);
+    Eigen::MatrixXd costs(s.distances.rows(), t.distances.rows());
+    for (Eigen::Index i = 0; i < costs.rows(); ++i)
+        for (Eigen::Index j = 0; j < costs.cols(); ++j) {
             const Eigen::ArrayXd difference =
                 (s.distances.row(i) - t.distances.row(j)).transpose().array();
             costs(i, j) = (difference - difference.mean()).abs().mean() +
                           options.offset_weight * std::abs(difference.mean());
         }
     std::vector<IndexPair> pairs;
-    const std::vector<Index> partners = least_assignment(costs);
-    for (Eigen::Index i = 0; i < rows; ++i) {
-        const Index j = partners[to_size(i)];
-        if (j < columns && costs(i, j) < options.tip_difference)
-            pairs.push_back({s.tips[to_size(i)], t.tips[to_size(j)]});
-    }
+    for (const auto& [i, j] : cheapest_pairs(costs, options.tip_difference))
+        pairs.push_back({s.rows[to_size(i)], t.rows[to_size(j)]});
     return pairs;
 }
 

@@ -9,12 +9,11 @@
 #include <string>
 #include <utility>
 
-#include "pointmorph/base/assignment.hpp"
 #include "pointmorph/base/error.hpp"
 #include "pointmorph/base/parallel.hpp"
 #include "pointmorph/cloud/kd_tree.hpp"
 #include "pointmorph/cloud/similarity.hpp"
-#include "pointmorph/surface/graph_extremities.hpp"
+#include "pointmorph/surface/extremity_pairing.hpp"
 #include "sphere/sphere_descent.hpp"
 #include "sphere/sphere_embedding.hpp"
 
@@ -215,50 +214,19 @@ void turn_to_features(SphericalMesh& source, const SphericalMesh& target,
     source.images = source.images * best_rotation(covariance).rotation.transpose();
 }
 
-/// Ends of limbs away from the features, and how far they lie from each of them: #tips by
-/// #features, in √area.
-struct Tips {
-    std::vector<Index> vertices;
-    Eigen::MatrixXd distances;
-};
-
-Tips tips_of(const SphericalMesh& mesh, std::span<const Index> features, Index most,
-             Progress& progress) {
-    constexpr Index kSamples = 30;
-    constexpr double kProminence = 0.04;
-    constexpr double kMarked = 0.1;  // a feature this near stands for the tip
-    Eigen::MatrixXd all(mesh.size(), static_cast<Eigen::Index>(features.size()));
-    GeodesicSearch search(mesh.graph);
-    for (std::size_t f = 0; f < features.size(); ++f)
-        for (const auto& [i, distance] : search.from(features[f])) all(i, Index(f)) = distance;
-    Tips tips;
-    for (const Extremity& tip : extremities(mesh.graph, 1.0, kSamples, most, kProminence, progress))
-        if (all.row(tip.point).minCoeff() >= kMarked) tips.vertices.push_back(tip.point);
-    tips.distances = all(tips.vertices, Eigen::all);
-    return tips;
-}
-
-/// Tips that belong together: each other's best by far, in where they lie on the sphere and along
-/// the surface from all features.
-std::vector<IndexPair> paired_tips(const SphericalMesh& source, const SphericalMesh& target,
-                                   std::span<const IndexPair> features, Index most,
-                                   Progress& progress) {
-    constexpr double kLargest = 0.5, kByFar = 1.5;
+/// Unmarked extremities that belong together: by where they lie on the sphere, too.
+std::vector<IndexPair> paired_extremities(const SphericalMesh& source, const SphericalMesh& target,
+                                          std::span<const IndexPair> features, Index most,
+                                          Progress& progress) {
+    constexpr double kLargest = 0.5;
     if (features.empty() || most == 0) return {};
-    const Tips s = tips_of(source, side_of(features, &IndexPair::source), most, progress);
-    const Tips t = tips_of(target, side_of(features, &IndexPair::target), most, progress);
-    Eigen::MatrixXd costs(s.distances.rows(), t.distances.rows());
-    for (Eigen::Index i = 0; i < costs.rows(); ++i)
-        for (Eigen::Index j = 0; j < costs.cols(); ++j)
-            costs(i, j) = (s.distances.row(i) - t.distances.row(j)).norm() /
-                              std::sqrt(static_cast<double>(features.size())) +
-                          (source.images.row(s.vertices[to_size(Index(i))]) -
-                           target.images.row(t.vertices[to_size(Index(j))]))
-                              .norm();
-    std::vector<IndexPair> pairs;
-    for (const auto& [i, j] : each_others_best(costs, kLargest, kByFar))
-        pairs.push_back({s.vertices[to_size(i)], t.vertices[to_size(j)]});
-    return pairs;
+    const auto unmarked = [&](const SphericalMesh& mesh, Index IndexPair::*side) {
+        const Eigen::MatrixXd from = distances_from(mesh.graph, 1.0, side_of(features, side));
+        return unmarked_extremities(mesh.graph, 1.0, from, {.most = most}, progress);
+    };
+    return paired_extremities(
+        unmarked(source, &IndexPair::source), unmarked(target, &IndexPair::target), kLargest,
+        [&](Index s, Index t) { return (source.images.row(s) - target.images.row(t)).norm(); });
 }
 
 /// The k-th of `count` nodes that lie all over the surface: nodes stand in spatial order.
@@ -503,8 +471,8 @@ SphericalAlignment align_on_sphere(SphericalMesh& source, SphericalMesh& target,
                                "Check that they mark the same places on both models, that left "
                                "and right are not swapped, and that none lie on top of each "
                                "other.");
-    // Tips come as near as they can, and the descent may take them on from there.
-    if (const auto tips = paired_tips(source, target, features, options.tips, progress);
+    // Extremities come as near as they can, and the descent may take them on from there.
+    if (const auto tips = paired_extremities(source, target, features, options.tips, progress);
         !tips.empty()) {
         std::vector<IndexPair> all(features.begin(), features.end());
         all.insert(all.end(), tips.begin(), tips.end());

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <numeric>
 #include <span>
 #include <utility>
 
@@ -56,5 +57,23 @@ CoarseCloud::CoarseCloud(Subset chosen, double area, const KdTree<3>& dense,
       graph(surface_graph(dense.points(), dense_normals, nearest, rows, cells)),
       spacing(std::max(chosen.radius, std::sqrt(area / static_cast<double>(rows.size())))),
       unit(std::sqrt(area)) {}
+
+Eigen::MatrixXd distances_from_features(const CoarseCloud& coarse, std::size_t features) {
+    std::vector<Index> first(features);
+    std::iota(first.begin(), first.end(), 0);
+    return distances_from(coarse.graph, coarse.unit, first);
+}
+
+std::vector<Extremity> extremities(const CoarseCloud& coarse, Index most, Progress& progress) {
+    return extremities(coarse.graph, coarse.unit, {.most = most}, progress);
+}
+
+UnmarkedExtremities unmarked_extremities(const CoarseCloud& coarse, const Eigen::MatrixXd& from,
+                                         Index most, Progress& progress) {
+    UnmarkedExtremities unmarked =
+        unmarked_extremities(coarse.graph, coarse.unit, from, {.most = most}, progress);
+    for (Index& row : unmarked.rows) row = coarse.rows[to_size(row)];
+    return unmarked;
+}
 
 }  // namespace pointmorph

@@ -10,6 +10,7 @@
 #include "pointmorph/cloud/kd_tree.hpp"
 #include "pointmorph/cloud/neighborhoods.hpp"
 #include "pointmorph/cloud/subset.hpp"
+#include "pointmorph/surface/extremity_pairing.hpp"
 #include "pointmorph/surface/surface_graph.hpp"
 
 namespace pointmorph {
@@ -32,5 +33,17 @@ private:
     CoarseCloud(Subset chosen, double area, const KdTree<3>& dense, const Normals& dense_normals,
                 const Neighborhoods& nearest, Progress& progress);
 };
+
+/// Distances along the surface from the first `features` coarse points to all of them, in √area:
+/// #points by #features.
+Eigen::MatrixXd distances_from_features(const CoarseCloud& coarse, std::size_t features);
+
+/// Extremities of the coarse points, `most` at the most, the most prominent first.
+std::vector<Extremity> extremities(const CoarseCloud& coarse, Index most, Progress& progress);
+
+/// unmarked_extremities() as rows of the cloud, `most` before those near a feature are left out.
+/// `from` is distances_from_features().
+UnmarkedExtremities unmarked_extremities(const CoarseCloud& coarse, const Eigen::MatrixXd& from,
+                                         Index most, Progress& progress);
 
 }  // namespace pointmorph

@@ -47,8 +47,8 @@ std::vector<Index> most_prominent(const std::vector<double>& prominences, Index 
     return peaks;
 }
 
-std::vector<Extremity> extremities(const SurfaceGraph& graph, double unit, Index samples,
-                                   Index most, double prominence, Progress& progress) {
+std::vector<Extremity> extremities(const SurfaceGraph& graph, double unit,
+                                   const GraphExtremityOptions& options, Progress& progress) {
     const Index count = graph.size();
     if (count == 0) return {};
     GeodesicSearch search(graph);
@@ -57,19 +57,19 @@ std::vector<Extremity> extremities(const SurfaceGraph& graph, double unit, Index
     Eigen::VectorXd height = Eigen::VectorXd::Zero(count);
     // The last one found is the farthest.
     Index sample = search.from(0).back().first;
-    for (Index s = 0; s < samples; ++s) {
+    for (Index s = 0; s < options.samples; ++s) {
         for (const auto& [i, distance] : search.from(sample)) {
             nearest[i] = std::min(nearest[i], distance);
-            height[i] += distance / (unit * samples);
+            height[i] += distance / (unit * options.samples);
         }
         nearest.maxCoeff(&sample);
-        progress.report(static_cast<double>(s + 1) / samples);
+        progress.report(static_cast<double>(s + 1) / options.samples);
     }
     const std::vector<double> prominent = prominences(graph.offsets, graph.neighbors, height);
-    std::vector<Extremity> tips;
-    for (const Index k : most_prominent(prominent, most, prominence))
-        tips.push_back({k, prominent[to_size(k)]});
-    return tips;
+    std::vector<Extremity> result;
+    for (const Index k : most_prominent(prominent, options.most, options.prominence))
+        result.push_back({k, prominent[to_size(k)]});
+    return result;
 }
 
 }  // namespace pointmorph

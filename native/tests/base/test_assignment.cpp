@@ -43,5 +43,18 @@ TEST(Assignment, EachOthersBestIsBestByFarOfItsRowAndColumn) {
     EXPECT_TRUE(each_others_best(Eigen::MatrixXd(0, 2), 1.0, 1.5).empty());
 }
 
+TEST(Assignment, CheapestPairsLeaveAloneWhatCostsMore) {
+    Eigen::MatrixXd costs(3, 2);
+    costs << 0.1, 0.2,  //
+        0.2, 0.9,       //
+        0.6, 0.7;
+    // 0.1 + alone would cost more than 0.2 + 0.2.
+    EXPECT_EQ(cheapest_pairs(costs, 0.5), (std::vector<IndexPair>{{0, 1}, {1, 0}}));
+    EXPECT_EQ(cheapest_pairs(costs, 0.2), (std::vector<IndexPair>{{0, 0}}));
+    EXPECT_TRUE(cheapest_pairs(costs, 0.1).empty());
+    EXPECT_TRUE(cheapest_pairs(Eigen::MatrixXd(0, 2), 0.5).empty());
+    EXPECT_TRUE(cheapest_pairs(Eigen::MatrixXd(2, 0), 0.5).empty());
+}
+
 }  // namespace
 }  // namespace pointmorph

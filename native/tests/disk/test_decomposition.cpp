@@ -144,15 +144,15 @@ TEST(Decomposition, FindsTipsThatCarryNoFeature) {
     const Shape shape = star(6000);
     const Index west = shape.at(-2, 0, 0);
     const Decomposition cut = shape.cut({shape.at(2, 0, 0), shape.at(0, 2, 0), shape.at(0, -2, 0)});
-    ASSERT_EQ(cut.tips.size(), 1u);
-    EXPECT_LT((shape.positions.row(cut.tips[0]) - shape.positions.row(west)).norm(), 0.15);
-    ASSERT_EQ(cut.tip_distances.rows(), 1);
-    ASSERT_EQ(cut.tip_distances.cols(), 3);
-    EXPECT_GT(cut.tip_distances.minCoeff(), 0.5);
+    ASSERT_EQ(cut.unmarked.rows.size(), 1u);
+    EXPECT_LT((shape.positions.row(cut.unmarked.rows[0]) - shape.positions.row(west)).norm(), 0.15);
+    ASSERT_EQ(cut.unmarked.distances.rows(), 1);
+    ASSERT_EQ(cut.unmarked.distances.cols(), 3);
+    EXPECT_GT(cut.unmarked.distances.minCoeff(), 0.5);
     DecompositionOptions none;
     none.tips = 0;
-    EXPECT_TRUE(
-        shape.cut({shape.at(2, 0, 0), shape.at(0, 2, 0), shape.at(0, -2, 0)}, none).tips.empty());
+    EXPECT_TRUE(shape.cut({shape.at(2, 0, 0), shape.at(0, 2, 0), shape.at(0, -2, 0)}, none)
+                    .unmarked.rows.empty());
 }
 
 TEST(Decomposition, RefusesALoopThatCrossesItself) {

@@ -49,7 +49,7 @@ struct Star {
 TEST(GraphExtremities, AreTheEndsOfAStarTheLongestFirst) {
     const Star star({20, 35, 28, 12});
     Progress progress;
-    const auto tips = extremities(star.graph, 1.0, 200, 12, 1.0, progress);
+    const auto tips = extremities(star.graph, 1.0, {12, 1.0, 200}, progress);
     ASSERT_EQ(tips.size(), 4u);
     EXPECT_EQ(tips[0].point, star.ends[1]);
     EXPECT_EQ(tips[1].point, star.ends[2]);
@@ -61,18 +61,18 @@ TEST(GraphExtremities, AreTheEndsOfAStarTheLongestFirst) {
 TEST(GraphExtremities, NoMoreThanAskedForAndNoneThatIsLessProminent) {
     const Star star({20, 35, 28, 12});
     Progress progress;
-    const auto all = extremities(star.graph, 1.0, 200, 12, 1.0, progress);
-    EXPECT_EQ(extremities(star.graph, 1.0, 200, 2, 1.0, progress).size(), 2u);
-    EXPECT_TRUE(extremities(star.graph, 1.0, 200, 0, 1.0, progress).empty());
-    EXPECT_EQ(extremities(star.graph, 1.0, 200, 12, all[2].prominence, progress).size(), 2u);
-    EXPECT_TRUE(extremities(SurfaceGraph{}, 1.0, 200, 12, 1.0, progress).empty());
+    const auto all = extremities(star.graph, 1.0, {12, 1.0, 200}, progress);
+    EXPECT_EQ(extremities(star.graph, 1.0, {2, 1.0, 200}, progress).size(), 2u);
+    EXPECT_TRUE(extremities(star.graph, 1.0, {0, 1.0, 200}, progress).empty());
+    EXPECT_EQ(extremities(star.graph, 1.0, {12, all[2].prominence, 200}, progress).size(), 2u);
+    EXPECT_TRUE(extremities(SurfaceGraph{}, 1.0, {12, 1.0, 200}, progress).empty());
 }
 
 TEST(GraphExtremities, ScaleWithTheUnit) {
     const Star star({20, 35, 28});
     Progress progress;
-    const auto one = extremities(star.graph, 1.0, 50, 12, 0.1, progress);
-    const auto ten = extremities(star.graph, 10.0, 50, 12, 0.01, progress);
+    const auto one = extremities(star.graph, 1.0, {12, 0.1, 50}, progress);
+    const auto ten = extremities(star.graph, 10.0, {12, 0.01, 50}, progress);
     ASSERT_EQ(one.size(), ten.size());
     for (std::size_t k = 0; k < one.size(); ++k) {
         EXPECT_EQ(one[k].point, ten[k].point);

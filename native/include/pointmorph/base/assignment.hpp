@@ -17,4 +17,8 @@ std::vector<IndexPair> each_others_best(const Eigen::MatrixXd& costs, double lar
 /// (Kuhn 1955, Munkres 1957; by shortest augmenting paths).
 std::vector<Index> least_assignment(const Eigen::MatrixXd& costs);
 
+/// Rows and columns, none twice, with the least sum of costs, where a row costs `alone` without a
+/// column: least_assignment() of those that cost less. Ascending by row.
+std::vector<IndexPair> cheapest_pairs(const Eigen::MatrixXd& costs, double alone);
+
 }  // namespace pointmorph

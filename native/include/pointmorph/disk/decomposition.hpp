@@ -15,6 +15,7 @@
 #include "pointmorph/base/types.hpp"
 #include "pointmorph/cloud/kd_tree.hpp"
 #include "pointmorph/cloud/neighborhoods.hpp"
+#include "pointmorph/surface/extremity_pairing.hpp"
 #include "pointmorph/surface/geodesics.hpp"
 
 namespace pointmorph {
@@ -37,6 +38,10 @@ struct DecompositionOptions {
 /// Where a point lies: on one of the patches, or on the curve (its features).
 enum class Patch : std::uint8_t { kLeft, kRight, kCurve };
 
+/// Unmarked extremities that differ by more than this, along the surface and on the disk, don't
+/// belong together; see paired_extremities().
+inline constexpr double kLargestDifference = 0.35;
+
 struct Decomposition {
     /// Closed: the first point follows the last. About as dense as the cloud. New points on the
     /// surface, but for the features.
@@ -44,10 +49,9 @@ struct Decomposition {
     std::vector<Index> corners;  ///< place of each feature in the curve, ascending from 0
     std::vector<Patch> patches;  ///< #points
 
-    /// Tips of the shape away from the features (ears, a tail) and on none of the curves' points:
-    /// rows, and their distances along the surface from all features in √area, #tips by #features.
-    std::vector<Index> tips;
-    Eigen::MatrixXd tip_distances;
+    /// Extremities away from the features (ears, a tail) and on none of the curve's points; rows of
+    /// the cloud.
+    UnmarkedExtremities unmarked;
 };
 
 /// `features`: rows, none twice; the first `names.size()` of them, three or more, are the loop, in

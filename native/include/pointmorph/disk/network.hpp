@@ -53,9 +53,8 @@ struct Network {
     /// How much longer the curves are than the shortest ways between their ends, in √area, mean of
     /// the sum over both shapes.
     double detour = 0.0;
-    /// See Decomposition::tips.
-    std::array<std::vector<Index>, 2> tips;
-    std::array<Eigen::MatrixXd, 2> tip_distances;
+    /// See Decomposition::unmarked.
+    std::array<UnmarkedExtremities, 2> unmarked;
 };
 
 /// Curves of the `loops`, closed sequences of features, are traced first, then as many as it takes:

@@ -10,15 +10,13 @@
 #include "pointmorph/base/types.hpp"
 #include "pointmorph/registration/coarse_shape.hpp"
 #include "pointmorph/registration/registration.hpp"
+#include "pointmorph/surface/extremity_pairing.hpp"
 
 namespace pointmorph {
 
 /// Lengths are in units of √(surface area).
 struct AttemptOptions {
-    Index tips = 12;           ///< so many are looked for on each shape, the most prominent …
-    double prominence = 0.04;  ///< … by mean distance along the surface; see extremities()
-    /// Tips closer than this to a feature are that feature.
-    double covered = 0.1;
+    GraphExtremityOptions extremities;
     /// Tips whose signatures differ by more than this don't belong together; see
     /// tips_by_features().
     double tip_difference = 0.12;

@@ -1,5 +1,5 @@
-// Stage `graph_extremities`: the tips of a shape (feet, nose, tail), from the graph along its
-// surface alone.
+// Stage `graph_extremities`: the extremities of a shape (feet, nose, tail), from the graph along
+// its surface alone.
 #pragma once
 
 #include <span>
@@ -14,16 +14,22 @@ namespace pointmorph {
 /// A point that sticks out further than all around it.
 struct Extremity {
     Index point;  ///< row of the shape or node of the graph
-    /// > 0, in √area for those of a graph alone. The highest tip has its height above the lowest
-    /// point.
+    /// > 0, in √area for those of a graph alone. That of the highest one is its height above the
+    /// lowest point.
     double prominence;
 };
 
-/// Those of a connected graph with lengths in units of `unit`, √area: local maxima of the mean
-/// distance along it (after Hilaga et al. 2001) to `samples` points spread over it (farthest point
-/// sampling). At most so many, with more than `prominence`, the most prominent first.
-std::vector<Extremity> extremities(const SurfaceGraph& graph, double unit, Index samples,
-                                   Index most, double prominence, Progress& progress);
+struct GraphExtremityOptions {
+    Index most = 12;           ///< the most prominent are kept
+    double prominence = 0.04;  ///< only more prominent ones are kept, in √area
+    Index samples = 30;        ///< points spread over the surface that distances are measured to
+};
+
+/// Those of a connected graph, the most prominent first: local maxima of the mean distance along it
+/// to `samples` points (after Hilaga et al. 2001; farthest point sampling). `unit` is √area in the
+/// graph's lengths.
+std::vector<Extremity> extremities(const SurfaceGraph& graph, double unit,
+                                   const GraphExtremityOptions& options, Progress& progress);
 
 /// Prominence of every local maximum of `height` over a graph, 0 elsewhere: how far the values fall
 /// until a higher maximum's surroundings are met. `offsets` and `ends` are as in SurfaceGraph.
