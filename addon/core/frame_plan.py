@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pointmorph
 import pointmorph.formats
-import pointmorph.moving
+import pointmorph.moving_shapes
 import pointmorph.sequences
 
 from . import chained_morph
@@ -80,7 +80,7 @@ def sequence_of(held, plan, settings, poses=None):
     morph = morphs[0] if len(morphs) == 1 else chained_morph.ChainedMorph(morphs)
     numbers = {"first": plan.first, "step": plan.step}
     if poses is not None:
-        return pointmorph.moving.MovingSequence(
+        return pointmorph.moving_shapes.MovingSequence(
             morph, plan.times(), poses, settings, **numbers, resample=plan.resample
         )
     kind = pointmorph.sequences.FrameSequence if plan.resample else _Pairs

@@ -2,7 +2,7 @@
 
 import bpy
 import numpy as np
-from pointmorph.moving import Pose
+from pointmorph.moving_shapes import ShapeState
 
 from ..core import transforms
 from ..data import arrays
@@ -11,7 +11,7 @@ from . import morph_object, recipes, shape_follower
 
 def read_steps(context, obj, numbers):
     """A generator that goes through frames of the scene, yields after each, and returns for each a
-    `Pose` of every shape, in the object's own space as that is in the present frame.
+    `ShapeState` of every shape, in the object's own space as that is in the present frame.
 
     The scene is in its own frame again when it ends, however that comes.
 
@@ -81,12 +81,12 @@ def _pose(shape, into, normals, at_rest):
         found = transforms.move_normals(since, normals)
     else:
         found = transforms.move_normals(matrix, found)
-    return Pose(transforms.move_positions(matrix, positions), found)
+    return ShapeState(transforms.move_positions(matrix, positions), found)
 
 
 def _shared(before, pose):
     """What hasn't moved takes no more room."""
-    return Pose(
+    return ShapeState(
         *(
             old if np.array_equal(old, new) else new
             for old, new in zip(vars(before).values(), vars(pose).values(), strict=True)

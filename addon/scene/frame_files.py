@@ -6,7 +6,7 @@ from pathlib import Path
 
 import bpy
 import pointmorph
-import pointmorph.formats
+import pointmorph.files
 
 from . import frames_display
 
@@ -16,7 +16,7 @@ _CACHE = "blendcache_"  # what Blender itself calls the folder
 def make_folder(path):
     """The folder of that name, made when it isn't there. Raises FileError."""
     folder = Path(bpy.path.abspath(path))
-    pointmorph.formats.make_folder(folder)
+    pointmorph.files.make_folder(folder)
     return folder
 
 

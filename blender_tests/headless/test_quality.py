@@ -177,7 +177,7 @@ def test_the_panel_draws(addon, settings):
     )
     draw(panel, context)
     texts = [keywords.get("text") for name, _, keywords in drawn if name == "label"]
-    assert {"Covered", "Stretch", "Folded", "Round trip"} <= set(texts)
+    assert {"Covered", "Stretch", "Folded", "Round-trip error"} <= set(texts)
     advice = json.loads(obj.pointmorph.report)["worst"][0]["advice"]
     assert advice in " ".join(texts)
     obj.pointmorph.report = ""

@@ -23,7 +23,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pointmorph import formats
+from pointmorph import files, formats
 
 HEADER = (
     "pair",
@@ -140,7 +140,7 @@ def main() -> int:
         kept = chosen.out / f"{run.name}.json"
         if not kept.is_file():
             result = morph(run, options, chosen.seconds)
-            formats.write_bytes(kept, json.dumps(result, indent=1).encode())
+            files.write_bytes(kept, json.dumps(result, indent=1).encode())
         result = json.loads(kept.read_text())
         failed += result["outcome"].startswith("FAILED")
         print(row_of(run.name, result), flush=True)

@@ -1,6 +1,7 @@
 """Morphing of point-sampled geometry.
 
-Two clouds in, of any size and without a common mesh; matching points and in-between clouds out::
+Takes two clouds of any size, with no mesh in common, and returns matching points and in-between
+clouds::
 
     import pointmorph
 
@@ -9,12 +10,12 @@ Two clouds in, of any size and without a common mesh; matching points and in-bet
     morph = pointmorph.morph(source, target, {"nose": (17, 403), "chin": (90, 511)})
     half_way = morph.frame(0.5).positions
 
-Needs numpy only; the file formats and the command line need plyfile, trimesh and tqdm.
+Needs only numpy. File formats and the command line also need plyfile, trimesh and tqdm.
 """
 
-from pointmorph._waiting import giving_way
+from pointmorph._wait_policy import passive_wait_policy
 
-with giving_way():
+with passive_wait_policy():
     from pointmorph._pointmorph import __version__
 from pointmorph.clouds import Cloud
 from pointmorph.cuts import Cut, decompose, propose_loop
@@ -41,7 +42,7 @@ from pointmorph.morphing import (
     propose_features,
     restore,
 )
-from pointmorph.motions import Motion
+from pointmorph.motion import Motion
 from pointmorph.networks import Network, NetworkCurve, trace_network
 from pointmorph.quality import (
     FeatureResidual,
@@ -52,6 +53,7 @@ from pointmorph.quality import (
     feature_summary,
     quality_summary,
 )
+from pointmorph.stages import stage_label
 
 __all__ = [
     "Cancelled",
@@ -88,5 +90,6 @@ __all__ = [
     "propose_loop",
     "quality_summary",
     "restore",
+    "stage_label",
     "trace_network",
 ]

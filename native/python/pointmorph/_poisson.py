@@ -1,6 +1,7 @@
-"""Screened Poisson reconstruction, a process of its own: `python _poisson.py IN.npz OUT.npz`.
+"""Screened Poisson reconstruction in its own process: `python _poisson.py IN.npz OUT.npz`.
 
-MeshLab's can't run twice in one process at a time and can't be stopped; a process can.
+MeshLab can't run two reconstructions at the same time in one process, nor stop one. Processes can
+run side by side and be killed.
 """
 
 import sys
@@ -8,10 +9,10 @@ import sys
 import numpy as np
 
 
-def main(given: str, wanted: str) -> None:
+def main(source: str, destination: str) -> None:
     import pymeshlab
 
-    arrays = np.load(given)
+    arrays = np.load(source)
     meshes = pymeshlab.MeshSet()
     meshes.add_mesh(pymeshlab.Mesh(arrays["points"], v_normals_matrix=arrays["normals"]))
     # More threads would change the order of sums.
@@ -19,7 +20,7 @@ def main(given: str, wanted: str) -> None:
         depth=int(arrays["depth"]), scale=float(arrays["scale"]), threads=1
     )
     mesh = meshes.current_mesh()
-    np.savez(wanted, positions=mesh.vertex_matrix(), faces=mesh.face_matrix().astype(np.int32))
+    np.savez(destination, positions=mesh.vertex_matrix(), faces=mesh.face_matrix().astype(np.int32))
 
 
 if __name__ == "__main__":

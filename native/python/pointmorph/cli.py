@@ -13,32 +13,48 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from pointmorph import __version__, formats, morphing, quality, sampling, sequences, surfaces
+from pointmorph import (
+    __version__,
+    files,
+    formats,
+    morphing,
+    quality,
+    sampling,
+    sequences,
+    surfaces,
+)
 from pointmorph.clouds import Cloud, FloatArray
 from pointmorph.errors import FeatureError, FileError, OptionError, PointmorphError
 from pointmorph.features import Feature, feature_from_json
+from pointmorph.stages import stage_label
 
 FAILED, WRONG_CALL, INTERRUPTED = 1, 2, 130
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Runs the command line and returns the exit status: 0, 1 (failed) or 2 (wrong call)."""
+    """Runs the command line.
+
+    Returns
+    -------
+    int
+        The exit status: 0, 1 (the run failed), 2 (wrong usage) or 130 (Ctrl-C).
+    """
     parser = _parser()
     chosen = parser.parse_args(arguments)
     try:
         chosen.run(chosen)
     except OptionError as error:
-        return _complain(str(error), WRONG_CALL)
+        return _fail(str(error), WRONG_CALL)
     except PointmorphError as error:
-        return _complain(str(error), FAILED)
+        return _fail(str(error), FAILED)
     except MemoryError:
-        return _complain("Out of memory: sample the models with fewer points.", FAILED)
+        return _fail("Out of memory. Use fewer points: --samples N.", FAILED)
     except KeyboardInterrupt:
-        return _complain("Interrupted. Run the same command again to start over.", INTERRUPTED)
+        return _fail("Interrupted. Run the same command again to start over.", INTERRUPTED)
     return 0
 
 
-def _complain(message: str, status: int) -> int:
+def _fail(message: str, status: int) -> int:
     print(f"pointmorph: {message}", file=sys.stderr)
     return status
 
@@ -52,61 +68,68 @@ def _parser() -> argparse.ArgumentParser:
     morph = commands.add_parser(
         "morph",
         allow_abbrev=False,
-        help="compute the correspondence and the in-between clouds of two files",
+        help="match the points of two files and write in-between clouds",
         description="Writes pairs.npy, source.ply, target.ply, frame_0000.ply … and report.json.",
     )
     morph.set_defaults(run=_morph)
-    morph.add_argument("--out", required=True, metavar="DIR", type=Path, help="folder to write to")
+    morph.add_argument("--out", required=True, metavar="DIR", type=Path, help="output folder")
     morph.add_argument(
         "--frames",
         metavar="N",
         type=_frame_count,
         default=0,
-        help="in-between clouds to write, both ends included: 0 or at least 2 (default: 0)",
+        help="number of frames to write, both ends included: 0 or at least 2 (default: 0)",
     )
     morph.add_argument(
         "--resample",
         action="store_true",
-        help="write frames without cracks, with new points where some are missing, id and velocity",
+        help="fill cracks in frames with new points, and write ids and velocities",
     )
     morph.add_argument(
         "--mesh",
         choices=[suffix[1:] for suffix in formats.WRITTEN_MESH_SUFFIXES],
-        help="write for every frame also a mesh of this kind, mesh_0000 …: a surface through the "
-        "points. Needs pymeshlab and scipy",
+        help="for each frame, also write the surface through its points as a mesh, mesh_0000 …"
+        f"{_losses()}. Needs pymeshlab and scipy",
     )
     propose = commands.add_parser(
         "propose",
         allow_abbrev=False,
-        help="find places of two files that belong together, to mark as features",
-        description="Writes a features file, which morph takes, with a confidence for each.",
+        help="suggest pairs of places to mark as features",
+        description="Writes a features file for the morph command, with confidences.",
     )
     propose.set_defaults(run=_propose)
     propose.add_argument(
-        "--out", required=True, metavar="FILE", type=Path, help="features' file to write"
+        "--out", required=True, metavar="FILE", type=Path, help="features file to write"
     )
     for command in (morph, propose):
         _add_common(command)
     return parser
 
 
+def _losses() -> str:
+    """What each format of meshes loses, for the help text."""
+    return "".join(
+        f"; {format.suffix[1:]} loses {format.loses}" for format in formats.FORMATS if format.loses
+    )
+
+
 def _add_common(command: argparse.ArgumentParser) -> None:
     kinds = " ".join(formats.SUFFIXES)
-    command.add_argument("source", metavar="SOURCE", help=f"the shape at t = 0: {kinds}")
-    command.add_argument("target", metavar="TARGET", help="the shape at t = 1")
+    command.add_argument("source", metavar="SOURCE", help=f"shape at t = 0: {kinds}")
+    command.add_argument("target", metavar="TARGET", help="shape at t = 1")
     command.add_argument(
         "--features",
         metavar="FILE",
         type=Path,
-        help='JSON: {"features": {"nose": [source row, target row], …}}, and curves and regions',
+        help='JSON: {"features": {"nose": [source row, target row], …}}; also curves and regions',
     )
     command.add_argument(
         "--samples",
         metavar="N",
         type=_positive,
-        help="sample both models' faces with N points (default: morph the vertices)",
+        help="morph N points sampled from each model's faces (default: morph the vertices)",
     )
-    settings = command.add_argument_group("settings of the method")
+    settings = command.add_argument_group("settings")
     for option in morphing.options():
         _add_option(settings, option)
 
@@ -165,7 +188,7 @@ def _clouds(
     features: dict[str, Feature],
     progress: morphing.Progress,
 ) -> tuple[list[Cloud], dict[str, Feature]]:
-    """The clouds to morph, sampled where that is asked for, and the features' rows of them."""
+    """The clouds to morph, sampled if the user wants that, and features with their rows."""
     if chosen.samples is None:
         return [shape.cloud() for shape in shapes], features
     check_rows(shapes, features)
@@ -181,7 +204,7 @@ def _propose(chosen: argparse.Namespace) -> None:
         proposals = morphing.propose_features(
             clouds[0], clouds[1], features, progress=progress, **_settings(chosen)
         )
-    # A region may hold points, a curve and a point share none.
+    # Points may lie in a region, but not on a curve or on another point.
     taken = [
         {row for f in given.values() if f.kind != "region" for row in f.rows(side)}
         for side in (0, 1)
@@ -196,7 +219,7 @@ def _propose(chosen: argparse.Namespace) -> None:
             )
         ]
         if any(rows[side] in taken[side] for side in (0, 1)):
-            continue  # the model has no vertex of its own there
+            continue  # that vertex is taken
         for side in (0, 1):
             taken[side].add(rows[side])
         name = proposal.name
@@ -206,10 +229,10 @@ def _propose(chosen: argparse.Namespace) -> None:
         confidence[name] = round(proposal.confidence, 3)
     content["features"] = {**content.get("features", {}), **found}
     content["confidence"] = confidence
-    formats.write_bytes(chosen.out, (json.dumps(content, indent=1) + "\n").encode())
+    files.write_bytes(chosen.out, (json.dumps(content, indent=1) + "\n").encode())
     for name, rows in found.items():
         print(f"  {name:<11}{rows[0]:>8}{rows[1]:>8}   {100 * confidence[name]:.0f} % sure")
-    print(f"{len(found)} proposals: {chosen.out}")
+    print(f"{len(found)} suggestions, written to {chosen.out}")
 
 
 def _nearest_row(positions: FloatArray, place: FloatArray) -> int:
@@ -221,7 +244,7 @@ def _morph(chosen: argparse.Namespace) -> None:
         surfaces.check_available()
     features, loop = read_features(chosen.features) if chosen.features else ({}, [])
     shapes = _read_shapes(chosen)
-    formats.make_folder(chosen.out)
+    files.make_folder(chosen.out)
 
     with _bars() as progress:
         clouds, features = _clouds(chosen, shapes, features, progress)
@@ -235,14 +258,14 @@ def _morph(chosen: argparse.Namespace) -> None:
         report["resampled"] = {"inserted": result.inserted(), "frames": counts}
     for warning in report["warnings"]:
         print(f"pointmorph: warning: {warning}", file=sys.stderr)
-    formats.write_bytes(chosen.out / "report.json", (json.dumps(report, indent=1) + "\n").encode())
+    files.write_bytes(chosen.out / "report.json", (json.dumps(report, indent=1) + "\n").encode())
     print(
-        f"{report['pairs']} pairs of {len(clouds[0])} and {len(clouds[1])} points "
-        f"in {report['seconds']:.2f} s: {chosen.out}"
+        f"{report['pairs']} pairs from {len(clouds[0])} and {len(clouds[1])} points "
+        f"in {report['seconds']:.2f} s, written to {chosen.out}"
     )
     print(f"  {report['choice']}")
     for name, value in quality.quality_summary(report):
-        print(f"  {name:<11}{value}")
+        print(f"  {name:<18}{value}")
     for name, value in quality.feature_summary(report):
         print(f"  {name}: {value}")
     for place in report["worst"]:
@@ -250,16 +273,16 @@ def _morph(chosen: argparse.Namespace) -> None:
 
 
 def check_rows(shapes: Sequence[formats.Shape], features: Mapping[str, Feature]) -> None:
-    """Raises FeatureError where a feature has what is no row of its shape."""
+    """Raises FeatureError if a feature has rows that its shape doesn't have."""
     for side, shape in enumerate(shapes):
         for name, feature in features.items():
             for row in feature.rows(side):
                 if not 0 <= row < len(shape.positions):
                     raise FeatureError(
                         f'feature "{name}"',
-                        f"a row of {shape.name}, 0 to {len(shape.positions) - 1}",
+                        f"rows of {shape.name}, 0 to {len(shape.positions) - 1}",
                         str(row),
-                        "Correct it in the features' file.",
+                        "Correct the row in the features file.",
                     )
 
 
@@ -274,24 +297,37 @@ def _read_json(path: Path) -> dict[str, Any]:
             str(path), "a readable file", error.strerror or str(error), "Check the path."
         ) from error
     except ValueError as error:
-        raise FileError(str(path), f"JSON like {_SHAPE}", str(error), "Correct it.") from error
+        raise _not_features(path, str(error)) from error
     if not isinstance(content, dict):
-        raise FileError(str(path), f"JSON like {_SHAPE}", "something else", "Correct it.")
+        raise _not_features(path, "something else")
     return content
+
+
+def _not_features(path: Path, found: str) -> FileError:
+    return FileError(str(path), f"JSON like {_SHAPE}", found, "Correct the file.")
 
 
 def read_features(
     path: Path, key: str = "features"
 ) -> tuple[dict[str, Feature], list[str] | list[list[str]]]:
-    """The features that FEATURES.json has under `key`, by name, and its loop or loops."""
+    """The features under `key` of a features file, by name, and its loop or loops.
+
+    Raises
+    ------
+    FileError, FeatureError
+        Saying what is wrong with the file, or with which feature.
+    """
     content = _read_json(path)
     features, loop = content.get(key, {}), content.get("loop", [])
     if not isinstance(features, dict):
-        raise FileError(str(path), f"JSON like {_SHAPE}", "something else", "Correct it.")
+        raise _not_features(path, "something else")
     loops = loop if isinstance(loop, list) and loop and isinstance(loop[0], list) else [loop]
     if not all(isinstance(one, list) and all(isinstance(n, str) for n in one) for one in loops):
         raise FileError(
-            str(path), "a loop that lists features' names, or several", repr(loop), "Correct it."
+            str(path),
+            "a list of feature names as loop, or several",
+            repr(loop),
+            "Correct the loop.",
         )
     return {name: feature_from_json(name, value) for name, value in features.items()}, loop
 
@@ -299,12 +335,12 @@ def read_features(
 def _write(
     chosen: argparse.Namespace, result: morphing.Morph, progress: morphing.Progress
 ) -> list[int]:
-    """Pairs, both clouds and the frames; returns how many points these have.
+    """Writes pairs, both clouds and the frames, and returns the number of points of each frame.
 
-    Frames of an earlier run that had more are removed.
+    Frames left by an earlier, longer run are removed.
     """
     folder: Path = chosen.out
-    with formats.whole_file(folder / "pairs.npy") as file:
+    with files.whole_file(folder / "pairs.npy") as file:
         np.save(file, result.pairs)
     frame = result.empty_frame()
     for side, (name, cloud) in enumerate((("source", result.source), ("target", result.target))):
@@ -324,7 +360,7 @@ def _write(
 
 
 def _by_point(values: FloatArray, rows: npt.NDArray[np.int64], count: int) -> FloatArray:
-    """What pairs have of one side, for its points: `rows` are those of the pairs."""
+    """From values per pair to values per point, where `rows` are the points of the pairs."""
     result: FloatArray = np.empty((count, *values.shape[1:]), values.dtype)
     result[rows] = values
     return result
@@ -332,7 +368,7 @@ def _by_point(values: FloatArray, rows: npt.NDArray[np.int64], count: int) -> Fl
 
 @contextlib.contextmanager
 def _bars() -> Iterator[morphing.Progress]:
-    """A progress function: one bar a stage on a terminal, nothing in a pipe."""
+    """A progress function: one bar per stage on a terminal, nothing in a pipe."""
     from tqdm import tqdm
 
     bars: dict[str, Any] = {}
@@ -342,7 +378,7 @@ def _bars() -> Iterator[morphing.Progress]:
             finish()
             bars[stage] = tqdm(
                 total=100,
-                desc=f"{stage:<17}",
+                desc=f"{stage_label(stage):<24}",
                 disable=None,
                 leave=False,
                 bar_format="{desc} {bar:40} {percentage:3.0f}%",

@@ -1,4 +1,4 @@
-"""What is handed in: a sampled shape."""
+"""Sampled shapes, the input of a morph."""
 
 from __future__ import annotations
 
@@ -14,32 +14,31 @@ FloatArray = npt.NDArray[np.floating[Any]]
 
 
 class Cloud:
-    """A sampled shape: points on some surface, with optional attributes.
+    """A sampled shape: points on a surface, with optional attributes.
 
     Parameters
     ----------
     positions : (N, 3) array of float32 or float64
-        Points, in any unit of length. Frames come back in this type.
+        Points in any unit of length. Frames have the same type.
     normals : (N, 3) array, optional
-        Outward normals of any length but zero. Estimated where they are missing.
+        Outward normals of any length but zero. Estimated if missing.
     colors : (N, 4) array, optional
         Red, green, blue and alpha, 0 to 1.
     radii : (N,) array, optional
-        Size of each point in the unit of the positions. Where they are missing, the spacing of
-        the points is taken.
+        Size of each point, in the unit of the positions. If missing, the spacing of the points.
     name : str
-        As the user knows the shape; errors quote it.
+        Name of the shape, for error messages.
     boundary : sequence of int, optional
-        Rows of the boundary of an open patch, in their order along it, in either sense. Found
-        automatically where it is missing.
+        Rows of the boundary of an open patch, in order along it, in either direction. Found
+        automatically if missing.
     parts : sequence of int, optional
-        For each point a label, the same for those that hang together. Found automatically where
-        it is missing; the faces of a mesh say it better (`pointmorph.meshes.parts`).
+        One label per point, the same for connected points. Found automatically if missing; the
+        faces of a mesh give better labels (`pointmorph.meshes.parts`).
 
     Raises
     ------
     CloudError
-        For arrays of another shape or type. Values are checked by `pointmorph.morph`.
+        If an array has the wrong shape or type. `pointmorph.morph` checks the values.
 
     Examples
     --------
@@ -69,15 +68,15 @@ class Cloud:
         self.normals = self._attribute(normals, "normals", 3)
         self.colors = self._attribute(colors, "colors", 4)
         self.radii = self._attribute(radii, "radii", None)
-        self.boundary = self._whole_numbers(boundary, "a boundary that is a list of rows")
-        self.parts = self._whole_numbers(parts, "parts that are a list of labels")
+        self.boundary = self._whole_numbers(boundary, "a list of rows as boundary")
+        self.parts = self._whole_numbers(parts, "a list of labels as parts")
 
     def __len__(self) -> int:
         return len(self.positions)
 
     def __repr__(self) -> str:
-        given = [a for a in ("normals", "colors", "radii") if getattr(self, a) is not None]
-        extra = f" with {', '.join(given)}" if given else ""
+        present = [a for a in ("normals", "colors", "radii") if getattr(self, a) is not None]
+        extra = f" with {', '.join(present)}" if present else ""
         return f"<Cloud {self.name!r}: {len(self)} points{extra}>"
 
     def _numbers(self, values: npt.NDArray[Any], what: str) -> npt.NDArray[Any]:
@@ -85,7 +84,7 @@ class Cloud:
             np.issubdtype(values.dtype, np.integer) or np.issubdtype(values.dtype, np.floating)
         ):
             raise CloudError(
-                self.name, f"{what} that are numbers", f"type {values.dtype}", "Convert the array."
+                self.name, f"numbers as {what}", f"type {values.dtype}", "Convert the array."
             )
         return values
 
@@ -97,7 +96,7 @@ class Cloud:
                 self.name,
                 f"{what} of shape {'(N,)' if width is None else f'(N, {width})'}",
                 f"shape {values.shape}",
-                "Reshape the array: one row a point.",
+                "Reshape the array to one row per point.",
             )
         return np.ascontiguousarray(values)
 
@@ -112,7 +111,7 @@ class Cloud:
                 self.name,
                 f"{what} for each of {len(self)} points",
                 f"{len(array)}",
-                "Give one row a point, or none at all.",
+                "Pass one row per point, or None.",
             )
         return array
 
@@ -127,12 +126,12 @@ class Cloud:
                 self.name,
                 what,
                 f"type {array.dtype} of shape {array.shape}",
-                "Give whole numbers: rows from 0 for the first point, or a label for each.",
+                "Pass whole numbers: rows, counted from 0, or one label per point.",
             )
         return [int(row) for row in array]
 
     def _fields(self) -> dict[str, Any]:
-        """What the native library reads."""
+        """The cloud as the native library takes it."""
         return {
             "name": self.name,
             "positions": self.positions,

@@ -1,13 +1,13 @@
-"""The errors that a user can meet: what was expected, what was found, what to do."""
+"""The errors that users meet: what was expected, what was found, what to do."""
 
 
 class PointmorphError(Exception):
-    """Base of all errors that the package raises on purpose.
+    """Base of all errors that the package raises deliberately.
 
     Attributes
     ----------
     subject : str
-        The object, feature, option or file that is meant.
+        The object, feature, option or file in question.
     expected, found, advice : str
         What was expected, what was found, and what to do about it.
     """
@@ -24,7 +24,7 @@ class PointmorphError(Exception):
 
 
 class CloudError(PointmorphError):
-    """Points, normals, colours or radii that can't be used."""
+    """Points, normals, colors or radii that can't be used."""
 
 
 class FeatureError(PointmorphError):
@@ -32,15 +32,15 @@ class FeatureError(PointmorphError):
 
 
 class OptionError(PointmorphError):
-    """An option out of its range, or options that contradict one another."""
+    """An option out of range, or options that contradict each other."""
 
 
 class TopologyError(PointmorphError):
-    """Shapes whose connectivity the chosen method can't handle."""
+    """Shapes whose topology the chosen method can't handle."""
 
 
 class ConvergenceError(PointmorphError):
-    """A computation that didn't reach the accuracy asked for."""
+    """A computation that didn't reach the requested accuracy."""
 
 
 class FileError(PointmorphError):
@@ -48,4 +48,4 @@ class FileError(PointmorphError):
 
 
 class Cancelled(Exception):  # noqa: N818  (like KeyboardInterrupt, it is no error)
-    """Raised when the caller's progress function asked for the end."""
+    """Raised when the caller's progress function returned False."""

@@ -1,4 +1,4 @@
-"""What is marked on both shapes: points, curves and regions."""
+"""Features: points, curves and regions marked on both shapes."""
 
 from __future__ import annotations
 
@@ -21,24 +21,24 @@ Weights = Sequence[float] | npt.NDArray[np.floating[Any]]
 
 @dataclass(frozen=True)
 class Feature:
-    """A place of the source and the place of the target that belongs to it.
+    """A place on the source and the matching place on the target.
 
     Parameters
     ----------
     source, target : int or sequence of int
-        A point: its row. A curve: rows in order along it. A region: its rows, in any order. Both
-        sides of a curve or region may have different numbers of rows.
+        Point: its row. Curve: rows in order along it. Region: rows in any order. The two sides of
+        a curve or region may differ in the number of rows.
     kind : str
-        "point"; "curve", which goes onto the curve by share of the length, first row onto first
-        row; or "region", whose points go into the region.
+        "point", "curve" (mapped onto the other curve by share of its length, first row onto first
+        row) or "region" (whose points go into the other region).
     source_weights, target_weights : sequence of float, optional
-        Regions: how much each row belongs to it, 0 to 1. A value goes onto the same value.
+        Regions: how much each row belongs to it, 0 to 1. Equal weights are mapped onto each other.
     closed : bool
-        Curves: the last row is followed by the first.
+        Curves: whether the last row is connected to the first.
     weight : float
-        How strongly a soft feature pulls, above 0. At 1 it mostly has its way.
+        How strongly a soft feature pulls, above 0. At 1 it mostly prevails.
     hard : bool, optional
-        Whether it holds exactly; by default points do.
+        Whether it is met exactly. By default, points are.
 
     Examples
     --------
@@ -71,19 +71,19 @@ class Feature:
         return [operator.index(row) for row in ([rows] if self.kind == "point" else rows)]
 
     def weights(self, side: int) -> list[float]:
-        """The rows' weights there; none where all are 1."""
+        """The weights of the rows on that side; empty if all are 1."""
         weights = (self.source_weights, self.target_weights)[side]
         return [] if weights is None else [float(weight) for weight in weights]
 
 
 def feature_of(name: str, value: Any) -> Feature:
-    """A `Feature`, checked; a pair of rows is a point.
+    """A checked `Feature`. A pair of rows makes a point.
 
     Raises
     ------
     FeatureError
-        Naming the feature and what is wrong with it. Whether rows fit the clouds is left to
-        `pointmorph.morph`.
+        Naming the feature and what is wrong with it. `pointmorph.morph` checks whether the rows
+        exist.
     """
     if isinstance(value, Feature):
         feature = value
@@ -95,22 +95,22 @@ def feature_of(name: str, value: Any) -> Feature:
                 name,
                 "a row of the source and a row of the target",
                 f"{value!r}",
-                "Give two whole numbers, 0 for the first point, or a pointmorph.Feature.",
+                "Pass two rows, counted from 0, or a pointmorph.Feature.",
             ) from error
         feature = Feature(source, target)
     if feature.kind not in KINDS:
         raise _wrong(
-            name, "the kind point, curve or region", f"{feature.kind!r}", "Correct the kind."
+            name, "the kind point, curve or region", f"{feature.kind!r}", "Choose one of them."
         )
     weight = feature.weight
     if isinstance(weight, bool) or not isinstance(weight, int | float | np.number):
-        raise _wrong(name, "a weight that is a number", f"{weight!r}", "Give 1 for instance.")
+        raise _wrong(name, "a number as weight", f"{weight!r}", "Try 1.")
     if not (math.isfinite(weight) and weight > 0):
-        raise _wrong(name, "a weight above 0", f"{weight!r}", "Give 1 for instance.")
+        raise _wrong(name, "a weight above 0", f"{weight!r}", "Try 1.")
     for key in ("closed", "hard"):
         flag = getattr(feature, key)
         if not isinstance(flag, bool | np.bool_ | None) or (key == "closed" and flag is None):
-            raise _wrong(name, f"{key} true or false", f"{flag!r}", "Correct it.")
+            raise _wrong(name, f"{key} to be true or false", f"{flag!r}", "Correct the value.")
     for side, of in enumerate(("source", "target")):
         _check_rows(name, feature, side, of)
         _check_weights(name, feature, side, of)
@@ -128,7 +128,7 @@ def _check_rows(name: str, feature: Feature, side: int, of: str) -> None:
             name,
             f"a row of the {of}" if feature.kind == "point" else f"rows of the {of}",
             f"{given!r}",
-            "Give whole numbers, 0 for the first point.",
+            "Pass whole numbers, counted from 0.",
         ) from error
 
 
@@ -138,12 +138,12 @@ def _check_weights(name: str, feature: Feature, side: int, of: str) -> None:
         feature.weights(side)
     except (TypeError, ValueError) as error:
         raise _wrong(
-            name, f"weights of rows of the {of} from 0 to 1", f"{given!r}", "Give numbers."
+            name, f"weights of the {of} from 0 to 1", f"{given!r}", "Pass numbers."
         ) from error
 
 
 def native_features(features: Mapping[str, Any] | None) -> list[dict[str, Any]]:
-    """What the native library reads."""
+    """The features as the native library takes them."""
     result = []
     for name, value in (features or {}).items():
         feature = feature_of(str(name), value)
@@ -163,67 +163,71 @@ def native_features(features: Mapping[str, Any] | None) -> list[dict[str, Any]]:
 
 
 def feature_from_json(name: str, value: Any) -> Feature:
-    """A feature as FEATURES.json has it.
+    """A feature from a features file.
 
     A point is ``[source row, target row]`` or ``{"source": row, "target": row}``. A curve or region
-    has its ``"kind"``, and lists of rows; a region's may be ``{"rows": [...], "weights": [...]}``.
-    ``"weight"`` and ``"hard"`` go with any, ``"closed"`` with curves.
+    has a ``"kind"`` and lists of rows; a region may have ``{"rows": [...], "weights": [...]}``
+    instead. ``"weight"`` and ``"hard"`` go with all kinds, ``"closed"`` with curves.
 
     Raises
     ------
     FeatureError
-        For anything else.
+        If the value is anything else.
     """
     if isinstance(value, list):
         if len(value) != 2:
-            raise _wrong(name, "[source row, target row]", f"a list of {len(value)}", "Correct it.")
+            raise _wrong(
+                name, "[source row, target row]", f"a list of {len(value)}", "Correct the list."
+            )
         return feature_of(name, Feature(value[0], value[1]))
     if not isinstance(value, dict):
         raise _wrong(
             name,
             '[source row, target row] or {"kind": …, "source": …, "target": …}',
             f"{value!r}",
-            "Correct it.",
+            "Correct the value.",
         )
     kind = value.get("kind", "point")
     if kind not in KINDS:
-        raise _wrong(name, 'the "kind" point, curve or region', f"{kind!r}", "Correct it.")
+        raise _wrong(name, 'the "kind" point, curve or region', f"{kind!r}", "Choose one of them.")
     known = ["kind", "source", "target", "weight", "hard"] + ["closed"] * (kind == "curve")
     for key in value:
         if key not in known:
             raise _wrong(
                 name,
-                f"keys of a {kind}: {', '.join(known)}",
+                f"the keys of a {kind}: {', '.join(known)}",
                 f"{key!r}",
-                "Correct or remove that key.",
+                "Correct or remove the key.",
             )
     fields: dict[str, Any] = {key: value[key] for key in known[3:] if key in value}
     if "hard" in fields and not isinstance(fields["hard"], bool):
-        raise _wrong(name, "hard true or false", f"{fields['hard']!r}", "Correct it.")
+        raise _wrong(name, "hard to be true or false", f"{fields['hard']!r}", "Correct the value.")
     for side in ("source", "target"):
         if side not in value:
-            raise _wrong(name, f'a "{side}"', "none", f"Say which points of the {side} it has.")
+            raise _wrong(name, f'a "{side}"', "none", f"Add its rows of the {side}.")
         marked = value[side]
         if kind == "region" and isinstance(marked, dict):
             marked, weights = _weighted(name, side, marked)
             fields[f"{side}_weights"] = weights
         if kind != "point" and not isinstance(marked, list):
-            raise _wrong(name, f"a list of rows of the {side}", f"{marked!r}", "Correct it.")
+            raise _wrong(name, f"a list of rows of the {side}", f"{marked!r}", "Correct the value.")
         fields[side] = marked
     return feature_of(name, Feature(kind=kind, **fields))
 
 
 def _weighted(name: str, side: str, marked: dict[str, Any]) -> tuple[Any, list[Any] | None]:
-    """Rows and weights of one side of a region."""
+    """The rows and weights of one side of a region."""
     known = '"rows" and "weights" in its ' + side
     for key in marked:
         if key not in ("rows", "weights"):
-            raise _wrong(name, known, f"{key!r}", "Correct or remove that key.")
+            raise _wrong(name, known, f"{key!r}", "Correct or remove the key.")
     if "rows" not in marked:
-        raise _wrong(name, known, "no rows", "Add them.")
+        raise _wrong(name, known, "no rows", "Add the rows.")
     weights = marked.get("weights")
     if weights is not None and not isinstance(weights, list):
-        raise _wrong(name, f"a list of weights in its {side}", f"{weights!r}", "Give one a row.")
+        raise _wrong(
+            name, f"a list of weights in its {side}", f"{weights!r}", "Give one weight per row."
+        )
     return marked["rows"], weights
 
 

@@ -1,31 +1,25 @@
-"""Shapes from files and frames to files, by well-kept readers."""
+"""Shapes from files and frames to files. Each format is one row of `FORMATS`."""
 
 from __future__ import annotations
 
 import os
-import tempfile
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from pointmorph.clouds import Cloud, FloatArray
 from pointmorph.errors import FileError
+from pointmorph.files import whole_file, write_bytes
 from pointmorph.meshes import boundary_loops, parts
-
-TEXT_SUFFIXES = (".xyz", ".txt", ".pts", ".asc")
-MESH_SUFFIXES = (".obj", ".off", ".stl", ".glb", ".gltf", ".3mf")
-SUFFIXES = (".ply", *MESH_SUFFIXES, *TEXT_SUFFIXES)
-WRITTEN_MESH_SUFFIXES = (".ply", ".obj", ".stl", ".glb")
 
 
 @dataclass
 class Shape:
-    """What a file holds. Rows are those of the file."""
+    """The contents of a file, with rows in the file's order."""
 
     name: str
     positions: FloatArray
@@ -37,10 +31,10 @@ class Shape:
     radii: FloatArray | None = None
     """(N,)"""
     faces: npt.NDArray[np.int64] | None = None
-    """(F, 3); None for a bare cloud"""
+    """(F, 3) rows of positions; None for a point cloud"""
 
     def cloud(self) -> Cloud:
-        """The vertices, in order. An open mesh hands over its longest boundary loop."""
+        """The vertices, in order; for an open mesh also its longest boundary loop."""
         boundary = labels = None
         if self.faces is not None:
             labels = parts(self.faces, self.positions)
@@ -57,42 +51,53 @@ class Shape:
         )
 
 
+@dataclass(frozen=True)
+class Format:
+    """A file format, named by its suffix."""
+
+    suffix: str
+    read: Callable[[Path], Shape]
+    write_mesh: Callable[..., None] | None = None
+    """Takes what the function `write_mesh` takes; None if meshes aren't written in this format."""
+    loses: str = ""
+    """What a mesh loses when it is written."""
+
+
 def read(path: str | os.PathLike[str]) -> Shape:
     """Reads a mesh or a point cloud.
 
     Parameters
     ----------
     path : path
-        .ply (plyfile), .obj .off .stl .glb .gltf .3mf (trimesh), or text with x y z and
-        optionally nx ny nz on each line (.xyz .txt .pts .asc).
+        Its suffix is one of `SUFFIXES`. Text files have x y z, and optionally nx ny nz, on each
+        line.
 
     Raises
     ------
     FileError
-        For a file that is missing, empty, of another kind, or damaged.
+        If the file is missing, empty, damaged, or of an unknown format.
     """
     path = Path(path)
     suffix = path.suffix.lower()
     if suffix not in SUFFIXES:
-        raise FileError(str(path), f"one of {' '.join(SUFFIXES)}", repr(suffix), "Convert it.")
+        raise FileError(
+            str(path),
+            f"one of {' '.join(SUFFIXES)}",
+            repr(suffix),
+            "Convert the file to one of these formats.",
+        )
     if not path.is_file():
         found = "a folder" if path.is_dir() else "no such file"
         raise FileError(str(path), "a file", found, "Check the path.")
     try:
-        if suffix == ".ply":
-            shape = _read_ply(path)
-        elif suffix in TEXT_SUFFIXES:
-            shape = _read_text(path)
-        else:
-            shape = _read_mesh(path)
+        return _format(suffix).read(path)
     except FileError:
         raise
     except Exception as error:  # the readers raise whatever their parsing meets
         detail = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise FileError(
-            str(path), f"a readable {suffix} file", detail, "Export it once more."
+            str(path), f"a readable {suffix} file", detail, "Export the file again."
         ) from error
-    return shape
 
 
 def write_ply(
@@ -109,11 +114,11 @@ def write_ply(
     Parameters
     ----------
     path : path
-        Written whole or not at all: an interrupted or failed call leaves what was there before.
+        Written whole or not at all: if the call fails, an earlier file stays as it was.
     positions, normals : (N, 3) array
         Written in the type of `positions`, float32 or float64.
     colors : (N, 4) array
-        0 to 1, written as 8 bits a channel.
+        0 to 1, written as 8 bits per channel.
     radii : (N,) array
     ids : (N,) array of int32, optional
     velocities : (N, 3) array, optional
@@ -121,7 +126,7 @@ def write_ply(
     Raises
     ------
     FileError
-        When the place can't be written.
+        If the file can't be written.
     """
     vertices = _ply_vertices(positions, normals, colors, radii, ids, velocities)
     _write_ply(path, vertices)
@@ -135,34 +140,61 @@ def write_mesh(
     faces: npt.NDArray[np.int32],
     velocities: FloatArray | None = None,
 ) -> None:
-    """Writes triangles as .ply, .obj, .stl or .glb, by the suffix; whole or not at all.
-
-    .ply holds all that there is; .glb loses velocities, .obj these and alpha; .stl has faces only.
+    """Writes triangles in the format of the suffix, whole or not at all.
 
     Parameters
     ----------
     path : path
+        Its suffix is one of `WRITTEN_MESH_SUFFIXES`. What a format can't hold is left out: see
+        `Format.loses`.
     positions, normals : (V, 3) array
     colors : (V, 4) array
-        0 to 1, written as 8 bits a channel.
+        0 to 1, written as 8 bits per channel.
     faces : (F, 3) array of int32
-        Rows of positions.
+        Rows of `positions`.
     velocities : (V, 3) array, optional
 
     Raises
     ------
     FileError
-        When the place can't be written.
+        If the file can't be written.
     """
     suffix = Path(path).suffix.lower()
     if suffix not in WRITTEN_MESH_SUFFIXES:
         raise FileError(
-            str(path), f"one of {' '.join(WRITTEN_MESH_SUFFIXES)}", repr(suffix), "Rename it."
+            str(path),
+            f"one of {' '.join(WRITTEN_MESH_SUFFIXES)}",
+            repr(suffix),
+            "Choose one of these formats.",
         )
-    if suffix == ".ply":
-        vertices = _ply_vertices(positions, normals, colors, velocities=velocities)
-        _write_ply(path, vertices, faces)
-        return
+    write = _format(suffix).write_mesh
+    assert write is not None
+    write(path, positions, normals, colors, faces, velocities)
+
+
+def _format(suffix: str) -> Format:
+    return next(format for format in FORMATS if format.suffix == suffix)
+
+
+def _write_ply_mesh(
+    path: str | os.PathLike[str],
+    positions: FloatArray,
+    normals: FloatArray,
+    colors: FloatArray,
+    faces: npt.NDArray[np.int32],
+    velocities: FloatArray | None,
+) -> None:
+    _write_ply(path, _ply_vertices(positions, normals, colors, velocities=velocities), faces)
+
+
+def _write_with_trimesh(
+    path: str | os.PathLike[str],
+    positions: FloatArray,
+    normals: FloatArray,
+    colors: FloatArray,
+    faces: npt.NDArray[np.int32],
+    _velocities: FloatArray | None,
+) -> None:
     import trimesh
 
     mesh = trimesh.Trimesh(
@@ -172,7 +204,7 @@ def write_mesh(
         vertex_colors=_bytes(colors),
         process=False,
     )
-    content: Any = mesh.export(file_type=suffix[1:])
+    content: Any = mesh.export(file_type=Path(path).suffix[1:].lower())
     write_bytes(path, content.encode() if isinstance(content, str) else content)
 
 
@@ -230,75 +262,12 @@ def _write_ply(
         PlyData(elements, byte_order="<").write(file)
 
 
-def make_folder(folder: Path) -> None:
-    """Makes a folder, and those that it's in, where there is none. Raises FileError."""
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise FileError(
-            str(folder),
-            "a folder that can be made",
-            error.strerror or str(error),
-            "Choose another.",
-        ) from error
-
-
-def write_bytes(path: str | os.PathLike[str], content: bytes) -> None:
-    """Writes a file whole or not at all. Raises FileError."""
-    with whole_file(path) as file:
-        file.write(content)
-
-
-@contextmanager
-def whole_file(path: str | os.PathLike[str]) -> Iterator[IO[bytes]]:
-    """A file that takes its name only once it's complete and on the disk.
-
-    Raises
-    ------
-    FileError
-        When it can't be made, written or renamed.
-    """
-    path = Path(path)
-    try:
-        file = tempfile.NamedTemporaryFile(  # noqa: SIM115  (renamed before it is closed)
-            dir=path.parent, prefix=f".{path.name}.", suffix=".part", delete=False
-        )
-    except OSError as error:
-        raise _unwritable(path, error) from error
-    try:
-        try:
-            with file:
-                yield file
-                file.flush()
-                os.fsync(file.fileno())
-            os.chmod(file.name, 0o666 & ~_umask())
-            os.replace(file.name, path)
-        except OSError as error:
-            raise _unwritable(path, error) from error
-    finally:
-        if os.path.exists(file.name):
-            os.unlink(file.name)
-
-
-def _umask() -> int:
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask
-
-
-def _unwritable(path: Path, error: OSError) -> FileError:
-    reason = error.strerror or str(error)
-    return FileError(
-        str(path), "a place that can be written", reason, "Choose another folder or free some room."
-    )
-
-
 def _read_ply(path: Path) -> Shape:
     from plyfile import PlyData
 
     data = PlyData.read(str(path))
     if "vertex" not in data:
-        raise FileError(str(path), "vertices", "none", "Export it once more, with its points.")
+        raise FileError(str(path), "vertices", "none", "Export the file again, with its points.")
     rows = data["vertex"].data
     names = rows.dtype.names or ()
 
@@ -310,7 +279,7 @@ def _read_ply(path: Path) -> Shape:
 
     positions = columns("x", "y", "z")
     if positions is None:
-        raise FileError(str(path), "x, y and z", ", ".join(names), "Export it once more.")
+        raise FileError(str(path), "x, y and z", ", ".join(names), "Export the file again.")
     radii = rows["radius"] if "radius" in names else None
     return Shape(
         path.stem,
@@ -332,7 +301,7 @@ def _ply_faces(data: Any) -> npt.NDArray[np.int64] | None:
 
 
 def _triangles(polygons: list[Any]) -> npt.NDArray[np.int64]:
-    """Fans of triangles."""
+    """Polygons as fans of triangles."""
     sizes = np.fromiter((len(p) for p in polygons), np.int64, len(polygons))
     if np.all(sizes == 3):
         triangles: npt.NDArray[np.int64] = np.stack(polygons).astype(np.int64)
@@ -345,25 +314,30 @@ def _read_text(path: Path) -> Shape:
     rows = np.loadtxt(path, ndmin=2, comments=("#", "//"))
     if rows.shape[1] < 3:
         raise FileError(
-            str(path), "x y z on each line", f"{rows.shape[1]} columns", "Write three numbers."
+            str(path),
+            "x y z on each line",
+            f"{rows.shape[1]} columns",
+            "Write at least three numbers on each line.",
         )
     normals = rows[:, 3:6] if rows.shape[1] >= 6 else None
     return Shape(path.stem, rows[:, :3], normals)
 
 
-def _read_mesh(path: Path) -> Shape:
+def _read_obj(path: Path) -> Shape:
+    return _read_with_trimesh(path, split_object=False, group_material=False, skip_materials=True)
+
+
+def _read_with_trimesh(path: Path, **options: Any) -> Shape:
     import trimesh
 
     # Rows must stay those of the file: nothing merged, nothing dropped.
-    options: dict[str, Any] = {"process": False, "maintain_order": True}
-    if path.suffix.lower() == ".obj":
-        options |= {"split_object": False, "group_material": False, "skip_materials": True}
+    options |= {"process": False, "maintain_order": True}
     loaded: Any = trimesh.load(path, **options)
     if isinstance(loaded, trimesh.Scene):
         loaded = loaded.to_geometry()
     positions = np.asarray(loaded.vertices, np.float64)
     if len(positions) == 0:
-        raise FileError(str(path), "vertices", "none", "Export it once more, with its points.")
+        raise FileError(str(path), "vertices", "none", "Export the file again, with its points.")
     faces = np.asarray(loaded.faces, np.int64) if hasattr(loaded, "faces") else None
     colors = None
     visual = getattr(loaded, "visual", None)
@@ -392,7 +366,7 @@ def _optional_floats(values: npt.NDArray[Any] | None) -> FloatArray | None:
 def _colors(
     rgba: npt.NDArray[Any] | None, rgb: npt.NDArray[Any] | None
 ) -> npt.NDArray[np.float32] | None:
-    """(N, 4) in 0 to 1 of bytes, 16-bit numbers or floats; opaque without alpha."""
+    """(N, 4), 0 to 1, from bytes, 16-bit integers or floats; opaque if there is no alpha."""
     given = rgba if rgba is not None else rgb
     if given is None:
         return None
@@ -401,3 +375,17 @@ def _colors(
     result = np.ones((len(given), 4), np.float32)
     result[:, : given.shape[1]] = given.astype(np.float64) / top
     return result
+
+
+FORMATS = (
+    Format(".ply", _read_ply, _write_ply_mesh),
+    Format(".obj", _read_obj, _write_with_trimesh, loses="alpha and velocities"),
+    Format(".off", _read_with_trimesh),
+    Format(".stl", _read_with_trimesh, _write_with_trimesh, loses="all but the faces"),
+    Format(".glb", _read_with_trimesh, _write_with_trimesh, loses="velocities"),
+    Format(".gltf", _read_with_trimesh),
+    Format(".3mf", _read_with_trimesh),
+    *(Format(suffix, _read_text) for suffix in (".xyz", ".txt", ".pts", ".asc")),
+)
+SUFFIXES = tuple(format.suffix for format in FORMATS)
+WRITTEN_MESH_SUFFIXES = tuple(format.suffix for format in FORMATS if format.write_mesh)

@@ -1,4 +1,4 @@
-"""Frames kept on the disk until all are there, for files that are written in one go."""
+"""Frames kept on disk until all are there, for formats that hold all frames in one file."""
 
 from __future__ import annotations
 
@@ -8,31 +8,37 @@ from pathlib import Path
 
 import numpy as np
 
-from pointmorph import formats
+from pointmorph import files
 from pointmorph.errors import FileError
 from pointmorph.morphing import Frame, Progress, ResampledFrame
-from pointmorph.sequences import MANIFEST, FrameSequence, in_order, is_of, mark
+from pointmorph.sequences import (
+    MANIFEST,
+    FrameSequence,
+    in_order,
+    manifest_matches,
+    write_manifest,
+)
 from pointmorph.surfaces import Surface
 
 
 class FrameStore:
-    """The frames of one sequence in a folder, a file each, whole or not at all.
+    """The frames of a sequence in a folder, one file each, written whole or not at all.
 
-    Frames that an interrupted run left are kept if they are of the very same sequence; others are
-    removed.
+    Frames that an interrupted run left are kept if they belong to the very same sequence, and
+    removed if not.
 
     Parameters
     ----------
     folder : path
-        Made when it isn't there; its parent exists. `remove` takes it away again.
+        Created if necessary; its parent must exist. `remove` deletes it.
     sequence : FrameSequence
     faces : bool
-        Surfaces through the points instead of points.
+        Store surfaces through the points instead of points.
 
     Raises
     ------
     FileError
-        When the folder can't be made or written.
+        If the folder can't be created or written.
 
     Attributes
     ----------
@@ -43,24 +49,25 @@ class FrameStore:
         self.folder = folder
         self._sequence = sequence
         self._faces = faces
-        of = f"{'surfaces' if faces else 'points'} {sequence.fingerprint}"
+        content = f"{'surfaces' if faces else 'points'} {sequence.fingerprint}"
         try:
             folder.mkdir(exist_ok=True)
-            if not is_of(folder, of):
+            if not manifest_matches(folder, content):
                 for stale in self._files():
                     stale.unlink()
-                mark(folder, of)
+                write_manifest(folder, content)
         except OSError as error:
             raise _unusable(folder, error) from error
 
     def fill(self, progress: Progress | None = None) -> int:
-        """Makes the frames that are missing, a few at a time; returns how many there are in all.
+        """Makes the missing frames, a few at a time, and returns the number of all frames.
 
         Raises
         ------
-        FileError, PointmorphError
+        FileError
+            If a frame can't be written.
         Cancelled
-            When `progress` returned False. Frames that are complete stay.
+            If `progress` returned False. Complete frames stay.
         """
         missing = [k for k, path in enumerate(self._paths()) if not path.exists()]
         if missing:
@@ -77,7 +84,7 @@ class FrameStore:
         return len(self._paths())
 
     def frames(self) -> Iterator[ResampledFrame | Surface]:
-        """All frames in order, each read when it's asked for. Raises FileError."""
+        """Yields all frames in order, each read when its turn comes. Raises FileError."""
         for path in self._paths():
             try:
                 with np.load(path) as file:
@@ -87,7 +94,7 @@ class FrameStore:
             yield Surface(**arrays) if self._faces else ResampledFrame(**arrays)
 
     def remove(self) -> None:
-        """Takes the frames and the folder away, but for what others have put there."""
+        """Deletes the frames, and the folder unless it holds other files."""
         with contextlib.suppress(OSError):
             for path in self._files():
                 path.unlink()
@@ -98,18 +105,18 @@ class FrameStore:
         return [self.folder / f"frame_{number:04d}.npz" for number in self._sequence.numbers]
 
     def _files(self) -> list[Path]:
-        """With what a process that was killed has left half done."""
+        """Including unfinished files of a process that was killed."""
         return [*self.folder.glob("frame_*.npz"), *self.folder.glob(".*.part")]
 
     @staticmethod
     def _write(path: Path, frame: Frame | Surface) -> None:
         arrays = {name: value for name, value in vars(frame).items() if value is not None}
-        with formats.whole_file(path) as file:
+        with files.whole_file(path) as file:
             np.savez(file, **arrays)
 
 
 def _unusable(path: Path, error: Exception) -> FileError:
     detail = getattr(error, "strerror", None) or str(error)
     return FileError(
-        str(path), "a place where frames can be kept", detail, "Free it, or choose another folder."
+        str(path), "a folder for frames", detail, "Free some space or choose another folder."
     )

@@ -1,4 +1,4 @@
-"""What faces say about an open mesh."""
+"""Boundaries, connected parts and normals of meshes."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ Faces = npt.NDArray[np.integer[Any]] | Sequence[Sequence[int]]
 
 
 def boundary_loops(faces: Faces, vertex_count: int) -> list[npt.NDArray[np.int64]]:
-    """Boundary loops of a mesh, the one with most vertices first.
+    """Boundary loops of a mesh, longest first by number of vertices.
 
     Parameters
     ----------
     faces : (F, K) array, or a sequence of polygons
-        Vertex rows; polygons may differ in length.
+        Vertex rows. Polygons may differ in length.
     vertex_count : int
-        Vertices of the mesh.
+        Number of vertices of the mesh.
 
     Returns
     -------
     list of arrays of int64
-        Rows along each loop, each vertex once. Where several boundaries meet in one vertex, the
-        walk is split there, so that every loop is simple. Edges that don't close are left out.
+        Rows along each loop. Loops are simple: where several boundaries meet in one vertex, they
+        are split there. Edges that are part of no loop are left out.
 
     Examples
     --------
@@ -54,7 +54,7 @@ def boundary_loops(faces: Faces, vertex_count: int) -> list[npt.NDArray[np.int64
         while around[path[-1]]:
             vertex = around[path[-1]].pop()
             around[vertex].remove(path[-1])
-            if vertex in position:  # a loop closes here; the walk goes on from where it began
+            if vertex in position:  # a loop closes; the path continues from its start
                 loop = path[position[vertex] :]
                 if len(loop) > 2:
                     loops.append(np.asarray(loop, np.int64))
@@ -68,15 +68,20 @@ def boundary_loops(faces: Faces, vertex_count: int) -> list[npt.NDArray[np.int64
 
 
 def parts(faces: Faces, positions: npt.NDArray[Any]) -> npt.NDArray[np.int64]:
-    """(N,) labels: the same for vertices that faces join, also over vertices at the same place.
+    """Labels of the connected parts of a mesh.
 
-    Vertices without a face belong to what is nearest to them.
+    Vertices at the same place are connected. Vertices without faces belong to the nearest part.
 
     Parameters
     ----------
     faces : (F, K) array, or a sequence of polygons
         Vertex rows.
     positions : (N, 3) array
+
+    Returns
+    -------
+    (N,) array of int64
+        The same label for all vertices of a part.
 
     Examples
     --------
@@ -97,13 +102,13 @@ def parts(faces: Faces, positions: npt.NDArray[Any]) -> npt.NDArray[np.int64]:
         ends = labels[edges]
         least = ends.min(axis=1)
         for side in (0, 1):
-            np.minimum.at(lower, ends[:, side], least)  # a label's own label …
+            np.minimum.at(lower, ends[:, side], least)  # labels of labels, resolved below
         while not np.array_equal(lower, lower[lower]):
             lower = lower[lower]
-        following = lower[labels]
-        if np.array_equal(following, labels):
+        merged = lower[labels]
+        if np.array_equal(merged, labels):
             break
-        labels = following
+        labels = merged
     used = np.zeros(count, bool)
     used[face_edges(faces).reshape(-1)] = True
     used = np.isin(labels, labels[used])
@@ -115,7 +120,7 @@ def parts(faces: Faces, positions: npt.NDArray[Any]) -> npt.NDArray[np.int64]:
 def _spread(
     labels: npt.NDArray[np.int64], known: npt.NDArray[np.bool_], positions: npt.NDArray[Any]
 ) -> None:
-    """Gives what has no known label that of its nearest neighbour with one."""
+    """Gives vertices without a known label that of their nearest neighbor with one."""
     size = max(float(np.ptp(positions, axis=0).max()), np.finfo(float).tiny)
     near = nearest_neighbors(np.ascontiguousarray(positions / size, np.float64), 16)
     while True:
@@ -130,7 +135,7 @@ def _spread(
 
 
 def face_edges(faces: Faces) -> npt.NDArray[np.int64]:
-    """(E, 2): the edges of every face, one by one, without those from a vertex to itself."""
+    """(E, 2): the edges of all faces, one by one, without those from a vertex to itself."""
     if isinstance(faces, np.ndarray) and faces.ndim == 2:
         corners = faces.astype(np.int64)
         edges = np.stack([corners, np.roll(corners, -1, axis=1)], axis=-1).reshape(-1, 2)
@@ -151,14 +156,17 @@ def face_edges(faces: Faces) -> npt.NDArray[np.int64]:
 def vertex_normals(
     positions: npt.NDArray[Any], triangles: npt.NDArray[np.integer[Any]]
 ) -> npt.NDArray[np.float64]:
-    """(N, 3) normals of length 1, the mean of the faces around each vertex by area.
-
-    Vertices without a face of any area get (0, 0, 1).
+    """Unit normals: the mean over the faces around each vertex, weighted by area.
 
     Parameters
     ----------
     positions : (N, 3) array
     triangles : (F, 3) array
+
+    Returns
+    -------
+    (N, 3) array of float64
+        (0, 0, 1) at vertices without faces of positive area.
     """
     corners = positions[triangles].astype(np.float64)
     doubled = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])

@@ -1,4 +1,4 @@
-"""How good a morph is, and that in words."""
+"""The quality of a morph, in figures and in words."""
 
 from __future__ import annotations
 
@@ -12,71 +12,72 @@ import numpy.typing as npt
 
 @dataclass(frozen=True)
 class PointQuality:
-    """What a map does at each of the N points of the cloud that it starts from."""
+    """What a map does at each of the N points that it maps."""
 
     stretch: npt.NDArray[np.float64]
-    """(N, 2), the larger and the smaller singular value of the Jacobian, both surfaces scaled to
-    unit area; 1 and 1 where only the size differs, or where it couldn't be measured"""
+    """(N, 2), the larger and the smaller singular value of the Jacobian, with both surfaces scaled
+    to unit area; 1 and 1 where nothing is stretched, or where it couldn't be measured"""
     measured: npt.NDArray[np.bool_]
-    """(N,), False where too few neighbours lie on the same sheet, or all on a line"""
+    """(N,), False where too few neighbors lie on the same side of the surface, or all on a line"""
     flipped: npt.NDArray[np.bool_]
-    """(N,), where the image shows its back"""
+    """(N,), where the map turns the surface over"""
     reached: npt.NDArray[np.bool_]
-    """(N,), where some point of the other cloud lands within two spacings"""
+    """(N,), where the other map takes some point to within two spacings"""
     round_trip: npt.NDArray[np.float64]
-    """(N,), distance of a point to where it ends up there and back, in √area of its own surface"""
+    """(N,), distance between a point and its image under both maps, there and back, in √area of its
+    own surface"""
     distortion: npt.NDArray[np.float64]
-    """(N,), one number for all of it: 0 is perfect, over 1 is bad, 2 or more where folded"""
+    """(N,), all of the above in one number: 0 is perfect, over 1 is bad, 2 or more is folded"""
 
     @property
     def area_ratio(self) -> npt.NDArray[np.float64]:
-        """(N,): how much larger the surface is around the image, both surfaces at unit area."""
+        """(N,): by how much the map enlarges areas, with both surfaces scaled to unit area."""
         return self.stretch[:, 0] * self.stretch[:, 1]
 
 
 @dataclass(frozen=True)
 class MapFigures:
-    """A map in figures. Shares, 0 to 1, are those of the points."""
+    """A map in figures. Shares are of its points, 0 to 1."""
 
     dirichlet: float
-    """mean squared stretch; 1 or more for a map that is one to one"""
+    """mean squared stretch; at least 1 for a one-to-one map"""
     stretch_p99: float
-    """99th percentile of the stretch; 1 is none"""
+    """99th percentile of the stretch; 1 means none"""
     conformal_median: float
-    """median of (s1/s2 + s2/s1)/2; 1 where angles are kept"""
+    """median of (s1/s2 + s2/s1)/2; 1 if angles are preserved"""
     flipped: float
-    """share that shows its back"""
+    """share where the map turns the surface over"""
     collapsed: float
-    """share that is squeezed to a line"""
+    """share squeezed to a line"""
     round_trip_mean: float
     """in √area"""
     round_trip_p99: float
     """in √area"""
     coverage: float
-    """share of the other cloud's points within two spacings of an image"""
+    """share of the other cloud's points that lie within two spacings of an image"""
 
 
 @dataclass(frozen=True)
 class Place:
-    """Where many bad points lie together."""
+    """A place where many points are badly mapped."""
 
     source: int
     """row of the source"""
     target: int
-    """row of the target, where that point lands"""
+    """row of the target: the image of that point"""
     flaw: str
-    """mirrored, folded, lost (doesn't come back, or isn't reached), stretched or squeezed"""
+    """mirrored, folded, lost (does not map back, or is not reached), stretched or squeezed"""
     distortion: float
-    """mean over the point and its neighbours"""
+    """mean over the point and its neighbors"""
     share: float
-    """the bad points' share of the surface, 0 to 1"""
+    """share of the surface that is bad there, 0 to 1"""
     advice: str
-    """what is wrong there and what would help, in words"""
+    """what is wrong there, and what would help"""
 
 
 @dataclass(frozen=True)
 class FeatureResidual:
-    """How well the maps keep one feature; the worse of both ways."""
+    """How well the maps meet a feature, by the worse of both directions."""
 
     name: str
     kind: str
@@ -84,15 +85,16 @@ class FeatureResidual:
     hard: bool
     weight: float
     residual: float
-    """in spacings: how far a point lands from its partner, a curve's marked points (root mean
-    square) from the same share of the other's length, a region's points outside of the partner"""
+    """in spacings. Point: distance from its image to its partner. Curve: root mean square over its
+    points, from the image to the same share of the other curve. Region: mean distance of its
+    images outside of the other region"""
     inside: float
-    """share of a region's points that land in the partner; 1 for points and curves"""
+    """share of a region that is mapped into the other region; 1 for points and curves"""
 
 
 @dataclass(frozen=True)
 class Quality:
-    """How good a morph is: by point, in figures, and where it is worst."""
+    """The quality of a morph: per point, in figures, and where it is worst."""
 
     source: PointQuality
     """of the map from the source to the target"""
@@ -101,19 +103,26 @@ class Quality:
     source_to_target: MapFigures
     target_to_source: MapFigures
     worst: tuple[Place, ...]
-    """at most five, far apart, the worst first; empty where the map is good"""
+    """at most five places, far apart, worst first; empty if the map is good"""
     features: tuple[FeatureResidual, ...]
     """one for each feature"""
 
 
 def quality_summary(report: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """What `Morph.report` says about quality, to show: names and values, the worse of both ways.
+    """The quality in a report, to show: names and values, the worse of both directions.
 
-    Covered, folded, collapsed: shares of the points. Stretch: its 99th percentile. Angles: median
-    conformal distortion, 1 where kept. Round trip: mean, of √area. Torn: the largest of `cracks`.
-    Features: before they were put onto each other exactly.
+    Covered, folded, collapsed: shares of the points. Stretch: its 99th percentile. Angle
+    distortion: the median conformal distortion, 1 if angles are preserved. Round-trip error: the
+    mean, of √area. Cracks: the largest share. Feature error: before features are met exactly.
 
-    Works on a report that was read from `report.json` just as well.
+    Parameters
+    ----------
+    report : mapping
+        `Morph.report`, or the contents of a `report.json`.
+
+    Returns
+    -------
+    list of (str, str)
     """
     both = report["quality"].values()
 
@@ -123,19 +132,26 @@ def quality_summary(report: Mapping[str, Any]) -> list[tuple[str, str]]:
     return [
         ("Covered", _percent(min(way["coverage"] for way in both))),
         ("Stretch", f"{worst('stretch_p99'):.2f}"),
-        ("Angles", f"{worst('conformal_median'):.2f}"),
+        ("Angle distortion", f"{worst('conformal_median'):.2f}"),
         ("Folded", _percent(worst("flipped"))),
         ("Collapsed", _percent(worst("collapsed"))),
-        ("Round trip", f"{_percent(worst('round_trip_mean'))} off"),
-        ("Torn", _percent(max(report["cracks"].values()))),
-        ("Features", f"{report['feature_residual']:.2g} spacings off"),
+        ("Round-trip error", _percent(worst("round_trip_mean"))),
+        ("Cracks", _percent(max(report["cracks"].values()))),
+        ("Feature error", f"{report['feature_residual']:.2g} spacings"),
     ]
 
 
 def feature_summary(report: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """How well the maps keep each feature that isn't a hard point, to show: names and values.
+    """How well each feature but hard points is met, to show: names and values.
 
-    Works on a report that was read from `report.json` just as well.
+    Parameters
+    ----------
+    report : mapping
+        `Morph.report`, or the contents of a `report.json`.
+
+    Returns
+    -------
+    list of (str, str)
     """
     rows = []
     for name, kept in report.get("features", {}).items():

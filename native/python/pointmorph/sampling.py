@@ -1,4 +1,4 @@
-"""Even clouds from meshes (and thinner clouds from dense ones)."""
+"""Evenly sampled clouds from meshes, and thinner clouds from dense ones."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from pointmorph.meshes import boundary_loops, vertex_normals
 from pointmorph.morphing import Progress
 
 CANDIDATES = 4
-"""Random candidates for every point that is kept: more are evener and slower."""
+"""Random candidates per sample: more make the samples more even, and are slower."""
 
 
 def sample(
@@ -28,33 +28,34 @@ def sample(
     keep: Sequence[int] | npt.NDArray[np.integer[Any]] = (),
     progress: Progress | None = None,
 ) -> tuple[Cloud, npt.NDArray[np.int64]]:
-    """Blue noise on the faces of a mesh, or `count` evenly spread points of a bare cloud.
+    """Samples a mesh by blue noise, or picks evenly spread points of a point cloud.
 
     Parameters
     ----------
     shape : Shape
-        A mesh, whose attributes are interpolated, or a cloud with at least `count` points.
+        A mesh, whose attributes are interpolated, or a point cloud with at least `count` points.
     count : int
-        Points that the sample has.
+        Number of samples.
     seed : int
-        Of the random candidates; the same seed gives the same sample.
+        For the random candidates. The same seed gives the same samples.
     keep : sequence of int
-        Vertices that must be in the sample, features for instance.
+        Vertices that must be samples: features, for instance.
     progress : callable, optional
         As for `pointmorph.morph`.
 
     Returns
     -------
     cloud : Cloud
-        The sample, in float32 where the shape is. On an open mesh points lie evenly along its
-        longest boundary, which the cloud hands over.
+        The samples, with the type of the shape's positions. On an open mesh, samples lie evenly
+        along its longest boundary, which becomes `cloud.boundary`.
     rows : (len(keep),) array of int64
-        Where the kept vertices are in the cloud.
+        The rows of the kept vertices in the cloud.
 
     Raises
     ------
     CloudError, OptionError
-        For a mesh without area, a cloud with too few points, or a count below what must be kept.
+        If the mesh has no area, a point cloud has too few points, or `count` is too small for
+        what must be kept.
     """
     cloud, rows, _ = _sample(shape, count, seed, keep, progress)
     return cloud, rows
@@ -66,10 +67,33 @@ def sample_pair(
     count: int,
     progress: Progress | None = None,
 ) -> tuple[list[Cloud], dict[str, Feature]]:
-    """Source and target with `count` points each, and the features among these.
+    """Samples source and target, and finds the features among the samples.
 
-    Points, and the marked vertices of curves as far as samples are apart, stay; samples belong to a
-    region as far as the faces that they lie on do. See `sample` for what is raised.
+    Point features become samples. So do the vertices of curves, unless they are closer together
+    than samples are. Samples take their weight in a region from the vertices of their face.
+
+    Parameters
+    ----------
+    shapes : sequence of Shape
+        Source and target.
+    features : mapping of name to Feature
+        With rows of the shapes.
+    count : int
+        Number of samples of each shape.
+    progress : callable, optional
+        As for `pointmorph.morph`.
+
+    Returns
+    -------
+    clouds : list of Cloud
+        Source and target.
+    features : dict of name to Feature
+        With rows of the clouds.
+
+    Raises
+    ------
+    CloudError, OptionError
+        As for `sample`.
     """
     clouds: list[Cloud] = []
     marked: dict[str, dict[str, Any]] = {name: {} for name in features}
@@ -80,7 +104,7 @@ def sample_pair(
             rows = feature.rows(side)
             if feature.kind == "curve":
                 rows = _thinned_curve(shape, rows, feature.closed, count)
-            elif feature.kind == "region":  # one of it at least
+            elif feature.kind == "region":  # at least one of its points
                 rows = rows[:1] if not (w := feature.weights(side)) else [rows[int(np.argmax(w))]]
             places[name] = slice(len(keep), len(keep) + len(rows))
             keep += rows
@@ -99,14 +123,15 @@ def sample_pair(
 
 
 def _thinned_curve(shape: Shape, rows: list[int], closed: bool, count: int) -> list[int]:
-    """The curve's first vertex, its last if it's open, and those between that lie apart."""
+    """The vertices of a curve without those closer together than samples: the first stays, and on
+    an open curve the last."""
     if shape.faces is None:
         return rows
     area = _face_areas(shape).sum()
     ends = [*rows, rows[0]] if closed else rows
     steps = np.linalg.norm(np.diff(shape.positions[ends].astype(np.float64), axis=0), axis=1)
     along = np.concatenate([[0.0], np.cumsum(steps)])
-    # Three sides at least are left of a closed curve.
+    # A closed curve keeps at least three sides.
     apart = min(np.sqrt(area / count), along[-1] / 4)
     result, last = [rows[0]], 0.0
     for row, place in zip(rows[1:], along[1:], strict=False):
@@ -119,7 +144,7 @@ def _thinned_curve(shape: Shape, rows: list[int], closed: bool, count: int) -> l
 
 
 Mixed = Callable[[npt.NDArray[Any]], npt.NDArray[Any]]
-"""From values at the vertices to those at the samples."""
+"""From values at vertices to values at samples."""
 
 
 def _sample(
@@ -133,9 +158,9 @@ def _sample(
     if len(kept) and not (0 <= kept[0] and kept[-1] < len(shape.positions)):
         raise CloudError(
             shape.name,
-            f"vertices 0 to {len(shape.positions) - 1} to keep",
+            f"vertices to keep from 0 to {len(shape.positions) - 1}",
             f"{kept[0]} to {kept[-1]}",
-            "Check the features' rows.",
+            "Check the rows of the features.",
         )
     if shape.faces is None:
         cloud, taken = _thinned(shape, count, kept, progress)
@@ -149,9 +174,9 @@ def _sample(
     if count < fixed:
         raise OptionError(
             "samples",
-            f"at least {fixed} points, for the boundary and {len(kept)} vertices to keep",
+            f"at least {fixed}, for the boundary and {len(kept)} vertices to keep",
             str(count),
-            "Ask for more samples.",
+            "Use more samples.",
         )
     normals = shape.normals
     if normals is None:
@@ -189,9 +214,9 @@ def _thinned(
     if count > len(shape.positions):
         raise OptionError(
             "samples",
-            f"at most {len(shape.positions)}, the points of {shape.name}, which has no faces",
+            f"at most {len(shape.positions)}, because {shape.name} has no faces",
             str(count),
-            "Ask for fewer samples, or give a mesh.",
+            "Use fewer samples, or a mesh.",
         )
     chosen = _pointmorph.blue_noise(shape.positions, shape.normals, count, kept, progress)
 
@@ -219,7 +244,7 @@ def _first_corner(count: int) -> npt.NDArray[np.float64]:
 def _mixed(
     values: npt.NDArray[Any], corners: npt.NDArray[np.int64], weights: npt.NDArray[np.float64]
 ) -> npt.NDArray[np.float64]:
-    """Barycentric mean of the values at three corners."""
+    """Values interpolated between three corners by barycentric weights."""
     result = np.zeros((len(corners), *values.shape[1:]))
     for k in range(3):
         result += weights[:, k].reshape(-1, *[1] * (values.ndim - 1)) * values[corners[:, k]]
@@ -236,11 +261,11 @@ def _face_areas(shape: Shape) -> npt.NDArray[np.float64]:
 def _random_points(
     shape: Shape, count: int, seed: int
 ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.float64]]:
-    """Corners and barycentric weights of points that are uniform by area, stratified."""
+    """(count, 3) corners and barycentric weights of stratified random points, uniform by area."""
     assert shape.faces is not None
     total = np.cumsum(_face_areas(shape))
     if not (len(total) and np.isfinite(total[-1]) and total[-1] > 0.0):
-        raise CloudError(shape.name, "faces with an area", "none", "Check the mesh.")
+        raise CloudError(shape.name, "faces with a positive area", "none", "Check the mesh.")
     random = np.random.default_rng(seed)
     place = (np.arange(count) + random.random(count)) / count * total[-1]
     face = np.minimum(np.searchsorted(total, place, side="right"), len(total) - 1)
@@ -252,10 +277,10 @@ def _random_points(
 def _boundary_points(
     shape: Shape, count: int, kept: npt.NDArray[np.int64]
 ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.float64], list[int] | None]:
-    """Points along the longest boundary at the spacing that the sample will have.
+    """Points along the longest boundary, at the spacing that the samples will have.
 
-    Returns corners and weights of the points that aren't kept vertices, and the whole boundary as
-    rows of (kept vertices, these points).
+    Returns (K, 3) corners and (K, 3) barycentric weights of the points that aren't kept vertices,
+    and the whole boundary as rows of the kept vertices followed by these points.
     """
     assert shape.faces is not None
     none = np.empty((0, 3), np.int64), np.empty((0, 3)), None
@@ -274,7 +299,7 @@ def _boundary_points(
     even = np.arange(number) * along[-1] / number
 
     on_loop = np.flatnonzero(np.isin(loop, kept))
-    for position in on_loop:  # a kept vertex stands for the points next to it
+    for position in on_loop:  # a kept vertex replaces the points next to it
         gap = np.abs(even - along[position])
         even = even[np.minimum(gap, along[-1] - gap) > 0.5 * spacing]
     segment = np.minimum(np.searchsorted(along, even, side="right") - 1, len(loop) - 1)

@@ -1,4 +1,4 @@
-"""Frames as files: each whole or not at all, one written while others are computed."""
+"""Sequences of frames, and frames as files: one is written while others are computed."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from concurrent.futures import TimeoutError as FutureTimeout
 from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypedDict, TypeVar, Unpack
 
 import numpy as np
 import numpy.typing as npt
 
-from pointmorph import __version__, formats, surfaces
+from pointmorph import __version__, files, formats, surfaces
 from pointmorph.errors import Cancelled
 from pointmorph.morphing import Frame, Morph, Progress, ResampledFrame
 
@@ -32,15 +32,21 @@ _T = TypeVar("_T")
 def in_order(
     make: Callable[[int, Callable[[], bool]], _T], count: int, progress: Progress | None = None
 ) -> Iterator[_T]:
-    """Yields make(0, stopped) … in order, of which a few are made at a time and none far ahead.
+    """Yields make(0, stopped), make(1, stopped) … in order, a few of which run at the same time.
 
-    `progress` is told "frames" again and again. When it returns False, the caller stops, or `make`
-    raises, `stopped` returns True, and nothing more is begun.
+    Parameters
+    ----------
+    make : callable
+        Called on other threads. Should end soon once `stopped()` is True: `progress` returned
+        False, the caller stopped iterating, or another call of `make` raised.
+    count : int
+    progress : callable, optional
+        As for `pointmorph.morph`; the stage is "frames".
 
     Raises
     ------
     Cancelled
-        When `progress` returned False.
+        If `progress` returned False.
     """
     waiting: deque[Future[_T]] = deque()
     stop = threading.Event()
@@ -48,10 +54,10 @@ def in_order(
     def ready(done: int) -> _T:
         while True:
             if progress is not None and progress("frames", done / count) is False:
-                raise Cancelled("The frames were cancelled.")
+                raise Cancelled("Frames cancelled.")
             with contextlib.suppress(FutureTimeout):
                 return waiting[0].result(_POLL)
-            if waiting[0].done():  # the timeout was its own
+            if waiting[0].done():  # it raised a TimeoutError itself
                 return waiting[0].result()
 
     with ThreadPoolExecutor(_AT_ONCE, "pointmorph-frames") as pool:
@@ -70,15 +76,35 @@ def in_order(
 
 
 def part_at(t: float, count: int) -> tuple[int, float]:
-    """Which of `count` morphs one after the other, with equal shares of t, is shown at t from 0 to
-    1: its number, and t there."""
+    """Which of `count` morphs in a row, each with an equal share of t, is shown at t.
+
+    Parameters
+    ----------
+    t : float
+        0 to 1, over all of them.
+    count : int
+
+    Returns
+    -------
+    number : int
+    t : float
+        0 to 1, within that morph.
+    """
     along = t * count
     number = min(int(along), count - 1)
     return number, along - number
 
 
+class Numbering(TypedDict, total=False):
+    """The keyword arguments of `FrameSequence`, which explains them."""
+
+    first: int
+    step: int
+    resample: bool
+
+
 class FrameSequence:
-    """The frames of a morph at certain times, to be made in any order and from several threads.
+    """The frames of a morph at given times. Thread-safe; frames can be made in any order.
 
     Parameters
     ----------
@@ -86,14 +112,14 @@ class FrameSequence:
     times : sequence of float
         t of each frame, 0 to 1.
     first, step : int
-        The number of the first frame, and how much it grows from one to the next.
+        The number of the first frame, and the step from one frame to the next.
     resample : bool
-        Frames without cracks, with ids and velocities.
+        Fill cracks with new points; frames then have ids and velocities.
 
     Attributes
     ----------
     numbers : range
-        Of the frames.
+        The numbers of the frames.
     """
 
     def __init__(
@@ -109,13 +135,13 @@ class FrameSequence:
         self.times = [float(t) for t in times]
         self.numbers = range(first, first + step * len(times), step)
         self._resample = resample
-        # Speed is by t; how much t grows to the next frame, to the one before at the end.
+        # Velocities are per t: this is by how much t grows from frame to frame.
         grows = np.gradient(np.asarray(times, np.float64)) if len(times) > 1 else np.zeros(1)
         self._grows = grows / step
 
     @cached_property
     def fingerprint(self) -> str:
-        """Tells sequences apart: equal ones have the same bits in every frame."""
+        """A hash: sequences with the same one have the same bits in every frame."""
         digest = hashlib.sha256()
         for array in self._arrays():
             digest.update(np.ascontiguousarray(array).tobytes())
@@ -127,19 +153,37 @@ class FrameSequence:
         return digest.hexdigest()
 
     def _arrays(self) -> Iterator[npt.NDArray[Any]]:
-        """All that says what the frames are of."""
+        """All arrays that the frames depend on."""
         for part in self.morph.parts:
             yield np.asarray(part.pairs)
             for t in (0.0, 0.5, 1.0):
                 yield from vars(part.frame(t)).values()
 
     def prepare(self, progress: Progress | None = None) -> None:
-        """What all frames need; `frame` does it where it wasn't done before."""
+        """Computes what all frames share; otherwise the first call of `frame` does.
+
+        Raises
+        ------
+        Cancelled
+            If `progress` returned False.
+        """
         if self._resample:
             self.morph.inserted(progress)
 
     def frame(self, k: int, stopped: Callable[[], bool] = lambda: False) -> Frame:
-        """Frame k, with velocities by frame where it's re-sampled. Raises Cancelled."""
+        """Frame k. If it is resampled, its velocities are per frame.
+
+        Parameters
+        ----------
+        k : int
+        stopped : callable, optional
+            Asked again and again; the work ends when it returns True.
+
+        Raises
+        ------
+        Cancelled
+            If `stopped` returned True.
+        """
         frame = self._at(self.times[k], stopped)
         if isinstance(frame, ResampledFrame):
             by_frame = (frame.velocities * self._grows[k]).astype(frame.positions.dtype)
@@ -158,7 +202,13 @@ class FrameSequence:
     def surface(
         self, k: int, frame: Frame, stopped: Callable[[], bool] = lambda: False
     ) -> surfaces.Surface:
-        """The surface through frame k. Raises OptionError where what makes it is missing."""
+        """The surface through frame k; see `surfaces.Surfaces.through`.
+
+        Raises
+        ------
+        OptionError
+            If pymeshlab or scipy is missing.
+        """
         return self._surfaces.through(frame, self.times[k], stopped)
 
 
@@ -167,51 +217,48 @@ def write_frames(
     folder: Path,
     times: Sequence[float],
     *,
-    first: int = 0,
-    step: int = 1,
-    resample: bool = True,
     mesh: str | None = None,
     resume: bool = False,
     progress: Progress | None = None,
+    **numbering: Unpack[Numbering],
 ) -> list[int]:
-    """Writes `frame_0000.ply` … and removes frames of an earlier run that aren't among them.
+    """Writes `frame_0000.ply` … and removes other frames that an earlier run left.
 
     Parameters
     ----------
     morph : Morph
     folder : path
-        Exists.
+        Must exist.
     times : sequence of float
         t of each frame, 0 to 1.
-    first, step : int
-        The number of the first frame, and how much it grows from one to the next.
-    resample : bool
-        Frames without cracks, with `id` and `vx vy vz`: the way to the next frame at the present
-        speed.
     mesh : str, optional
-        "ply", "obj", "stl" or "glb": for each frame also a `mesh_0000` of that kind, the surface
-        through its points (see `surfaces.Surfaces`), with velocities by frame in .ply.
+        "ply" or another of `formats.WRITTEN_MESH_SUFFIXES` without the dot: for each frame, also
+        write the surface through its points, `mesh_0000.ply` …, with velocities per frame if the
+        format holds them.
     resume : bool
-        Frames that an interrupted run of the very same morph has left are kept. What they are of
-        stands in `frames.json`.
+        Keep the frames that an interrupted run of the very same morph left. `frames.json` says
+        what a folder's frames belong to.
     progress : callable, optional
-        As for `morph`; the stage is "frames".
+        As for `pointmorph.morph`; the stage is "frames".
+    **numbering
+        `first`, `step` and `resample`, as for `FrameSequence`. Resampled frames have `id` and
+        `vx vy vz`, the offset to the next frame at the current speed.
 
     Returns
     -------
     list of int
-        How many points each frame has.
+        The number of points of each frame.
 
     Raises
     ------
     FileError
-        When a file can't be written.
+        If a file can't be written.
     OptionError
-        When a mesh is asked for and what makes it is missing.
+        If `mesh` is given and pymeshlab or scipy is missing.
     Cancelled
-        When `progress` returned False. Frames that are complete stay.
+        If `progress` returned False. Complete frames stay.
     """
-    sequence = FrameSequence(morph, times, first=first, step=step, resample=resample)
+    sequence = FrameSequence(morph, times, **numbering)
     return write_sequence(sequence, folder, mesh=mesh, resume=resume, progress=progress)
 
 
@@ -223,18 +270,18 @@ def write_sequence(
     resume: bool = False,
     progress: Progress | None = None,
 ) -> list[int]:
-    """Writes the frames of a sequence; see `write_frames`."""
+    """Writes the frames of a sequence, as `write_frames` does."""
     if mesh is not None:
         surfaces.check_available()
     paths = [folder / f"frame_{number:04d}.ply" for number in sequence.numbers]
     meshes = [folder / f"mesh_{number:04d}.{mesh}" for number in sequence.numbers]
-    known = resume and is_of(folder, sequence.fingerprint)
+    known = resume and manifest_matches(folder, sequence.fingerprint)
     wanted = {*paths, *(meshes if mesh is not None else ())}
     for stale in [*folder.glob("frame_*.ply"), *_meshes(folder)]:
         if stale not in wanted or (resume and not known):
             stale.unlink()
     if resume and not known:
-        mark(folder, sequence.fingerprint)
+        write_manifest(folder, sequence.fingerprint)
     sequence.prepare(progress)
 
     def write(k: int, stopped: Callable[[], bool]) -> int:
@@ -252,7 +299,7 @@ def write_sequence(
 
 
 def _meshes(folder: Path) -> list[Path]:
-    """Those of this or an earlier run."""
+    """Meshes of this run or an earlier one."""
     return [
         path
         for suffix in formats.WRITTEN_MESH_SUFFIXES
@@ -260,22 +307,22 @@ def _meshes(folder: Path) -> list[Path]:
     ]
 
 
-def mark(folder: Path, of: str) -> None:
-    """Writes down which frames are in a folder. Raises FileError."""
-    formats.write_bytes(folder / MANIFEST, json.dumps({"of": of}).encode())
+def write_manifest(folder: Path, content: str) -> None:
+    """Records what the frames in a folder belong to. Raises FileError."""
+    files.write_bytes(folder / MANIFEST, json.dumps({"of": content}).encode())
 
 
-def is_of(folder: Path, of: str) -> bool:
-    """Whether that is what `mark` wrote down there."""
+def manifest_matches(folder: Path, content: str) -> bool:
+    """Whether the frames in a folder belong to what `write_manifest` recorded there."""
     try:
-        content = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
-        return bool(content["of"] == of)
+        recorded = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
+        return bool(recorded["of"] == content)
     except (OSError, ValueError, KeyError, TypeError):
         return False
 
 
 def _count(path: Path) -> int:
-    """Points of a frame, from its header."""
+    """The number of points of a frame, from its header."""
     with path.open("rb") as file:
         for line in file:
             if line.startswith(b"element vertex"):

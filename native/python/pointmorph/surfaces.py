@@ -1,7 +1,7 @@
-"""Surfaces with faces through in-between clouds, for what takes no points.
+"""Meshes through in-between clouds, for software that can't use points.
 
-The reconstruction is the screened Poisson one (Kazhdan and Hoppe 2013), its authors' own code as
-MeshLab brings it. It needs the extra `mesh`: pymeshlab and scipy.
+They come from screened Poisson reconstruction (Kazhdan and Hoppe 2013), in its authors' own code,
+which is part of MeshLab. It needs the extra `mesh`: pymeshlab and scipy.
 """
 
 from __future__ import annotations
@@ -27,40 +27,40 @@ from pointmorph.morphing import Frame, Morph, ResampledFrame
 
 _NEIGHBORS = 8
 _DEEPEST, _SHALLOWEST = 10, 4
-_CUBE = 1.1  # around the points, in their extent
+_CUBE = 1.1  # side of the cube around the points, in their extent
 _POLL = 0.05  # seconds
-# In spacings of the points around. A piece that comes farther off the points than _BALLOON is no
-# surface of theirs, and goes, as far as it is farther off than _OFF: wide openings stay open, what
-# is narrower than twice _BALLOON is closed.
+# In spacings of the points around. Where the surface goes farther than _BALLOON from the points, it
+# spans an opening, and is cut off at the distance _OFF. So wide openings stay open, and those
+# narrower than twice _BALLOON are closed.
 _OFF, _BALLOON = 1.5, 4.0
-_HEAPED = 0.5  # spacings
-_BLENDED = 4  # points that a vertex takes its colour from
+_COINCIDENT = 0.5  # spacings
+_BLENDED = 4  # points that a vertex takes its color from
 _FEWEST = 12  # points
 
 
 @dataclass(frozen=True)
 class Surface:
-    """A mesh through the points of a frame. It has vertices and faces of its own in each frame."""
+    """A mesh through the points of a frame. Its vertices and faces differ from frame to frame."""
 
     positions: FloatArray
     """(V, 3)"""
     normals: FloatArray
     """(V, 3), unit length"""
     colors: FloatArray
-    """(V, 4), those of the points around"""
+    """(V, 4), from the points around"""
     faces: npt.NDArray[np.int32]
-    """(F, 3) rows of positions, counterclockwise seen from outside"""
+    """(F, 3) rows of `positions`, counterclockwise seen from outside"""
     velocities: FloatArray | None = None
-    """(V, 3), those of the points around, where the frame has them"""
+    """(V, 3), from the points around; None if the frame has none"""
 
 
 def check_available() -> None:
-    """Raises OptionError where the extra `mesh` isn't installed."""
+    """Raises OptionError if pymeshlab or scipy, the extra `mesh`, isn't installed."""
     _search_tree()
 
 
 class Surfaces:
-    """Makes surfaces through the frames of one morph. May be asked from several threads.
+    """Makes surfaces through the frames of one morph. Thread-safe.
 
     Parameters
     ----------
@@ -69,7 +69,7 @@ class Surfaces:
     Raises
     ------
     OptionError
-        Where pymeshlab or scipy is missing.
+        If pymeshlab or scipy is missing.
     """
 
     def __init__(self, morph: Morph) -> None:
@@ -82,35 +82,41 @@ class Surfaces:
     def through(
         self, frame: Frame, t: float, stopped: Callable[[], bool] = lambda: False
     ) -> Surface:
-        """The smooth surface through the points of a frame, with faces.
+        """The smooth surface through the points of a frame, as a mesh.
 
-        Closed where the points leave openings of less than about eight spacings, open where they
-        leave wider ones, as at the border of a patch. The same bits for the same frame.
+        Openings narrower than about eight spacings are closed. Wider ones, such as the border of a
+        patch, stay open. The same frame gives the same bits.
 
         Parameters
         ----------
         frame : Frame
-            The morph's at t. A re-sampled one has no cracks that would have to be bridged.
+            The frame of the morph at t. A resampled frame is best: it has no cracks to bridge.
         t : float
+            0 to 1.
         stopped : callable, optional
-            Asked many times a second; ends the work when it returns True.
+            Asked many times a second; the work ends when it returns True.
+
+        Returns
+        -------
+        Surface
+            In the type of the frame.
 
         Raises
         ------
         Cancelled
-            When `stopped` returned True.
+            If `stopped` returned True.
         CloudError
-            For a frame of fewer than 12 points, or one without extent.
+            If the frame has fewer than 12 points, or all are in one place.
         ConvergenceError
-            When no surface is found.
+            If no surface was found.
         """
         count = len(frame.positions)
         extent = float(np.ptp(frame.positions, axis=0).max()) if count else 0.0
         if count < _FEWEST or not extent > 0.0:
             raise CloudError(
                 "frame",
-                f"{_FEWEST} points or more, not all in one place",
-                f"{count} points of extent {extent:g}",
+                f"at least {_FEWEST} points, not all in one place",
+                f"{count} points with an extent of {extent:g}",
                 "Write the frames without a mesh.",
             )
         center = 0.5 * (frame.positions.min(axis=0) + frame.positions.max(axis=0))
@@ -142,7 +148,7 @@ class Surfaces:
         )
 
     def _point_spacing(self, points: FloatArray) -> npt.NDArray[np.float64]:
-        """How far apart samples are around each point, were they on a square grid."""
+        """(N,): the spacing around each point, as if the points were on a square grid."""
         count = min(_NEIGHBORS, len(points) - 1)
         distances = self._tree(points).query(points, count + 1)[0]
         spacing: npt.NDArray[np.float64] = distances[:, -1] * np.sqrt(np.pi / count)
@@ -152,7 +158,8 @@ class Surfaces:
     def _expected_spacing(
         self, points: npt.NDArray[np.float64], t: float
     ) -> npt.NDArray[np.float64]:
-        """What both ends say for each pair, for a new point what the pairs around say."""
+        """(N,): the spacing of pairs, interpolated between both ends; of new points, the mean of
+        the pairs around."""
         source, target = self._spacing
         spacing = (1.0 - t) * source + t * target
         if len(points) == len(spacing):
@@ -166,18 +173,18 @@ class Surfaces:
         normals: FloatArray,
         spacing: npt.NDArray[np.float64],
     ) -> npt.NDArray[np.int64]:
-        """Rows without those that lie in a heap: the pairs of one point near the end it's of."""
-        around = self._tree(points).query_ball_point(points, _HEAPED * spacing)
+        """Rows without near-coincident points: near an end, several pairs share one point."""
+        around = self._tree(points).query_ball_point(points, _COINCIDENT * spacing)
         stays = np.ones(len(points), bool)
         for row, others in enumerate(around):
             if stays[row] and len(others) > 1:
-                heap = np.asarray(others)
-                stays[heap[(heap > row) & (normals[heap] @ normals[row] > 0.0)]] = False
+                near = np.asarray(others)
+                stays[near[(near > row) & (normals[near] @ normals[row] > 0.0)]] = False
         return np.flatnonzero(stays)
 
 
 def _search_tree() -> Any:
-    """scipy's. Raises OptionError where that or pymeshlab is missing."""
+    """scipy's kd-tree. Raises OptionError if scipy or pymeshlab is missing."""
     missing = "pymeshlab"
     if importlib.util.find_spec(missing) is not None:
         try:
@@ -188,7 +195,7 @@ def _search_tree() -> Any:
             return cKDTree
     raise OptionError(
         "mesh",
-        "pymeshlab and scipy, which make surfaces",
+        "pymeshlab and scipy, which make meshes from points",
         f"no {missing}",
         f"Install them: {sys.executable or 'python3'} -m pip install pymeshlab scipy",
     )
@@ -200,13 +207,15 @@ def _reconstructed(
     depth: int,
     stopped: Callable[[], bool],
 ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.int32]]:
-    """Vertices and faces, by a process that ends as soon as `stopped` says so."""
+    """(V, 3) vertices and (F, 3) faces, by a process that is killed once `stopped()` is True."""
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
     with tempfile.TemporaryDirectory(prefix="pointmorph-") as folder:
-        given, wanted = (os.path.join(folder, name) for name in ("points.npz", "mesh.npz"))
-        np.savez(given, points=points, normals=normals.astype(np.float64), depth=depth, scale=_CUBE)
+        source, destination = (os.path.join(folder, name) for name in ("points.npz", "mesh.npz"))
+        np.savez(
+            source, points=points, normals=normals.astype(np.float64), depth=depth, scale=_CUBE
+        )
         with subprocess.Popen(
-            [sys.executable, str(Path(__file__).with_name("_poisson.py")), given, wanted],
+            [sys.executable, str(Path(__file__).with_name("_poisson.py")), source, destination],
             env=environment,
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
@@ -219,7 +228,7 @@ def _reconstructed(
                         _, complaint = process.communicate(timeout=_POLL)
                         break
                     if stopped():
-                        raise Cancelled("The mesh was cancelled.")
+                        raise Cancelled("Mesh cancelled.")
             finally:
                 process.kill()
         if process.returncode != 0:
@@ -227,14 +236,14 @@ def _reconstructed(
             raise ConvergenceError(
                 "mesh", "a surface through the points", detail, "Write the frames without a mesh."
             )
-        mesh = np.load(wanted)
+        mesh = np.load(destination)
         return mesh["positions"], mesh["faces"]
 
 
 def _depth(spacing: npt.NDArray[np.float64]) -> int:
-    """Levels of the octree over the unit cube, so that its cells resolve the finer regions.
+    """Levels of the octree, enough to resolve the denser regions.
 
-    It is refined only where there are points, so that one level too many costs little.
+    It is refined only near points, so one level too many costs little.
     """
     fine = float(np.percentile(spacing, 5.0))
     return int(np.clip(np.ceil(np.log2(_CUBE / max(fine, 1e-12))), _SHALLOWEST, _DEEPEST))
@@ -245,7 +254,8 @@ def _without_balloons(
     faces: npt.NDArray[np.int32],
     off: npt.NDArray[np.float64],
 ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.int32]]:
-    """Without the pieces that span openings. `off`: by vertex, from the points, in spacings."""
+    """The mesh without the parts that span openings. `off`: (V,) distance from the points, in
+    spacings."""
     from scipy.sparse import coo_matrix
     from scipy.sparse.csgraph import connected_components
 
@@ -254,10 +264,10 @@ def _without_balloons(
     edges = edges[is_off[edges].all(axis=1)]
     size = len(positions)
     graph = coo_matrix((np.ones(len(edges), np.int8), edges.T), (size, size))
-    _, piece = connected_components(graph, directed=False)
+    _, component = connected_components(graph, directed=False)
     farthest = np.zeros(size)
-    np.maximum.at(farthest, piece, off)
-    balloon = is_off & (farthest[piece] > _BALLOON)
+    np.maximum.at(farthest, component, off)
+    balloon = is_off & (farthest[component] > _BALLOON)
     if not balloon.any():
         return positions, faces
     return _clipped(positions, faces, np.where(balloon, off - _OFF, np.minimum(off - _OFF, 0.0)))
@@ -268,11 +278,11 @@ def _clipped(
     faces: npt.NDArray[np.int32],
     height: npt.NDArray[np.float64],
 ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.int32]]:
-    """The part where the height, linear in every face, is at most 0."""
+    """The part of the mesh where `height`, linear on each face, is at most 0."""
     above = height > 0.0
     count = above[faces].sum(axis=1)
     whole = faces[count == 0]
-    # The corner that is alone on its side first.
+    # First the corner that is alone on its side.
     cut = faces[(count == 1) | (count == 2)]
     alone = np.argmax(above[cut] == (above[cut].sum(axis=1) == 1)[:, None], axis=1)
     a, b, c = (cut[np.arange(len(cut)), (alone + k) % 3] for k in range(3))
@@ -282,13 +292,13 @@ def _clipped(
     share = (height[low] / (height[low] - height[high]))[:, None]
     on_edges = (1.0 - share) * positions[low] + share * positions[high]
     ab, ac = (len(positions) + new.reshape(2, -1)).astype(np.int32)
-    tip = above[a]  # what is alone goes, a quadrangle stays; else a triangle stays
+    lone_above = above[a]  # then a quadrangle stays, else a triangle
     triangles = np.concatenate(
         [
             whole,
-            np.stack([a, ab, ac], axis=1)[~tip],
-            np.stack([ab, b, c], axis=1)[tip],
-            np.stack([ab, c, ac], axis=1)[tip],
+            np.stack([a, ab, ac], axis=1)[~lone_above],
+            np.stack([ab, b, c], axis=1)[lone_above],
+            np.stack([ab, c, ac], axis=1)[lone_above],
         ]
     )
     kept, rows = np.unique(triangles, return_inverse=True)

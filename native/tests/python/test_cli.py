@@ -83,7 +83,7 @@ def test_a_whole_morph_and_back_from_its_files(pair: Path) -> None:
         "starts",
     ):  # fmt: skip
         assert key in report
-    for name in ("Covered", "Stretch", "Folded", "Round trip"):
+    for name in ("Covered", "Stretch", "Folded", "Round-trip error"):
         assert f"\n  {name}" in done.stdout
     for place in report["worst"]:
         assert place["advice"] in done.stdout

@@ -10,7 +10,7 @@ import numpy as np
 import pointmorph
 import pytest
 from plyfile import PlyData
-from pointmorph import formats, meshes
+from pointmorph import files, formats, meshes
 from shapes import grid, grid_faces
 
 
@@ -101,7 +101,7 @@ def test_a_failed_write_leaves_what_was_there(tmp_path: Path) -> None:
     before = path.read_bytes()
 
     def write_half() -> None:
-        with formats.whole_file(path) as file:
+        with files.whole_file(path) as file:
             file.write(b"half")
             raise RuntimeError
 
@@ -116,7 +116,7 @@ def test_a_full_disk_is_said(tmp_path: Path) -> None:
         pytest.skip("no /dev/full on this system")
 
     def write() -> None:
-        with formats.whole_file(tmp_path / "a") as file:
+        with files.whole_file(tmp_path / "a") as file:
             os.dup2(os.open("/dev/full", os.O_WRONLY), file.fileno())
             file.write(b"x" * 100)
 
@@ -126,11 +126,11 @@ def test_a_full_disk_is_said(tmp_path: Path) -> None:
 
 def test_a_missing_folder_is_said(tmp_path: Path) -> None:
     with pytest.raises(pointmorph.FileError, match="folder"):
-        formats.write_bytes(tmp_path / "no" / "a", b"x")
+        files.write_bytes(tmp_path / "no" / "a", b"x")
 
 
 def test_written_files_have_the_usual_rights(tmp_path: Path) -> None:
-    formats.write_bytes(tmp_path / "a", b"x")
+    files.write_bytes(tmp_path / "a", b"x")
     (tmp_path / "b").write_bytes(b"x")
     assert stat.S_IMODE((tmp_path / "a").stat().st_mode) == stat.S_IMODE(
         (tmp_path / "b").stat().st_mode

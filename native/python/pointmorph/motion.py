@@ -1,4 +1,4 @@
-"""Paths other than straight ones, for one cloud whose points know where they end."""
+"""Paths other than straight ones, for a cloud whose end positions are known."""
 
 from __future__ import annotations
 
@@ -12,23 +12,25 @@ from pointmorph.morphing import Progress, options
 
 
 class Motion:
-    """A cloud on its way to where its points end, turning and bending instead of shrinking.
+    """The path of a cloud to its end positions: it rotates and bends instead of shrinking.
 
     Parameters
     ----------
     positions, normals, images : (N, 3) array_like
-        Where every point is, its unit normal, and where it ends: `Morph.source_to_target`, say.
+        Where each point starts, its unit normal, and where it ends: `Morph.source_to_target`, for
+        instance.
     path : str
-        "linear", "similarity" or "rigid", as the setting `path` of a morph.
+        "linear", "similarity" or "rigid": a choice of the setting `path`, see
+        `pointmorph.options`.
     progress : callable, optional
-        As for `morph`.
+        As for `pointmorph.morph`.
 
     Raises
     ------
     CloudError
-        For arrays of different shapes or numbers that aren't finite.
+        If the arrays differ in shape or hold numbers that aren't finite.
     OptionError
-        For another path.
+        If the path is unknown.
 
     Examples
     --------
@@ -60,7 +62,7 @@ class Motion:
                     name,
                     f"an array of {len(arrays[0])} rows and 3 columns",
                     f"the shape {rows.shape}",
-                    "Give a row for every point.",
+                    "Pass one row per point.",
                 )
             if len(rows) == 0 or not np.isfinite(rows).all():
                 raise CloudError(
@@ -77,7 +79,22 @@ class Motion:
         )
 
     def at(self, t: float) -> FloatArray:
-        """(N, 3): where the points are at t, 0 to 1; exact at both ends."""
+        """The positions at t.
+
+        Parameters
+        ----------
+        t : float
+            0 to 1; the positions are exact at both ends.
+
+        Returns
+        -------
+        (N, 3) array of float64
+
+        Raises
+        ------
+        OptionError
+            If t lies outside of [0, 1].
+        """
         start, end = self._ends
         if not 0 <= t <= 1:
             raise OptionError("t", "a number from 0 to 1", str(t), "Clamp it.")

@@ -9,7 +9,7 @@ import numpy.typing as npt
 import pointmorph
 import pytest
 from pointmorph import frame_stores, sequences
-from pointmorph.moving import MovingSequence, Pose
+from pointmorph.moving_shapes import MovingSequence, ShapeState
 from shapes import grid
 
 TIMES = np.linspace(0.0, 1.0, 5).tolist()
@@ -34,7 +34,9 @@ def turn(angle: float) -> npt.NDArray[np.float64]:
     return np.array([[1, 0, 0], [0, c, -s], [0, s, c]])
 
 
-def poses_of(morph: pointmorph.Morph, matrices: list[npt.NDArray[np.float64]]) -> list[list[Pose]]:
+def states_of(
+    morph: pointmorph.Morph, matrices: list[npt.NDArray[np.float64]]
+) -> list[list[ShapeState]]:
     """All shapes taken through a matrix in each frame."""
     found = []
     for matrix in matrices:
@@ -44,7 +46,7 @@ def poses_of(morph: pointmorph.Morph, matrices: list[npt.NDArray[np.float64]]) -
             normals = cloud.normals @ np.linalg.inv(matrix)
             normals /= np.linalg.norm(normals, axis=1, keepdims=True)
             positions = (cloud.positions @ matrix.T).astype(np.float32)
-            frame.append(Pose(positions, normals.astype(np.float32)))
+            frame.append(ShapeState(positions, normals.astype(np.float32)))
         found.append(frame)
     return found
 
@@ -58,7 +60,7 @@ def test_what_moves_as_a_whole_looks_as_at_rest_in_its_own_frame(
     maps = torn.source_to_target, torn.target_to_source
     still = pointmorph.restore(torn.source, torn.target, torn.pairs, maps, **settings)
     matrices = [size * turn(ANGLE * k) for k in range(len(TIMES))]
-    sequence = MovingSequence(still, TIMES, poses_of(torn, matrices), settings)
+    sequence = MovingSequence(still, TIMES, states_of(torn, matrices), settings)
     tolerance = 3e-6 if path == "linear" else 2e-5  # of what the solver leaves
     for k, (t, matrix) in enumerate(zip(TIMES, matrices, strict=True)):
         rest, frame = still.resampled_frame(t), sequence.frame(k)
@@ -76,7 +78,7 @@ def test_what_moves_as_a_whole_looks_as_at_rest_in_its_own_frame(
 def test_new_points_lie_in_the_stretched_surface(torn: pointmorph.Morph) -> None:
     """Stretched along one axis and sheared: the flat sheet stays flat, its points stay in it."""
     matrices = [np.array([[1, 0, 0], [0, 1 + 0.2 * k, 0], [0, 0.3 * k, 1]]) for k in range(5)]
-    sequence = MovingSequence(torn, TIMES, poses_of(torn, matrices), {})
+    sequence = MovingSequence(torn, TIMES, states_of(torn, matrices), {})
     for k in (1, 2, 3):
         rest, frame = torn.resampled_frame(TIMES[k]), sequence.frame(k)
         new = rest.ids >= len(torn.pairs)
@@ -93,7 +95,7 @@ def test_new_points_lie_in_the_stretched_surface(torn: pointmorph.Morph) -> None
 
 def test_velocities_are_the_way_to_the_next_frame(torn: pointmorph.Morph) -> None:
     matrices = [turn(0.01 * k) for k in range(len(TIMES))]
-    sequence = MovingSequence(torn, TIMES, poses_of(torn, matrices), {}, step=2)
+    sequence = MovingSequence(torn, TIMES, states_of(torn, matrices), {}, step=2)
     here, later = sequence.frame(2), sequence.frame(3)
     _, a, b = np.intersect1d(here.ids, later.ids, return_indices=True)
     assert (here.ids[a] >= len(torn.pairs)).sum() > 15
@@ -103,11 +105,11 @@ def test_velocities_are_the_way_to_the_next_frame(torn: pointmorph.Morph) -> Non
     np.testing.assert_allclose(here.velocities[a][~pairs], way[~pairs], atol=0.02)
 
 
-def test_poses_must_fit(torn: pointmorph.Morph) -> None:
-    poses = poses_of(torn, [np.eye(3)] * len(TIMES))
-    poses[3][1] = Pose(poses[3][1].positions[:-1], poses[3][1].normals[:-1])
+def test_states_must_fit(torn: pointmorph.Morph) -> None:
+    states = states_of(torn, [np.eye(3)] * len(TIMES))
+    states[3][1] = ShapeState(states[3][1].positions[:-1], states[3][1].normals[:-1])
     with pytest.raises(pointmorph.CloudError, match="575 in frame 7"):
-        MovingSequence(torn, TIMES, poses, {}, first=4)
+        MovingSequence(torn, TIMES, states, {}, first=4)
 
 
 def stop_after(count: int) -> pointmorph.Progress:
@@ -139,7 +141,7 @@ def test_a_store_goes_on_bit_for_bit_and_another_sequence_starts_over(
         for name in one:
             np.testing.assert_array_equal(one[name], other[name])
 
-    moved = poses_of(torn, [turn(0.1 * k) for k in range(5)])
+    moved = states_of(torn, [turn(0.1 * k) for k in range(5)])
     for other_sequence in (
         sequences.FrameSequence(torn, TIMES, first=3, step=2),
         sequences.FrameSequence(torn, TIMES[::-1], first=3),

@@ -1,0 +1,49 @@
+"""The stages of a computation, in words to show while they run."""
+
+_LABELS = {
+    "alignment": "Aligning features",
+    "boundary": "Finding boundaries",
+    "cloud": "Preparing points",
+    "coarse shapes": "Simplifying shapes",
+    "covariance": "Estimating normals",
+    "cracks": "Measuring cracks",
+    "decomposition": "Cutting shapes",
+    "frames": "Making frames",
+    "landing": "Projecting points",
+    "lift": "Refining all points",
+    "motion": "Finding paths",
+    "neighborhoods": "Finding neighbors",
+    "network": "Tracing curves",
+    "pairing": "Pairing points",
+    "parameterization": "Flattening patches",
+    "pieces": "Matching components",
+    "pose": "Finding the pose",
+    "product space": "Matching points",
+    "quality": "Measuring quality",
+    "registration": "Fitting shapes",
+    "resampled frame": "Filling cracks",
+    "resampling": "Finding cracks",
+    "samples": "Sampling",
+    "sampling": "Sampling",
+    "spherical alignment": "Aligning features",
+    "spherical parameterization": "Mapping onto the sphere",
+    "topology": "Analyzing topology",
+    "transfer": "Smoothing the map",
+}
+
+
+def stage_label(stage: str) -> str:
+    """A stage in words to show to a user.
+
+    Parameters
+    ----------
+    stage : str
+        What a progress function gets, or a key of `report["stages"]`.
+
+    Examples
+    --------
+    >>> from pointmorph import stage_label
+    >>> stage_label("coarse shapes")
+    'Simplifying shapes'
+    """
+    return _LABELS.get(stage, stage.replace("_", " ").capitalize())
