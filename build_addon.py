@@ -43,10 +43,11 @@ def find_python() -> str | None:
     )
 
 
-def demo(files: list[str]) -> int:
+def demo(files: list[str], everything: bool) -> int:
     wheels.set_up()
     script = ROOT / "docs" / "demo" / "demo.py"
-    return show(paths.PYTHON, script, *files, "--out", paths.BUILD / "demo")
+    options = ("--all",) if everything else ()
+    return show(paths.PYTHON, script, *files, *options, "--out", paths.BUILD / "demo")
 
 
 def bench() -> int:
@@ -82,6 +83,7 @@ def arguments_of(words: list[str]) -> argparse.Namespace:
     commands.add_parser("setup", help="all that the other commands need, in .venv and build")
     demos = commands.add_parser("demo", help="morph real models, or one's own, in a real Blender")
     demos.add_argument("files", nargs="*", metavar="SOURCE TARGET [FEATURES]")
+    demos.add_argument("--all", action="store_true", help="all pairs of models, not only the first")
     tests = commands.add_parser("test", help="every test; the last line is the sum")
     known = ",".join(suites.SUITES)
     tests.add_argument("--only", help=f"suites with commas between them: {known}")
@@ -107,7 +109,7 @@ def arguments_of(words: list[str]) -> argparse.Namespace:
 
 def do(arguments: argparse.Namespace) -> int:
     if arguments.command == "demo":
-        return demo(arguments.files)
+        return demo(arguments.files, arguments.all)
     if arguments.command == "test":
         return suites.test(arguments.suites, arguments.jobs)
     if arguments.command == "bench":

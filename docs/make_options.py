@@ -1,4 +1,4 @@
-"""Prints the settings' page from the library's own table.
+"""Prints the page of settings from the library's table of options.
 
 python docs/make_options.py > docs/options.md
 """
@@ -12,11 +12,11 @@ def page() -> str:
     lines = [
         "# Settings",
         "",
-        "The same on the command line (`--influence 5`), in Python (`morph(…, influence=5)`)",
-        "and in Blender's panel. *automatic* is `None` in Python. This page is written by",
-        "`docs/make_options.py`.",
+        "These settings have the same names on the command line (`--influence 5`), in Python",
+        "(`morph(…, influence=5)`) and in Blender (`scene.pointmorph.influence`). *automatic* is",
+        "`None` in Python. `docs/make_options.py` writes this page.",
         "",
-        "| name | default | range | unit | what it does |",
+        "| name | default | range | unit | meaning |",
         "|---|---|---|---|---|",
     ]
     for option in pointmorph.options():

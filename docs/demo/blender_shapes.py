@@ -1,4 +1,4 @@
-"""Two heads that Blender makes by itself, for machines where Debian's models can't be had."""
+"""Two heads made in Blender, for systems that can't download Debian's models."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from pointmorph.meshes import boundary_loops
 
 Features = dict[str, tuple[int, int]]
 
-# Outward normal of the cuts, below and behind the head.
+# Outward normal of the cuts, down and to the back.
 DOWN_AND_BACK = Vector((0.0, 0.7, -0.7))
 
 
@@ -55,7 +55,7 @@ def _bear() -> bpy.types.Mesh:
 
 
 def _evaluated(holder: bpy.types.Object) -> bpy.types.Mesh:
-    """What the object looks like to the renderer, as a mesh; the object goes."""
+    """The evaluated object as a mesh; the object is removed."""
     bpy.context.scene.collection.objects.link(holder)
     graph = bpy.context.evaluated_depsgraph_get()
     mesh = bpy.data.meshes.new_from_object(holder.evaluated_get(graph))
@@ -80,7 +80,7 @@ def _islands(vertices: Iterable[bmesh.types.BMVert]) -> list[set[bmesh.types.BMV
 def _cut(
     mesh: bpy.types.Mesh, subdivisions: int, plane_point: Vector
 ) -> tuple[npt.NDArray[np.float64], None, None, None, npt.NDArray[np.int64]]:
-    """Subdivided smoothly, cut by the plane; positions and triangles in the order of Shape."""
+    """Subdivides a mesh and cuts it by a plane; positions and triangles in the order of Shape."""
     holder = bpy.data.objects.new(mesh.name, mesh)
     holder.modifiers.new("Subdivision", "SUBSURF").levels = subdivisions
     smooth = _evaluated(holder)

@@ -1,9 +1,9 @@
-"""The same in-between frames before and after re-sampling: the pictures of docs/resampling.md.
+"""The same frames before and after resampling: the pictures of docs/resampling.md.
 
-Runs in .venv, after the demo has fetched its models: .venv/bin/python docs/demo/cracks.py
+Runs in .venv, after the demo has downloaded its models: .venv/bin/python docs/demo/cracks.py
 
-The morph is the published one with a small influence of the features, which is what tears surfaces
-in the paper as well (its figures 2 and 4).
+The morph uses the published method with a small influence of the features, which tears surfaces,
+as in figures 2 and 4 of the paper.
 """
 
 from __future__ import annotations
@@ -25,15 +25,15 @@ from addon.data import versions
 POINTS = (30_000, 24_000)
 INFLUENCE = 0.6
 DISC = 0.7
-"""Radius of the discs in spacings: on an even sampling they just overlap."""
+"""Radius of the discs in spacings: evenly spaced, they just overlap."""
 FRAMES = 25
 TIMES = (0.25, 0.5, 0.75)
-SIZE, SAMPLES = (460, 470), 12
-FILM_SIZE, FILM_SAMPLES = (240, 260), 16
+STILL = studio.Exposure((460, 470), 12)
+FRAME = studio.Exposure((240, 260), 16)
 
 
 def morphed(scene: bpy.types.Scene) -> bpy.types.Object:
-    """The mannequin's head to the lion's, with the studio around."""
+    """The mannequin's head to the lion's, in the studio."""
     subject = next(one for one in demo.obtain([]) if one.name == "mannequin_to_lion")
     clouds, marks = zip(
         demo.sampled(
@@ -59,7 +59,7 @@ def morphed(scene: bpy.types.Scene) -> bpy.types.Object:
     for shown in objects:
         shown.hide_render = True
     placed = positions[1] @ matrix[:3, :3].T + matrix[:3, 3]
-    aspect = SIZE[0] / SIZE[1]
+    aspect = STILL.size[0] / STILL.size[1]
     studio.set_up(scene, [positions[0], placed], aspect, math.radians(subject.azimuth))
     return bpy.context.object
 
@@ -80,7 +80,7 @@ def pictures(out: Path, film: bool) -> list[Path]:
     scene = bpy.context.scene
     morph = morphed(scene)
     players = {"before": player(morph, False), "after": player(morph, True)}
-    studio.develop(scene, SIZE, SAMPLES)
+    studio.develop(scene, STILL)
     made = []
     for name, shown in players.items():
         for other in players.values():
@@ -93,7 +93,7 @@ def pictures(out: Path, film: bool) -> list[Path]:
         made.append(out / f"resampling_{name}.png")
         studio.contact_sheet(stills, [f"{name}, t = {t:g}" for t in TIMES], made[-1])
     if film:
-        studio.develop(scene, FILM_SIZE, FILM_SAMPLES)
+        studio.develop(scene, FRAME)
         scene.render.use_motion_blur = True
         frames = []
         for frame in range(1, FRAMES + 1):
@@ -108,7 +108,7 @@ def pictures(out: Path, film: bool) -> list[Path]:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, default=demo.ROOT / "build" / "cracks", metavar="DIR")
-    parser.add_argument("--film", action="store_true", help="a film as well, with motion blur")
+    parser.add_argument("--film", action="store_true", help="also a film, with motion blur")
     arguments = parser.parse_args()
     for path in pictures(arguments.out.resolve(), arguments.film):
         print(path)

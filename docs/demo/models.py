@@ -1,4 +1,4 @@
-"""The shapes that the demo morphs: Debian's, the user's, or Blender's own."""
+"""The models that the demo morphs: the user's, or those of a Debian package."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from pathlib import Path
 HERE = Path(__file__).resolve().parent
 PACKAGE = "libcgal-demo"
 ARCHIVE = "./usr/share/doc/libcgal-dev/data.tar.gz"
-# The feature rows and the turns hold for exactly these files.
+# The rows of the features and the rotations are for exactly these files.
 FILES = {
     "cow.off": "1c5a25c3047fc6b14dd0c962d3562b1796671422ab4634f9d46f9f23814cd54a",
     "camel.off": "9ac960a9fee27e6fcc6baaa2340260834625084ee20f4a97194212404e650a22",
@@ -38,28 +38,28 @@ class Case:
     source: Path
     target: Path
     features: Path | None
-    """None: no mark at all."""
+    """None: no features."""
     turns: tuple[float, float] = (0.0, 0.0)
-    """Degrees about the vertical by which source and target are turned, so that they face -y."""
+    """Degrees by which source and target are rotated about the vertical, to face -y."""
     upright: bool = False
-    """Whether the files' y axis points upwards, which Blender turns into its z."""
+    """Whether the files' y axis points up."""
     azimuth: float = 32.0
-    """Degrees from the front from which the camera looks."""
+    """Degrees from the front: where the camera stands."""
     settings: Mapping[str, str] = field(default_factory=dict)
-    """Of the panel, other than the defaults."""
+    """Settings of the panel, if not the defaults."""
 
 
 class UnobtainableError(Exception):
-    """The package's models cannot be had here; the message says why."""
+    """The models can't be downloaded; the message says why."""
 
 
 def read_loop(path: Path) -> list[str]:
-    """The `loop` of a FEATURES.json: names of features in the order in which a cut passes them."""
+    """The `loop` of a features file: names of features in order along the cut."""
     return [str(name) for name in json.loads(path.read_text(encoding="utf-8")).get("loop", [])]
 
 
 def read_features(path: Path) -> Features:
-    """The `features` of a FEATURES.json: name -> (source row, target row)."""
+    """The `features` of a features file: name -> (source row, target row)."""
     try:
         features = json.loads(path.read_text(encoding="utf-8"))["features"]
         return {str(name): (int(rows[0]), int(rows[1])) for name, rows in features.items()}
@@ -74,14 +74,14 @@ def read_features(path: Path) -> Features:
 
 
 def debian_cases(cache: Path) -> list[Case]:
-    """What the demo makes of Debian's models, which apt fetches on the first call into `cache`."""
+    """The morphs of Debian's models, which the first call downloads into `cache`."""
     folder = cache / PACKAGE
     if not all(_is_intact(folder / name) for name in FILES):
         folder.mkdir(parents=True, exist_ok=True)
         _unpack(_download(folder), folder)
     for name in FILES:
         if not _is_intact(folder / name):
-            raise UnobtainableError(f"{folder / name} is not the file that the demo was made for")
+            raise UnobtainableError(f"{folder / name} is not the file that the demo needs")
     bear_to_bull = {
         "source": folder / "bear.off",
         "target": folder / "bull.off",
@@ -142,9 +142,9 @@ def _is_intact(path: Path) -> bool:
 
 def _download(folder: Path) -> Path:
     if not (shutil.which("apt-get") and shutil.which("dpkg-deb")):
-        raise UnobtainableError("There is no apt on this machine")
+        raise UnobtainableError("The models can't be downloaded, because this system has no apt")
     for refresh in (False, True):
-        if refresh:  # a fresh system has no package lists yet
+        if refresh:  # a new system has no package lists yet
             prefix = [] if os.geteuid() == 0 else ["sudo", "-n"]
             _run([*prefix, "apt-get", "update", "-q"], folder)
         error = _run(["apt-get", "download", "-q", PACKAGE], folder)
@@ -155,7 +155,7 @@ def _download(folder: Path) -> Path:
 
 
 def _run(command: list[str], folder: Path) -> str:
-    """Run quietly; the last words of its complaint when it fails, otherwise empty."""
+    """Runs a command quietly; returns the last line of its error message, or nothing."""
     try:
         done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
     except OSError as error:
@@ -166,7 +166,7 @@ def _run(command: list[str], folder: Path) -> str:
 
 
 def _unpack(package: Path, folder: Path) -> None:
-    # A package of another version may hold the same files: their checksums decide, not its number.
+    # Other versions of the package may have the same files: checksums decide, not the version.
     with subprocess.Popen(
         ["dpkg-deb", "--fsys-tarfile", package], stdout=subprocess.PIPE
     ) as process:
@@ -177,7 +177,7 @@ def _unpack(package: Path, folder: Path) -> None:
                     break
             else:
                 raise UnobtainableError(f"{package.name} holds no {ARCHIVE}")
-        process.stdout.read()  # dpkg-deb must be able to finish
+        process.stdout.read()  # let dpkg-deb finish
     with tarfile.open(fileobj=io.BytesIO(data)) as inner:
         for name in FILES:
             try:

@@ -1,4 +1,4 @@
-"""Colours for models that bring none: one tone a model, darker in hollows, paler on ridges."""
+"""Colors for models without any: one tone each, darker in hollows and lighter on ridges."""
 
 from __future__ import annotations
 
@@ -14,27 +14,27 @@ from pointmorph.meshes import face_edges, vertex_normals
 
 FloatArray = npt.NDArray[np.float64]
 
-# Linear red, green, blue of hollows, of the plain surface and of ridges.
+# Linear red, green and blue of hollows, of the plain surface and of ridges.
 TERRACOTTA = np.array([[0.05, 0.006, 0.004], [0.42, 0.055, 0.02], [0.74, 0.33, 0.17]])
 SAND = np.array([[0.09, 0.03, 0.006], [0.58, 0.28, 0.06], [0.92, 0.72, 0.36]])
 
 TINT = np.array([[0.15, 0.2, 0.45], [0.1, 0.5, 0.4], [0.05, 0.2, 0.5]])
-"""What red, green and blue become on the second patch."""
+"""What becomes of red, green and blue on the second patch."""
 INK = 0.004
 CURVE_WIDTH = 0.006
-"""Half of it, as a share of the bounding box's diagonal."""
+"""Half the width, as a share of the bounding box's diagonal."""
 
 SMOOTHING = 0.012
 """Radius over which the curvature is averaged, as a share of the bounding box's diagonal."""
 
 
 def painted(shape: Shape, tones: FloatArray) -> Shape:
-    """The shape with colours; its own where it has some.
+    """The shape with colors: its own if it has any.
 
     Parameters
     ----------
     tones : (3, 3) array
-        Linear red, green, blue of hollows, of the plain surface and of ridges.
+        Linear red, green and blue of hollows, of the plain surface and of ridges.
     """
     if shape.colors is not None:
         return shape
@@ -47,7 +47,7 @@ def painted(shape: Shape, tones: FloatArray) -> Shape:
 
 
 def show_patches(cloud: pointmorph.Cloud, loop: Mapping[str, int]) -> pointmorph.Cloud:
-    """The cloud with the patch to the right of a cut tinted, and the curve drawn."""
+    """The cloud with the right patch of a cut tinted and the curve drawn."""
     cut = pointmorph.decompose(cloud, loop)
     colors = cloud.colors.copy()
     right = cut.sides < 0
@@ -68,13 +68,13 @@ def _relief(shape: Shape) -> FloatArray:
     curvature, area = _mean_curvature(positions, shape.faces)
     diagonal = np.linalg.norm(np.ptp(positions, axis=0))
     curvature = _diffused(curvature, area, positions, shape.faces, SMOOTHING * diagonal)
-    # A head is convex on the whole: what most of its area has counts as plain.
+    # Shapes are mostly convex, so the median counts as plain.
     curvature -= _quantile(curvature, area, 0.5)
     return np.tanh(1.2 * curvature / max(_quantile(np.abs(curvature), area, 0.9), 1e-300))
 
 
 def _quantile(values: FloatArray, area: FloatArray, share: float) -> float:
-    """By area, not by vertices: a finely meshed ear must not count as much as a whole head."""
+    """By area, so that a finely meshed ear doesn't count as much as a whole head."""
     order = np.argsort(values)
     return float(values[order[np.searchsorted(np.cumsum(area[order]), share * area.sum())]])
 
@@ -110,11 +110,11 @@ def _diffused(
     triangles: npt.NDArray[np.int64],
     radius: float,
 ) -> FloatArray:
-    """Averages over about `radius` along the surface, whatever the edges' lengths."""
+    """Averages over about `radius` along the surface, whatever the lengths of edges."""
     edges = np.unique(np.sort(face_edges(triangles), axis=1), axis=0)
     a, b = edges.T
     lengths = np.linalg.norm(positions[a] - positions[b], axis=1)
-    # Each step lets neighbours closer than `step` mix; n steps reach √n of it.
+    # Each step mixes neighbors closer than `step`; n steps reach √n times as far.
     steps = 16
     step = radius / np.sqrt(steps)
     near = 1.0 / (1.0 + (lengths / step) ** 2)

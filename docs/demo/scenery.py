@@ -1,4 +1,4 @@
-"""Clouds as Blender objects, placed to suit one another, and the look of a solid for points."""
+"""Clouds as Blender objects that suit each other, displayed like solid surfaces."""
 
 from __future__ import annotations
 
@@ -18,22 +18,22 @@ FloatArray = npt.NDArray[np.floating]
 
 FEATURE_PREFIX = "pm."
 OVERLAP = 1.3
-"""Radius of the discs in radii of their points: no gap stays between them."""
+"""Radius of the discs in radii of their points, large enough to leave no gaps."""
 
 
 STEPS = 8
-"""Shape keys between source and target that the rigid path is baked into."""
+"""Number of shape keys for the rigid path."""
 
 
 def staged(shape: Shape, turn: float, upright: bool) -> Shape:
-    """The shape turned to face -y and stand along z.
+    """The shape rotated to face -y and stand along z.
 
     Parameters
     ----------
     turn : float
         Degrees about the vertical.
     upright : bool
-        Whether its y axis points upwards, which becomes z.
+        Whether its y axis points up.
     """
     matrix = np.array(Matrix.Rotation(np.radians(turn), 3, "Z"))
     if upright:
@@ -46,7 +46,7 @@ def staged(shape: Shape, turn: float, upright: bool) -> Shape:
 def add_cloud(
     scene: bpy.types.Scene, cloud: Cloud, features: Mapping[str, int]
 ) -> bpy.types.Object:
-    """A mesh of vertices with normals, colours and one vertex group a feature."""
+    """Adds a mesh of vertices with normals, colors and one vertex group per feature."""
     mesh = bpy.data.meshes.new(cloud.name)
     mesh.vertices.add(len(cloud))
     mesh.vertices.foreach_set("co", cloud.positions.astype(np.float32).ravel())
@@ -74,18 +74,18 @@ def _add_attribute(
 def placement(
     source: FloatArray, target: FloatArray, source_marks: FloatArray, target_marks: FloatArray
 ) -> FloatArray:
-    """(4, 4): puts the target where the source is, as large, and turned so that the features agree.
+    """(4, 4): moves, scales and rotates the target to match the source and its features.
 
     Parameters
     ----------
     source, target : (N, 3) and (M, 3) arrays
-        Points, evenly spread over the shapes.
+        Points, evenly spaced over the shapes.
     source_marks, target_marks : (K, 3) arrays
-        Features that belong together. With fewer than three the target is not turned.
+        Matching features. With fewer than three, the target is not rotated.
     """
     turn = np.eye(3)
     if len(source_marks) >= 3:
-        # Kabsch: the rotation that brings the marks closest to one another.
+        # Kabsch: the rotation that brings the features closest together.
         spread = (source_marks - source_marks.mean(axis=0)).T @ (
             target_marks - target_marks.mean(axis=0)
         )
@@ -108,30 +108,30 @@ def _middle(points: FloatArray) -> FloatArray:
 
 
 def show_as_solid(morph: bpy.types.Object) -> None:
-    """Makes the points of a morph object look like one smooth surface: overlapping discs."""
+    """Displays the points of a morph object as overlapping discs, like one smooth surface."""
     modifier = next(modifier for modifier in morph.modifiers if modifier.type == "NODES")
     versions.set_input(modifier, "Discs", True)
     versions.set_input(modifier, "Radius Scale", OVERLAP)
 
 
 def go_to(scene: bpy.types.Scene, t: float, first: int, last: int) -> None:
-    """Sets the time, between frames, at which travel_rigidly() has come to t."""
+    """Goes to the time, possibly between frames, at which travel_rigidly() reaches t."""
     share = 0.5 - np.sin(np.arcsin(1.0 - 2.0 * t) / 3.0)  # the inverse of 3x² - 2x³
     frame = first + (last - first) * float(share)
     scene.frame_set(int(frame), subframe=frame % 1.0)
 
 
 def travel_rigidly(morph: bpy.types.Object, first: int, last: int) -> None:
-    """Bakes the rigid path into shape keys and keys them one after another, frame by frame.
+    """Bakes the rigid path into shape keys and animates them one after another.
 
-    The key *Morph* goes along, muted: colours and normals follow its value.
+    The key *Morph* is muted and animated as well, because colors and normals follow its value.
     """
     bpy.ops.pointmorph.bake_shape_keys(kind="PAIRS", steps=STEPS, path="RIGID")
     morph_key, *steps = morph.data.shape_keys.key_blocks[1:]
     morph_key.mute = True
     for frame in range(first, last + 1):
         t = (frame - first) / (last - first)
-        t = t * t * (3.0 - 2.0 * t)  # a soft start and end
+        t = t * t * (3.0 - 2.0 * t)  # ease in and out
         morph_key.value = t
         morph_key.keyframe_insert("value", frame=frame)
         for number, key in enumerate(steps, 1):

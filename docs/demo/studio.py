@@ -1,9 +1,10 @@
-"""The studio in Blender: camera, light and backdrop; pictures, a contact sheet and a film."""
+"""A photo studio in Blender: camera, lights and backdrop; pictures, contact sheets and films."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import bpy
@@ -19,30 +20,40 @@ ELEVATION = math.radians(7.0)
 LENS, SENSOR = 85.0, 36.0
 MARGIN = 1.08
 LABEL_SHARE = 0.1
-"""Part of the picture's height, at its foot, that is kept free for a caption."""
+"""Share of the picture's height kept free for a caption at the bottom."""
 FRAME_TIME, REST_TIME = 60, 900
-"""Milliseconds that the film shows a frame, and its first and last."""
+"""Milliseconds for which the film shows a frame, and its first and last frame."""
 
-# Direction from the model (x right of the camera's view, y away from it), watts per unit of the
-# model's size squared, size, colour.
+# Direction from the model (x to the right of the view, y away from the camera), watts per squared
+# unit of the model's size, size, color.
 LIGHTS = {
     "Key": ((-1.9, -2.2, 2.2), 180.0, 1.2, (1.0, 0.95, 0.88)),
     "Fill": ((2.6, -1.8, 0.4), 45.0, 2.4, (0.82, 0.9, 1.0)),
     "Rim": ((1.4, 2.4, 2.0), 220.0, 1.2, (1.0, 1.0, 1.0)),
 }
 BACKDROP = ((0.40, 0.41, 0.43), (0.62, 0.635, 0.65))
-"""Linear colours of the picture's foot and head."""
+"""Linear colors at the bottom and the top of the picture."""
+
+
+@dataclass(frozen=True)
+class Exposure:
+    """Size and quality of a picture."""
+
+    size: tuple[int, int]
+    """Width and height in pixels."""
+    samples: int
+    fast_denoising: bool = False
 
 
 def set_up(
     scene: bpy.types.Scene, points: Sequence[FloatArray], aspect: float, azimuth: float
 ) -> None:
-    """Camera, three lights and a backdrop that suit all the given clouds, in world space.
+    """Adds a camera, three lights and a backdrop that suit all the clouds, in world space.
 
     Parameters
     ----------
     azimuth : float
-        Radians from the front, to the models' left, from which the camera looks.
+        Radians from the front to the models' left: where the camera stands.
     """
     everything = np.concatenate(points)
     low, high = everything.min(axis=0), everything.max(axis=0)
@@ -66,7 +77,7 @@ def _add_camera(
     aspect: float,
     azimuth: float,
 ) -> None:
-    """Looks at the points from the side, just far enough to have them all in the picture."""
+    """Adds a camera just far enough away to have all points in the picture."""
     backward = np.array(
         [
             math.sin(azimuth) * math.cos(ELEVATION),
@@ -79,7 +90,7 @@ def _add_camera(
     seen = (points - center) @ axes.T
     middle = (seen.min(axis=0) + seen.max(axis=0)) / 2.0
     seen -= middle
-    # Blender's sensor spans the longer side of the picture.
+    # The sensor spans the longer side of the picture.
     half_width = SENSOR / LENS / 2.0 * min(1.0, aspect)
     half_height = SENSOR / LENS / 2.0 * min(1.0, 1.0 / aspect)
     half_height *= 1.0 - LABEL_SHARE
@@ -100,7 +111,7 @@ def _add_camera(
 
 
 def _backdrop() -> bpy.types.World:
-    """A soft vertical gradient for the eye, even light for the model."""
+    """A soft vertical gradient for the camera, even light for the model."""
     world = bpy.data.worlds.new("Backdrop")
     world.use_nodes = True
     nodes, links = world.node_tree.nodes, world.node_tree.links
@@ -123,17 +134,20 @@ def _backdrop() -> bpy.types.World:
     return world
 
 
-def develop(scene: bpy.types.Scene, size: tuple[int, int], samples: int) -> None:
-    """Cycles on the CPU with few samples and a denoiser."""
+def develop(scene: bpy.types.Scene, exposure: Exposure) -> None:
+    """Sets up Cycles on the CPU, with few samples and a denoiser."""
     render = scene.render
     render.engine = "CYCLES"
-    render.resolution_x, render.resolution_y = size
+    render.resolution_x, render.resolution_y = exposure.size
     render.image_settings.file_format = "PNG"
     scene.cycles.device = "CPU"
-    scene.cycles.samples = samples
+    scene.cycles.samples = exposure.samples
     scene.cycles.max_bounces = 3
-    scene.cycles.transparent_max_bounces = 32  # backs of discs that a ray passes
+    scene.cycles.transparent_max_bounces = 32  # back faces that a ray passes
     scene.cycles.use_denoising = True
+    fast = exposure.fast_denoising
+    scene.cycles.denoising_prefilter = "FAST" if fast else "ACCURATE"
+    scene.cycles.denoising_quality = "FAST" if fast else "HIGH"
     scene.view_settings.view_transform = "AgX"
     scene.view_settings.look = "AgX - Medium High Contrast"
 
@@ -144,7 +158,7 @@ def photograph(scene: bpy.types.Scene, path: Path) -> None:
 
 
 def contact_sheet(pictures: Sequence[Path], captions: Sequence[str], path: Path) -> None:
-    """The pictures side by side, each with its caption at the foot."""
+    """The pictures side by side, each with a caption at the bottom."""
     opened = [Image.open(picture).convert("RGB") for picture in pictures]
     width, height = opened[0].size
     font = ImageFont.load_default(size=0.42 * LABEL_SHARE * height)
@@ -158,9 +172,9 @@ def contact_sheet(pictures: Sequence[Path], captions: Sequence[str], path: Path)
 
 
 def film(pictures: Sequence[Path], path: Path) -> None:
-    """A GIF that runs there and back for ever, with a rest at both ends."""
+    """A GIF that loops forwards and backwards, with a pause at both ends."""
     there = [Image.open(picture).convert("RGB") for picture in pictures]
-    # One palette for all: colours don't flicker from picture to picture.
+    # One palette for all frames, so that colors don't flicker.
     ends = Image.new("RGB", (there[0].width * 3, there[0].height))
     for column, picture in enumerate((there[0], there[len(there) // 2], there[-1])):
         ends.paste(picture, (column * picture.width, 0))

@@ -1,4 +1,4 @@
-"""Cuts through closed shapes, to be looked at before they are used."""
+"""Cuts through closed shapes, to look at before using them."""
 
 from __future__ import annotations
 
@@ -17,17 +17,16 @@ from pointmorph.morphing import Progress, native_options
 
 @dataclass(frozen=True)
 class Cut:
-    """A closed curve through features, and what lies on either side of it."""
+    """A closed curve through features, and the two sides of it."""
 
     curve: FloatArray
-    """(K, 3), in order; the first point follows the last"""
+    """(K, 3), in order; the last point is connected to the first"""
     normals: FloatArray
     """(K, 3), of the surface along the curve"""
     corners: dict[str, int]
-    """name of a feature: its row of `curve`"""
+    """by name of the feature: its row of `curve`"""
     sides: npt.NDArray[np.int8]
-    """(N,): 1 left of the curve, -1 right of it, 0 on it; left is where the left hand points when
-    one walks along the curve with the normal up"""
+    """(N,): 1 left of the curve, -1 right of it, 0 on it, seen from outside along the curve"""
 
 
 def decompose(
@@ -37,14 +36,14 @@ def decompose(
     progress: Progress | None = None,
     **settings: int | float | str | None,
 ) -> Cut:
-    """Cuts a closed shape in two along a curve through features, as `morph` with a loop does.
+    """Cuts a closed shape in two along a curve through features, as `morph` does with a loop.
 
     Parameters
     ----------
     cloud : Cloud
-        A closed shape; small holes don't matter.
+        A closed shape. Small holes don't matter.
     loop : mapping of name to row
-        Three features or more, in the order in which the curve runs through them.
+        At least three features, in their order along the curve.
     progress : callable, optional
         As for `pointmorph.morph`.
     **settings
@@ -57,7 +56,7 @@ def decompose(
     Raises
     ------
     CloudError, FeatureError, OptionError, TopologyError
-        For an open patch, or a loop that crosses itself or doesn't divide the surface in two.
+        If the shape is an open patch, or the loop crosses itself or doesn't divide the surface.
 
     Examples
     --------
@@ -89,19 +88,19 @@ def propose_loop(
     progress: Progress | None = None,
     **settings: int | float | str | None,
 ) -> list[str]:
-    """Features for the loop of `morph`, in order: those that domain `cut` takes without one.
+    """Suggests a loop for `morph`: the one that domain `cut` uses if none is given.
 
-    Parameters, progress and errors are those of `morph`; see `decompose` for what a loop cuts.
+    Parameters are those of `morph`. `decompose` shows what a loop cuts.
 
     Returns
     -------
     list of str
-        Three names or more.
+        The names of at least three features, in order.
 
     Raises
     ------
     CloudError, FeatureError, OptionError
-        For an open patch, or fewer than three point features.
+        If a shape is an open patch, or there are fewer than three point features.
 
     Examples
     --------

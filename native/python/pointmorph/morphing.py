@@ -1,4 +1,4 @@
-"""The morph: computed once, cheap to ask."""
+"""Morphs: computed once, then cheap to query."""
 
 from __future__ import annotations
 
@@ -18,14 +18,15 @@ from pointmorph.features import Feature, native_features
 from pointmorph.quality import FeatureResidual, MapFigures, Place, PointQuality, Quality
 
 Progress = Callable[[str, float], bool | None]
-"""Gets a stage's name and the fraction of it that is done; returns False to ask for the end."""
+"""Called with the name of a stage and the fraction of it that is done; returns False to cancel.
+`pointmorph.stage_label` gives the stage in words."""
 
 CRACK_TIMES = (0.25, 0.5, 0.75)
 
 
 @dataclass(frozen=True)
 class Option:
-    """A setting of a morph. `default` None means automatic."""
+    """A setting of a morph. The default None means automatic."""
 
     name: str
     kind: str
@@ -40,7 +41,7 @@ class Option:
 
 @lru_cache(maxsize=1)
 def options() -> tuple[Option, ...]:
-    """All settings that `morph` takes, with their defaults, ranges, units and meanings.
+    """All settings of `morph`, with defaults, ranges, units and descriptions.
 
     Examples
     --------
@@ -53,52 +54,52 @@ def options() -> tuple[Option, ...]:
 
 @dataclass(frozen=True)
 class Frame:
-    """An in-between cloud: one row for each pair of `Morph.pairs`."""
+    """An in-between cloud, with one row per pair of `Morph.pairs`."""
 
     positions: FloatArray
     """(M, 3)"""
     normals: FloatArray
     """(M, 3), unit length between the ends"""
     colors: FloatArray
-    """(M, 4), red green blue alpha; white where neither cloud has colours"""
+    """(M, 4), red green blue alpha; white if neither cloud has colors"""
     radii: FloatArray
     """(M,)"""
 
 
 @dataclass(frozen=True)
 class ResampledFrame(Frame):
-    """An in-between cloud without cracks: as many rows as it takes."""
+    """An in-between cloud without cracks, with as many rows as that takes."""
 
     ids: npt.NDArray[np.int32]
-    """(M,), ascending: the row of a pair, or higher for a new point, which keeps its own as long
-    as it lives"""
+    """(M,), ascending: the row of a pair; higher for a new point, which keeps its id in all
+    frames"""
     velocities: FloatArray
-    """(M, 3), the distance for t from 0 to 1 at this speed; divide it by the number of frames"""
+    """(M, 3), per unit of t; divide by the number of frames for velocities per frame"""
 
 
 @dataclass(frozen=True)
 class Proposal:
-    """Two places that probably belong together. Made by `pointmorph.propose_features`."""
+    """Two places that probably belong together, from `pointmorph.propose_features`."""
 
     name: str
-    """tip.1, tip.2 … for ends of limbs on both shapes, place.1 … for places between them"""
+    """tip.1, tip.2 … for ends of limbs, place.1 … for places between them"""
     source: int
     """row of the source"""
     target: int
     """row of the target"""
     confidence: float
-    """about how often such a pair lies within 0.1 √area of the truth, 0 to 1"""
+    """0 to 1: about how often such a pair is within 0.1 √area of the truth"""
 
 
 class Morph:
-    """A finished correspondence between two clouds. Made by `pointmorph.morph`.
+    """A computed match between two clouds, made by `pointmorph.morph`.
 
     Attributes
     ----------
     source, target : Cloud
-        As they were handed in.
+        The clouds passed to `morph`.
     pairs : (M, 2) array of int64
-        Rows of source and target that belong together. Every row of both is in at least one pair.
+        Matching rows of source and target. Every row of both is in at least one pair.
     """
 
     def __init__(self, native: _pointmorph.Morph, source: Cloud, target: Cloud) -> None:
@@ -114,11 +115,11 @@ class Morph:
 
     @property
     def parts(self) -> tuple[Morph, ...]:
-        """The morphs that it goes through one after the other: itself."""
+        """The morphs of a chain; here only this one."""
         return (self,)
 
     def empty_frame(self) -> Frame:
-        """Arrays of the right size and type to pass as `out` to `frame`."""
+        """A frame of the right size and type to pass to `frame` as `out`."""
         m = len(self.pairs)
         return Frame(
             np.empty((m, 3), self._dtype),
@@ -128,24 +129,24 @@ class Morph:
         )
 
     def frame(self, t: float, out: Frame | None = None) -> Frame:
-        """The in-between cloud at t, along the paths of the setting `path`.
+        """The in-between cloud at t, along paths of the kind that the setting `path` names.
 
         Parameters
         ----------
         t : float
             0 (the source, bit for bit) to 1 (the target, bit for bit).
         out : Frame, optional
-            An earlier frame of this morph, to write into: nothing is allocated then.
+            An earlier frame of this morph to overwrite, which saves allocating memory.
 
         Returns
         -------
         Frame
-            float32 where both clouds came as float32, else float64.
+            float32 if both clouds are float32, otherwise float64.
 
         Raises
         ------
         OptionError
-            For t outside [0, 1] or an `out` of another size or type.
+            If t lies outside of [0, 1], or `out` has the wrong size or type.
         """
         if out is None:
             out = self.empty_frame()
@@ -157,7 +158,7 @@ class Morph:
                     "out",
                     f"writable contiguous {self._dtype.__name__} arrays of {len(self.pairs)} rows",
                     f"shape {array.shape} and {array.dtype}",
-                    "Pass what empty_frame() or an earlier frame of this morph returned.",
+                    "Pass an earlier frame of this morph, or what empty_frame() returned.",
                 )
         native = self._native
         write = native.frame_float32 if self._dtype is np.float32 else native.frame_float64
@@ -165,25 +166,25 @@ class Morph:
         return out
 
     def resampled_frame(self, t: float, progress: Progress | None = None) -> ResampledFrame:
-        """The in-between cloud at t with new points where it would show cracks.
+        """The in-between cloud at t, with new points where it would have cracks.
 
-        New points lie on the smooth surface of the points around, take their colours, and come and
-        go with their radius: nothing pops. Where they live is found when the first such frame is
-        asked for; after that, frames can be asked for in any order, from several threads.
+        New points lie on the smooth surface of the points around them and take their colors. They
+        grow and shrink, so that nothing pops. The first call finds out when they appear and vanish;
+        after that, calls may come in any order and from several threads.
 
         Parameters
         ----------
         t : float
             0 (the source, bit for bit) to 1 (the target, bit for bit).
         progress : callable, optional
-            As in `morph`.
+            As for `morph`.
 
         Raises
         ------
         OptionError
-            For t outside [0, 1].
+            If t lies outside of [0, 1].
         Cancelled
-            When `progress` returned False.
+            If `progress` returned False.
 
         Examples
         --------
@@ -202,48 +203,48 @@ class Morph:
         return ResampledFrame(**make(float(t), progress))
 
     def inserted(self, progress: Progress | None = None) -> int:
-        """How many new points there are in all the re-sampled frames together."""
+        """The number of new points in all resampled frames together."""
         return self._native.inserted(progress)
 
     @cached_property
     def source_to_target(self) -> FloatArray:
-        """(N, 3): where every source point lands on the target; smooth, not snapped to samples."""
+        """(N, 3): where the map takes each source point; smooth, not snapped to target points."""
         return self._native.source_to_target(None).astype(self._dtype)
 
     @cached_property
     def target_to_source(self) -> FloatArray:
-        """(M, 3): where every target point lands on the source; smooth, not snapped to samples."""
+        """(M, 3): where the map takes each target point; smooth, not snapped to source points."""
         return self._native.target_to_source(None).astype(self._dtype)
 
     @property
     def source_domain(self) -> npt.NDArray[np.float64]:
-        """(N, 2): the source's points in the unit disk; (N, 3) on the unit sphere, which the
-        disks of a cut are glued to, the left one above; (N, 12) in the product space."""
+        """The source's points in the common domain: (N, 2) in the unit disk; (N, 3) on the unit
+        sphere, also for a cut (left patch above); (N, 12) in the product space."""
         return self._native.source_domain()
 
     @property
     def target_domain(self) -> npt.NDArray[np.float64]:
-        """(M, 2), (M, 3) or (M, 12): where the target's points lie there."""
+        """(M, 2), (M, 3) or (M, 12): the target's points in the same domain."""
         return self._native.target_domain()
 
     @property
     def source_boundary(self) -> npt.NDArray[np.int64]:
-        """Rows of the source's boundary in order."""
+        """Rows of the source's boundary, in order along it."""
         return self._native.source_boundary()
 
     @property
     def target_boundary(self) -> npt.NDArray[np.int64]:
-        """Rows of the target's boundary in order."""
+        """Rows of the target's boundary, in order along it."""
         return self._native.target_boundary()
 
     def cracks(
         self, times: tuple[float, ...] = CRACK_TIMES, progress: Progress | None = None
     ) -> dict[str, float]:
-        """By t, the share of neighbouring points between which the in-between cloud is open."""
+        """For each t, the share of neighboring points that are torn apart there."""
         return {f"{t:g}": share for t, share in self._native.cracks(list(times), progress)}
 
     def measure_quality(self, progress: Progress | None = None) -> Quality:
-        """The same as `quality`, with a function to follow and cancel the measuring."""
+        """Measures what `quality` returns, with progress and cancelling."""
         measured = self._native.quality(progress)
         return Quality(
             PointQuality(**measured["source"]),
@@ -256,9 +257,9 @@ class Morph:
 
     @cached_property
     def quality(self) -> Quality:
-        """How good the maps are, by point and in figures, and what would help where they are bad.
+        """The quality of the maps, per point and in figures, with advice for bad places.
 
-        Measured when first asked for. Rows are those of the clouds; see `Quality`.
+        Measured on first access. Rows are those of the clouds; see `Quality`.
 
         Examples
         --------
@@ -276,27 +277,27 @@ class Morph:
 
     @cached_property
     def report(self) -> dict[str, Any]:
-        """What was done, how long it took and how good it is.
+        """What was done, how long it took, and how good the result is.
 
-        `stages` (seconds by stage), `seconds`, `peak_memory_bytes` (of the process), `pairs`,
-        `feature_residual` (the largest of hard points, in spacings of the common domain),
-        `features` (by name, those of `Quality.features`), `cracks`, `quality` (the figures of
-        `MapFigures` both ways), `worst` (those of `Quality.worst`), `warnings`, `method`, `domain`,
-        `choice` (the domain and what the shapes are, in words, such as "product space: closed
-        surfaces of genus 1 and 0"), `topology` (of `source` and `target`: `words`; `pieces`, the
-        one with the most points first, each with `points`, `borders`, `open` and `genus`, None
-        where the points don't say for sure; and how many of the last ones are `specks`),
-        `loop` (given, or proposed for a cut), `tips` (rows of unmarked tips that a cut brought
-        together),
-        `options` and what the solver needed on both sides.
+        Always: `stages` (seconds per stage), `seconds`, `peak_memory_bytes` (of the process),
+        `points`, `pairs`, `feature_residual` (the largest of hard points, in spacings of the common
+        domain), `features` (by name, as in `Quality.features`), `cracks`, `quality` (`MapFigures`
+        in both directions), `worst` (as in `Quality.worst`), `warnings`, `method`, `domain`,
+        `options`, and figures of the solvers.
 
-        Where few or no features said how the clouds lie to each other: `confidence` (about how
-        likely the map is right, 0 to 1), `margin` (cost of the second best map over that of this
-        one; None where there is none), `rivals` (other maps that were found: `ratio` of costs;
-        `swap`, which is ends, sides, turned or places; `distance`, the largest between two images,
-        in √area; `places`, source rows where they differ; and a mark that tells them apart,
-        `source`, with its partner `target` now and `rival_target` then) and `proposals` (pairs of
-        places to mark: `source`, `target`, `confidence`, `is_tip`).
+        About the shapes: `choice` (in words, such as "product space: closed surfaces of genus 1 and
+        0") and `topology` (of `source` and `target`: `words`; the components as `pieces`, largest
+        first, each with `points`, `borders`, `open` and `genus`, which is None if unknown; and how
+        many of the last ones are `specks`, stray points). About cuts: `loop` (given or suggested)
+        and `tips` (rows of unmarked tips that were matched).
+
+        If few or no features say how the shapes relate: `confidence` (0 to 1: how likely the map
+        is to be right), `margin` (cost of the second best map relative to this one; None without
+        one), `rivals` (other maps: `ratio` of the costs; `swap`, which is ends, sides, turned or
+        places; `distance`, the largest between two images, in √area; `places`, source rows where
+        the maps differ; and a feature that would tell them apart, from `source` to `target` in
+        this map and to `rival_target` in the other) and `proposals` (pairs of places to mark:
+        `source`, `target`, `confidence`, `is_tip`).
         """
         quality = self.quality
         return {
@@ -326,29 +327,29 @@ def morph(
     progress: Progress | None = None,
     **settings: int | float | str | None,
 ) -> Morph:
-    """Finds which point of one cloud belongs to which point of the other.
+    """Matches the points of two clouds.
 
     Parameters
     ----------
     source, target : Cloud
-        Any sizes; no common mesh, no faces needed.
+        Of any sizes; no common mesh and no faces needed.
     features : mapping of name to (source row, target row) or `Feature`, optional
-        Points that must coincide; curves, regions, and what is soft are a `Feature`.
+        Pairs of rows are points to match exactly. For curves, regions and soft features, use
+        `Feature`.
     loop : sequence of str, or of such sequences, optional
-        Features, in order, through which a closed model is cut (methods that cut: `paper`, or
-        domain `cut`); see `decompose`. Domain `cut` proposes one through the features on tips
-        where none is given, and says so in the report. An open patch takes none, and domain
-        `sphere` uses none. Several loops, which may share features, are the first curves of domain
-        `network`, which needs none.
+        Features, in order, along which closed models are cut with method `paper` or domain `cut`;
+        see `decompose`. Without one, domain `cut` suggests a loop through the features on tips, and
+        says so in the report. Open patches and domain `sphere` need none. For domain `network`,
+        loops are optional: they are its first curves, and may share features.
     start : Morph, or (N, 3) and (M, 3) arrays, optional
-        An earlier morph of these clouds, or its `source_to_target` and `target_to_source`: after a
-        feature was added or moved, the new map is found from the old one. Where that contradicts
-        the features, it isn't used. Method auto only.
+        An earlier morph of these clouds, or its `source_to_target` and `target_to_source`, as a
+        start after you add or move a feature. It is ignored if it contradicts the features. Method
+        auto only.
     progress : callable, optional
-        Called with the stage's name and the fraction done of it, on this thread. Returns False to
-        cancel. The GIL is free in between.
+        Called on this thread with the name of the stage and the fraction of it that is done; see
+        `stage_label`. Returns False to cancel. The GIL is released between calls.
     **settings
-        See `options`. None is automatic.
+        See `options`. None means automatic.
 
     Returns
     -------
@@ -359,7 +360,7 @@ def morph(
     CloudError, FeatureError, OptionError, TopologyError, ConvergenceError
         Each says what was expected, what was found and what to do.
     Cancelled
-        When `progress` returned False.
+        If `progress` returned False.
 
     Examples
     --------
@@ -385,15 +386,16 @@ def propose_features(
     progress: Progress | None = None,
     **settings: int | float | str | None,
 ) -> tuple[Proposal, ...]:
-    """Finds places that a user may want to mark, and their partners.
+    """Suggests pairs of places to mark as features.
 
-    Computes the morph for it. Parameters, progress and errors are those of `morph`; the method
-    paper, which needs features, isn't available.
+    Computes a morph to find them. Parameters and errors are those of `morph`, except for method
+    paper, which needs features itself.
 
     Returns
     -------
     tuple of Proposal
-        First the tips, then the places between, each the most confident first. None of `features`.
+        First ends of limbs, then places between them, most confident first. They exclude
+        `features`.
 
     Examples
     --------
@@ -406,9 +408,7 @@ def propose_features(
     True
     """
     if settings.get("method") == "paper":
-        raise OptionError(
-            "method", "auto", "paper", "Leave the method out: paper starts from features."
-        )
+        raise OptionError("method", "auto", "paper", "Leave the method out; paper needs features.")
     chosen = native_options(settings)
     chosen.propose_features()
     rows = _native(source, target, features, (), chosen, None, progress).report()
@@ -422,12 +422,12 @@ def propose_features(
 
 
 def native_loops(loop: Sequence[str] | Sequence[Sequence[str]]) -> list[list[str]]:
-    """None, one, or several, as lists."""
+    """The loops as a list: none, one, or several."""
     single = [name for name in loop if isinstance(name, str)]
     if single:
         if len(single) < len(loop):
             raise FeatureError(
-                "loop", "names of features, or sequences of them", repr(loop), "Don't mix the two."
+                "loop", "feature names, or sequences of them", repr(loop), "Use one or the other."
             )
         return [single]
     return [list(names) for names in loop]
@@ -460,7 +460,7 @@ def restore(
     maps: tuple[npt.ArrayLike, npt.ArrayLike] | None = None,
     **settings: int | float | str | None,
 ) -> Morph:
-    """A morph that was found earlier, to ask for frames: nothing is computed again.
+    """Rebuilds an earlier morph, for its frames, without computing it again.
 
     Parameters
     ----------
@@ -469,15 +469,15 @@ def restore(
     pairs : (M, 2) array_like of int
         Its `pairs`.
     maps : (N, 3) and (M, 3) array_like, optional
-        Its `source_to_target` and `target_to_source`, for paths other than straight ones; without
-        them points go to the mean of their partners.
+        Its `source_to_target` and `target_to_source`, for paths other than straight ones. Without
+        them, points move to the mean of their partners.
     **settings
-        Those that concern frames: `path`, `omega` and so on.
+        The settings that concern frames: `path`, `omega` and so on.
 
     Raises
     ------
     CloudError, OptionError
-        For pairs that don't fit the clouds, missing normals or radii, or bad settings.
+        If the pairs don't fit the clouds, normals or radii are missing, or a setting is wrong.
 
     Examples
     --------
@@ -495,7 +495,10 @@ def restore(
     rows = np.ascontiguousarray(pairs, dtype=np.int64)
     if rows.ndim != 2 or rows.shape[1] != 2 or len(rows) == 0:
         raise CloudError(
-            "pairs", "an array of 2 columns", f"the shape {rows.shape}", "Take those of a morph."
+            "pairs",
+            "an array with 2 columns",
+            f"the shape {rows.shape}",
+            "Pass the pairs of a morph.",
         )
     rows = np.clip(rows, -1, 2**31 - 1)
     native = _pointmorph.Morph.restore(
@@ -527,20 +530,20 @@ def _start_arrays(
         if rows.ndim != 2 or rows.shape[1] != 3:
             raise CloudError(
                 "start",
-                "two arrays of 3 columns",
+                "two arrays with 3 columns",
                 f"the shape {rows.shape}",
-                "Take source_to_target and target_to_source of an earlier morph.",
+                "Pass source_to_target and target_to_source of an earlier morph.",
             )
     return source, target
 
 
 def _plain(name: str, value: Any) -> int | float | str | None:
-    """The Python value behind a numpy scalar; a bool is no number here."""
+    """The Python value of a numpy scalar. Booleans don't count as numbers."""
     if isinstance(value, np.generic):
         value = value.item()
     if value is not None and (isinstance(value, bool) or not isinstance(value, int | float | str)):
         raise OptionError(
-            name, "a number or a word", f"{value!r}", "See pointmorph.options() for its range."
+            name, "a number or a word", f"{value!r}", "See pointmorph.options() for the range."
         )
     if isinstance(value, int) and abs(value) >= 2**63:
         return float(value)
@@ -548,7 +551,7 @@ def _plain(name: str, value: Any) -> int | float | str | None:
 
 
 def peak_memory_bytes() -> int:
-    """The largest amount of memory that this process has held so far, 0 where unknown."""
+    """The most memory that this process has used so far; 0 if unknown."""
     try:
         import resource
     except ImportError:  # Windows

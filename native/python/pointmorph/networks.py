@@ -1,4 +1,4 @@
-"""Networks of curves that cut two closed shapes alike, to be looked at before they are used."""
+"""Networks of curves that cut two closed shapes alike, to look at before using them."""
 
 from __future__ import annotations
 
@@ -29,16 +29,16 @@ class NetworkCurve:
 
 @dataclass(frozen=True)
 class Network:
-    """Curves between features that part two closed shapes into the same patches."""
+    """Curves between features that divide two closed shapes into the same patches."""
 
     curves: tuple[NetworkCurve, ...]
     """in the order in which they were traced"""
     patches: tuple[tuple[str, ...], ...]
-    """the features around each patch, anticlockwise seen from outside"""
+    """the features around each patch, counterclockwise seen from outside"""
     source: npt.NDArray[np.int64]
     """(N,): the patch of each point; -1 for features"""
     target: npt.NDArray[np.int64]
-    """(M,), likewise"""
+    """(M,): the same for the target"""
 
 
 def trace_network(
@@ -52,7 +52,7 @@ def trace_network(
 ) -> Network:
     """Cuts two closed shapes of the same genus into the same patches, as domain `network` does.
 
-    Parameters, progress and errors are those of `morph`.
+    Parameters and errors are those of `morph`.
 
     Returns
     -------

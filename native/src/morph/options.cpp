@@ -105,66 +105,64 @@ Option choice(std::string name, Field field, std::vector<std::string> choices, s
 std::vector<Option> make_table() {
     std::vector<Option> table;
     table.push_back(choice("method", POINTMORPH_FIELD(method), {"auto", "paper"},
-                           "How the correspondence is found: auto bends both models onto each "
-                           "other, nearly rigidly, whatever their topology; paper takes the "
-                           "published pipeline and nothing else"));
+                           "How the match is found. auto deforms both models onto each other, "
+                           "nearly rigidly, whatever their topology. paper is the published "
+                           "method"));
     table.push_back(choice("domain", POINTMORPH_FIELD(domain),
                            {"auto", "disk", "cut", "sphere", "network"},
-                           "Where both models are laid over each other: disk is for open patches "
-                           "with one boundary, cut for closed models and a loop of features, "
-                           "along which they are cut in two (without one, the features on tips), "
-                           "sphere for closed models without holes through them, uncut; "
-                           "network for closed models of any kind, cut into many patches by curves "
-                           "between all features; "
-                           "auto takes what the method and the "
-                           "models ask for. With method auto, it says where the refinement "
-                           "starts"));
+                           "The common domain that both models are mapped to. disk: open patches "
+                           "with one boundary. cut: closed models, cut in two along a loop of "
+                           "features (without a loop, through the features on tips). sphere: "
+                           "closed models without handles, not cut. network: closed models of "
+                           "any kind, cut into patches by curves between all features. auto: "
+                           "chosen by method and models. With method auto, the refinement starts "
+                           "from this domain"));
     table.push_back(number("threads", POINTMORPH_FIELD(threads), 0, 1024, "threads",
-                           "Processor threads to use; 0 takes all. The result is the same for any "
+                           "Processor threads to use; 0 uses all. The result is the same for any "
                            "number"));
     table.push_back(number("covariance_neighbors", POINTMORPH_FIELD(covariance_neighbors), 8, 64,
                            "points",
-                           "Nearest points that normals and the boundary are found from. Raise it "
-                           "for noisy scans, lower it for thin or finely detailed models"));
+                           "Nearest points from which normals and the boundary are estimated. "
+                           "Raise it for noisy scans, lower it for thin or finely detailed "
+                           "models"));
     table.push_back(number("boundary_opening", POINTMORPH_FIELD(boundary.opening), 1.2, 10, "",
-                           "How much wider than the usual gap between points an opening must be to "
-                           "count as a boundary. Raise it when gaps in the sampling are taken for "
-                           "one, lower it when a boundary is missed"));
+                           "How much wider than the usual gap between points an opening must be "
+                           "to count as a boundary. Raise it if gaps in the sampling are "
+                           "mistaken for a boundary, lower it if a boundary is missed"));
     table.push_back(number("boundary_min_loop", POINTMORPH_FIELD(boundary.min_loop), 4, 1e6,
                            "spacings",
-                           "Boundary loops shorter than this are taken for gaps in the sampling"));
+                           "Boundary loops shorter than this count as gaps in the sampling"));
     table.push_back(choice("boundary_spacing", POINTMORPH_FIELD(parameterization.boundary_spacing),
                            {"uniform", "chord"},
-                           "How boundary points are spread over the circle: evenly, or by their "
-                           "distance. Uniform suits boundaries that are sampled alike on both "
-                           "models"));
+                           "How boundary points are spread over the circle: evenly, or by the "
+                           "distance between them. uniform suits boundaries that are sampled "
+                           "alike on both models"));
     table.push_back(choice("solve", POINTMORPH_FIELD(parameterization.solve), {"full", "lod"},
-                           "Solve the parameterization for all points (slow), or for a simplified "
-                           "cloud into which all points are then embedded"));
+                           "full solves the parameterization for all points, which is slow. lod "
+                           "solves it for a simplified cloud and embeds all points in that"));
     table.push_back(number("decomposition_tips", POINTMORPH_FIELD(decomposition.tips), 0, 100,
                            "tips",
-                           "Tips without a mark (ears, a tail) that are found on models that are "
-                           "cut and brought together inside the patches, at the most. 0 leaves "
-                           "that to marks"));
+                           "The most tips without features, such as ears or a tail, to find on "
+                           "models that are cut, and to match within the patches. 0 matches none"));
     table.push_back(number("sphere_nodes", POINTMORPH_FIELD(spherical_parameterization.nodes), 100,
                            100000, "points",
-                           "About so many points of each model are triangulated and laid onto the "
-                           "sphere. Raise it where thin limbs get lost, lower it for speed"));
+                           "Roughly how many points of each model are triangulated and mapped to "
+                           "the sphere. Raise it if thin limbs get lost, lower it for speed"));
     table.push_back(number("lod_cluster_size",
                            POINTMORPH_FIELD(parameterization.lod.max_cluster_size), 1, 1000,
                            "points",
-                           "Points that one point of the simplified cloud stands for, at the "
-                           "most. Smaller is finer and slower"));
+                           "The most points that one point of the simplified cloud stands for. "
+                           "Smaller is more precise and slower"));
     table.push_back(number("parameterization_neighbors",
                            POINTMORPH_FIELD(parameterization.neighbors), 6, 64, "points",
-                           "Nearest points whose mean an interior point is in the disk. Raise it "
-                           "when a patch falls apart"));
+                           "Nearest points whose mean gives the place of an interior point in "
+                           "the disk. Raise it if a patch falls apart"));
     table.push_back(number("parameterization_radius", POINTMORPH_FIELD(parameterization.radius), 1,
                            20, "spacings",
-                           "Takes all points within this radius instead of the nearest, as the "
-                           "paper does. Automatic: nearest points"));
+                           "Use all points within this radius instead of the nearest ones, as "
+                           "the paper does. Automatic: the nearest points"));
     table.push_back(number("solver_tolerance", POINTMORPH_FIELD(parameterization.tolerance), 1e-14,
-                           1e-3, "", "Relative residual at which the solver ends"));
+                           1e-3, "", "Relative residual at which the solver stops"));
     table.push_back(number("solver_max_iterations",
                            POINTMORPH_FIELD(parameterization.max_iterations), 1, 1e7, "iterations",
                            "The solver gives up after this many iterations"));
@@ -174,44 +172,47 @@ std::vector<Option> make_table() {
                            "points around them"));
     table.push_back(number("influence", POINTMORPH_FIELD(alignment.influence), 0.51, 1000, "",
                            "Radius around a feature that moves with it, as a multiple of the "
-                           "distance it has to go. Larger is smoother, smaller more local"));
+                           "distance that the feature moves. Larger is smoother, smaller is more "
+                           "local"));
     table.push_back(number("influence_radius", POINTMORPH_FIELD(alignment.influence_radius), 1e-6,
                            2, "disk radii",
-                           "The same as a fixed distance in the disk. Automatic: the multiple is "
-                           "used"));
+                           "The same as a fixed distance in the disk. Automatic: use the "
+                           "multiple"));
     table.push_back(number("alignment_max_sweeps", POINTMORPH_FIELD(alignment.max_sweeps), 1, 1e6,
-                           "sweeps", "Alternate warps of both disks at the most"));
+                           "sweeps", "The most times that both disks are warped in turn"));
     table.push_back(number("pairing_cluster_size", POINTMORPH_FIELD(pairing.max_cluster_size), 2,
                            1000, "points",
-                           "Points of either model that a cluster of the common domain may hold "
+                           "The most points of either model in a cluster of the common domain "
                            "when points are paired"));
     table.push_back(number("transfer_neighbors", POINTMORPH_FIELD(transfer.neighbors), 6, 64,
                            "points",
-                           "Points that the smooth map averages over. Raise it for noisy scans"));
+                           "Points over which the smooth map averages. Raise it for noisy scans"));
     table.push_back(choice("path", POINTMORPH_FIELD(path), {"linear", "similarity", "rigid"},
-                           "How points travel: linear goes straight, similarity turns and grows "
-                           "the whole on the way (a turned target doesn't shrink midway), rigid "
-                           "also turns every part, so that a raised leg swings. Shape keys "
-                           "themselves are straight: bake several steps to follow the others"));
+                           "How points travel. linear: straight. similarity: the whole rotates "
+                           "and scales on the way, so a rotated target doesn't shrink midway. "
+                           "rigid: every part also rotates, so a raised leg swings. Shape keys "
+                           "themselves are straight; bake several steps to follow the other "
+                           "paths"));
     table.push_back(number("omega", POINTMORPH_FIELD(resampling.omega), 0, 2, "",
-                           "Re-sampled frames get new points where the density falls below this "
-                           "share of that of both ends. 0 inserts none, larger inserts earlier"));
+                           "Resampled frames get new points where the density falls below this "
+                           "share of the density at both ends. 0 adds none, larger values add "
+                           "them earlier"));
     table.push_back(number("resample_spacing", POINTMORPH_FIELD(resampling.spacing), 0.25, 4,
                            "spacings",
-                           "How far apart the new points of re-sampled frames lie. Lower it when "
+                           "Distance between the new points of resampled frames. Lower it if "
                            "frames are drawn with smaller points"));
     table.push_back(number("mls_degree", POINTMORPH_FIELD(resampling.mls.degree), 1, 4, "",
-                           "Degree of the polynomials that make up the surface on which new points "
-                           "lie"));
+                           "Degree of the polynomials that define the surface for new points"));
     table.push_back(number("mls_scale", POINTMORPH_FIELD(resampling.mls.scale), 0.5, 10, "spacings",
-                           "How far the surface on which new points lie averages over the points "
-                           "around. Raise it for noisy scans. Automatic: 0.9 + degree / 5"));
+                           "How far the surface for new points averages over the points around. "
+                           "Raise it for noisy scans. Automatic: 0.9 + degree / 5"));
     table.push_back(number("mls_width", POINTMORPH_FIELD(resampling.mls.width), 1e-9, 1e9,
                            "model units",
-                           "The same as a fixed distance. Automatic: the spacings are used"));
+                           "The same as a fixed distance. Automatic: use the multiple of the "
+                           "spacing"));
     table.push_back(number("crowding", POINTMORPH_FIELD(resampling.crowding), 1.5, 100, "",
-                           "Re-sampled frames leave points out where the density is more than this "
-                           "many times that of either end. Automatic: never"));
+                           "Resampled frames leave out points where the density exceeds that of "
+                           "either end by this factor. Automatic: keep all"));
     return table;
 }
 

@@ -6,7 +6,11 @@ import re
 import runpy
 from pathlib import Path
 
+import numpy as np
+import pointmorph
 import pytest
+from pointmorph import formats
+from shapes import ball
 
 ROOT = Path(__file__).resolve().parents[3]
 
@@ -27,3 +31,30 @@ def test_links_lead_somewhere(page: Path) -> None:
     for target in re.findall(r"\]\(([^)#]+)(?:#[^)]*)?\)", text):
         if not re.match(r"[a-z]+:", target):
             assert ((ROOT / page).parent / target).exists(), target
+
+
+@pytest.mark.parametrize("page", ["README.md", "docs/python.md", "docs/resampling.md"])
+def test_python_examples_run(page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    source, target = ball(600), 2.0 * ball(700)
+    for name, points in (("venus", source), ("mannequin", target)):
+        count = len(points)
+        colors, radii = np.ones((count, 4)), np.full(count, 0.1)
+        formats.write_ply(f"{name}.ply", points, points, colors, radii)
+    names = {
+        "source_positions": source,
+        "target_positions": target,
+        "morph": pointmorph.morph(pointmorph.Cloud(source), pointmorph.Cloud(target)),
+    }
+    text = (ROOT / page).read_text(encoding="utf-8")
+    examples = re.findall(r"^```python\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
+    assert examples
+    for example in examples:  # each may use what those before it made
+        exec(compile(example, page, "exec"), names)
+
+
+def test_the_command_line_page_names_every_format() -> None:
+    page = (ROOT / "docs" / "command_line.md").read_text(encoding="utf-8")
+    for format in formats.FORMATS:
+        assert f"`{format.suffix}`" in page
+        assert format.loses in page
