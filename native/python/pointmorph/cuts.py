@@ -68,7 +68,7 @@ def decompose(
     >>> sphere[:, :2] *= np.sqrt(1 - z * z)[:, None]
     >>> equator = [int(np.argmax(sphere @ p)) for p in ([1, 0, 0], [-1, 2, 0], [-1, -2, 0])]
     >>> cut = pointmorph.decompose(pointmorph.Cloud(sphere), dict(zip("abc", equator)))
-    >>> bool(np.abs(cut.curve[:, 2]).max() < 0.1)
+    >>> bool(np.abs(cut.curve[:, 2]).max() < 0.12)  # the spacing of the points is 0.08
     True
     """
     curve, normals, corners, sides = _pointmorph.decompose(

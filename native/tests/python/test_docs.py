@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import doctest
+import importlib
+import pkgutil
 import re
 import runpy
 from pathlib import Path
@@ -51,6 +54,22 @@ def test_python_examples_run(page: str, tmp_path: Path, monkeypatch: pytest.Monk
     assert examples
     for example in examples:  # each may use what those before it made
         exec(compile(example, page, "exec"), names)
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "pointmorph",
+        *(
+            f"pointmorph.{module.name}"
+            for module in pkgutil.iter_modules(pointmorph.__path__)
+            if not module.name.startswith("_")
+        ),
+    ],
+)
+def test_examples_in_docstrings_run(name: str) -> None:
+    result = doctest.testmod(importlib.import_module(name))
+    assert result.failed == 0
 
 
 def test_the_command_line_page_names_every_format() -> None:

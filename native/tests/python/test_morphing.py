@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import doctest
 import functools
 import json
 import pickle
@@ -12,7 +11,7 @@ import time
 import numpy as np
 import pointmorph
 import pytest
-from pointmorph import clouds, errors, formats, meshes, morphing
+from pointmorph import formats
 from shapes import grid
 
 A, B = 37, 29
@@ -363,12 +362,6 @@ def test_errors_survive_pickling() -> None:
     again = pickle.loads(pickle.dumps(error))
     assert str(again) == str(error) == "Suzanne: expected points, found none. Add some."
     assert (again.subject, again.advice) == ("Suzanne", "Add some.")
-
-
-@pytest.mark.parametrize("module", [pointmorph, clouds, errors, formats, meshes, morphing])
-def test_examples_in_the_documentation(module: object) -> None:
-    result = doctest.testmod(module)  # type: ignore[arg-type]
-    assert result.failed == 0
 
 
 def test_real_patches(patch_pair: tuple) -> None:
