@@ -52,10 +52,10 @@ class Scale:
     frame: studio.Exposure
 
 
-# A picture costs 2 s of processor time for the geometry; the rest is samples and denoising. The
+# A picture costs 3 s of processor time for the geometry; the rest is samples and denoising. The
 # film, where no picture is looked at for long, uses the fast denoiser, at half the cost.
 FULL = Scale(
-    (60_000, 48_000),
+    (100_000, 80_000),
     studio.Exposure((480, 412), 12),
     24,
     studio.Exposure((320, 274), 4, fast_denoising=True),
