@@ -117,7 +117,7 @@ def progress_text():
         return "Canceling"
     if not job.begun:
         return "Reading the scene"
-    return f"{job.stage.replace('_', ' ').capitalize() or 'Starting'} {100 * job.fraction:.0f}%"
+    return f"{pointmorph.stage_label(job.stage) or 'Starting'} {100 * job.fraction:.0f}%"
 
 
 registration = Registration(stop=background_job.finish)
