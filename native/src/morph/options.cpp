@@ -152,7 +152,7 @@ std::vector<Option> make_table() {
                            POINTMORPH_FIELD(parameterization.lod.max_cluster_size), 1, 1000,
                            "points",
                            "The most points that one point of the simplified cloud stands for. "
-                           "Smaller is more precise and slower"));
+                           "Smaller is finer and slower"));
     table.push_back(number("parameterization_neighbors",
                            POINTMORPH_FIELD(parameterization.neighbors), 6, 64, "points",
                            "Nearest points whose mean gives the place of an interior point in "
