@@ -7,7 +7,12 @@ of its own, and stands in `build/python`.
 
 from __future__ import annotations
 
+import hashlib
+import os
+import re
 import shutil
+import ssl
+import struct
 import sys
 import threading
 import zipfile
@@ -17,7 +22,7 @@ from pathlib import Path
 from typing import Any
 
 from . import paths
-from .running import SetupError, digest, is_fresh, run, step
+from .running import SetupError, child_environment, digest, is_fresh, run, step
 from .system import project
 
 # Blenders that come as a Python package, and the Python that each is built for.
@@ -118,7 +123,9 @@ def _fetch_python(version: str, folder: Path) -> Path:
         shutil.rmtree(folder, ignore_errors=True)
         copy = "org.apache.maven.plugins:maven-dependency-plugin:3.6.1:copy"
         options = (f"-Dartifact={artifact}", f"-DoutputDirectory={folder}")
-        run("maven", "mvn", "--batch-mode", copy, *options)
+        folder.mkdir(parents=True, exist_ok=True)
+        environment = child_environment(MAVEN_OPTS=_trusting(folder / "trusted.jks"))
+        run("maven", "mvn", "--batch-mode", copy, *options, environment=environment)
         [archive] = folder.glob("*.jar")
         with zipfile.ZipFile(archive) as content:
             content.extractall(unpacked)
@@ -128,6 +135,33 @@ def _fetch_python(version: str, folder: Path) -> Path:
         program.chmod(0o755)
         stamp.write_text(artifact)
     return program
+
+
+def _trusting(store: Path) -> str:
+    """What has Java trust whom this system trusts, as pip does: it reads no certificates as text,
+    and keeps a list of its own that may know fewer.
+
+    Writes them to `store`, in the simplest of Java's formats.
+    """
+    known = os.environ.get("SSL_CERT_FILE") or ssl.get_default_verify_paths().cafile
+    if known is None or not Path(known).is_file():
+        return os.environ.get("MAVEN_OPTS", "")
+    pattern = "-----BEGIN CERTIFICATE-----.*?-----END CERTIFICATE-----"
+    found = re.findall(pattern, Path(known).read_text(errors="replace"), re.DOTALL)
+
+    def text(words: str) -> bytes:
+        return struct.pack(">H", len(words)) + words.encode()
+
+    content = struct.pack(">III", 0xFEEDFEED, 2, len(found))
+    for number, certificate in enumerate(map(ssl.PEM_cert_to_DER_cert, found)):
+        content += struct.pack(">I", 2) + text(f"trusted {number}") + struct.pack(">Q", 0)
+        content += text("X.509") + struct.pack(">I", len(certificate)) + certificate
+    password = "changeit"  # Java's own; it protects against accidents alone
+    salt = password.encode("utf-16-be") + b"Mighty Aphrodite"
+    store.write_bytes(content + hashlib.sha1(salt + content).digest())
+    names = {"trustStore": store, "trustStoreType": "JKS", "trustStorePassword": password}
+    options = [f"-Djavax.net.ssl.{name}={value}" for name, value in names.items()]
+    return " ".join([*options, os.environ.get("MAVEN_OPTS", "")]).strip()
 
 
 def set_up_peers() -> None:

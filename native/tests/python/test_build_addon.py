@@ -4,6 +4,7 @@ import importlib.util
 import json
 import os
 import shutil
+import ssl
 import subprocess
 import sys
 import threading
@@ -223,6 +224,30 @@ def test_every_blender_has_a_python_that_can_be_had() -> None:
     assert python_environment.BLENDERS[python_environment.MAIN_BLENDER] == "3.11"
     wanted = tomllib.loads((ROOT / "pyproject.toml").read_text())["dependency-groups"]["blender"]
     assert wanted == [f"bpy=={python_environment.MAIN_BLENDER}.*"]
+
+
+def test_java_trusts_whom_the_system_trusts(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    certificate = bytes(range(200))
+    known = tmp_path / "known.crt"
+    known.write_text("Comment\n" + 2 * ssl.DER_cert_to_PEM_cert(certificate))
+    monkeypatch.setenv("SSL_CERT_FILE", str(known))
+    monkeypatch.setenv("MAVEN_OPTS", "-Dmine=1")
+    options = python_environment._trusting(tmp_path / "store")
+    assert f"trustStore={tmp_path / 'store'} " in options
+    assert options.endswith(" -Dmine=1")
+    store = (tmp_path / "store").read_bytes()
+    assert store[:12] == b"\xfe\xed\xfe\xed\0\0\0\2\0\0\0\2"
+    assert store.count(certificate) == 2
+    known = Path("/etc/ssl/certs/ca-certificates.crt")
+    if (keytool := shutil.which("keytool")) and known.is_file():
+        monkeypatch.setenv("SSL_CERT_FILE", str(known))
+        python_environment._trusting(tmp_path / "store")
+        words = [keytool, "-list", "-keystore", tmp_path / "store", "-storepass", "changeit"]
+        done = subprocess.run(words, capture_output=True, text=True, check=False)
+        count = known.read_text().count("BEGIN CERTIFICATE")
+        assert f"contains {count} entries" in done.stdout
 
 
 def test_what_suites_need_is_fetched_while_the_library_is_built(
