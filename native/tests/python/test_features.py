@@ -134,12 +134,12 @@ def test_method_paper_knows_curves_and_refuses_regions() -> None:
         (Feature([1], [9999], "region"), "point 9999"),
         (Feature([1], [3], "region", [1, 1]), "a weight for each of 1 points, found 2"),
         (Feature([1], [3], "region", [2]), "from 0 to 1, found 2"),
-        (Feature([1], [3], "region", ["x"]), "weights of rows of the source"),
+        (Feature([1], [3], "region", ["x"]), "weights of the source"),
         (Feature([1], [3], "region", closed=True), "a curve, to be closed"),
         (Feature(1, 2, weight=0), "a weight above 0"),
         (Feature(1, 2, weight=float("nan")), "a weight above 0"),
-        (Feature(1, 2, weight="1"), "a weight that is a number"),  # type: ignore[arg-type]
-        (Feature(1, 2, hard="no"), "hard true or false"),  # type: ignore[arg-type]
+        (Feature(1, 2, weight="1"), "a number as weight"),  # type: ignore[arg-type]
+        (Feature(1, 2, hard="no"), "hard to be true or false"),  # type: ignore[arg-type]
     ],
 )
 def test_features_that_make_no_sense_are_refused(feature: Feature, words: str) -> None:
@@ -161,17 +161,17 @@ def test_features_that_make_no_sense_are_refused(feature: Feature, words: str) -
         ({"kind": "path", "source": 1, "target": 2}, "'path'"),
         ({"source": 1, "target": 2, "closed": True}, "keys of a point: .*found 'closed'"),
         ({"source": 1, "target": 2, "wieght": 2}, "found 'wieght'"),
-        ({"source": 1, "target": 2, "weight": True}, "a weight that is a number"),
+        ({"source": 1, "target": 2, "weight": True}, "a number as weight"),
         ({"source": 1, "target": 2, "weight": -1}, "a weight above 0"),
-        ({"source": 1, "target": 2, "hard": 1}, "hard true or false"),
-        ({"source": 1, "target": 2, "hard": None}, "hard true or false"),
+        ({"source": 1, "target": 2, "hard": 1}, "hard to be true or false"),
+        ({"source": 1, "target": 2, "hard": None}, "hard to be true or false"),
         ({"kind": "curve", "source": 1, "target": [2, 3]}, "a list of rows of the source"),
-        ({"kind": "curve", "source": [1, 4], "target": [2, 3], "closed": 1}, "closed true or"),
+        ({"kind": "curve", "source": [1, 4], "target": [2, 3], "closed": 1}, "closed to be true or"),
         ({"kind": "curve", "source": {"rows": [1]}, "target": [2]}, "a list of rows"),
         ({"kind": "region", "source": {"rows": [1], "weight": [1]}, "target": [2]}, "'weight'"),
         ({"kind": "region", "source": {"weights": [1]}, "target": [2]}, "no rows"),
         ({"kind": "region", "source": {"rows": [1], "weights": 1}, "target": [2]}, "a list of"),
-        ({"kind": "region", "source": {"rows": [1], "weights": ["a"]}, "target": [2]}, "Give num"),
+        ({"kind": "region", "source": {"rows": [1], "weights": ["a"]}, "target": [2]}, "Pass num"),
     ],
 )
 def test_json_that_makes_no_sense_is_refused(value: Any, words: str) -> None:

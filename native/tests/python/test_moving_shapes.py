@@ -165,5 +165,5 @@ def test_a_store_removes_what_is_its_own(torn: pointmorph.Morph, tmp_path: Path)
     (tmp_path / "a" / "mine.txt").unlink()
     store.remove()
     (tmp_path / "b").touch()
-    with pytest.raises(pointmorph.FileError, match="can be kept"):
+    with pytest.raises(pointmorph.FileError, match="a folder for frames"):
         frame_stores.FrameStore(tmp_path / "b", sequences.FrameSequence(torn, TIMES[:2]))

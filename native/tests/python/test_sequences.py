@@ -1,4 +1,4 @@
-"""Frames as files."""
+"""Sequences of frames, and frames as files."""
 
 from __future__ import annotations
 

@@ -132,7 +132,7 @@ def test_too_few_points_and_a_missing_library_say_so(
     same = pointmorph.Frame(0 * frame.positions, frame.normals, frame.colors, frame.radii)
     through = surfaces.Surfaces(round_morph).through
     for bad in (few, same):
-        with pytest.raises(pointmorph.CloudError, match="12 points or more"):
+        with pytest.raises(pointmorph.CloudError, match="at least 12 points"):
             through(bad, 0.5)
     monkeypatch.setitem(sys.modules, "pymeshlab", None)
     with pytest.raises(pointmorph.OptionError, match="pip install pymeshlab"):
