@@ -166,7 +166,10 @@ def test_features_that_make_no_sense_are_refused(feature: Feature, words: str) -
         ({"source": 1, "target": 2, "hard": 1}, "hard to be true or false"),
         ({"source": 1, "target": 2, "hard": None}, "hard to be true or false"),
         ({"kind": "curve", "source": 1, "target": [2, 3]}, "a list of rows of the source"),
-        ({"kind": "curve", "source": [1, 4], "target": [2, 3], "closed": 1}, "closed to be true or"),
+        (
+            {"kind": "curve", "source": [1, 4], "target": [2, 3], "closed": 1},
+            "closed to be true or",
+        ),
         ({"kind": "curve", "source": {"rows": [1]}, "target": [2]}, "a list of rows"),
         ({"kind": "region", "source": {"rows": [1], "weight": [1]}, "target": [2]}, "'weight'"),
         ({"kind": "region", "source": {"weights": [1]}, "target": [2]}, "no rows"),
