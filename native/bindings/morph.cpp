@@ -103,11 +103,11 @@ py::dict dict_of(const Diagnostics& found) {
 
 py::dict dict_of(const Topology& topology) {
     py::list pieces;
-    for (const Piece& piece : topology.pieces)
+    for (const Component& piece : topology.components)
         pieces.append(py::dict(py::arg("points") = piece.points, py::arg("borders") = piece.borders,
                                py::arg("open") = piece.is_open, py::arg("genus") = piece.genus));
     return py::dict(py::arg("words") = in_words(topology), py::arg("pieces") = pieces,
-                    py::arg("specks") = topology.specks);
+                    py::arg("specks") = topology.strays);
 }
 
 py::dict dict_of(const MorphReport& report, const MorphOptions& options) {

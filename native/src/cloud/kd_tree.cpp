@@ -207,11 +207,14 @@ bool KdTree<Dim>::any_within(const double* query, double radius) const {
 }
 
 Index nearest_on_sheet(const KdTree<3>& tree, const Positions& normals,
-                       const Eigen::RowVector3d& place, const Eigen::RowVector3d& normal) {
-    constexpr std::size_t kFew = 12;
-    std::array<Index, kFew> near;
-    std::array<double, kFew> squared;
-    const Index found = tree.nearest(place.data(), near, squared);
+                       const Eigen::RowVector3d& place, const Eigen::RowVector3d& normal,
+                       std::size_t most) {
+    constexpr std::size_t kMost = 12;
+    std::array<Index, kMost> near;
+    std::array<double, kMost> squared;
+    const std::size_t wanted = std::min(most, kMost);
+    const Index found =
+        tree.nearest(place.data(), std::span(near).first(wanted), std::span(squared).first(wanted));
     const auto last = near.begin() + found;
     const auto first =
         std::find_if(near.begin(), last, [&](Index i) { return normals.row(i).dot(normal) > 0.0; });

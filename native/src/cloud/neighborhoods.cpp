@@ -101,7 +101,7 @@ Neighborhoods symmetrized(const Neighborhoods& neighborhoods) {
     return result;
 }
 
-Components connected_components(const Neighborhoods& neighborhoods) {
+ConnectedComponents connected_components(const Neighborhoods& neighborhoods) {
     const Index count = neighborhoods.size();
     std::vector<Index> parent(to_size(count));
     std::iota(parent.begin(), parent.end(), 0);
@@ -119,7 +119,7 @@ Components connected_components(const Neighborhoods& neighborhoods) {
             parent[to_size(std::max(a, b))] = std::min(a, b);
         }
 
-    Components result;
+    ConnectedComponents result;
     result.label.resize(to_size(count));
     for (Index i = 0; i < count; ++i) {
         const Index top = root(i);  // never above i, so it is labelled already

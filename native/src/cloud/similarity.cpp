@@ -78,15 +78,15 @@ BestRotation best_rotation(const Matrix3& covariance) {
 }
 
 Positions Similarity::apply(const Positions& positions) const {
-    return (positions * (scale * rotation).transpose()).rowwise() + shift.transpose();
+    return (positions * (scale * rotation).transpose()).rowwise() + translation.transpose();
 }
 
-Normals Similarity::turn(const Normals& normals) const {
+Normals Similarity::rotated(const Normals& normals) const {
     return normals * rotation.transpose();
 }
 
 Similarity Similarity::inverse() const {
-    return {1.0 / scale, rotation.transpose(), -(rotation.transpose() * shift) / scale};
+    return {1.0 / scale, rotation.transpose(), -(rotation.transpose() * translation) / scale};
 }
 
 Similarity fit_similarity(const Positions& from, const Positions& to) {
@@ -104,13 +104,14 @@ Similarity fit_similarity(const Positions& from, const Positions& to) {
         result.rotation = best.rotation;
         if (trace > 0.0) result.scale = trace / from_size;
     }
-    result.shift = to_mean.transpose() - result.scale * result.rotation * from_mean.transpose();
+    result.translation =
+        to_mean.transpose() - result.scale * result.rotation * from_mean.transpose();
     return result;
 }
 
 Similarity composed(const Similarity& after, const Similarity& before) {
     return {after.scale * before.scale, after.rotation * before.rotation,
-            after.scale * (after.rotation * before.shift) + after.shift};
+            after.scale * (after.rotation * before.translation) + after.translation};
 }
 
 bool fits_better_mirrored(const Positions& from, const Positions& to) {

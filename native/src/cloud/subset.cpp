@@ -102,9 +102,9 @@ double estimated_area(const Positions& positions, const Neighborhoods& nearest) 
     });
 }
 
-Subset blue_noise_subset(const KdTree<3>& tree, const Normals& normals,
-                         std::span<const Index> required, Index count, Progress& progress,
-                         const Neighborhoods* nearest) {
+Subset poisson_disk_subset(const KdTree<3>& tree, const Normals& normals,
+                           std::span<const Index> required, Index count, Progress& progress,
+                           const Neighborhoods* nearest) {
     const Index size = tree.size();
     Subset subset;
     const double area = nearest ? estimated_area(tree.points(), *nearest) : estimated_area(tree);

@@ -20,9 +20,9 @@ namespace {
 
 constexpr double kFar = std::numeric_limits<double>::infinity();
 
-/// Lengths in √area over which the guide turns from one side of a limb to the other, and over
-/// which the parts of the curve feel each other.
-constexpr double kTurn = 0.02, kRepulsion = 0.04;
+/// Lengths in √area over which the guide changes from one side of a limb to the other, and over
+/// which the parts of the curve repel each other.
+constexpr double kTransition = 0.02, kRepulsion = 0.04;
 
 double sigmoid(double x) {
     return 1.0 / (1.0 + std::exp(-x));
@@ -42,11 +42,11 @@ SurfaceCurve curve_of(const CoarseCloud& coarse, const std::vector<Index>& path)
     return {gather(coarse.positions, path), gather(coarse.normals, path)};
 }
 
-/// One curve from each feature to the next, guided and keeping apart. Features are rows 0, 1, …;
+/// One path from each feature to the next, guided and kept apart. Features are rows 0, 1, …;
 /// `from` has every point's distance from each, in √area.
-std::vector<SurfaceCurve> guided_curves(const CoarseCloud& coarse, const Eigen::MatrixXd& from,
-                                        Index features, const DecompositionOptions& options,
-                                        Progress& progress) {
+std::vector<SurfaceCurve> guided_paths(const CoarseCloud& coarse, const Eigen::MatrixXd& from,
+                                       Index features, const DecompositionOptions& options,
+                                       Progress& progress) {
     const Index count = coarse.graph.size();
     GeodesicSearch search(coarse.graph);
     const auto next = [&](Index k) { return (k + 1) % features; };
@@ -67,10 +67,10 @@ std::vector<SurfaceCurve> guided_curves(const CoarseCloud& coarse, const Eigen::
         const Index b = next(a);
         Values costs(count);
         for (Index x = 0; x < count; ++x) {
-            double dearer = options.elsewhere;
-            if (cell[to_size(x)] == a) dearer = options.guide * sigmoid(-side(a, x) / kTurn);
-            if (cell[to_size(x)] == b) dearer = options.guide * sigmoid(side(b, x) / kTurn);
-            costs[x] = 1.0 + dearer + options.repulsion * repulsion[x];
+            double extra = options.elsewhere;
+            if (cell[to_size(x)] == a) extra = options.guide * sigmoid(-side(a, x) / kTransition);
+            if (cell[to_size(x)] == b) extra = options.guide * sigmoid(side(b, x) / kTransition);
+            costs[x] = 1.0 + extra + options.repulsion * repulsion[x];
         }
         const std::vector<Index> path = cheapest_path(coarse.graph, a, b, costs);
         const Values near = distances_to_path(search, count, path, 3.0 * kRepulsion * coarse.unit);
@@ -87,29 +87,7 @@ std::vector<SurfaceCurve> guided_curves(const CoarseCloud& coarse, const Eigen::
     return curves;
 }
 
-/// Curves end to end; the last ends where the first begins.
-struct ClosedCurve {
-    SurfaceCurve curve;
-    std::vector<Index> corners;
-};
-
-ClosedCurve joined(const std::vector<SurfaceCurve>& parts) {
-    ClosedCurve result;
-    Index count = 0;
-    for (const SurfaceCurve& part : parts) count += part.size() - 1;
-    result.curve = {Positions(count, 3), Normals(count, 3)};
-    Index row = 0;
-    for (const SurfaceCurve& part : parts) {
-        result.corners.push_back(row);
-        result.curve.points.middleRows(row, part.size() - 1) = part.points.topRows(part.size() - 1);
-        result.curve.normals.middleRows(row, part.size() - 1) =
-            part.normals.topRows(part.size() - 1);
-        row += part.size() - 1;
-    }
-    return result;
-}
-
-/// Finds the nearest place of a closed curve and on which side of it a point lies.
+/// Tells how far from a closed curve a point lies, and on which side.
 class CurveSides {
 public:
     explicit CurveSides(const SurfaceCurve& curve) : curve_(curve), tree_(curve.points) {}
@@ -191,8 +169,8 @@ std::optional<std::pair<Index, Index>> first_crossing(const SurfaceCurve& curve)
     return std::nullopt;
 }
 
-/// Takes crossings out: a loop with no feature on it is left out, one with a single feature is
-/// walked the other way round, which doesn't change the features' order. Throws FeatureError for
+/// Removes crossings. The curve crosses itself in a loop: a loop without features is left out, and
+/// one with a single feature is reversed, which keeps the features' order. Throws FeatureError for
 /// loops with more.
 void uncross(ClosedCurve& closed, std::span<const std::string> names, const std::string& name) {
     constexpr int kMost = 200;
@@ -201,7 +179,7 @@ void uncross(ClosedCurve& closed, std::span<const std::string> names, const std:
         if (!crossing) return;
         const Index count = closed.curve.size();
         std::vector<Index> order;
-        // The loop from i + 1 to j, and the other one.
+        // Between i + 1 and j is one loop, the rest is the other.
         const auto [i, j] = *crossing;
         const auto in_loop = [&](Index corner) { return corner > i && corner <= j; };
         const auto inside = std::ranges::count_if(closed.corners, in_loop);
@@ -213,11 +191,11 @@ void uncross(ClosedCurve& closed, std::span<const std::string> names, const std:
                 return "from \"" + names[k] + "\" to \"" + names[(k + 1) % names.size()] + "\"";
             };
             throw FeatureError("loop", "a closed curve on " + name + " that doesn't cross itself",
-                               "that the ways " + segment(i) + " and " + segment(j) + " cross",
+                               "crossing curves " + segment(i) + " and " + segment(j),
                                "Change the order of the features in the loop, or add a feature "
-                               "that leads one of the two ways round.");
+                               "that leads one of the two curves around.");
         }
-        // What is reversed or left out stands between a and b (inclusive, cyclic).
+        // Rows `first` to `last`, inclusive and cyclic, are reversed or left out.
         const Index first = inside <= 1 ? i + 1 : j + 1;
         const Index last = inside <= 1 ? j : i + count;
         const auto held = inside <= 1 ? inside : outside;
@@ -241,9 +219,9 @@ void uncross(ClosedCurve& closed, std::span<const std::string> names, const std:
                        "those that lie far apart.");
 }
 
-/// How much every coarse point belongs to the left, 1, or the right, −1: fixed next to the curve,
-/// and from there a random walker's chance to meet the left side first, over edges that don't
-/// cross the curve.
+/// How much every coarse point belongs to the left (1) or the right (−1) of the curve. Next to the
+/// curve the value is fixed; elsewhere it comes from a random walker's chance of meeting the left
+/// side first, over edges that don't cross the curve (Grady 2006).
 Values walk(const CoarseCloud& coarse, const CurveSides& sides, Index features) {
     const Index count = coarse.graph.size();
     const double reach = 3.0 * coarse.spacing, seed_reach = 1.2 * coarse.spacing;
@@ -291,42 +269,36 @@ Values walk(const CoarseCloud& coarse, const CurveSides& sides, Index features) 
     return value;
 }
 
-/// Next to the curve a point's own side counts, elsewhere that of the coarse points around.
-std::vector<Patch> patches_of(const KdTree<3>& tree, const Normals& normals,
-                              const CoarseCloud& coarse, const CurveSides& sides,
-                              const Values& left, std::span<const Index> loop, Progress& progress,
-                              double first, double last) {
-    std::vector<Patch> patches(to_size(tree.size()));
-    // Coarse points well away from the curve speak for all around them.
+/// Next to the curve the point's own side decides, elsewhere that of the coarse points around.
+std::vector<Patch> patches_of(const SampledSurface& surface, const CoarseCloud& coarse,
+                              const CurveSides& sides, const Values& left, Progress& progress) {
+    std::vector<Patch> patches(to_size(surface.size()));
+    // Coarse points well away from the curve speak for all points around them.
     const double reach = 1.2 * coarse.spacing;
     std::vector<char> remote(to_size(coarse.graph.size()), 0);
     for (Index i = 0; i < coarse.graph.size(); ++i)
         remote[to_size(i)] = !sides.signed_distance(coarse.positions.row(i), coarse.normals.row(i),
                                                     3.0 * coarse.spacing);
-    parallel_for(
-        tree.size(), progress,
-        [&](Index begin, Index end) {
-            for (Index i = begin; i < end; ++i) {
-                const Index cell = coarse.cells[to_size(i)];
-                double value = left[cell];
-                if (!remote[to_size(cell)])
-                    if (const auto d =
-                            sides.signed_distance(tree.points().row(i), normals.row(i), reach))
-                        value = *d;
-                patches[to_size(i)] = value > 0.0 ? Patch::kLeft : Patch::kRight;
-            }
-        },
-        first, last);
-    for (const Index row : loop) patches[to_size(row)] = Patch::kCurve;
+    parallel_for(surface.size(), progress, [&](Index begin, Index end) {
+        for (Index i = begin; i < end; ++i) {
+            const Index cell = coarse.cells[to_size(i)];
+            double value = left[cell];
+            if (!remote[to_size(cell)])
+                if (const auto d = sides.signed_distance(surface.positions.row(i),
+                                                         surface.normals.row(i), reach))
+                    value = *d;
+            patches[to_size(i)] = value > 0.0 ? Patch::kLeft : Patch::kRight;
+        }
+    });
     return patches;
 }
 
-/// Small islands go over to the patch around them. Returns the sizes of left and right.
+/// Gives small islands to the patch around them. Returns the sizes of left and right.
 std::array<Index, 2> clean_up(std::vector<Patch>& patches, const Neighborhoods& nearest) {
-    const Components parts = connected_components(filtered(
+    const ConnectedComponents parts = connected_components(filtered(
         nearest, [&](Index i, Index j) { return patches[to_size(i)] == patches[to_size(j)]; }));
-    const Components whole = connected_components(nearest);
-    // The largest part of each patch in each piece of the shape stays.
+    const ConnectedComponents whole = connected_components(nearest);
+    // The largest part of each patch in each component of the shape stays.
     std::vector<std::array<Index, 2>> largest(to_size(whole.count()), {-1, -1});
     for (std::size_t i = 0; i < patches.size(); ++i) {
         if (patches[i] == Patch::kCurve) continue;
@@ -347,18 +319,18 @@ std::array<Index, 2> clean_up(std::vector<Patch>& patches, const Neighborhoods& 
     return sizes;
 }
 
-/// The ways from feature to feature as one smooth curve on the cloud itself, as dense as that.
-ClosedCurve traced(const CoarseCloud& coarse, const std::vector<SurfaceCurve>& ways,
-                   std::span<const Index> rounds, const KdTree<3>& tree, const Normals& normals,
-                   std::span<const std::string> names, const std::string& name,
-                   Progress& progress) {
-    const auto corners = static_cast<Index>(ways.size());
+/// The paths from feature to feature, `rounds` times straightened, as one smooth curve on the cloud
+/// and as dense as it.
+ClosedCurve traced(const SampledSurface& surface, const KdTree<3>& tree, const CoarseCloud& coarse,
+                   std::span<const SurfaceCurve> paths, std::span<const Index> rounds,
+                   std::span<const std::string> names, Progress& progress) {
+    const auto corners = static_cast<Index>(paths.size());
     std::vector<SurfaceCurve> parts;
-    for (std::size_t k = 0; k < ways.size(); ++k)
-        parts.push_back(straightened(resampled(ways[k], coarse.spacing), coarse.tree,
+    for (std::size_t k = 0; k < paths.size(); ++k)
+        parts.push_back(straightened(resampled(paths[k], coarse.spacing), coarse.tree,
                                      coarse.normals, rounds[k], 1.0, progress));
-    ClosedCurve closed = joined(parts);
-    uncross(closed, names, name);
+    ClosedCurve closed = closed_curve(parts);
+    uncross(closed, names, surface.name);
 
     const double spacing = coarse.unit / std::sqrt(static_cast<double>(tree.size()));
     parts.clear();
@@ -372,32 +344,32 @@ ClosedCurve traced(const CoarseCloud& coarse, const std::vector<SurfaceCurve>& w
         }
         constexpr Index kRounds = 4;
         parts.push_back(
-            straightened(resampled(part, spacing), tree, normals, kRounds, 1.0, progress));
+            straightened(resampled(part, spacing), tree, surface.normals, kRounds, 1.0, progress));
         progress.report(0.6 + 0.1 * (k + 1) / corners);
     }
-    closed = joined(parts);
-    uncross(closed, names, name);
+    closed = closed_curve(parts);
+    uncross(closed, names, surface.name);
     return closed;
 }
 
-/// Traces the way that passes nearest to a feature anew, so that it passes on the feature's other
-/// side: it may not cross a path from the feature to the middle of the patch that it should be on.
-/// Returns which way that is. `left` is what walk() said.
-Index led_round(std::vector<SurfaceCurve>& ways, const CoarseCloud& coarse,
-                const Eigen::MatrixXd& from, const ClosedCurve& closed, const Values& left,
-                Index feature, Index corners) {
+/// Traces the path nearest to a feature again, this time on the feature's other side: it may not
+/// cross a path from the feature to the middle of the patch where the feature should be. Returns
+/// which path that is. `left` is the result of walk().
+Index lead_round(std::vector<SurfaceCurve>& paths, const CoarseCloud& coarse,
+                 const Eigen::MatrixXd& from, const ClosedCurve& closed, const Values& left,
+                 Index feature, Index corners) {
     constexpr double kBarred = 1000.0, kOther = 50.0;
     const KdTree<3> curve(closed.curve.points);
-    const auto way_at = [&](Index place) {
+    const auto path_at = [&](Index place) {
         return static_cast<Index>(std::ranges::upper_bound(closed.corners, place) -
                                   closed.corners.begin()) -
                1;
     };
-    const Index way = way_at(nearest_on_sheet(
+    const Index nearest = path_at(nearest_on_sheet(
         curve, closed.curve.normals, coarse.positions.row(feature), coarse.normals.row(feature)));
-    const Index begin = way, end = (way + 1) % corners;
+    const Index begin = nearest, end = (nearest + 1) % corners;
 
-    // Other ways are dear, but where this one has to meet them.
+    // Other paths are dear, except where this one has to meet them.
     const Index count = coarse.graph.size();
     Values costs = Values::Ones(count);
     for (Index i = 0; i < count; ++i) {
@@ -405,12 +377,12 @@ Index led_round(std::vector<SurfaceCurve>& ways, const CoarseCloud& coarse,
         std::array<double, 1> squared;
         if (curve.nearest_within(coarse.positions.row(i).data(), 2.0 * coarse.spacing, place,
                                  squared) == 0 ||
-            way_at(place[0]) == way)
+            path_at(place[0]) == nearest)
             continue;
         const double to_end = std::min(from(i, begin), from(i, end)) * coarse.unit;
         costs[i] += kOther * std::min(1.0, to_end / (4.0 * coarse.spacing));
     }
-    // The middle of a patch is what is farthest from all the loop's features.
+    // The middle of a patch is the point farthest from all of the loop's features.
     const bool to_left = left[feature] <= 0.0;
     Index middle = feature;
     double farthest = -1.0;
@@ -432,52 +404,63 @@ Index led_round(std::vector<SurfaceCurve>& ways, const CoarseCloud& coarse,
     }
     for (Index i = 0; i < count; ++i)
         if (barred[to_size(i)]) costs[i] += kBarred;
-    ways[to_size(way)] = curve_of(coarse, cheapest_path(coarse.graph, begin, end, costs));
-    return way;
+    paths[to_size(nearest)] = curve_of(coarse, cheapest_path(coarse.graph, begin, end, costs));
+    return nearest;
+}
+
+/// Throws unless almost every point beyond the `corners` belongs clearly to one side of the curve.
+void require_two_sides(const Values& left, Index corners, const std::string& name) {
+    constexpr double kClear = 0.5, kFew = 0.03;
+    const auto undecided = (left.tail(left.size() - corners).array().abs() < kClear).count();
+    if (static_cast<double>(undecided) > kFew * static_cast<double>(left.size()))
+        throw TopologyError(name, "a loop that divides the surface into two patches",
+                            "a path from its left to its right that doesn't cross it",
+                            "Lead the loop round the whole shape, not through a handle or round a "
+                            "limb that touches another. A shape with a handle needs method auto.");
+}
+
+/// The first feature beyond the loop that lies on the wrong patch; −1 for none.
+Index first_astray(std::span<const Patch> patches, const CutRequest& request) {
+    for (std::size_t k = 0; k < request.wanted.size(); ++k) {
+        const std::size_t feature = request.loop.size() + k;
+        if (request.wanted[k] != Patch::kCurve &&
+            patches[to_size(request.features[feature])] != request.wanted[k])
+            return static_cast<Index>(feature);
+    }
+    return -1;
 }
 
 }  // namespace
 
-Decomposition decompose(const KdTree<3>& tree, const Normals& normals, const Neighborhoods& nearest,
-                        std::span<const Index> features, std::span<const std::string> names,
-                        const DecompositionOptions& options, const std::string& name,
-                        Progress& progress, std::span<const Patch> wanted) {
-    const auto corners = static_cast<Index>(names.size());
-    const CoarseCloud coarse(tree, normals, nearest, features, options.points, progress);
+Decomposition decompose(const SampledSurface& surface, const KdTree<3>& tree,
+                        const CutRequest& request, const DecompositionOptions& options,
+                        Progress& progress) {
+    const auto corners = static_cast<Index>(request.loop.size());
+    const CoarseCloud coarse(surface, tree, request.features, options.points, progress);
 
-    const Eigen::MatrixXd from = distances_from_features(coarse, features.size());
-    std::vector<SurfaceCurve> ways = guided_curves(coarse, from, corners, options, progress);
-    std::vector<Index> rounds(ways.size(), options.straightening);
+    const Eigen::MatrixXd from = distances_from_features(coarse, request.features.size());
+    std::vector<SurfaceCurve> paths = guided_paths(coarse, from, corners, options, progress);
+    std::vector<Index> rounds(paths.size(), options.straightening);
     Decomposition result;
     std::array<Index, 2> sizes;
     for (Index repairs = 0;; ++repairs) {
-        ClosedCurve closed = traced(coarse, ways, rounds, tree, normals, names, name, progress);
+        ClosedCurve closed = traced(surface, tree, coarse, paths, rounds, request.loop, progress);
         const CurveSides sides(closed.curve);
         const Values left = walk(coarse, sides, corners);
-        // Where the curve keeps left and right apart, every point belongs to one of them entirely.
-        constexpr double kClear = 0.5, kFew = 0.03;
-        const auto undecided = (left.tail(left.size() - corners).array().abs() < kClear).count();
-        if (static_cast<double>(undecided) > kFew * static_cast<double>(left.size()))
-            throw TopologyError(
-                name, "a loop that divides the surface into two patches",
-                "a way from its left to its right that doesn't cross it",
-                "Lead the loop round the whole shape, not through a handle or round a limb that "
-                "touches another. A shape with a handle needs method auto.");
-        result.patches = patches_of(tree, normals, coarse, sides, left,
-                                    features.first(names.size()), progress, 0.75, 0.9);
-        sizes = clean_up(result.patches, nearest);
-        const auto astray = [&](Index f) {
-            const Patch patch = wanted[to_size(f - corners)];
-            return patch != Patch::kCurve && result.patches[to_size(features[to_size(f)])] != patch;
-        };
-        Index wrong = corners;
-        const auto end = corners + static_cast<Index>(wanted.size());
-        while (wrong < end && !astray(wrong)) ++wrong;
+        require_two_sides(left, corners, surface.name);
+        {
+            const Progress::Part part(progress, 0.75, 0.9);
+            result.patches = patches_of(surface, coarse, sides, left, progress);
+        }
+        for (const Index row : request.features.first(to_size(corners)))
+            result.patches[to_size(row)] = Patch::kCurve;
+        sizes = clean_up(result.patches, surface.nearest);
+        const Index astray = first_astray(result.patches, request);
         constexpr Index kMostRepairs = 4;
-        if (wrong < end && repairs < kMostRepairs) {
-            const Index k = led_round(ways, coarse, from, closed, left, wrong, corners);
-            rounds[to_size(k)] =
-                std::min<Index>(options.straightening, 3);  // more would lead it back
+        if (astray >= 0 && repairs < kMostRepairs) {
+            const Index k = lead_round(paths, coarse, from, closed, left, astray, corners);
+            // More straightening would lead the curve back.
+            rounds[to_size(k)] = std::min<Index>(options.straightening, 3);
             continue;
         }
         result.curve = std::move(closed.curve);
@@ -485,24 +468,22 @@ Decomposition decompose(const KdTree<3>& tree, const Normals& normals, const Nei
         break;
     }
 
-    const double smaller =
-        static_cast<double>(std::min(sizes[0], sizes[1])) / static_cast<double>(tree.size());
-    if (smaller < options.smallest_share)
-        throw TopologyError(
-            name, "a loop that divides the surface into two patches",
-            "one patch with " + std::to_string(std::min(sizes[0], sizes[1])) + " of " +
-                std::to_string(tree.size()) + " points",
-            "Take features around the whole shape into the loop, for instance the tips of all "
-            "limbs in the order in which one walks around it.");
+    const Index smaller = std::min(sizes[0], sizes[1]);
+    if (static_cast<double>(smaller) / static_cast<double>(tree.size()) < options.smallest_share)
+        throw TopologyError(surface.name, "a loop that divides the surface into two patches",
+                            "one patch with " + std::to_string(smaller) + " of " +
+                                std::to_string(tree.size()) + " points",
+                            "Lead the loop round the whole shape, for instance through the tips of "
+                            "all limbs, in the order in which you meet them.");
 
     result.unmarked = unmarked_extremities(coarse, from, options.tips, progress);
     return result;
 }
 
-FeatureReach feature_reach(const KdTree<3>& tree, const Normals& normals,
-                           const Neighborhoods& nearest, std::span<const Index> features,
-                           const DecompositionOptions& options, Progress& progress) {
-    const CoarseCloud coarse(tree, normals, nearest, features, options.points, progress);
+FeatureReach feature_reach(const SampledSurface& surface, const KdTree<3>& tree,
+                           std::span<const Index> features, const DecompositionOptions& options,
+                           Progress& progress) {
+    const CoarseCloud coarse(surface, tree, features, options.points, progress);
     const Eigen::MatrixXd from = distances_from_features(coarse, features.size());
     const auto count = static_cast<Eigen::Index>(features.size());
     FeatureReach reach{from.topRows(count).transpose(), std::vector<char>(features.size(), 0)};
@@ -512,22 +493,22 @@ FeatureReach feature_reach(const KdTree<3>& tree, const Normals& normals,
         // The nearest feature marks it, if it's near enough.
         Eigen::Index nearest_feature;
         if (from.row(extremity.point).minCoeff(&nearest_feature) <= kMarked)
-            reach.on_tip[to_size(nearest_feature)] = 1;
+            reach.at_extremity[to_size(nearest_feature)] = 1;
     }
     return reach;
 }
 
 std::vector<Index> propose_loop(const FeatureReach& source, const FeatureReach& target) {
-    const auto count = static_cast<Index>(source.on_tip.size());
+    const auto count = static_cast<Index>(source.at_extremity.size());
     std::vector<Index> chosen;
     for (int needed = 2; needed >= 0 && chosen.size() < 3; --needed) {
         chosen.clear();
         for (Index k = 0; k < count; ++k)
-            if (source.on_tip[to_size(k)] + target.on_tip[to_size(k)] >= needed)
+            if (source.at_extremity[to_size(k)] + target.at_extremity[to_size(k)] >= needed)
                 chosen.push_back(k);
     }
     const Eigen::MatrixXd lengths = source.distances + target.distances;
-    // Each goes where it makes the tour least longer; then parts are turned round while that helps.
+    // Cheapest insertion, then 2-opt: parts are reversed while that shortens the tour.
     std::vector<Index> tour;
     for (const Index k : chosen) {
         std::size_t best = 0;

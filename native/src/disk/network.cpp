@@ -27,28 +27,28 @@ Dart twin(Dart dart) {
 /// A curve that might be added: the same sectors on both shapes.
 struct Candidate {
     Sector from, to;
-    std::array<Way, 2> ways;
+    std::array<CoarsePath, 2> paths;
     double cost;
 };
 
-/// Coarse points of a way, evenly along it.
-std::vector<Index> sampled(const Positions& positions, const Way& way) {
+/// Coarse points of a path, evenly along it.
+std::vector<Index> sampled(const Positions& positions, const CoarsePath& path) {
     constexpr int kSamples = 24;
     std::vector<double> along{0.0};
-    for (std::size_t k = 1; k < way.nodes.size(); ++k)
+    for (std::size_t k = 1; k < path.nodes.size(); ++k)
         along.push_back(along.back() +
-                        (positions.row(way.nodes[k]) - positions.row(way.nodes[k - 1])).norm());
+                        (positions.row(path.nodes[k]) - positions.row(path.nodes[k - 1])).norm());
     std::vector<Index> result;
     std::size_t k = 0;
     for (int i = 0; i <= kSamples; ++i) {
         const double goal = along.back() * i / kSamples;
         while (k + 1 < along.size() && along[k + 1] - goal <= goal - along[k]) ++k;
-        result.push_back(way.nodes[k]);
+        result.push_back(path.nodes[k]);
     }
     return result;
 }
 
-/// Sums of class bits: how many of them are independent, and which are new.
+/// The span of class bits over two elements: how many are independent, and which are in it.
 class Span {
 public:
     bool holds(std::uint32_t bits) const { return reduced(bits) == 0; }
@@ -66,29 +66,29 @@ private:
     std::vector<std::uint32_t> sums_;
 };
 
-/// How much it counts against a pair of ways that they run elsewhere, in lengths of √area: once the
-/// features are laid over each other, and in the distances along the surface from all features,
-/// which don't mind poses.
+/// What a pair of paths costs for running in different places on both shapes, in √area: by position
+/// once the features are laid over each other, and by the distances along the surface from all
+/// features, which don't depend on poses.
 struct Weights {
     double place, reach;
 };
 
 class Tracer {
 public:
-    Tracer(const std::array<NetworkSide, 2>& sides, const std::array<CoarseModel, 2>& models,
+    Tracer(const std::array<NetworkShape, 2>& shapes, const std::array<CoarseModel, 2>& models,
            std::span<const std::string> names, const Weights& weights,
            const DecompositionOptions& options, Progress& progress)
-        : sides_(sides),
+        : shapes_(shapes),
           models_(models),
           names_(names),
           weights_(weights),
           progress_(progress),
           most_extremities_(options.tips),
           corners_(static_cast<Index>(names.size())),
-          piece_(names.size()) {
+          group_(names.size()) {
         for (const std::size_t m : {0u, 1u})
-            surfaces_[m] = std::make_unique<NetworkSurface>(sides[m], models[m], options);
-        std::iota(piece_.begin(), piece_.end(), 0);
+            surfaces_[m] = std::make_unique<NetworkSurface>(shapes[m], models[m], options);
+        std::iota(group_.begin(), group_.end(), 0);
         for (auto& potential : potentials_) potential.assign(names.size(), 0);
         const auto feature_places = [&](std::size_t m) {
             return Positions(surfaces_[m]->coarse().positions.topRows(corners_));
@@ -107,14 +107,14 @@ public:
         for (std::size_t l = 0; l < loops.size(); ++l)
             for (std::size_t k = 0; k < loops[l].size(); ++k)
                 lead(loops[l][k], loops[l][(k + 1) % loops[l].size()], l);
-        while (pieces() > 1) join_pieces();
+        while (groups() > 1) join_groups();
         while (spans_[0].rank() < rank()) open_handle();
         while (part_patch()) progress_.throw_if_cancelled();
         check();
     }
 
-    /// How much longer the curves are than the shortest ways between their ends, in √area, mean.
-    /// A curve that passes a limb on the wrong side forces the later ones to run round it.
+    /// See Network::detour. A curve that passes a limb on the wrong side forces later ones round
+    /// it.
     double detour() const {
         double sum = 0.0;
         for (const NetworkCurve& curve : curves_)
@@ -149,15 +149,15 @@ private:
     using Accept = std::function<bool(const Candidate&)>;
 
     Index rank() const { return surfaces_[0]->rank(); }
-    Index pieces() const {
+    Index groups() const {
         Index count = 0;
-        for (Index k = 0; k < corners_; ++k) count += piece_[to_size(k)] == k ? 1 : 0;
+        for (Index k = 0; k < corners_; ++k) count += group_[to_size(k)] == k ? 1 : 0;
         return count;
     }
     std::string quoted(Index corner) const { return "\"" + names_[to_size(corner)] + "\""; }
 
-    /// Settles how many handles both shapes have: what most of the scales say of both, and what is
-    /// known otherwise.
+    /// Decides how many handles both shapes have: the number that most scales find on both, and
+    /// that is known from elsewhere.
     void agree_on_handles() {
         constexpr Index kMostHandles = 4, kKnown = 2;
         std::array<std::vector<Index>, 2> votes;
@@ -167,10 +167,10 @@ private:
             for (Index h = 0; h <= kMostHandles; ++h) {
                 votes[m][to_size(h)] = static_cast<Index>(
                     std::ranges::count(models_[m].scales, 2 * h, &LoopClasses::rank));
-                if (votes[m][to_size(h)] > 0 && sides_[m].genus == h)
+                if (votes[m][to_size(h)] > 0 && shapes_[m].genus == h)
                     votes[m][to_size(h)] += kKnown;
             }
-            likeliest[m] = sides_[m].genus.value_or(
+            likeliest[m] = shapes_[m].genus.value_or(
                 static_cast<Index>(std::ranges::max_element(votes[m]) - votes[m].begin()));
         }
         Index best = -1, most = 0;
@@ -182,34 +182,36 @@ private:
         }
         if (best < 0)
             throw TopologyError(
-                sides_[0].name + " and " + sides_[1].name,
+                shapes_[0].surface.name + " and " + shapes_[1].surface.name,
                 "closed surfaces with the same number of handles, at most " +
-                    std::to_string(kMostHandles) + ", all of them thick enough to be told",
+                    std::to_string(kMostHandles) + ", all of them thick enough to be found",
                 "genus " + std::to_string(likeliest[0]) + " and " + std::to_string(likeliest[1]),
                 "Close holes, sample more densely, or take method auto.");
         for (const auto& surface : surfaces_) surface->take_rank(2 * best);
     }
 
-    /// Which handles a closed curve goes round that is closed along the network.
+    /// Which handles a candidate goes round once it is closed along the network.
     std::array<std::uint32_t, 2> closed_bits(const Candidate& c) const {
         std::array<std::uint32_t, 2> bits;
         for (const std::size_t m : {0u, 1u})
-            bits[m] = c.ways[m].bits ^ potentials_[m][to_size(c.from.corner)] ^
+            bits[m] = c.paths[m].bits ^ potentials_[m][to_size(c.from.corner)] ^
                       potentials_[m][to_size(c.to.corner)];
         return bits;
     }
 
-    /// The best ways on both shapes between two sectors: short, and alike once the shapes are laid
-    /// over each other, so that they pass a limb or a handle on the same side.
-    void weigh(const Sector& from, const Sector& to, const std::array<std::vector<Way>, 2>& ways,
-               const Accept& accept, std::vector<Candidate>& found) const {
+    /// Pairs of paths between two sectors, with their costs: low where both are short, and alike
+    /// once the shapes are laid over each other, so that they pass a limb or handle on the same
+    /// side.
+    void weigh(const Sector& from, const Sector& to,
+               const std::array<std::vector<CoarsePath>, 2>& paths, const Accept& accept,
+               std::vector<Candidate>& found) const {
         std::array<std::vector<std::vector<Index>>, 2> samples;
         for (const std::size_t m : {0u, 1u})
-            for (const Way& way : ways[m])
-                samples[m].push_back(sampled(surfaces_[m]->coarse().positions, way));
+            for (const CoarsePath& path : paths[m])
+                samples[m].push_back(sampled(surfaces_[m]->coarse().positions, path));
         const double unit = surfaces_[1]->coarse().unit;
-        for (std::size_t s = 0; s < ways[0].size(); ++s)
-            for (std::size_t t = 0; t < ways[1].size(); ++t) {
+        for (std::size_t s = 0; s < paths[0].size(); ++s)
+            for (std::size_t t = 0; t < paths[1].size(); ++t) {
                 double apart = 0.0, other_reach = 0.0;
                 for (std::size_t k = 0; k < samples[0][s].size(); ++k) {
                     const Index a = samples[0][s][k], b = samples[1][t][k];
@@ -219,13 +221,13 @@ private:
                 }
                 apart = (weights_.place * apart + weights_.reach * other_reach) /
                         static_cast<double>(samples[0][s].size());
-                Candidate candidate{from, to, {ways[0][s], ways[1][t]}, 0.0};
-                candidate.cost = ways[0][s].length + ways[1][t].length + apart;
+                Candidate candidate{from, to, {paths[0][s], paths[1][t]}, 0.0};
+                candidate.cost = paths[0][s].length + paths[1][t].length + apart;
                 if (accept(candidate)) found.push_back(std::move(candidate));
             }
     }
 
-    /// Adds the best of the candidates that can be drawn; says whether there was one.
+    /// Adds the cheapest candidate that can be drawn; false where there is none.
     bool add_best(std::vector<Candidate>& candidates) {
         constexpr std::size_t kMostTries = 40;
         std::ranges::stable_sort(candidates, {}, &Candidate::cost);
@@ -237,19 +239,19 @@ private:
     bool add(const Candidate& c) {
         std::array<SurfaceCurve, 2> drawn;
         for (const std::size_t m : {0u, 1u}) {
-            auto curve = surfaces_[m]->traced(c.ways[m], c.from, c.to, progress_);
+            auto curve = surfaces_[m]->traced(c.paths[m], c.from, c.to, progress_);
             if (!curve) return false;
             drawn[m] = std::move(*curve);
         }
         const auto bits = closed_bits(c);
-        const Index a = piece_[to_size(c.from.corner)], b = piece_[to_size(c.to.corner)];
+        const Index a = group_[to_size(c.from.corner)], b = group_[to_size(c.to.corner)];
         for (const std::size_t m : {0u, 1u}) {
             if (a == b) spans_[m].add(bits[m]);
             for (Index k = 0; a != b && k < corners_; ++k)
-                if (piece_[to_size(k)] == b) potentials_[m][to_size(k)] ^= bits[m];
+                if (group_[to_size(k)] == b) potentials_[m][to_size(k)] ^= bits[m];
             surfaces_[m]->add(drawn[m], c.from, c.to);
         }
-        if (a != b) std::ranges::replace(piece_, std::max(a, b), std::min(a, b));
+        if (a != b) std::ranges::replace(group_, std::max(a, b), std::min(a, b));
         curves_.push_back({c.from.corner, c.to.corner, std::move(drawn)});
         return true;
     }
@@ -266,8 +268,8 @@ private:
             if (goals.empty()) continue;
             for (const Sector& from : surfaces_[0]->sectors(a)) {
                 progress_.throw_if_cancelled();
-                const auto s = surfaces_[0]->ways(from, goals, true);
-                const auto t = surfaces_[1]->ways(from, goals, true);
+                const auto s = surfaces_[0]->paths(from, goals, true);
+                const auto t = surfaces_[1]->paths(from, goals, true);
                 for (std::size_t g = 0; g < goals.size(); ++g)
                     weigh(from, goals[g], {s[g], t[g]}, accept, found);
             }
@@ -285,31 +287,33 @@ private:
         auto found = candidates([&](Index p, Index q) { return p == from && q == to; },
                                 [](const Candidate&) { return true; });
         if (add_best(found)) return;
-        throw_no_way(from, to, "loop " + std::to_string(loop + 1));
+        throw_no_curve(from, to, "loop " + std::to_string(loop + 1));
     }
 
-    [[noreturn]] void throw_no_way(Index a, Index b, const std::string& subject) const {
+    [[noreturn]] void throw_no_curve(Index a, Index b, const std::string& subject) const {
         std::array<bool, 2> open{};
         for (const std::size_t m : {0u, 1u}) {
             const auto goals = surfaces_[m]->sectors(b);
             for (const Sector& from : surfaces_[m]->sectors(a))
-                for (const auto& ways : surfaces_[m]->ways(from, goals, true))
-                    open[m] = open[m] || !ways.empty();
+                for (const auto& paths : surfaces_[m]->paths(from, goals, true))
+                    open[m] = open[m] || !paths.empty();
         }
-        const std::string way = "from " + quoted(a) + " to " + quoted(b);
+        const std::string curve = "from " + quoted(a) + " to " + quoted(b);
         if (open[0] && open[1])
             throw FeatureError(
                 subject, "curves that meet in the same order around each feature on both models",
-                "that the way " + way + " leaves between other curves on " + sides_[0].name +
-                    " than on " + sides_[1].name,
-                "Check that no loop is reversed, that left and right are not swapped on one of the "
-                "models, and that both have the same features in the same places.");
-        const std::string where = open[0]   ? sides_[1].name
-                                  : open[1] ? sides_[0].name
-                                            : sides_[0].name + " and " + sides_[1].name;
-        throw FeatureError(subject, "curves that don't cross",
-                           "that on " + where + " the way " + way + " crosses " + curves_in_words(),
-                           "Let loops meet in features that they share, or leave one out.");
+                "a curve " + curve + " that leaves between other curves on " +
+                    shapes_[0].surface.name + " than on " + shapes_[1].surface.name,
+                "Check that no loop is reversed, that left and right are not swapped on one model, "
+                "and that both models have the same features in the same places.");
+        const std::string where = open[0] ? shapes_[1].surface.name
+                                  : open[1]
+                                      ? shapes_[0].surface.name
+                                      : shapes_[0].surface.name + " and " + shapes_[1].surface.name;
+        throw FeatureError(
+            subject, "curves that don't cross",
+            "a curve " + curve + " that crosses " + curves_in_words() + ", on " + where,
+            "Let loops meet in features that they share, or leave one out.");
     }
 
     std::string curves_in_words() const {
@@ -321,13 +325,13 @@ private:
         return "one of the curves " + words + (curves_.size() > kMost ? ", …" : "");
     }
 
-    void join_pieces() {
+    void join_groups() {
         auto found =
-            candidates([&](Index a, Index b) { return piece_[to_size(a)] != piece_[to_size(b)]; },
+            candidates([&](Index a, Index b) { return group_[to_size(a)] != group_[to_size(b)]; },
                        [](const Candidate&) { return true; });
         if (add_best(found)) return;
         for (Index b = 1; b < corners_; ++b)
-            if (piece_[to_size(b)] != piece_[0]) throw_no_way(0, b, "features");
+            if (group_[to_size(b)] != group_[0]) throw_no_curve(0, b, "features");
     }
 
     void open_handle() {
@@ -373,7 +377,7 @@ private:
         return dart % 2 == 0 ? curve.from : curve.to;
     }
 
-    /// Corners that a walk meets again, from one place to another.
+    /// How often a walk comes to a corner that it has met before.
     Index repeats(std::span<const Index> walk) const {
         std::vector<Index> sorted(walk.begin(), walk.end());
         std::ranges::sort(sorted);
@@ -402,8 +406,8 @@ private:
                 if (goals.empty()) continue;
                 progress_.throw_if_cancelled();
                 const Sector from{walk[i], face[i]};
-                const auto s = surfaces_[0]->ways(from, goals, false);
-                const auto t = surfaces_[1]->ways(from, goals, false);
+                const auto s = surfaces_[0]->paths(from, goals, false);
+                const auto t = surfaces_[1]->paths(from, goals, false);
                 for (std::size_t g = 0; g < goals.size(); ++g)
                     weigh(
                         from, goals[g], {s[g], t[g]}, [](const Candidate&) { return true; }, found);
@@ -428,7 +432,7 @@ private:
                 "Mark more features, around handles and on limbs.");
     }
 
-    const std::array<NetworkSide, 2>& sides_;
+    const std::array<NetworkShape, 2>& shapes_;
     const std::array<CoarseModel, 2>& models_;
     std::span<const std::string> names_;
     Weights weights_;
@@ -439,15 +443,15 @@ private:
     std::array<Positions, 2> laid_over_;    ///< coarse points, the source's as the target lies
     std::array<Eigen::MatrixXd, 2> reach_;  ///< distances of coarse points from all corners, √area
     std::vector<NetworkCurve> curves_;
-    std::vector<Index> piece_;  ///< of each corner: the lowest that it is joined with
+    std::vector<Index> group_;  ///< of each corner: the lowest corner it is joined with
     std::array<std::vector<std::uint32_t>, 2> potentials_;
     std::array<Span, 2> spans_;
 };
 
-/// Islands go over to the patch around them, and every point but the features to some patch.
+/// Gives islands to the patch around them, and every point except the features to some patch.
 void clean_up(std::vector<Index>& labels, const Neighborhoods& nearest,
               std::span<const Index> features, Index patches) {
-    const Components parts = connected_components(filtered(
+    const ConnectedComponents parts = connected_components(filtered(
         nearest, [&](Index i, Index j) { return labels[to_size(i)] == labels[to_size(j)]; }));
     std::vector<char> is_feature(labels.size(), 0);
     for (const Index row : features) is_feature[to_size(row)] = 1;
@@ -467,7 +471,7 @@ void clean_up(std::vector<Index>& labels, const Neighborhoods& nearest,
                                     parts.sizes[to_size(mine)] * kIsland <
                                         parts.sizes[to_size(largest[to_size(labels[i])])]);
     }
-    // From the shore inwards: what most neighbours have.
+    // From the shore inwards, each point takes the label of most of its neighbors.
     for (bool changed = true; changed;) {
         changed = false;
         std::vector<std::pair<Index, Index>> moves;
@@ -487,30 +491,29 @@ void clean_up(std::vector<Index>& labels, const Neighborhoods& nearest,
             changed = true;
         }
     }
-    // A piece of its own, without any neighbour outside.
+    // A component of its own, without neighbors outside.
     for (std::size_t i = 0; i < labels.size(); ++i)
         if (labels[i] < 0 && !is_feature[i]) labels[i] = 0;
 }
 
 }  // namespace
 
-Network trace_network(const std::array<NetworkSide, 2>& sides, std::span<const std::string> names,
+Network trace_network(const std::array<NetworkShape, 2>& shapes, std::span<const std::string> names,
                       std::span<const std::vector<Index>> loops,
                       const DecompositionOptions& options, Progress& progress) {
     if (names.size() < 3)
         throw FeatureError("features", "at least 3 for a network of curves",
                            std::to_string(names.size()),
                            "Mark places around each handle and at the tips of limbs.");
-    // Taking the shortest first can go astray: of three ways to weigh them, the one with which the
-    // curves have the least to run round.
+    // Shortest first can go astray: of three weightings, take the one with the smallest detour.
     constexpr std::array<Weights, 3> kWeights{{{3.0, 0.0}, {0.0, 6.0}, {0.0, 12.0}}};
     constexpr double kStraight = 0.03;
-    const std::array<CoarseModel, 2> models{CoarseModel(sides[0], options, progress),
-                                            CoarseModel(sides[1], options, progress)};
+    const std::array<CoarseModel, 2> models{CoarseModel(shapes[0], options, progress),
+                                            CoarseModel(shapes[1], options, progress)};
     std::unique_ptr<Tracer> best;
     std::exception_ptr failure;
     for (const Weights& weights : kWeights) {
-        auto tracer = std::make_unique<Tracer>(sides, models, names, weights, options, progress);
+        auto tracer = std::make_unique<Tracer>(shapes, models, names, weights, options, progress);
         try {
             tracer->run(loops);
         } catch (const FeatureError&) {
@@ -524,7 +527,7 @@ Network trace_network(const std::array<NetworkSide, 2>& sides, std::span<const s
     progress.report(0.8);
     Network result = best->finished();
     for (const std::size_t m : {0u, 1u})
-        clean_up(result.labels[m], sides[m].nearest, sides[m].features,
+        clean_up(result.labels[m], shapes[m].surface.nearest, shapes[m].features,
                  static_cast<Index>(result.patches.size()));
     return result;
 }

@@ -67,10 +67,11 @@ bool Wall::is_crossed(const SurfaceCurve& other) const {
     return false;
 }
 
-CoarseModel::CoarseModel(const NetworkSide& side, const DecompositionOptions& options,
+CoarseModel::CoarseModel(const NetworkShape& shape, const DecompositionOptions& options,
                          Progress& progress)
-    : cloud(side.tree, side.normals, side.nearest, side.features, options.points, progress) {
-    // Gaps in the sampling count as handles at first; thin handles are lost at last.
+    : cloud(shape.surface, shape.tree, shape.features, options.points, progress) {
+    // At the smallest scale gaps in the sampling count as handles, at the largest thin handles are
+    // lost.
     constexpr std::array<double, 6> kScales{0.0, 0.6, 0.9, 1.2, 1.6, 2.2};
     for (const double scale : kScales) {
         progress.throw_if_cancelled();
@@ -78,16 +79,16 @@ CoarseModel::CoarseModel(const NetworkSide& side, const DecompositionOptions& op
     }
 }
 
-NetworkSurface::NetworkSurface(const NetworkSide& side, const CoarseModel& model,
+NetworkSurface::NetworkSurface(const NetworkShape& shape, const CoarseModel& model,
                                const DecompositionOptions& options)
-    : side_(side),
+    : shape_(shape),
       options_(options),
       model_(model),
       coarse_(model.cloud),
-      corners_(static_cast<Index>(side.features.size())),
+      corners_(static_cast<Index>(shape.features.size())),
       closed_(coarse_.rows.size(), 0),
       costs_(Values::Ones(coarse_.graph.size())),
-      spokes_(side.features.size()) {
+      spokes_(shape.features.size()) {
     const SurfaceGraph& graph = coarse_.graph;
     links_.resize(to_size(graph.size()));
     for (Index i = 0; i < graph.size(); ++i)
@@ -142,7 +143,7 @@ double NetworkSurface::leaving_angle(Index corner, const SurfaceCurve& curve, bo
     return angle(corner, curve.points.row(place(i)));
 }
 
-NetworkSurface::Room NetworkSurface::room(const Sector& sector) const {
+NetworkSurface::Opening NetworkSurface::opening(const Sector& sector) const {
     const auto& spokes = spokes_[to_size(sector.corner)];
     if (sector.dart < 0) return {0.0, kTurn};
     const auto here = std::ranges::find(spokes, sector.dart, &Spoke::dart);
@@ -153,14 +154,14 @@ NetworkSurface::Room NetworkSurface::room(const Sector& sector) const {
 
 bool NetworkSurface::is_within(const Sector& sector, double angle, double margin) const {
     if (sector.dart < 0) return true;
-    const auto [start, width] = room(sector);
+    const auto [start, width] = opening(sector);
     const double inside = modulo(angle - start);
     return inside > margin && inside < width - margin;
 }
 
-std::vector<const NetworkSurface::Link*> NetworkSurface::doors(const Sector& sector) const {
-    constexpr double kMargin = 0.25, kShare = 0.2;  // radians, of the room
-    const double margin = std::min(kMargin, kShare * room(sector).width);
+std::vector<const NetworkSurface::Link*> NetworkSurface::links_of(const Sector& sector) const {
+    constexpr double kMargin = 0.25, kShare = 0.2;  // radians; of the opening
+    const double margin = std::min(kMargin, kShare * opening(sector).width);
     std::vector<const Link*> result;
     for (const Link& link : links_[to_size(sector.corner)])
         if (!link.barred && !closed_[to_size(link.to)] && link.to >= corners_ &&
@@ -169,121 +170,167 @@ std::vector<const NetworkSurface::Link*> NetworkSurface::doors(const Sector& sec
     return result;
 }
 
-std::vector<std::vector<Way>> NetworkSurface::ways(const Sector& from, std::span<const Sector> to,
-                                                   bool classes) const {
-    // Of the surface's covering with a sheet for each class: nodes and classes together.
-    const std::uint32_t sheets = classes ? std::uint32_t{1} << rank_ : 1;
-    const std::uint32_t mask = sheets - 1;
-    const auto state = [&](Index node, std::uint32_t bits) {
-        return to_size(node) * sheets + (bits & mask);
-    };
-    std::vector<double> distance(links_.size() * sheets, kFar);
-    std::vector<std::int64_t> before(distance.size(), -1);
-    std::vector<std::pair<double, std::size_t>> queue;
-    constexpr auto later = std::greater<std::pair<double, std::size_t>>();
-    const auto reach = [&](std::size_t place, double through, std::int64_t origin) {
-        if (through >= distance[place]) return;
-        distance[place] = through;
-        before[place] = origin;
-        queue.emplace_back(through, place);
-        std::ranges::push_heap(queue, later);
-    };
-    // Over when every goal can be got to in so many classes of ways.
-    constexpr std::size_t kMost = 4;
-    std::vector<std::vector<const Link*>> goal_doors;
-    std::vector<std::vector<Index>> goals_at(links_.size());
-    for (std::size_t g = 0; g < to.size(); ++g) {
-        goal_doors.push_back(doors(to[g]));
-        for (const Link* link : goal_doors[g])
-            goals_at[to_size(link->to)].push_back(static_cast<Index>(g));
-    }
-    std::vector<std::uint64_t> reached(to.size() * ((sheets + 63) / 64), 0);
-    std::vector<std::size_t> kinds(to.size(), 0);
-    std::size_t left =
-        to_size(std::ranges::count_if(goal_doors, [](const auto& d) { return !d.empty(); }));
-    const auto arrive = [&](Index node, std::uint32_t bits) {
-        for (const Index g : goals_at[to_size(node)]) {
-            const Link& link = **std::ranges::find(goal_doors[to_size(g)], node, &Link::to);
-            const std::uint32_t there = (bits ^ link.bits) & mask;
-            std::uint64_t& word = reached[to_size(g) * ((sheets + 63) / 64) + there / 64];
-            if ((word >> (there % 64)) & 1) continue;
-            word |= std::uint64_t{1} << (there % 64);
-            if (++kinds[to_size(g)] == std::min<std::size_t>(kMost, sheets)) --left;
-        }
-    };
-    for (const Link* link : doors(from))
-        reach(state(link->to, link->bits), link->length * costs_[link->to], -1);
-    while (!queue.empty() && left > 0) {
-        std::ranges::pop_heap(queue, later);
-        const auto [so_far, place] = queue.back();
-        queue.pop_back();
-        if (so_far > distance[place]) continue;
-        const auto node = static_cast<Index>(place / sheets);
-        const auto bits = static_cast<std::uint32_t>(place % sheets);
-        arrive(node, bits);
-        for (const Link& link : links_[to_size(node)]) {
-            if (link.barred || closed_[to_size(link.to)] || link.to < corners_) continue;
-            reach(state(link.to, bits ^ link.bits),
-                  so_far + link.length * 0.5 * (costs_[node] + costs_[link.to]),
-                  static_cast<std::int64_t>(place));
+/// Dijkstra's search over the surface's covering with a sheet for each class of paths round the
+/// handles: its places are nodes and classes together.
+class NetworkSurface::PathSearch {
+public:
+    PathSearch(const NetworkSurface& surface, std::span<const Sector> goals, bool classes)
+        : surface_(surface),
+          goals_(goals),
+          sheets_(classes ? std::uint32_t{1} << surface.rank_ : 1),
+          mask_(sheets_ - 1),
+          words_((sheets_ + 63) / 64),
+          distance_(surface.links_.size() * sheets_, kFar),
+          before_(distance_.size(), -1),
+          goals_at_(surface.links_.size()),
+          reached_(goals.size() * words_, 0),
+          classes_reached_(goals.size(), 0) {
+        for (std::size_t g = 0; g < goals.size(); ++g) {
+            goal_links_.push_back(surface.links_of(goals[g]));
+            for (const Link* link : goal_links_[g])
+                goals_at_[to_size(link->to)].push_back(static_cast<Index>(g));
         }
     }
-    std::vector<std::vector<Way>> result;
-    for (std::size_t g = 0; g < to.size(); ++g) {
-        const Sector& goal = to[g];
-        std::vector<double> least(sheets, kFar);
-        std::vector<std::size_t> last(sheets, 0);
-        for (const Link* link : goal_doors[g])
-            for (std::uint32_t bits = 0; bits < sheets; ++bits) {
-                const std::size_t place = state(link->to, bits);
-                const double through = distance[place] + link->length * costs_[link->to];
-                const std::uint32_t there = (bits ^ link->bits) & mask;
+
+    /// Ends when every goal can be reached by `kMost` classes of paths.
+    void run(const Sector& from) {
+        std::size_t left =
+            to_size(std::ranges::count_if(goal_links_, [](const auto& l) { return !l.empty(); }));
+        for (const Link* link : surface_.links_of(from))
+            reach(place_of(link->to, link->bits), link->length * surface_.costs_[link->to], -1);
+        while (!queue_.empty() && left > 0) {
+            std::ranges::pop_heap(queue_, kLater);
+            const auto [so_far, place] = queue_.back();
+            queue_.pop_back();
+            if (so_far > distance_[place]) continue;
+            const auto node = static_cast<Index>(place / sheets_);
+            const auto bits = static_cast<std::uint32_t>(place % sheets_);
+            left -= arrive(node, bits);
+            for (const Link& link : surface_.links_[to_size(node)]) {
+                if (link.barred || surface_.closed_[to_size(link.to)] ||
+                    link.to < surface_.corners_)
+                    continue;
+                reach(
+                    place_of(link.to, bits ^ link.bits),
+                    so_far + link.length * 0.5 * (surface_.costs_[node] + surface_.costs_[link.to]),
+                    static_cast<std::int64_t>(place));
+            }
+        }
+    }
+
+    /// The cheapest path of each of the best classes from `from` to a goal, after run(from).
+    std::vector<CoarsePath> found(const Sector& from, std::size_t goal) const {
+        std::vector<double> least(sheets_, kFar);
+        std::vector<std::size_t> last(sheets_, 0);
+        for (const Link* link : goal_links_[goal])
+            for (std::uint32_t bits = 0; bits < sheets_; ++bits) {
+                const std::size_t place = place_of(link->to, bits);
+                const double through = distance_[place] + link->length * surface_.costs_[link->to];
+                const std::uint32_t there = (bits ^ link->bits) & mask_;
                 if (through >= least[there]) continue;
                 least[there] = through;
                 last[there] = place;
             }
         std::vector<std::pair<double, std::uint32_t>> order;
-        for (std::uint32_t bits = 0; bits < sheets; ++bits)
+        for (std::uint32_t bits = 0; bits < sheets_; ++bits)
             if (least[bits] < kFar) order.emplace_back(least[bits], bits);
         std::ranges::sort(order);
         if (order.size() > kMost) order.resize(kMost);
-        std::vector<Way> found;
+        std::vector<CoarsePath> paths;
         for (const auto& [cost, bits] : order) {
-            Way way;
-            way.bits = bits;
-            way.nodes.push_back(goal.corner);
-            for (auto place = static_cast<std::int64_t>(last[bits]); place >= 0;
-                 place = before[to_size(place)])
-                way.nodes.push_back(static_cast<Index>(place / sheets));
-            way.nodes.push_back(from.corner);
-            std::ranges::reverse(way.nodes);
-            // The same place on two sheets: it crosses itself.
-            std::vector<Index> sorted = way.nodes;
+            CoarsePath path = path_to(from.corner, goals_[goal].corner, last[bits]);
+            path.bits = bits;
+            // The same node on two sheets: the path crosses itself.
+            std::vector<Index> sorted = path.nodes;
             std::ranges::sort(sorted);
-            if (std::ranges::adjacent_find(sorted) != sorted.end()) continue;
-            for (std::size_t k = 1; k < way.nodes.size(); ++k)
-                way.length +=
-                    (coarse_.positions.row(way.nodes[k]) - coarse_.positions.row(way.nodes[k - 1]))
-                        .norm();
-            way.length /= coarse_.unit;
-            found.push_back(std::move(way));
+            if (std::ranges::adjacent_find(sorted) == sorted.end())
+                paths.push_back(std::move(path));
         }
-        result.push_back(std::move(found));
+        return paths;
     }
+
+private:
+    using Entry = std::pair<double, std::size_t>;
+    static constexpr std::size_t kMost = 4;
+    static constexpr auto kLater = std::greater<Entry>();
+
+    std::size_t place_of(Index node, std::uint32_t bits) const {
+        return to_size(node) * sheets_ + (bits & mask_);
+    }
+
+    void reach(std::size_t place, double through, std::int64_t origin) {
+        if (through >= distance_[place]) return;
+        distance_[place] = through;
+        before_[place] = origin;
+        queue_.emplace_back(through, place);
+        std::ranges::push_heap(queue_, kLater);
+    }
+
+    /// Notes which goals a node leads to; how many of these need no more classes of paths.
+    std::size_t arrive(Index node, std::uint32_t bits) {
+        std::size_t done = 0;
+        for (const Index g : goals_at_[to_size(node)]) {
+            const Link& link = **std::ranges::find(goal_links_[to_size(g)], node, &Link::to);
+            const std::uint32_t there = (bits ^ link.bits) & mask_;
+            std::uint64_t& word = reached_[to_size(g) * words_ + there / 64];
+            if ((word >> (there % 64)) & 1) continue;
+            word |= std::uint64_t{1} << (there % 64);
+            if (++classes_reached_[to_size(g)] == std::min<std::size_t>(kMost, sheets_)) ++done;
+        }
+        return done;
+    }
+
+    CoarsePath path_to(Index start, Index end, std::size_t last) const {
+        const CoarseCloud& coarse = surface_.coarse_;
+        CoarsePath path;
+        path.nodes.push_back(end);
+        for (auto place = static_cast<std::int64_t>(last); place >= 0;
+             place = before_[to_size(place)])
+            path.nodes.push_back(static_cast<Index>(place / sheets_));
+        path.nodes.push_back(start);
+        std::ranges::reverse(path.nodes);
+        for (std::size_t k = 1; k < path.nodes.size(); ++k)
+            path.length +=
+                (coarse.positions.row(path.nodes[k]) - coarse.positions.row(path.nodes[k - 1]))
+                    .norm();
+        path.length /= coarse.unit;
+        return path;
+    }
+
+    const NetworkSurface& surface_;
+    std::span<const Sector> goals_;
+    std::uint32_t sheets_, mask_;
+    std::size_t words_;  ///< of 64 classes, a goal
+    std::vector<double> distance_;
+    std::vector<std::int64_t> before_;
+    std::vector<Entry> queue_;
+    std::vector<std::vector<const Link*>> goal_links_;
+    std::vector<std::vector<Index>> goals_at_;  ///< by node
+    std::vector<std::uint64_t> reached_;        ///< a bit for each goal and class
+    std::vector<std::size_t> classes_reached_;  ///< by goal
+};
+
+std::vector<std::vector<CoarsePath>> NetworkSurface::paths(const Sector& from,
+                                                           std::span<const Sector> to,
+                                                           bool classes) const {
+    PathSearch search(*this, to, classes);
+    search.run(from);
+    std::vector<std::vector<CoarsePath>> result;
+    for (std::size_t goal = 0; goal < to.size(); ++goal) result.push_back(search.found(from, goal));
     return result;
 }
 
-std::optional<SurfaceCurve> NetworkSurface::traced(const Way& way, const Sector& from,
+std::optional<SurfaceCurve> NetworkSurface::traced(const CoarsePath& path, const Sector& from,
                                                    const Sector& to, Progress& progress) const {
-    const SurfaceCurve path{gather(coarse_.positions, way.nodes),
-                            gather(coarse_.normals, way.nodes)};
-    const double spacing = coarse_.unit / std::sqrt(static_cast<double>(side_.tree.size()));
+    const SurfaceCurve coarse{gather(coarse_.positions, path.nodes),
+                              gather(coarse_.normals, path.nodes)};
+    const double spacing = coarse_.unit / std::sqrt(static_cast<double>(shape_.tree.size()));
     constexpr double kMargin = 0.05;  // radians
     constexpr Index kDense = 4;
     for (const Index rounds : {options_.straightening, options_.straightening / 3, Index{0}}) {
-        SurfaceCurve curve = straightened(resampled(path, coarse_.spacing), coarse_.tree,
+        SurfaceCurve curve = straightened(resampled(coarse, coarse_.spacing), coarse_.tree,
                                           coarse_.normals, rounds, 1.0, progress);
-        curve = straightened(resampled(curve, spacing), side_.tree, side_.normals,
+        curve = straightened(resampled(curve, spacing), shape_.tree, shape_.surface.normals,
                              std::min(rounds, kDense), 1.0, progress);
         if (!is_within(from, leaving_angle(from.corner, curve, false), kMargin) ||
             !is_within(to, leaving_angle(to.corner, curve, true), kMargin))
@@ -394,7 +441,7 @@ std::optional<Index> NetworkSurface::face_next_to(const Eigen::RowVector3d& poin
 
 std::vector<Index> NetworkSurface::labels(std::span<const Index> face, Index patches,
                                           Progress& progress) const {
-    // A random walker's chance to meet each patch's side of the curves first.
+    // A random walker's chance of meeting each patch's side of the curves first (Grady 2006).
     const Index count = coarse_.graph.size();
     const double reach = 1.2 * coarse_.spacing;
     std::vector<Index> seed(to_size(count), -1), unknown(to_size(count), -1);
@@ -439,24 +486,25 @@ std::vector<Index> NetworkSurface::labels(std::span<const Index> face, Index pat
         }
         if (doubtful > kMostDoubtful * count)
             throw TopologyError(
-                side_.name, "curves that divide the surface into patches",
+                shape_.surface.name, "curves that divide the surface into patches",
                 std::to_string(doubtful) + " of " + std::to_string(count) +
                     " places that belong to several patches",
                 "Mark features around the handles and at the tips of limbs, or take method auto.");
     }
-    std::vector<Index> result(to_size(side_.tree.size()), -1);
-    parallel_for(side_.tree.size(), progress, [&](Index begin, Index end) {
+    std::vector<Index> result(to_size(shape_.tree.size()), -1);
+    parallel_for(shape_.tree.size(), progress, [&](Index begin, Index end) {
         for (Index i = begin; i < end; ++i) {
             const Index cell = coarse_.cells[to_size(i)];
             Index label = node_labels[to_size(cell)];
             if (label < 0 || seed[to_size(cell)] >= 0 || cell < corners_)
-                if (const auto mine = face_next_to(side_.tree.points().row(i), side_.normals.row(i),
-                                                   2.0 * reach, face))
+                if (const auto mine =
+                        face_next_to(shape_.tree.points().row(i), shape_.surface.normals.row(i),
+                                     2.0 * reach, face))
                     label = *mine;
             result[to_size(i)] = label;
         }
     });
-    for (const Index row : side_.features) result[to_size(row)] = -1;
+    for (const Index row : shape_.features) result[to_size(row)] = -1;
     return result;
 }
 

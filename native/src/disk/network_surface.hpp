@@ -1,4 +1,4 @@
-// One shape with a network of curves on it; not for callers of the library.
+// One shape with a network of curves on it. Internal.
 #pragma once
 
 #include <cstdint>
@@ -24,11 +24,10 @@ public:
     const SurfaceCurve& curve() const noexcept { return curve_; }
     const KdTree<3>& tree() const noexcept { return tree_; }
 
-    /// Whether the way from p to q, seen along `normal`, crosses the curve; touching isn't
-    /// crossing.
+    /// Whether the edge from p to q crosses the curve, seen along `normal`.
     bool is_crossed(const Eigen::RowVector3d& p, const Eigen::RowVector3d& q,
                     const Eigen::RowVector3d& normal) const;
-    /// Whether any part of another curve, or of this one, does.
+    /// Whether any edge of another curve, or of this one, does.
     bool is_crossed(const SurfaceCurve& other) const;
 
 private:
@@ -37,36 +36,36 @@ private:
     double longest_;
 };
 
-/// The space at a corner from the curve that leaves along `dart` on, anticlockwise, to the next
-/// one; −1 for all of it where there is none.
+/// The space at a corner between the curve that leaves along `dart` and the next one anticlockwise;
+/// −1 for all of it, where no curve leaves.
 struct Sector {
     Index corner;
     Dart dart;
 };
 
 /// Coarse points from one sector to another, and which handles they go round.
-struct Way {
+struct CoarsePath {
     std::vector<Index> nodes;
     std::uint32_t bits = 0;
     double length = 0.0;  ///< in √area
 };
 
-/// What doesn't depend on the curves: the places among which they are searched for, and what the
-/// handles may count as, with larger and larger gaps in the sampling taken for surface.
+/// What doesn't depend on the curves: the points among which they are searched, and the classes of
+/// loops round handles, with larger and larger gaps in the sampling closed.
 struct CoarseModel {
     CoarseCloud cloud;
     std::vector<LoopClasses> scales;
 
-    CoarseModel(const NetworkSide& side, const DecompositionOptions& options, Progress& progress);
+    CoarseModel(const NetworkShape& shape, const DecompositionOptions& options, Progress& progress);
 };
 
 /// Keeps references to what it is made from.
 class NetworkSurface {
 public:
-    NetworkSurface(const NetworkSide& side, const CoarseModel& model,
+    NetworkSurface(const NetworkShape& shape, const CoarseModel& model,
                    const DecompositionOptions& options);
 
-    const NetworkSide& side() const noexcept { return side_; }
+    const NetworkShape& shape() const noexcept { return shape_; }
     const CoarseCloud& coarse() const noexcept { return coarse_; }
     /// Settles on the rank of one of the model's scales, before anything else is asked.
     void take_rank(Index rank);
@@ -76,22 +75,25 @@ public:
     std::vector<Dart> darts(Index corner) const;
     std::vector<Sector> sectors(Index corner) const;
 
-    /// The cheapest way that crosses no curve and passes no corner from `from` to each of `to`, for
-    /// every class of ways: one for each where `classes` is false. Cheapest first.
-    std::vector<std::vector<Way>> ways(const Sector& from, std::span<const Sector> to,
-                                       bool classes) const;
+    /// Cheapest paths that cross no curve and pass no corner, from `from` to each of `to`, cheapest
+    /// first: one for each class of paths round the handles, or one in all where `classes` is
+    /// false.
+    std::vector<std::vector<CoarsePath>> paths(const Sector& from, std::span<const Sector> to,
+                                               bool classes) const;
 
-    /// The way as a smooth curve on the cloud, where that crosses nothing and stays in its sectors.
-    std::optional<SurfaceCurve> traced(const Way& way, const Sector& from, const Sector& to,
+    /// The path as a smooth curve on the cloud; none where that crosses a curve or leaves its
+    /// sectors.
+    std::optional<SurfaceCurve> traced(const CoarsePath& path, const Sector& from, const Sector& to,
                                        Progress& progress) const;
 
     void add(SurfaceCurve curve, const Sector& from, const Sector& to);
 
-    /// The patch that each point of the cloud lies in; `face` has that of each dart, on its left.
+    /// The patch of each point of the cloud; `face` has the one on the left of each dart.
     /// Throws TopologyError where patches aren't closed.
     std::vector<Index> labels(std::span<const Index> face, Index patches, Progress& progress) const;
 
 private:
+    class PathSearch;
     struct Link {
         Index to;
         double length;
@@ -102,21 +104,22 @@ private:
         Dart dart;
         double angle;
     };
-    struct Room {
-        double start, width;
+    struct Opening {
+        double start, width;  ///< radians
     };
 
     double angle(Index corner, const Eigen::RowVector3d& place) const;
     double leaving_angle(Index corner, const SurfaceCurve& curve, bool from_end) const;
-    Room room(const Sector& sector) const;
+    Opening opening(const Sector& sector) const;
     bool is_within(const Sector& sector, double angle, double margin) const;
-    std::vector<const Link*> doors(const Sector& sector) const;
-    /// Which face a point next to a curve lies in; nothing farther off.
+    /// Links that leave a corner within a sector.
+    std::vector<const Link*> links_of(const Sector& sector) const;
+    /// Which face a point next to a curve lies in; none farther away.
     std::optional<Index> face_next_to(const Eigen::RowVector3d& point,
                                       const Eigen::RowVector3d& normal, double reach,
                                       std::span<const Index> face) const;
 
-    const NetworkSide& side_;
+    const NetworkShape& shape_;
     const DecompositionOptions& options_;
     const CoarseModel& model_;
     const CoarseCloud& coarse_;

@@ -26,7 +26,7 @@ constexpr double kTurn = 2.0 * std::numbers::pi;
 /// Neighbours whose normals agree less than this lie on the other side of a thin sheet.
 constexpr double kOpposed = -0.1;
 
-/// Distances below this share of the spacing count as this share: reciprocal-distance weights stay
+/// Shorter distances count as this share of the spacing, so that reciprocal-distance weights stay
 /// finite where points coincide.
 constexpr double kClosest = 1e-3;
 
@@ -63,17 +63,29 @@ double modulo(double value, double divisor) {
     return remainder < 0.0 ? remainder + divisor : remainder;
 }
 
-/// The points that the linear system is about: all of the cloud, or the simplified cloud.
+/// The points of the linear system: all of the cloud, or those of the simplified cloud.
 struct Nodes {
     Positions positions;
     Normals normals;
     Neighborhoods neighbors;        ///< mutual
     std::vector<double> angle;      ///< of boundary nodes
     std::vector<char> on_boundary;  ///< #nodes
-    Values weight;                  ///< original points that each stands for
-    double closest = 0.0;           ///< the least distance that weights are taken from
+    Values weight;                  ///< how many points of the cloud each stands for
+    double closest = 0.0;           ///< the shortest distance that weights distinguish
+
+    explicit Nodes(Index count)
+        : positions(count, 3),
+          normals(count, 3),
+          angle(to_size(count), 0.0),
+          on_boundary(to_size(count), 0),
+          weight(Values::Ones(count)) {}
 
     Index size() const { return static_cast<Index>(positions.rows()); }
+
+    void put_on_boundary(Index node, double its_angle) {
+        on_boundary[to_size(node)] = 1;
+        angle[to_size(node)] = its_angle;
+    }
 };
 
 double median_spacing(const Positions& positions, const Neighborhoods& nearest) {
@@ -83,8 +95,8 @@ double median_spacing(const Positions& positions, const Neighborhoods& nearest) 
     return *middle;
 }
 
-/// Parts of the graph that the boundary doesn't reach.
-std::vector<char> unreached(const Nodes& nodes, const Components& components) {
+/// Nodes of components without a boundary node.
+std::vector<char> unreached(const Nodes& nodes, const ConnectedComponents& components) {
     std::vector<char> reached(to_size(components.count()), 0);
     for (std::size_t i = 0; i < nodes.on_boundary.size(); ++i)
         if (nodes.on_boundary[i]) reached[to_size(components.label[i])] = 1;
@@ -94,8 +106,9 @@ std::vector<char> unreached(const Nodes& nodes, const Components& components) {
     return result;
 }
 
-/// Mutual neighbours on the same side of thin sheets. A part that this cuts off from the boundary
-/// gets its neighbours across back; what is still cut off then is an error.
+/// Joins mutual neighbors on the same side of thin parts. A component that this cuts off from the
+/// boundary gets its neighbors on the other side back; what is still cut off is tied to the rest or
+/// an error. Returns how many points that concerns.
 Index connect(Nodes& nodes, const Neighborhoods& nearest, bool join_parts,
               const std::string& name) {
     const auto same_side = [&](Index i, Index j) {
@@ -116,15 +129,15 @@ Index connect(Nodes& nodes, const Neighborhoods& nearest, bool join_parts,
     if (points > 0.0 && join_parts)
         nodes.neighbors = in_one_piece(nodes.positions, std::move(nodes.neighbors));
     else if (points > 0.0)
-        throw TopologyError(name, "one connected patch",
-                            std::to_string(std::llround(points)) +
-                                " points that don't hang together with the boundary",
-                            "Remove separate parts, or raise parameterization_neighbors or "
-                            "parameterization_radius.");
+        throw TopologyError(
+            name, "one connected patch",
+            std::to_string(std::llround(points)) + " points that aren't connected to the boundary",
+            "Remove separate parts, or raise parameterization_neighbors or "
+            "parameterization_radius.");
     return static_cast<Index>(std::llround(points));
 }
 
-/// An incomplete Cholesky factor that lets the caller look up between two iterations.
+/// An incomplete Cholesky factor that polls the caller between two iterations.
 class PollingPreconditioner {
 public:
     using StorageIndex = SparseMatrix::StorageIndex;
@@ -163,8 +176,7 @@ private:
 /// row i reads Σ_j w_ij (u_i − u_j) = 0 with w_ij = 1 / ‖x_i − x_j‖, which makes the system
 /// symmetric and positive definite: conjugate gradients with an incomplete Cholesky factor.
 DiskPoints solve(const Nodes& nodes, const ParameterizationOptions& options,
-                 const std::string& name, Parameterization& result, Progress& progress,
-                 double first, double last) {
+                 const std::string& name, Parameterization& result, Progress& progress) {
     const auto start = Clock::now();
     DiskPoints disk(nodes.size(), 2);
     std::vector<Index> unknown(to_size(nodes.size()), -1);
@@ -200,10 +212,10 @@ DiskPoints solve(const Nodes& nodes, const ParameterizationOptions& options,
         matrix.insert(row, row) = sum;
     }
     matrix.makeCompressed();
-    progress.report(first);
+    progress.report(0.0);
     const Eigen::IncompleteCholesky<double> factor(matrix);
 
-    // Both coordinates side by side; only the calling thread speaks to the caller.
+    // Both coordinates in parallel; only the calling thread polls.
     std::array<Eigen::VectorXd, 2> solution;
     std::array<Index, 2> iterations{};
     std::array<double, 2> residual{};
@@ -213,9 +225,9 @@ DiskPoints solve(const Nodes& nodes, const ParameterizationOptions& options,
         Solver solver;
         Index done = 0;
         solver.preconditioner().share(factor, [&, owner] {
-            // The residual falls about geometrically, some hundred iterations in all.
+            // The residual falls roughly geometrically, in a hundred iterations or so.
             const double share = 1.0 - 1.0 / (1.0 + static_cast<double>(done++) / 100.0);
-            if (owner) progress.poll(first + (last - first) * share);
+            if (owner) progress.poll(share);
             if (progress.cancelled()) throw Cancelled();
         });
         solver.setTolerance(options.tolerance);
@@ -295,111 +307,97 @@ Neighborhoods neighbors_of(const Positions& positions, const ParameterizationOpt
     return radius_neighbors(tree, *options.radius * median_spacing(positions, nearest), progress);
 }
 
-Parameterization solve_all(const Positions& positions, const Normals& normals,
-                           const Neighborhoods& nearest, std::span<const Index> loop,
-                           std::span<const double> angles, const ParameterizationOptions& options,
-                           const std::string& name, Progress& progress) {
-    Nodes nodes;
-    nodes.positions = positions;
-    nodes.normals = normals;
-    nodes.weight = Values::Ones(positions.rows());
-    nodes.angle.assign(to_size(positions.rows()), 0.0);
-    nodes.on_boundary.assign(nodes.angle.size(), 0);
-    for (std::size_t i = 0; i < loop.size(); ++i) {
-        nodes.on_boundary[to_size(loop[i])] = 1;
-        nodes.angle[to_size(loop[i])] = angles[i];
+/// The first `count` neighbors of every point.
+Neighborhoods first_neighbors(const Neighborhoods& nearest, Index count) {
+    Neighborhoods some;
+    for (Index i = 0; i < nearest.size(); ++i) {
+        const auto near =
+            nearest[i].first(std::min<std::size_t>(nearest[i].size(), to_size(count)));
+        some.indices.insert(some.indices.end(), near.begin(), near.end());
+        some.offsets.push_back(static_cast<std::int64_t>(some.indices.size()));
     }
-    Index joined = 0;
-    if (options.radius) {
-        joined =
-            connect(nodes, neighbors_of(positions, options, progress), options.join_parts, name);
-    } else {
-        Neighborhoods some;
-        for (Index i = 0; i < nearest.size(); ++i) {
-            const auto near = nearest[i].first(
-                std::min<std::size_t>(nearest[i].size(), to_size(options.neighbors)));
-            some.indices.insert(some.indices.end(), near.begin(), near.end());
-            some.offsets.push_back(static_cast<std::int64_t>(some.indices.size()));
-        }
-        joined = connect(nodes, some, options.join_parts, name);
-    }
+    return some;
+}
+
+Parameterization solve_all(const SampledSurface& patch, const CircleBoundary& boundary,
+                           const ParameterizationOptions& options, Progress& progress) {
+    Nodes nodes(patch.size());
+    nodes.positions = patch.positions;
+    nodes.normals = patch.normals;
+    for (std::size_t i = 0; i < boundary.loop.size(); ++i)
+        nodes.put_on_boundary(boundary.loop[i], boundary.angles[i]);
     Parameterization result;
-    result.joined = joined;
-    result.points = solve(nodes, options, name, result, progress, 0.2, 1.0);
+    result.joined = connect(nodes,
+                            options.radius ? neighbors_of(patch.positions, options, progress)
+                                           : first_neighbors(patch.nearest, options.neighbors),
+                            options.join_parts, patch.name);
+    const Progress::Part part(progress, 0.2, 1.0);
+    result.points = solve(nodes, options, patch.name, result, progress);
     return result;
 }
 
-Parameterization solve_simplified(const Positions& positions, const Normals& normals,
-                                  std::span<const Index> loop, std::span<const double> angles,
-                                  const ParameterizationOptions& options, const std::string& name,
-                                  Progress& progress) {
-    const auto count = static_cast<Index>(positions.rows());
-    std::vector<char> on_loop(to_size(count), 0);
-    for (const Index row : loop) on_loop[to_size(row)] = 1;
+/// Clusters of a patch's interior points.
+Lod interior_clusters(const SampledSurface& patch, const CircleBoundary& boundary,
+                      const LodOptions& options, Progress& progress) {
+    std::vector<char> on_loop(to_size(patch.size()), 0);
+    for (const Index row : boundary.loop) on_loop[to_size(row)] = 1;
     std::vector<Index> interior;
-    for (Index i = 0; i < count; ++i)
+    for (Index i = 0; i < patch.size(); ++i)
         if (!on_loop[to_size(i)]) interior.push_back(i);
+    return simplify(patch.positions, interior, options, progress);
+}
 
-    Lod lod;
-    {
-        const Progress::Part part(progress, 0.0, 0.2);
-        lod = simplify(positions, interior, options.lod, progress);
-    }
-
-    // The boundary is thinned along its own length, about as much as the interior.
-    const auto along = arc_lengths(positions, loop, BoundarySpacing::kChordLength);
+/// Positions in the loop of the boundary points that become nodes: as many as the interior's
+/// simplification suggests, evenly along the loop's length.
+std::vector<std::size_t> chosen_on_boundary(const SampledSurface& patch,
+                                            std::span<const Index> loop, Index clusters) {
+    const auto along = arc_lengths(patch.positions, loop, BoundarySpacing::kChordLength);
+    const auto interior = to_size(patch.size()) - loop.size();
     const double thinning =
-        std::sqrt(static_cast<double>(interior.size()) / std::max<double>(lod.size(), 1.0));
-    const std::size_t boundary_nodes =
+        std::sqrt(static_cast<double>(interior) / std::max<double>(clusters, 1.0));
+    const std::size_t wanted =
         std::clamp(static_cast<std::size_t>(std::ceil(static_cast<double>(loop.size()) / thinning)),
                    std::min(kFewestBoundaryNodes, loop.size()), loop.size());
     std::vector<std::size_t> chosen;
-    for (std::size_t i = 0; i < loop.size() && chosen.size() < boundary_nodes; ++i)
+    for (std::size_t i = 0; i < loop.size() && chosen.size() < wanted; ++i)
         if (along[i] >=
-            along.back() * static_cast<double>(chosen.size()) / static_cast<double>(boundary_nodes))
+            along.back() * static_cast<double>(chosen.size()) / static_cast<double>(wanted))
             chosen.push_back(i);
+    return chosen;
+}
 
-    Nodes nodes;
-    const Index clusters = lod.size();
-    const Index all = clusters + static_cast<Index>(chosen.size());
-    nodes.positions.resize(all, 3);
-    nodes.normals.resize(all, 3);
-    nodes.weight = Values::Ones(all);
-    nodes.angle.assign(to_size(all), 0.0);
-    nodes.on_boundary.assign(to_size(all), 0);
-    nodes.positions.topRows(clusters) = lod.centroids;
-    for (Index c = 0; c < clusters; ++c) {
+/// The clusters' centroids, then the chosen boundary points.
+Nodes simplified_nodes(const SampledSurface& patch, const CircleBoundary& boundary,
+                       const Lod& lod) {
+    const auto chosen = chosen_on_boundary(patch, boundary.loop, lod.size());
+    Nodes nodes(lod.size() + static_cast<Index>(chosen.size()));
+    nodes.positions.topRows(lod.size()) = lod.centroids;
+    for (Index c = 0; c < lod.size(); ++c) {
         Vector3 sum = Vector3::Zero();
-        for (const Index row : lod[c]) sum += normals.row(row).transpose();
+        for (const Index row : lod[c]) sum += patch.normals.row(row).transpose();
         nodes.normals.row(c) = sum.normalized().transpose();
         nodes.weight[c] = static_cast<double>(lod[c].size());
     }
     for (std::size_t b = 0; b < chosen.size(); ++b) {
-        const Index node = clusters + static_cast<Index>(b);
-        nodes.positions.row(node) = positions.row(loop[chosen[b]]);
-        nodes.normals.row(node) = normals.row(loop[chosen[b]]);
-        nodes.angle[to_size(node)] = angles[chosen[b]];
-        nodes.on_boundary[to_size(node)] = 1;
+        const Index node = lod.size() + static_cast<Index>(b);
+        nodes.positions.row(node) = patch.positions.row(boundary.loop[chosen[b]]);
+        nodes.normals.row(node) = patch.normals.row(boundary.loop[chosen[b]]);
+        nodes.put_on_boundary(node, boundary.angles[chosen[b]]);
     }
-    Parameterization result;
-    {
-        const Progress::Part part(progress, 0.2, 0.3);
-        result.joined = connect(nodes, neighbors_of(nodes.positions, options, progress),
-                                options.join_parts, name);
-    }
-    const DiskPoints disk = solve(nodes, options, name, result, progress, 0.3, 0.8);
+    return nodes;
+}
 
-    result.points.resize(count, 2);
-    for (std::size_t i = 0; i < loop.size(); ++i)
-        result.points.row(loop[i]) << std::cos(angles[i]), std::sin(angles[i]);
-    const Progress::Part part(progress, 0.8, 1.0);
+/// Step 3: every interior point goes to the weighted mean of the nearest nodes' images, among its
+/// cluster's and those joined to it.
+void embed_points(const SampledSurface& patch, const Lod& lod, const Nodes& nodes,
+                  const DiskPoints& disk, DiskPoints& points, Progress& progress) {
     parallel_for(
-        clusters, progress,
+        lod.size(), progress,
         [&](Index begin, Index end) {
             NearestCorners nearest(nodes.positions, nodes.closest);
             for (Index c = begin; c < end; ++c)
                 for (const Index row : lod[c]) {
-                    const Vector3 point = positions.row(row);
+                    const Vector3 point = patch.positions.row(row);
                     nearest.reset();
                     nearest.offer(point, c);
                     for (const Index neighbor : nodes.neighbors[c]) nearest.offer(point, neighbor);
@@ -408,10 +406,37 @@ Parameterization solve_simplified(const Positions& positions, const Normals& nor
                     for (std::size_t k = 0; k < 3; ++k)
                         if (corners.rows[k] >= 0)
                             u += corners.weights[k] * disk.row(corners.rows[k]);
-                    result.points.row(row) = u;
+                    points.row(row) = u;
                 }
         },
         0.0, 1.0, 64);
+}
+
+Parameterization solve_simplified(const SampledSurface& patch, const CircleBoundary& boundary,
+                                  const ParameterizationOptions& options, Progress& progress) {
+    Lod lod;
+    {
+        const Progress::Part part(progress, 0.0, 0.2);
+        lod = interior_clusters(patch, boundary, options.lod, progress);
+    }
+    Nodes nodes = simplified_nodes(patch, boundary, lod);
+    Parameterization result;
+    {
+        const Progress::Part part(progress, 0.2, 0.3);
+        result.joined = connect(nodes, neighbors_of(nodes.positions, options, progress),
+                                options.join_parts, patch.name);
+    }
+    DiskPoints disk;
+    {
+        const Progress::Part part(progress, 0.3, 0.8);
+        disk = solve(nodes, options, patch.name, result, progress);
+    }
+    result.points.resize(patch.size(), 2);
+    for (std::size_t i = 0; i < boundary.loop.size(); ++i)
+        result.points.row(boundary.loop[i]) << std::cos(boundary.angles[i]),
+            std::sin(boundary.angles[i]);
+    const Progress::Part part(progress, 0.8, 1.0);
+    embed_points(patch, lod, nodes, disk, result.points, progress);
     return result;
 }
 
@@ -474,7 +499,7 @@ MatchedPins match_pins(const Positions& source_positions, std::span<const Index>
         return kTurn * along[to_size(position)] / along.back();
     };
 
-    // Both sequences of angles, unrolled from the first feature on.
+    // Both sequences of angles, unwrapped from the first feature on.
     std::vector<double> source, target;
     const double target_start = angle(target_along, sorted[0].target);
     for (const IndexPair& feature : sorted) {
@@ -484,8 +509,8 @@ MatchedPins match_pins(const Positions& source_positions, std::span<const Index>
         if (i > 0 && !(source[i] > source[i - 1] && target[i] > target[i - 1]))
             throw FeatureError("features on the boundary", "the same order around both boundaries",
                                "two that change places or share one",
-                               "Check their left and right, and that the normals of both models "
-                               "point outwards.");
+                               "Check that left and right are not swapped, and that the normals of "
+                               "both models point outwards.");
     }
     double turn = 0.0;
     for (std::size_t i = 0; i < source.size(); ++i)
@@ -501,18 +526,15 @@ MatchedPins match_pins(const Positions& source_positions, std::span<const Index>
     return pins;
 }
 
-Parameterization parameterize(const Positions& positions, const Normals& normals,
-                              const Neighborhoods& nearest, std::span<const Index> loop,
-                              std::span<const double> angles,
-                              const ParameterizationOptions& options, const std::string& name,
-                              Progress& progress) {
-    if (loop.size() < 3)
-        throw TopologyError(name, "a boundary of at least 3 points", std::to_string(loop.size()),
-                            "Give a longer boundary.");
-    const bool anything_inside = static_cast<Eigen::Index>(loop.size()) < positions.rows();
+Parameterization parameterize(const SampledSurface& patch, const CircleBoundary& boundary,
+                              const ParameterizationOptions& options, Progress& progress) {
+    if (boundary.loop.size() < 3)
+        throw TopologyError(patch.name, "a boundary of at least 3 points",
+                            std::to_string(boundary.loop.size()), "Give a longer boundary.");
+    const bool anything_inside = boundary.loop.size() < to_size(patch.size());
     if (options.solve == SolveMode::kFull || !anything_inside)
-        return solve_all(positions, normals, nearest, loop, angles, options, name, progress);
-    return solve_simplified(positions, normals, loop, angles, options, name, progress);
+        return solve_all(patch, boundary, options, progress);
+    return solve_simplified(patch, boundary, options, progress);
 }
 
 }  // namespace pointmorph

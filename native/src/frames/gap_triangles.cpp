@@ -15,9 +15,8 @@ constexpr double kReach = 2.0;
 /// Spacings below this share of the cloud's mean are rounding or doubled points.
 constexpr double kFinest = 0.05;
 
-/// Twice a triangle's area, along the normal of the side from which its corners are seen to go
-/// round to the left.
-Vector3 facing(const Positions& positions, const Sheet& corners) {
+/// Twice a triangle's area, along the normal of the side from which its corners run anticlockwise.
+Vector3 facing(const Positions& positions, const GapTriangle& corners) {
     const Vector3 origin = positions.row(corners[0]).transpose();
     return (positions.row(corners[1]).transpose() - origin)
         .cross(positions.row(corners[2]).transpose() - origin);
@@ -75,11 +74,11 @@ std::vector<Index> standing_for(std::span<const IndexPair> pairs, Index IndexPai
     return result;
 }
 
-std::vector<Sheet> sheets(const EndSamples& source, const EndSamples& target,
-                          std::span<const IndexPair> pairs) {
-    std::vector<Sheet> result;
+std::vector<GapTriangle> gap_triangles(const EndSamples& source, const EndSamples& target,
+                                       std::span<const IndexPair> pairs) {
+    std::vector<GapTriangle> result;
     result.reserve(source.triangles.size() + target.triangles.size() + pairs.size() / 2);
-    const auto add = [&](Sheet corners) {
+    const auto add = [&](GapTriangle corners) {
         const auto [lowest, highest] = std::ranges::minmax(corners);
         if (lowest == highest) return;
         const auto& [a, b, c] = corners;
@@ -97,7 +96,7 @@ std::vector<Sheet> sheets(const EndSamples& source, const EndSamples& target,
         add({pair, b, a});
     }
     for (const EndSamples* end : {&source, &target})
-        for (Sheet corners : end->triangles) {
+        for (GapTriangle corners : end->triangles) {
             if (!shows_front(end->positions, end->normals, corners))
                 std::swap(corners[1], corners[2]);
             for (Index& corner : corners) corner = end->pairs[to_size(corner)];
@@ -116,15 +115,15 @@ Vector3 blend(const Positions& rows, const InsertedPoint& point) {
     return sum;
 }
 
-bool shows_front(const Positions& positions, const Normals& normals, const Sheet& corners) {
+bool shows_front(const Positions& positions, const Normals& normals, const GapTriangle& corners) {
     const Vector3 faces = facing(positions, corners);
     const auto [a, b, c] = corners;
     if (!(faces.squaredNorm() > 0.0)) return normals.row(a).dot(normals.row(c)) >= 0.0;
     return (normals.row(a) + normals.row(b) + normals.row(c)).dot(faces) >= 0.0;
 }
 
-Vector3 sheet_normal(const Positions& positions, const Normals& normals,
-                     const InsertedPoint& point) {
+Vector3 gap_triangle_normal(const Positions& positions, const Normals& normals,
+                            const InsertedPoint& point) {
     constexpr double kAgreeing = 0.9, kCancelled = 1e-6;
     Vector3 sum = blend(normals, point);
     if (const double length = sum.norm(); length < kAgreeing) {
@@ -137,14 +136,14 @@ Vector3 sheet_normal(const Positions& positions, const Normals& normals,
     return normals.row(point.pairs[to_size(most)]).transpose();
 }
 
-double edge_length(const Positions& positions, const Sheet& corners) {
+double edge_length(const Positions& positions, const GapTriangle& corners) {
     double sum = 0.0;
     for (std::size_t c = 0; c < 3; ++c)
         sum += (positions.row(corners[c]) - positions.row(corners[(c + 1) % 3])).squaredNorm();
     return std::sqrt(sum / 3.0);
 }
 
-bool is_wider(const Positions& positions, const Sheet& corners, double radius) {
+bool is_wider(const Positions& positions, const GapTriangle& corners, double radius) {
     std::array<double, 3> squares;  // of the edge opposite to a corner
     for (std::size_t c = 0; c < 3; ++c)
         squares[c] = (positions.row(corners[(c + 1) % 3]) - positions.row(corners[(c + 2) % 3]))

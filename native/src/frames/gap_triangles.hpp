@@ -1,5 +1,4 @@
-// The triangles between pairs on which the new points of re-sampled frames lie. Not a part of the
-// library.
+// The triangles between pairs in which resampling inserts points. Internal.
 #pragma once
 
 #include <algorithm>
@@ -17,11 +16,11 @@
 
 namespace pointmorph {
 
-/// Three pairs between which points may be missing: round to the left as seen from outside, the
-/// lowest first; or a line, the lower pair twice.
-using Sheet = std::array<Index, 3>;
+/// Three pairs between which points may be missing, anticlockwise seen from outside, the lowest
+/// first; or a line, with the lower pair twice.
+using GapTriangle = std::array<Index, 3>;
 
-/// What one of the models says: by row, in its own unit ball.
+/// One of the models, by row, in its own unit ball.
 struct EndSamples {
     Normalization unit;
     Positions positions;
@@ -30,7 +29,7 @@ struct EndSamples {
     std::vector<Index> pairs;  ///< the pair that stands for a row
     Values spacing;
     Values density;  ///< k/r², per share of the surface
-    double size;     ///< √area, as given
+    double size;     ///< √area, in the cloud's own unit
     Neighborhoods nearest;
     std::vector<Triangle> triangles;
 
@@ -39,19 +38,19 @@ struct EndSamples {
     EndSamples(EndSamples&&) = delete;  // the tree refers to the positions
 };
 
-/// By row of the cloud on one `side` of the pairs, the pair that stands for it: its partner lies
-/// nearest to the mean of all its partners on the other cloud.
+/// For each row of the cloud on one `side` of the pairs the pair that stands for it: the one whose
+/// partner lies nearest to the mean of the row's partners on the other cloud.
 std::vector<Index> standing_for(std::span<const IndexPair> pairs, Index IndexPair::*side,
                                 Index IndexPair::*other_side, const Cloud& cloud,
                                 const Cloud& other);
 
-/// The triangles of both models between the pairs that stand for their corners, and one that holds
-/// together all pairs of a point. What goes round the other way on the other model is there twice.
-/// Ascending.
-std::vector<Sheet> sheets(const EndSamples& source, const EndSamples& target,
-                          std::span<const IndexPair> pairs);
+/// The triangles of both models, between the pairs that stand for their corners, and those that
+/// keep all pairs of a point together. A triangle with opposite orientations on both models is
+/// there twice. Ascending.
+std::vector<GapTriangle> gap_triangles(const EndSamples& source, const EndSamples& target,
+                                       std::span<const IndexPair> pairs);
 
-/// Weighted mean of what `value_of(pair)` says of a point's pairs.
+/// Weighted mean of `value_of(pair)` over a point's pairs.
 template <class ValueOf>
 double blend(const InsertedPoint& point, ValueOf&& value_of) {
     double sum = 0.0;
@@ -59,29 +58,28 @@ double blend(const InsertedPoint& point, ValueOf&& value_of) {
     return sum;
 }
 
-/// Of the rows of its pairs.
+/// Weighted mean of the rows of a point's pairs.
 Vector3 blend(const Positions& rows, const InsertedPoint& point);
 
 /// Whether a triangle shows its front where its corners do. One that doesn't is folded over, or
-/// leads through the inside of a shape: a sheet there would show its back. A line has no front: its
-/// ends must agree.
-bool shows_front(const Positions& positions, const Normals& normals, const Sheet& corners);
+/// leads through the inside of a shape: filled, it would show its back face. A line has no front:
+/// its ends must agree.
+bool shows_front(const Positions& positions, const Normals& normals, const GapTriangle& corners);
 
-/// The corners' mean normal at a point; the less they agree, the more the side to which the
-/// triangle faces.
-Vector3 sheet_normal(const Positions& positions, const Normals& normals,
-                     const InsertedPoint& point);
+/// The corners' mean normal at a point; the less they agree, the more the triangle's own counts.
+Vector3 gap_triangle_normal(const Positions& positions, const Normals& normals,
+                            const InsertedPoint& point);
 
 /// Root of the mean squared length of a triangle's edges.
-double edge_length(const Positions& positions, const Sheet& corners);
+double edge_length(const Positions& positions, const GapTriangle& corners);
 
 /// Whether some place of a triangle is farther than `radius` from all corners.
-bool is_wider(const Positions& positions, const Sheet& corners, double radius);
+bool is_wider(const Positions& positions, const GapTriangle& corners, double radius);
 
 /// Calls `take(point)` at uniform samples of a triangle's bounding rectangle in its plane, those
 /// inside, no more than `step` apart, until it returns false.
 template <class Take>
-void each_sample(Sheet corners, const Positions& positions, double step, Take&& take) {
+void each_sample(GapTriangle corners, const Positions& positions, double step, Take&& take) {
     constexpr double kMostSteps = 256.0;  // along either side of the rectangle
     // The longest edge first: the rectangle's base.
     const auto length = [&](std::size_t c) {

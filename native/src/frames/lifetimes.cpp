@@ -11,34 +11,34 @@ namespace {
 /// Times at which points come and go, evenly over the morph.
 constexpr int kKeys = 16;
 
-/// Of loops on one thread, between two looks at whether they are to end.
+/// Of loops on one thread, between two reports.
 constexpr Index kRowsPerReport = 256;
 
-/// Share of the time of a key by which crowded pairs are hidden, then empty places found.
+/// Fractions of a step at which crowded pairs are hidden, then empty places found.
 constexpr double kHidden = 0.2, kFound = 0.9;
 
-/// In spacings: a point that others have come closer to is no longer needed.
+/// In spacings: a point isn't needed any more once others have come closer.
 constexpr double kCrowded = 0.4;
 
 double time_of(int key) {
     return static_cast<double>(key) / kKeys;
 }
 
-/// There in full from the first key to the last one.
-Life life(int first, int last) {
+/// Complete from the first key to the last one.
+Lifetime lifetime(int first, int last) {
     return {time_of(first - 1), time_of(first), time_of(last), time_of(last + 1)};
 }
 
 }  // namespace
 
-PointLives::PointLives(const Resampling& resampling, std::span<const IndexPair> pairs,
-                       const EndSamples& source, const EndSamples& target)
+Lifetimes::Lifetimes(const Resampling& resampling, std::span<const IndexPair> pairs,
+                     const EndSamples& source, const EndSamples& target)
     : resampling_(resampling), hidden_since_(pairs.size()) {
     if (resampling.options().omega > 0.0)
         missing_.emplace(resampling, pairs, source, target, chosen_);
 }
 
-void PointLives::pass(const Resampling::FrameAt& frame_at, Progress& progress) {
+void Lifetimes::pass(const Resampling::FrameAt& frame_at, Progress& progress) {
     for (int key = 1; key < kKeys; ++key) {
         const Progress::Part part(progress, static_cast<double>(key - 1) / (kKeys - 1),
                                   static_cast<double>(key) / (kKeys - 1));
@@ -46,37 +46,37 @@ void PointLives::pass(const Resampling::FrameAt& frame_at, Progress& progress) {
     }
 }
 
-std::vector<InsertedPoint> PointLives::points() const {
+std::vector<InsertedPoint> Lifetimes::points() const {
     std::vector<InsertedPoint> result;
     result.reserve(chosen_.size());
     for (std::size_t id = 0; id < chosen_.size(); ++id) {
         result.push_back(chosen_[id].point);
-        result.back().life = life(first_key_[id], last_key_[id]);
+        result.back().lifetime = lifetime(first_key_[id], last_key_[id]);
     }
     return result;
 }
 
-void PointLives::step(int key, const Resampling::FrameAt& frame_at, Progress& progress) {
+void Lifetimes::step(int key, const Resampling::FrameAt& frame_at, Progress& progress) {
     std::vector<InsertedPoint> points;
     for (const Index id : alive_) points.push_back(chosen_[to_size(id)].point);
-    const Moment moment(time_of(key), frame_at(time_of(key)), resampling_, std::move(points),
-                        alive_, chosen_.size());
+    const FrameSample sample(time_of(key), frame_at(time_of(key)), resampling_, std::move(points),
+                             alive_, chosen_.size());
     if (resampling_.options().crowding) {
         const Progress::Part part(progress, 0.0, kHidden);
-        hide_crowded(moment, key, progress);
+        hide_crowded(sample, key, progress);
     }
     if (!missing_) return;
 
-    const std::vector<char> dead = crowded(moment, progress);
+    const std::vector<char> dead = crowded(sample, progress);
     const auto places = [&] {
         const Progress::Part part(progress, kHidden, kFound);
-        return (*missing_)(moment, dead, progress);
+        return (*missing_)(sample, dead, progress);
     }();
     std::vector<Index> living;
     for (std::size_t a = 0; a < alive_.size(); ++a)
         if (!dead[a]) living.push_back(alive_[a]);
     const Progress::Part part(progress, kFound, 1.0);
-    choose(moment, places, living, progress);
+    choose(sample, places, living, progress);
     first_key_.resize(chosen_.size(), key);
     last_key_.resize(chosen_.size());
     for (const Index id : living) last_key_[to_size(id)] = key;
@@ -84,33 +84,33 @@ void PointLives::step(int key, const Resampling::FrameAt& frame_at, Progress& pr
 }
 
 /// Points that others have come close to.
-std::vector<char> PointLives::crowded(const Moment& moment, Progress& progress) const {
-    std::vector<char> dead(moment.ids.size());
+std::vector<char> Lifetimes::crowded(const FrameSample& sample, Progress& progress) const {
+    std::vector<char> dead(sample.ids.size());
     NeighborSearch find;
     for (std::size_t a = 0; a < dead.size(); ++a) {
         if (a % kRowsPerReport == 0) progress.report(kHidden);
-        const Index row = moment.pairs + static_cast<Index>(a);
+        const Index row = sample.pairs + static_cast<Index>(a);
         const auto counts = [&](Index other) {
-            return other < moment.pairs || (other < row && !dead[to_size(other - moment.pairs)]);
+            return other < sample.pairs || (other < row && !dead[to_size(other - sample.pairs)]);
         };
-        dead[a] = find(moment.tree, moment.normals, moment.positions.row(row).transpose(),
-                       moment.normals.row(row).transpose(),
-                       kCrowded * moment.spacing_at(moment.points[a]), counts) >= 0;
+        dead[a] = find(sample.tree, sample.normals, sample.positions.row(row).transpose(),
+                       sample.normals.row(row).transpose(),
+                       kCrowded * sample.spacing_at(sample.points[a]), counts) >= 0;
     }
     return dead;
 }
 
 /// First come, first served.
-void PointLives::choose(const Moment& moment, std::span<const MissingPoints::Place> places,
-                        std::vector<Index>& living, Progress& progress) {
+void Lifetimes::choose(const FrameSample& sample, std::span<const MissingPoints::Place> places,
+                       std::vector<Index>& living, Progress& progress) {
     if (places.empty()) return;
     const auto count = static_cast<Index>(places.size());
     Positions positions(count, 3);
     Normals normals(count, 3);
     for (Index i = 0; i < count; ++i) {
         const InsertedPoint& point = places[to_size(i)].point;
-        positions.row(i) = blend(moment.positions, point).transpose();
-        normals.row(i) = sheet_normal(moment.positions, moment.normals, point).transpose();
+        positions.row(i) = blend(sample.positions, point).transpose();
+        normals.row(i) = gap_triangle_normal(sample.positions, sample.normals, point).transpose();
     }
     const KdTree<3> tree(positions);
     std::vector<char> covered(to_size(count));
@@ -120,51 +120,51 @@ void PointLives::choose(const Moment& moment, std::span<const MissingPoints::Pla
         if (covered[to_size(i)]) continue;
         living.push_back(static_cast<Index>(chosen_.size()));
         chosen_.push_back(places[to_size(i)]);
-        tree.within(positions.row(i).data(), kEmpty * moment.spacing_at(places[to_size(i)].point),
+        tree.within(positions.row(i).data(), kEmpty * sample.spacing_at(places[to_size(i)].point),
                     near);
         for (const auto& [other, squared] : near)
             if (normals.row(other).dot(normals.row(i)) > 0.0) covered[to_size(other)] = 1;
     }
 }
 
-/// Pairs that have one that stays close by, where points crowd.
-void PointLives::hide_crowded(const Moment& moment, int key, Progress& progress) {
-    const double area = resampling_.unit_area(moment.t) / (moment.unit.scale * moment.unit.scale);
-    std::vector<char> is_crowded(to_size(moment.pairs));
+/// Hides pairs, where points crowd, that have another one close by that stays.
+void Lifetimes::hide_crowded(const FrameSample& sample, int key, Progress& progress) {
+    const double area = resampling_.unit_area(sample.t) / (sample.unit.scale * sample.unit.scale);
+    std::vector<char> is_crowded(to_size(sample.pairs));
     constexpr double kSearched = 0.7;  // share of the time
     const auto search = [&](Index begin, Index end) {
         for (Index i = begin; i < end; ++i) {
             const double wanted =
                 std::max(resampling_.wanted_density(i, 0.0), resampling_.wanted_density(i, 1.0));
             is_crowded[to_size(i)] =
-                density(moment, i) * area > *resampling_.options().crowding * wanted;
+                density(sample, i) * area > *resampling_.options().crowding * wanted;
         }
     };
-    parallel_for(moment.pairs, progress, search, 0.0, kSearched);
-    std::vector<char> stays(to_size(moment.pairs), 1);
+    parallel_for(sample.pairs, progress, search, 0.0, kSearched);
+    std::vector<char> stays(to_size(sample.pairs), 1);
     NeighborSearch find;
-    // Those that are hidden already first, so that they stay so.
+    // Pairs that are hidden already go first, so that they stay hidden.
     for (const bool was_hidden : {true, false})
-        for (Index i = 0; i < moment.pairs; ++i) {
+        for (Index i = 0; i < sample.pairs; ++i) {
             if (i % kRowsPerReport == 0) progress.report(was_hidden ? kSearched : 1.0);
             if ((hidden_since_[to_size(i)] > 0) != was_hidden || !is_crowded[to_size(i)]) continue;
             const auto counts = [&](Index other) {
-                return other != i && other < moment.pairs && stays[to_size(other)];
+                return other != i && other < sample.pairs && stays[to_size(other)];
             };
-            const double radius = kCrowded * resampling_.spacing(i, moment.t) / moment.unit.scale;
+            const double radius = kCrowded * resampling_.spacing(i, sample.t) / sample.unit.scale;
             stays[to_size(i)] =
-                find(moment.tree, moment.normals, moment.positions.row(i).transpose(),
-                     moment.normals.row(i).transpose(), radius, counts) < 0;
+                find(sample.tree, sample.normals, sample.positions.row(i).transpose(),
+                     sample.normals.row(i).transpose(), radius, counts) < 0;
         }
-    for (Index i = 0; i < moment.pairs; ++i) show_or_hide(i, !stays[to_size(i)], key);
+    for (Index i = 0; i < sample.pairs; ++i) show_or_hide(i, !stays[to_size(i)], key);
 }
 
-void PointLives::show_or_hide(Index pair, bool hide, int key) {
+void Lifetimes::show_or_hide(Index pair, bool hide, int key) {
     int& since = hidden_since_[to_size(pair)];
     if (hide && since == 0) since = key;
     const bool ends = !hide || key == kKeys - 1;
     if (since == 0 || !ends) return;
-    hidden_.push_back({pair, life(since, hide ? key : key - 1)});
+    hidden_.push_back({pair, lifetime(since, hide ? key : key - 1)});
     since = 0;
 }
 

@@ -1,4 +1,4 @@
-// Which points of re-sampled frames live, and when. Not a part of the library.
+// Which points resampling inserts, and when they appear and vanish. Internal.
 #pragma once
 
 #include <optional>
@@ -13,13 +13,13 @@
 
 namespace pointmorph {
 
-/// Goes through the times in order, and keeps who is born and who ends at each.
-class PointLives {
+/// Steps through the morph, and decides which points appear and vanish at each step.
+class Lifetimes {
 public:
     /// Keeps references to all.
-    PointLives(const Resampling& resampling, std::span<const IndexPair> pairs,
-               const EndSamples& source, const EndSamples& target);
-    PointLives(PointLives&&) = delete;  // what finds missing points refers to those chosen
+    Lifetimes(const Resampling& resampling, std::span<const IndexPair> pairs,
+              const EndSamples& source, const EndSamples& target);
+    Lifetimes(Lifetimes&&) = delete;  // what finds missing points refers to those chosen
 
     /// All times, from source to target.
     void pass(const Resampling::FrameAt& frame_at, Progress& progress);
@@ -29,10 +29,10 @@ public:
 
 private:
     void step(int key, const Resampling::FrameAt& frame_at, Progress& progress);
-    std::vector<char> crowded(const Moment& moment, Progress& progress) const;
-    void choose(const Moment& moment, std::span<const MissingPoints::Place> places,
+    std::vector<char> crowded(const FrameSample& sample, Progress& progress) const;
+    void choose(const FrameSample& sample, std::span<const MissingPoints::Place> places,
                 std::vector<Index>& living, Progress& progress);
-    void hide_crowded(const Moment& moment, int key, Progress& progress);
+    void hide_crowded(const FrameSample& sample, int key, Progress& progress);
     void show_or_hide(Index pair, bool hide, int key);
 
     const Resampling& resampling_;

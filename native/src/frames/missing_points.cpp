@@ -9,20 +9,20 @@ namespace pointmorph {
 
 namespace {
 
-/// How far apart the samples that are tried lie, in the spacing of new points.
+/// Distance of the samples that are tried, in the spacing of new points.
 constexpr double kStep = 0.3;
 
-/// Share of the time by which the open triangles are known, then which rows are sparse.
+/// Fractions of the progress at which the open triangles, then the sparse rows are known.
 constexpr double kOpened = 0.2, kTested = 0.4;
 
-/// What a row keeps for all times: the pair, or the number of pairs plus the id.
-Index number_of(const Moment& moment, Index row) {
-    return row < moment.pairs ? row : moment.pairs + moment.ids[to_size(row - moment.pairs)];
+/// What identifies a row at all times: the pair, or the number of pairs plus the id.
+Index number_of(const FrameSample& sample, Index row) {
+    return row < sample.pairs ? row : sample.pairs + sample.ids[to_size(row - sample.pairs)];
 }
 
-/// −1 where it is there no more.
-Index row_of(const Moment& moment, Index number) {
-    return number < moment.pairs ? number : moment.rows[to_size(number - moment.pairs)];
+/// −1 if it isn't there any more.
+Index row_of(const FrameSample& sample, Index number) {
+    return number < sample.pairs ? number : sample.rows[to_size(number - sample.pairs)];
 }
 
 /// The k nearest of a row and itself.
@@ -31,8 +31,8 @@ struct Nearest {
     std::array<double, Resampling::kDensityNeighbors + 1> squared_distances;
     Index found;
 
-    Nearest(const Moment& moment, Index row)
-        : found(moment.tree.nearest(moment.positions.row(row).data(), rows, squared_distances)) {}
+    Nearest(const FrameSample& sample, Index row)
+        : found(sample.tree.nearest(sample.positions.row(row).data(), rows, squared_distances)) {}
 
     double density() const {
         const double squared = found > 0 ? squared_distances[to_size(found - 1)] : 0.0;
@@ -55,14 +55,15 @@ Normals with_normals(const Positions& positions, const Normals& pairs,
     result.topRows(pairs.rows()) = pairs;
     for (std::size_t i = 0; i < points.size(); ++i)
         result.row(pairs.rows() + static_cast<Eigen::Index>(i)) =
-            sheet_normal(positions, pairs, points[i]).transpose();
+            gap_triangle_normal(positions, pairs, points[i]).transpose();
     return result;
 }
 
 }  // namespace
 
-Moment::Moment(double time, const OrientedPoints& frame, const Resampling& resampling,
-               std::vector<InsertedPoint> alive, std::vector<Index> their_ids, std::size_t count)
+FrameSample::FrameSample(double time, const OrientedPoints& frame, const Resampling& resampling,
+                         std::vector<InsertedPoint> alive, std::vector<Index> their_ids,
+                         std::size_t count)
     : t(time),
       unit(normalization(frame.positions)),
       pairs(static_cast<Index>(frame.positions.rows())),
@@ -79,12 +80,12 @@ Moment::Moment(double time, const OrientedPoints& frame, const Resampling& resam
         spacing[pair] = resampling.options().spacing * resampling.spacing(pair, t) / unit.scale;
 }
 
-double Moment::spacing_at(const InsertedPoint& point) const {
+double FrameSample::spacing_at(const InsertedPoint& point) const {
     return blend(point, [&](Index pair) { return spacing[pair]; });
 }
 
-double density(const Moment& moment, Index row) {
-    return Nearest(moment, row).density();
+double density(const FrameSample& sample, Index row) {
+    return Nearest(sample, row).density();
 }
 
 MissingPoints::MissingPoints(const Resampling& resampling, std::span<const IndexPair> pairs,
@@ -95,21 +96,22 @@ MissingPoints::MissingPoints(const Resampling& resampling, std::span<const Index
       source_(source),
       target_(target),
       chosen_(chosen),
-      sheets_(sheets(source, target, pairs)),
-      covering_(sheets_.size()) {
+      triangles_(gap_triangles(source, target, pairs)),
+      covering_(triangles_.size()) {
     for (auto& numbers : covering_) numbers.fill(-1);
 }
 
 /// Triangles with corners so far apart that discs around them may leave a gap.
-std::vector<Index> MissingPoints::open_sheets(const Moment& moment, Progress& progress) const {
-    std::vector<char> is_open(sheets_.size());
+std::vector<Index> MissingPoints::open_triangles(const FrameSample& sample,
+                                                 Progress& progress) const {
+    std::vector<char> is_open(triangles_.size());
     const auto look = [&](Index begin, Index end) {
         for (Index i = begin; i < end; ++i)
             is_open[to_size(i)] =
-                is_wider_than(moment, i, kEmpty) &&
-                shows_front(moment.positions, moment.normals, sheets_[to_size(i)]);
+                is_wider_than(sample, i, kEmpty) &&
+                shows_front(sample.positions, sample.normals, triangles_[to_size(i)]);
     };
-    parallel_for(static_cast<Index>(sheets_.size()), progress, look, 0.0, kOpened);
+    parallel_for(static_cast<Index>(triangles_.size()), progress, look, 0.0, kOpened);
     std::vector<Index> result;
     for (Index i = 0; i < static_cast<Index>(is_open.size()); ++i)
         if (is_open[to_size(i)]) result.push_back(i);
@@ -117,39 +119,39 @@ std::vector<Index> MissingPoints::open_sheets(const Moment& moment, Progress& pr
 }
 
 /// In the spacing of new points.
-bool MissingPoints::is_wider_than(const Moment& moment, Index sheet, double radius) const {
-    const auto [a, b, c] = sheets_[to_size(sheet)];
-    const double mean = (moment.spacing[a] + moment.spacing[b] + moment.spacing[c]) / 3.0;
-    return is_wider(moment.positions, sheets_[to_size(sheet)], radius * mean);
+bool MissingPoints::is_wider_than(const FrameSample& sample, Index triangle, double radius) const {
+    const auto [a, b, c] = triangles_[to_size(triangle)];
+    const double mean = (sample.spacing[a] + sample.spacing[b] + sample.spacing[c]) / 3.0;
+    return is_wider(sample.positions, triangles_[to_size(triangle)], radius * mean);
 }
 
 /// Whether a density, as k/r², fails the test at a row.
-bool MissingPoints::is_too_low(const Moment& moment, double density, Index row) const {
-    const auto wanted_at = [&](Index pair) { return resampling_.wanted_density(pair, moment.t); };
-    const double wanted = row < moment.pairs
+bool MissingPoints::is_too_low(const FrameSample& sample, double density, Index row) const {
+    const auto wanted_at = [&](Index pair) { return resampling_.wanted_density(pair, sample.t); };
+    const double wanted = row < sample.pairs
                               ? wanted_at(row)
-                              : blend(moment.points[to_size(row - moment.pairs)], wanted_at);
-    const double area = resampling_.unit_area(moment.t) / (moment.unit.scale * moment.unit.scale);
+                              : blend(sample.points[to_size(row - sample.pairs)], wanted_at);
+    const double area = resampling_.unit_area(sample.t) / (sample.unit.scale * sample.unit.scale);
     return density * area < resampling_.options().omega * wanted;
 }
 
-/// Whether a row passes the test by points that are known to be near: its k nearest of the last
-/// time, or those around it on one of the models. The k nearest are no farther.
-bool MissingPoints::is_dense(const Moment& moment, Index row) const {
+/// Whether a row passes the test by points that are known to be near: its previous k nearest, or
+/// those around it on one of the models. The k nearest are no farther.
+bool MissingPoints::is_dense(const FrameSample& sample, Index row) const {
     const auto suffice = [&](std::span<const Index> near, auto&& row_at) {
         if (near.size() < kNearest) return false;
         double squared = 0.0;
         for (const Index other : near.first(kNearest)) {
             const Index there = row_at(other);
             if (there < 0) return false;
-            const auto away = moment.positions.row(there) - moment.positions.row(row);
+            const auto away = sample.positions.row(there) - sample.positions.row(row);
             squared = std::max(squared, away.squaredNorm());
         }
-        return !is_too_low(moment, static_cast<double>(kNearest) / squared, row);
+        return !is_too_low(sample, static_cast<double>(kNearest) / squared, row);
     };
-    if (const auto& known = nearest_[to_size(number_of(moment, row))]; known.front() >= 0)
-        return suffice(known, [&](Index number) { return row_of(moment, number); });
-    if (row >= moment.pairs) return false;
+    if (const auto& known = nearest_[to_size(number_of(sample, row))]; known.front() >= 0)
+        return suffice(known, [&](Index number) { return row_of(sample, number); });
+    if (row >= sample.pairs) return false;
     const auto around = [&](const EndSamples& end, Index at) {
         return suffice(end.nearest[at], [&](Index other) { return end.pairs[to_size(other)]; });
     };
@@ -157,64 +159,64 @@ bool MissingPoints::is_dense(const Moment& moment, Index row) const {
     return around(source_, s) || around(target_, d);
 }
 
-bool MissingPoints::is_sparse(const Moment& moment, Index row) {
-    if (is_dense(moment, row)) return false;
-    const Nearest nearest(moment, row);
+bool MissingPoints::is_sparse(const FrameSample& sample, Index row) {
+    if (is_dense(sample, row)) return false;
+    const Nearest nearest(sample, row);
     if (to_size(nearest.found) > kNearest) {
         // Where points coincide, the row itself isn't always the first.
         std::size_t count = 0;
         for (const Index other : nearest.rows)
             if (other != row && count < kNearest)
-                nearest_[to_size(number_of(moment, row))][count++] = number_of(moment, other);
+                nearest_[to_size(number_of(sample, row))][count++] = number_of(sample, other);
     }
-    return is_too_low(moment, nearest.density(), row);
+    return is_too_low(sample, nearest.density(), row);
 }
 
 /// Which rows fail the test: corners of `open` triangles, and new points.
-std::vector<char> MissingPoints::sparse_rows(const Moment& moment, std::span<const Index> open,
+std::vector<char> MissingPoints::sparse_rows(const FrameSample& sample, std::span<const Index> open,
                                              std::span<const char> dead, Progress& progress) {
-    const Index rows = moment.tree.size();
+    const Index rows = sample.tree.size();
     std::vector<char> sparse(to_size(rows));
     for (const Index i : open)
-        for (const Index corner : sheets_[to_size(i)]) sparse[to_size(corner)] = 1;
-    for (std::size_t a = 0; a < dead.size(); ++a) sparse[to_size(moment.pairs) + a] = !dead[a];
+        for (const Index corner : triangles_[to_size(i)]) sparse[to_size(corner)] = 1;
+    for (std::size_t a = 0; a < dead.size(); ++a) sparse[to_size(sample.pairs) + a] = !dead[a];
     const auto test = [&](Index begin, Index end) {
         for (Index row = begin; row < end; ++row)
-            sparse[to_size(row)] = sparse[to_size(row)] && is_sparse(moment, row);
+            sparse[to_size(row)] = sparse[to_size(row)] && is_sparse(sample, row);
     };
     parallel_for(rows, progress, test, kOpened, kTested);
     return sparse;
 }
 
 /// Triangles that may take points.
-std::vector<MissingPoints::Gap> MissingPoints::gaps(const Moment& moment,
+std::vector<MissingPoints::Gap> MissingPoints::gaps(const FrameSample& sample,
                                                     std::span<const char> dead,
                                                     Progress& progress) {
-    const std::vector<Index> open = open_sheets(moment, progress);
-    const std::vector<char> sparse = sparse_rows(moment, open, dead, progress);
-    std::vector<char> holds_sparse(sheets_.size());
-    for (std::size_t a = 0; a < moment.ids.size(); ++a)
-        if (sparse[to_size(moment.pairs) + a])
-            holds_sparse[to_size(chosen_[to_size(moment.ids[a])].sheet)] = 1;
+    const std::vector<Index> open = open_triangles(sample, progress);
+    const std::vector<char> sparse = sparse_rows(sample, open, dead, progress);
+    std::vector<char> holds_sparse(triangles_.size());
+    for (std::size_t a = 0; a < sample.ids.size(); ++a)
+        if (sparse[to_size(sample.pairs) + a])
+            holds_sparse[to_size(chosen_[to_size(sample.ids[a])].triangle)] = 1;
     std::vector<Gap> result;
     for (const Index i : open) {
         const bool lacks_points =
-            holds_sparse[to_size(i)] || std::ranges::any_of(sheets_[to_size(i)], [&](Index row) {
+            holds_sparse[to_size(i)] || std::ranges::any_of(triangles_[to_size(i)], [&](Index row) {
                 return sparse[to_size(row)];
             });
-        if (lacks_points || is_wider_than(moment, i, kGap)) result.push_back({i, lacks_points});
+        if (lacks_points || is_wider_than(sample, i, kGap)) result.push_back({i, lacks_points});
     }
     return result;
 }
 
-/// Whether one of the models has a sample there: a gap that both have stays one.
+/// Whether one of the models has a sample there; a gap that both have stays.
 bool MissingPoints::is_covered_at_an_end(const InsertedPoint& point, NeighborSearch& find) const {
     const auto covers = [&](const EndSamples& end, Index IndexPair::*side) {
         InsertedPoint there = point;
         for (Index& row : there.pairs) row = pairs_[to_size(row)].*side;
         const double spacing = blend(there, [&](Index row) { return end.spacing[row]; });
         return find(end.tree, end.normals, blend(end.positions, there),
-                    sheet_normal(end.positions, end.normals, there), kGap * spacing,
+                    gap_triangle_normal(end.positions, end.normals, there), kGap * spacing,
                     [](Index) { return true; }) >= 0;
     };
     return covers(source_, &IndexPair::source) || covers(target_, &IndexPair::target);
@@ -223,58 +225,58 @@ bool MissingPoints::is_covered_at_an_end(const InsertedPoint& point, NeighborSea
 /// Calls `take(point)` at samples of a triangle that have no point on their side within `radius`
 /// (in the spacing of new points), until it returns false.
 template <class Take>
-void MissingPoints::each_empty(const Moment& moment, Index sheet, double radius,
+void MissingPoints::each_empty(const FrameSample& sample, Index triangle, double radius,
                                std::span<const char> dead, NeighborSearch& find, Take&& take) {
-    const Sheet& corners = sheets_[to_size(sheet)];
-    auto& covering = covering_[to_size(sheet)];
+    const GapTriangle& corners = triangles_[to_size(triangle)];
+    auto& covering = covering_[to_size(triangle)];
     const auto counts = [&](Index row) {
-        return row < moment.pairs || !dead[to_size(row - moment.pairs)];
+        return row < sample.pairs || !dead[to_size(row - sample.pairs)];
     };
-    // Where the corners' normals are this near to each other, that of any place lies between them,
-    // on the side of all.
+    // Where the corners' normals are this close, the normal at any place lies between them, on the
+    // side of all.
     constexpr double kAlike = 0.75;  // cosine
     const auto [a, b, c] = corners;
-    const auto& normals = moment.normals;
+    const auto& normals = sample.normals;
     const bool are_alike = normals.row(a).dot(normals.row(b)) > kAlike &&
                            normals.row(b).dot(normals.row(c)) > kAlike &&
                            normals.row(c).dot(normals.row(a)) > kAlike;
     const InsertedPoint middle{corners, {1.0 / 3, 1.0 / 3, 1.0 / 3}, {}};
-    each_sample(corners, moment.positions, kStep * moment.spacing_at(middle),
+    each_sample(corners, sample.positions, kStep * sample.spacing_at(middle),
                 [&](const InsertedPoint& point) {
-                    const Vector3 place = blend(moment.positions, point);
-                    const double distance = radius * moment.spacing_at(point);
+                    const Vector3 place = blend(sample.positions, point);
+                    const double distance = radius * sample.spacing_at(point);
                     const auto is_near = [&](Index row) {
-                        return (moment.positions.row(row).transpose() - place).squaredNorm() <
+                        return (sample.positions.row(row).transpose() - place).squaredNorm() <
                                distance * distance;
                     };
-                    // Mostly a corner covers it, or who did at the last time.
+                    // Mostly a corner covers it, or what covered it last time.
                     const bool is_near_corner = std::ranges::any_of(corners, is_near);
                     if (is_near_corner && are_alike) return true;
-                    const Vector3 normal = sheet_normal(moment.positions, normals, point);
+                    const Vector3 normal = gap_triangle_normal(sample.positions, normals, point);
                     const auto covers = [&](Index row) {
                         return is_near(row) && normals.row(row).dot(normal) > 0.0;
                     };
                     if (is_near_corner && std::ranges::any_of(corners, covers)) return true;
                     const auto still_covers = [&](Index number) {
-                        const Index row = number < 0 ? -1 : row_of(moment, number);
+                        const Index row = number < 0 ? -1 : row_of(sample, number);
                         return row >= 0 && counts(row) && covers(row);
                     };
                     if (std::ranges::any_of(covering, still_covers)) return true;
-                    const Index row = find(moment.tree, normals, place, normal, distance, counts);
+                    const Index row = find(sample.tree, normals, place, normal, distance, counts);
                     if (row < 0) return take(point);
                     std::ranges::rotate(covering, covering.end() - 1);
-                    covering.front() = number_of(moment, row);
+                    covering.front() = number_of(sample, row);
                     return true;
                 });
 }
 
-std::vector<MissingPoints::Place> MissingPoints::operator()(const Moment& moment,
+std::vector<MissingPoints::Place> MissingPoints::operator()(const FrameSample& sample,
                                                             std::span<const char> dead,
                                                             Progress& progress) {
     constexpr std::array<Index, kNearest> kNone{-1};
     nearest_.resize(pairs_.size() + chosen_.size(), kNone);
     constexpr Index kChunk = 64;
-    const std::vector<Gap> found_gaps = gaps(moment, dead, progress);
+    const std::vector<Gap> found_gaps = gaps(sample, dead, progress);
     const auto count = static_cast<Index>(found_gaps.size());
     std::vector<std::vector<Place>> found(to_size((count + kChunk - 1) / kChunk));
     parallel_for(
@@ -283,18 +285,19 @@ std::vector<MissingPoints::Place> MissingPoints::operator()(const Moment& moment
             NeighborSearch find;
             auto& taken = found[to_size(begin / kChunk)];
             for (Index i = begin; i < end; ++i) {
-                const auto [sheet, lacks_points] = found_gaps[to_size(i)];
+                const auto [triangle, lacks_points] = found_gaps[to_size(i)];
                 bool is_needed = lacks_points;
                 if (!is_needed)
-                    each_empty(moment, sheet, kGap, dead, find, [&](const InsertedPoint& point) {
+                    each_empty(sample, triangle, kGap, dead, find, [&](const InsertedPoint& point) {
                         is_needed = is_covered_at_an_end(point, find);
                         return !is_needed;
                     });
                 if (is_needed)
-                    each_empty(moment, sheet, kEmpty, dead, find, [&](const InsertedPoint& point) {
-                        taken.push_back({sheet, point});
-                        return true;
-                    });
+                    each_empty(sample, triangle, kEmpty, dead, find,
+                               [&](const InsertedPoint& point) {
+                                   taken.push_back({triangle, point});
+                                   return true;
+                               });
             }
         },
         kTested, 1.0, kChunk);

@@ -1,4 +1,4 @@
-// Where points are missing in one frame of a morph. Not a part of the library.
+// Where points are missing in one frame of a morph. Internal.
 #pragma once
 
 #include <array>
@@ -15,28 +15,29 @@
 
 namespace pointmorph {
 
-/// All pairs at a time, then the new points that are alive, as rows in a unit ball.
-struct Moment {
+/// A frame at one time, in a unit ball: rows are all pairs, then the inserted points that are
+/// alive.
+struct FrameSample {
     double t;
     Normalization unit;
-    Index pairs;                        ///< that many rows are pairs
-    std::vector<InsertedPoint> points;  ///< of the rows after them
-    std::vector<Index> ids;             ///< of these
+    Index pairs;                        ///< how many rows are pairs
+    std::vector<InsertedPoint> points;  ///< those of the rows after the pairs
+    std::vector<Index> ids;             ///< of the points
     std::vector<Index> rows;            ///< by id; −1: not alive
     Values spacing;                     ///< of new points, by pair
     Positions positions;
     Normals normals;
     KdTree<3> tree;  ///< over the rows
 
-    /// `points` are those alive, `ids` theirs, of `count` in all.
-    Moment(double t, const OrientedPoints& frame, const Resampling& resampling,
-           std::vector<InsertedPoint> points, std::vector<Index> ids, std::size_t count);
-    Moment(Moment&&) = delete;  // the tree refers to the positions
+    /// `points` are alive and have these `ids`, of `count` in all.
+    FrameSample(double t, const OrientedPoints& frame, const Resampling& resampling,
+                std::vector<InsertedPoint> points, std::vector<Index> ids, std::size_t count);
+    FrameSample(FrameSample&&) = delete;  // the tree refers to the positions
 
     double spacing_at(const InsertedPoint& point) const;
 };
 
-/// Finds a point on the same side of the surface within a radius. One object a thread.
+/// Finds a point on the same side of the surface within a radius. One object per thread.
 class NeighborSearch {
 public:
     /// The nearest row for which `counts(row)` is true, −1 where there is none.
@@ -53,20 +54,20 @@ private:
     std::vector<std::pair<Index, double>> ball_;
 };
 
-/// In the spacing of new points: where no point lies within kGap, discs of one spacing leave a gap;
-/// where every place has one within kEmpty they don't.
+/// In the spacing of new points: discs of one spacing leave a gap where no point lies within kGap,
+/// and none where every place has a point within kEmpty.
 constexpr double kEmpty = 0.85, kGap = 1.0;
 
 /// k/r² at a row, with the distance r to its k-th nearest.
-double density(const Moment& moment, Index row);
+double density(const FrameSample& sample, Index row);
 
-/// Finds empty places in triangles of which a corner, or a point that was put into them, fails the
-/// test of the density, and in those in which discs leave a gap that not both models have.
-/// Remembers who was near, and so is quick where moments that follow each other differ little.
+/// Finds empty places: in triangles of which a corner, or an inserted point, fails the density
+/// test, and in those in which discs leave a gap that not both models have. Remembers what lay
+/// near, and so is quick where consecutive frames differ little.
 class MissingPoints {
 public:
     struct Place {
-        Index sheet;  ///< which triangle
+        Index triangle;
         InsertedPoint point;
     };
 
@@ -75,9 +76,8 @@ public:
                   const EndSamples& source, const EndSamples& target,
                   const std::vector<Place>& chosen);
 
-    /// Of the points that are alive some may be `dead` (by row after the pairs): they cover no
-    /// place any more.
-    std::vector<Place> operator()(const Moment& moment, std::span<const char> dead,
+    /// Points marked `dead` (by row after the pairs) cover no place any more.
+    std::vector<Place> operator()(const FrameSample& sample, std::span<const char> dead,
                                   Progress& progress);
 
 private:
@@ -85,32 +85,34 @@ private:
     static constexpr std::size_t kRemembered = 4;
 
     struct Gap {
-        Index sheet;
-        bool lacks_points;  ///< by the density; else only if discs leave a gap in it
+        Index triangle;
+        bool lacks_points;  ///< by the density test; else by the gap that discs leave
     };
 
-    std::vector<Index> open_sheets(const Moment& moment, Progress& progress) const;
-    bool is_wider_than(const Moment& moment, Index sheet, double radius) const;
-    bool is_too_low(const Moment& moment, double density, Index row) const;
-    bool is_dense(const Moment& moment, Index row) const;
-    bool is_sparse(const Moment& moment, Index row);
-    std::vector<char> sparse_rows(const Moment& moment, std::span<const Index> open,
+    std::vector<Index> open_triangles(const FrameSample& sample, Progress& progress) const;
+    bool is_wider_than(const FrameSample& sample, Index triangle, double radius) const;
+    bool is_too_low(const FrameSample& sample, double density, Index row) const;
+    bool is_dense(const FrameSample& sample, Index row) const;
+    bool is_sparse(const FrameSample& sample, Index row);
+    std::vector<char> sparse_rows(const FrameSample& sample, std::span<const Index> open,
                                   std::span<const char> dead, Progress& progress);
-    std::vector<Gap> gaps(const Moment& moment, std::span<const char> dead, Progress& progress);
+    std::vector<Gap> gaps(const FrameSample& sample, std::span<const char> dead,
+                          Progress& progress);
     bool is_covered_at_an_end(const InsertedPoint& point, NeighborSearch& find) const;
     template <class Take>
-    void each_empty(const Moment& moment, Index sheet, double radius, std::span<const char> dead,
-                    NeighborSearch& find, Take&& take);
+    void each_empty(const FrameSample& sample, Index triangle, double radius,
+                    std::span<const char> dead, NeighborSearch& find, Take&& take);
 
     const Resampling& resampling_;
     std::span<const IndexPair> pairs_;
     const EndSamples &source_, &target_;
     const std::vector<Place>& chosen_;
-    std::vector<Sheet> sheets_;
-    // Who lay near when it was last asked, as pairs, or the number of pairs plus the id: most of
-    // them still do, and then the tree needn't be asked again. −1: none.
-    std::vector<std::array<Index, kRemembered>> covering_;  ///< by sheet, some of its samples
-    std::vector<std::array<Index, kNearest>> nearest_;      ///< by pair, then id: the k nearest
+    std::vector<GapTriangle> triangles_;
+    // What lay near when it was last asked, as pairs, or the number of pairs plus the id. Most
+    // still does, and then the tree needn't be asked again. −1: none.
+    std::vector<std::array<Index, kRemembered>>
+        covering_;                                      ///< by triangle, for some of its samples
+    std::vector<std::array<Index, kNearest>> nearest_;  ///< by pair, then id: the k nearest
 };
 
 }  // namespace pointmorph

@@ -24,13 +24,13 @@ Similarity GradualSimilarity::at(double t) const {
     Similarity part;
     part.scale = std::pow(whole.scale, t);
     part.rotation = share_of(whole.rotation, t);
-    const Vector3 end = whole.scale * (whole.rotation * center) + whole.shift;
-    part.shift = (1.0 - t) * center + t * end - part.scale * (part.rotation * center);
+    const Vector3 end = whole.scale * (whole.rotation * center) + whole.translation;
+    part.translation = (1.0 - t) * center + t * end - part.scale * (part.rotation * center);
     return part;
 }
 
 GradualSimilarity GradualSimilarity::reversed() const {
-    return {whole.inverse(), whole.scale * (whole.rotation * center) + whole.shift};
+    return {whole.inverse(), whole.scale * (whole.rotation * center) + whole.translation};
 }
 
 /// The nodes and what they do by t = 1.
@@ -115,7 +115,7 @@ OrientedPoints Motion::at(double t) const {
     if (bend_) result = bend_->lift(bend_->shape, bend_->at(t), result.positions, normals_, silent);
     const Similarity part = similarity_.at(t);
     const Matrix3 linear = unit_.scale * part.scale * part.rotation;
-    const Vector3 shift = part.scale * (part.rotation * unit_.center) + part.shift;
+    const Vector3 shift = part.scale * (part.rotation * unit_.center) + part.translation;
     parallel_for(static_cast<Index>(positions_.rows()), silent, [&](Index begin, Index end) {
         for (Index i = begin; i < end; ++i) {
             const Vector3 x = result.positions.row(i).transpose();

@@ -29,10 +29,10 @@ EndSamples end_samples(const Cloud& cloud, std::vector<Index> pairs, Progress& p
 
 }  // namespace
 
-double Life::share(double t) const {
-    if (t <= born || t >= gone) return 0.0;
-    const double x = t < full     ? (t - born) / (full - born)
-                     : t > fading ? (gone - t) / (gone - fading)
+double Lifetime::share(double t) const {
+    if (t <= appears || t >= vanishes) return 0.0;
+    const double x = t < complete ? (t - appears) / (complete - appears)
+                     : t > fades  ? (vanishes - t) / (vanishes - fades)
                                   : 1.0;
     return x * x * (3.0 - 2.0 * x);
 }
@@ -73,10 +73,10 @@ Resampling::Resampling(const Cloud& source, const Cloud& target, std::span<const
     if (options.omega == 0.0 && !options.crowding) return;
 
     const Progress::Part part(progress, kBoth, 1.0);
-    PointLives lives(*this, pairs, from, to);
-    lives.pass(frame_at, progress);
-    points_ = lives.points();
-    hidden_ = lives.hidden();
+    Lifetimes lifetimes(*this, pairs, from, to);
+    lifetimes.pass(frame_at, progress);
+    points_ = lifetimes.points();
+    hidden_ = lifetimes.hidden();
 }
 
 double Resampling::unit_area(double t) const {
@@ -87,7 +87,7 @@ double Resampling::unit_area(double t) const {
 Resampling::Alive Resampling::at(double t, const OrientedPoints& frame, Progress& progress) const {
     Alive alive;
     for (std::size_t i = 0; i < points_.size(); ++i)
-        if (points_[i].life.share(t) > 0.0) alive.ids.push_back(static_cast<Index>(i));
+        if (points_[i].lifetime.share(t) > 0.0) alive.ids.push_back(static_cast<Index>(i));
     const auto count = static_cast<Index>(alive.ids.size());
     alive.share.resize(count);
     alive.positions.resize(count, 3);
@@ -107,7 +107,7 @@ Resampling::Alive Resampling::at(double t, const OrientedPoints& frame, Progress
             for (Index i = begin; i < end; ++i) {
                 const InsertedPoint& point = points_[to_size(alive.ids[to_size(i)])];
                 Vector3 place = blend(positions, point);
-                Vector3 normal = sheet_normal(positions, frame.normals, point);
+                Vector3 normal = gap_triangle_normal(positions, frame.normals, point);
                 const double wanted =
                     blend(point, [&](Index pair) { return spacing(pair, t); }) / unit.scale;
                 const double apart = edge_length(positions, point.pairs);
@@ -119,7 +119,7 @@ Resampling::Alive Resampling::at(double t, const OrientedPoints& frame, Progress
                     place += coherence * (foot.position - place);
                     normal = (normal + coherence * (foot.normal - normal)).normalized();
                 }
-                alive.share[i] = point.life.share(t);
+                alive.share[i] = point.lifetime.share(t);
                 alive.positions.row(i) = (place * unit.scale + unit.center).transpose();
                 alive.normals.row(i) = normal.transpose();
             }
@@ -131,7 +131,7 @@ Resampling::Alive Resampling::at(double t, const OrientedPoints& frame, Progress
 Values Resampling::pair_shares(double t) const {
     Values shares = Values::Ones(source_spacing_.size());
     for (const HiddenPair& hidden : hidden_)
-        shares[hidden.pair] = std::min(shares[hidden.pair], 1.0 - hidden.life.share(t));
+        shares[hidden.pair] = std::min(shares[hidden.pair], 1.0 - hidden.lifetime.share(t));
     return shares;
 }
 

@@ -116,8 +116,8 @@ CutRoute match_in_patches(Side& source, Side& target, const MorphInput& input,
         std::vector<Index> rows;
         for (const PointFeature& f : known) rows.push_back(f.rows.*row);
         const KdTree<3> tree(side.positions);
-        return decompose(tree, side.normals, side.nearest, rows, input.loop, options.decomposition,
-                         side.cloud.name, progress, wanted);
+        return decompose({side.positions, side.normals, side.nearest, side.cloud.name}, tree,
+                         {rows, input.loop, wanted}, options.decomposition, progress);
     };
     Decomposition source_cut = cut_open(source, &IndexPair::source, 0.0, 0.4);
     Decomposition target_cut = cut_open(target, &IndexPair::target, 0.4, 0.8);

@@ -117,8 +117,8 @@ DiskRoute match_in_disk(Side& source, Side& target, const MorphInput& input,
         const Progress::Part part(progress, first, last);
         const auto angles = boundary_angles(side.positions, side.loop,
                                             parameterization.boundary_spacing, side_pins);
-        auto result = parameterize(side.positions, side.normals, side.nearest, side.loop, angles,
-                                   parameterization, side.cloud.name, progress);
+        auto result = parameterize({side.positions, side.normals, side.nearest, side.cloud.name},
+                                   {side.loop, angles}, parameterization, progress);
         (&side == &source ? report.source_parameterization : report.target_parameterization) =
             report_of(result, side.loop.size());
         side.nearest = {};

@@ -185,8 +185,8 @@ FeatureReach reach_of(const Side& side, std::span<const Feature> points, Marked 
                       const MorphOptions& options, Progress& progress) {
     std::vector<Index> rows;
     for (const Feature& f : points) rows.push_back((f.*marked).rows.front());
-    return feature_reach(KdTree<3>(side.positions), side.normals, side.nearest, rows,
-                         options.decomposition, progress);
+    return feature_reach({side.positions, side.normals, side.nearest, side.cloud.name},
+                         KdTree<3>(side.positions), rows, options.decomposition, progress);
 }
 
 /// For what is quick as it is, and asks for borders and handles only.
@@ -198,7 +198,7 @@ TopologyOptions seen_quickly(TopologyOptions options) {
 
 /// Whether the largest piece is a closed surface that isn't known to be without handles.
 bool may_have_handles(const Topology& topology) {
-    const Piece& largest = topology.pieces.front();
+    const Component& largest = topology.components.front();
     return !largest.is_open && largest.genus.value_or(1) > 0;
 }
 
@@ -439,8 +439,8 @@ Morph::Morph(MorphInput input, const MorphOptions& options, Progress& progress)
         report_.warnings.push_back((source_.colors.rows() == 0 ? source_.name : target_.name) +
                                    " has no colors: white is taken for it.");
     report_.choice = words_for(report_.domain) + ": " + in_words(source.topology, target.topology);
-    report_.source_topology = {{}, std::move(source.topology.pieces), source.topology.specks};
-    report_.target_topology = {{}, std::move(target.topology.pieces), target.topology.specks};
+    report_.source_topology = {{}, std::move(source.topology.components), source.topology.strays};
+    report_.target_topology = {{}, std::move(target.topology.components), target.topology.strays};
     report_.method = options.method == Method::kPaper ? "paper" : "auto";
     report_.stages = progress.stages();
     report_.pairs = static_cast<Index>(pairs_.size());
@@ -707,8 +707,8 @@ const Quality& Morph::quality(Progress& progress) const {
         const Positions target_images = target_to_source(progress);
         const ThreadCount threads(options_.threads);
         progress.enter("quality");
-        quality = measure_quality(source_, target_, source_images, target_images, pairs_, features_,
-                                  progress);
+        quality = measure_quality({source_, target_, source_images, target_images, pairs_},
+                                  features_, progress);
         progress.finish();
     }
     return *quality;
@@ -738,8 +738,8 @@ Decomposition decompose(Cloud cloud, std::span<const Index> loop,
     progress.enter("boundary");
     check_closed(side, {}, loop.size(), options.boundary, progress);
     progress.enter("decomposition");
-    Decomposition cut = decompose(tree, side.normals, side.nearest, rows, names,
-                                  options.decomposition, cloud.name, progress);
+    Decomposition cut = decompose({side.positions, side.normals, side.nearest, cloud.name}, tree,
+                                  {rows, names}, options.decomposition, progress);
     progress.finish();
     cut.curve.points = side.unit.restore(cut.curve.points);
     std::vector<Patch> patches(cut.patches.size());

@@ -68,8 +68,8 @@ std::vector<IndexPair> tips_alike(const Side& source, const KdTree<3>& source_tr
     const auto tips = [&](const Side& side, const KdTree<3>& tree, Index IndexPair::*row) {
         std::vector<Index> features;
         for (const PointFeature& f : known) features.push_back(f.rows.*row);
-        const CoarseCloud coarse(tree, side.normals, side.nearest, features, options.points,
-                                 progress);
+        const CoarseCloud coarse({side.positions, side.normals, side.nearest, side.cloud.name},
+                                 tree, features, options.points, progress);
         return unmarked_extremities(coarse, distances_from_features(coarse, features.size()),
                                     options.tips, progress);
     };
@@ -105,10 +105,11 @@ TracedNetwork traced_network(const Side& source, const Side& target, const Morph
             {source.order[to_size(tip.source)], target.order[to_size(tip.target)]});
     }
     const auto side_of = [&](const Side& side, const KdTree<3>& tree, Index IndexPair::*row) {
-        const Piece& largest = side.topology.pieces.front();
-        NetworkSide seen{tree, side.normals, side.nearest, {}, side.cloud.name, largest.genus};
-        for (const PointFeature& f : result.known) seen.features.push_back(f.rows.*row);
-        return seen;
+        const Component& largest = side.topology.components.front();
+        NetworkShape shape{
+            {side.positions, side.normals, side.nearest, side.cloud.name}, tree, {}, largest.genus};
+        for (const PointFeature& f : result.known) shape.features.push_back(f.rows.*row);
+        return shape;
     };
     result.network = trace_network({side_of(source, source_tree, &IndexPair::source),
                                     side_of(target, target_tree, &IndexPair::target)},
@@ -130,7 +131,7 @@ NetworkRoute match_in_network(Side& source, Side& target, const MorphInput& inpu
             "The curves fit much better when one model is mirrored: check that left and right are "
             "not swapped and that the normals of both point outwards.");
 
-    for (Side* side : {&source, &target}) side->topology.pieces.front().genus = network.genus;
+    for (Side* side : {&source, &target}) side->topology.components.front().genus = network.genus;
     constexpr double kLongDetour = 0.15;
     if (network.detour > kLongDetour)
         report.warnings.emplace_back(

@@ -63,9 +63,8 @@ DiskPoints on_disk(const Side& side, const PatchCloud& patch, std::span<const do
         nearest =
             nearest_neighbors(KdTree<3>(patch.positions), options.covariance_neighbors, progress);
     auto result = parameterize(
-        patch.positions, patch.normals, nearest, patch.loop, angles,
-        for_patches(options.parameterization, static_cast<Index>(side.positions.rows())),
-        side.cloud.name, progress);
+        {patch.positions, patch.normals, nearest, side.cloud.name}, {patch.loop, angles},
+        for_patches(options.parameterization, static_cast<Index>(side.positions.rows())), progress);
     if (result.joined > 0)
         report.warnings.push_back(side.cloud.name + ": " + std::to_string(result.joined) +
                                   " points in separate parts were tied to the nearest places of "

@@ -65,8 +65,8 @@ void Side::find_topology(std::span<const Index> parts, const BoundaryOptions& bo
     std::vector<Index> ranked;
     if (!parts.empty())
         for (const Index row : order) ranked.push_back(parts[to_size(row)]);
-    topology = pointmorph::find_topology(positions, normals, nearest, loops(boundary, progress),
-                                         ranked, options, progress);
+    topology = pointmorph::find_topology({positions, normals, nearest, cloud.name},
+                                         loops(boundary, progress), ranked, options, progress);
 }
 
 Index Side::leave_out_specks(Index neighbors, Progress& progress) {
@@ -138,7 +138,7 @@ void Side::flip() {
 }
 
 bool Side::turn_outwards() {
-    if (!normals_given || topology.pieces.front().is_open) return false;
+    if (!normals_given || topology.components.front().is_open) return false;
     const Values spacing = local_spacing(positions, nearest);
     double area = 0.0, flux = 0.0;  // ∫ dA, ∫ p·n dA, which is three times the volume
     Eigen::RowVector3d middle = Eigen::RowVector3d::Zero();

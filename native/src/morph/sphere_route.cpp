@@ -40,10 +40,9 @@ SphereRoute match_on_sphere(Side& source, Side& target, const MorphInput& input,
         const Progress::Part part(progress, first, last);
         std::vector<Index> rows;
         for (const PointFeature& f : known) rows.push_back(f.rows.*row);
-        const KdTree<3> tree(side.positions);
         SphericalMesh mesh =
-            spherical_mesh(tree, side.normals, side.nearest, rows,
-                           options.spherical_parameterization, side.cloud.name, progress);
+            spherical_mesh({side.positions, side.normals, side.nearest, side.cloud.name}, rows,
+                           options.spherical_parameterization, progress);
         if (mesh.loose > 0)
             report.warnings.push_back(side.cloud.name + ": " + std::to_string(mesh.loose) +
                                       " points in separate parts go with the nearest places of the "

@@ -36,7 +36,8 @@ CoarseShape coarse_shape(const KdTree<3>& tree, const Normals& normals,
                          std::span<const Index> required, const CoarseShapeOptions& options,
                          Progress& progress, const Neighborhoods* nearest) {
     CoarseShape shape;
-    shape.rows = blue_noise_subset(tree, normals, required, options.points, progress, nearest).rows;
+    shape.rows =
+        poisson_disk_subset(tree, normals, required, options.points, progress, nearest).rows;
     shape.positions = gather(tree.points(), shape.rows);
     shape.normals = gather(normals, shape.rows);
 
@@ -52,7 +53,7 @@ CoarseShape coarse_shape(const KdTree<3>& tree, const Normals& normals,
     for (const Index nodes : options.nodes)
         shape.levels.push_back(deformation_graph(
             shape.graph,
-            blue_noise_subset(coarse_tree, shape.normals, first, nodes, progress, &near),
+            poisson_disk_subset(coarse_tree, shape.normals, first, nodes, progress, &near),
             progress));
     return shape;
 }

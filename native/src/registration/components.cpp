@@ -75,7 +75,7 @@ PieceMatching match_pieces(const PieceView& source, const PieceView& target,
         }
     // Nothing else can stand for what both shapes mostly are.
     const auto is_most = [](const PieceView& view) {
-        return 2 * to_size(view.topology.pieces.front().points) > view.topology.labels.size();
+        return 2 * to_size(view.topology.components.front().points) > view.topology.labels.size();
     };
     if (is_most(source) && is_most(target)) {
         costs.row(0).setConstant(2.0 * kAlone);
@@ -95,8 +95,8 @@ PieceMatching match_pieces(const PieceView& source, const PieceView& target,
     matching.target_alone = alone(t.size(), &IndexPair::target);
     // Pieces are numbered by size, but not alike on both sides.
     std::ranges::stable_sort(matching.matched, std::greater<>(), [&](const IndexPair& pair) {
-        return source.topology.pieces[to_size(pair.source)].points +
-               target.topology.pieces[to_size(pair.target)].points;
+        return source.topology.components[to_size(pair.source)].points +
+               target.topology.components[to_size(pair.target)].points;
     });
     return matching;
 }
@@ -232,7 +232,8 @@ void keep_apart(Refinement& map, const PieceView& source, const Normals& source_
                 partners.push_back(partner[i]);
             }
         const KdTree<3> tree(there.positions);
-        const Positions put = landed(gather(moved, rows), partners, tree, there_normals, progress);
+        const Positions put =
+            project_onto_surface(gather(moved, rows), partners, tree, there_normals, progress);
         for (std::size_t k = 0; k < rows.size(); ++k)
             images.row(rows[k]) = put.row(static_cast<Eigen::Index>(k));
     };
@@ -254,9 +255,9 @@ std::vector<std::string> pieces_in_words(const PieceMatching& matching, const To
         std::string list;
         for (std::size_t k = 0; k < std::min(kListed, matching.matched.size()); ++k)
             list += (k == 0 ? "" : ", ") +
-                    std::to_string(source.pieces[to_size(matching.matched[k].source)].points) +
+                    std::to_string(source.components[to_size(matching.matched[k].source)].points) +
                     " points with " +
-                    std::to_string(target.pieces[to_size(matching.matched[k].target)].points);
+                    std::to_string(target.components[to_size(matching.matched[k].target)].points);
         if (matching.matched.size() > kListed) list += " and so on";
         words.push_back(std::to_string(matching.matched.size()) + " pieces of " + source_name +
                         " and " + target_name + " were matched by place and size: " + list + ".");
@@ -265,7 +266,7 @@ std::vector<std::string> pieces_in_words(const PieceMatching& matching, const To
                            const std::string& name) {
         if (pieces.empty()) return;
         Index points = 0;
-        for (const Index piece : pieces) points += topology.pieces[to_size(piece)].points;
+        for (const Index piece : pieces) points += topology.components[to_size(piece)].points;
         const auto count = static_cast<Index>(pieces.size());
         words.push_back(
             counted(count, "piece", "pieces") + " of " + name + " (" +

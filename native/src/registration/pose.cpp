@@ -46,7 +46,7 @@ double feature_distance(const CoarseShape& source, const CoarseShape& target,
     double sum = 0.0;
     for (Eigen::Index k = 0; k < places.source.rows(); ++k)
         sum += (places.source.row(k).transpose() -
-                pose.rotation * places.target.row(k).transpose() - pose.shift)
+                pose.rotation * places.target.row(k).transpose() - pose.translation)
                    .squaredNorm();
     return places.source.rows() == 0 ? 0.0
                                      : std::sqrt(sum / static_cast<double>(places.source.rows()));
@@ -176,7 +176,7 @@ void rate(Pose& pose) {
 CoarseShape moved(const CoarseShape& shape, const Similarity& move) {
     CoarseShape result = shape;
     result.positions = move.apply(shape.positions);
-    result.normals = move.turn(shape.normals);
+    result.normals = move.rotated(shape.normals);
     result.guides.places = move.apply(shape.guides.places);
     return result;
 }

@@ -20,8 +20,8 @@ CoarseShape thinned(const CoarseShape& shape, const std::vector<Extremity>& tips
     for (const Extremity& tip : tips)
         if (std::ranges::find(required, tip.point) == required.end()) required.push_back(tip.point);
     const Subset subset =
-        blue_noise_subset(tree, shape.normals, required,
-                          std::max(points, static_cast<Index>(required.size())), progress);
+        poisson_disk_subset(tree, shape.normals, required,
+                            std::max(points, static_cast<Index>(required.size())), progress);
     CoarseShape thin;
     thin.rows = subset.rows;
     thin.positions = gather(shape.positions, thin.rows);

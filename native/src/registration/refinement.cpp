@@ -29,7 +29,7 @@ Similarity to_unit_area(const Positions& positions, const Neighborhoods* nearest
     const double area =
         nearest ? estimated_area(positions, *nearest) : estimated_area(KdTree<3>(positions));
     if (area > 0.0) result.scale = 1.0 / std::sqrt(area);
-    result.shift = -result.scale * positions.colwise().mean().transpose();
+    result.translation = -result.scale * positions.colwise().mean().transpose();
     return result;
 }
 
@@ -137,7 +137,8 @@ Similarity feature_alignment(const Positions& source, const Positions& target,
     const auto [s, t] = places_of(source, target, features);
     if (features.size() >= 3) return fit_similarity(t, s);
     Similarity shift;
-    if (!features.empty()) shift.shift = (s.colwise().mean() - t.colwise().mean()).transpose();
+    if (!features.empty())
+        shift.translation = (s.colwise().mean() - t.colwise().mean()).transpose();
     return shift;
 }
 
@@ -152,7 +153,7 @@ bool spread_out(const Positions& places) {
 
 TracedCurve moved(TracedCurve curve, const Similarity& move) {
     curve.places = move.apply(curve.places);
-    curve.normals = move.turn(curve.normals);
+    curve.normals = move.rotated(curve.normals);
     for (double& length : curve.lengths) length *= move.scale;
     return curve;
 }
@@ -477,7 +478,7 @@ Refinement refine(const Positions& source, const Normals& source_normals, const 
         turn = feature_alignment(s, t, marks.rough);
     target_move = composed(turn, target_move);
     t = target_move.apply(target);
-    Normals tn = target_move.turn(target_normals);
+    Normals tn = target_move.rotated(target_normals);
     for (auto& curve : marks.curves) curve.target = moved(std::move(curve.target), turn);
 
     std::vector<Index> source_required, target_required;
@@ -543,7 +544,7 @@ Refinement refine(const Positions& source, const Normals& source_normals, const 
         t = move.apply(t);
         for (auto& curve : marks.curves) curve.target = moved(std::move(curve.target), move);
         target_tree.emplace(t);
-        tn = move.turn(tn);
+        tn = move.rotated(tn);
         target_move = composed(move, target_move);
     }
     result.alignment = composed(source_unit.inverse(), target_move);
@@ -635,11 +636,11 @@ Refinement refine(const Positions& source, const Normals& source_normals, const 
     }
 
     progress.enter("landing");
-    x.positions = landed(
+    x.positions = project_onto_surface(
         x.positions,
         nearest_partners(x.positions, result.pairs, &IndexPair::source, &IndexPair::target, t),
         *target_tree, tn, progress, known.target);
-    y.positions = landed(
+    y.positions = project_onto_surface(
         y.positions,
         nearest_partners(y.positions, result.pairs, &IndexPair::target, &IndexPair::source, s),
         *source_tree, source_normals, progress, known.source);

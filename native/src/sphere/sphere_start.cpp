@@ -76,112 +76,158 @@ CellGraph cell_graph(const Neighborhoods& nearest, const Normals& normals,
     return result;
 }
 
-std::vector<Positions> first_spheres(const CellGraph& cells, const Positions& nodes,
-                                     const Normals& normals, const SphericalOptions& options,
-                                     Progress& progress) {
-    const SurfaceGraph& graph = cells.graph;
-    const Index count = graph.size();
-    const auto each_edge = [&](Index a, auto&& visit) {
-        for (auto e = to_size(Index(graph.offsets[to_size(a)]));
-             e < to_size(Index(graph.offsets[to_size(a) + 1])); ++e)
-            visit(graph.neighbors[e], e);
-    };
-    // The circle: around the pole, seen from inside, since it is what lies outside of the disk.
-    const Index pole = middle_of(graph, progress);
-    const Vector3 up = normals.row(pole).transpose(), right = up.unitOrthogonal();
-    std::vector<std::pair<double, Index>> circle;
-    each_edge(pole, [&](Index b, std::size_t) {
-        const Vector3 offset = (nodes.row(b) - nodes.row(pole)).transpose();
-        circle.emplace_back(std::atan2(offset.dot(up.cross(right)), offset.dot(right)), b);
-    });
-    std::ranges::sort(circle);
-    std::vector<Index> unknown(to_size(count), 0);
-    DiskPoints plane = DiskPoints::Zero(count, 2);
-    unknown[to_size(pole)] = -1;
-    for (std::size_t k = 0; k < circle.size(); ++k) {
-        const Index b = circle[k].second;
-        const double angle =
-            -2.0 * std::numbers::pi * static_cast<double>(k) / static_cast<double>(circle.size());
-        plane.row(b) << std::cos(angle), std::sin(angle);
-        unknown[to_size(b)] = -1;
-    }
-    Index unknowns = 0;
-    for (Index& u : unknown)
-        if (u >= 0) u = unknowns++;
+namespace {
 
-    Values looseness = Values::Zero(count);  // logarithms; an edge's is the mean of its ends'
-    constexpr Index kEvery = 3;
-    constexpr int kSmoothing = 2;
-    constexpr double kMost = 4.0;
-    Eigen::SimplicialLLT<Matrix, Eigen::Lower, Eigen::AMDOrdering<Index>> cholesky;
-    Matrix matrix(unknowns, unknowns);
-    std::vector<Eigen::Triplet<double, Index>> entries;
-    // What is nearly a ball is there already.
-    std::vector<Positions> spheres{
-        (nodes.rowwise() - nodes.colwise().mean()).rowwise().normalized()};
-    if (unknowns == 0) return spheres;
-    Positions sphere(count, 3);
-    for (Index round = 0; round < options.opening_rounds; ++round) {
-        entries.clear();
-        DiskPoints sides = DiskPoints::Zero(unknowns, 2);
-        for (Index a = 0; a < count; ++a) {
-            const Index row = unknown[to_size(a)];
+/// Calls `visit(neighbor, edge)` for the edges of a node.
+template <class Visit>
+void each_edge(const SurfaceGraph& graph, Index node, Visit&& visit) {
+    for (auto e = to_size(graph.offsets[to_size(node)]);
+         e < to_size(graph.offsets[to_size(node) + 1]); ++e)
+        visit(graph.neighbors[e], e);
+}
+
+/// The plane into which all nodes but the pole go: the pole's neighbors lie on the unit circle, the
+/// others are solved for.
+class Plane {
+public:
+    Plane(const CellGraph& cells, const Positions& nodes, const Normals& normals, Index pole)
+        : cells_(cells),
+          pole_(pole),
+          unknown_(to_size(cells.graph.size()), 0),
+          points_(DiskPoints::Zero(cells.graph.size(), 2)) {
+        // The circle goes round the pole as seen from inside: the pole lies outside of the disk.
+        const Vector3 up = normals.row(pole).transpose(), right = up.unitOrthogonal();
+        std::vector<std::pair<double, Index>> circle;
+        each_edge(cells.graph, pole, [&](Index b, std::size_t) {
+            const Vector3 offset = (nodes.row(b) - nodes.row(pole)).transpose();
+            circle.emplace_back(std::atan2(offset.dot(up.cross(right)), offset.dot(right)), b);
+        });
+        std::ranges::sort(circle);
+        unknown_[to_size(pole)] = -1;
+        for (std::size_t k = 0; k < circle.size(); ++k) {
+            const Index b = circle[k].second;
+            const double angle = -2.0 * std::numbers::pi * static_cast<double>(k) /
+                                 static_cast<double>(circle.size());
+            points_.row(b) << std::cos(angle), std::sin(angle);
+            unknown_[to_size(b)] = -1;
+        }
+        for (Index& u : unknown_)
+            if (u >= 0) u = unknowns_++;
+        matrix_.resize(unknowns_, unknowns_);
+    }
+
+    bool is_all_circle() const { return unknowns_ == 0; }
+
+    /// Puts every node at the weighted mean of its neighbors. `looseness` has logarithms by node;
+    /// an edge's is the mean of its ends'.
+    void solve(const Values& looseness) {
+        entries_.clear();
+        DiskPoints sides = DiskPoints::Zero(unknowns_, 2);
+        for (Index a = 0; a < cells_.graph.size(); ++a) {
+            const Index row = unknown_[to_size(a)];
             if (row < 0) continue;
             double sum = 0.0;
-            each_edge(a, [&](Index b, std::size_t e) {
-                if (b == pole) return;
-                const double w = cells.weights[e] * std::exp(0.5 * (looseness[a] + looseness[b]));
+            each_edge(cells_.graph, a, [&](Index b, std::size_t e) {
+                if (b == pole_) return;
+                const double w = cells_.weights[e] * std::exp(0.5 * (looseness[a] + looseness[b]));
                 sum += w;
-                if (unknown[to_size(b)] < 0)
-                    sides.row(row) += w * plane.row(b);
+                if (unknown_[to_size(b)] < 0)
+                    sides.row(row) += w * points_.row(b);
                 else if (b < a)
-                    entries.emplace_back(row, unknown[to_size(b)], -w);
+                    entries_.emplace_back(row, unknown_[to_size(b)], -w);
             });
-            entries.emplace_back(row, row, sum);
+            entries_.emplace_back(row, row, sum);
         }
-        matrix.setFromTriplets(entries.begin(), entries.end());
-        if (round == 0) cholesky.analyzePattern(matrix);
-        cholesky.factorize(matrix);
-        const DiskPoints solved = cholesky.solve(sides);
-        for (Index a = 0; a < count; ++a)
-            if (unknown[to_size(a)] >= 0) plane.row(a) = solved.row(unknown[to_size(a)]);
+        matrix_.setFromTriplets(entries_.begin(), entries_.end());
+        if (!analyzed_) cholesky_.analyzePattern(matrix_);
+        analyzed_ = true;
+        cholesky_.factorize(matrix_);
+        const DiskPoints solved = cholesky_.solve(sides);
+        for (Index a = 0; a < cells_.graph.size(); ++a)
+            if (unknown_[to_size(a)] >= 0) points_.row(a) = solved.row(unknown_[to_size(a)]);
+    }
 
-        const Eigen::RowVector2d center(median(plane.col(0)), median(plane.col(1)));
-        const double size = median((plane.rowwise() - center).rowwise().norm());
-        for (Index a = 0; a < count; ++a) {
-            const Eigen::RowVector2d z = (plane.row(a) - center) / size;
+    /// By the inverse stereographic projection, half of the nodes on either side of the equator.
+    Positions on_sphere() const {
+        Positions sphere(points_.rows(), 3);
+        const Eigen::RowVector2d center(median(points_.col(0)), median(points_.col(1)));
+        const double size = median((points_.rowwise() - center).rowwise().norm());
+        for (Index a = 0; a < cells_.graph.size(); ++a) {
+            const Eigen::RowVector2d z = (points_.row(a) - center) / size;
             const double squared = z.squaredNorm();
             sphere.row(a) << 2.0 * z.x() / (1.0 + squared), 2.0 * z.y() / (1.0 + squared),
                 (1.0 - squared) / (1.0 + squared);
         }
-        sphere.row(pole) << 0.0, 0.0, -1.0;
+        sphere.row(pole_) << 0.0, 0.0, -1.0;
+        return sphere;
+    }
 
-        Values scale(count);
-        for (Index a = 0; a < count; ++a) {
-            double image = 0.0, length = 0.0;
-            each_edge(a, [&](Index b, std::size_t e) {
-                image += (sphere.row(a) - sphere.row(b)).squaredNorm();
-                length += graph.lengths[e] * graph.lengths[e];
+private:
+    const CellGraph& cells_;
+    Index pole_;
+    std::vector<Index> unknown_;  ///< by node; −1: known
+    Index unknowns_ = 0;
+    DiskPoints points_;
+    Matrix matrix_;
+    std::vector<Eigen::Triplet<double, Index>> entries_;
+    Eigen::SimplicialLLT<Matrix, Eigen::Lower, Eigen::AMDOrdering<Index>> cholesky_;
+    bool analyzed_ = false;
+};
+
+/// Logarithm of how much larger than the mean the squared edges of each node are on the sphere, for
+/// their length on the shape.
+Values log_scales(const SurfaceGraph& graph, const Positions& sphere) {
+    Values scale(graph.size());
+    for (Index a = 0; a < graph.size(); ++a) {
+        double image = 0.0, length = 0.0;
+        each_edge(graph, a, [&](Index b, std::size_t e) {
+            image += (sphere.row(a) - sphere.row(b)).squaredNorm();
+            length += graph.lengths[e] * graph.lengths[e];
+        });
+        scale[a] = std::log(std::max(image / length, 1e-60));
+    }
+    scale.array() -= scale.mean();
+    return scale;
+}
+
+/// Bounded, and averaged over neighbors, so that a place where all nodes coincide doesn't come
+/// loose by itself.
+Values smoothed(const SurfaceGraph& graph, Values values) {
+    constexpr int kRounds = 2;
+    constexpr double kMost = 4.0;
+    values = values.cwiseMax(-kMost).cwiseMin(kMost);
+    for (int k = 0; k < kRounds; ++k) {
+        const Values before = values;
+        for (Index a = 0; a < graph.size(); ++a) {
+            double sum = before[a], all = 1.0;
+            each_edge(graph, a, [&](Index b, std::size_t) {
+                sum += before[b];
+                all += 1.0;
             });
-            scale[a] = std::log(std::max(image / length, 1e-60));
+            values[a] = sum / all;
         }
-        scale.array() -= scale.mean();
+    }
+    return values;
+}
+
+}  // namespace
+
+std::vector<Positions> first_spheres(const CellGraph& cells, const Positions& nodes,
+                                     const Normals& normals, const SphericalOptions& options,
+                                     Progress& progress) {
+    // For shapes that are nearly balls, the directions from the middle are enough.
+    std::vector<Positions> spheres{
+        (nodes.rowwise() - nodes.colwise().mean()).rowwise().normalized()};
+    Plane plane(cells, nodes, normals, middle_of(cells.graph, progress));
+    if (plane.is_all_circle()) return spheres;
+    Values looseness = Values::Zero(cells.graph.size());
+    constexpr Index kEvery = 3;
+    for (Index round = 0; round < options.opening_rounds; ++round) {
+        plane.solve(looseness);
+        const Positions sphere = plane.on_sphere();
         if (!sphere.allFinite()) break;
         if (round % kEvery == 0) spheres.push_back(sphere);
-        // Smoothly, lest a place where everything coincides comes loose by itself.
-        scale = scale.cwiseMax(-kMost).cwiseMin(kMost);
-        for (int k = 0; k < kSmoothing; ++k) {
-            const Values before = scale;
-            for (Index a = 0; a < count; ++a) {
-                double sum = before[a], all = 1.0;
-                each_edge(a, [&](Index b, std::size_t) {
-                    sum += before[b];
-                    all += 1.0;
-                });
-                scale[a] = sum / all;
-            }
-        }
-        looseness += options.opening * scale;
+        looseness += options.opening * smoothed(cells.graph, log_scales(cells.graph, sphere));
         progress.report(0.1 + 0.1 * (round + 1) / options.opening_rounds);
     }
     return spheres;

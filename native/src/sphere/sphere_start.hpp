@@ -1,4 +1,4 @@
-// A first guess at where a shape of genus 0 lies on the sphere; not for callers of the library.
+// First guesses at the places of a shape of genus 0 on the sphere. Internal.
 #pragma once
 
 #include <span>
@@ -12,24 +12,24 @@
 
 namespace pointmorph {
 
-/// Nodes whose cells touch. The weight of an edge is the length of the border, measured by the
-/// neighbours that lie on either side of it, over the nodes' distance: that of a Delaunay
-/// triangulation, about, and always positive.
+/// Nodes whose cells touch. The weight of an edge is the length of the cells' common border,
+/// counted in neighbors across it, over the nodes' distance: about that of a Delaunay
+/// triangulation, and always positive.
 struct CellGraph {
     SurfaceGraph graph;
     std::vector<double> weights;  ///< of `graph.neighbors`
 };
 
-/// `cells[i]` is the place of point i's node in `nodes`, or −1; `nearest` is ascending by distance.
+/// `cells[i]` is the row of point i's node in `nodes`, or −1; `nearest` is ascending by distance.
 CellGraph cell_graph(const Neighborhoods& nearest, const Normals& normals,
                      std::span<const Index> cells, const Positions& nodes);
 
-/// Guesses at where the nodes lie on the unit sphere: neighbours next to each other, though some
-/// may be on the wrong side of others. All but one node in the middle of the shape go into the
-/// plane, its neighbours onto a circle, the others to the weighted mean of theirs (Tutte), and from
-/// there onto the sphere. Limbs, which come out as specks, are opened round by round: edges are
-/// loosened where the map has shrunk (after Yoshizawa, Belyaev, Seidel 2004). The guesses are the
-/// directions from the middle, and what comes of some of the rounds.
+/// Guesses at the nodes' places on the unit sphere: neighbors next to each other, though some may
+/// be on the wrong side of others. First the directions from the middle of the shape. Then: one
+/// node, the middle of the shape, is left out; its neighbors go onto a circle, all others to the
+/// weighted mean of their neighbors (Tutte 1963), and from the plane onto the sphere. Limbs, which
+/// this shrinks to specks, are opened round by round: edges are loosened where the map has shrunk
+/// (after Yoshizawa, Belyaev, Seidel 2004). Some of the rounds are guesses.
 std::vector<Positions> first_spheres(const CellGraph& cells, const Positions& nodes,
                                      const Normals& normals, const SphericalOptions& options,
                                      Progress& progress);

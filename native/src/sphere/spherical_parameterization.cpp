@@ -21,15 +21,28 @@ namespace pointmorph {
 
 namespace {
 
-/// Rows of the largest component.
-std::vector<Index> largest_part(const Neighborhoods& nearest) {
-    const Components components = connected_components(nearest);
-    const auto largest = std::ranges::max_element(components.sizes) - components.sizes.begin();
-    std::vector<Index> rows;
-    for (Index i = 0; i < nearest.size(); ++i)
-        if (components.label[to_size(i)] == largest) rows.push_back(i);
-    return rows;
-}
+/// The largest component.
+struct LargestPart {
+    std::vector<Index> rows;   ///< of the cloud
+    std::vector<Index> place;  ///< #cloud: the index of each row here; −1 outside
+    Positions positions;
+    Normals normals;
+
+    explicit LargestPart(const SampledSurface& surface) {
+        const ConnectedComponents components = connected_components(surface.nearest);
+        const auto largest = std::ranges::max_element(components.sizes) - components.sizes.begin();
+        place.assign(to_size(surface.size()), -1);
+        for (Index i = 0; i < surface.size(); ++i)
+            if (components.label[to_size(i)] == largest) {
+                place[to_size(i)] = static_cast<Index>(rows.size());
+                rows.push_back(i);
+            }
+        positions = gather(surface.positions, rows);
+        normals = gather(surface.normals, rows);
+    }
+
+    Index size() const { return static_cast<Index>(rows.size()); }
+};
 
 /// Above 0 where the normals point outwards.
 double outwardness(const Positions& positions, const Normals& normals) {
@@ -86,63 +99,65 @@ double contradicting(const SphericalMesh& mesh) {
     return all > 0.0 ? wrong / all : 1.0;
 }
 
-}  // namespace
-
-SphericalMesh spherical_mesh(const KdTree<3>& tree, const Normals& normals,
-                             const Neighborhoods& nearest, std::span<const Index> required,
-                             const SphericalOptions& options, const std::string& name,
-                             Progress& progress) {
-    const Positions& positions = tree.points();
-    const auto count = static_cast<Index>(positions.rows());
-    const std::vector<Index> part = largest_part(nearest);
-    SphericalMesh mesh;
-    mesh.loose = count - static_cast<Index>(part.size());
-    if (mesh.loose > options.largest_loose_share * count)
-        throw TopologyError(name, "one closed surface for the sphere",
+/// Throws where the surface can't go onto the sphere as a whole.
+void check_part(const LargestPart& part, const SampledSurface& surface,
+                const SphericalOptions& options) {
+    const Index loose = surface.size() - part.size();
+    if (loose > options.largest_loose_share * surface.size())
+        throw TopologyError(surface.name, "one closed surface for the sphere",
                             "several parts, the largest with " + std::to_string(part.size()) +
-                                " of " + std::to_string(count) + " points",
-                            "Take domain auto, or morph the parts one by one.");
-    std::vector<Index> place(to_size(count), -1);
-    for (std::size_t i = 0; i < part.size(); ++i) place[to_size(part[i])] = static_cast<Index>(i);
-    const Positions part_positions = gather(positions, part);
-    const Normals part_normals = gather(normals, part);
-    if (outwardness(part_positions, part_normals) < 0.0)
-        throw TopologyError(name, "normals that point outwards", "normals that point inwards",
+                                " of " + std::to_string(surface.size()) + " points",
+                            "Use domain auto, or morph the parts one by one.");
+    if (outwardness(part.positions, part.normals) < 0.0)
+        throw TopologyError(surface.name, "normals that point outwards",
+                            "normals that point inwards",
                             "Recalculate them, or give none: they are estimated then.");
+}
+
+/// Rows of the part that become nodes, the `required` rows of the cloud first.
+std::vector<Index> chosen_nodes(const LargestPart& part, const KdTree<3>& tree,
+                                std::span<const Index> required, const std::string& name,
+                                Index wanted, Progress& progress) {
     std::vector<Index> kept;
     for (const Index row : required) {
-        if (place[to_size(row)] < 0)
+        if (part.place[to_size(row)] < 0)
             throw FeatureError("features", "marks on the largest part of " + name,
                                "one on a part of its own",
-                               "Move that mark, or leave it out, or take domain auto.");
-        kept.push_back(place[to_size(row)]);
+                               "Move that mark, or leave it out, or use domain auto.");
+        kept.push_back(part.place[to_size(row)]);
     }
-    const KdTree<3> part_tree(part_positions);
-    // Which nodes touch shows only where each has some points around it.
+    // Which nodes touch shows only where each has a few points around it.
     constexpr Index kPointsANode = 5;
     constexpr std::size_t kFewest = 32;
-    const Index most = std::max<Index>(kFewest, static_cast<Index>(part.size()) / kPointsANode);
-    const Subset subset =
-        blue_noise_subset(part_tree, part_normals, kept, std::min(options.nodes, most), progress);
-    if (subset.rows.size() < kFewest)
+    const Index most = std::max<Index>(kFewest, part.size() / kPointsANode);
+    std::vector<Index> rows =
+        poisson_disk_subset(tree, part.normals, kept, std::min(wanted, most), progress).rows;
+    if (rows.size() < kFewest)
         throw CloudError(name, "at least " + std::to_string(kFewest) + " different points",
-                         std::to_string(subset.rows.size()), "Sample it more densely.");
-    for (const Index row : subset.rows) mesh.rows.push_back(part[to_size(row)]);
-    mesh.positions = gather(positions, mesh.rows);
-    mesh.normals = gather(normals, mesh.rows);
+                         std::to_string(rows.size()), "Sample it more densely.");
+    return rows;
+}
 
+/// For each point of the cloud the nearest node on its side of the surface; −1 outside of the part.
+std::vector<Index> cells_of(const LargestPart& part, const SphericalMesh& mesh,
+                            Progress& progress) {
     const KdTree<3> nodes(mesh.positions);
-    std::vector<Index> cells(to_size(count), -1);
+    std::vector<Index> cells(part.place.size(), -1);
     parallel_for(
-        static_cast<Index>(part.size()), progress,
+        part.size(), progress,
         [&](Index begin, Index end) {
             for (Index i = begin; i < end; ++i)
-                cells[to_size(part[to_size(i)])] = nearest_on_sheet(
-                    nodes, mesh.normals, part_positions.row(i), part_normals.row(i));
+                cells[to_size(part.rows[to_size(i)])] = nearest_on_sheet(
+                    nodes, mesh.normals, part.positions.row(i), part.normals.row(i));
         },
         0.0, 0.1);
-    CellGraph cell = cell_graph(nearest, normals, cells, mesh.positions);
-    const auto guesses = first_spheres(cell, mesh.positions, mesh.normals, options, progress);
+    return cells;
+}
+
+/// The triangulation that contradicts the normals least, of those that the guesses give. Throws
+/// where even that one contradicts them on much of the surface.
+RingMesh triangulated(SphericalMesh& mesh, std::span<const Positions> guesses,
+                      double largest_wrong_share, const std::string& name, Progress& progress) {
     std::optional<RingMesh> rings;
     double least = std::numeric_limits<double>::infinity();
     for (std::size_t k = 0; k < guesses.size() && least > 0.0; ++k) {
@@ -155,21 +170,44 @@ SphericalMesh spherical_mesh(const KdTree<3>& tree, const Normals& normals,
         least = wrong;
         rings = std::move(candidate);
     }
-    if (least > options.largest_wrong_share)
+    if (least > largest_wrong_share)
         throw TopologyError(
             name, "a closed surface without handles, of genus 0",
             "one that no sphere follows: " + std::to_string(std::lround(100.0 * least)) +
                 " % of it would lie the wrong way round",
-            "Take domain auto, which asks nothing of the topology; or check that the normals "
-            "point outwards everywhere and that limbs don't touch.");
+            "Use domain auto, which takes any topology; or check that the normals point outwards "
+            "everywhere and that limbs don't touch.");
     mesh.triangles = rings->triangles();
-    mesh.images = embed_on_sphere(std::move(*rings), mesh.positions, progress);
+    return *std::move(rings);
+}
+
+}  // namespace
+
+SphericalMesh spherical_mesh(const SampledSurface& surface, std::span<const Index> required,
+                             const SphericalOptions& options, Progress& progress) {
+    const LargestPart part(surface);
+    check_part(part, surface, options);
+    const KdTree<3> part_tree(part.positions);
+    SphericalMesh mesh;
+    mesh.loose = surface.size() - part.size();
+    for (const Index i :
+         chosen_nodes(part, part_tree, required, surface.name, options.nodes, progress))
+        mesh.rows.push_back(part.rows[to_size(i)]);
+    mesh.positions = gather(surface.positions, mesh.rows);
+    mesh.normals = gather(surface.normals, mesh.rows);
+
+    CellGraph cells = cell_graph(surface.nearest, surface.normals, cells_of(part, mesh, progress),
+                                 mesh.positions);
+    const auto guesses = first_spheres(cells, mesh.positions, mesh.normals, options, progress);
+    RingMesh rings =
+        triangulated(mesh, guesses, options.largest_wrong_share, surface.name, progress);
+    mesh.images = embed_on_sphere(std::move(rings), mesh.positions, progress);
     if (!mesh.images.allFinite() || turned_over(mesh.triangles, mesh.images) > 0.0)
-        throw ConvergenceError(name, "a sphere without folds", "triangles turned over",
-                               "Sample it more densely or evenly, or take domain auto.");
+        throw ConvergenceError(surface.name, "a sphere without folds", "triangles turned over",
+                               "Sample it more densely or evenly, or use domain auto.");
     const double unit = std::sqrt(estimated_area(part_tree));
-    for (double& length : cell.graph.lengths) length /= unit;
-    mesh.graph = std::move(cell.graph);
+    for (double& length : cells.graph.lengths) length /= unit;
+    mesh.graph = std::move(cells.graph);
     progress.report(1.0);
     return mesh;
 }
@@ -188,7 +226,7 @@ Positions onto_sphere(const SphericalMesh& mesh, const Positions& points, const 
         facing.push_back(ab.cross(ac).normalized().transpose());
         edges += ab.squaredNorm();
     }
-    // What facing the other way counts for, next to squared distances.
+    // What facing the other way costs, next to squared distances.
     const double penalty = edges / static_cast<double>(mesh.triangles.size());
     const KdTree<3> tree(mesh.positions);
     Positions result(points.rows(), 3);

@@ -1,7 +1,6 @@
 #include "surface/coarse_cloud.hpp"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <numeric>
 #include <span>
@@ -14,47 +13,34 @@ namespace pointmorph {
 
 namespace {
 
-std::vector<Index> nearest_on_sheet(const KdTree<3>& tree, const Normals& normals,
-                                    const Positions& points, const Normals& point_normals,
-                                    Progress& progress) {
-    std::vector<Index> result(to_size(points.rows()));
-    parallel_for(static_cast<Index>(points.rows()), progress, [&](Index begin, Index end) {
-        std::array<Index, 4> near;
-        std::array<double, 4> squared;
-        for (Index i = begin; i < end; ++i) {
-            Index& mine = result[to_size(i)];
-            const auto agrees = [&](Index k) {
-                return normals.row(k).dot(point_normals.row(i)) > 0.0;
-            };
-            tree.nearest(points.row(i).data(), std::span(near).first(1),
-                         std::span(squared).first(1));
-            mine = near[0];
-            if (agrees(near[0])) continue;
-            const Index found = tree.nearest(points.row(i).data(), near, squared);
-            const auto best = std::find_if(near.begin(), near.begin() + found, agrees);
-            if (best != near.begin() + found) mine = *best;
-        }
+/// The nearest coarse point of every point of the cloud, on the same side of the surface.
+std::vector<Index> cells_of(const SampledSurface& dense, const KdTree<3>& tree,
+                            const Normals& normals, Progress& progress) {
+    constexpr std::size_t kNear = 4;
+    std::vector<Index> result(to_size(dense.size()));
+    parallel_for(dense.size(), progress, [&](Index begin, Index end) {
+        for (Index i = begin; i < end; ++i)
+            result[to_size(i)] = nearest_on_sheet(tree, normals, dense.positions.row(i),
+                                                  dense.normals.row(i), kNear);
     });
     return result;
 }
 
 }  // namespace
 
-CoarseCloud::CoarseCloud(const KdTree<3>& dense, const Normals& dense_normals,
-                         const Neighborhoods& nearest, std::span<const Index> features,
-                         Index points, Progress& progress)
-    : CoarseCloud(blue_noise_subset(dense, dense_normals, features, points, progress),
-                  estimated_area(dense), dense, dense_normals, nearest, progress) {}
+CoarseCloud::CoarseCloud(const SampledSurface& dense, const KdTree<3>& dense_tree,
+                         std::span<const Index> features, Index points, Progress& progress)
+    : CoarseCloud(dense, poisson_disk_subset(dense_tree, dense.normals, features, points, progress),
+                  estimated_area(dense_tree), progress) {}
 
-CoarseCloud::CoarseCloud(Subset chosen, double area, const KdTree<3>& dense,
-                         const Normals& dense_normals, const Neighborhoods& nearest,
+CoarseCloud::CoarseCloud(const SampledSurface& dense, Subset chosen, double area,
                          Progress& progress)
     : rows(std::move(chosen.rows)),
-      positions(gather(dense.points(), rows)),
-      normals(gather(dense_normals, rows)),
+      positions(gather(dense.positions, rows)),
+      normals(gather(dense.normals, rows)),
       tree(positions),
-      cells(nearest_on_sheet(tree, normals, dense.points(), dense_normals, progress)),
-      graph(surface_graph(dense.points(), dense_normals, nearest, rows, cells)),
+      cells(cells_of(dense, tree, normals, progress)),
+      graph(surface_graph(dense.positions, dense.normals, dense.nearest, rows, cells)),
       spacing(std::max(chosen.radius, std::sqrt(area / static_cast<double>(rows.size())))),
       unit(std::sqrt(area)) {}
 

@@ -1,5 +1,4 @@
-// The few thousand points of a cloud among which curves are searched for; not for callers of the
-// library.
+// The few thousand points of a cloud among which curves are searched for. Internal.
 #pragma once
 
 #include <span>
@@ -8,9 +7,9 @@
 #include "pointmorph/base/progress.hpp"
 #include "pointmorph/base/types.hpp"
 #include "pointmorph/cloud/kd_tree.hpp"
-#include "pointmorph/cloud/neighborhoods.hpp"
 #include "pointmorph/cloud/subset.hpp"
 #include "pointmorph/surface/extremity_pairing.hpp"
+#include "pointmorph/surface/sampled_surface.hpp"
 #include "pointmorph/surface/surface_graph.hpp"
 
 namespace pointmorph {
@@ -20,18 +19,18 @@ struct CoarseCloud {
     Positions positions;
     Normals normals;
     KdTree<3> tree;
-    std::vector<Index> cells;  ///< #cloud: the nearest coarse point on the same sheet
+    std::vector<Index> cells;  ///< #cloud: the nearest coarse point on the same side
     SurfaceGraph graph;
     double spacing;  ///< of these points
     double unit;     ///< √area
 
-    /// `features` and others to make `points` in all.
-    CoarseCloud(const KdTree<3>& dense, const Normals& dense_normals, const Neighborhoods& nearest,
+    /// The `features` and others, about `points` in all. `dense_tree` holds the positions of
+    /// `dense`.
+    CoarseCloud(const SampledSurface& dense, const KdTree<3>& dense_tree,
                 std::span<const Index> features, Index points, Progress& progress);
 
 private:
-    CoarseCloud(Subset chosen, double area, const KdTree<3>& dense, const Normals& dense_normals,
-                const Neighborhoods& nearest, Progress& progress);
+    CoarseCloud(const SampledSurface& dense, Subset chosen, double area, Progress& progress);
 };
 
 /// Distances along the surface from the first `features` coarse points to all of them, in √area:

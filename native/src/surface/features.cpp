@@ -23,7 +23,6 @@ namespace pointmorph {
 namespace {
 
 // --- Checks
-// ---------------------------------------------------------------------------------------
 
 std::string subject_of(const Feature& feature) {
     return "feature \"" + feature.name + "\"";
@@ -136,7 +135,6 @@ void check_pins(std::span<const Feature> features, const Cloud& source, const Cl
 }
 
 // --- Order
-// ----------------------------------------------------------------------------------------
 
 Marked ranked(const Marked& marked, FeatureKind kind, std::span<const Index> rank) {
     Marked result;
@@ -154,19 +152,18 @@ Marked ranked(const Marked& marked, FeatureKind kind, std::span<const Index> ran
     return result;
 }
 
-/// The other sense; a closed curve keeps its first point.
-void turn_round(Marked& marked, bool closed) {
+/// Reverses a curve; a closed one keeps its first point.
+void reverse(Marked& marked, bool closed) {
     std::reverse(marked.rows.begin() + (closed ? 1 : 0), marked.rows.end());
 }
 
 // --- Curves
-// ---------------------------------------------------------------------------------------
 
 constexpr double kStraight = 3.0;   // spacings up to which marked points are joined directly
-constexpr std::size_t kSteps = 12;  // neighbours that a path can go on to
+constexpr std::size_t kSteps = 12;  // neighbors that a path can continue to
 
-/// Shortest paths from sample to sample of a surface. Looks up neighbours as it goes, because a
-/// curve needs few of them. Keeps its scratch memory: one object a thread.
+/// Shortest paths from sample to sample of a surface. Looks neighbors up as it goes, since a curve
+/// needs few of them. Keeps its scratch memory: one object per thread.
 class PathSearch {
 public:
     PathSearch(const KdTree<3>& surface, const Normals& normals)
@@ -175,8 +172,8 @@ public:
           distance_(to_size(surface.size()), kFar),
           before_(to_size(surface.size()), -1) {}
 
-    /// Rows from `start` to `end`, both included (A*, Hart et al. 1968); only the two where there
-    /// is no way.
+    /// Rows from `start` to `end`, both included (A*, Hart et al. 1968); only these two where there
+    /// is no path.
     std::vector<Index> between(Index start, Index end, Progress& progress) {
         const auto& p = surface_.points();
         const auto ahead = [&](Index i) { return (p.row(i) - p.row(end)).norm(); };
@@ -235,7 +232,8 @@ Positions pulled_straight(const std::vector<Index>& path, const KdTree<3>& surfa
     Positions places(count, 3);
     for (Eigen::Index k = 0; k < count; ++k) places.row(k) = surface.points().row(path[to_size(k)]);
     std::vector<Index> anchors = path;
-    // Detours of any length are to go: averaging reaches as far as the root of its repetitions.
+    // Averaging smooths over a length that grows with the root of its repetitions: enough of them
+    // for detours of any length.
     const auto repetitions = std::clamp<Eigen::Index>(count * count / 24, 4, 60);
     for (int round = 0; round < kRounds; ++round) {
         for (Eigen::Index repetition = 0; repetition < repetitions; ++repetition) {
@@ -252,7 +250,7 @@ Positions pulled_straight(const std::vector<Index>& path, const KdTree<3>& surfa
         }
         progress.throw_if_cancelled();
         Progress silent;
-        Positions on_surface = landed(places, anchors, surface, normals, silent);
+        Positions on_surface = project_onto_surface(places, anchors, surface, normals, silent);
         on_surface.row(0) = places.row(0);
         on_surface.row(count - 1) = places.row(count - 1);
         places = std::move(on_surface);
@@ -271,51 +269,44 @@ double spacing_at(const KdTree<3>& surface, Index row) {
 }
 
 // --- Residuals
-// ------------------------------------------------------------------------------------
 
-/// One side of a map.
-struct Shape {
-    const KdTree<3>& tree;
-    const Normals& normals;
+Index nearest_row(const KdTree<3>& tree, const Eigen::RowVector3d& place) {
+    Index row;
+    double squared;
+    tree.nearest(place.data(), {&row, 1}, {&squared, 1});
+    return row;
+}
 
-    const Positions& positions() const { return tree.points(); }
-    Index nearest(const Eigen::RowVector3d& place) const {
-        Index row;
-        double squared;
-        tree.nearest(place.data(), {&row, 1}, {&squared, 1});
-        return row;
-    }
-};
-
+/// How well one shape's points of a feature meet the other's.
 struct Kept {
     double residual = 0.0, inside = 1.0;
 };
 
-Kept point_kept(const Marked& from, const Marked& to, const Shape& there, const Positions& images) {
+Kept point_kept(const Marked& from, const Marked& to, const MappedSurface& here,
+                const MappedSurface& there) {
     const Index partner = to.rows.front();
-    const double distance = (images.row(from.rows.front()) - there.positions().row(partner)).norm();
+    const double distance =
+        (here.images.row(from.rows.front()) - there.tree.points().row(partner)).norm();
     const double spacing = spacing_at(there.tree, partner);
     return {distance > 0.0 ? distance / std::max(spacing, 1e-300) : 0.0};
 }
 
-Kept curve_kept(const Feature& feature, const Marked& from, const Marked& to, const Shape& here,
-                const Shape& there, const Positions& images, Progress& progress) {
-    const TracedCurve own =
-        trace_curve(here.tree, here.normals, from.rows, feature.closed, progress);
-    const TracedCurve other =
-        trace_curve(there.tree, there.normals, to.rows, feature.closed, progress);
+Kept curve_kept(const Marked& from, const Marked& to, bool closed, const MappedSurface& here,
+                const MappedSurface& there, Progress& progress) {
+    const TracedCurve own = trace_curve(here.tree, here.normals, from.rows, closed, progress);
+    const TracedCurve other = trace_curve(there.tree, there.normals, to.rows, closed, progress);
     double sum = 0.0;
     for (std::size_t i = 0; i < from.rows.size(); ++i) {
         const Vector3 place = other.at(own.share(i));
-        const double distance = (images.row(from.rows[i]).transpose() - place).norm();
-        const double spacing = spacing_at(there.tree, there.nearest(place.transpose()));
+        const double distance = (here.images.row(from.rows[i]).transpose() - place).norm();
+        const double spacing = spacing_at(there.tree, nearest_row(there.tree, place.transpose()));
         sum += std::pow(distance / std::max(spacing, 1e-300), 2);
     }
     return {std::sqrt(sum / static_cast<double>(from.rows.size()))};
 }
 
-Kept region_kept(const Marked& from, const Marked& to, const Shape& there,
-                 const Positions& images) {
+Kept region_kept(const Marked& from, const Marked& to, const MappedSurface& here,
+                 const MappedSurface& there) {
     constexpr double kMember = 0.5;
     std::unordered_map<Index, double> weight_of;
     std::vector<Index> members;
@@ -324,12 +315,12 @@ Kept region_kept(const Marked& from, const Marked& to, const Shape& there,
         weight_of.emplace(to.rows[i], to.weight(i));
         if (to.weight(i) >= kMember * largest) members.push_back(to.rows[i]);
     }
-    const Positions of_members = gather(there.positions(), members);
+    const Positions of_members = gather(there.tree.points(), members);
     const KdTree<3> tree(of_members);
     double all = 0.0, inside = 0.0, outside = 0.0;
     for (std::size_t i = 0; i < from.rows.size(); ++i) {
-        const Eigen::RowVector3d image = images.row(from.rows[i]);
-        const Index nearest = there.nearest(image);
+        const Eigen::RowVector3d image = here.images.row(from.rows[i]);
+        const Index nearest = nearest_row(there.tree, image);
         const auto known = weight_of.find(nearest);
         const double carried = known == weight_of.end() ? 0.0 : known->second;
         all += from.weight(i);
@@ -391,8 +382,8 @@ std::vector<Feature> canonical(std::span<const Feature> features,
         f.target = ranked(feature.target, f.kind, target_rank);
         if (f.kind != FeatureKind::kCurve) continue;
         Feature reversed = f;
-        turn_round(reversed.source, f.closed);
-        turn_round(reversed.target, f.closed);
+        reverse(reversed.source, f.closed);
+        reverse(reversed.target, f.closed);
         if (std::tie(reversed.source.rows, reversed.target.rows) <
             std::tie(f.source.rows, f.target.rows))
             f = std::move(reversed);
@@ -483,31 +474,22 @@ TracedCurve trace_curve(const KdTree<3>& surface, const Normals& normals,
     return curve;
 }
 
-std::vector<FeatureResidual> feature_residuals(
-    std::span<const Feature> features, const KdTree<3>& source, const Normals& source_normals,
-    const KdTree<3>& target, const Normals& target_normals, const Positions& source_images,
-    const Positions& target_images, Progress& progress) {
+std::vector<FeatureResidual> feature_residuals(std::span<const Feature> features,
+                                               const MappedSurface& source,
+                                               const MappedSurface& target, Progress& progress) {
     std::vector<FeatureResidual> residuals;
-    const Shape from{source, source_normals}, to{target, target_normals};
     for (const Feature& f : features) {
-        Kept there, back;
-        switch (f.kind) {
-            case FeatureKind::kPoint:
-                there = point_kept(f.source, f.target, to, source_images);
-                back = point_kept(f.target, f.source, from, target_images);
-                break;
-            case FeatureKind::kCurve:
-                there = curve_kept(f, f.source, f.target, from, to, source_images, progress);
-                back = curve_kept(f, f.target, f.source, to, from, target_images, progress);
-                break;
-            case FeatureKind::kRegion:
-                there = region_kept(f.source, f.target, to, source_images);
-                back = region_kept(f.target, f.source, from, target_images);
-                break;
-        }
+        const auto kept = [&](const Marked& from, const Marked& to, const MappedSurface& here,
+                              const MappedSurface& there) {
+            if (f.kind == FeatureKind::kPoint) return point_kept(from, to, here, there);
+            if (f.kind == FeatureKind::kRegion) return region_kept(from, to, here, there);
+            return curve_kept(from, to, f.closed, here, there, progress);
+        };
+        const Kept forth = kept(f.source, f.target, source, target);
+        const Kept back = kept(f.target, f.source, target, source);
         residuals.push_back({f.name, f.kind, f.hard, f.weight,
-                             std::max(there.residual, back.residual),
-                             std::min(there.inside, back.inside)});
+                             std::max(forth.residual, back.residual),
+                             std::min(forth.inside, back.inside)});
     }
     return residuals;
 }

@@ -18,21 +18,7 @@ namespace {
 
 constexpr std::size_t kNear = 8;
 
-/// The nearest sample on the side of the surface that `normal` belongs to; the nearest at all
-/// where there is none around.
-Index anchor_of(const KdTree<3>& surface, const Normals& normals,
-                const Eigen::Ref<const Eigen::RowVector3d>& point,
-                const Eigen::Ref<const Eigen::RowVector3d>& normal) {
-    std::array<Index, kNear> near;
-    std::array<double, kNear> squared;
-    const Eigen::RowVector3d query = point;
-    const auto found = to_size(surface.nearest(query.data(), near, squared));
-    for (std::size_t k = 0; k < found; ++k)
-        if (normals.row(near[k]).dot(normal) > 0.0) return near[k];
-    return near[0];
-}
-
-/// Weighted mean of the normals around, on the anchor's side.
+/// Weighted mean of the normals around, on the anchor's side of the surface.
 Eigen::RowVector3d normal_at(const KdTree<3>& surface, const Normals& normals,
                              const Eigen::RowVector3d& point, Index anchor) {
     std::array<Index, kNear> near;
@@ -46,17 +32,17 @@ Eigen::RowVector3d normal_at(const KdTree<3>& surface, const Normals& normals,
     return sum.norm() > 1e-9 ? sum.normalized() : Eigen::RowVector3d(normals.row(anchor));
 }
 
-/// Lands the rows `which` of a curve.
-void land(SurfaceCurve& curve, std::span<const Index> which, const KdTree<3>& surface,
-          const Normals& normals, Progress& progress) {
+/// Projects the rows `which` of a curve onto the surface.
+void project(SurfaceCurve& curve, std::span<const Index> which, const KdTree<3>& surface,
+             const Normals& normals, Progress& progress) {
     Positions points(static_cast<Eigen::Index>(which.size()), 3);
     std::vector<Index> anchors;
     for (std::size_t k = 0; k < which.size(); ++k) {
         points.row(static_cast<Eigen::Index>(k)) = curve.points.row(which[k]);
-        anchors.push_back(
-            anchor_of(surface, normals, curve.points.row(which[k]), curve.normals.row(which[k])));
+        anchors.push_back(nearest_on_sheet(surface, normals, curve.points.row(which[k]),
+                                           curve.normals.row(which[k]), kNear));
     }
-    const Positions there = landed(points, anchors, surface, normals, progress);
+    const Positions there = project_onto_surface(points, anchors, surface, normals, progress);
     for (std::size_t k = 0; k < which.size(); ++k) {
         curve.points.row(which[k]) = there.row(static_cast<Eigen::Index>(k));
         curve.normals.row(which[k]) =
@@ -80,12 +66,13 @@ bool edges_cross(const Eigen::RowVector3d& a, const Eigen::RowVector3d& b,
         const Vector3 offset = (point - a).transpose();
         return {offset.dot(right), offset.dot(up)};
     };
-    const auto turn = [](const Eigen::Vector2d& p, const Eigen::Vector2d& q,
+    // Twice the signed area of a triangle.
+    const auto area = [](const Eigen::Vector2d& p, const Eigen::Vector2d& q,
                          const Eigen::Vector2d& r) {
         return (q - p).x() * (r - p).y() - (q - p).y() * (r - p).x();
     };
     const Eigen::Vector2d p = flat(a), q = flat(b), r = flat(c), s = flat(d);
-    return turn(p, q, r) * turn(p, q, s) < 0.0 && turn(r, s, p) * turn(r, s, q) < 0.0;
+    return area(p, q, r) * area(p, q, s) < 0.0 && area(r, s, p) * area(r, s, q) < 0.0;
 }
 
 std::vector<Index> cheapest_path(const SurfaceGraph& graph, Index from, Index to,
@@ -152,29 +139,29 @@ SurfaceCurve on_surface(SurfaceCurve curve, const KdTree<3>& surface, const Norm
                         Progress& progress) {
     std::vector<Index> inner;
     for (Index i = 1; i + 1 < curve.size(); ++i) inner.push_back(i);
-    land(curve, inner, surface, normals, progress);
+    project(curve, inner, surface, normals, progress);
     return curve;
 }
 
 SurfaceCurve straightened(SurfaceCurve curve, const KdTree<3>& surface, const Normals& normals,
                           Index rounds, double relaxation, Progress& progress) {
-    // Every other point moves at a time, so that none moves with its neighbours.
-    std::array<std::vector<Index>, 2> turns;
-    for (Index i = 1; i + 1 < curve.size(); ++i) turns[to_size(i % 2)].push_back(i);
+    // Every other point moves at a time, so that none moves together with its neighbors.
+    std::array<std::vector<Index>, 2> halves;
+    for (Index i = 1; i + 1 < curve.size(); ++i) halves[to_size(i % 2)].push_back(i);
     // An edge that gets much longer than the others has left the surface: it would hang between two
-    // limbs, and draw the whole curve off them.
+    // limbs and pull the whole curve off them.
     constexpr double kLongest = 2.0;
     const double longest =
         kLongest * curve_length(curve.points) / std::max<Index>(1, curve.size() - 1);
     for (Index round = 0; round < rounds; ++round)
-        for (const std::vector<Index>& turn : turns) {
+        for (const std::vector<Index>& half : halves) {
             const SurfaceCurve before = curve;
-            for (const Index i : turn)
+            for (const Index i : half)
                 curve.points.row(i) +=
                     relaxation * (0.5 * (curve.points.row(i - 1) + curve.points.row(i + 1)) -
                                   curve.points.row(i));
-            land(curve, turn, surface, normals, progress);
-            for (const Index i : turn)
+            project(curve, half, surface, normals, progress);
+            for (const Index i : half)
                 for (const Index j : {i - 1, i + 1}) {
                     const double length = (curve.points.row(i) - curve.points.row(j)).norm();
                     if (length > longest &&
@@ -188,9 +175,8 @@ SurfaceCurve straightened(SurfaceCurve curve, const KdTree<3>& surface, const No
     return curve;
 }
 
-SurfaceCurve geodesic(const KdTree<3>& surface, const Normals& normals, const SurfaceGraph& graph,
-                      Index from, Index to, double spacing, Progress& progress) {
-    const std::vector<Index> path = cheapest_path(graph, from, to, {});
+SurfaceCurve geodesic(const KdTree<3>& surface, const Normals& normals, std::span<const Index> path,
+                      double spacing, Progress& progress) {
     SurfaceCurve curve{Positions(static_cast<Eigen::Index>(path.size()), 3),
                        Normals(static_cast<Eigen::Index>(path.size()), 3)};
     for (std::size_t i = 0; i < path.size(); ++i) {
@@ -212,6 +198,22 @@ SurfaceCurve geodesic(const KdTree<3>& surface, const Normals& normals, const Su
         length = now;
     }
     return curve;
+}
+
+ClosedCurve closed_curve(std::span<const SurfaceCurve> parts) {
+    ClosedCurve result;
+    Index count = 0;
+    for (const SurfaceCurve& part : parts) count += part.size() - 1;
+    result.curve = {Positions(count, 3), Normals(count, 3)};
+    Index row = 0;
+    for (const SurfaceCurve& part : parts) {
+        const Index steps = part.size() - 1;
+        result.corners.push_back(row);
+        result.curve.points.middleRows(row, steps) = part.points.topRows(steps);
+        result.curve.normals.middleRows(row, steps) = part.normals.topRows(steps);
+        row += steps;
+    }
+    return result;
 }
 
 }  // namespace pointmorph

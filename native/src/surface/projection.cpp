@@ -58,8 +58,9 @@ Vector2 nearest_in_hull(const std::array<Vector2, 2 * kNeighbors>& hull, std::si
 
 }  // namespace
 
-Positions landed(const Positions& images, std::span<const Index> anchors, const KdTree<3>& surface,
-                 const Normals& normals, Progress& progress, const Neighborhoods* nearest) {
+Positions project_onto_surface(const Positions& images, std::span<const Index> anchors,
+                               const KdTree<3>& surface, const Normals& normals, Progress& progress,
+                               const Neighborhoods* nearest) {
     Positions result(images.rows(), 3);
     const Positions& samples = surface.points();
     parallel_for(static_cast<Index>(images.rows()), progress, [&](Index begin, Index end) {

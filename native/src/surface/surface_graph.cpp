@@ -14,7 +14,8 @@ namespace pointmorph {
 namespace {
 
 /// The shortest edge from every component but the largest to the largest one.
-std::vector<IndexPair> joining_edges(const Positions& positions, const Components& components) {
+std::vector<IndexPair> joining_edges(const Positions& positions,
+                                     const ConnectedComponents& components) {
     const auto largest =
         static_cast<Index>(std::ranges::max_element(components.sizes) - components.sizes.begin());
     std::vector<Index> rows;
@@ -67,7 +68,7 @@ SurfaceGraph finished(const Positions& positions, Neighborhoods joined) {
 }  // namespace
 
 Neighborhoods in_one_piece(const Positions& positions, Neighborhoods joined) {
-    const Components components = connected_components(joined);
+    const ConnectedComponents components = connected_components(joined);
     if (components.count() > 1) {
         // symmetrized() takes one direction of an edge as well as both.
         Neighborhoods bridges;

@@ -19,14 +19,14 @@ namespace pointmorph {
 
 namespace {
 
-constexpr std::size_t kNear = 12;    // farther neighbours reach over gaps
-constexpr double kGap = 5.0;         // in spacings: what is so far from a piece isn't of it
+constexpr std::size_t kNear = 12;    // farther neighbors reach across gaps
+constexpr double kGap = 5.0;         // spacings; farther points are not of one component
 constexpr double kSameSheet = 0.0;   // cosine between normals
 constexpr double kSteepest = 0.8;    // sine of the angle between an edge and a tangent plane
 constexpr Index kPointsPerCell = 8;  // so that cells are surface, not single samples
-constexpr Index kFewestCells = 16;   // fewer show nothing
+constexpr Index kFewestCells = 16;   // fewer show no handles
 
-/// Whether two neighbours lie on the same sheet of the surface.
+/// Whether two neighbors lie on the same side of the same part of the surface.
 bool on_one_sheet(const Positions& positions, const Normals& normals, Index i, Index j) {
     if (normals.row(i).dot(normals.row(j)) <= kSameSheet) return false;
     const Eigen::RowVector3d edge = positions.row(j) - positions.row(i);
@@ -35,7 +35,7 @@ bool on_one_sheet(const Positions& positions, const Normals& normals, Index i, I
            std::abs(edge.dot(normals.row(j))) <= steep;
 }
 
-/// Pieces numbered by size, the largest first; ties by lowest row.
+/// Labels renumbered by size, the largest first; ties by lowest row.
 std::vector<Index> by_size(std::vector<Index> labels, Index count) {
     std::vector<Index> sizes(to_size(count), 0), order(to_size(count)), rank(to_size(count));
     for (const Index label : labels) ++sizes[to_size(label)];
@@ -46,8 +46,8 @@ std::vector<Index> by_size(std::vector<Index> labels, Index count) {
     return labels;
 }
 
-/// Rows of points at the very same place as one of a lower row, which stands for them: that row;
-/// else the row itself. `nearest` is ascending by distance.
+/// For each point the lowest row at the very same place, which stands for all points there.
+/// `nearest` is ascending by distance.
 std::vector<Index> without_twins(const Positions& positions, const Neighborhoods& nearest) {
     const Index count = static_cast<Index>(positions.rows());
     std::vector<Index> first(to_size(count));
@@ -68,10 +68,10 @@ std::vector<Index> without_twins(const Positions& positions, const Neighborhoods
     return first;
 }
 
-/// Takes a few points that hang together with nothing, but lie on a piece (a thin rim whose normals
-/// nothing agrees with), into that piece.
-void take_in(std::vector<Index>& labels, const Positions& positions, const Neighborhoods& nearest,
-             const Values& spacing) {
+/// Adds a few points that are connected to nothing, but lie on a component (a thin rim whose
+/// normals agree with no others), to that component.
+void absorb_crumbs(std::vector<Index>& labels, const Positions& positions,
+                   const Neighborhoods& nearest, const Values& spacing) {
     constexpr double kBeside = 2.0;  // spacings
     std::vector<Index> sizes(to_size(1 + *std::ranges::max_element(labels)), 0);
     for (const Index label : labels) ++sizes[to_size(label)];
@@ -87,7 +87,7 @@ void take_in(std::vector<Index>& labels, const Positions& positions, const Neigh
                 break;
             }
     }
-    // Numbers without a gap again, still by size.
+    // Close the gaps in the numbers, still by size.
     std::vector<Index> rank(sizes.size(), -1);
     Index count = 0;
     for (std::size_t p = 0; p < into.size(); ++p)
@@ -95,12 +95,13 @@ void take_in(std::vector<Index>& labels, const Positions& positions, const Neigh
     for (Index& label : labels) label = rank[to_size(into[to_size(label)])];
 }
 
-/// Sets how many of the pieces, numbered by size, are specks: those of few points, and scattered
-/// points that aren't many. Those go last.
-void tell_specks(Topology& topology, const Values& spacing, double speck) {
-    constexpr double kFew = 0.02, kScattered = 3.0;  // a share of the points; main spacings
+/// Counts the strays among the components, which are numbered by size, and moves them last: those
+/// with few points, and scattered points unless they are many.
+void move_strays_last(Topology& topology, const Values& spacing, double smallest_share) {
+    constexpr double kFew = 0.02;       // a share of the points
+    constexpr double kScattered = 3.0;  // times the largest component's spacing
     const auto count = static_cast<double>(topology.labels.size());
-    std::vector<std::vector<double>> spacings(topology.pieces.size());
+    std::vector<std::vector<double>> spacings(topology.components.size());
     for (std::size_t i = 0; i < topology.labels.size(); ++i)
         spacings[to_size(topology.labels[i])].push_back(spacing[static_cast<Eigen::Index>(i)]);
     const auto median = [](std::vector<double>& values) {
@@ -109,28 +110,27 @@ void tell_specks(Topology& topology, const Values& spacing, double speck) {
         return *middle;
     };
     const double usual = median(spacings.front());
-    std::vector<Index> order, specks;
+    std::vector<Index> order, strays;
     for (Index p = 0; p < static_cast<Index>(spacings.size()); ++p) {
         const auto points = static_cast<double>(spacings[to_size(p)].size());
-        const bool is_speck =
-            points < speck * count || points < kPointsPerCell ||
+        const bool is_stray =
+            points < smallest_share * count || points < kPointsPerCell ||
             (points < kFew * count && median(spacings[to_size(p)]) > kScattered * usual);
-        (p > 0 && is_speck ? specks : order).push_back(p);
+        (p > 0 && is_stray ? strays : order).push_back(p);
     }
-    topology.specks = static_cast<Index>(specks.size());
-    order.insert(order.end(), specks.begin(), specks.end());
+    topology.strays = static_cast<Index>(strays.size());
+    order.insert(order.end(), strays.begin(), strays.end());
     std::vector<Index> rank(order.size());
-    std::vector<Piece> pieces;
+    std::vector<Component> components;
     for (std::size_t k = 0; k < order.size(); ++k) {
         rank[to_size(order[k])] = static_cast<Index>(k);
-        pieces.push_back(topology.pieces[to_size(order[k])]);
+        components.push_back(topology.components[to_size(order[k])]);
     }
-    topology.pieces = std::move(pieces);
+    topology.components = std::move(components);
     for (Index& label : topology.labels) label = rank[to_size(label)];
 }
 
-/// The pieces that faces say, but for points at one place, which belong together; what has no face
-/// goes with its nearest neighbours.
+/// The components that faces give; coincident points belong together.
 std::vector<Index> joined_parts(std::span<const Index> parts, std::span<const Index> first) {
     Neighborhoods same;
     std::map<Index, Index> representative;
@@ -140,14 +140,14 @@ std::vector<Index> joined_parts(std::span<const Index> parts, std::span<const In
             if (other != static_cast<Index>(i)) same.indices.push_back(other);
         same.offsets.push_back(static_cast<std::int64_t>(same.indices.size()));
     }
-    Components components = connected_components(same);
+    ConnectedComponents components = connected_components(same);
     return by_size(std::move(components.label), components.count());
 }
 
-/// Components over neighbours on the same sheet.
-std::vector<Index> found_parts(const Positions& positions, const Normals& normals,
-                               const Neighborhoods& nearest, const Values& spacing,
+/// Components over neighbors on the same side of the surface.
+std::vector<Index> found_parts(const SampledSurface& surface, const Values& spacing,
                                std::span<const Index> first) {
+    const auto& [positions, normals, nearest, name] = surface;
     const auto has = [&](Index i, Index j) {
         return std::ranges::find(nearest[i], j) != nearest[i].end();
     };
@@ -159,34 +159,47 @@ std::vector<Index> found_parts(const Positions& positions, const Normals& normal
             if (first[to_size(i)] != i || taken == kNear) break;
             if (first[to_size(j)] != j || !on_one_sheet(positions, normals, i, j)) continue;
             ++taken;
-            // What floats far off has neighbours, but is none of theirs.
+            // A point that floats far off has neighbors, but is a neighbor of none.
             if ((positions.row(j) - positions.row(i)).norm() < kGap * spacing[j] || has(j, i))
                 joined.indices.push_back(j);
         }
         joined.offsets.push_back(static_cast<std::int64_t>(joined.indices.size()));
     }
-    Components components = connected_components(joined);
+    ConnectedComponents components = connected_components(joined);
     return by_size(std::move(components.label), components.count());
 }
 
-/// Points of one piece, none twice, joined along the surface.
+/// Rows of one component, coincident points once; every n-th where there are more than `most`.
+std::vector<Index> sampled_rows(std::span<const Index> labels, std::span<const Index> first,
+                                Index component, Index most) {
+    std::vector<Index> rows;
+    for (std::size_t i = 0; i < labels.size(); ++i)
+        if (labels[i] == component && first[i] == static_cast<Index>(i))
+            rows.push_back(static_cast<Index>(i));
+    const auto step = (rows.size() + to_size(most) - 1) / to_size(most);
+    for (std::size_t k = 0; k * step < rows.size(); ++k) rows[k] = rows[k * step];
+    rows.resize((rows.size() + step - 1) / step);
+    return rows;
+}
+
+/// Points of one component, none twice, joined along the surface.
 struct Sample {
     Positions positions;
     Normals normals;
     KdTree<3> tree;
-    Neighborhoods own;             ///< where there are others in the cloud
-    const Neighborhoods* nearest;  ///< 12 or more, where there are so many
+    Neighborhoods own;             ///< unless the sample is the whole cloud
+    const Neighborhoods* nearest;  ///< 12 or more a point, where there are that many
     double area;
-    Neighborhoods near;  ///< of these, 12 at the most: on the same sheet
+    Neighborhoods near;  ///< those of the nearest 12 on the same side of the surface
     SurfaceGraph graph;  ///< symmetric
 
-    /// `all_nearest`: of all points, ascending by distance.
-    Sample(const Positions& all, const Normals& all_normals, const Neighborhoods& all_nearest,
-           std::span<const Index> rows, Progress& progress)
-        : positions(gather(all, rows)), normals(gather(all_normals, rows)), tree(positions) {
-        const bool whole = static_cast<Eigen::Index>(rows.size()) == all.rows();
+    Sample(const SampledSurface& all, std::span<const Index> rows, Progress& progress)
+        : positions(gather(all.positions, rows)),
+          normals(gather(all.normals, rows)),
+          tree(positions) {
+        const bool whole = static_cast<Index>(rows.size()) == all.size();
         if (!whole) own = nearest_neighbors(tree, static_cast<Index>(kNear), progress);
-        nearest = whole ? &all_nearest : &own;
+        nearest = whole ? &all.nearest : &own;
         area = estimated_area(positions, *nearest);
         for (Index i = 0; i < tree.size(); ++i) {
             const auto row = (*nearest)[i];
@@ -234,8 +247,8 @@ std::vector<Index> cells_around(const Sample& sample, std::span<const Index> cen
     return cells;
 }
 
-/// Cells from one to another, both included; from one to itself: that one.
-std::vector<Index> way(const Neighborhoods& neighbors, Index from, Index to) {
+/// The shortest path of cells, both ends included; empty where there is none.
+std::vector<Index> cell_path(const Neighborhoods& neighbors, Index from, Index to) {
     std::vector<Index> before(to_size(neighbors.size()), -1), open{to};
     before[to_size(to)] = to;
     for (std::size_t k = 0; k < open.size() && before[to_size(from)] < 0; ++k)
@@ -251,7 +264,7 @@ std::vector<Index> way(const Neighborhoods& neighbors, Index from, Index to) {
     return path;
 }
 
-/// The complex of a piece's cells: those that meet near a point span a simplex.
+/// The complex of a component's cells: those that meet near a point span a simplex.
 Complex complex_of(const Sample& sample, std::span<const Index> cells, Index count) {
     Complex complex(count);
     std::vector<Index> around, before;
@@ -268,7 +281,7 @@ Complex complex_of(const Sample& sample, std::span<const Index> cells, Index cou
     return complex;
 }
 
-/// Closes borders with a lid each. `borders`: rows of the sample.
+/// Closes each border with a lid. `borders` are rows of the sample.
 void close(Complex& complex, std::span<const Index> cells,
            std::span<const std::vector<Index>> borders) {
     if (borders.empty()) return;
@@ -279,7 +292,7 @@ void close(Complex& complex, std::span<const Index> cells,
             const Index here = cells[to_size(border[k])],
                         next = cells[to_size(border[(k + 1) % border.size()])];
             if (here < 0 || next < 0) continue;
-            const std::vector<Index> path = way(neighbors, here, next);
+            const std::vector<Index> path = cell_path(neighbors, here, next);
             for (std::size_t m = 0; m + 1 < path.size(); ++m)
                 complex.add(std::array{std::min(path[m], path[m + 1]),
                                        std::max(path[m], path[m + 1]), lid});
@@ -287,10 +300,10 @@ void close(Complex& complex, std::span<const Index> cells,
     }
 }
 
-/// Handles of a piece, two free loops each. Where no loop is free among the most cells, or only an
-/// odd number of short ones are, there is none, since fewer cells could but lose some; else there
-/// are as many as two numbers of cells agree about. Gaps in the sampling make more loops; then the
-/// wide ones are counted, which thin handles lack.
+/// Handles of a component, two free loops each. If no loop is free among the most cells, or only an
+/// odd number of short ones, there is no handle, since fewer cells can only lose some; else the
+/// number on which two counts of cells agree. Gaps in the sampling add loops: then only wide loops
+/// count, which thin handles lack.
 std::optional<Index> genus_of(const Sample& sample, std::span<const std::vector<Index>> borders,
                               Index most, Progress& progress) {
     const Index most_cells = std::min(most, sample.tree.size() / kPointsPerCell);
@@ -299,7 +312,7 @@ std::optional<Index> genus_of(const Sample& sample, std::span<const std::vector<
         const auto count = static_cast<Index>(share * most_cells);
         if (count < kFewestCells) return std::nullopt;
         const std::vector<Index> centers =
-            blue_noise_subset(sample.tree, sample.normals, {}, count, progress, sample.nearest)
+            poisson_disk_subset(sample.tree, sample.normals, {}, count, progress, sample.nearest)
                 .rows;
         const std::vector<Index> cells = cells_around(sample, centers);
         Complex complex = complex_of(sample, cells, static_cast<Index>(centers.size()));
@@ -321,9 +334,9 @@ std::optional<Index> genus_of(const Sample& sample, std::span<const std::vector<
     return std::nullopt;
 }
 
-std::string with_article(const Piece& piece, bool plural) {
+std::string with_article(const Component& component, bool plural) {
     std::string words;
-    if (piece.is_open) {
+    if (component.is_open) {
         words = plural ? "open patches" : "an open patch";
     } else {
         words = plural ? "closed surfaces" : "a closed surface";
@@ -331,21 +344,21 @@ std::string with_article(const Piece& piece, bool plural) {
     return words;
 }
 
-std::string genus_in_words(const Piece& piece) {
-    return piece.genus ? std::to_string(*piece.genus) : "unknown";
+std::string genus_in_words(const Component& component) {
+    return component.genus ? std::to_string(*component.genus) : "unknown";
 }
 
-std::string holes_in_words(const Piece& piece) {
-    const Index holes = piece.borders - (piece.is_open ? 1 : 0);
+std::string holes_in_words(const Component& component) {
+    const Index holes = component.borders - (component.is_open ? 1 : 0);
     if (holes <= 0) return "";
     return " with " + std::to_string(holes) + (holes == 1 ? " hole" : " holes");
 }
 
-std::string in_words(const Piece& piece, bool plural = false) {
-    std::string words = with_article(piece, plural);
-    if (!piece.is_open || !piece.genus || *piece.genus > 0)
-        words += (piece.genus ? " of genus " : ", genus ") + genus_in_words(piece);
-    return words + holes_in_words(piece);
+std::string in_words(const Component& component, bool plural = false) {
+    std::string words = with_article(component, plural);
+    if (!component.is_open || !component.genus || *component.genus > 0)
+        words += (component.genus ? " of genus " : ", genus ") + genus_in_words(component);
+    return words + holes_in_words(component);
 }
 
 }  // namespace
@@ -356,58 +369,52 @@ bool is_rim(double length, double area) {
     return length * length > kSquaredLengthToArea * area;
 }
 
-Topology find_topology(const Positions& positions, const Normals& normals,
-                       const Neighborhoods& nearest, std::span<const BoundaryLoop> loops,
+Topology find_topology(const SampledSurface& surface, std::span<const BoundaryLoop> loops,
                        std::span<const Index> parts, const TopologyOptions& options,
                        Progress& progress) {
-    const auto count = static_cast<Index>(positions.rows());
-    const std::vector<Index> first = without_twins(positions, nearest);
-    const Values spacing = local_spacing(positions, nearest);
+    const Positions& positions = surface.positions;
+    const std::vector<Index> first = without_twins(positions, surface.nearest);
+    const Values spacing = local_spacing(positions, surface.nearest);
     Topology result;
-    result.labels = parts.empty() ? found_parts(positions, normals, nearest, spacing, first)
-                                  : joined_parts(parts, first);
-    if (parts.empty()) take_in(result.labels, positions, nearest, spacing);
-    result.pieces.resize(to_size(1 + *std::ranges::max_element(result.labels)));
-    for (const Index label : result.labels) ++result.pieces[to_size(label)].points;
-    tell_specks(result, spacing, options.speck);
-    const auto pieces = static_cast<Index>(result.pieces.size());
+    result.labels =
+        parts.empty() ? found_parts(surface, spacing, first) : joined_parts(parts, first);
+    if (parts.empty()) absorb_crumbs(result.labels, positions, surface.nearest, spacing);
+    result.components.resize(to_size(1 + *std::ranges::max_element(result.labels)));
+    for (const Index label : result.labels) ++result.components[to_size(label)].points;
+    move_strays_last(result, spacing, options.smallest_share);
 
-    for (Index p = 0; p < pieces - result.specks; ++p) {
-        Piece& piece = result.pieces[to_size(p)];
-        std::vector<Index> rows;
-        for (Index i = 0; i < count; ++i)
-            if (result.labels[to_size(i)] == p && first[to_size(i)] == i) rows.push_back(i);
-        const auto step = (rows.size() + to_size(options.points) - 1) / to_size(options.points);
-        for (std::size_t k = 0; k * step < rows.size(); ++k) rows[k] = rows[k * step];
-        rows.resize((rows.size() + step - 1) / step);
-        const Sample sample(positions, normals, nearest, rows, progress);
+    const auto count = static_cast<Index>(result.components.size());
+    for (Index c = 0; c < count - result.strays; ++c) {
+        Component& component = result.components[to_size(c)];
+        const std::vector<Index> rows = sampled_rows(result.labels, first, c, options.points);
+        const Sample sample(surface, rows, progress);
         std::vector<std::vector<Index>> borders;
         for (const BoundaryLoop& loop : loops) {
-            if (result.labels[to_size(loop.front())] != p) continue;
-            piece.is_open |= is_rim(loop_length(positions, loop), sample.area);
+            if (result.labels[to_size(loop.front())] != c) continue;
+            component.is_open |= is_rim(loop_length(positions, loop), sample.area);
             std::vector<Index>& border = borders.emplace_back();
             for (const Index i : loop)
                 border.push_back(nearest_on_sheet(sample.tree, sample.normals, positions.row(i),
-                                                  normals.row(i)));
+                                                  surface.normals.row(i)));
         }
-        piece.borders = static_cast<Index>(borders.size());
-        piece.genus = genus_of(sample, borders, options.cells, progress);
-        progress.report(static_cast<double>(p + 1) / pieces);
+        component.borders = static_cast<Index>(borders.size());
+        component.genus = genus_of(sample, borders, options.cells, progress);
+        progress.report(static_cast<double>(c + 1) / count);
     }
     return result;
 }
 
 std::string in_words(const Topology& topology) {
     const auto main = topology.main();
-    std::string specks;
-    if (topology.specks > 0)
-        specks = " and " + std::to_string(topology.specks) +
-                 (topology.specks == 1 ? " speck" : " specks");
-    if (main.size() == 1) return in_words(main.front()) + specks;
-    std::vector<std::pair<std::string, std::string>> kinds;  // of one piece, of several
+    std::string strays;
+    if (topology.strays > 0)
+        strays = " and " + std::to_string(topology.strays) +
+                 (topology.strays == 1 ? " speck" : " specks");
+    if (main.size() == 1) return in_words(main.front()) + strays;
+    std::vector<std::pair<std::string, std::string>> kinds;  // singular, plural
     std::vector<Index> counts;
-    for (const Piece& piece : main) {
-        const std::pair kind(in_words(piece), in_words(piece, true));
+    for (const Component& component : main) {
+        const std::pair kind(in_words(component), in_words(component, true));
         const auto known = std::ranges::find(kinds, kind);
         if (known == kinds.end()) {
             kinds.push_back(kind);
@@ -422,12 +429,12 @@ std::string in_words(const Topology& topology) {
         words +=
             counts[k] == 1 ? kinds[k].first : std::to_string(counts[k]) + " " + kinds[k].second;
     }
-    return words + ")" + specks;
+    return words + ")" + strays;
 }
 
 std::string difference_in_words(const Topology& source, const std::string& source_name,
                                 const Topology& target, const std::string& target_name) {
-    const Piece &s = source.pieces.front(), &t = target.pieces.front();
+    const Component &s = source.components.front(), &t = target.components.front();
     const bool handles = s.genus && t.genus && *s.genus != *t.genus;
     if (s.is_open == t.is_open && !handles) return "";
     return source_name + " is " + in_words(s) + " and " + target_name + " " + in_words(t) +
@@ -437,7 +444,7 @@ std::string difference_in_words(const Topology& source, const std::string& sourc
 std::string in_words(const Topology& source, const Topology& target) {
     const auto s = source.main(), t = target.main();
     const std::string one = in_words(source), other = in_words(target);
-    if (s.size() == 1 && t.size() == 1 && source.specks + target.specks == 0) {
+    if (s.size() == 1 && t.size() == 1 && source.strays + target.strays == 0) {
         if (one == other) return in_words(s.front(), true);
         const bool alike = s.front().is_open == t.front().is_open &&
                            holes_in_words(s.front()) == holes_in_words(t.front());

@@ -47,7 +47,7 @@ TEST(Similarity, RecoversAKnownOne) {
     const Similarity found = fit_similarity(p, known.apply(p));
     EXPECT_NEAR(found.scale, known.scale, 1e-12);
     EXPECT_LT((found.rotation - known.rotation).norm(), 1e-10);
-    EXPECT_LT((found.shift - known.shift).norm(), 1e-10);
+    EXPECT_LT((found.translation - known.translation).norm(), 1e-10);
     EXPECT_LT((known.inverse().apply(known.apply(p)) - p).norm(), 1e-12);
 }
 

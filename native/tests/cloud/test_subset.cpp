@@ -25,7 +25,7 @@ TEST(Subset, KeepsItsDistanceAndCoversTheCloud) {
     const Positions p = shapes::sphere(5000);
     Progress progress;
     const std::vector<Index> required{7, 8, 4000};
-    const Subset subset = blue_noise_subset(KdTree<3>(p), p, required, 400, progress);
+    const Subset subset = poisson_disk_subset(KdTree<3>(p), p, required, 400, progress);
     EXPECT_NEAR(static_cast<double>(subset.rows.size()), 400.0, 40.0);
     EXPECT_TRUE(std::equal(required.begin(), required.end(), subset.rows.begin()));
     for (std::size_t a = 3; a < subset.rows.size(); ++a)
@@ -46,8 +46,8 @@ TEST(Subset, IsTheSameWhereNeighborsAreKnown) {
         const Neighborhoods nearest = nearest_neighbors(tree, 16, progress);
         EXPECT_DOUBLE_EQ(estimated_area(p, nearest), estimated_area(tree));
         for (const Index count : {100, 1000, 2500, 9000})
-            EXPECT_EQ(blue_noise_subset(tree, n, {}, count, progress, &nearest).rows,
-                      blue_noise_subset(tree, n, {}, count, progress).rows);
+            EXPECT_EQ(poisson_disk_subset(tree, n, {}, count, progress, &nearest).rows,
+                      poisson_disk_subset(tree, n, {}, count, progress).rows);
     }
 }
 
@@ -60,7 +60,7 @@ TEST(Subset, BothSidesOfAThinSheetGetTheirOwn) {
     n.col(2).head(top.rows()).setOnes();
     n.col(2).tail(top.rows()).setConstant(-1.0);
     Progress progress;
-    const Subset subset = blue_noise_subset(KdTree<3>(p), n, {}, 200, progress);
+    const Subset subset = poisson_disk_subset(KdTree<3>(p), n, {}, 200, progress);
     const auto above = std::ranges::count_if(subset.rows, [&](Index i) { return i < top.rows(); });
     EXPECT_NEAR(static_cast<double>(above) / static_cast<double>(subset.rows.size()), 0.5, 0.05);
 }
@@ -70,7 +70,7 @@ TEST(Subset, ASmallCloudIsItsOwnSubsetWithoutDuplicates) {
     p << shapes::cube_noise(30), shapes::cube_noise(30);
     const Normals n = Normals::Constant(60, 3, 1.0 / std::sqrt(3.0));
     Progress progress;
-    const Subset subset = blue_noise_subset(KdTree<3>(p), n, {}, 100, progress);
+    const Subset subset = poisson_disk_subset(KdTree<3>(p), n, {}, 100, progress);
     EXPECT_EQ(subset.rows.size(), 30u);
     std::vector<char> seen(30, 0);
     for (const Index i : subset.rows) seen[to_size(i % 30)] += 1;
@@ -82,7 +82,7 @@ TEST(Subset, CoincidentRequiredRowsAllStay) {
     const Normals n = Normals::Constant(50, 3, 1.0 / std::sqrt(3.0));
     Progress progress;
     const std::vector<Index> required{3, 5};
-    EXPECT_EQ(blue_noise_subset(KdTree<3>(p), n, required, 10, progress).rows, required);
+    EXPECT_EQ(poisson_disk_subset(KdTree<3>(p), n, required, 10, progress).rows, required);
 }
 
 }  // namespace

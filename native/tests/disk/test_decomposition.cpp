@@ -34,9 +34,11 @@ struct Shape {
 
     Decomposition cut(const std::vector<Index>& loop, DecompositionOptions options = {}) const {
         Progress progress;
-        return decompose(tree, normals, nearest, loop, std::span(kNames).first(loop.size()),
-                         options, "shape", progress);
+        return decompose(surface(), tree, {loop, std::span(kNames).first(loop.size())}, options,
+                         progress);
     }
+
+    SampledSurface surface() const { return {positions, normals, nearest, "shape"}; }
 
     Positions positions;
     Normals normals;
@@ -222,8 +224,8 @@ TEST(Decomposition, LeadsTheCurveRoundAFeature) {
         shape.at(1, 0, 0), shape.at(0, 1, 0), shape.at(-1, 0, 0), shape.at(0, -1, 0), below, above};
     const auto cut = [&](std::vector<Patch> wanted) {
         Progress progress;
-        return decompose(shape.tree, shape.normals, shape.nearest, features,
-                         std::span(kNames).first(4), {}, "shape", progress, wanted);
+        return decompose(shape.surface(), shape.tree,
+                         {features, std::span(kNames).first(4), wanted}, {}, progress);
     };
     const auto side = [](const Decomposition& of, Index row) { return of.patches[to_size(row)]; };
     const Decomposition plain = cut({});
@@ -252,15 +254,14 @@ TEST(Decomposition, TakesCloudsOfFewPoints) {
     EXPECT_GT(std::ranges::count(cut.patches, Patch::kRight), 15);
 }
 
-TEST(Decomposition, ProposesATourThroughTheFeaturesOnTips) {
+TEST(Decomposition, ProposesATourThroughTheFeaturesAtExtremities) {
     const Shape shape = star(5000);
     const std::vector<Index> features{shape.at(2, 0, 0), shape.at(-2, 0, 0),  // opposite tips
                                       shape.at(0, 0, 1),                      // in the middle
                                       shape.at(0, 2, 0), shape.at(0, -2, 0)};
     Progress progress;
-    const FeatureReach reach =
-        feature_reach(shape.tree, shape.normals, shape.nearest, features, {}, progress);
-    EXPECT_EQ(reach.on_tip, (std::vector<char>{1, 1, 0, 1, 1}));
+    const FeatureReach reach = feature_reach(shape.surface(), shape.tree, features, {}, progress);
+    EXPECT_EQ(reach.at_extremity, (std::vector<char>{1, 1, 0, 1, 1}));
     EXPECT_LT((reach.distances - reach.distances.transpose()).cwiseAbs().maxCoeff(), 1e-9);
     std::vector<Index> loop = propose_loop(reach, reach);
     ASSERT_EQ(loop.size(), 4u);

@@ -53,8 +53,8 @@ Parameterization onto_disk(const Patch& patch, const ParameterizationOptions& op
                            Progress* progress = nullptr) {
     Progress silent;
     const auto angles = boundary_angles(patch.positions, patch.loop, options.boundary_spacing, {});
-    return parameterize(patch.positions, patch.normals, patch.nearest, patch.loop, angles, options,
-                        "patch", progress ? *progress : silent);
+    return parameterize({patch.positions, patch.normals, patch.nearest, "patch"},
+                        {patch.loop, angles}, options, progress ? *progress : silent);
 }
 
 ParameterizationOptions full() {
@@ -331,10 +331,11 @@ TEST(Parameterization, TiesSeparatePartsToTheRestWhereAsked) {
     for (const SolveMode solve : {SolveMode::kFull, SolveMode::kLod}) {
         ParameterizationOptions options;
         options.solve = solve;
-        EXPECT_THROW(parameterize(p, n, nearest, loop, angles, options, "grid", progress),
+        EXPECT_THROW(parameterize({p, n, nearest, "grid"}, {loop, angles}, options, progress),
                      TopologyError);
         options.join_parts = true;
-        const auto result = parameterize(p, n, nearest, loop, angles, options, "grid", progress);
+        const auto result =
+            parameterize({p, n, nearest, "grid"}, {loop, angles}, options, progress);
         EXPECT_EQ(result.joined, kBall);
         EXPECT_TRUE(result.points.allFinite());
         for (Index i = kSide * kSide; i < p.rows(); ++i)

@@ -14,7 +14,7 @@
 namespace pointmorph {
 namespace {
 
-constexpr Sheet kCorners{0, 1, 2};
+constexpr GapTriangle kCorners{0, 1, 2};
 
 /// Three corners anywhere; every other time nearly on a line.
 Positions random_triangle(std::mt19937_64& random) {
@@ -53,7 +53,7 @@ double widest(const Positions& corners) {
     return result;
 }
 
-TEST(Sheets, AreWiderThanWhatDenseSamplesSay) {
+TEST(GapTriangles, AreWiderThanWhatDenseSamplesSay) {
     std::mt19937_64 random(1);
     for (int trial = 0; trial < 100; ++trial) {
         const Positions corners = random_triangle(random);
@@ -64,7 +64,7 @@ TEST(Sheets, AreWiderThanWhatDenseSamplesSay) {
     }
 }
 
-TEST(Sheets, OfNoExtentAreWiderThanNothing) {
+TEST(GapTriangles, OfNoExtentAreWiderThanNothing) {
     const Positions corners = Positions::Ones(3, 3);
     EXPECT_FALSE(is_wider(corners, kCorners, 1e-9));
     EXPECT_EQ(edge_length(corners, kCorners), 0.0);
@@ -73,7 +73,7 @@ TEST(Sheets, OfNoExtentAreWiderThanNothing) {
     EXPECT_EQ(taken, 0);
 }
 
-TEST(Sheets, ShowTheirFrontWhereTheirCornersDo) {
+TEST(GapTriangles, ShowTheirFrontWhereTheirCornersDo) {
     std::mt19937_64 random(2);
     for (int trial = 0; trial < 50; ++trial) {
         const Positions corners = random_triangle(random);
@@ -84,7 +84,7 @@ TEST(Sheets, ShowTheirFrontWhereTheirCornersDo) {
     }
 }
 
-TEST(Sheets, ThatAreLinesShowTheirFrontWhereTheirEndsAgree) {
+TEST(GapTriangles, ThatAreLinesShowTheirFrontWhereTheirEndsAgree) {
     Positions ends = Positions::Zero(2, 3);
     ends(1, 0) = 1.0;
     Normals normals(2, 3);
@@ -94,7 +94,7 @@ TEST(Sheets, ThatAreLinesShowTheirFrontWhereTheirEndsAgree) {
     EXPECT_FALSE(shows_front(ends, normals, {0, 0, 1}));
 }
 
-TEST(Sheets, AreSampledEvenlyAndInsideAlone) {
+TEST(GapTriangles, AreSampledEvenlyAndInsideAlone) {
     constexpr double kSpacing = 0.05;
     std::mt19937_64 random(3);
     std::uniform_real_distribution<double> share(0.0, 1.0);
@@ -130,27 +130,28 @@ TEST(Sheets, AreSampledEvenlyAndInsideAlone) {
     EXPECT_GT(looked_at, 300);
 }
 
-TEST(Sheets, AreLeftWhenEnoughIsTaken) {
+TEST(GapTriangles, AreLeftWhenEnoughIsTaken) {
     const Positions corners = Positions::Identity(3, 3);
     int taken = 0;
     each_sample(kCorners, corners, 0.01, [&](const InsertedPoint&) { return ++taken < 5; });
     EXPECT_EQ(taken, 5);
 }
 
-TEST(Sheets, HaveTheNormalOfTheirCornersWhereTheseAgree) {
+TEST(GapTriangles, HaveTheNormalOfTheirCornersWhereTheseAgree) {
     const Positions corners = Positions::Identity(3, 3);
     const InsertedPoint middle{kCorners, {0.2, 0.3, 0.5}, {}};
     const Vector3 tilted = Vector3(1.0, 2.0, 2.0) / 3.0;
-    EXPECT_LT((sheet_normal(corners, same_normals(tilted), middle) - tilted).norm(), 1e-12);
+    EXPECT_LT((gap_triangle_normal(corners, same_normals(tilted), middle) - tilted).norm(), 1e-12);
     // Corners that cancel one another leave the side to which the triangle faces.
     Normals opposed(3, 3);
     opposed << 1, 0, 0, -1, 0, 0, 0, 0, 0;
     const InsertedPoint between{kCorners, {0.5, 0.5, 0.0}, {}};
-    EXPECT_LT((sheet_normal(corners, opposed, between) - facing(corners).normalized()).norm(),
-              1e-12);
+    EXPECT_LT(
+        (gap_triangle_normal(corners, opposed, between) - facing(corners).normalized()).norm(),
+        1e-12);
 }
 
-TEST(Sheets, BetweenTheSameModelTwiceAreItsTriangles) {
+TEST(GapTriangles, BetweenTheSameModelTwiceAreItsTriangles) {
     constexpr Index kSide = 12;
     Cloud cloud;
     cloud.positions = shapes::grid(kSide);
@@ -163,9 +164,9 @@ TEST(Sheets, BetweenTheSameModelTwiceAreItsTriangles) {
     }
     Progress progress;
     const EndSamples source(cloud, rows, progress), target(cloud, rows, progress);
-    const std::vector<Sheet> found = sheets(source, target, pairs);
+    const std::vector<GapTriangle> found = gap_triangles(source, target, pairs);
     double area = 0.0;
-    for (const Sheet& corners : found) {
+    for (const GapTriangle& corners : found) {
         EXPECT_TRUE(shows_front(source.positions, source.normals, corners));
         Positions places(3, 3);
         for (Index c = 0; c < 3; ++c) places.row(c) = cloud.positions.row(corners[to_size(c)]);

@@ -59,7 +59,7 @@ TEST(Motion, ATurnedAndGrownShapeTurnsAndGrowsEvenly) {
         for (const double t : {0.0, 0.25, 0.5, 1.0}) {
             const OrientedPoints at = motion.at(t);
             const Vector3 center = (1 - t) * similarity.center +
-                                   t * (4.0 * (turn(2.0) * similarity.center) + whole.shift);
+                                   t * (4.0 * (turn(2.0) * similarity.center) + whole.translation);
             const Positions expected =
                 (std::pow(4.0, t) * (ball.rowwise() - similarity.center.transpose()) *
                  turn(2.0 * t).transpose())

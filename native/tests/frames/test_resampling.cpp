@@ -267,7 +267,7 @@ TEST(Resampling, ACrackBetweenSidesThatFaceEachOtherIsFilled) {
     }
 }
 
-TEST(Resampling, ASheetThatWouldShowItsBackIsNotMade) {
+TEST(Resampling, ATriangleThatWouldShowItsBackFaceIsNotFilled) {
     // One half slid over the other: what joins their edges would lie upside down in between.
     const Given given = parted_plane(
         [](const Vector3& p) {
@@ -312,7 +312,7 @@ TEST(Resampling, PointsComeAndGoSmoothlyAndKeepTheirIds) {
             const auto row = static_cast<Eigen::Index>(i);
             while (j < next.ids.size() && next.ids[j] < now.ids[i]) ++j;
             if (j == next.ids.size() || next.ids[j] != now.ids[i]) {
-                EXPECT_LT(now.share[row], 0.01);  // gone, from almost nothing
+                EXPECT_LT(now.share[row], 0.01);  // vanished, from almost nothing
                 continue;
             }
             const auto other = static_cast<Eigen::Index>(j);
@@ -440,7 +440,7 @@ TEST(Resampling, RefusesBadOptionsAndCanBeCancelled) {
                  Cancelled);
 }
 
-TEST(Resampling, ProgressNeverFallsAndEveryMomentCanBeTheLast) {
+TEST(Resampling, ProgressNeverFallsAndCanEndAtAnyReport) {
     const Given given = torn_plane(60);
     ResamplingOptions options;
     options.crowding = 2.0;

@@ -19,10 +19,11 @@ struct Case {
     Pairing pairs;
     std::vector<Feature> features;
 
+    TwoWayMap map() const { return {source, target, source_images, target_images, pairs}; }
+
     Quality measure() const {
         Progress progress;
-        return measure_quality(source, target, source_images, target_images, pairs, features,
-                               progress);
+        return measure_quality(map(), features, progress);
     }
 };
 
@@ -334,8 +335,7 @@ TEST(Quality, CanBeStopped) {
     EXPECT_THROW(
         {
             progress.enter("quality");
-            measure_quality(one.source, one.target, one.source_images, one.target_images, one.pairs,
-                            {}, progress);
+            measure_quality(one.map(), {}, progress);
         },
         Cancelled);
 }

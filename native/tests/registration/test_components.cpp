@@ -41,7 +41,7 @@ Topology topology_of(std::vector<Index> sizes) {
     Topology topology;
     for (std::size_t p = 0; p < sizes.size(); ++p) {
         topology.labels.insert(topology.labels.end(), to_size(sizes[p]), static_cast<Index>(p));
-        topology.pieces.push_back({sizes[p], 0, false, 0});
+        topology.components.push_back({sizes[p], 0, false, 0});
     }
     return topology;
 }
@@ -87,7 +87,7 @@ TEST(Pieces, OfAMorphKeepToThemselves) {
     for (const auto& [s, t] : morph.pairs()) ++counts[to_size(piece(s))][to_size(piece(t))];
     for (std::size_t eye : {1u, 2u})
         EXPECT_EQ(std::min(counts[eye][1], counts[eye][2]), 0) << "eye " << eye;
-    EXPECT_EQ(morph.report().source_topology.pieces.size(), 3u);
+    EXPECT_EQ(morph.report().source_topology.components.size(), 3u);
     EXPECT_FALSE(morph.report().warnings.empty());
 }
 

@@ -18,7 +18,7 @@ struct Ball {
         Progress progress;
         const KdTree<3> tree(positions);
         surface = surface_graph(tree, normals, {}, progress);
-        graph = deformation_graph(surface, blue_noise_subset(tree, normals, {}, nodes, progress),
+        graph = deformation_graph(surface, poisson_disk_subset(tree, normals, {}, nodes, progress),
                                   progress);
     }
     Deformation at_rest() const {
@@ -59,7 +59,7 @@ TEST(Deformation, ASimilarityOfTheNodesIsOneOfAllPoints) {
     fit_similarities(ball.positions, ball.graph, 3, 3.0, d);
     const DeformedCloud result = deformed(ball.positions, ball.normals, ball.graph, d);
     EXPECT_LT((result.positions - move.apply(ball.positions)).cwiseAbs().maxCoeff(), 1e-9);
-    EXPECT_LT((result.normals - move.turn(ball.normals)).cwiseAbs().maxCoeff(), 1e-9);
+    EXPECT_LT((result.normals - move.rotated(ball.normals)).cwiseAbs().maxCoeff(), 1e-9);
     EXPECT_LT((result.linear[7] - move.scale * move.rotation).norm(), 1e-9);
 }
 

@@ -181,8 +181,8 @@ TEST(Refinement, TurnsScalesAndMovesWithTheClouds) {
     const Refinement before = animals.refined(progress);
     const Similarity a{300.0, shapes::rotation(5), Vector3(1e3, -2e3, 5e2)};
     const Similarity b{0.02, shapes::rotation(6), Vector3(-3, 1, 2)};
-    animals.source = {a.apply(animals.source.positions), a.turn(animals.source.normals)};
-    animals.target = {b.apply(animals.target.positions), b.turn(animals.target.normals)};
+    animals.source = {a.apply(animals.source.positions), a.rotated(animals.source.normals)};
+    animals.target = {b.apply(animals.target.positions), b.rotated(animals.target.normals)};
     const Refinement after = animals.refined(progress);
     const Positions back = b.inverse().apply(after.source_images);
     const double spacing =

@@ -98,7 +98,7 @@ TEST(Registration, HoldsTheFeatures) {
                           Vector3::Zero()};
     CoarseShape turned = eggs.coarse_target;
     turned.positions = turn.apply(turned.positions);
-    turned.normals = turn.turn(turned.normals);
+    turned.normals = turn.rotated(turned.normals);
     Progress progress;
     const Registration r =
         register_shapes(eggs.coarse_source, turned, eggs.features,

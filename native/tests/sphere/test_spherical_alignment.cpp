@@ -41,8 +41,8 @@ struct Limbed {
         const KdTree<3> tree(positions);
         SphericalOptions options;
         options.nodes = 500;
-        mesh = spherical_mesh(tree, normals, nearest_neighbors(tree, 16, progress), ends, options,
-                              "cloud", progress);
+        mesh = spherical_mesh({positions, normals, nearest_neighbors(tree, 16, progress)}, ends,
+                              options, progress);
     }
 };
 

@@ -37,8 +37,7 @@ struct Prepared {
         Progress progress;
         SphericalOptions options;
         options.nodes = nodes;
-        return spherical_mesh(KdTree<3>(positions), normals, nearest, required, options, "cloud",
-                              progress);
+        return spherical_mesh({positions, normals, nearest}, required, options, progress);
     }
 };
 
@@ -193,8 +192,7 @@ TEST(SphericalParameterization, CanBeCancelled) {
     int calls = 0;
     Progress progress([&](std::string_view, double) { return ++calls < 3; });
     progress.enter("spherical parameterization");
-    EXPECT_THROW(spherical_mesh(KdTree<3>(shape.positions), shape.normals, shape.nearest, {}, {},
-                                "cloud", progress),
+    EXPECT_THROW(spherical_mesh({shape.positions, shape.normals, shape.nearest}, {}, {}, progress),
                  Cancelled);
 }
 

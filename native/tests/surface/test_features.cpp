@@ -614,10 +614,10 @@ TEST(Features, MethodPaperTakesPointsOfACurve) {
         const Morph morph({sheet(41, 0.0), sheet(33, 0.4), features, {}, {}, {}}, paper(),
                           progress);
         const Cloud &s = morph.source(), &t = morph.target();
-        return feature_residuals(std::vector{curve("line", here, there)}, KdTree<3>(s.positions),
-                                 s.normals, KdTree<3>(t.positions), t.normals,
-                                 morph.source_to_target(progress), morph.target_to_source(progress),
-                                 progress)
+        return feature_residuals(
+                   std::vector{curve("line", here, there)},
+                   {KdTree<3>(s.positions), s.normals, morph.source_to_target(progress)},
+                   {KdTree<3>(t.positions), t.normals, morph.target_to_source(progress)}, progress)
             .front()
             .residual;
     };

@@ -33,7 +33,7 @@ struct Surface {
 
     SurfaceCurve between(Index a, Index b) const {
         Progress progress;
-        return geodesic(tree, normals, graph, a, b, spacing, progress);
+        return geodesic(tree, normals, cheapest_path(graph, a, b, {}), spacing, progress);
     }
 
     Positions positions;

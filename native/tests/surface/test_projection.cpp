@@ -22,7 +22,7 @@ std::vector<Index> nearest_rows(const KdTree<3>& tree, const Positions& points) 
 Positions land(const Positions& images, const Positions& samples, const Normals& normals) {
     const KdTree<3> tree(samples);
     Progress progress;
-    return landed(images, nearest_rows(tree, images), tree, normals, progress);
+    return project_onto_surface(images, nearest_rows(tree, images), tree, normals, progress);
 }
 
 Normals upward(Index count) {
@@ -37,10 +37,11 @@ TEST(Landing, IsTheSameWhereNeighborsAreKnown) {
     const KdTree<3> tree(ball);
     Progress progress;
     const auto anchors = nearest_rows(tree, images);
-    const Positions searched = landed(images, anchors, tree, ball, progress);
+    const Positions searched = project_onto_surface(images, anchors, tree, ball, progress);
     for (const Index count : {15, 24, 8}) {  // of the last there are too few
         const Neighborhoods nearest = nearest_neighbors(tree, count, progress);
-        const Positions known = landed(images, anchors, tree, ball, progress, &nearest);
+        const Positions known =
+            project_onto_surface(images, anchors, tree, ball, progress, &nearest);
         EXPECT_LT((known - searched).cwiseAbs().maxCoeff(), 1e-12) << count;
     }
 }
@@ -87,9 +88,11 @@ TEST(Landing, TheOtherSideOfAThinSheetDoesNotCount) {
     const KdTree<3> tree(sheet);
     Progress progress;
     const Index above = 10 * 21 + 10;
-    EXPECT_NEAR(landed(image, std::vector<Index>{above}, tree, normals, progress)(0, 2), 0.0,
-                1e-12);
-    EXPECT_NEAR(landed(image, std::vector<Index>{above + count}, tree, normals, progress)(0, 2),
+    EXPECT_NEAR(
+        project_onto_surface(image, std::vector<Index>{above}, tree, normals, progress)(0, 2), 0.0,
+        1e-12);
+    EXPECT_NEAR(project_onto_surface(image, std::vector<Index>{above + count}, tree, normals,
+                                     progress)(0, 2),
                 -0.02, 1e-12);
 }
 
@@ -119,7 +122,8 @@ TEST(Landing, CanBeCancelled) {
     const Positions ball = shapes::sphere(3000);
     const KdTree<3> tree(ball);
     Progress progress([](std::string_view, double) { return false; });
-    EXPECT_THROW(landed(ball, nearest_rows(tree, ball), tree, ball, progress), Cancelled);
+    EXPECT_THROW(project_onto_surface(ball, nearest_rows(tree, ball), tree, ball, progress),
+                 Cancelled);
 }
 
 }  // namespace

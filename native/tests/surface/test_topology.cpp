@@ -18,7 +18,7 @@ Topology topology_of(const Positions& positions, std::vector<Index> parts = {}) 
     Normals normals = covariance_analysis(positions, nearest, progress).normals;
     orient_normals(positions, nearest, normals, progress);
     const auto loops = find_boundary_loops(positions, normals, nearest, {}, progress);
-    return find_topology(positions, normals, nearest, loops, parts, {}, progress);
+    return find_topology({positions, normals, nearest}, loops, parts, {}, progress);
 }
 
 Positions together(const std::vector<Positions>& clouds) {
@@ -92,18 +92,18 @@ TEST(Topology, TellsPiecesApartAndSpecksFromThem) {
     const Positions all = together({eye, ball, speck, other});
     const Topology topology = topology_of(all);
     EXPECT_EQ(in_words(topology), "3 pieces (3 closed surfaces of genus 0) and 1 speck");
-    EXPECT_EQ(topology.pieces[0].points, 4000);
+    EXPECT_EQ(topology.components[0].points, 4000);
     EXPECT_EQ(topology.labels.front(), topology.labels[399]);
     EXPECT_EQ(topology.labels[400], 0);
-    EXPECT_EQ(topology.specks, 1);
+    EXPECT_EQ(topology.strays, 1);
 }
 
-TEST(Topology, TakesScatteredPointsForSpecks) {
+TEST(Topology, TakesScatteredPointsForStrays) {
     const Positions ball = shapes::sphere(4000), dust = shapes::cube_noise(60) * 1.8;
     const Topology topology = topology_of(together({dust, ball}));
     ASSERT_EQ(topology.main().size(), 1u) << in_words(topology);
-    EXPECT_EQ(topology.pieces[0].genus, std::optional<Index>(0));
-    EXPECT_GE(topology.specks, 1);
+    EXPECT_EQ(topology.components[0].genus, std::optional<Index>(0));
+    EXPECT_GE(topology.strays, 1);
     EXPECT_EQ(std::count(topology.labels.begin() + 60, topology.labels.end(), 0), 4000);
 }
 
@@ -126,16 +126,17 @@ TEST(Topology, CountsCoincidentPointsOnce) {
     Normals normals = covariance_analysis(once, nearest, progress).normals;
     orient_normals(once, nearest, normals, progress);
     const auto all_nearest = nearest_neighbors(KdTree<3>(thrice), 64, progress);
-    const Topology topology = find_topology(thrice, together({normals, normals, normals}),
-                                            all_nearest, {}, {}, {}, progress);
+    const Normals all_normals = together({normals, normals, normals});
+    const Topology topology =
+        find_topology({thrice, all_normals, all_nearest}, {}, {}, {}, progress);
     EXPECT_EQ(in_words(topology), "a closed surface of genus 1");
-    EXPECT_EQ(topology.pieces[0].points, 15000);
+    EXPECT_EQ(topology.components[0].points, 15000);
 }
 
 TEST(Topology, SaysUnknownWherePointsAreTooFew) {
     const Topology few = topology_of(shapes::sphere(60));
     ASSERT_EQ(few.main().size(), 1u);
-    EXPECT_FALSE(few.pieces[0].genus);
+    EXPECT_FALSE(few.components[0].genus);
     EXPECT_EQ(in_words(few), "a closed surface, genus unknown");
 }
 

@@ -51,10 +51,12 @@ private:
     std::unique_ptr<Impl> impl_;
 };
 
-/// The nearest of some points whose normals agree with one; the nearest of all where none of the
-/// first few do.
+/// The nearest point whose normal agrees with `normal`, so that both sides of a thin part are told
+/// apart; the nearest of all where none of the nearest `most` (12 or fewer) does. `normals` has one
+/// row a point of the tree.
 Index nearest_on_sheet(const KdTree<3>& tree, const Positions& normals,
-                       const Eigen::RowVector3d& place, const Eigen::RowVector3d& normal);
+                       const Eigen::RowVector3d& place, const Eigen::RowVector3d& normal,
+                       std::size_t most = 12);
 
 extern template class KdTree<2>;
 extern template class KdTree<3>;

@@ -49,15 +49,14 @@ Neighborhoods filtered(const Neighborhoods& neighborhoods, Keep&& keep) {
     return result;
 }
 
-/// Components of the graph in which i and j hang together where either is a neighbour of the
-/// other.
-struct Components {
+/// Components of the graph in which i and j are joined where either is a neighbor of the other.
+struct ConnectedComponents {
     std::vector<Index> label;  ///< #points; components are numbered by their lowest row
     std::vector<Index> sizes;  ///< points in each
 
     Index count() const { return static_cast<Index>(sizes.size()); }
 };
-Components connected_components(const Neighborhoods& neighborhoods);
+ConnectedComponents connected_components(const Neighborhoods& neighborhoods);
 
 /// Spacing of the samples around every point, 1/√density, from the distance r to its k-th nearest
 /// other point: r·√(π/k). `nearest` is ascending by distance; fewer than k neighbours are used as

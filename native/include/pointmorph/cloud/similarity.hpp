@@ -1,4 +1,4 @@
-// Stage `similarity`: the turn, scale and shift that best take points to points.
+// Stage `similarity`: the turn, scale and translation that best take points to points.
 #pragma once
 
 #include "pointmorph/base/types.hpp"
@@ -13,14 +13,14 @@ struct BestRotation {
 };
 BestRotation best_rotation(const Matrix3& covariance);
 
-/// p ↦ scale · rotation · p + shift.
+/// p ↦ scale · rotation · p + translation.
 struct Similarity {
     double scale = 1.0;
     Matrix3 rotation = Matrix3::Identity();
-    Vector3 shift = Vector3::Zero();
+    Vector3 translation = Vector3::Zero();
 
     Positions apply(const Positions& positions) const;  ///< #points by 3
-    Normals turn(const Normals& normals) const;         ///< by the rotation alone
+    Normals rotated(const Normals& normals) const;      ///< by the rotation alone
     Similarity inverse() const;
 };
 

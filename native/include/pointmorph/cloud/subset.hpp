@@ -32,8 +32,8 @@ struct Subset {
 /// Where the cloud has no more than `count` points, all places, each once, and the radius that
 /// would spread as many evenly. `nearest`, where they are known, are the nearest neighbours of
 /// every point, 12 or more and ascending by distance; the result is the same.
-Subset blue_noise_subset(const KdTree<3>& tree, const Normals& normals,
-                         std::span<const Index> required, Index count, Progress& progress,
-                         const Neighborhoods* nearest = nullptr);
+Subset poisson_disk_subset(const KdTree<3>& tree, const Normals& normals,
+                           std::span<const Index> required, Index count, Progress& progress,
+                           const Neighborhoods* nearest = nullptr);
 
 }  // namespace pointmorph

@@ -11,8 +11,8 @@
 #include "pointmorph/base/progress.hpp"
 #include "pointmorph/base/types.hpp"
 #include "pointmorph/cloud/lod.hpp"
-#include "pointmorph/cloud/neighborhoods.hpp"
 #include "pointmorph/surface/boundary.hpp"
+#include "pointmorph/surface/sampled_surface.hpp"
 
 namespace pointmorph {
 
@@ -27,21 +27,21 @@ struct ParameterizationOptions {
     BoundarySpacing boundary_spacing = BoundarySpacing::kChordLength;
     SolveMode solve = SolveMode::kLod;
     LodOptions lod;
-    /// Neighbours of a point in eq. (2), made mutual; 6 to 64. Unused where `radius` is set.
+    /// Neighbors of a point in eq. (2), made mutual; 6 to 64. Unused if `radius` is set.
     Index neighbors = 10;
     /// Radius r of the paper's ball neighbourhoods, in spacings of the cloud that is solved for;
-    /// 1 to 20. Not set: nearest neighbours.
+    /// 1 to 20. None: nearest neighbors.
     std::optional<double> radius;
-    /// Whether parts that don't hang together with the boundary are tied to the rest by an edge,
-    /// and counted, instead of refused.
+    /// Whether parts that aren't connected to the boundary are tied to the rest by an edge, and
+    /// counted; else they are an error.
     bool join_parts = false;
-    /// The iterative solver ends at this relative residual; 1e-14 to 1e-3.
+    /// Relative residual at which the iterative solver stops; 1e-14 to 1e-3.
     double tolerance = 1e-8;
-    /// … and gives up after this many iterations.
+    /// Iterations after which it gives up; 1 or more.
     Index max_iterations = 10000;
 };
 
-/// A boundary point that must come to lie at a given angle of the circle.
+/// A boundary point with a given angle on the circle.
 struct BoundaryPin {
     Index position;  ///< in the loop, 0-based
     double angle;    ///< radians
@@ -53,9 +53,9 @@ struct BoundaryPin {
 std::vector<double> boundary_angles(const Positions& positions, std::span<const Index> loop,
                                     BoundarySpacing spacing, std::span<const BoundaryPin> pins);
 
-/// For features on both boundaries, as pairs of positions in the two loops: the pins that put
-/// each pair at the same angle, the mean of where each loop's own spacing has it after the best
-/// rotation. Sorted by position. Throws FeatureError where the cyclic orders differ.
+/// The pins of features on both boundaries, given as pairs of positions in the two loops: each pair
+/// gets the same angle, the mean of its angles by each loop's own spacing, after the rotation that
+/// fits best. Sorted by position. Throws FeatureError where the cyclic orders differ.
 struct MatchedPins {
     std::vector<BoundaryPin> source;
     std::vector<BoundaryPin> target;
@@ -64,7 +64,13 @@ MatchedPins match_pins(const Positions& source_positions, std::span<const Index>
                        const Positions& target_positions, std::span<const Index> target_loop,
                        BoundarySpacing spacing, std::span<const IndexPair> features);
 
-/// What a patch became.
+/// The boundary of a patch, placed on the unit circle.
+struct CircleBoundary {
+    std::span<const Index> loop;     ///< rows, anticlockwise
+    std::span<const double> angles;  ///< radians, one a row; see boundary_angles()
+};
+
+/// A patch on the unit disk.
 struct Parameterization {
     DiskPoints points;             ///< #points by 2, in the closed unit disk
     Index unknowns = 0;            ///< interior points of the system that was solved
@@ -74,15 +80,11 @@ struct Parameterization {
     double solve_seconds = 0;      ///< assembly and solution of the system alone
 };
 
-/// Boundary points go to the circle at `angles` (one for each of `loop`); interior points are
-/// convex combinations of their neighbours with reciprocal-distance weights, strictly positive and
-/// of sum 1. `nearest` holds each point's nearest neighbours in ascending order, at least as many
-/// as `neighbors` where kFull is asked for. `name` is the cloud's, for errors. Throws
-/// TopologyError where the graph falls apart or parts don't reach the boundary, ConvergenceError.
-Parameterization parameterize(const Positions& positions, const Normals& normals,
-                              const Neighborhoods& nearest, std::span<const Index> loop,
-                              std::span<const double> angles,
-                              const ParameterizationOptions& options, const std::string& name,
-                              Progress& progress);
+/// Boundary points go onto the circle; interior points become convex combinations of their
+/// neighbors with reciprocal-distance weights, strictly positive and of sum 1. With kFull,
+/// `patch.nearest` has at least `neighbors` a point; with kLod it isn't used. Throws TopologyError
+/// where the graph falls apart or parts don't reach the boundary, ConvergenceError.
+Parameterization parameterize(const SampledSurface& patch, const CircleBoundary& boundary,
+                              const ParameterizationOptions& options, Progress& progress);
 
 }  // namespace pointmorph

@@ -1,4 +1,4 @@
-// Stage `resampling`: points that close the cracks of the in-between clouds (paper, Dynamic
+// Stage `resampling`: points that close the cracks of in-between clouds (paper, Dynamic
 // Re-sampling).
 #pragma once
 
@@ -18,77 +18,76 @@
 namespace pointmorph {
 
 struct ResamplingOptions {
-    /// The paper's Ω: points are missing where the density is below this share of that of both
+    /// The paper's Ω: points are missing where the density is below this share of that at both
     /// ends; 0 to 2. 0 inserts nothing.
     double omega = 0.8;
     /// How far apart new points lie, in the spacing of both ends; 0.25 to 4.
     double spacing = 1.0;
     MlsOptions mls;
-    /// Points hide where the density is more than this many times that of either end, 1.5 to 100;
-    /// none: never.
+    /// Pairs are hidden where the density is more than this many times that at either end; 1.5 to
+    /// 100. None: never.
     std::optional<double> crowding{};
 };
 
-/// From when to when something is there, at its full size between `full` and `fading`.
-struct Life {
-    double born = 0.0, full = 0.0, fading = 1.0, gone = 1.0;
+/// When something is there. It has its full size between `complete` and `fades`.
+struct Lifetime {
+    double appears = 0.0, complete = 0.0, fades = 1.0, vanishes = 1.0;
 
-    /// 0 to 1, the share of its size at t: smooth, so that nothing pops.
+    /// The share of its size at t, 0 to 1: smooth, so that nothing pops.
     double share(double t) const;
 };
 
-/// A new point: a place on the surface that three pairs span, all the way from source to target.
+/// A new point: a place on the surface between three pairs, all the way from source to target.
 struct InsertedPoint {
     std::array<Index, 3> pairs;     ///< rows of the pairing
     std::array<double, 3> weights;  ///< ≥ 0, of sum 1
-    Life life;
+    Lifetime lifetime;
 };
 
-/// A pair that is hidden where points crowd, and when.
+/// A pair that is hidden where points crowd. Its lifetime is that of its being hidden.
 struct HiddenPair {
     Index pair;
-    Life life;
+    Lifetime lifetime;
 };
 
-/// Which points are inserted, once for the whole morph; then where they are at any t.
+/// Decides once for the whole morph which points are inserted; then says where they are at any t.
 ///
-/// At a number of times, the same for every morph, the cloud is compared with what both ends would
-/// have there (wanted_density()), and where points are missing, places between pairs that are
-/// neighbours on the source or on the target get a new point, unless one lies close by. So a
-/// new point has one identity from its birth to its end, its place at t depends on t alone, and no
-/// point comes to be where neither model has a surface.
+/// At fixed times the cloud is compared with the density that both ends ask for (wanted_density()).
+/// Where points are missing, places between pairs that are neighbors on the source or on the target
+/// get a new point, unless one lies close by. So a new point keeps its identity, its place at t
+/// depends on t alone, and no point appears where neither model has a surface.
 class Resampling {
 public:
     /// Places and unit normals of all pairs at t, 0 < t < 1.
     using FrameAt = std::function<OrientedPoints(double t)>;
 
-    /// `source` and `target` have three points or more, and normals. `pairs` are their rows; every
-    /// row is in at least one. Throws OptionError, and Cancelled.
+    /// `source` and `target` have three or more points, and normals. Every row of both is in at
+    /// least one of the `pairs`. Throws OptionError, Cancelled.
     Resampling(const Cloud& source, const Cloud& target, std::span<const IndexPair> pairs,
                const FrameAt& frame_at, const ResamplingOptions& options, Progress& progress);
 
     const ResamplingOptions& options() const noexcept { return options_; }
 
-    /// All that ever live, in the order of their ids.
+    /// All points that are ever inserted; ids are their indices.
     const std::vector<InsertedPoint>& points() const noexcept { return points_; }
     const std::vector<HiddenPair>& hidden() const noexcept { return hidden_; }
 
-    /// Those with a share of more than 0.
+    /// The points that are there at some t.
     struct Alive {
         std::vector<Index> ids;  ///< rows of points()
         Values share;            ///< of the full size
         Positions positions;     ///< on the MLS surface of the pairs
         Normals normals;         ///< unit length
     };
-    /// `frame`: all pairs at t, with unit normals. Nothing at t = 0 and t = 1. The same bits for
-    /// any number of threads, whatever was asked before.
+    /// `frame` has all pairs at t, with unit normals. No points at t = 0 and t = 1. The same bits
+    /// for any number of threads and any order of calls.
     Alive at(double t, const OrientedPoints& frame, Progress& progress) const;
 
     /// The pairs' share of their full size at t: 1 unless hidden.
     Values pair_shares(double t) const;
 
-    /// How far apart samples lie at t where both ends have their way: the paper blends densities;
-    /// this blends their spacings, as radii are.
+    /// The distance of samples at t, blended from both ends like radii. (The paper blends
+    /// densities.)
     double spacing(Index pair, double t) const {
         return (1.0 - t) * source_spacing_[pair] + t * target_spacing_[pair];
     }

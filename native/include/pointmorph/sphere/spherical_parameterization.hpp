@@ -1,5 +1,5 @@
 // Stage `spherical_parameterization`: a closed shape of genus 0 onto the unit sphere, without a cut
-// (the paper's future work).
+// (future work in the paper).
 #pragma once
 
 #include <span>
@@ -8,51 +8,49 @@
 
 #include "pointmorph/base/progress.hpp"
 #include "pointmorph/base/types.hpp"
-#include "pointmorph/cloud/kd_tree.hpp"
-#include "pointmorph/cloud/neighborhoods.hpp"
 #include "pointmorph/surface/local_triangles.hpp"
+#include "pointmorph/surface/sampled_surface.hpp"
 #include "pointmorph/surface/surface_graph.hpp"
 
 namespace pointmorph {
 
 struct SphericalOptions {
-    /// About so many of the points, but no more than a fifth of them, are triangulated and laid
-    /// onto the sphere; 100 or more.
+    /// How many points are triangulated and placed on the sphere, about; 100 or more, and never
+    /// more than a fifth of all.
     Index nodes = 1500;
-    /// Rounds in which what the first map has shrunk is opened, and how much in each: the power of
-    /// its squared scale by which its edges are loosened.
+    /// Rounds in which parts that the first map has shrunk are opened, and how much in each: the
+    /// power of the squared scale by which edges are loosened; 0 or more.
     Index opening_rounds = 20;
     double opening = 0.25;
-    /// Share of the points that may lie in parts of their own; these go with what is nearest.
+    /// Largest share of the points that may lie outside the largest component, 0 to 1. They go
+    /// where the nearest part of it goes.
     double largest_loose_share = 0.15;
-    /// Share of the surface on which the triangles may contradict the normals.
+    /// Largest share of the surface on which triangles may contradict the normals; 0 to 1.
     double largest_wrong_share = 0.09;
 };
 
-/// Some points of a cloud, triangulated as a closed surface of genus 0, and where they lie on the
-/// unit sphere. No triangle is turned over there.
+/// Some points of a cloud, triangulated as a closed surface of genus 0, and their places on the
+/// unit sphere, where no triangle is turned over.
 struct SphericalMesh {
-    std::vector<Index> rows;  ///< of the cloud; those required first, in their order
+    std::vector<Index> rows;  ///< of the cloud; the required ones first, in their order
     Positions positions;
     Normals normals;
-    std::vector<Triangle> triangles;  ///< places in `rows`, anticlockwise seen from outside
+    std::vector<Triangle> triangles;  ///< indices into `rows`, anticlockwise seen from outside
     Positions images;                 ///< unit length
-    SurfaceGraph graph;               ///< of nodes whose surroundings touch, lengths in √area
-    Index loose = 0;                  ///< points of the cloud that aren't on the largest part
+    SurfaceGraph graph;               ///< of nodes whose cells touch, lengths in √area
+    Index loose = 0;                  ///< points of the cloud outside the largest component
 
     Index size() const { return static_cast<Index>(rows.size()); }
 };
 
-/// `normals` are unit length and point outwards; `nearest` joins the cloud; `required` rows, none
-/// twice, are among the nodes; `name` is the cloud's, for errors. Throws TopologyError where the
-/// shape isn't closed, of genus 0 and in one piece, or its normals point inwards.
-SphericalMesh spherical_mesh(const KdTree<3>& tree, const Normals& normals,
-                             const Neighborhoods& nearest, std::span<const Index> required,
-                             const SphericalOptions& options, const std::string& name,
-                             Progress& progress);
+/// The surface's normals point outwards. The `required` rows, none twice, are among the nodes.
+/// Throws TopologyError where the shape isn't closed, of genus 0 and connected, or its normals
+/// point inwards.
+SphericalMesh spherical_mesh(const SampledSurface& surface, std::span<const Index> required,
+                             const SphericalOptions& options, Progress& progress);
 
-/// Where points on the shape lie on the sphere: in the triangle that is nearest and faces as they
-/// do. #points by 3.
+/// The places on the sphere of points on the shape: in the nearest triangle that faces the same
+/// way. #points by 3.
 Positions onto_sphere(const SphericalMesh& mesh, const Positions& points, const Normals& normals,
                       Progress& progress);
 

@@ -5,6 +5,7 @@
 // surface (curve shortening), which takes the graph's zig-zags out.
 #pragma once
 
+#include <span>
 #include <vector>
 
 #include "pointmorph/base/progress.hpp"
@@ -14,7 +15,7 @@
 
 namespace pointmorph {
 
-/// A polygon on the surface, open unless said otherwise.
+/// A polygon on the surface; open unless stated otherwise.
 struct SurfaceCurve {
     Positions points;  ///< #points by 3, in order
     Normals normals;   ///< of the surface there
@@ -25,35 +26,45 @@ struct SurfaceCurve {
 /// Length of the open polygon.
 double curve_length(const Positions& points);
 
-/// Whether the edges from a to b and from c to d cross, seen along `normal`, which has unit length;
-/// touching isn't crossing.
+/// Whether the edges from a to b and from c to d cross, seen along `normal` (unit length). Edges
+/// that only touch don't cross.
 bool edges_cross(const Eigen::RowVector3d& a, const Eigen::RowVector3d& b,
                  const Eigen::RowVector3d& c, const Eigen::RowVector3d& d, const Vector3& normal);
 
 /// The path with the least sum of edge length × mean of `costs` at both ends (Dijkstra 1959): rows
-/// from `from` to `to`, both included. `costs`, one a point, are > 0; none given: the shortest
-/// path. The graph is connected.
+/// from `from` to `to`, both included. `costs`, one a point, are > 0; empty: the shortest path. The
+/// graph is connected.
 std::vector<Index> cheapest_path(const SurfaceGraph& graph, Index from, Index to,
                                  const Values& costs);
 
 /// Points about `spacing` apart along the open polygon; its ends stay. Normals are interpolated.
 SurfaceCurve resampled(const SurfaceCurve& curve, double spacing);
 
-/// Every point put onto the surface that the samples on its side span (see landed()), with the
-/// normal there. The ends stay where they are.
+/// Every point projected onto the surface (see project_onto_surface()), with the normal there. The
+/// ends stay where they are.
 SurfaceCurve on_surface(SurfaceCurve curve, const KdTree<3>& surface, const Normals& normals,
                         Progress& progress);
 
-/// `rounds` times: every point moves to the middle of its neighbours, or `relaxation` times as far
-/// (1 to 2, for many rounds), and back onto the surface; the ends stay. Points are about evenly
-/// spaced at first; none moves off to more than twice that distance from its neighbours.
+/// `rounds` times, every point moves to the middle of its neighbors, or `relaxation` times as far
+/// (1 to 2: more where there are many rounds), and is projected back onto the surface. The ends
+/// stay. Points start about evenly spaced; none moves to more than twice that spacing from a
+/// neighbor.
 SurfaceCurve straightened(SurfaceCurve curve, const KdTree<3>& surface, const Normals& normals,
                           Index rounds, double relaxation, Progress& progress);
 
-/// The shortest curve on the surface from one sample to another, points about `spacing` (> 0)
-/// apart: the graph's shortest path, straightened until it doesn't get shorter. `graph` joins the
-/// samples of `surface`. Length errors: see docs/stages/geodesics.md.
-SurfaceCurve geodesic(const KdTree<3>& surface, const Normals& normals, const SurfaceGraph& graph,
-                      Index from, Index to, double spacing, Progress& progress);
+/// The shortest curve on the surface near a path from sample to sample (see cheapest_path()), with
+/// points about `spacing` (> 0) apart: the path, straightened until it gets no shorter. Length
+/// errors: see docs/stages/surface/geodesics.md.
+SurfaceCurve geodesic(const KdTree<3>& surface, const Normals& normals, std::span<const Index> path,
+                      double spacing, Progress& progress);
+
+/// Curves joined end to end.
+struct ClosedCurve {
+    SurfaceCurve curve;          ///< closed: the first point follows the last
+    std::vector<Index> corners;  ///< where each part begins, ascending from 0
+};
+
+/// Each of the `parts` ends where the next one begins, the last where the first does.
+ClosedCurve closed_curve(std::span<const SurfaceCurve> parts);
 
 }  // namespace pointmorph

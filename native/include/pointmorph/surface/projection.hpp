@@ -17,8 +17,8 @@ namespace pointmorph {
 /// hull in the plane, over the edge of an open patch, the nearest point of the hull is taken.
 /// #images by 3. `anchors` are rows of `surface`, one an image; `normals` has #surface unit rows.
 /// `nearest`, where they are known, are the neighbourhoods of the samples, ascending by distance.
-Positions landed(const Positions& images, std::span<const Index> anchors, const KdTree<3>& surface,
-                 const Normals& normals, Progress& progress,
-                 const Neighborhoods* nearest = nullptr);
+Positions project_onto_surface(const Positions& images, std::span<const Index> anchors,
+                               const KdTree<3>& surface, const Normals& normals, Progress& progress,
+                               const Neighborhoods* nearest = nullptr);
 
 }  // namespace pointmorph

@@ -1,5 +1,4 @@
-// Stage `topology`: what a cloud tells about the surface that it was taken from: its pieces, their
-// borders, and how many handles they have.
+// Stage `topology`: the components of the surface that a cloud samples, their borders and handles.
 #pragma once
 
 #include <optional>
@@ -9,65 +8,65 @@
 
 #include "pointmorph/base/progress.hpp"
 #include "pointmorph/base/types.hpp"
-#include "pointmorph/cloud/neighborhoods.hpp"
 #include "pointmorph/surface/boundary.hpp"
+#include "pointmorph/surface/sampled_surface.hpp"
 
 namespace pointmorph {
 
 struct TopologyOptions {
-    /// A piece's handles are counted among so many cells of its surface, and among fewer.
+    /// Cells of a component's surface among which its handles are counted: this many, then fewer.
     Index cells = 1000;
-    /// Points of a piece that are looked at; of larger ones every so many.
+    /// Points of a component that are looked at; larger components are thinned to this many.
     Index points = 12000;
-    /// Pieces of a smaller share of the points than this are specks.
-    double speck = 0.002;
+    /// Components with a smaller share of the points are strays; 0 to 1.
+    double smallest_share = 0.002;
 };
 
-/// A part of the surface that hangs together.
-struct Piece {
+/// A connected part of the surface.
+struct Component {
     Index points = 0;
-    Index borders = 0;     ///< loops of its boundary: those of holes as well
-    bool is_open = false;  ///< one of them is long enough to be the rim of a patch
-    /// Handles; nothing where the points don't say for sure.
+    Index borders = 0;     ///< boundary loops, those around holes included
+    bool is_open = false;  ///< one of the loops is long enough to be the rim of a patch
+    /// Handles; none where the points don't say for sure.
     std::optional<Index> genus;
 };
 
 struct Topology {
-    std::vector<Index> labels;  ///< #points: the piece that each belongs to
-    std::vector<Piece> pieces;  ///< the one with the most points first, specks last
-    /// So many of the last pieces are too small to say more of them, or scattered points.
-    Index specks = 0;
+    std::vector<Index> labels;          ///< #points: the component of each
+    std::vector<Component> components;  ///< the one with the most points first, strays last
+    /// How many of the last components are strays: too small to say more about, or scattered
+    /// points.
+    Index strays = 0;
 
-    std::span<const Piece> main() const {
-        return std::span(pieces).first(pieces.size() - to_size(specks));
+    /// All but the strays.
+    std::span<const Component> main() const {
+        return std::span(components).first(components.size() - to_size(strays));
     }
 };
 
-/// A label for each point, as faces have it; two of them may be one piece where points coincide.
+/// A label for each point, from the faces. Two labels may be one component where points coincide.
 using Parts = std::vector<Index>;
 
-/// `normals` are unit length and agree in sign; `nearest` is ascending by distance, 12 or more;
-/// `loops` are those of find_boundary_loops(). `parts`, where there are some, are the pieces: else
-/// those are found. Coincident points count once.
-Topology find_topology(const Positions& positions, const Normals& normals,
-                       const Neighborhoods& nearest, std::span<const BoundaryLoop> loops,
+/// `loops` are those of find_boundary_loops(). `parts` say which points are connected; empty: found
+/// from the points. Coincident points count once.
+Topology find_topology(const SampledSurface& surface, std::span<const BoundaryLoop> loops,
                        std::span<const Index> parts, const TopologyOptions& options,
                        Progress& progress);
 
-/// Whether a loop is long enough, for the surface's area, to be the rim of a patch and not that of
-/// a hole.
+/// Whether a loop is long enough, for the surface's area, to be the rim of a patch rather than that
+/// of a hole.
 bool is_rim(double length, double area);
 
 /// "a closed surface of genus 1", "3 pieces: an open patch and 2 closed surfaces of genus 0".
 std::string in_words(const Topology& topology);
 
-/// What can't be morphed without a tear or a fold, since the largest pieces differ in borders or
-/// handles; empty where nothing is known to.
+/// Why the morph must tear or fold: the largest components differ in borders or handles. Empty
+/// where they don't, as far as is known.
 std::string difference_in_words(const Topology& source, const std::string& source_name,
                                 const Topology& target, const std::string& target_name);
 
-/// Of two clouds: "closed surfaces of genus 1 and 0" where both have one piece of the same kind,
-/// else the one's words, "to", and the other's.
+/// Both clouds in one phrase: "closed surfaces of genus 1 and 0" where both have one component of
+/// the same kind, else the source's words, "to", and the target's.
 std::string in_words(const Topology& source, const Topology& target);
 
 }  // namespace pointmorph

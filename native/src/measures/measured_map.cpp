@@ -1,0 +1,302 @@
+#include "measures/measured_map.hpp"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <numeric>
+#include <span>
+
+#include "pointmorph/base/parallel.hpp"
+#include "pointmorph/cloud/subset.hpp"
+
+namespace pointmorph {
+
+namespace {
+
+constexpr Index kNeighbors = 16;
+constexpr double kSameSide = 0.5;  // cosine between normals
+constexpr Index kFewest = 6;       // neighbors that a Jacobian is fitted to
+constexpr double kOnALine = 1e-4;  // determinant over squared trace
+constexpr double kCollapsed = 0.05;
+constexpr Index kFeet = 4;             // nearest points among which the foot of an image is sought
+constexpr double kReach = 2.0;         // spacings
+constexpr Index kMostCenters = 60000;  // points whose edges are kept for the percentile
+constexpr double kFoldDistortion = 2.0;
+
+/// Singular values of J restricted to the plane of two orthonormal vectors, larger first.
+std::array<double, 2> singular_values(const Vector3& along_a, const Vector3& along_b) {
+    const double aa = along_a.squaredNorm(), bb = along_b.squaredNorm(), ab = along_a.dot(along_b);
+    const double larger = (aa + bb + std::hypot(aa - bb, 2.0 * ab)) / 2.0;
+    const double area = along_a.cross(along_b).norm();
+    const double first = std::sqrt(larger);
+    return {first, first > 0.0 ? area / first : 0.0};
+}
+
+/// The row of each point's partner that lies nearest to its image; −1 where it has none.
+template <class RowOf, class PartnerOf>
+std::vector<Index> nearest_partners(std::span<const IndexPair> pairs, const Positions& images,
+                                    const MeasuredCloud& other, RowOf row_of,
+                                    PartnerOf partner_of) {
+    std::vector<Index> partner(to_size(static_cast<Index>(images.rows())), -1);
+    const auto distance = [&](Index row, Index to) {
+        return (images.row(row) - other.positions.row(to)).squaredNorm();
+    };
+    for (const IndexPair& pair : pairs) {
+        const Index row = row_of(pair), to = partner_of(pair);
+        Index& best = partner[to_size(row)];
+        if (best < 0 || distance(row, to) < distance(row, best)) best = to;
+    }
+    return partner;
+}
+
+/// The row of `other` nearest to an image on the partner's side of the surface, −1 for any side;
+/// the nearest of all where none of the first few lies on that side.
+Index foot_of(const MeasuredCloud& other, const Eigen::RowVector3d& image, Index partner) {
+    std::array<Index, kFeet> feet{};
+    std::array<double, kFeet> squared_distances{};
+    const auto nearest = [&](std::size_t wanted) {
+        const std::span<Index> found(feet.data(), wanted);
+        const Index count =
+            other.tree.nearest(image.data(), found, {squared_distances.data(), wanted});
+        return found.first(to_size(count));
+    };
+    const auto same_side = [&](Index j) {
+        return partner < 0 || other.normals.row(j).dot(other.normals.row(partner)) > 0;
+    };
+    const Index first = nearest(1).front();
+    if (same_side(first)) return first;
+    const auto several = nearest(kFeet);
+    const auto foot = std::ranges::find_if(several, same_side);
+    return foot == several.end() ? first : *foot;
+}
+
+/// Every how many points the stretch of edges is kept.
+Index edge_step(Index count) {
+    return std::max<Index>(1, count / kMostCenters);
+}
+
+/// Fits the Jacobian at one point to the images of its neighbors.
+void fit_jacobian(const MeasuredCloud& cloud, const MeasuredCloud& other, Index i,
+                  MeasuredMap& map) {
+    const double scale = cloud.root_area / other.root_area;
+    const Index step = edge_step(cloud.size());
+    const Vector3 normal = cloud.normal(i), a = normal.unitOrthogonal(), b = normal.cross(a);
+    double aa = 0.0, ab = 0.0, bb = 0.0, energy = 0.0;
+    Vector3 along_a = Vector3::Zero(), along_b = Vector3::Zero();
+    Index used = 0;
+    Matrix3& jacobian = map.jacobian[to_size(i)];
+    jacobian.setZero();
+    for (const Index j : cloud.nearest[i]) {
+        if (!cloud.same_side(i, j)) continue;
+        const Vector3 step_here = cloud.positions.row(j) - cloud.positions.row(i);
+        const Vector3 step_there = map.images.row(j) - map.images.row(i);
+        const double length = step_here.norm();
+        if (!(length > 0.0)) continue;
+        const double stretch = scale * step_there.norm() / length;
+        energy += stretch * stretch;
+        if (i % step == 0) map.edges[to_size(i / step * kNeighbors + used)] = stretch;
+        ++used;
+        const double x = step_here.dot(a), y = step_here.dot(b);
+        aa += x * x;
+        ab += x * y;
+        bb += y * y;
+        along_a += x * step_there;
+        along_b += y * step_there;
+    }
+    if (used > 0) map.energy[i] = energy / used;
+    const double determinant = aa * bb - ab * ab;
+    if (used < kFewest || !(determinant > kOnALine * (aa + bb) * (aa + bb))) return;
+    const Vector3 to_a = (bb * along_a - ab * along_b) / determinant;
+    const Vector3 to_b = (aa * along_b - ab * along_a) / determinant;
+    jacobian = to_a * a.transpose() + to_b * b.transpose();
+    const auto [larger, smaller] = singular_values(to_a, to_b);
+    map.points.stretch.row(i) << scale * larger, scale * smaller;
+    map.points.measured[to_size(i)] = 1;
+    map.points.flipped[to_size(i)] = to_a.cross(to_b).dot(other.normal(map.foot[to_size(i)])) < 0.0;
+}
+
+/// Fits the Jacobians and finds where the images lie.
+void measure(const MeasuredCloud& cloud, const MeasuredCloud& other,
+             std::span<const Index> partners, MeasuredMap& map, Progress& progress) {
+    const Index count = cloud.size();
+    const Index step = edge_step(count);
+    map.jacobian.resize(to_size(count));
+    map.foot.resize(to_size(count));
+    map.edges.assign(to_size((count + step - 1) / step * kNeighbors), -1.0);
+    map.energy.setConstant(count, -1.0);
+    map.points.stretch.setOnes(count, 2);
+    map.points.measured.assign(to_size(count), 0);
+    map.points.flipped.assign(to_size(count), 0);
+    parallel_for(count, progress, [&](Index begin, Index end) {
+        for (Index i = begin; i < end; ++i) {
+            map.foot[to_size(i)] = foot_of(other, map.images.row(i), partners[to_size(i)]);
+            fit_jacobian(cloud, other, i, map);
+        }
+    });
+}
+
+/// The round trip: there by `map`, back by `reverse`, between samples along the nearest one's
+/// Jacobian.
+void go_there_and_back(const MeasuredCloud& cloud, const MeasuredCloud& other,
+                       const MeasuredMap& reverse, MeasuredMap& map, Progress& progress) {
+    map.points.round_trip.resize(cloud.size());
+    parallel_for(cloud.size(), progress, [&](Index begin, Index end) {
+        for (Index i = begin; i < end; ++i) {
+            const Index foot = map.foot[to_size(i)];
+            const Vector3 off = (map.images.row(i) - other.positions.row(foot)).transpose();
+            const Vector3 back =
+                reverse.images.row(foot).transpose() + reverse.jacobian[to_size(foot)] * off;
+            map.points.round_trip[i] = (back - cloud.position(i)).norm() / cloud.root_area;
+        }
+    });
+}
+
+/// Which points of `cloud` the images of the other's points come near.
+void find_reached(const MeasuredCloud& cloud, const MeasuredCloud& other,
+                  const MeasuredMap& reverse, MeasuredMap& map, Progress& progress) {
+    const KdTree<3> images(reverse.images);
+    const double scale = cloud.root_area / other.root_area;
+    map.points.reached.resize(to_size(cloud.size()));
+    parallel_for(cloud.size(), progress, [&](Index begin, Index end) {
+        for (Index i = begin; i < end; ++i) {
+            Index nearest = 0;
+            double squared_distance = 0.0;
+            images.nearest(cloud.positions.row(i).data(), {&nearest, 1}, {&squared_distance, 1});
+            const double limit =
+                kReach * std::max(cloud.spacing[i], scale * other.spacing[nearest]);
+            map.points.reached[to_size(i)] = squared_distance <= limit * limit;
+        }
+    });
+}
+
+/// The figures of a map; `other` is what the reverse map says about the other cloud.
+void sum_up(const PointQuality& other, MeasuredMap& map) {
+    const PointQuality& points = map.points;
+    const auto count = points.stretch.rows();
+    MapFigures& figures = map.figures;
+    std::vector<double> conformal;
+    double energy = 0.0;
+    Index with_edges = 0, flipped = 0, collapsed = 0;
+    for (Eigen::Index i = 0; i < count; ++i) {
+        if (map.energy[i] >= 0.0) {
+            energy += map.energy[i];
+            ++with_edges;
+        }
+        if (!points.measured[to_size(i)]) continue;
+        const double larger = std::max(points.stretch(i, 0), 1e-6);
+        const double smaller = std::max(points.stretch(i, 1), 1e-6);
+        conformal.push_back((larger / smaller + smaller / larger) / 2.0);
+        flipped += points.flipped[to_size(i)];
+        collapsed += points.stretch(i, 1) < kCollapsed * points.stretch(i, 0);
+    }
+    const auto share = [](Index part, std::size_t all) {
+        return all > 0 ? part / static_cast<double>(all) : 0.0;
+    };
+    figures.dirichlet = with_edges > 0 ? energy / with_edges : 0.0;
+    std::erase_if(map.edges, [](double stretch) { return stretch < 0.0; });
+    figures.stretch_p99 = quantile(map.edges, 0.99);
+    figures.flipped = share(flipped, conformal.size());
+    figures.collapsed = share(collapsed, conformal.size());
+    figures.conformal_median = quantile(conformal, 0.5);
+    figures.round_trip_mean = points.round_trip.sum() / static_cast<double>(count);
+    std::vector<double> round_trip(points.round_trip.begin(), points.round_trip.end());
+    figures.round_trip_p99 = quantile(round_trip, 0.99);
+    const auto reached = std::accumulate(other.reached.begin(), other.reached.end(), Index{0});
+    figures.coverage = share(reached, other.reached.size());
+}
+
+void find_distortion(MeasuredMap& map, Progress& progress) {
+    PointQuality& points = map.points;
+    const bool mirrored = is_mirrored(map.figures);
+    points.distortion.resize(points.round_trip.size());
+    parallel_for(
+        static_cast<Index>(points.distortion.size()), progress, [&](Index begin, Index end) {
+            for (Index i = begin; i < end; ++i) {
+                double value = std::max(strain(points.stretch(i, 0), points.stretch(i, 1)),
+                                        points.round_trip[i] / kBadRoundTrip);
+                if (!points.reached[to_size(i)]) value = std::max(value, kBad);
+                if (points.measured[to_size(i)] && (points.flipped[to_size(i)] != 0) != mirrored)
+                    value = std::max(value, kFoldDistortion);
+                points.distortion[i] = value;
+            }
+        });
+}
+
+}  // namespace
+
+MeasuredCloud::MeasuredCloud(const Cloud& cloud, Progress& progress)
+    : unit(normalization(cloud.positions)),
+      positions(unit.apply(cloud.positions)),
+      normals(cloud.normals.rowwise().normalized()),
+      tree(positions) {
+    const double area = estimated_area(tree);
+    root_area = area > 0.0 ? std::sqrt(area) : 1.0;
+    nearest = nearest_neighbors(tree, kNeighbors, progress);
+    spacing = local_spacing(positions, nearest);
+}
+
+bool MeasuredCloud::same_side(Index i, Index j) const {
+    return normals.row(i).dot(normals.row(j)) > kSameSide;
+}
+
+MeasuredMaps measure_maps(const MeasuredCloud& source, const MeasuredCloud& target,
+                          const TwoWayMap& map, Progress& progress) {
+    const auto source_of = [](const IndexPair& pair) { return pair.source; };
+    const auto target_of = [](const IndexPair& pair) { return pair.target; };
+    MeasuredMaps maps;
+    auto& [there, back] = maps;
+    there.images = target.unit.apply(map.source_images);
+    back.images = source.unit.apply(map.target_images);
+    const auto on_target = nearest_partners(map.pairs, there.images, target, source_of, target_of);
+    const auto on_source = nearest_partners(map.pairs, back.images, source, target_of, source_of);
+    // Every pass fills something that the next ones need of both maps.
+    const auto both = [&](double first, double last, auto&& pass) {
+        const Progress::Part part(progress, first, last);
+        {
+            const Progress::Part half(progress, 0.0, 0.5);
+            pass(source, target, there, back);
+        }
+        const Progress::Part half(progress, 0.5, 1.0);
+        pass(target, source, back, there);
+    };
+    using Here = const MeasuredCloud&;
+    using Map = MeasuredMap&;
+    both(0.0, 0.5, [&](Here here, Here other, Map ours, Map) {
+        measure(here, other, &here == &source ? on_target : on_source, ours, progress);
+    });
+    both(0.5, 0.6, [&](Here here, Here other, Map ours, Map theirs) {
+        go_there_and_back(here, other, theirs, ours, progress);
+    });
+    both(0.6, 0.9, [&](Here here, Here other, Map ours, Map theirs) {
+        find_reached(here, other, theirs, ours, progress);
+    });
+    sum_up(back.points, there);
+    sum_up(there.points, back);
+    both(0.9, 1.0, [&](Here, Here, Map ours, Map) { find_distortion(ours, progress); });
+    return maps;
+}
+
+/// √((ln² s₁ + ln² s₂) / 2), bounded.
+double strain(double larger, double smaller) {
+    const double limit = std::log(kStrongest);
+    const auto bounded = [&](double s) {
+        return s > 0.0 ? std::clamp(std::log(s), -limit, limit) : -limit;
+    };
+    return std::sqrt((bounded(larger) * bounded(larger) + bounded(smaller) * bounded(smaller)) /
+                     2.0);
+}
+
+bool is_mirrored(const MapFigures& figures) {
+    return figures.flipped > 0.5;
+}
+
+double quantile(std::vector<double>& values, double share) {
+    if (values.empty()) return 0.0;
+    const auto nth = values.begin() +
+                     static_cast<std::ptrdiff_t>(share * static_cast<double>(values.size() - 1));
+    std::nth_element(values.begin(), nth, values.end());
+    return *nth;
+}
+
+}  // namespace pointmorph
