@@ -1,9 +1,10 @@
-"""The library's rooms: no include goes up, and every stage has its four files."""
+"""The library's rooms, files, functions and pages: no include goes up, every stage is complete."""
 
 from __future__ import annotations
 
 import re
 from pathlib import Path
+from typing import NamedTuple
 
 import pytest
 
@@ -85,3 +86,180 @@ def test_a_stage_has_its_page(header: Path) -> None:
     if header.read_text(encoding="utf-8").startswith("// Stage "):
         room, stem = header.parent.name, header.stem
         assert (ROOT / "docs" / "stages" / room / f"{stem}.md").exists()
+
+
+# --- Size of functions
+
+LONGEST_FUNCTION = 80
+MOST_PARAMETERS = 6
+# Longer functions, each with the reason.
+LONG_FUNCTIONS: dict[str, str] = {}
+# Rooms that are still being split up.
+PENDING_ROOMS = {"registration", "morph"}
+
+
+class Function(NamedTuple):
+    name: str
+    lines: int
+    parameters: int
+
+
+def without_comments(text: str) -> str:
+    """The same lines, without comments, preprocessor lines and what strings hold."""
+    pattern = r'//[^\n]*|/\*.*?\*/|R"\((?:.|\n)*?\)"|"(?:\\.|[^"\\\n])*"|\'(?:\\.|[^\'\\\n])\''
+
+    def blank(match: re.Match[str]) -> str:
+        return "\n" * match[0].count("\n") if match[0].startswith("/") else '""'
+
+    text = re.sub(pattern, blank, text, flags=re.DOTALL)
+    return re.sub(r"^[ \t]*#[^\n]*", "", text, flags=re.MULTILINE)
+
+
+def parameters_of(signature: str) -> int:
+    """How many parameters stand between the first parentheses."""
+    depth, count, anything = 0, 1, False
+    start = signature.index("(")
+    for i in range(start, len(signature)):
+        c = signature[i]
+        depth += c in "(<{["
+        depth -= c in ")>}]" and signature[i - 1] != "-"
+        if depth == 0:
+            break
+        count += c == "," and depth == 1
+        anything = anything or (i > start and not c.isspace())
+    return count if anything else 0
+
+
+def functions_in(text: str) -> list[Function]:
+    """Functions that are defined or declared in namespaces and classes."""
+    text = without_comments(text)
+    found: list[Function] = []
+    # Of each open brace what stands before it, and its line; None for namespaces and classes.
+    stack: list[tuple[str, int] | None] = []
+    start = 0
+    for i, c in enumerate(text):
+        inside = any(kind is not None for kind in stack)
+        if c == "{":
+            head = text[start:i].strip()
+            scope = re.search(
+                r"^(template\s*<.*>\s*)?(namespace|struct|class|enum|extern)\b", head, re.DOTALL
+            )
+            is_function = not inside and "(" in head and not scope
+            stack.append(
+                None
+                if not inside and not is_function
+                else (head, text.count("\n", 0, i) - head.count("\n"))
+            )
+            if not inside:
+                start = i + 1
+        elif c == "}":
+            kind = stack.pop() if stack else None
+            inside = any(other is not None for other in stack)
+            if kind is not None and not inside and "(" in kind[0]:
+                head, first = kind
+                name = re.findall(r"([\w:~]+|operator\S+)\s*\(", head)
+                lines = text.count("\n", 0, i) - first + 1
+                found.append(Function(name[0] if name else head, lines, parameters_of(head)))
+            if not inside:
+                start = i + 1
+        elif c == ";" and not inside:
+            head = text[start:i].strip()
+            declared = re.match(r"[^=]*?([\w:~]+)\s*\(", head, re.DOTALL)
+            if declared and not head.startswith(("using", "static_assert")):
+                parameters = parameters_of(head[declared.end(1) :])
+                found.append(Function(declared[1], head.count("\n") + 1, parameters))
+            start = i + 1
+    return found
+
+
+def test_the_size_of_functions_is_measured() -> None:
+    short = "namespace p {\nint f(int a, pair<int, int> b) {\n    if (a) {\n    }\n}\n"
+    assert functions_in(short) == [Function("f", 4, 2)]
+    method = "struct S {\n    S(int a, int b = g(1, 2));\n    void h() const { go({1, 2}); }\n};\n"
+    assert functions_in(method) == [Function("S", 1, 2), Function("h", 1, 0)]
+    long = "void f() {\n" + "    g();\n" * 90 + "}\n"
+    assert functions_in(long) == [Function("f", 92, 0)]
+
+
+def checked(folder: str) -> list[Path]:
+    return [p for p in files(folder) if p.parent.name not in PENDING_ROOMS]
+
+
+def test_no_function_is_long() -> None:
+    long = {
+        f"{path.relative_to(NATIVE)} {function.name}": function.lines
+        for folder in ("include", "src", "tests", "benchmarks")
+        for path in checked(folder)
+        for function in functions_in(path.read_text(encoding="utf-8"))
+        if function.lines > LONGEST_FUNCTION
+    }
+    assert set(long) == set(LONG_FUNCTIONS), long
+
+
+def test_no_public_function_has_many_parameters() -> None:
+    many = {
+        f"{path.relative_to(NATIVE)} {function.name}": function.parameters
+        for path in checked("include")
+        for function in functions_in(path.read_text(encoding="utf-8"))
+        if function.parameters > MOST_PARAMETERS
+    }
+    assert many == {}
+
+
+# --- Pages of stages
+
+SECTIONS = ["Use", "Options", "Deviations from the paper", "Guarantees"]
+PAGES = sorted((ROOT / "docs" / "stages").glob("*/*.md"))
+PAGES_TO_CHECK = [p for p in PAGES if p.parent.name not in PENDING_ROOMS]
+
+
+def fields_of_options(header: str) -> set[str]:
+    """Fields of every struct whose name ends in Options."""
+    names = set()
+    for body in re.findall(r"struct \w*Options \{(.*?)\n\};", without_comments(header), re.DOTALL):
+        for statement in re.sub(r"\{[^{}]*\}", "", body).split(";"):
+            if "(" in statement.partition("=")[0] or not statement.strip():
+                continue
+            for field in re.sub(r"<[^>]*>", "", statement).split(","):
+                names.add(re.findall(r"\w+", field.partition("=")[0])[-1])
+    return names
+
+
+def options_of_page(page: str) -> set[str]:
+    section = page.partition("\n## Options\n")[2].partition("\n## ")[0]
+    first_column = re.findall(r"^\|([^|]*)\|", section, flags=re.MULTILINE)
+    return {
+        name
+        for cell in first_column
+        for name in re.findall(r"`(\w+)`", re.sub(r"\(.*?\)", "", cell))
+    }
+
+
+def test_options_are_read() -> None:
+    header = (
+        "struct XOptions {\n    /// Of a; b.\n    double a = 1.0, b = 2.0;\n"
+        "    std::optional<int> c{};\n    int d() const;\n};\n"
+    )
+    assert fields_of_options(header) == {"a", "b", "c"}
+    page = (
+        "\n## Options\n\n| option | meaning |\n|---|---|\n"
+        "| `a` (`x_a`) | `z` |\n| `b`, `c` | |\n\n## Guarantees\n"
+    )
+    assert options_of_page(page) == {"a", "b", "c"}
+
+
+@pytest.mark.parametrize("page", PAGES_TO_CHECK, ids=lambda p: f"{p.parent.name}/{p.stem}")
+def test_a_page_follows_the_template(page: Path) -> None:
+    text = page.read_text(encoding="utf-8")
+    room, stem = page.parent.name, page.stem
+    assert text.startswith(f"# {stem}\n")
+    headings = re.findall(
+        r"^## (.+)$", re.sub(r"```.*?```", "", text, flags=re.DOTALL), re.MULTILINE
+    )
+    assert [h for h in headings if h in SECTIONS] == SECTIONS
+    intro = text.partition("\n## ")[0]
+    for kind in (f"{stem}.hpp", f"{stem}.cpp", f"test_{stem}.cpp"):
+        assert f"[`{kind}`]" in intro
+    assert "```cpp\n" in text.partition("\n## Use\n")[2].partition("\n## ")[0]
+    header = (NATIVE / "include" / "pointmorph" / room / f"{stem}.hpp").read_text(encoding="utf-8")
+    assert options_of_page(text) == fields_of_options(header)
