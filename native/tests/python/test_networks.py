@@ -46,7 +46,7 @@ def test_loops_are_the_first_curves() -> None:
 
 
 def test_names_and_loops_dont_mix() -> None:
-    with pytest.raises(pointmorph.FeatureError, match="mix"):
+    with pytest.raises(pointmorph.FeatureError, match="feature names, or sequences of them"):
         pointmorph.morph(SOURCE, TARGET, FEATURES, loop=["00", ["01", "02"]])  # type: ignore[list-item]
 
 
