@@ -188,7 +188,9 @@ public:
 private:
     static constexpr std::size_t kBuckets = 1 << 16;
 
-    std::size_t bucket(Index i) const { return static_cast<std::size_t>(std::max(0.0, weights_[i]) * scale_); }
+    std::size_t bucket(Index i) const {
+        return static_cast<std::size_t>(std::max(0.0, weights_[i]) * scale_);
+    }
     void push(Index i, std::size_t bucket) {
         next_[to_size(i)] = heads_[bucket];
         heads_[bucket] = i;

@@ -16,7 +16,7 @@ using Index = std::int32_t;
 
 /// An index, or an enumerator that counts as one, as the standard library's containers take it.
 template <class T>
-    requires std::integral<T> || std::is_enum_v<T>
+requires std::integral<T> || std::is_enum_v<T>
 constexpr std::size_t to_size(T i) {
     return static_cast<std::size_t>(i);
 }
