@@ -102,7 +102,7 @@ def _bootstrap(suite: str, packages: Iterable[str], root: Path) -> list[str]:
     options += [f"--dpkgopt={option}" for option in ("force-unsafe-io", *unneeded)]
     wanted = f"--include={','.join(packages)}"
     kind = ["--mode=root", "--variant=apt", "--format=directory"]
-    return ["mmdebstrap", *kind, *options, wanted, suite, str(root), _mirror()]
+    return ["mmdebstrap", *kind, *options, wanted, suite, str(root), *_mirror()]
 
 
 def _proxies() -> list[str]:
@@ -112,12 +112,12 @@ def _proxies() -> list[str]:
     return [line for line in lines if line.startswith(("Acquire::http", "Acquire::https"))]
 
 
-def _mirror() -> str:
-    """Where this system's own packages come from."""
+def _mirror() -> list[str]:
+    """Where this system's own packages come from; nothing where that isn't known."""
     words = ("apt-get", "indextargets", "--format", "$(ORIGIN) $(SITE)", "Created-By: Packages")
     said = subprocess.run(words, capture_output=True, text=True, check=False)
     sites = [line.split()[1] for line in said.stdout.splitlines() if line.startswith("Debian ")]
-    return sites[0] if sites else "http://deb.debian.org/debian"
+    return sites[:1]
 
 
 def inside(
