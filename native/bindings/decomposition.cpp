@@ -1,9 +1,8 @@
-#include "pointmorph/disk/decomposition.hpp"
+#include "pointmorph/morph/cut_preview.hpp"
 
 #include <algorithm>
 
 #include "bindings.hpp"
-#include "pointmorph/morph/morph.hpp"
 
 namespace pointmorph::bindings {
 
@@ -13,12 +12,12 @@ void bind_decomposition(py::module_& module) {
         [](const py::dict& fields, const std::vector<Index>& loop,
            const std::vector<std::string>& names, const MorphOptions& options,
            const py::object& callback) {
-            Cloud cloud = cloud_of(fields);
+            const Cloud cloud = cloud_of(fields);
             const auto progress = make_progress(callback);
             Decomposition cut;
             {
                 const py::gil_scoped_release release;
-                cut = decompose(std::move(cloud), loop, names, options, *progress);
+                cut = preview_cut(cloud, loop, names, options, *progress);
             }
             py::array_t<std::int8_t> sides(static_cast<py::ssize_t>(cut.patches.size()));
             std::ranges::transform(cut.patches, sides.mutable_data(), [](Patch patch) {

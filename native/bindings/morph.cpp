@@ -3,6 +3,8 @@
 #include "bindings.hpp"
 #include "pointmorph/base/error.hpp"
 #include "pointmorph/base/parallel.hpp"
+#include "pointmorph/morph/loop_suggestion.hpp"
+#include "pointmorph/morph/network_preview.hpp"
 #include "pointmorph/morph/options.hpp"
 
 namespace pointmorph::bindings {
@@ -229,15 +231,13 @@ void bind_morph(py::module_& module) {
     const auto input_of = [](const py::dict& source, const py::dict& target,
                              const py::list& features,
                              std::vector<std::vector<std::string>> loops) {
-        MorphInput input{cloud_of(source),
-                         cloud_of(target),
-                         features_of(features),
-                         {},
-                         source["boundary"].cast<BoundaryLoop>(),
-                         target["boundary"].cast<BoundaryLoop>(),
-                         {},
-                         source["parts"].cast<Parts>(),
-                         target["parts"].cast<Parts>()};
+        MorphInput input{.source = cloud_of(source),
+                         .target = cloud_of(target),
+                         .features = features_of(features),
+                         .source_boundary = source["boundary"].cast<BoundaryLoop>(),
+                         .target_boundary = target["boundary"].cast<BoundaryLoop>(),
+                         .source_parts = source["parts"].cast<Parts>(),
+                         .target_parts = target["parts"].cast<Parts>()};
         if (!loops.empty()) {
             input.loop = std::move(loops.front());
             input.more_loops.assign(loops.begin() + 1, loops.end());
@@ -272,11 +272,11 @@ void bind_morph(py::module_& module) {
         "propose_loop",
         [](const py::dict& source, const py::dict& target, const py::list& features,
            const MorphOptions& options, const py::object& callback) {
-            Cloud from = cloud_of(source), to = cloud_of(target);
-            std::vector<Feature> marked = features_of(features);
+            const MorphInput input{.source = cloud_of(source),
+                                   .target = cloud_of(target),
+                                   .features = features_of(features)};
             return without_gil(callback, [&](Progress& progress) {
-                return propose_loop(std::move(from), std::move(to), std::move(marked), options,
-                                    progress);
+                return suggest_loop(input, options, progress);
             });
         },
         "Names of features for a loop, in order.", py::arg("source"), py::arg("target"),
@@ -286,9 +286,9 @@ void bind_morph(py::module_& module) {
         [input_of](const py::dict& source, const py::dict& target, const py::list& features,
                    std::vector<std::vector<std::string>> loops, const MorphOptions& options,
                    const py::object& callback) {
-            MorphInput input = input_of(source, target, features, std::move(loops));
+            const MorphInput input = input_of(source, target, features, std::move(loops));
             NamedNetwork found = without_gil(callback, [&](Progress& progress) {
-                return trace_network(std::move(input), options, progress);
+                return preview_network(input, options, progress);
             });
             py::list curves;
             for (NetworkCurve& curve : found.network.curves)

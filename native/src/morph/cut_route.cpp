@@ -5,30 +5,36 @@
 #include <cmath>
 #include <utility>
 
-#include "morph/patch_cloud.hpp"
 #include "morph/point_features.hpp"
 #include "pointmorph/base/error.hpp"
+#include "pointmorph/cloud/kd_tree.hpp"
 #include "pointmorph/cloud/similarity.hpp"
-#include "pointmorph/disk/decomposition.hpp"
 
 namespace pointmorph {
 
 namespace {
 
-/// One patch of a cut shape.
-PatchCloud patch_of(const Side& side, const Decomposition& cut, Patch patch) {
-    std::vector<Index> rows;
-    for (Index i = 0; i < static_cast<Index>(cut.patches.size()); ++i)
-        if (cut.patches[to_size(i)] == patch) rows.push_back(i);
-    return PatchCloud(side, std::move(rows), cut.curve);
-}
+/// The features, those of the loop first and in its order.
+struct LoopFeatures {
+    std::vector<PointFeature> all;
+    std::size_t in_loop = 0;
 
-/// Onto the unit sphere; the equator is the circle.
-Eigen::RowVector3d lifted(const Eigen::RowVector2d& u, bool above) {
-    const double squared = u.squaredNorm();
-    const double height = (1.0 - squared) / (1.0 + squared);
-    return {2.0 * u.x() / (1.0 + squared), 2.0 * u.y() / (1.0 + squared), above ? height : -height};
-}
+    LoopFeatures(std::vector<PointFeature> features, std::span<const std::string> loop)
+        : all(std::move(features)) {
+        const auto place = [&](const PointFeature& f) {
+            return std::ranges::find(loop, f.name) - loop.begin();
+        };
+        const auto rest = std::ranges::stable_partition(all, [&](const PointFeature& f) {
+            return place(f) != static_cast<std::ptrdiff_t>(loop.size());
+        });
+        in_loop = to_size(rest.begin() - all.begin());
+        std::ranges::sort(all.begin(), rest.begin(), {}, place);
+    }
+};
+
+struct Cuts {
+    Decomposition source, target;
+};
 
 /// Features inside the patches that don't lie on the same side of both curves, and how many there
 /// are inside.
@@ -36,17 +42,16 @@ struct Astray {
     std::vector<std::size_t> features;
     std::size_t inside = 0;
 
-    Astray(const Decomposition& source_cut, const Decomposition& target_cut,
-           std::span<const PointFeature> known) {
+    Astray(const Cuts& cuts, std::span<const PointFeature> known) {
         for (std::size_t k = 0; k < known.size(); ++k) {
-            const Patch s = source_cut.patches[to_size(known[k].rows.source)];
+            const Patch s = cuts.source.patches[to_size(known[k].rows.source)];
             if (s == Patch::kCurve) continue;
             ++inside;
-            if (s != target_cut.patches[to_size(known[k].rows.target)]) features.push_back(k);
+            if (s != cuts.target.patches[to_size(known[k].rows.target)]) features.push_back(k);
         }
     }
 
-    /// The loops run round the models in opposite senses.
+    /// The loops run round the models in opposite directions.
     bool is_mirrored() const { return features.size() == inside && inside > 1; }
 
     std::string names(std::span<const PointFeature> known) const {
@@ -59,7 +64,7 @@ struct Astray {
     void check(std::span<const PointFeature> known) const {
         if (features.empty()) return;
         if (is_mirrored())
-            throw FeatureError("loop", "a loop that runs round both models in the same sense",
+            throw FeatureError("loop", "a loop that runs round both models in the same direction",
                                "all other features (" + names(known) + ") on opposite sides of it",
                                "Check left and right: the loop's features are swapped on one of "
                                "the models, or the normals of one point inwards.");
@@ -73,165 +78,197 @@ struct Astray {
     }
 };
 
+/// Cuts one of the shapes, with features on `wanted` patches where any are wanted.
+Decomposition cut_open(const PreparedShape& shape, std::span<const Index> features,
+                       std::span<const std::string> loop, std::span<const Patch> wanted,
+                       const DecompositionOptions& options, Progress& progress) {
+    return decompose(shape.surface(), KdTree<3>(shape.positions), {features, loop, wanted}, options,
+                     progress);
+}
+
+/// How far a point lies from the curve, in lengths of the curve.
+double distance_from_curve(const PreparedShape& shape, const Decomposition& cut, Index row) {
+    return (cut.curve.points.rowwise() - shape.positions.row(row)).rowwise().norm().minCoeff() /
+           curve_length(cut.curve.points);
+}
+
+/// Both shapes cut so that all features lie on the same side of both curves. Where a feature
+/// doesn't, the curve that passes nearer to it is led round it, to where the other one has it.
+Cuts cut_alike(const RouteInput& input, const LoopFeatures& known,
+               std::span<const std::string> loop, const DecompositionOptions& options,
+               std::vector<std::string>& warnings, Progress& progress) {
+    std::vector<Index> source_rows, target_rows;
+    for (const PointFeature& f : known.all) {
+        source_rows.push_back(f.rows.source);
+        target_rows.push_back(f.rows.target);
+    }
+    const auto cut = [&](bool is_source, double first, double last,
+                         std::span<const Patch> wanted = {}) {
+        const Progress::Part part(progress, first, last);
+        return cut_open(is_source ? input.source : input.target,
+                        is_source ? source_rows : target_rows, loop, wanted, options, progress);
+    };
+    Cuts cuts{cut(true, 0.0, 0.4), cut(false, 0.4, 0.8)};
+    const Astray astray(cuts, known.all);
+    if (astray.features.empty()) return cuts;
+    if (astray.is_mirrored()) astray.check(known.all);
+
+    std::array<std::vector<Patch>, 2> wanted;
+    std::array<std::string, 2> names;
+    for (std::size_t k = known.in_loop; k < known.all.size(); ++k) {
+        wanted[0].push_back(cuts.source.patches[to_size(source_rows[k])]);
+        wanted[1].push_back(cuts.target.patches[to_size(target_rows[k])]);
+    }
+    constexpr double kNear = 0.05;  // farther ones were marked somewhere else
+    for (const std::size_t k : astray.features) {
+        const double s = distance_from_curve(input.source, cuts.source, source_rows[k]);
+        const double t = distance_from_curve(input.target, cuts.target, target_rows[k]);
+        if (std::min(s, t) > kNear) astray.check(known.all);
+        const std::size_t led = s <= t ? 0 : 1, place = k - known.in_loop;
+        wanted[led][place] = wanted[1 - led][place];
+        names[led] += (names[led].empty() ? "\"" : ", \"") + known.all[k].name + "\"";
+    }
+    try {
+        if (!names[0].empty()) cuts.source = cut(true, 0.8, 0.9, wanted[0]);
+        if (!names[1].empty()) cuts.target = cut(false, 0.9, 1.0, wanted[1]);
+    } catch (const Error&) {  // the way round crosses the loop, or leaves no patch
+        astray.check(known.all);
+    }
+    for (const std::size_t k : {0u, 1u})
+        if (!names[k].empty())
+            warnings.push_back("The cut of " + (k == 0 ? input.source : input.target).name +
+                               " was led round " + names[k] +
+                               ", to have it on the same side as on the other model.");
+    Astray(cuts, known.all).check(known.all);
+    return cuts;
+}
+
+using RimAngles = std::array<std::vector<double>, 2>;
+
 /// The loop's features would fit much better if one model were a mirror image: left and right are
 /// probably swapped.
-bool looks_mirrored(const Decomposition& source, const Decomposition& target,
-                    const std::array<std::vector<double>, 2>& angles) {
+bool looks_mirrored(const Cuts& cuts, const RimAngles& angles) {
     // The curves as wholes: points at equal angles.
     constexpr int kSamples = 256;
     const auto sampled = [&](const Decomposition& cut, const std::vector<double>& angle) {
         Positions points(kSamples, 3);
         const auto count = angle.size();
-        const double turn = 2.0 * std::acos(-1.0);
+        const double circle = 2.0 * std::acos(-1.0);
         std::size_t k = 0;
         for (int i = 0; i < kSamples; ++i) {
-            const double goal = angle[0] + turn * i / kSamples;
+            const double goal = angle[0] + circle * i / kSamples;
             while (k + 1 < count && angle[k + 1] <= goal) ++k;
             points.row(i) = cut.curve.points.row(static_cast<Eigen::Index>(k));
         }
         return points;
     };
-    return fits_better_mirrored(sampled(source, angles[0]), sampled(target, angles[1]));
+    return fits_better_mirrored(sampled(cuts.source, angles[0]), sampled(cuts.target, angles[1]));
+}
+
+PatchCloud patch_of(const PreparedShape& shape, const Decomposition& cut, Patch patch) {
+    std::vector<Index> rows;
+    for (Index i = 0; i < static_cast<Index>(cut.patches.size()); ++i)
+        if (cut.patches[to_size(i)] == patch) rows.push_back(i);
+    return PatchCloud(shape, std::move(rows), cut.curve);
+}
+
+/// From the disk onto the unit sphere; the rim is the equator.
+Eigen::RowVector3d on_sphere(const Eigen::RowVector2d& u, bool above) {
+    const double squared = u.squaredNorm();
+    const double height = (1.0 - squared) / (1.0 + squared);
+    return {2.0 * u.x() / (1.0 + squared), 2.0 * u.y() / (1.0 + squared), above ? height : -height};
+}
+
+/// Lays one patch of both shapes onto the disk, aligned, and from there onto its half of the
+/// sphere.
+void lay_out(Patch patch, const RouteInput& input, const Cuts& cuts, const RimAngles& angles,
+             std::span<const PointFeature> known, const PatchOptions& options, RouteResult& result,
+             Progress& progress) {
+    const bool above = patch == Patch::kLeft;
+    RouteFacts& facts = result.facts;
+    const PatchCloud source_patch = patch_of(input.source, cuts.source, patch);
+    const PatchCloud target_patch = patch_of(input.target, cuts.target, patch);
+    progress.enter("parameterization");
+    const auto onto_disk = [&](bool is_source, double first) {
+        const Progress::Part part(progress, first, first + 0.25);
+        const PreparedShape& shape = is_source ? input.source : input.target;
+        const PatchCloud& cloud = is_source ? source_patch : target_patch;
+        PatchOnDisk disk = on_disk(shape, cloud, angles[is_source ? 0 : 1], options, progress);
+        auto& said = is_source ? facts.source_parameterization : facts.target_parameterization;
+        said.add(disk.facts);
+        said.boundary_points = static_cast<Index>(cloud.loop.size());
+        warn_of_joined(disk, shape, result.warnings);
+        return std::move(disk.points);
+    };
+    const double done = above ? 0.0 : 0.5;
+    DiskPoints source_disk = onto_disk(true, done), target_disk = onto_disk(false, done + 0.25);
+
+    progress.enter("alignment");
+    std::vector<IndexPair> inside;
+    for (const auto& [name, rows] : known)
+        if (cuts.source.patches[to_size(rows.source)] == patch)
+            inside.push_back(
+                {source_patch.patch_row(rows.source), target_patch.patch_row(rows.target)});
+    const auto tips = paired_extremities(cuts.source.unmarked, cuts.target.unmarked,
+                                         kLargestDifference, [&](Index s, Index t) {
+                                             if (cuts.source.patches[to_size(s)] != patch ||
+                                                 cuts.target.patches[to_size(t)] != patch)
+                                                 return kNoPair;
+                                             return (source_disk.row(source_patch.patch_row(s)) -
+                                                     target_disk.row(target_patch.patch_row(t)))
+                                                 .norm();
+                                         });
+    for (const auto& [s, t] : tips) {
+        inside.push_back({source_patch.patch_row(s), target_patch.patch_row(t)});
+        facts.tips.push_back({s, t});
+    }
+    const Alignment alignment =
+        align_features(source_disk, target_disk, inside, true, options.alignment, progress);
+    facts.feature_residual = std::max(facts.feature_residual, alignment.residual);
+    facts.alignment_sweeps = std::max(facts.alignment_sweeps, alignment.sweeps);
+    const auto spread = [&](DomainPoints& sphere, const PatchCloud& cloud, const DiskPoints& disk) {
+        for (std::size_t i = 0; i < cloud.rows.size(); ++i)
+            sphere.row(cloud.rows[i]) = on_sphere(disk.row(static_cast<Eigen::Index>(i)), above);
+    };
+    spread(result.source_domain, source_patch, source_disk);
+    spread(result.target_domain, target_patch, target_disk);
 }
 
 }  // namespace
 
-CutRoute match_in_patches(Side& source, Side& target, const MorphInput& input,
-                          std::span<const Feature> marked, const MorphOptions& options,
-                          MorphReport& report, Progress& progress) {
+RouteResult match_in_patches(const RouteInput& input, std::span<const std::string> loop,
+                             const CutRouteOptions& options, Progress& progress) {
+    RouteResult result;
+    result.domain = "cut";
     progress.enter("decomposition");
-    // The loop's features first, in its order.
-    std::vector<PointFeature> known =
-        point_features(source, target, marked, options, report, progress);
-    const auto free = std::ranges::stable_partition(known, [&](const PointFeature& f) {
-        return std::ranges::find(input.loop, f.name) != input.loop.end();
-    });
-    const std::span in_loop(known.begin(), free.begin());
-    std::ranges::sort(in_loop, {}, [&](const PointFeature& f) {
-        return std::ranges::find(input.loop, f.name) - input.loop.begin();
-    });
-    const auto cut_open = [&](const Side& side, Index IndexPair::*row, double first, double last,
-                              std::span<const Patch> wanted = {}) {
-        const Progress::Part part(progress, first, last);
-        std::vector<Index> rows;
-        for (const PointFeature& f : known) rows.push_back(f.rows.*row);
-        const KdTree<3> tree(side.positions);
-        return decompose({side.positions, side.normals, side.nearest, side.cloud.name}, tree,
-                         {rows, input.loop, wanted}, options.decomposition, progress);
-    };
-    Decomposition source_cut = cut_open(source, &IndexPair::source, 0.0, 0.4);
-    Decomposition target_cut = cut_open(target, &IndexPair::target, 0.4, 0.8);
-    const Astray astray(source_cut, target_cut, known);
-    if (!astray.features.empty() && !astray.is_mirrored()) {
-        // The curve that passes nearer to the feature is led round it, to where the other has it.
-        const auto distance = [](const Side& side, const Decomposition& cut, Index row) {
-            return (cut.curve.points.rowwise() - side.positions.row(row))
-                       .rowwise()
-                       .norm()
-                       .minCoeff() /
-                   curve_length(cut.curve.points);
-        };
-        std::array<std::vector<Patch>, 2> wanted;
-        std::array<std::string, 2> names;
-        for (std::size_t k = in_loop.size(); k < known.size(); ++k) {
-            wanted[0].push_back(source_cut.patches[to_size(known[k].rows.source)]);
-            wanted[1].push_back(target_cut.patches[to_size(known[k].rows.target)]);
-        }
-        constexpr double kNear = 0.05;  // farther ones were marked somewhere else
-        for (const std::size_t k : astray.features) {
-            const double s = distance(source, source_cut, known[k].rows.source);
-            const double t = distance(target, target_cut, known[k].rows.target);
-            if (std::min(s, t) > kNear) astray.check(known);
-            const std::size_t led = s <= t ? 0 : 1, place = k - in_loop.size();
-            wanted[led][place] = wanted[1 - led][place];
-            names[led] += (names[led].empty() ? "\"" : ", \"") + known[k].name + "\"";
-        }
-        try {
-            if (!names[0].empty())
-                source_cut = cut_open(source, &IndexPair::source, 0.8, 0.9, wanted[0]);
-            if (!names[1].empty())
-                target_cut = cut_open(target, &IndexPair::target, 0.9, 1.0, wanted[1]);
-        } catch (const Error&) {  // the way round crosses the loop, or leaves no patch
-            astray.check(known);
-        }
-        for (const std::size_t side : {0u, 1u})
-            if (!names[side].empty())
-                report.warnings.emplace_back(
-                    "The cut of " + (side == 0 ? source : target).cloud.name + " was led round " +
-                    names[side] + ", to have it on the same side as on the other model.");
-    }
-    Astray(source_cut, target_cut, known).check(known);
-    const auto angles = rim_angles(source_cut.curve, source_cut.corners, target_cut.curve,
-                                   target_cut.corners, options.parameterization.boundary_spacing);
-    if (looks_mirrored(source_cut, target_cut, angles))
-        report.warnings.emplace_back(
+    const LoopFeatures known(point_features(input, {}, progress), loop);
+    const Cuts cuts =
+        cut_alike(input, known, loop, options.decomposition, result.warnings, progress);
+    const RimAngles angles =
+        rim_angles(cuts.source.curve, cuts.source.corners, cuts.target.curve, cuts.target.corners,
+                   options.patches.parameterization.boundary_spacing);
+    if (looks_mirrored(cuts, angles))
+        result.warnings.emplace_back(
             "The loop fits much better when one model is mirrored: check that left and right are "
             "not swapped and that the normals of both point outwards.");
 
-    CutRoute route;
-    route.source.resize(source.positions.rows(), 3);
-    route.target.resize(target.positions.rows(), 3);
-    const auto spread = [&](KdTree<3>::Points& sphere, const PatchCloud& cloud,
-                            const DiskPoints& disk, bool above) {
-        for (std::size_t i = 0; i < cloud.rows.size(); ++i)
-            sphere.row(cloud.rows[i]) = lifted(disk.row(static_cast<Eigen::Index>(i)), above);
-    };
-    for (const Patch patch : {Patch::kLeft, Patch::kRight}) {
-        const bool above = patch == Patch::kLeft;
-        const PatchCloud source_patch = patch_of(source, source_cut, patch);
-        const PatchCloud target_patch = patch_of(target, target_cut, patch);
-        progress.enter("parameterization");
-        const auto onto_disk = [&](const Side& side, const PatchCloud& cloud,
-                                   const std::vector<double>& angle, ParameterizationReport& said,
-                                   double first, double last) {
-            const Progress::Part part(progress, first, last);
-            said.boundary_points = static_cast<Index>(cloud.loop.size());
-            return on_disk(side, cloud, angle, options, said, report, progress);
-        };
-        const double done = above ? 0.0 : 0.5;
-        DiskPoints source_disk = onto_disk(source, source_patch, angles[0],
-                                           report.source_parameterization, done, done + 0.25);
-        DiskPoints target_disk = onto_disk(target, target_patch, angles[1],
-                                           report.target_parameterization, done + 0.25, done + 0.5);
-
-        progress.enter("alignment");
-        std::vector<IndexPair> inside;
-        for (const auto& [name, rows] : known)
-            if (source_cut.patches[to_size(rows.source)] == patch)
-                inside.push_back(
-                    {source_patch.place(rows.source), target_patch.place(rows.target)});
-        const auto tips = paired_extremities(
-            source_cut.unmarked, target_cut.unmarked, kLargestDifference, [&](Index s, Index t) {
-                return source_cut.patches[to_size(s)] != patch ||
-                               target_cut.patches[to_size(t)] != patch
-                           ? kNoPair
-                           : (source_disk.row(source_patch.place(s)) -
-                              target_disk.row(target_patch.place(t)))
-                                 .norm();
-            });
-        for (const auto& [s, t] : tips) {
-            inside.push_back({source_patch.place(s), target_patch.place(t)});
-            report.tips.push_back({source.order[to_size(s)], target.order[to_size(t)]});
-        }
-        const Alignment alignment =
-            align_features(source_disk, target_disk, inside, true, options.alignment, progress);
-        report.feature_residual = std::max(report.feature_residual, alignment.residual);
-        report.alignment_sweeps = std::max(report.alignment_sweeps, alignment.sweeps);
-        spread(route.source, source_patch, source_disk, above);
-        spread(route.target, target_patch, target_disk, above);
-    }
-    for (std::size_t k = 0; k < in_loop.size(); ++k) {
-        const double angle = angles[0][to_size(source_cut.corners[k])];
+    result.source_domain.resize(input.source.size(), 3);
+    result.target_domain.resize(input.target.size(), 3);
+    for (const Patch patch : {Patch::kLeft, Patch::kRight})
+        lay_out(patch, input, cuts, angles, known.all, options.patches, result, progress);
+    for (std::size_t k = 0; k < known.in_loop; ++k) {
+        const double angle = angles[0][to_size(cuts.source.corners[k])];
         const Eigen::RowVector3d corner(std::cos(angle), std::sin(angle), 0.0);
-        route.source.row(in_loop[k].rows.source) = corner;
-        route.target.row(in_loop[k].rows.target) = corner;
+        result.source_domain.row(known.all[k].rows.source) = corner;
+        result.target_domain.row(known.all[k].rows.target) = corner;
     }
 
     progress.enter("pairing");
-    std::vector<IndexPair> features;
-    for (const PointFeature& f : known) features.push_back(f.rows);
-    route.pairs = pair_points<3>(route.source, route.target, features, options.pairing, progress);
-    return route;
+    const KdTree<3>::Points source_sphere = result.source_domain;
+    const KdTree<3>::Points target_sphere = result.target_domain;
+    result.pairs = pair_points<3>(source_sphere, target_sphere, rows_of(known.all),
+                                  options.patches.pairing, progress);
+    return result;
 }
 
 }  // namespace pointmorph

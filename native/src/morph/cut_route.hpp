@@ -1,25 +1,26 @@
-// The paper's way from two closed shapes to pairs of points: each cut into two patches, patches
-// onto disks, disks aligned, merged and paired.
+// The paper's route from two closed shapes to pairs of points: each cut into two patches, patches
+// onto disks, disks aligned, merged and paired. Not for callers of the library.
 #pragma once
 
-#include "morph/prepared_shape.hpp"
-#include "pointmorph/cloud/kd_tree.hpp"
-#include "pointmorph/morph/morph.hpp"
+#include <span>
+#include <string>
+
+#include "morph/patch_cloud.hpp"
+#include "morph/route_result.hpp"
+#include "pointmorph/disk/decomposition.hpp"
 
 namespace pointmorph {
 
-/// Both disks of a shape, glued along their rims, are the unit sphere: the left patch above, the
-/// right one below, the curve on the equator (inverse stereographic projection).
-struct CutRoute {
-    KdTree<3>::Points source, target;  ///< on the unit sphere, rows of the sides
-    Pairing pairs;
+struct CutRouteOptions {
+    DecompositionOptions decomposition;
+    PatchOptions patches;
 };
 
-/// `features`, in canonical order, are rows of the sides; see point_features(). Fills in what the
-/// report says of the curves, parameterization and alignment. Throws FeatureError for a loop that
-/// can't cut, TopologyError, and the errors of the stages.
-CutRoute match_in_patches(Side& source, Side& target, const MorphInput& input,
-                          std::span<const Feature> features, const MorphOptions& options,
-                          MorphReport& report, Progress& progress);
+/// Along the features called `loop`, in this order. The common domain is the unit sphere, to which
+/// both disks are glued along their rims: the left patch above, the right one below, the curve on
+/// the equator (inverse stereographic projection). Throws FeatureError for a loop that can't cut,
+/// TopologyError, and the errors of the stages.
+RouteResult match_in_patches(const RouteInput& input, std::span<const std::string> loop,
+                             const CutRouteOptions& options, Progress& progress);
 
 }  // namespace pointmorph

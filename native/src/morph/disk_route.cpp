@@ -3,10 +3,10 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <unordered_map>
+#include <utility>
 
 #include "morph/point_features.hpp"
 #include "pointmorph/base/error.hpp"
-#include "pointmorph/cloud/kd_tree.hpp"
 
 namespace pointmorph {
 
@@ -16,27 +16,52 @@ namespace {
 /// to point inwards on one side.
 constexpr double kMirrorFactor = 0.5;
 
-/// Positions of the boundary features in their loops. A feature lies on both boundaries or on
+/// One of the two patches, seen from the side that its normals face.
+struct DiskPatch {
+    const PreparedShape& shape;
+    Normals normals;
+    BoundaryLoop rim;
+    bool turned = false;
+
+    DiskPatch(const PreparedShape& patch, const Boundary& boundary)
+        : shape(patch), normals(patch.normals), rim(boundary.loop) {
+        if (rim.empty())
+            throw TopologyError(
+                shape.name, "an open patch with a boundary", "a closed surface",
+                "Take method auto, which needs no boundary; or domain sphere, for closed models "
+                "without handles; or domain network, with features all over both models; or list "
+                "features in a loop, along which both models are cut; or give the rows of its "
+                "boundary.");
+    }
+
+    void turn() {
+        normals = -normals;
+        std::reverse(rim.begin(), rim.end());
+        turned = !turned;
+    }
+};
+
+/// Where the features on the boundary are in their rims. A feature lies on both boundaries or on
 /// neither.
-std::vector<IndexPair> boundary_features(const Side& source, const Side& target,
+std::vector<IndexPair> boundary_features(const DiskPatch& source, const DiskPatch& target,
                                          std::span<const PointFeature> features) {
-    const auto positions_in = [](const Side& side) {
+    const auto places_in = [](const DiskPatch& patch) {
         std::unordered_map<Index, Index> result;
-        for (std::size_t i = 0; i < side.loop.size(); ++i)
-            result.emplace(side.loop[i], static_cast<Index>(i));
+        for (std::size_t i = 0; i < patch.rim.size(); ++i)
+            result.emplace(patch.rim[i], static_cast<Index>(i));
         return result;
     };
-    const auto on_source = positions_in(source), on_target = positions_in(target);
+    const auto on_source = places_in(source), on_target = places_in(target);
     std::vector<IndexPair> result;
-    for (std::size_t i = 0; i < features.size(); ++i) {
-        const auto s = on_source.find(features[i].rows.source);
-        const auto t = on_target.find(features[i].rows.target);
+    for (const PointFeature& feature : features) {
+        const auto s = on_source.find(feature.rows.source);
+        const auto t = on_target.find(feature.rows.target);
         if ((s == on_source.end()) != (t == on_target.end())) {
             const bool source_has_it = s != on_source.end();
-            const std::string& has = source_has_it ? source.cloud.name : target.cloud.name;
-            const std::string& lacks = source_has_it ? target.cloud.name : source.cloud.name;
+            const std::string& has = (source_has_it ? source : target).shape.name;
+            const std::string& lacks = (source_has_it ? target : source).shape.name;
             throw FeatureError(
-                "feature \"" + features[i].name + "\"", "a place on both boundaries or on neither",
+                "feature \"" + feature.name + "\"", "a place on both boundaries or on neither",
                 "one on the boundary of " + has + " and inside " + lacks,
                 "Move it onto the boundary of " + lacks + ", or off that of " + has + ".");
         }
@@ -56,106 +81,106 @@ double misfit(const DiskPoints& source, const DiskPoints& target,
     return sum;
 }
 
-ParameterizationReport report_of(const Parameterization& p, std::size_t boundary_points) {
-    return {p.unknowns, p.iterations, p.relative_residual, p.solve_seconds,
-            static_cast<Index>(boundary_points)};
+bool fits_better_mirrored(const DiskPoints& source, const DiskPoints& target,
+                          std::span<const IndexPair> features) {
+    DiskPoints mirrored = target;
+    mirrored.col(1) *= -1.0;
+    return misfit(source, mirrored, features) <
+           kMirrorFactor * kMirrorFactor * misfit(source, target, features);
 }
 
-/// The rim of the disk.
-void need_boundary(Side& side, const BoundaryLoop& given, const BoundaryOptions& options,
-                   std::vector<std::string>& warnings, Progress& progress) {
-    const Index count = side.find_boundary(given, options, progress);
-    if (count == 0)
-        throw TopologyError(
-            side.cloud.name, "an open patch with a boundary", "a closed surface",
-            "Take method auto, which needs no boundary; or domain sphere, for closed "
-            "models without handles; or domain network with features all over both models; "
-            "or list features in a loop, along which both models are cut; or give the rows of its "
-            "boundary.");
-    if (count > 1)
-        warnings.push_back(side.cloud.name + ": the longest of " + std::to_string(count) +
-                           " boundary loops goes to the rim of the disk, the others are treated "
+/// Onto the disk with the rim at the angles that `pins` ask for.
+DiskPoints on_disk(const DiskPatch& patch, std::span<const BoundaryPin> pins,
+                   const ParameterizationOptions& options, ParameterizationReport& facts,
+                   Progress& progress) {
+    const PreparedShape& shape = patch.shape;
+    const auto angles = boundary_angles(shape.positions, patch.rim, options.boundary_spacing, pins);
+    auto result = parameterize({shape.positions, patch.normals, shape.nearest, shape.name},
+                               {patch.rim, angles}, options, progress);
+    facts = {result.unknowns, result.iterations, result.relative_residual, result.solve_seconds,
+             static_cast<Index>(patch.rim.size())};
+    return std::move(result.points);
+}
+
+void warn_of_holes(const PreparedShape& shape, const Boundary& boundary,
+                   std::vector<std::string>& warnings) {
+    if (boundary.found > 1)
+        warnings.push_back(shape.name + ": the longest of " + std::to_string(boundary.found) +
+                           " boundary loops goes to the rim of the disk; the others are treated "
                            "as holes in the patch.");
 }
 
 }  // namespace
 
-DiskRoute match_in_disk(Side& source, Side& target, const MorphInput& input,
-                        std::span<const Feature> marked, const MorphOptions& options,
-                        MorphReport& report, Progress& progress) {
-    progress.enter("boundary");
-    need_boundary(source, input.source_boundary, options.boundary, report.warnings, progress);
-    need_boundary(target, input.target_boundary, options.boundary, report.warnings, progress);
-    if (!input.loop.empty())
-        throw FeatureError("loop", "no loop for open patches, whose boundary is known",
-                           "one of " + std::to_string(input.loop.size()) + " features",
-                           "Leave the loop out.");
+RouteResult match_in_disk(const RouteInput& input, const Boundary& source_boundary,
+                          const Boundary& target_boundary, const DiskRouteOptions& options,
+                          Progress& progress) {
+    RouteResult result;
+    result.domain = "disk";
+    DiskPatch source(input.source, source_boundary), target(input.target, target_boundary);
+    warn_of_holes(input.source, source_boundary, result.warnings);
+    warn_of_holes(input.target, target_boundary, result.warnings);
 
     progress.enter("parameterization");
-    const auto& parameterization = options.parameterization;
     const std::vector<PointFeature> known =
-        point_features(source, target, marked, options, report, progress);
+        point_features(input, {source.rim, target.rim}, progress);
     auto on_boundary = boundary_features(source, target, known);
-    Side* const turnable = !target.normals_given   ? &target
-                           : !source.normals_given ? &source
-                                                   : nullptr;
+    DiskPatch* const turnable = !target.shape.normals_given   ? &target
+                                : !source.shape.normals_given ? &source
+                                                              : nullptr;
     MatchedPins pins;
     const auto match = [&] {
-        pins = match_pins(source.positions, source.loop, target.positions, target.loop,
-                          parameterization.boundary_spacing, on_boundary);
+        pins = match_pins(source.shape.positions, source.rim, target.shape.positions, target.rim,
+                          options.parameterization.boundary_spacing, on_boundary);
     };
     try {
         match();
     } catch (const FeatureError&) {  // the order may only seem wrong, seen from the wrong side
         if (!turnable) throw;
-        turnable->flip();
+        turnable->turn();
         on_boundary = boundary_features(source, target, known);
         match();
     }
-    const auto onto_disk = [&](Side& side, std::span<const BoundaryPin> side_pins, double first,
-                               double last) {
-        const Progress::Part part(progress, first, last);
-        const auto angles = boundary_angles(side.positions, side.loop,
-                                            parameterization.boundary_spacing, side_pins);
-        auto result = parameterize({side.positions, side.normals, side.nearest, side.cloud.name},
-                                   {side.loop, angles}, parameterization, progress);
-        (&side == &source ? report.source_parameterization : report.target_parameterization) =
-            report_of(result, side.loop.size());
-        side.nearest = {};
-        return std::move(result.points);
-    };
-    DiskRoute route;
-    route.source = onto_disk(source, pins.source, 0.0, 0.5);
-    route.target = onto_disk(target, pins.target, 0.5, 1.0);
+    DiskPoints source_disk, target_disk;
+    {
+        const Progress::Part part(progress, 0.0, 0.5);
+        source_disk = on_disk(source, pins.source, options.parameterization,
+                              result.facts.source_parameterization, progress);
+    }
+    {
+        const Progress::Part part(progress, 0.5, 1.0);
+        target_disk = on_disk(target, pins.target, options.parameterization,
+                              result.facts.target_parameterization, progress);
+    }
 
     progress.enter("alignment");
-    std::vector<IndexPair> features;
-    for (const PointFeature& feature : known) features.push_back(feature.rows);
-    if (features.size() >= 3 && on_boundary.empty()) {
-        DiskPoints mirrored = route.target;
-        mirrored.col(1) *= -1.0;
-        const double straight = misfit(route.source, route.target, features);
-        if (misfit(route.source, mirrored, features) < kMirrorFactor * kMirrorFactor * straight) {
-            if (turnable) {
-                turnable->flip();
-                (turnable == &source ? route.source : route.target).col(1) *= -1.0;
-            } else {
-                report.warnings.emplace_back(
-                    "The features fit much better when one model is mirrored: check that left and "
-                    "right are not swapped and that the normals of both point outwards.");
-            }
+    const std::vector<IndexPair> features = rows_of(known);
+    if (features.size() >= 3 && on_boundary.empty() &&
+        fits_better_mirrored(source_disk, target_disk, features)) {
+        if (turnable) {
+            turnable->turn();
+            (turnable == &source ? source_disk : target_disk).col(1) *= -1.0;
+        } else {
+            result.warnings.emplace_back(
+                "The features fit much better when one model is mirrored: check that left and "
+                "right are not swapped and that the normals of both point outwards.");
         }
     }
-    const Alignment alignment = align_features(route.source, route.target, features,
+    const Alignment alignment = align_features(source_disk, target_disk, features,
                                                !on_boundary.empty(), options.alignment, progress);
-
-    report.feature_residual = alignment.residual;
-    report.alignment_rotation = alignment.rotation;
-    report.alignment_sweeps = alignment.sweeps;
+    result.facts.feature_residual = alignment.residual;
+    result.facts.alignment_rotation = alignment.rotation;
+    result.facts.alignment_sweeps = alignment.sweeps;
 
     progress.enter("pairing");
-    route.pairs = pair_points<2>(route.source, route.target, features, options.pairing, progress);
-    return route;
+    result.pairs = pair_points<2>(source_disk, target_disk, features, options.pairing, progress);
+    result.source_domain = source_disk;
+    result.target_domain = target_disk;
+    result.source_boundary = std::move(source.rim);
+    result.target_boundary = std::move(target.rim);
+    result.source_turned = source.turned;
+    result.target_turned = target.turned;
+    return result;
 }
 
 }  // namespace pointmorph

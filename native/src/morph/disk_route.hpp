@@ -1,28 +1,23 @@
-// The paper's way from two open patches to pairs of points: both onto the unit disk, aligned there,
-// merged and paired.
+// The paper's route from two open patches to pairs of points: both onto the unit disk, aligned
+// there, merged and paired. Not for callers of the library.
 #pragma once
 
-#include <span>
-#include <string>
-#include <vector>
-
-#include "morph/prepared_shape.hpp"
-#include "pointmorph/morph/morph.hpp"
+#include "morph/route_result.hpp"
+#include "pointmorph/disk/alignment.hpp"
+#include "pointmorph/disk/parameterization.hpp"
 
 namespace pointmorph {
 
-struct DiskRoute {
-    DiskPoints source, target;  ///< rows of the sides
-    Pairing pairs;
+struct DiskRouteOptions {
+    ParameterizationOptions parameterization;
+    AlignmentOptions alignment;
+    PairingOptions pairing;
 };
 
-/// Fills in what the report says of parameterization and alignment. Estimated normals are turned
-/// where the features show that they pointed inwards. Throws TopologyError for closed surfaces,
-/// and the errors of the stages.
-/// `features`, in canonical order, are rows of the sides. The disks know points only: of curves
-/// some are taken; with method paper, regions throw FeatureError.
-DiskRoute match_in_disk(Side& source, Side& target, const MorphInput& input,
-                        std::span<const Feature> features, const MorphOptions& options,
-                        MorphReport& report, Progress& progress);
+/// Estimated normals count as turned where the features show that they point inwards. Throws
+/// TopologyError for closed surfaces, and the errors of the stages.
+RouteResult match_in_disk(const RouteInput& input, const Boundary& source_boundary,
+                          const Boundary& target_boundary, const DiskRouteOptions& options,
+                          Progress& progress);
 
 }  // namespace pointmorph

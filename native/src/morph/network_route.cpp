@@ -3,14 +3,10 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <string>
 #include <utility>
 
-#include "morph/patch_cloud.hpp"
-#include "morph/point_features.hpp"
 #include "pointmorph/cloud/kd_tree.hpp"
 #include "pointmorph/cloud/similarity.hpp"
-#include "pointmorph/disk/network.hpp"
 #include "surface/coarse_cloud.hpp"
 
 namespace pointmorph {
@@ -60,135 +56,129 @@ bool looks_mirrored(const Network& network) {
     return fits_better_mirrored(places[0], places[1]);
 }
 
-/// Tips without a mark that belong together whatever the map: as far from all features.
-std::vector<IndexPair> tips_alike(const Side& source, const KdTree<3>& source_tree,
-                                  const Side& target, const KdTree<3>& target_tree,
-                                  std::span<const PointFeature> known,
-                                  const DecompositionOptions& options, Progress& progress) {
-    const auto tips = [&](const Side& side, const KdTree<3>& tree, Index IndexPair::*row) {
+/// Unmarked extremities that belong together whatever the map: as far from all features.
+Pairing extremities_alike(const RouteInput& input, const KdTree<3>& source_tree,
+                          const KdTree<3>& target_tree, std::span<const PointFeature> known,
+                          const DecompositionOptions& options, Progress& progress) {
+    const auto tips = [&](const PreparedShape& shape, const KdTree<3>& tree,
+                          Index IndexPair::*row) {
         std::vector<Index> features;
         for (const PointFeature& f : known) features.push_back(f.rows.*row);
-        const CoarseCloud coarse({side.positions, side.normals, side.nearest, side.cloud.name},
-                                 tree, features, options.points, progress);
+        const CoarseCloud coarse(shape.surface(), tree, features, options.points, progress);
         return unmarked_extremities(coarse, distances_from_features(coarse, features.size()),
                                     options.tips, progress);
     };
-    return paired_extremities(tips(source, source_tree, &IndexPair::source),
-                              tips(target, target_tree, &IndexPair::target), kLargestDifference,
-                              [](Index, Index) { return 0.0; });
+    return paired_extremities(tips(input.source, source_tree, &IndexPair::source),
+                              tips(input.target, target_tree, &IndexPair::target),
+                              kLargestDifference, [](Index, Index) { return 0.0; });
 }
 
-}  // namespace
-
-TracedNetwork traced_network(const Side& source, const Side& target, const MorphInput& input,
-                             std::span<const Feature> marked, const MorphOptions& options,
-                             MorphReport& report, Progress& progress) {
-    progress.enter("network");
-    TracedNetwork result;
-    result.known = point_features(source, target, marked, options, report, progress);
-    for (const PointFeature& f : result.known) result.names.push_back(f.name);
-    std::vector<std::vector<std::string>> given = input.more_loops;
-    if (!input.loop.empty()) given.insert(given.begin(), input.loop);
-    std::vector<std::vector<Index>> loops;
-    for (const auto& loop : given) {
-        loops.emplace_back();
-        for (const std::string& name : loop)
-            loops.back().push_back(
-                static_cast<Index>(std::ranges::find(result.names, name) - result.names.begin()));
+/// Lays patch after patch of both models over each other and gathers what comes of it. Model 0 is
+/// the source.
+class PatchMatcher {
+public:
+    PatchMatcher(const RouteInput& input, const TracedNetwork& traced,
+                 const NetworkRouteOptions& options, RouteResult& result)
+        : input_(input), traced_(traced), options_(options), result_(result) {
+        for (const std::size_t m : {0u, 1u}) {
+            domain(m).resize(shape(m).size(), 2);
+            images(m).resize(shape(m).size(), 3);
+        }
     }
-    const KdTree<3> source_tree(source.positions), target_tree(target.positions);
-    for (const IndexPair& tip : tips_alike(source, source_tree, target, target_tree, result.known,
-                                           options.decomposition, progress)) {
-        result.names.push_back("tip " + std::to_string(report.tips.size() + 1));
-        result.known.push_back({result.names.back(), tip});
-        report.tips.push_back(
-            {source.order[to_size(tip.source)], target.order[to_size(tip.target)]});
-    }
-    const auto side_of = [&](const Side& side, const KdTree<3>& tree, Index IndexPair::*row) {
-        const Component& largest = side.topology.components.front();
-        NetworkShape shape{
-            {side.positions, side.normals, side.nearest, side.cloud.name}, tree, {}, largest.genus};
-        for (const PointFeature& f : result.known) shape.features.push_back(f.rows.*row);
-        return shape;
-    };
-    result.network = trace_network({side_of(source, source_tree, &IndexPair::source),
-                                    side_of(target, target_tree, &IndexPair::target)},
-                                   result.names, loops, options.decomposition, progress);
-    return result;
-}
 
-NetworkRoute match_in_network(Side& source, Side& target, const MorphInput& input,
-                              std::span<const Feature> marked, const MorphOptions& options,
-                              MorphReport& report, Progress& progress) {
-    const TracedNetwork traced =
-        traced_network(source, target, input, marked, options, report, progress);
-    const auto& [network, known, names] = traced;
-    for (const NetworkCurve& curve : network.curves)
-        report.curves.push_back({names[to_size(curve.from)], names[to_size(curve.to)]});
-    report.patches = static_cast<Index>(network.patches.size());
-    if (looks_mirrored(network))
-        report.warnings.emplace_back(
-            "The curves fit much better when one model is mirrored: check that left and right are "
-            "not swapped and that the normals of both point outwards.");
-
-    for (Side* side : {&source, &target}) side->topology.components.front().genus = network.genus;
-    constexpr double kLongDetour = 0.15;
-    if (network.detour > kLongDetour)
-        report.warnings.emplace_back(
-            "The curves between the features run long ways round each other: check that all "
-            "features are in the same places on both models, and that left and right are not "
-            "swapped.");
-
-    const std::array<const Side*, 2> sides{&source, &target};
-    NetworkRoute route;
-    const std::array<DiskPoints*, 2> domains{&route.source, &route.target};
-    const std::array<Positions*, 2> images{&route.source_images, &route.target_images};
-    for (const std::size_t m : {0u, 1u}) {
-        domains[m]->resize(sides[m]->positions.rows(), 2);
-        images[m]->resize(sides[m]->positions.rows(), 3);
-    }
-    const auto row_of = [&](std::size_t m, Index corner) {
-        const IndexPair& rows = traced.known[to_size(corner)].rows;
-        return m == 0 ? rows.source : rows.target;
-    };
-    const auto patches = static_cast<Index>(network.patches.size());
-    for (Index p = 0; p < patches; ++p) {
+    void match(Index patch, Progress& progress) {
         progress.enter("parameterization");
-        const auto& darts = network.patches[to_size(p)];
-        const std::array<Rim, 2> rims{Rim(network, darts, 0), Rim(network, darts, 1)};
-        const auto angles = rim_angles(rims[0].curve, rims[0].corners, rims[1].curve,
-                                       rims[1].corners, options.parameterization.boundary_spacing);
+        const OnDisk on_disk = parameterized(patch, progress);
+        progress.enter("alignment");
+        const auto disks = aligned(patch, on_disk, progress);
+        progress.enter("pairing");
+        pair(patch, on_disk, disks, progress);
+        progress.enter("transfer");
+        place(patch, on_disk, disks, progress);
+    }
+
+private:
+    struct OnDisk {
+        std::array<Rim, 2> rims;
         std::vector<PatchCloud> clouds;
         std::array<DiskPoints, 2> disks;
+    };
+
+    const Network& network() const { return traced_.network; }
+    const PreparedShape& shape(std::size_t m) const {
+        return m == 0 ? input_.source : input_.target;
+    }
+    DomainPoints& domain(std::size_t m) {
+        return m == 0 ? result_.source_domain : result_.target_domain;
+    }
+    Positions& images(std::size_t m) {
+        return m == 0 ? result_.images.source_images : result_.images.target_images;
+    }
+
+    /// The sorted row of the corner at which a dart begins.
+    Index corner_row(std::size_t m, Dart dart) const {
+        const NetworkCurve& curve = network().curves[to_size(dart / 2)];
+        const IndexPair& rows =
+            traced_.corners[to_size(dart % 2 == 0 ? curve.from : curve.to)].rows;
+        return m == 0 ? rows.source : rows.target;
+    }
+
+    OnDisk parameterized(Index patch, Progress& progress) {
+        const auto& darts = network().patches[to_size(patch)];
+        OnDisk result{{Rim(network(), darts, 0), Rim(network(), darts, 1)}, {}, {}};
+        const auto angles =
+            rim_angles(result.rims[0].curve, result.rims[0].corners, result.rims[1].curve,
+                       result.rims[1].corners, options_.patches.parameterization.boundary_spacing);
+        const auto patches = static_cast<double>(network().patches.size());
         for (const std::size_t m : {0u, 1u}) {
             std::vector<Index> rows;
-            for (Index i = 0; i < sides[m]->positions.rows(); ++i)
-                if (network.labels[m][to_size(i)] == p) rows.push_back(i);
-            clouds.emplace_back(*sides[m], std::move(rows), rims[m].curve);
-            auto& said = m == 0 ? report.source_parameterization : report.target_parameterization;
-            said.boundary_points += static_cast<Index>(clouds[m].loop.size());
-            const Progress::Part part(progress, (p + 0.5 * static_cast<double>(m)) / patches,
-                                      (p + 0.5 * static_cast<double>(m + 1)) / patches);
-            disks[m] = on_disk(*sides[m], clouds[m], angles[m], options, said, report, progress);
+            for (Index i = 0; i < shape(m).size(); ++i)
+                if (network().labels[m][to_size(i)] == patch) rows.push_back(i);
+            const PatchCloud& cloud =
+                result.clouds.emplace_back(shape(m), std::move(rows), result.rims[m].curve);
+            const Progress::Part part(progress, (patch + 0.5 * static_cast<double>(m)) / patches,
+                                      (patch + 0.5 * static_cast<double>(m + 1)) / patches);
+            PatchOnDisk disk = on_disk(shape(m), cloud, angles[m], options_.patches, progress);
+            auto& said = m == 0 ? result_.facts.source_parameterization
+                                : result_.facts.target_parameterization;
+            said.add(disk.facts);
+            said.boundary_points += static_cast<Index>(cloud.loop.size());
+            warn_of_joined(disk, shape(m), result_.warnings);
+            result.disks[m] = std::move(disk.points);
         }
-        progress.enter("alignment");
+        return result;
+    }
+
+    std::array<DiskPoints, 2> aligned(Index patch, const OnDisk& on_disk, Progress& progress) {
+        const auto& clouds = on_disk.clouds;
+        std::array<DiskPoints, 2> disks = on_disk.disks;
         const auto tips = paired_extremities(
-            network.unmarked[0], network.unmarked[1], kLargestDifference, [&](Index s, Index t) {
-                return network.labels[0][to_size(s)] != p || network.labels[1][to_size(t)] != p
-                           ? kNoPair
-                           : (disks[0].row(clouds[0].place(s)) - disks[1].row(clouds[1].place(t)))
-                                 .norm();
+            network().unmarked[0], network().unmarked[1], kLargestDifference,
+            [&](Index s, Index t) {
+                if (network().labels[0][to_size(s)] != patch ||
+                    network().labels[1][to_size(t)] != patch)
+                    return kNoPair;
+                return (disks[0].row(clouds[0].patch_row(s)) - disks[1].row(clouds[1].patch_row(t)))
+                    .norm();
             });
         std::vector<IndexPair> together;
         for (const auto& [s, t] : tips) {
-            together.push_back({clouds[0].place(s), clouds[1].place(t)});
-            report.tips.push_back({source.order[to_size(s)], target.order[to_size(t)]});
+            together.push_back({clouds[0].patch_row(s), clouds[1].patch_row(t)});
+            result_.facts.tips.push_back({s, t});
         }
-        const Alignment alignment =
-            align_features(disks[0], disks[1], together, true, options.alignment, progress);
-        report.feature_residual = std::max(report.feature_residual, alignment.residual);
-        report.alignment_sweeps = std::max(report.alignment_sweeps, alignment.sweeps);
-        progress.enter("pairing");
+        const Alignment alignment = align_features(disks[0], disks[1], together, true,
+                                                   options_.patches.alignment, progress);
+        RouteFacts& facts = result_.facts;
+        facts.feature_residual = std::max(facts.feature_residual, alignment.residual);
+        facts.alignment_sweeps = std::max(facts.alignment_sweeps, alignment.sweeps);
+        return disks;
+    }
+
+    void pair(Index patch, const OnDisk& on_disk, const std::array<DiskPoints, 2>& disks,
+              Progress& progress) {
+        const auto& clouds = on_disk.clouds;
+        if (clouds[0].rows.empty() && clouds[1].rows.empty()) return;
+        const auto& darts = network().patches[to_size(patch)];
         // Where one model has no points of its own in a patch, its corners stand for it.
         std::array<std::vector<Index>, 2> rows{clouds[0].rows, clouds[1].rows};
         std::array<DiskPoints, 2> inside;
@@ -197,45 +187,112 @@ NetworkRoute match_in_network(Side& source, Side& target, const MorphInput& inpu
             if (!rows[m].empty()) continue;
             inside[m].resize(static_cast<Eigen::Index>(darts.size()), 2);
             for (std::size_t k = 0; k < darts.size(); ++k) {
-                const NetworkCurve& curve = network.curves[to_size(darts[k] / 2)];
-                rows[m].push_back(row_of(m, darts[k] % 2 == 0 ? curve.from : curve.to));
+                rows[m].push_back(corner_row(m, darts[k]));
                 inside[m].row(static_cast<Eigen::Index>(k)) =
-                    disks[m].row(clouds[m].loop[to_size(rims[m].corners[k])]);
+                    disks[m].row(clouds[m].loop[to_size(on_disk.rims[m].corners[k])]);
             }
         }
-        if (!clouds[0].rows.empty() || !clouds[1].rows.empty())
-            for (const auto& [s, t] :
-                 pair_points<2>(inside[0], inside[1], {}, options.pairing, progress))
-                route.pairs.push_back({rows[0][to_size(s)], rows[1][to_size(t)]});
-        progress.enter("transfer");
+        for (const auto& [s, t] :
+             pair_points<2>(inside[0], inside[1], {}, options_.patches.pairing, progress))
+            result_.pairs.push_back({rows[0][to_size(s)], rows[1][to_size(t)]});
+    }
+
+    /// Points of the patch into the domain, and where they end on the other model.
+    void place(Index patch, const OnDisk& on_disk, const std::array<DiskPoints, 2>& disks,
+               Progress& progress) {
+        constexpr double kApart = 4.0;
+        const auto& clouds = on_disk.clouds;
+        const auto& darts = network().patches[to_size(patch)];
+        const Eigen::RowVector2d center(kApart * patch, 0.0);
         for (const std::size_t m : {0u, 1u}) {
             const auto count = static_cast<Eigen::Index>(clouds[m].rows.size());
-            const Positions landed =
+            const Positions ends =
                 transfer<2>(KdTree<2>(disks[1 - m]), clouds[1 - m].positions,
-                            disks[m].topRows(count), options.transfer, progress);
-            constexpr double kApart = 4.0;
+                            disks[m].topRows(count), options_.transfer, progress);
             for (Eigen::Index i = 0; i < count; ++i) {
                 const Index row = clouds[m].rows[to_size(i)];
-                domains[m]->row(row) = disks[m].row(i) + Eigen::RowVector2d(kApart * p, 0.0);
-                images[m]->row(row) = landed.row(i);
+                domain(m).row(row) = disks[m].row(i) + center;
+                images(m).row(row) = ends.row(i);
             }
-            for (std::size_t k = 0; k < darts.size(); ++k) {
-                const NetworkCurve& curve = network.curves[to_size(darts[k] / 2)];
-                const Index corner = darts[k] % 2 == 0 ? curve.from : curve.to;
-                domains[m]->row(row_of(m, corner)) =
-                    disks[m].row(clouds[m].loop[to_size(rims[m].corners[k])]) +
-                    Eigen::RowVector2d(kApart * p, 0.0);
-            }
+            for (std::size_t k = 0; k < darts.size(); ++k)
+                domain(m).row(corner_row(m, darts[k])) =
+                    disks[m].row(clouds[m].loop[to_size(on_disk.rims[m].corners[k])]) + center;
         }
     }
-    for (const PointFeature& f : known) {
-        route.pairs.push_back(f.rows);
-        route.source_images.row(f.rows.source) = target.positions.row(f.rows.target);
-        route.target_images.row(f.rows.target) = source.positions.row(f.rows.source);
+
+    const RouteInput& input_;
+    const TracedNetwork& traced_;
+    const NetworkRouteOptions& options_;
+    RouteResult& result_;
+};
+
+}  // namespace
+
+TracedNetwork traced_network(const RouteInput& input, const Loops& loops,
+                             const DecompositionOptions& options, Progress& progress) {
+    progress.enter("network");
+    TracedNetwork result;
+    result.corners = point_features(input, {}, progress);
+    for (const PointFeature& f : result.corners) result.names.push_back(f.name);
+    std::vector<std::vector<Index>> loop_corners;
+    for (const auto& loop : loops) {
+        loop_corners.emplace_back();
+        for (const std::string& name : loop)
+            loop_corners.back().push_back(
+                static_cast<Index>(std::ranges::find(result.names, name) - result.names.begin()));
     }
-    std::ranges::sort(route.pairs);
-    route.pairs.erase(std::ranges::unique(route.pairs).begin(), route.pairs.end());
-    return route;
+    const KdTree<3> source_tree(input.source.positions), target_tree(input.target.positions);
+    result.tips =
+        extremities_alike(input, source_tree, target_tree, result.corners, options, progress);
+    for (std::size_t k = 0; k < result.tips.size(); ++k) {
+        result.names.push_back("tip " + std::to_string(k + 1));
+        result.corners.push_back({result.names.back(), result.tips[k]});
+    }
+    const auto to_trace = [&](const PreparedShape& shape, const KdTree<3>& tree,
+                              Index IndexPair::*row) {
+        NetworkShape traced{shape.surface(), tree, {}, shape.topology.components.front().genus};
+        for (const PointFeature& f : result.corners) traced.features.push_back(f.rows.*row);
+        return traced;
+    };
+    result.network = trace_network({to_trace(input.source, source_tree, &IndexPair::source),
+                                    to_trace(input.target, target_tree, &IndexPair::target)},
+                                   result.names, loop_corners, options, progress);
+    return result;
+}
+
+RouteResult match_in_network(const RouteInput& input, const Loops& loops,
+                             const NetworkRouteOptions& options, Progress& progress) {
+    const TracedNetwork traced = traced_network(input, loops, options.decomposition, progress);
+    const Network& network = traced.network;
+    RouteResult result;
+    result.domain = "network";
+    result.genus = network.genus;
+    result.facts.tips = traced.tips;
+    for (const NetworkCurve& curve : network.curves)
+        result.facts.curves.push_back(
+            {traced.names[to_size(curve.from)], traced.names[to_size(curve.to)]});
+    result.facts.patches = static_cast<Index>(network.patches.size());
+    if (looks_mirrored(network))
+        result.warnings.emplace_back(
+            "The curves fit much better when one model is mirrored: check that left and right are "
+            "not swapped and that the normals of both point outwards.");
+    constexpr double kLongDetour = 0.15;
+    if (network.detour > kLongDetour)
+        result.warnings.emplace_back(
+            "The curves between the features run long ways round each other: check that all "
+            "features are in the same places on both models, and that left and right are not "
+            "swapped.");
+
+    PatchMatcher matcher(input, traced, options, result);
+    for (Index patch = 0; patch < result.facts.patches; ++patch) matcher.match(patch, progress);
+    for (const PointFeature& f : traced.corners) {
+        result.pairs.push_back(f.rows);
+        result.images.source_images.row(f.rows.source) = input.target.positions.row(f.rows.target);
+        result.images.target_images.row(f.rows.target) = input.source.positions.row(f.rows.source);
+    }
+    std::ranges::sort(result.pairs);
+    result.pairs.erase(std::ranges::unique(result.pairs).begin(), result.pairs.end());
+    return result;
 }
 
 }  // namespace pointmorph

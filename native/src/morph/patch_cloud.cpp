@@ -2,15 +2,16 @@
 
 #include <algorithm>
 #include <numeric>
-#include <string>
 #include <utility>
+
+#include "pointmorph/cloud/kd_tree.hpp"
 
 namespace pointmorph {
 
 namespace {
 
 /// Limbs of small clouds need finer simplified patches than the paper's threshold leaves them, and
-/// eyes or a loose button go with the patch around them.
+/// separate parts (eyes, a button) go with the patch around them.
 ParameterizationOptions for_patches(ParameterizationOptions options, Index points) {
     constexpr Index kPointsToSize = 1500;
     options.join_parts = true;
@@ -21,18 +22,19 @@ ParameterizationOptions for_patches(ParameterizationOptions options, Index point
 
 }  // namespace
 
-PatchCloud::PatchCloud(const Side& side, std::vector<Index> inside, const SurfaceCurve& boundary)
+PatchCloud::PatchCloud(const PreparedShape& shape, std::vector<Index> inside,
+                       const SurfaceCurve& boundary)
     : rows(std::move(inside)),
       positions(static_cast<Eigen::Index>(rows.size()) + boundary.size(), 3),
       normals(positions.rows(), 3),
       loop(to_size(boundary.size())) {
-    positions << gather(side.positions, rows), boundary.points;
-    normals << gather(side.normals, rows), boundary.normals;
+    positions << gather(shape.positions, rows), boundary.points;
+    normals << gather(shape.normals, rows), boundary.normals;
     std::iota(loop.begin(), loop.end(), static_cast<Index>(rows.size()));
 }
 
-Index PatchCloud::place(Index row) const {
-    return static_cast<Index>(std::ranges::lower_bound(rows, row) - rows.begin());
+Index PatchCloud::patch_row(Index sorted) const {
+    return static_cast<Index>(std::ranges::lower_bound(rows, sorted) - rows.begin());
 }
 
 std::array<std::vector<double>, 2> rim_angles(const SurfaceCurve& source,
@@ -55,25 +57,26 @@ std::array<std::vector<double>, 2> rim_angles(const SurfaceCurve& source,
             boundary_angles(target.points, target_loop, spacing, pins.target)};
 }
 
-DiskPoints on_disk(const Side& side, const PatchCloud& patch, std::span<const double> angles,
-                   const MorphOptions& options, ParameterizationReport& said, MorphReport& report,
-                   Progress& progress) {
+PatchOnDisk on_disk(const PreparedShape& shape, const PatchCloud& patch,
+                    std::span<const double> angles, const PatchOptions& options,
+                    Progress& progress) {
     Neighborhoods nearest;
     if (options.parameterization.solve == SolveMode::kFull)
-        nearest =
-            nearest_neighbors(KdTree<3>(patch.positions), options.covariance_neighbors, progress);
-    auto result = parameterize(
-        {patch.positions, patch.normals, nearest, side.cloud.name}, {patch.loop, angles},
-        for_patches(options.parameterization, static_cast<Index>(side.positions.rows())), progress);
-    if (result.joined > 0)
-        report.warnings.push_back(side.cloud.name + ": " + std::to_string(result.joined) +
-                                  " points in separate parts were tied to the nearest places of "
-                                  "the largest part.");
-    said.unknowns += result.unknowns;
-    said.iterations = std::max(said.iterations, result.iterations);
-    said.relative_residual = std::max(said.relative_residual, result.relative_residual);
-    said.solve_seconds += result.solve_seconds;
-    return std::move(result.points);
+        nearest = nearest_neighbors(KdTree<3>(patch.positions), options.neighbors, progress);
+    auto result =
+        parameterize({patch.positions, patch.normals, nearest, shape.name}, {patch.loop, angles},
+                     for_patches(options.parameterization, shape.size()), progress);
+    return {std::move(result.points),
+            {result.unknowns, result.iterations, result.relative_residual, result.solve_seconds, 0},
+            result.joined};
+}
+
+void warn_of_joined(const PatchOnDisk& disk, const PreparedShape& shape,
+                    std::vector<std::string>& warnings) {
+    if (disk.joined > 0)
+        warnings.push_back(shape.name + ": " + std::to_string(disk.joined) +
+                           " points in separate parts were tied to the nearest places of the "
+                           "largest part.");
 }
 
 }  // namespace pointmorph

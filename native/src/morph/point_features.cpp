@@ -3,20 +3,24 @@
 #include <algorithm>
 #include <cmath>
 
-#include "pointmorph/base/error.hpp"
 #include "pointmorph/cloud/kd_tree.hpp"
 
 namespace pointmorph {
 
 namespace {
 
-/// Pairs along a curve, its ends first: rows nearest to places at the same shares of the length, as
-/// many as the length asks for. None of a row that is taken, and none that lies on one boundary
+bool contains(std::span<const Index> rows, Index row) {
+    return std::ranges::find(rows, row) != rows.end();
+}
+
+/// Adds pairs along a curve, its ends first: the rows nearest to places at the same shares of the
+/// length, the more the longer it is. Leaves out rows that are taken, and pairs that lie on one rim
 /// only.
-void add_curve(std::vector<PointFeature>& features, const Side& source, const Side& target,
+void add_curve(std::vector<PointFeature>& features, const RouteInput& input, const Rims& rims,
                const Feature& curve, Progress& progress) {
     constexpr double kApart = 0.3;  // of the unit ball's radius
     constexpr int kMost = 9;
+    const PreparedShape &source = input.source, &target = input.target;
     const KdTree<3> source_tree(source.positions), target_tree(target.positions);
     const TracedCurve on_source =
         trace_curve(source_tree, source.normals, curve.source.rows, curve.closed, progress);
@@ -36,10 +40,7 @@ void add_curve(std::vector<PointFeature>& features, const Side& source, const Si
         const bool taken = std::ranges::any_of(features, [&](const PointFeature& f) {
             return f.rows.source == rows.source || f.rows.target == rows.target;
         });
-        const auto on_boundary = [](const Side& side, Index i) {
-            return std::ranges::find(side.loop, i) != side.loop.end();
-        };
-        if (!taken && on_boundary(source, rows.source) == on_boundary(target, rows.target))
+        if (!taken && contains(rims.source, rows.source) == contains(rims.target, rows.target))
             features.push_back({curve.name + " " + std::to_string(step), rows});
     };
     add(0, 0.0);
@@ -49,29 +50,22 @@ void add_curve(std::vector<PointFeature>& features, const Side& source, const Si
 
 }  // namespace
 
-std::vector<PointFeature> point_features(const Side& source, const Side& target,
-                                         std::span<const Feature> features,
-                                         const MorphOptions& options, MorphReport& report,
+std::vector<PointFeature> point_features(const RouteInput& input, const Rims& rims,
                                          Progress& progress) {
     std::vector<PointFeature> result;
-    bool soft = false;
-    for (const Feature& f : features) {
+    for (const Feature& f : input.features) {
         if (f.kind == FeatureKind::kPoint)
             result.push_back({f.name, {f.source.rows.front(), f.target.rows.front()}});
         else if (f.kind == FeatureKind::kCurve)
-            add_curve(result, source, target, f, progress);
-        else if (options.method == Method::kPaper)
-            throw FeatureError("feature \"" + f.name + "\"", "points and curves with method paper",
-                               "a region",
-                               "Only method auto knows regions: take that, or mark "
-                               "points along the region's border.");
-        soft = soft || !f.hard;
+            add_curve(result, input, rims, f, progress);
     }
-    if (soft && options.method == Method::kPaper)
-        report.warnings.emplace_back(
-            "Method paper has no soft features: all points, and some of each curve, are brought "
-            "together exactly.");
     return result;
+}
+
+std::vector<IndexPair> rows_of(std::span<const PointFeature> features) {
+    std::vector<IndexPair> rows;
+    for (const PointFeature& f : features) rows.push_back(f.rows);
+    return rows;
 }
 
 }  // namespace pointmorph

@@ -1,27 +1,30 @@
-// What of the features the disks can use: points. Not for callers of the library.
+// The features as points, which is all that the common domains of the paper's method can use. Not
+// for callers of the library.
 #pragma once
 
 #include <span>
 #include <string>
 #include <vector>
 
-#include "morph/prepared_shape.hpp"
-#include "pointmorph/morph/morph.hpp"
-#include "pointmorph/surface/features.hpp"
+#include "morph/route_result.hpp"
 
 namespace pointmorph {
 
-/// A pair of points that are to meet, rows of the sides.
+/// A pair of points that are to meet, sorted rows.
 struct PointFeature {
     std::string name;
     IndexPair rows;
 };
 
-/// Points, and some of each curve. With method paper, regions throw FeatureError, and the report
-/// gets a warning where there are soft features.
-std::vector<PointFeature> point_features(const Side& source, const Side& target,
-                                         std::span<const Feature> features,
-                                         const MorphOptions& options, MorphReport& report,
+/// The rims of two open patches; empty for closed shapes.
+struct Rims {
+    std::span<const Index> source{}, target{};
+};
+
+/// Points, and some of each curve; regions are left out.
+std::vector<PointFeature> point_features(const RouteInput& input, const Rims& rims,
                                          Progress& progress);
+
+std::vector<IndexPair> rows_of(std::span<const PointFeature> features);
 
 }  // namespace pointmorph

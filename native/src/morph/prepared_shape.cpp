@@ -1,193 +1,277 @@
 #include "morph/prepared_shape.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <utility>
 
 #include "pointmorph/base/error.hpp"
+#include "pointmorph/base/parallel.hpp"
 #include "pointmorph/cloud/covariance.hpp"
 #include "pointmorph/cloud/kd_tree.hpp"
 #include "pointmorph/cloud/subset.hpp"
 
 namespace pointmorph {
 
-void Side::order_points(Index minimum_points) {
-    unit = normalization(cloud.positions);
-    rank.resize(to_size(cloud.size()));
-    for (const Index row : spatial_order(cloud.positions)) {
-        const bool twin =
-            !order.empty() && cloud.positions.row(row) == cloud.positions.row(order.back());
-        if (!twin)
-            order.push_back(row);
+namespace {
+
+PreparedShape ordered(const Cloud& cloud) {
+    PreparedShape shape;
+    shape.name = cloud.name;
+    shape.unit = normalization(cloud.positions);
+    shape.sorted_rows.resize(to_size(cloud.size()));
+    auto& given_rows = shape.given_rows;
+    for (const Index given : spatial_order(cloud.positions)) {
+        const bool coincides = !given_rows.empty() &&
+                               cloud.positions.row(given) == cloud.positions.row(given_rows.back());
+        if (!coincides)
+            given_rows.push_back(given);
         else
-            order.back() = std::min(order.back(), row);
-        rank[to_size(row)] = static_cast<Index>(order.size()) - 1;
+            given_rows.back() = std::min(given_rows.back(), given);
+        shape.sorted_rows[to_size(given)] = shape.size() - 1;
     }
-    if (static_cast<Index>(order.size()) < minimum_points)
+    if (shape.size() < kMinimumPoints)
         throw CloudError(
-            cloud.name, "at least " + std::to_string(minimum_points) + " places",
-            std::to_string(cloud.size()) + " points at " + std::to_string(order.size()) + " places",
+            cloud.name, "at least " + std::to_string(kMinimumPoints) + " places",
+            std::to_string(cloud.size()) + " points at " + std::to_string(shape.size()) + " places",
             "Subdivide the mesh or sample the surface more densely.");
-    positions = unit.apply(gather(cloud.positions, order));
-    normals_given = cloud.normals.rows() > 0;
-    if (!normals_given) return;
-    normals = Normals::Zero(positions.rows(), 3);
-    for (Index row = 0; row < cloud.size(); ++row)
-        normals.row(rank[to_size(row)]) += cloud.normals.row(row).normalized();
-    for (Eigen::Index i = 0; i < normals.rows(); ++i) {
-        // Both sides of a sheet in one place: the normal of one of them will do.
+    shape.positions = shape.unit.apply(gather(cloud.positions, given_rows));
+    shape.radii = cloud.radii;
+    shape.normals_given = cloud.normals.rows() > 0;
+    if (!shape.normals_given) return shape;
+
+    Normals& normals = shape.normals = Normals::Zero(shape.size(), 3);
+    for (Index given = 0; given < cloud.size(); ++given)
+        normals.row(shape.sorted_rows[to_size(given)]) += cloud.normals.row(given).normalized();
+    for (Index i = 0; i < shape.size(); ++i) {
+        // Both sides of a thin part in one place: take the normal of one of them.
         constexpr double kOpposed = 1e-6;
-        if (normals.row(i).norm() < kOpposed) normals.row(i) = cloud.normals.row(order[to_size(i)]);
+        if (normals.row(i).norm() < kOpposed)
+            normals.row(i) = cloud.normals.row(given_rows[to_size(i)]);
         normals.row(i).normalize();
     }
+    return shape;
 }
 
-void Side::find_normals(Progress& progress) {
-    if (!normals_given) {
-        normals = covariance_analysis(positions, nearest, progress).normals;
-        orient_normals(positions, nearest, normals, progress);
+void find_normals(PreparedShape& shape, Progress& progress) {
+    if (!shape.normals_given) {
+        shape.normals = covariance_analysis(shape.positions, shape.nearest, progress).normals;
+        orient_normals(shape.positions, shape.nearest, shape.normals, progress);
     }
-    if (cloud.radii.rows() == 0)
-        cloud.radii = gather(local_spacing(positions, nearest), rank) * unit.scale;
+    if (shape.radii.rows() == 0)
+        shape.radii = gather(local_spacing(shape.positions, shape.nearest), shape.sorted_rows) *
+                      shape.unit.scale;
 }
 
-const std::vector<BoundaryLoop>& Side::loops(const BoundaryOptions& options, Progress& progress) {
-    if (!loops_) loops_ = find_boundary_loops(positions, normals, nearest, options, progress);
-    return *loops_;
+void check_parts(const ShapeInput& input) {
+    const Index count = input.cloud.size();
+    if (input.parts.empty() || static_cast<Index>(input.parts.size()) == count) return;
+    throw CloudError(input.cloud.name, "a part for each of " + std::to_string(count) + " points",
+                     std::to_string(input.parts.size()), "Give one label a point, or none.");
 }
 
-void Side::find_topology(std::span<const Index> parts, const BoundaryOptions& boundary,
-                         const TopologyOptions& options, Progress& progress) {
-    if (!parts.empty() && static_cast<Index>(parts.size()) != cloud.size())
-        throw CloudError(cloud.name,
-                         "a part for each of " + std::to_string(cloud.size()) + " points",
-                         std::to_string(parts.size()), "Give one label a point, or none.");
-    std::vector<Index> ranked;
-    if (!parts.empty())
-        for (const Index row : order) ranked.push_back(parts[to_size(row)]);
-    topology = pointmorph::find_topology({positions, normals, nearest, cloud.name},
-                                         loops(boundary, progress), ranked, options, progress);
+void find_loops(PreparedShape& shape, const BoundaryOptions& options, Progress& progress) {
+    if (!shape.loops)
+        shape.loops =
+            find_boundary_loops(shape.positions, shape.normals, shape.nearest, options, progress);
 }
 
-Index Side::leave_out_specks(Index neighbors, Progress& progress) {
+void turn(PreparedShape& shape) {
+    shape.normals = -shape.normals;
+    if (shape.loops)
+        for (BoundaryLoop& loop : *shape.loops) std::reverse(loop.begin(), loop.end());
+}
+
+/// Whether the largest component is closed and its normals face its inside.
+bool faces_inwards(const PreparedShape& shape) {
+    const auto is_in_largest = [&](Index i) { return shape.topology.labels[to_size(i)] == 0; };
+    const Values spacing = local_spacing(shape.positions, shape.nearest);
+    double area = 0.0, flux = 0.0;  // ∫ dA, ∫ p·n dA, which is three times the volume
+    Eigen::RowVector3d middle = Eigen::RowVector3d::Zero();
+    for (Index i = 0; i < shape.nearest.size(); ++i) {
+        if (!is_in_largest(i)) continue;
+        const double share = spacing[i] * spacing[i];
+        area += share;
+        middle += share * shape.positions.row(i);
+    }
+    if (!(area > 0.0)) return false;
+    middle /= area;
+    for (Index i = 0; i < shape.nearest.size(); ++i)
+        if (is_in_largest(i))
+            flux += spacing[i] * spacing[i] *
+                    (shape.positions.row(i) - middle).dot(shape.normals.row(i));
+    constexpr double kSomeVolume = 0.005;  // of a unit area; a ball has 0.09
+    return flux / 3.0 <= -kSomeVolume * area * std::sqrt(area);
+}
+
+void turn_outwards(PreparedShape& shape) {
+    if (!shape.normals_given || shape.topology.components.front().is_open || !faces_inwards(shape))
+        return;
+    turn(shape);
+    shape.turned_outwards = true;
+}
+
+/// Leaves out components that are too small to follow, unless they are much of the shape: the
+/// nearest of the other points stands for each of theirs.
+void leave_out_strays(PreparedShape& shape, Index neighbors, Progress& progress) {
     constexpr double kMuch = 0.05;
     std::vector<Index> kept, left_out;
-    const auto main = static_cast<Index>(topology.main().size());
-    for (Index i = 0; i < static_cast<Index>(order.size()); ++i)
-        (topology.labels[to_size(i)] < main ? kept : left_out).push_back(i);
+    const auto main = static_cast<Index>(shape.topology.main().size());
+    for (Index i = 0; i < shape.size(); ++i)
+        (shape.topology.labels[to_size(i)] < main ? kept : left_out).push_back(i);
     if (left_out.empty() ||
-        static_cast<double>(left_out.size()) > kMuch * static_cast<double>(order.size()))
-        return 0;
+        static_cast<double>(left_out.size()) > kMuch * static_cast<double>(shape.size()))
+        return;
 
-    std::vector<Index> stand_in(order.size());
+    std::vector<Index> stand_in(to_size(shape.size()));
     for (std::size_t k = 0; k < kept.size(); ++k)
         stand_in[to_size(kept[k])] = static_cast<Index>(k);
-    const Positions all = std::exchange(positions, gather(positions, kept));
-    const KdTree<3> tree(positions);
+    const Positions all = std::exchange(shape.positions, gather(shape.positions, kept));
+    const KdTree<3> tree(shape.positions);
     for (const Index i : left_out) {
         double squared;
         tree.nearest(all.row(i).data(), {&stand_in[to_size(i)], 1}, {&squared, 1});
     }
-    normals = gather(normals, kept);
-    std::vector<Index> kept_order, kept_labels;
+    shape.normals = gather(shape.normals, kept);
+    std::vector<Index> given_rows, labels;
     for (const Index i : kept) {
-        kept_order.push_back(order[to_size(i)]);
-        kept_labels.push_back(topology.labels[to_size(i)]);
+        given_rows.push_back(shape.given_rows[to_size(i)]);
+        labels.push_back(shape.topology.labels[to_size(i)]);
     }
-    order = std::move(kept_order);
-    topology.labels = std::move(kept_labels);
-    for (Index& place : rank) place = stand_in[to_size(place)];
-    nearest = nearest_neighbors(tree, neighbors, progress);
-    loops_.reset();
-    return static_cast<Index>(left_out.size());
+    shape.given_rows = std::move(given_rows);
+    shape.topology.labels = std::move(labels);
+    for (Index& sorted : shape.sorted_rows) sorted = stand_in[to_size(sorted)];
+    shape.nearest = nearest_neighbors(tree, neighbors, progress);
+    shape.loops.reset();
+    shape.left_out = static_cast<Index>(left_out.size());
 }
 
-Index Side::find_boundary(std::span<const Index> given, const BoundaryOptions& options,
-                          Progress& progress) {
-    if (!given.empty()) {
-        BoundaryLoop ranked;
-        for (std::size_t k = 0; k < given.size(); ++k) {
-            const Index row = given[k];
-            if (row < 0 || row >= cloud.size())
-                throw FeatureError("boundary of " + cloud.name,
-                                   "points 0 to " + std::to_string(cloud.size() - 1),
-                                   "point " + std::to_string(row), "Give the boundary again.");
-            const Index here = rank[to_size(row)];
-            // Points at one place are one; a row given twice is a mistake that is said later.
-            const bool again = std::ranges::find(given.first(k), row) != given.first(k).end();
-            if (again || std::ranges::find(ranked, here) == ranked.end()) ranked.push_back(here);
+/// All shapes next to each other, stage by stage.
+std::vector<PreparedShape> prepare_all(std::span<const ShapeInput> inputs,
+                                       const PreparationOptions& options, Progress& progress) {
+    for (const ShapeInput& input : inputs) check_parts(input);
+    const auto count = static_cast<int>(inputs.size());
+    std::vector<PreparedShape> shapes(inputs.size());
+    parallel_invoke(count,
+                    [&](int k, bool) { shapes[to_size(k)] = ordered(inputs[to_size(k)].cloud); });
+
+    progress.enter("neighborhoods");
+    {
+        std::vector<std::optional<KdTree<3>>> trees(inputs.size());
+        parallel_invoke(
+            count, [&](int k, bool) { trees[to_size(k)].emplace(shapes[to_size(k)].positions); });
+        for (int k = 0; k < count; ++k) {
+            const Progress::Part part(progress, static_cast<double>(k) / count,
+                                      static_cast<double>(k + 1) / count);
+            shapes[to_size(k)].nearest =
+                nearest_neighbors(*trees[to_size(k)], options.neighbors, progress);
         }
-        loop = oriented_loop(positions, normals, nearest, std::move(ranked), cloud.name);
-        return 1;
     }
-    const auto& found = loops(options, progress);
-    if (!found.empty()) loop = found.front();
-    return static_cast<Index>(found.size());
+    progress.enter("covariance");
+    for (PreparedShape& shape : shapes) find_normals(shape, progress);
+    if (!options.topology) return shapes;
+
+    progress.enter("topology");
+    Progress silent;
+    parallel_invoke(count, [&](int k, bool owner) {
+        PreparedShape& shape = shapes[to_size(k)];
+        shape = with_topology(std::move(shape), inputs[to_size(k)].parts, options.boundary,
+                              *options.topology, owner ? progress : silent);
+        turn_outwards(shape);
+    });
+    if (options.leave_out_strays)
+        for (PreparedShape& shape : shapes) leave_out_strays(shape, options.neighbors, progress);
+    return shapes;
 }
 
-bool Side::is_open() const {
-    if (loop.empty()) return false;
-    return is_rim(loop_length(positions, loop), estimated_area(KdTree<3>(positions)));
+}  // namespace
+
+PreparedShapes prepare_both(const ShapeInput& source, const ShapeInput& target,
+                            const PreparationOptions& options, Progress& progress) {
+    const std::array<ShapeInput, 2> inputs{source, target};
+    std::vector<PreparedShape> shapes = prepare_all(inputs, options, progress);
+    return {std::move(shapes[0]), std::move(shapes[1])};
 }
 
-void Side::flip() {
-    normals = -normals;
-    std::reverse(loop.begin(), loop.end());
-    if (loops_)
-        for (BoundaryLoop& found : *loops_) std::reverse(found.begin(), found.end());
+PreparedShape prepare(const ShapeInput& input, const PreparationOptions& options,
+                      Progress& progress) {
+    return std::move(prepare_all({&input, 1}, options, progress).front());
 }
 
-bool Side::turn_outwards() {
-    if (!normals_given || topology.components.front().is_open) return false;
-    const Values spacing = local_spacing(positions, nearest);
-    double area = 0.0, flux = 0.0;  // ∫ dA, ∫ p·n dA, which is three times the volume
-    Eigen::RowVector3d middle = Eigen::RowVector3d::Zero();
-    for (Index i = 0; i < nearest.size(); ++i) {
-        if (topology.labels[to_size(i)] != 0) continue;
-        const double share = spacing[i] * spacing[i];
-        area += share;
-        middle += share * positions.row(i);
+PreparedShape with_topology(PreparedShape shape, std::span<const Index> parts,
+                            const BoundaryOptions& boundary, const TopologyOptions& options,
+                            Progress& progress) {
+    find_loops(shape, boundary, progress);
+    std::vector<Index> sorted_parts;
+    if (!parts.empty())
+        for (const Index given : shape.given_rows) sorted_parts.push_back(parts[to_size(given)]);
+    shape.topology = find_topology(shape.surface(), *shape.loops, sorted_parts, options, progress);
+    return shape;
+}
+
+PreparedShape turned(PreparedShape shape) {
+    turn(shape);
+    return shape;
+}
+
+Boundary find_boundary(const PreparedShape& shape, std::span<const Index> given,
+                       const BoundaryOptions& options, Progress& progress) {
+    if (given.empty()) {
+        std::vector<BoundaryLoop> loops =
+            shape.loops ? *shape.loops
+                        : find_boundary_loops(shape.positions, shape.normals, shape.nearest,
+                                              options, progress);
+        const auto found = static_cast<Index>(loops.size());
+        return {loops.empty() ? BoundaryLoop{} : std::move(loops.front()), found};
     }
-    if (!(area > 0.0)) return false;
-    middle /= area;
-    for (Index i = 0; i < nearest.size(); ++i)
-        if (topology.labels[to_size(i)] == 0)
-            flux += spacing[i] * spacing[i] * (positions.row(i) - middle).dot(normals.row(i));
-    constexpr double kSomeVolume = 0.005;  // of a unit area; a ball has 0.09
-    if (flux / 3.0 > -kSomeVolume * area * std::sqrt(area)) return false;
-    flip();
-    cloud.normals = -cloud.normals;
-    return true;
+    const auto count = static_cast<Index>(shape.sorted_rows.size());
+    BoundaryLoop loop;
+    for (std::size_t k = 0; k < given.size(); ++k) {
+        const Index row = given[k];
+        if (row < 0 || row >= count)
+            throw FeatureError("boundary of " + shape.name,
+                               "points 0 to " + std::to_string(count - 1),
+                               "point " + std::to_string(row), "Give the boundary again.");
+        const Index sorted = shape.sorted_rows[to_size(row)];
+        // Points at one place are one; oriented_loop() refuses a row that is given twice.
+        const bool again = std::ranges::find(given.first(k), row) != given.first(k).end();
+        if (again || std::ranges::find(loop, sorted) == loop.end()) loop.push_back(sorted);
+    }
+    return {
+        oriented_loop(shape.positions, shape.normals, shape.nearest, std::move(loop), shape.name),
+        1};
 }
 
-std::vector<Index> Side::as_given(std::span<const Index> rows) const {
+bool is_rim(const PreparedShape& shape, const BoundaryLoop& loop) {
+    return !loop.empty() &&
+           is_rim(loop_length(shape.positions, loop), estimated_area(KdTree<3>(shape.positions)));
+}
+
+std::vector<Index> to_given(std::span<const Index> sorted, const PreparedShape& shape) {
     std::vector<Index> result;
-    for (const Index row : rows) result.push_back(order[to_size(row)]);
+    for (const Index row : sorted) result.push_back(shape.given_rows[to_size(row)]);
     return result;
 }
 
-void Side::hand_over_normals() {
-    if (normals_given) return;
-    cloud.normals = gather(normals, rank);
-}
-
-Pairing as_given(std::span<const IndexPair> pairs, const Side& source, const Side& target) {
-    // Rows as given that each row stands for, the one in `order` first.
-    const auto represented = [](const Side& side) {
+Pairing to_given(std::span<const IndexPair> sorted, const PreparedShape& source,
+                 const PreparedShape& target) {
+    // Given rows that each sorted row stands for, its own first.
+    const auto represented = [](const PreparedShape& shape) {
         std::vector<std::vector<Index>> rows;
-        for (const Index row : side.order) rows.push_back({row});
-        for (Index row = 0; row < side.cloud.size(); ++row) {
-            auto& stands_for = rows[to_size(side.rank[to_size(row)])];
-            if (stands_for.front() != row) stands_for.push_back(row);
+        for (const Index given : shape.given_rows) rows.push_back({given});
+        for (std::size_t given = 0; given < shape.sorted_rows.size(); ++given) {
+            auto& stands_for = rows[to_size(shape.sorted_rows[given])];
+            if (stands_for.front() != static_cast<Index>(given))
+                stands_for.push_back(static_cast<Index>(given));
         }
         return rows;
     };
     const auto s = represented(source), t = represented(target);
     std::vector<char> source_seen(s.size(), 0), target_seen(t.size(), 0);
     Pairing result;
-    for (const IndexPair& pair : pairs) {
+    for (const IndexPair& pair : sorted) {
         const auto i = to_size(pair.source), j = to_size(pair.target);
-        // All of them at the first pair, along each other: seams stay seams.
+        // All of them at the first pair, side by side: seams stay seams.
         const std::size_t sources = std::exchange(source_seen[i], 1) ? 1 : s[i].size();
         const std::size_t targets = std::exchange(target_seen[j], 1) ? 1 : t[j].size();
         for (std::size_t k = 0; k < std::max(sources, targets); ++k)
@@ -196,6 +280,15 @@ Pairing as_given(std::span<const IndexPair> pairs, const Side& source, const Sid
     std::ranges::sort(result);
     result.erase(std::ranges::unique(result).begin(), result.end());
     return result;
+}
+
+Cloud completed(Cloud cloud, const PreparedShape& shape) {
+    cloud.radii = shape.radii;
+    if (!shape.normals_given)
+        cloud.normals = gather(shape.normals, shape.sorted_rows);
+    else if (shape.turned_outwards)
+        cloud.normals = -cloud.normals;
+    return cloud;
 }
 
 }  // namespace pointmorph

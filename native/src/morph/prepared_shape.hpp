@@ -1,8 +1,10 @@
-// One of the two shapes of a morph on its way through the stages; not for callers of the library.
+// One of the two shapes of a morph as the routes see it: computed once, const afterwards. Not for
+// callers of the library.
 #pragma once
 
 #include <optional>
 #include <span>
+#include <string>
 #include <vector>
 
 #include "pointmorph/base/progress.hpp"
@@ -11,70 +13,98 @@
 #include "pointmorph/cloud/neighborhoods.hpp"
 #include "pointmorph/surface/boundary.hpp"
 #include "pointmorph/surface/pairing.hpp"
+#include "pointmorph/surface/sampled_surface.hpp"
 #include "pointmorph/surface/topology.hpp"
 
 namespace pointmorph {
 
-/// Normalised and in spatial order, so that the order given doesn't matter. Only one of the points
-/// at the same place takes part, and no speck; the others have a row here that stands for them.
-struct Side {
-    explicit Side(Cloud& as_given) : cloud(as_given) {}
+/// Fewer points can't have an inside, a boundary and neighborhoods.
+inline constexpr Index kMinimumPoints = 16;
 
-    Cloud& cloud;              ///< as given; missing normals and radii are filled in
-    std::vector<Index> order;  ///< row here → row as given, the lowest that it stands for
-    std::vector<Index> rank;   ///< row as given → row here
-    Normalization unit;        ///< takes positions as given to those here
-    Positions positions;
-    Normals normals;
-    bool normals_given = false;
-    Neighborhoods nearest;
-    BoundaryLoop loop;
-    Topology topology;
-
-    /// Throws CloudError where fewer than `minimum_points` places are left.
-    void order_points(Index minimum_points);
-
-    /// Estimates normals where none were given, oriented alike; radii from the spacing.
-    void find_normals(Progress& progress);
-
-    /// Sets `topology`. `parts`, where there are some, say what hangs together, rows as given.
-    void find_topology(std::span<const Index> parts, const BoundaryOptions& boundary,
-                       const TopologyOptions& options, Progress& progress);
-
-    /// Takes out what is too small a piece to follow: the nearest point of the others stands for
-    /// it. Nothing where that would be much. Wants `topology`; returns how many points.
-    Index leave_out_specks(Index neighbors, Progress& progress);
-
-    /// Sets `loop` to the boundary given, or to the longest that is found; returns how many there
-    /// are, 0 for a closed surface.
-    Index find_boundary(std::span<const Index> given, const BoundaryOptions& options,
-                        Progress& progress);
-
-    /// Whether `loop` is long enough, for the surface's area, to be the rim of a patch and not that
-    /// of a hole.
-    bool is_open() const;
-
-    /// Turns a surface whose estimated normals pointed inwards.
-    void flip();
-
-    /// Turns given normals, the cloud's as well, where the largest piece is closed and they face
-    /// its inside; says whether it did. Wants `topology`.
-    bool turn_outwards();
-
-    /// Rows as given of rows here.
-    std::vector<Index> as_given(std::span<const Index> rows) const;
-
-    /// Puts normals that were estimated into the cloud.
-    void hand_over_normals();
-
-private:
-    /// All boundary loops, longest first; looked for when first asked for.
-    const std::vector<BoundaryLoop>& loops(const BoundaryOptions& options, Progress& progress);
-
-    std::optional<std::vector<BoundaryLoop>> loops_;
+struct PreparationOptions {
+    Index neighbors = 16;  ///< nearest points that are looked up; 8 to 64
+    BoundaryOptions boundary{};
+    std::optional<TopologyOptions> topology{};  ///< none: the topology isn't looked at
+    /// Leave components out that are too small to follow. Needs the topology.
+    bool leave_out_strays = false;
 };
 
-/// Pairs of all rows as given, also of those for which another row stands. Sorted, none twice.
-Pairing as_given(std::span<const IndexPair> pairs, const Side& source, const Side& target);
+/// The cloud is valid; see validate(). `parts` say which of its points are connected; empty: found.
+struct ShapeInput {
+    const Cloud& cloud;
+    std::span<const Index> parts{};
+};
+
+/// Normalized and in spatial order, so that the order of the given rows doesn't matter. A *given
+/// row* is one of the cloud, a *sorted row* one of this shape. Points at one place share a sorted
+/// row; points that are left out have that of their nearest neighbor.
+struct PreparedShape {
+    std::string name;
+    std::vector<Index> given_rows;   ///< of each sorted row: the lowest that it stands for
+    std::vector<Index> sorted_rows;  ///< of each given row
+    Normalization unit;              ///< takes given positions to those here
+    Positions positions;
+    /// Unit length: the given ones, or estimated and made to agree in sign.
+    Normals normals;
+    bool normals_given = false;
+    bool turned_outwards = false;  ///< given normals pointed inwards, and were reversed
+    Neighborhoods nearest;         ///< ascending by distance
+    Values radii;                  ///< of given rows, in given lengths: those given, or the spacing
+    Topology topology;             ///< no components where it wasn't looked at
+    Index left_out = 0;            ///< points in strays that were left out
+    /// All boundary loops, longest first; none where find_boundary() has to look for them.
+    std::optional<std::vector<BoundaryLoop>> loops;
+
+    Index size() const { return static_cast<Index>(given_rows.size()); }
+    SampledSurface surface() const { return {positions, normals, nearest, name}; }
+};
+
+/// Throws CloudError where fewer than kMinimumPoints places are left, or for another number of
+/// `parts` than points.
+PreparedShape prepare(const ShapeInput& input, const PreparationOptions& options,
+                      Progress& progress);
+
+struct PreparedShapes {
+    PreparedShape source, target;
+};
+
+/// Both, stage by stage.
+PreparedShapes prepare_both(const ShapeInput& source, const ShapeInput& target,
+                            const PreparationOptions& options, Progress& progress);
+
+/// The shape with its topology looked at again.
+PreparedShape with_topology(PreparedShape shape, std::span<const Index> parts,
+                            const BoundaryOptions& boundary, const TopologyOptions& options,
+                            Progress& progress);
+
+/// The shape with its normals reversed, and its loops with them.
+PreparedShape turned(PreparedShape shape);
+
+/// A boundary in sorted rows, anticlockwise.
+struct Boundary {
+    BoundaryLoop loop;  ///< empty on a closed surface
+    Index found = 0;    ///< how many loops there are; 1 where it was given
+};
+
+/// The boundary that was `given` (given rows), or where there is none the longest that is found.
+/// Throws FeatureError for rows that make no loop.
+Boundary find_boundary(const PreparedShape& shape, std::span<const Index> given,
+                       const BoundaryOptions& options, Progress& progress);
+
+/// Whether the loop is long enough, for the surface's area, to be the rim of an open patch rather
+/// than that of a hole.
+bool is_rim(const PreparedShape& shape, const BoundaryLoop& loop);
+
+/// The given rows of sorted rows.
+std::vector<Index> to_given(std::span<const Index> sorted, const PreparedShape& shape);
+
+/// Pairs of given rows from pairs of sorted rows; rows that share a sorted row are all paired.
+/// Sorted, none twice.
+Pairing to_given(std::span<const IndexPair> sorted, const PreparedShape& source,
+                 const PreparedShape& target);
+
+/// The cloud from which the shape was prepared, with the normals and radii that it lacked, and with
+/// given normals reversed where the shape's were.
+Cloud completed(Cloud cloud, const PreparedShape& shape);
 
 }  // namespace pointmorph

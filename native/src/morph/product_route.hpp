@@ -1,21 +1,28 @@
-// The way of method auto from two clouds to maps and pairs: refined in the product space, piece by
-// piece where there are several.
+// The route of method auto from two clouds to maps and pairs: refined in the product space, with
+// components brought onto their counterparts where there are several. Not for callers of the
+// library.
 #pragma once
 
 #include <optional>
-#include <span>
 
-#include "morph/prepared_shape.hpp"
-#include "pointmorph/morph/morph.hpp"
+#include "morph/route_result.hpp"
+#include "pointmorph/registration/components.hpp"
+#include "pointmorph/registration/refinement.hpp"
 
 namespace pointmorph {
 
-/// `features`, in canonical order, and `start`, where there is one, are in rows and coordinates of
-/// the sides. Warnings about pieces go into the report. Throws the errors of the stages.
-Refinement match_in_product_space(const Side& source, const Side& target,
-                                  std::span<const Feature> features,
-                                  const std::optional<RefinementStart>& start,
-                                  const MorphOptions& options, MorphReport& report,
-                                  Progress& progress);
+struct ProductRouteOptions {
+    RefinementOptions refinement;
+    PieceOptions pieces;
+    /// Use the shapes' neighborhoods rather than look neighbors up where they are needed. Equally
+    /// near points then come in another order: the map is the same but for rounding.
+    bool reuse_neighborhoods = true;
+};
+
+/// `start`, where there is one, is in sorted rows. Estimated normals count as turned where they
+/// face the other way than those of the other shape. Throws the errors of the stages.
+RouteResult match_in_product_space(const RouteInput& input,
+                                   const std::optional<RefinementStart>& start,
+                                   const ProductRouteOptions& options, Progress& progress);
 
 }  // namespace pointmorph

@@ -5,88 +5,73 @@
 #include <vector>
 
 #include "morph/point_features.hpp"
-#include "pointmorph/base/error.hpp"
-#include "pointmorph/sphere/spherical_alignment.hpp"
-#include "pointmorph/sphere/spherical_parameterization.hpp"
+#include "pointmorph/cloud/kd_tree.hpp"
 
 namespace pointmorph {
 
 namespace {
 
-void need_closed(Side& side, const BoundaryLoop& given, const BoundaryOptions& options,
-                 Progress& progress) {
-    side.find_boundary(given, options, progress);
-    const bool open = side.is_open();
-    side.loop.clear();
-    if (open)
-        throw TopologyError(side.cloud.name, "a closed surface for domain sphere", "an open patch",
-                            "Take domain disk for open patches, or method auto with domain auto, "
-                            "which asks nothing of the topology.");
+SphericalMesh mesh_of(const PreparedShape& shape, std::span<const Index> features,
+                      const SphericalOptions& options, std::vector<std::string>& warnings,
+                      Progress& progress) {
+    SphericalMesh mesh = spherical_mesh(shape.surface(), features, options, progress);
+    if (mesh.loose > 0)
+        warnings.push_back(shape.name + ": " + std::to_string(mesh.loose) +
+                           " points in separate parts go with the nearest places of the largest "
+                           "part.");
+    return mesh;
 }
 
 }  // namespace
 
-SphereRoute match_on_sphere(Side& source, Side& target, const MorphInput& input,
-                            std::span<const Feature> marked, const MorphOptions& options,
-                            MorphReport& report, Progress& progress) {
-    progress.enter("boundary");
-    need_closed(source, input.source_boundary, options.boundary, progress);
-    need_closed(target, input.target_boundary, options.boundary, progress);
-
+RouteResult match_on_sphere(const RouteInput& input, const SphereRouteOptions& options,
+                            Progress& progress) {
+    const PreparedShape &source = input.source, &target = input.target;
+    RouteResult result;
+    result.domain = "sphere";
     progress.enter("spherical parameterization");
-    const std::vector<PointFeature> known =
-        point_features(source, target, marked, options, report, progress);
-    const auto mesh_of = [&](const Side& side, Index IndexPair::*row, double first, double last) {
+    const std::vector<IndexPair> features = rows_of(point_features(input, {}, progress));
+    const auto mesh = [&](const PreparedShape& shape, Index IndexPair::*row, double first,
+                          double last) {
         const Progress::Part part(progress, first, last);
         std::vector<Index> rows;
-        for (const PointFeature& f : known) rows.push_back(f.rows.*row);
-        SphericalMesh mesh =
-            spherical_mesh({side.positions, side.normals, side.nearest, side.cloud.name}, rows,
-                           options.spherical_parameterization, progress);
-        if (mesh.loose > 0)
-            report.warnings.push_back(side.cloud.name + ": " + std::to_string(mesh.loose) +
-                                      " points in separate parts go with the nearest places of the "
-                                      "largest part.");
-        return mesh;
+        for (const IndexPair& f : features) rows.push_back(f.*row);
+        return mesh_of(shape, rows, options.parameterization, result.warnings, progress);
     };
-    SphericalMesh source_mesh = mesh_of(source, &IndexPair::source, 0.0, 0.5);
-    SphericalMesh target_mesh = mesh_of(target, &IndexPair::target, 0.5, 1.0);
+    SphericalMesh source_mesh = mesh(source, &IndexPair::source, 0.0, 0.5);
+    SphericalMesh target_mesh = mesh(target, &IndexPair::target, 0.5, 1.0);
 
     progress.enter("spherical alignment");
-    std::vector<IndexPair> meet, features;
-    for (const PointFeature& f : known) {
-        const auto k = static_cast<Index>(meet.size());
-        meet.push_back({k, k});
-        features.push_back(f.rows);
-    }
+    std::vector<IndexPair> meet;  // the features are the meshes' first nodes
+    for (Index k = 0; k < static_cast<Index>(features.size()); ++k) meet.push_back({k, k});
     const SphericalAlignment alignment =
-        align_on_sphere(source_mesh, target_mesh, meet, options.spherical_alignment, progress);
-    report.alignment_sweeps = alignment.steps;
+        align_on_sphere(source_mesh, target_mesh, meet, options.alignment, progress);
+    result.facts.alignment_sweeps = alignment.steps;
     for (const auto& [s, t] : alignment.tips)
-        report.tips.push_back({source.order[to_size(source_mesh.rows[to_size(s)])],
-                               target.order[to_size(target_mesh.rows[to_size(t)])]});
+        result.facts.tips.push_back({source_mesh.rows[to_size(s)], target_mesh.rows[to_size(t)]});
     if (alignment.searched)
-        report.warnings.emplace_back(
-            "Fewer than three places are marked: how " + source.cloud.name + " lies to " +
-            target.cloud.name +
-            " on the sphere was found by trying. Mark three or more if it is wrong.");
+        result.warnings.push_back(
+            "Fewer than three places are marked, so how " + source.name + " lies to " +
+            target.name + " on the sphere was found by trying. Mark three or more if it is wrong.");
 
     // Maps that are right have 2.4 to 4 between models of one kind; exchanged marks and limbs that
     // are twisted about their axis have more.
     constexpr double kMuch = 4.5;
     if (alignment.energy > kMuch)
-        report.warnings.emplace_back(
+        result.warnings.emplace_back(
             "The map over the sphere is stretched much: limbs may have arrived twisted, or marks "
-            "may "
-            "be exchanged. Mark more places around the limbs, or take domain auto.");
+            "may be exchanged. Mark more places around the limbs, or take domain auto.");
 
-    SphereRoute route;
-    route.source = onto_sphere(source_mesh, source.positions, source.normals, progress);
-    route.target = onto_sphere(target_mesh, target.positions, target.normals, progress);
-
+    const KdTree<3>::Points source_sphere =
+        onto_sphere(source_mesh, source.positions, source.normals, progress);
+    const KdTree<3>::Points target_sphere =
+        onto_sphere(target_mesh, target.positions, target.normals, progress);
     progress.enter("pairing");
-    route.pairs = pair_points<3>(route.source, route.target, features, options.pairing, progress);
-    return route;
+    result.pairs =
+        pair_points<3>(source_sphere, target_sphere, features, options.pairing, progress);
+    result.source_domain = source_sphere;
+    result.target_domain = target_sphere;
+    return result;
 }
 
 }  // namespace pointmorph

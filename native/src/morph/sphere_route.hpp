@@ -1,25 +1,22 @@
-// From two closed shapes of genus 0 to pairs of points, without a cut (the paper's future work):
-// both onto the unit sphere, aligned there, merged and paired.
+// The route from two closed shapes of genus 0 to pairs of points without a cut (the paper's future
+// work): both onto the unit sphere, aligned there, merged and paired. Not for callers of the
+// library.
 #pragma once
 
-#include <span>
-
-#include "morph/prepared_shape.hpp"
-#include "pointmorph/cloud/kd_tree.hpp"
-#include "pointmorph/morph/morph.hpp"
+#include "morph/route_result.hpp"
+#include "pointmorph/sphere/spherical_alignment.hpp"
+#include "pointmorph/sphere/spherical_parameterization.hpp"
 
 namespace pointmorph {
 
-struct SphereRoute {
-    KdTree<3>::Points source, target;  ///< on the unit sphere, rows of the sides
-    Pairing pairs;
+struct SphereRouteOptions {
+    SphericalOptions parameterization;
+    SphericalAlignmentOptions alignment;
+    PairingOptions pairing;
 };
 
-/// `features`, in canonical order, are rows of the sides; see point_features(). Fills in what the
-/// report says of parameterization and alignment. Throws TopologyError for open surfaces, and the
-/// errors of the stages.
-SphereRoute match_on_sphere(Side& source, Side& target, const MorphInput& input,
-                            std::span<const Feature> features, const MorphOptions& options,
-                            MorphReport& report, Progress& progress);
+/// Throws the errors of the stages.
+RouteResult match_on_sphere(const RouteInput& input, const SphereRouteOptions& options,
+                            Progress& progress);
 
 }  // namespace pointmorph

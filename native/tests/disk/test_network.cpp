@@ -13,6 +13,7 @@
 #include "checks.hpp"
 #include "pointmorph/base/error.hpp"
 #include "pointmorph/morph/morph.hpp"
+#include "pointmorph/morph/network_preview.hpp"
 #include "shapes.hpp"
 #include "watched.hpp"
 
@@ -164,7 +165,7 @@ void expect_whole(const Morph& morph, const std::vector<Feature>& features) {
 TEST(Network, CutsTwoToriIntoTheSameDisks) {
     const TwoTori tori(4, 2);
     Progress progress;
-    const NamedNetwork named = trace_network(tori.input, paper(), progress);
+    const NamedNetwork named = preview_network(tori.input, paper(), progress);
     expect_disks(named, tori.input, 1);
 }
 
@@ -196,7 +197,7 @@ TEST(Network, ImagesAgreeOnBothSidesOfEveryCurve) {
     SKIP_WHERE_WATCHED();
     const TwoTori tori(4, 2);
     Progress progress;
-    const NamedNetwork named = trace_network(tori.input, paper(), progress);
+    const NamedNetwork named = preview_network(tori.input, paper(), progress);
     const Morph morph(tori.input, paper(), progress);
     const Positions images = morph.source_to_target(progress);
     const Positions& points = tori.input.source.positions;
@@ -312,7 +313,7 @@ TEST(Network, TakesLoopsRoundLimbs) {
     SKIP_WHERE_WATCHED();
     const MorphInput input = two_urchins();
     Progress progress;
-    const NamedNetwork named = trace_network(input, paper(), progress);
+    const NamedNetwork named = preview_network(input, paper(), progress);
     expect_disks(named, input, 0);
     // The limbs are patches of their own: nothing is led through them.
     for (std::size_t k = 0; k < 6; ++k) {
@@ -333,7 +334,7 @@ TEST(Network, CutsGenusZeroWhenAsked) {
     MorphOptions options = paper();
     options.domain = Domain::kNetwork;
     Progress progress;
-    expect_disks(trace_network(input, options, progress), input, 0);
+    expect_disks(preview_network(input, options, progress), input, 0);
     expect_whole(Morph(input, options, progress), input.features);
 }
 

@@ -9,7 +9,7 @@
 #include <variant>
 #include <vector>
 
-#include "pointmorph/morph/morph.hpp"
+#include "pointmorph/morph/morph_options.hpp"
 
 namespace pointmorph {
 

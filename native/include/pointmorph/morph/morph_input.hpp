@@ -1,0 +1,31 @@
+// What is to be morphed.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "pointmorph/cloud/cloud.hpp"
+#include "pointmorph/registration/refinement.hpp"
+#include "pointmorph/surface/boundary.hpp"
+#include "pointmorph/surface/features.hpp"
+#include "pointmorph/surface/topology.hpp"
+
+namespace pointmorph {
+
+/// All rows are given rows: those of the clouds as they stand here.
+struct MorphInput {
+    Cloud source;
+    Cloud target;
+    std::vector<Feature> features{};
+    std::vector<std::string> loop{};  ///< features, in order, along which closed shapes are cut
+    /// Boundaries of open patches, in order, in either direction; empty: found.
+    BoundaryLoop source_boundary{};
+    BoundaryLoop target_boundary{};
+    /// Smooth maps of an earlier morph of these clouds to start from; empty: none. Only method auto
+    /// uses them; see refine().
+    RefinementStart start{};
+    Parts source_parts{}, target_parts{};  ///< what is connected, from the faces; empty: found
+    std::vector<std::vector<std::string>> more_loops{};  ///< like `loop`, for a network of curves
+};
+
+}  // namespace pointmorph

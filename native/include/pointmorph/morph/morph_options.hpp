@@ -1,0 +1,66 @@
+// Every setting of a morph.
+#pragma once
+
+#include <Eigen/Core>
+
+#include "pointmorph/base/types.hpp"
+#include "pointmorph/disk/alignment.hpp"
+#include "pointmorph/disk/decomposition.hpp"
+#include "pointmorph/disk/parameterization.hpp"
+#include "pointmorph/frames/resampling.hpp"
+#include "pointmorph/registration/components.hpp"
+#include "pointmorph/registration/refinement.hpp"
+#include "pointmorph/sphere/spherical_alignment.hpp"
+#include "pointmorph/sphere/spherical_parameterization.hpp"
+#include "pointmorph/surface/boundary.hpp"
+#include "pointmorph/surface/pairing.hpp"
+#include "pointmorph/surface/topology.hpp"
+#include "pointmorph/surface/transfer.hpp"
+
+namespace pointmorph {
+
+/// kPaper: the paper's pipeline and nothing else. kAuto: the best that the library knows.
+enum class Method { kAuto, kPaper };
+
+/// The common domain of both clouds. kDisk: open patches on the unit disk. kCut: closed shapes, cut
+/// in two along the loop, on two disks that are glued along their rims. kSphere: closed shapes of
+/// genus 0 on the unit sphere, uncut. kNetwork: closed shapes of any genus, cut into patches by a
+/// network of curves between all features, each patch on a disk of its own. With method auto, the
+/// refinement starts from the map found there. kAuto: with the paper's method the disk, the cut
+/// where a loop is given, or the network for several loops and for shapes with handles; with method
+/// auto the product space, which takes shapes of any topology.
+enum class Domain { kAuto, kDisk, kCut, kSphere, kNetwork };
+
+/// Points of the common domain, one a row: 2 columns in the disk, 3 on the sphere (also the one
+/// that two disks are glued to), 12 in the product space.
+using DomainPoints = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+
+/// How pairs go from end to end. kLinear: straight, as in the paper. kSimilarity: straight, while
+/// the whole rotates and grows. kRigid: every part rotates as well, so that a raised leg swings.
+/// See Motion.
+enum class PathKind { kLinear, kSimilarity, kRigid };
+
+/// `option_table()` lists them for the user.
+struct MorphOptions {
+    Method method = Method::kAuto;
+    Domain domain = Domain::kAuto;
+    /// Nearest neighbors in the covariance analysis and in the search for the boundary; 8 to 64.
+    Index covariance_neighbors = 16;
+    BoundaryOptions boundary;
+    TopologyOptions topology;
+    DecompositionOptions decomposition;
+    ParameterizationOptions parameterization;
+    AlignmentOptions alignment;
+    SphericalOptions spherical_parameterization;
+    SphericalAlignmentOptions spherical_alignment;
+    PairingOptions pairing;
+    TransferOptions transfer;
+    RefinementOptions refinement;
+    PieceOptions pieces;
+    PathKind path = PathKind::kLinear;
+    ResamplingOptions resampling;
+    /// OpenMP threads; 0 takes all. The result doesn't depend on it.
+    int threads = 0;
+};
+
+}  // namespace pointmorph

@@ -1,0 +1,122 @@
+#include "morph/input_checks.hpp"
+
+#include <algorithm>
+#include <map>
+
+#include "pointmorph/base/error.hpp"
+
+namespace pointmorph {
+
+void check_shapes(const MorphInput& input) {
+    validate(input.source, kMinimumPoints);
+    validate(input.target, kMinimumPoints);
+    validate(input.features, input.source, input.target);
+}
+
+void check_loop(std::span<const std::string> loop, std::span<const Feature> features) {
+    for (std::size_t i = 0; i < loop.size(); ++i) {
+        const auto& name = loop[i];
+        const auto feature = std::ranges::find(features, name, &Feature::name);
+        if (feature == features.end())
+            throw FeatureError("loop", "names of features", "\"" + name + "\", which isn't one",
+                               "Mark that feature on both models, or take it out of the loop.");
+        if (feature->kind != FeatureKind::kPoint)
+            throw FeatureError("loop", "point features",
+                               "\"" + name + "\", a " + name_of(feature->kind),
+                               "Take it out of the loop, or mark a point.");
+        if (std::ranges::find(loop.first(i), name) != loop.first(i).end())
+            throw FeatureError("loop", "each feature once", "\"" + name + "\" twice",
+                               "Take one of the two out of the loop.");
+    }
+    if (!loop.empty() && loop.size() < 3)
+        throw FeatureError("loop", "at least 3 features", std::to_string(loop.size()),
+                           "Add features to the loop, or leave it out.");
+}
+
+void check_loops(const MorphInput& input, const MorphOptions& options) {
+    check_loop(input.loop, input.features);
+    for (const auto& loop : input.more_loops) check_loop(loop, input.features);
+    if (!input.more_loops.empty() && options.domain != Domain::kNetwork &&
+        (options.domain != Domain::kAuto || options.method != Method::kPaper))
+        throw OptionError("domain", "network, where several loops are given",
+                          "another with " + std::to_string(input.more_loops.size() + 1) + " loops",
+                          "Give one loop, or take domain network.");
+}
+
+void check_for_paper(std::span<const Feature> features) {
+    const auto region = std::ranges::find(features, FeatureKind::kRegion, &Feature::kind);
+    if (region != features.end())
+        throw FeatureError("feature \"" + region->name + "\"",
+                           "points and curves with method paper", "a region",
+                           "Only method auto knows regions: take that, or mark points along the "
+                           "region's border.");
+}
+
+void check_places(std::span<const Feature> features, const PreparedShape& source,
+                  const PreparedShape& target) {
+    const auto check = [&](const PreparedShape& shape, Marked Feature::*side) {
+        std::map<Index, const Feature*> at;
+        for (const Feature& f : features) {
+            if (f.kind != FeatureKind::kPoint) continue;
+            const auto [other, is_new] = at.try_emplace((f.*side).rows.front(), &f);
+            if (!is_new)
+                throw FeatureError("feature \"" + f.name + "\"", "a place of its own",
+                                   "that of \"" + other->second->name + "\" on " + shape.name,
+                                   "Move or remove one of the two.");
+        }
+    };
+    check(source, &Feature::source);
+    check(target, &Feature::target);
+}
+
+void check_start(const RefinementStart& start, Index source_points, Index target_points) {
+    const auto s = start.source_images.rows(), t = start.target_images.rows();
+    if (s == 0 && t == 0) return;
+    if (s != source_points || t != target_points || !start.source_images.allFinite() ||
+        !start.target_images.allFinite())
+        throw CloudError("start",
+                         "finite images of " + std::to_string(source_points) + " and " +
+                             std::to_string(target_points) + " points",
+                         "those of " + std::to_string(s) + " and " + std::to_string(t),
+                         "Take the maps of a morph of these very clouds, or none.");
+}
+
+void require_closed(Closed purpose, const PreparedShape& shape, std::span<const Index> given,
+                    const BoundaryOptions& options, Progress& progress) {
+    if (!is_rim(shape, find_boundary(shape, given, options, progress).loop)) return;
+    switch (purpose) {
+        case Closed::kLoop:
+            throw FeatureError("loop", "no loop for open patches, whose boundary is known",
+                               "a loop, while " + shape.name + " is an open patch",
+                               "Leave the loop out.");
+        case Closed::kNetwork:
+            throw TopologyError(shape.name, "a closed surface for a network of curves",
+                                "an open patch, whose boundary is known",
+                                "Take domain disk or method auto.");
+        case Closed::kSphere:
+            throw TopologyError(shape.name, "a closed surface for domain sphere", "an open patch",
+                                "Take domain disk for open patches, or method auto with domain "
+                                "auto, which takes shapes of any topology.");
+    }
+}
+
+void check_pairs(const Pairing& pairs, const Cloud& source, const Cloud& target) {
+    const auto check = [&](const Cloud& cloud, Index IndexPair::*side) {
+        std::vector<char> in_a_pair(to_size(cloud.size()));
+        for (const IndexPair& pair : pairs) {
+            const Index row = pair.*side;
+            if (row < 0 || row >= cloud.size())
+                throw CloudError(cloud.name,
+                                 "pairs of its " + std::to_string(cloud.size()) + " points",
+                                 "row " + std::to_string(row), "Take the morph's own pairs.");
+            in_a_pair[to_size(row)] = 1;
+        }
+        if (std::ranges::find(in_a_pair, 0) != in_a_pair.end())
+            throw CloudError(cloud.name, "every point in a pair", "some that aren't",
+                             "Take the morph's own pairs.");
+    };
+    check(source, &IndexPair::source);
+    check(target, &IndexPair::target);
+}
+
+}  // namespace pointmorph

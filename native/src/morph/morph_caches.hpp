@@ -1,0 +1,26 @@
+// What a Morph makes when it is first asked for. Not for callers of the library.
+#pragma once
+
+#include <mutex>
+#include <optional>
+
+#include "pointmorph/frames/motion.hpp"
+#include "pointmorph/morph/morph.hpp"
+
+namespace pointmorph {
+
+/// Each is guarded by the mutex above it.
+struct Morph::Caches {
+    std::mutex paths_mutex;
+    std::optional<Path<float>> single_path;
+    std::optional<Path<double>> double_path;
+    std::optional<Motion> source_motion, target_motion;
+
+    std::mutex resampling_mutex;
+    std::optional<Resampling> resampling;
+
+    std::mutex quality_mutex;
+    std::optional<Quality> quality;
+};
+
+}  // namespace pointmorph

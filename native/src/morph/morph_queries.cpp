@@ -1,0 +1,256 @@
+// What a Morph answers.
+#include <Eigen/Core>
+#include <algorithm>
+#include <cmath>
+#include <numeric>
+#include <type_traits>
+
+#include "morph/morph_caches.hpp"
+#include "pointmorph/base/parallel.hpp"
+#include "pointmorph/cloud/kd_tree.hpp"
+#include "pointmorph/cloud/similarity.hpp"
+#include "pointmorph/morph/morph.hpp"
+#include "pointmorph/surface/transfer.hpp"
+
+namespace pointmorph {
+
+namespace {
+
+std::span<double> span_of(Positions& rows) {
+    return {rows.data(), to_size(rows.size())};
+}
+
+/// Gives the first points their share of the radius and takes out those without any.
+template <class Scalar>
+void hide(const Values& shares, ResampledFrame<Scalar>& frame) {
+    std::size_t to = 0;
+    for (std::size_t from = 0; from < frame.ids.size(); ++from) {
+        const auto row = static_cast<Eigen::Index>(from);
+        const double share = row < shares.size() ? shares[row] : 1.0;
+        if (!(share > 0.0)) continue;
+        const auto move = [&](std::vector<Scalar>& values, std::size_t width) {
+            std::copy_n(values.begin() + static_cast<std::ptrdiff_t>(width * from), width,
+                        values.begin() + static_cast<std::ptrdiff_t>(width * to));
+        };
+        move(frame.positions, 3);
+        move(frame.normals, 3);
+        move(frame.colors, 4);
+        move(frame.velocities, 3);
+        frame.radii[to] = static_cast<Scalar>(share * static_cast<double>(frame.radii[from]));
+        frame.ids[to++] = frame.ids[from];
+    }
+    frame.positions.resize(3 * to);
+    frame.normals.resize(3 * to);
+    frame.colors.resize(4 * to);
+    frame.velocities.resize(3 * to);
+    frame.radii.resize(to);
+    frame.ids.resize(to);
+}
+
+}  // namespace
+
+Positions Morph::source_to_target(Progress& progress) const {
+    return through_domain(source_images_, source_domain_, target_domain_, target_, progress);
+}
+
+Positions Morph::target_to_source(Progress& progress) const {
+    return through_domain(target_images_, target_domain_, source_domain_, source_, progress);
+}
+
+Positions Morph::through_domain(const Positions& images, const DomainPoints& from,
+                                const DomainPoints& to, const Cloud& other,
+                                Progress& progress) const {
+    if (images.rows() > 0) return images;
+    const ThreadCount threads(options_.threads);
+    progress.enter("transfer");
+    Positions result;
+    if (to.cols() == 2) {
+        const DiskPoints disk = to;
+        result = transfer<2>(KdTree<2>(disk), other.positions, from, options_.transfer, progress);
+    } else {
+        const KdTree<3>::Points sphere = to;
+        result = transfer<3>(KdTree<3>(sphere), other.positions, from, options_.transfer, progress);
+    }
+    progress.finish();
+    return result;
+}
+
+template <class Scalar>
+const Path<Scalar>& Morph::path() const {
+    const std::scoped_lock lock(caches_->paths_mutex);
+    auto& path = [this]() -> std::optional<Path<Scalar>>& {
+        if constexpr (std::is_same_v<Scalar, float>)
+            return caches_->single_path;
+        else
+            return caches_->double_path;
+    }();
+    if (!path) path.emplace(source_, target_, pairs_);
+    return *path;
+}
+
+template const Path<float>& Morph::path<float>() const;
+template const Path<double>& Morph::path<double>() const;
+
+template <class Scalar>
+void Morph::frame(double t, const FrameView<Scalar>& out) const {
+    const ThreadCount threads(options_.threads);
+    const bool straight = options_.path == PathKind::kLinear || t == 0.0 || t == 1.0;
+    path<Scalar>().frame(t, out);
+    if (straight || (out.positions.empty() && out.normals.empty())) return;
+
+    {
+        const std::scoped_lock lock(caches_->paths_mutex);
+        if (!caches_->source_motion) {
+            Progress silent;
+            const Positions images = source_to_target(silent), back = target_to_source(silent);
+            const GradualSimilarity similarity{fit_similarity(source_.positions, images),
+                                               source_.positions.colwise().mean().transpose()};
+            const bool bends = options_.path == PathKind::kRigid;
+            Motion from(source_.positions, source_.normals.rowwise().normalized(), images,
+                        similarity, bends, silent);
+            caches_->target_motion.emplace(target_.positions,
+                                           target_.normals.rowwise().normalized(), back,
+                                           similarity.reversed(), bends, silent);
+            caches_->source_motion.emplace(std::move(from));
+        }
+    }
+    fade(caches_->source_motion->at(t), caches_->target_motion->at(1.0 - t), pairs_, t,
+         out.positions, out.normals);
+}
+
+template void Morph::frame<float>(double, const FrameView<float>&) const;
+template void Morph::frame<double>(double, const FrameView<double>&) const;
+
+const Resampling& Morph::resampling(Progress& progress) const {
+    const std::scoped_lock lock(caches_->resampling_mutex);
+    auto& resampling = caches_->resampling;
+    if (!resampling) {
+        const ThreadCount threads(options_.threads);
+        progress.enter("resampling");
+        const auto frame_at = [this](double t) {
+            const auto rows = static_cast<Eigen::Index>(pairs_.size());
+            OrientedPoints cloud{Positions(rows, 3), Normals(rows, 3)};
+            frame<double>(t, {span_of(cloud.positions), span_of(cloud.normals), {}, {}});
+            return cloud;
+        };
+        resampling.emplace(source_, target_, pairs_, frame_at, options_.resampling, progress);
+        progress.finish();
+    }
+    return *resampling;
+}
+
+/// Change of the pairs' places with t.
+Positions Morph::velocities(double t) const {
+    const auto rows = static_cast<Eigen::Index>(pairs_.size());
+    Positions before(rows, 3), after(rows, 3);
+    // On straight paths the whole way; else a piece short enough, but not the ends themselves,
+    // whose own numbers differ from the path's by rounding.
+    const bool straight = options_.path == PathKind::kLinear;
+    constexpr double kStep = 1e-3, kInside = 1e-6;
+    const double first = straight ? 0.0 : std::max(t - kStep, kInside);
+    const double last = straight ? 1.0 : std::min(t + kStep, 1.0 - kInside);
+    frame<double>(first, {span_of(before), {}, {}, {}});
+    frame<double>(last, {span_of(after), {}, {}, {}});
+    return (after - before) / (last - first);
+}
+
+template <class Scalar>
+ResampledFrame<Scalar> Morph::resampled_frame(double t, Progress& progress) const {
+    const Resampling& resampling = this->resampling(progress);
+    const ThreadCount threads(options_.threads);
+    const std::size_t pairs = pairs_.size();
+    ResampledFrame<Scalar> result;
+    result.positions.resize(3 * pairs);
+    result.normals.resize(3 * pairs);
+    result.colors.resize(4 * pairs);
+    result.radii.resize(pairs);
+    frame<Scalar>(t, {result.positions, result.normals, result.colors, result.radii});
+
+    progress.enter("resampled frame");
+    insert_points(result, t, progress);
+    if (!resampling.hidden().empty()) hide(resampling.pair_shares(t), result);
+    progress.finish();
+    return result;
+}
+
+/// Adds velocities and ids to a frame's pairs, and the points that live at t.
+template <class Scalar>
+void Morph::insert_points(ResampledFrame<Scalar>& frame, double t, Progress& progress) const {
+    const Resampling& resampling = *caches_->resampling;
+    const std::size_t pairs = pairs_.size();
+    using Rows = Eigen::Matrix<Scalar, Eigen::Dynamic, 3, Eigen::RowMajor>;
+    const auto rows = static_cast<Eigen::Index>(pairs);
+    const Positions velocities = this->velocities(t);
+    frame.velocities.resize(3 * pairs);
+    Eigen::Map<Rows>(frame.velocities.data(), rows, 3) = velocities.template cast<Scalar>();
+    frame.ids.resize(pairs);
+    std::iota(frame.ids.begin(), frame.ids.end(), 0);
+
+    OrientedPoints cloud{
+        Eigen::Map<const Rows>(frame.positions.data(), rows, 3).template cast<double>(),
+        Eigen::Map<const Rows>(frame.normals.data(), rows, 3).template cast<double>()};
+    cloud.normals.rowwise().normalize();  // at the ends they have the length that was given
+    const Resampling::Alive alive = resampling.at(t, cloud, progress);
+    const std::size_t count = pairs + alive.ids.size();
+    frame.positions.resize(3 * count);
+    frame.normals.resize(3 * count);
+    frame.colors.resize(4 * count);
+    frame.radii.resize(count);
+    frame.velocities.resize(3 * count);
+    frame.ids.resize(count);
+    parallel_for(static_cast<Index>(alive.ids.size()), progress, [&](Index begin, Index end) {
+        for (auto i = to_size(begin); i < to_size(end); ++i) {
+            const InsertedPoint& point = resampling.points()[to_size(alive.ids[i])];
+            const auto row = static_cast<Eigen::Index>(i);
+            const std::size_t to = pairs + i;
+            const auto mean = [&](auto&& value) {
+                double sum = 0.0;
+                for (std::size_t c = 0; c < 3; ++c)
+                    sum += point.weights[c] * static_cast<double>(value(to_size(point.pairs[c])));
+                return sum;
+            };
+            for (std::size_t d = 0; d < 3; ++d) {
+                const auto axis = static_cast<Eigen::Index>(d);
+                frame.positions[3 * to + d] = static_cast<Scalar>(alive.positions(row, axis));
+                frame.normals[3 * to + d] = static_cast<Scalar>(alive.normals(row, axis));
+                frame.velocities[3 * to + d] = static_cast<Scalar>(mean([&](std::size_t pair) {
+                    return velocities(static_cast<Eigen::Index>(pair), axis);
+                }));
+            }
+            for (std::size_t d = 0; d < 4; ++d)
+                frame.colors[4 * to + d] = static_cast<Scalar>(
+                    mean([&](std::size_t pair) { return frame.colors[4 * pair + d]; }));
+            frame.radii[to] = static_cast<Scalar>(
+                alive.share[row] * mean([&](std::size_t pair) { return frame.radii[pair]; }));
+            frame.ids[to] = static_cast<Index>(pairs) + alive.ids[i];
+        }
+    });
+}
+
+template ResampledFrame<float> Morph::resampled_frame<float>(double, Progress&) const;
+template ResampledFrame<double> Morph::resampled_frame<double>(double, Progress&) const;
+
+std::vector<Cracks> Morph::cracks(std::span<const double> times, Progress& progress) const {
+    const ThreadCount threads(options_.threads);
+    progress.enter("cracks");
+    auto result = find_cracks(source_.positions, target_.positions, pairs_, times, progress);
+    progress.finish();
+    return result;
+}
+
+const Quality& Morph::quality(Progress& progress) const {
+    const std::scoped_lock lock(caches_->quality_mutex);
+    auto& quality = caches_->quality;
+    if (!quality) {
+        const Positions source_images = source_to_target(progress);
+        const Positions target_images = target_to_source(progress);
+        const ThreadCount threads(options_.threads);
+        progress.enter("quality");
+        quality = measure_quality({source_, target_, source_images, target_images, pairs_},
+                                  features_, progress);
+        progress.finish();
+    }
+    return *quality;
+}
+
+}  // namespace pointmorph

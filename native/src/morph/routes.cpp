@@ -1,0 +1,231 @@
+#include "morph/routes.hpp"
+
+#include <algorithm>
+#include <iterator>
+#include <optional>
+#include <utility>
+
+#include "morph/cut_route.hpp"
+#include "morph/disk_route.hpp"
+#include "morph/input_checks.hpp"
+#include "morph/product_route.hpp"
+#include "morph/sphere_route.hpp"
+#include "morph/words.hpp"
+#include "pointmorph/base/error.hpp"
+#include "pointmorph/base/parallel.hpp"
+#include "pointmorph/cloud/kd_tree.hpp"
+
+namespace pointmorph {
+
+namespace {
+
+/// Whether the largest component is closed and not known to have no handles.
+bool may_have_handles(const PreparedShape& shape) {
+    const Component& largest = shape.topology.components.front();
+    return !largest.is_open && largest.genus.value_or(1) > 0;
+}
+
+bool both_may_have_handles(const PreparedShapes& shapes) {
+    return may_have_handles(shapes.source) && may_have_handles(shapes.target);
+}
+
+/// The paper's method, left to choose, takes what the loops and the handles ask for.
+bool may_choose(const MorphOptions& options) {
+    return options.method == Method::kPaper && options.domain == Domain::kAuto;
+}
+
+/// kAuto: the product space.
+Domain chosen_domain(const PreparedShapes& shapes, const MorphInput& input,
+                     const MorphOptions& options) {
+    if (!may_choose(options)) return options.domain;
+    if (!input.more_loops.empty() || both_may_have_handles(shapes)) return Domain::kNetwork;
+    return input.loop.empty() ? Domain::kDisk : Domain::kCut;
+}
+
+PatchOptions patch_options(const MorphOptions& options) {
+    return {.neighbors = options.covariance_neighbors,
+            .parameterization = options.parameterization,
+            .alignment = options.alignment,
+            .pairing = options.pairing};
+}
+
+/// Runs the route over a common domain of the paper's method.
+RouteResult match_in_domain(Domain domain, const RouteInput& shapes, const MorphInput& input,
+                            const MorphOptions& options, Progress& progress) {
+    switch (domain) {
+        case Domain::kNetwork:
+            return match_in_network(shapes, loops_of(input),
+                                    {.decomposition = options.decomposition,
+                                     .patches = patch_options(options),
+                                     .transfer = options.transfer},
+                                    progress);
+        case Domain::kCut:
+            return match_in_patches(
+                shapes, input.loop,
+                {.decomposition = options.decomposition, .patches = patch_options(options)},
+                progress);
+        case Domain::kSphere:
+            progress.enter("boundary");
+            require_closed(Closed::kSphere, shapes.source, input.source_boundary, options.boundary,
+                           progress);
+            require_closed(Closed::kSphere, shapes.target, input.target_boundary, options.boundary,
+                           progress);
+            return match_on_sphere(shapes,
+                                   {.parameterization = options.spherical_parameterization,
+                                    .alignment = options.spherical_alignment,
+                                    .pairing = options.pairing},
+                                   progress);
+        default:
+            break;
+    }
+    progress.enter("boundary");
+    const Boundary source =
+        find_boundary(shapes.source, input.source_boundary, options.boundary, progress);
+    const Boundary target =
+        find_boundary(shapes.target, input.target_boundary, options.boundary, progress);
+    return match_in_disk(shapes, source, target,
+                         {.parameterization = options.parameterization,
+                          .alignment = options.alignment,
+                          .pairing = options.pairing},
+                         progress);
+}
+
+/// The maps that go through the common domain.
+RefinementStart images_through(const RouteResult& route, const RouteInput& shapes,
+                               const TransferOptions& options, Progress& progress) {
+    if (route.images.source_images.rows() > 0) return route.images;
+    progress.enter("transfer");
+    const auto images = [&]<int Dim>(const DomainPoints& from, const DomainPoints& to,
+                                     const PreparedShape& other) {
+        const typename KdTree<Dim>::Points places = to;
+        return transfer<Dim>(KdTree<Dim>(places), other.positions, from, options, progress);
+    };
+    const auto both = [&]<int Dim>() -> RefinementStart {
+        return {images.template operator()<Dim>(route.source_domain, route.target_domain,
+                                                shapes.target),
+                images.template operator()<Dim>(route.target_domain, route.source_domain,
+                                                shapes.source)};
+    };
+    return route.source_domain.cols() == 2 ? both.operator()<2>() : both.operator()<3>();
+}
+
+/// Reverses the normals that the route found to point inwards.
+void turn(PreparedShapes& shapes, const RouteResult& route) {
+    if (route.source_turned) shapes.source = turned(std::move(shapes.source));
+    if (route.target_turned) shapes.target = turned(std::move(shapes.target));
+}
+
+/// The result of the product space with what the route before it found out.
+RouteResult joined(RouteResult first, RouteResult refined) {
+    refined.source_boundary = std::move(first.source_boundary);
+    refined.target_boundary = std::move(first.target_boundary);
+    refined.genus = first.genus;
+    first.warnings.insert(first.warnings.end(), std::make_move_iterator(refined.warnings.begin()),
+                          std::make_move_iterator(refined.warnings.end()));
+    refined.warnings = std::move(first.warnings);
+    first.facts.diagnostics = std::move(refined.facts.diagnostics);
+    first.facts.feature_residual = 0.0;  // features are put onto their partners to the bit
+    refined.facts = std::move(first.facts);
+    return refined;
+}
+
+/// The maps of an earlier morph in sorted rows; none where there is none.
+std::optional<RefinementStart> earlier_map(const PreparedShapes& shapes, const MorphInput& input) {
+    const PreparedShape &source = shapes.source, &target = shapes.target;
+    check_start(input.start, static_cast<Index>(source.sorted_rows.size()),
+                static_cast<Index>(target.sorted_rows.size()));
+    if (input.start.source_images.rows() == 0) return {};
+    return RefinementStart{target.unit.apply(gather(input.start.source_images, source.given_rows)),
+                           source.unit.apply(gather(input.start.target_images, target.given_rows))};
+}
+
+/// For what is fast, and looks for borders and handles only.
+TopologyOptions fast(TopologyOptions options) {
+    options.points = std::min<Index>(options.points, 5000);
+    options.cells = std::min<Index>(options.cells, 400);
+    return options;
+}
+
+}  // namespace
+
+TopologyOptions topology_to_choose_by(const MorphOptions& options) {
+    const bool glance = options.method == Method::kPaper && options.domain != Domain::kNetwork;
+    return glance ? fast(options.topology) : options.topology;
+}
+
+Loops loops_of(const MorphInput& input) {
+    Loops loops = input.more_loops;
+    if (!input.loop.empty()) loops.insert(loops.begin(), input.loop);
+    return loops;
+}
+
+std::vector<std::string> loop_through(const RouteInput& input, const DecompositionOptions& options,
+                                      Progress& progress) {
+    std::vector<Feature> points;
+    std::ranges::copy_if(input.features, std::back_inserter(points),
+                         [](const Feature& f) { return f.kind == FeatureKind::kPoint; });
+    const auto reach = [&](const PreparedShape& shape, Marked Feature::*marked) {
+        std::vector<Index> rows;
+        for (const Feature& f : points) rows.push_back((f.*marked).rows.front());
+        return feature_reach(shape.surface(), KdTree<3>(shape.positions), rows, options, progress);
+    };
+    const FeatureReach on_source = reach(input.source, &Feature::source);
+    const FeatureReach on_target = reach(input.target, &Feature::target);
+    std::vector<std::string> loop;
+    for (const Index k : propose_loop(on_source, on_target))
+        loop.push_back(points[to_size(k)].name);
+    if (loop.size() < 3)
+        throw FeatureError("loop", "at least 3 features for domain cut",
+                           std::to_string(loop.size()),
+                           "Mark the tips of all limbs on both models.");
+    return loop;
+}
+
+Correspondence find_correspondence(PreparedShapes shapes, MorphInput given,
+                                   std::span<const Feature> features, const MorphOptions& options,
+                                   Progress& progress) {
+    if (may_choose(options) && given.loop.empty() && both_may_have_handles(shapes)) {
+        progress.enter("topology");  // look again, closely
+        on_both(progress, [&](bool is_source, Progress& p) {
+            PreparedShape& shape = is_source ? shapes.source : shapes.target;
+            shape =
+                with_topology(std::move(shape), is_source ? given.source_parts : given.target_parts,
+                              options.boundary, options.topology, p);
+        });
+    }
+    const RouteInput input{shapes.source, shapes.target, features};
+    const Domain domain = chosen_domain(shapes, given, options);
+    std::vector<std::string> warnings;
+    if (domain == Domain::kCut && given.loop.empty()) {
+        progress.enter("decomposition");
+        given.loop = loop_through(input, options.decomposition, progress);
+        warnings.push_back(loop_was_suggested(given.loop));
+    }
+    if (domain == Domain::kNetwork || !given.loop.empty()) {
+        progress.enter("boundary");
+        const Closed purpose = given.loop.empty() ? Closed::kNetwork : Closed::kLoop;
+        require_closed(purpose, shapes.source, given.source_boundary, options.boundary, progress);
+        require_closed(purpose, shapes.target, given.target_boundary, options.boundary, progress);
+    }
+    const ProductRouteOptions product{.refinement = options.refinement,
+                                      .pieces = options.pieces,
+                                      .reuse_neighborhoods = domain != Domain::kDisk};
+    RouteResult result;
+    if (domain == Domain::kAuto) {
+        result = match_in_product_space(input, earlier_map(shapes, given), product, progress);
+    } else {
+        result = match_in_domain(domain, input, given, options, progress);
+        turn(shapes, result);
+        if (options.method == Method::kAuto) {
+            const RefinementStart start = images_through(result, input, options.transfer, progress);
+            RouteResult refined = match_in_product_space(input, start, product, progress);
+            result = joined(std::move(result), std::move(refined));
+        }
+    }
+    if (result.domain == "product") turn(shapes, result);
+    result.facts.loop = std::move(given.loop);
+    result.warnings.insert(result.warnings.begin(), warnings.begin(), warnings.end());
+    return {std::move(shapes), std::move(result)};
+}
+
+}  // namespace pointmorph

@@ -1,0 +1,37 @@
+// Which route a morph takes, and what comes of it. Not for callers of the library.
+#pragma once
+
+#include <span>
+#include <string>
+#include <vector>
+
+#include "morph/network_route.hpp"
+#include "morph/route_result.hpp"
+#include "pointmorph/morph/morph_input.hpp"
+
+namespace pointmorph {
+
+/// The shapes as the last stage left them, and the result in their rows.
+struct Correspondence {
+    PreparedShapes shapes;
+    RouteResult result;
+};
+
+/// Takes the route that the options, the loops and the shapes ask for; with method auto, goes on to
+/// the product space from there. Of the input everything but the clouds is used. `features` are
+/// those of the input in canonical() order and sorted rows. Throws the errors of the stages.
+Correspondence find_correspondence(PreparedShapes shapes, MorphInput input,
+                                   std::span<const Feature> features, const MorphOptions& options,
+                                   Progress& progress);
+
+/// How far to look at the topology before a route is chosen.
+TopologyOptions topology_to_choose_by(const MorphOptions& options);
+
+/// All loops of the input.
+Loops loops_of(const MorphInput& input);
+
+/// Names of point features that a suggested loop passes, three or more. Throws FeatureError.
+std::vector<std::string> loop_through(const RouteInput& input, const DecompositionOptions& options,
+                                      Progress& progress);
+
+}  // namespace pointmorph

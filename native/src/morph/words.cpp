@@ -1,0 +1,131 @@
+#include "morph/words.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cstdio>
+
+#include "pointmorph/measures/quality.hpp"
+
+namespace pointmorph {
+
+namespace {
+
+/// Where a row lies: near a point or curve feature, or towards which sides of the bounding box.
+std::string where(const Cloud& cloud, Index row, std::span<const Feature> features,
+                  Marked Feature::*marked) {
+    constexpr double kNear = 0.1;  // of the bounding box's diagonal
+    double least =
+        kNear *
+        (cloud.positions.colwise().maxCoeff() - cloud.positions.colwise().minCoeff()).norm();
+    std::string near;
+    for (const Feature& feature : features) {
+        if (feature.kind == FeatureKind::kRegion) continue;  // which has no place of its own
+        for (const Index of : (feature.*marked).rows) {
+            const double distance = (cloud.positions.row(of) - cloud.positions.row(row)).norm();
+            if (distance > least) continue;
+            least = distance;
+            near = "near \"" + feature.name + "\"";
+        }
+    }
+    if (!near.empty()) return near;
+    return direction_in_words(normalization(cloud.positions).apply(cloud.positions), row);
+}
+
+std::string two_decimals(double value) {
+    std::array<char, 32> text{};
+    std::snprintf(text.data(), text.size(), "%.2f", value);
+    return text.data();
+}
+
+/// How a rival map differs from the one that was chosen.
+std::string difference(const Rival& rival, const Cloud& source, std::span<const Feature> features) {
+    switch (rival.swap) {
+        case Swap::kEnds:
+            return "with its two ends, such as head and tail, exchanged";
+        case Swap::kSides:
+            return "with its sides, such as left and right, exchanged";
+        case Swap::kTurned:
+            return "turned another way";
+        default:
+            break;
+    }
+    std::string places;
+    for (const Index place : rival.places) {
+        const std::string words = where(source, place, features, &Feature::source);
+        if (places.find(words) != std::string::npos) continue;
+        places += (places.empty() ? "" : "; ") + words;
+    }
+    return "with other partners for parts of it (" + places + ")";
+}
+
+}  // namespace
+
+std::vector<std::string> preparation_warnings(const PreparedShapes& shapes) {
+    std::vector<std::string> warnings;
+    for (const PreparedShape* shape : {&shapes.source, &shapes.target})
+        if (shape->turned_outwards)
+            warnings.push_back("The normals of " + shape->name +
+                               " pointed inwards: they were reversed.");
+    for (const PreparedShape* shape : {&shapes.source, &shapes.target})
+        if (shape->left_out > 0)
+            warnings.push_back(shape->name + ": " + std::to_string(shape->left_out) +
+                               (shape->left_out == 1 ? " stray point goes" : " stray points go") +
+                               " where the nearest of the others goes.");
+    const std::string difference = difference_in_words(shapes.source.topology, shapes.source.name,
+                                                       shapes.target.topology, shapes.target.name);
+    if (!difference.empty()) warnings.push_back(difference);
+    return warnings;
+}
+
+std::vector<std::string> paper_warnings(std::span<const Feature> features) {
+    if (std::ranges::all_of(features, &Feature::hard)) return {};
+    return {
+        "Method paper has no soft features: all points, and some of each curve, are brought "
+        "together exactly."};
+}
+
+std::string loop_was_suggested(std::span<const std::string> loop) {
+    std::string names;
+    for (const std::string& name : loop) names += (names.empty() ? "" : ", ") + name;
+    return "No loop was given: both models were cut along " + names + ".";
+}
+
+std::string doubts(const Diagnostics& found, const Cloud& source, const Cloud& target,
+                   std::span<const Feature> features) {
+    const auto point = [&](Index row) {
+        return "point " + std::to_string(row) + " of " + source.name + " (" +
+               where(source, row, features, &Feature::source) + ")";
+    };
+    std::string text = "Parts may have ended up in the wrong place (confidence " +
+                       two_decimals(found.confidence) + ")";
+    std::string mark;
+    if (!found.rivals.empty()) {
+        const Rival& rival = found.rivals.front();
+        text += ": " + source.name + " fits " + target.name + " another way too, " +
+                difference(rival, source, features) + ", " + two_decimals(rival.ratio) +
+                " times as badly";
+        mark = point(rival.source) + ", which is on point " + std::to_string(rival.target) +
+               " of " + target.name + " now and would be on point " +
+               std::to_string(rival.rival_target);
+    } else if (!found.proposals.empty()) {
+        const Proposal& weakest =
+            *std::ranges::min_element(found.proposals, {}, &Proposal::confidence);
+        mark = point(weakest.source) + ", which is on point " + std::to_string(weakest.target) +
+               " of " + target.name + " now";
+    }
+    text += ". Mark one place on both models to settle it";
+    return text + (mark.empty() ? "." : ", say " + mark + ".");
+}
+
+std::vector<std::string> color_warnings(const Cloud& source, const Cloud& target) {
+    const bool source_has_none = source.colors.rows() == 0;
+    if (source_has_none == (target.colors.rows() == 0)) return {};
+    return {(source_has_none ? source : target).name + " has no colors: white is used for it."};
+}
+
+std::string choice_in_words(const std::string& domain, const Topology& source,
+                            const Topology& target) {
+    return (domain == "product" ? "product space" : domain) + ": " + in_words(source, target);
+}
+
+}  // namespace pointmorph

@@ -1,0 +1,34 @@
+// What a morph says to the user in sentences. Not for callers of the library.
+#pragma once
+
+#include <span>
+#include <string>
+#include <vector>
+
+#include "morph/prepared_shape.hpp"
+#include "pointmorph/morph/morph_input.hpp"
+#include "pointmorph/registration/diagnostics.hpp"
+
+namespace pointmorph {
+
+/// What preparing the shapes changed or found: inward normals, strays, different topologies.
+std::vector<std::string> preparation_warnings(const PreparedShapes& shapes);
+
+/// Of features that method paper can't keep to; empty where there are none.
+std::vector<std::string> paper_warnings(std::span<const Feature> features);
+
+std::string loop_was_suggested(std::span<const std::string> loop);
+
+/// What may be wrong with a map that isn't sure, and which mark would settle it. `found` and
+/// `features` in given rows.
+std::string doubts(const Diagnostics& found, const Cloud& source, const Cloud& target,
+                   std::span<const Feature> features);
+
+/// Where one of the clouds has colors and the other has none.
+std::vector<std::string> color_warnings(const Cloud& source, const Cloud& target);
+
+/// The domain, and what the shapes are: "product space: closed surfaces of genus 1 and 0".
+std::string choice_in_words(const std::string& domain, const Topology& source,
+                            const Topology& target);
+
+}  // namespace pointmorph

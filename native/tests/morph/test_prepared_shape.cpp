@@ -1,0 +1,217 @@
+#include "morph/prepared_shape.hpp"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <vector>
+
+#include "pointmorph/base/error.hpp"
+#include "shapes.hpp"
+
+namespace pointmorph {
+namespace {
+
+PreparationOptions all_options() {
+    return {
+        .neighbors = 16, .boundary = {}, .topology = TopologyOptions{}, .leave_out_strays = true};
+}
+
+PreparedShape prepared(const Cloud& cloud, const PreparationOptions& options = all_options()) {
+    Progress progress;
+    return prepare({cloud}, options, progress);
+}
+
+Cloud ball(Index count) {
+    Cloud cloud;
+    cloud.name = "ball";
+    cloud.positions = (2.0 * shapes::sphere(count)).rowwise() + Eigen::RowVector3d(5.0, -3.0, 1.0);
+    return cloud;
+}
+
+Cloud permuted(const Cloud& cloud, std::span<const Index> order) {
+    Cloud result = cloud;
+    result.positions = gather(cloud.positions, order);
+    if (cloud.normals.rows() > 0) result.normals = gather(cloud.normals, order);
+    return result;
+}
+
+TEST(PreparedShape, RowsGoBothWaysAndPositionsComeBack) {
+    const Cloud cloud = ball(900);
+    const PreparedShape shape = prepared(cloud);
+    ASSERT_EQ(shape.size(), 900);
+    EXPECT_EQ(inverse_order(shape.given_rows), shape.sorted_rows);
+    const Positions back = gather(shape.unit.restore(shape.positions), shape.sorted_rows);
+    EXPECT_LT((back - cloud.positions).cwiseAbs().maxCoeff(), 1e-12);
+    EXPECT_LE(shape.positions.rowwise().norm().maxCoeff(), 1.0 + 1e-12);
+    EXPECT_EQ(to_given(shape.sorted_rows, shape).size(), 900u);
+    for (Index given = 0; given < 900; ++given)
+        EXPECT_EQ(shape.given_rows[to_size(shape.sorted_rows[to_size(given)])], given);
+}
+
+TEST(PreparedShape, PointsAtOnePlaceShareARowThatTheLowestStandsFor) {
+    const Cloud once = ball(500);
+    Cloud thrice = once;
+    thrice.positions = once.positions.replicate(3, 1);
+    const PreparedShape single = prepared(once), shape = prepared(thrice);
+    EXPECT_EQ(shape.positions, single.positions);
+    EXPECT_EQ(shape.given_rows, single.given_rows);  // the first copies are the lowest rows
+    for (Index given = 0; given < 1500; ++given)
+        EXPECT_EQ(shape.sorted_rows[to_size(given)], single.sorted_rows[to_size(given % 500)]);
+
+    // Every copy is paired: with the one partner, and no pair twice.
+    Pairing sorted;
+    for (Index i = 0; i < 500; ++i) sorted.push_back({i, i});
+    const Pairing pairs = to_given(sorted, shape, single);
+    EXPECT_EQ(pairs.size(), 1500u);
+    for (const IndexPair& pair : pairs) EXPECT_EQ(pair.source % 500, pair.target);
+    EXPECT_TRUE(std::ranges::is_sorted(pairs));
+}
+
+TEST(PreparedShape, DoesNotDependOnTheOrderOfTheGivenRows) {
+    const Cloud cloud = ball(800);
+    const auto order = shapes::permutation(800, 11);
+    const PreparedShape a = prepared(cloud), b = prepared(permuted(cloud, order));
+    EXPECT_EQ(a.positions, b.positions);
+    EXPECT_EQ(a.normals, b.normals);
+    EXPECT_EQ(a.nearest.indices, b.nearest.indices);
+    EXPECT_EQ(a.topology.labels, b.topology.labels);
+    EXPECT_EQ(gather(a.radii, order), b.radii);
+    for (std::size_t i = 0; i < 800; ++i)
+        EXPECT_EQ(a.given_rows[i], order[to_size(b.given_rows[i])]);
+}
+
+TEST(PreparedShape, BothAreAsEachAlone) {
+    const Cloud source = ball(600), target = ball(700);
+    Progress progress;
+    const PreparedShapes both = prepare_both({source}, {target}, all_options(), progress);
+    EXPECT_EQ(both.source.normals, prepared(source).normals);
+    EXPECT_EQ(both.target.normals, prepared(target).normals);
+    EXPECT_EQ(both.target.nearest.indices, prepared(target).nearest.indices);
+    EXPECT_EQ(both.target.topology.components.size(), 1u);
+}
+
+TEST(PreparedShape, GivenNormalsAreKeptAndEstimatedOnesAgree) {
+    Cloud cloud = ball(900);
+    const Positions directions = shapes::sphere(900);
+    const PreparedShape estimated = prepared(cloud);
+    EXPECT_FALSE(estimated.normals_given);
+    const Values along =
+        (gather(directions, estimated.given_rows).array() * estimated.normals.array())
+            .rowwise()
+            .sum();
+    EXPECT_GT(std::abs(along.sum()), 0.99 * 900);  // all outwards, or all inwards
+
+    cloud.normals = 3.0 * directions;
+    const PreparedShape given = prepared(cloud);
+    EXPECT_TRUE(given.normals_given);
+    EXPECT_FALSE(given.turned_outwards);
+    EXPECT_LT((given.normals - gather(directions, given.given_rows)).cwiseAbs().maxCoeff(), 1e-12);
+    EXPECT_EQ(completed(cloud, given).normals, cloud.normals);
+
+    cloud.normals = -directions;
+    const PreparedShape inward = prepared(cloud);
+    EXPECT_TRUE(inward.turned_outwards);
+    EXPECT_EQ(completed(cloud, inward).normals, -cloud.normals);
+    EXPECT_LT((inward.normals - given.normals).cwiseAbs().maxCoeff(), 1e-12);
+}
+
+TEST(PreparedShape, TurningTwiceChangesNothing) {
+    Cloud cloud;
+    cloud.positions = shapes::grid(25);
+    const PreparedShape shape = prepared(cloud);
+    ASSERT_TRUE(shape.loops.has_value());
+    ASSERT_EQ(shape.loops->size(), 1u);
+    const PreparedShape once = turned(shape), twice = turned(once);
+    EXPECT_EQ(once.normals, Normals(-shape.normals));
+    EXPECT_EQ(BoundaryLoop(once.loops->front().rbegin(), once.loops->front().rend()),
+              shape.loops->front());
+    EXPECT_EQ(twice.normals, shape.normals);
+    EXPECT_EQ(twice.loops, shape.loops);
+}
+
+TEST(PreparedShape, RadiiAreTheSpacingInGivenLengthsOrThoseGiven) {
+    Cloud cloud = ball(2000);
+    const PreparedShape shape = prepared(cloud);
+    // Each of 2,000 points on a sphere of radius 2 has this share of its area.
+    const double spacing = std::sqrt(4.0 * std::acos(-1.0) * 4.0 / 2000);
+    EXPECT_NEAR(shape.radii.mean(), spacing, 0.15 * spacing);
+    EXPECT_GT(shape.radii.minCoeff(), 0.0);
+    EXPECT_EQ(completed(cloud, shape).radii, shape.radii);
+    cloud.radii = Values::LinSpaced(2000, 1.0, 2.0);
+    EXPECT_EQ(prepared(cloud).radii, cloud.radii);
+}
+
+TEST(PreparedShape, StraysAreLeftOutAndTheNearestStandForThem) {
+    Cloud cloud = ball(1000);
+    cloud.positions.conservativeResize(1002, 3);
+    cloud.positions.row(1000) << 90, -3, 1;
+    cloud.positions.row(1001) << 5, 80, 1;
+    const PreparedShape shape = prepared(cloud);
+    EXPECT_EQ(shape.left_out, 2);
+    ASSERT_EQ(shape.size(), 1000);
+    EXPECT_EQ(shape.nearest.size(), 1000);
+    for (const Index given : {1000, 1001}) {
+        const Index stands_in = shape.given_rows[to_size(shape.sorted_rows[to_size(given)])];
+        Index nearest;
+        (cloud.positions.topRows(1000).rowwise() - cloud.positions.row(given))
+            .rowwise()
+            .squaredNorm()
+            .minCoeff(&nearest);
+        EXPECT_EQ(stands_in, nearest);
+    }
+    PreparationOptions keeps = all_options();
+    keeps.leave_out_strays = false;
+    EXPECT_EQ(prepared(cloud, keeps).size(), 1002);
+}
+
+TEST(PreparedShape, TheBoundaryIsFoundOrTheOneThatIsGiven) {
+    constexpr Index kSide = 25;
+    Cloud cloud;
+    cloud.name = "grid";
+    cloud.positions = shapes::grid(kSide);
+    const PreparedShape shape = prepared(cloud);
+    Progress progress;
+    const Boundary found = find_boundary(shape, {}, {}, progress);
+    EXPECT_EQ(found.found, 1);
+    EXPECT_TRUE(is_rim(shape, found.loop));
+    auto border = shapes::grid_border(kSide);
+    std::vector<Index> rows = to_given(found.loop, shape);
+    std::ranges::sort(rows);
+    std::vector<Index> expected(border.begin(), border.end());
+    std::ranges::sort(expected);
+    EXPECT_EQ(rows, expected);
+
+    const Boundary given = find_boundary(shape, border, {}, progress);
+    EXPECT_EQ(given.found, 1);
+    EXPECT_EQ(given.loop.size(), border.size());
+    border.front() = kSide * kSide;
+    EXPECT_THROW(find_boundary(shape, border, {}, progress), FeatureError);
+
+    const Boundary none = find_boundary(prepared(ball(900)), {}, {}, progress);
+    EXPECT_EQ(none.found, 0);
+    EXPECT_FALSE(is_rim(prepared(ball(900)), none.loop));
+}
+
+TEST(PreparedShape, TheTopologyIsLookedAtOnlyWhenAsked) {
+    const Cloud cloud = ball(900);
+    const PreparedShape bare = prepared(cloud, {});
+    EXPECT_TRUE(bare.topology.components.empty());
+    EXPECT_FALSE(bare.loops.has_value());
+    Progress progress;
+    const PreparedShape looked = with_topology(bare, {}, {}, {}, progress);
+    EXPECT_EQ(looked.topology.labels, prepared(cloud).topology.labels);
+    EXPECT_EQ(looked.normals, bare.normals);
+}
+
+TEST(PreparedShape, BadInputIsRefusedInWords) {
+    Progress progress;
+    Cloud few = ball(900);
+    few.positions = few.positions.topRows(kMinimumPoints - 1).replicate(4, 1).eval();
+    EXPECT_THROW(prepare({few}, {}, progress), CloudError);
+    const Cloud cloud = ball(900);
+    const std::vector<Index> parts(899, 0);
+    EXPECT_THROW(prepare({cloud, parts}, all_options(), progress), CloudError);
+}
+
+}  // namespace
+}  // namespace pointmorph
