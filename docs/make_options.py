@@ -16,8 +16,14 @@ def page() -> str:
         "(`morph(…, influence=5)`) and in Blender (`scene.pointmorph.influence`). *automatic* is",
         "`None` in Python. `docs/make_options.py` writes this page.",
         "",
-        "| name | default | range | unit | meaning |",
-        "|---|---|---|---|---|",
+        "*Affects* is what has to be made again when a setting changes: the map (which points",
+        "belong together, and everything after it), the path (every frame between the ends), or",
+        "frames (resampled ones). *Method* is the method that uses a setting. Settings of method",
+        "paper also count with method auto unless the domain is auto, since the refinement starts",
+        "from that domain.",
+        "",
+        "| name | default | range | unit | affects | method | meaning |",
+        "|---|---|---|---|---|---|---|",
     ]
     for option in pointmorph.options():
         default = "automatic" if option.default is None else option.default
@@ -28,7 +34,10 @@ def page() -> str:
             if option.kind == "choice"
             else f"{option.minimum:g} to {option.maximum:g}"
         )
-        lines.append(f"| `{option.name}` | {default} | {span} | {option.unit} | {option.help} |")
+        lines.append(
+            f"| `{option.name}` | {default} | {span} | {option.unit} | {option.affects} "
+            f"| {option.method or 'both'} | {option.help} |"
+        )
     return "\n".join(lines) + "\n"
 
 

@@ -4,6 +4,18 @@
 
 namespace pointmorph::bindings {
 
+namespace {
+
+/// The method that uses an option, in the word that the option `method` takes for it; None: both.
+py::object method_of(const Option& option) {
+    if (!option.method) return py::none();
+    MorphOptions options;
+    options.method = *option.method;
+    return py::cast(find_option("method").get(options));
+}
+
+}  // namespace
+
 void bind_options(py::module_& module) {
     py::class_<MorphOptions>(module, "MorphOptions")
         .def(py::init<>())
@@ -16,6 +28,7 @@ void bind_options(py::module_& module) {
         py::list rows;
         const MorphOptions defaults;
         constexpr const char* kKinds[] = {"int", "float", "choice"};
+        constexpr const char* kAffects[] = {"map", "path", "frames", "nothing"};
         for (const Option& option : option_table())
             rows.append(py::dict(py::arg("name") = option.name,
                                  py::arg("kind") = kKinds[static_cast<int>(option.kind)],
@@ -23,7 +36,9 @@ void bind_options(py::module_& module) {
                                  py::arg("minimum") = option.minimum,
                                  py::arg("maximum") = option.maximum,
                                  py::arg("choices") = py::tuple(py::cast(option.choices)),
-                                 py::arg("unit") = option.unit, py::arg("help") = option.help));
+                                 py::arg("unit") = option.unit, py::arg("help") = option.help,
+                                 py::arg("affects") = kAffects[static_cast<int>(option.affects)],
+                                 py::arg("method") = method_of(option)));
         return rows;
     });
 }

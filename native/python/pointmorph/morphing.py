@@ -37,6 +37,12 @@ class Option:
     choices: tuple[str, ...]
     unit: str
     help: str
+    affects: str
+    """what has to be made again when it changes: the map (which points belong together, and all
+    that follows), the path (every frame between the ends), frames (resampled ones) or nothing"""
+    method: str | None
+    """the method that uses it; None: both. Settings of method paper also count with method auto
+    where the domain isn't auto, since the refinement then starts in that domain"""
 
 
 @lru_cache(maxsize=1)

@@ -44,6 +44,30 @@ TEST(Options, EveryOptionReachesItsOwnField) {
     }
 }
 
+TEST(Options, EveryChoiceIsAValueOfItsOwn) {
+    for (const Option& option : option_table())
+        for (const std::string& choice : option.choices) {
+            MorphOptions options;
+            set_option(options, option.name, choice);
+            EXPECT_EQ(option.get(options), OptionValue(choice)) << option.name;
+        }
+    MorphOptions options;
+    set_option(options, "path", find_option("path").choices.back());
+    EXPECT_EQ(options.path, PathKind::kRigid);
+    set_option(options, "domain", find_option("domain").choices.back());
+    EXPECT_EQ(options.domain, Domain::kNetwork);
+}
+
+TEST(Options, SayWhatHasToBeMadeAgain) {
+    EXPECT_EQ(find_option("method").affects, Option::Affects::kMap);
+    EXPECT_EQ(find_option("path").affects, Option::Affects::kPath);
+    EXPECT_EQ(find_option("omega").affects, Option::Affects::kFrames);
+    EXPECT_EQ(find_option("threads").affects, Option::Affects::kNothing);
+    EXPECT_EQ(find_option("influence").method, Method::kPaper);
+    EXPECT_FALSE(find_option("covariance_neighbors").method.has_value());
+    EXPECT_THROW(find_option("colour"), OptionError);
+}
+
 TEST(Options, WrongValuesNameTheRange) {
     MorphOptions options;
     const auto message = [&](std::string_view name, OptionValue value) -> std::string {
