@@ -14,7 +14,7 @@ RESULT = 'bpy.data.objects.get("Koala to Spot")'
 SCENE = """
 import json, sys
 folder = {folder!r}
-for name, file, x, turn in (("Koala", "source", -1, 0.6), ("Spot", "target", 1, 3.74)):
+for name, file, x, turn in (("Koala", "source", -1, 0.25), ("Spot", "target", 1, 3.39)):
     if "ply_import" in dir(bpy.ops.wm):
         bpy.ops.wm.ply_import(filepath=f"{{folder}}/{{file}}.ply")
     else:
@@ -30,6 +30,7 @@ with in_viewport():
     bpy.ops.view3d.view_axis(type="FRONT")
     bpy.ops.view3d.view_selected()
     area.spaces[0].region_3d.view_distance *= 0.9
+    area.spaces[0].region_3d.view_location.x += 0.62  # the sidebar lies over the view
 for obj in bpy.data.objects: obj.select_set(False)
 bpy.context.view_layer.objects.active = None
 features = json.load(open(f"{{folder}}/pair.json"))["features"]
