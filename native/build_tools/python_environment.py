@@ -189,7 +189,7 @@ def set_up_bpy(version: str) -> tuple[Path, str]:
     folder = paths.BUILD / "bpy" / version
     if not folder.exists():
         with step(f"Blender {version} as a Python package (about 350 MB to fetch)"):
-            unfinished = folder.with_suffix(".unfinished")
+            unfinished = folder.with_name(f"{version}.unfinished")
             shutil.rmtree(unfinished, ignore_errors=True)
             # What it needs is in the environment already.
             options = ("--no-deps", "--no-compile", "--target", unfinished)
