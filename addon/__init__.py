@@ -2,6 +2,10 @@
 which the extension brings as a wheel.
 """
 
+from .core import library
+
+library.check()  # before what imports it, so that a user is told what is wrong
+
 from .data import properties, registration
 from .operators import (
     bakes,

@@ -28,16 +28,16 @@ def library_paths():
 
 
 class _PackagedLibrary:
-    """Finds `pointmorph` where the packaged add-on puts it, and nowhere else."""
+    """Finds what the packaged add-on has to bring where it puts it, and nowhere else."""
 
     @staticmethod
     def find_spec(name, path=None, target=None):
-        if name != "pointmorph":
+        if name not in ("pointmorph", "plyfile"):
             return None
         user = os.environ["BLENDER_USER_RESOURCES"]
         spec = PathFinder.find_spec(name, [p for p in sys.path if p.startswith(user)])
         if spec is None:
-            raise ModuleNotFoundError("the packaged add-on brings no library", name=name)
+            raise ModuleNotFoundError(f"the packaged add-on brings no {name}", name=name)
         return spec
 
 

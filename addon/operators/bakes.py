@@ -133,8 +133,13 @@ class POINTMORPH_OT_bake_frames(Explained, Computing, bpy.types.Operator):
             settings["path"] = self.path.lower()
         target = self._target = frame_formats.FORMATS[self.format]
         target.check(self.faces)
-        if self.faces:
-            pointmorph.surfaces.check_available()
+        if self.faces and not pointmorph.surfaces.is_available():
+            raise pointmorph.OptionError(
+                "faces",
+                "the packages pymeshlab and scipy, which make faces from points",
+                "a Blender without them",
+                "Turn Faces off, or write meshes outside of Blender with: pointmorph morph --mesh",
+            )
         self._path = None
         if target.in_files:
             self._folder = frame_files.make_folder(self.directory)

@@ -9,6 +9,7 @@ from pathlib import Path
 from . import paths
 from .python_environment import MAIN_BLENDER
 from .running import SetupError, digest, is_fresh, run, step
+from .system import project
 from .wheels import set_up_wheels
 
 
@@ -19,10 +20,25 @@ def edit(path: Path, pattern: str, replacement: str) -> None:
     path.write_text(text)
 
 
+def others_wheels() -> list[Path]:
+    """Wheels of other packages that the library needs in Blender; they run on any system."""
+    wanted = project()["dependency-groups"]["extension"]
+    folder = paths.BUILD / "wheels" / "others"
+    stamp, key = folder / "stamp", digest(*wanted)
+    if not is_fresh(stamp, key):
+        with step("wheels of other packages"):
+            shutil.rmtree(folder, ignore_errors=True)
+            options = ("--no-deps", "--only-binary=:all:", "--dest", folder)
+            run("package", paths.PYTHON, "-m", "pip", "download", "--no-input", *options, *wanted)
+            stamp.write_text(key)
+    return sorted(folder.glob("*-none-any.whl"))
+
+
 def package() -> Path:
     """The extension, with a wheel for every Python that a supported Blender has."""
     wheels = set_up_wheels()
     version = wheels[0].name.split("-")[1]
+    wheels += others_wheels()
     folder = paths.BUILD / "package"
     extension = folder / f"pointmorph-{version}.zip"
     parts = [paths.ROOT / part for part in ("addon", "docs", "LICENSE")]

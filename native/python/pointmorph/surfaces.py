@@ -54,6 +54,15 @@ class Surface:
     """(V, 3), from the points around; None if the frame has none"""
 
 
+def is_available() -> bool:
+    """Whether pymeshlab and scipy, the extra `mesh`, are installed."""
+    try:
+        _search_tree()
+    except OptionError:
+        return False
+    return True
+
+
 def check_available() -> None:
     """Raises OptionError if pymeshlab or scipy, the extra `mesh`, isn't installed."""
     _search_tree()

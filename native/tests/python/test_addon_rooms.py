@@ -171,3 +171,27 @@ def test_the_core_morphs_without_blender(core: ModuleType) -> None:
     plan, frame_plan = (10, 20, 5), part(core, "frame_plan")
     times = frame_plan.Plan(*plan, "SMOOTH", False, False).times()
     assert times == [0.0, 0.5, 1.0]
+
+
+def test_a_library_that_is_not_there_is_explained(core: ModuleType) -> None:
+    library = part(core, "library")
+
+    def fail(name: str) -> None:
+        raise ModuleNotFoundError(f"No module named {name!r}", name=name)
+
+    with pytest.raises(ImportError, match=r"has no library for .* with Python .* Install the zip"):
+        library.check(fail)
+
+
+def test_a_library_that_does_not_load_is_explained(core: ModuleType) -> None:
+    library = part(core, "library")
+
+    def fail(name: str) -> None:
+        raise ImportError("libgomp.so: cannot open", name=f"{name}._pointmorph")
+
+    with pytest.raises(ImportError, match=r"can't be loaded on .* install it again.*libgomp"):
+        library.check(fail)
+
+
+def test_a_library_that_loads_needs_no_words(core: ModuleType) -> None:
+    part(core, "library").check()

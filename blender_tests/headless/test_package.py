@@ -1,0 +1,65 @@
+"""The packaged add-on in a Blender that has nothing else: no package of the developers' Python."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import bpy
+import installing
+import pytest
+
+pytestmark = pytest.mark.interface
+
+# What Blender itself comes with. Where it is a Python package, that lies beside other packages.
+BLENDERS_OWN = (
+    *("bpy", "numpy", "numpy.libs", "cattr", "cattrs", "attr", "attrs", "typing_extensions.py"),
+    *("requests", "urllib3", "certifi", "idna", "charset_normalizer", "zstandard"),
+)
+
+CODE = """
+import importlib.util, os, sys
+sys.path.insert(0, sys.argv[1])
+for name in ("plyfile", "trimesh", "scipy", "pytest", "pointmorph"):
+    assert importlib.util.find_spec(name) is None, name
+import bpy
+bpy.ops.extensions.package_install_files(
+    filepath=os.environ["POINTMORPH_ZIP"], repo="user_default", enable_on_install=True
+)
+sys.path.append(sys.argv[2])
+import scenes
+bpy.ops.wm.read_homefile(use_empty=True)
+scenes.pair(12, 10)
+print(bpy.ops.pointmorph.morph())
+print(bpy.ops.pointmorph.bake_shape_keys(kind="SOURCE", steps=1))
+print(bpy.ops.pointmorph.bake_frames(
+    format="PLY", directory=sys.argv[3], frame_start=1, frame_end=3, resample=True
+))
+sys.stdout.flush()
+os._exit(0)  # Blender as a Python module doesn't always survive its own end
+"""
+
+
+@pytest.mark.skipif("POINTMORPH_ZIP" not in os.environ, reason="about the packaged add-on")
+@pytest.mark.skipif(bool(bpy.app.binary_path), reason="about Blender as a Python module")
+def test_everything_that_it_imports_is_inside(tmp_path):
+    only = tmp_path / "packages"
+    only.mkdir()
+    for name in BLENDERS_OWN:
+        for folder in map(Path, filter(None, sys.path)):
+            if (folder / name).exists() and not (only / name).exists():
+                (only / name).symlink_to(folder / name)
+    user = installing.user_folders(tmp_path / "user")
+    frames = tmp_path / "frames"
+    arguments = [str(only), str(Path(__file__).parent), str(frames)]
+    done = subprocess.run(
+        [sys.executable, "-I", "-S", "-c", CODE, *arguments],
+        env=os.environ | user,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=300,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert done.stdout.count("{'FINISHED'}") == 3, done.stdout + done.stderr
+    assert len(list(frames.glob("*.ply"))) == 3
