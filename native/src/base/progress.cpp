@@ -8,10 +8,6 @@
 
 namespace pointmorph {
 
-namespace {
-constexpr auto kInterval = std::chrono::milliseconds(20);
-}
-
 void Progress::enter(std::string_view stage) {
     finish();
     stage_ = stage;
@@ -41,7 +37,7 @@ void Progress::report(double fraction) {
 bool Progress::poll(double fraction) noexcept {
     if (!callback_ || cancelled()) return !cancelled();
     const auto now = Clock::now();
-    if (now - last_call_ < kInterval) return true;
+    if (now - last_call_ < interval_) return true;
     last_call_ = now;
     try {
         const double done = first_ + (last_ - first_) * std::clamp(fraction, 0.0, 1.0);

@@ -312,7 +312,8 @@ TEST(Parameterization, TooFewIterationsAreSaid) {
 
 TEST(Parameterization, CancelWorksInsideTheSolver) {
     const Patch patch = hemisphere(20000);
-    Progress progress([](std::string_view, double fraction) { return fraction < 0.3; });
+    Progress progress([](std::string_view, double fraction) { return fraction < 0.3; },
+                      std::chrono::milliseconds{0});
     progress.enter("parameterization");
     EXPECT_THROW(onto_disk(patch, full(), &progress), Cancelled);
 }

@@ -162,7 +162,8 @@ TEST(Pose, EndsWhenAskedTo) {
     SKIP_WHERE_WATCHED();
     const CoarseShape shape = egg(1500, 0.8, 1, Matrix3::Identity());
     for (const double share : {0.0, 0.4, 0.7}) {
-        Progress progress([&](std::string_view, double fraction) { return fraction < share; });
+        Progress progress([&](std::string_view, double fraction) { return fraction < share; },
+                          std::chrono::milliseconds{0});
         EXPECT_THROW(
             {
                 progress.enter("pose");

@@ -318,9 +318,11 @@ TEST(Refinement, HopelessCloudsStillGiveFiniteMaps) {
 TEST(Refinement, EndsWhenAskedTo) {
     const Animals animals(3000, 3000, 0.3);
     for (const double share : {0.0, 0.3, 0.8}) {
-        Progress progress([&](std::string_view stage, double fraction) {
-            return stage != "registration" || fraction < share;
-        });
+        Progress progress(
+            [&](std::string_view stage, double fraction) {
+                return stage != "registration" || fraction < share;
+            },
+            std::chrono::milliseconds{0});
         EXPECT_THROW(animals.refined(progress), Cancelled);
     }
 }

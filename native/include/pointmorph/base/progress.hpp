@@ -22,12 +22,14 @@ struct StageTime {
 class Progress {
 public:
     /// Gets the stage's name and the fraction done of it, 0 to 1; returns false to ask for the
-    /// end. Called in the computing thread at most every 20 ms, but for each stage's start.
+    /// end. Called in the computing thread at most once an interval, but for each stage's start.
     using Callback = std::function<bool(std::string_view stage, double fraction)>;
 
     /// Silent, and never cancelled.
     Progress() = default;
-    explicit Progress(Callback callback) : callback_(std::move(callback)) {}
+    explicit Progress(Callback callback,
+                      std::chrono::milliseconds interval = std::chrono::milliseconds(20))
+        : callback_(std::move(callback)), interval_(interval) {}
 
     Progress(const Progress&) = delete;
     Progress& operator=(const Progress&) = delete;
@@ -81,6 +83,7 @@ private:
     using Clock = std::chrono::steady_clock;
 
     Callback callback_;
+    std::chrono::milliseconds interval_{};
     std::exception_ptr callback_error_;
     std::atomic<bool> cancelled_{false};
     std::vector<StageTime> stages_;
