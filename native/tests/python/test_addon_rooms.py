@@ -92,6 +92,42 @@ def test_one_module_asks_for_blenders_version() -> None:
     assert asking == {"data.versions"}
 
 
+# --- What the extensions site asks for (docs/release.md) ------------------------------------------
+
+NETWORK = {"ftplib", "http", "requests", "smtplib", "socket", "ssl", "urllib", "xmlrpc"}
+
+
+def imported_packages(tree: ast.Module) -> set[str]:
+    """Packages that a module imports from outside of the add-on."""
+    found = set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            found |= {alias.name.split(".")[0] for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and not node.level:
+            found.add((node.module or "").split(".")[0])
+    return found
+
+
+def test_imports_nothing_that_blender_or_the_extension_lacks() -> None:
+    brought = BLENDERS | {"numpy", "pointmorph"}
+    for name, tree in modules().items():
+        assert imported_packages(tree) <= brought | sys.stdlib_module_names, name
+
+
+def test_uses_no_network() -> None:
+    for name, tree in modules().items():
+        assert not imported_packages(tree) & NETWORK, name
+
+
+def test_leaves_the_search_path_and_the_console_alone() -> None:
+    for name, tree in modules().items():
+        for node in ast.walk(tree):
+            if isinstance(node, ast.Attribute):
+                assert ast.unparse(node) != "sys.path", name
+            if isinstance(node, ast.Call):
+                assert ast.unparse(node.func) != "print", name
+
+
 # --- The core -------------------------------------------------------------------------------------
 
 
