@@ -40,6 +40,34 @@ def setting_tip(option):
     return ". ".join(parts)
 
 
+def shown_options(settings, *affects):
+    """The library's options that the panel shows: those that affect one of `affects` and that a
+    morph with the panel's method and domain uses."""
+    return [
+        option
+        for option in pointmorph.options()
+        if option.affects in affects and option.is_used(settings.method, settings.domain)
+    ]
+
+
+def changed_settings(before, now):
+    """Names of the settings that differ, as far as they change which points belong together.
+
+    Parameters
+    ----------
+    before, now : dict
+        See `settings_values`. `before` may have names that an earlier version used.
+    """
+    options = {option.name: option for option in pointmorph.options()}
+    names = sorted(name for name in {*before, *now} if before.get(name) != now.get(name))
+    return [
+        name
+        for name in names
+        if name not in options
+        or (options[name].affects == "map" and options[name].is_used(now["method"], now["domain"]))
+    ]
+
+
 def settings_values(settings):
     """The settings as `pointmorph.morph` takes them; without those that are automatic."""
     values = {}

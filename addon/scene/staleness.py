@@ -3,23 +3,12 @@
 import bpy
 import numpy as np
 
-from ..core.settings import name_label, settings_values
+from ..core.settings import changed_settings, name_label, settings_values
 from ..core.stepping import finish
 from ..data.feature_list import feature_choices
 from . import morph_object, recipes
 
 CURRENT, STALE, ORPHAN, UNKNOWN = "CURRENT", "STALE", "ORPHAN", "UNKNOWN"
-# They say how many hands work, or what frames look like: the same pairs come out.
-_OF_NO_CONSEQUENCE = {
-    "threads",
-    "path",
-    "omega",
-    "resample_spacing",
-    "mls_degree",
-    "mls_scale",
-    "mls_width",
-    "crowding",
-}
 
 
 def picked_shapes(scene):
@@ -108,13 +97,7 @@ def _differences(known, now, follows):
 
 
 def _other_settings(recipe, settings):
-    now = settings_values(settings)
-    before = recipe["settings"]
-    names = [
-        name
-        for name in sorted({*now, *before} - _OF_NO_CONSEQUENCE)
-        if now.get(name) != before.get(name)
-    ]
+    names = changed_settings(recipe["settings"], settings_values(settings))
     found = [f'the setting "{name_label(name)}" was changed' for name in names]
     choices = recipes.plain_choices(feature_choices(settings))
     for name, choice in choices.items():

@@ -4,7 +4,7 @@ import bpy
 import pointmorph
 
 from ..core import background_job
-from ..core.settings import by_hand, setting_label
+from ..core.settings import by_hand, setting_label, shown_options
 from ..data import frame_formats
 from ..data.frame_settings import copy_frame_settings
 from ..data.registration import Registration
@@ -12,10 +12,6 @@ from ..operators import clicks, modal_operator, polls
 from ..scene import marked_points, morph_object, points_display, recipes
 from ..view import cut_curves
 from .panel import Panel, draw_problem, fields, say
-
-# Settings that stand where they are needed; the others are advanced.
-_ELSEWHERE = ("domain", "path")
-
 
 # --- Objects --------------------------------------------------------------------------------------
 
@@ -228,7 +224,10 @@ class POINTMORPH_PT_morph(Panel, bpy.types.Panel):
             row.operator("pointmorph.morph", icon="MOD_SIMPLEDEFORM")
         else:
             _draw_progress(layout)
-        fields(layout).prop(context.scene.pointmorph, "path")
+        settings = context.scene.pointmorph
+        column = fields(layout)
+        for option in shown_options(settings, "path"):
+            column.prop(settings, option.name)
         draw_problem(layout, context, "MORPH")
 
 
@@ -346,8 +345,8 @@ class POINTMORPH_PT_settings(Panel, bpy.types.Panel):
         settings = context.scene.pointmorph
         column = fields(self.layout)
         column.use_property_split = False
-        for option in pointmorph.options():
-            if option.name in _ELSEWHERE:
+        for option in shown_options(settings, "map", "frames", "nothing"):
+            if option.name == "domain":  # in the panel Cut and Domain
                 continue
             # Above its value, because names are longer than half the sidebar.
             column.label(text=setting_label(option))

@@ -44,6 +44,19 @@ class Option:
     """the method that uses it; None: both. Settings of method paper also count with method auto
     where the domain isn't auto, since the refinement then starts in that domain"""
 
+    def is_used(self, method: str, domain: str) -> bool:
+        """Whether a morph with this method and domain uses the setting.
+
+        Examples
+        --------
+        >>> import pointmorph
+        >>> influence = next(o for o in pointmorph.options() if o.name == "influence")
+        >>> influence.is_used("auto", "auto"), influence.is_used("auto", "disk")
+        (False, True)
+        """
+        starts_in_domain = self.method == "paper" and domain != "auto"
+        return self.method in (None, method) or starts_in_domain
+
 
 @lru_cache(maxsize=1)
 def options() -> tuple[Option, ...]:

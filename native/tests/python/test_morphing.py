@@ -51,6 +51,23 @@ def test_pairs_cover_both_clouds(morph: pointmorph.Morph) -> None:
     assert all(pair in pairs for pair in features(A, B).values())
 
 
+def test_settings_that_are_said_to_change_no_pair_change_none(morph: pointmorph.Morph) -> None:
+    def other(option: pointmorph.Option) -> object:
+        values = option.choices or (option.minimum, option.maximum)
+        return next(value for value in values[::-1] if value != option.default)
+
+    settings = {
+        option.name: other(option)
+        for option in pointmorph.options()
+        if option.affects != "map" or not option.is_used("auto", "auto")
+    }
+    assert {"threads", "path", "omega", "solve", "influence"} <= set(settings)
+    settings["threads"] = 2
+    again = pointmorph.morph(morph.source, morph.target, features(A, B), **settings)
+    np.testing.assert_array_equal(again.pairs, morph.pairs)
+    np.testing.assert_array_equal(again.source_to_target, morph.source_to_target)
+
+
 def test_starts_from_an_earlier_morph(morph: pointmorph.Morph) -> None:
     stages: list[str] = []
     marks = {**features(A, B), "east": (row(A, 0.9, 0), row(B, 0.9, 0))}
