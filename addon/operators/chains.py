@@ -132,17 +132,9 @@ class POINTMORPH_OT_morph_chain(Explained, Computing, bpy.types.Operator):
         return lambda progress: chains.compute_all(plan.requests, progress)
 
     def _finish(self, context, outcome):
-        source, *via, target = (context.scene.objects.get(name) for name in self._names)
-        obj = morph_builder.build(
-            context,
-            outcome,
-            " to ".join(self._names),
-            self._plan.origin,
-            source,
-            target,
-            self._plan.source_matrix,
-            via,
-        )
+        shapes = [context.scene.objects.get(name) for name in self._names]
+        provenance = self._plan.provenance(shapes)
+        obj = morph_builder.build(context, outcome, " to ".join(self._names), provenance)
         recipes.remember(obj, self._plan.recipe, outcome)
         activate(context.view_layer.objects, obj)
         say_made(self, obj, outcome.report)

@@ -57,11 +57,10 @@ class POINTMORPH_OT_morph(Explained, Computing, bpy.types.Operator):
         self._value = preview_object.remove(self._shown)
 
     def _made_of(self, context):
-        """What `result.build` needs besides the outcome."""
-        source_name, target_name = self._names
-        objects = context.scene.objects
-        ends = objects.get(source_name), objects.get(target_name)
-        return f"{source_name} to {target_name}", self._origin, *ends, self._source_matrix
+        """What `morph_builder.build` needs besides the outcome."""
+        shapes = [context.scene.objects.get(name) for name in self._names]
+        provenance = morph_builder.Provenance(shapes, self._origin, self._source_matrix)
+        return " to ".join(self._names), provenance
 
     def _read(self, context):
         """The request. What _finish needs is kept by name: objects move in memory on undo."""

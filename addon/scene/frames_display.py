@@ -48,42 +48,47 @@ def _frames_group(material, created):
     group = bpy.data.node_groups.new(FRAMES_NAME, "GeometryNodeTree")
     created(group)
     group[_SHOWS_OWN_MESH] = True
-    nodes.new_input(group, "NodeSocketGeometry", "Geometry")
-    nodes.new_input(
-        group,
-        "NodeSocketCollection",
-        "Collection",
-        "A mesh for each frame, in the order of their names",
-    )
-    nodes.new_input(group, "NodeSocketInt", "First", "Scene frame that shows the first mesh")
-    nodes.new_input(
-        group,
-        "NodeSocketInt",
-        "Step",
-        "Number of frames from one mesh to the next",
-        default_value=1,
-    )
-    nodes.new_input(
-        group,
-        "NodeSocketFloat",
+    _new_sockets(group)
+    build = nodes.Builder(group)
+    inputs = build.node("NodeGroupInput").outputs
+    geometry = _per_second(build, inputs["Frame Rate"], _present_mesh(build, inputs))
+    radius = build.attribute(attribute_names.RADIUS, "FLOAT")
+    radius = build.math("MULTIPLY", radius, inputs["Radius Scale"])
+    normal = build.attribute(attribute_names.NORMAL, "FLOAT_VECTOR")
+    shown = point_shapes.splats(build, inputs, geometry, normal, radius)
+    own_mesh = _in_own_mesh(build, inputs["Geometry"], geometry)
+    either = nodes.switch(build, "GEOMETRY", inputs["Vertices"], shown, own_mesh)
+    finished = build.node("GeometryNodeSetMaterial", {"Geometry": either, "Material": material})
+    build.node("NodeGroupOutput", {"Geometry": finished.outputs["Geometry"]})
+    return group
+
+
+def _new_sockets(group):
+    def new_input(kind, name, description="", **values):
+        nodes.new_input(group, f"NodeSocket{kind}", name, description, **values)
+
+    new_input("Geometry", "Geometry")
+    new_input("Collection", "Collection", "A mesh for each frame, in the order of their names")
+    new_input("Int", "First", "Scene frame that shows the first mesh")
+    new_input("Int", "Step", "Number of frames from one mesh to the next", default_value=1)
+    new_input(
+        "Float",
         "Frame Rate",
         "Frames per second, by which the velocity is multiplied in renders for motion blur",
         default_value=24.0,
     )
     point_shapes.new_splat_inputs(group)
-    nodes.new_input(
-        group,
-        "NodeSocketBool",
+    new_input(
+        "Bool",
         "Vertices",
         "Show the meshes as they are: bare vertices, for formats without points, or their faces",
     )
     nodes.new_output(group, "NodeSocketGeometry", "Geometry")
 
-    build = nodes.Builder(group)
-    inputs = build.node("NodeGroupInput").outputs
-    math = build.math
 
-    # The first mesh before its time, the last one after.
+def _present_mesh(build, inputs):
+    """The mesh that belongs to the scene's frame: the first before its time, the last after."""
+    math = build.math
     frame = build.node("GeometryNodeInputSceneTime").outputs["Frame"]
     meshes = build.node(
         "GeometryNodeCollectionInfo",
@@ -104,30 +109,24 @@ def _frames_group(material, created):
         domain="INSTANCE",
     )
     realized = build.node("GeometryNodeRealizeInstances", {"Geometry": one.outputs["Geometry"]})
-    # The renderer and files take it by second.
-    rate = inputs["Frame Rate"]
+    return realized.outputs["Geometry"]
+
+
+def _per_second(build, rate, geometry):
+    """`geometry` with its velocity per second, not per frame, in renders and files."""
+    math = build.math
     in_viewport = build.node("GeometryNodeIsViewport").outputs["Is Viewport"]
     factor = math("ADD", rate, math("MULTIPLY", in_viewport, math("SUBTRACT", 1.0, rate)))
     scaled = build.node("ShaderNodeVectorMath", operation="SCALE")
-    group.links.new(build.attribute(attribute_names.VELOCITY, "FLOAT_VECTOR"), scaled.inputs[0])
-    group.links.new(factor, scaled.inputs["Scale"])
-    fields = {"Geometry": realized.outputs["Geometry"], "Name": attribute_names.VELOCITY}
+    velocity = build.attribute(attribute_names.VELOCITY, "FLOAT_VECTOR")
+    build.tree.links.new(velocity, scaled.inputs[0])
+    build.tree.links.new(factor, scaled.inputs["Scale"])
+    fields = {"Geometry": geometry, "Name": attribute_names.VELOCITY}
     fields["Value"] = scaled.outputs["Vector"]
     stored = build.node(
         "GeometryNodeStoreNamedAttribute", fields, data_type="FLOAT_VECTOR", domain="POINT"
     )
-    geometry = stored.outputs["Geometry"]
-    radius = math(
-        "MULTIPLY", build.attribute(attribute_names.RADIUS, "FLOAT"), inputs["Radius Scale"]
-    )
-
-    normal = build.attribute(attribute_names.NORMAL, "FLOAT_VECTOR")
-    shown = point_shapes.splats(build, inputs, geometry, normal, radius)
-    own_mesh = _in_own_mesh(build, inputs["Geometry"], geometry)
-    either = nodes.switch(build, "GEOMETRY", inputs["Vertices"], shown, own_mesh)
-    finished = build.node("GeometryNodeSetMaterial", {"Geometry": either, "Material": material})
-    build.node("NodeGroupOutput", {"Geometry": finished.outputs["Geometry"]})
-    return group
+    return stored.outputs["Geometry"]
 
 
 def _in_own_mesh(build, own, geometry):

@@ -1,6 +1,8 @@
 """Makes a morph object, all of it or nothing, and gives it other pairs in place."""
 
 import json
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import bmesh
 import bpy
@@ -10,30 +12,35 @@ from ..data import arrays, attribute_names, creation, nodes
 from . import morph_object, morph_paths, points_display, recipes
 
 
-def build(context, outcome, name, origin, source, target, source_matrix, via=()):
-    """Makes the morph object in the active collection.
+@dataclass(frozen=True)
+class Provenance:
+    """What a morph object is made from, and where.
 
-    Parameters
+    Attributes
     ----------
-    outcome : computation.Outcome
-    name : str
+    shapes : sequence of Object or None
+        What is morphed, in order; None for what is gone.
     origin : (3,) array
         Where the frame of the morph lies in the world: the object's location.
-    source, target : Object or None
-        What was morphed, if it's still there.
     source_matrix : (4, 4) array
-        From the source's own space to the morph's frame.
-    via : sequence of Object or None
-        The shapes between, of a chain.
+        From the first shape's own space to the morph's frame.
     """
+
+    shapes: Sequence
+    origin: np.ndarray
+    source_matrix: np.ndarray
+
+
+def build(context, outcome, name, provenance):
+    """Makes the morph object of a `computation.Outcome` in the active collection."""
     with creation.all_or_nothing() as created:
         mesh = bpy.data.meshes.new(name)
         created(mesh)
         arrays.fill_mesh(mesh, outcome.source.positions)
         obj = bpy.data.objects.new(name, mesh)
         created(obj)
-        obj.location = origin
-        link(obj, source, target, source_matrix, via)
+        obj.location = provenance.origin
+        link(obj, provenance.shapes, provenance.source_matrix)
         obj.shape_key_add(name="Basis", from_mix=False)
         write_pairs(obj, outcome)
         key = add_keys(
@@ -45,8 +52,9 @@ def build(context, outcome, name, origin, source, target, source_matrix, via=())
     return obj
 
 
-def link(obj, source, target, source_matrix, via=()):
-    """Makes a morph object know what it was made from."""
+def link(obj, shapes, source_matrix):
+    """Makes a morph object know what it was made from; see `Provenance`."""
+    source, *via, target = shapes
     obj.pointmorph.source = source
     obj.pointmorph.target = target
     obj.pointmorph.via.clear()

@@ -56,10 +56,7 @@ def _own_places(source, places, back):
 
 def _know(copy, obj):
     """Makes the copy remember what the morph object does."""
-    shapes = recipes.shapes_of(obj)
-    morph_builder.link(
-        copy, shapes[0], shapes[-1], morph_object.source_matrix_of(obj), shapes[1:-1]
-    )
+    morph_builder.link(copy, recipes.shapes_of(obj), morph_object.source_matrix_of(obj))
     recipes.share_recipe(copy, obj)
     copy.pointmorph.keeps_faces = True
     copy.pointmorph.made_from = obj
@@ -127,11 +124,8 @@ def remake(context, obj, plan, outcome):
                 except pointmorph.PointmorphError as error:
                     said.append(f'"{copy.name}" was left unchanged. {error}')
         return said + attribute_transfer.again(context, obj)
-    shapes = recipes.shapes_of(obj)
-    pairs = morph_builder.build(
-        context, outcome, obj.name, plan.origin, shapes[0], shapes[-1], plan.source_matrix,
-        shapes[1:-1],
-    )  # fmt: skip
+    provenance = plan.provenance(recipes.shapes_of(obj))
+    pairs = morph_builder.build(context, outcome, obj.name, provenance)
     try:
         recipes.remember(pairs, plan.recipe, outcome)
         said = remake_mesh(obj, pairs)

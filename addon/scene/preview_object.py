@@ -6,9 +6,9 @@ from ..core import background_job
 from . import morph_builder, morph_object, points_display
 
 
-def show(context, outcome, name, *made_of):
+def show(context, outcome, name, provenance):
     """Makes an object of the coarse morph; returns its name."""
-    obj = morph_builder.build(context, outcome, name, *made_of)
+    obj = morph_builder.build(context, outcome, name, provenance)
     obj.pointmorph.is_preview = True
     obj.hide_select = True
     return obj.name

@@ -49,6 +49,9 @@ class Plan:
     source_matrix: np.ndarray
     missing: list
 
+    def provenance(self, shapes):
+        return morph_builder.Provenance(shapes, self.origin, self.source_matrix)
+
 
 def plan_steps(context, obj):
     """How to compute a morph object again: with the panel's settings when the panel is about it,
@@ -179,7 +182,7 @@ def apply(obj, plan, outcome):
     lost = morph_builder.rebuild(obj, outcome)
     shapes = recipes.shapes_of(obj)
     for user in users_of(obj):
-        morph_builder.link(user, shapes[0], shapes[-1], plan.source_matrix, shapes[1:-1])
+        morph_builder.link(user, shapes, plan.source_matrix)
         recipes.remember(user, plan.recipe, outcome)
         # Left where it was made, it goes along with its source.
         at_home = before is None or np.allclose(user.location, before, rtol=1e-6, atol=1e-6)

@@ -71,15 +71,16 @@ def test_it_comes_and_goes_without_a_trace(addon, settings):
     source, whole = request(addon, settings)
     before = scenes.data_blocks()
     outcome = addon("core.preview").compute(whole, lambda stage, fraction: True)
-    made_of = (np.zeros(3), source, settings.target, np.eye(4))
-    name = previewing.show(bpy.context, outcome, "Hill to Dune", *made_of)
+    shapes = [source, settings.target]
+    provenance = addon("scene.morph_builder").Provenance(shapes, np.zeros(3), np.eye(4))
+    name = previewing.show(bpy.context, outcome, "Hill to Dune", provenance)
     obj = bpy.data.objects[name]
     assert obj.pointmorph.is_preview
     obj.data.shape_keys.key_blocks["Morph"].value = 0.25
     assert previewing.remove(name) == 0.25
     assert scenes.data_blocks() == before
     assert previewing.remove(name) == 0.0  # undone meanwhile
-    previewing.show(bpy.context, outcome, "Hill to Dune", *made_of)
+    previewing.show(bpy.context, outcome, "Hill to Dune", provenance)
     previewing.remove_left_over()
     assert scenes.data_blocks() == before
 

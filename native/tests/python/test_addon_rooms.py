@@ -10,9 +10,10 @@ import subprocess
 import sys
 from graphlib import TopologicalSorter
 from pathlib import Path
-from types import ModuleType
+from types import ModuleType, SimpleNamespace
 
 import numpy as np
+import pointmorph
 import pytest
 
 ADDON = Path(__file__).resolve().parents[3] / "addon"
@@ -128,6 +129,48 @@ def test_leaves_the_search_path_and_the_console_alone() -> None:
                 assert ast.unparse(node.func) != "print", name
 
 
+# --- Size of functions ----------------------------------------------------------------------------
+
+LONGEST_FUNCTION = 80
+MOST_PARAMETERS = 6
+GIVEN_BY_BLENDER = {"draw_item"}
+"""Methods whose parameters Blender chooses."""
+
+
+def sizes(tree: ast.Module) -> dict[str, tuple[int, int]]:
+    """Lines and parameters of every function; the object that a method belongs to isn't counted."""
+    found = {}
+    for node in ast.walk(tree):
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+            lines = (node.end_lineno or node.lineno) - node.lineno + 1
+            given = node.args
+            names = [a.arg for a in (*given.posonlyargs, *given.args, *given.kwonlyargs)]
+            found[node.name] = lines, len(names) - (names[:1] in (["self"], ["cls"]))
+    return found
+
+
+def test_functions_are_short_and_take_few_parameters() -> None:
+    found = {
+        f"{module}.{name}": size
+        for module, tree in modules().items()
+        for name, size in sizes(tree).items()
+    }
+    assert len(found) > 300
+    large = {
+        name: (lines, parameters)
+        for name, (lines, parameters) in found.items()
+        if lines > LONGEST_FUNCTION
+        or (parameters > MOST_PARAMETERS and name.rpartition(".")[2] not in GIVEN_BY_BLENDER)
+    }
+    assert large == {}
+
+
+def test_the_size_of_functions_is_measured() -> None:
+    tree = ast.parse("class A:\n    def f(self, a, /, b, *c, d=1, **e):\n        pass\n")
+    assert sizes(tree) == {"f": (2, 3)}
+    assert sizes(ast.parse("def f(a):\n" + "    g()\n" * 90)) == {"f": (91, 1)}
+
+
 # --- The core -------------------------------------------------------------------------------------
 
 
@@ -231,3 +274,41 @@ def test_a_library_that_does_not_load_is_explained(core: ModuleType) -> None:
 
 def test_a_library_that_loads_needs_no_words(core: ModuleType) -> None:
     part(core, "library").check()
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "domain", "changes"),
+    [
+        ("covariance_neighbors", 20, "auto", True),
+        ("domain", "sphere", "auto", True),
+        ("influence", 3.0, "auto", False),  # for the paper's method alone
+        ("influence", 3.0, "disk", True),
+        ("path", "rigid", "disk", False),
+        ("omega", 0.0, "disk", False),
+        ("threads", 1, "disk", False),
+        ("influence_radius", 0.5, "disk", True),  # automatic before
+        ("of_an_earlier_version", 1, "disk", True),
+    ],
+)
+def test_a_setting_makes_a_morph_stale_where_it_changes_the_map(
+    core: ModuleType, name: str, value: object, domain: str, changes: bool
+) -> None:
+    changed_settings = part(core, "settings").changed_settings
+    now = {o.name: o.default for o in pointmorph.options() if o.default is not None}
+    now["domain"] = domain
+    assert changed_settings(now, now) == []
+    assert changed_settings({**now, name: value}, now) == ([name] if changes else [])
+
+
+def test_the_panel_shows_what_the_method_uses(core: ModuleType) -> None:
+    def shown(method: str, domain: str, *affects: str) -> set[str]:
+        settings = SimpleNamespace(method=method, domain=domain)
+        return {option.name for option in part(core, "settings").shown_options(settings, *affects)}
+
+    kinds = {option.affects for option in pointmorph.options()}
+    every = {option.name for option in pointmorph.options()}
+    assert shown("paper", "auto", *kinds) == shown("auto", "disk", *kinds) == every
+    assert {"influence", "solve"} <= every - shown("auto", "auto", *kinds)
+    assert shown("auto", "auto", "path") == {"path"}
+    apart = [shown("paper", "auto", kind) for kind in kinds]
+    assert sum(map(len, apart)) == len(every)
