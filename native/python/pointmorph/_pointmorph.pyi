@@ -55,7 +55,7 @@ class Motion:
         positions: npt.NDArray[np.float64],
         normals: npt.NDArray[np.float64],
         images: npt.NDArray[np.float64],
-        bends: bool,
+        path: str,
         progress: Any,
     ) -> None: ...
     def at(self, t: float) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]: ...

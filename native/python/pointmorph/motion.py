@@ -20,8 +20,7 @@ class Motion:
         Where each point starts, its unit normal, and where it ends: `Morph.source_to_target`, for
         instance.
     path : str
-        "linear", "similarity" or "rigid": a choice of the setting `path`, see
-        `pointmorph.options`.
+        A choice of the setting `path`; see `pointmorph.options`.
     progress : callable, optional
         As for `pointmorph.morph`.
 
@@ -55,7 +54,7 @@ class Motion:
         if path not in paths:
             expected = f"{', '.join(paths[:-1])} or {paths[-1]}"
             raise OptionError("path", expected, repr(path), "Choose one of them.")
-        arrays = [np.asarray(rows, dtype=np.float64) for rows in (positions, normals, images)]
+        arrays = tuple(np.asarray(rows, np.float64) for rows in (positions, normals, images))
         for name, rows in zip(("positions", "normals", "images"), arrays, strict=True):
             if rows.ndim != 2 or rows.shape[1] != 3 or rows.shape != arrays[0].shape:
                 raise CloudError(
@@ -72,11 +71,9 @@ class Motion:
                     "Remove those points.",
                 )
         self._ends = arrays[0], arrays[2]
-        self._native = (
-            None
-            if path == "linear"
-            else _pointmorph.Motion(arrays[0], arrays[1], arrays[2], path == "rigid", progress)
-        )
+        self._native = None
+        if path != "linear":
+            self._native = _pointmorph.Motion(arrays[0], arrays[1], arrays[2], path, progress)
 
     def at(self, t: float) -> FloatArray:
         """The positions at t.

@@ -75,13 +75,13 @@ struct Motion::Bend {
 };
 
 Motion::Motion(const Positions& positions, const Normals& normals, const Positions& images,
-               const GradualSimilarity& similarity, bool bends, Progress& progress)
+               const GradualSimilarity& similarity, PathKind path, Progress& progress)
     : unit_(normalization(positions)),
       positions_(unit_.apply(positions)),
       normals_(normals),
-      similarity_(similarity) {
-    const Positions straight = unit_.apply(similarity.whole.inverse().apply(images));
-    if (!bends) {
+      similarity_(path == PathKind::kLinear ? GradualSimilarity{{}, unit_.center} : similarity) {
+    const Positions straight = unit_.apply(similarity_.whole.inverse().apply(images));
+    if (path != PathKind::kRigid) {
         offsets_ = straight - positions_;
         return;
     }

@@ -105,12 +105,11 @@ void Morph::frame(double t, const FrameView<Scalar>& out) const {
             const Positions images = source_to_target(silent), back = target_to_source(silent);
             const GradualSimilarity similarity{fit_similarity(source_.positions, images),
                                                source_.positions.colwise().mean().transpose()};
-            const bool bends = options_.path == PathKind::kRigid;
             Motion from(source_.positions, source_.normals.rowwise().normalized(), images,
-                        similarity, bends, silent);
+                        similarity, options_.path, silent);
             caches_->target_motion.emplace(target_.positions,
                                            target_.normals.rowwise().normalized(), back,
-                                           similarity.reversed(), bends, silent);
+                                           similarity.reversed(), options_.path, silent);
             caches_->source_motion.emplace(std::move(from));
         }
     }

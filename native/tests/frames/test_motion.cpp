@@ -53,8 +53,8 @@ TEST(Motion, ATurnedAndGrownShapeTurnsAndGrowsEvenly) {
     const Similarity whole{4.0, turn(2.0), Vector3(1, -5, 2)};
     const GradualSimilarity similarity{whole, ball.colwise().mean().transpose()};
     Progress progress;
-    for (const bool bends : {false, true}) {
-        const Motion motion(ball, shapes::sphere(800), whole.apply(ball), similarity, bends,
+    for (const PathKind path : {PathKind::kSimilarity, PathKind::kRigid}) {
+        const Motion motion(ball, shapes::sphere(800), whole.apply(ball), similarity, path,
                             progress);
         for (const double t : {0.0, 0.25, 0.5, 1.0}) {
             const OrientedPoints at = motion.at(t);
@@ -65,7 +65,8 @@ TEST(Motion, ATurnedAndGrownShapeTurnsAndGrowsEvenly) {
                  turn(2.0 * t).transpose())
                     .rowwise() +
                 center.transpose();
-            EXPECT_LT((at.positions - expected).cwiseAbs().maxCoeff(), 1e-6) << t << bends;
+            EXPECT_LT((at.positions - expected).cwiseAbs().maxCoeff(), 1e-6)
+                << t << static_cast<int>(path);
             EXPECT_LT((at.normals - shapes::sphere(800) * turn(2.0 * t).transpose())
                           .cwiseAbs()
                           .maxCoeff(),
@@ -74,23 +75,37 @@ TEST(Motion, ATurnedAndGrownShapeTurnsAndGrowsEvenly) {
     }
 }
 
+TEST(Motion, ALinearPathIsStraight) {
+    const Bar bar;
+    const Positions from = bar.positions.rowwise() + Eigen::RowVector3d(3, 1, 0);
+    const Positions to = 4.0 * bar.bent(2.0);
+    const GradualSimilarity similarity{fit_similarity(from, to), from.colwise().mean().transpose()};
+    Progress progress;
+    const Motion motion(from, bar.normals, to, similarity, PathKind::kLinear, progress);
+    for (const double t : {0.0, 0.3, 1.0}) {
+        const OrientedPoints at = motion.at(t);
+        EXPECT_LT((at.positions - ((1 - t) * from + t * to)).cwiseAbs().maxCoeff(), 1e-12);
+        EXPECT_LT((at.normals - bar.normals).cwiseAbs().maxCoeff(), 1e-12);
+    }
+}
+
 TEST(Motion, ALimbSwingsInsteadOfShrinking) {
     const Bar bar;
     const double angle = 2.0;
     Progress progress;
-    const auto worst_shrink = [&](bool bends) {
+    const auto worst_shrink = [&](PathKind path) {
         const Motion motion(bar.positions, bar.normals, bar.bent(angle), {{}, Vector3::Zero()},
-                            bends, progress);
+                            path, progress);
         const Positions half = motion.at(0.5).positions;
         // Along the straight part of the limb.
         const double length = (half.row(99 * 24) - half.row(85 * 24)).norm();
         return length / (bar.positions.row(99 * 24) - bar.positions.row(85 * 24)).norm();
     };
-    EXPECT_NEAR(worst_shrink(true), 1.0, 0.03);
-    EXPECT_LT(worst_shrink(false), 0.75);  // cos(angle / 2) is 0.54
+    EXPECT_NEAR(worst_shrink(PathKind::kRigid), 1.0, 0.03);
+    EXPECT_LT(worst_shrink(PathKind::kSimilarity), 0.75);  // cos(angle / 2) is 0.54
 
-    const Motion motion(bar.positions, bar.normals, bar.bent(angle), {{}, Vector3::Zero()}, true,
-                        progress);
+    const Motion motion(bar.positions, bar.normals, bar.bent(angle), {{}, Vector3::Zero()},
+                        PathKind::kRigid, progress);
     const Positions half = motion.at(0.5).positions;
     const Similarity onto = fit_similarity(half, bar.bent(angle / 2));
     EXPECT_LT((onto.apply(half) - bar.bent(angle / 2)).rowwise().norm().maxCoeff(), 0.08);
@@ -104,7 +119,7 @@ TEST(Motion, EndsAreTheShapesThemselves) {
         const Positions from = (size * bar.positions).rowwise() + place, to = size * bar.bent(1.5);
         const GradualSimilarity similarity{fit_similarity(from, to),
                                            from.colwise().mean().transpose()};
-        const Motion motion(from, bar.normals, to, similarity, true, progress);
+        const Motion motion(from, bar.normals, to, similarity, PathKind::kRigid, progress);
         EXPECT_LT((motion.at(0.0).positions - from).cwiseAbs().maxCoeff(), 1e-6 * size);
         EXPECT_LT((motion.at(1.0).positions - to).cwiseAbs().maxCoeff(), 1e-6 * size);
         EXPECT_TRUE(motion.at(0.3).positions.allFinite());
@@ -137,8 +152,8 @@ TEST(Motion, SameBitsForAnyNumberOfThreads) {
     const auto with = [&](int count) {
         const ThreadCount threads(count);
         Progress progress;
-        return Motion(bar.positions, bar.normals, bar.bent(1.0), {{}, Vector3::Zero()}, true,
-                      progress)
+        return Motion(bar.positions, bar.normals, bar.bent(1.0), {{}, Vector3::Zero()},
+                      PathKind::kRigid, progress)
             .at(0.4)
             .positions;
     };
@@ -148,9 +163,9 @@ TEST(Motion, SameBitsForAnyNumberOfThreads) {
 TEST(Motion, CanBeCancelled) {
     const Bar bar;
     Progress progress([](std::string_view, double) { return false; });
-    EXPECT_THROW(
-        Motion(bar.positions, bar.normals, bar.positions, {{}, Vector3::Zero()}, true, progress),
-        Cancelled);
+    EXPECT_THROW(Motion(bar.positions, bar.normals, bar.positions, {{}, Vector3::Zero()},
+                        PathKind::kRigid, progress),
+                 Cancelled);
 }
 
 }  // namespace

@@ -23,16 +23,21 @@ struct GradualSimilarity {
     GradualSimilarity reversed() const;
 };
 
+/// How points go from end to end. kLinear: straight, as in the paper. kSimilarity: straight, while
+/// the whole rotates and grows. kRigid: every part rotates as well, so that a raised leg swings.
+enum class PathKind { kLinear, kSimilarity, kRigid };
+
 /// Where every point of a cloud is at t between itself and its image under a smooth map. Apart
-/// from the similarity, points go straight, or, when the cloud bends, as rigidly as possible: a
+/// from the similarity, points go straight, or, on a rigid path, as rigidly as possible: a
 /// thousand nodes turn by t of their own angles, their places follow from these by a Poisson
 /// equation (Alexa, Cohen-Or and Levin 2000, on a deformation graph), and all points follow the
 /// nodes; what is left of the map is added in proportion to t, turning with what is around it.
 class Motion {
 public:
-    /// All #points by 3; normals have unit length. Throws Cancelled.
+    /// All #points by 3; normals have unit length. A linear path takes no notice of the similarity.
+    /// Throws Cancelled.
     Motion(const Positions& positions, const Normals& normals, const Positions& images,
-           const GradualSimilarity& similarity, bool bends, Progress& progress);
+           const GradualSimilarity& similarity, PathKind path, Progress& progress);
     ~Motion();
     Motion(Motion&&) noexcept;
 

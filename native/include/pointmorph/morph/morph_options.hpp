@@ -7,6 +7,7 @@
 #include "pointmorph/disk/alignment.hpp"
 #include "pointmorph/disk/decomposition.hpp"
 #include "pointmorph/disk/parameterization.hpp"
+#include "pointmorph/frames/motion.hpp"
 #include "pointmorph/frames/resampling.hpp"
 #include "pointmorph/registration/components.hpp"
 #include "pointmorph/registration/refinement.hpp"
@@ -34,11 +35,6 @@ enum class Domain { kAuto, kDisk, kCut, kSphere, kNetwork };
 /// Points of the common domain, one a row: 2 columns in the disk, 3 on the sphere (also the one
 /// that two disks are glued to), 12 in the product space.
 using DomainPoints = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
-
-/// How pairs go from end to end. kLinear: straight, as in the paper. kSimilarity: straight, while
-/// the whole rotates and grows. kRigid: every part rotates as well, so that a raised leg swings.
-/// See Motion.
-enum class PathKind { kLinear, kSimilarity, kRigid };
 
 /// `option_table()` lists them for the user.
 struct MorphOptions {
