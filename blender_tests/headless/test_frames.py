@@ -270,7 +270,7 @@ def test_faces_beside_ply_points_and_without_the_library(torn, tmp_path, monkeyp
         monkeypatch.setitem(sys.modules, "pymeshlab", None)
     before = data_blocks()
     for kind in ("SCENE", "PLY"):
-        with pytest.raises(RuntimeError, match="pip install pymeshlab"):
+        with pytest.raises(RuntimeError, match="packages pymeshlab and scipy"):
             bake(faces=True, format=kind, directory=str(tmp_path))
     assert data_blocks() == before
 
