@@ -10,8 +10,10 @@ from __future__ import annotations
 import os
 import shutil
 import subprocess
+import tempfile
 import threading
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from . import paths
@@ -42,20 +44,23 @@ exec chroot "$root" "$@"
 
 
 def _namespace() -> tuple[str, ...]:
-    """The command in front of another that gives it mounts and processes of its own."""
+    """The command in front of another that gives it mounts and processes of its own.
+
+    They all end with the thread that waits for it, however that ends.
+    """
     # Where the root isn't a mount, as in a chroot, it has no propagation to be changed.
     mounts_of_all = Path("/proc/self/mountinfo").read_text().splitlines()
     is_mount = any(line.split()[4] == "/" for line in mounts_of_all)
     propagation = "private" if is_mount else "unchanged"
     mounts = ("unshare", "--mount", "--propagation", propagation)
-    return (*mounts, "--pid", "--fork", "--kill-child")
+    return ("setpriv", "--pdeathsig", "KILL", *mounts, "--pid", "--fork", "--kill-child")
 
 
 def why_not() -> str | None:
     """The reason why another Debian can't be made here; nothing where it can."""
     if os.geteuid() != 0:
         return "only root can make another Debian beside this one"
-    for program in ("mmdebstrap", "unshare"):
+    for program in ("mmdebstrap", "setpriv", "unshare"):
         if shutil.which(program) is None:
             return f"there is no {program}, which makes another Debian beside this one"
     try_it = (*_namespace(), "sh", "-c", "mount -t tmpfs tmpfs /mnt")
@@ -76,16 +81,31 @@ def set_up(suite: str) -> Path:
     packages = table("other-debian")["packages"]
     root = folder(suite)
     stamp, key = root.with_suffix(".stamp"), digest(suite, *packages)
-    with _making:
+    root.parent.mkdir(parents=True, exist_ok=True)
+    with _making, _alone(root):
         if is_fresh(stamp, key):
             return root
         with step(f"Debian {suite} with its Blender (about 400 MB to fetch)"):
             stamp.unlink(missing_ok=True)
-            shutil.rmtree(root, ignore_errors=True)
-            root.parent.mkdir(parents=True, exist_ok=True)
-            run(f"debian-{suite}", *_namespace(), *_bootstrap(suite, packages, root))
+            # Under another name until it is whole; what a run that was killed has left goes.
+            for left_over in (root, *root.parent.glob(f"{suite}.unfinished-*")):
+                shutil.rmtree(left_over, ignore_errors=True)
+            unfinished = Path(tempfile.mkdtemp(prefix=f"{suite}.unfinished-", dir=root.parent))
+            unfinished.chmod(0o755)
+            run(f"debian-{suite}", *_namespace(), *_bootstrap(suite, packages, unfinished))
+            unfinished.rename(root)
             stamp.write_text(key)
     return root
+
+
+@contextmanager
+def _alone(root: Path) -> Iterator[None]:
+    """Waits for another checkout that makes the same folder; a process that ends gives it free."""
+    import fcntl  # only where there is a Debian to make
+
+    with root.with_suffix(".lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        yield
 
 
 def _bootstrap(suite: str, packages: Iterable[str], root: Path) -> list[str]:

@@ -54,15 +54,21 @@ class Environment:
         return "cp" + self.version.replace(".", "")
 
     def pip_install(self, *what: str | Path) -> None:
-        pip = (self.python, "-m", "pip", "install", "--no-input", "--progress-bar", "off")
-        run(f"pip-{self.version}", *pip, *what)
+        # Python compiles what it imports; all that is installed takes as long as installing it.
+        options = ("--no-input", "--progress-bar", "off", "--no-compile")
+        run(f"pip-{self.version}", self.python, "-m", "pip", "install", *options, *what)
 
-    def fill(self, base: str | Path, requirements: Iterable[str], title: str) -> None:
-        """Makes it with the Python `base` and installs `requirements`, where that wasn't done."""
+    def fill(
+        self, base: str | Path, requirements: Iterable[str], title: str, part: str = "requirements"
+    ) -> None:
+        """Makes it with the Python `base` and installs `requirements`, where that wasn't done.
+
+        `part` names what is installed by itself.
+        """
         requirements = list(requirements)
         key = digest(self.version, str(base), *requirements)
-        stamp, unfinished = self.folder / "requirements.stamp", self.folder / "unfinished"
-        if is_fresh(stamp, key):
+        stamp, unfinished = self.folder / f"{part}.stamp", self.folder / "unfinished"
+        if is_fresh(stamp, key) and not unfinished.exists():
             return
         # pip takes what an interrupted run has left for complete, so that means a new start.
         if not (self.python.exists() and self.site_packages.exists()) or unfinished.exists():
@@ -89,9 +95,16 @@ def other_pythons() -> list[str]:
     return list(table("cpython"))
 
 
-def set_up_python(extra: Iterable[str]) -> None:
-    """Makes .venv and fills it with what pyproject.toml asks for, and with `extra`."""
-    requirements = [*project()["project"]["dependencies"], *extra]
+def set_up_building(extra: Iterable[str]) -> None:
+    """Makes .venv and fills it with what building the library needs, and with `extra`."""
+    requirements = [*project()["dependency-groups"]["build"], *extra]
+    title = "Python packages to build with"
+    main_environment().fill(sys.executable, requirements, title, "building")
+
+
+def set_up_python() -> None:
+    """Fills .venv with all else that pyproject.toml asks for."""
+    requirements = list(project()["project"]["dependencies"])
     groups = project()["dependency-groups"]
     for group in ("build", "blender", "demo", "test"):
         requirements += groups[group]

@@ -17,7 +17,7 @@ from .packaging import package
 from .python_environment import BLENDERS, set_up_bpy
 from .reports import Outcome, judge, tell
 from .running import SetupError, child_environment, end_of, processor_seconds, run, say, show
-from .wheels import build_native, set_up, set_up_base, set_up_wheel, set_up_wheels
+from .wheels import build_native, set_up, set_up_all, set_up_wheel, set_up_wheels
 
 # What the C++ tests need besides what the wheel does.
 CPP_TEST_SETTINGS = (
@@ -166,17 +166,10 @@ SUITES: dict[str, Suite] = {
 
 def set_up_tests(names: Iterable[str]) -> list[SetupError]:
     """Gets all that suites need, side by side, while the library is compiled; what went wrong."""
-    set_up_base(*(group for name in names for group in SUITES[name].debian))
-    fetches = [SUITES[name].fetch for name in names]
-    in_blender = any(fetches)
-    with ThreadPoolExecutor() as pool:
-        done = [pool.submit(fetch) for fetch in fetches if fetch is not None]
-        done.insert(0, pool.submit(set_up_wheels if in_blender else set_up_wheel))
-        errors = [future.exception() for future in done]
-    for error in errors:
-        if error is not None and not isinstance(error, SetupError):
-            raise error
-    return [error for error in errors if isinstance(error, SetupError)]
+    chosen = [SUITES[name] for name in names]
+    groups = [group for suite in chosen for group in suite.debian]
+    fetches = [suite.fetch for suite in chosen if suite.fetch is not None]
+    return set_up_all(groups, set_up_wheels if fetches else set_up_wheel, fetches)
 
 
 def timed(name: str) -> Outcome:

@@ -45,25 +45,41 @@ def is_present(evidence: str) -> bool:
     return any((folder / name).exists() for folder in folders)
 
 
+def _missing(groups: Iterable[str]) -> dict[str, str]:
+    """The packages that the system lacks, and what would show that they are there."""
+    tables = project()["tool"]["pointmorph"]["debian"]
+    wanted = {package: evidence for group in groups for package, evidence in tables[group].items()}
+    return {package: known for package, known in wanted.items() if not is_present(known)}
+
+
+def _can_install() -> bool:
+    may = os.geteuid() == 0 or shutil.which("sudo") is not None
+    return may and shutil.which("apt-get") is not None
+
+
+def refuse_missing(groups: Iterable[str]) -> None:
+    """Says what is missing where nothing can install it."""
+    rest = [package for package in _missing(groups) if package not in PYPI_INSTEAD]
+    if rest and not _can_install():
+        raise SetupError(
+            f"Missing, and there is no way to install it from here: {', '.join(rest)}. Those are "
+            "Debian's names; install them with the system's package manager (on Debian, as root: "
+            f"apt-get install {' '.join(rest)}) and run this again."
+        )
+
+
 def set_up_system(groups: Iterable[str]) -> list[str]:
     """Installs the system's packages that are missing.
 
     Returns what the Python package index has to provide because the system can't.
     """
-    tables = project()["tool"]["pointmorph"]["debian"]
-    wanted = {package: evidence for group in groups for package, evidence in tables[group].items()}
-    missing = [package for package, evidence in wanted.items() if not is_present(evidence)]
+    missing = _missing(groups)
     if not missing:
         return []
-    sudo = [] if os.geteuid() == 0 else ["sudo"]
-    if not shutil.which("apt-get") or (sudo and not shutil.which("sudo")):
-        if rest := [package for package in missing if package not in PYPI_INSTEAD]:
-            raise SetupError(
-                f"Missing, and there is no way to install it from here: {', '.join(rest)}. Those "
-                "are Debian's names; install them with the system's package manager (on Debian, as "
-                f"root: apt-get install {' '.join(rest)}) and run this again."
-            )
+    if not _can_install():
+        refuse_missing(groups)
         return [PYPI_INSTEAD[package] for package in missing]
+    sudo = [] if os.geteuid() == 0 else ["sudo"]
     apt = [*sudo, "env", "DEBIAN_FRONTEND=noninteractive", "apt-get"]
     apt += ["-q", "-y", "-o", "DPkg::Lock::Timeout=300"]
     install = [*apt, "install", "--no-install-recommends", *missing]
@@ -74,6 +90,6 @@ def set_up_system(groups: Iterable[str]) -> list[str]:
         if run("apt", *install, check=False) != 0:
             run("apt", *sudo, "dpkg", "--configure", "-a", check=False)
             run("apt", *install)
-    if still := [package for package in missing if not is_present(wanted[package])]:
+    if still := list(_missing(groups)):
         raise SetupError(f"Installed, yet not found: {', '.join(still)}; see build/logs/apt.log.")
     return []

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import shutil
 import subprocess
 import sys
 import threading
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from . import paths
@@ -14,31 +16,56 @@ from .python_environment import (
     Environment,
     main_environment,
     other_pythons,
+    set_up_building,
     set_up_other_python,
     set_up_python,
 )
-from .running import digest, is_fresh, run, say, step
-from .system import set_up_system
+from .running import SetupError, digest, is_fresh, run, say, step
+from .system import refuse_missing, set_up_system
 
 _building = threading.Lock()
 
 
-def set_up_base(*groups: str) -> None:
-    """.venv, and Debian's packages in `groups` (see pyproject.toml)."""
+def set_up_all(
+    groups: Iterable[str], install: Callable[[], object], fetches: Iterable[Callable[[], object]]
+) -> list[SetupError]:
+    """Sets up Debian's packages in `groups` (see pyproject.toml), .venv, and what `fetches` bring,
+    all while the library is compiled, which takes longest; then `install`s the wheel.
+
+    Returns what went wrong.
+    """
     say("Setting up")
-    set_up_python(set_up_system(["build", "bpy", *groups]))
+    groups = ["bpy", *groups]
+    refuse_missing(["build", *groups])
+    set_up_building(set_up_system(["build"]))
+    with ThreadPoolExecutor() as pool:
+        compiled = pool.submit(build_wheel)
+        set_up_system(groups)
+        set_up_python()
+        done = [pool.submit(fetch) for fetch in fetches]
+        done.insert(0, pool.submit(lambda: (compiled.result(), install())))
+        errors = [future.exception() for future in done]
+    for error in errors:
+        if error is not None and not isinstance(error, SetupError):
+            raise error
+    return [error for error in errors if isinstance(error, SetupError)]
 
 
 def set_up(*groups: str) -> None:
     """What every command needs, and Debian's packages in `groups`."""
-    set_up_base(*groups)
-    set_up_wheel()
+    for error in set_up_all(groups, set_up_wheel, []):
+        raise error
+
+
+def build_wheel() -> Path:
+    """Builds the wheel for .venv when its sources have changed."""
+    return _built(main_environment(), "native library and wheel", _settings())
 
 
 def set_up_wheel() -> Path:
-    """Builds the wheel for .venv when its sources have changed, and installs it there."""
+    """Installs the wheel in .venv."""
     environment = main_environment()
-    wheel = _built(environment, "native library and wheel", _settings())
+    wheel = build_wheel()
     installed = environment.folder / "wheel.stamp"
     key = digest(wheel)
     if not is_fresh(installed, key):
@@ -83,8 +110,13 @@ def _built(environment: Environment, title: str, settings: dict[str, str]) -> Pa
     key = digest(sys.version, environment.tag, *(paths.ROOT / part for part in parts))
     folder = paths.BUILD / "wheels" / environment.tag
     raw, stamp = folder / "raw", folder / "stamp"
-    with _building:
-        if not (is_fresh(stamp, key) and any(folder.glob("*.whl"))):
+
+    def is_built() -> bool:
+        return is_fresh(stamp, key) and any(folder.glob("*.whl"))
+
+    # Who finds it built doesn't wait for what else is compiled.
+    with contextlib.nullcontext() if is_built() else _building:
+        if not is_built():
             with step(title):
                 shutil.rmtree(folder, ignore_errors=True)
                 words = [f"--config-settings={name}={value}" for name, value in settings.items()]

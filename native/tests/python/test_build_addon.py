@@ -1,5 +1,6 @@
 """The one entry: what it counts, what it notices and what it says."""
 
+import contextlib
 import importlib.util
 import json
 import os
@@ -8,7 +9,9 @@ import ssl
 import subprocess
 import sys
 import threading
+import time
 import tomllib
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from types import ModuleType
 
@@ -264,12 +267,27 @@ def test_what_suites_need_is_fetched_while_the_library_is_built(
         "a": suites.Suite(Outcome, ("one",), together.wait),
         "b": suites.Suite(Outcome, ("two",), fails),
     }
+    compiling = threading.Event()
+
+    def compiles() -> None:
+        compiling.set()
+        together.wait()
+
+    def installs(names: list[str]) -> list[str]:
+        assert compiling.is_set() == (names != ["build"])
+        groups.extend(names)
+        return []
+
     monkeypatch.setattr(suites, "SUITES", known)
-    monkeypatch.setattr(suites, "set_up_base", lambda *names: groups.extend(names))
-    monkeypatch.setattr(suites, "set_up_wheels", together.wait)
+    monkeypatch.setattr(wheels, "refuse_missing", lambda names: None)
+    monkeypatch.setattr(wheels, "set_up_building", lambda extra: None)
+    monkeypatch.setattr(wheels, "build_wheel", compiles)
+    monkeypatch.setattr(wheels, "set_up_system", installs)
+    monkeypatch.setattr(wheels, "set_up_python", lambda: compiling.wait(20))
+    monkeypatch.setattr(suites, "set_up_wheels", lambda: groups.append("wheels"))
     [error] = suites.set_up_tests(known)
     assert "no network" in str(error)
-    assert groups == ["one", "two"]
+    assert groups == ["build", "bpy", "one", "two", "wheels"]
 
 
 def test_windows_are_skipped_in_words_where_there_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -278,6 +296,80 @@ def test_windows_are_skipped_in_words_where_there_is_none(monkeypatch: pytest.Mo
     [reason] = suites.window("trixie").skips
     assert "root" in reason
     assert "POINTMORPH_BLENDER" in reason
+
+
+def test_two_blenders_are_fetched_side_by_side(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    together = threading.Barrier(2, timeout=20)
+
+    def install(environment: python_environment.Environment, *what: str | Path) -> None:
+        target = next(word for word in what if isinstance(word, Path))
+        target.mkdir(parents=True)
+        (target / "version").write_text(str(what[-1]))
+        together.wait()
+
+    monkeypatch.setattr(python_environment.Environment, "pip_install", install)
+    versions = ["4.2", "4.5"]
+    with ThreadPoolExecutor() as pool:
+        list(pool.map(python_environment.set_up_bpy, versions))
+    for version in versions:
+        assert (tmp_path / "bpy" / version / "version").read_text() == f"bpy=={version}.*"
+
+
+def is_running(word: str) -> bool:
+    """Whether any process was started with this word."""
+    for path in Path("/proc").glob("[0-9]*/cmdline"):
+        with contextlib.suppress(OSError):
+            if word in path.read_text().split("\0"):
+                return True
+    return False
+
+
+def test_what_makes_a_debian_ends_with_the_one_who_asked(tmp_path: Path) -> None:
+    if reason := other_debian.why_not():
+        pytest.skip(reason)
+    begun, word = tmp_path / "begun", f"{tmp_path.name}.{os.getpid()}"
+    words = [*other_debian._namespace(), "sh", "-c", f"touch {begun}; sleep 600; :", word]
+    script = f"import subprocess; subprocess.run({words})"
+    asking = subprocess.Popen([sys.executable, "-c", script])
+    end = time.monotonic() + 60
+    while not begun.exists():
+        assert time.monotonic() < end
+        time.sleep(0.01)
+    assert is_running(word)
+    asking.kill()
+    asking.wait()
+    while is_running(word):
+        assert time.monotonic() < end
+        time.sleep(0.01)
+
+
+def test_a_debian_that_was_left_half_made_is_made_anew(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv("POINTMORPH_DEBIAN", str(tmp_path))
+    (tmp_path / "sid.unfinished-old" / "usr").mkdir(parents=True)
+    (tmp_path / "sid" / "usr").mkdir(parents=True)  # without a stamp
+    works = False
+
+    def bootstrap(log: str, *words: str) -> None:
+        folder = next(Path(word) for word in words if "unfinished" in word)
+        assert list(folder.iterdir()) == []
+        (folder / "bin").mkdir()
+        if not works:
+            raise running.SetupError("no network")
+
+    monkeypatch.setattr(other_debian, "run", bootstrap)
+    with pytest.raises(running.SetupError):
+        other_debian.set_up("sid")
+    assert not (tmp_path / "sid").exists()
+    works = True
+    root = other_debian.set_up("sid")
+    assert [path.name for path in root.iterdir()] == ["bin"]
+    assert list(tmp_path.glob("*unfinished*")) == []
+    works = False
+    assert other_debian.set_up("sid") == root  # nothing is made again
 
 
 def test_mounts_end_with_the_command(tmp_path: Path) -> None:
