@@ -101,6 +101,26 @@ def test_one_click_colors_by_distortion_and_another_restores(addon, settings):
         assert versions.input_value(modifier, name) == value, name
 
 
+def test_a_viewport_in_solid_shading_shows_materials_meanwhile(settings):
+    """Solid shading knows one color for all points."""
+    pair()
+    morph()
+    window = bpy.context.window_manager.windows[0]
+    area = next(area for area in window.screen.areas if area.type == "VIEW_3D")
+    shading = area.spaces[0].shading
+    for before, meanwhile in (
+        ("SOLID", "MATERIAL"),
+        ("WIREFRAME", "MATERIAL"),
+        ("MATERIAL", "MATERIAL"),
+        ("RENDERED", "RENDERED"),
+    ):
+        shading.type = before
+        for expected in (meanwhile, before, meanwhile, before):
+            with bpy.context.temp_override(window=window, area=area):
+                assert bpy.ops.pointmorph.show_distortion() == {"FINISHED"}
+            assert shading.type == expected
+
+
 def test_discs_that_were_there_stay(addon, settings):
     pair()
     obj = morph()

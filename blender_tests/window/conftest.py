@@ -116,15 +116,18 @@ class Window:
             if still == 2:  # a busy machine may take long for one picture of a glide
                 return
 
-    def settle(self, rounds=3):
-        """Until Blender has handled the events that were sent."""
-        for _ in range(rounds):
-            time.sleep(0.03 if rounds > 2 else 0.015)
+    def settle(self):
+        """Until Blender has handled the events that were sent.
+
+        xdotool ends when the server has passed them on. The first answer may come from the turn
+        of Blender's main loop before they are read, the second before they are handled.
+        """
+        for _ in range(3):
             self.ask("0")
 
-    def _xdotool(self, *words, rounds=3):
+    def _xdotool(self, *words):
         subprocess.run(["xdotool", *map(str, words)], env=self._environment, check=True)
-        self.settle(rounds)
+        self.settle()
 
     def click(self, position, holding=None):
         """A click; `holding` is a key that is down meanwhile."""
@@ -164,7 +167,7 @@ class Window:
 
     def under(self, position):
         """What the button at a position does: a call of an operator, or the path of a property."""
-        self._xdotool("mousemove", *position, rounds=2)
+        self._xdotool("mousemove", *position)
         return self.ask("hovered()")
 
     def open_tab(self):
@@ -192,8 +195,10 @@ class Window:
             for x in (right - 50, left + 60, right - 18):
                 rows = self._hover_down(x, top + 8, bottom - 4, what)
                 self._places.update({call: (x, y) for y, call in rows if call})
-                if rows and what in rows[-1][1]:
-                    return x, rows[-1][0]
+                # A busy Blender may have been a row behind the mouse.
+                for y, _ in rows[:-3:-1] if rows and what in rows[-1][1] else ():
+                    if what in self.under((x, y)):
+                        return x, y
         raise AssertionError(f"no button in the sidebar is {what}: {sorted(self._places)}")
 
     def _hover_down(self, x, top, bottom, what=None):
@@ -267,16 +272,30 @@ class Window:
         self._log.close()
 
 
-# An empty scene, a sidebar in the 3D viewport, and names that tests use.
+# An empty scene with the settings' defaults, a sidebar in the 3D viewport, names that tests use.
 START = """
 import scenes
 drawn = 0
 if bpy.context.object and bpy.context.object.mode == "EDIT":
     bpy.ops.object.mode_set(mode="OBJECT")
-for kind in (bpy.data.objects, bpy.data.meshes, bpy.data.node_groups, bpy.data.materials):
-    bpy.data.batch_remove(kind)
+for kind in (
+    "objects", "collections", "meshes", "pointclouds", "node_groups", "materials", "actions",
+    "cameras",
+):
+    bpy.data.batch_remove(getattr(bpy.data, kind))
+for name in bpy.context.scene.pointmorph.bl_rna.properties.keys():
+    if name not in ("rna_type", "name"):
+        bpy.context.scene.pointmorph.property_unset(name)
+bpy.context.scene.frame_start, bpy.context.scene.frame_end = 1, 250
+bpy.context.scene.frame_set(1)
+engine = globals().get("engine", bpy.context.scene.render.engine)
+bpy.context.scene.render.engine = engine
 window = bpy.context.window_manager.windows[0]
 area = next(area for area in window.screen.areas if area.type == "VIEW_3D")
+area.spaces[0].shading.type = "SOLID"
+area.spaces[0].shading.color_type = "MATERIAL"
+area.spaces[0].overlay.show_floor = False  # every pixel costs time without a graphics card
+area.spaces[0].overlay.show_axis_x = area.spaces[0].overlay.show_axis_y = False
 area.spaces[0].show_region_ui = True
 area.spaces[0].show_object_viewport_mesh = True
 area.spaces[0].show_object_viewport_pointcloud = True
@@ -301,8 +320,7 @@ def _count():
 def redraw():
     global drawn
     drawn = 0
-    for area in window.screen.areas:
-        area.tag_redraw()
+    area.tag_redraw()
 
 panels = set()
 drawings = 0
@@ -328,7 +346,7 @@ def hover_down(x, top, bottom, what):
     # Moves the mouse from row to row, and notes in calls what lies there.
     global hovering, calls
     calls = []
-    places = iter(range(top, bottom, 12))
+    places = iter(range(top, bottom, 14))  # rows are 20 high
     hovering = next(places)
 
     def step():
@@ -340,15 +358,18 @@ def hover_down(x, top, bottom, what):
         if hovering is None:
             return None
         window.cursor_warp(x, window.height - hovering)
-        return 0.03
+        return 0.02
 
     moved = []
     bpy.app.timers.register(step, first_interval=0.0)
 
 window_manager = bpy.context.window_manager
 for name in dir(bpy.types):
-    if name.startswith("POINTMORPH_PT_") and "counting" not in globals():
+    if name.startswith("POINTMORPH_PT_") and not hasattr(getattr(bpy.types, name), "is_noted"):
         getattr(bpy.types, name).append(_note(name))
+        getattr(bpy.types, name).is_noted = True
+
+session().earlier = session().problem = None
 
 if "counting" not in globals():
     counting = bpy.types.SpaceView3D.draw_handler_add(_count, (), "WINDOW", "POST_PIXEL")
@@ -417,7 +438,7 @@ def pytest_runtest_makereport(item):
     return report
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def _shared():
     """The Blender that tests use one after another, while none is using it."""
     windows = []
@@ -436,11 +457,11 @@ def window(request, _shared, display, environment, output, tmp_path_factory):
     # What a failure leaves, a dialog or a panel that is folded, is not for the next test: Blender
     # is handed on only after a test that passed.
     try:
-        # It keeps a button as it is, greyed for instance, while the mouse is over it.
+        # It keeps a button as it is, grayed for instance, while the mouse is over it.
         window.leave_sidebar()
         window.run(START)
         yield window
-        if not request.node.stash[_FAILED]:
+        if not request.node.stash[_FAILED] and window.process.poll() is None:
             window.wait(f"not ({RUNNING})")
             _shared.append(window)
     finally:
@@ -449,8 +470,10 @@ def window(request, _shared, display, environment, output, tmp_path_factory):
 
 
 @pytest.fixture
-def own_window(display, environment, output, tmp_path):
-    """A Blender that was just started, for a test that doesn't leave it as it was."""
-    window = Window(display, environment, output, tmp_path)
+def changed_window(request, window):
+    """The same for a test that opens or saves a file, disables the add-on or ends Blender."""
     yield window
-    window.kill()
+    if not request.node.stash[_FAILED] and window.process.poll() is None:
+        window.run("bpy.ops.wm.read_homefile(use_empty=True)")
+        window.run(START)
+        window.redraw()

@@ -20,6 +20,8 @@ def demo(window):
     window.run(
         """
 from mathutils import Euler, Vector
+area.spaces[0].overlay.show_floor = True
+area.spaces[0].overlay.show_axis_x = area.spaces[0].overlay.show_axis_y = True
 area.spaces[0].shading.type = "SOLID"
 area.spaces[0].shading.color_type = "VERTEX"
 with in_viewport():

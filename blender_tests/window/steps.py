@@ -2,7 +2,7 @@
 
 import os
 
-SIDE = int(os.environ.get("POINTMORPH_WINDOW_SIDE", "130"))
+SIDE = int(os.environ.get("POINTMORPH_WINDOW_SIDE", "90"))
 """Vertices a side of sheets that keep the library busy for a moment.
 
 Tests that also write down how long Blender was held up take this size: 347 makes as many points as

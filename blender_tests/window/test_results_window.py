@@ -40,7 +40,7 @@ def test_a_recompute_is_one_step_to_undo_and_to_redo(window):
 
 def test_a_recompute_that_is_stopped_leaves_everything(window):
     window.run("area.spaces[0].show_object_viewport_pointcloud = False")
-    window.run("scenes.pair(200, 190); scenes.select(bpy.data.objects['Hill'])")
+    window.run("scenes.pair(120, 110); scenes.select(bpy.data.objects['Hill'])")
     window.run("bpy.ops.pointmorph.morph('EXEC_DEFAULT')")
     before = window.ask(HEIGHT)
     window.run("[setattr(v.co, 'z', v.co.z + 1) for v in bpy.data.objects['Hill'].data.vertices]")

@@ -43,6 +43,7 @@ def test_a_coarse_morph_shows_first_and_leaves_nothing(window, output):
     window.run("area.spaces[0].show_object_viewport_mesh = False")
     window.run("area.spaces[0].show_object_viewport_pointcloud = False")
     add_pair(window, SIDE)
+    window.run("preview = addon('core.preview'); large, preview.LARGE = preview.LARGE, 1000")
     place = window.find(MORPH)
     window.run(STOPWATCH)
     window.run("started = time.perf_counter(); first = None")
@@ -73,6 +74,7 @@ answer = {
 }
 """
     )
+    window.run("preview.LARGE = large")
     (output / "waiting.json").write_text(json.dumps(figures, indent=2))
     print(json.dumps(figures, indent=2))
     assert 0 < figures["coarse morph after seconds"] < figures["seconds"]
