@@ -74,12 +74,11 @@ void BM_Frame(benchmark::State& state) {
     const std::size_t bytes = 3 * kNumbersAPair * kPairs * sizeof(Scalar);
     std::vector<char> copy_from(bytes / 2, 1), copy_to(bytes / 2);
     const auto copy = [&] {
-#pragma omp parallel for schedule(static)
-        for (int part = 0; part < kThreads; ++part) {
+        parallel_invoke(kThreads, [&](int part, bool) {
             const std::size_t begin = copy_from.size() / kThreads * to_size(part);
             std::memcpy(copy_to.data() + begin, copy_from.data() + begin,
                         copy_from.size() / kThreads);
-        }
+        });
         benchmark::ClobberMemory();
     };
 

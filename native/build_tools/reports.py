@@ -27,6 +27,13 @@ class Outcome:
     processor: float = 0.0
     """Processor seconds, which other suites beside it don't change."""
 
+    def add(self, other: Outcome) -> None:
+        """Takes in what came of another program of the same suite."""
+        self.passed += other.passed
+        self.failures += other.failures
+        self.skips += other.skips
+        self.times |= other.times
+
 
 def read_junit(report: Path) -> Outcome:
     """What Google Test or pytest reported."""

@@ -6,7 +6,7 @@ import os
 import shutil
 import threading
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
@@ -76,12 +76,15 @@ def cpp() -> Outcome:
 
 
 def sanitizers() -> Outcome:
-    """The C++ tests again, where a bad access or undefined behaviour ends the run."""
-    targets = ["pointmorph_sanitized_tests"]
-    tests = build_native(targets, *CPP_TEST_SETTINGS) / "pointmorph_sanitized_tests"
+    """The C++ tests again, where a bad access, undefined behaviour or a race ends the run."""
+    targets = ("pointmorph_sanitized_tests", "pointmorph_thread_tests")
+    build = build_native(targets, *CPP_TEST_SETTINGS)
     halt = "halt_on_error=1:print_stacktrace=1"
-    environment = {"UBSAN_OPTIONS": halt, "POINTMORPH_WATCHED": "1"}
-    return run_suite("sanitizers", tests, "--gtest_output=xml:", **environment)
+    environment = {"UBSAN_OPTIONS": halt, "TSAN_OPTIONS": halt, "POINTMORPH_WATCHED": "1"}
+    outcome = Outcome()
+    for name, tests in zip(("sanitizers", "threads"), targets, strict=True):
+        outcome.add(run_suite(name, build / tests, "--gtest_output=xml:", **environment))
+    return outcome
 
 
 def python() -> Outcome:
@@ -172,12 +175,12 @@ def set_up_tests(names: Iterable[str]) -> list[SetupError]:
     return set_up_all(groups, set_up_wheels if fetches else set_up_wheel, fetches)
 
 
-def timed(name: str) -> Outcome:
+def timed(name: str, suite: Suite) -> Outcome:
     start, before = time.monotonic(), processor_seconds()
     (paths.LOGS / f"{name}.log").unlink(missing_ok=True)
     say(f"  {name} ...")
     try:
-        outcome = SUITES[name].run()
+        outcome = suite.run()
     except SetupError as error:
         outcome = Outcome(failures=[f"could not be run\n{error}"])
     outcome.seconds = time.monotonic() - start
@@ -189,10 +192,15 @@ def timed(name: str) -> Outcome:
 def test(names: list[str], jobs: int) -> int:
     """Runs suites, several at a time, and all of them even when one fails."""
     set_up_tests(names)  # a suite whose needs can't be met tries again, and fails by itself
+    return run_suites({name: SUITES[name] for name in names}, jobs)
+
+
+def run_suites(suites: Mapping[str, Suite], jobs: int) -> int:
+    """Runs suites whose needs are met, and tells what came of them."""
     say("Testing (what each suite says is in build/logs)")
     with ThreadPoolExecutor(jobs) as pool:
         try:
-            outcomes = dict(zip(names, pool.map(timed, names), strict=True))
+            outcomes = dict(zip(suites, pool.map(timed, suites, suites.values()), strict=True))
         except KeyboardInterrupt:
             pool.shutdown(wait=False, cancel_futures=True)
             raise

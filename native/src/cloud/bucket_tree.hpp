@@ -8,6 +8,7 @@
 #include <utility>
 #include <vector>
 
+#include "base/compiler.hpp"
 #include "pointmorph/cloud/kd_tree.hpp"
 
 namespace pointmorph {
@@ -44,7 +45,6 @@ public:
 
 private:
     using Row = Eigen::Matrix<double, 1, Dim>;
-    using Two = double __attribute__((vector_size(16)));
 
     static constexpr std::size_t kSize = 16;  // points of a leaf
     static constexpr std::size_t kTwos = kSize / 2;

@@ -15,6 +15,7 @@
 #define POINTMORPH_STREAMING_STORES
 #endif
 
+#include "base/compiler.hpp"
 #include "pointmorph/base/error.hpp"
 #include "pointmorph/base/parallel.hpp"
 
@@ -68,8 +69,8 @@ inline void finish_writing() {
 /// base). Written so that equal ends give that very number back, −0 too. The compiler vectorises
 /// it.
 template <class Scalar>
-void blend(const Scalar* __restrict base, const Scalar* __restrict other, Scalar share,
-           Scalar* __restrict out, std::size_t count) {
+void blend(const Scalar* POINTMORPH_RESTRICT base, const Scalar* POINTMORPH_RESTRICT other,
+           Scalar share, Scalar* POINTMORPH_RESTRICT out, std::size_t count) {
     for (std::size_t i = 0; i < count; ++i) out[i] = base[i] - share * (base[i] - other[i]);
 }
 
@@ -98,8 +99,8 @@ void blend_normal_carefully(const Scalar* base, const Scalar* other, Scalar shar
 /// `count` ≤ kBlock normals. Step by step over the block, each of which the compiler (or Eigen, for
 /// the square root) vectorises.
 template <class Scalar>
-void blend_normals(const Scalar* __restrict base, const Scalar* __restrict other, Scalar share,
-                   Scalar* __restrict out, std::size_t count) {
+void blend_normals(const Scalar* POINTMORPH_RESTRICT base, const Scalar* POINTMORPH_RESTRICT other,
+                   Scalar share, Scalar* POINTMORPH_RESTRICT out, std::size_t count) {
     alignas(16) std::array<Scalar, 3 * kBlock> n;
     alignas(16) std::array<Scalar, kBlock> factor;
     blend(base, other, share, n.data(), 3 * count);

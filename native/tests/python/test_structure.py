@@ -88,6 +88,23 @@ def test_a_stage_has_its_page(header: Path) -> None:
         assert (ROOT / "docs" / "stages" / room / f"{stem}.md").exists()
 
 
+def users_of(pattern: str) -> set[str]:
+    """Names of the native sources in which a line that is no comment has `pattern`."""
+    everything = [
+        p for folder in ("include", "src", "bindings", "benchmarks") for p in files(folder)
+    ]
+    lines = {p.name: re.sub(r"//[^\n]*", "", p.read_text(encoding="utf-8")) for p in everything}
+    return {name for name, text in lines.items() if re.search(pattern, text)}
+
+
+def test_one_file_knows_openmp() -> None:
+    assert users_of(r"omp\.h|\bomp_|#pragma (?!once)") == {"openmp_engine.cpp"}
+
+
+def test_one_file_asks_for_the_compiler() -> None:
+    assert users_of(r"__attribute__|__restrict|__builtin|__GNUC__|_MSC_VER") == {"compiler.hpp"}
+
+
 # --- Size of functions
 
 LONGEST_FUNCTION = 80

@@ -1,10 +1,11 @@
 // The one parallel loop of the library.
 #pragma once
 
-#include <algorithm>
 #include <atomic>
 #include <concepts>
 #include <exception>
+#include <limits>
+#include <mutex>
 #include <vector>
 
 #include "pointmorph/base/progress.hpp"
@@ -12,8 +13,8 @@
 
 namespace pointmorph {
 
-/// Sets the number of OpenMP threads for the calling thread and restores it at the end of the
-/// scope. 0 leaves it as it is.
+/// Limits the number of threads for the calling thread until the end of the scope. 0 leaves it as
+/// it is. Without a limit there is one for each processor, or as many as OMP_NUM_THREADS says.
 class ThreadCount {
 public:
     explicit ThreadCount(int threads);
@@ -25,11 +26,25 @@ private:
     int before_;
 };
 
-/// Threads to start for `tasks` tasks of which each keeps one busy.
-int threads_for(int tasks);
+/// What each thread of a team does; `owner` is true on the thread that called `run_team`. Refers to
+/// the callable, which must outlive it and must not throw.
+class TeamWork {
+public:
+    template <std::invocable<bool> Work>
+    explicit TeamWork(Work& work)
+        : work_(&work), call_([](void* it, bool owner) { (*static_cast<Work*>(it))(owner); }) {}
 
-/// True on the thread that opened the innermost parallel region, and outside of any.
-bool is_calling_thread();
+    void operator()(bool owner) const { call_(work_, owner); }
+
+private:
+    void* work_;
+    void (*call_)(void*, bool);
+};
+
+/// Calls `work` on the calling thread and on others, at most `most` at the same time, and returns
+/// when all have ended. How many take part is open: one alone must be able to do it all. Inside of
+/// `work`, the calling thread is the only one.
+void run_team(int most, const TeamWork& work);
 
 /// Calls `body(begin, end)` on consecutive chunks of [0, count), on all threads. `body` may write
 /// only the slots of its own rows, so that the result doesn't depend on the number of threads;
@@ -41,10 +56,9 @@ void parallel_for(Index count, Progress& progress, Body&& body, double first = 0
     progress.report(first);
     std::atomic<Index> next{0};
     std::atomic<bool> failed{false};
+    std::mutex failing;
     std::exception_ptr failure;
-#pragma omp parallel if (count > chunk)
-    {
-        const bool owner = is_calling_thread();
+    auto work = [&](bool owner) {
         while (!failed.load(std::memory_order_relaxed) && !progress.cancelled()) {
             const Index begin = next.fetch_add(chunk, std::memory_order_relaxed);
             if (begin >= count || begin < 0) break;
@@ -52,31 +66,35 @@ void parallel_for(Index count, Progress& progress, Body&& body, double first = 0
             try {
                 body(begin, end);
             } catch (...) {
-#pragma omp critical(pointmorph_parallel_for)
+                const std::scoped_lock lock(failing);
                 if (!failure) failure = std::current_exception();
                 failed = true;
             }
             if (owner && !progress.poll(first + (last - first) * end / count)) break;
         }
-    }
+    };
+    run_team(count > chunk ? std::numeric_limits<int>::max() : 1, TeamWork(work));
     if (failure) std::rethrow_exception(failure);
     progress.throw_if_cancelled();
 }
 
-/// Calls `body(i, owner)` for i = 0 … count − 1 (a few), each on a thread of its own where there
-/// are so many. `owner` is true on the calling thread, the only one that may poll a Progress. The
+/// Calls `body(i, owner)` for i = 0 … count − 1 (a few), next to each other where there are
+/// threads. `owner` is true on the calling thread, the only one that may poll a Progress. The
 /// exception of the lowest i is rethrown.
 template <std::invocable<int, bool> Body>
 void parallel_invoke(int count, Body&& body) {
     std::vector<std::exception_ptr> failures(to_size(count));
-#pragma omp parallel for num_threads(threads_for(count)) schedule(static, 1)
-    for (int i = 0; i < count; ++i) {
-        try {
-            body(i, is_calling_thread());
-        } catch (...) {
-            failures[to_size(i)] = std::current_exception();
+    std::atomic<int> next{0};
+    auto work = [&](bool owner) {
+        for (int i = next++; i < count; i = next++) {
+            try {
+                body(i, owner);
+            } catch (...) {
+                failures[to_size(i)] = std::current_exception();
+            }
         }
-    }
+    };
+    run_team(count, TeamWork(work));
     for (const auto& failure : failures)
         if (failure) std::rethrow_exception(failure);
 }
