@@ -37,7 +37,8 @@ def main():
     sys.path.extend(installing.library_paths())
     import pytest
 
-    folder = tempfile.TemporaryDirectory(prefix="pointmorph-")
+    # Windows removes no library that is loaded.
+    folder = tempfile.TemporaryDirectory(prefix="pointmorph-", ignore_cleanup_errors=True)
     os.environ.update(installing.user_folders(folder.name))
     options = ("-p", "no:cacheprovider", "--rootdir", str(HERE.parent))
     status = pytest.main([*options, str(HERE / "headless"), *arguments])

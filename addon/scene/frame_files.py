@@ -69,7 +69,7 @@ def export(context, player, plan, path, target):
                 "that nothing was written",
                 "Choose another folder.",
             )
-        temporary.replace(path)
+        pointmorph.files.replace(temporary, path)
     except (OSError, RuntimeError) as error:
         raise pointmorph.FileError(
             str(path), "a file that can be written", str(error).strip(), "Choose another folder."

@@ -75,6 +75,7 @@ def assert_red_and_green(left, right):
     assert left[3] > 0.98
 
 
+@pytest.mark.renders
 @pytest.mark.parametrize("kind", ["Points", "Spheres", "Discs"])
 @pytest.mark.parametrize("what", ["morph", "frames"])
 def test_colours_show(addon, painted, output, kind, what):
@@ -93,6 +94,7 @@ def test_colours_show(addon, painted, output, kind, what):
             assert_red_and_green(*render("WORKBENCH", output, f"{what}_{kind}_{frame}"))
 
 
+@pytest.mark.renders
 @pytest.mark.parametrize("kind", ["Spheres", "Discs"])
 def test_pairs_of_one_point_are_as_bright_as_others(addon, painted, output, kind):
     """Splats that lie in the same place keep no light from each other."""
@@ -106,6 +108,7 @@ def test_pairs_of_one_point_are_as_bright_as_others(addon, painted, output, kind
     assert red.min() > 0.8 * red.mean()
 
 
+@pytest.mark.renders
 def test_backs_of_discs_have_colour_and_alpha(addon, painted, output):
     show_as(addon("data.versions"), painted, "Discs")
     camera = bpy.context.scene.camera
@@ -115,6 +118,7 @@ def test_backs_of_discs_have_colour_and_alpha(addon, painted, output):
     assert CLEAR < right[3] < 0.93
 
 
+@pytest.mark.renders
 def test_colours_of_faces_show(painted, output):
     if not makes_surfaces():
         pytest.skip("this Python has no pymeshlab and scipy that fit its numpy")

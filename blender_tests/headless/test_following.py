@@ -216,6 +216,7 @@ def test_shape_keys_say_that_they_cannot_follow(settings):
             bpy.ops.pointmorph.bake_shape_keys(kind=kind)
 
 
+@pytest.mark.renders
 def test_it_renders_in_motion(settings, output):
     """Without any handler: what a farm renders is what the viewport shows."""
     source, target = pair(40, 36)

@@ -85,6 +85,7 @@ def rendered(scene, path):
     return values.reshape(-1, 4)[:, 3]
 
 
+@pytest.mark.renders
 @pytest.mark.parametrize("discs", [False, True])
 def test_cycles_blurs_by_the_velocity(addon, torn, tmp_path, discs):
     bake()

@@ -422,6 +422,7 @@ def test_ctrl_c_stops_a_script(settings, monkeypatch):
 # --- The picture ----------------------------------------------------------------------------------
 
 
+@pytest.mark.renders
 def test_a_render_shows_a_solid_colored_surface(settings, output):
     source, target = pair(60, 50)
     for obj, color in ((source, (0.9, 0.1, 0.05, 1)), (target, (0.05, 0.1, 0.9, 1))):

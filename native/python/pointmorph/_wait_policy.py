@@ -1,7 +1,9 @@
 """How the library's threads wait for one another."""
 
 import contextlib
+import ctypes
 import os
+import sys
 from collections.abc import Iterator
 
 _VARIABLE = "OMP_WAIT_POLICY"
@@ -19,7 +21,15 @@ def passive_wait_policy() -> Iterator[None]:
         yield
         return
     os.environ[_VARIABLE] = "passive"
+    _tell_runtime("passive")
     try:
         yield
     finally:
         del os.environ[_VARIABLE]
+        _tell_runtime("")
+
+
+def _tell_runtime(value: str) -> None:
+    """On Windows the library's C runtime isn't Python's, and has a copy of the environment."""
+    if sys.platform == "win32":
+        ctypes.CDLL("msvcrt")._putenv(f"{_VARIABLE}={value}".encode())

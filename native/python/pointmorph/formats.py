@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from pointmorph.clouds import Cloud, FloatArray
 from pointmorph.errors import FileError
-from pointmorph.files import whole_file, write_bytes
+from pointmorph.files import reachable, whole_file, write_bytes
 from pointmorph.meshes import boundary_loops, parts
 
 
@@ -86,11 +86,12 @@ def read(path: str | os.PathLike[str]) -> Shape:
             repr(suffix),
             "Convert the file to one of these formats.",
         )
-    if not path.is_file():
-        found = "a folder" if path.is_dir() else "no such file"
+    opened = reachable(path)
+    if not opened.is_file():
+        found = "a folder" if opened.is_dir() else "no such file"
         raise FileError(str(path), "a file", found, "Check the path.")
     try:
-        return _format(suffix).read(path)
+        return _format(suffix).read(opened)
     except FileError:
         raise
     except Exception as error:  # the readers raise whatever their parsing meets

@@ -245,8 +245,8 @@ def _reconstructed(
             raise ConvergenceError(
                 "mesh", "a surface through the points", detail, "Write the frames without a mesh."
             )
-        mesh = np.load(destination)
-        return mesh["positions"], mesh["faces"]
+        with np.load(destination) as mesh:  # Windows removes no file that is open
+            return mesh["positions"], mesh["faces"]
 
 
 def _depth(spacing: npt.NDArray[np.float64]) -> int:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import stat
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -135,6 +136,23 @@ def test_written_files_have_the_usual_rights(tmp_path: Path) -> None:
     assert stat.S_IMODE((tmp_path / "a").stat().st_mode) == stat.S_IMODE(
         (tmp_path / "b").stat().st_mode
     )
+
+
+def test_long_names_are_prefixed_on_windows() -> None:
+    name = Path("a" * 300)
+    if sys.platform != "win32":
+        assert files.reachable(name) == name
+    else:
+        assert str(files.reachable(name)).startswith("\\\\?\\")
+        assert files.reachable("short") == Path("short")
+
+
+def test_folders_with_long_names_and_umlauts_hold_files(tmp_path: Path) -> None:
+    folder = tmp_path.joinpath(*(["ordner mit ä und ß " + "x" * 40] * 6))
+    files.make_folder(folder)
+    files.write_bytes(folder / "größe.ply", b"1")
+    files.write_bytes(folder / "größe.ply", b"2")
+    assert files.reachable(folder / "größe.ply").read_bytes() == b"2"
 
 
 def test_boundary_of_a_grid_is_its_border() -> None:
