@@ -76,6 +76,16 @@ def compare(source: str, target: str, features: str, *options: str) -> int:
     return show(paths.PYTHON, script, source, target, "--features", features, *output, *options)
 
 
+def package(platforms: list[targets.Platform]) -> int:
+    """The extension for some platforms, and how large all is."""
+    wheels.set_up(*{group: None for platform in platforms for group in platform.debian})
+    extension = packaging.package(platforms)
+    built = [wheel for platform in platforms for wheel in wheels.set_up_wheels(platform)]
+    for path in [*built, *sorted(extension.parent.glob("*.zip"))]:
+        say(f"{path.relative_to(paths.ROOT)} ({path.stat().st_size / 1e6:.2f} MB)")
+    return 0
+
+
 def arguments_of(words: list[str]) -> argparse.Namespace:
     """The command line, checked; a wrong one ends with status 2."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -85,8 +95,14 @@ def arguments_of(words: list[str]) -> argparse.Namespace:
     demos.add_argument("files", nargs="*", metavar="SOURCE TARGET [FEATURES]")
     demos.add_argument("--all", action="store_true", help="all pairs of models, not only the first")
     tests = commands.add_parser("test", help="every test; the last line is the sum")
-    known = ",".join(suites.SUITES)
+    known = ",".join([*suites.SUITES, *windows.SUITES])
     tests.add_argument("--only", help=f"suites with commas between them: {known}")
+    tests.add_argument(
+        "--platform",
+        choices=("linux", "windows"),
+        default="linux",
+        help=("what is built for Windows is tested under Wine"),
+    )
     tests.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="suites side by side")
     benches = commands.add_parser("bench", help="the benchmarks, as a table and as JSON")
     benches.add_argument(
@@ -96,11 +112,18 @@ def arguments_of(words: list[str]) -> argparse.Namespace:
         help="compare with other methods on this pair; options of compare_peers.py may follow",
     )
     commands.add_parser("pictures", help="the manual's pictures, taken anew from the real window")
-    commands.add_parser("package", help="the extension, as a zip file")
+    packages = commands.add_parser("package", help="the extension, as a zip file")
+    which = packages.add_mutually_exclusive_group()
+    names = list(targets.PLATFORMS)
+    which.add_argument(
+        "--platform", choices=names, default="linux", help="the system that it is for"
+    )
+    which.add_argument("--all", action="store_true", help="for all, and a zip for each besides")
     arguments = parser.parse_args(words)
     if arguments.command == "test":
-        arguments.suites = arguments.only.split(",") if arguments.only else list(suites.SUITES)
-        if unknown := set(arguments.suites) - set(suites.SUITES):
+        there = windows.SUITES if arguments.platform == "windows" else suites.SUITES
+        arguments.suites = arguments.only.split(",") if arguments.only else list(there)
+        if unknown := set(arguments.suites) - set(there):
             parser.error(f"no such suite: {', '.join(sorted(unknown))}")
     if arguments.command == "bench" and arguments.peers is not None and len(arguments.peers) < 3:
         parser.error("bench --peers: expected SOURCE TARGET FEATURES")
@@ -111,7 +134,8 @@ def do(arguments: argparse.Namespace) -> int:
     if arguments.command == "demo":
         return demo(arguments.files, arguments.all)
     if arguments.command == "test":
-        return suites.test(arguments.suites, arguments.jobs)
+        run = windows.test if arguments.platform == "windows" else suites.test
+        return run(arguments.suites, arguments.jobs)
     if arguments.command == "bench":
         return bench() if arguments.peers is None else compare(*arguments.peers)
     if arguments.command == "pictures":
@@ -121,10 +145,8 @@ def do(arguments: argparse.Namespace) -> int:
         for error in errors:
             say(str(error))
         return 1 if errors else 0
-    wheels.set_up("cpython")
-    path = packaging.package()
-    say(f"{path} ({path.stat().st_size / 1e6:.1f} MB)")
-    return 0
+    chosen = list(targets.PLATFORMS) if arguments.all else [arguments.platform]
+    return package([targets.PLATFORMS[name] for name in chosen])
 
 
 def main() -> int:
@@ -145,7 +167,15 @@ if reason := find_python():
     sys.exit(reason)
 sys.path.insert(0, str(ROOT / "native"))
 
-from build_tools import packaging, paths, python_environment, suites, wheels  # noqa: E402
+from build_tools import (  # noqa: E402
+    packaging,
+    paths,
+    python_environment,
+    suites,
+    targets,
+    wheels,
+    windows,
+)
 from build_tools.running import SetupError, say, show, step  # noqa: E402
 
 if __name__ == "__main__":

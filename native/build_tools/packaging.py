@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import re
 import shutil
+from collections.abc import Sequence
 from pathlib import Path
 
 from . import paths
 from .python_environment import MAIN_BLENDER
 from .running import SetupError, digest, is_fresh, run, step
 from .system import project
+from .targets import LINUX, Platform
 from .wheels import set_up_wheels
 
 
@@ -34,12 +36,21 @@ def others_wheels() -> list[Path]:
     return sorted(folder.glob("*-none-any.whl"))
 
 
-def package() -> Path:
-    """The extension, with a wheel for every Python that a supported Blender has."""
-    wheels = set_up_wheels()
+def _folder(platforms: Sequence[Platform]) -> Path:
+    """`build/package`; for others than this system, their names stand behind it."""
+    names = [platform.name for platform in platforms]
+    return paths.BUILD / "-".join(["package", *(names if names != [LINUX.name] else [])])
+
+
+def package(platforms: Sequence[Platform] = (LINUX,)) -> Path:
+    """The extension, with a wheel for every Python that a supported Blender has on `platforms`.
+
+    Where there are several, a zip for each lies beside the one for all.
+    """
+    wheels = [wheel for platform in platforms for wheel in set_up_wheels(platform)]
     version = wheels[0].name.split("-")[1]
     wheels += others_wheels()
-    folder = paths.BUILD / "package"
+    folder = _folder(platforms)
     extension = folder / f"pointmorph-{version}.zip"
     parts = [paths.ROOT / part for part in ("addon", "docs", "LICENSE")]
     key = digest(*parts, Path(__file__), *wheels)
@@ -56,14 +67,19 @@ def package() -> Path:
         edit(manifest, r'^version = ".*"$', f'version = "{version}"')
         names = "\n".join(f'  "./wheels/{wheel.name}",' for wheel in wheels)
         edit(manifest, r"^wheels = \[[^]]*\]$", f"wheels = [\n{names}\n]")
+        systems = ", ".join(f'"{platform.blender}"' for platform in platforms)
+        edit(manifest, r"^platforms = \[.*\]$", f"platforms = [{systems}]")
         (stage / "wheels").mkdir()
         for wheel in wheels:
             shutil.copy(wheel, stage / "wheels")
         scripts = paths.SITE_PACKAGES / "bpy" / MAIN_BLENDER / "scripts"
         blender_ext = scripts / "addons_core" / "bl_pkg" / "cli" / "blender_ext.py"
-        output = ("--output-filepath", extension)
-        run("package", paths.PYTHON, blender_ext, "build", "--source-dir", stage, *output)
-        run("package", paths.PYTHON, blender_ext, "validate", extension)
+        build = (paths.PYTHON, blender_ext, "build", "--source-dir", stage)
+        run("package", *build, "--output-filepath", extension)
+        if len(platforms) > 1:
+            run("package", *build, "--split-platforms", "--output-dir", folder)
+        for zipped in folder.glob("*.zip"):
+            run("package", paths.PYTHON, blender_ext, "validate", zipped)
         shutil.rmtree(stage)
         stamp.write_text(key)
     return extension

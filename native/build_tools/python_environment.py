@@ -1,8 +1,8 @@
-"""The Pythons: .venv, another for newer Blenders, and Blenders that come as Python packages.
+"""The Pythons: .venv, others for newer Blenders, and Blenders that come as Python packages.
 
 .venv holds all that building, testing and the demo need, in Python 3.11. Blender 5.1 and later need
 a newer Python, which Debian 12 hasn't: it comes from a Maven repository, which has it as a package
-of its own, and stands in `build/python`.
+of its own, and stands in `build/python`. So do the Pythons of other systems.
 """
 
 from __future__ import annotations
@@ -29,6 +29,8 @@ from .system import project
 BLENDERS = {"4.2": "3.11", "4.5": "3.11", "5.0": "3.11", "5.1": "3.13", "5.2": "3.13"}
 # The one in .venv (pyproject.toml names it too): the demo runs in it, and it packs the add-on.
 MAIN_BLENDER = "5.0"
+# What the Maven repository calls the system that this is.
+_HERE = "linux-x86_64"
 
 _setting_up = threading.Lock()
 
@@ -90,11 +92,6 @@ def table(name: str) -> dict[str, Any]:
     return dict(project()["tool"]["pointmorph"][name])
 
 
-def other_pythons() -> list[str]:
-    """Versions of Python besides .venv's that wheels are made for."""
-    return list(table("cpython"))
-
-
 def set_up_building(extra: Iterable[str]) -> None:
     """Makes .venv and fills it with what building the library needs, and with `extra`."""
     requirements = [*project()["dependency-groups"]["build"], *extra]
@@ -113,26 +110,30 @@ def set_up_python() -> None:
 
 
 def set_up_other_python(version: str) -> Environment:
-    """A Python that this system hasn't, with what building and testing in it need."""
-    folder = paths.BUILD / "python" / version
-    environment = Environment(version, folder / "venv")
+    """A Python that this system hasn't, with what testing in it needs."""
+    environment = Environment(version, paths.BUILD / "python" / version / "venv")
+    base = fetch_cpython(version, "linux-x86_64") / f"python{version}"
     with _setting_up:
-        base = _fetch_python(version, folder)
-        groups = project()["dependency-groups"]
-        requirements = [*groups["build"], *groups["other-python"]]
+        requirements = project()["dependency-groups"]["other-python"]
         environment.fill(base, requirements, f"packages for Python {version}")
     return environment
 
 
-def _fetch_python(version: str, folder: Path) -> Path:
-    """The program of a Python, which a Maven repository has packed as a zip."""
-    artifact = f"{table('cpython')[version]}:jar:linux-x86_64"
-    unpacked = folder / "cpython"
-    program = unpacked / "org/bytedeco/cpython/linux-x86_64" / f"python{version}"
-    stamp = folder / "stamp"
+def fetch_cpython(version: str, system: str) -> Path:
+    """The folder of a Python for that system, which a Maven repository has packed as a zip."""
+    artifact = f"{table('cpython')[version]}:jar:{system}"
+    # This system's stands where it always stood: virtual environments refer to it.
+    folder = paths.BUILD / "python" / (version if system == _HERE else f"{version}-{system}")
+    with _setting_up:
+        return _fetched(artifact, system, folder, f"Python {version} for {system}")
+
+
+def _fetched(artifact: str, system: str, folder: Path, title: str) -> Path:
+    unpacked, stamp = folder / "cpython", folder / "stamp"
+    root = unpacked / "org" / "bytedeco" / "cpython" / system
     if is_fresh(stamp, artifact):
-        return program
-    with step(f"Python {version} (about 40 MB to fetch)"):
+        return root
+    with step(f"{title} (about 25 MB to fetch)"):
         shutil.rmtree(folder, ignore_errors=True)
         copy = "org.apache.maven.plugins:maven-dependency-plugin:3.6.1:copy"
         options = (f"-Dartifact={artifact}", f"-DoutputDirectory={folder}")
@@ -143,11 +144,12 @@ def _fetch_python(version: str, folder: Path) -> Path:
         with zipfile.ZipFile(archive) as content:
             content.extractall(unpacked)
         archive.unlink()
-        if not program.is_file():
-            raise SetupError(f"{artifact} has no {program.relative_to(unpacked)}.")
-        program.chmod(0o755)
+        if not root.is_dir():
+            raise SetupError(f"{artifact} has no {root.relative_to(unpacked)}.")
+        for program in root.glob("python*"):
+            program.chmod(0o755)
         stamp.write_text(artifact)
-    return program
+    return root
 
 
 def _trusting(store: Path) -> str:

@@ -1,4 +1,4 @@
-"""The wheels, one a Python, and what else is built in their folder."""
+"""The wheels, one for each Python of each platform, and what else is built in their folders."""
 
 from __future__ import annotations
 
@@ -7,21 +7,22 @@ import shutil
 import subprocess
 import sys
 import threading
+import zipfile
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from . import paths
 from .python_environment import (
-    Environment,
+    fetch_cpython,
     main_environment,
-    other_pythons,
     set_up_building,
-    set_up_other_python,
     set_up_python,
+    table,
 )
-from .running import SetupError, digest, is_fresh, run, say, step
-from .system import refuse_missing, set_up_system
+from .running import SetupError, child_environment, digest, is_fresh, run, say, step
+from .system import project, refuse_missing, set_up_system
+from .targets import LINUX, MACOS, Platform, number
 
 _building = threading.Lock()
 
@@ -59,7 +60,7 @@ def set_up(*groups: str) -> None:
 
 def build_wheel() -> Path:
     """Builds the wheel for .venv when its sources have changed."""
-    return _built(main_environment(), "native library and wheel", _settings())
+    return wheel_of(LINUX, main_environment().version)
 
 
 def set_up_wheel() -> Path:
@@ -75,68 +76,147 @@ def set_up_wheel() -> Path:
     return wheel
 
 
-def set_up_wheels() -> list[Path]:
-    """A wheel for every Python that a supported Blender has."""
-    wheels = [set_up_wheel()]
-    # The library is compiled once; only the module is compiled for each.
-    library = paths.BUILD / "wheel" / "libpointmorph_core.a"
-    if not library.exists():
-        build_native(["pointmorph_core"])
-    for version in other_pythons():
-        environment = set_up_other_python(version)
-        settings = {
-            **_settings(),
-            "build-dir": f"build/wheel-{environment.tag}",
-            "cmake.define.POINTMORPH_CORE": str(library),
-        }
-        wheels.append(_built(environment, f"wheel for Python {version}", settings))
-    return wheels
+def set_up_wheels(platform: Platform = LINUX) -> list[Path]:
+    """A wheel for every Python that a supported Blender has on a platform."""
+    if platform is LINUX:
+        set_up_wheel()
+    return [wheel_of(platform, python) for python in platform.pythons]
 
 
-def _settings() -> dict[str, str]:
-    """Warnings are errors with Debian 12's compiler; a newer one's don't stop a user.
+def build_folder(platform: Platform, python: str | None = None) -> Path:
+    """CMake's folder for a Python's module; the library is in the first one's."""
+    python = python or platform.pythons[0]
+    if platform is LINUX and python == platform.pythons[0]:
+        return paths.BUILD / "wheel"
+    return paths.BUILD / f"wheel-{platform.name}-cp{number(python)}"
+
+
+def _settings(platform: Platform, python: str) -> dict[str, str]:
+    """How scikit-build-core makes a wheel.
 
     The same for every command: a setting that changes has everything compiled anew.
     """
+    defines = {"POINTMORPH_WERROR": _strictness(platform)}
+    if platform is LINUX:
+        defines["POINTMORPH_PORTABLE"] = "ON"
+    else:
+        defines["CMAKE_TOOLCHAIN_FILE"] = str(platform.toolchain_file)
+    if system := platform.cpython.get(python):
+        # Not the Python that runs here, of which CMake would ask all this.
+        cpython = fetch_cpython(python, system)
+        defines["POINTMORPH_PYTHON_HEADERS"] = str(cpython / platform.headers.format(python))
+        defines["POINTMORPH_MODULE_SUFFIX"] = platform.suffix.format(number(python))
+        if platform.import_library:
+            library = cpython / platform.import_library.format(number(python))
+            defines["POINTMORPH_PYTHON_LIBRARY"] = str(library)
+    if python != platform.pythons[0]:
+        defines["POINTMORPH_CORE"] = str(_library(platform))
+    settings = {f"cmake.define.{name}": value for name, value in defines.items()}
+    settings["build-dir"] = str(build_folder(platform, python).relative_to(paths.ROOT))
+    tag = "linux_x86_64" if platform is LINUX else platform.tag
+    settings["wheel.tags"] = f"cp{number(python)}-cp{number(python)}-{tag}"
+    if platform is MACOS:
+        _set_up_zig()
+        settings["install.strip"] = "false"  # it would no longer fit its signature
+    return settings
+
+
+def _set_up_zig() -> None:
+    """The compiler for macOS, where its toolchain file looks for it."""
+    folder = paths.BUILD / "zig"
+    [package] = project()["dependency-groups"]["macos"]
+    if not is_fresh(stamp := folder / "stamp", package):
+        with step("zig (about 100 MB to fetch)"):
+            shutil.rmtree(folder, ignore_errors=True)
+            main_environment().pip_install("--no-deps", "--target", folder, package)
+            stamp.write_text(package)
+
+
+def _library(platform: Platform) -> Path:
+    """The library without Python, which all modules of a platform are linked with."""
+    return build_folder(platform) / "libpointmorph_core.a"
+
+
+def _strictness(platform: Platform) -> str:
+    """Warnings are errors with Debian 12's compiler; a newer one's don't stop a user."""
+    if platform.toolchain_file:
+        return "OFF"
     said = subprocess.run(["c++", "-dumpversion"], capture_output=True, text=True, check=False)
-    strict = said.stdout.strip() == "12"
-    return {"cmake.define.POINTMORPH_WERROR": "ON" if strict else "OFF"}
+    return "ON" if said.stdout.strip() == "12" else "OFF"
 
 
-def _built(environment: Environment, title: str, settings: dict[str, str]) -> Path:
+def wheel_of(platform: Platform, python: str) -> Path:
     """The wheel for a Python, built anew when its sources have changed."""
-    parts = ["CMakeLists.txt", "pyproject.toml", "LICENSE"]
+    first = python == platform.pythons[0]
+    if not first:
+        wheel_of(platform, platform.pythons[0])
+    parts = ["CMakeLists.txt", "pyproject.toml", "LICENSE", "native/cmake"]
     parts += [f"native/{part}" for part in ("include", "src", "bindings", "python")]
-    key = digest(sys.version, environment.tag, *(paths.ROOT / part for part in parts))
-    folder = paths.BUILD / "wheels" / environment.tag
-    raw, stamp = folder / "raw", folder / "stamp"
+    key = digest(sys.version, repr(platform), python, *(paths.ROOT / part for part in parts))
+    folder = paths.BUILD / "wheels" / f"{platform.name}-cp{number(python)}"
+    stamp = folder / "stamp"
 
     def is_built() -> bool:
-        return is_fresh(stamp, key) and any(folder.glob("*.whl"))
+        there = any(folder.glob("*.whl")) and (not first or _library(platform).exists())
+        return there and is_fresh(stamp, key)
 
     # Who finds it built doesn't wait for what else is compiled.
     with contextlib.nullcontext() if is_built() else _building:
         if not is_built():
-            with step(title):
+            with step(f"wheel for {platform.name}, Python {python}"):
                 shutil.rmtree(folder, ignore_errors=True)
-                words = [f"--config-settings={name}={value}" for name, value in settings.items()]
-                pip = (environment.python, "-m", "pip", "wheel", "--no-deps")
-                options = ("--no-build-isolation", *words, "--wheel-dir", str(raw))
-                run("wheel", *pip, *options, paths.ROOT)
-                # Takes in what another machine may lack (OpenMP), names the oldest that it fits.
-                repair = (paths.PYTHON, "-m", "auditwheel", "repair", "-w", folder)
-                run("wheel", *repair, *raw.glob("*.whl"))
+                _build(platform, python, folder)
                 stamp.write_text(key)
     [wheel] = folder.glob("*.whl")
     return wheel
 
 
-def build_native(targets: Iterable[str], *settings: str) -> Path:
-    """Builds more targets in the wheel's folder, from the library that is compiled there already.
+def _build(platform: Platform, python: str, folder: Path) -> None:
+    settings = _settings(platform, python)
+    words = [f"--config-settings={name}={value}" for name, value in settings.items()]
+    pip = (paths.PYTHON, "-m", "pip", "wheel", "--no-deps", "--no-build-isolation")
+    raw = folder / "raw"
+    run("wheel", *pip, *words, "--wheel-dir", str(raw), paths.ROOT)
+    [wheel] = raw.glob("*.whl")
+    if platform is LINUX:
+        # Takes in what another machine may lack: OpenMP.
+        repair = (paths.PYTHON, "-m", "auditwheel", "repair", "--only-plat", "--plat", platform.tag)
+        environment = child_environment(LD_LIBRARY_PATH=str(_older_openmp()))
+        run("wheel", *repair, "-w", folder, wheel, environment=environment)
+    else:
+        shutil.move(wheel, folder)
+    [wheel] = folder.glob("*.whl")
+    environment = child_environment(PYTHONPATH=str(paths.ROOT / "native"))
+    check = (paths.PYTHON, "-m", "build_tools.binaries", platform.name, wheel)
+    run("wheel", *check, environment=environment)
+
+
+def _older_openmp() -> Path:
+    """The folder of an OpenMP runtime that older systems load. Debian's needs its own glibc."""
+    folder = paths.BUILD / "openmp"
+    [source] = table("openmp")["package"]
+    stamp = folder / "stamp"
+    if not is_fresh(stamp, source):
+        with step("OpenMP for older systems (about 13 MB to fetch)"):
+            shutil.rmtree(folder, ignore_errors=True)
+            pip = (paths.PYTHON, "-m", "pip", "download", "--no-input", "--progress-bar", "off")
+            options = ("--no-deps", "--only-binary=:all:", "--dest", folder)
+            run("wheel", *pip, *options, source)
+            [archive] = folder.glob("*.whl")
+            with zipfile.ZipFile(archive) as content:
+                [name] = [name for name in content.namelist() if "/libgomp-" in name]
+                (folder / "libgomp.so.1").write_bytes(content.read(name))
+            archive.unlink()
+            stamp.write_text(source)
+    return folder
+
+
+def build_native(targets: Iterable[str], *settings: str, platform: Platform = LINUX) -> Path:
+    """Builds more targets in a platform's folder, from the library that is compiled there already.
 
     The `settings` stay until others are given.
     """
-    build = paths.BUILD / "wheel"
+    build = build_folder(platform)
     with _building:
         run("native", "cmake", "-S", paths.ROOT, "-B", build, "-G", "Ninja", *settings)
         run("native", "cmake", "--build", build, "--target", *targets)

@@ -25,7 +25,9 @@ from build_tools import (
     running,
     suites,
     system,
+    targets,
     wheels,
+    windows,
 )
 from build_tools.reports import Outcome
 
@@ -222,8 +224,8 @@ def test_what_is_missing_is_named_where_nothing_can_install_it(
 
 
 def test_every_blender_has_a_python_that_can_be_had() -> None:
-    pythons = {python_environment.main_environment().version, *python_environment.other_pythons()}
-    assert set(python_environment.BLENDERS.values()) == pythons
+    for platform in targets.PLATFORMS.values():
+        assert set(python_environment.BLENDERS.values()) <= set(platform.pythons)
     assert python_environment.BLENDERS[python_environment.MAIN_BLENDER] == "3.11"
     wanted = tomllib.loads((ROOT / "pyproject.toml").read_text())["dependency-groups"]["blender"]
     assert wanted == [f"bpy=={python_environment.MAIN_BLENDER}.*"]
@@ -406,6 +408,19 @@ def test_a_wrong_call_ends_with_2(arguments: list[str]) -> None:
     done = subprocess.run(command, check=False, capture_output=True, text=True)
     assert done.returncode == 2
     assert "usage" in done.stderr
+
+
+def test_platforms_are_chosen(entry: ModuleType) -> None:
+    assert entry.arguments_of(["package"]).platform == "linux"
+    assert entry.arguments_of(["package", "--platform", "macos"]).platform == "macos"
+    assert entry.arguments_of(["package", "--all"]).all
+    assert entry.arguments_of(["test"]).suites == list(suites.SUITES)
+    words = ["test", "--platform", "windows"]
+    assert entry.arguments_of(words).suites == list(windows.SUITES)
+    assert entry.arguments_of([*words, "--only", "windows-cpp"]).suites == ["windows-cpp"]
+    for wrong in (["package", "--all", "--platform", "macos"], [*words, "--only", "cpp"]):
+        with pytest.raises(SystemExit):
+            entry.arguments_of(wrong)
 
 
 def test_continuous_integration_runs_the_same_command() -> None:

@@ -1,0 +1,191 @@
+"""Tests of what is built for Windows, under Wine.
+
+Wine keeps what it takes for a Windows disk in `build/windows`, and packages for Windows lie beside
+it. No window is opened and nothing is drawn.
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+import threading
+import zipfile
+from pathlib import Path
+
+from . import paths
+from .packaging import package
+from .python_environment import fetch_cpython
+from .reports import Outcome
+from .running import child_environment, digest, is_fresh, run, step
+from .suites import Suite, run_suite, run_suites
+from .system import project
+from .targets import WINDOWS
+from .wheels import build_native, set_up_wheels, wheel_of
+from .wheels import set_up as set_up_base
+
+WINE = "/usr/lib/wine/wine64"
+WINE_SERVER = "/usr/lib/wine/wineserver64"
+PYTHON = "3.11"
+BLENDER = "4.2"
+# Real pairs beside the checkout, a closed and an open one.
+PAIRS = ("koala_spot", "face_nefertiti")
+
+_setting_up = threading.Lock()
+
+
+def _folder() -> Path:
+    return paths.BUILD / "windows"
+
+
+def path(here: str | Path) -> str:
+    """The name of a file of this system on Wine's Z: drive."""
+    return "Z:" + str(here).replace("/", "\\")
+
+
+def variables(**more: str) -> dict[str, str]:
+    """What programs for Windows find in their environment."""
+    ours = {
+        "WINEPREFIX": str(_folder() / "wine"),
+        "WINEDEBUG": "-all",
+        "WINEDLLOVERRIDES": "mscoree,mshtml=",  # Wine would ask whether to fetch them
+        "DISPLAY": "",
+        "PYTHONUTF8": "1",
+        "PYTHONDONTWRITEBYTECODE": "1",
+    }
+    return ours | more
+
+
+def words(*command: str | Path) -> tuple[str | Path, ...]:
+    """A command under Wine. Its output goes through a pipe: into a file, Python can't write it."""
+    return ("bash", "-o", "pipefail", "-c", '"$@" 2>&1 | cat', "wine", WINE, *command)
+
+
+def python_program() -> Path:
+    return fetch_cpython(PYTHON, WINDOWS.cpython[PYTHON]) / "python.exe"
+
+
+def set_up() -> None:
+    """Wine's disk, and the packages that Python and the tests need there."""
+    with _setting_up:
+        prefix = _folder() / "wine"
+        if not (prefix / "made").exists():
+            with step("Wine's disk"):
+                prefix.mkdir(parents=True, exist_ok=True)
+                ours = child_environment(**variables())
+                run("wine", WINE, "wineboot", "--init", environment=ours)
+                run("wine", WINE_SERVER, "--wait", environment=ours)
+                (prefix / "made").touch()
+        requirements = project()["dependency-groups"]["windows"]
+        _install("packages", "packages for Windows", *requirements)
+
+
+def _install(name: str, title: str, *requirements: str | Path) -> Path:
+    """A folder with packages for the Python on Windows."""
+    folder = _folder() / name
+    stamp, key = _folder() / f"{name}.stamp", digest(*requirements)
+    if not is_fresh(stamp, key):
+        with step(title):
+            shutil.rmtree(folder, ignore_errors=True)
+            system = ("--platform", WINDOWS.tag, "--python-version", PYTHON)
+            pip = (paths.PYTHON, "-m", "pip", "install", "--no-input", "--progress-bar", "off")
+            options = (*system, "--only-binary=:all:", "--no-compile", "--target", folder)
+            run("pip-windows", *pip, *options, *requirements)
+            stamp.write_text(key)
+    return folder
+
+
+def python_path(*more: Path) -> str:
+    """The library as its wheel has it, and packages, as PYTHONPATH."""
+    wheel = wheel_of(WINDOWS, PYTHON)
+    folder, stamp = _folder() / "pointmorph", _folder() / "pointmorph.stamp"
+    with _setting_up:
+        if not is_fresh(stamp, key := digest(wheel)):
+            shutil.rmtree(folder, ignore_errors=True)
+            with zipfile.ZipFile(wheel) as content:
+                content.extractall(folder)
+            stamp.write_text(key)
+    return ";".join(map(path, (folder, _folder() / "packages", *more)))
+
+
+def cpp() -> Outcome:
+    """The C++ tests; those that only repeat others take long under Wine, and are left out."""
+    build = build_native(["pointmorph_tests"], "-DPOINTMORPH_TESTS=ON", platform=WINDOWS)
+    command = words(build / "pointmorph_tests.exe", "--gtest_output=xml:")
+    return run_suite("windows-cpp", *command, **variables(POINTMORPH_WATCHED="1"))
+
+
+def python() -> Outcome:
+    """The Python tests, but for those of building."""
+    building = [
+        f"--ignore-glob=*test_{name}.py" for name in ("build_addon", "platforms", "releases")
+    ]
+    options = ("-m", "pytest", "-p", "no:cacheprovider", *building)
+    command = words(python_program(), *options, "--junitxml=")
+    return run_suite("windows-python", *command, **variables(PYTHONPATH=python_path()))
+
+
+def bits() -> Outcome:
+    """The same morphs with OpenMP here, with the pool of threads here, and there: all have the same
+    bits."""
+    script = paths.ROOT / "native" / "tests" / "same_bits.py"
+    made = _folder() / "pairs"
+    run("windows-bits", paths.PYTHON, script, "--make", made)
+    data = paths.ROOT.parent / "shared" / "data"
+    pairs = sorted(made.iterdir()) + [data / name for name in PAIRS if (data / name).is_dir()]
+    folder = _folder() / "bits"
+    folder.mkdir(parents=True, exist_ok=True)
+    linux, pool, there = (folder / f"{name}.json" for name in ("linux", "pool", "windows"))
+    run("windows-bits", paths.PYTHON, script, linux, *pairs)
+    ours = child_environment(POINTMORPH_THREADS="pool")
+    run("windows-bits", paths.PYTHON, script, pool, *pairs, environment=ours)
+    command = words(python_program(), path(script), path(there), *map(path, pairs))
+    theirs = child_environment(**variables(PYTHONPATH=python_path()))
+    run("windows-bits", *command, environment=theirs)
+    outcome = Outcome()
+    for other in (pool, there):
+        outcome.add(compared(json.loads(linux.read_text()), json.loads(other.read_text())))
+    return outcome
+
+
+def compared(here: dict[str, dict[str, str]], there: dict[str, dict[str, str]]) -> Outcome:
+    """One test for each morph."""
+    outcome = Outcome()
+    for name, digests in here.items():
+        if other := [what for what in digests if there[name].get(what) != digests[what]]:
+            outcome.failures.append(f"{name}: other bits than on Linux: {', '.join(other)}")
+        else:
+            outcome.passed += 1
+    return outcome
+
+
+def bpy() -> Outcome:
+    """The add-on in a Blender for Windows, packaged and installed as users do it. Without drawing,
+    which needs a graphics card."""
+    title = f"Blender {BLENDER} for Windows (about 350 MB to fetch)"
+    blender = _install("bpy", title, "--no-deps", f"bpy=={BLENDER}.*")
+    extension = package((WINDOWS,))
+    options = ("-m", "not renders", "--junitxml=")
+    command = words(python_program(), path(paths.ROOT / "blender_tests" / "run.py"), *options)
+    environment = variables(PYTHONPATH=python_path(blender), POINTMORPH_ZIP=path(extension))
+    return run_suite("windows-bpy", *command, **environment)
+
+
+SUITES = {
+    "windows-cpp": Suite(cpp),
+    "windows-python": Suite(python),
+    "windows-bits": Suite(bits),
+    "windows-bpy": Suite(bpy),
+}
+
+
+def test(names: list[str], jobs: int) -> int:
+    """Builds for Windows and runs the suites."""
+    set_up_base(*WINDOWS.debian, "windows-test")
+    set_up_wheels(WINDOWS)
+    set_up()
+    try:
+        return run_suites({name: SUITES[name] for name in names}, jobs)
+    finally:
+        # What a suite that was stopped has left.
+        environment = child_environment(**variables())
+        run("wine", WINE_SERVER, "--kill", environment=environment, check=False)
