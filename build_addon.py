@@ -76,12 +76,24 @@ def compare(source: str, target: str, features: str, *options: str) -> int:
     return show(paths.PYTHON, script, source, target, "--features", features, *output, *options)
 
 
-def package(platforms: list[targets.Platform]) -> int:
-    """The extension for some platforms, and how large all is."""
+def packages(platforms: list[targets.Platform]) -> list[Path]:
+    """The wheels for some platforms, and the extension's zips."""
     wheels.set_up(*{group: None for platform in platforms for group in platform.debian})
     extension = packaging.package(platforms)
     built = [wheel for platform in platforms for wheel in wheels.set_up_wheels(platform)]
-    for path in [*built, *sorted(extension.parent.glob("*.zip"))]:
+    return [*built, *sorted(extension.parent.glob("*.zip"))]
+
+
+def release() -> list[Path]:
+    """Everything that is given to others, in the folder `dist`."""
+    version = releases.version()
+    notes = releases.notes(version)
+    releases.check_tree(version)
+    return releases.collect(version, notes, packages(list(targets.PLATFORMS.values())))
+
+
+def list_files(files: list[Path]) -> int:
+    for path in files:
         say(f"{path.relative_to(paths.ROOT)} ({path.stat().st_size / 1e6:.2f} MB)")
     return 0
 
@@ -112,13 +124,14 @@ def arguments_of(words: list[str]) -> argparse.Namespace:
         help="compare with other methods on this pair; options of compare_peers.py may follow",
     )
     commands.add_parser("pictures", help="the manual's pictures, taken anew from the real window")
-    packages = commands.add_parser("package", help="the extension, as a zip file")
-    which = packages.add_mutually_exclusive_group()
+    packing = commands.add_parser("package", help="the extension, as a zip file")
+    which = packing.add_mutually_exclusive_group()
     names = list(targets.PLATFORMS)
     which.add_argument(
         "--platform", choices=names, default="linux", help="the system that it is for"
     )
     which.add_argument("--all", action="store_true", help="for all, and a zip for each besides")
+    commands.add_parser("release", help="wheels, zips, sources, checksums and notes, in dist")
     arguments = parser.parse_args(words)
     if arguments.command == "test":
         there = windows.SUITES if arguments.platform == "windows" else suites.SUITES
@@ -145,8 +158,10 @@ def do(arguments: argparse.Namespace) -> int:
         for error in errors:
             say(str(error))
         return 1 if errors else 0
+    if arguments.command == "release":
+        return list_files(release())
     chosen = list(targets.PLATFORMS) if arguments.all else [arguments.platform]
-    return package([targets.PLATFORMS[name] for name in chosen])
+    return list_files(packages([targets.PLATFORMS[name] for name in chosen]))
 
 
 def main() -> int:
@@ -171,6 +186,7 @@ from build_tools import (  # noqa: E402
     packaging,
     paths,
     python_environment,
+    releases,
     suites,
     targets,
     wheels,
