@@ -18,7 +18,7 @@ from pathlib import Path
 
 from . import paths
 from .python_environment import table
-from .running import digest, is_fresh, run, step
+from .running import SetupError, digest, is_fresh, run, say, step
 
 _making = threading.Lock()
 
@@ -96,6 +96,20 @@ def set_up(suite: str) -> Path:
             unfinished.rename(root)
             stamp.write_text(key)
     return root
+
+
+def set_up_first(suites: Iterable[str]) -> str:
+    """Sets up the first of some Debians that can be; returns its name."""
+    *more, last = suites
+    for suite in more:
+        try:
+            set_up(suite)
+        except SetupError as error:
+            say(f"  Debian {suite} can't be made, {last} is tried instead: {error}")
+        else:
+            return suite
+    set_up(last)
+    return last
 
 
 @contextmanager

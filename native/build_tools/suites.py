@@ -28,8 +28,8 @@ CPP_TEST_SETTINGS = (
 
 # The user's own Blender for tests with a window.
 BLENDER = os.environ.get("POINTMORPH_BLENDER")
-# Else a Debian's: trixie has Blender 4.3, sid the newest.
-WINDOW_DEBIAN = "trixie"
+# Else a Debian's: sid has Blender 5.2, trixie 4.3. The first that can be made: sid changes daily.
+WINDOW_DEBIANS = os.environ.get("POINTMORPH_WINDOW_DEBIAN", "sid,trixie").split(",")
 WINDOW_PACKAGES: tuple[str, ...] = ("window",)
 if BLENDER is None:
     # Where it can't be made, those tests are skipped, and say why.
@@ -107,20 +107,20 @@ def bpy(version: str) -> Outcome:
     return in_blender(f"bpy-{version}", python, *runner, PYTHONPATH=path)
 
 
-def window(debian: str) -> Outcome:
+def window() -> Outcome:
     """A Blender with a window, driven by mouse and keyboard: a newer Debian's, or the user's."""
     # Where nothing can be clicked, each test would wait for its own end of patience.
     options = ("-m", "pytest", "--maxfail=3", "blender_tests/window")
     if BLENDER is None and (reason := other_debian.why_not()):
         return Outcome(skips=[f"{reason}; POINTMORPH_BLENDER can name a Blender instead"])
-    return in_blender("window", *with_window(debian, *options), "--junitxml=")
+    return in_blender("window", *with_window(*options), "--junitxml=")
 
 
-def with_window(debian: str, *options: str | Path) -> list[str | Path]:
+def with_window(*options: str | Path) -> list[str | Path]:
     """Words that run Python where there is a Blender with a window and the add-on's zip."""
     if BLENDER is not None:
         return [paths.PYTHON, *options]
-    other_debian.set_up(debian)
+    debian = other_debian.set_up_first(WINDOW_DEBIANS)
     data = paths.ROOT.parent / "shared" / "data"  # models that aren't in the project
     shared = [paths.ROOT, *([data] if data.is_dir() else [])]
     with packaging:
@@ -136,7 +136,7 @@ def take_pictures() -> int:
         raise SetupError(f"No window: {reason}. POINTMORPH_BLENDER can name a Blender instead.")
     script = paths.ROOT / "blender_tests" / "window" / "make_pictures.py"
     environment = child_environment(POINTMORPH_ZIP=str(package()))
-    return show(*with_window(WINDOW_DEBIAN, "-m", "pytest", script), environment=environment)
+    return show(*with_window("-m", "pytest", script), environment=environment)
 
 
 @dataclass(frozen=True)
@@ -150,13 +150,13 @@ class Suite:
 
 def fetch_debian() -> None:
     if BLENDER is None and other_debian.why_not() is None:
-        other_debian.set_up(WINDOW_DEBIAN)
+        other_debian.set_up_first(WINDOW_DEBIANS)
 
 
 # In the order in which they are started: long ones early, so that none is left over at the end.
 SUITES: dict[str, Suite] = {
     "cpp": Suite(cpp, ("cpp-test",)),
-    "window": Suite(partial(window, WINDOW_DEBIAN), ("cpython", *WINDOW_PACKAGES), fetch_debian),
+    "window": Suite(window, ("cpython", *WINDOW_PACKAGES), fetch_debian),
     "sanitizers": Suite(sanitizers, ("cpp-test",)),
     "python": Suite(python),
     **{

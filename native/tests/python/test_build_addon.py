@@ -295,7 +295,7 @@ def test_what_suites_need_is_fetched_while_the_library_is_built(
 def test_windows_are_skipped_in_words_where_there_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(suites, "BLENDER", None)
     monkeypatch.setattr(os, "geteuid", lambda: 1000)
-    [reason] = suites.window("trixie").skips
+    [reason] = suites.window().skips
     assert "root" in reason
     assert "POINTMORPH_BLENDER" in reason
 
@@ -326,6 +326,22 @@ def is_running(word: str) -> bool:
             if word in path.read_text().split("\0"):
                 return True
     return False
+
+
+def test_another_debian_is_made_where_the_first_cannot_be(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def make(suite: str) -> None:
+        if suite != "trixie":
+            raise running.SetupError(f"{suite} is broken")
+
+    monkeypatch.setattr(other_debian, "set_up", make)
+    assert other_debian.set_up_first(["trixie", "sid"]) == "trixie"
+    assert capsys.readouterr().out == ""
+    assert other_debian.set_up_first(["sid", "trixie"]) == "trixie"
+    assert "sid is broken" in capsys.readouterr().out
+    with pytest.raises(running.SetupError):
+        other_debian.set_up_first(["sid"])
 
 
 def test_what_makes_a_debian_ends_with_the_one_who_asked(tmp_path: Path) -> None:
