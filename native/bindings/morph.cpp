@@ -9,10 +9,25 @@
 
 namespace pointmorph::bindings {
 
+namespace {
+
+/// From the pair (offsets, corners), or None.
+Polygons polygons_of(const py::object& faces) {
+    Polygons result;
+    if (faces.is_none()) return result;
+    const auto given = faces.cast<std::pair<py::array_t<std::int64_t, py::array::c_style>,
+                                            py::array_t<std::int32_t, py::array::c_style>>>();
+    result.offsets.assign(given.first.data(), given.first.data() + given.first.size());
+    result.corners.assign(given.second.data(), given.second.data() + given.second.size());
+    return result;
+}
+
+}  // namespace
+
 Cloud cloud_of(const py::dict& fields) {
-    return {fields["name"].cast<std::string>(), from_numpy<Positions>(fields["positions"]),
+    return {fields["name"].cast<std::string>(),     from_numpy<Positions>(fields["positions"]),
             from_numpy<Normals>(fields["normals"]), from_numpy<Colors>(fields["colors"]),
-            from_numpy<Values>(fields["radii"])};
+            from_numpy<Values>(fields["radii"]),    polygons_of(fields["faces"])};
 }
 
 namespace {
@@ -323,6 +338,11 @@ void bind_morph(py::module_& module) {
              [](const Morph& m, const py::object& callback) {
                  return to_numpy(without_gil(
                      callback, [&](Progress& progress) { return m.target_to_source(progress); }));
+             })
+        .def("wrapped",
+             [](const Morph& m, double t, const py::object& callback) {
+                 return to_numpy(without_gil(
+                     callback, [&](Progress& progress) { return m.wrapped(t, progress); }));
              })
         .def("cracks",
              [](const Morph& m, const std::vector<double>& times, const py::object& callback) {

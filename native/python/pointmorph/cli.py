@@ -21,6 +21,7 @@ from pointmorph import (
     quality,
     sampling,
     sequences,
+    source_meshes,
     surfaces,
 )
 from pointmorph.clouds import Cloud, FloatArray
@@ -87,9 +88,11 @@ def _parser() -> argparse.ArgumentParser:
     )
     morph.add_argument(
         "--mesh",
-        choices=[suffix[1:] for suffix in formats.WRITTEN_MESH_SUFFIXES],
-        help="for each frame, also write the surface through its points as a mesh, mesh_0000 …"
-        f"{_losses()}. Needs pymeshlab and scipy",
+        choices=["source", *(suffix[1:] for suffix in formats.WRITTEN_MESH_SUFFIXES)],
+        help="for each frame, also write a mesh, mesh_0000 … source: SOURCE itself with its "
+        "vertices moved, at the last frame wrapped onto TARGET; keeps the file's format, faces and "
+        "UVs (ply, obj, glb; others become ply). A format: the surface through the frame's points"
+        f"{_losses()}; needs pymeshlab and scipy",
     )
     propose = commands.add_parser(
         "propose",
@@ -240,10 +243,11 @@ def _nearest_row(positions: FloatArray, place: FloatArray) -> int:
 
 
 def _morph(chosen: argparse.Namespace) -> None:
-    if chosen.mesh is not None:
+    if chosen.mesh not in (None, "source"):
         surfaces.check_available()
     features, loop = read_features(chosen.features) if chosen.features else ({}, [])
     shapes = _read_shapes(chosen)
+    own = _source_mesh(chosen, shapes[0]) if chosen.mesh == "source" else None
     files.make_folder(chosen.out)
 
     with _bars() as progress:
@@ -251,7 +255,7 @@ def _morph(chosen: argparse.Namespace) -> None:
         result = morphing.morph(
             clouds[0], clouds[1], features, loop=loop, progress=progress, **_settings(chosen)
         )
-        counts = _write(chosen, result, progress)
+        counts = _write(chosen, result, own, progress)
         result.measure_quality(progress)
     report = dict(result.report)
     if chosen.resample:
@@ -332,8 +336,32 @@ def read_features(
     return {name: feature_from_json(name, value) for name, value in features.items()}, loop
 
 
+def _source_mesh(chosen: argparse.Namespace, shape: formats.Shape) -> source_meshes.SourceMesh:
+    """The source's file, to write again with its vertices moved. Raises OptionError."""
+    found = (
+        "no faces"
+        if shape.faces is None
+        else "--samples"
+        if chosen.samples is not None
+        else "--method paper"
+        if chosen.method == "paper"
+        else None
+    )
+    if found is not None:
+        raise OptionError(
+            "mesh",
+            f"the faces of {shape.name}, morphed with method auto and without --samples",
+            found,
+            "Leave that out, or choose a format of meshes instead of source.",
+        )
+    return source_meshes.SourceMesh(chosen.source, shape)
+
+
 def _write(
-    chosen: argparse.Namespace, result: morphing.Morph, progress: morphing.Progress
+    chosen: argparse.Namespace,
+    result: morphing.Morph,
+    own: source_meshes.SourceMesh | None,
+    progress: morphing.Progress,
 ) -> list[int]:
     """Writes pairs, both clouds and the frames, and returns the number of points of each frame.
 
@@ -354,9 +382,15 @@ def _write(
         formats.write_ply(folder / f"{name}.ply", positions, normals, colors, radii)
 
     times = [number / (chosen.frames - 1) for number in range(chosen.frames)]
-    return sequences.write_frames(
-        result, folder, times, resample=chosen.resample, mesh=chosen.mesh, progress=progress
+    through = chosen.mesh if own is None else None
+    counts = sequences.write_frames(
+        result, folder, times, resample=chosen.resample, mesh=through, progress=progress
     )
+    if own is not None:
+        for number, t in enumerate(times):
+            path = folder / f"mesh_{number:04d}{own.suffix}"
+            own.write(path, result.wrapped(t, progress))
+    return counts
 
 
 def _by_point(values: FloatArray, rows: npt.NDArray[np.int64], count: int) -> FloatArray:

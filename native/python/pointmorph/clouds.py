@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from pointmorph.errors import CloudError
 
+Faces = npt.NDArray[np.integer[Any]] | Sequence[Sequence[int]]
 FloatArray = npt.NDArray[np.floating[Any]]
 
 
@@ -26,6 +27,9 @@ class Cloud:
         Red, green, blue and alpha, 0 to 1.
     radii : (N,) array, optional
         Size of each point, in the unit of the positions. If missing, the spacing of the points.
+    faces : (F, K) array of int, or sequence of polygons, optional
+        Rows of the corners of each face, in order around it. With faces, the shape is their surface
+        and `positions` are its vertices: see `morph`.
     name : str
         Name of the shape, for error messages.
     boundary : sequence of int, optional
@@ -56,6 +60,7 @@ class Cloud:
         colors: npt.ArrayLike | None = None,
         radii: npt.ArrayLike | None = None,
         *,
+        faces: Faces | None = None,
         name: str = "cloud",
         boundary: Sequence[int] | npt.NDArray[np.integer[Any]] | None = None,
         parts: Sequence[int] | npt.NDArray[np.integer[Any]] | None = None,
@@ -68,6 +73,7 @@ class Cloud:
         self.normals = self._attribute(normals, "normals", 3)
         self.colors = self._attribute(colors, "colors", 4)
         self.radii = self._attribute(radii, "radii", None)
+        self.faces = None if faces is None or len(faces) == 0 else self._polygons(faces)
         self.boundary = self._whole_numbers(boundary, "a list of rows as boundary")
         self.parts = self._whole_numbers(parts, "a list of labels as parts")
 
@@ -130,6 +136,31 @@ class Cloud:
             )
         return [int(row) for row in array]
 
+    def _polygons(self, faces: Faces) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int32]]:
+        """Offsets and corners, as the native library takes them."""
+        if isinstance(faces, np.ndarray) and faces.ndim == 2:
+            corners = faces.reshape(-1)
+            offsets = np.arange(len(faces) + 1, dtype=np.int64) * faces.shape[1]
+        else:
+            lengths = [len(face) for face in faces]
+            offsets = np.concatenate([[0], np.cumsum(lengths)]).astype(np.int64)
+            corners = np.concatenate([np.asarray(face).reshape(-1) for face in faces])
+        if not np.issubdtype(corners.dtype, np.integer):
+            raise CloudError(
+                self.name,
+                "rows of vertices as faces",
+                f"type {corners.dtype}",
+                "Pass whole numbers, counted from 0.",
+            )
+        if corners.size and not 0 <= corners.min() <= corners.max() < len(self):
+            raise CloudError(
+                self.name,
+                f"faces with rows from 0 to {len(self) - 1}",
+                f"rows {corners.min()} to {corners.max()}",
+                "Count the rows of the vertices from 0.",
+            )
+        return offsets, np.ascontiguousarray(corners, np.int32)
+
     def _fields(self) -> dict[str, Any]:
         """The cloud as the native library takes it."""
         return {
@@ -138,6 +169,7 @@ class Cloud:
             "normals": self.normals,
             "colors": self.colors,
             "radii": self.radii,
+            "faces": self.faces,
             "boundary": self.boundary,
             "parts": self.parts,
         }

@@ -34,7 +34,7 @@ class Shape:
     """(F, 3) rows of positions; None for a point cloud"""
 
     def cloud(self) -> Cloud:
-        """The vertices, in order; for an open mesh also its longest boundary loop."""
+        """The vertices, in order, and the faces; of an open mesh also its longest boundary."""
         boundary = labels = None
         if self.faces is not None:
             labels = parts(self.faces, self.positions)
@@ -45,6 +45,7 @@ class Shape:
             self.normals,
             self.colors,
             self.radii,
+            faces=self.faces,
             name=self.name,
             boundary=boundary,
             parts=labels,

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from pointmorph._pointmorph import nearest_neighbors
-
-Faces = npt.NDArray[np.integer[Any]] | Sequence[Sequence[int]]
+from pointmorph.clouds import Faces
 
 
 def boundary_loops(faces: Faces, vertex_count: int) -> list[npt.NDArray[np.int64]]:

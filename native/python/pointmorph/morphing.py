@@ -235,6 +235,51 @@ class Morph:
         """(M, 3): where the map takes each target point; smooth, not snapped to source points."""
         return self._native.target_to_source(None).astype(self._dtype)
 
+    def wrapped(self, t: float = 1.0, progress: Progress | None = None) -> FloatArray:
+        """The vertices of the source's mesh at t: with its own faces, the mesh on its way.
+
+        At 1 the mesh is wrapped onto the target: its faces lie smoothly on the target's surface,
+        into its tips and hollows, as far as it has vertices for them. The first call wraps it;
+        after that, calls are quick and may come from several threads.
+
+        Parameters
+        ----------
+        t : float
+            0 (the source, bit for bit) to 1. In between, vertices travel as the setting `path`
+            says.
+        progress : callable, optional
+            As for `morph`.
+
+        Returns
+        -------
+        (N, 3) array
+            In the order of the source's vertices, and of their type.
+
+        Raises
+        ------
+        CloudError
+            If the source has no faces, or the morph was made with method paper.
+        OptionError
+            If t lies outside of [0, 1].
+        Cancelled
+            If `progress` returned False.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import pointmorph
+        >>> x, y = np.meshgrid(np.linspace(-1, 1, 12), np.linspace(-1, 1, 12))
+        >>> plane = np.stack([x, y, 0 * x], axis=-1).reshape(-1, 3)
+        >>> corner = np.arange(132).reshape(11, 12)[:, :-1].reshape(-1, 1)
+        >>> faces = corner + [0, 1, 13, 12]
+        >>> ends = [pointmorph.Cloud(size * plane, faces=faces) for size in (1, 2)]
+        >>> result = pointmorph.morph(*ends, {"corner": (0, 0), "other": (11, 11)})
+        >>> result.wrapped(1).shape
+        (144, 3)
+        """
+        wrapped: FloatArray = self._native.wrapped(float(t), progress)
+        return wrapped.astype(self.source.positions.dtype, copy=False)
+
     @property
     def source_domain(self) -> npt.NDArray[np.float64]:
         """The source's points in the common domain: (N, 2) in the unit disk; (N, 3) on the unit

@@ -52,6 +52,15 @@ void check_attribute(const Cloud& cloud, const Array& rows, const char* what) {
                          "Remove or repair that point.");
 }
 
+void check_faces(const Cloud& cloud) {
+    const auto beyond = std::ranges::find_if(
+        cloud.faces.corners, [&](Index corner) { return corner < 0 || corner >= cloud.size(); });
+    if (beyond == cloud.faces.corners.end()) return;
+    throw CloudError(cloud.name, "faces of its " + count_of(cloud.positions.rows(), "vertex"),
+                     "a corner in row " + std::to_string(*beyond),
+                     "Count the rows of the vertices from 0.");
+}
+
 std::string number(double value) {
     std::ostringstream text;
     text << value;
@@ -106,6 +115,8 @@ void validate(const Cloud& cloud, Index minimum_points) {
             throw CloudError(cloud.name, "radii of 0 or more",
                              "a negative radius at point " + std::to_string(i),
                              "Repair that radius, or hand in none.");
+
+    check_faces(cloud);
 
     const double extent = (p.colwise().maxCoeff() - p.colwise().minCoeff()).maxCoeff();
     if (extent == 0.0)

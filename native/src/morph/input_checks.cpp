@@ -3,13 +3,14 @@
 #include <algorithm>
 #include <map>
 
+#include "morph/mesh_side.hpp"
 #include "pointmorph/base/error.hpp"
 
 namespace pointmorph {
 
-void check_shapes(const MorphInput& input) {
-    validate(input.source, kMinimumPoints);
-    validate(input.target, kMinimumPoints);
+void check_shapes(const MorphInput& input, const MorphOptions& options) {
+    for (const Cloud* cloud : {&input.source, &input.target})
+        validate(*cloud, is_sampled(*cloud, options) ? 0 : kMinimumPoints);
     validate(input.features, input.source, input.target);
 }
 

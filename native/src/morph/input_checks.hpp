@@ -10,8 +10,9 @@
 
 namespace pointmorph {
 
-/// Clouds and features. Throws CloudError, FeatureError.
-void check_shapes(const MorphInput& input);
+/// Clouds and features. Where the faces are sampled, a few vertices are enough. Throws CloudError,
+/// FeatureError.
+void check_shapes(const MorphInput& input, const MorphOptions& options);
 
 /// Names of point features, three or more, each once; none is fine. Throws FeatureError.
 void check_loop(std::span<const std::string> loop, std::span<const Feature> features);

@@ -11,7 +11,7 @@ std::vector<std::string> suggest_loop(const MorphInput& input, const MorphOption
                                       Progress& progress) {
     const ThreadCount threads(options.threads);
     progress.enter("cloud");
-    check_shapes(input);
+    check_shapes(input, options);
     const auto [source, target] = prepare_both(
         {input.source}, {input.target},
         {.neighbors = options.covariance_neighbors, .boundary = options.boundary}, progress);

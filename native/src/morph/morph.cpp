@@ -1,9 +1,12 @@
 #include "pointmorph/morph/morph.hpp"
 
+#include <algorithm>
 #include <chrono>
+#include <numeric>
 #include <utility>
 
 #include "morph/input_checks.hpp"
+#include "morph/mesh_side.hpp"
 #include "morph/morph_caches.hpp"
 #include "morph/prepared_shape.hpp"
 #include "morph/routes.hpp"
@@ -22,6 +25,15 @@ void append(std::vector<std::string>& warnings, const std::vector<std::string>& 
 Topology without_labels(Topology topology) {
     topology.labels.clear();
     return topology;
+}
+
+/// Whether both have the same vertices and faces, and features that match each with itself.
+bool is_same_mesh(const Cloud& source, const Cloud& target, std::span<const Feature> features) {
+    return source.size() == target.size() && source.faces.size() > 0 &&
+           source.faces.offsets == target.faces.offsets &&
+           source.faces.corners == target.faces.corners && source.positions == target.positions &&
+           std::ranges::all_of(features,
+                               [](const Feature& f) { return f.source.rows == f.target.rows; });
 }
 
 /// The mean of each row's partners.
@@ -44,12 +56,34 @@ Morph::Morph(MorphInput input, const MorphOptions& options, Progress& progress)
     : options_(options), features_(input.features), caches_(std::make_unique<Caches>()) {
     const ThreadCount threads(options.threads);
     const auto start = std::chrono::steady_clock::now();
-    const bool paper = options.method == Method::kPaper;
-
     progress.enter("cloud");
-    check_shapes(input);
+    check_shapes(input, options);
     check_loops(input, options);
-    if (paper) check_for_paper(input.features);
+    if (options.method == Method::kPaper) check_for_paper(input.features);
+    MeshSides meshes = mesh_sides(input, options, progress);
+    if (meshes.any()) {
+        check_start(input.start, input.source.size(), input.target.size());
+        append(report_.warnings, turned_faces(input, meshes));
+        find_map(sampled_input(input, meshes), progress);
+        meshes_ = std::make_unique<const MeshMorph>(
+            MeshMorph{std::move(meshes), source_images_, target_images_});
+        carry(std::move(input), progress);
+    } else {
+        find_map(std::move(input), progress);
+    }
+    progress.finish();
+    if (report_.diagnostics.confidence < options_.refinement.clear_confidence)
+        report_.warnings.push_back(doubts(report_.diagnostics, source_, target_, features_));
+    append(report_.warnings, color_warnings(source_, target_));
+    report_.stages = progress.stages();
+    report_.seconds =
+        std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+}
+
+/// From both clouds to the map between their points.
+void Morph::find_map(MorphInput input, Progress& progress) {
+    const bool paper = options_.method == Method::kPaper;
+    const MorphOptions& options = options_;
     PreparedShapes shapes =
         prepare_both({input.source, input.source_parts}, {input.target, input.target_parts},
                      {.neighbors = options.covariance_neighbors,
@@ -66,12 +100,7 @@ Morph::Morph(MorphInput input, const MorphOptions& options, Progress& progress)
     source_ = std::move(input.source);
     target_ = std::move(input.target);
     take(find_correspondence(std::move(shapes), std::move(input), features, options, progress));
-    progress.finish();
-    append(report_.warnings, color_warnings(source_, target_));
     report_.method = paper ? "paper" : "auto";
-    report_.stages = progress.stages();
-    report_.seconds =
-        std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
 }
 
 /// From sorted rows to given ones: the one place where a route's result becomes the morph's own.
@@ -102,13 +131,49 @@ void Morph::take(Correspondence found) {
     for (auto& [s, t] : facts.tips)
         s = source.given_rows[to_size(s)], t = target.given_rows[to_size(t)];
     append(report_.warnings, result.warnings);
-    if (facts.diagnostics.confidence < options_.refinement.clear_confidence)
-        report_.warnings.push_back(doubts(facts.diagnostics, source_, target_, features_));
     report_.domain = result.domain;
     report_.choice = choice_in_words(result.domain, source.topology, target.topology);
     report_.source_topology = without_labels(std::move(source.topology));
     report_.target_topology = without_labels(std::move(target.topology));
     report_.pairs = static_cast<Index>(pairs_.size());
+}
+
+/// From samples of faces to the vertices: all that has rows or images.
+void Morph::carry(MorphInput input, Progress& progress) {
+    progress.enter("vertices");
+    const MeshSides& meshes = meshes_->sides;
+    std::vector<Index> source_vertices(to_size(source_.size()));
+    std::iota(source_vertices.begin(), source_vertices.end(), 0);
+    std::vector<Index> target_vertices(to_size(target_.size()));
+    std::iota(target_vertices.begin(), target_vertices.end(), 0);
+    if (meshes.source) {
+        source_vertices = meshes.source->vertices_of_samples();
+        source_ = meshes.source->completed(std::move(input.source));
+        source_images_ = meshes.source->images(source_images_, progress);
+        source_domain_ = meshes.source->values(source_domain_, progress);
+        source_boundary_ = rows_along(source_vertices, source_boundary_);
+    }
+    if (meshes.target) {
+        target_vertices = meshes.target->vertices_of_samples();
+        target_ = meshes.target->completed(std::move(input.target));
+        target_images_ = meshes.target->images(target_images_, progress);
+        target_domain_ = meshes.target->values(target_domain_, progress);
+        target_boundary_ = rows_along(target_vertices, target_boundary_);
+    }
+    if (is_same_mesh(source_, target_, input.features)) {
+        source_images_ = target_.positions;
+        target_images_ = source_.positions;
+    }
+    const std::vector<IndexPair> pinned = pinned_pairs(input.features);
+    for (const IndexPair& f : pinned) {
+        source_images_.row(f.source) = target_.positions.row(f.target);
+        target_images_.row(f.target) = source_.positions.row(f.source);
+    }
+    pairs_ = pairs_in_domain({source_domain_, target_domain_}, input.features, pinned, progress);
+    report_.pairs = static_cast<Index>(pairs_.size());
+    report_.diagnostics = report_.diagnostics.with_rows(source_vertices, target_vertices);
+    for (auto& [s, t] : report_.tips)
+        s = source_vertices[to_size(s)], t = target_vertices[to_size(t)];
 }
 
 Morph::Morph(Cloud source, Cloud target, Pairing pairs, RefinementStart images,
@@ -121,7 +186,7 @@ Morph::Morph(Cloud source, Cloud target, Pairing pairs, RefinementStart images,
       target_images_(std::move(images.target_images)),
       caches_(std::make_unique<Caches>()) {
     for (const Cloud* cloud : {&source_, &target_}) {
-        validate(*cloud, kMinimumPoints);
+        validate(*cloud, cloud->faces.size() > 0 ? 0 : kMinimumPoints);
         if (cloud->normals.rows() == 0 || cloud->radii.rows() == 0)
             throw CloudError(cloud->name, "normals and radii", "none",
                              "Take those of frame(0) and frame(1) of the morph.");

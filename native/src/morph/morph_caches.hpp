@@ -16,6 +16,10 @@ struct Morph::Caches {
     std::optional<Path<double>> double_path;
     std::optional<Motion> source_motion, target_motion;
 
+    std::mutex wrapping_mutex;
+    std::optional<Positions> wrapped;  ///< of the source's vertices, at 1
+    std::optional<Motion> wrapped_motion;
+
     std::mutex resampling_mutex;
     std::optional<Resampling> resampling;
 

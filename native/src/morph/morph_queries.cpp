@@ -5,7 +5,10 @@
 #include <numeric>
 #include <type_traits>
 
+#include "morph/mesh_side.hpp"
 #include "morph/morph_caches.hpp"
+#include "morph/wrapped_mesh.hpp"
+#include "pointmorph/base/error.hpp"
 #include "pointmorph/base/parallel.hpp"
 #include "pointmorph/cloud/kd_tree.hpp"
 #include "pointmorph/cloud/similarity.hpp"
@@ -73,6 +76,42 @@ Positions Morph::through_domain(const Positions& images, const DomainPoints& fro
     }
     progress.finish();
     return result;
+}
+
+/// Where the source's vertices end on the target. The caller holds the mutex.
+const Positions& Morph::wrapped_ends(Progress& progress) const {
+    auto& wrapped = caches_->wrapped;
+    if (wrapped) return *wrapped;
+    if (!meshes_ || !meshes_->sides.source)
+        throw CloudError(source_.name, "faces to wrap onto " + target_.name, "none",
+                         "Give the faces of the mesh, and take method auto.");
+    const ThreadCount threads(options_.threads);
+    progress.enter("wrapping");
+    const auto& other = meshes_->sides.target;
+    wrapped = wrapped_vertices({*meshes_->sides.source, meshes_->source_images, source_images_},
+                               {target_, other ? &*other : nullptr, meshes_->target_images},
+                               pinned_pairs(features_), {}, progress);
+    progress.finish();
+    return *wrapped;
+}
+
+Positions Morph::wrapped(double t, Progress& progress) const {
+    if (!(t >= 0.0 && t <= 1.0))
+        throw OptionError("t", "a number from 0 to 1", std::to_string(t), "Clamp it.");
+    const std::scoped_lock lock(caches_->wrapping_mutex);
+    const Positions& ends = wrapped_ends(progress);
+    if (t == 0.0) return source_.positions;
+    if (t == 1.0) return ends;
+    if (options_.path == PathKind::kLinear) return (1.0 - t) * source_.positions + t * ends;
+    const ThreadCount threads(options_.threads);
+    auto& motion = caches_->wrapped_motion;
+    if (!motion) {
+        const GradualSimilarity similarity{fit_similarity(source_.positions, ends),
+                                           source_.positions.colwise().mean().transpose()};
+        motion.emplace(source_.positions, source_.normals.rowwise().normalized(), ends, similarity,
+                       options_.path == PathKind::kRigid, progress);
+    }
+    return motion->at(t).positions;
 }
 
 template <class Scalar>

@@ -17,7 +17,7 @@ NamedNetwork preview_network(const MorphInput& input, const MorphOptions& given_
     options.domain = Domain::kNetwork;
     const ThreadCount threads(options.threads);
     progress.enter("cloud");
-    check_shapes(input);
+    check_shapes(input, options);
     check_loops(input, options);
     if (options.method == Method::kPaper) check_for_paper(input.features);
     const auto [source, target] =

@@ -407,3 +407,53 @@ def test_proposals_arent_for_the_papers_method(pair: Path) -> None:
     )
     assert done.returncode == 2
     assert "Leave the method out" in done.stderr
+
+
+def quad_obj(path: Path, height: float) -> None:
+    """An open sheet of squares with UVs and a material, in the order of `grid`."""
+    side = 12
+    lines = ["mtllib sheet.mtl", "o sheet"]
+    for x, y, z in grid(side, height):
+        lines.append(f"v {x} {y} {z}")
+    for x, y, _ in grid(side):
+        lines.append(f"vt {x} {y}")
+    lines += ["vn 0 0 1", "usemtl cloth"]
+    for a in range(side - 1):
+        for b in range(side - 1):
+            k = a * side + b + 1
+            corners = (k, k + side, k + side + 1, k + 1)
+            lines.append("f " + " ".join(f"{c}/{c}/1" for c in corners))
+    path.write_text("\n".join(lines) + "\n")
+
+
+def test_the_source_s_own_mesh_is_moved(tmp_path: Path) -> None:
+    quad_obj(tmp_path / "sheet.obj", 0.0)
+    write_off(tmp_path / "bump.off", A, 0.8)
+    out = tmp_path / "out"
+    call = ["morph", tmp_path / "sheet.obj", tmp_path / "bump.off", "--out", out, "--frames", 3]
+    done = run(*call, "--mesh", "source")
+    assert done.returncode == 0, done.stderr
+    given = (tmp_path / "sheet.obj").read_text().splitlines()
+    for number in range(3):
+        lines = (out / f"mesh_{number:04d}.obj").read_text().splitlines()
+        assert [x for x in lines if x.startswith(("vt", "usemtl", "mtllib", "o "))] == [
+            x for x in given if x.startswith(("vt", "usemtl", "mtllib", "o "))
+        ]
+        assert next(x for x in lines if x.startswith("f ")) == "f 1/1 13/13 14/14 2/2"
+        assert sum(x.startswith("v ") for x in lines) == 144
+    first, last = (formats.read(out / f"mesh_000{number}.obj").positions for number in (0, 2))
+    assert np.abs(first - grid(12)).max() < 1e-6
+    height = 0.8 * np.exp(-3 * (last[:, 0] ** 2 + last[:, 1] ** 2))
+    assert np.abs(last[:, 2] - height).max() < 0.02
+
+
+@pytest.mark.parametrize(
+    ("arguments", "found"),
+    [(["--samples", "500"], "--samples"), (["--method", "paper"], "--method paper")],
+)
+def test_the_source_s_mesh_needs_its_faces(pair: Path, arguments: list[str], found: str) -> None:
+    names = [pair / name for name in PAIR[1:]]
+    done = run("morph", *names, "--out", pair / "out", "--mesh", "source", *arguments)
+    assert done.returncode == 2
+    assert found in done.stderr
+    assert not (pair / "out").exists()

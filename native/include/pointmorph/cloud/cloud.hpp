@@ -2,12 +2,25 @@
 // compute on it.
 #pragma once
 
+#include <span>
 #include <string>
 #include <vector>
 
 #include "pointmorph/base/types.hpp"
 
 namespace pointmorph {
+
+/// The faces of a mesh: polygons, whose corners are rows of a cloud, in order around each.
+struct Polygons {
+    std::vector<std::int64_t> offsets{0};  ///< #polygons + 1, into `corners`
+    std::vector<Index> corners;
+
+    Index size() const { return static_cast<Index>(offsets.size()) - 1; }
+    std::span<const Index> operator[](Index f) const {
+        const auto i = to_size(f);
+        return {corners.data() + offsets[i], corners.data() + offsets[i + 1]};
+    }
+};
 
 /// A sampled shape: points that lie on some surface (paper, Introduction). An attribute that
 /// isn't given has 0 rows, any other number of rows than that of `positions` is an error.
@@ -17,15 +30,18 @@ struct Cloud {
     Normals normals;             ///< #points by 3, outward, any length but zero
     Colors colors;               ///< #points by 4, red green blue alpha
     Values radii;                ///< #points, in the unit of the positions, not negative
+    /// Where there are some, the shape is their surface, and the points are its vertices: no
+    /// samples, which may lie as they like.
+    Polygons faces{};
 
     Index size() const { return static_cast<Index>(positions.rows()); }
 };
 
 /// Throws CloudError unless the cloud has at least `minimum_points` points (3, if that is more),
 /// all numbers are finite, the attributes have one row a point, normals aren't zero, radii aren't
-/// negative, and the points neither coincide nor lie on one line. Extents from 1e-290 to 1e290 and
-/// normals of any length from 1e-150 to 1e150 are fine, at any distance from the origin at which
-/// the points still differ.
+/// negative, corners of faces are points of the cloud, and the points neither coincide nor lie on
+/// one line. Extents from 1e-290 to 1e290 and normals of any length from 1e-150 to 1e150 are fine,
+/// at any distance from the origin at which the points still differ.
 void validate(const Cloud& cloud, Index minimum_points);
 
 /// p ↦ (p − center) / scale takes a shape into the unit ball around the origin.

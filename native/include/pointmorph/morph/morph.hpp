@@ -30,6 +30,7 @@ struct ResampledFrame {
 };
 
 struct Correspondence;
+struct MeshMorph;
 
 /// Computed once by the constructor; cheap to ask afterwards. All queries are const and may come
 /// from several threads.
@@ -63,6 +64,11 @@ public:
     Positions source_to_target(Progress& progress) const;
     Positions target_to_source(Progress& progress) const;
 
+    /// The vertices of the source at t, #source by 3, along the paths of `options().path`: at 0
+    /// where they are, at 1 where they end when its faces are wrapped smoothly onto the target; see
+    /// wrap(), which is done when first asked for. Throws CloudError where the source has no faces.
+    Positions wrapped(double t, Progress& progress) const;
+
     /// Straight paths; laid out when first asked for. Scalar: float or double.
     template <class Scalar>
     const Path<Scalar>& path() const;
@@ -93,10 +99,13 @@ public:
     const MorphOptions& options() const noexcept { return options_; }
 
 private:
+    void find_map(MorphInput input, Progress& progress);
     void take(Correspondence found);
+    void carry(MorphInput input, Progress& progress);
     Positions through_domain(const Positions& images, const DomainPoints& from,
                              const DomainPoints& to, const Cloud& other, Progress& progress) const;
     Positions velocities(double t) const;
+    const Positions& wrapped_ends(Progress& progress) const;
     template <class Scalar>
     void insert_points(ResampledFrame<Scalar>& frame, double t, Progress& progress) const;
 
@@ -108,6 +117,7 @@ private:
     Positions source_images_, target_images_;  ///< empty where the domain gives them
     BoundaryLoop source_boundary_, target_boundary_;
     MorphReport report_;
+    std::unique_ptr<const MeshMorph> meshes_;  ///< null where both clouds are bare
 
     struct Caches;
     std::unique_ptr<Caches> caches_;

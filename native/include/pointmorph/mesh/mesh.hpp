@@ -1,0 +1,53 @@
+// Stage `mesh`: the faces of a shape as one surface of triangles, with what is connected, its
+// borders and which way it faces.
+#pragma once
+
+#include <array>
+#include <span>
+#include <vector>
+
+#include "pointmorph/base/types.hpp"
+#include "pointmorph/cloud/cloud.hpp"
+
+namespace pointmorph {
+
+/// #triangles by 3 rows of some positions, anticlockwise seen from outside.
+using Triangles = Eigen::Matrix<Index, Eigen::Dynamic, 3, Eigen::RowMajor>;
+
+/// A *vertex* is a row of the cloud, a *place* one of this surface: vertices at the very same place
+/// share it, so that seams and what importers leave behind are closed. Lengths are those of the
+/// unit ball; see `unit`.
+struct Mesh {
+    Normalization unit;         ///< takes the vertices to where the places are
+    Positions positions;        ///< #places by 3
+    std::vector<Index> places;  ///< #vertices: the place of each
+    Triangles triangles;        ///< rows of `positions`, each with an area
+    Normals normals;            ///< #triangles by 3, unit length
+    Values areas;               ///< #triangles
+    Normals place_normals;      ///< #places by 3, unit length: the mean around, by angle
+    std::vector<Index> parts;   ///< #places: the connected part of each, the largest area first
+    Values part_areas;  ///< #parts with an area; places without triangles are in none (−1)
+    /// Closed sequences of places along which the surface ends, longest first; see BoundaryLoop.
+    std::vector<std::vector<Index>> borders;
+    bool turned_outwards = false;  ///< the faces showed their inside, and were reversed
+
+    double area() const { return areas.sum(); }
+};
+
+/// The surface of the cloud's faces. Polygons are cut into triangles where that bends and narrows
+/// them least, also where they aren't convex. Faces that lie against their neighbors are turned to
+/// agree with the larger part of what they are connected to over edges of two faces; all of them,
+/// where the largest part is closed and has a negative volume. Faces with fewer than three places,
+/// or without an area, are left out: there may be no triangles at all. `cloud` is valid; see
+/// validate().
+Mesh make_mesh(const Cloud& cloud);
+
+/// The surface of given triangles as they are: parts, borders, normals. `places` stays empty.
+/// Triangles have an area.
+Mesh mesh_of(const Normalization& unit, Positions positions, Triangles triangles);
+
+/// Corners of triangles that cover one polygon with `corners`, rows of `positions`.
+std::vector<std::array<Index, 3>> triangulate(const Positions& positions,
+                                              std::span<const Index> corners);
+
+}  // namespace pointmorph

@@ -1,0 +1,54 @@
+// Stage `vertex_images`: the vertices of a mesh, carried by a map of its samples.
+#pragma once
+
+#include <span>
+#include <vector>
+
+#include "pointmorph/base/progress.hpp"
+#include "pointmorph/base/types.hpp"
+#include "pointmorph/cloud/oriented_points.hpp"
+
+namespace pointmorph {
+
+/// Values at samples, one row a sample; at vertices likewise.
+using SampleValues = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+
+/// Which samples say where each vertex goes: the nearest in position and normal, so that those of
+/// the other side of a thin sheet don't, with weights that fade to 0 at the farthest. Made once;
+/// carries any map of the samples.
+class VertexImages {
+public:
+    /// Normals have unit length; there are samples. `spacing` is their distance from each other.
+    VertexImages(const OrientedPoints& vertices, const OrientedPoints& samples, double spacing,
+                 Progress& progress);
+
+    Index size() const { return static_cast<Index>(offsets_.rows()); }
+
+    /// #vertices by 3, by an affine fit of the samples' `images` (#samples by 3) around each vertex
+    /// that keeps to a turn and a scale where the samples leave it open: exact for similarities. A
+    /// vertex at the very place of a sample has its image.
+    Positions positions(const Positions& images, Progress& progress) const;
+
+    /// #vertices by as many values as given: by an affine fit as well, flat where the samples leave
+    /// it open.
+    SampleValues values(const SampleValues& of_samples, Progress& progress) const;
+
+    /// The nearest sample of each vertex.
+    std::vector<Index> nearest() const;
+
+private:
+    static constexpr Index kNeighbors = 12;
+
+    std::span<const Index> rows(Index vertex) const {
+        return {rows_.data() + to_size(vertex * neighbors_), to_size(neighbors_)};
+    }
+
+    Index neighbors_ = 0;       ///< of each vertex
+    std::vector<Index> rows_;   ///< samples, the nearest first
+    Eigen::VectorXd weights_;   ///< of these, sum 1 for each vertex
+    Positions samples_;         ///< their positions
+    Positions offsets_;         ///< #vertices by 3: from the weighted mean of the samples
+    std::vector<char> at_one_;  ///< whether the vertex is where its nearest sample is
+};
+
+}  // namespace pointmorph

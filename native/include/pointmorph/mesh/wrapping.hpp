@@ -1,0 +1,58 @@
+// Stage `wrapping`: a mesh, laid over another surface by a map, deformed until its faces fit that
+// surface smoothly, into its tips and hollows, without folds or creases.
+#pragma once
+
+#include <span>
+#include <vector>
+
+#include "pointmorph/base/progress.hpp"
+#include "pointmorph/base/types.hpp"
+#include "pointmorph/cloud/oriented_points.hpp"
+#include "pointmorph/mesh/closest_point.hpp"
+#include "pointmorph/mesh/mesh.hpp"
+
+namespace pointmorph {
+
+struct WrapOptions {
+    /// Lengths over which the mesh gives way, from the first to the last, each a share of the one
+    /// before; in √area of the target.
+    double first_length = 0.14;
+    double last_length = 0.002;
+    double share = 0.72;
+    Index iterations = 4;  ///< for each length
+    /// Of a mesh with more than twice as many places, so many stand for all while lengths are over
+    /// this one, in √area.
+    Index coarse_places = 5000;
+    double coarse_length = 0.04;
+    Index untangling = 3;  ///< rounds in which faces that lie against the target are turned back
+};
+
+/// The surface that a mesh is laid over. Rows of the arrays are samples; lengths are the caller's.
+struct WrapTarget {
+    const Mesh* mesh = nullptr;  ///< its faces, where it has some
+    OrientedPoints coarse;       ///< some thousand, evenly spread: those of the map
+    OrientedPoints fine;         ///< many more, or the same
+    /// The part of the surface that each belongs to, 0 … #parts − 1; empty: one part.
+    std::vector<Index> coarse_parts, fine_parts;
+    double area = 1.0;
+    std::vector<Positions> borders;  ///< closed polygons along which the surface ends
+    /// Where each coarse sample lies on the mesh, by the inverse map; triangle −1: nowhere.
+    std::vector<SurfacePoint> on_mesh;
+};
+
+/// A place of the mesh that has to end exactly at a point of the target.
+struct WrapMark {
+    Index place;
+    Vector3 target;
+};
+
+/// Where the places of the mesh end, #places by 3. `start` is where the map takes them; places
+/// without triangles stay there. From long lengths to short ones, the mesh as an elastic sheet (see
+/// ElasticSheet) is drawn to the tangent planes of the closest samples that face as it does, of the
+/// part that most of its own part lies on; where no face reaches, the point that the inverse map
+/// names is pulled there. A start that is the target's own mesh is the result, to the bit. Turns,
+/// scales and moves with the target. The same bits for any number of threads.
+Positions wrap(const Mesh& mesh, const Positions& start, const WrapTarget& target,
+               std::span<const WrapMark> marks, const WrapOptions& options, Progress& progress);
+
+}  // namespace pointmorph

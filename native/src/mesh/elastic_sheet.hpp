@@ -1,0 +1,77 @@
+// A mesh as an elastic sheet that may stretch smoothly. Not for callers of the library.
+#pragma once
+
+#include <Eigen/LU>
+#include <span>
+#include <vector>
+
+#include "mesh/block_system.hpp"
+#include "pointmorph/base/progress.hpp"
+#include "pointmorph/base/types.hpp"
+#include "pointmorph/mesh/mesh.hpp"
+
+namespace pointmorph {
+
+using Matrix2 = Eigen::Matrix2d;
+
+/// What each triangle would be is its rest shape, stretched as the map stretches around it on the
+/// average (its *metric*): what stretches smoothly isn't resisted, what folds or shears is. The
+/// energy is ½ Σ w |(x_j − x_i) − (y_j − y_i)|² over the sides of triangles, with y the triangle as
+/// it would be, turned to where it is: as the surface around its corners has turned (spokes and
+/// rims; Sorkine and Alexa 2007, Chao et al. 2010), or laid into a plane and turned in that.
+class ElasticSheet {
+public:
+    /// `rest` has a row a place, in lengths in which the surface has about unit area. Keeps a
+    /// reference to `triangles`.
+    ElasticSheet(const Positions& rest, const Triangles& triangles);
+
+    const Laplacian& laplacian() const { return laplacian_; }
+    /// A third of the area around each vertex, at rest.
+    const Values& areas() const { return areas_; }
+    /// Triangles around each vertex, as 3 f + corner.
+    std::span<const Index> around(Index vertex) const {
+        return {corners_.data() + offsets_[to_size(vertex)],
+                corners_.data() + offsets_[to_size(vertex) + 1]};
+    }
+
+    /// Takes the metric from the present places, averaged over `sweeps` rings of vertices.
+    void set_metric(const Positions& x, int sweeps, Progress& progress);
+    /// The triangle as the metric would have it: its sides from the first corner, in a plane.
+    const Matrix2& metric_sides(Index triangle) const {
+        return rest_[to_size(triangle)].metric_sides;
+    }
+    /// Of each triangle: by how much the metric makes the area larger.
+    double area_ratio(Index triangle) const;
+
+    /// Right side L y for the local turns that suit `x` best; `flat` says how much triangles lie in
+    /// the planes across `normals` (a unit row a vertex, averaged over corners), 0 to 1.
+    Positions forces(const Positions& x, const Normals& normals, double flat, Progress& progress);
+
+    /// Unit normals of vertices at `x`, by area; the rest's where there is none.
+    Normals normals(const Positions& x, Progress& progress) const;
+
+private:
+    struct Triangle {
+        Eigen::Matrix<double, 2, 3> frame;  ///< rows: axes in its plane at rest
+        Matrix2 sides;                      ///< columns: to the second and third corner, in these
+        Matrix2 inverse;                    ///< of the sides
+        Vector3 weights;                    ///< of the sides from corner k to the next
+        Matrix2 metric_sides;               ///< the sides, stretched by the metric
+    };
+    using Corners = Eigen::Matrix<double, 3, 3>;  ///< a corner a column
+
+    Corners places(const Positions& x, Index f) const;
+    void turn_vertices(const Positions& x, Progress& progress);
+    Corners in_plane(const Corners& now, const Triangle& t, const Vector3& normal) const;
+
+    const Triangles* triangles_;
+    std::vector<Triangle> rest_;
+    Normals rest_normals_;  ///< of the vertices
+    Values areas_;
+    Laplacian laplacian_;
+    std::vector<Index> offsets_, corners_;
+    std::vector<Matrix3> turns_;  ///< of the vertices; kept as a start
+    bool have_turned_ = false;
+};
+
+}  // namespace pointmorph

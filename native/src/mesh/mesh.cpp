@@ -1,0 +1,341 @@
+#include "pointmorph/mesh/mesh.hpp"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <numeric>
+#include <utility>
+
+#include "mesh/mesh_edges.hpp"
+
+namespace pointmorph {
+
+namespace {
+
+using Corners = std::array<Index, 3>;
+
+Eigen::RowVector3d doubled_area(const Positions& p, Index a, Index b, Index c) {
+    const Eigen::RowVector3d u = p.row(b) - p.row(a), v = p.row(c) - p.row(a);
+    return u.cross(v);
+}
+
+/// Vertices in the order of their coordinates, for those at the very same place to be neighbors.
+void weld(const Positions& vertices, Mesh& mesh) {
+    const auto count = static_cast<Index>(vertices.rows());
+    std::vector<Index> order(to_size(count));
+    std::iota(order.begin(), order.end(), 0);
+    const auto less = [&](Index i, Index j) {
+        const auto a = vertices.row(i), b = vertices.row(j);
+        return std::lexicographical_compare(a.begin(), a.end(), b.begin(), b.end());
+    };
+    std::ranges::stable_sort(order, less);
+    std::vector<Index> first(to_size(count));  // the first vertex at the place of each
+    for (std::size_t k = 0; k < order.size(); ++k) {
+        const bool same = k > 0 && vertices.row(order[k]) == vertices.row(order[k - 1]);
+        first[to_size(order[k])] = same ? first[to_size(order[k - 1])] : order[k];
+    }
+    mesh.places.resize(to_size(count));
+    std::vector<Index> rows;  // places are numbered as their first vertices are
+    for (Index v = 0; v < count; ++v) {
+        if (first[to_size(v)] == v) {
+            mesh.places[to_size(v)] = static_cast<Index>(rows.size());
+            rows.push_back(v);
+        } else {
+            mesh.places[to_size(v)] = mesh.places[to_size(first[to_size(v)])];
+        }
+    }
+    mesh.positions = mesh.unit.apply(gather(vertices, rows));
+}
+
+std::vector<Corners> triangles_of(const Polygons& faces, const Mesh& mesh) {
+    constexpr double kNoArea = 1e-14;
+    std::vector<Corners> triangles;
+    triangles.reserve(to_size(faces.size()));
+    std::vector<Index> corners;
+    for (Index f = 0; f < faces.size(); ++f) {
+        corners.clear();
+        for (const Index vertex : faces[f]) {
+            const Index place = mesh.places[to_size(vertex)];
+            if (corners.empty() || corners.back() != place) corners.push_back(place);
+        }
+        while (corners.size() > 1 && corners.front() == corners.back()) corners.pop_back();
+        for (const Corners& t : triangulate(mesh.positions, corners))
+            if (doubled_area(mesh.positions, t[0], t[1], t[2]).norm() > kNoArea)
+                triangles.push_back(t);
+    }
+    return triangles;
+}
+
+void reverse(Triangles& triangles, Index f) {
+    std::swap(triangles(f, 1), triangles(f, 2));
+}
+
+/// Turns triangles so that neighbors over edges of two triangles agree, most of the area as given.
+void make_agree(Triangles& triangles, const Values& areas) {
+    const MeshEdges edges(triangles);
+    const auto count = static_cast<Index>(triangles.rows());
+    std::vector<signed char> sign(to_size(count), 0);
+    std::vector<Index> patch;
+    for (Index seed = 0; seed < count; ++seed) {
+        if (sign[to_size(seed)] != 0) continue;
+        patch.assign(1, seed);
+        sign[to_size(seed)] = 1;
+        double kept = 0.0, turned = 0.0;
+        for (std::size_t next = 0; next < patch.size(); ++next) {
+            const Index f = patch[next];
+            (sign[to_size(f)] > 0 ? kept : turned) += areas[f];
+            for (Index k = 0; k < 3; ++k) {
+                const auto sides = edges[edges.edge_of(f, k)];
+                if (sides.size() != 2) continue;
+                const MeshEdges::Side other = sides[0].triangle == f ? sides[1] : sides[0];
+                if (sign[to_size(other.triangle)] != 0) continue;
+                const bool agree = start_of(triangles, other) != triangles(f, k);
+                sign[to_size(other.triangle)] =
+                    static_cast<signed char>(agree ? sign[to_size(f)] : -sign[to_size(f)]);
+                patch.push_back(other.triangle);
+            }
+        }
+        if (turned > kept)
+            for (const Index f : patch) sign[to_size(f)] = -sign[to_size(f)];
+    }
+    for (Index f = 0; f < count; ++f)
+        if (sign[to_size(f)] < 0) reverse(triangles, f);
+}
+
+void find_areas(Mesh& mesh) {
+    mesh.areas.resize(mesh.triangles.rows());
+    for (Index f = 0; f < mesh.triangles.rows(); ++f) {
+        const auto t = mesh.triangles.row(f);
+        mesh.areas[f] = 0.5 * doubled_area(mesh.positions, t[0], t[1], t[2]).norm();
+    }
+}
+
+Index root_of(std::vector<Index>& parents, Index i) {
+    while (parents[to_size(i)] != i) {
+        parents[to_size(i)] = parents[to_size(parents[to_size(i)])];
+        i = parents[to_size(i)];
+    }
+    return i;
+}
+
+void find_parts(Mesh& mesh) {
+    const auto count = static_cast<Index>(mesh.positions.rows());
+    std::vector<Index> parents(to_size(count));
+    std::iota(parents.begin(), parents.end(), 0);
+    for (Index f = 0; f < mesh.triangles.rows(); ++f)
+        for (Index k = 1; k < 3; ++k) {
+            const auto [low, high] = std::minmax(
+                {root_of(parents, mesh.triangles(f, 0)), root_of(parents, mesh.triangles(f, k))});
+            parents[to_size(high)] = low;
+        }
+    Values areas = Values::Zero(count);
+    for (Index f = 0; f < mesh.triangles.rows(); ++f)
+        areas[root_of(parents, mesh.triangles(f, 0))] += mesh.areas[f];
+    std::vector<Index> roots;
+    for (Index p = 0; p < count; ++p)
+        if (areas[p] > 0.0) roots.push_back(p);
+    std::ranges::stable_sort(roots, std::greater{}, [&](Index root) { return areas[root]; });
+    std::vector<Index> label(to_size(count), -1);
+    mesh.part_areas.resize(static_cast<Eigen::Index>(roots.size()));
+    for (std::size_t k = 0; k < roots.size(); ++k) {
+        label[to_size(roots[k])] = static_cast<Index>(k);
+        mesh.part_areas[static_cast<Eigen::Index>(k)] = areas[roots[k]];
+    }
+    mesh.parts.resize(to_size(count));
+    for (Index p = 0; p < count; ++p) mesh.parts[to_size(p)] = label[to_size(root_of(parents, p))];
+}
+
+/// Whether the largest part is closed and its faces show their inside.
+bool shows_inside(const Mesh& mesh) {
+    const MeshEdges edges(mesh.triangles);
+    for (Index e = 0; e < edges.size(); ++e)
+        if (mesh.parts[to_size(start_of(mesh.triangles, edges[e].front()))] == 0 &&
+            edges[e].size() != 2)
+            return false;
+    double volume = 0.0;  // six times
+    for (Index f = 0; f < mesh.triangles.rows(); ++f) {
+        if (mesh.parts[to_size(mesh.triangles(f, 0))] != 0) continue;
+        const auto corner = [&](Index k) -> Vector3 {
+            return mesh.positions.row(mesh.triangles(f, k)).transpose();
+        };
+        volume += corner(0).dot(corner(1).cross(corner(2)));
+    }
+    constexpr double kSomeVolume = 0.005;  // of a unit area; a ball has 0.09
+    const double area = mesh.part_areas[0];
+    return volume / 6.0 <= -kSomeVolume * area * std::sqrt(area);
+}
+
+void find_normals(Mesh& mesh) {
+    const auto count = static_cast<Index>(mesh.triangles.rows());
+    mesh.normals.resize(count, 3);
+    mesh.place_normals = Normals::Zero(mesh.positions.rows(), 3);
+    for (Index f = 0; f < count; ++f) {
+        const auto t = mesh.triangles.row(f);
+        mesh.normals.row(f) = doubled_area(mesh.positions, t[0], t[1], t[2]).normalized();
+        for (Index k = 0; k < 3; ++k) {
+            const Eigen::RowVector3d p = mesh.positions.row(t[k]);
+            const Vector3 u = (mesh.positions.row(t[(k + 1) % 3]) - p).transpose();
+            const Vector3 v = (mesh.positions.row(t[(k + 2) % 3]) - p).transpose();
+            const double angle = std::atan2(u.cross(v).norm(), u.dot(v));
+            mesh.place_normals.row(t[k]) += angle * mesh.normals.row(f);
+        }
+    }
+    constexpr double kOpposed = 1e-6;
+    std::vector<Index> some(to_size(mesh.positions.rows()), -1);
+    for (Index f = 0; f < count; ++f)
+        for (Index k = 0; k < 3; ++k) some[to_size(mesh.triangles(f, k))] = f;
+    for (Index p = 0; p < mesh.positions.rows(); ++p) {
+        auto normal = mesh.place_normals.row(p);
+        if (normal.norm() > kOpposed)
+            normal.normalize();
+        else if (some[to_size(p)] >= 0)  // both sides of a sheet
+            normal = mesh.normals.row(some[to_size(p)]);
+        else
+            normal << 0.0, 0.0, 1.0;
+    }
+}
+
+double length_of(const Positions& positions, std::span<const Index> loop) {
+    double length = 0.0;
+    for (std::size_t k = 0; k < loop.size(); ++k)
+        length += (positions.row(loop[(k + 1) % loop.size()]) - positions.row(loop[k])).norm();
+    return length;
+}
+
+/// Simple loops: where borders meet in a place, they are parted there.
+void find_borders(Mesh& mesh) {
+    const MeshEdges edges(mesh.triangles);
+    std::vector<std::vector<Index>> next(to_size(mesh.positions.rows()));
+    std::vector<Index> starts;
+    for (Index e = 0; e < edges.size(); ++e) {
+        if (edges[e].size() != 1) continue;
+        const Index from = start_of(mesh.triangles, edges[e].front());
+        next[to_size(from)].push_back(end_of(mesh.triangles, edges[e].front()));
+        starts.push_back(from);
+    }
+    std::ranges::sort(starts);
+    std::vector<Index> path, place_in_path(to_size(mesh.positions.rows()), -1);
+    for (const Index start : starts) {
+        path.clear();
+        Index at = start;
+        for (;;) {
+            if (place_in_path[to_size(at)] >=
+                0) {  // a loop closes; the path goes on from its start
+                const auto first = to_size(place_in_path[to_size(at)]);
+                std::vector<Index> loop(path.begin() + static_cast<std::ptrdiff_t>(first),
+                                        path.end());
+                for (const Index p : loop) place_in_path[to_size(p)] = -1;
+                path.resize(first);
+                if (loop.size() > 2) mesh.borders.push_back(std::move(loop));
+            }
+            if (next[to_size(at)].empty()) break;
+            place_in_path[to_size(at)] = static_cast<Index>(path.size());
+            path.push_back(at);
+            const Index to = next[to_size(at)].back();
+            next[to_size(at)].pop_back();
+            at = to;
+        }
+        for (const Index p : path) place_in_path[to_size(p)] = -1;
+    }
+    std::ranges::stable_sort(mesh.borders, std::greater{}, [&](const std::vector<Index>& loop) {
+        return length_of(mesh.positions, loop);
+    });
+}
+
+/// How good a triangle is as a piece of a polygon that faces along `normal`: its height over its
+/// longest side, negative where it lies against the polygon.
+double piece_quality(const Positions& p, Index a, Index b, Index c, const Vector3& normal) {
+    const Eigen::RowVector3d doubled = doubled_area(p, a, b, c);
+    const double longest =
+        std::max({(p.row(b) - p.row(a)).squaredNorm(), (p.row(c) - p.row(b)).squaredNorm(),
+                  (p.row(a) - p.row(c)).squaredNorm()});
+    return longest > 0.0 ? doubled.dot(normal) / longest : 0.0;
+}
+
+/// Whether another corner of the polygon lies in the triangle of three that follow one another.
+bool holds_another(const Positions& p, std::span<const Index> ring, std::size_t k,
+                   const Vector3& normal) {
+    const std::size_t n = ring.size();
+    const std::array<Index, 3> ear{ring[(k + n - 1) % n], ring[k], ring[(k + 1) % n]};
+    return std::ranges::any_of(ring, [&](Index other) {
+        if (std::ranges::find(ear, other) != ear.end()) return false;
+        for (std::size_t side = 0; side < 3; ++side)
+            if (doubled_area(p, ear[side], ear[(side + 1) % 3], other).dot(normal) <= 0.0)
+                return false;
+        return true;
+    });
+}
+
+}  // namespace
+
+std::vector<Corners> triangulate(const Positions& positions, std::span<const Index> corners) {
+    if (corners.size() < 3) return {};
+    if (corners.size() == 3) return {{corners[0], corners[1], corners[2]}};
+    Vector3 normal = Vector3::Zero();  // Newell's: twice the area seen from each axis
+    for (std::size_t k = 1; k + 1 < corners.size(); ++k)
+        normal += doubled_area(positions, corners[0], corners[k], corners[k + 1]).transpose();
+    normal.normalize();  // stays zero where it is
+
+    std::vector<Index> ring(corners.begin(), corners.end());
+    std::vector<Corners> triangles;
+    while (ring.size() > 3) {
+        const std::size_t n = ring.size();
+        std::size_t best = 0;
+        double most = -std::numeric_limits<double>::infinity();
+        for (std::size_t k = 0; k < n; ++k) {
+            double quality =
+                piece_quality(positions, ring[(k + n - 1) % n], ring[k], ring[(k + 1) % n], normal);
+            if (n == 4)  // what is left counts as well
+                quality =
+                    std::min(quality, piece_quality(positions, ring[(k + n - 1) % n],
+                                                    ring[(k + 1) % n], ring[(k + 2) % n], normal));
+            constexpr double kBlocked = 4.0;  // worse than any that isn't
+            if (quality > most - kBlocked && holds_another(positions, ring, k, normal))
+                quality -= kBlocked;
+            if (quality > most) {
+                most = quality;
+                best = k;
+            }
+        }
+        triangles.push_back({ring[(best + n - 1) % n], ring[best], ring[(best + 1) % n]});
+        ring.erase(ring.begin() + static_cast<std::ptrdiff_t>(best));
+    }
+    triangles.push_back({ring[0], ring[1], ring[2]});
+    return triangles;
+}
+
+Mesh mesh_of(const Normalization& unit, Positions positions, Triangles triangles) {
+    Mesh mesh;
+    mesh.unit = unit;
+    mesh.positions = std::move(positions);
+    mesh.triangles = std::move(triangles);
+    find_areas(mesh);
+    find_parts(mesh);
+    find_normals(mesh);
+    find_borders(mesh);
+    return mesh;
+}
+
+Mesh make_mesh(const Cloud& cloud) {
+    Mesh mesh;
+    mesh.unit = normalization(cloud.positions);
+    weld(cloud.positions, mesh);
+    const std::vector<Corners> corners = triangles_of(cloud.faces, mesh);
+    mesh.triangles.resize(static_cast<Eigen::Index>(corners.size()), 3);
+    for (std::size_t f = 0; f < corners.size(); ++f)
+        mesh.triangles.row(static_cast<Eigen::Index>(f)) << corners[f][0], corners[f][1],
+            corners[f][2];
+    find_areas(mesh);
+    make_agree(mesh.triangles, mesh.areas);
+    find_parts(mesh);
+    if (mesh.triangles.rows() > 0 && shows_inside(mesh)) {
+        for (Index f = 0; f < mesh.triangles.rows(); ++f) reverse(mesh.triangles, f);
+        mesh.turned_outwards = true;
+    }
+    find_normals(mesh);
+    find_borders(mesh);
+    return mesh;
+}
+
+}  // namespace pointmorph

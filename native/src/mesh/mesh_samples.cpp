@@ -1,0 +1,271 @@
+#include "pointmorph/mesh/mesh_samples.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <numbers>
+#include <numeric>
+
+#include "pointmorph/cloud/sampling.hpp"
+
+namespace pointmorph {
+
+namespace {
+
+/// Places on the faces, not all of which become samples.
+struct Candidates {
+    std::vector<Index> triangles;
+    std::vector<Eigen::RowVector3d> weights;
+
+    Index size() const { return static_cast<Index>(triangles.size()); }
+    void add(Index triangle, const Eigen::RowVector3d& w) {
+        triangles.push_back(triangle);
+        weights.push_back(w);
+    }
+};
+
+/// Uniform in [0, 1), the same for the same number everywhere (Steele et al., SplitMix, 2014).
+double random_number(std::uint64_t number) {
+    std::uint64_t z = (number + 1) * 0x9e3779b97f4a7c15u;
+    z = (z ^ (z >> 30)) * 0xbf58476d1ce4e5b9u;
+    z = (z ^ (z >> 27)) * 0x94d049bb133111ebu;
+    return static_cast<double>((z ^ (z >> 31)) >> 11) * 0x1.0p-53;
+}
+
+/// Random points, uniform by area, one in each of `count` equal shares of it.
+void add_random(Candidates& candidates, const Mesh& mesh, std::span<const Index> triangles,
+                Index count) {
+    std::vector<double> ends;
+    double sum = 0.0;
+    for (const Index f : triangles) ends.push_back(sum += mesh.areas[f]);
+    for (Index i = 0; i < count; ++i) {
+        const auto number = 3 * static_cast<std::uint64_t>(i);
+        const double place = (i + random_number(number)) / count * sum;
+        const auto k = std::min(to_size(std::ranges::upper_bound(ends, place) - ends.begin()),
+                                ends.size() - 1);
+        const double root = std::sqrt(random_number(number + 1));
+        const double other = random_number(number + 2);
+        candidates.add(triangles[k], {1.0 - root, root * (1.0 - other), root * other});
+    }
+}
+
+/// A triangle at each place, and its corner there.
+struct SomeTriangle {
+    std::vector<Index> triangle, corner;
+
+    explicit SomeTriangle(const Mesh& mesh)
+        : triangle(to_size(mesh.positions.rows()), -1), corner(triangle.size(), -1) {
+        for (Index f = static_cast<Index>(mesh.triangles.rows()) - 1; f >= 0; --f)
+            for (Index k = 0; k < 3; ++k) {
+                triangle[to_size(mesh.triangles(f, k))] = f;
+                corner[to_size(mesh.triangles(f, k))] = k;
+            }
+    }
+};
+
+/// The triangle at the border that runs from one place to the next, and the side that lies there.
+struct BorderSide {
+    Index triangle, k;
+};
+std::vector<BorderSide> sides_along(const Mesh& mesh, const std::vector<Index>& loop,
+                                    const std::vector<std::vector<Index>>& around) {
+    std::vector<BorderSide> sides;
+    for (std::size_t i = 0; i < loop.size(); ++i) {
+        const Index from = loop[i], to = loop[(i + 1) % loop.size()];
+        for (const Index f : around[to_size(from)])
+            for (Index k = 0; k < 3; ++k)
+                if (mesh.triangles(f, k) == from && mesh.triangles(f, (k + 1) % 3) == to) {
+                    sides.push_back({f, k});
+                    goto found;
+                }
+        sides.push_back({around[to_size(from)].front(), 0});
+    found:;
+    }
+    return sides;
+}
+
+/// What a part of the mesh is sampled from: kept places, points along borders, then random ones.
+struct PartCandidates {
+    Candidates places;
+    Index fixed = 0;            ///< the first of them, which stay
+    std::vector<Index> kept;    ///< numbers of kept places, in the order in which they were asked
+    std::vector<Index> border;  ///< fixed candidates along the longest border of the mesh
+};
+
+class Sampler {
+public:
+    Sampler(const Mesh& mesh, std::span<const Index> kept, const MeshSampleOptions& options)
+        : mesh_(mesh), options_(options), some_(mesh), kept_(kept) {
+        const Index count = options.count > 0 ? options.count : sample_count(mesh);
+        spacing_ = std::sqrt(mesh.area() / count);
+        const auto parts = static_cast<std::size_t>(mesh.part_areas.size());
+        triangles_.resize(parts);
+        for (Index f = 0; f < mesh.triangles.rows(); ++f)
+            triangles_[to_size(mesh.parts[to_size(mesh.triangles(f, 0))])].push_back(f);
+        if (mesh.borders.empty()) return;
+        around_.resize(mesh.parts.size());
+        for (Index f = 0; f < mesh.triangles.rows(); ++f)
+            for (Index k = 0; k < 3; ++k) around_[to_size(mesh.triangles(f, k))].push_back(f);
+    }
+
+    MeshSamples all(Progress& progress) const {
+        const auto parts = static_cast<Index>(triangles_.size());
+        MeshSamples result;
+        result.kept.assign(kept_.size(), -1);
+        Candidates chosen;
+        const double total = mesh_.area();
+        double done = 0.0;
+        for (Index part = 0; part < parts; ++part) {
+            const double share = mesh_.part_areas[part] / total;
+            const Progress::Part of_progress(progress, std::min(done, 1.0),
+                                             std::min(done + share, 1.0));
+            add_part(part, chosen, result, progress);
+            done += share;
+        }
+        finish(chosen, result);
+        return result;
+    }
+
+private:
+    Index count_of(Index part) const {
+        const double even = mesh_.part_areas[part] / (spacing_ * spacing_);
+        const double all = mesh_.area() / (spacing_ * spacing_);
+        const double least = std::min<double>(options_.least_per_part,
+                                              0.25 * all / static_cast<double>(triangles_.size()));
+        return static_cast<Index>(std::lround(std::max({even, least, 1.0})));
+    }
+
+    void add_part(Index part, Candidates& chosen, MeshSamples& result, Progress& progress) const {
+        constexpr Index kCandidates = 4;  // a sample
+        const Index even = count_of(part);
+        PartCandidates from;
+        add_kept(part, from);
+        const double spacing = std::sqrt(mesh_.part_areas[part] / even);
+        for (std::size_t b = 0; b < mesh_.borders.size(); ++b)
+            if (mesh_.parts[to_size(mesh_.borders[b].front())] == part)
+                add_border(b, spacing, from);
+        from.fixed = from.places.size();
+        const Index count = std::max(even, from.fixed);
+        if (!options_.even) {
+            const Index first = chosen.size();
+            for (std::size_t k = 0; k < from.kept.size(); ++k)
+                result.kept[to_size(from.kept[k])] = first + static_cast<Index>(k);
+            for (const Index row : from.border) result.border.push_back(first + row);
+            add_random(from.places, mesh_, triangles_[to_size(part)], count - from.fixed);
+            for (Index i = 0; i < from.places.size(); ++i)
+                chosen.add(from.places.triangles[to_size(i)], from.places.weights[to_size(i)]);
+            result.parts.insert(result.parts.end(), to_size(count), part);
+            return;
+        }
+        add_random(from.places, mesh_, triangles_[to_size(part)], kCandidates * count);
+
+        Positions positions(from.places.size(), 3);
+        Normals normals(from.places.size(), 3);
+        for (Index i = 0; i < from.places.size(); ++i) {
+            positions.row(i) = position(from.places, i);
+            normals.row(i) = mesh_.normals.row(from.places.triangles[to_size(i)]);
+        }
+        std::vector<Index> keep(to_size(from.fixed));
+        std::iota(keep.begin(), keep.end(), 0);
+        const Index first = chosen.size();
+        for (const Index row : blue_noise(positions, normals, count, keep, progress))
+            chosen.add(from.places.triangles[to_size(row)], from.places.weights[to_size(row)]);
+        for (std::size_t k = 0; k < from.kept.size(); ++k)
+            result.kept[to_size(from.kept[k])] = first + static_cast<Index>(k);
+        for (const Index row : from.border) result.border.push_back(first + row);
+        result.parts.insert(result.parts.end(), to_size(count), part);
+    }
+
+    void add_kept(Index part, PartCandidates& from) const {
+        for (std::size_t k = 0; k < kept_.size(); ++k) {
+            const Index place = kept_[k];
+            if (mesh_.parts[to_size(place)] != part) continue;
+            Eigen::RowVector3d at = Eigen::RowVector3d::Zero();
+            at[some_.corner[to_size(place)]] = 1.0;
+            from.places.add(some_.triangle[to_size(place)], at);
+            from.kept.push_back(static_cast<Index>(k));
+        }
+    }
+
+    /// Kept places along the border, and between them points as far apart as samples.
+    void add_border(std::size_t which, double spacing, PartCandidates& from) const {
+        const std::vector<Index>& loop = mesh_.borders[which];
+        const std::vector<BorderSide> sides = sides_along(mesh_, loop, around_);
+        std::vector<Index> along;
+        double ahead = 0.0;  // to the next point
+        for (std::size_t i = 0; i < loop.size(); ++i) {
+            const Index place = loop[i], to = loop[(i + 1) % loop.size()];
+            const auto kept = std::ranges::find_if(
+                from.kept, [&](Index k) { return kept_[to_size(k)] == place; });
+            if (kept != from.kept.end()) {
+                along.push_back(static_cast<Index>(kept - from.kept.begin()));
+                ahead = spacing;
+            }
+            const double length = (mesh_.positions.row(to) - mesh_.positions.row(place)).norm();
+            for (; ahead < length; ahead += spacing) {
+                along.push_back(from.places.size());
+                Eigen::RowVector3d at = Eigen::RowVector3d::Zero();
+                at[sides[i].k] = 1.0 - ahead / length;
+                at[(sides[i].k + 1) % 3] = ahead / length;
+                from.places.add(sides[i].triangle, at);
+            }
+            ahead -= length;
+        }
+        if (which == 0) from.border = std::move(along);
+    }
+
+    Eigen::RowVector3d position(const Candidates& places, Index i) const {
+        const auto t = mesh_.triangles.row(places.triangles[to_size(i)]);
+        const auto& w = places.weights[to_size(i)];
+        return w[0] * mesh_.positions.row(t[0]) + w[1] * mesh_.positions.row(t[1]) +
+               w[2] * mesh_.positions.row(t[2]);
+    }
+
+    /// Smooth where the normals around are near that of the face.
+    Eigen::RowVector3d normal(const Candidates& places, Index i) const {
+        const double least = std::cos(options_.crease * std::numbers::pi / 180.0);
+        const Index f = places.triangles[to_size(i)];
+        const Eigen::RowVector3d own = mesh_.normals.row(f);
+        Eigen::RowVector3d sum = Eigen::RowVector3d::Zero();
+        for (Index k = 0; k < 3; ++k) {
+            const auto corner = mesh_.place_normals.row(mesh_.triangles(f, k));
+            sum += places.weights[to_size(i)][k] * (corner.dot(own) < least ? own : corner);
+        }
+        return sum.normalized();
+    }
+
+    void finish(const Candidates& chosen, MeshSamples& result) const {
+        result.triangles = chosen.triangles;
+        result.positions.resize(chosen.size(), 3);
+        result.normals.resize(chosen.size(), 3);
+        result.weights.resize(chosen.size(), 3);
+        for (Index i = 0; i < chosen.size(); ++i) {
+            result.positions.row(i) = position(chosen, i);
+            result.normals.row(i) = normal(chosen, i);
+            result.weights.row(i) = chosen.weights[to_size(i)];
+        }
+    }
+
+    const Mesh& mesh_;
+    const MeshSampleOptions& options_;
+    SomeTriangle some_;
+    std::span<const Index> kept_;
+    double spacing_ = 0.0;
+    std::vector<std::vector<Index>> triangles_;  ///< of each part
+    std::vector<std::vector<Index>> around_;     ///< triangles at each place; empty without borders
+};
+
+}  // namespace
+
+Index sample_count(const Mesh& mesh) {
+    const auto places = static_cast<std::int64_t>(mesh.positions.rows());
+    const auto few = std::clamp<std::int64_t>(8 * places, 3000, 12000);
+    return static_cast<Index>(std::clamp<std::int64_t>(places / 4, few, 50000));
+}
+
+MeshSamples sample_mesh(const Mesh& mesh, std::span<const Index> kept,
+                        const MeshSampleOptions& options, Progress& progress) {
+    return Sampler(mesh, kept, options).all(progress);
+}
+
+}  // namespace pointmorph

@@ -1,0 +1,277 @@
+#include "mesh/untangling.hpp"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+#include <deque>
+#include <limits>
+#include <utility>
+
+#include "pointmorph/base/parallel.hpp"
+
+namespace pointmorph {
+
+namespace {
+
+Vector3 plane_at(const Mesh& mesh, const WrapPartners& planes, Index f) {
+    Vector3 normal = Vector3::Zero();
+    for (Index k = 0; k < 3; ++k) normal += planes.normals.row(mesh.triangles(f, k)).transpose();
+    return normal;
+}
+
+/// Of the face's normal with the plane's; 0 where either is none.
+double agreement(const Mesh& mesh, const WrapPartners& planes, const Positions& x, Index f) {
+    const auto corner = [&](Index k) -> Vector3 { return x.row(mesh.triangles(f, k)).transpose(); };
+    const Vector3 face = (corner(1) - corner(0)).cross(corner(2) - corner(0));
+    const Vector3 plane = plane_at(mesh, planes, f);
+    const double length = face.norm() * plane.norm();
+    return length > 0.0 ? face.dot(plane) / length : 0.0;
+}
+
+/// Some faces and the vertices among them that may move.
+struct Patch {
+    std::vector<Index> faces;
+    std::vector<Index> vertices;
+
+    Index unknowns() const { return 3 * static_cast<Index>(vertices.size()); }
+};
+
+/// What is to be least, of the places of a patch's vertices.
+class Energy {
+public:
+    Energy(const Mesh& mesh, const ElasticSheet& sheet, const WrapPartners& planes,
+           const Patch& patch, std::vector<Index>& number, double plane_length)
+        : mesh_(mesh), planes_(planes), patch_(patch), number_(number) {
+        for (const Index f : patch.faces) {
+            const Vector3 normal = plane_at(mesh, planes, f);
+            Face face;
+            const Vector3 n =
+                normal.norm() > 1e-9 ? Vector3(normal.normalized()) : Vector3(Vector3::UnitZ());
+            const Vector3 first = n.unitOrthogonal();
+            face.axes << first.transpose(), n.cross(first).transpose();
+            const Matrix2 sides = sheet.metric_sides(f);
+            face.inverse = sides.inverse();
+            face.area = 0.5 * std::abs(sides.determinant());
+            faces_.push_back(face);
+        }
+        weights_ = Values::Zero(static_cast<Eigen::Index>(patch.vertices.size()));
+        for (std::size_t i = 0; i < patch.faces.size(); ++i)
+            for (Index k = 0; k < 3; ++k) {
+                const Index v = number_[to_size(mesh.triangles(patch.faces[i], k))];
+                if (v >= 0) weights_[v] += faces_[i].area / 3.0 / (plane_length * plane_length);
+            }
+    }
+
+    /// The least determinant of a face's map.
+    double least_determinant(const Positions& x) const {
+        double least = std::numeric_limits<double>::infinity();
+        for (std::size_t i = 0; i < faces_.size(); ++i)
+            least = std::min(least, jacobian(i, x).determinant());
+        return least;
+    }
+
+    /// The energy and, where asked for, its gradient; `soft` lets faces pass through zero.
+    double operator()(const Positions& x, double soft, Eigen::VectorXd* gradient) const {
+        double sum = 0.0;
+        if (gradient) gradient->setZero(patch_.unknowns());
+        for (std::size_t i = 0; i < faces_.size(); ++i) {
+            const Matrix2 j = jacobian(i, x);
+            const double d = j.determinant(), root = std::hypot(soft, d);
+            const double chi = d > 0.0 ? 0.5 * (d + root) : 0.5 * soft * soft / (root - d);
+            const double bend = j.squaredNorm() + kArea * (d * d + 1.0);
+            sum += faces_[i].area * bend / chi;
+            if (!gradient) continue;
+            Matrix2 of_determinant;
+            of_determinant << j(1, 1), -j(1, 0), -j(0, 1), j(0, 0);
+            const double slope = 0.5 * (1.0 + d / root);
+            const Matrix2 by_jacobian =
+                (2.0 * j + (2.0 * kArea * d - bend / chi * slope) * of_determinant) / chi;
+            const Eigen::Matrix<double, 3, 2> by_sides = faces_[i].area *
+                                                         faces_[i].axes.transpose() * by_jacobian *
+                                                         faces_[i].inverse.transpose();
+            add(*gradient, patch_.faces[i], by_sides);
+        }
+        for (std::size_t v = 0; v < patch_.vertices.size(); ++v) {
+            const Index vertex = patch_.vertices[v];
+            const Eigen::RowVector3d n = planes_.normals.row(vertex);
+            const double off = (x.row(vertex) - planes_.positions.row(vertex)).dot(n);
+            const auto row = static_cast<Eigen::Index>(v);
+            sum += weights_[row] * off * off;
+            if (gradient)
+                gradient->segment<3>(3 * row) += 2.0 * weights_[row] * off * n.transpose();
+        }
+        return sum;
+    }
+
+private:
+    static constexpr double kArea = 1.0;  ///< how much areas count against angles
+
+    struct Face {
+        Eigen::Matrix<double, 2, 3> axes;
+        Matrix2 inverse;
+        double area;
+    };
+
+    Matrix2 jacobian(std::size_t i, const Positions& x) const {
+        const auto t = mesh_.triangles.row(patch_.faces[i]);
+        Eigen::Matrix<double, 3, 2> sides;
+        sides << (x.row(t[1]) - x.row(t[0])).transpose(), (x.row(t[2]) - x.row(t[0])).transpose();
+        return faces_[i].axes * sides * faces_[i].inverse;
+    }
+
+    void add(Eigen::VectorXd& gradient, Index f,
+             const Eigen::Matrix<double, 3, 2>& by_sides) const {
+        const auto t = mesh_.triangles.row(f);
+        const auto put = [&](Index vertex, const Vector3& g) {
+            if (const Index v = number_[to_size(vertex)]; v >= 0) gradient.segment<3>(3 * v) += g;
+        };
+        put(t[0], -by_sides.col(0) - by_sides.col(1));
+        put(t[1], by_sides.col(0));
+        put(t[2], by_sides.col(1));
+    }
+
+    const Mesh& mesh_;
+    const WrapPartners& planes_;
+    const Patch& patch_;
+    const std::vector<Index>& number_;  ///< of the patch's vertices; −1 for all others
+    std::vector<Face> faces_;
+    Values weights_;
+};
+
+/// A patch's vertices, moved.
+void put(const Patch& patch, const Eigen::VectorXd& unknowns, Positions& x) {
+    for (std::size_t v = 0; v < patch.vertices.size(); ++v)
+        x.row(patch.vertices[v]) =
+            unknowns.segment<3>(3 * static_cast<Eigen::Index>(v)).transpose();
+}
+
+/// Nocedal's L-BFGS, with steps that make the energy smaller.
+void descend(const Energy& energy, const Patch& patch, double soft, int most_steps, Positions& x) {
+    constexpr std::size_t kRemembered = 8;
+    const Index count = patch.unknowns();
+    Eigen::VectorXd at(count), gradient(count), next_gradient(count);
+    for (std::size_t v = 0; v < patch.vertices.size(); ++v)
+        at.segment<3>(3 * static_cast<Eigen::Index>(v)) = x.row(patch.vertices[v]).transpose();
+    double now = energy(x, soft, &gradient);
+    std::deque<std::pair<Eigen::VectorXd, Eigen::VectorXd>> history;
+    for (int step = 0; step < most_steps; ++step) {
+        Eigen::VectorXd way = -gradient;
+        std::vector<double> alphas;
+        for (auto h = history.rbegin(); h != history.rend(); ++h) {
+            alphas.push_back(h->first.dot(way) / h->first.dot(h->second));
+            way -= alphas.back() * h->second;
+        }
+        if (!history.empty()) {
+            const auto& [s, y] = history.back();
+            way *= s.dot(y) / y.squaredNorm();
+        }
+        for (auto h = history.begin(); h != history.end(); ++h) {
+            way += (alphas.back() - h->second.dot(way) / h->first.dot(h->second)) * h->first;
+            alphas.pop_back();
+        }
+        double slope = way.dot(gradient);
+        if (!(slope < 0.0)) break;
+        double length = history.empty() ? 1e-3 / std::max(way.norm(), 1e-30) : 1.0;
+        double then = now;
+        Eigen::VectorXd there;
+        bool better = false;
+        for (int half = 0; half < 20 && !better; ++half, length *= 0.4) {
+            there = at + length * way;
+            put(patch, there, x);
+            then = energy(x, soft, &next_gradient);
+            better = then <= now + 1e-4 * length * slope;
+        }
+        if (!better) break;
+        const Eigen::VectorXd s = there - at, y = next_gradient - gradient;
+        if (s.dot(y) > 1e-12 * s.norm() * y.norm()) {
+            history.emplace_back(s, y);
+            if (history.size() > kRemembered) history.pop_front();
+        }
+        const double gained = now - then;
+        at = there;
+        gradient = next_gradient;
+        now = then;
+        if (gained < 1e-6 * now) break;
+    }
+    put(patch, at, x);
+}
+
+/// Faces around those given, connected ones together.
+std::vector<Patch> patches_around(const Mesh& mesh, const ElasticSheet& sheet,
+                                  const std::vector<Index>& bad, const std::vector<char>& is_fixed,
+                                  int rings) {
+    std::vector<char> inside(to_size(mesh.triangles.rows()), 0);
+    std::vector<Index> front = bad;
+    for (const Index f : bad) inside[to_size(f)] = 1;
+    for (int ring = 0; ring < rings; ++ring) {
+        std::vector<Index> next;
+        for (const Index f : front)
+            for (Index k = 0; k < 3; ++k)
+                for (const Index c : sheet.around(mesh.triangles(f, k)))
+                    if (!std::exchange(inside[to_size(c / 3)], 1)) next.push_back(c / 3);
+        front = std::move(next);
+    }
+    std::vector<Patch> patches;
+    std::vector<char> seen(to_size(mesh.positions.rows()), 0);
+    for (const Index seed : bad) {
+        if (inside[to_size(seed)] != 1) continue;
+        Patch& patch = patches.emplace_back();
+        patch.faces.push_back(seed);
+        inside[to_size(seed)] = 2;
+        for (std::size_t next = 0; next < patch.faces.size(); ++next)
+            for (Index k = 0; k < 3; ++k) {
+                const Index v = mesh.triangles(patch.faces[next], k);
+                bool is_inner = true;
+                for (const Index c : sheet.around(v)) {
+                    is_inner = is_inner && inside[to_size(c / 3)] != 0;
+                    if (inside[to_size(c / 3)] != 1) continue;
+                    inside[to_size(c / 3)] = 2;
+                    patch.faces.push_back(c / 3);
+                }
+                if (is_inner && !is_fixed[to_size(v)] && !std::exchange(seen[to_size(v)], 1))
+                    patch.vertices.push_back(v);
+            }
+        std::ranges::sort(patch.faces);
+        std::ranges::sort(patch.vertices);
+    }
+    return patches;
+}
+
+}  // namespace
+
+Index untangle(const Mesh& mesh, const ElasticSheet& sheet, const WrapPartners& planes,
+               const std::vector<char>& is_fixed, const UntangleOptions& options, Positions& x,
+               Progress& progress) {
+    std::vector<Index> bad;
+    for (Index f = 0; f < mesh.triangles.rows(); ++f)
+        if (agreement(mesh, planes, x, f) < options.least_agreement) bad.push_back(f);
+    if (bad.empty()) return 0;
+    const std::vector<Patch> patches = patches_around(mesh, sheet, bad, is_fixed, options.rings);
+    parallel_for(
+        static_cast<Index>(patches.size()), progress,
+        [&](Index begin, Index end) {
+            std::vector<Index> number(to_size(x.rows()), -1);
+            for (Index p = begin; p < end; ++p) {
+                const Patch& patch = patches[to_size(p)];
+                if (patch.vertices.empty()) continue;
+                for (std::size_t v = 0; v < patch.vertices.size(); ++v)
+                    number[to_size(patch.vertices[v])] = static_cast<Index>(v);
+                const Energy energy(mesh, sheet, planes, patch, number, options.plane_length);
+                double least = energy.least_determinant(x);
+                for (int round = 0; round < options.most_rounds; ++round) {
+                    constexpr double kHard = 1e-3;
+                    const double below = std::min(least, 0.0);
+                    descend(energy, patch, std::sqrt(kHard * kHard + 0.04 * below * below),
+                            options.most_steps, x);
+                    const double before = std::exchange(least, energy.least_determinant(x));
+                    if (least > 0.0 || (round > 2 && least <= before)) break;
+                }
+                for (const Index v : patch.vertices) number[to_size(v)] = -1;
+            }
+        },
+        0.0, 1.0, 1);
+    return static_cast<Index>(std::ranges::count_if(
+        bad, [&](Index f) { return agreement(mesh, planes, x, f) < options.least_agreement; }));
+}
+
+}  // namespace pointmorph

@@ -1,0 +1,33 @@
+// Faces of a wrapped mesh that lie against the target, turned back in their surroundings. Not for
+// callers of the library.
+#pragma once
+
+#include <vector>
+
+#include "mesh/elastic_sheet.hpp"
+#include "mesh/wrap_samples.hpp"
+#include "pointmorph/base/progress.hpp"
+#include "pointmorph/base/types.hpp"
+#include "pointmorph/mesh/mesh.hpp"
+
+namespace pointmorph {
+
+struct UntangleOptions {
+    /// Cosine between a face and the plane at it below which it has to be turned back.
+    double least_agreement = 0.3;
+    int rings = 4;                ///< of faces around such a face that give way
+    double plane_length = 0.003;  ///< distance from the plane that counts as much as a stretch
+    int most_rounds = 8;
+    int most_steps = 40;  ///< in each round
+};
+
+/// Moves vertices around faces that lie against `planes`, in these, until none does or nothing gets
+/// better: the energy of each face, against what the sheet's metric would have it be, grows beyond
+/// limits as the face collapses (Garanzha et al., Foldover-Free Maps in 50 Lines of Code, 2021, in
+/// the tangent planes). `is_fixed` vertices stay. Returns the number of faces that still lie
+/// against the planes.
+Index untangle(const Mesh& mesh, const ElasticSheet& sheet, const WrapPartners& planes,
+               const std::vector<char>& is_fixed, const UntangleOptions& options, Positions& x,
+               Progress& progress);
+
+}  // namespace pointmorph

@@ -1,0 +1,38 @@
+// Open borders of a mesh that slide along those of the surface it is wrapped onto. Not for callers
+// of the library.
+#pragma once
+
+#include <memory>
+#include <vector>
+
+#include "pointmorph/base/types.hpp"
+#include "pointmorph/cloud/kd_tree.hpp"
+#include "pointmorph/mesh/mesh.hpp"
+
+namespace pointmorph {
+
+class WrapBorders {
+public:
+    /// A border of the mesh goes with the border of the target (`borders`, closed polygons in the
+    /// lengths of `start`) that lies nearest to where it starts, if most of it lies near.
+    WrapBorders(const Mesh& mesh, const Positions& start, const std::vector<Positions>& borders);
+
+    /// Draws places on borders to the lines that they go with, not along them, over `length`.
+    void draw(const Positions& x, double length, std::vector<Matrix3>& blocks,
+              Positions& right) const;
+
+    /// Puts places on borders onto their lines.
+    void land(Positions& x) const;
+
+private:
+    struct Line;
+    struct Matched {
+        std::vector<Index> places;  ///< in order
+        const Line* line;
+    };
+
+    std::vector<std::shared_ptr<const Line>> lines_;
+    std::vector<Matched> matched_;
+};
+
+}  // namespace pointmorph

@@ -1,0 +1,311 @@
+#include "pointmorph/mesh/wrapping.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <map>
+#include <optional>
+
+#include "mesh/block_system.hpp"
+#include "mesh/coarse_mesh.hpp"
+#include "mesh/elastic_sheet.hpp"
+#include "mesh/untangling.hpp"
+#include "mesh/wrap_borders.hpp"
+#include "mesh/wrap_samples.hpp"
+#include "pointmorph/base/parallel.hpp"
+#include "pointmorph/cloud/cloud.hpp"
+#include "pointmorph/mesh/vertex_images.hpp"
+
+namespace pointmorph {
+
+namespace {
+
+/// Down to this length the sheet keeps to its own bends, and looks for its partners among the
+/// coarse samples; below, it takes on those of the target.
+constexpr double kOwnBends = 0.09, kTargetBends = 0.027;
+/// Samples farther from the mesh pull, with at most the weight that they have at this length.
+constexpr double kUncovered = 0.006;
+
+/// 0 while the sheet keeps its own bends, 1 once it takes on the target's.
+double flatness(double length) {
+    return std::clamp(std::log(kOwnBends / length) / std::log(kOwnBends / kTargetBends), 0.0, 1.0);
+}
+
+std::vector<Positions> scaled(std::vector<Positions> lines, double scale) {
+    for (Positions& line : lines) line *= scale;
+    return lines;
+}
+
+/// Lengths in √area of both surfaces.
+class Wrapping {
+public:
+    Wrapping(const Mesh& mesh, const Positions& start, const WrapTarget& target,
+             std::span<const WrapMark> marks, const WrapOptions& options)
+        : mesh_(mesh),
+          options_(options),
+          surface_(target.mesh),
+          scale_(1.0 / std::sqrt(target.area)),
+          x_(start * scale_),
+          sheet_(mesh.positions / std::sqrt(mesh.area()), mesh.triangles),
+          samples_(mesh, x_, target, scale_),
+          borders_(mesh, x_, scaled(target.borders, scale_)),
+          tree_(x_, mesh.triangles) {
+        for (const WrapMark& mark : marks) marks_.push_back({mark.place, mark.target * scale_});
+        double edges = 0.0;
+        for (const double sum : sheet_.laplacian().sums) edges += sum > 0.0 ? 1.0 : 0.0;
+        spacing_ = 1.0 / std::sqrt(std::max(edges, 1.0));
+    }
+
+    /// Gives way over each of the lengths in turn.
+    void settle(std::span<const double> lengths, Progress& progress) {
+        const double count = static_cast<double>(lengths.size());
+        for (std::size_t k = 0; k < lengths.size(); ++k) {
+            const Progress::Part part(progress, static_cast<double>(k) / count,
+                                      static_cast<double>(k + 1) / count);
+            settle(lengths[k], progress);
+        }
+    }
+
+    /// Turns back what lies against the target, and puts all onto it.
+    void finish(Progress& progress) {
+        sides_ = samples_.partners(x_, sheet_.normals(x_, progress), WrapSamples::kFine, progress)
+                     .normals;
+        turn_back(progress);
+        land(progress);
+    }
+
+    /// In the lengths of the target.
+    Positions places() const { return x_ / scale_; }
+
+private:
+    void settle(double length, Progress& progress) {
+        const double rings = length / spacing_;
+        const int sweeps = static_cast<int>(std::clamp(0.3 * rings * rings, 4.0, 60.0));
+        sheet_.set_metric(x_, sweeps, progress);
+        find_areas();
+        find_pulls(length, progress);
+        for (Index i = 0; i < options_.iterations; ++i) step(length, progress);
+    }
+
+    /// Areas around vertices as the metric would have them.
+    void find_areas() {
+        areas_ = Values::Zero(x_.rows());
+        const double all = mesh_.area();
+        for (Index f = 0; f < mesh_.triangles.rows(); ++f) {
+            const double area = mesh_.areas[f] / all * sheet_.area_ratio(f);
+            for (Index k = 0; k < 3; ++k) areas_[mesh_.triangles(f, k)] += area / 3.0;
+        }
+    }
+
+    /// Coarse samples that no face reaches.
+    void find_pulls(double length, Progress& progress) {
+        tree_.move(x_);
+        pulls_.clear();
+        const double reach = std::max(length, kUncovered);
+        for (const Index s : samples_.uncovered(tree_, kUncovered, progress))
+            pulls_.push_back({s, 0.5 * samples_.share(s) / (reach * reach)});
+    }
+
+    void step(double length, Progress& progress) {
+        const double flat = flatness(length);
+        const auto kind = flat < 1.0 ? WrapSamples::kCoarse : WrapSamples::kFine;
+        const Normals normals = sheet_.normals(x_, progress);
+        const WrapPartners partners = samples_.partners(x_, normals, kind, progress);
+        Positions right = sheet_.forces(x_, partners.normals, flat, progress);
+        std::vector<Matrix3> blocks(to_size(x_.rows()), Matrix3::Zero());
+        constexpr double kFull = 0.5;  // cosine between normals at which a partner counts in full
+        parallel_for(static_cast<Index>(x_.rows()), progress, [&](Index begin, Index end) {
+            for (Index v = begin; v < end; ++v) {
+                const Vector3 normal = partners.normals.row(v).transpose();
+                const double agreement =
+                    std::clamp(normals.row(v).dot(partners.normals.row(v)) / kFull, 0.0, 1.0);
+                const double weight = agreement * areas_[v] / (length * length);
+                blocks[to_size(v)] += weight * normal * normal.transpose();
+                right.row(v) += weight * partners.positions.row(v).dot(partners.normals.row(v)) *
+                                partners.normals.row(v);
+            }
+        });
+        add_pulls(blocks, right);
+        borders_.draw(x_, length, blocks, right);
+        constexpr double kMark = 1e4;
+        for (const WrapMark& mark : marks_) {
+            blocks[to_size(mark.place)] += kMark * Matrix3::Identity();
+            right.row(mark.place) += kMark * mark.target.transpose();
+        }
+        solve(sheet_.laplacian(), blocks, right, {}, x_, progress);
+    }
+
+    void add_pulls(std::vector<Matrix3>& blocks, Positions& right) const {
+        for (const auto& [sample, weight] : pulls_) {
+            const SurfacePoint& point = samples_.on_mesh(sample);
+            const auto corners = mesh_.triangles.row(point.triangle);
+            const Vector3 is = point.weights[0] * x_.row(corners[0]).transpose() +
+                               point.weights[1] * x_.row(corners[1]).transpose() +
+                               point.weights[2] * x_.row(corners[2]).transpose();
+            const Vector3 way = samples_.position(sample) - is;
+            for (Index k = 0; k < 3; ++k) {
+                const double share = weight * point.weights[k];
+                blocks[to_size(corners[k])] += share * Matrix3::Identity();
+                right.row(corners[k]) += share * (x_.row(corners[k]) + way.transpose());
+            }
+        }
+    }
+
+    /// Turns faces that lie against the target. Which side of a sheet a vertex is on, its partner
+    /// knows: its own faces may lie against it.
+    void turn_back(Progress& progress) {
+        std::vector<char> is_fixed(to_size(x_.rows()), 0);
+        for (const WrapMark& mark : marks_) is_fixed[to_size(mark.place)] = 1;
+        sheet_.set_metric(x_, 8, progress);
+        for (Index round = 0; round < options_.untangling; ++round) {
+            const WrapPartners partners =
+                samples_.partners(x_, sides_, WrapSamples::kFine, progress);
+            sides_ = partners.normals;
+            const Index before = left_;
+            left_ = untangle(mesh_, sheet_, partners, is_fixed, {}, x_, progress);
+            if (left_ == 0 || (round > 0 && left_ >= before)) break;
+        }
+    }
+
+    /// Onto the planes of the closest samples, and marks onto their targets.
+    void land(Progress& progress) {
+        const WrapPartners partners = samples_.partners(x_, sides_, WrapSamples::kFine, progress);
+        for (Index v = 0; v < x_.rows(); ++v) {
+            if (sheet_.around(v).empty()) continue;
+            const Eigen::RowVector3d normal = partners.normals.row(v);
+            x_.row(v) += (partners.positions.row(v) - x_.row(v)).dot(normal) * normal;
+        }
+        if (surface_) onto_faces(partners, progress);
+        borders_.land(x_);
+        for (const WrapMark& mark : marks_) x_.row(mark.place) = mark.target.transpose();
+    }
+
+    /// The rest of the way, which is what the surface bends between samples: along the normal of
+    /// the closest face, where that faces as the partner does. Not onto the closest point, which
+    /// would fold faces at edges and borders.
+    void onto_faces(const WrapPartners& partners, Progress& progress) {
+        constexpr double kFar = 0.002, kAgree = 0.5;
+        const TriangleTree tree(surface_->positions * scale_, surface_->triangles);
+        parallel_for(static_cast<Index>(x_.rows()), progress, [&](Index begin, Index end) {
+            for (Index v = begin; v < end; ++v) {
+                if (sheet_.around(v).empty()) continue;
+                const Vector3 place = x_.row(v).transpose();
+                const SurfacePoint point = tree.closest(place, kFar);
+                if (point.triangle < 0) continue;
+                const Vector3 normal = surface_->normals.row(point.triangle).transpose();
+                if (normal.dot(partners.normals.row(v).transpose()) < kAgree) continue;
+                const Index corner = surface_->triangles(point.triangle, 0);
+                const Vector3 on = scale_ * surface_->positions.row(corner).transpose();
+                x_.row(v) += ((on - place).dot(normal) * normal).transpose();
+            }
+        });
+    }
+
+    struct Pull {
+        Index sample;
+        double weight;
+    };
+
+    const Mesh& mesh_;
+    const WrapOptions& options_;
+    const Mesh* surface_;  ///< the target's faces, where it has some
+    double scale_;
+    Positions x_;
+    ElasticSheet sheet_;
+    WrapSamples samples_;
+    WrapBorders borders_;
+    TriangleTree tree_;
+    std::vector<WrapMark> marks_;
+    std::vector<Pull> pulls_;
+    Values areas_;
+    Normals sides_;   ///< of the partners
+    Index left_ = 0;  ///< faces that lie against the target
+    double spacing_ = 0.0;
+};
+
+}  // namespace
+
+namespace {
+
+std::vector<double> all_lengths(const WrapOptions& options) {
+    std::vector<double> lengths;
+    for (double length = options.first_length; length > options.last_length;
+         length *= options.share)
+        lengths.push_back(length);
+    lengths.push_back(options.last_length);
+    return lengths;
+}
+
+/// The start after the first lengths, over which fewer triangles give way as well as all.
+Positions start_by_coarse_mesh(const Mesh& mesh, const Positions& start, const WrapTarget& target,
+                               std::span<const WrapMark> marks, const WrapOptions& options,
+                               std::span<const double> lengths, Progress& progress) {
+    std::vector<Index> kept;
+    for (const WrapMark& mark : marks) kept.push_back(mark.place);
+    std::ranges::sort(kept);
+    kept.erase(std::ranges::unique(kept).begin(), kept.end());
+    const CoarseMesh coarse = coarse_mesh(mesh, options.coarse_places, kept, progress);
+
+    std::vector<WrapMark> coarse_marks;
+    for (const WrapMark& mark : marks) {
+        const auto row = std::ranges::lower_bound(coarse.rows, mark.place) - coarse.rows.begin();
+        coarse_marks.push_back({static_cast<Index>(row), mark.target});
+    }
+    WrapTarget onto = target;
+    onto.mesh = nullptr;
+    const TriangleTree tree(coarse.mesh.positions, coarse.mesh.triangles);
+    parallel_for(
+        static_cast<Index>(onto.on_mesh.size()), progress,
+        [&](Index begin, Index end) {
+            for (Index s = begin; s < end; ++s) {
+                SurfacePoint& point = onto.on_mesh[to_size(s)];
+                if (point.triangle < 0) continue;
+                const auto corners = mesh.triangles.row(point.triangle);
+                Vector3 place = Vector3::Zero();
+                for (Index k = 0; k < 3; ++k)
+                    place += point.weights[k] * mesh.positions.row(corners[k]).transpose();
+                point = tree.closest(place);
+            }
+        },
+        0.0, 0.0, 64);
+    Wrapping wrapping(coarse.mesh, gather(start, coarse.rows), onto, coarse_marks, options);
+    wrapping.settle(lengths, progress);
+    const double spacing =
+        std::sqrt(mesh.area() / static_cast<double>(coarse.mesh.positions.rows()));
+    const VertexImages carried({mesh.positions, mesh.place_normals},
+                               {coarse.mesh.positions, coarse.mesh.place_normals}, spacing,
+                               progress);
+    Positions result = carried.positions(wrapping.places(), progress);
+    for (Index p = 0; p < result.rows(); ++p)
+        if (mesh.parts[to_size(p)] < 0) result.row(p) = start.row(p);
+    return result;
+}
+
+}  // namespace
+
+Positions wrap(const Mesh& mesh, const Positions& start, const WrapTarget& target,
+               std::span<const WrapMark> marks, const WrapOptions& options, Progress& progress) {
+    const bool fits = target.mesh && target.mesh->triangles.rows() == mesh.triangles.rows() &&
+                      target.mesh->positions.rows() == start.rows() &&
+                      target.mesh->triangles == mesh.triangles && target.mesh->positions == start;
+    if (fits || mesh.triangles.rows() == 0) return start;
+
+    const std::vector<double> lengths = all_lengths(options);
+    std::size_t coarse = 0;
+    if (mesh.positions.rows() > 2 * options.coarse_places)
+        while (coarse < lengths.size() && lengths[coarse] > options.coarse_length) ++coarse;
+    const auto first = std::span(lengths).first(coarse), rest = std::span(lengths).subspan(coarse);
+    std::optional<Positions> begun;
+    if (!first.empty()) {
+        const Progress::Part part(progress, 0.0, 0.3);
+        begun = start_by_coarse_mesh(mesh, start, target, marks, options, first, progress);
+    }
+    const Progress::Part part(progress, first.empty() ? 0.0 : 0.3, 1.0);
+    Wrapping wrapping(mesh, begun ? *begun : start, target, marks, options);
+    wrapping.settle(rest, progress);
+    wrapping.finish(progress);
+    Positions result = wrapping.places();
+    for (const WrapMark& mark : marks) result.row(mark.place) = mark.target.transpose();
+    return result;
+}
+
+}  // namespace pointmorph

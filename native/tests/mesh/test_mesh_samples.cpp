@@ -1,0 +1,120 @@
+#include "pointmorph/mesh/mesh_samples.hpp"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <set>
+
+#include "mesh_shapes.hpp"
+#include "pointmorph/base/error.hpp"
+#include "pointmorph/base/parallel.hpp"
+#include "pointmorph/cloud/kd_tree.hpp"
+
+namespace pointmorph {
+namespace {
+
+MeshSamples sampled(const Mesh& mesh, Index count, const std::vector<Index>& kept = {}) {
+    Progress progress;
+    return sample_mesh(mesh, kept, {.count = count}, progress);
+}
+
+Values nearest_distances(const Positions& p) {
+    const KdTree<3> tree(p);
+    Values distances(p.rows());
+    std::vector<Index> found(2);
+    std::vector<double> squared(2);
+    for (Index i = 0; i < p.rows(); ++i) {
+        tree.nearest(p.row(i).data(), found, squared);
+        distances[i] = std::sqrt(squared[1]);
+    }
+    return distances;
+}
+
+TEST(MeshSamples, LieEvenlyHoweverTheVerticesLie) {
+    const Mesh mesh = make_mesh(mesh_shapes::together(
+        mesh_shapes::cube(),
+        mesh_shapes::moved(mesh_shapes::icosphere(3), 0.3 * Matrix3::Identity(), {0, 0, 3})));
+    const MeshSamples samples = sampled(mesh, 4000);
+    const double spacing = std::sqrt(mesh.area() / 4000);
+    const Values distances = nearest_distances(samples.positions);
+    EXPECT_GT(distances.minCoeff(), 0.5 * spacing);
+    EXPECT_LT(distances.maxCoeff(), 1.6 * spacing);
+    for (Index i = 0; i < samples.size(); ++i) {
+        const Index f = samples.triangles[to_size(i)];
+        EXPECT_NEAR(samples.weights.row(i).sum(), 1.0, 1e-12);
+        EXPECT_GE(samples.weights.row(i).minCoeff(), 0.0);
+        EXPECT_EQ(samples.parts[to_size(i)], mesh.parts[to_size(mesh.triangles(f, 0))]);
+    }
+    EXPECT_LT((samples.mixed(mesh, mesh.positions) - samples.positions).norm(), 1e-12);
+}
+
+TEST(MeshSamples, HaveSmoothNormalsButAtCreases) {
+    const Mesh ball = make_mesh(mesh_shapes::icosphere(2));
+    const MeshSamples round = sampled(ball, 1000);
+    for (Index i = 0; i < round.size(); ++i)
+        EXPECT_LT((round.normals.row(i) - round.positions.row(i).normalized()).norm(), 0.05);
+    const Mesh box = make_mesh(mesh_shapes::cube());
+    const MeshSamples sharp = sampled(box, 1000);
+    for (Index i = 0; i < sharp.size(); ++i)
+        EXPECT_NEAR(sharp.normals.row(i).cwiseAbs().maxCoeff(), 1.0, 1e-12);
+}
+
+TEST(MeshSamples, KeepPlacesInTheirOrder) {
+    const Mesh mesh = make_mesh(mesh_shapes::icosphere(2));
+    const std::vector<Index> kept{100, 3, 77};
+    const MeshSamples samples = sampled(mesh, 500, kept);
+    EXPECT_EQ(samples.size(), 500);
+    for (std::size_t k = 0; k < kept.size(); ++k)
+        EXPECT_EQ(samples.positions.row(samples.kept[k]), mesh.positions.row(kept[k]));
+}
+
+TEST(MeshSamples, FollowBordersInOrder) {
+    const Mesh mesh = make_mesh(mesh_shapes::grid(2));
+    const std::vector<Index> kept{0};  // a corner
+    const MeshSamples samples = sampled(mesh, 900, kept);
+    const double spacing = std::sqrt(mesh.area() / 900);
+    ASSERT_GT(samples.border.size(), 110u);
+    EXPECT_EQ(std::ranges::count(samples.border, samples.kept[0]), 1);
+    const double edge = mesh.positions.col(0).maxCoeff();
+    for (std::size_t k = 0; k < samples.border.size(); ++k) {
+        const auto at = samples.positions.row(samples.border[k]);
+        const auto next = samples.positions.row(samples.border[(k + 1) % samples.border.size()]);
+        EXPECT_NEAR(at.cwiseAbs().maxCoeff(), edge, 1e-12);
+        EXPECT_LT((next - at).norm(), 1.01 * spacing);
+    }
+}
+
+TEST(MeshSamples, GiveSmallPartsEnough) {
+    const Mesh mesh = make_mesh(mesh_shapes::together(
+        mesh_shapes::icosphere(2),
+        mesh_shapes::moved(mesh_shapes::icosphere(2), 0.02 * Matrix3::Identity(), {2, 0, 0})));
+    const MeshSamples samples = sampled(mesh, 5000);
+    EXPECT_EQ(std::ranges::count(samples.parts, 1), 64);
+}
+
+TEST(MeshSamples, AreAsManyAsTheMeshHasDetailFor) {
+    EXPECT_EQ(sample_count(make_mesh(mesh_shapes::cube())), 3000);
+    EXPECT_EQ(sample_count(make_mesh(mesh_shapes::icosphere(3))), 8 * 642);
+    EXPECT_EQ(sample_count(make_mesh(mesh_shapes::icosphere(4))), 12000);
+    Mesh large;
+    large.positions.resize(100000, 3);
+    EXPECT_EQ(sample_count(large), 25000);
+    large.positions.resize(1000000, 3);
+    EXPECT_EQ(sample_count(large), 50000);
+}
+
+TEST(MeshSamples, AreTheSameForAnyNumberOfThreads) {
+    const Mesh mesh = make_mesh(mesh_shapes::cylinder(17));
+    const MeshSamples all = sampled(mesh, 3000);
+    const ThreadCount one(1);
+    EXPECT_EQ(sampled(mesh, 3000).positions, all.positions);
+}
+
+TEST(MeshSamples, CanBeCancelled) {
+    const Mesh mesh = make_mesh(mesh_shapes::cube());
+    Progress progress([](std::string_view, double) { return false; });
+    EXPECT_THROW(sample_mesh(mesh, {}, {}, progress), Cancelled);
+}
+
+}  // namespace
+}  // namespace pointmorph

@@ -1,0 +1,212 @@
+#include "pointmorph/mesh/wrapping.hpp"
+
+#include <gtest/gtest.h>
+
+#include <Eigen/Geometry>
+#include <random>
+
+#include "mesh_shapes.hpp"
+#include "pointmorph/base/error.hpp"
+#include "pointmorph/base/parallel.hpp"
+#include "pointmorph/mesh/mesh_samples.hpp"
+#include "watched.hpp"
+
+namespace pointmorph {
+namespace {
+
+/// A target with its samples, and an inverse map that is right where `inverse` is.
+template <class Inverse>
+WrapTarget target_of(const Mesh& target, const Mesh& source, Inverse&& inverse) {
+    Progress progress;
+    const MeshSamples coarse = sample_mesh(target, {}, {.count = 3000}, progress);
+    const MeshSamples fine = sample_mesh(target, {}, {.count = 30000, .even = false}, progress);
+    WrapTarget result;
+    result.mesh = &target;
+    result.coarse = {coarse.positions, coarse.normals};
+    result.coarse_parts = coarse.parts;
+    result.fine = {fine.positions, fine.normals};
+    result.fine_parts = fine.parts;
+    result.area = target.area();
+    const TriangleTree tree(source.positions, source.triangles);
+    for (Index s = 0; s < coarse.size(); ++s)
+        result.on_mesh.push_back(
+            tree.closest(inverse(Vector3(coarse.positions.row(s).transpose()))));
+    return result;
+}
+
+/// Smooth noise of about this size.
+Positions shaken(const Positions& places, double size, unsigned seed) {
+    std::mt19937_64 random(seed);
+    std::normal_distribution<double> normal;
+    Positions result = places;
+    for (int wave = 0; wave < 6; ++wave) {
+        const Vector3 way(normal(random), normal(random), normal(random));
+        const Vector3 along = 2.5 * Vector3(normal(random), normal(random), normal(random));
+        const double phase = 3.0 * normal(random);
+        for (Index v = 0; v < places.rows(); ++v)
+            result.row(v) +=
+                size / 3.0 * std::sin(along.dot(places.row(v)) + phase) * way.transpose();
+    }
+    return result;
+}
+
+/// Faces that lie against the surface of `target` there, both with as many triangles.
+Index turned_over(const Mesh& mesh, const Positions& x, const Mesh& target) {
+    const TriangleTree tree(target.positions, target.triangles);
+    Index count = 0;
+    for (Index f = 0; f < mesh.triangles.rows(); ++f) {
+        const auto corner = [&](Index k) -> Vector3 {
+            return x.row(mesh.triangles(f, k)).transpose();
+        };
+        const Vector3 normal = (corner(1) - corner(0)).cross(corner(2) - corner(0));
+        const SurfacePoint at = tree.closest((corner(0) + corner(1) + corner(2)) / 3.0);
+        count += normal.dot(target.normals.row(at.triangle).transpose()) < 0.0;
+    }
+    return count;
+}
+
+double mean_distance(const Positions& a, const Positions& b) {
+    return (a - b).rowwise().norm().mean();
+}
+
+Cloud bumpy() {
+    Cloud cloud = mesh_shapes::icosphere(4);
+    for (Index v = 0; v < cloud.size(); ++v) {
+        const auto p = cloud.positions.row(v);
+        cloud.positions.row(v) *= 1.0 + 0.15 * std::sin(3.0 * p[0] + 1.0) * std::cos(2.0 * p[1]);
+    }
+    return cloud;
+}
+
+Vector3 bent(const Vector3& p) {
+    const double angle = 0.6 * p[2];
+    const Matrix3 turn = Eigen::AngleAxisd(angle, Vector3::UnitX()).toRotationMatrix();
+    return turn * Vector3(1.3 * p[0], p[1], 1.1 * p[2]) + Vector3(0.1 * p[1] * p[1], 0, 0);
+}
+
+struct Bent {
+    Mesh source, target;
+    Positions truth;  ///< where the places of the source belong
+    WrapTarget onto;
+
+    Bent() : source(make_mesh(bumpy())), target(make_mesh(bent_cloud())) {
+        truth = target.positions;
+        onto = target_of(target, source, [&](const Vector3& p) {
+            // the source's place of the nearest place of the target
+            Index nearest = 0;
+            (target.positions.rowwise() - p.transpose()).rowwise().squaredNorm().minCoeff(&nearest);
+            return Vector3(source.positions.row(nearest).transpose());
+        });
+    }
+
+    static Cloud bent_cloud() {
+        Cloud cloud = bumpy();
+        for (Index v = 0; v < cloud.size(); ++v)
+            cloud.positions.row(v) = bent(cloud.positions.row(v).transpose()).transpose();
+        return cloud;
+    }
+    double spacing() const {
+        return std::sqrt(target.area() / static_cast<double>(target.positions.rows()));
+    }
+};
+
+TEST(Wrapping, LeavesWhatFitsAlready) {
+    const Bent bent;
+    Progress progress;
+    EXPECT_EQ(wrap(bent.source, bent.truth, bent.onto, {}, {}, progress), bent.truth);
+}
+
+TEST(Wrapping, FindsAKnownDeformationBack) {
+    SKIP_WHERE_WATCHED();
+    const Bent bent;
+    const Positions start = shaken(bent.truth, 0.5 * bent.spacing(), 1);
+    EXPECT_GT(mean_distance(start, bent.truth), 0.3 * bent.spacing());
+    Progress progress;
+    const Positions found = wrap(bent.source, start, bent.onto, {}, {}, progress);
+    EXPECT_LT(mean_distance(found, bent.truth), 0.2 * bent.spacing());
+}
+
+TEST(Wrapping, TurnsNoFaceOver) {
+    SKIP_WHERE_WATCHED();
+    const Bent bent;
+    for (const unsigned seed : {1u, 2u, 3u}) {
+        const Positions start = shaken(bent.truth, 0.08, seed);
+        Progress progress;
+        const Positions found = wrap(bent.source, start, bent.onto, {}, {}, progress);
+        EXPECT_EQ(turned_over(bent.source, found, bent.target), 0) << seed;
+        EXPECT_LE(turned_over(bent.source, found, bent.target),
+                  turned_over(bent.source, start, bent.target));
+    }
+}
+
+TEST(Wrapping, MeetsMarksToTheBit) {
+    const Bent bent;
+    Progress progress;
+    const WrapMark mark{17, bent.target.positions.row(17).transpose()};
+    const Positions start = shaken(bent.truth, 0.05, 4);
+    const Positions found =
+        wrap(bent.source, start, bent.onto, {&mark, 1}, {.first_length = 0.02}, progress);
+    EXPECT_EQ(found.row(17), bent.target.positions.row(17));
+    EXPECT_TRUE(found.allFinite());
+}
+
+TEST(Wrapping, TurnsScalesAndMovesWithTheTarget) {
+    const Bent bent;
+    const Matrix3 turn = Eigen::AngleAxisd(1.0, Vector3(1, 1, 0).normalized()).toRotationMatrix();
+    const auto moved = [&](const Positions& p) -> Positions {
+        return (p * (3.0 * turn).transpose()).rowwise() + Eigen::RowVector3d(5, 6, 7);
+    };
+    WrapTarget there = bent.onto;
+    there.mesh = nullptr;
+    there.coarse.positions = moved(bent.onto.coarse.positions);
+    there.fine.positions = moved(bent.onto.fine.positions);
+    there.coarse.normals = bent.onto.coarse.normals * turn.transpose();
+    there.fine.normals = bent.onto.fine.normals * turn.transpose();
+    there.area *= 9.0;
+    const Positions start = shaken(bent.truth, 0.03, 5);
+    Progress progress;
+    const WrapOptions options{.first_length = 0.02};
+    const Positions here = wrap(bent.source, start, bent.onto, {}, options, progress);
+    const Positions found = wrap(bent.source, moved(start), there, {}, options, progress);
+    EXPECT_LT(mean_distance(found, moved(here)), 0.02 * bent.spacing());
+}
+
+TEST(Wrapping, IsTheSameForAnyNumberOfThreads) {
+    SKIP_WHERE_WATCHED();
+    const Bent bent;
+    const Positions start = shaken(bent.truth, 0.05, 6);
+    const auto wrapped = [&] {
+        Progress progress;
+        return wrap(bent.source, start, bent.onto, {}, {.first_length = 0.05}, progress);
+    };
+    const Positions all = wrapped();
+    const ThreadCount one(1);
+    EXPECT_EQ(wrapped(), all);
+}
+
+TEST(Wrapping, KeepsLoosePlacesAndTakesMeshesWithoutTriangles) {
+    Cloud cloud = bumpy();
+    cloud.positions.conservativeResize(cloud.size() + 1, 3);
+    cloud.positions.bottomRows(1) << 0, 0, 3;
+    const Mesh source = make_mesh(cloud);
+    const Bent bent;
+    Positions start(source.positions.rows(), 3);
+    start << bent.truth, Eigen::RowVector3d(9, 9, 9);
+    WrapTarget onto = bent.onto;
+    Progress progress;
+    const Positions found = wrap(source, start, onto, {}, {.first_length = 0.01}, progress);
+    EXPECT_EQ(found.bottomRows(1), start.bottomRows(1));
+    Mesh none = source;
+    none.triangles.resize(0, 3);
+    EXPECT_EQ(wrap(none, start, onto, {}, {}, progress), start);
+}
+
+TEST(Wrapping, CanBeCancelled) {
+    const Bent bent;
+    Progress progress([](std::string_view, double) { return false; });
+    EXPECT_THROW(wrap(bent.source, shaken(bent.truth, 0.1, 7), bent.onto, {}, {}, progress),
+                 Cancelled);
+}
+
+}  // namespace
+}  // namespace pointmorph
