@@ -20,8 +20,8 @@ struct Laplacian {
 };
 
 struct SolveOptions {
-    int most_iterations = 40;
-    double tolerance = 1e-3;  ///< of the residual's norm, against the start's
+    int most_iterations = 20;
+    double tolerance = 1e-2;  ///< of the residual's norm, against the start's
 };
 
 /// x of L x + B x = b, with symmetric B ≥ 0 (a block a vertex), from the x given; conjugate

@@ -283,6 +283,7 @@ std::vector<Corners> triangulate(const Positions& positions, std::span<const Ind
         const std::size_t n = ring.size();
         std::size_t best = 0;
         double most = -std::numeric_limits<double>::infinity();
+        constexpr double kSame = 1e-9;  // up to rounding: the first of them
         for (std::size_t k = 0; k < n; ++k) {
             double quality =
                 piece_quality(positions, ring[(k + n - 1) % n], ring[k], ring[(k + 1) % n], normal);
@@ -293,7 +294,7 @@ std::vector<Corners> triangulate(const Positions& positions, std::span<const Ind
             constexpr double kBlocked = 4.0;  // worse than any that isn't
             if (quality > most - kBlocked && holds_another(positions, ring, k, normal))
                 quality -= kBlocked;
-            if (quality > most) {
+            if (quality > most + kSame) {
                 most = quality;
                 best = k;
             }

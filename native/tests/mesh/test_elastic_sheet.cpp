@@ -30,7 +30,8 @@ TEST(ElasticSheet, IsAtRestWhereItIsTurnedOnly) {
     ElasticSheet sheet(mesh.positions, mesh.triangles);
     const Matrix3 turn = Eigen::AngleAxisd(2.5, Vector3(1, 2, 3).normalized()).toRotationMatrix();
     EXPECT_LT(pull(sheet, mesh.positions, 0.0), 1e-9);
-    EXPECT_LT(pull(sheet, mesh.positions * turn.transpose(), 0.0), 1e-5);
+    ElasticSheet again(mesh.positions, mesh.triangles);
+    EXPECT_LT(pull(again, mesh.positions * turn.transpose(), 0.0), 1e-9);
 }
 
 TEST(ElasticSheet, TakesOnASmoothStretch) {

@@ -95,10 +95,10 @@ TEST(VertexImages, CarryAnyValues) {
     values << sampled.samples.positions.col(0), sampled.samples.positions.col(1).array() + 3.0;
     Progress progress;
     const SampleValues carried = sampled.carried.values(values, progress);
-    EXPECT_LT((carried.col(0) - sampled.mesh.positions.col(0)).cwiseAbs().maxCoeff(), 2e-3);
+    EXPECT_LT((carried.col(0) - sampled.mesh.positions.col(0)).cwiseAbs().maxCoeff(), 5e-3);
     EXPECT_LT(
         (carried.col(1).array() - 3.0 - sampled.mesh.positions.col(1).array()).abs().maxCoeff(),
-        2e-3);
+        5e-3);
 }
 
 TEST(VertexImages, TakeFewSamples) {

@@ -18,12 +18,12 @@ struct WrapOptions {
     /// before; in √area of the target.
     double first_length = 0.14;
     double last_length = 0.002;
-    double share = 0.72;
-    Index iterations = 4;  ///< for each length
+    double share = 0.6;
+    Index iterations = 3;  ///< for each length
     /// Of a mesh with more than twice as many places, so many stand for all while lengths are over
     /// this one, in √area.
-    Index coarse_places = 5000;
-    double coarse_length = 0.04;
+    Index coarse_places = 4000;
+    double coarse_length = 0.03;
     Index untangling = 3;  ///< rounds in which faces that lie against the target are turned back
 };
 
