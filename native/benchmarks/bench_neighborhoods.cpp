@@ -1,5 +1,5 @@
 // The stages that every morph begins with, on 100,000 points, against the project's unit of time:
-// building a kd-tree and asking it for 16 neighbours of every point. Both take turns, so that
+// building a kd-tree and asking it for 16 neighbors of every point. Both take turns, so that
 // whatever else the machine does meets both. The argument is the number of threads.
 #include <benchmark/benchmark.h>
 

@@ -138,7 +138,7 @@ std::vector<Index> make_consistent(const Positions& positions, const Neighborhoo
                                    Normals& normals, Progress& progress) {
     using Key = std::uint16_t;
     constexpr double kKeys = 4096;
-    constexpr Key kTwin = kKeys;  // an edge whose other direction is a neighbour too
+    constexpr Key kTwin = kKeys;  // an edge whose other direction is a neighbor too
     const auto edge_agreement = [&](Index i, Index j) {
         return agreement(positions.row(i), normals.row(i), positions.row(j), normals.row(j));
     };

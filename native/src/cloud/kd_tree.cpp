@@ -19,7 +19,7 @@ using SearchParameters = nanoflann::SearchParameters;
 using SearchParameters = nanoflann::SearchParams;
 #endif
 
-// Measured on surface clouds of 100,000 points: 10 to 20 is the fastest for 16 neighbours.
+// Measured on surface clouds of 100,000 points: 10 to 20 is the fastest for 16 neighbors.
 constexpr std::size_t kLeafSize = 16;
 
 template <int Dim>

@@ -122,7 +122,7 @@ ConnectedComponents connected_components(const Neighborhoods& neighborhoods) {
     ConnectedComponents result;
     result.label.resize(to_size(count));
     for (Index i = 0; i < count; ++i) {
-        const Index top = root(i);  // never above i, so it is labelled already
+        const Index top = root(i);  // never above i, so it is labeled already
         if (top == i) {
             result.label[to_size(i)] = result.count();
             result.sizes.push_back(0);

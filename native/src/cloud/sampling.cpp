@@ -254,12 +254,12 @@ std::vector<Index> blue_noise(const Positions& candidates, const Normals& normal
     std::vector<Index> result(keep.begin(), keep.end());
     if (to_size(count) == keep.size()) return result;
 
-    // In the order of a curve, neighbours are near in memory, too, and the result doesn't depend
+    // In the order of a curve, neighbors are near in memory, too, and the result doesn't depend
     // on the order of the candidates.
     std::vector<Index> rows = spatial_order(candidates);
     PairWeight pair_weight{};
     while (static_cast<Index>(rows.size()) > count) {
-        // Rounds that halve at the most: lists of neighbours get shorter, and what these left out
+        // Rounds that halve at the most: lists of neighbors get shorter, and what these left out
         // is looked for again.
         const auto left = static_cast<Index>(rows.size());
         const Survivors points(candidates, normals, std::move(rows));

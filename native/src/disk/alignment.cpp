@@ -33,7 +33,7 @@ constexpr double kMargin = 0.999;
 /// its own steps gets half its d: the others drag it back.
 constexpr Index kPatience = 4;
 constexpr double kEfficiency = 0.5;
-/// Neighbours from which the local spacing is estimated.
+/// Neighbors from which the local spacing is estimated.
 constexpr std::size_t kNeighbors = 6;
 /// Points that are warped together.
 constexpr Index kBlock = 256;
@@ -42,7 +42,7 @@ constexpr Index kBlock = 256;
 struct Warp {
     Point center;
     double radius;  ///< d
-    Point step;     ///< p/2, or shorter: what the centre moves by
+    Point step;     ///< p/2, or shorter: what the center moves by
 
     double inverse_radius() const { return 1.0 / radius; }
 };
@@ -65,14 +65,14 @@ struct Rotation {
     double cosine, sine;
 };
 
-/// A feature's image in one disk with the neighbours that tell the spacing around it.
+/// A feature's image in one disk with the neighbors that tell the spacing around it.
 struct Image {
     Point at;
     std::array<Point, kNeighbors> neighbors;
-    std::size_t count = 0;  ///< of neighbours, fewer than kNeighbors in a tiny disk
+    std::size_t count = 0;  ///< of neighbors, fewer than kNeighbors in a tiny disk
     double first_spacing = 0.0;
 
-    /// 1/√density around the feature: k neighbours within r make a mean square of r²/2.
+    /// 1/√density around the feature: k neighbors within r make a mean square of r²/2.
     double present_spacing() const {
         if (count == 0) return std::sqrt(std::numbers::pi);  // one point in the disk
         double sum = 0.0;
@@ -89,7 +89,7 @@ struct Image {
     }
 };
 
-/// The nearest neighbours of a row, but for points at the very same place, by a scan: a tree is
+/// The nearest neighbors of a row, but for points at the very same place, by a scan: a tree is
 /// worth its while only for many more features than people mark.
 Image image_of(const DiskPoints& disk, Index row) {
     Image image;
@@ -299,8 +299,8 @@ private:
 /// Coordinates of some points, apart, so that loops over them are vectorised.
 using Row = Eigen::Array<double, Eigen::Dynamic, 1, Eigen::ColMajor, kBlock, 1>;
 
-/// Applies all warps to up to kBlock points, leaving out those that reach none of them: neighbours
-/// in space are mostly neighbours in memory.
+/// Applies all warps to up to kBlock points, leaving out those that reach none of them: neighbors
+/// in space are mostly neighbors in memory.
 void warp_block(Row& x, Row& y, std::span<const Warp> warps) {
     Row weight(x.size());
     Point low(x.minCoeff(), y.minCoeff()), high(x.maxCoeff(), y.maxCoeff());
@@ -364,7 +364,7 @@ Alignment align_features(DiskPoints& source, DiskPoints& target,
                 name_of(meeting.worst().rows) + " still " + number(result.residual) +
                     " apart after " + std::to_string(options.max_sweeps) + " sweeps",
                 "Check that it marks the same place on both shapes and isn't swapped with a "
-                "neighbour, or allow more sweeps.");
+                "neighbor, or allow more sweeps.");
         meeting.sweep();
         progress.report(0.3 + 0.2 * meeting.sweeps() / options.max_sweeps);
     }

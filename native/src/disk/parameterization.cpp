@@ -23,7 +23,7 @@ namespace {
 
 constexpr double kTurn = 2.0 * std::numbers::pi;
 
-/// Neighbours whose normals agree less than this lie on the other side of a thin sheet.
+/// Neighbors whose normals agree less than this lie on the other side of a thin sheet.
 constexpr double kOpposed = -0.1;
 
 /// Shorter distances count as this share of the spacing, so that reciprocal-distance weights stay

@@ -153,7 +153,7 @@ bool is_wider(const Positions& positions, const GapTriangle& corners, double rad
     if (!(largest > 3.0 * radius * radius)) return false;
     std::ranges::sort(squares);
     const auto [a, b, c] = squares;
-    if (a + b > c) {  // acute: the centre of the circle through the corners
+    if (a + b > c) {  // acute: the center of the circle through the corners
         const double area = 2.0 * (a * b + b * c + c * a) - a * a - b * b - c * c;
         return a * b * c > radius * radius * area;
     }

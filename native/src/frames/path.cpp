@@ -74,7 +74,7 @@ void blend(const Scalar* POINTMORPH_RESTRICT base, const Scalar* POINTMORPH_REST
     for (std::size_t i = 0; i < count; ++i) out[i] = base[i] - share * (base[i] - other[i]);
 }
 
-/// One blended and renormalised normal where the quick way may fail: the ends are nearly
+/// One blended and renormalized normal where the quick way may fail: the ends are nearly
 /// opposite, or so short or long that squares leave Scalar's range.
 template <class Scalar>
 void blend_normal_carefully(const Scalar* base, const Scalar* other, Scalar share, Scalar* out) {

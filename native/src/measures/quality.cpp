@@ -22,7 +22,7 @@ std::string direction_in_words(const Positions& positions, Index row) {
     for (int axis = 0; axis < 3; ++axis) {
         const double place = positions(row, axis);
         if (std::abs(place) <= std::max(0.4 * extent[axis], 0.1)) continue;
-        words += words.empty() ? "towards " : ", ";
+        words += words.empty() ? "toward " : ", ";
         words += place < 0.0 ? "-" : "+";
         words += "XYZ"[axis];
     }

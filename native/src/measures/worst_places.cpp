@@ -43,7 +43,7 @@ struct Spot {
 std::vector<Spot> find_spots(const MeasuredCloud& cloud, const MeasuredMap& map,
                              Progress& progress) {
     const PointQuality& points = map.points;
-    // Single bad points are noise: a place is bad on average over neighbours.
+    // Single bad points are noise: a place is bad on average over neighbors.
     Values smooth(cloud.size());
     parallel_for(cloud.size(), progress, [&](Index begin, Index end) {
         for (Index i = begin; i < end; ++i) {

@@ -10,7 +10,7 @@ namespace pointmorph {
 
 namespace {
 
-/// Where a row lies: near a point or curve feature, or towards which sides of the bounding box.
+/// Where a row lies: near a point or curve feature, or toward which sides of the bounding box.
 std::string where(const Cloud& cloud, Index row, std::span<const Feature> features,
                   Marked Feature::*marked) {
     constexpr double kNear = 0.1;  // of the bounding box's diagonal

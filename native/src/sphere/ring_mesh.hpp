@@ -10,8 +10,8 @@
 
 namespace pointmorph {
 
-/// Around each vertex, the ring of its neighbours anticlockwise seen from outside: vertex v and two
-/// neighbours that follow each other make a triangle. Every operation keeps the surface closed and
+/// Around each vertex, the ring of its neighbors anticlockwise seen from outside: vertex v and two
+/// neighbors that follow each other make a triangle. Every operation keeps the surface closed and
 /// of its genus.
 class RingMesh {
 public:
@@ -32,11 +32,11 @@ public:
     void insert(Index v, Index a, Index b, Index c);
 
     /// Whether the edge can be replaced by that between the corners left and right of it: these
-    /// aren't joined, and no vertex is left with fewer than three neighbours.
+    /// aren't joined, and no vertex is left with fewer than three neighbors.
     bool can_flip(Index a, Index b) const;
     void flip(Index a, Index b);
 
-    /// What was there before a vertex was drawn into `ring.front()`, one of its neighbours.
+    /// What was there before a vertex was drawn into `ring.front()`, one of its neighbors.
     struct Removal {
         Index vertex;
         std::vector<Index> ring;

@@ -97,10 +97,10 @@ public:
         double size = 0.0;
         for (const Index r : ring) size = std::max(size, (places_[to_size(r)] - corner).norm());
         double best = kInfinity;
-        for (const Vector3& towards :
+        for (const Vector3& toward :
              {Vector3(middle.normalized() - corner), Vector3(size * inside.normalized())})
             for (double share = 1.0; share > 1e-9; share *= 0.6) {
-                const Vector3 place = (corner + share * towards).normalized();
+                const Vector3 place = (corner + share * toward).normalized();
                 const double there = energy(v, place);
                 if (!(there < best)) continue;
                 best = there;

@@ -19,7 +19,7 @@ namespace {
 
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
-/// Neighbours whose normals' product is below this lie on the other side of a thin sheet.
+/// Neighbors whose normals' product is below this lie on the other side of a thin sheet.
 constexpr double kOpposed = -0.2;
 
 /// At three in four points the largest empty disc has a radius of `usual` spacings at the most:
@@ -52,7 +52,7 @@ constexpr double kBridged = 0.12;
 /// How far a bridge may lead, in lengths of the spokes where the chain ends.
 constexpr double kBridgeReach = 5.0;
 
-/// A neighbour in a Delaunay star, and the gap between it and the next one anticlockwise.
+/// A neighbor in a Delaunay star, and the gap between it and the next one anticlockwise.
 struct Spoke {
     Index neighbor;
     double radius;  ///< of the empty disc that touches point and both; infinite if there is none
@@ -76,7 +76,7 @@ public:
     /// farther away than all of them can change it.
     ///
     /// The Voronoi cell of i is cut out of a square by one bisector after the other. Its corners
-    /// are the centres of the empty discs, and a neighbour more than twice as far as the farthest
+    /// are the centers of the empty discs, and a neighbor more than twice as far as the farthest
     /// corner can't cut it.
     bool build(Index i, std::span<const Index> rows) {
         cell_.clear();
@@ -116,7 +116,7 @@ public:
         return false;
     }
 
-    /// The squared distance from which on no neighbour changes the star.
+    /// The squared distance from which on no neighbor changes the star.
     double squared_reach() const { return reach_; }
 
     /// Anticlockwise seen from outside; valid until the next star is built.
@@ -233,7 +233,7 @@ public:
         return {spokes_.data() + star.first, star.size};
     }
 
-    /// One for each run of neighbouring gaps outside, sorted by point.
+    /// One for each run of neighboring gaps outside, sorted by point.
     std::vector<Passage> passages() const {
         std::vector<Passage> result;
         for (std::size_t s = 0; s < stars_.size(); ++s)
@@ -362,7 +362,7 @@ private:
         }
     }
 
-    /// Where the spacing jumps, a point's neighbours across the jump are not among its nearest,
+    /// Where the spacing jumps, a point's neighbors across the jump are not among its nearest,
     /// but it is among theirs.
     void find_reverse_neighbors(const std::vector<Index>& rows) {
         std::vector<char> wanted(star_of_.size(), 0);
@@ -421,7 +421,7 @@ private:
         return false;
     }
 
-    /// Neighbours' neighbours and reverse neighbours that are farther away than the nearest, but
+    /// Neighbors' neighbors and reverse neighbors that are farther away than the nearest, but
     /// closer than a given distance, ascending.
     void farther_neighbors(Index i, double squared_limit,
                            std::vector<std::pair<double, Index>>& sorted,
@@ -624,7 +624,7 @@ Vector3 vector_area(const Positions& positions, std::span<const Index> loop) {
 }
 
 /// Whether the surface goes on behind a loop, with opposed normals: round a sharp rim, where the
-/// neighbours on the other side take the loop for outside as well, or flat, where normals were
+/// neighbors on the other side take the loop for outside as well, or flat, where normals were
 /// estimated with the wrong sign.
 bool is_fold(const Positions& positions, const Normals& normals, const Neighborhoods& nearest,
              std::span<const Passage> passages, const BoundaryLoop& loop) {
@@ -713,7 +713,7 @@ BoundaryLoop oriented_loop(const Positions& positions, const Normals& normals,
             throw FeatureError(subject, "every point once", "point " + std::to_string(i) + " twice",
                                "Leave out the repetition; the loop closes by itself.");
     }
-    // The surface is where the neighbours are.
+    // The surface is where the neighbors are.
     double left = 0.0;
     for (std::size_t k = 0; k < loop.size(); ++k) {
         const Index i = loop[k];

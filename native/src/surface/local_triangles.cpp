@@ -11,16 +11,16 @@ namespace pointmorph {
 namespace {
 
 constexpr double kSameSheet = 0.3;  // cosine between normals
-constexpr double kSteepest = 0.7;   // sine of the angle between a neighbour and the tangent plane
-constexpr Index kOpen = -1;         // the neighbour beyond an edge of the box
+constexpr double kSteepest = 0.7;   // sine of the angle between a neighbor and the tangent plane
+constexpr Index kOpen = -1;         // the neighbor beyond an edge of the box
 
-/// A cell's corner, and the neighbour beyond the edge from it to the next corner.
+/// A cell's corner, and the neighbor beyond the edge from it to the next corner.
 struct Corner {
     Eigen::Vector2d place;
     Index beyond;
 };
 
-/// The cell of the origin in the Voronoi diagram, in a box; clipped by one neighbour after another.
+/// The cell of the origin in the Voronoi diagram, in a box; clipped by one neighbor after another.
 class Cell {
 public:
     void open(double half_side) {
@@ -50,7 +50,7 @@ public:
         corners_.swap(clipped_);
     }
 
-    /// Calls `take(a, b)` for neighbours whose edges meet.
+    /// Calls `take(a, b)` for neighbors whose edges meet.
     template <class Take>
     void each_corner(Take&& take) const {
         for (std::size_t i = 0; i < corners_.size(); ++i) {
@@ -81,7 +81,7 @@ std::vector<Triangle> local_triangles(const Positions& positions, const Normals&
                 if (!(spacing[i] > 0.0)) continue;
                 const Vector3 normal = normals.row(i).transpose();
                 const Vector3 u = normal.unitOrthogonal(), v = normal.cross(u);
-                // In spacings. A corner of the cell is the centre of the circle through a triangle.
+                // In spacings. A corner of the cell is the center of the circle through a triangle.
                 cell.open(reach);
                 for (const Index j : nearest[i]) {
                     const Vector3 d =

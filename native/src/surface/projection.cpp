@@ -103,7 +103,7 @@ Positions project_onto_surface(const Positions& images, std::span<const Index> a
                 height += weight * normals.row(near[k]).dot(images.row(i) - samples.row(near[k]));
                 sum += weight;
             }
-            if (!(sum > 1e-12)) {  // farther off than the neighbourhood is wide
+            if (!(sum > 1e-12)) {  // farther off than the neighborhood is wide
                 mean = samples.row(anchor).transpose();
                 normal = normals.row(anchor).transpose();
                 height = normal.dot(images.row(i).transpose() - mean);

@@ -124,7 +124,7 @@ TEST(Covariance, OfAPlaneIsItsNormalWithoutVariation) {
 }
 
 TEST(Covariance, NormalsOfASphereAreItsRadii) {
-    // A neighbourhood of radius ρ that lies to one side is off by no more than ρ.
+    // A neighborhood of radius ρ that lies to one side is off by no more than ρ.
     const Index count = 5000;
     const Positions p = shapes::sphere(count);
     const double radius = std::sqrt(4.0 * std::numbers::pi * 17 / count / std::numbers::pi);
@@ -319,7 +319,7 @@ TEST(OrientNormals, EndsOnANonOrientableSurface) {
         }
     const Normals found = oriented(strip, 8);
     EXPECT_TRUE(found.allFinite());
-    // All but the seam agree: few pairs of neighbours along the strip have opposite signs.
+    // All but the seam agree: few pairs of neighbors along the strip have opposite signs.
     Index opposite = 0;
     for (Index i = 9; i < strip.rows(); ++i) opposite += found.row(i).dot(found.row(i - 9)) < 0.0;
     EXPECT_LE(opposite, 9 * 2);

@@ -52,7 +52,7 @@ TEST(Neighborhoods, NearestAgreeWithBruteForce) {
 
 TEST(Neighborhoods, BallsAgreeWithTheDefinition) {
     Positions p = shapes::cube_noise(600);
-    p.middleRows(100, 40).rowwise() = p.row(99).eval();  // at the very same place: no neighbours
+    p.middleRows(100, 40).rowwise() = p.row(99).eval();  // at the very same place: no neighbors
     for (const double radius : {0.05, 0.2, 0.5, 4.0}) {
         const auto found = in_balls(p, radius);
         ASSERT_EQ(found.size(), p.rows());
@@ -83,7 +83,7 @@ TEST(Neighborhoods, SmallCloudsGiveWhatThereIs) {
     EXPECT_TRUE(nearest(shapes::cube_noise(10), 0).indices.empty());
 }
 
-TEST(Neighborhoods, CoincidentPointsAreNeighboursButNotOfThemselves) {
+TEST(Neighborhoods, CoincidentPointsAreNeighborsButNotOfThemselves) {
     const Positions p = Positions::Constant(40, 3, 1.5);
     const auto found = nearest(p, 16);
     for (Index i = 0; i < p.rows(); ++i) {
@@ -174,7 +174,7 @@ std::vector<Index> spread_labels(const Neighborhoods& neighborhoods) {
 }
 
 TEST(ConnectedComponents, AreTheSpreadOfTheLowestRow) {
-    for (const Index k : {1, 2, 3}) {  // few neighbours, many components
+    for (const Index k : {1, 2, 3}) {  // few neighbors, many components
         const auto near = nearest(shapes::cube_noise(400), k);
         const auto found = connected_components(near);
         const auto lowest = spread_labels(near);
@@ -212,7 +212,7 @@ TEST(LocalSpacing, IsOneOverTheRootOfTheDensity) {
         EXPECT_NEAR(spacing.squaredNorm() / count, scale * scale * area / count,
                     0.03 * scale * scale * area / count);
     }
-    const Positions grid = shapes::grid(21);  // spacing 0.1; the sixth neighbour is at √2 of it
+    const Positions grid = shapes::grid(21);  // spacing 0.1; the sixth neighbor is at √2 of it
     EXPECT_NEAR(local_spacing(grid, nearest(grid, 8))[220],
                 0.1 * std::sqrt(2.0 * std::numbers::pi / 6.0), 1e-12);
     EXPECT_NEAR(local_spacing(grid, nearest(grid, 4))[220], 0.1 * std::sqrt(std::numbers::pi / 4.0),

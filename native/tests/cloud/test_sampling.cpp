@@ -38,7 +38,7 @@ Values nearest_distances(const Positions& p, const std::vector<Index>& rows) {
     return distances;
 }
 
-/// Distance of neighbours when `count` points lie on `area` in the densest packing.
+/// Distance of neighbors when `count` points lie on `area` in the densest packing.
 double packing_distance(double area, Index count) {
     return std::sqrt(2.0 * area / (std::numbers::sqrt3 * count));
 }

@@ -18,7 +18,7 @@ namespace {
 
 constexpr double kPi = std::numbers::pi;
 
-/// Rings of points from the centre to the circle, with the triangles between them.
+/// Rings of points from the center to the circle, with the triangles between them.
 struct Rings {
     DiskPoints points;
     std::vector<std::array<Index, 3>> triangles;
@@ -235,7 +235,7 @@ TEST(Alignment, SpecksMeetAtTheirOwnScale) {
         EXPECT_LT((source.row(s) - target.row(t)).norm(), 1e-3 * 1e-6);
 }
 
-TEST(Alignment, NeighboursThatChangePlacesStillMeet) {
+TEST(Alignment, NeighborsThatChangePlacesStillMeet) {
     const Rings rings(30);
     DiskPoints source = rings.points, target = rings.points;
     auto result = align(source, target, {{200, 203}, {203, 200}}, {}, true);

@@ -157,7 +157,7 @@ TEST(MatchPins, AnotherOrderIsRefused) {
     EXPECT_TRUE(match({}).source.empty());
 }
 
-TEST(Parameterization, EveryInteriorPointIsAConvexCombinationOfItsNeighbours) {
+TEST(Parameterization, EveryInteriorPointIsAConvexCombinationOfItsNeighbors) {
     const Patch patch = hemisphere(800);
     const auto options = full();
     const auto result = onto_disk(patch, options);
@@ -229,7 +229,7 @@ TEST(Parameterization, TheSimplifiedSolutionComesCloserToTheFullOneAsItGetsFiner
     EXPECT_LT(error[1], 0.06);
 }
 
-TEST(Parameterization, RadiusNeighbourhoodsGiveAboutTheSame) {
+TEST(Parameterization, RadiusNeighborhoodsGiveAboutTheSame) {
     const Patch patch = hemisphere(3000);
     ParameterizationOptions ball;
     ball.radius = 2.2;

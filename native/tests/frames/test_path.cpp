@@ -180,7 +180,7 @@ TYPED_TEST(PathOf, NormalsHaveUnitLength) {
 TYPED_TEST(PathOf, EqualEndsStayToTheBit) {
     std::vector<IndexPair> same;
     for (Index i = 0; i < kPoints; ++i) same.push_back({i, i});
-    Cloud turned = this->source;  // other normals: those are renormalised
+    Cloud turned = this->source;  // other normals: those are renormalized
     turned.normals = -turned.normals;
     const Path<TypeParam> path(this->source, turned, same);
     for (const double t : {1e-12, 0.3, 0.5, 0.8, 1.0 - 1e-12}) {

@@ -233,7 +233,7 @@ TEST(Quality, ADiscThatCollapsesToALineIsLostOnTheOtherSide) {
 TEST(Quality, TheRoundTripIsTheDistanceInRootsOfTheArea) {
     const auto shift = [](const Vector3& p) { return Vector3(p.x(), p.y() + 0.2, p.z()); };
     const Quality quality = plane(stay, shift).measure();
-    // neighbours that the border lacks make the area seem a tenth larger
+    // neighbors that the border lacks make the area seem a tenth larger
     EXPECT_NEAR(quality.source_to_target.round_trip_mean, 0.2 / 2.0, 0.006);
     EXPECT_NEAR(quality.target_to_source.round_trip_mean, 0.2 / 2.0, 0.006);
     EXPECT_NEAR(quality.source_to_target.round_trip_p99, 0.2 / 2.0, 0.006);

@@ -65,7 +65,7 @@ TEST(Options, SayWhatHasToBeMadeAgain) {
     EXPECT_EQ(find_option("threads").affects, Option::Affects::kNothing);
     EXPECT_EQ(find_option("influence").method, Method::kPaper);
     EXPECT_FALSE(find_option("covariance_neighbors").method.has_value());
-    EXPECT_THROW(find_option("colour"), OptionError);
+    EXPECT_THROW(find_option("color"), OptionError);
 }
 
 TEST(Options, WrongValuesNameTheRange) {
@@ -85,7 +85,7 @@ TEST(Options, WrongValuesNameTheRange) {
     EXPECT_NE(message("influence", std::string("big")).find("big"), std::string::npos);
     EXPECT_NE(message("influence", std::nan("")).find("nan"), std::string::npos);
     EXPECT_NE(message("influence", OptionValue{}).find("no value"), std::string::npos);
-    EXPECT_NE(message("colour", 1.0).find("covariance_neighbors"), std::string::npos);
+    EXPECT_NE(message("color", 1.0).find("covariance_neighbors"), std::string::npos);
     EXPECT_EQ(message("influence_radius", OptionValue{}), "");
 }
 

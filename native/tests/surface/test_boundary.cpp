@@ -316,7 +316,7 @@ TEST(Boundary, DegenerateClouds) {
         pole.col(0).swap(pole.col(2));
         EXPECT_TRUE(loops_of(pole, up).empty()) << "along the normal " << count;
     }
-    // Fewer points than neighbours that are asked for.
+    // Fewer points than neighbors that are asked for.
     EXPECT_LE(loops_of(shapes::grid(3), upwards(9), {.min_loop = 4.0}).size(), 1u);
 }
 

@@ -162,7 +162,7 @@ TEST(Pairing, SameCloudPairsWithItself) {
 }
 
 TEST(Pairing, PairsAreNear) {
-    // Two independent samples of a square of area 4: nearest neighbours are ½·√(4/n) apart in the
+    // Two independent samples of a square of area 4: nearest neighbors are ½·√(4/n) apart in the
     // mean, and no pairing of all points can be better.
     const Index count = 20000;
     const auto source = noise<2>(count, 7), target = noise<2>(count, 8);

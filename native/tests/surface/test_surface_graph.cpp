@@ -166,7 +166,7 @@ TEST(SurfaceGraph, KeepsTheEdgesOfSparseParts) {
 }
 
 /// Nodes are every third row and column of two coplanar grids, a gap apart.
-TEST(SurfaceGraph, FromTheCloudsOwnNeighbourhoodsSeesAGapThatNodesDoNot) {
+TEST(SurfaceGraph, FromTheCloudsOwnNeighborhoodsSeesAGapThatNodesDoNot) {
     constexpr Index kSide = 31;
     const double step = 2.0 / (kSide - 1);
     Positions p(2 * kSide * kSide, 3);

@@ -22,7 +22,7 @@ private:
     std::string subject_, expected_, found_, advice_;
 };
 
-/// Points, normals, colours or radii that can't be used.
+/// Points, normals, colors or radii that can't be used.
 class CloudError : public Error {
     using Error::Error;
 };

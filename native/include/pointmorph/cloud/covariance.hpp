@@ -25,7 +25,7 @@ struct LocalFrame {
 };
 LocalFrame local_frame(const Positions& positions, std::span<const Index> rows);
 
-/// What the covariance of every point's neighbourhood (and itself) says about the surface.
+/// What the covariance of every point's neighborhood (and itself) says about the surface.
 struct Covariance {
     Normals normals;   ///< v0 of every point, unit length; the sign is arbitrary
     Values variation;  ///< λ0 / (λ0 + λ1 + λ2), 0 (flat) to 1/3; 0 where all points coincide

@@ -1,4 +1,4 @@
-// Nearest neighbours in 2 (disk), 3 (space) and more (product space) dimensions.
+// Nearest neighbors in 2 (disk), 3 (space) and more (product space) dimensions.
 #pragma once
 
 #include <memory>

@@ -10,8 +10,8 @@
 
 namespace pointmorph {
 
-/// The neighbours of point i are `indices[offsets[i]] … indices[offsets[i + 1] − 1]`; a point is
-/// not its own neighbour.
+/// The neighbors of point i are `indices[offsets[i]] … indices[offsets[i + 1] − 1]`; a point is
+/// not its own neighbor.
 struct Neighborhoods {
     std::vector<std::int64_t> offsets{0};  ///< #points + 1
     std::vector<Index> indices;            ///< 0-based rows
@@ -25,17 +25,17 @@ struct Neighborhoods {
 };
 
 /// The k nearest other points of every point, ascending by distance; all others where the cloud
-/// has no more than k + 1. A coincident point counts as a neighbour.
+/// has no more than k + 1. A coincident point counts as a neighbor.
 Neighborhoods nearest_neighbors(const KdTree<3>& tree, Index k, Progress& progress);
 
 /// The paper's N_i = {j : 0 < ‖x_j − x_i‖ < r} for every point, ascending by distance: points at
-/// the very same place are no neighbours. `radius` > 0 is a plain distance.
+/// the very same place are no neighbors. `radius` > 0 is a plain distance.
 Neighborhoods radius_neighbors(const KdTree<3>& tree, double radius, Progress& progress);
 
-/// j is a neighbour of i where either was one of the other; ascending by row.
+/// j is a neighbor of i where either was one of the other; ascending by row.
 Neighborhoods symmetrized(const Neighborhoods& neighborhoods);
 
-/// The neighbourhoods without the pairs (i, j) for which `keep(i, j)` is false; the order stays.
+/// The neighborhoods without the pairs (i, j) for which `keep(i, j)` is false; the order stays.
 template <class Keep>
 Neighborhoods filtered(const Neighborhoods& neighborhoods, Keep&& keep) {
     Neighborhoods result;
@@ -59,7 +59,7 @@ struct ConnectedComponents {
 ConnectedComponents connected_components(const Neighborhoods& neighborhoods);
 
 /// Spacing of the samples around every point, 1/√density, from the distance r to its k-th nearest
-/// other point: r·√(π/k). `nearest` is ascending by distance; fewer than k neighbours are used as
+/// other point: r·√(π/k). `nearest` is ascending by distance; fewer than k neighbors are used as
 /// they are; 0 where there are none.
 Values local_spacing(const Positions& positions, const Neighborhoods& nearest, Index k = 6);
 

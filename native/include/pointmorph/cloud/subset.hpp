@@ -11,11 +11,11 @@
 
 namespace pointmorph {
 
-/// Surface area that the samples of a cloud stand for, from the distance to their 12th neighbour;
+/// Surface area that the samples of a cloud stand for, from the distance to their 12th neighbor;
 /// measured at no more than some hundred points. 0 only where all points coincide.
 double estimated_area(const KdTree<3>& tree);
 
-/// The same where the nearest neighbours of every point, 12 or more and ascending by distance, are
+/// The same where the nearest neighbors of every point, 12 or more and ascending by distance, are
 /// known.
 double estimated_area(const Positions& positions, const Neighborhoods& nearest);
 
@@ -30,7 +30,7 @@ struct Subset {
 /// about `count` points. `required` rows are always in it, however close, each once. Two points
 /// whose normals are opposed don't keep each other away: both sides of an ear get their own.
 /// Where the cloud has no more than `count` points, all places, each once, and the radius that
-/// would spread as many evenly. `nearest`, where they are known, are the nearest neighbours of
+/// would spread as many evenly. `nearest`, where they are known, are the nearest neighbors of
 /// every point, 12 or more and ascending by distance; the result is the same.
 Subset poisson_disk_subset(const KdTree<3>& tree, const Normals& normals,
                            std::span<const Index> required, Index count, Progress& progress,

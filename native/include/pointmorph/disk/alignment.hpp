@@ -29,7 +29,7 @@ struct Alignment {
     double residual = 0.0;  ///< largest distance between two features, in local spacings
 };
 
-/// The rotation of the source disk, radians, that minimises Σ ‖u¹ − u²‖² over the features (closed
+/// The rotation of the source disk, radians, that minimizes Σ ‖u¹ − u²‖² over the features (closed
 /// form). 0 where all rotations are equally good, for instance without features.
 double best_rotation(const DiskPoints& source, const DiskPoints& target,
                      std::span<const IndexPair> features);

@@ -20,7 +20,7 @@ struct LoopClasses {
 
 /// Three nodes that are joined to each other span a triangle of the surface: loops that need more
 /// to be filled, round a gap in the sampling, count as well. With a `radius` > 0 nodes that lie so
-/// near to one of some, along the graph, are taken for one, and nodes that have a neighbour in
+/// near to one of some, along the graph, are taken for one, and nodes that have a neighbor in
 /// common for joined, so that smaller gaps don't count, nor handles that are as thin. `graph` is
 /// connected.
 LoopClasses loop_classes(const SurfaceGraph& graph, double radius = 0.0);

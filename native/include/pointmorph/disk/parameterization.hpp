@@ -29,7 +29,7 @@ struct ParameterizationOptions {
     LodOptions lod;
     /// Neighbors of a point in eq. (2), made mutual; 6 to 64. Unused if `radius` is set.
     Index neighbors = 10;
-    /// Radius r of the paper's ball neighbourhoods, in spacings of the cloud that is solved for;
+    /// Radius r of the paper's ball neighborhoods, in spacings of the cloud that is solved for;
     /// 1 to 20. None: nearest neighbors.
     std::optional<double> radius;
     /// Whether parts that aren't connected to the boundary are tied to the rest by an edge, and

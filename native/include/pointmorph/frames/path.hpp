@@ -24,16 +24,16 @@ struct FrameView {
 template <class Scalar>
 class Path {
 public:
-    /// `pairs` are rows of both clouds. Both clouds need normals and radii here; colours may be
+    /// `pairs` are rows of both clouds. Both clouds need normals and radii here; colors may be
     /// missing: white, opaque. Throws CloudError for missing attributes and for numbers beyond
     /// half of what Scalar can hold: their differences might not be finite.
     Path(const Cloud& source, const Cloud& target, std::span<const IndexPair> pairs);
 
     Index size() const noexcept { return size_; }
 
-    /// The cloud at t in [0, 1]: (1 − t) s + t t' for positions, colours with alpha, and radii;
-    /// normals likewise and renormalised (where both cancel, the source's for t < ½, else the
-    /// target's). At t = 0 and t = 1 the inputs' own bits; between them, positions, colours and
+    /// The cloud at t in [0, 1]: (1 − t) s + t t' for positions, colors with alpha, and radii;
+    /// normals likewise and renormalized (where both cancel, the source's for t < ½, else the
+    /// target's). At t = 0 and t = 1 the inputs' own bits; between them, positions, colors and
     /// radii that are the same at both ends stay so to the bit, and no number leaves the interval
     /// between its ends. Spans that are neither empty nor of the right size, or t outside [0, 1],
     /// are an OptionError. Allocates nothing; runs on all threads; may be called from several
@@ -42,7 +42,7 @@ public:
 
 private:
     Index size_;
-    // All positions, then all normals, colours and radii, each laid out as in a FrameView.
+    // All positions, then all normals, colors and radii, each laid out as in a FrameView.
     std::vector<Scalar> source_, target_;
 };
 

@@ -10,7 +10,7 @@
 
 namespace pointmorph {
 
-/// The share of neighbouring points between which the cloud at t is open.
+/// The share of neighboring points between which the cloud at t is open.
 struct Cracks {
     double t;
     double share;  ///< 0 to 1, the larger of both clouds'

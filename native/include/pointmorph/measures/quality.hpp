@@ -67,7 +67,7 @@ struct Place {
     Index source;       ///< row
     Index target;       ///< row nearest to its image
     Flaw flaw;          ///< of most bad points there; kFolded if a fifth of them are folded
-    double distortion;  ///< mean over the point and its neighbours
+    double distortion;  ///< mean over the point and its neighbors
     double share;       ///< of the surface covered by its bad points, 0 to 1
     std::string advice;
 };
@@ -80,7 +80,7 @@ struct Quality {
     std::vector<FeatureResidual> features;  ///< one a feature, in their order
 };
 
-/// The sides of the bounding box that a point is near: "towards +X, -Z", or "in the middle".
+/// The sides of the bounding box that a point is near: "toward +X, -Z", or "in the middle".
 /// `positions` lie in the unit ball around the origin.
 std::string direction_in_words(const Positions& positions, Index row);
 

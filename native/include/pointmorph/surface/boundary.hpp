@@ -2,7 +2,7 @@
 // Floater or by user interaction").
 //
 // Floater and Reimers (2001) find boundary points and order them with local triangulations of each
-// point's neighbourhood. So does this: every point gets its Delaunay star in the tangent plane.
+// point's neighborhood. So does this: every point gets its Delaunay star in the tangent plane.
 // Discs that are empty of points and much larger than usual lie outside of the surface; from there
 // the outside is followed inwards, triangle by triangle, as long as they are larger than usual.
 // What it leaves is the surface, and the edges between both are the boundary.
@@ -33,7 +33,7 @@ using BoundaryLoop = std::vector<Index>;
 
 /// All boundary loops of the cloud, longest first, each from its lowest row; none on a closed
 /// surface. `normals` are unit length and agree in sign; `nearest` is ascending by distance, 12 or
-/// more neighbours. Of points that coincide, the lowest row stands for all. Where the spacing
+/// more neighbors. Of points that coincide, the lowest row stands for all. Where the spacing
 /// varies as in the vertices of a mesh, a gap in a flat region (the sole of a foot) counts as
 /// surface, since meshes have few vertices there.
 std::vector<BoundaryLoop> find_boundary_loops(const Positions& positions, const Normals& normals,

@@ -1,7 +1,7 @@
 // Stage `geodesics`: smooth shortest curves on a cloud (paper, Morphing of Complex Models).
 //
 // A path in the surface graph says which way round the curve goes; its points are then drawn
-// straight on the surface, each halfway between its neighbours and put back onto the samples'
+// straight on the surface, each halfway between its neighbors and put back onto the samples'
 // surface (curve shortening), which takes the graph's zig-zags out.
 #pragma once
 

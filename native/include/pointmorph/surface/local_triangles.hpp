@@ -13,11 +13,11 @@ namespace pointmorph {
 /// Three rows, ascending.
 using Triangle = std::array<Index, 3>;
 
-/// Every point's neighbours are laid into its tangent plane and triangulated around it (Delaunay);
+/// Every point's neighbors are laid into its tangent plane and triangulated around it (Delaunay);
 /// a triangle that any of its corners finds is one. Sorted, none twice. They cover the surface, but
 /// where points see their surroundings differently they may overlap: no mesh.
 ///
-/// `normals` have unit length; `nearest` is ascending by distance, 16 are enough; only neighbours
+/// `normals` have unit length; `nearest` is ascending by distance, 16 are enough; only neighbors
 /// on the same sheet count. No triangle has a circle through its corners of more than `reach` times
 /// a corner's `spacing`: holes and borders stay open.
 std::vector<Triangle> local_triangles(const Positions& positions, const Normals& normals,

@@ -13,7 +13,7 @@
 
 namespace pointmorph {
 
-/// Symmetric weighted graph. The neighbours of i are `neighbors[offsets[i]] …
+/// Symmetric weighted graph. The neighbors of i are `neighbors[offsets[i]] …
 /// neighbors[offsets[i + 1] − 1]`, ascending by row, at the same places of `lengths` (plain
 /// distances, > 0).
 struct SurfaceGraph {
@@ -30,7 +30,7 @@ Neighborhoods in_one_piece(const Positions& positions, Neighborhoods joined);
 
 struct SurfaceGraphOptions {
     Index neighbors = 16;
-    /// Neighbours whose normals have a smaller scalar product than this lie on different sheets
+    /// Neighbors whose normals have a smaller scalar product than this lie on different sheets
     /// and aren't joined; −1 to 1.
     double smallest_agreement = -0.1;
     /// How far off the surface the middle of an edge may lie: a share of its length, for curvature,
@@ -38,7 +38,7 @@ struct SurfaceGraphOptions {
     double bulge = 0.15, gap = 0.8;
 };
 
-/// Joins nearest neighbours on the same sheet; then every component to the largest one by the
+/// Joins nearest neighbors on the same sheet; then every component to the largest one by the
 /// shortest edge, so that the whole graph hangs together. `dense`, where there is one, is the cloud
 /// that `tree` holds a part of: an edge whose middle lies off the surface, as its nearest sample
 /// shows, leads from one limb to another and isn't taken.
@@ -46,7 +46,7 @@ SurfaceGraph surface_graph(const KdTree<3>& tree, const Normals& normals,
                            const SurfaceGraphOptions& options, Progress& progress,
                            const KdTree<3>* dense = nullptr);
 
-/// The same where more is known: the nearest neighbours of the points themselves, as many as are to
+/// The same where more is known: the nearest neighbors of the points themselves, as many as are to
 /// be taken, and the spacing of the dense cloud around each of them.
 SurfaceGraph surface_graph(const Positions& positions, const Normals& normals,
                            const Neighborhoods& nearest, const SurfaceGraphOptions& options,
@@ -55,14 +55,14 @@ SurfaceGraph surface_graph(const Positions& positions, const Normals& normals,
 /// Distance between samples of `dense` around places, from the disk that holds the nearest ones.
 Values spacings_around(const KdTree<3>& dense, const Positions& places, Progress& progress);
 
-/// The same around some of the samples, whose neighbourhoods, ascending by distance, are known.
+/// The same around some of the samples, whose neighborhoods, ascending by distance, are known.
 Values spacings_around(const Positions& dense, const Neighborhoods& nearest,
                        std::span<const Index> rows);
 
-/// The graph of some points of a cloud, from the cloud's own neighbourhoods `nearest` (ascending by
+/// The graph of some points of a cloud, from the cloud's own neighborhoods `nearest` (ascending by
 /// distance), which see gaps that the few points don't: feet that nearly touch stay apart. Every
-/// point of the cloud belongs to one of the `nodes`, `cells[i]`; nodes are joined where neighbours
-/// belong to both, and, for straighter paths, with their neighbours' neighbours; never on different
+/// point of the cloud belongs to one of the `nodes`, `cells[i]`; nodes are joined where neighbors
+/// belong to both, and, for straighter paths, with their neighbors' neighbors; never on different
 /// sheets. What falls apart is joined as above. `positions` and `normals` are those of the cloud.
 SurfaceGraph surface_graph(const Positions& positions, const Normals& normals,
                            const Neighborhoods& nearest, std::span<const Index> nodes,
