@@ -95,13 +95,14 @@ py::list list_of(const std::vector<Rival>& rivals) {
 py::list list_of(const std::vector<Proposal>& proposals) {
     py::list rows;
     for (const Proposal& proposal : proposals)
-        rows.append(py::dict(
-            py::arg("source") = proposal.source, py::arg("target") = proposal.target,
-            py::arg("confidence") = proposal.confidence, py::arg("is_tip") = proposal.is_tip));
+        rows.append(py::dict(py::arg("source") = proposal.source,
+                             py::arg("target") = proposal.target,
+                             py::arg("confidence") = proposal.confidence,
+                             py::arg("is_tip") = proposal.is_extremity));
     return rows;
 }
 
-py::list list_of(const std::vector<Attempt>& starts, std::size_t taken) {
+py::list list_of(const std::vector<Restart>& starts, std::size_t taken) {
     py::list list;
     for (std::size_t k = 0; k < starts.size(); ++k)
         list.append(py::dict(py::arg("start") = starts[k].start, py::arg("torn") = starts[k].torn,
@@ -144,7 +145,7 @@ py::dict dict_of(const MorphReport& report, const MorphOptions& options) {
         py::arg("target_parameterization") = dict_of(report.target_parameterization),
         py::arg("loop") = report.loop, py::arg("curves") = report.curves,
         py::arg("patches") = report.patches,
-        py::arg("tips") = array_of(report.tips).attr("tolist")(),
+        py::arg("tips") = array_of(report.extremities).attr("tolist")(),
         py::arg("warnings") = report.warnings, py::arg("options") = chosen);
     for (const auto& [name, figure] : dict_of(report.diagnostics)) result[name] = figure;
     return result;
@@ -240,88 +241,78 @@ py::dict resampled_frame(const Morph& morph, double t, const py::object& callbac
         callback, [&](Progress& progress) { return morph.resampled_frame<Scalar>(t, progress); }));
 }
 
-}  // namespace
+MorphInput input_of(const py::dict& source, const py::dict& target, const py::list& features,
+                    std::vector<std::vector<std::string>> loops = {}) {
+    const auto given = [](const py::dict& cloud, const char* rows) {
+        return cloud[rows].cast<std::vector<Index>>();
+    };
+    MorphInput input{.source = cloud_of(source),
+                     .target = cloud_of(target),
+                     .features = features_of(features),
+                     .source_boundary = given(source, "boundary"),
+                     .target_boundary = given(target, "boundary"),
+                     .source_parts = given(source, "parts"),
+                     .target_parts = given(target, "parts")};
+    if (!loops.empty()) {
+        input.loop = std::move(loops.front());
+        input.more_loops.assign(loops.begin() + 1, loops.end());
+    }
+    return input;
+}
 
-void bind_morph(py::module_& module) {
-    const auto input_of = [](const py::dict& source, const py::dict& target,
-                             const py::list& features,
-                             std::vector<std::vector<std::string>> loops) {
-        MorphInput input{.source = cloud_of(source),
-                         .target = cloud_of(target),
-                         .features = features_of(features),
-                         .source_boundary = source["boundary"].cast<BoundaryLoop>(),
-                         .target_boundary = target["boundary"].cast<BoundaryLoop>(),
-                         .source_parts = source["parts"].cast<Parts>(),
-                         .target_parts = target["parts"].cast<Parts>()};
-        if (!loops.empty()) {
-            input.loop = std::move(loops.front());
-            input.more_loops.assign(loops.begin() + 1, loops.end());
-        }
-        return input;
-    };
-    const auto make = [input_of](const py::dict& source, const py::dict& target,
-                                 const py::list& features,
-                                 std::vector<std::vector<std::string>> loops,
-                                 const MorphOptions& options, const py::object& source_start,
-                                 const py::object& target_start, const py::object& callback) {
-        MorphInput input = input_of(source, target, features, std::move(loops));
-        input.start = {from_numpy<Positions>(source_start), from_numpy<Positions>(target_start)};
-        return without_gil(callback, [&](Progress& progress) {
-            return std::make_unique<Morph>(std::move(input), options, progress);
-        });
-    };
-    const auto restore = [](const py::dict& source, const py::dict& target,
-                            const py::array_t<std::int64_t, py::array::c_style>& rows,
-                            const py::object& source_images, const py::object& target_images,
-                            const MorphOptions& options) {
-        Pairing pairs(to_size(rows.shape(0)));
-        const auto view = rows.unchecked<2>();
-        for (py::ssize_t i = 0; i < view.shape(0); ++i)
-            pairs[to_size(i)] = {static_cast<Index>(view(i, 0)), static_cast<Index>(view(i, 1))};
-        RefinementStart images{from_numpy<Positions>(source_images),
-                               from_numpy<Positions>(target_images)};
-        return std::make_unique<Morph>(cloud_of(source), cloud_of(target), std::move(pairs),
-                                       std::move(images), options);
-    };
-    module.def(
-        "propose_loop",
-        [](const py::dict& source, const py::dict& target, const py::list& features,
-           const MorphOptions& options, const py::object& callback) {
-            const MorphInput input{.source = cloud_of(source),
-                                   .target = cloud_of(target),
-                                   .features = features_of(features)};
-            return without_gil(callback, [&](Progress& progress) {
-                return suggest_loop(input, options, progress);
-            });
-        },
-        "Names of features for a loop, in order.", py::arg("source"), py::arg("target"),
-        py::arg("features"), py::arg("options"), py::arg("progress"));
-    module.def(
-        "trace_network",
-        [input_of](const py::dict& source, const py::dict& target, const py::list& features,
-                   std::vector<std::vector<std::string>> loops, const MorphOptions& options,
-                   const py::object& callback) {
-            const MorphInput input = input_of(source, target, features, std::move(loops));
-            NamedNetwork found = without_gil(callback, [&](Progress& progress) {
-                return preview_network(input, options, progress);
-            });
-            py::list curves;
-            for (NetworkCurve& curve : found.network.curves)
-                curves.append(py::make_tuple(found.corners[to_size(curve.from)],
-                                             found.corners[to_size(curve.to)],
-                                             to_numpy(std::move(curve.on[0].points)),
-                                             to_numpy(std::move(curve.on[1].points))));
-            return py::make_tuple(curves, found.network.patches, array_of(found.network.labels[0]),
-                                  array_of(found.network.labels[1]));
-        },
-        "Ends and points of the curves on both, the curves around each patch, and the patch of "
-        "each point.",
-        py::arg("source"), py::arg("target"), py::arg("features"), py::arg("loops"),
-        py::arg("options"), py::arg("progress"));
-    py::class_<Morph>(module, "Morph")
-        .def(py::init(make))
-        .def_static("restore", restore)
-        .def("pairs", [](const Morph& m) { return array_of(m.pairs()); })
+std::unique_ptr<Morph> make_morph(const py::dict& source, const py::dict& target,
+                                  const py::list& features,
+                                  std::vector<std::vector<std::string>> loops,
+                                  const MorphOptions& options, const py::object& source_start,
+                                  const py::object& target_start, const py::object& callback) {
+    MorphInput input = input_of(source, target, features, std::move(loops));
+    input.start = {from_numpy<Positions>(source_start), from_numpy<Positions>(target_start)};
+    return without_gil(callback, [&](Progress& progress) {
+        return std::make_unique<Morph>(std::move(input), options, progress);
+    });
+}
+
+std::unique_ptr<Morph> restore_morph(const py::dict& source, const py::dict& target,
+                                     const py::array_t<std::int64_t, py::array::c_style>& rows,
+                                     const py::object& source_images,
+                                     const py::object& target_images, const MorphOptions& options) {
+    Pairing pairs(to_size(rows.shape(0)));
+    const auto view = rows.unchecked<2>();
+    for (py::ssize_t i = 0; i < view.shape(0); ++i)
+        pairs[to_size(i)] = {static_cast<Index>(view(i, 0)), static_cast<Index>(view(i, 1))};
+    RefinementStart images{from_numpy<Positions>(source_images),
+                           from_numpy<Positions>(target_images)};
+    return std::make_unique<Morph>(cloud_of(source), cloud_of(target), std::move(pairs),
+                                   std::move(images), options);
+}
+
+std::vector<std::string> proposed_loop(const py::dict& source, const py::dict& target,
+                                       const py::list& features, const MorphOptions& options,
+                                       const py::object& callback) {
+    const MorphInput input{
+        .source = cloud_of(source), .target = cloud_of(target), .features = features_of(features)};
+    return without_gil(callback,
+                       [&](Progress& progress) { return suggest_loop(input, options, progress); });
+}
+
+py::tuple traced_network(const py::dict& source, const py::dict& target, const py::list& features,
+                         std::vector<std::vector<std::string>> loops, const MorphOptions& options,
+                         const py::object& callback) {
+    const MorphInput input = input_of(source, target, features, std::move(loops));
+    NamedNetwork found = without_gil(
+        callback, [&](Progress& progress) { return preview_network(input, options, progress); });
+    py::list curves;
+    for (NetworkCurve& curve : found.network.curves)
+        curves.append(py::make_tuple(
+            found.corners[to_size(curve.from)], found.corners[to_size(curve.to)],
+            to_numpy(std::move(curve.on[0].points)), to_numpy(std::move(curve.on[1].points))));
+    return py::make_tuple(curves, found.network.patches, array_of(found.network.labels[0]),
+                          array_of(found.network.labels[1]));
+}
+
+/// What a morph is asked for: arrays of its whole, and figures.
+void define_queries(py::class_<Morph>& morph) {
+    morph.def("pairs", [](const Morph& m) { return array_of(m.pairs()); })
         .def("source_domain",
              [](const Morph& m) { return to_numpy(DomainPoints(m.source_domain())); })
         .def("target_domain",
@@ -352,12 +343,15 @@ void bind_morph(py::module_& module) {
                  for (const Cracks& at : cracks) result.emplace_back(at.t, at.share);
                  return result;
              })
-        .def("quality",
-             [](const Morph& m, const py::object& callback) {
-                 return dict_of(without_gil(callback, [&](Progress& progress) -> const Quality& {
-                     return m.quality(progress);
-                 }));
-             })
+        .def("quality", [](const Morph& m, const py::object& callback) {
+            return dict_of(without_gil(callback, [&](Progress& progress) -> const Quality& {
+                return m.quality(progress);
+            }));
+        });
+}
+
+void define_frames(py::class_<Morph>& morph) {
+    morph
         .def("inserted",
              [](const Morph& m, const py::object& callback) {
                  return without_gil(callback, [&](Progress& progress) {
@@ -372,6 +366,23 @@ void bind_morph(py::module_& module) {
         .def("frame_float64", &frame_into<double>, py::arg("t"), py::arg("positions").noconvert(),
              py::arg("normals").noconvert(), py::arg("colors").noconvert(),
              py::arg("radii").noconvert());
+}
+
+}  // namespace
+
+void bind_morph(py::module_& module) {
+    module.def("propose_loop", &proposed_loop, "Names of features for a loop, in order.",
+               py::arg("source"), py::arg("target"), py::arg("features"), py::arg("options"),
+               py::arg("progress"));
+    module.def("trace_network", &traced_network,
+               "Ends and points of the curves on both, the curves around each patch, and the patch "
+               "of each point.",
+               py::arg("source"), py::arg("target"), py::arg("features"), py::arg("loops"),
+               py::arg("options"), py::arg("progress"));
+    py::class_<Morph> morph(module, "Morph");
+    morph.def(py::init(&make_morph)).def_static("restore", &restore_morph);
+    define_queries(morph);
+    define_frames(morph);
 }
 
 }  // namespace pointmorph::bindings

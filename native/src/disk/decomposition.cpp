@@ -476,7 +476,7 @@ Decomposition decompose(const SampledSurface& surface, const KdTree<3>& tree,
                             "Lead the loop round the whole shape, for instance through the tips of "
                             "all limbs, in the order in which you meet them.");
 
-    result.unmarked = unmarked_extremities(coarse, from, options.tips, progress);
+    result.unmarked = unmarked_extremities(coarse, from, options.extremities, progress);
     return result;
 }
 

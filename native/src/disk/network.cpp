@@ -83,7 +83,7 @@ public:
           names_(names),
           weights_(weights),
           progress_(progress),
-          most_extremities_(options.tips),
+          most_extremities_(options.extremities),
           corners_(static_cast<Index>(names.size())),
           group_(names.size()) {
         for (const std::size_t m : {0u, 1u})

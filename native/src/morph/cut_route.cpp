@@ -179,60 +179,95 @@ Eigen::RowVector3d on_sphere(const Eigen::RowVector2d& u, bool above) {
     return {2.0 * u.x() / (1.0 + squared), 2.0 * u.y() / (1.0 + squared), above ? height : -height};
 }
 
-/// Lays one patch of both shapes onto the disk, aligned, and from there onto its half of the
-/// sphere.
-void lay_out(Patch patch, const RouteInput& input, const Cuts& cuts, const RimAngles& angles,
-             std::span<const PointFeature> known, const PatchOptions& options, RouteResult& result,
-             Progress& progress) {
-    const bool above = patch == Patch::kLeft;
-    RouteFacts& facts = result.facts;
-    const PatchCloud source_patch = patch_of(input.source, cuts.source, patch);
-    const PatchCloud target_patch = patch_of(input.target, cuts.target, patch);
-    progress.enter("parameterization");
-    const auto onto_disk = [&](bool is_source, double first) {
+/// Lays patch after patch of both shapes onto the disk, aligned, and from there onto its half of
+/// the sphere, and gathers what comes of it.
+class PatchLayout {
+public:
+    PatchLayout(const RouteInput& input, const Cuts& cuts, const RimAngles& angles,
+                std::span<const PointFeature> known, const PatchOptions& options,
+                RouteResult& result)
+        : input_(input),
+          cuts_(cuts),
+          angles_(angles),
+          known_(known),
+          options_(options),
+          result_(result) {
+        result.source_domain.resize(input.source.size(), 3);
+        result.target_domain.resize(input.target.size(), 3);
+    }
+
+    void lay_out(Patch patch, Progress& progress) {
+        const PatchCloud source = patch_of(input_.source, cuts_.source, patch);
+        const PatchCloud target = patch_of(input_.target, cuts_.target, patch);
+        const bool above = patch == Patch::kLeft;
+        const double done = above ? 0.0 : 0.5;
+        progress.enter("parameterization");
+        Disks disks{onto_disk(true, source, done, progress),
+                    onto_disk(false, target, done + 0.25, progress)};
+        progress.enter("alignment");
+        align(patch, source, target, disks, progress);
+        const auto spread = [&](DomainPoints& sphere, const PatchCloud& cloud,
+                                const DiskPoints& disk) {
+            for (std::size_t i = 0; i < cloud.rows.size(); ++i)
+                sphere.row(cloud.rows[i]) =
+                    on_sphere(disk.row(static_cast<Eigen::Index>(i)), above);
+        };
+        spread(result_.source_domain, source, disks.source);
+        spread(result_.target_domain, target, disks.target);
+    }
+
+private:
+    struct Disks {
+        DiskPoints source, target;
+    };
+
+    DiskPoints onto_disk(bool is_source, const PatchCloud& cloud, double first,
+                         Progress& progress) {
         const Progress::Part part(progress, first, first + 0.25);
-        const PreparedShape& shape = is_source ? input.source : input.target;
-        const PatchCloud& cloud = is_source ? source_patch : target_patch;
-        PatchOnDisk disk = on_disk(shape, cloud, angles[is_source ? 0 : 1], options, progress);
+        const PreparedShape& shape = is_source ? input_.source : input_.target;
+        PatchOnDisk disk = on_disk(shape, cloud, angles_[is_source ? 0 : 1], options_, progress);
+        RouteFacts& facts = result_.facts;
         auto& said = is_source ? facts.source_parameterization : facts.target_parameterization;
         said.add(disk.facts);
         said.boundary_points = static_cast<Index>(cloud.loop.size());
-        warn_of_joined(disk, shape, result.warnings);
+        warn_of_joined(disk, shape, result_.warnings);
         return std::move(disk.points);
-    };
-    const double done = above ? 0.0 : 0.5;
-    DiskPoints source_disk = onto_disk(true, done), target_disk = onto_disk(false, done + 0.25);
-
-    progress.enter("alignment");
-    std::vector<IndexPair> inside;
-    for (const auto& [name, rows] : known)
-        if (cuts.source.patches[to_size(rows.source)] == patch)
-            inside.push_back(
-                {source_patch.patch_row(rows.source), target_patch.patch_row(rows.target)});
-    const auto tips = paired_extremities(cuts.source.unmarked, cuts.target.unmarked,
-                                         kLargestDifference, [&](Index s, Index t) {
-                                             if (cuts.source.patches[to_size(s)] != patch ||
-                                                 cuts.target.patches[to_size(t)] != patch)
-                                                 return kNoPair;
-                                             return (source_disk.row(source_patch.patch_row(s)) -
-                                                     target_disk.row(target_patch.patch_row(t)))
-                                                 .norm();
-                                         });
-    for (const auto& [s, t] : tips) {
-        inside.push_back({source_patch.patch_row(s), target_patch.patch_row(t)});
-        facts.tips.push_back({s, t});
     }
-    const Alignment alignment =
-        align_features(source_disk, target_disk, inside, true, options.alignment, progress);
-    facts.feature_residual = std::max(facts.feature_residual, alignment.residual);
-    facts.alignment_sweeps = std::max(facts.alignment_sweeps, alignment.sweeps);
-    const auto spread = [&](DomainPoints& sphere, const PatchCloud& cloud, const DiskPoints& disk) {
-        for (std::size_t i = 0; i < cloud.rows.size(); ++i)
-            sphere.row(cloud.rows[i]) = on_sphere(disk.row(static_cast<Eigen::Index>(i)), above);
-    };
-    spread(result.source_domain, source_patch, source_disk);
-    spread(result.target_domain, target_patch, target_disk);
-}
+
+    void align(Patch patch, const PatchCloud& source, const PatchCloud& target, Disks& disks,
+               Progress& progress) {
+        RouteFacts& facts = result_.facts;
+        std::vector<IndexPair> inside;
+        for (const auto& [name, rows] : known_)
+            if (cuts_.source.patches[to_size(rows.source)] == patch)
+                inside.push_back({source.patch_row(rows.source), target.patch_row(rows.target)});
+        const auto extremities =
+            paired_extremities(cuts_.source.unmarked, cuts_.target.unmarked, kLargestDifference,
+                               [&](Index s, Index t) {
+                                   if (cuts_.source.patches[to_size(s)] != patch ||
+                                       cuts_.target.patches[to_size(t)] != patch)
+                                       return kNoPair;
+                                   return (disks.source.row(source.patch_row(s)) -
+                                           disks.target.row(target.patch_row(t)))
+                                       .norm();
+                               });
+        for (const auto& [s, t] : extremities) {
+            inside.push_back({source.patch_row(s), target.patch_row(t)});
+            facts.extremities.push_back({s, t});
+        }
+        const Alignment alignment =
+            align_features(disks.source, disks.target, inside, true, options_.alignment, progress);
+        facts.feature_residual = std::max(facts.feature_residual, alignment.residual);
+        facts.alignment_sweeps = std::max(facts.alignment_sweeps, alignment.sweeps);
+    }
+
+    const RouteInput& input_;
+    const Cuts& cuts_;
+    const RimAngles& angles_;
+    std::span<const PointFeature> known_;
+    const PatchOptions& options_;
+    RouteResult& result_;
+};
 
 }  // namespace
 
@@ -252,10 +287,8 @@ RouteResult match_in_patches(const RouteInput& input, std::span<const std::strin
             "The loop fits much better when one model is mirrored: check that left and right are "
             "not swapped and that the normals of both point outwards.");
 
-    result.source_domain.resize(input.source.size(), 3);
-    result.target_domain.resize(input.target.size(), 3);
-    for (const Patch patch : {Patch::kLeft, Patch::kRight})
-        lay_out(patch, input, cuts, angles, known.all, options.patches, result, progress);
+    PatchLayout layout(input, cuts, angles, known.all, options.patches, result);
+    for (const Patch patch : {Patch::kLeft, Patch::kRight}) layout.lay_out(patch, progress);
     for (std::size_t k = 0; k < known.in_loop; ++k) {
         const double angle = angles[0][to_size(cuts.source.corners[k])];
         const Eigen::RowVector3d corner(std::cos(angle), std::sin(angle), 0.0);

@@ -128,7 +128,7 @@ void Morph::take(Correspondence found) {
     RouteFacts& facts = report_;
     facts = std::move(result.facts);
     facts.diagnostics = facts.diagnostics.with_rows(source.given_rows, target.given_rows);
-    for (auto& [s, t] : facts.tips)
+    for (auto& [s, t] : facts.extremities)
         s = source.given_rows[to_size(s)], t = target.given_rows[to_size(t)];
     append(report_.warnings, result.warnings);
     report_.domain = result.domain;

@@ -17,29 +17,15 @@ SurfaceCurve reversed(const SurfaceCurve& curve) {
     return {curve.points.colwise().reverse(), curve.normals.colwise().reverse()};
 }
 
-/// The curves around a patch as one closed curve, and where each of them begins.
-struct Rim {
-    SurfaceCurve curve;
-    std::vector<Index> corners;
-
-    Rim(const Network& network, std::span<const Dart> darts, std::size_t model) {
-        std::vector<SurfaceCurve> parts;
-        Index count = 0;
-        for (const Dart dart : darts) {
-            const SurfaceCurve& part = network.curves[to_size(dart / 2)].on[model];
-            parts.push_back(dart % 2 == 0 ? part : reversed(part));
-            count += part.size() - 1;
-        }
-        curve = {Positions(count, 3), Normals(count, 3)};
-        Index row = 0;
-        for (const SurfaceCurve& part : parts) {
-            corners.push_back(row);
-            curve.points.middleRows(row, part.size() - 1) = part.points.topRows(part.size() - 1);
-            curve.normals.middleRows(row, part.size() - 1) = part.normals.topRows(part.size() - 1);
-            row += part.size() - 1;
-        }
+/// The curves around a patch of one of the models, each as it is passed.
+ClosedCurve rim_of(const Network& network, std::span<const Dart> darts, std::size_t model) {
+    std::vector<SurfaceCurve> parts;
+    for (const Dart dart : darts) {
+        const SurfaceCurve& part = network.curves[to_size(dart / 2)].on[model];
+        parts.push_back(dart % 2 == 0 ? part : reversed(part));
     }
-};
+    return closed_curve(parts);
+}
 
 /// All curves would fit much better if one model were a mirror image.
 bool looks_mirrored(const Network& network) {
@@ -60,16 +46,16 @@ bool looks_mirrored(const Network& network) {
 Pairing extremities_alike(const RouteInput& input, const KdTree<3>& source_tree,
                           const KdTree<3>& target_tree, std::span<const PointFeature> known,
                           const DecompositionOptions& options, Progress& progress) {
-    const auto tips = [&](const PreparedShape& shape, const KdTree<3>& tree,
-                          Index IndexPair::*row) {
+    const auto extremities = [&](const PreparedShape& shape, const KdTree<3>& tree,
+                                 Index IndexPair::*row) {
         std::vector<Index> features;
         for (const PointFeature& f : known) features.push_back(f.rows.*row);
         const CoarseCloud coarse(shape.surface(), tree, features, options.points, progress);
         return unmarked_extremities(coarse, distances_from_features(coarse, features.size()),
-                                    options.tips, progress);
+                                    options.extremities, progress);
     };
-    return paired_extremities(tips(input.source, source_tree, &IndexPair::source),
-                              tips(input.target, target_tree, &IndexPair::target),
+    return paired_extremities(extremities(input.source, source_tree, &IndexPair::source),
+                              extremities(input.target, target_tree, &IndexPair::target),
                               kLargestDifference, [](Index, Index) { return 0.0; });
 }
 
@@ -99,7 +85,7 @@ public:
 
 private:
     struct OnDisk {
-        std::array<Rim, 2> rims;
+        std::array<ClosedCurve, 2> rims;
         std::vector<PatchCloud> clouds;
         std::array<DiskPoints, 2> disks;
     };
@@ -125,7 +111,7 @@ private:
 
     OnDisk parameterized(Index patch, Progress& progress) {
         const auto& darts = network().patches[to_size(patch)];
-        OnDisk result{{Rim(network(), darts, 0), Rim(network(), darts, 1)}, {}, {}};
+        OnDisk result{{rim_of(network(), darts, 0), rim_of(network(), darts, 1)}, {}, {}};
         const auto angles =
             rim_angles(result.rims[0].curve, result.rims[0].corners, result.rims[1].curve,
                        result.rims[1].corners, options_.patches.parameterization.boundary_spacing);
@@ -152,7 +138,7 @@ private:
     std::array<DiskPoints, 2> aligned(Index patch, const OnDisk& on_disk, Progress& progress) {
         const auto& clouds = on_disk.clouds;
         std::array<DiskPoints, 2> disks = on_disk.disks;
-        const auto tips = paired_extremities(
+        const auto extremities = paired_extremities(
             network().unmarked[0], network().unmarked[1], kLargestDifference,
             [&](Index s, Index t) {
                 if (network().labels[0][to_size(s)] != patch ||
@@ -162,9 +148,9 @@ private:
                     .norm();
             });
         std::vector<IndexPair> together;
-        for (const auto& [s, t] : tips) {
+        for (const auto& [s, t] : extremities) {
             together.push_back({clouds[0].patch_row(s), clouds[1].patch_row(t)});
-            result_.facts.tips.push_back({s, t});
+            result_.facts.extremities.push_back({s, t});
         }
         const Alignment alignment = align_features(disks[0], disks[1], together, true,
                                                    options_.patches.alignment, progress);
@@ -242,11 +228,11 @@ TracedNetwork traced_network(const RouteInput& input, const Loops& loops,
                 static_cast<Index>(std::ranges::find(result.names, name) - result.names.begin()));
     }
     const KdTree<3> source_tree(input.source.positions), target_tree(input.target.positions);
-    result.tips =
+    result.extremities =
         extremities_alike(input, source_tree, target_tree, result.corners, options, progress);
-    for (std::size_t k = 0; k < result.tips.size(); ++k) {
+    for (std::size_t k = 0; k < result.extremities.size(); ++k) {
         result.names.push_back("tip " + std::to_string(k + 1));
-        result.corners.push_back({result.names.back(), result.tips[k]});
+        result.corners.push_back({result.names.back(), result.extremities[k]});
     }
     const auto to_trace = [&](const PreparedShape& shape, const KdTree<3>& tree,
                               Index IndexPair::*row) {
@@ -267,7 +253,7 @@ RouteResult match_in_network(const RouteInput& input, const Loops& loops,
     RouteResult result;
     result.domain = "network";
     result.genus = network.genus;
-    result.facts.tips = traced.tips;
+    result.facts.extremities = traced.extremities;
     for (const NetworkCurve& curve : network.curves)
         result.facts.curves.push_back(
             {traced.names[to_size(curve.from)], traced.names[to_size(curve.to)]});

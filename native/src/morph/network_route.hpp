@@ -28,7 +28,7 @@ struct TracedNetwork {
     /// The network's corners: the features, and unmarked extremities that belong together.
     std::vector<PointFeature> corners;
     std::vector<std::string> names;  ///< of the corners
-    Pairing tips;                    ///< those of the corners that are unmarked extremities
+    Pairing extremities;             ///< those of the corners that are unmarked extremities
 };
 
 /// The network alone; its loops are traced first. Needs the shapes' topology.

@@ -150,7 +150,7 @@ const std::vector<Option> kTable{
             .help = "full solves the parameterization for all points, which is slow. lod solves "
                     "it for a simplified cloud and embeds all points in that",
             .method = Method::kPaper}),
-    number(POINTMORPH_FIELD(decomposition.tips),
+    number(POINTMORPH_FIELD(decomposition.extremities),
            {.name = "decomposition_tips",
             .minimum = 0,
             .maximum = 100,

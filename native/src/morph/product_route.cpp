@@ -8,44 +8,47 @@ namespace pointmorph {
 
 namespace {
 
+RefinementCloud cloud_of(const PreparedShape& shape, NeighborSource neighbors) {
+    return {shape.positions, shape.normals,
+            neighbors == NeighborSource::kPrepared ? &shape.nearest : nullptr};
+}
+
 /// The map of the whole shapes, with each component in its counterpart where they have several.
 Refinement refine_by_component(const RouteInput& input, const std::optional<RefinementStart>& start,
                                const ProductRouteOptions& options,
                                std::vector<std::string>& warnings, Progress& progress) {
     const PreparedShape &source = input.source, &target = input.target;
-    const KnownNeighborhoods known = options.reuse_neighborhoods
-                                         ? KnownNeighborhoods{&source.nearest, &target.nearest}
-                                         : KnownNeighborhoods{};
-    Refinement whole =
-        refine(source.positions, source.normals, target.positions, target.normals, input.features,
-               options.refinement, progress, start ? &*start : nullptr, known);
+    const RefinementCloud source_cloud = cloud_of(source, options.neighbors),
+                          target_cloud = cloud_of(target, options.neighbors);
+    Refinement whole = refine(source_cloud, target_cloud, input.features, options.refinement,
+                              progress, start ? &*start : nullptr);
     if (source.topology.main().size() == 1 && target.topology.main().size() == 1) return whole;
 
     progress.enter("pieces");
-    const PieceView source_view{source.topology, source.positions, whole.source_images};
-    const PieceView target_view{target.topology, target.positions, whole.target_images};
-    const PieceMatching matching =
-        match_pieces(source_view, target_view, whole.alignment, options.pieces);
-    for (std::string& words :
-         pieces_in_words(matching, source.topology, source.name, target.topology, target.name))
+    const ComponentView source_view{source.topology, source.positions, source.normals,
+                                    whole.source_images};
+    const ComponentView target_view{target.topology, target.positions, target.normals,
+                                    whole.target_images};
+    const ComponentMatching matching =
+        match_components(source_view, target_view, whole.alignment, options.components);
+    for (std::string& words : components_in_words(matching, {source.topology, source.name},
+                                                  {target.topology, target.name}))
         warnings.push_back(std::move(words));
-    const auto regions = std::ranges::count(input.features, FeatureKind::kRegion, &Feature::kind);
-    const std::vector<Feature> pieces =
-        piece_regions(source.topology, target.topology, matching.matched,
-                      kMostRegions - static_cast<Index>(regions));
-    if (pieces.empty()) return whole;
-    if (regions == 0 && are_small(pieces, source.size(), target.size(), options.pieces)) {
-        keep_apart(whole, source_view, source.normals, target_view, target.normals, pieces,
-                   pinned_pairs(input.features), options.pieces, progress);
-        return whole;
-    }
+    const auto marked = std::ranges::count(input.features, FeatureKind::kRegion, &Feature::kind);
+    const std::vector<Feature> regions =
+        component_regions(source.topology, target.topology, matching.matched,
+                          kMostRegions - static_cast<Index>(marked));
+    if (regions.empty()) return whole;
+    if (marked == 0 && are_small(regions, source.size(), target.size(), options.components))
+        return kept_apart(whole, source_view, target_view, {regions, pinned_pairs(input.features)},
+                          options.components, progress);
 
     std::vector<Feature> all(input.features.begin(), input.features.end());
-    all.insert(all.end(), pieces.begin(), pieces.end());
+    all.insert(all.end(), regions.begin(), regions.end());
     const RefinementStart again =
-        piece_start(source_view, target_view, pieces, whole.alignment, options.pieces);
-    Refinement apart = refine(source.positions, source.normals, target.positions, target.normals,
-                              all, options.refinement, progress, &again, known);
+        component_start(source_view, target_view, regions, whole.alignment, options.components);
+    Refinement apart =
+        refine(source_cloud, target_cloud, all, options.refinement, progress, &again);
     apart.diagnostics = whole.diagnostics.followed_by(apart.diagnostics);
     return apart;
 }

@@ -11,12 +11,15 @@
 
 namespace pointmorph {
 
+/// Where the refinement takes neighbors from. kPrepared: those of the prepared shapes. kSearched:
+/// it looks for them itself, at the scale it works at. Equally near points then come in another
+/// order, so that the two results differ by rounding: each domain keeps to one of them.
+enum class NeighborSource { kPrepared, kSearched };
+
 struct ProductRouteOptions {
     RefinementOptions refinement;
-    PieceOptions pieces;
-    /// Use the shapes' neighborhoods rather than look neighbors up where they are needed. Equally
-    /// near points then come in another order: the map is the same but for rounding.
-    bool reuse_neighborhoods = true;
+    ComponentOptions components;
+    NeighborSource neighbors = NeighborSource::kPrepared;
 };
 
 /// `start`, where there is one, is in sorted rows. Estimated normals count as turned where they

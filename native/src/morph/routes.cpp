@@ -208,8 +208,10 @@ Correspondence find_correspondence(PreparedShapes shapes, MorphInput given,
         require_closed(purpose, shapes.target, given.target_boundary, options.boundary, progress);
     }
     const ProductRouteOptions product{.refinement = options.refinement,
-                                      .pieces = options.pieces,
-                                      .reuse_neighborhoods = domain != Domain::kDisk};
+                                      .components = options.components,
+                                      .neighbors = domain == Domain::kDisk
+                                                       ? NeighborSource::kSearched
+                                                       : NeighborSource::kPrepared};
     RouteResult result;
     if (domain == Domain::kAuto) {
         result = match_in_product_space(input, earlier_map(shapes, given), product, progress);

@@ -47,8 +47,9 @@ RouteResult match_on_sphere(const RouteInput& input, const SphereRouteOptions& o
     const SphericalAlignment alignment =
         align_on_sphere(source_mesh, target_mesh, meet, options.alignment, progress);
     result.facts.alignment_sweeps = alignment.steps;
-    for (const auto& [s, t] : alignment.tips)
-        result.facts.tips.push_back({source_mesh.rows[to_size(s)], target_mesh.rows[to_size(t)]});
+    for (const auto& [s, t] : alignment.extremities)
+        result.facts.extremities.push_back(
+            {source_mesh.rows[to_size(s)], target_mesh.rows[to_size(t)]});
     if (alignment.searched)
         result.warnings.push_back(
             "Fewer than three places are marked, so how " + source.name + " lies to " +

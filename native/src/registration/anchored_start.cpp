@@ -30,7 +30,7 @@ Eigen::MatrixXd anchor_distances(const Eigen::MatrixXd& distances,
 Eigen::RowVector3d place_of(const Eigen::RowVectorXd& wanted, const Eigen::MatrixXd& there,
                             const CoarseShape& shape) {
     constexpr std::size_t kBlended = 4;
-    const std::vector<Index>& nodes = shape.levels.front().nodes;
+    const std::vector<Index>& nodes = shape.levels.front().node_rows;
     std::vector<std::pair<double, Index>> order;
     for (Eigen::Index j = 0; j < there.rows(); ++j)
         order.emplace_back((there.row(j) - wanted).squaredNorm(), static_cast<Index>(j));

@@ -15,7 +15,7 @@ namespace {
 
 constexpr Index kAreaNeighbors = 12;
 
-/// Area per point, π r²/k from the distance r to the k-th neighbour.
+/// Area per point, π r²/k from the distance r to the k-th neighbor.
 Values point_areas(const Positions& positions, const Neighborhoods& nearest) {
     Values areas = Values::Zero(positions.rows());
     for (Index i = 0; i < nearest.size(); ++i) {
@@ -36,16 +36,16 @@ CoarseShape coarse_shape(const KdTree<3>& tree, const Normals& normals,
                          std::span<const Index> required, const CoarseShapeOptions& options,
                          Progress& progress, const Neighborhoods* nearest) {
     CoarseShape shape;
-    shape.rows =
+    shape.cloud_rows =
         poisson_disk_subset(tree, normals, required, options.points, progress, nearest).rows;
-    shape.positions = gather(tree.points(), shape.rows);
-    shape.normals = gather(normals, shape.rows);
+    shape.positions = gather(tree.points(), shape.cloud_rows);
+    shape.normals = gather(normals, shape.cloud_rows);
 
     const KdTree<3> coarse_tree(shape.positions);
     const Neighborhoods near = nearest_neighbors(coarse_tree, options.graph.neighbors, progress);
     shape.areas = point_areas(shape.positions, near);
     shape.graph = surface_graph(shape.positions, shape.normals, near, options.graph, &tree,
-                                nearest ? spacings_around(tree.points(), *nearest, shape.rows)
+                                nearest ? spacings_around(tree.points(), *nearest, shape.cloud_rows)
                                         : spacings_around(tree, shape.positions, progress));
 
     std::vector<Index> first(required.size());
@@ -89,6 +89,31 @@ LocalAreas local_areas(const CoarseShape& shape, Progress& progress) {
         for (std::size_t k = 0; k < kNodesPerPoint; ++k)
             result.row(i) +=
                 nodes.point_weights[to_size(i)][k] * of_nodes.row(nodes.point_nodes[to_size(i)][k]);
+    return result;
+}
+
+Eigen::MatrixXd node_distances(const CoarseShape& shape) {
+    const DeformationGraph& nodes = shape.levels.front();
+    const SurfaceGraph graph = node_graph(shape.positions, nodes);
+    Eigen::MatrixXd distances = Eigen::MatrixXd::Zero(nodes.size(), nodes.size());
+    GeodesicSearch search(graph);
+    for (Index i = 0; i < nodes.size(); ++i)
+        for (const auto& [j, distance] : search.from(i)) distances(i, j) = distance;
+    return distances;
+}
+
+NodeDistances node_distances(const CoarseShape& source, const CoarseShape& target) {
+    NodeDistances distances;
+    parallel_invoke(
+        2, [&](int k, bool) { distances[to_size(k)] = node_distances(k == 0 ? source : target); });
+    return distances;
+}
+
+CoarseShape moved(const CoarseShape& shape, const Similarity& move) {
+    CoarseShape result = shape;
+    result.positions = move.apply(shape.positions);
+    result.normals = move.rotated(shape.normals);
+    result.guides.places = move.apply(shape.guides.places);
     return result;
 }
 

@@ -123,7 +123,7 @@ std::vector<std::vector<Index>> node_edges(const SurfaceGraph& graph, const Subs
 DeformationGraph deformation_graph(const SurfaceGraph& graph, const Subset& subset,
                                    Progress& progress) {
     DeformationGraph result;
-    result.nodes = subset.rows;
+    result.node_rows = subset.rows;
     result.spacing = subset.radius;
     const Nearby nearby = nodes_near_points(graph, subset, progress);
 
@@ -232,9 +232,10 @@ SurfaceGraph node_graph(const Positions& positions, const DeformationGraph& node
     for (Index i = 0; i < nodes.size(); ++i)
         for (auto e = nodes.edge_offsets[to_size(i)]; e < nodes.edge_offsets[to_size(i) + 1]; ++e) {
             const Index j = nodes.edge_ends[to_size(e)];
-            graph.lengths.push_back(std::max(kShortest, (positions.row(nodes.nodes[to_size(i)]) -
-                                                         positions.row(nodes.nodes[to_size(j)]))
-                                                            .norm()));
+            graph.lengths.push_back(
+                std::max(kShortest, (positions.row(nodes.node_rows[to_size(i)]) -
+                                     positions.row(nodes.node_rows[to_size(j)]))
+                                        .norm()));
         }
     return graph;
 }
@@ -250,9 +251,9 @@ void fit_similarities(const Positions& positions, const DeformationGraph& graph,
         for (auto e = to_size(graph.edge_offsets[to_size(i)]);
              e < to_size(graph.edge_offsets[to_size(i) + 1]); ++e) {
             const Index j = graph.edge_ends[e];
-            const Vector3 rest =
-                (positions.row(graph.nodes[to_size(j)]) - positions.row(graph.nodes[to_size(i)]))
-                    .transpose();
+            const Vector3 rest = (positions.row(graph.node_rows[to_size(j)]) -
+                                  positions.row(graph.node_rows[to_size(i)]))
+                                     .transpose();
             const Vector3 now =
                 (deformation.positions.row(j) - deformation.positions.row(i)).transpose();
             covariance.noalias() += graph.edge_weights[e] * now * rest.transpose();
@@ -294,7 +295,7 @@ DeformedCloud deformed(const Positions& positions, const Normals& normals,
         linear_of[to_size(k)] = deformation.scales[k] * deformation.rotations[to_size(k)];
         constant_of[to_size(k)] =
             deformation.positions.row(k).transpose() -
-            linear_of[to_size(k)] * positions.row(graph.nodes[to_size(k)]).transpose();
+            linear_of[to_size(k)] * positions.row(graph.node_rows[to_size(k)]).transpose();
     }
     const auto size = static_cast<Eigen::Index>(rows.size());
     DeformedCloud result{Positions(size, 3), Normals(size, 3), std::vector<Matrix3>(rows.size())};
@@ -368,7 +369,8 @@ void DeformationSolver::solve(std::span<const Attraction> attractions,
     Positions constant(count, 3);  // X(p) = Σ w (x_k + linear_k p − constant_k)
     for (Index k = 0; k < count; ++k) {
         linear[to_size(k)] = deformation.scales[k] * deformation.rotations[to_size(k)];
-        constant.row(k) = linear[to_size(k)] * positions_.row(graph_.nodes[to_size(k)]).transpose();
+        constant.row(k) =
+            linear[to_size(k)] * positions_.row(graph_.node_rows[to_size(k)]).transpose();
     }
     Eigen::Matrix<double, Eigen::Dynamic, 3> right =
         Eigen::Matrix<double, Eigen::Dynamic, 3>::Zero(count, 3);
@@ -377,8 +379,8 @@ void DeformationSolver::solve(std::span<const Attraction> attractions,
         for (auto e = to_size(graph_.edge_offsets[to_size(i)]);
              e < to_size(graph_.edge_offsets[to_size(i) + 1]); ++e) {
             const Index j = graph_.edge_ends[e];
-            const Vector3 rest = (positions_.row(graph_.nodes[to_size(i)]) -
-                                  positions_.row(graph_.nodes[to_size(j)]))
+            const Vector3 rest = (positions_.row(graph_.node_rows[to_size(i)]) -
+                                  positions_.row(graph_.node_rows[to_size(j)]))
                                      .transpose();
             row_of(i) += stiffness_ * graph_.edge_weights[e] * 0.5 *
                          ((linear[to_size(i)] + linear[to_size(j)]) * rest).transpose();

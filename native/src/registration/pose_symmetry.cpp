@@ -3,6 +3,7 @@
 #include <algorithm>
 
 #include "pointmorph/cloud/kd_tree.hpp"
+#include "pointmorph/registration/candidate_poses.hpp"
 #include "pointmorph/registration/pose.hpp"
 #include "registration/pose_trials.hpp"
 
@@ -19,9 +20,9 @@ CoarseShape mirrored(CoarseShape shape) {
 /// A map of places in space that is known at a tree's points.
 class PointMap {
 public:
-    /// `turn` is what it does to small steps.
-    PointMap(const KdTree<3>& tree, const Positions& images, const Matrix3& turn)
-        : tree_(tree), images_(images), turn_(turn) {}
+    /// `linear` is what it does to small steps.
+    PointMap(const KdTree<3>& tree, const Positions& images, const Matrix3& linear)
+        : tree_(tree), images_(images), linear_(linear) {}
 
     PointMap(const KdTree<3>& tree, const Positions& images)
         : PointMap(tree, images, fit_similarity(tree.points(), images).rotation) {}
@@ -33,7 +34,7 @@ public:
             double squared;
             tree_.nearest(places.row(i).data(), {&nearest, 1}, {&squared, 1});
             result.row(i) = images_.row(nearest) +
-                            (places.row(i) - tree_.points().row(nearest)) * turn_.transpose();
+                            (places.row(i) - tree_.points().row(nearest)) * linear_.transpose();
         }
         return result;
     }
@@ -41,7 +42,7 @@ public:
 private:
     const KdTree<3>& tree_;
     const Positions& images_;
-    Matrix3 turn_;
+    Matrix3 linear_;
 };
 
 /// Weighted mean of min(1, (d/far)²) over the distances d.
@@ -54,7 +55,7 @@ double far_share(const Positions& a, const Positions& b, const Values& weights, 
 
 Symmetry reflection_symmetry(const CoarseShape& shape, const Eigen::MatrixXd& distances,
                              const PoseOptions& options, const RegistrationOptions& registration,
-                             Progress& progress, double first, double last) {
+                             Progress& progress) {
     constexpr double kAlike = 1.2;  // spreads of the same shape
     CoarseShape plain = shape;
     // What is marked on one side alone would speak against any symmetry.
@@ -68,31 +69,30 @@ Symmetry reflection_symmetry(const CoarseShape& shape, const Eigen::MatrixXd& di
         {plain, plain, {}}, {image, image, {}}, {distances, distances}, {}, {}, its, registration};
 
     std::vector<TrialStart> starts;
-    for (const Similarity& pose : candidate_poses(plain, image, {}, its))
+    for (const Similarity& pose : candidate_poses({plain, image}, its))
         starts.push_back({pose, {}});
     std::vector<Trial> trials;
-    const auto at = [&](double share) { return first + share * (last - first); };
-    try_starts(search, starts, trials, progress, first, at(0.7));
+    in_part(progress, 0.0, 0.7, [&] { try_starts(search, starts, trials, progress); });
     // The best of these may have left a leg behind: seen along its own plane it lies better.
-    try_starts(search, {{implied_pose(search, trials.front()), {}}}, trials, progress, at(0.7),
-               at(0.8));
-    const auto another = std::ranges::find_if(trials, [&](const Trial& trial) {
-        return difference(trial, trials.front()) > kAnotherWay;
+    starts = {{implied_pose(search, trials.front()), {}}};
+    in_part(progress, 0.7, 0.8, [&] { try_starts(search, starts, trials, progress); });
+    const auto other = std::ranges::find_if(trials, [&](const Trial& trial) {
+        return difference(trial, trials.front()) > kOtherCluster;
     });
-    if (another != trials.end() &&
-        another->energy < its.symmetry.least_margin * trials.front().energy)
+    if (other != trials.end() && other->energy < its.symmetry.least_margin * trials.front().energy)
         return {};
     trials.resize(1);
-    const Trial best = relaxed(search, trials, progress, at(0.8), last).front();
+    const Trial best =
+        in_part(progress, 0.8, 1.0, [&] { return relaxed(search, trials, progress); }).front();
     const SymmetryOptions& bounds = its.symmetry;
     if (!(best.energy < bounds.most_energy)) return {};
     Symmetry result;
     result.trust = std::min(
         1.0, (bounds.most_energy - best.energy) / (bounds.most_energy - bounds.sure_energy));
     result.images = best.alignment.inverse().apply(best.registration.source_points.positions);
-    result.turn = fit_similarity(plain.positions, result.images).rotation;
+    result.linear = fit_similarity(plain.positions, result.images).rotation;
     result.images.col(0) *= -1.0;
-    result.turn.row(0) *= -1.0;
+    result.linear.row(0) *= -1.0;
     return result;
 }
 
@@ -103,7 +103,8 @@ double asymmetry(const CoarseShape& source, const CoarseShape& target,
     if (s.images.rows() == 0 || t.images.rows() == 0) return 0.0;
     const KdTree<3> source_tree(source.positions), target_tree(target.positions);
     const PointMap there(source_tree, source_images), back(target_tree, target_images),
-        across_source(source_tree, s.images, s.turn), across_target(target_tree, t.images, t.turn);
+        across_source(source_tree, s.images, s.linear),
+        across_target(target_tree, t.images, t.linear);
     return std::min(s.trust, t.trust) * 0.5 *
            (far_share(there(s.images), across_target(source_images), source.areas, far) +
             far_share(back(t.images), across_source(target_images), target.areas, far));

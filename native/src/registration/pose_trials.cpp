@@ -7,49 +7,40 @@
 #include "pointmorph/cloud/kd_tree.hpp"
 #include "pointmorph/cloud/subset.hpp"
 #include "pointmorph/registration/anchored_start.hpp"
+#include "pointmorph/registration/misfit.hpp"
+#include "pointmorph/registration/thin_plate.hpp"
 
 namespace pointmorph {
 
 namespace {
 
-CoarseShape thinned(const CoarseShape& shape, const std::vector<Extremity>& tips, Index points,
-                    Progress& progress) {
+/// A shape's points in `rows`, and its coarsest level.
+CoarseShape thinned(const CoarseShape& shape, const std::vector<Index>& rows) {
     const DeformationGraph& graph = shape.levels.front();
-    const KdTree<3> tree(shape.positions);
-    std::vector<Index> required = graph.nodes;
-    for (const Extremity& tip : tips)
-        if (std::ranges::find(required, tip.point) == required.end()) required.push_back(tip.point);
-    const Subset subset =
-        poisson_disk_subset(tree, shape.normals, required,
-                            std::max(points, static_cast<Index>(required.size())), progress);
     CoarseShape thin;
-    thin.rows = subset.rows;
-    thin.positions = gather(shape.positions, thin.rows);
-    thin.normals = gather(shape.normals, thin.rows);
+    thin.cloud_rows = gather(shape.cloud_rows, rows);
+    thin.positions = gather(shape.positions, rows);
+    thin.normals = gather(shape.normals, rows);
     thin.areas = Values::Zero(thin.size());
-    const KdTree<3> thin_tree(thin.positions);
+    const KdTree<3> tree(thin.positions);
     for (Index i = 0; i < shape.size(); ++i) {
         Index nearest;
         double squared;
-        thin_tree.nearest(shape.positions.row(i).data(), {&nearest, 1}, {&squared, 1});
+        tree.nearest(shape.positions.row(i).data(), {&nearest, 1}, {&squared, 1});
         thin.areas[nearest] += shape.areas[i];
     }
     DeformationGraph& level = thin.levels.emplace_back(graph);
-    std::iota(level.nodes.begin(), level.nodes.end(), 0);
-    level.point_nodes.clear();
-    level.point_weights.clear();
-    for (const Index row : thin.rows) {
-        level.point_nodes.push_back(graph.point_nodes[to_size(row)]);
-        level.point_weights.push_back(graph.point_weights[to_size(row)]);
-    }
+    std::iota(level.node_rows.begin(), level.node_rows.end(), 0);
+    level.point_nodes = gather(graph.point_nodes, rows);
+    level.point_weights = gather(graph.point_weights, rows);
     level.pattern = deformation_pattern(level);
     thin.guides = shape.guides;
-    for (Index& row : thin.guides.rows)
-        row = nearest_on_sheet(thin_tree, thin.normals, shape.positions.row(row),
-                               shape.normals.row(row));
+    for (Index& row : thin.guides.coarse_rows)
+        row =
+            nearest_on_sheet(tree, thin.normals, shape.positions.row(row), shape.normals.row(row));
     if (shape.labels.rows() > 0) {
-        thin.labels = gather(shape.labels, thin.rows);
-        thin.pulls = gather(shape.pulls, thin.rows);
+        thin.labels = gather(shape.labels, rows);
+        thin.pulls = gather(shape.pulls, rows);
     }
     return thin;
 }
@@ -70,12 +61,13 @@ Trial registered(const PoseSearch& search, const Similarity& alignment,
                  const RegistrationLevel& level, const RegistrationOptions& options) {
     Progress silent;
     const CoarseShape there = moved(search.target.thin, alignment);
-    Trial trial{alignment, register_level(search.source.thin, there, 0, features, start, level,
-                                          options, silent)};
+    const CoarsePair shapes{search.source.thin, there, features};
+    Trial trial{alignment, register_level(shapes, 0, start, level, options, silent)};
     const Positions &images = trial.registration.source_points.positions,
                     &back = trial.registration.target_points.positions;
-    trial.energy = registration_energy(search.source.thin, there, 0, trial.registration,
-                                       search.distances, search.registration, silent) *
+    trial.energy = registration_misfit(shapes, 0, trial.registration, search.distances,
+                                       search.registration, silent)
+                       .energy() *
                    dearer_by_asymmetry(search, alignment.inverse().apply(images), back);
     return trial;
 }
@@ -85,7 +77,7 @@ RegistrationStart from_there(const Trial& trial) {
     return {trial.registration.source_points.positions, trial.registration.target_points.positions};
 }
 
-/// The stiffness at which tips are let go.
+/// The stiffness at which extremities are let go.
 double middle_stiffness(const RegistrationLevel& level) {
     return std::sqrt(level.first_stiffness * level.last_stiffness);
 }
@@ -95,7 +87,7 @@ Trial begun_at_anchors(const PoseSearch& search, const TrialStart& start) {
     level.stiff_rounds = 0;  // the points are where they belong, the shapes don't lie alike
     return registered(search, start.alignment, search.features,
                       anchored_start(search.source.thin, moved(search.target.thin, start.alignment),
-                                     search.distances, anchors(search, start.tips)),
+                                     search.distances, anchors(search, start.extremities)),
                       level, search.registration);
 }
 
@@ -105,21 +97,21 @@ Trial begun(const PoseSearch& search, const TrialStart& start) {
     // Curves and regions have to be brought over; by points alone a plate turns heads.
     const RegistrationStart places =
         source.guides.size() > 0
-            ? thin_plate_start(source, moved(target, start.alignment), search.features)
+            ? thin_plate_start({source, moved(target, start.alignment), search.features})
             : RegistrationStart{source.positions, start.alignment.apply(target.positions)};
     RegistrationLevel level = search.options.trial;
-    if (start.tips.empty())
+    if (start.extremities.empty())
         return registered(search, start.alignment, search.features, places, level,
                           search.registration);
-    // Tips lead the way while the shapes are stiff; then the surfaces decide.
+    // Extremities lead the way while the shapes are stiff; then the surfaces decide.
     level.rounds /= 2;
     level.last_stiffness = middle_stiffness(search.options.trial);
     RegistrationOptions soft = search.registration;
     soft.feature_weight /= 10.0;
     std::vector<IndexPair> guides(search.features.begin(), search.features.end());
-    for (const IndexPair& tip : start.tips)
-        guides.push_back({search.source.tips[to_size(tip.source)].point,
-                          search.target.tips[to_size(tip.target)].point});
+    for (const IndexPair& match : start.extremities)
+        guides.push_back({search.source.extremities[to_size(match.source)].point,
+                          search.target.extremities[to_size(match.target)].point});
     return registered(search, start.alignment, guides, places, level, soft);
 }
 
@@ -134,15 +126,14 @@ Trial ended(const PoseSearch& search, const Trial& led) {
 
 /// `make` of all of them, side by side.
 template <class Made, class Given, class Make>
-std::vector<Made> each(const std::vector<Given>& given, Make&& make, Progress& progress,
-                       double first, double last) {
+std::vector<Made> each(const std::vector<Given>& given, Make&& make, Progress& progress) {
     std::vector<Made> made(given.size());
     parallel_for(
         static_cast<Index>(given.size()), progress,
         [&](Index begin, Index end) {
             for (Index k = begin; k < end; ++k) made[to_size(k)] = make(given[to_size(k)]);
         },
-        first, last, 1);
+        0.0, 1.0, 1);
     return made;
 }
 
@@ -160,41 +151,38 @@ Candidate to_the_finest(const PoseSearch& search, const Trial& trial) {
         return deformed(shape.positions, shape.normals, shape.levels.front(), deformation)
             .positions;
     };
+    const CoarsePair shapes{source, there, search.features};
     const Registration coarse = register_level(
-        source, there, 0, search.features,
-        {all(source, trial.registration.source), all(there, trial.registration.target)},
+        shapes, 0, {all(source, trial.registration.source), all(there, trial.registration.target)},
         search.options.relaxation, search.registration, silent);
-    Candidate result{
-        trial.alignment,
-        register_shapes(source, there, search.features,
-                        {coarse.source_points.positions, coarse.target_points.positions},
-                        search.registration, silent, 1),
-        {},
-        0.0,
-        0.0};
+    Candidate result{.alignment = trial.alignment,
+                     .registration = register_shapes(
+                         shapes, {coarse.source_points.positions, coarse.target_points.positions},
+                         search.registration, silent, 1)};
     const auto finest = static_cast<Index>(source.levels.size()) - 1;
-    result.misfit = registration_misfit(source, there, finest, result.registration,
-                                        search.distances, search.registration, silent);
-    const Registration& finest_map = result.registration;
-    const Positions images = gather(finest_map.source_points.positions, search.source.thin.rows);
+    result.misfit = registration_misfit(shapes, finest, result.registration, search.distances,
+                                        search.registration, silent);
+    const Registration& map = result.registration;
+    const Positions images = gather(map.source_points.positions, search.source.full_rows);
     result.energy =
         result.misfit.energy() *
         dearer_by_asymmetry(search, trial.alignment.inverse().apply(images),
-                            gather(finest_map.target_points.positions, search.target.thin.rows));
-    result.torn = torn_share(source, there, result.registration, search.registration, silent);
+                            gather(map.target_points.positions, search.target.full_rows));
+    result.torn = torn_share(shapes, map, search.registration, silent);
     result.cost = result.energy * (1.0 + search.options.tear_weight * result.torn);
     return result;
 }
 
 }  // namespace
 
-std::vector<IndexPair> anchors(const PoseSearch& search, const Tips& tips) {
+std::vector<IndexPair> anchors(const PoseSearch& search, const ExtremityMatches& extremities) {
+    const ThinnedShape &source = search.source, &target = search.target;
     std::vector<IndexPair> result;
     for (const IndexPair& f : search.features)
-        result.push_back({node_at(search.source, f.source), node_at(search.target, f.target)});
-    for (const IndexPair& tip : tips) {
-        const Index s = node_at(search.source, search.source.tips[to_size(tip.source)].point),
-                    t = node_at(search.target, search.target.tips[to_size(tip.target)].point);
+        result.push_back({node_at(source, f.source), node_at(target, f.target)});
+    for (const IndexPair& match : extremities) {
+        const Index s = node_at(source, source.extremities[to_size(match.source)].point),
+                    t = node_at(target, target.extremities[to_size(match.target)].point);
         if (std::ranges::none_of(result, [&](const IndexPair& other) {
                 return other.source == s || other.target == t;
             }))
@@ -203,69 +191,81 @@ std::vector<IndexPair> anchors(const PoseSearch& search, const Tips& tips) {
     return result;
 }
 
-ThinnedShape thinned_shape(const CoarseShape& shape, std::vector<Extremity> tips, Index points,
-                           Progress& progress) {
-    ThinnedShape result{shape, thinned(shape, tips, points, progress), std::move(tips)};
-    const std::vector<Index>& rows = result.thin.rows;
-    for (Extremity& tip : result.tips)
-        tip.point = static_cast<Index>(std::ranges::find(rows, tip.point) - rows.begin());
-    return result;
+ThinnedShape thinned_shape(const CoarseShape& shape, std::vector<Extremity> extremities,
+                           Index points, Progress& progress) {
+    std::vector<Index> required = shape.levels.front().node_rows;
+    for (const Extremity& extremity : extremities)
+        if (std::ranges::find(required, extremity.point) == required.end())
+            required.push_back(extremity.point);
+    const KdTree<3> tree(shape.positions);
+    std::vector<Index> rows =
+        poisson_disk_subset(tree, shape.normals, required,
+                            std::max(points, static_cast<Index>(required.size())), progress)
+            .rows;
+    for (Extremity& extremity : extremities)
+        extremity.point =
+            static_cast<Index>(std::ranges::find(rows, extremity.point) - rows.begin());
+    CoarseShape thin = thinned(shape, rows);
+    return {shape, std::move(thin), std::move(extremities), std::move(rows)};
 }
 
-std::vector<Way> ways_of(const std::vector<Trial>& trials, double factor, Index others) {
+std::vector<PoseCluster> pose_clusters(const std::vector<Trial>& trials, double factor,
+                                       Index others) {
     constexpr std::size_t kOfEach = 2;
-    std::vector<Way> ways;
+    std::vector<PoseCluster> clusters;
     for (const Trial& trial : trials) {
         if (trial.energy > factor * trials.front().energy) break;
-        const auto way = std::ranges::find_if(ways, [&](const Way& other) {
-            return difference(trial, *other.front()) <= kAnotherWay;
+        const auto cluster = std::ranges::find_if(clusters, [&](const PoseCluster& other) {
+            return difference(trial, *other.front()) <= kOtherCluster;
         });
-        if (way != ways.end()) {
-            if (way->size() < kOfEach) way->push_back(&trial);
-        } else if (ways.size() <= to_size(others)) {
-            ways.push_back({&trial});
+        if (cluster != clusters.end()) {
+            if (cluster->size() < kOfEach) cluster->push_back(&trial);
+        } else if (clusters.size() <= to_size(others)) {
+            clusters.push_back({&trial});
         }
     }
-    return ways;
+    return clusters;
 }
 
 void try_starts(const PoseSearch& search, const std::vector<TrialStart>& starts,
-                std::vector<Trial>& trials, Progress& progress, double first, double last) {
-    const double middle = 0.5 * (first + last);
-    std::vector<Trial> made = each<Trial>(
-        starts, [&](const TrialStart& start) { return begun(search, start); }, progress, first,
-        middle);
+                std::vector<Trial>& trials, Progress& progress) {
+    std::vector<Trial> made = in_part(progress, 0.0, 0.5, [&] {
+        return each<Trial>(
+            starts, [&](const TrialStart& start) { return begun(search, start); }, progress);
+    });
     std::vector<Trial> led;
     for (std::size_t k = 0; k < starts.size(); ++k)
-        (starts[k].tips.empty() || starts[k].anchored ? trials : led).push_back(std::move(made[k]));
+        (starts[k].extremities.empty() || starts[k].anchored ? trials : led)
+            .push_back(std::move(made[k]));
     keep_best(led, search.options.same);
     std::erase_if(led, [&](const Trial& trial) {
-        return trial.energy > search.options.promising * led.front().energy;
+        return trial.energy > search.options.halfway_factor * led.front().energy;
     });
-    for (Trial& trial : each<Trial>(
-             led, [&](const Trial& half) { return ended(search, half); }, progress, middle, last))
-        trials.push_back(std::move(trial));
+    std::vector<Trial> finished = in_part(progress, 0.5, 1.0, [&] {
+        return each<Trial>(
+            led, [&](const Trial& half) { return ended(search, half); }, progress);
+    });
+    for (Trial& trial : finished) trials.push_back(std::move(trial));
     keep_best(trials, search.options.distinct);
 }
 
 std::vector<Trial> relaxed(const PoseSearch& search, const std::vector<Trial>& trials,
-                           Progress& progress, double first, double last) {
+                           Progress& progress) {
     std::vector<Trial> result = each<Trial>(
         trials,
         [&](const Trial& trial) {
             return registered(search, trial.alignment, search.features, from_there(trial),
                               search.options.longer, search.registration);
         },
-        progress, first, last);
+        progress);
     keep_best(result, search.options.distinct);
     return result;
 }
 
 std::vector<Candidate> continued(const PoseSearch& search, const std::vector<Trial>& trials,
-                                 Progress& progress, double first, double last) {
+                                 Progress& progress) {
     return each<Candidate>(
-        trials, [&](const Trial& trial) { return to_the_finest(search, trial); }, progress, first,
-        last);
+        trials, [&](const Trial& trial) { return to_the_finest(search, trial); }, progress);
 }
 
 Similarity implied_pose(const Positions& source, const Positions& images,

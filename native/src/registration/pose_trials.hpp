@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <concepts>
 #include <functional>
 #include <numeric>
 #include <span>
@@ -24,8 +25,9 @@ namespace pointmorph {
 /// deformations, at a fraction of the cost.
 struct ThinnedShape {
     const CoarseShape& full;
-    CoarseShape thin;             ///< no surface graph
-    std::vector<Extremity> tips;  ///< rows of `thin`
+    CoarseShape thin;                    ///< no surface graph
+    std::vector<Extremity> extremities;  ///< rows of `thin`
+    std::vector<Index> full_rows = {};   ///< of each row of `thin`: that of `full`
 };
 
 /// The node of the coarsest level next to a point, a row of `thin`.
@@ -33,27 +35,30 @@ inline Index node_at(const ThinnedShape& shape, Index row) {
     return shape.thin.levels.front().point_nodes[to_size(row)][0];
 }
 
-ThinnedShape thinned_shape(const CoarseShape& shape, std::vector<Extremity> tips, Index points,
-                           Progress& progress);
+/// `extremities` are rows of `shape`, and among the points of the thinned one.
+ThinnedShape thinned_shape(const CoarseShape& shape, std::vector<Extremity> extremities,
+                           Index points, Progress& progress);
 
 /// What the search for a pose is given.
 struct PoseSearch {
     ThinnedShape source, target;
     NodeDistances distances;
     std::array<Symmetry, 2> symmetries;  ///< of the thinned shapes
+    /// Coarse rows, and those of the thinned shapes as well: in both, features come first.
     std::span<const IndexPair> features;
     const PoseOptions& options;
     const RegistrationOptions& registration;
 };
 
-using Tips = std::vector<IndexPair>;  ///< places in the lists of tips; sorted
+/// Extremities that may belong together: places in the lists of both shapes; sorted.
+using ExtremityMatches = std::vector<IndexPair>;
 
-/// A pose, and tips that belong together.
+/// A pose, and extremities that belong together.
 struct TrialStart {
     Similarity alignment;
-    Tips tips;
-    /// All points start where the tips and the features say, see anchored_start(), and the tips let
-    /// go then. Else the tips are drawn together at first.
+    ExtremityMatches extremities;
+    /// All points start where the extremities and the features say, see anchored_start(), and the
+    /// extremities are let go then. Else they are drawn together at first.
     bool anchored = false;
 };
 
@@ -89,8 +94,8 @@ double difference(const Map& a, const Map& b) {
     return result;
 }
 
-/// Maps with a larger difference() lay the shapes onto each other another way, not only some limb.
-constexpr double kAnotherWay = 0.2;
+/// Maps with a larger difference() belong to another pose cluster: it isn't only some limb.
+constexpr double kOtherCluster = 0.2;
 
 /// Of maps that aren't distinct, only the first.
 template <class Map>
@@ -103,32 +108,39 @@ void keep_distinct(std::vector<Map>& maps, double distinct) {
     maps = std::move(kept);
 }
 
-/// Sorted trials that lay the shapes onto each other about the same way.
-using Way = std::vector<const Trial*>;
+/// Sorted trials that lay the shapes onto each other alike.
+using PoseCluster = std::vector<const Trial*>;
 
-/// The ways of sorted trials, the best first, with the best two trials of each: that of the best
-/// trial and up to `others`; none that are worse than the best of all by more than `factor`.
-std::vector<Way> ways_of(const std::vector<Trial>& trials, double factor, Index others);
+/// The clusters of sorted trials, the best first, with the best two trials of each: that of the
+/// best trial and up to `others`; none that are worse than the best of all by more than `factor`.
+std::vector<PoseCluster> pose_clusters(const std::vector<Trial>& trials, double factor,
+                                       Index others);
 
-/// Registers from all, side by side, and sorts what is distinct into `trials`. Of those that tips
-/// draw together, only what looks well halfway is followed to its end. Progress runs from `first`
-/// to `last`.
+/// Registers from all, side by side, and sorts what is distinct into `trials`. Of those that
+/// extremities draw together, only what looks well halfway is followed to its end.
 void try_starts(const PoseSearch& search, const std::vector<TrialStart>& starts,
-                std::vector<Trial>& trials, Progress& progress, double first, double last);
+                std::vector<Trial>& trials, Progress& progress);
 
 /// All of them registered for longer; what is distinct, sorted.
 std::vector<Trial> relaxed(const PoseSearch& search, const std::vector<Trial>& trials,
-                           Progress& progress, double first, double last);
+                           Progress& progress);
 
 /// All of them to the finest level.
 std::vector<Candidate> continued(const PoseSearch& search, const std::vector<Trial>& trials,
-                                 Progress& progress, double first, double last);
+                                 Progress& progress);
 
-/// Nodes of the coarsest level that belong together: the features', then those of tips, but of none
-/// that sits on another anchor.
-std::vector<IndexPair> anchors(const PoseSearch& search, const Tips& tips);
+/// Nodes of the coarsest level that belong together: the features', then those of extremities, but
+/// of none that sits on another anchor.
+std::vector<IndexPair> anchors(const PoseSearch& search, const ExtremityMatches& extremities);
 
-/// The pose that makes a map turn as little as it can.
+/// Does `work` as the part of the stage from `first` to `last`.
+template <std::invocable Work>
+auto in_part(Progress& progress, double first, double last, Work&& work) {
+    const Progress::Part part(progress, first, last);
+    return work();
+}
+
+/// The pose that makes a map rotate as little as it can.
 Similarity implied_pose(const Positions& source, const Positions& images,
                         const Similarity& alignment);
 Similarity implied_pose(const PoseSearch& search, const Trial& trial);

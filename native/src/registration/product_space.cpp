@@ -28,24 +28,23 @@ std::vector<Index> free_rows(Index count, std::span<const IndexPair> features,
 
 }  // namespace
 
-ProductPoints product_points(const Positions& on_target, const Positions& on_source,
-                             const Normals& target_normals, const Normals& source_normals,
+ProductPoints product_points(const OrientedView& on_target, const OrientedView& on_source,
                              double normal_weight) {
-    ProductPoints product(on_target.rows(), ProductPoints::ColsAtCompileTime);
-    product << on_target, on_source, normal_weight * target_normals, normal_weight * source_normals;
+    ProductPoints product(on_target.positions.rows(), ProductPoints::ColsAtCompileTime);
+    product << on_target.positions, on_source.positions, normal_weight * on_target.normals,
+        normal_weight * on_source.normals;
     return product;
 }
 
-LabelledPoints labelled_points(const ProductPoints& points,
-                               const Eigen::Ref<const DynamicRows>& labels,
-                               const Eigen::Ref<const DynamicRows>& areas) {
-    LabelledPoints labelled =
-        LabelledPoints::Zero(points.rows(), LabelledPoints::ColsAtCompileTime);
-    labelled.leftCols<ProductPoints::ColsAtCompileTime>() = points;
+LabeledPoints labeled_points(const ProductPoints& points,
+                             const Eigen::Ref<const DynamicRows>& labels,
+                             const Eigen::Ref<const DynamicRows>& areas) {
+    LabeledPoints labeled = LabeledPoints::Zero(points.rows(), LabeledPoints::ColsAtCompileTime);
+    labeled.leftCols<ProductPoints::ColsAtCompileTime>() = points;
     if (labels.rows() > 0)
-        labelled.middleCols(ProductPoints::ColsAtCompileTime, labels.cols()) = labels;
-    if (areas.rows() > 0) labelled.rightCols(areas.cols()) = areas;
-    return labelled;
+        labeled.middleCols(ProductPoints::ColsAtCompileTime, labels.cols()) = labels;
+    if (areas.rows() > 0) labeled.rightCols(areas.cols()) = areas;
+    return labeled;
 }
 
 template <int Dim>
@@ -97,11 +96,11 @@ Pairing mutual_pairs(const typename KdTree<Dim>::Points& source,
 
 template Matches nearest_matches<12>(const ProductPoints&, const KdTree<12>&, Progress&,
                                      const Matches*);
-template Matches nearest_matches<32>(const LabelledPoints&, const KdTree<32>&, Progress&,
+template Matches nearest_matches<32>(const LabeledPoints&, const KdTree<32>&, Progress&,
                                      const Matches*);
 template Pairing mutual_pairs<12>(const ProductPoints&, const ProductPoints&,
                                   std::span<const IndexPair>, Progress&);
-template Pairing mutual_pairs<32>(const LabelledPoints&, const LabelledPoints&,
+template Pairing mutual_pairs<32>(const LabeledPoints&, const LabeledPoints&,
                                   std::span<const IndexPair>, Progress&);
 
 }  // namespace pointmorph

@@ -15,7 +15,7 @@ namespace pointmorph {
 
 namespace {
 
-/// Where source points land on the target at rest.
+/// Images of source points on the target at rest.
 Positions images_at_rest(const Candidate& map) {
     return map.alignment.inverse().apply(map.registration.source_points.positions);
 }
@@ -51,9 +51,9 @@ std::vector<std::vector<Index>> areas_of(const DeformationGraph& graph,
     return areas;
 }
 
-/// What the chosen map there and the rival's way back do to the source, along its principal axes.
+/// What the chosen map there and the rival's map back do to the source, along its principal axes.
 Swap swap_of(const CoarseShape& source, const Positions& there_and_back, double share) {
-    const auto& nodes = source.levels.back().nodes;
+    const auto& nodes = source.levels.back().node_rows;
     const auto count = static_cast<Eigen::Index>(nodes.size());
     Positions p(count, 3);
     for (Eigen::Index k = 0; k < count; ++k) p.row(k) = source.positions.row(nodes[to_size(k)]);
@@ -71,6 +71,68 @@ Swap swap_of(const CoarseShape& source, const Positions& there_and_back, double 
     if (kept[2] < kReversed) return Swap::kEnds;
     if (std::min(kept[0], kept[1]) < kReversed) return Swap::kSides;
     return share > kMost ? Swap::kTurned : Swap::kPlaces;
+}
+
+bool is_marked(const ProposalInput& input, const IndexPair& pair) {
+    return std::ranges::any_of(input.shapes.features, [&](const IndexPair& feature) {
+        return feature.source == pair.source || feature.target == pair.target;
+    });
+}
+
+Proposal rated(const ProposalInput& input, const IndexPair& pair, bool is_extremity) {
+    const auto& [shapes, registration, s, t, confidence] = input;
+    const Positions &images = registration.source_points.positions,
+                    &back = registration.target_points.positions;
+    const double apart =
+        0.5 * ((images.row(pair.source) - shapes.target.positions.row(pair.target)).norm() +
+               (back.row(pair.target) - shapes.source.positions.row(pair.source)).norm());
+    return {pair.source, pair.target, proposal_confidence(confidence, apart), is_extremity};
+}
+
+/// Those that the map brings together and that aren't marked.
+std::vector<Proposal> proposed_extremities(const ProposalInput& input) {
+    const auto& [shapes, registration, s, t, confidence] = input;
+    std::vector<Proposal> proposals;
+    for (const ExtremityPair& found :
+         paired_extremities({shapes.source, registration.source_points.positions, s},
+                            {shapes.target, registration.target_points.positions, t}, {})) {
+        const IndexPair pair{s[to_size(found.source)].point, t[to_size(found.target)].point};
+        if (!is_marked(input, pair)) proposals.push_back(rated(input, pair, true));
+    }
+    return proposals;
+}
+
+/// `count` places, each the farthest from extremities, features and the places before, with what
+/// the map has nearest.
+std::vector<IndexPair> places_between(const ProposalInput& input, Index count, Progress& progress) {
+    const CoarseShape &source = input.shapes.source, &target = input.shapes.target;
+    const std::vector<Index>& nodes = source.levels.front().node_rows;
+    std::vector<double> free(nodes.size(), std::numeric_limits<double>::infinity());
+    const auto mark = [&](Index row) {
+        for (std::size_t k = 0; k < nodes.size(); ++k)
+            free[k] = std::min(free[k],
+                               (source.positions.row(nodes[k]) - source.positions.row(row)).norm());
+    };
+    for (const Extremity& extremity : input.source_extremities) mark(extremity.point);
+    for (const IndexPair& feature : input.shapes.features) mark(feature.source);
+    constexpr double kNormalWeight = 0.1;
+    const Registration& map = input.registration;
+    const ProductPoints there =
+        product_points(oriented(target), oriented(map.target_points), kNormalWeight);
+    const KdTree<12> tree(there);
+    const ProductPoints here =
+        product_points(oriented(map.source_points), oriented(source), kNormalWeight);
+    std::vector<IndexPair> places;
+    for (Index k = 0; k < count && k < static_cast<Index>(nodes.size()); ++k) {
+        progress.throw_if_cancelled();
+        const Index s = nodes[to_size(std::ranges::max_element(free) - free.begin())];
+        mark(s);
+        Index t;
+        double squared;
+        tree.nearest(here.row(s).data(), {&t, 1}, {&squared, 1});
+        places.push_back({s, t});
+    }
+    return places;
 }
 
 }  // namespace
@@ -92,13 +154,13 @@ std::vector<Rival> describe_rivals(const CoarseShape& source, const CoarseShape&
         const Positions its_images = images_at_rest(other);
         const Eigen::VectorXd distances = (images - its_images).rowwise().norm();
         const auto farther = [&](Index i, Index j) { return distances[i] < distances[j]; };
-        const Index worst = *std::ranges::max_element(graph.nodes, farther);
+        const Index worst = *std::ranges::max_element(graph.node_rows, farther);
 
         std::vector<char> member(to_size(graph.size()), 0);
         Positions there_and_back(graph.size(), 3);
         Index moved_nodes = 0;
         for (Index k = 0; k < graph.size(); ++k) {
-            const Index i = graph.nodes[to_size(k)];
+            const Index i = graph.node_rows[to_size(k)];
             member[to_size(k)] = distances[i] >= std::max(kApart, 0.5 * distances[worst]);
             moved_nodes += distances[i] >= kApart;
             there_and_back.row(k) = pose.best.registration.target_points.positions.row(
@@ -115,27 +177,26 @@ std::vector<Rival> describe_rivals(const CoarseShape& source, const CoarseShape&
         for (const auto& area : areas_of(graph, member)) {
             if (rival.places.size() == kPlaces) break;
             const Index middle = *std::ranges::max_element(area, [&](Index k, Index l) {
-                return farther(graph.nodes[to_size(k)], graph.nodes[to_size(l)]);
+                return farther(graph.node_rows[to_size(k)], graph.node_rows[to_size(l)]);
             });
-            rival.places.push_back(graph.nodes[to_size(middle)]);
+            rival.places.push_back(graph.node_rows[to_size(middle)]);
         }
-        // A tip is easier to mark than a flank.
+        // An extremity is easier to mark than a flank.
         constexpr double kNearlyAsFar = 0.7;
-        for (const Extremity& tip : pose.source_tips)
-            if (distances[tip.point] >= kNearlyAsFar * distances[worst]) {
-                rival.source = tip.point;
-                break;
-            }
+        const auto far = std::ranges::find_if(pose.source_extremities, [&](const Extremity& e) {
+            return distances[e.point] >= kNearlyAsFar * distances[worst];
+        });
+        if (far != pose.source_extremities.end()) rival.source = far->point;
         const auto partner = [&](const Positions& its) {
-            constexpr double kAtTip = 0.1;
+            constexpr double kAtExtremity = 0.1;
             const Eigen::RowVector3d image = its.row(rival.source);
             Index row = nearest(target_tree, image);
-            double least = kAtTip;
-            for (const Extremity& tip : pose.target_tips) {
-                const double distance = (target.positions.row(tip.point) - image).norm();
+            double least = kAtExtremity;
+            for (const Extremity& extremity : pose.target_extremities) {
+                const double distance = (target.positions.row(extremity.point) - image).norm();
                 if (distance >= least) continue;
                 least = distance;
-                row = tip.point;
+                row = extremity.point;
             }
             return row;
         };
@@ -147,66 +208,18 @@ std::vector<Rival> describe_rivals(const CoarseShape& source, const CoarseShape&
 }
 
 double proposal_confidence(double confidence, double distance) {
-    // Fitted to proposals between animals; see docs/stages/proposals.md.
+    // Fitted to proposals between animals; see docs/stages/registration/proposals.md.
     return confidence / (1.0 + std::exp(40.0 * distance - 4.9));
 }
 
-std::vector<Proposal> propose_features(const CoarseShape& source, const CoarseShape& target,
-                                       const Registration& registration,
-                                       const std::vector<Extremity>& source_tips,
-                                       const std::vector<Extremity>& target_tips,
-                                       std::span<const IndexPair> features, double confidence,
-                                       Index others, Progress& progress) {
-    const Positions& images = registration.source_points.positions;
-    const Positions& back = registration.target_points.positions;
-    const auto agreement = [&](Index s, Index t) {
-        return 0.5 * ((images.row(s) - target.positions.row(t)).norm() +
-                      (back.row(t) - source.positions.row(s)).norm());
-    };
-    const auto taken = [&](Index IndexPair::*side, Index row) {
-        return std::ranges::find(features, row, side) != features.end();
-    };
-    const auto rated = [&](Index s, Index t, bool is_tip) {
-        return Proposal{s, t, proposal_confidence(confidence, agreement(s, t)), is_tip};
-    };
-    std::vector<Proposal> proposals;
-    for (const ExtremityPair& pair :
-         paired_extremities(source, target, images, back, source_tips, target_tips, {})) {
-        const Index s = source_tips[to_size(pair.source)].point,
-                    t = target_tips[to_size(pair.target)].point;
-        if (!taken(&IndexPair::source, s) && !taken(&IndexPair::target, t))
-            proposals.push_back(rated(s, t, true));
-    }
+std::vector<Proposal> propose_features(const ProposalInput& input, Index others,
+                                       Progress& progress) {
+    std::vector<Proposal> proposals = proposed_extremities(input);
     std::ranges::stable_sort(proposals, std::greater<>(), &Proposal::confidence);
-
-    // The farthest from all that is marked, one by one.
-    const std::vector<Index>& nodes = source.levels.front().nodes;
-    std::vector<double> free(nodes.size(), std::numeric_limits<double>::infinity());
-    const auto mark = [&](Index row) {
-        for (std::size_t k = 0; k < nodes.size(); ++k)
-            free[k] = std::min(free[k],
-                               (source.positions.row(nodes[k]) - source.positions.row(row)).norm());
-    };
-    for (const Extremity& tip : source_tips) mark(tip.point);
-    for (const IndexPair& feature : features) mark(feature.source);
-    constexpr double kNormalWeight = 0.1;
-    const ProductPoints there = product_points(target.positions, back, target.normals,
-                                               registration.target_points.normals, kNormalWeight);
-    const KdTree<12> tree(there);
-    const ProductPoints product =
-        product_points(images, source.positions, registration.source_points.normals, source.normals,
-                       kNormalWeight);
-    for (Index k = 0; k < others && k < static_cast<Index>(nodes.size()); ++k) {
-        progress.throw_if_cancelled();
-        const Index s = nodes[to_size(std::ranges::max_element(free) - free.begin())];
-        mark(s);
-        Index t;
-        double squared;
-        tree.nearest(product.row(s).data(), {&t, 1}, {&squared, 1});
-        if (!taken(&IndexPair::source, s) && !taken(&IndexPair::target, t) &&
-            std::ranges::find(proposals, t, &Proposal::target) == proposals.end())
-            proposals.push_back(rated(s, t, false));
-    }
+    for (const IndexPair& place : places_between(input, others, progress))
+        if (!is_marked(input, place) &&
+            std::ranges::find(proposals, place.target, &Proposal::target) == proposals.end())
+            proposals.push_back(rated(input, place, false));
     return proposals;
 }
 

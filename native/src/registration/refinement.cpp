@@ -2,10 +2,9 @@
 
 #include <Eigen/Eigenvalues>
 #include <algorithm>
-#include <array>
 #include <cmath>
-#include <concepts>
-#include <map>
+#include <limits>
+#include <memory>
 #include <optional>
 #include <utility>
 
@@ -13,133 +12,125 @@
 #include "pointmorph/cloud/cloud.hpp"
 #include "pointmorph/cloud/kd_tree.hpp"
 #include "pointmorph/cloud/subset.hpp"
+#include "pointmorph/registration/extremities.hpp"
+#include "pointmorph/registration/misfit.hpp"
 #include "pointmorph/registration/prolongation.hpp"
+#include "pointmorph/registration/thin_plate.hpp"
 #include "pointmorph/surface/projection.hpp"
+#include "registration/marks.hpp"
+#include "registration/orientation.hpp"
+#include "registration/pinning.hpp"
 
 namespace pointmorph {
 
 namespace {
 
-constexpr double kHardRegion = 10.0;  // weight that a hard region has at least
-constexpr double kSoftLabel = 1.0;    // spacings between points inside and outside when paired
+// Rows are cloud rows but for those that are called coarse.
 
-/// A similarity after which the cloud has area 1 and its mean at the origin.
-Similarity to_unit_area(const Positions& positions, const Neighborhoods* nearest) {
-    Similarity result;
-    const double area =
-        nearest ? estimated_area(positions, *nearest) : estimated_area(KdTree<3>(positions));
-    if (area > 0.0) result.scale = 1.0 / std::sqrt(area);
-    result.translation = -result.scale * positions.colwise().mean().transpose();
-    return result;
-}
-
-/// A curve on both shapes, as many places on either, at the same shares of the length.
-struct CurvePlaces {
-    Positions source, target;
-    Normals source_normals, target_normals;
+/// As refine() got them.
+struct GivenClouds {
+    const RefinementCloud& source;
+    const RefinementCloud& target;
 };
 
-/// What the features mark on both shapes.
-struct Marks {
-    struct Curve {
-        TracedCurve source, target;
-        bool hard;
-        double weight;
-    };
-    struct Region {
-        const Feature* feature;
-        IndexPair seats;  ///< a row in the middle of either side
-    };
-    std::vector<IndexPair> pinned;
-    std::vector<const Feature*> soft_points;
-    std::vector<Curve> curves;
-    std::vector<Region> regions;
-    /// Rows that belong together, roughly, which show the pose: points, some of each curve, and the
-    /// middles of regions.
-    std::vector<IndexPair> rough;
-    Index points = 0;  ///< of `rough`
+/// A cloud moved so that it has area 1 and its mean at the origin.
+struct UnitCloud {
+    Similarity placement;  ///< takes given positions to those here
+    Positions positions;
 };
 
-/// The row of a region that is nearest to its weighted mean, among those of half the largest
-/// weight.
-Index seat_of(const Marked& marked, const Positions& positions) {
-    Eigen::RowVector3d mean = Eigen::RowVector3d::Zero();
-    double sum = 0.0, largest = 0.0;
-    for (std::size_t i = 0; i < marked.rows.size(); ++i) {
-        mean += marked.weight(i) * positions.row(marked.rows[i]);
-        sum += marked.weight(i);
-        largest = std::max(largest, marked.weight(i));
-    }
-    mean /= sum;
-    Index seat = -1;
-    double nearest = std::numeric_limits<double>::infinity();
-    for (std::size_t i = 0; i < marked.rows.size(); ++i) {
-        const double squared = (positions.row(marked.rows[i]) - mean).squaredNorm();
-        if (marked.weight(i) < 0.5 * largest || squared >= nearest) continue;
-        nearest = squared;
-        seat = marked.rows[i];
-    }
-    return seat;
-}
+struct UnitClouds {
+    UnitCloud source, target;
+};
 
-/// Features in canonical order; the trees hold the positions.
-Marks marks_of(std::span<const Feature> features, const KdTree<3>* source,
-               const Normals& source_normals, const KdTree<3>* target,
-               const Normals& target_normals, Progress& progress) {
-    constexpr Index kRoughPlaces = 9;  // of a curve
+/// A cloud where it is registered, with a tree over its points.
+struct PlacedCloud {
+    Similarity placement;                     ///< takes given positions to those here
+    std::unique_ptr<const Positions> places;  ///< which the tree refers to
+    KdTree<3> tree;
+    Normals normals;
+    const Neighborhoods* nearest;
+
+    PlacedCloud(const Similarity& move, Positions positions, Normals its_normals,
+                const Neighborhoods* known)
+        : placement(move),
+          places(std::make_unique<const Positions>(std::move(positions))),
+          tree(*places),
+          normals(std::move(its_normals)),
+          nearest(known) {}
+
+    const Positions& positions() const { return *places; }
+    double spacing() const { return 1.0 / std::sqrt(static_cast<double>(tree.size())); }
+    PlacedCloud moved(const Similarity& move) const {
+        return {composed(move, placement), move.apply(*places), move.rotated(normals), nearest};
+    }
+};
+
+/// Both clouds where they lie to each other, what is marked on them, and their coarse shapes.
+struct Scene {
+    PlacedCloud source, target;
     Marks marks;
-    marks.pinned = pinned_pairs(features);
-    for (const Feature& f : features) {
-        const IndexPair first{f.source.rows.front(), f.target.rows.front()};
-        if (f.kind == FeatureKind::kPoint) {
-            if (!f.hard) marks.soft_points.push_back(&f);
-            marks.rough.push_back(first);
-            ++marks.points;
-        } else if (f.kind == FeatureKind::kCurve) {
-            const auto& curve = marks.curves.emplace_back(Marks::Curve{
-                trace_curve(*source, source_normals, f.source.rows, f.closed, progress),
-                trace_curve(*target, target_normals, f.target.rows, f.closed, progress), f.hard,
-                f.weight});
-            for (Index k = 0; k < kRoughPlaces; ++k) {
-                const double share = static_cast<double>(k) / (kRoughPlaces - (f.closed ? 0 : 1));
-                const auto row = [&](const TracedCurve& traced, const KdTree<3>& tree,
-                                     const Normals& normals) {
-                    return nearest_on_sheet(tree, normals, traced.at(share).transpose(),
-                                            traced.normals.row(traced.before(share)));
-                };
-                marks.rough.push_back({row(curve.source, *source, source_normals),
-                                       row(curve.target, *target, target_normals)});
-            }
-        } else {
-            const IndexPair seats{seat_of(f.source, source->points()),
-                                  seat_of(f.target, target->points())};
-            marks.regions.push_back({&f, seats});
-            marks.rough.push_back(seats);
-        }
-    }
-    return marks;
+    CoarseShape coarse_source, coarse_target;
+    std::vector<IndexPair> coarse_features;
+
+    CoarsePair coarse() const { return {coarse_source, coarse_target, coarse_features}; }
+};
+
+/// A map between the coarse shapes, and what the search for it found out; rows are coarse.
+struct FoundMap {
+    Registration registration;
+    Diagnostics diagnostics;
+    std::vector<Extremity> source_extremities, target_extremities;  ///< where proposals need them
+};
+
+/// Images of all points of both clouds, where the scene has the other one.
+struct SceneImages {
+    OrientedPoints source, target;
+};
+
+UnitCloud at_unit_area(const RefinementCloud& cloud) {
+    Similarity unit;
+    const double area = cloud.nearest ? estimated_area(cloud.positions, *cloud.nearest)
+                                      : estimated_area(KdTree<3>(cloud.positions));
+    if (area > 0.0) unit.scale = 1.0 / std::sqrt(area);
+    unit.translation = -unit.scale * cloud.positions.colwise().mean().transpose();
+    return {unit, unit.apply(cloud.positions)};
+}
+
+UnitClouds at_unit_area(const GivenClouds& given, Progress& progress) {
+    UnitClouds unit;
+    on_both(progress, [&](bool is_source, Progress&) {
+        (is_source ? unit.source : unit.target) =
+            at_unit_area(is_source ? given.source : given.target);
+    });
+    return unit;
 }
 
 /// Positions of the rows that belong together.
-std::pair<Positions, Positions> places_of(const Positions& source, const Positions& target,
-                                          std::span<const IndexPair> features) {
-    Positions s(static_cast<Eigen::Index>(features.size()), 3), t = s;
-    for (std::size_t k = 0; k < features.size(); ++k) {
-        s.row(static_cast<Eigen::Index>(k)) = source.row(features[k].source);
-        t.row(static_cast<Eigen::Index>(k)) = target.row(features[k].target);
+struct PosePlaces {
+    Positions source, target;  ///< #pairs by 3
+};
+
+PosePlaces places_of(const UnitClouds& unit, std::span<const IndexPair> pairs) {
+    PosePlaces places{Positions(static_cast<Eigen::Index>(pairs.size()), 3),
+                      Positions(static_cast<Eigen::Index>(pairs.size()), 3)};
+    for (std::size_t k = 0; k < pairs.size(); ++k) {
+        places.source.row(static_cast<Eigen::Index>(k)) =
+            unit.source.positions.row(pairs[k].source);
+        places.target.row(static_cast<Eigen::Index>(k)) =
+            unit.target.positions.row(pairs[k].target);
     }
-    return {std::move(s), std::move(t)};
+    return places;
 }
 
-/// The target onto the source by the features.
-Similarity feature_alignment(const Positions& source, const Positions& target,
-                             std::span<const IndexPair> features) {
-    const auto [s, t] = places_of(source, target, features);
-    if (features.size() >= 3) return fit_similarity(t, s);
-    Similarity shift;
-    if (!features.empty())
-        shift.translation = (s.colwise().mean() - t.colwise().mean()).transpose();
-    return shift;
+/// The target onto the source by the places.
+Similarity alignment_by(const PosePlaces& places) {
+    if (places.source.rows() >= 3) return fit_similarity(places.target, places.source);
+    Similarity move;
+    if (places.source.rows() > 0)
+        move.translation =
+            (places.source.colwise().mean() - places.target.colwise().mean()).transpose();
+    return move;
 }
 
 /// Whether places lie on no line, by a margin.
@@ -151,280 +142,277 @@ bool spread_out(const Positions& places) {
     return solver.eigenvalues()[1] > kSpread * kSpread;
 }
 
-TracedCurve moved(TracedCurve curve, const Similarity& move) {
-    curve.places = move.apply(curve.places);
-    curve.normals = move.rotated(curve.normals);
-    for (double& length : curve.lengths) length *= move.scale;
-    return curve;
+/// Whether the marks alone say how the target lies to the source.
+bool fix_the_pose(const Marks& marks, const PosePlaces& places, Index features_that_fix_the_pose) {
+    const Index enough = std::max<Index>(features_that_fix_the_pose, 3);
+    return marks.pose_points >= enough || (static_cast<Index>(marks.pose_pairs.size()) >= enough &&
+                                           spread_out(places.source) && spread_out(places.target));
 }
 
-/// Evenly spaced, no further apart than `spacing` on the longer side.
-CurvePlaces places_along(const Marks::Curve& curve, double spacing) {
-    const double length = std::max(curve.source.length(), curve.target.length());
-    const bool closed = curve.source.closed;
-    const auto steps = std::max<Eigen::Index>(closed ? 3 : 1, std::lround(length / spacing));
-    const Eigen::Index count = steps + (closed ? 0 : 1);
-    CurvePlaces places{Positions(count, 3), Positions(count, 3), Normals(count, 3),
-                       Normals(count, 3)};
-    for (Eigen::Index k = 0; k < count; ++k) {
-        const double share = static_cast<double>(k) / static_cast<double>(steps);
-        places.source.row(k) = curve.source.at(share).transpose();
-        places.target.row(k) = curve.target.at(share).transpose();
-        places.source_normals.row(k) = curve.source.normals.row(curve.source.before(share));
-        places.target_normals.row(k) = curve.target.normals.row(curve.target.before(share));
+/// Whether an earlier map leaves no mark far from its partner.
+bool is_trusted(const RefinementStart& start, const GivenClouds& given, const UnitClouds& unit,
+                const Marks& marks, double trusted_distance) {
+    const double largest =
+        std::max(unit.source.placement.scale *
+                     largest_offset(start.target_images, given.source.positions,
+                                    {marks.pose_pairs, &IndexPair::target, &IndexPair::source}),
+                 unit.target.placement.scale *
+                     largest_offset(start.source_images, given.target.positions,
+                                    {marks.pose_pairs, &IndexPair::source, &IndexPair::target}));
+    return !(largest > trusted_distance);
+}
+
+/// Rows that have to be coarse ones, none twice.
+struct RequiredRows {
+    std::vector<Index> source, target;
+    std::vector<IndexPair> features;  ///< places in these, which become the coarse rows
+};
+
+RequiredRows required_rows(const Marks& marks) {
+    RequiredRows required;
+    const auto require = [](std::vector<Index>& rows, Index row) {
+        const auto found = std::ranges::find(rows, row);
+        const auto place = static_cast<Index>(found - rows.begin());
+        if (found == rows.end()) rows.push_back(row);
+        return place;
+    };
+    for (const IndexPair& f : marks.pinned)
+        required.features.push_back(
+            {require(required.source, f.source), require(required.target, f.target)});
+    for (const Feature* f : marks.soft_points) {
+        require(required.source, f->source.rows.front());
+        require(required.target, f->target.rows.front());
     }
-    return places;
+    for (const MarkedRegion& region : marks.regions) {
+        require(required.source, region.centers.source);
+        require(required.target, region.centers.target);
+    }
+    return required;
 }
 
-/// Guides of both shapes: soft points, curves, and regions' middles, which only show the pose.
-void add_guides(CoarseShape& source, CoarseShape& target, const Marks& marks,
-                const RefinementOptions& options) {
+/// Adds what is marked to the coarse shapes.
+void add_marks(CoarseShape& source, CoarseShape& target, const Marks& marks,
+               const RefinementOptions& options) {
     // Nodes are about this far apart where the deformation is finest.
     const double node_spacing = 1.0 / std::sqrt(static_cast<double>(options.coarse.nodes.back()));
-    std::vector<CurvePlaces> places;
-    std::vector<double> weights;
-    const auto add_rows = [&](Index s, Index t, double weight) {
-        const auto place = [](const CoarseShape& shape, Index row) {
-            return std::ranges::find(shape.rows, row) - shape.rows.begin();
-        };
-        const auto i = place(source, s), j = place(target, t);
-        places.push_back({source.positions.row(i), target.positions.row(j), source.normals.row(i),
-                          target.normals.row(j)});
-        weights.push_back(weight);
+    auto [source_guides, target_guides] =
+        guides_of({source, target}, marks, node_spacing, options.registration);
+    source.guides = std::move(source_guides);
+    target.guides = std::move(target_guides);
+    if (marks.regions.empty()) return;
+    const auto add_labels = [&](CoarseShape& shape, const Labels& members) {
+        RegionLabels added =
+            region_labels(gather(members, shape.cloud_rows), marks.regions, options.registration);
+        shape.labels = std::move(added.labels);
+        shape.pulls = std::move(added.pulls);
     };
-    for (const Feature* f : marks.soft_points)
-        add_rows(f->source.rows.front(), f->target.rows.front(),
-                 options.registration.soft_weight * f->weight);
-    for (const auto& region : marks.regions)
-        add_rows(region.seats.source, region.seats.target, 0.0);
-    for (const auto& curve : marks.curves) {
-        CurvePlaces along = places_along(curve, 0.5 * node_spacing);
-        const double length = std::max(curve.source.length(), curve.target.length());
-        const double strength = curve.hard ? options.registration.feature_weight
-                                           : options.registration.soft_weight * curve.weight;
-        const double part = length / node_spacing / static_cast<double>(along.source.rows());
-        weights.insert(weights.end(), to_size(along.source.rows()), strength * std::min(1.0, part));
-        places.push_back(std::move(along));
-    }
-    if (places.empty()) return;
-    const auto fill = [&](CoarseShape& shape, Positions CurvePlaces::*positions,
-                          Normals CurvePlaces::*normals) {
-        const KdTree<3> tree(shape.positions);
-        Guides& guides = shape.guides;
-        guides.weights =
-            Eigen::Map<const Values>(weights.data(), static_cast<Eigen::Index>(weights.size()));
-        guides.places.resize(guides.weights.size(), 3);
-        for (const CurvePlaces& part : places)
-            for (Eigen::Index k = 0; k < (part.*positions).rows(); ++k) {
-                guides.places.row(guides.size()) = (part.*positions).row(k);
-                guides.rows.push_back(nearest_on_sheet(
-                    tree, shape.normals, (part.*positions).row(k), (part.*normals).row(k)));
-            }
-    };
-    fill(source, &CurvePlaces::source, &CurvePlaces::source_normals);
-    fill(target, &CurvePlaces::target, &CurvePlaces::target_normals);
+    add_labels(source, marks.source_members);
+    add_labels(target, marks.target_members);
 }
 
-/// A column for each region: how far every one of `count` points belongs to it.
-Labels memberships(std::span<const Marks::Region> regions, Index count, Marked Feature::*side) {
-    Labels labels = Labels::Zero(count, Labels::ColsAtCompileTime);
-    for (std::size_t r = 0; r < regions.size(); ++r) {
-        const Marked& marked = regions[r].feature->*side;
-        for (std::size_t i = 0; i < marked.rows.size(); ++i)
-            labels(marked.rows[i], static_cast<Eigen::Index>(r)) = marked.weight(i);
-    }
-    return labels;
+/// The scene with the target moved by `alignment` from where it is at unit area.
+Scene scene_of(const GivenClouds& given, const UnitClouds& unit, Marks marks,
+               const Similarity& alignment, const RefinementOptions& options, Progress& progress) {
+    RequiredRows required = required_rows(marks);
+    std::optional<PlacedCloud> source, target;
+    CoarseShape coarse_source, coarse_target;
+    on_both(progress, [&](bool is_source, Progress& p) {
+        const RefinementCloud& cloud = is_source ? given.source : given.target;
+        const Similarity move =
+            is_source ? unit.source.placement : composed(alignment, unit.target.placement);
+        const PlacedCloud& placed =
+            (is_source ? source : target)
+                .emplace(move, is_source ? unit.source.positions : move.apply(cloud.positions),
+                         is_source ? cloud.normals : move.rotated(cloud.normals), cloud.nearest);
+        (is_source ? coarse_source : coarse_target) =
+            coarse_shape(placed.tree, placed.normals, is_source ? required.source : required.target,
+                         options.coarse, p, cloud.nearest);
+    });
+    marks.curves = with_target_moved(std::move(marks.curves), alignment);
+    add_marks(coarse_source, coarse_target, marks, options);
+    return {std::move(*source),       std::move(*target),       std::move(marks),
+            std::move(coarse_source), std::move(coarse_target), std::move(required.features)};
 }
 
-/// Labels of the coarse points, and how much their matches pull.
-void add_labels(CoarseShape& shape, const Labels& members, std::span<const Marks::Region> regions,
-                const RegistrationOptions& options) {
-    if (regions.empty()) return;
-    shape.labels = gather(members, shape.rows);
-    shape.pulls = Values::Zero(shape.size());
-    for (std::size_t r = 0; r < regions.size(); ++r) {
-        const Feature& f = *regions[r].feature;
-        auto label = shape.labels.col(static_cast<Eigen::Index>(r));
-        const double weight = f.hard ? std::max(kHardRegion, f.weight) : f.weight;
-        shape.pulls += options.region_weight * weight * label;
-        label *= options.label_distance * std::min(1.0, weight);
-    }
+/// An earlier map's images of the coarse points, pulled to the marks.
+RegistrationStart start_from(const RefinementStart& earlier, const Scene& scene) {
+    const CoarseShape &source = scene.coarse_source, &target = scene.coarse_target;
+    return {pulled_to_marks(
+                scene.target.placement.apply(gather(earlier.source_images, source.cloud_rows)),
+                source, target, {scene.coarse_features, &IndexPair::source, &IndexPair::target}),
+            pulled_to_marks(
+                scene.source.placement.apply(gather(earlier.target_images, target.cloud_rows)),
+                target, source, {scene.coarse_features, &IndexPair::target, &IndexPair::source})};
 }
 
-/// Farthest that a feature's image lies from its partner.
-double largest_offset(const Positions& images, const Positions& other,
-                      std::span<const IndexPair> features, Index IndexPair::*from,
-                      Index IndexPair::*to) {
-    double largest = 0.0;
-    for (const IndexPair& f : features)
-        largest = std::max(largest, (images.row(f.*from) - other.row(f.*to)).norm());
-    return largest;
+Scene with_target_normals_reversed(Scene scene) {
+    scene.target.normals = -scene.target.normals;
+    scene.coarse_target.normals = -scene.coarse_target.normals;
+    return scene;
 }
 
-/// Moves images so that features and guides come to lie near their partners, with everything
-/// around: offsets averaged with Gaussian weights that fall with the distance (Shepard's method,
-/// fading out).
-void pull_to_features(Positions& images, const CoarseShape& shape, const CoarseShape& other,
-                      std::span<const IndexPair> features, Index IndexPair::*from,
-                      Index IndexPair::*to) {
-    constexpr double kReach = 0.15;  // of √area
-    std::vector<Eigen::RowVector3d> centers, offsets;
-    for (const IndexPair& f : features) {
-        centers.emplace_back(shape.positions.row(f.*from));
-        offsets.emplace_back(other.positions.row(f.*to) - images.row(f.*from));
-    }
-    for (Index k = 0; k < shape.guides.size(); ++k) {
-        if (!(shape.guides.weights[k] > 0.0)) continue;
-        centers.emplace_back(shape.guides.places.row(k));
-        offsets.emplace_back(other.guides.places.row(k) -
-                             images.row(shape.guides.rows[to_size(k)]));
-    }
-    for (Eigen::Index i = 0; i < images.rows(); ++i) {
-        Eigen::RowVector3d sum = Eigen::RowVector3d::Zero();
-        double weights = 0.0;
-        for (std::size_t k = 0; k < centers.size(); ++k) {
-            const double squared = (shape.positions.row(i) - centers[k]).squaredNorm();
-            const double weight = std::exp(-0.5 * squared / (kReach * kReach));
-            sum += weight * offsets[k];
-            weights += weight;
-        }
-        images.row(i) += sum / std::max(weights, 1.0);
-    }
+Scene with_target_moved(Scene scene, const Similarity& move) {
+    scene.target = scene.target.moved(move);
+    scene.coarse_target = moved(scene.coarse_target, move);
+    scene.marks.curves = with_target_moved(std::move(scene.marks.curves), move);
+    return scene;
 }
 
-/// Volume that the oriented points enclose, if they do.
-double signed_volume(const CoarseShape& shape) {
-    const Eigen::RowVector3d center = shape.positions.colwise().mean();
-    return ((shape.positions.rowwise() - center).cwiseProduct(shape.normals).rowwise().sum())
-               .dot(shape.areas) /
-           3.0;
+/// What the search for the pose found; it has compared other maps already, and more of them.
+FoundMap found_by(Pose pose, std::vector<Rival> rivals) {
+    FoundMap found;
+    found.diagnostics.starts = {{"pose", pose.best.torn, pose.best.misfit.energy()}};
+    found.diagnostics.margin = pose.margin;
+    found.diagnostics.confidence = pose.confidence;
+    found.diagnostics.rivals = std::move(rivals);
+    found.registration = std::move(pose.best.registration);
+    found.source_extremities = std::move(pose.source_extremities);
+    found.target_extremities = std::move(pose.target_extremities);
+    return found;
 }
 
-/// Mean agreement of the normals of source points, where they start, with the nearest target
-/// points': about 1 for the same shape, below 0 where one is inside out.
-double normal_agreement(const CoarseShape& source, const CoarseShape& target,
-                        const Positions& start) {
-    const KdTree<3> tree(target.positions);
-    double sum = 0.0;
-    for (Index i = 0; i < source.size(); ++i) {
-        Index nearest;
-        double squared;
-        tree.nearest(start.row(i).data(), {&nearest, 1}, {&squared, 1});
-        sum += source.normals.row(i).dot(target.normals.row(nearest));
-    }
-    return sum / source.size();
-}
-
-/// Whether the normals of one cloud face outwards and those of the other inwards: told from the
-/// volumes where both clouds enclose one, else from how the normals agree.
-bool inside_out(const CoarseShape& source, const CoarseShape& target, const Positions& start) {
-    constexpr double kSomeVolume = 0.005;  // of a unit area; a ball has 0.09
-    const double s = signed_volume(source), t = signed_volume(target);
-    if (std::min(std::abs(s), std::abs(t)) > kSomeVolume) return s * t < 0.0;
-    return normal_agreement(source, target, start) < 0.0;
-}
-
-/// Moves the images of features onto their partners, and those around smoothly with them: by
-/// (1 − (d/r)²)² of the offset within r, some spacings.
-void pin_features(Positions& images, const Positions& positions, const Positions& other,
-                  std::span<const IndexPair> features, Index IndexPair::*from, Index IndexPair::*to,
-                  double spacing) {
-    constexpr double kReach = 6.0;
-    const double squared_reach = kReach * kReach * spacing * spacing;
-    for (const IndexPair& f : features) {
-        const Eigen::RowVector3d offset = other.row(f.*to) - images.row(f.*from);
-        const Eigen::RowVector3d center = positions.row(f.*from);
-        for (Eigen::Index i = 0; i < images.rows(); ++i) {
-            const double ratio = (positions.row(i) - center).squaredNorm() / squared_reach;
-            if (ratio < 1.0) images.row(i) += (1.0 - ratio) * (1.0 - ratio) * offset;
-        }
-    }
-    // Features close to each other have pulled at one another.
-    for (const IndexPair& f : features) images.row(f.*from) = other.row(f.*to);
-}
-
-/// Moves the images of a curve's places onto the other's, and those around smoothly with them, in
-/// ever smaller surroundings: what lies beside it a little later, itself to the last. `linear` says
-/// how the surroundings of a row have turned and grown.
-template <std::invocable<Index> Linear>
-void pin_curve(Positions& images, const KdTree<3>& tree, const Normals& normals, Linear&& linear,
-               const Positions& own, const Normals& own_normals, const Positions& other,
-               double spacing) {
-    constexpr std::size_t kAround = 4;
-    constexpr double kFloor = 1e-3;  // of a squared spacing
-    const Positions& positions = tree.points();
-    std::array<Index, kAround> near;
-    std::array<double, kAround> squared;
-    std::vector<std::pair<Index, double>> ball;
-    for (const double reach : {6.0, 3.0, 1.5, 1.5}) {
-        struct Pulled {
-            Eigen::RowVector3d sum = Eigen::RowVector3d::Zero();
-            double weights = 0.0, fade = 0.0;
+/// Registered from where the features, or an earlier map, say that the points belong.
+FoundMap registered(const Scene& scene, const RegistrationStart& start, bool is_earlier_map,
+                    const RefinementOptions& options, Progress& progress) {
+    RegistrationOptions first = options.registration;
+    // As stiff as from the features alone, few of them would move legs that lie well.
+    if (is_earlier_map) first.levels.front() = options.pose.relaxation;
+    Restarts restarts = register_best(scene.coarse(),
+                                      {is_earlier_map ? "earlier map" : "features",
+                                       register_shapes(scene.coarse(), start, first, progress)},
+                                      options.restarts, options.registration, progress);
+    FoundMap found;
+    found.registration = std::move(restarts.registration);
+    found.diagnostics.starts = std::move(restarts.tried);
+    found.diagnostics.start_taken = restarts.taken;
+    if (options.propose) {
+        const auto extremities_of = [&](const CoarseShape& shape) {
+            return extremities(shape, node_distances(shape), options.pose.extremities);
         };
-        std::map<Index, Pulled> pulled;
-        const double radius = reach * spacing;
-        for (Eigen::Index k = 0; k < own.rows(); ++k) {
-            const Index found = tree.nearest(own.row(k).data(), near, squared);
-            Vector3 image = Vector3::Zero();
-            double weights = 0.0;
-            for (std::size_t n = 0; n < to_size(found); ++n) {
-                const Index i = near[n];
-                if (normals.row(i).dot(own_normals.row(k)) <= 0.0) continue;
-                const double weight = 1.0 / (squared[n] + kFloor * spacing * spacing);
-                image += weight * (images.row(i).transpose() +
-                                   linear(i) * (own.row(k) - positions.row(i)).transpose());
-                weights += weight;
-            }
-            if (!(weights > 0.0)) continue;
-            const Eigen::RowVector3d offset = other.row(k) - image.transpose() / weights;
-            tree.within(own.row(k).data(), radius, ball);
-            for (const auto& [i, squared_distance] : ball) {
-                if (normals.row(i).dot(own_normals.row(k)) <= 0.0) continue;
-                const double fade = std::pow(1.0 - squared_distance / (radius * radius), 2);
-                Pulled& p = pulled[i];
-                p.sum += fade * fade * offset;
-                p.weights += fade * fade;
-                p.fade = std::max(p.fade, fade);
-            }
-        }
-        for (const auto& [i, p] : pulled)
-            if (p.weights > 0.0) images.row(i) += p.fade * p.sum / p.weights;
+        found.source_extremities = extremities_of(scene.coarse_source);
+        found.target_extremities = extremities_of(scene.coarse_target);
     }
+    return found;
 }
 
-/// Puts images of a region's points that lie outside of the partner onto its nearest point.
-/// `members` and `other_members` say how much points belong to the region.
-void clamp_to_region(Positions& images, const Values& members, const KdTree<3>& other,
-                     const Values& other_members) {
-    constexpr double kMember = 0.5;
-    std::vector<Index> inside;
-    const double least = kMember * members.maxCoeff();
-    const double other_least = kMember * other_members.maxCoeff();
-    for (Index j = 0; j < other.size(); ++j)
-        if (other_members[j] >= other_least) inside.push_back(j);
-    const Positions places = gather(other.points(), inside);
-    const KdTree<3> tree(places);
-    for (Eigen::Index i = 0; i < images.rows(); ++i) {
-        if (members[i] < least) continue;
-        Index nearest;
-        double squared;
-        other.nearest(images.row(i).data(), {&nearest, 1}, {&squared, 1});
-        if (other_members[nearest] >= other_least) continue;
-        tree.nearest(images.row(i).data(), {&nearest, 1}, {&squared, 1});
-        images.row(i) = places.row(nearest);
+/// Coarse rows.
+std::vector<Proposal> proposals_for(const FoundMap& found, const Scene& scene, Index others,
+                                    Progress& progress) {
+    std::vector<IndexPair> marked = scene.coarse_features;
+    const std::vector<Index>&s = scene.coarse_source.guides.coarse_rows,
+          &t = scene.coarse_target.guides.coarse_rows;
+    for (std::size_t k = 0; k < s.size(); ++k) marked.push_back({s[k], t[k]});
+    return propose_features({{scene.coarse_source, scene.coarse_target, marked},
+                             found.registration,
+                             found.source_extremities,
+                             found.target_extremities,
+                             found.diagnostics.confidence},
+                            others, progress);
+}
+
+/// One direction of the map: whose points it takes, and onto what.
+struct Direction {
+    const PlacedCloud& here;
+    const PlacedCloud& there;
+    const CoarseShape& coarse;
+    const Labels& members_here;
+    const Labels& members_there;
+    Positions CurvePlaces::*curve_here, CurvePlaces::*curve_there;
+    Normals CurvePlaces::*curve_normals;
+    Index IndexPair::*row_here, IndexPair::*row_there;
+};
+
+Direction forward(const Scene& scene) {
+    return {.here = scene.source,
+            .there = scene.target,
+            .coarse = scene.coarse_source,
+            .members_here = scene.marks.source_members,
+            .members_there = scene.marks.target_members,
+            .curve_here = &CurvePlaces::source,
+            .curve_there = &CurvePlaces::target,
+            .curve_normals = &CurvePlaces::source_normals,
+            .row_here = &IndexPair::source,
+            .row_there = &IndexPair::target};
+}
+
+Direction backward(const Scene& scene) {
+    return {.here = scene.target,
+            .there = scene.source,
+            .coarse = scene.coarse_target,
+            .members_here = scene.marks.target_members,
+            .members_there = scene.marks.source_members,
+            .curve_here = &CurvePlaces::target,
+            .curve_there = &CurvePlaces::source,
+            .curve_normals = &CurvePlaces::target_normals,
+            .row_here = &IndexPair::target,
+            .row_there = &IndexPair::source};
+}
+
+/// Images of all points from those of the coarse ones, so moved that hard marks meet.
+OrientedPoints images_of(const Direction& map, const Marks& marks, const DeformedCloud& coarse,
+                         Progress& progress) {
+    const PlacedCloud &here = map.here, &there = map.there;
+    const Prolongation prolongation(map.coarse, here.positions(), here.normals, progress);
+    OrientedPoints images =
+        prolongation(map.coarse, coarse, here.positions(), here.normals, progress);
+    const ImagedSurface surface{here.tree, here.normals, here.spacing(),
+                                [&](Index row) { return prolongation.linear(row, coarse); }};
+    for (const MarkedCurve& curve : marks.curves) {
+        if (!curve.hard) continue;
+        const CurvePlaces along =
+            places_along(curve, 0.5 * std::min(here.spacing(), there.spacing()));
+        images.positions = pinned_to_curve(std::move(images.positions), surface,
+                                           {along.*map.curve_here, along.*map.curve_normals},
+                                           along.*map.curve_there);
     }
+    images.positions =
+        pinned_to_marks(std::move(images.positions), here.positions(), there.positions(),
+                        {marks.pinned, map.row_here, map.row_there}, here.spacing());
+    return images;
+}
+
+/// Both clouds in the product space.
+struct ProductClouds {
+    ProductPoints source, target;
+};
+
+ProductClouds product_clouds(const Scene& scene, const SceneImages& images,
+                             double largest_normal_weight) {
+    constexpr double kReferencePoints = 1e4;
+    const double weight =
+        largest_normal_weight * std::min(1.0, std::sqrt(kReferencePoints) * scene.source.spacing());
+    const OrientedView source{scene.source.positions(), scene.source.normals},
+        target{scene.target.positions(), scene.target.normals};
+    return {product_points(oriented(images.source), source, weight),
+            product_points(target, oriented(images.target), weight)};
+}
+
+/// The nearest both ways, those of regions among themselves.
+Pairing paired(const ProductClouds& product, const Scene& scene, Progress& progress) {
+    constexpr double kSoftLabel = 1.0;  // spacings between points inside and outside
+    const Marks& marks = scene.marks;
+    if (marks.regions.empty())
+        return mutual_pairs<12>(product.source, product.target, marks.pinned, progress);
+    Values scales(static_cast<Eigen::Index>(Labels::ColsAtCompileTime));
+    scales.setZero();
+    for (std::size_t r = 0; r < marks.regions.size(); ++r)
+        scales[static_cast<Eigen::Index>(r)] =
+            marks.regions[r].feature->hard ? 1.0 : kSoftLabel * scene.source.spacing();
+    return mutual_pairs<32>(
+        labeled_points(product.source, marks.source_members * scales.asDiagonal()),
+        labeled_points(product.target, marks.target_members * scales.asDiagonal()), marks.pinned,
+        progress);
 }
 
 /// The nearest of each row's partners.
 std::vector<Index> nearest_partners(const Positions& images, const Pairing& pairs,
-                                    Index IndexPair::*from, Index IndexPair::*to,
-                                    const Positions& other) {
+                                    const Direction& map) {
     const auto count = to_size(static_cast<Index>(images.rows()));
     std::vector<Index> partners(count, -1);
     std::vector<double> best(count, std::numeric_limits<double>::infinity());
     for (const IndexPair& pair : pairs) {
-        const Index i = pair.*from, j = pair.*to;
-        const double squared = (images.row(i) - other.row(j)).squaredNorm();
+        const Index i = pair.*map.row_here, j = pair.*map.row_there;
+        const double squared = (images.row(i) - map.there.positions().row(j)).squaredNorm();
         if (squared >= best[to_size(i)]) continue;
         best[to_size(i)] = squared;
         partners[to_size(i)] = j;
@@ -432,231 +420,89 @@ std::vector<Index> nearest_partners(const Positions& images, const Pairing& pair
     return partners;
 }
 
-}  // namespace
-
-Refinement refine(const Positions& source, const Normals& source_normals, const Positions& target,
-                  const Normals& target_normals, std::span<const Feature> features,
-                  const RefinementOptions& options, Progress& progress,
-                  const RefinementStart* given, const KnownNeighborhoods& known) {
-    Refinement result;
-    progress.enter("coarse shapes");
-    Similarity source_unit, target_move;
-    on_both(progress, [&](bool is_source, Progress&) {
-        (is_source ? source_unit : target_move) =
-            to_unit_area(is_source ? source : target, is_source ? known.source : known.target);
-    });
-    const Positions s = source_unit.apply(source);
-    Positions t = target_move.apply(target);
-    std::optional<KdTree<3>> source_tree, target_tree;
-    if (std::ranges::any_of(features,
-                            [](const Feature& f) { return f.kind != FeatureKind::kPoint; }))
-        on_both(progress, [&](bool is_source, Progress&) {
-            (is_source ? source_tree : target_tree).emplace(is_source ? s : t);
-        });
-    Marks marks = marks_of(features, source_tree ? &*source_tree : nullptr, source_normals,
-                           target_tree ? &*target_tree : nullptr, target_normals, progress);
-    const auto& pinned = marks.pinned;
-    if (given) {
-        const double largest =
-            std::max(source_unit.scale * largest_offset(given->target_images, source, marks.rough,
-                                                        &IndexPair::target, &IndexPair::source),
-                     target_move.scale * largest_offset(given->source_images, target, marks.rough,
-                                                        &IndexPair::source, &IndexPair::target));
-        if (largest > options.trusted_distance) given = nullptr;
-    }
-    const Index enough = std::max<Index>(options.features_that_fix_the_pose, 3);
-    const auto fixed_by_all = [&] {
-        const auto [on_source, on_target] = places_of(s, t, marks.rough);
-        return spread_out(on_source) && spread_out(on_target);
-    };
-    const bool pose_is_known = given || marks.points >= enough ||
-                               (static_cast<Index>(marks.rough.size()) >= enough && fixed_by_all());
-    Similarity turn;
-    if (given)
-        turn = fit_similarity(t, source_unit.apply(given->target_images));
-    else if (pose_is_known)
-        turn = feature_alignment(s, t, marks.rough);
-    target_move = composed(turn, target_move);
-    t = target_move.apply(target);
-    Normals tn = target_move.rotated(target_normals);
-    for (auto& curve : marks.curves) curve.target = moved(std::move(curve.target), turn);
-
-    std::vector<Index> source_required, target_required;
-    std::vector<IndexPair> coarse_features;
-    const auto require = [](std::vector<Index>& rows, Index row) {
-        const auto found = std::ranges::find(rows, row);
-        const auto place = static_cast<Index>(found - rows.begin());
-        if (found == rows.end()) rows.push_back(row);
-        return place;
-    };
-    for (const IndexPair& f : pinned)
-        coarse_features.push_back(
-            {require(source_required, f.source), require(target_required, f.target)});
-    for (const Feature* f : marks.soft_points) {
-        require(source_required, f->source.rows.front());
-        require(target_required, f->target.rows.front());
-    }
-    for (const auto& region : marks.regions) {
-        require(source_required, region.seats.source);
-        require(target_required, region.seats.target);
-    }
-    CoarseShape coarse_source, coarse_target;
-    on_both(progress, [&](bool is_source, Progress& p) {
-        if (is_source)
-            coarse_source =
-                coarse_shape(source_tree ? *source_tree : source_tree.emplace(s), source_normals,
-                             source_required, options.coarse, p, known.source);
-        else
-            coarse_target = coarse_shape(target_tree.emplace(t), tn, target_required,
-                                         options.coarse, p, known.target);
-    });
-    add_guides(coarse_source, coarse_target, marks, options);
-    Labels source_members, target_members;
-    if (!marks.regions.empty()) {
-        source_members = memberships(marks.regions, static_cast<Index>(s.rows()), &Feature::source);
-        target_members = memberships(marks.regions, static_cast<Index>(t.rows()), &Feature::target);
-    }
-    add_labels(coarse_source, source_members, marks.regions, options.registration);
-    add_labels(coarse_target, target_members, marks.regions, options.registration);
-
-    RegistrationStart start = thin_plate_start(coarse_source, coarse_target, coarse_features);
-    if (given) {
-        start = {target_move.apply(gather(given->source_images, coarse_source.rows)),
-                 source_unit.apply(gather(given->target_images, coarse_target.rows))};
-        pull_to_features(start.source, coarse_source, coarse_target, coarse_features,
-                         &IndexPair::source, &IndexPair::target);
-        pull_to_features(start.target, coarse_target, coarse_source, coarse_features,
-                         &IndexPair::target, &IndexPair::source);
-    }
-    if (inside_out(coarse_source, coarse_target, start.source)) {
-        result.inside_out = true;
-        tn = -tn;
-        coarse_target.normals = -coarse_target.normals;
-    }
-    std::optional<Pose> pose;
-    CoarseShape target_at_rest;
-    if (!pose_is_known) {
-        progress.enter("pose");
-        pose = find_pose(coarse_source, coarse_target, coarse_features, options.pose,
-                         options.registration, progress);
-        const Similarity& move = pose->best.alignment;
-        target_at_rest = std::exchange(coarse_target, moved(coarse_target, move));
-        t = move.apply(t);
-        for (auto& curve : marks.curves) curve.target = moved(std::move(curve.target), move);
-        target_tree.emplace(t);
-        tn = move.rotated(tn);
-        target_move = composed(move, target_move);
-    }
-    result.alignment = composed(source_unit.inverse(), target_move);
-
-    progress.enter("registration");
-    RegistrationOptions first_registration = options.registration;
-    // As stiff as from the features alone, few of them would move legs that lie well.
-    if (given) first_registration.levels.front() = options.pose.relaxation;
-    const Registration registration = [&] {
-        // The search has compared other maps already, and more of them.
-        if (pose) {
-            const Candidate& best = pose->best;
-            result.diagnostics.starts = {{"pose", best.torn, best.misfit.energy()}};
-            return best.registration;
-        }
-        Attempts attempts = register_best(
-            coarse_source, coarse_target, coarse_features, given ? "earlier map" : "features",
-            register_shapes(coarse_source, coarse_target, coarse_features, start,
-                            first_registration, progress),
-            options.attempts, options.registration, progress);
-        result.diagnostics.starts = std::move(attempts.tried);
-        result.diagnostics.start_taken = attempts.taken;
-        return std::move(attempts.registration);
-    }();
-
-    if (pose) {
-        result.diagnostics.margin = pose->margin;
-        result.diagnostics.confidence = pose->confidence;
-        result.diagnostics.rivals = describe_rivals(coarse_source, target_at_rest, *pose);
-    }
-    if (options.propose || pose) {
-        const auto tips = [&](const CoarseShape& shape) {
-            return extremities(shape, node_distances(shape), options.pose.extremities);
-        };
-        std::vector<IndexPair> marked = coarse_features;
-        for (std::size_t k = 0; k < coarse_source.guides.rows.size(); ++k)
-            marked.push_back({coarse_source.guides.rows[k], coarse_target.guides.rows[k]});
-        result.diagnostics.proposals =
-            propose_features(coarse_source, coarse_target, registration,
-                             pose ? pose->source_tips : tips(coarse_source),
-                             pose ? pose->target_tips : tips(coarse_target), marked,
-                             result.diagnostics.confidence, options.other_proposals, progress);
-        result.diagnostics = result.diagnostics.with_rows(coarse_source.rows, coarse_target.rows);
-    }
-
-    progress.enter("lift");
-    const Prolongation source_lift(coarse_source, s, source_normals, progress);
-    const Prolongation target_lift(coarse_target, t, tn, progress);
-    OrientedPoints x =
-        source_lift(coarse_source, registration.source_points, s, source_normals, progress);
-    OrientedPoints y = target_lift(coarse_target, registration.target_points, t, tn, progress);
-    const double source_spacing = 1.0 / std::sqrt(static_cast<double>(s.rows()));
-    const double target_spacing = 1.0 / std::sqrt(static_cast<double>(t.rows()));
-    for (const auto& curve : marks.curves) {
-        if (!curve.hard) continue;
-        const CurvePlaces along =
-            places_along(curve, 0.5 * std::min(source_spacing, target_spacing));
-        pin_curve(
-            x.positions, *source_tree, source_normals,
-            [&](Index i) { return source_lift.linear(i, registration.source_points); },
-            along.source, along.source_normals, along.target, source_spacing);
-        pin_curve(
-            y.positions, *target_tree, tn,
-            [&](Index i) { return target_lift.linear(i, registration.target_points); },
-            along.target, along.target_normals, along.source, target_spacing);
-    }
-    pin_features(x.positions, s, t, pinned, &IndexPair::source, &IndexPair::target, source_spacing);
-    pin_features(y.positions, t, s, pinned, &IndexPair::target, &IndexPair::source, target_spacing);
-
-    progress.enter("product space");
-    constexpr double kReferencePoints = 1e4;
-    const double weight =
-        options.normal_weight * std::min(1.0, std::sqrt(kReferencePoints) * source_spacing);
-    result.source_product = product_points(x.positions, s, x.normals, source_normals, weight);
-    result.target_product = product_points(t, y.positions, tn, y.normals, weight);
-    if (marks.regions.empty()) {
-        result.pairs =
-            mutual_pairs<12>(result.source_product, result.target_product, pinned, progress);
-    } else {
-        Values scales(static_cast<Eigen::Index>(Labels::ColsAtCompileTime));
-        scales.setZero();
-        for (std::size_t r = 0; r < marks.regions.size(); ++r)
-            scales[static_cast<Eigen::Index>(r)] =
-                marks.regions[r].feature->hard ? 1.0 : kSoftLabel * source_spacing;
-        result.pairs = mutual_pairs<32>(
-            labelled_points(result.source_product, source_members * scales.asDiagonal()),
-            labelled_points(result.target_product, target_members * scales.asDiagonal()), pinned,
-            progress);
-    }
-
-    progress.enter("landing");
-    x.positions = project_onto_surface(
-        x.positions,
-        nearest_partners(x.positions, result.pairs, &IndexPair::source, &IndexPair::target, t),
-        *target_tree, tn, progress, known.target);
-    y.positions = project_onto_surface(
-        y.positions,
-        nearest_partners(y.positions, result.pairs, &IndexPair::target, &IndexPair::source, s),
-        *source_tree, source_normals, progress, known.source);
+/// Images on the other surface, those of hard regions in their partners, in given coordinates.
+Positions given_images(const Positions& images, const Pairing& pairs, const Marks& marks,
+                       const Direction& map, Progress& progress) {
+    const PlacedCloud& there = map.there;
+    Positions projected = project_onto_surface(images, nearest_partners(images, pairs, map),
+                                               there.tree, there.normals, progress, there.nearest);
     for (std::size_t r = 0; r < marks.regions.size(); ++r) {
         if (!marks.regions[r].feature->hard) continue;
         const auto column = static_cast<Eigen::Index>(r);
-        clamp_to_region(x.positions, source_members.col(column), *target_tree,
-                        target_members.col(column));
-        clamp_to_region(y.positions, target_members.col(column), *source_tree,
-                        source_members.col(column));
+        projected = clamped_to_region(std::move(projected), map.members_here.col(column),
+                                      there.tree, map.members_there.col(column));
     }
-    result.source_images = target_move.inverse().apply(x.positions);
-    result.target_images = source_unit.inverse().apply(y.positions);
-    for (const IndexPair& f : pinned) {
-        result.source_images.row(f.source) = target.row(f.target);
-        result.target_images.row(f.target) = source.row(f.source);
+    return there.placement.inverse().apply(projected);
+}
+
+}  // namespace
+
+Refinement refine(const RefinementCloud& source, const RefinementCloud& target,
+                  std::span<const Feature> features, const RefinementOptions& options,
+                  Progress& progress, const RefinementStart* start) {
+    progress.enter("coarse shapes");
+    const GivenClouds given{source, target};
+    const UnitClouds unit = at_unit_area(given, progress);
+    Marks marks = marks_of(features, {unit.source.positions, source.normals},
+                           {unit.target.positions, target.normals}, progress);
+    if (start && !is_trusted(*start, given, unit, marks, options.trusted_distance)) start = nullptr;
+    const PosePlaces places = places_of(unit, marks.pose_pairs);
+    const bool pose_is_known =
+        start || fix_the_pose(marks, places, options.features_that_fix_the_pose);
+    Similarity alignment;
+    if (start)
+        alignment = fit_similarity(unit.target.positions,
+                                   unit.source.placement.apply(start->target_images));
+    else if (pose_is_known)
+        alignment = alignment_by(places);
+    Scene scene = scene_of(given, unit, std::move(marks), alignment, options, progress);
+
+    const RegistrationStart coarse_start =
+        start ? start_from(*start, scene) : thin_plate_start(scene.coarse());
+    Refinement result;
+    result.inside_out =
+        is_inside_out(scene.coarse_source, scene.coarse_target, coarse_start.source);
+    if (result.inside_out) scene = with_target_normals_reversed(std::move(scene));
+
+    FoundMap found;
+    if (pose_is_known) {
+        progress.enter("registration");
+        found = registered(scene, coarse_start, start != nullptr, options, progress);
+    } else {
+        progress.enter("pose");
+        Pose pose = find_pose(scene.coarse(), options.pose, options.registration, progress);
+        auto rivals = describe_rivals(scene.coarse_source, scene.coarse_target, pose);
+        scene = with_target_moved(std::move(scene), pose.best.alignment);
+        progress.enter("registration");
+        found = found_by(std::move(pose), std::move(rivals));
+    }
+    result.alignment = composed(scene.source.placement.inverse(), scene.target.placement);
+    if (options.propose || !pose_is_known)
+        found.diagnostics.proposals =
+            proposals_for(found, scene, options.other_proposals, progress);
+    result.diagnostics =
+        found.diagnostics.with_rows(scene.coarse_source.cloud_rows, scene.coarse_target.cloud_rows);
+
+    progress.enter("lift");
+    const Registration& coarse = found.registration;
+    const Direction there = forward(scene), back = backward(scene);
+    const SceneImages images{images_of(there, scene.marks, coarse.source_points, progress),
+                             images_of(back, scene.marks, coarse.target_points, progress)};
+
+    progress.enter("product space");
+    ProductClouds product = product_clouds(scene, images, options.normal_weight);
+    result.pairs = paired(product, scene, progress);
+    result.source_product = std::move(product.source);
+    result.target_product = std::move(product.target);
+
+    progress.enter("landing");
+    result.source_images =
+        given_images(images.source.positions, result.pairs, scene.marks, there, progress);
+    result.target_images =
+        given_images(images.target.positions, result.pairs, scene.marks, back, progress);
+    for (const IndexPair& f : scene.marks.pinned) {
+        result.source_images.row(f.source) = target.positions.row(f.target);
+        result.target_images.row(f.target) = source.positions.row(f.source);
     }
     progress.finish();
     return result;

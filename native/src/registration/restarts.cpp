@@ -1,9 +1,12 @@
 #include "pointmorph/registration/restarts.hpp"
 
 #include <algorithm>
+#include <span>
 #include <utility>
 
 #include "pointmorph/base/assignment.hpp"
+#include "pointmorph/registration/misfit.hpp"
+#include "pointmorph/registration/thin_plate.hpp"
 
 namespace pointmorph {
 
@@ -11,7 +14,7 @@ namespace {
 
 /// Ends of long limbs, not all that sticks out: those are what a registration loses.
 UnmarkedExtremities unmarked(const CoarseShape& shape, std::span<const IndexPair> features,
-                             Index IndexPair::*side, const AttemptOptions& options,
+                             Index IndexPair::*side, const RestartOptions& options,
                              Progress& progress) {
     std::vector<Index> rows;
     for (const IndexPair& f : features) rows.push_back(f.*side);
@@ -19,15 +22,26 @@ UnmarkedExtremities unmarked(const CoarseShape& shape, std::span<const IndexPair
                                 options.extremities, progress);
 }
 
+/// The coarsest level with the extremities as features, the others without.
+Registration led_by(const CoarsePair& shapes, std::span<const IndexPair> extremities,
+                    const RegistrationStart& start, const RegistrationOptions& options,
+                    Progress& progress) {
+    std::vector<IndexPair> features(shapes.features.begin(), shapes.features.end());
+    features.insert(features.end(), extremities.begin(), extremities.end());
+    const Registration coarse = register_level({shapes.source, shapes.target, features}, 0, start,
+                                               options.levels.front(), options, progress);
+    return register_shapes(shapes, {coarse.source_points.positions, coarse.target_points.positions},
+                           options, progress, 1);
+}
+
 }  // namespace
 
-std::vector<IndexPair> tips_by_features(const CoarseShape& source, const CoarseShape& target,
-                                        std::span<const IndexPair> features,
-                                        const AttemptOptions& options, Progress& progress) {
+std::vector<IndexPair> extremities_by_features(const CoarsePair& shapes,
+                                               const RestartOptions& options, Progress& progress) {
     constexpr std::size_t kFewest = 3;
-    if (features.size() < kFewest) return {};
-    const auto s = unmarked(source, features, &IndexPair::source, options, progress),
-               t = unmarked(target, features, &IndexPair::target, options, progress);
+    if (shapes.features.size() < kFewest) return {};
+    const auto s = unmarked(shapes.source, shapes.features, &IndexPair::source, options, progress),
+               t = unmarked(shapes.target, shapes.features, &IndexPair::target, options, progress);
     Eigen::MatrixXd costs(s.distances.rows(), t.distances.rows());
     for (Eigen::Index i = 0; i < costs.rows(); ++i)
         for (Eigen::Index j = 0; j < costs.cols(); ++j) {
@@ -37,58 +51,47 @@ std::vector<IndexPair> tips_by_features(const CoarseShape& source, const CoarseS
                           options.offset_weight * std::abs(difference.mean());
         }
     std::vector<IndexPair> pairs;
-    for (const auto& [i, j] : cheapest_pairs(costs, options.tip_difference))
+    for (const auto& [i, j] : cheapest_pairs(costs, options.largest_difference))
         pairs.push_back({s.rows[to_size(i)], t.rows[to_size(j)]});
     return pairs;
 }
 
-Attempts register_best(const CoarseShape& source, const CoarseShape& target,
-                       std::span<const IndexPair> features, const std::string& start_name,
-                       Registration first, const AttemptOptions& options,
-                       const RegistrationOptions& registration, Progress& progress) {
+Restarts register_best(const CoarsePair& shapes, StartedRegistration first,
+                       const RestartOptions& options, const RegistrationOptions& registration,
+                       Progress& progress) {
     const auto torn = [&](const Registration& result) {
-        return torn_share(source, target, result, registration, progress);
+        return torn_share(shapes, result, registration, progress);
     };
-    Attempts attempts;
-    attempts.registration = std::move(first);
-    attempts.tried.push_back({start_name, torn(attempts.registration)});
-    if (attempts.tried.front().torn <= registration.most_torn) return attempts;
+    Restarts restarts;
+    restarts.registration = std::move(first.registration);
+    restarts.tried.push_back({std::move(first.start), torn(restarts.registration)});
+    if (restarts.tried.front().torn <= registration.most_torn) return restarts;
 
-    const NodeDistances distances = node_distances(source, target);
-    const auto last = static_cast<Index>(source.levels.size()) - 1;
+    const NodeDistances distances = node_distances(shapes.source, shapes.target);
+    const auto finest = static_cast<Index>(shapes.source.levels.size()) - 1;
     const auto energy = [&](const Registration& result) {
-        return registration_energy(source, target, last, result, distances, registration, progress);
+        return registration_misfit(shapes, finest, result, distances, registration, progress)
+            .energy();
     };
-    const auto score = [&](const Attempt& attempt) {
-        return attempt.energy * (1.0 + attempt.torn / registration.most_torn);
+    const auto score = [&](const Restart& restart) {
+        return restart.energy * (1.0 + restart.torn / registration.most_torn);
     };
-    attempts.tried.front().energy = energy(attempts.registration);
-    const auto consider = [&](const char* name, Registration result) {
-        attempts.tried.push_back({name, torn(result), energy(result)});
-        if (score(attempts.tried.back()) >= score(attempts.tried[attempts.taken])) return;
-        attempts.taken = attempts.tried.size() - 1;
-        attempts.registration = std::move(result);
-    };
-    const auto looks_wrong = [&] {
-        return attempts.tried[attempts.taken].torn > registration.most_torn;
+    restarts.tried.front().energy = energy(restarts.registration);
+    const auto consider = [&](const char* start, Registration result) {
+        restarts.tried.push_back({start, torn(result), energy(result)});
+        if (score(restarts.tried.back()) >= score(restarts.tried[restarts.taken])) return;
+        restarts.taken = restarts.tried.size() - 1;
+        restarts.registration = std::move(result);
     };
 
-    const RegistrationStart plate = thin_plate_start(source, target, features);
-    const auto tips = tips_by_features(source, target, features, options, progress);
-    if (!tips.empty()) {
-        std::vector<IndexPair> guided(features.begin(), features.end());
-        guided.insert(guided.end(), tips.begin(), tips.end());
-        const Registration coarse = register_level(
-            source, target, 0, guided, plate, registration.levels.front(), registration, progress);
-        consider("tips",
-                 register_shapes(source, target, features,
-                                 {coarse.source_points.positions, coarse.target_points.positions},
-                                 registration, progress, 1));
-    }
-    if (looks_wrong())
-        consider("fine", register_level(source, target, last, features, plate, options.fine,
-                                        registration, progress));
-    return attempts;
+    const RegistrationStart plate = thin_plate_start(shapes);
+    const auto extremities = extremities_by_features(shapes, options, progress);
+    if (!extremities.empty())
+        consider("tips", led_by(shapes, extremities, plate, registration, progress));
+    if (restarts.tried[restarts.taken].torn > registration.most_torn)
+        consider("fine",
+                 register_level(shapes, finest, plate, options.fine, registration, progress));
+    return restarts;
 }
 
 }  // namespace pointmorph

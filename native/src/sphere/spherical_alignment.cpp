@@ -57,7 +57,7 @@ double area_of(const SphericalMesh& mesh) {
 /// How much the map from the source through the sphere onto the target stretches: the mean of
 /// tr JᵀJ / D, which is 2 where angles are kept, and `area_weight` times D + 1/D, which is 2 where
 /// areas are; J, with D = det J, between triangles of the source and the triangles between where
-/// their corners land (after Schmidt et al. 2019).
+/// their corners go (after Schmidt et al. 2019).
 class Stretch {
 public:
     Stretch(const SphericalMesh& source, const SphericalMesh& target, double area_weight)
@@ -472,12 +472,13 @@ SphericalAlignment align_on_sphere(SphericalMesh& source, SphericalMesh& target,
                                "and right are not swapped, and that none lie on top of each "
                                "other.");
     // Extremities come as near as they can, and the descent may take them on from there.
-    if (const auto tips = paired_extremities(source, target, features, options.tips, progress);
-        !tips.empty()) {
+    if (const auto extremities =
+            paired_extremities(source, target, features, options.extremities, progress);
+        !extremities.empty()) {
         std::vector<IndexPair> all(features.begin(), features.end());
-        all.insert(all.end(), tips.begin(), tips.end());
-        meet(source, target, all, options.max_tip_steps, result.steps, progress);
-        result.tips = tips;
+        all.insert(all.end(), extremities.begin(), extremities.end());
+        meet(source, target, all, options.max_extremity_steps, result.steps, progress);
+        result.extremities = extremities;
     }
     result.energy = even_out_both(source, target, options.descent_rounds, 0.5, 0.9);
     return result;

@@ -152,7 +152,7 @@ TEST(Decomposition, FindsTipsThatCarryNoFeature) {
     ASSERT_EQ(cut.unmarked.distances.cols(), 3);
     EXPECT_GT(cut.unmarked.distances.minCoeff(), 0.5);
     DecompositionOptions none;
-    none.tips = 0;
+    none.extremities = 0;
     EXPECT_TRUE(shape.cut({shape.at(2, 0, 0), shape.at(0, 2, 0), shape.at(0, -2, 0)}, none)
                     .unmarked.rows.empty());
 }

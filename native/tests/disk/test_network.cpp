@@ -150,7 +150,7 @@ void expect_disks(const NamedNetwork& named, const MorphInput& input, Index genu
     }
 }
 
-/// Every point in a pair, features in theirs, and few neighbours torn apart, none of them
+/// Every point in a pair, features in theirs, and few neighbors torn apart, none of them
 /// because they lie on either side of a curve.
 void expect_whole(const Morph& morph, const std::vector<Feature>& features) {
     EXPECT_TRUE(checks::is_total(morph.pairs(), morph.source().size(), morph.target().size()));
@@ -273,7 +273,7 @@ TEST(Network, OpensTwoHandles) {
     options.decomposition.points = 3000;
     const Morph morph(input, options, progress);
     // Euler's number, with the tips that were taken in as features.
-    EXPECT_EQ(static_cast<Index>(input.features.size() + morph.report().tips.size()) -
+    EXPECT_EQ(static_cast<Index>(input.features.size() + morph.report().extremities.size()) -
                   static_cast<Index>(morph.report().curves.size()) + morph.report().patches,
               -2);
     expect_whole(morph, input.features);
@@ -399,7 +399,7 @@ TEST(Network, RefusesWhatItCantCut) {
     MorphInput few;
     few.source = few.target = cloud_of("ball", shapes::sphere(2000));
     few.features = {point_feature("a", 0, 0), point_feature("b", 1000, 1000)};
-    options.decomposition.tips = 0;
+    options.decomposition.extremities = 0;
     said = refusal<FeatureError>(few, options);
     EXPECT_NE(said.find("at least 3"), std::string::npos) << said;
 

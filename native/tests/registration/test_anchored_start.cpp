@@ -22,7 +22,7 @@ CoarseShape urchin(const std::vector<Vector3>& spikes, unsigned seed) {
 
 /// The node nearest to the end of each spike.
 std::vector<Index> ends(const CoarseShape& shape, const std::vector<Vector3>& spikes) {
-    const std::vector<Index>& nodes = shape.levels.front().nodes;
+    const std::vector<Index>& nodes = shape.levels.front().node_rows;
     std::vector<Index> result;
     for (const Vector3& spike : spikes) {
         const Eigen::RowVector3d end = (1.0 + 0.5 / spike.norm()) * spike.transpose();

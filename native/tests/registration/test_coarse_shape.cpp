@@ -22,12 +22,13 @@ TEST(CoarseShape, HoldsTheRequiredRowsFirstAtEveryLevel) {
     EXPECT_NEAR(shape.levels[0].size(), 50, 8);
     EXPECT_NEAR(shape.levels[1].size(), 200, 20);
     for (Index k = 0; k < 3; ++k) {
-        EXPECT_EQ(shape.rows[to_size(k)], required[to_size(k)]);
-        for (const DeformationGraph& level : shape.levels) EXPECT_EQ(level.nodes[to_size(k)], k);
+        EXPECT_EQ(shape.cloud_rows[to_size(k)], required[to_size(k)]);
+        for (const DeformationGraph& level : shape.levels)
+            EXPECT_EQ(level.node_rows[to_size(k)], k);
     }
     for (Index i = 0; i < shape.size(); ++i) {
-        EXPECT_EQ(shape.positions.row(i), p.row(shape.rows[to_size(i)]));
-        EXPECT_EQ(shape.normals.row(i), p.row(shape.rows[to_size(i)]));
+        EXPECT_EQ(shape.positions.row(i), p.row(shape.cloud_rows[to_size(i)]));
+        EXPECT_EQ(shape.normals.row(i), p.row(shape.cloud_rows[to_size(i)]));
     }
 }
 
@@ -38,10 +39,10 @@ TEST(CoarseShape, IsTheSameWhereNeighborsAreKnown) {
     const Neighborhoods nearest = nearest_neighbors(tree, 16, progress);
     const CoarseShape one = coarse_shape(tree, p, {}, {1500, {200}, {}}, progress);
     const CoarseShape same = coarse_shape(tree, p, {}, {1500, {200}, {}}, progress, &nearest);
-    EXPECT_EQ(same.rows, one.rows);
+    EXPECT_EQ(same.cloud_rows, one.cloud_rows);
     EXPECT_EQ(same.areas, one.areas);
     EXPECT_EQ(same.graph.neighbors, one.graph.neighbors);
-    EXPECT_EQ(same.levels.front().nodes, one.levels.front().nodes);
+    EXPECT_EQ(same.levels.front().node_rows, one.levels.front().node_rows);
 }
 
 TEST(CoarseShape, AreasAreThoseOfTheSurfaceHoweverUnevenTheCloud) {

@@ -46,52 +46,55 @@ Topology topology_of(std::vector<Index> sizes) {
     return topology;
 }
 
-TEST(Pieces, AreMatchedByPlaceAndSize) {
+TEST(Components, AreMatchedByPlaceAndSize) {
     const Topology s = topology_of({900, 50, 40}), t = topology_of({800, 60, 50, 50});
-    // The source's second piece is the target's third; the target's second is somewhere else.
+    // The source's second is the target's third; the target's second is somewhere else.
     const Positions source =
         together({ball(900, 1, 0, 0, 0), ball(50, 0.1, 0, 2, 0), ball(40, 0.1, 0, -2, 0)});
     const Positions target = together({ball(800, 1.1, 0, 0, 0), ball(60, 0.1, 5, 0, 0),
                                        ball(50, 0.12, 0, 2.1, 0), ball(50, 0.08, 0, -2.1, 0)});
-    const PieceMatching m = match_pieces({s, source, source}, {t, target, target}, {}, {});
+    const ComponentMatching m =
+        match_components({s, source, source, source}, {t, target, target, target}, {}, {});
     EXPECT_EQ(m.matched, (std::vector<IndexPair>{{0, 0}, {1, 2}, {2, 3}}));
     EXPECT_TRUE(m.source_alone.empty());
     EXPECT_EQ(m.target_alone, std::vector<Index>{1});
-    const auto words = pieces_in_words(m, s, "one", t, "two");
+    const std::string one = "one", two = "two";
+    const auto words = components_in_words(m, {s, one}, {t, two});
     ASSERT_EQ(words.size(), 2u);
     EXPECT_NE(words[0].find("3 pieces of one and two"), std::string::npos);
     EXPECT_NE(words[1].find("1 piece of two (60 points) has no counterpart"), std::string::npos);
 }
 
-TEST(Pieces, OfOtherSizesDontBelongTogether) {
+TEST(Components, OfOtherSizesDontBelongTogether) {
     const Topology s = topology_of({900, 100}), t = topology_of({900, 100});
     const Positions source = together({ball(900, 1, 0, 0, 0), ball(100, 0.1, 0, 2, 0)});
     const Positions target = together({ball(900, 1, 0, 0, 0), ball(100, 0.5, 0, 2, 0)});
-    const PieceMatching m = match_pieces({s, source, source}, {t, target, target}, {}, {});
+    const ComponentMatching m =
+        match_components({s, source, source, source}, {t, target, target, target}, {}, {});
     EXPECT_EQ(m.matched.size(), 1u);
     EXPECT_EQ(m.source_alone, std::vector<Index>{1});
 }
 
-TEST(Pieces, OfAMorphKeepToThemselves) {
+TEST(Components, OfAMorphKeepToThemselves) {
     MorphInput input;
     input.source = {"one", creature(2.0, 0.2, 0.9), {}, {}, {}};
     input.target = {
         "two", (creature(2.3, 0.15, 1.1) * 3.0 * shapes::rotation(5).transpose()), {}, {}, {}};
     Progress progress;
     const Morph morph(std::move(input), {}, progress);
-    const auto piece = [](Index row) { return row < kBody ? 0 : row < kBody + kEye ? 1 : 2; };
+    const auto component = [](Index row) { return row < kBody ? 0 : row < kBody + kEye ? 1 : 2; };
     for (const auto& [s, t] : morph.pairs())
-        EXPECT_EQ(piece(s) == 0, piece(t) == 0) << s << " with " << t;
+        EXPECT_EQ(component(s) == 0, component(t) == 0) << s << " with " << t;
     // A left eye is an eye of one side, all of it.
     std::array<std::array<int, 3>, 3> counts{};
-    for (const auto& [s, t] : morph.pairs()) ++counts[to_size(piece(s))][to_size(piece(t))];
+    for (const auto& [s, t] : morph.pairs()) ++counts[to_size(component(s))][to_size(component(t))];
     for (std::size_t eye : {1u, 2u})
         EXPECT_EQ(std::min(counts[eye][1], counts[eye][2]), 0) << "eye " << eye;
     EXPECT_EQ(morph.report().source_topology.components.size(), 3u);
     EXPECT_FALSE(morph.report().warnings.empty());
 }
 
-TEST(Pieces, WithoutACounterpartAreJoined) {
+TEST(Components, WithoutACounterpartAreJoined) {
     SKIP_WHERE_WATCHED();
     MorphInput input;
     input.source = {"one", creature(2.0, 0.2, 0.9), {}, {}, {}};

@@ -25,7 +25,7 @@ struct Ball {
         Deformation d;
         d.positions.resize(graph.size(), 3);
         for (Index k = 0; k < graph.size(); ++k)
-            d.positions.row(k) = positions.row(graph.nodes[to_size(k)]);
+            d.positions.row(k) = positions.row(graph.node_rows[to_size(k)]);
         fit_similarities(positions, graph, 2, 3.0, d);
         return d;
     }
@@ -43,7 +43,7 @@ TEST(Deformation, EveryPointHangsOnNearNodes) {
         for (std::size_t k = 0; k < kNodesPerPoint; ++k) {
             EXPECT_GE(ball.graph.point_weights[to_size(i)][k], 0.0);
             sum += ball.graph.point_weights[to_size(i)][k];
-            const Index row = ball.graph.nodes[to_size(ball.graph.point_nodes[to_size(i)][k])];
+            const Index row = ball.graph.node_rows[to_size(ball.graph.point_nodes[to_size(i)][k])];
             EXPECT_LT((ball.positions.row(row) - ball.positions.row(i)).norm(),
                       2.4 * ball.graph.spacing);
         }
@@ -91,7 +91,7 @@ TEST(Deformation, ScalesStayWithinTheirLimits) {
     for (const Matrix3& r : d.rotations) EXPECT_NEAR(r.determinant(), 1.0, 1e-9);
 }
 
-TEST(Deformation, TheSolverMinimisesItsEnergy) {
+TEST(Deformation, TheSolverMinimizesItsEnergy) {
     const Ball ball(400, 40);
     Deformation d = ball.at_rest();
     d.positions += 0.1 * shapes::cube_noise(ball.graph.size());
@@ -106,7 +106,7 @@ TEST(Deformation, TheSolverMinimisesItsEnergy) {
     const Index count = ball.graph.size();
     const auto linear = [&](Index k) { return d.scales[k] * d.rotations[to_size(k)]; };
     const auto rest = [&](Index k) -> Vector3 {
-        return ball.positions.row(ball.graph.nodes[to_size(k)]).transpose();
+        return ball.positions.row(ball.graph.node_rows[to_size(k)]).transpose();
     };
     Eigen::MatrixXd normal = 1e-9 * Eigen::MatrixXd::Identity(count, count);
     Eigen::MatrixXd right = Eigen::MatrixXd::Zero(count, 3);

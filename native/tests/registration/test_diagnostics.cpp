@@ -18,7 +18,7 @@ Diagnostics some() {
                      .source = 1,
                      .target = 3,
                      .rival_target = 0}};
-    found.proposals = {{.source = 2, .target = 1, .confidence = 0.75, .is_tip = true}};
+    found.proposals = {{.source = 2, .target = 1, .confidence = 0.75, .is_extremity = true}};
     found.starts = {{"pose", 0.1, 2.0}, {"tips", 0.2, 3.0}};
     found.start_taken = 1;
     return found;

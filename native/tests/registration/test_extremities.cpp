@@ -8,7 +8,6 @@
 #include <numeric>
 #include <random>
 
-#include "pointmorph/registration/registration.hpp"
 #include "shapes.hpp"
 
 namespace pointmorph {
@@ -60,7 +59,7 @@ TEST(Extremities, ArePairedWhereTheMapTakesThem) {
     const auto a = extremities(source, node_distances(source), {});
     const auto b = extremities(target, node_distances(target), {});
     const auto pairs =
-        paired_extremities(source, target, source.positions, target.positions, a, b, {});
+        paired_extremities({source, source.positions, a}, {target, target.positions, b}, {});
     std::vector<Vector3> paired;
     for (const ExtremityPair& p : pairs) {
         paired.push_back(source.positions.row(a[to_size(p.source)].point));

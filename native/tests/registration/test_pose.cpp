@@ -49,7 +49,7 @@ CoarseShape egg(Index count, double bump, unsigned seed, const Matrix3& turn,
 
 Pose found(const CoarseShape& source, const CoarseShape& target) {
     Progress progress;
-    return find_pose(source, target, {}, {}, {}, progress);
+    return find_pose({source, target}, {}, {}, progress);
 }
 
 TEST(Pose, SymmetricShapesAreAmbiguousAndTheRivalsAreNamed) {
@@ -81,7 +81,7 @@ TEST(Pose, OneMarkSettlesAnAmbiguousShapeEitherWay) {
         const CoarseShape target = egg(2200, 0.0, 2, turn, {side * end});
         const std::vector<IndexPair> mark{{0, 0}};
         Progress progress;
-        const Pose pose = find_pose(source, target, mark, {}, {}, progress);
+        const Pose pose = find_pose({source, target, mark}, {}, {}, progress);
         const Positions images =
             pose.best.alignment.inverse().apply(pose.best.registration.source_points.positions);
         const Values along = (images * turn).col(0), truth = side * source.positions.col(0);
@@ -107,7 +107,8 @@ Positions two_sided(Index count, unsigned seed, Normals* normals) {
 
 TEST(Pose, IsTheSameToTheBitForAnyNumberOfThreads) {
     SKIP_WHERE_WATCHED();
-    Normals source_normals, target_normals;  // limbs, so that tips are varied and anchor trials
+    Normals source_normals,
+        target_normals;  // limbs, so that extremities are varied and anchor trials
     const Positions source_positions = two_sided(3000, 3, &source_normals),
                     target_positions = two_sided(3000, 4, &target_normals);
     const CoarseShape source = coarse(source_positions, source_normals),
@@ -167,7 +168,7 @@ TEST(Pose, EndsWhenAskedTo) {
         EXPECT_THROW(
             {
                 progress.enter("pose");
-                find_pose(shape, shape, {}, {}, {}, progress);
+                find_pose({shape, shape}, {}, {}, progress);
             },
             Cancelled);
     }
@@ -194,9 +195,9 @@ TEST(Symmetry, LeftIsTakenToRightHoweverTheShapeLies) {
         ASSERT_EQ(symmetry.images.rows(), shape.positions.rows());
         const Positions truth = other_side(shape.positions * turn) * turn.transpose();
         EXPECT_LT((symmetry.images - truth).rowwise().norm().mean(), 0.02);
-        EXPECT_LT(
-            (symmetry.turn - turn * Vector3(1.0, -1.0, 1.0).asDiagonal() * turn.transpose()).norm(),
-            0.1);
+        EXPECT_LT((symmetry.linear - turn * Vector3(1.0, -1.0, 1.0).asDiagonal() * turn.transpose())
+                      .norm(),
+                  0.1);
     }
 }
 
@@ -228,7 +229,7 @@ TEST(Symmetry, FlatShapesDoNoHarm) {
         const Normals up = Eigen::RowVector3d(0, 0, 1).replicate(sheet.rows(), 1);
         const Symmetry symmetry = symmetry_of(coarse(sheet, up));
         EXPECT_TRUE(symmetry.images.allFinite());
-        EXPECT_TRUE(symmetry.turn.allFinite());
+        EXPECT_TRUE(symmetry.linear.allFinite());
     }
 }
 
@@ -238,7 +239,7 @@ TEST(Symmetry, AsymmetryIsHowFarSidesAreTakenApart) {
     const Positions& x = shape.positions;
     Symmetry exact;
     exact.images = other_side(x);
-    exact.turn = Vector3(1.0, -1.0, 1.0).asDiagonal();
+    exact.linear = Vector3(1.0, -1.0, 1.0).asDiagonal();
     exact.trust = 1.0;
     const std::array<Symmetry, 2> both{exact, exact};
     constexpr double kFar = 0.2;
@@ -276,11 +277,11 @@ TEST(Pose, AMapCostsMoreForSidesThatItTreatsDifferently) {
                       target = coarse(target_positions, target_normals);
     Progress progress;
     PoseOptions options;
-    const Candidate with = find_pose(source, target, {}, options, {}, progress).best;
+    const Candidate with = find_pose({source, target}, options, {}, progress).best;
     EXPECT_GT(with.energy, with.misfit.energy());
     EXPECT_LT(with.energy, 1.2 * with.misfit.energy());
     options.symmetry.weight = 0.0;
-    const Candidate without = find_pose(source, target, {}, options, {}, progress).best;
+    const Candidate without = find_pose({source, target}, options, {}, progress).best;
     EXPECT_EQ(without.energy, without.misfit.energy());
 }
 
@@ -303,7 +304,7 @@ TEST(Pose, AMapCostsMoreForItsTears) {
     options.as_given = 1.0;
     for (const double weight : {0.0, 1e6}) {
         options.tear_weight = weight;
-        const Pose pose = find_pose(source, target, {}, options, {}, progress);
+        const Pose pose = find_pose({source, target}, options, {}, progress);
         ASSERT_FALSE(pose.rivals.empty());
         EXPECT_DOUBLE_EQ(pose.margin, pose.rivals.front().cost / pose.best.cost);
         EXPECT_GE(pose.margin, 1.0);

@@ -21,26 +21,28 @@ Trial shifted(double energy, double offset) {
     return trial;
 }
 
-TEST(PoseTrials, AWayIsTheBestTwoOfTheTrialsThatLieTogether) {
+TEST(PoseTrials, AClusterHoldsTheBestTwoOfTheTrialsThatLieTogether) {
     const std::vector<Trial> trials{shifted(1.00, 0.0),  shifted(1.05, 0.05), shifted(1.06, 0.1),
                                     shifted(1.10, 0.5),  shifted(1.12, 0.55), shifted(1.20, 1.0),
                                     shifted(1.25, -0.1), shifted(1.26, 1.5),  shifted(1.40, 1.0)};
-    const auto at = [&](const Way& way, std::size_t k) { return way[k] - trials.data(); };
-    const std::vector<Way> ways = ways_of(trials, 1.3, 2);
-    ASSERT_EQ(ways.size(), 3u);  // the fourth is one too many, the last too bad
-    ASSERT_EQ(ways[0].size(), 2u);
-    EXPECT_EQ(at(ways[0], 0), 0);
-    EXPECT_EQ(at(ways[0], 1), 1);
-    ASSERT_EQ(ways[1].size(), 2u);
-    EXPECT_EQ(at(ways[1], 0), 3);
-    EXPECT_EQ(at(ways[1], 1), 4);
-    ASSERT_EQ(ways[2].size(), 1u);
-    EXPECT_EQ(at(ways[2], 0), 5);
+    const auto at = [&](const PoseCluster& cluster, std::size_t k) {
+        return cluster[k] - trials.data();
+    };
+    const std::vector<PoseCluster> clusters = pose_clusters(trials, 1.3, 2);
+    ASSERT_EQ(clusters.size(), 3u);  // the fourth is one too many, the last too bad
+    ASSERT_EQ(clusters[0].size(), 2u);
+    EXPECT_EQ(at(clusters[0], 0), 0);
+    EXPECT_EQ(at(clusters[0], 1), 1);
+    ASSERT_EQ(clusters[1].size(), 2u);
+    EXPECT_EQ(at(clusters[1], 0), 3);
+    EXPECT_EQ(at(clusters[1], 1), 4);
+    ASSERT_EQ(clusters[2].size(), 1u);
+    EXPECT_EQ(at(clusters[2], 0), 5);
 
-    EXPECT_EQ(ways_of(trials, 1.3, 0).size(), 1u);
-    EXPECT_EQ(ways_of(trials, 1.01, 2).size(), 1u);
-    EXPECT_EQ(ways_of(trials, 1.3, 9).size(), 4u);
-    EXPECT_TRUE(ways_of({}, 1.3, 2).empty());
+    EXPECT_EQ(pose_clusters(trials, 1.3, 0).size(), 1u);
+    EXPECT_EQ(pose_clusters(trials, 1.01, 2).size(), 1u);
+    EXPECT_EQ(pose_clusters(trials, 1.3, 9).size(), 4u);
+    EXPECT_TRUE(pose_clusters({}, 1.3, 2).empty());
 }
 
 TEST(PoseTrials, ALimbThatLiesElsewhereMakesMapsDiffer) {
@@ -53,7 +55,7 @@ TEST(PoseTrials, ALimbThatLiesElsewhereMakesMapsDiffer) {
     EXPECT_EQ(difference(plain, limb), difference(limb, plain));
 }
 
-TEST(PoseTrials, AnchorsAreTheFeaturesAndThoseTipsThatNoneOfThemSitsOn) {
+TEST(PoseTrials, AnchorsAreTheFeaturesAndThoseExtremitiesThatNoneOfThemSitsOn) {
     CoarseShape shape;  // six points, two to a node
     for (const Index node : {0, 0, 1, 1, 2, 2}) {
         if (shape.levels.empty()) shape.levels.emplace_back();
@@ -97,14 +99,14 @@ TEST(PoseTrials, AnchorsBringShapesTogetherThatLieTheOtherWayRound) {
     NodeDistances distances = node_distances(source, target);
     std::vector<Extremity> source_tips = extremities(source, distances[0], options.extremities),
                            target_tips = extremities(target, distances[1], options.extremities);
-    Tips tips;
+    ExtremityMatches matches;
     for (std::size_t i = 0; i < source_tips.size(); ++i)
         for (std::size_t j = 0; j < target_tips.size(); ++j)
             if ((turn * source.positions.row(source_tips[i].point).transpose() -
                  target.positions.row(target_tips[j].point).transpose())
                     .norm() < 0.1)
-                tips.push_back({static_cast<Index>(i), static_cast<Index>(j)});
-    ASSERT_GE(tips.size(), 5u);
+                matches.push_back({static_cast<Index>(i), static_cast<Index>(j)});
+    ASSERT_GE(matches.size(), 5u);
     const PoseSearch search{thinned_shape(source, source_tips, options.points, progress),
                             thinned_shape(target, target_tips, options.points, progress),
                             distances,
@@ -114,7 +116,7 @@ TEST(PoseTrials, AnchorsBringShapesTogetherThatLieTheOtherWayRound) {
                             registration};
     const auto error = [&](bool anchored) {
         std::vector<Trial> trials;
-        try_starts(search, {{Similarity{}, tips, anchored}}, trials, progress, 0.0, 1.0);
+        try_starts(search, {{Similarity{}, matches, anchored}}, trials, progress);
         const Positions truth = search.source.thin.positions * turn.transpose();
         return (trials.front().registration.source_points.positions - truth)
             .rowwise()
@@ -122,7 +124,7 @@ TEST(PoseTrials, AnchorsBringShapesTogetherThatLieTheOtherWayRound) {
             .mean();
     };
     EXPECT_LT(error(true), 0.03);
-    EXPECT_GT(error(false), 0.1);  // drawn together, the tips turn it inside out
+    EXPECT_GT(error(false), 0.1);  // drawn together, the extremities turn it inside out
 }
 
 }  // namespace

@@ -24,7 +24,7 @@ Index brute_force(const ProductPoints& points, Index i, const ProductPoints& oth
 TEST(ProductSpace, RowsHoldBothPlacesAndNormals) {
     const Positions a = shapes::cube_noise(5, 1), b = shapes::cube_noise(5, 2),
                     c = shapes::cube_noise(5, 3), d = shapes::cube_noise(5, 4);
-    const ProductPoints p = product_points(a, b, c, d, 0.5);
+    const ProductPoints p = product_points({a, c}, {b, d}, 0.5);
     ASSERT_EQ(p.rows(), 5);
     for (Index k = 0; k < 5; ++k) {
         EXPECT_EQ(p.row(k).segment<3>(0), a.row(k));

@@ -54,8 +54,9 @@ TEST(Prolongation, FollowsASmoothMapAndReproducesCoarsePoints) {
         EXPECT_LT((all.positions.row(i) - bend(f.positions.row(i))).norm(),
                   0.3 * 4.0 * spacing * spacing);
     for (Index c = 0; c < f.shape.size(); ++c)
-        EXPECT_LT((all.positions.row(f.shape.rows[to_size(c)]) - coarse.positions.row(c)).norm(),
-                  0.01 * spacing);
+        EXPECT_LT(
+            (all.positions.row(f.shape.cloud_rows[to_size(c)]) - coarse.positions.row(c)).norm(),
+            0.01 * spacing);
 }
 
 TEST(Prolongation, ThinSheetsDoNotMix) {

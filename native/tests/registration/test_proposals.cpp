@@ -48,10 +48,14 @@ TEST(Proposals, AreTheSameSpikesOfBothUrchins) {
     const Matrix3 turn = shapes::rotation(5);
     const CoarseShape source = urchin(1, Matrix3::Identity()), target = urchin(2, turn);
     Progress progress;
-    const Pose pose = find_pose(source, target, {}, {}, {}, progress);
+    const Pose pose = find_pose({source, target}, {}, {}, progress);
     const CoarseShape there = moved(target, pose.best.alignment);
-    const auto proposals = propose_features(source, there, pose.best.registration, pose.source_tips,
-                                            pose.target_tips, {}, pose.confidence, 3, progress);
+    const auto proposals = propose_features({{source, there},
+                                             pose.best.registration,
+                                             pose.source_extremities,
+                                             pose.target_extremities,
+                                             pose.confidence},
+                                            3, progress);
     std::set<std::size_t> matched;
     for (const Proposal& proposal : proposals) {
         EXPECT_GT(proposal.confidence, 0.0);
@@ -61,10 +65,10 @@ TEST(Proposals, AreTheSameSpikesOfBothUrchins) {
         const Vector3 other = turn.transpose() * target.positions.row(proposal.target).transpose();
         EXPECT_LT((here - other).norm(), 0.12);
         for (std::size_t k = 0; k < spikes().size(); ++k)
-            if (proposal.is_tip && (here - end_of(k) / 2.9).norm() < 0.06) matched.insert(k);
+            if (proposal.is_extremity && (here - end_of(k) / 2.9).norm() < 0.06) matched.insert(k);
     }
     EXPECT_EQ(matched.size(), spikes().size());
-    EXPECT_TRUE(std::ranges::any_of(proposals, [](const Proposal& p) { return !p.is_tip; }));
+    EXPECT_TRUE(std::ranges::any_of(proposals, [](const Proposal& p) { return !p.is_extremity; }));
 }
 
 TEST(Proposals, LeaveFeaturesAloneAndNoRowTwice) {
@@ -73,10 +77,10 @@ TEST(Proposals, LeaveFeaturesAloneAndNoRowTwice) {
     ASSERT_FALSE(tips.empty());
     Progress progress;
     const Registration same =
-        register_shapes(shape, shape, {}, {shape.positions, shape.positions}, {}, progress);
+        register_shapes({shape, shape}, {shape.positions, shape.positions}, {}, progress);
     const std::vector<IndexPair> features{{tips[0].point, tips[0].point}};
     const auto proposals =
-        propose_features(shape, shape, same, tips, tips, features, 1.0, 5, progress);
+        propose_features({{shape, shape, features}, same, tips, tips, 1.0}, 5, progress);
     EXPECT_GE(proposals.size(), tips.size() - 1);
     std::set<Index> sources{features[0].source}, targets{features[0].target};
     for (const Proposal& proposal : proposals) {

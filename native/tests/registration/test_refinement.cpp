@@ -93,9 +93,11 @@ struct Animals {
                 {nearest_row(source_directions, m), nearest_row(target_directions, m)});
     }
 
+    RefinementCloud source_cloud() const { return {source.positions, source.normals}; }
+    RefinementCloud target_cloud() const { return {target.positions, target.normals}; }
+
     Refinement refined(Progress& progress) const {
-        return refine(source.positions, source.normals, target.positions, target.normals,
-                      as_features(features), {}, progress);
+        return refine(source_cloud(), target_cloud(), as_features(features), {}, progress);
     }
 
     /// Mean distance of the source's images from where their direction lies on the target, in
@@ -134,7 +136,7 @@ TEST(Refinement, FollowsALegThatSwings) {
     const Refinement r = animals.refined(progress);
     expect_complete(r, 4000, 3000);
     EXPECT_LT(animals.error(r, 0.8), 0.025);
-    // Continuous: neighbours stay neighbours.
+    // Continuous: neighbors stay neighbors.
     const auto near = nearest_neighbors(KdTree<3>(animals.source.positions), 4, progress);
     std::vector<double> stretch;
     for (Index i = 0; i < near.size(); ++i)
@@ -210,8 +212,8 @@ TEST(Refinement, StartsFromAnEarlierMap) {
     const Refinement first = animals.refined(progress);
     const RefinementStart start{first.source_images, first.target_images};
     const auto again = [&](std::span<const IndexPair> features, Progress& watched) {
-        return refine(animals.source.positions, animals.source.normals, animals.target.positions,
-                      animals.target.normals, as_features(features), {}, watched, &start);
+        return refine(animals.source_cloud(), animals.target_cloud(), as_features(features), {},
+                      watched, &start);
     };
     Progress watched;
     const Refinement r = again(std::span(animals.features).first(1), watched);
@@ -239,9 +241,8 @@ TEST(Refinement, FewMarksDontPullAnEarlierMapAway) {
     ASSERT_LT(animals.error(first, kBend), 0.03);
     const RefinementStart start{first.source_images, first.target_images};
     const std::vector<IndexPair> few{animals.features[3], animals.features[6], animals.features[7]};
-    const Refinement again =
-        refine(animals.source.positions, animals.source.normals, animals.target.positions,
-               animals.target.normals, as_features(few), {}, progress, &start);
+    const Refinement again = refine(animals.source_cloud(), animals.target_cloud(),
+                                    as_features(few), {}, progress, &start);
     EXPECT_LT(animals.error(again, kBend), 1.3 * animals.error(first, kBend));
 }
 
@@ -252,9 +253,8 @@ TEST(Refinement, AnEarlierMapThatContradictsTheFeaturesIsNotUsed) {
     RefinementStart exchanged{fresh.source_images, fresh.target_images};  // head for tail
     exchanged.source_images.leftCols(2) *= -1.0;
     exchanged.target_images.leftCols(2) *= -1.0;
-    const Refinement r =
-        refine(animals.source.positions, animals.source.normals, animals.target.positions,
-               animals.target.normals, as_features(animals.features), {}, progress, &exchanged);
+    const Refinement r = refine(animals.source_cloud(), animals.target_cloud(),
+                                as_features(animals.features), {}, progress, &exchanged);
     EXPECT_EQ(r.source_images, fresh.source_images);
     EXPECT_EQ(r.pairs, fresh.pairs);
 }
@@ -275,7 +275,7 @@ TEST(Refinement, OpenPatchesGenusOneAndSeveralPartsGoThrough) {
     Progress progress;
     const auto run = [&](const Positions& s, const Normals& sn, const Positions& t,
                          const Normals& tn, std::vector<IndexPair> features) {
-        expect_complete(refine(s, sn, t, tn, as_features(features), {}, progress),
+        expect_complete(refine({s, sn}, {t, tn}, as_features(features), {}, progress),
                         static_cast<Index>(s.rows()), static_cast<Index>(t.rows()));
     };
     const Positions half = shapes::sphere(600, 0.0), flat = shapes::grid(25);
@@ -307,12 +307,13 @@ TEST(Refinement, HopelessCloudsStillGiveFiniteMaps) {
     for (const Positions& p : {line, doubled, same, noise})
         for (const Positions& q : {line, doubled, same, noise})
             for (const std::size_t count : {0u, 1u, 3u})
-                expect_complete(refine(p, up, q, up, as_features(std::span(features).first(count)),
-                                       {}, progress),
+                expect_complete(refine({p, up}, {q, up},
+                                       as_features(std::span(features).first(count)), {}, progress),
                                 40, 40);
-    for (const Index few : {1, 2, 5})
-        expect_complete(refine(noise.topRows(few), up.topRows(few), noise, up, {}, {}, progress),
-                        few, 40);
+    for (const Index few : {1, 2, 5}) {
+        const Positions some = noise.topRows(few), some_up = up.topRows(few);
+        expect_complete(refine({some, some_up}, {noise, up}, {}, {}, progress), few, 40);
+    }
 }
 
 TEST(Refinement, EndsWhenAskedTo) {

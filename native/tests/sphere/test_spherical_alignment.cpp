@@ -91,7 +91,7 @@ TEST(SphericalAlignment, EveningOutBringsPlacesNearerToWhereTheyBelong) {
         Limbed source(4000, 1), target(3500, 2);
         SphericalAlignmentOptions options;
         options.descent_rounds = rounds;
-        options.tips = 0;
+        options.extremities = 0;
         Progress progress;
         align_on_sphere(source.mesh, target.mesh, first_nodes(3), options, progress);
         return misfit(source, target, Matrix3::Identity());

@@ -57,7 +57,7 @@ struct Normalization {
 Normalization normalization(const Positions& positions);
 
 /// Rows in the order of a Morton curve through the bounding box; points of one cell by x, y, z.
-/// Neighbours in space become neighbours in memory, and all that is computed in this order
+/// Neighbors in space become neighbors in memory, and all that is computed in this order
 /// doesn't depend on the order in which the points were given.
 std::vector<Index> spatial_order(const Positions& positions);
 
@@ -67,6 +67,13 @@ Array gather(const Array& rows, std::span<const Index> order) {
     Array result(static_cast<Eigen::Index>(order.size()), rows.cols());
     for (std::size_t i = 0; i < order.size(); ++i)
         result.row(static_cast<Eigen::Index>(i)) = rows.row(order[i]);
+    return result;
+}
+template <class T>
+std::vector<T> gather(const std::vector<T>& rows, std::span<const Index> order) {
+    std::vector<T> result;
+    result.reserve(order.size());
+    for (const Index i : order) result.push_back(rows[to_size(i)]);
     return result;
 }
 

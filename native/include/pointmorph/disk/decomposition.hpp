@@ -31,7 +31,7 @@ struct DecompositionOptions {
     /// Rounds of straightening: more make the curve shorter, fewer keep it closer to the guide.
     Index straightening = 12;
     /// Unmarked extremities to look for at the most; 0 for none.
-    Index tips = 12;
+    Index extremities = 12;
     /// The smallest share of the points that a patch may have; 0 to 0.5.
     double smallest_share = 0.02;
 };

@@ -39,7 +39,7 @@ public:
     /// Throws the errors of all stages, and Cancelled.
     Morph(MorphInput input, const MorphOptions& options, Progress& progress);
     /// A morph that was found earlier, from what it left: both clouds with normals and radii, its
-    /// pairs, and where all points land (rows as in the clouds; empty: at their partners' mean).
+    /// pairs, and where all points go (rows as in the clouds; empty: at their partners' mean).
     /// There is no domain, and nothing to report. Throws CloudError.
     Morph(Cloud source, Cloud target, Pairing pairs, RefinementStart images,
           const MorphOptions& options);
@@ -60,7 +60,7 @@ public:
     const BoundaryLoop& source_boundary() const noexcept { return source_boundary_; }
     const BoundaryLoop& target_boundary() const noexcept { return target_boundary_; }
 
-    /// Where every source point lands on the target, #source by 3: smooth, not snapped to samples.
+    /// Where every source point goes on the target, #source by 3: smooth, not snapped to samples.
     Positions source_to_target(Progress& progress) const;
     Positions target_to_source(Progress& progress) const;
 
@@ -74,7 +74,7 @@ public:
     const Path<Scalar>& path() const;
 
     /// The in-between cloud at t along the paths of `options().path`, a row a pair of `pairs()`; at
-    /// t = 0 and t = 1 the inputs' own numbers. Colours and radii change linearly on any path. What
+    /// t = 0 and t = 1 the inputs' own numbers. Colors and radii change linearly on any path. What
     /// path() says of spans and errors holds here. What bends is prepared when first asked for.
     template <class Scalar>
     void frame(double t, const FrameView<Scalar>& out) const;
@@ -83,8 +83,8 @@ public:
     const Resampling& resampling(Progress& progress) const;
 
     /// frame(t) with new points where it would show cracks, which come and go with their radius;
-    /// their colours and radii are those of the pairs around. Rows of pairs are frame(t)'s own,
-    /// unless they are hidden (`ResamplingOptions::crowding`). Neighbouring frames may be asked for
+    /// their colors and radii are those of the pairs around. Rows of pairs are frame(t)'s own,
+    /// unless they are hidden (`ResamplingOptions::crowding`). Neighboring frames may be asked for
     /// in any order.
     template <class Scalar>
     ResampledFrame<Scalar> resampled_frame(double t, Progress& progress) const;

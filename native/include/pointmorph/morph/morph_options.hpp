@@ -52,7 +52,7 @@ struct MorphOptions {
     PairingOptions pairing;
     TransferOptions transfer;
     RefinementOptions refinement;
-    PieceOptions pieces;
+    ComponentOptions components;
     PathKind path = PathKind::kLinear;
     ResamplingOptions resampling;
     /// OpenMP threads; 0 takes all. The result doesn't depend on it.

@@ -44,7 +44,7 @@ struct RouteFacts {
     std::vector<std::array<std::string, 2>> curves;
     Index patches = 0;
     /// Unmarked extremities that were paired; see Decomposition.
-    Pairing tips;
+    Pairing extremities;
 };
 
 /// Rows are given rows.

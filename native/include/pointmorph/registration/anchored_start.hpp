@@ -13,8 +13,8 @@ namespace pointmorph {
 constexpr std::size_t kFewestAnchors = 4;
 
 /// Takes every point to the place that lies as far from each anchor along the surface as it does,
-/// each distance over the mean of those from that anchor to the others. So bends don't matter (Elad
-/// and Kimmel, On bending invariant signatures for surfaces, 2003), nor how the shapes lie in
+/// each distance over the mean of those from that anchor to the others. So bending doesn't matter
+/// (Elad and Kimmel, On bending invariant signatures for surfaces, 2003), nor how the shapes lie in
 /// space, and proportions not much. The two sides of a limb come to lie on its axis.
 /// `distances` are node_distances() of both shapes; `anchors` are nodes of the coarsest level that
 /// belong together, `kFewestAnchors` or more.

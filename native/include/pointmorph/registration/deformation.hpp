@@ -31,8 +31,8 @@ struct DeformationPattern {
 
 /// Nodes of a cloud, which of them each point hangs on, and which hold one another.
 struct DeformationGraph {
-    std::vector<Index> nodes;  ///< rows of the cloud
-    double spacing = 0.0;      ///< distance between nodes that is about the smallest there is
+    std::vector<Index> node_rows;  ///< of each node: the cloud's row that it sits on
+    double spacing = 0.0;          ///< distance between nodes that is about the smallest there is
 
     /// Each point's geodesically nearest nodes, ascending by distance, and their weights, ≥ 0 and
     /// of sum 1. Where there are fewer, the rest repeats the first with weight 0.
@@ -47,7 +47,7 @@ struct DeformationGraph {
     /// Of all the above; shared by all deformations.
     std::shared_ptr<const DeformationPattern> pattern;
 
-    Index size() const { return static_cast<Index>(nodes.size()); }
+    Index size() const { return static_cast<Index>(node_rows.size()); }
     Index points() const { return static_cast<Index>(point_nodes.size()); }
 };
 
@@ -102,7 +102,7 @@ class DeformationSolver {
 public:
     DeformationSolver(const Positions& positions, const DeformationGraph& graph);
 
-    /// Sets up and factorises the matrix, which depends on points and weights alone.
+    /// Sets up and factorizes the matrix, which depends on points and weights alone.
     void factorize(double stiffness, std::span<const Attraction> attractions);
 
     /// New positions of the nodes for the present rotations and scales; the attractions and

@@ -27,7 +27,7 @@ struct Diagnostics {
     std::vector<Rival> rivals;
     std::vector<Proposal> proposals;
     /// What the registration was started from, and which of these was taken.
-    std::vector<Attempt> starts;
+    std::vector<Restart> starts;
     std::size_t start_taken = 0;
 
     /// The same for clouds in which row i is now `source_rows[i]`, or `target_rows[i]`.

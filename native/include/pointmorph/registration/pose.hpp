@@ -10,16 +10,17 @@
 #include "pointmorph/cloud/similarity.hpp"
 #include "pointmorph/registration/coarse_shape.hpp"
 #include "pointmorph/registration/extremities.hpp"
+#include "pointmorph/registration/misfit.hpp"
 #include "pointmorph/registration/pose_symmetry.hpp"
 #include "pointmorph/registration/registration.hpp"
 
 namespace pointmorph {
 
-/// How widely ways to pair the tips are searched.
+/// How widely ways to pair the extremities are searched.
 struct PoseEffort {
-    Index variants;  ///< that each of the best maps is tried with …
-    Index rounds;    ///< … so often, or until nothing better is found
-    double hopeful;  ///< maps that are worse than the best by this factor aren't varied further
+    Index variants;    ///< that each of the best maps is tried with …
+    Index rounds;      ///< … so often, or until nothing better is found
+    double promising;  ///< maps that are worse than the best by this factor aren't varied further
 };
 
 struct PoseOptions {
@@ -33,47 +34,70 @@ struct PoseOptions {
     /// level and compared there …
     Index finalists = 4;
     Index semifinalists = 8;  ///< … out of so many that were registered for longer
-    /// Up to so many that lay the shapes onto each other quite another way are among those, if
-    /// they fit nearly as well.
-    Index other_ways = 2;
+    /// Contenders from up to so many other pose clusters are among those.
+    Index other_clusters = 2;
     /// Two maps are distinct when their images lie further apart than this in √area: the mean, or
     /// .35 times the mean of the worst 3 % where that is more (a limb).
     double distinct = 0.05;
-    double same = 0.02;   ///< and so for maps that tips have led halfway
-    Index points = 600;   ///< of each shape in a trial, the nodes among them
-    double swing = 0.44;  ///< turns about each axis that the best pose is tried with; radians
+    double same = 0.02;  ///< the same for maps that extremities have led halfway
+    Index points = 600;  ///< of each shape in a trial, the nodes among them
+    double tilt = 0.44;  ///< angle about each axis by which the best poses are tilted, in radians
     ExtremityOptions extremities;
     SymmetryOptions symmetry;
-    PoseEffort effort{8, 3, 1.3};
-    /// After it, where the best map is torn (`most_torn`), or where a larger share than `backs` of
-    /// its images show their backs.
-    PoseEffort second_effort{24, 6, 1.5};
-    double backs = 0.002;
+    PoseEffort effort{.variants = 8, .rounds = 3, .promising = 1.3};
+    /// After it, where the best map is torn (`most_torn`), or where a larger share than
+    /// `most_opposed` of its images are back faces.
+    PoseEffort second_effort{.variants = 24, .rounds = 6, .promising = 1.5};
+    double most_opposed = 0.002;
     // What is worse than the best by such a factor isn't followed further:
-    double promising = 1.15;   ///< as tips have led a map halfway, among those of the same round
-    double contending = 1.15;  ///< when registered for longer
+    double halfway_factor = 1.15;    ///< of maps that extremities have led halfway, in one round
+    double contender_factor = 1.15;  ///< of maps that were registered for longer
     /// At the finest level maps are ranked by energy · (1 + so many times the share of torn edges).
     /// With more, maps would be preferred that lay head on tail where a limb has no partner, as
-    /// right maps tear there. Two maps of one pose differ less: attempts weigh tears more.
+    /// right maps tear there. Two maps of one pose differ less: restarts weigh tears more.
     double tear_weight = 20.0;
-    /// Maps that leave the target turned by less than `as_given_turn` (radians) from how it was
+    /// Maps that leave the target rotated by less than `as_given_angle` (radians) from how it was
     /// given win where energy and cost are within `as_given` of the least ones: where shape alone
     /// can hardly tell, the user has. 1 or more.
     double as_given = 1.03;
-    double as_given_turn = 1.0;
+    double as_given_angle = 1.0;
     /// The quick trial of every pose, on the coarsest level.
-    RegistrationLevel trial{2, 8, 10.0, 1.5, 1, 2, 1, 450, 0};
+    RegistrationLevel trial{.stiff_rounds = 2,
+                            .rounds = 8,
+                            .first_stiffness = 10.0,
+                            .last_stiffness = 1.5,
+                            .solves = 1,
+                            .first_smoothing = 2,
+                            .last_smoothing = 1,
+                            .matched_points = 450,
+                            .full_rounds = 0};
     /// What makes energies of trials comparable: the best of them are registered for longer.
-    RegistrationLevel longer{0, 8, 5.0, 1.0, 1, 2, 1, 450, 0};
+    RegistrationLevel longer{.stiff_rounds = 0,
+                             .rounds = 8,
+                             .first_stiffness = 5.0,
+                             .last_stiffness = 1.0,
+                             .solves = 1,
+                             .first_smoothing = 2,
+                             .last_smoothing = 1,
+                             .matched_points = 450,
+                             .full_rounds = 0};
     /// What continues the best of those, on all points, before the finest level.
-    RegistrationLevel relaxation{0, 12, 5.0, 1.0, 2, 2, 1, 1000, 0};
+    RegistrationLevel relaxation{.stiff_rounds = 0,
+                                 .rounds = 12,
+                                 .first_stiffness = 5.0,
+                                 .last_stiffness = 1.0,
+                                 .solves = 2,
+                                 .first_smoothing = 2,
+                                 .last_smoothing = 1,
+                                 .matched_points = 1000,
+                                 .full_rounds = 0};
 };
 
 /// A map that was continued to the finest level.
 struct Candidate {
-    Similarity alignment;       ///< turns and moves the target to where the registration has it
+    Similarity alignment;       ///< rotates and moves the target to where the registration has it
     Registration registration;  ///< of the finest level, for the target so moved
-    Misfit misfit;
+    Misfit misfit{};
     double energy = 0.0;  ///< that of the misfit · (1 + SymmetryOptions::weight · asymmetry)
     double torn = 0.0;    ///< torn_share()
     double cost = 0.0;    ///< energy · (1 + PoseOptions::tear_weight · torn)
@@ -89,7 +113,7 @@ struct Pose {
     double margin = std::numeric_limits<double>::infinity();
     /// See pose_confidence().
     double confidence = 1.0;
-    std::vector<Extremity> source_tips, target_tips;  ///< rows of the coarse shapes
+    std::vector<Extremity> source_extremities, target_extremities;  ///< coarse rows
 };
 
 /// Another map, compared with the one that was chosen.
@@ -98,27 +122,16 @@ struct Competitor {
     double distance;  ///< mean over the source between a point's two images, in √area
 };
 
-/// How likely a map is right, 0 to 1: falls with the share of images that show their backs
+/// How likely a map is right, 0 to 1: falls with the share of images that are back faces
 /// (logistic), and with every competitor that fits nearly as well, the more the further it lies
 /// apart: two maps of the same cost that have nothing in common are right half the time at most.
 /// Fitted to maps between animals; "right" is a mean landmark error of at most .07 √area.
 double pose_confidence(const Misfit& misfit, std::span<const Competitor> competitors);
 
-/// Rotations (and shifts) of the target onto the source, both of unit area: the 24 that take
-/// principal axes to principal axes, as far as the spreads along them agree, none, and the least
-/// turn or best fit by two or more features. None that contradicts the features. At least one.
-std::vector<Similarity> candidate_poses(const CoarseShape& source, const CoarseShape& target,
-                                        std::span<const IndexPair> features,
-                                        const PoseOptions& options);
-
-/// Registers from every candidate, with tips that may belong together as guides, and keeps the map
-/// that bends the shapes least for how well it brings them together and treats their sides alike;
-/// in doubt, one that leaves them as they were given.
-Pose find_pose(const CoarseShape& source, const CoarseShape& target,
-               std::span<const IndexPair> features, const PoseOptions& options,
+/// Registers from every one of the candidate_poses(), with extremities that may belong together as
+/// guides, and keeps the map that bends the shapes least for how well it brings them together and
+/// treats their sides alike; in doubt, one that leaves them as they were given.
+Pose find_pose(const CoarsePair& shapes, const PoseOptions& options,
                const RegistrationOptions& registration, Progress& progress);
-
-/// A coarse shape turned and moved; `move.scale` is 1.
-CoarseShape moved(const CoarseShape& shape, const Similarity& move);
 
 }  // namespace pointmorph

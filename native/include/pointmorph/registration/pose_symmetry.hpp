@@ -18,8 +18,8 @@ struct SymmetryOptions {
     /// A reflection is trusted where its energy is no more than the first, and less and less up to
     /// the second …
     double sure_energy = 0.035, most_energy = 0.046;
-    /// … and where that of those that run quite another way is larger by this factor or more: a
-    /// vase has many.
+    /// … and where that of those in other pose clusters is larger by this factor or more: a vase
+    /// has many.
     double least_margin = 1.25;
     /// A map's energy is multiplied by 1 + so many times its asymmetry(). 0: symmetry isn't looked
     /// for.
@@ -32,16 +32,15 @@ struct SymmetryOptions {
 /// The reflection that takes the left side of a shape to its right, bent as the shape is.
 struct Symmetry {
     Positions images;  ///< of the shape's points; no rows where no such reflection was found
-    Matrix3 turn = Matrix3::Identity();  ///< what it does to small steps on average; improper
-    double trust = 0.0;                  ///< 0 to 1
+    Matrix3 linear = Matrix3::Identity();  ///< what it does to small steps on average; improper
+    double trust = 0.0;                    ///< 0 to 1
 };
 
 /// Registers a shape with its mirror image, at its coarsest level alone, from all ways in which
-/// their principal axes match. `distances` are node_distances(); progress runs from `first` to
-/// `last`.
+/// their principal axes match. `distances` are node_distances().
 Symmetry reflection_symmetry(const CoarseShape& shape, const Eigen::MatrixXd& distances,
                              const PoseOptions& options, const RegistrationOptions& registration,
-                             Progress& progress, double first = 0.0, double last = 1.0);
+                             Progress& progress);
 
 /// How differently a map treats the sides of the shapes, 0 to 1: for the distance d between the
 /// images of a point that is reflected before and after the map, the mean of min(1, (d/far)²) over

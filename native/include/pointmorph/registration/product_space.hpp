@@ -11,6 +11,7 @@
 #include "pointmorph/base/progress.hpp"
 #include "pointmorph/base/types.hpp"
 #include "pointmorph/cloud/kd_tree.hpp"
+#include "pointmorph/cloud/oriented_points.hpp"
 #include "pointmorph/surface/pairing.hpp"
 
 namespace pointmorph {
@@ -22,18 +23,18 @@ using ProductPoints = KdTree<12>::Points;
 /// Rows of further coordinates.
 using DynamicRows = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
 
-ProductPoints product_points(const Positions& on_target, const Positions& on_source,
-                             const Normals& target_normals, const Normals& source_normals,
+/// Of points that lie at `on_target` and `on_source`.
+ProductPoints product_points(const OrientedView& on_target, const OrientedView& on_source,
                              double normal_weight);
 
 /// #points by 32: product points, then what else must be alike: labels, areas; 0 where there is
 /// less.
-using LabelledPoints = KdTree<32>::Points;
+using LabeledPoints = KdTree<32>::Points;
 
 /// `labels` and `areas` have a row a point, or none; 20 columns at most in all.
-LabelledPoints labelled_points(const ProductPoints& points,
-                               const Eigen::Ref<const DynamicRows>& labels,
-                               const Eigen::Ref<const DynamicRows>& areas = DynamicRows());
+LabeledPoints labeled_points(const ProductPoints& points,
+                             const Eigen::Ref<const DynamicRows>& labels,
+                             const Eigen::Ref<const DynamicRows>& areas = DynamicRows());
 
 /// The nearest row of another array to each row, and the plain distance. `guess`, matches of as
 /// many points, makes the search shorter where it is good; the result is the same. For Dim 12 and

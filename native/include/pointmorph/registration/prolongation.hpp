@@ -1,4 +1,4 @@
-// Stage `lift`: from the images of some points of a cloud to those of all its points.
+// Stage `prolongation`: from the images of the coarse points of a cloud to those of all its points.
 #pragma once
 
 #include <array>

@@ -2,7 +2,6 @@
 // that probably belong together.
 #pragma once
 
-#include <span>
 #include <string>
 #include <vector>
 
@@ -25,7 +24,8 @@ enum class Swap {
 /// "ends", "sides", "turned", "places"
 std::string name_of(Swap swap);
 
-/// Another map that fits about as well, and a mark that would tell which is right.
+/// Another map that fits about as well, and a mark that would tell which is right. Rows are those
+/// of the shapes it was found on; see Diagnostics::with_rows().
 struct Rival {
     double ratio;               ///< its cost over the chosen map's
     Swap swap;                  ///< what differs
@@ -36,7 +36,7 @@ struct Rival {
     Index rival_target;         ///< under this one
 };
 
-/// Rows of the coarse shapes; `target` as it was before it was aligned.
+/// Coarse rows; `target` as it was before it was aligned.
 std::vector<Rival> describe_rivals(const CoarseShape& source, const CoarseShape& target,
                                    const Pose& pose);
 
@@ -44,21 +44,25 @@ std::vector<Rival> describe_rivals(const CoarseShape& source, const CoarseShape&
 struct Proposal {
     Index source, target;  ///< rows
     double confidence;     ///< about how often such a pair lies within 0.1 √area of the truth
-    bool is_tip;           ///< of tips of both shapes, not a place between
+    bool is_extremity;     ///< of extremities of both shapes, not a place between
 };
 
 /// That of a pair: `confidence` is the map's, `distance` how far apart it leaves the two (mean of
 /// both ways, in √area). Fitted to maps between animals.
 double proposal_confidence(double confidence, double distance);
 
-/// The tips of both shapes that the map brings together, the most confident first, then `others`
-/// spread over what is far from tips and features. No row of a feature. `confidence` is that of the
-/// map. Rows of the coarse shapes; `target` has been moved to where the registration has it.
-std::vector<Proposal> propose_features(const CoarseShape& source, const CoarseShape& target,
-                                       const Registration& registration,
-                                       const std::vector<Extremity>& source_tips,
-                                       const std::vector<Extremity>& target_tips,
-                                       std::span<const IndexPair> features, double confidence,
-                                       Index others, Progress& progress);
+/// What features are proposed from. Refers to all of it: the caller keeps it alive.
+struct ProposalInput {
+    const CoarsePair& shapes;  ///< the target where the registration has it; what is marked already
+    const Registration& registration;
+    const std::vector<Extremity>&source_extremities, &target_extremities;  ///< coarse rows
+    double confidence;                                                     ///< that of the map
+};
+
+/// The extremities of both shapes that the map brings together, the most confident first, then
+/// `others` spread over what is far from extremities and features. No row of a feature. Coarse
+/// rows.
+std::vector<Proposal> propose_features(const ProposalInput& input, Index others,
+                                       Progress& progress);
 
 }  // namespace pointmorph

@@ -22,9 +22,9 @@ namespace pointmorph {
 struct RefinementOptions {
     CoarseShapeOptions coarse;
     RegistrationOptions registration;
-    AttemptOptions attempts;
+    RestartOptions restarts;
     PoseOptions pose;
-    /// With so many features or more they alone say how the target lies to the source; with fewer
+    /// With so many features or more they alone say how the target lies to the source; with fewer,
     /// other poses are tried. 3 or more.
     Index features_that_fix_the_pose = 8;
     /// In √area; see refine().
@@ -33,7 +33,7 @@ struct RefinementOptions {
     double clear_confidence = 0.9;
     /// Propose features even where the pose was known.
     bool propose = false;
-    Index other_proposals = 4;  ///< places between the tips that are proposed too
+    Index other_proposals = 4;  ///< places between the extremities that are proposed too
     /// Weight of unit normals against lengths (in √area) in the last matching of a cloud of 10,000
     /// points; falls with the spacing of larger ones. 0 to 1.
     double normal_weight = 0.02;
@@ -47,7 +47,7 @@ struct RefinementStart {
 };
 
 struct Refinement {
-    /// Where every point lands on the other surface: not snapped to its samples, in the other
+    /// Where every point goes on the other surface: not snapped to its samples, in the other
     /// cloud's own coordinates. #source by 3 and #target by 3.
     Positions source_images, target_images;
     /// Takes the target to where the source is, as it was aligned before anything bent.
@@ -62,24 +62,28 @@ struct Refinement {
     bool inside_out = false;
 };
 
-/// Neighbourhoods of the clouds' points, ascending by distance, where they have been found already.
-struct KnownNeighborhoods {
-    const Neighborhoods* source = nullptr;
-    const Neighborhoods* target = nullptr;
+/// A cloud as refine() takes it. Refers to all of it: the caller keeps it alive.
+struct RefinementCloud {
+    const Positions& positions;  ///< #points by 3
+    /// #points by 3, of unit length; they face outwards, on both clouds or on neither.
+    const Normals& normals;
+    /// The points' neighborhoods, ascending by distance, where they have been found already.
+    /// Equally near points then come in another order than those that are looked up here, and the
+    /// result differs by rounding.
+    const Neighborhoods* nearest = nullptr;
 };
 
 /// `features` are valid for the clouds and in canonical() order. The maps take hard points and the
 /// ends of hard curves exactly onto each other, hard curves to a fraction of a spacing, and no
 /// point of a hard region out of it; soft ones are brought as near as their weight against the
 /// rest can. With fewer than `features_that_fix_the_pose` points, counting those of curves and a
-/// region as one unless all lie on a line, or none, the clouds may lie in any orientation. Normals
-/// have unit length and face outwards, on both clouds or on neither. `start`, where there is one,
-/// is pulled to the features and replaces the search for the pose; it isn't used where it leaves a
-/// feature farther from its partner than `trusted_distance`: such a map has legs or ends exchanged.
-/// Clouds have no order or scale to keep to; the result turns, scales and moves with them.
-Refinement refine(const Positions& source, const Normals& source_normals, const Positions& target,
-                  const Normals& target_normals, std::span<const Feature> features,
-                  const RefinementOptions& options, Progress& progress,
-                  const RefinementStart* start = nullptr, const KnownNeighborhoods& known = {});
+/// region as one unless all lie on a line, or none, the clouds may lie in any orientation. `start`,
+/// where there is one, is pulled to the features and replaces the search for the pose; it isn't
+/// used where it leaves a feature farther from its partner than `trusted_distance`: such a map has
+/// legs or ends exchanged. Clouds have no order or scale to keep to; the result rotates, scales and
+/// moves with them.
+Refinement refine(const RefinementCloud& source, const RefinementCloud& target,
+                  std::span<const Feature> features, const RefinementOptions& options,
+                  Progress& progress, const RefinementStart* start = nullptr);
 
 }  // namespace pointmorph

@@ -17,7 +17,7 @@ struct SphericalAlignmentOptions {
     Index max_steps = 200;
     /// Tips without a mark (ears, a tail) that are looked for on each shape, and the steps in which
     /// those that belong together come near each other; 0 for none.
-    Index tips = 12, max_tip_steps = 20;
+    Index extremities = 12, max_extremity_steps = 20;
     /// Rounds of evening out, in which one shape's places move, then the other's.
     Index descent_rounds = 12;
     /// Of changes of area against those of angles, when it is evened out; > 0.
@@ -28,10 +28,10 @@ struct SphericalAlignmentOptions {
 };
 
 struct SphericalAlignment {
-    Index steps = 0;              ///< until the features, and the tips, had met
-    bool searched = false;        ///< the features left the turn open
-    double energy = 0.0;          ///< see `area_weight`: 2 + 2 · weight where nothing is stretched
-    std::vector<IndexPair> tips;  ///< that were brought together, places in both meshes
+    Index steps = 0;        ///< until the features, and the extremities, had met
+    bool searched = false;  ///< the features left the turn open
+    double energy = 0.0;    ///< see `area_weight`: 2 + 2 · weight where nothing is stretched
+    std::vector<IndexPair> extremities;  ///< that were brought together, places in both meshes
 };
 
 /// Moves the images of both. `features` are places in `rows` of both; at the end they are at one

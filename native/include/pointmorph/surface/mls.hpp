@@ -23,7 +23,7 @@ struct MlsOptions {
     double kernel(double spacing) const;
 };
 
-/// Where a place lands on the surface.
+/// Where a place is projected to.
 struct MlsFoot {
     Vector3 position;
     Vector3 normal;  ///< unit length, from the polynomial's gradient

@@ -1,4 +1,4 @@
-// Stage `landing`: images that lie near another cloud's surface, put onto it.
+// Stage `projection`: images that lie near another cloud's surface, moved onto it.
 #pragma once
 
 #include <span>
@@ -16,7 +16,7 @@ namespace pointmorph {
 /// whose errors on a curved surface are opposite. Where that lies outside of the samples' convex
 /// hull in the plane, over the edge of an open patch, the nearest point of the hull is taken.
 /// #images by 3. `anchors` are rows of `surface`, one an image; `normals` has #surface unit rows.
-/// `nearest`, where they are known, are the neighbourhoods of the samples, ascending by distance.
+/// `nearest`, where they are known, are the neighborhoods of the samples, ascending by distance.
 Positions project_onto_surface(const Positions& images, std::span<const Index> anchors,
                                const KdTree<3>& surface, const Normals& normals, Progress& progress,
                                const Neighborhoods* nearest = nullptr);

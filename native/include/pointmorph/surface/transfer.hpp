@@ -1,4 +1,4 @@
-// Stage `transfer`: where every point of one cloud lands on the other surface, smoothly, through
+// Stage `transfer`: where every point of one cloud goes on the other surface, smoothly, through
 // the common domain. Pairs snap to samples; this doesn't.
 #pragma once
 

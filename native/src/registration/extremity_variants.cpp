@@ -1,4 +1,4 @@
-#include "registration/tip_variants.hpp"
+#include "registration/extremity_variants.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -8,14 +8,14 @@ namespace pointmorph {
 
 namespace {
 
-/// How far a map leaves tips apart, how differently far apart they are along both shapes, and a
-/// price for those left alone.
-class TipCost {
+/// How far a map leaves extremities apart, how differently far apart they are along both shapes,
+/// and a price for those left alone.
+class MatchCost {
 public:
-    TipCost(const PoseSearch& search, const CoarseShape& there, const Registration& map)
-        : apart_(search.source.tips.size(), search.target.tips.size()),
-          fewer_tips_(std::min(search.source.tips.size(), search.target.tips.size())) {
-        const auto &s = search.source.tips, &t = search.target.tips;
+    MatchCost(const PoseSearch& search, const CoarseShape& there, const Registration& map)
+        : apart_(search.source.extremities.size(), search.target.extremities.size()),
+          fewer_(std::min(search.source.extremities.size(), search.target.extremities.size())) {
+        const auto &s = search.source.extremities, &t = search.target.extremities;
         for (std::size_t i = 0; i < s.size(); ++i)
             for (std::size_t j = 0; j < t.size(); ++j)
                 apart_(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(j)) =
@@ -29,9 +29,9 @@ public:
                   between(search.target, search.distances[1])};
     }
 
-    double operator()(const Tips& pairs) const {
+    double operator()(const ExtremityMatches& pairs) const {
         constexpr double kAlone = 0.2;
-        const double alone = static_cast<double>(fewer_tips_) - static_cast<double>(pairs.size());
+        const double alone = static_cast<double>(fewer_) - static_cast<double>(pairs.size());
         double sum = kAlone * alone;
         for (const IndexPair& p : pairs) {
             double other = 0.0;
@@ -44,17 +44,18 @@ public:
 
 private:
     Eigen::MatrixXd apart_;  ///< under the map, mean of both ways
-    NodeDistances along_;    ///< between the tips of each shape
-    std::size_t fewer_tips_;
+    NodeDistances along_;    ///< between the extremities of each shape
+    std::size_t fewer_;      ///< extremities of the shape that has fewer
 
     static Eigen::MatrixXd between(const ThinnedShape& shape, const Eigen::MatrixXd& distances) {
         std::vector<Index> nodes;
-        for (const Extremity& tip : shape.tips) nodes.push_back(node_at(shape, tip.point));
+        for (const Extremity& extremity : shape.extremities)
+            nodes.push_back(node_at(shape, extremity.point));
         return distances(nodes, nodes);
     }
 };
 
-/// Of `count` tips those that no pair holds.
+/// Of `count` extremities those that no pair holds.
 std::vector<Index> left_alone(const std::vector<IndexPair>& pairs, Index count,
                               Index IndexPair::*side) {
     std::vector<Index> result;
@@ -65,40 +66,42 @@ std::vector<Index> left_alone(const std::vector<IndexPair>& pairs, Index count,
 
 }  // namespace
 
-std::vector<Tips> tip_variants(const PoseSearch& search, const Trial& trial) {
+std::vector<ExtremityMatches> extremity_variants(const PoseSearch& search, const Trial& trial) {
     const CoarseShape there = moved(search.target.thin, trial.alignment);
     const Registration& map = trial.registration;
-    Tips now;
+    ExtremityMatches now;
     for (const ExtremityPair& p : paired_extremities(
-             search.source.thin, there, map.source_points.positions, map.target_points.positions,
-             search.source.tips, search.target.tips, search.options.extremities))
+             {search.source.thin, map.source_points.positions, search.source.extremities},
+             {there, map.target_points.positions, search.target.extremities},
+             search.options.extremities))
         now.push_back({p.source, p.target});
     if (now.size() < 2) return {};
 
-    const TipCost cost(search, there, map);
-    std::vector<std::pair<double, Tips>> variants;
-    for (Tips& tips : changed_pairings(now, static_cast<Index>(search.source.tips.size()),
-                                       static_cast<Index>(search.target.tips.size()))) {
-        if (tips.size() < 2) continue;
-        const double its_cost = cost(tips);
-        variants.emplace_back(its_cost, std::move(tips));
+    const MatchCost cost(search, there, map);
+    std::vector<std::pair<double, ExtremityMatches>> variants;
+    for (ExtremityMatches& matches :
+         changed_pairings(now, static_cast<Index>(search.source.extremities.size()),
+                          static_cast<Index>(search.target.extremities.size()))) {
+        if (matches.size() < 2) continue;
+        const double its_cost = cost(matches);
+        variants.emplace_back(its_cost, std::move(matches));
     }
-    std::ranges::stable_sort(variants, {}, &std::pair<double, Tips>::first);
-    std::vector<Tips> result{std::move(now)};
+    std::ranges::stable_sort(variants, {}, &std::pair<double, ExtremityMatches>::first);
+    std::vector<ExtremityMatches> result{std::move(now)};
     for (auto& variant : variants) result.push_back(std::move(variant.second));
     return result;
 }
 
-std::vector<std::vector<IndexPair>> changed_pairings(const std::vector<IndexPair>& now,
-                                                     Index sources, Index targets) {
-    std::vector<std::vector<IndexPair>> result;
+std::vector<ExtremityMatches> changed_pairings(const ExtremityMatches& now, Index sources,
+                                               Index targets) {
+    std::vector<ExtremityMatches> result;
     const auto add = [&](auto&& change) {
         change(result.emplace_back(now));
         std::ranges::sort(result.back());
     };
     const std::vector<Index> free_sources = left_alone(now, sources, &IndexPair::source);
     const std::vector<Index> free_targets = left_alone(now, targets, &IndexPair::target);
-    using Pairs = std::vector<IndexPair>;
+    using Pairs = ExtremityMatches;
     for (const Index s : free_sources)
         for (const Index t : free_targets) add([&](Pairs& pairs) { pairs.push_back({s, t}); });
     for (std::size_t i = 0; i < now.size(); ++i) {

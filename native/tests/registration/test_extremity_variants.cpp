@@ -1,4 +1,4 @@
-#include "registration/tip_variants.hpp"
+#include "registration/extremity_variants.hpp"
 
 #include <gtest/gtest.h>
 
@@ -8,7 +8,7 @@
 namespace pointmorph {
 namespace {
 
-/// All ways to pair some of the tips, each at most once.
+/// All ways to pair some of the extremities, each at most once.
 void all_pairings(Index source, Index sources, Index targets, std::vector<IndexPair>& pairs,
                   std::vector<std::vector<IndexPair>>& all) {
     if (source == sources) {
@@ -24,7 +24,7 @@ void all_pairings(Index source, Index sources, Index targets, std::vector<IndexP
     }
 }
 
-TEST(TipVariants, ChangedPairingsAreThoseOfAllThatDifferLittle) {
+TEST(ExtremityVariants, ChangedPairingsAreThoseOfAllThatDifferLittle) {
     const Index sources = 5, targets = 5;
     const std::vector<IndexPair> now{{0, 2}, {1, 0}, {3, 3}, {4, 1}};
     std::vector<std::vector<IndexPair>> all, wanted;

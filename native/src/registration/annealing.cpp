@@ -1,0 +1,286 @@
+#include "registration/annealing.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <concepts>
+#include <optional>
+#include <utility>
+
+#include "pointmorph/base/parallel.hpp"
+#include "pointmorph/cloud/cloud.hpp"
+#include "registration/product_keys.hpp"
+
+namespace pointmorph {
+
+namespace {
+
+/// One shape on its way to the other.
+struct MovingShape {
+    const CoarseShape& shape;
+    const DeformationGraph& graph;
+    DeformationSolver solver;
+    Deformation deformation;
+    LocalAreas areas;             ///< of all points, where they count
+    std::vector<Index> rows;      ///< coarse rows that are matched in this round, the nodes first
+    double area = 0.0;            ///< of `rows`
+    DeformedCloud images;         ///< of `rows`
+    ProductKeys keys;             ///< of `rows`
+    Matches matches;              ///< of `rows`, into the other shape's
+    std::vector<double> weights;  ///< of `rows`
+    std::vector<Attraction> attractions;
+
+    MovingShape(const CoarseShape& s, Index level, const Positions& start, double largest_scale)
+        : shape(s), graph(s.levels[to_size(level)]), solver(s.positions, graph) {
+        deformation.positions = gather(start, graph.node_rows);
+        fit_similarities(s.positions, graph, 2, largest_scale, deformation);
+    }
+    void choose(std::vector<Index> chosen) {
+        rows = std::move(chosen);
+        matches = {};
+        area = 0.0;
+        for (const Index i : rows) area += shape.areas[i];
+        place();
+    }
+    void place() { images = deformed(shape.positions, shape.normals, graph, deformation, rows); }
+
+    /// Where the other's point lies that the i-th of the rows was matched with.
+    Positions::ConstRowXpr match(const MovingShape& other, std::size_t i) const {
+        return other.shape.positions.row(other.rows[to_size(matches.to[i])]);
+    }
+};
+
+/// Calls `work` on both shapes, next to each other.
+template <std::invocable<MovingShape&, MovingShape&> Work>
+void on_both(MovingShape& source, MovingShape& target, Work&& work) {
+    parallel_invoke(2, [&](int k, bool) { k == 0 ? work(source, target) : work(target, source); });
+}
+
+/// `area_weight`: see RegistrationLevel.
+void match(MovingShape& source, MovingShape& target, double normal_weight, double area_weight,
+           Progress& progress) {
+    std::optional<ProductKeyTree> source_tree, target_tree;
+    on_both(source, target, [&](MovingShape& side, MovingShape&) {
+        const OrientedPoints rest{gather(side.shape.positions, side.rows),
+                                  gather(side.shape.normals, side.rows)};
+        const OrientedView here = oriented(rest), there = oriented(side.images);
+        side.keys = {&side == &source ? product_points(there, here, normal_weight)
+                                      : product_points(here, there, normal_weight),
+                     labels_of(side.shape, side.rows),
+                     area_weight > 0.0 ? LocalAreas(area_weight * gather(side.areas, side.rows))
+                                       : LocalAreas()};
+        (&side == &source ? source_tree : target_tree).emplace(side.keys);
+    });
+    const bool again = !source.matches.to.empty();
+    source.matches = target_tree->nearest(source.keys, progress, again ? &source.matches : nullptr);
+    target.matches = source_tree->nearest(target.keys, progress, again ? &target.matches : nullptr);
+}
+
+/// Takes the weight from parts whose images have jumped.
+void ignore_torn(MovingShape& side, const MovingShape& other, double smallest) {
+    const auto& graph = side.graph;
+    Positions matches(graph.size(), 3);  // the nodes are the first of the rows that are matched
+    for (Index k = 0; k < graph.size(); ++k) matches.row(k) = side.match(other, to_size(k));
+    const auto keep =
+        untorn(graph, {side.deformation.positions, matches}, other.graph.spacing, smallest);
+    for (std::size_t i = 0; i < side.rows.size(); ++i) {
+        const auto row = to_size(side.rows[i]);
+        double share = 0.0;
+        for (std::size_t k = 0; k < kNodesPerPoint; ++k)
+            share += graph.point_weights[row][k] * keep[to_size(graph.point_nodes[row][k])];
+        side.weights[i] *= share;
+    }
+}
+
+void weigh(MovingShape& side, const MovingShape& other, bool is_stiff,
+           const RegistrationOptions& options) {
+    side.weights = robust_weights(side.matches.distances, options.outlier_distance);
+    if (is_stiff)
+        for (double& w : side.weights) w *= options.stiff_data;
+    else
+        ignore_torn(side, other, options.torn_component);
+    // A region may have to go far: its matches count however far off they are.
+    if (side.shape.pulls.rows() > 0)
+        for (std::size_t i = 0; i < side.rows.size(); ++i)
+            side.weights[i] += side.shape.pulls[side.rows[i]];
+}
+
+/// Pulls to the other shape's guides. A point beside its guide keeps beside it, as far as its
+/// surroundings have turned and grown.
+void follow_guides(MovingShape& side, const MovingShape& other) {
+    const Guides& own = side.shape.guides;
+    const Guides& there = other.shape.guides;
+    const auto images = deformed(side.shape.positions, side.shape.normals, side.graph,
+                                 side.deformation, own.coarse_rows);
+    for (Index k = 0; k < own.size(); ++k) {
+        if (!(own.weights[k] > 0.0)) continue;
+        const Index row = own.coarse_rows[to_size(k)];
+        const Vector3 arm = (side.shape.positions.row(row) - own.places.row(k)).transpose();
+        side.attractions.push_back(
+            {row, own.weights[k],
+             there.places.row(k).transpose() + images.linear[to_size(k)] * arm});
+    }
+}
+
+/// Pulls to own matches, to the points that matched one of ours, to features and guides. `reverse`
+/// on the target.
+void attract(MovingShape& side, const MovingShape& other, std::span<const IndexPair> features,
+             bool reverse, double feature_weight) {
+    side.attractions.clear();
+    for (std::size_t i = 0; i < side.rows.size(); ++i)
+        side.attractions.push_back({side.rows[i],
+                                    side.weights[i] * side.shape.areas[side.rows[i]] / side.area,
+                                    side.match(other, i).transpose()});
+    for (std::size_t j = 0; j < other.rows.size(); ++j)
+        side.attractions.push_back(
+            {side.rows[to_size(other.matches.to[j])],
+             other.weights[j] * other.shape.areas[other.rows[j]] / other.area,
+             other.shape.positions.row(other.rows[j]).transpose()});
+    for (const IndexPair& f : features)
+        side.attractions.push_back(
+            {reverse ? f.target : f.source, feature_weight,
+             other.shape.positions.row(reverse ? f.source : f.target).transpose()});
+    follow_guides(side, other);
+}
+
+void update(MovingShape& side, const AnnealingRound& round, int solves, double largest_scale) {
+    side.solver.factorize(round.stiffness, side.attractions);
+    for (int k = 0; k < solves; ++k) {
+        side.solver.solve(side.attractions, side.deformation);
+        fit_similarities(side.shape.positions, side.graph, round.smoothing, largest_scale,
+                         side.deformation);
+    }
+    side.place();
+}
+
+Registration result_of(MovingShape& source, MovingShape& target) {
+    const auto points = [](const MovingShape& side) {
+        return deformed(side.shape.positions, side.shape.normals, side.graph, side.deformation);
+    };
+    DeformedCloud source_points = points(source), target_points = points(target);
+    return {std::move(source.deformation), std::move(target.deformation), std::move(source_points),
+            std::move(target_points)};
+}
+
+}  // namespace
+
+Registration annealed(const Annealing& annealing, const RegistrationStart& start,
+                      std::mt19937_64& random, Progress& progress) {
+    const auto& [shapes, level, schedule, options] = annealing;
+    MovingShape source(shapes.source, level, start.source, options.largest_scale);
+    MovingShape target(shapes.target, level, start.target, options.largest_scale);
+    Progress silent;  // the sides run next to each other
+    if (schedule.first_area_weight > 0.0)
+        on_both(source, target, [&](MovingShape& side, MovingShape&) {
+            side.areas = local_areas(side.shape, silent);
+        });
+
+    const int rounds = schedule.stiff_rounds + schedule.rounds;
+    for (int k = 0; k < rounds; ++k) {
+        const AnnealingRound round = annealing_round(schedule, k, source.graph.size());
+        if (round.draws)
+            for (MovingShape* side : {&source, &target})
+                side->choose(draw_points(
+                    side->shape, side->graph,
+                    round.matches_all ? side->shape.size() : schedule.matched_points, random));
+        match(source, target, options.normal_weight, round.area_weight, silent);
+        on_both(source, target, [&](MovingShape& side, MovingShape& other) {
+            weigh(side, other, round.is_stiff, options);
+        });
+        on_both(source, target, [&](MovingShape& side, MovingShape& other) {
+            attract(side, other, shapes.features, &side == &target, options.feature_weight);
+            update(side, round, schedule.solves, options.largest_scale);
+        });
+        progress.report(static_cast<double>(k + 1) / rounds);
+    }
+    return result_of(source, target);
+}
+
+AnnealingRound annealing_round(const RegistrationLevel& schedule, int round, Index nodes) {
+    const int rounds = schedule.stiff_rounds + schedule.rounds;
+    const int first_full = rounds - schedule.full_rounds;
+    const bool is_stiff = round < schedule.stiff_rounds;
+    const double share =
+        is_stiff || schedule.rounds < 2
+            ? 0.0
+            : static_cast<double>(round - schedule.stiff_rounds) / (schedule.rounds - 1);
+    const auto falling = [&](double first, double last) {
+        return first * std::pow(last / first, share);
+    };
+    return {
+        .is_stiff = is_stiff,
+        .draws = round < first_full || round == 0 || round == first_full,
+        .matches_all = round >= first_full,
+        .stiffness = falling(schedule.first_stiffness, schedule.last_stiffness) / nodes,
+        .smoothing = static_cast<int>(
+            std::lround(schedule.first_smoothing +
+                        (schedule.last_smoothing - schedule.first_smoothing) * share)),
+        .area_weight = schedule.first_area_weight > 0.0
+                           ? falling(schedule.first_area_weight, schedule.last_area_weight)
+                           : 0.0,
+    };
+}
+
+std::vector<Index> draw_points(const CoarseShape& shape, const DeformationGraph& graph, Index count,
+                               std::mt19937_64& random) {
+    std::vector<Index> rows = graph.node_rows;
+    std::vector<char> is_node(to_size(shape.size()), 0);
+    for (const Index i : rows) is_node[to_size(i)] = 1;
+    std::vector<Index> others;
+    for (Index i = 0; i < shape.size(); ++i)
+        if (!is_node[to_size(i)]) others.push_back(i);
+    const auto more = std::min<std::size_t>(
+        others.size(), to_size(std::max<Index>(0, count - static_cast<Index>(rows.size()))));
+    for (std::size_t i = 0; i < more; ++i)
+        std::swap(others[i], others[i + random() % (others.size() - i)]);
+    const auto end = others.begin() + static_cast<std::ptrdiff_t>(more);
+    std::sort(others.begin(), end);  // as they lie in memory
+    rows.insert(rows.end(), others.begin(), end);
+    return rows;
+}
+
+std::vector<double> robust_weights(const std::vector<double>& distances, double medians) {
+    std::vector<double> sorted = distances;
+    const auto middle = sorted.begin() + static_cast<std::ptrdiff_t>(sorted.size() / 2);
+    std::ranges::nth_element(sorted, middle);
+    const double scale = medians * (*middle + 1e-9);
+    std::vector<double> weights;
+    weights.reserve(distances.size());
+    for (const double d : distances) weights.push_back(1.0 / (1.0 + d * d / (scale * scale)));
+    return weights;
+}
+
+std::vector<double> untorn(const DeformationGraph& graph, const MatchedNodes& nodes, double spacing,
+                           double smallest) {
+    const Index count = graph.size();
+    const auto is_torn = [&](Index i, Index j) {
+        return (nodes.matches.row(i) - nodes.matches.row(j)).norm() >=
+               2.0 * (nodes.positions.row(i) - nodes.positions.row(j)).norm() + 2.0 * spacing;
+    };
+    std::vector<Index> component(to_size(count), -1);
+    std::vector<Index> sizes;
+    for (Index start = 0; start < count; ++start) {
+        if (component[to_size(start)] >= 0) continue;
+        const auto label = static_cast<Index>(sizes.size());
+        sizes.push_back(0);
+        std::vector<Index> open{start};
+        component[to_size(start)] = label;
+        while (!open.empty()) {
+            const Index i = open.back();
+            open.pop_back();
+            ++sizes.back();
+            for (auto e = to_size(graph.edge_offsets[to_size(i)]);
+                 e < to_size(graph.edge_offsets[to_size(i) + 1]); ++e) {
+                const Index j = graph.edge_ends[e];
+                if (component[to_size(j)] >= 0 || is_torn(i, j)) continue;
+                component[to_size(j)] = label;
+                open.push_back(j);
+            }
+        }
+    }
+    std::vector<double> result(to_size(count));
+    for (Index i = 0; i < count; ++i)
+        result[to_size(i)] = sizes[to_size(component[to_size(i)])] >= smallest * count ? 1.0 : 0.0;
+    return result;
+}
+
+}  // namespace pointmorph

@@ -1,0 +1,37 @@
+#include "registration/orientation.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include "pointmorph/cloud/kd_tree.hpp"
+
+namespace pointmorph {
+
+double signed_volume(const CoarseShape& shape) {
+    const Eigen::RowVector3d center = shape.positions.colwise().mean();
+    return ((shape.positions.rowwise() - center).cwiseProduct(shape.normals).rowwise().sum())
+               .dot(shape.areas) /
+           3.0;
+}
+
+double normal_agreement(const CoarseShape& source, const CoarseShape& target,
+                        const Positions& start) {
+    const KdTree<3> tree(target.positions);
+    double sum = 0.0;
+    for (Index i = 0; i < source.size(); ++i) {
+        Index nearest;
+        double squared;
+        tree.nearest(start.row(i).data(), {&nearest, 1}, {&squared, 1});
+        sum += source.normals.row(i).dot(target.normals.row(nearest));
+    }
+    return sum / source.size();
+}
+
+bool is_inside_out(const CoarseShape& source, const CoarseShape& target, const Positions& start) {
+    constexpr double kSomeVolume = 0.005;  // of a unit area; a ball has 0.09
+    const double s = signed_volume(source), t = signed_volume(target);
+    if (std::min(std::abs(s), std::abs(t)) > kSomeVolume) return s * t < 0.0;
+    return normal_agreement(source, target, start) < 0.0;
+}
+
+}  // namespace pointmorph

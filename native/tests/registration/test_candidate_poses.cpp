@@ -1,0 +1,72 @@
+#include "pointmorph/registration/candidate_poses.hpp"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <vector>
+
+#include "registration/eggs.hpp"
+
+namespace pointmorph {
+namespace {
+
+/// Largest difference between the rotations.
+double apart(const Matrix3& a, const Matrix3& b) {
+    return (a - b).cwiseAbs().maxCoeff();
+}
+
+bool has_rotation(const std::vector<Similarity>& poses, const Matrix3& rotation) {
+    return std::ranges::any_of(
+        poses, [&](const Similarity& pose) { return apart(pose.rotation, rotation) < 0.05; });
+}
+
+TEST(CandidatePoses, TakePrincipalAxesToPrincipalAxesInEveryWay) {
+    const Eggs eggs;
+    const Similarity move{1.0, shapes::rotation(5), Vector3(0.3, -0.2, 0.5)};
+    const CoarseShape target = moved(eggs.coarse_source, move);
+    PoseOptions options;
+    options.spread_ratio = 1e6;
+    const auto poses = candidate_poses({eggs.coarse_source, target}, options);
+    EXPECT_EQ(poses.size(), 24u + 1u);  // and as it was given
+    const Matrix3 back = move.rotation.transpose();
+    EXPECT_TRUE(has_rotation(poses, back));
+    // An egg's axes are those of space.
+    for (const Vector3& signs : {Vector3(1, -1, -1), Vector3(-1, 1, -1), Vector3(-1, -1, 1)})
+        EXPECT_TRUE(has_rotation(poses, signs.asDiagonal() * back));
+    EXPECT_TRUE(has_rotation(poses, Matrix3::Identity()));
+    // Axes of other lengths aren't taken for one another.
+    options.spread_ratio = 1.1;
+    EXPECT_EQ(candidate_poses({eggs.coarse_source, target}, options).size(), 4u + 1u);
+}
+
+TEST(CandidatePoses, NoneContradictsTheFeatures) {
+    const Eggs eggs;
+    const Similarity move{1.0, shapes::rotation(5), Vector3(0.3, -0.2, 0.5)};
+    const CoarseShape target = moved(eggs.coarse_target, move);
+    const auto poses = candidate_poses({eggs.coarse_source, target, eggs.features}, {});
+    ASSERT_FALSE(poses.empty());
+    for (const Similarity& pose : poses) {
+        const Positions there = pose.apply(target.positions);
+        for (const IndexPair& f : eggs.features)
+            EXPECT_LT((there.row(f.target) - eggs.coarse_source.positions.row(f.source)).norm(),
+                      0.6);
+        EXPECT_NEAR(pose.rotation.determinant(), 1.0, 1e-9);
+    }
+    EXPECT_TRUE(has_rotation(poses, move.rotation.transpose()));
+}
+
+TEST(CandidatePoses, TiltsGoToEitherSideAboutEachAxisAndKeepTheMiddle) {
+    const Eggs eggs;
+    const CoarseShape& egg = eggs.coarse_source;
+    const auto found = tilts(egg, 0.4);
+    ASSERT_EQ(found.size(), 6u);
+    const Vector3 middle = egg.positions.transpose() * (egg.areas / egg.areas.sum());
+    for (const Similarity& tilt : found) {
+        EXPECT_NEAR(std::acos(0.5 * (tilt.rotation.trace() - 1.0)), 0.4, 1e-9);
+        EXPECT_LT((tilt.rotation * middle + tilt.translation - middle).norm(), 1e-9);
+    }
+    EXPECT_LT(apart(found[0].rotation * found[1].rotation, Matrix3::Identity()), 1e-9);
+}
+
+}  // namespace
+}  // namespace pointmorph

@@ -1,0 +1,116 @@
+#include "pointmorph/registration/misfit.hpp"
+
+#include <gtest/gtest.h>
+
+#include <vector>
+
+#include "registration/eggs.hpp"
+
+namespace pointmorph {
+namespace {
+
+/// Nothing moves.
+Registration identity_of(const CoarseShape& shape) {
+    const DeformationGraph& graph = shape.levels.back();
+    Registration identity;
+    identity.source.positions.resize(graph.size(), 3);
+    for (Index k = 0; k < graph.size(); ++k)
+        identity.source.positions.row(k) = shape.positions.row(graph.node_rows[to_size(k)]);
+    identity.source.rotations.assign(to_size(graph.size()), Matrix3::Identity());
+    identity.source.scales = Values::Ones(graph.size());
+    identity.source_points = {shape.positions, shape.normals, {}};
+    identity.target = identity.source;
+    identity.target_points = identity.source_points;
+    return identity;
+}
+
+Misfit misfit_of(const CoarsePair& shapes, const Registration& registration) {
+    Progress progress;
+    return registration_misfit(shapes, static_cast<Index>(shapes.source.levels.size()) - 1,
+                               registration, node_distances(shapes.source, shapes.target), {},
+                               progress);
+}
+
+TEST(Misfit, IsNoneForAShapeThatStaysItself) {
+    const Eggs eggs;
+    const CoarseShape& egg = eggs.coarse_source;
+    const Misfit none = misfit_of({egg, egg}, identity_of(egg));
+    for (const double figure : {none.gap, none.round_trip, none.opposed, none.rotation_change,
+                                none.scale_change, none.geodesics, none.torn})
+        EXPECT_EQ(figure, 0.0);
+    EXPECT_NEAR(none.normals, 0.0, 1e-12);
+    EXPECT_NEAR(none.residual, 0.0, 1e-12);
+}
+
+TEST(Misfit, CountsTheFacesThatImagesShowTheirBacksTo) {
+    const Eggs eggs;
+    const CoarseShape& egg = eggs.coarse_source;
+    Registration turned = identity_of(egg);
+    turned.source_points.normals *= -1.0;
+    turned.target_points.normals *= -1.0;
+    // Without a weight of the normals every point still finds itself.
+    RegistrationOptions options;
+    options.normal_weight = 0.0;
+    Progress progress;
+    const Misfit misfit =
+        registration_misfit({egg, egg}, 1, turned, node_distances(egg, egg), options, progress);
+    EXPECT_NEAR(misfit.opposed, 1.0, 1e-9);
+    EXPECT_NEAR(misfit.normals, 2.0, 1e-9);
+    EXPECT_EQ(misfit.gap, 0.0);
+}
+
+TEST(Misfit, GrownEdgesAreTornAndLeaveAResidual) {
+    const Eggs eggs;
+    const CoarseShape& egg = eggs.coarse_source;
+    Registration grown = identity_of(egg);
+    grown.source.positions *= 3.0;  // but neither rotations nor scales
+    const Misfit misfit = misfit_of({egg, egg}, grown);
+    EXPECT_NEAR(misfit.torn, 0.5, 1e-9);      // every edge of one of the two
+    EXPECT_NEAR(misfit.residual, 2.0, 1e-9);  // (3 − 1)² of one of the two
+    grown.source.scales *= 3.0;
+    EXPECT_NEAR(misfit_of({egg, egg}, grown).residual, 0.0, 1e-9);
+}
+
+TEST(Misfit, EnergyGrowsWithEveryFigureButTears) {
+    const Misfit none;
+    using Figure = double Misfit::*;
+    for (const Figure figure :
+         {&Misfit::gap, &Misfit::round_trip, &Misfit::normals, &Misfit::opposed, &Misfit::residual,
+          &Misfit::rotation_change, &Misfit::scale_change, &Misfit::geodesics}) {
+        Misfit some;
+        some.*figure = 0.1;
+        EXPECT_GT(some.energy(), none.energy());
+    }
+    Misfit torn;
+    torn.torn = 0.5;
+    EXPECT_EQ(torn.energy(), none.energy());
+}
+
+TEST(Misfit, TornIsTheShareOfEdgesWhoseEndsPart) {
+    const Eggs eggs;
+    const CoarseShape& egg = eggs.coarse_source;
+    Progress progress;
+    const Registration identity = identity_of(egg);
+    EXPECT_EQ(torn_share({egg, egg}, identity, {}, progress), 0.0);
+    // Halved by a plane, one half carried to the opposite end.
+    Registration cut = identity;
+    std::vector<char> moved(to_size(egg.size()), 0);
+    for (Index i = 0; i < egg.size(); ++i)
+        if (egg.positions(i, 2) > 0.0) {
+            moved[to_size(i)] = 1;
+            cut.source_points.positions.row(i) *= -1.0;
+            cut.source_points.normals.row(i) *= -1.0;
+        }
+    std::size_t across = 0;
+    const SurfaceGraph& graph = egg.graph;
+    for (Index i = 0; i < graph.size(); ++i)
+        for (auto e = graph.offsets[to_size(i)]; e < graph.offsets[to_size(i) + 1]; ++e)
+            across += moved[to_size(i)] != moved[to_size(graph.neighbors[to_size(e)])];
+    const double torn = torn_share({egg, egg}, cut, {}, progress);
+    const double expected = static_cast<double>(across) / static_cast<double>(graph.lengths.size());
+    EXPECT_GT(torn, 0.3 * expected);
+    EXPECT_LT(torn, 3.0 * expected);
+}
+
+}  // namespace
+}  // namespace pointmorph

@@ -1,0 +1,67 @@
+#include "pointmorph/registration/thin_plate.hpp"
+
+#include <gtest/gtest.h>
+
+#include <span>
+
+#include "registration/eggs.hpp"
+
+namespace pointmorph {
+namespace {
+
+TEST(ThinPlate, AnAffineMapOfThePlacesIsOneOfSpace) {
+    Matrix3 linear;
+    linear << 1.2, 0.3, -0.1, -0.2, 0.9, 0.4, 0.1, -0.3, 1.1;
+    const Eigen::RowVector3d offset(0.5, -1.0, 2.0);
+    const Positions from = shapes::cube_noise(9, 1), elsewhere = shapes::cube_noise(50, 2);
+    const Positions to = (from * linear.transpose()).rowwise() + offset;
+    const ThinPlate plate(from, to);
+    for (Eigen::Index i = 0; i < elsewhere.rows(); ++i)
+        EXPECT_LT((plate(elsewhere.row(i)) - elsewhere.row(i) * linear.transpose() - offset).norm(),
+                  1e-9);
+}
+
+TEST(ThinPlate, PlacesInOnePlaneLeaveWhatIsOffItAsItIs) {
+    Positions from = shapes::cube_noise(8, 3);
+    from.col(2).setZero();
+    const Positions to = from.rowwise() + Eigen::RowVector3d(0.1, 0.2, 0.3);
+    const ThinPlate plate(from, to);
+    const Eigen::RowVector3d above(0.2, -0.1, 0.7);
+    EXPECT_LT((plate(above) - above - Eigen::RowVector3d(0.1, 0.2, 0.3)).norm(), 1e-9);
+}
+
+TEST(ThinPlate, TakesFeaturesAlmostToTheirPartners) {
+    const Eggs eggs;
+    const RegistrationStart start = thin_plate_start(eggs.pair());
+    for (const IndexPair& f : eggs.features) {
+        EXPECT_LT((start.source.row(f.source) - eggs.coarse_target.positions.row(f.target)).norm(),
+                  0.02);
+        EXPECT_LT((start.target.row(f.target) - eggs.coarse_source.positions.row(f.source)).norm(),
+                  0.02);
+    }
+}
+
+TEST(ThinPlate, FewFeaturesLeaveThePointsWhereTheyAre) {
+    const Eggs eggs;
+    const auto few = std::span(eggs.features).first(4);
+    const RegistrationStart start = thin_plate_start({eggs.coarse_source, eggs.coarse_target, few});
+    EXPECT_EQ(start.source, eggs.coarse_source.positions);
+    EXPECT_EQ(start.target, eggs.coarse_target.positions);
+}
+
+TEST(ThinPlate, ManyGuidesAreThinnedEvenly) {
+    Eggs eggs;
+    for (CoarseShape* shape : {&eggs.coarse_source, &eggs.coarse_target}) {
+        shape->guides.places = shapes::cube_noise(150, 4);
+        shape->guides.coarse_rows.assign(150, 0);
+        shape->guides.weights = Values::Ones(150);
+    }
+    const MarkedPlaces places = marked_places(eggs.pair());
+    ASSERT_EQ(places.source.rows(), 6 + 50);
+    EXPECT_EQ(places.source.row(0), eggs.coarse_source.positions.row(0));
+    for (Index k = 0; k < 50; ++k)
+        EXPECT_EQ(places.target.row(6 + k), eggs.coarse_target.guides.places.row(3 * k));
+}
+
+}  // namespace
+}  // namespace pointmorph
