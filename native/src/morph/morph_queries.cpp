@@ -109,7 +109,7 @@ Positions Morph::wrapped(double t, Progress& progress) const {
         const GradualSimilarity similarity{fit_similarity(source_.positions, ends),
                                            source_.positions.colwise().mean().transpose()};
         motion.emplace(source_.positions, source_.normals.rowwise().normalized(), ends, similarity,
-                       options_.path == PathKind::kRigid, progress);
+                       options_.path, progress);
     }
     return motion->at(t).positions;
 }
