@@ -39,16 +39,16 @@ struct Motion::Bend {
     DeformationSolver solver;
     Deformation whole;
     Positions residual;  ///< nodes' images less where their own turns and scales would put them
-    Prolongation lift;
+    Prolongation prolongation;
 
     Bend(CoarseShape coarse, const Positions& positions, const Normals& normals,
          const Positions& images, Progress& progress)
         : shape(std::move(coarse)),
           solver(shape.positions, graph()),
-          lift(shape, positions, normals, progress) {
+          prolongation(shape, positions, normals, progress) {
         constexpr int kSmoothing = 1;
         constexpr double kLargestScale = 10.0;
-        whole.positions = gather(gather(images, shape.rows), graph().nodes);
+        whole.positions = gather(gather(images, shape.cloud_rows), graph().node_rows);
         fit_similarities(shape.positions, graph(), kSmoothing, kLargestScale, whole);
         solver.factorize(1.0, {});
         residual = whole.positions - placed(whole);
@@ -56,7 +56,7 @@ struct Motion::Bend {
 
     const DeformationGraph& graph() const { return shape.levels.front(); }
 
-    /// Places that follow from the turns and scales, about the centre of the nodes' images.
+    /// Places that follow from the turns and scales, about the center of the nodes' images.
     Positions placed(Deformation deformation) const {
         solver.solve({}, deformation);
         return deformation.positions.rowwise() - deformation.positions.colwise().mean();
@@ -68,7 +68,7 @@ struct Motion::Bend {
             part.rotations.push_back(share_of(rotation, t));
         part.scales = whole.scales.array().pow(t);
         part.positions = placed(part) + t * residual;
-        const Positions rest = gather(shape.positions, graph().nodes);
+        const Positions rest = gather(shape.positions, graph().node_rows);
         part.positions.rowwise() += (1.0 - t) * rest.colwise().mean();
         return deformed(shape.positions, shape.normals, graph(), part);
     }
@@ -94,11 +94,12 @@ Motion::Motion(const Positions& positions, const Normals& normals, const Positio
     // Found backwards: what has to be added at rest so that the end is the image. Where blended
     // turns cancel, as far as that can be.
     const DeformedCloud end = bend_->at(1.0);
-    offsets_ = straight - bend_->lift(bend_->shape, end, positions_, normals_, progress).positions;
+    offsets_ =
+        straight - bend_->prolongation(bend_->shape, end, positions_, normals_, progress).positions;
     constexpr double kSingular = 1e-3;
     parallel_for(static_cast<Index>(positions_.rows()), progress, [&](Index first, Index last) {
         for (Index i = first; i < last; ++i) {
-            const Matrix3 linear = bend_->lift.linear(i, end);
+            const Matrix3 linear = bend_->prolongation.linear(i, end);
             const double scale = linear.norm();
             if (linear.determinant() > kSingular * scale * scale * scale)
                 offsets_.row(i) = linear.inverse() * offsets_.row(i).transpose();
@@ -112,7 +113,9 @@ Motion::Motion(Motion&&) noexcept = default;
 OrientedPoints Motion::at(double t) const {
     Progress silent;
     OrientedPoints result{positions_ + t * offsets_, normals_};
-    if (bend_) result = bend_->lift(bend_->shape, bend_->at(t), result.positions, normals_, silent);
+    if (bend_)
+        result =
+            bend_->prolongation(bend_->shape, bend_->at(t), result.positions, normals_, silent);
     const Similarity part = similarity_.at(t);
     const Matrix3 linear = unit_.scale * part.scale * part.rotation;
     const Vector3 shift = part.scale * (part.rotation * unit_.center) + part.translation;

@@ -244,8 +244,8 @@ Pairing pairs_in_domain(const ProductView& points, std::span<const Feature> feat
     const ProductPoints source = points.source, target = points.target;
     const DynamicRows source_labels = labels(source.rows(), &Feature::source);
     if (source_labels.cols() == 0) return mutual_pairs<12>(source, target, pinned, progress);
-    return mutual_pairs<32>(labelled_points(source, source_labels),
-                            labelled_points(target, labels(target.rows(), &Feature::target)),
+    return mutual_pairs<32>(labeled_points(source, source_labels),
+                            labeled_points(target, labels(target.rows(), &Feature::target)),
                             pinned, progress);
 }
 

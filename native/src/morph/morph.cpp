@@ -172,7 +172,7 @@ void Morph::carry(MorphInput input, Progress& progress) {
     pairs_ = pairs_in_domain({source_domain_, target_domain_}, input.features, pinned, progress);
     report_.pairs = static_cast<Index>(pairs_.size());
     report_.diagnostics = report_.diagnostics.with_rows(source_vertices, target_vertices);
-    for (auto& [s, t] : report_.tips)
+    for (auto& [s, t] : report_.extremities)
         s = source_vertices[to_size(s)], t = target_vertices[to_size(t)];
 }
 

@@ -12,8 +12,8 @@
 
 namespace pointmorph {
 
-/// A similarity that comes about gradually: at t the shape has turned by t of the angle about
-/// `center`, grown by the t-th power of the scale, and its centre has gone t of the way.
+/// A similarity that comes about gradually: at t the shape has rotated by t of the angle about
+/// `center`, grown by the t-th power of the scale, and its center has gone t of the way.
 struct GradualSimilarity {
     Similarity whole;
     Vector3 center;
@@ -49,7 +49,7 @@ private:
     struct Bend;
 
     Normalization unit_;
-    Positions positions_;  ///< normalised
+    Positions positions_;  ///< normalized
     Normals normals_;
     Positions offsets_;  ///< what is added by t = 1, before anything turns
     GradualSimilarity similarity_;
@@ -59,7 +59,7 @@ private:
 /// Pairs at t: from the source's motion to the target's own, run backwards, the one fading into the
 /// other by 3t² − 2t³. Both lie on the same in-between surface, so that pairing samples with
 /// samples leaves no grain, and the ends are the samples themselves. `source` and `target` are both
-/// clouds at t; spans hold three numbers a pair, or none. Normals are renormalised (where both
+/// clouds at t; spans hold three numbers a pair, or none. Normals are renormalized (where both
 /// cancel, the nearer end's).
 template <class Scalar>
 void fade(const OrientedPoints& source, const OrientedPoints& target,
