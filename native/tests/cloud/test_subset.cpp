@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <numbers>
 
+#include "joined_shapes.hpp"
 #include "shapes.hpp"
 
 namespace pointmorph {
@@ -52,13 +53,9 @@ TEST(Subset, IsTheSameWhereNeighborsAreKnown) {
 }
 
 TEST(Subset, BothSidesOfAThinSheetGetTheirOwn) {
-    const Positions top = shapes::grid(40);
-    Positions p(2 * top.rows(), 3);
-    p << top, top;
-    p.bottomRows(top.rows()).col(2).array() -= 1e-3;
-    Normals n = Normals::Zero(p.rows(), 3);
-    n.col(2).head(top.rows()).setOnes();
-    n.col(2).tail(top.rows()).setConstant(-1.0);
+    const shapes::TwoSheets sheets(40);
+    const Positions &top = sheets.top, &p = sheets.positions;
+    const Normals& n = sheets.normals;
     Progress progress;
     const Subset subset = poisson_disk_subset(KdTree<3>(p), n, {}, 200, progress);
     const auto above = std::ranges::count_if(subset.rows, [&](Index i) { return i < top.rows(); });

@@ -7,17 +7,14 @@
 #include <vector>
 
 #include "pointmorph/registration/pose.hpp"
+#include "registration/coarse_urchin.hpp"
 #include "shapes.hpp"
 
 namespace pointmorph {
 namespace {
 
 CoarseShape urchin(const std::vector<Vector3>& spikes, unsigned seed) {
-    const shapes::Urchin u(40000, spikes, seed);
-    Progress progress;
-    CoarseShapeOptions options;
-    options.points = 2000;
-    return coarse_shape(KdTree<3>(u.positions), u.normals, {}, options, progress);
+    return coarse_urchin(40000, spikes, seed);
 }
 
 /// The node nearest to the end of each spike.

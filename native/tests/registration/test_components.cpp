@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include "checks.hpp"
+#include "joined_shapes.hpp"
 #include "pointmorph/morph/morph.hpp"
 #include "shapes.hpp"
 #include "watched.hpp"
@@ -16,17 +17,7 @@ Positions ball(Index count, double radius, double x, double y, double z) {
     return (shapes::sphere(count) * radius).rowwise() + Eigen::RowVector3d(x, y, z);
 }
 
-Positions together(std::initializer_list<Positions> clouds) {
-    Eigen::Index rows = 0;
-    for (const Positions& cloud : clouds) rows += cloud.rows();
-    Positions all(rows, 3);
-    rows = 0;
-    for (const Positions& cloud : clouds) {
-        all.middleRows(rows, cloud.rows()) = cloud;
-        rows += cloud.rows();
-    }
-    return all;
-}
+using shapes::together;
 
 /// A long body with two eyes on stalks that aren't there.
 Positions creature(double length, double eye, double height) {

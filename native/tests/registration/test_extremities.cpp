@@ -8,18 +8,14 @@
 #include <numeric>
 #include <random>
 
+#include "registration/coarse_urchin.hpp"
 #include "shapes.hpp"
 
 namespace pointmorph {
 namespace {
 
-/// Enough points that they are even on the spikes too, once thinned.
 CoarseShape urchin(const std::vector<Vector3>& spikes, unsigned seed) {
-    const shapes::Urchin u(60000, spikes, seed);
-    Progress progress;
-    CoarseShapeOptions options;
-    options.points = 2000;
-    return coarse_shape(KdTree<3>(u.positions), u.normals, {}, options, progress);
+    return coarse_urchin(60000, spikes, seed);
 }
 
 const std::vector<Vector3>& four_spikes() {

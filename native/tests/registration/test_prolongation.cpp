@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include "joined_shapes.hpp"
 #include "pointmorph/cloud/similarity.hpp"
 #include "shapes.hpp"
 
@@ -60,13 +61,9 @@ TEST(Prolongation, FollowsASmoothMapAndReproducesCoarsePoints) {
 }
 
 TEST(Prolongation, ThinSheetsDoNotMix) {
-    const Positions top = shapes::grid(30);
-    Positions p(2 * top.rows(), 3);
-    p << top, top;
-    p.bottomRows(top.rows()).col(2).array() -= 1e-3;
-    Normals n = Normals::Zero(p.rows(), 3);
-    n.col(2).head(top.rows()).setOnes();
-    n.col(2).tail(top.rows()).setConstant(-1.0);
+    const shapes::TwoSheets sheets(30);
+    const Positions& p = sheets.positions;
+    const Normals& n = sheets.normals;
     Progress progress;
     const CoarseShape shape = coarse_shape(KdTree<3>(p), n, {}, {500, {20}, {}}, progress);
     DeformedCloud coarse;

@@ -6,6 +6,7 @@
 #include <cmath>
 #include <numbers>
 
+#include "joined_shapes.hpp"
 #include "shapes.hpp"
 
 namespace pointmorph {
@@ -67,13 +68,9 @@ TEST(SurfaceGraph, AgreesWithFloydAndHonoursTheLimit) {
 }
 
 TEST(SurfaceGraph, SheetsOfOpposedNormalsMeetOnlyOnce) {
-    const Positions top = shapes::grid(20);
-    Positions p(2 * top.rows(), 3);
-    p << top, top;
-    p.bottomRows(top.rows()).col(2).array() -= 1e-3;
-    Normals n = Normals::Zero(p.rows(), 3);
-    n.col(2).head(top.rows()).setOnes();
-    n.col(2).tail(top.rows()).setConstant(-1.0);
+    const shapes::TwoSheets sheets(20);
+    const Positions &top = sheets.top, &p = sheets.positions;
+    const Normals& n = sheets.normals;
     const SurfaceGraph graph = graph_of(p, n);
     Index across = 0;
     for (Index i = 0; i < top.rows(); ++i)

@@ -5,6 +5,7 @@
 #include <numeric>
 #include <random>
 
+#include "joined_shapes.hpp"
 #include "pointmorph/cloud/covariance.hpp"
 #include "shapes.hpp"
 
@@ -21,17 +22,7 @@ Topology topology_of(const Positions& positions, std::vector<Index> parts = {}) 
     return find_topology({positions, normals, nearest}, loops, parts, {}, progress);
 }
 
-Positions together(const std::vector<Positions>& clouds) {
-    Eigen::Index rows = 0;
-    for (const Positions& cloud : clouds) rows += cloud.rows();
-    Positions all(rows, 3);
-    rows = 0;
-    for (const Positions& cloud : clouds) {
-        all.middleRows(rows, cloud.rows()) = cloud;
-        rows += cloud.rows();
-    }
-    return all;
-}
+using shapes::together;
 
 Positions shaken(Positions positions, double by) {
     std::mt19937_64 random(3);
