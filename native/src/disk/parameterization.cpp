@@ -512,11 +512,11 @@ MatchedPins match_pins(const Positions& source_positions, std::span<const Index>
                                "Check that left and right are not swapped, and that the normals of "
                                "both models point outwards.");
     }
-    double turn = 0.0;
+    double rotation = 0.0;
     for (std::size_t i = 0; i < source.size(); ++i)
-        turn += (source[i] - target[i]) / static_cast<double>(source.size());
+        rotation += (source[i] - target[i]) / static_cast<double>(source.size());
     for (std::size_t i = 0; i < sorted.size(); ++i) {
-        const double common = (source[i] + target[i] + turn) / 2.0;
+        const double common = (source[i] + target[i] + rotation) / 2.0;
         pins.source.push_back({sorted[i].source, common});
         pins.target.push_back({sorted[i].target, common});
     }

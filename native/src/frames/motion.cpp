@@ -118,11 +118,11 @@ OrientedPoints Motion::at(double t) const {
             bend_->prolongation(bend_->shape, bend_->at(t), result.positions, normals_, silent);
     const Similarity part = similarity_.at(t);
     const Matrix3 linear = unit_.scale * part.scale * part.rotation;
-    const Vector3 shift = part.scale * (part.rotation * unit_.center) + part.translation;
+    const Vector3 translation = part.scale * (part.rotation * unit_.center) + part.translation;
     parallel_for(static_cast<Index>(positions_.rows()), silent, [&](Index begin, Index end) {
         for (Index i = begin; i < end; ++i) {
             const Vector3 x = result.positions.row(i).transpose();
-            result.positions.row(i) = linear * x + shift;
+            result.positions.row(i) = linear * x + translation;
             const Vector3 normal = part.rotation * result.normals.row(i).transpose();
             result.normals.row(i) = normal;
         }

@@ -21,7 +21,7 @@ struct DiskPatch {
     const PreparedShape& shape;
     Normals normals;
     BoundaryLoop rim;
-    bool turned = false;
+    bool normals_reversed = false;
 
     DiskPatch(const PreparedShape& patch, const Boundary& boundary)
         : shape(patch), normals(patch.normals), rim(boundary.loop) {
@@ -34,10 +34,10 @@ struct DiskPatch {
                 "boundary.");
     }
 
-    void turn() {
+    void reverse_normals() {
         normals = -normals;
         std::reverse(rim.begin(), rim.end());
-        turned = !turned;
+        normals_reversed = !normals_reversed;
     }
 };
 
@@ -125,9 +125,9 @@ RouteResult match_in_disk(const RouteInput& input, const Boundary& source_bounda
     const std::vector<PointFeature> known =
         point_features(input, {source.rim, target.rim}, progress);
     auto on_boundary = boundary_features(source, target, known);
-    DiskPatch* const turnable = !target.shape.normals_given   ? &target
-                                : !source.shape.normals_given ? &source
-                                                              : nullptr;
+    DiskPatch* const reversible = !target.shape.normals_given   ? &target
+                                  : !source.shape.normals_given ? &source
+                                                                : nullptr;
     MatchedPins pins;
     const auto match = [&] {
         pins = match_pins(source.shape.positions, source.rim, target.shape.positions, target.rim,
@@ -136,8 +136,8 @@ RouteResult match_in_disk(const RouteInput& input, const Boundary& source_bounda
     try {
         match();
     } catch (const FeatureError&) {  // the order may only seem wrong, seen from the wrong side
-        if (!turnable) throw;
-        turnable->turn();
+        if (!reversible) throw;
+        reversible->reverse_normals();
         on_boundary = boundary_features(source, target, known);
         match();
     }
@@ -157,9 +157,9 @@ RouteResult match_in_disk(const RouteInput& input, const Boundary& source_bounda
     const std::vector<IndexPair> features = rows_of(known);
     if (features.size() >= 3 && on_boundary.empty() &&
         fits_better_mirrored(source_disk, target_disk, features)) {
-        if (turnable) {
-            turnable->turn();
-            (turnable == &source ? source_disk : target_disk).col(1) *= -1.0;
+        if (reversible) {
+            reversible->reverse_normals();
+            (reversible == &source ? source_disk : target_disk).col(1) *= -1.0;
         } else {
             result.warnings.emplace_back(
                 "The features fit much better when one model is mirrored: check that left and "
@@ -178,8 +178,8 @@ RouteResult match_in_disk(const RouteInput& input, const Boundary& source_bounda
     result.target_domain = target_disk;
     result.source_boundary = std::move(source.rim);
     result.target_boundary = std::move(target.rim);
-    result.source_turned = source.turned;
-    result.target_turned = target.turned;
+    result.source_is_inside_out = source.normals_reversed;
+    result.target_is_inside_out = target.normals_reversed;
     return result;
 }
 

@@ -14,8 +14,8 @@ struct DiskRouteOptions {
     PairingOptions pairing;
 };
 
-/// Estimated normals count as turned where the features show that they point inwards. Throws
-/// TopologyError for closed surfaces, and the errors of the stages.
+/// A shape with estimated normals counts as inside out where the features show that they point
+/// inwards. Throws TopologyError for closed surfaces, and the errors of the stages.
 RouteResult match_in_disk(const RouteInput& input, const Boundary& source_boundary,
                           const Boundary& target_boundary, const DiskRouteOptions& options,
                           Progress& progress);

@@ -76,7 +76,7 @@ void find_loops(PreparedShape& shape, const BoundaryOptions& options, Progress& 
             find_boundary_loops(shape.positions, shape.normals, shape.nearest, options, progress);
 }
 
-void turn(PreparedShape& shape) {
+void reverse_normals(PreparedShape& shape) {
     shape.normals = -shape.normals;
     if (shape.loops)
         for (BoundaryLoop& loop : *shape.loops) std::reverse(loop.begin(), loop.end());
@@ -104,11 +104,11 @@ bool faces_inwards(const PreparedShape& shape) {
     return flux / 3.0 <= -kSomeVolume * area * std::sqrt(area);
 }
 
-void turn_outwards(PreparedShape& shape) {
+void make_outward(PreparedShape& shape) {
     if (!shape.normals_given || shape.topology.components.front().is_open || !faces_inwards(shape))
         return;
-    turn(shape);
-    shape.turned_outwards = true;
+    reverse_normals(shape);
+    shape.normals_reversed = true;
 }
 
 /// Leaves out components that are too small to follow, unless they are much of the shape: the
@@ -177,7 +177,7 @@ std::vector<PreparedShape> prepare_all(std::span<const ShapeInput> inputs,
         PreparedShape& shape = shapes[to_size(k)];
         shape = with_topology(std::move(shape), inputs[to_size(k)].parts, options.boundary,
                               *options.topology, owner ? progress : silent);
-        turn_outwards(shape);
+        make_outward(shape);
     });
     if (options.leave_out_strays)
         for (PreparedShape& shape : shapes) leave_out_strays(shape, options.neighbors, progress);
@@ -209,8 +209,8 @@ PreparedShape with_topology(PreparedShape shape, std::span<const Index> parts,
     return shape;
 }
 
-PreparedShape turned(PreparedShape shape) {
-    turn(shape);
+PreparedShape with_normals_reversed(PreparedShape shape) {
+    reverse_normals(shape);
     return shape;
 }
 
@@ -286,7 +286,7 @@ Cloud completed(Cloud cloud, const PreparedShape& shape) {
     cloud.radii = shape.radii;
     if (!shape.normals_given)
         cloud.normals = gather(shape.normals, shape.sorted_rows);
-    else if (shape.turned_outwards)
+    else if (shape.normals_reversed)
         cloud.normals = -cloud.normals;
     return cloud;
 }

@@ -47,11 +47,11 @@ struct PreparedShape {
     /// Unit length: the given ones, or estimated and made to agree in sign.
     Normals normals;
     bool normals_given = false;
-    bool turned_outwards = false;  ///< given normals pointed inwards, and were reversed
-    Neighborhoods nearest;         ///< ascending by distance
-    Values radii;                  ///< of given rows, in given lengths: those given, or the spacing
-    Topology topology;             ///< no components where it wasn't looked at
-    Index left_out = 0;            ///< points in strays that were left out
+    bool normals_reversed = false;  ///< given normals pointed inwards, and were reversed
+    Neighborhoods nearest;          ///< ascending by distance
+    Values radii;        ///< of given rows, in given lengths: those given, or the spacing
+    Topology topology;   ///< no components where it wasn't looked at
+    Index left_out = 0;  ///< points in strays that were left out
     /// All boundary loops, longest first; none where find_boundary() has to look for them.
     std::optional<std::vector<BoundaryLoop>> loops;
 
@@ -78,7 +78,7 @@ PreparedShape with_topology(PreparedShape shape, std::span<const Index> parts,
                             Progress& progress);
 
 /// The shape with its normals reversed, and its loops with them.
-PreparedShape turned(PreparedShape shape);
+PreparedShape with_normals_reversed(PreparedShape shape);
 
 /// A boundary in sorted rows, anticlockwise.
 struct Boundary {

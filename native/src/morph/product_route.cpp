@@ -63,9 +63,9 @@ RouteResult match_in_product_space(const RouteInput& input,
     Refinement refined = refine_by_component(input, start, options, result.warnings, progress);
     if (refined.inside_out) {
         if (!input.target.normals_given)
-            result.target_turned = true;
+            result.target_is_inside_out = true;
         else if (!input.source.normals_given)
-            result.source_turned = true;
+            result.source_is_inside_out = true;
         else
             result.warnings.emplace_back(
                 "The normals of one model point inwards, so its shading will flip during the "

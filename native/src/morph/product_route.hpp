@@ -22,8 +22,9 @@ struct ProductRouteOptions {
     NeighborSource neighbors = NeighborSource::kPrepared;
 };
 
-/// `start`, where there is one, is in sorted rows. Estimated normals count as turned where they
-/// face the other way than those of the other shape. Throws the errors of the stages.
+/// `start`, where there is one, is in sorted rows. A shape with estimated normals counts as inside
+/// out where they face the other way than those of the other shape. Throws the errors of the
+/// stages.
 RouteResult match_in_product_space(const RouteInput& input,
                                    const std::optional<RefinementStart>& start,
                                    const ProductRouteOptions& options, Progress& progress);

@@ -29,8 +29,8 @@ struct RouteResult {
     Pairing pairs;
     RefinementStart images;  ///< smooth maps; empty where the domain gives them
     BoundaryLoop source_boundary, target_boundary;
-    /// Estimated normals of this shape proved to point inwards; see turned().
-    bool source_turned = false, target_turned = false;
+    /// Estimated normals of this shape proved to point inwards; see with_normals_reversed().
+    bool source_is_inside_out = false, target_is_inside_out = false;
     std::optional<Index> genus;  ///< handles of both shapes, where the route found out
     std::vector<std::string> warnings;
     RouteFacts facts;

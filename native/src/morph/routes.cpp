@@ -110,9 +110,9 @@ RefinementStart images_through(const RouteResult& route, const RouteInput& shape
 }
 
 /// Reverses the normals that the route found to point inwards.
-void turn(PreparedShapes& shapes, const RouteResult& route) {
-    if (route.source_turned) shapes.source = turned(std::move(shapes.source));
-    if (route.target_turned) shapes.target = turned(std::move(shapes.target));
+void reverse_normals(PreparedShapes& shapes, const RouteResult& route) {
+    if (route.source_is_inside_out) shapes.source = with_normals_reversed(std::move(shapes.source));
+    if (route.target_is_inside_out) shapes.target = with_normals_reversed(std::move(shapes.target));
 }
 
 /// The result of the product space with what the route before it found out.
@@ -217,14 +217,14 @@ Correspondence find_correspondence(PreparedShapes shapes, MorphInput given,
         result = match_in_product_space(input, earlier_map(shapes, given), product, progress);
     } else {
         result = match_in_domain(domain, input, given, options, progress);
-        turn(shapes, result);
+        reverse_normals(shapes, result);
         if (options.method == Method::kAuto) {
             const RefinementStart start = images_through(result, input, options.transfer, progress);
             RouteResult refined = match_in_product_space(input, start, product, progress);
             result = joined(std::move(result), std::move(refined));
         }
     }
-    if (result.domain == "product") turn(shapes, result);
+    if (result.domain == "product") reverse_normals(shapes, result);
     result.facts.loop = std::move(given.loop);
     result.warnings.insert(result.warnings.begin(), warnings.begin(), warnings.end());
     return {std::move(shapes), std::move(result)};

@@ -63,7 +63,7 @@ std::string difference(const Rival& rival, const Cloud& source, std::span<const 
 std::vector<std::string> preparation_warnings(const PreparedShapes& shapes) {
     std::vector<std::string> warnings;
     for (const PreparedShape* shape : {&shapes.source, &shapes.target})
-        if (shape->turned_outwards)
+        if (shape->normals_reversed)
             warnings.push_back("The normals of " + shape->name +
                                " pointed inwards: they were reversed.");
     for (const PreparedShape* shape : {&shapes.source, &shapes.target})

@@ -205,9 +205,9 @@ std::vector<Index> side_of(std::span<const IndexPair> features, Index IndexPair:
     return result;
 }
 
-/// The source turned so that features come near each other.
-void turn_to_features(SphericalMesh& source, const SphericalMesh& target,
-                      std::span<const IndexPair> features) {
+/// The source rotated so that features come near each other.
+void rotate_to_features(SphericalMesh& source, const SphericalMesh& target,
+                        std::span<const IndexPair> features) {
     Matrix3 covariance = Matrix3::Zero();
     for (const auto& [s, t] : features)
         covariance += row_of(target.images, t) * row_of(source.images, s).transpose();
@@ -248,8 +248,8 @@ Values remoteness(const SphericalMesh& mesh, Progress& progress) {
     return sum / samples;
 }
 
-/// Evenly spread turns (super-Fibonacci spirals, Alexa 2022).
-Matrix3 spread_turn(Index k, Index count) {
+/// Evenly spread rotations (super-Fibonacci spirals, Alexa 2022).
+Matrix3 spread_rotation(Index k, Index count) {
     constexpr double kPhi = std::numbers::sqrt2, kPsi = 1.533751168755204288118041;
     const double s = k + 0.5, t = s / count, d = 2.0 * std::numbers::pi * s;
     const double r = std::sqrt(t), rest = std::sqrt(1.0 - t);
@@ -261,32 +261,33 @@ Matrix3 spread_turn(Index k, Index count) {
 }
 
 /// Turns of the source under which both agree most in how remote places are, and in the features.
-std::vector<Matrix3> likely_turns(const SphericalMesh& source, const SphericalMesh& target,
-                                  std::span<const IndexPair> features,
-                                  const SphericalAlignmentOptions& options, Progress& progress) {
+std::vector<Matrix3> likely_rotations(const SphericalMesh& source, const SphericalMesh& target,
+                                      std::span<const IndexPair> features,
+                                      const SphericalAlignmentOptions& options,
+                                      Progress& progress) {
     constexpr Index kSamples = 200;
     constexpr double kFeatures = 10.0;  // weight of a feature's squared distance
-    constexpr double kAlike = 2.5;      // trace from which on two turns are one: some 40 degrees
+    constexpr double kAlike = 2.5;  // trace from which on two rotations are one: some 40 degrees
     const Values s = remoteness(source, progress), t = remoteness(target, progress);
     const KdTree<3> tree(target.images);
     const Index samples = std::min(kSamples, source.size());
-    std::vector<std::pair<double, Index>> costs(to_size(options.turns));
+    std::vector<std::pair<double, Index>> costs(to_size(options.rotations));
     parallel_for(
-        options.turns, progress,
+        options.rotations, progress,
         [&](Index begin, Index end) {
             for (Index k = begin; k < end; ++k) {
-                const Matrix3 turn = spread_turn(k, options.turns);
+                const Matrix3 rotation = spread_rotation(k, options.rotations);
                 double sum = 0.0;
                 for (Index i = 0; i < samples; ++i) {
                     const Index v = spread_node(source, i, samples);
-                    const Vector3 place = turn * row_of(source.images, v);
+                    const Vector3 place = rotation * row_of(source.images, v);
                     Index nearest;
                     double squared;
                     tree.nearest(place.data(), {&nearest, 1}, {&squared, 1});
                     sum += (s[v] - t[nearest]) * (s[v] - t[nearest]);
                 }
                 for (const IndexPair& f : features)
-                    sum += kFeatures * (turn * row_of(source.images, f.source) -
+                    sum += kFeatures * (rotation * row_of(source.images, f.source) -
                                         row_of(target.images, f.target))
                                            .squaredNorm();
                 costs[to_size(k)] = {sum, k};
@@ -294,16 +295,16 @@ std::vector<Matrix3> likely_turns(const SphericalMesh& source, const SphericalMe
         },
         0.0, 0.1, 16);
     std::ranges::sort(costs);
-    std::vector<Matrix3> turns;
+    std::vector<Matrix3> rotations;
     for (const auto& [cost, k] : costs) {
-        if (static_cast<Index>(turns.size()) == options.finalists) break;
-        const Matrix3 turn = spread_turn(k, options.turns);
-        if (std::ranges::none_of(turns, [&](const Matrix3& other) {
-                return (other.transpose() * turn).trace() > kAlike;
+        if (static_cast<Index>(rotations.size()) == options.finalists) break;
+        const Matrix3 rotation = spread_rotation(k, options.rotations);
+        if (std::ranges::none_of(rotations, [&](const Matrix3& other) {
+                return (other.transpose() * rotation).trace() > kAlike;
             }))
-            turns.push_back(turn);
+            rotations.push_back(rotation);
     }
-    return turns;
+    return rotations;
 }
 
 /// Moves fixed vertices on their way to `goals`, everything with them, without a fold; then evens
@@ -443,24 +444,24 @@ SphericalAlignment align_on_sphere(SphericalMesh& source, SphericalMesh& target,
         return energy;
     };
 
-    if (static_cast<Index>(features.size()) >= options.features_that_fix_the_turn) {
-        turn_to_features(source, target, features);
+    if (static_cast<Index>(features.size()) >= options.features_that_fix_the_rotation) {
+        rotate_to_features(source, target, features);
     } else {
         result.searched = true;
         Matrix3 best = Matrix3::Identity();
         double least = kInfinity;
-        const auto turns = likely_turns(source, target, features, options, progress);
-        for (std::size_t k = 0; k < turns.size(); ++k) {
+        const auto rotations = likely_rotations(source, target, features, options, progress);
+        for (std::size_t k = 0; k < rotations.size(); ++k) {
             SphericalMesh s = source, t = target;
-            s.images = source.images * turns[k].transpose();
+            s.images = source.images * rotations[k].transpose();
             Index unused = 0;
             if (meet(s, t, features, options.max_steps, unused, progress) > 0.0) continue;
-            const double done = static_cast<double>(k) / static_cast<double>(turns.size());
+            const double done = static_cast<double>(k) / static_cast<double>(rotations.size());
             const double energy =
                 even_out_both(s, t, kTrialRounds, 0.1 + 0.3 * done, 0.1 + 0.3 * done);
             if (!(energy < least)) continue;
             least = energy;
-            best = turns[k];
+            best = rotations[k];
         }
         source.images = source.images * best.transpose();
     }

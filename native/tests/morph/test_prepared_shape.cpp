@@ -104,13 +104,13 @@ TEST(PreparedShape, GivenNormalsAreKeptAndEstimatedOnesAgree) {
     cloud.normals = 3.0 * directions;
     const PreparedShape given = prepared(cloud);
     EXPECT_TRUE(given.normals_given);
-    EXPECT_FALSE(given.turned_outwards);
+    EXPECT_FALSE(given.normals_reversed);
     EXPECT_LT((given.normals - gather(directions, given.given_rows)).cwiseAbs().maxCoeff(), 1e-12);
     EXPECT_EQ(completed(cloud, given).normals, cloud.normals);
 
     cloud.normals = -directions;
     const PreparedShape inward = prepared(cloud);
-    EXPECT_TRUE(inward.turned_outwards);
+    EXPECT_TRUE(inward.normals_reversed);
     EXPECT_EQ(completed(cloud, inward).normals, -cloud.normals);
     EXPECT_LT((inward.normals - given.normals).cwiseAbs().maxCoeff(), 1e-12);
 }
@@ -121,7 +121,7 @@ TEST(PreparedShape, TurningTwiceChangesNothing) {
     const PreparedShape shape = prepared(cloud);
     ASSERT_TRUE(shape.loops.has_value());
     ASSERT_EQ(shape.loops->size(), 1u);
-    const PreparedShape once = turned(shape), twice = turned(once);
+    const PreparedShape once = with_normals_reversed(shape), twice = with_normals_reversed(once);
     EXPECT_EQ(once.normals, Normals(-shape.normals));
     EXPECT_EQ(BoundaryLoop(once.loops->front().rbegin(), once.loops->front().rend()),
               shape.loops->front());

@@ -22,14 +22,14 @@ struct SphericalAlignmentOptions {
     Index descent_rounds = 12;
     /// Of changes of area against those of angles, when it is evened out; > 0.
     double area_weight = 0.2;
-    /// With fewer features than this so many turns are compared, and the likeliest tried.
-    Index features_that_fix_the_turn = 3;
-    Index turns = 4000, finalists = 6;
+    /// With fewer features than this so many rotations are compared, and the likeliest tried.
+    Index features_that_fix_the_rotation = 3;
+    Index rotations = 4000, finalists = 6;
 };
 
 struct SphericalAlignment {
     Index steps = 0;        ///< until the features, and the extremities, had met
-    bool searched = false;  ///< the features left the turn open
+    bool searched = false;  ///< the features left the rotation open
     double energy = 0.0;    ///< see `area_weight`: 2 + 2 · weight where nothing is stretched
     std::vector<IndexPair> extremities;  ///< that were brought together, places in both meshes
 };
