@@ -79,7 +79,7 @@ public:
 private:
     void settle(double length, Progress& progress) {
         const double rings = length / spacing_;
-        const int sweeps = static_cast<int>(std::clamp(0.3 * rings * rings, 4.0, 60.0));
+        const int sweeps = static_cast<int>(std::clamp(0.3 * rings * rings, 2.0, 60.0));
         sheet_.set_metric(x_, sweeps, progress);
         find_areas();
         find_pulls(length, progress);

@@ -16,7 +16,7 @@ namespace pointmorph {
 struct WrapOptions {
     /// Lengths over which the mesh gives way, from the first to the last, each a share of the one
     /// before; in √area of the target.
-    double first_length = 0.14;
+    double first_length = 0.08;
     double last_length = 0.002;
     double share = 0.6;
     Index iterations = 3;  ///< for each length
