@@ -125,6 +125,9 @@ def with_window(*options: str | Path) -> list[str | Path]:
     shared = [paths.ROOT, *([data] if data.is_dir() else [])]
     with packaging:
         environment = {"POINTMORPH_ZIP": str(package())}
+    # There nothing is taken over from here. Pictures are drawn on as many cores as the rest.
+    if threads := os.environ.get("OMP_NUM_THREADS"):
+        environment |= {"OMP_NUM_THREADS": threads, "LP_NUM_THREADS": threads}
     command = ("env", "-C", paths.ROOT, "python3", *options)
     return list(other_debian.inside(debian, command, shared, environment))
 
@@ -155,9 +158,9 @@ def fetch_debian() -> None:
 
 # In the order in which they are started: long ones early, so that none is left over at the end.
 SUITES: dict[str, Suite] = {
-    "cpp": Suite(cpp, ("cpp-test",)),
-    "window": Suite(window, ("cpython", *WINDOW_PACKAGES), fetch_debian),
     "sanitizers": Suite(sanitizers, ("cpp-test",)),
+    "window": Suite(window, ("cpython", *WINDOW_PACKAGES), fetch_debian),
+    "cpp": Suite(cpp, ("cpp-test",)),
     "python": Suite(python),
     **{
         f"bpy-{version}": Suite(partial(bpy, version), ("cpython",), partial(set_up_bpy, version))
@@ -198,6 +201,10 @@ def test(names: list[str], jobs: int) -> int:
 def run_suites(suites: Mapping[str, Suite], jobs: int) -> int:
     """Runs suites whose needs are met, and tells what came of them."""
     say("Testing (what each suite says is in build/logs)")
+    # Each suite has its share of the cores: with more threads than that they wait for one another.
+    # Tests of what threads do choose their number themselves.
+    share = max(1, (os.cpu_count() or 1) // min(jobs, len(suites)))
+    os.environ.setdefault("OMP_NUM_THREADS", str(share))
     with ThreadPoolExecutor(jobs) as pool:
         try:
             outcomes = dict(zip(suites, pool.map(timed, suites, suites.values()), strict=True))

@@ -148,6 +148,21 @@ def test_all_suites_run_and_the_last_line_is_the_sum(
     assert capsys.readouterr().out.splitlines()[-1] == "3 passed, 0 failed, 2 skipped"
 
 
+def test_each_suite_gets_its_share_of_the_cores(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(os, "cpu_count", lambda: 8)
+    for jobs, count, expected in ((2, 5, "4"), (8, 2, "4"), (16, 9, "1"), (1, 3, "8")):
+        monkeypatch.setenv("OMP_NUM_THREADS", "")  # so that what is set below is taken back
+        monkeypatch.delenv("OMP_NUM_THREADS")
+        seen: list[str | None] = []
+
+        def runs(seen: list[str | None] = seen) -> Outcome:
+            seen.append(running.child_environment().get("OMP_NUM_THREADS"))
+            return Outcome(1)
+
+        suites.run_suites({str(k): suites.Suite(runs) for k in range(count)}, jobs)
+        assert seen == [expected] * count
+
+
 def test_the_slowest_tests_and_the_shares_of_suites_are_told_and_kept(tmp_path: Path) -> None:
     _, report = pytest_report(
         tmp_path, "def test_quick(): pass\ndef test_slow(): import time; time.sleep(0.3)"
