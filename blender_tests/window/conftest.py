@@ -288,8 +288,6 @@ for name in bpy.context.scene.pointmorph.bl_rna.properties.keys():
         bpy.context.scene.pointmorph.property_unset(name)
 bpy.context.scene.frame_start, bpy.context.scene.frame_end = 1, 250
 bpy.context.scene.frame_set(1)
-engine = globals().get("engine", bpy.context.scene.render.engine)
-bpy.context.scene.render.engine = engine
 window = bpy.context.window_manager.windows[0]
 area = next(area for area in window.screen.areas if area.type == "VIEW_3D")
 area.spaces[0].shading.type = "SOLID"
@@ -346,7 +344,7 @@ def hover_down(x, top, bottom, what):
     # Moves the mouse from row to row, and notes in calls what lies there.
     global hovering, calls
     calls = []
-    places = iter(range(top, bottom, 14))  # rows are 20 high
+    places = iter(range(top, bottom, 17))  # rows are 20 high
     hovering = next(places)
 
     def step():
