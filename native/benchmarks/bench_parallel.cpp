@@ -26,7 +26,8 @@ void begin_and_end(benchmark::State& state) {
 }
 
 void neighbors(benchmark::State& state) {
-    static const KdTree<3> tree(shapes::torus(100'000, 0.4));
+    static const Positions points = shapes::torus(100'000, 0.4);
+    static const KdTree<3> tree(points);
     Progress progress;
     for (auto _ : state) benchmark::DoNotOptimize(nearest_neighbors(tree, 16, progress));
 }

@@ -22,6 +22,7 @@ lief.logging.disable()
 
 # Where a symbol on macOS is looked for in all that is loaded; Python's are in the program.
 _ANYWHERE = -2
+_WEAK = lief.MachO.DyldBindingInfo.CLASS.WEAK
 
 
 def problems_of(platform: Platform, wheel: Path) -> list[str]:
@@ -80,10 +81,18 @@ def _of_macos(platform: Platform, binary: lief.MachO.Binary, module: bytes) -> l
     most = [int(part) for part in re.findall(r"\d+", platform.tag)[:2]]
     if version is None or list(version.minos[:2]) > most:
         found.append(f"it needs macOS {version.minos if version else 'of any version'}")
+    places = {str(symbol.name): symbol.value for symbol in binary.symbols}
+    moved = {relocation.address for relocation in binary.relocations}
     for binding in binary.bindings:
         name = str(binding.symbol.name) if binding.symbol else ""
         if binding.library_ordinal == _ANYWHERE and not re.match(r"__?Py", name):
             found.append(f"no library has {name}")
+        # What every library may bring, one for all, must be right if no other brings it.
+        if isinstance(binding, lief.MachO.DyldBindingInfo) and binding.binding_class == _WEAK:
+            bytes_there = bytes(binary.get_content_from_virtual_address(binding.address, 8))
+            there = int.from_bytes(bytes_there, "little")
+            if binding.address not in moved or there != places.get(name):
+                found.append(f"nothing brings {name}")
     signature = binary.code_signature
     if signature is None or not is_signed(module, signature.data_offset):
         found.append("its signature doesn't fit")

@@ -151,7 +151,7 @@ def wheel_of(platform: Platform, python: str) -> Path:
     if not first:
         wheel_of(platform, platform.pythons[0])
     parts = ["CMakeLists.txt", "pyproject.toml", "LICENSE", "native/cmake"]
-    parts += [f"native/{part}" for part in ("include", "src", "bindings", "python")]
+    parts += [f"native/{part}" for part in ("bindings", "include", "portable", "python", "src")]
     key = digest(sys.version, repr(platform), python, *(paths.ROOT / part for part in parts))
     folder = paths.BUILD / "wheels" / f"{platform.name}-cp{number(python)}"
     stamp = folder / "stamp"
