@@ -127,7 +127,7 @@ def test_the_first_minute(window, output):
 
 
 def render(window, path):
-    """Renders by F12, as a person does; Workbench, which is quick without a graphics card."""
+    """Renders as *Render Image* does; Workbench, which is quick without a graphics card."""
     window.run(
         """
 scene = bpy.context.scene
@@ -142,7 +142,7 @@ rendered = []
 bpy.app.handlers.render_complete.append(lambda *_: rendered.append(1))
 """
     )
-    window.press("F12", over=VIEWPORT)
+    window.run('with in_viewport(): bpy.ops.render.render("INVOKE_DEFAULT", use_viewport=True)')
     window.wait("rendered")
     window.run(f"bpy.data.images['Render Result'].save_render({str(path)!r})")
     return Path(path)
