@@ -558,6 +558,7 @@ def test_several_morphs_with_keys_and_drivers_at_every_frame(addon, settings, tm
         assert values[2] == pytest.approx(values[0])
 
 
+@pytest.mark.renders
 def test_an_animation_of_several_renders(settings, output):
     """One grows, one shrinks, over frames that Blender renders by itself."""
     _, target = pair(30, 26)
