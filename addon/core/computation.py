@@ -78,7 +78,8 @@ class End:
 class Outcome:
     """All that the scene gets from a morph.
 
-    `landing` is (N, 3): where every source vertex ends on the target, in the morph's frame.
+    `landing` is (N, 3): where every source vertex ends on the target, in the morph's frame; of a
+    mesh, wrapped onto it.
     `distortion` is (M,), a value a pair: the worse of both its ends, see `pointmorph.PointQuality`.
     `maps` is the landing of all points of the source and of all of the target, for `Earlier`.
     `boundaries` are the rows of the boundary that each shape's faces leave open, or None.
@@ -150,9 +151,10 @@ def compute(request, progress, earlier=None):
         )
     )
     maps = morph.source_to_target, morph.target_to_source
+    landing = morph.wrapped(1.0, progress) if morph.has_mesh else maps[0]
     return Outcome(
         *ends,
-        maps[0],
+        landing,
         distortion.astype(np.float32),
         morph.report,
         maps,

@@ -330,6 +330,7 @@ void define_queries(py::class_<Morph>& morph) {
                  return to_numpy(without_gil(
                      callback, [&](Progress& progress) { return m.target_to_source(progress); }));
              })
+        .def("has_mesh", &Morph::has_mesh)
         .def("wrapped",
              [](const Morph& m, double t, const py::object& callback) {
                  return to_numpy(without_gil(

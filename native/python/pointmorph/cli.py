@@ -130,7 +130,8 @@ def _add_common(command: argparse.ArgumentParser) -> None:
         "--samples",
         metavar="N",
         type=_positive,
-        help="morph N points sampled from each model's faces (default: morph the vertices)",
+        help="morph N points sampled from each model's faces, and write these (default: the "
+        "vertices are written, although the match is found on samples)",
     )
     settings = command.add_argument_group("settings")
     for option in morphing.options():

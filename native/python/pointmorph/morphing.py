@@ -235,6 +235,11 @@ class Morph:
         """(M, 3): where the map takes each target point; smooth, not snapped to source points."""
         return self._native.target_to_source(None).astype(self._dtype)
 
+    @property
+    def has_mesh(self) -> bool:
+        """Whether the source has faces for `wrapped`. With method paper it has none."""
+        return self._native.has_mesh()
+
     def wrapped(self, t: float = 1.0, progress: Progress | None = None) -> FloatArray:
         """The vertices of the source's mesh at t: with its own faces, the mesh on its way.
 
@@ -258,7 +263,7 @@ class Morph:
         Raises
         ------
         CloudError
-            If the source has no faces, or the morph was made with method paper.
+            Unless `has_mesh`.
         OptionError
             If t lies outside of [0, 1].
         Cancelled
@@ -396,7 +401,9 @@ def morph(
     Parameters
     ----------
     source, target : Cloud
-        Of any sizes; no common mesh and no faces needed.
+        Of any sizes; no common mesh and no faces needed. Where a cloud has faces, it stands for
+        their surface: the match is found on even samples of them, and the vertices follow. Method
+        paper knows points only.
     features : mapping of name to (source row, target row) or `Feature`, optional
         Pairs of rows are points to match exactly. For curves, regions and soft features, use
         `Feature`.

@@ -29,6 +29,8 @@ _LABELS = {
     "spherical parameterization": "Mapping onto the sphere",
     "topology": "Analyzing topology",
     "transfer": "Smoothing the map",
+    "vertices": "Moving the vertices",
+    "wrapping": "Wrapping the mesh",
 }
 
 

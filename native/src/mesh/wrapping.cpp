@@ -2,8 +2,8 @@
 
 #include <algorithm>
 #include <cmath>
-#include <map>
-#include <optional>
+#include <span>
+#include <vector>
 
 #include "mesh/block_system.hpp"
 #include "mesh/coarse_mesh.hpp"
@@ -79,11 +79,14 @@ public:
 private:
     void settle(double length, Progress& progress) {
         const double rings = length / spacing_;
-        const int sweeps = static_cast<int>(std::clamp(0.3 * rings * rings, 2.0, 60.0));
+        const int sweeps = static_cast<int>(std::clamp(0.3 * rings * rings, 3.0, 60.0));
         sheet_.set_metric(x_, sweeps, progress);
         find_areas();
         find_pulls(length, progress);
-        for (Index i = 0; i < options_.iterations; ++i) step(length, progress);
+        // Much shorter than the sides of triangles, a length only brings vertices to the surface.
+        constexpr double kShort = 0.3;
+        const Index iterations = length < kShort * spacing_ ? 1 : options_.iterations;
+        for (Index i = 0; i < iterations; ++i) step(length, progress);
     }
 
     /// Areas around vertices as the metric would have them.
@@ -228,22 +231,30 @@ namespace {
 
 std::vector<double> all_lengths(const WrapOptions& options) {
     std::vector<double> lengths;
-    for (double length = options.first_length; length > options.last_length;
-         length *= options.share)
+    // The last is no more than half a step from the one before.
+    const double end = options.last_length / std::sqrt(options.share);
+    for (double length = options.first_length; length > end; length *= options.share)
         lengths.push_back(length);
     lengths.push_back(options.last_length);
     return lengths;
 }
 
-/// The start after the first lengths, over which fewer triangles give way as well as all.
-Positions start_by_coarse_mesh(const Mesh& mesh, const Positions& start, const WrapTarget& target,
-                               std::span<const WrapMark> marks, const WrapOptions& options,
-                               std::span<const double> lengths, Progress& progress) {
+/// A mesh of so many places, and the lengths over which it stands for all.
+struct Level {
+    Index places;
+    std::span<const double> lengths;
+    const WrapOptions& options;
+};
+
+/// Where the places are once a coarse mesh has given way in place of all.
+Positions after_coarse_mesh(const Mesh& mesh, const Positions& start, const WrapTarget& target,
+                            std::span<const WrapMark> marks, const Level& level,
+                            Progress& progress) {
     std::vector<Index> kept;
     for (const WrapMark& mark : marks) kept.push_back(mark.place);
     std::ranges::sort(kept);
     kept.erase(std::ranges::unique(kept).begin(), kept.end());
-    const CoarseMesh coarse = coarse_mesh(mesh, options.coarse_places, kept, progress);
+    const CoarseMesh coarse = coarse_mesh(mesh, level.places, kept, progress);
 
     std::vector<WrapMark> coarse_marks;
     for (const WrapMark& mark : marks) {
@@ -267,16 +278,25 @@ Positions start_by_coarse_mesh(const Mesh& mesh, const Positions& start, const W
             }
         },
         0.0, 0.0, 64);
-    Wrapping wrapping(coarse.mesh, gather(start, coarse.rows), onto, coarse_marks, options);
-    wrapping.settle(lengths, progress);
+    Wrapping wrapping(coarse.mesh, gather(start, coarse.rows), onto, coarse_marks, level.options);
+    wrapping.settle(level.lengths, progress);
     const double spacing =
         std::sqrt(mesh.area() / static_cast<double>(coarse.mesh.positions.rows()));
     const VertexImages carried({mesh.positions, mesh.place_normals},
                                {coarse.mesh.positions, coarse.mesh.place_normals}, spacing,
                                progress);
     Positions result = carried.positions(wrapping.places(), progress);
-    for (Index p = 0; p < result.rows(); ++p)
-        if (mesh.parts[to_size(p)] < 0) result.row(p) = start.row(p);
+    // Small parts have too few places to be carried by: they are where the map took them.
+    constexpr int kEnough = 24;
+    std::vector<int> places_of_part(to_size(mesh.part_areas.size()), 0);
+    for (std::size_t k = 0; k < coarse.rows.size(); ++k)
+        if (const Index part = mesh.parts[to_size(coarse.rows[k])];
+            part >= 0 && coarse.mesh.parts[k] >= 0)
+            ++places_of_part[to_size(part)];
+    for (Index p = 0; p < result.rows(); ++p) {
+        const Index part = mesh.parts[to_size(p)];
+        if (part < 0 || places_of_part[to_size(part)] < kEnough) result.row(p) = start.row(p);
+    }
     return result;
 }
 
@@ -290,18 +310,27 @@ Positions wrap(const Mesh& mesh, const Positions& start, const WrapTarget& targe
     if (fits || mesh.triangles.rows() == 0) return start;
 
     const std::vector<double> lengths = all_lengths(options);
-    std::size_t coarse = 0;
-    if (mesh.positions.rows() > 2 * options.coarse_places)
-        while (coarse < lengths.size() && lengths[coarse] > options.coarse_length) ++coarse;
-    const auto first = std::span(lengths).first(coarse), rest = std::span(lengths).subspan(coarse);
-    std::optional<Positions> begun;
-    if (!first.empty()) {
-        const Progress::Part part(progress, 0.0, 0.3);
-        begun = start_by_coarse_mesh(mesh, start, target, marks, options, first, progress);
+    Positions x = start;
+    std::size_t done = 0;
+    const auto share = [&](std::size_t count) {
+        return static_cast<double>(count) / static_cast<double>(lengths.size());
+    };
+    for (Index places = options.coarse_places; mesh.positions.rows() > 2 * places; places *= 4) {
+        // The least length for the distance between so many places.
+        const double least =
+            options.coarse_length *
+            std::sqrt(static_cast<double>(options.coarse_places) / static_cast<double>(places));
+        std::size_t end = done;
+        while (end < lengths.size() && lengths[end] > least) ++end;
+        if (end == done) continue;
+        const Progress::Part part(progress, share(done), share(end));
+        const Level level{places, std::span(lengths).subspan(done, end - done), options};
+        x = after_coarse_mesh(mesh, x, target, marks, level, progress);
+        done = end;
     }
-    const Progress::Part part(progress, first.empty() ? 0.0 : 0.3, 1.0);
-    Wrapping wrapping(mesh, begun ? *begun : start, target, marks, options);
-    wrapping.settle(rest, progress);
+    const Progress::Part part(progress, share(done), 1.0);
+    Wrapping wrapping(mesh, x, target, marks, options);
+    wrapping.settle(std::span(lengths).subspan(done), progress);
     wrapping.finish(progress);
     Positions result = wrapping.places();
     for (const WrapMark& mark : marks) result.row(mark.place) = mark.target.transpose();

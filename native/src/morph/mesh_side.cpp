@@ -170,6 +170,8 @@ bool is_sampled(const Cloud& cloud, const MorphOptions& options) {
 
 MeshSides mesh_sides(const MorphInput& input, const MorphOptions& options, Progress& progress) {
     MeshSides sides;
+    if (!is_sampled(input.source, options) && !is_sampled(input.target, options)) return sides;
+    progress.enter("samples");
     const auto make = [&](const Cloud& cloud, Marked Feature::*side,
                           std::optional<MeshSide>& made) {
         if (!is_sampled(cloud, options)) return;
@@ -245,8 +247,8 @@ Pairing pairs_in_domain(const ProductView& points, std::span<const Feature> feat
     const DynamicRows source_labels = labels(source.rows(), &Feature::source);
     if (source_labels.cols() == 0) return mutual_pairs<12>(source, target, pinned, progress);
     return mutual_pairs<32>(labeled_points(source, source_labels),
-                            labeled_points(target, labels(target.rows(), &Feature::target)),
-                            pinned, progress);
+                            labeled_points(target, labels(target.rows(), &Feature::target)), pinned,
+                            progress);
 }
 
 std::vector<std::string> turned_faces(const MorphInput& input, const MeshSides& sides) {

@@ -186,7 +186,7 @@ Morph::Morph(Cloud source, Cloud target, Pairing pairs, RefinementStart images,
       target_images_(std::move(images.target_images)),
       caches_(std::make_unique<Caches>()) {
     for (const Cloud* cloud : {&source_, &target_}) {
-        validate(*cloud, cloud->faces.size() > 0 ? 0 : kMinimumPoints);
+        validate(*cloud, 0);
         if (cloud->normals.rows() == 0 || cloud->radii.rows() == 0)
             throw CloudError(cloud->name, "normals and radii", "none",
                              "Take those of frame(0) and frame(1) of the morph.");

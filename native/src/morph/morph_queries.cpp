@@ -78,11 +78,15 @@ Positions Morph::through_domain(const Positions& images, const DomainPoints& fro
     return result;
 }
 
+bool Morph::has_mesh() const noexcept {
+    return meshes_ && meshes_->sides.source.has_value();
+}
+
 /// Where the source's vertices end on the target. The caller holds the mutex.
 const Positions& Morph::wrapped_ends(Progress& progress) const {
     auto& wrapped = caches_->wrapped;
     if (wrapped) return *wrapped;
-    if (!meshes_ || !meshes_->sides.source)
+    if (!has_mesh())
         throw CloudError(source_.name, "faces to wrap onto " + target_.name, "none",
                          "Give the faces of the mesh, and take method auto.");
     const ThreadCount threads(options_.threads);

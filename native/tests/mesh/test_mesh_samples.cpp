@@ -32,8 +32,9 @@ Values nearest_distances(const Positions& p) {
 
 TEST(MeshSamples, LieEvenlyHoweverTheVerticesLie) {
     const Matrix3 small = 0.4 * Matrix3::Identity();
-    const Mesh mesh = make_mesh(mesh_shapes::together(
-        mesh_shapes::icosphere(1), mesh_shapes::moved(mesh_shapes::icosphere(4), small, {3, 0, 0})));
+    const Mesh mesh = make_mesh(
+        mesh_shapes::together(mesh_shapes::icosphere(1),
+                              mesh_shapes::moved(mesh_shapes::icosphere(4), small, {3, 0, 0})));
     const MeshSamples samples = sampled(mesh, 4000);
     const double spacing = std::sqrt(mesh.area() / 4000);
     const Values distances = nearest_distances(samples.positions);

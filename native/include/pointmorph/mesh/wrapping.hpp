@@ -21,7 +21,7 @@ struct WrapOptions {
     double share = 0.6;
     Index iterations = 3;  ///< for each length
     /// Of a mesh with more than twice as many places, so many stand for all while lengths are over
-    /// this one, in √area.
+    /// this one, in √area; then four times as many down to half of it, and so on.
     Index coarse_places = 4000;
     double coarse_length = 0.03;
     Index untangling = 3;  ///< rounds in which faces that lie against the target are turned back

@@ -64,9 +64,11 @@ public:
     Positions source_to_target(Progress& progress) const;
     Positions target_to_source(Progress& progress) const;
 
+    /// Whether the source has faces that can be wrapped.
+    bool has_mesh() const noexcept;
     /// The vertices of the source at t, #source by 3, along the paths of `options().path`: at 0
     /// where they are, at 1 where they end when its faces are wrapped smoothly onto the target; see
-    /// wrap(), which is done when first asked for. Throws CloudError where the source has no faces.
+    /// wrap(), which is done when first asked for. Throws CloudError unless has_mesh().
     Positions wrapped(double t, Progress& progress) const;
 
     /// Straight paths; laid out when first asked for. Scalar: float or double.
