@@ -45,11 +45,11 @@ class Shape:
         )
 
     def cloud(self):
-        """As the library takes it. The boundary is the longest that the faces leave open, and they
-        say what hangs together."""
+        """As the library takes it: the vertices are the samples. The boundary is the longest that
+        the faces leave open, and they say what hangs together."""
         return pointmorph.formats.Shape(
             self.name, self.positions, self.normals, self.colors, self.radii, self.triangles
-        ).cloud()
+        ).cloud(as_surface=False)
 
 
 @dataclass(frozen=True)
@@ -78,8 +78,7 @@ class End:
 class Outcome:
     """All that the scene gets from a morph.
 
-    `landing` is (N, 3): where every source vertex ends on the target, in the morph's frame; of a
-    mesh, wrapped onto it.
+    `landing` is (N, 3): where every source vertex ends on the target, in the morph's frame.
     `distortion` is (M,), a value a pair: the worse of both its ends, see `pointmorph.PointQuality`.
     `maps` is the landing of all points of the source and of all of the target, for `Earlier`.
     `boundaries` are the rows of the boundary that each shape's faces leave open, or None.
@@ -151,10 +150,9 @@ def compute(request, progress, earlier=None):
         )
     )
     maps = morph.source_to_target, morph.target_to_source
-    landing = morph.wrapped(1.0, progress) if morph.has_mesh else maps[0]
     return Outcome(
         *ends,
-        landing,
+        maps[0],
         distortion.astype(np.float32),
         morph.report,
         maps,

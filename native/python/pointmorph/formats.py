@@ -33,8 +33,11 @@ class Shape:
     faces: npt.NDArray[np.int64] | None = None
     """(F, 3) rows of positions; None for a point cloud"""
 
-    def cloud(self) -> Cloud:
-        """The vertices, in order, and the faces; of an open mesh also its longest boundary."""
+    def cloud(self, *, as_surface: bool = True) -> Cloud:
+        """The vertices, in order, and the faces; of an open mesh also its longest boundary.
+
+        Without `as_surface`, the vertices are taken for samples, as if there were no faces.
+        """
         boundary = labels = None
         if self.faces is not None:
             labels = parts(self.faces, self.positions)
@@ -45,7 +48,7 @@ class Shape:
             self.normals,
             self.colors,
             self.radii,
-            faces=self.faces,
+            faces=self.faces if as_surface else None,
             name=self.name,
             boundary=boundary,
             parts=labels,
