@@ -344,7 +344,7 @@ def hover_down(x, top, bottom, what):
     # Moves the mouse from row to row, and notes in calls what lies there.
     global hovering, calls
     calls = []
-    places = iter(range(top, bottom, 17))  # rows are 20 high
+    places = iter(range(top, bottom, 12))  # rows are 20 high, some buttons less
     hovering = next(places)
 
     def step():
