@@ -69,13 +69,33 @@ def export(context, player, plan, path, target):
                 "that nothing was written",
                 "Choose another folder.",
             )
-        pointmorph.files.replace(temporary, path)
+        with _let_go(path):
+            pointmorph.files.replace(temporary, path)
     except (OSError, RuntimeError) as error:
         raise pointmorph.FileError(
             str(path), "a file that can be written", str(error).strip(), "Choose another folder."
         ) from error
     finally:
         temporary.unlink(missing_ok=True)
+
+
+@contextlib.contextmanager
+def _let_go(path):
+    """While a file is replaced, no object of this Blender reads it: Windows replaces no open file.
+    They read the new one afterwards."""
+    readers = [
+        (cache, cache.filepath)
+        for cache in bpy.data.cache_files
+        if Path(bpy.path.abspath(cache.filepath, library=cache.library)) == path
+    ]
+    for cache, _ in readers:
+        cache.filepath = ""
+    bpy.context.view_layer.update()
+    try:
+        yield
+    finally:
+        for cache, was in readers:
+            cache.filepath = was
 
 
 @contextlib.contextmanager

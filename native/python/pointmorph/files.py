@@ -9,7 +9,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import IO
+from typing import IO, Any
 
 from pointmorph.errors import FileError
 
@@ -29,6 +29,16 @@ def reachable(path: str | os.PathLike[str]) -> Path:
     if whole.startswith("\\\\"):
         return Path("\\\\?\\UNC" + whole[1:])
     return Path("\\\\?\\" + whole)
+
+
+def read_ply(path: str | os.PathLike[str]) -> Any:
+    """What a PLY file holds, as plyfile's PlyData.
+
+    On Windows it's read at once: a file that is mapped can't be replaced or removed there.
+    """
+    from plyfile import PlyData
+
+    return PlyData.read(str(reachable(path)), mmap=sys.platform != "win32")
 
 
 def make_folder(folder: Path) -> None:

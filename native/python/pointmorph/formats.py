@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from pointmorph.clouds import Cloud, FloatArray
 from pointmorph.errors import FileError
-from pointmorph.files import reachable, whole_file, write_bytes
+from pointmorph.files import reachable, read_ply, whole_file, write_bytes
 from pointmorph.meshes import boundary_loops, parts
 
 
@@ -268,9 +268,7 @@ def _write_ply(
 
 
 def _read_ply(path: Path) -> Shape:
-    from plyfile import PlyData
-
-    data = PlyData.read(str(path))
+    data = read_ply(path)
     if "vertex" not in data:
         raise FileError(str(path), "vertices", "none", "Export the file again, with its points.")
     rows = data["vertex"].data

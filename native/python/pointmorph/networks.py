@@ -66,7 +66,7 @@ def trace_network(
     >>> r = 1 + 0.4 * np.cos(v)
     >>> torus = np.stack([r * np.cos(u), r * np.sin(u), 0.4 * np.sin(v)], axis=-1).reshape(-1, 3)
     >>> places = {f"{a} {b}": 12 * b * 90 + 30 * a for a in range(3) for b in range(3)}
-    >>> cloud = pointmorph.Cloud(torus)
+    >>> cloud = pointmorph.Cloud(torus.round(4))
     >>> network = pointmorph.trace_network(cloud, cloud, {n: (r, r) for n, r in places.items()})
     >>> len(places) - len(network.curves) + len(network.patches)  # Euler's number of a torus
     0
