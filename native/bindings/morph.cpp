@@ -32,7 +32,7 @@ Cloud cloud_of(const py::dict& fields) {
 
 namespace {
 
-/// From the dictionary that pointmorph.morphing makes of a feature.
+/// From the dictionary that pointmorph.features makes of a feature.
 Feature feature_of(const py::dict& fields) {
     const auto marked = [&](const char* side) {
         const py::dict given = fields[side];
