@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from pointmorph import formats
 from pointmorph.clouds import FloatArray
-from pointmorph.files import write_bytes
+from pointmorph.files import read_ply, write_bytes
 from pointmorph.meshes import vertex_normals
 
 
@@ -74,9 +74,7 @@ class SourceMesh:
 
 
 def _moved_ply(path: Path, positions: FloatArray, normals: npt.NDArray[np.float64]) -> bytes:
-    from plyfile import PlyData
-
-    data = PlyData.read(str(path))
+    data = read_ply(path)
     rows = data["vertex"].data
     for axis, name in enumerate(("x", "y", "z")):
         rows[name] = positions[:, axis]
