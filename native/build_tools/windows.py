@@ -47,7 +47,8 @@ def variables(**more: str) -> dict[str, str]:
     ours = {
         "WINEPREFIX": str(_folder() / "wine"),
         "WINEDEBUG": "-all",
-        "WINEDLLOVERRIDES": "mscoree,mshtml=",  # Wine would ask whether to fetch them
+        # Wine would ask whether to fetch two of them; the debugger waits for somebody.
+        "WINEDLLOVERRIDES": "mscoree,mshtml,winedbg.exe=",
         "DISPLAY": "",
         "PYTHONUTF8": "1",
         "PYTHONDONTWRITEBYTECODE": "1",

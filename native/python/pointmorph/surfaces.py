@@ -218,28 +218,34 @@ def _reconstructed(
 ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.int32]]:
     """(V, 3) vertices and (F, 3) faces, by a process that is killed once `stopped()` is True."""
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
-    with tempfile.TemporaryDirectory(prefix="pointmorph-") as folder:
-        source, destination = (os.path.join(folder, name) for name in ("points.npz", "mesh.npz"))
+    # A file, not a pipe, for what it complains of: a pipe stays open as long as anything that the
+    # process has started, such as a desktop under Wine, and so may the file.
+    with tempfile.TemporaryDirectory(prefix="pointmorph-", ignore_cleanup_errors=True) as folder:
+        names = ("points.npz", "mesh.npz", "complaint.txt")
+        source, destination, said = (os.path.join(folder, name) for name in names)
         np.savez(
             source, points=points, normals=normals.astype(np.float64), depth=depth, scale=_CUBE
         )
-        with subprocess.Popen(
-            [sys.executable, str(Path(__file__).with_name("_poisson.py")), source, destination],
-            env=environment,
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.PIPE,
-            text=True,
-        ) as process:
+        with (
+            open(said, "wb") as file,
+            subprocess.Popen(
+                [sys.executable, str(Path(__file__).with_name("_poisson.py")), source, destination],
+                env=environment,
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.DEVNULL,
+                stderr=file,
+            ) as process,
+        ):
             try:
                 while True:
                     with contextlib.suppress(subprocess.TimeoutExpired):
-                        _, complaint = process.communicate(timeout=_POLL)
+                        process.wait(timeout=_POLL)
                         break
                     if stopped():
                         raise Cancelled("Mesh cancelled.")
             finally:
                 process.kill()
+        complaint = Path(said).read_text(encoding="utf-8", errors="replace")
         if process.returncode != 0:
             detail = (complaint.strip() or f"status {process.returncode}").splitlines()[-1]
             raise ConvergenceError(
