@@ -113,7 +113,7 @@ def arguments_of(words: list[str]) -> argparse.Namespace:
         "--platform",
         choices=("linux", "windows"),
         default="linux",
-        help=("what is built for Windows is tested under Wine"),
+        help="what is built for Windows is tested under Wine",
     )
     tests.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="suites side by side")
     benches = commands.add_parser("bench", help="the benchmarks, as a table and as JSON")

@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "mesh/mesh_edges.hpp"
+#include "pointmorph/cloud/oriented_points.hpp"
 
 namespace pointmorph {
 
@@ -161,9 +162,7 @@ bool shows_inside(const Mesh& mesh) {
         };
         volume += corner(0).dot(corner(1).cross(corner(2)));
     }
-    constexpr double kSomeVolume = 0.005;  // of a unit area; a ball has 0.09
-    const double area = mesh.part_areas[0];
-    return volume / 6.0 <= -kSomeVolume * area * std::sqrt(area);
+    return faces_inside(volume / 6.0, mesh.part_areas[0]);
 }
 
 void find_normals(Mesh& mesh) {

@@ -181,7 +181,7 @@ Vector3 WrapSamples::position(Index sample) const {
     return scale_ * target_.coarse.positions.row(sample).transpose();
 }
 
-double WrapSamples::share(Index) const {
+double WrapSamples::share() const {
     return 1.0 / static_cast<double>(target_.coarse.positions.rows());
 }
 

@@ -42,7 +42,7 @@ public:
     /// Of the coarse samples.
     const SurfacePoint& on_mesh(Index sample) const;
     Vector3 position(Index sample) const;
-    double share(Index sample) const;  ///< of the area
+    double share() const;  ///< of the area, of each sample
 
 private:
     struct Tree;

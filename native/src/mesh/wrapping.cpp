@@ -105,7 +105,7 @@ private:
         pulls_.clear();
         const double reach = std::max(length, kUncovered);
         for (const Index s : samples_.uncovered(tree_, kUncovered, progress))
-            pulls_.push_back({s, 0.5 * samples_.share(s) / (reach * reach)});
+            pulls_.push_back({s, 0.5 * samples_.share() / (reach * reach)});
     }
 
     void step(double length, Progress& progress) {
@@ -141,10 +141,7 @@ private:
         for (const auto& [sample, weight] : pulls_) {
             const SurfacePoint& point = samples_.on_mesh(sample);
             const auto corners = mesh_.triangles.row(point.triangle);
-            const Vector3 is = point.weights[0] * x_.row(corners[0]).transpose() +
-                               point.weights[1] * x_.row(corners[1]).transpose() +
-                               point.weights[2] * x_.row(corners[2]).transpose();
-            const Vector3 way = samples_.position(sample) - is;
+            const Vector3 way = samples_.position(sample) - place_of(point, mesh_.triangles, x_);
             for (Index k = 0; k < 3; ++k) {
                 const double share = weight * point.weights[k];
                 blocks[to_size(corners[k])] += share * Matrix3::Identity();
@@ -225,10 +222,6 @@ private:
     double spacing_ = 0.0;
 };
 
-}  // namespace
-
-namespace {
-
 std::vector<double> all_lengths(const WrapOptions& options) {
     std::vector<double> lengths;
     // The last is no more than half a step from the one before.
@@ -269,12 +262,8 @@ Positions after_coarse_mesh(const Mesh& mesh, const Positions& start, const Wrap
         [&](Index begin, Index end) {
             for (Index s = begin; s < end; ++s) {
                 SurfacePoint& point = onto.on_mesh[to_size(s)];
-                if (point.triangle < 0) continue;
-                const auto corners = mesh.triangles.row(point.triangle);
-                Vector3 place = Vector3::Zero();
-                for (Index k = 0; k < 3; ++k)
-                    place += point.weights[k] * mesh.positions.row(corners[k]).transpose();
-                point = tree.closest(place);
+                if (point.triangle >= 0)
+                    point = tree.closest(place_of(point, mesh.triangles, mesh.positions));
             }
         },
         0.0, 0.0, 64);

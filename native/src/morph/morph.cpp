@@ -142,24 +142,23 @@ void Morph::take(Correspondence found) {
 void Morph::carry(MorphInput input, Progress& progress) {
     progress.enter("vertices");
     const MeshSides& meshes = meshes_->sides;
-    std::vector<Index> source_vertices(to_size(source_.size()));
-    std::iota(source_vertices.begin(), source_vertices.end(), 0);
-    std::vector<Index> target_vertices(to_size(target_.size()));
-    std::iota(target_vertices.begin(), target_vertices.end(), 0);
-    if (meshes.source) {
-        source_vertices = meshes.source->vertices_of_samples();
-        source_ = meshes.source->completed(std::move(input.source));
-        source_images_ = meshes.source->images(source_images_, progress);
-        source_domain_ = meshes.source->values(source_domain_, progress);
-        source_boundary_ = rows_along(source_vertices, source_boundary_);
-    }
-    if (meshes.target) {
-        target_vertices = meshes.target->vertices_of_samples();
-        target_ = meshes.target->completed(std::move(input.target));
-        target_images_ = meshes.target->images(target_images_, progress);
-        target_domain_ = meshes.target->values(target_domain_, progress);
-        target_boundary_ = rows_along(target_vertices, target_boundary_);
-    }
+    // Gives the vertex of each row that the map was found with.
+    const auto carry_side = [&](const std::optional<MeshSide>& mesh, Cloud& given, Cloud& cloud,
+                                Positions& images, SampleValues& domain, BoundaryLoop& boundary) {
+        std::vector<Index> vertices(to_size(cloud.size()));
+        std::iota(vertices.begin(), vertices.end(), 0);
+        if (!mesh) return vertices;
+        vertices = mesh->vertices_of_samples();
+        cloud = mesh->completed(std::move(given));
+        images = mesh->images(images, progress);
+        domain = mesh->values(domain, progress);
+        boundary = rows_along(vertices, boundary);
+        return vertices;
+    };
+    const std::vector<Index> source_vertices = carry_side(
+        meshes.source, input.source, source_, source_images_, source_domain_, source_boundary_);
+    const std::vector<Index> target_vertices = carry_side(
+        meshes.target, input.target, target_, target_images_, target_domain_, target_boundary_);
     if (is_same_mesh(source_, target_, input.features)) {
         source_images_ = target_.positions;
         target_images_ = source_.positions;

@@ -9,6 +9,7 @@
 #include "pointmorph/base/parallel.hpp"
 #include "pointmorph/cloud/covariance.hpp"
 #include "pointmorph/cloud/kd_tree.hpp"
+#include "pointmorph/cloud/oriented_points.hpp"
 #include "pointmorph/cloud/subset.hpp"
 
 namespace pointmorph {
@@ -100,8 +101,7 @@ bool faces_inwards(const PreparedShape& shape) {
         if (is_in_largest(i))
             flux += spacing[i] * spacing[i] *
                     (shape.positions.row(i) - middle).dot(shape.normals.row(i));
-    constexpr double kSomeVolume = 0.005;  // of a unit area; a ball has 0.09
-    return flux / 3.0 <= -kSomeVolume * area * std::sqrt(area);
+    return faces_inside(flux / 3.0, area);
 }
 
 void make_outward(PreparedShape& shape) {

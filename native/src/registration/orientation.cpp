@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "pointmorph/cloud/kd_tree.hpp"
+#include "pointmorph/cloud/oriented_points.hpp"
 
 namespace pointmorph {
 
@@ -28,7 +29,6 @@ double normal_agreement(const CoarseShape& source, const CoarseShape& target,
 }
 
 bool is_inside_out(const CoarseShape& source, const CoarseShape& target, const Positions& start) {
-    constexpr double kSomeVolume = 0.005;  // of a unit area; a ball has 0.09
     const double s = signed_volume(source), t = signed_volume(target);
     if (std::min(std::abs(s), std::abs(t)) > kSomeVolume) return s * t < 0.0;
     return normal_agreement(source, target, start) < 0.0;

@@ -1,6 +1,7 @@
 // Shapes that the tests of whole morphs share.
 #pragma once
 
+#include <algorithm>
 #include <cmath>
 #include <string>
 #include <utility>
@@ -53,6 +54,21 @@ inline std::vector<Feature> grid_features(Index source_side, Index target_side) 
         features.push_back(point_feature("f" + std::to_string(number++),
                                          grid_row(source_side, x, y), grid_row(target_side, x, y)));
     return features;
+}
+
+/// Pairs of a morph of the same shapes, the source's points in another order, as rows of the order
+/// that was given. Features are points.
+inline Pairing pairs_in_another_order(MorphInput input, const MorphOptions& options) {
+    const auto order = shapes::permutation(input.source.size(), 3);
+    const auto rank = inverse_order(order);
+    input.source.positions = gather(input.source.positions, order);
+    for (Feature& feature : input.features)
+        feature.source.rows[0] = rank[to_size(feature.source.rows[0])];
+    Progress progress;
+    Pairing pairs = Morph(std::move(input), options, progress).pairs();
+    for (IndexPair& pair : pairs) pair.source = order[to_size(pair.source)];
+    std::ranges::sort(pairs);
+    return pairs;
 }
 
 inline Morph make(Cloud source, Cloud target, std::vector<Feature> features,

@@ -1,9 +1,20 @@
 // Points of a surface and which way it faces at them.
 #pragma once
 
+#include <cmath>
+
 #include "pointmorph/base/types.hpp"
 
 namespace pointmorph {
+
+/// A closed surface of unit area that encloses less than this, up to its sign, doesn't say where
+/// its inside is; a ball encloses 0.09.
+inline constexpr double kSomeVolume = 0.005;
+
+/// Whether the normals of a closed surface face its inside, by its volume, which is negative then.
+inline bool faces_inside(double volume, double area) {
+    return volume <= -kSomeVolume * area * std::sqrt(area);
+}
 
 struct OrientedPoints {
     Positions positions;  ///< #points by 3

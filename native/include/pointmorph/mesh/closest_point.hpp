@@ -16,6 +16,15 @@ struct SurfacePoint {
     double squared_distance = std::numeric_limits<double>::infinity();
 };
 
+/// Where a point of a surface is when the triangles' corners are rows of `positions`.
+inline Vector3 place_of(const SurfacePoint& point, const Triangles& triangles,
+                        const Positions& positions) {
+    const auto corners = triangles.row(point.triangle);
+    return point.weights[0] * positions.row(corners[0]).transpose() +
+           point.weights[1] * positions.row(corners[1]).transpose() +
+           point.weights[2] * positions.row(corners[2]).transpose();
+}
+
 /// The point of the triangle a b c nearest to p (Ericson, Real-Time Collision Detection, 5.1.5).
 SurfacePoint closest_on_triangle(const Vector3& p, const Vector3& a, const Vector3& b,
                                  const Vector3& c);

@@ -33,9 +33,6 @@ public:
     /// it open.
     SampleValues values(const SampleValues& of_samples, Progress& progress) const;
 
-    /// The nearest sample of each vertex.
-    std::vector<Index> nearest() const;
-
 private:
     static constexpr Index kNeighbors = 12;
 

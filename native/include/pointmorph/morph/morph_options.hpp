@@ -55,7 +55,7 @@ struct MorphOptions {
     ComponentOptions components;
     PathKind path = PathKind::kLinear;
     ResamplingOptions resampling;
-    /// OpenMP threads; 0 takes all. The result doesn't depend on it.
+    /// Threads; 0 takes all. The result doesn't depend on it.
     int threads = 0;
 };
 
