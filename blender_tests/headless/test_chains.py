@@ -5,10 +5,9 @@ from itertools import pairwise
 
 import bpy
 import numpy as np
-import pointmorph
 import pytest
 from mathutils import Vector
-from pointmorph.surfaces import check_available
+from pointmorph import surfaces
 from scenes import (
     add_attribute,
     add_mesh,
@@ -349,9 +348,7 @@ def test_frames_with_new_points_and_other_paths(settings, tmp_path):
 
 
 def test_frames_with_faces(settings):
-    try:
-        check_available()
-    except pointmorph.OptionError:
+    if not surfaces.is_available():
         pytest.skip("this Python has no pymeshlab and scipy that fit its numpy")
     found = shapes(3)
     obj = chain()

@@ -4,7 +4,6 @@ import sys
 
 import bpy
 import numpy as np
-import pointmorph
 import pytest
 from pointmorph import formats, surfaces
 from scenes import attribute, coordinates, data_blocks, morph, row_pairs, torn_pair
@@ -214,16 +213,8 @@ def is_closed_but_for_the_border(data):
     return counts.min() >= 1 and counts.max() == 2 and (counts == 1).mean() < 0.15
 
 
-def makes_surfaces():
-    try:
-        surfaces.check_available()
-    except pointmorph.OptionError:
-        return False
-    return True
-
-
 def test_faces_on_request(torn, tmp_path):
-    if not makes_surfaces():
+    if not surfaces.is_available():
         pytest.skip("this Python has no pymeshlab and scipy that fit its numpy")
     before = data_blocks()
     bake(step=4, faces=True)
@@ -266,7 +257,7 @@ def check_faces(kind, read, expected):
 
 
 def test_faces_beside_ply_points_and_without_the_library(torn, tmp_path, monkeypatch):
-    if makes_surfaces():
+    if surfaces.is_available():
         bake(step=8, faces=True, format="PLY", directory=str(tmp_path))
         mesh = formats.read(tmp_path / "mesh_0001.ply")
         assert mesh.faces is not None
