@@ -5,8 +5,8 @@ import math
 import bpy
 import numpy as np
 import pytest
+from pointmorph import surfaces
 from scenes import add_attribute, add_object, coordinates, morph, pair
-from test_frames import makes_surfaces
 
 pytestmark = pytest.mark.interface
 
@@ -120,7 +120,7 @@ def test_backs_of_discs_have_colour_and_alpha(addon, painted, output):
 
 @pytest.mark.renders
 def test_colours_of_faces_show(painted, output):
-    if not makes_surfaces():
+    if not surfaces.is_available():
         pytest.skip("this Python has no pymeshlab and scipy that fit its numpy")
     bpy.ops.pointmorph.bake_frames(frame_start=1, frame_end=3, step=2, faces=True)
     for kind in ("CYCLES", "WORKBENCH"):

@@ -4,7 +4,7 @@ import bpy
 import numpy as np
 import pytest
 from mathutils import Matrix
-from pointmorph import formats
+from pointmorph import formats, surfaces
 from scenes import (
     add_mesh,
     attribute,
@@ -18,7 +18,7 @@ from scenes import (
     torn_pair,
 )
 from test_following import bend, in_world, morph_and_follow, swell, travel
-from test_frames import bake, group_meshes, makes_surfaces
+from test_frames import bake, group_meshes
 
 LAST = 9
 
@@ -157,7 +157,7 @@ def test_files_of_points_and_faces(settings, tmp_path):
     for obj in (source, target):
         travel(obj)
     obj = morph_and_follow()
-    faces = makes_surfaces()
+    faces = surfaces.is_available()
     options = {"format": "PLY", "directory": str(tmp_path), "faces": faces, "step": 4}
     assert bake(**options) == {"FINISHED"}
     names = sorted(path.name for path in tmp_path.glob("frame_*.ply"))
