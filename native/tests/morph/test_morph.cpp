@@ -37,7 +37,7 @@ TEST_P(AnyMorph, EveryPointOfBothIsInAPairAndEndsAreExact) {
     const auto m = morph.pairs().size();
     std::vector<double> positions(3 * m);
     for (const double t : {0.0, 1.0}) {
-        morph.path<double>().frame(t, {positions, {}, {}, {}});
+        morph.straight_path<double>().frame(t, {positions, {}, {}, {}});
         const auto& end = t == 0.0 ? morph.source().positions : morph.target().positions;
         for (std::size_t i = 0; i < m; ++i) {
             const Index row = t == 0.0 ? morph.pairs()[i].source : morph.pairs()[i].target;
