@@ -9,11 +9,9 @@ import numpy as np
 import numpy.typing as npt
 import pointmorph
 import pytest
+from shapes import CUBE, SQUARES
 
 Array = npt.NDArray[Any]
-
-CUBE = np.array([[x, y, z] for z in (-1.0, 1.0) for y in (-1.0, 1.0) for x in (-1.0, 1.0)])
-SQUARES = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]]
 
 
 def ball(rings: int = 24, sides: int = 32) -> tuple[Array, list[list[int]]]:
