@@ -235,6 +235,12 @@ class PointmorphScene(bpy.types.PropertyGroup):
     active_feature: bpy.props.IntProperty(
         name="Active Feature", description="The feature selected in the list"
     )
+    set_aside: bpy.props.CollectionProperty(
+        name="Set Aside",
+        description="Features of objects that were picked before, with what was chosen for them",
+        type=PointmorphFeature,
+        options={"HIDDEN"},
+    )
     show_markers: bpy.props.BoolProperty(
         name="Markers",
         description="Show the marks of all features in the viewport, numbered as in the "

@@ -7,6 +7,7 @@ from ..core import background_job
 from ..core.computation import Earlier
 from ..data import chains, creation
 from ..data.feature_list import sync_features
+from ..data.references import find, reference_to
 from ..data.registration import Registration
 from ..scene import (
     attribute_transfer,
@@ -74,7 +75,7 @@ class POINTMORPH_OT_recompute(Explained, Computing, bpy.types.Operator):
 
     bl_idname = "pointmorph.recompute"
     bl_label = "Recompute"
-    bl_options = {"REGISTER", "UNDO"}
+    bl_options = {"UNDO"}
     stopped = "Canceled: the morph is unchanged"
 
     @staticmethod
@@ -86,13 +87,13 @@ class POINTMORPH_OT_recompute(Explained, Computing, bpy.types.Operator):
         obj = made_object(context)
         if obj.pointmorph.keeps_faces and obj.pointmorph.made_from is not None:
             obj = obj.pointmorph.made_from  # it goes along
-        self._name = obj.name
+        self._name, self._made = obj.name, reference_to(obj)
         plan = self._plan = yield from recomputation.plan_steps(context, obj)
         earlier = background_job.earlier if self._in_window else None
         return lambda progress: chains.compute_all(plan.requests, progress, earlier)
 
     def _finish(self, context, outcome):
-        obj = bpy.data.objects.get(self._name)
+        obj = find(bpy.data.objects, self._made)
         if not morph_object.is_made(obj):
             raise pointmorph.CloudError(
                 self._name, "the object that is being recomputed", "none", "Undo the deletion."
@@ -175,7 +176,7 @@ class POINTMORPH_OT_transfer_attributes(Explained, Computing, bpy.types.Operator
 
     bl_idname = "pointmorph.transfer_attributes"
     bl_label = "Transfer from Target"
-    bl_options = {"REGISTER", "UNDO"}
+    bl_options = {"UNDO"}
     stopped = "Canceled: nothing was transferred"
 
     @staticmethod
@@ -205,7 +206,7 @@ class POINTMORPH_OT_transfer_attributes(Explained, Computing, bpy.types.Operator
 
     def _begin_steps(self, context):
         obj = made_object(context)
-        self._name = obj.name
+        self._name, self._made = obj.name, reference_to(obj)
         wanted = self._wanted = attribute_transfer.Wanted(
             self.colors, self.weights, self.uvs, self.prefix
         )
@@ -215,7 +216,7 @@ class POINTMORPH_OT_transfer_attributes(Explained, Computing, bpy.types.Operator
         self._steps.close()
 
     def _finish(self, context, outcome):
-        obj = bpy.data.objects.get(self._name)
+        obj = find(bpy.data.objects, self._made)
         if not morph_object.is_made(obj):
             raise pointmorph.CloudError(
                 self._name, "the object to transfer to", "none", "Undo the deletion."

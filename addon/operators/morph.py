@@ -8,6 +8,7 @@ import numpy as np
 from ..core import background_job, preview, transforms
 from ..core.computation import Earlier, compute
 from ..data.feature_list import feature_choices, sync_features
+from ..data.references import find, reference_to
 from ..data.registration import Registration
 from ..scene import morph_builder, morph_object, preview_object, recipes
 from ..scene.feature_marks import say_what_was_found
@@ -21,7 +22,7 @@ class POINTMORPH_OT_morph(Explained, Computing, bpy.types.Operator):
 
     bl_idname = "pointmorph.morph"
     bl_label = "Morph"
-    bl_options = {"REGISTER", "UNDO"}
+    bl_options = {"UNDO"}
 
     @staticmethod
     def reason(context):
@@ -58,12 +59,12 @@ class POINTMORPH_OT_morph(Explained, Computing, bpy.types.Operator):
 
     def _made_of(self, context):
         """What `morph_builder.build` needs besides the outcome."""
-        shapes = [context.scene.objects.get(name) for name in self._names]
+        shapes = [find(context.scene.objects, shape) for shape in self._shapes]
         provenance = morph_builder.Provenance(shapes, self._origin, self._source_matrix)
         return " to ".join(self._names), provenance
 
     def _read(self, context):
-        """The request. What _finish needs is kept by name: objects move in memory on undo."""
+        """The request. What _finish needs is kept by reference: objects move in memory on undo."""
         sync_features(context.scene)
         request = yield from read_request_steps(context)
         say_what_was_found(context.scene, request)
@@ -71,6 +72,7 @@ class POINTMORPH_OT_morph(Explained, Computing, bpy.types.Operator):
         self._origin = np.array(source.matrix_world.translation)
         self._source_matrix = transforms.relative_to(source.matrix_world, self._origin)
         self._names = request.source.name, request.target.name
+        self._shapes = [reference_to(source), reference_to(context.scene.pointmorph.target)]
         yield
         self._recipe = yield from recipes.take_down_steps(
             [source, context.scene.pointmorph.target],

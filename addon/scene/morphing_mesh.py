@@ -37,7 +37,7 @@ def make_mesh(context, obj):
         copy.pointmorph.recipe = ""  # of a source that morphs itself
         copy.name = mesh.name = f"{obj.name} Mesh"
         copy.hide_render = False
-        context.collection.objects.link(copy)
+        creation.link(context, copy)
         _know(copy, obj)
         if mesh.shape_keys is None:
             copy.shape_key_add(name="Basis", from_mix=False)

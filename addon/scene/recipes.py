@@ -7,6 +7,7 @@ about: the settings, what the features were, and of every shape a fingerprint of
 import hashlib
 import json
 from dataclasses import asdict, astuple, fields
+from functools import lru_cache
 
 import bpy
 import numpy as np
@@ -48,7 +49,9 @@ _OWN = ("keys", "transferred")
 def shapes_of(obj):
     """The objects that a morph object was made from, in order; None for what is gone."""
     data = obj.pointmorph
-    return [data.source, *(item.object for item in data.via), data.target]
+    shapes = (data.source, *(item.object for item in data.via), data.target)
+    # What was deleted is kept by the pointer to it, in no collection.
+    return [None if shape is None or not shape.users_collection else shape for shape in shapes]
 
 
 def is_moving(obj):
@@ -224,10 +227,7 @@ def note(obj, name, value):
 
 def recipe_of(obj):
     """The recipe of a morph object; empty for one of an earlier version."""
-    try:
-        return json.loads(obj.pointmorph.recipe)
-    except ValueError:
-        return {}
+    return _parsed(obj.pointmorph.recipe) or {}
 
 
 def is_known(recipe):
@@ -253,8 +253,14 @@ def put_settings(settings, recipe):
 
 def report_of(obj):
     """What a morph object remembers of `Morph.report`; None when it's of an earlier version."""
+    report = _parsed(obj.pointmorph.report)
+    return report if report and "quality" in report else None
+
+
+@lru_cache(maxsize=32)  # the panel asks at every redraw
+def _parsed(text):
+    """What JSON says, to be read only; None where it isn't JSON."""
     try:
-        report = json.loads(obj.pointmorph.report)
+        return json.loads(text)
     except ValueError:
         return None
-    return report if "quality" in report else None
