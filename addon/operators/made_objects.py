@@ -15,6 +15,7 @@ from ..scene import (
     recipes,
     recomputation,
     shape_follower,
+    source_subdivision,
 )
 from .modal_operator import Computing
 from .polls import Explained, activate, active_result, busy_reason, fail, say_made
@@ -170,6 +171,27 @@ class POINTMORPH_OT_make_mesh(_OnPairs, bpy.types.Operator):
         return {"FINISHED"}
 
 
+class POINTMORPH_OT_subdivide_source(_OnPairs, bpy.types.Operator):
+    """Subdivide the source where its faces are too large to show the target. Its surface stays as
+    it is, and UV maps, weights, colors and shape keys go along. Recompute the morph afterwards"""
+
+    bl_idname = "pointmorph.subdivide_source"
+    bl_label = "Subdivide Source"
+    bl_options = {"REGISTER", "UNDO"}
+
+    def change(self, context, obj):
+        source = obj.pointmorph.source
+        before, after = source_subdivision.subdivide(obj)
+        if after == before:
+            self.report({"INFO"}, f'"{source.name}" has vertices enough')
+            return {"CANCELLED"}
+        self.report(
+            {"INFO"},
+            f'"{source.name}" has {after:,} vertices instead of {before:,}: recompute the morph',
+        )
+        return {"FINISHED"}
+
+
 class POINTMORPH_OT_transfer_attributes(Explained, Computing, bpy.types.Operator):
     """Transfer colors, weights and UV maps from the target to the matching places of the morph"""
 
@@ -231,6 +253,7 @@ registration = Registration(
         POINTMORPH_OT_edit_morph,
         POINTMORPH_OT_follow,
         POINTMORPH_OT_make_mesh,
+        POINTMORPH_OT_subdivide_source,
         POINTMORPH_OT_transfer_attributes,
     ),
 )

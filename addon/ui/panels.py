@@ -266,6 +266,9 @@ class POINTMORPH_PT_result(Panel, bpy.types.Panel):
             icon="COLOR",
             depress=points_display.shows_distortion(obj),
         )
+        if obj.pointmorph.too_fine:
+            say(layout, context, f'Too few vertices to show "{obj.pointmorph.too_fine}"', "INFO")
+            layout.operator("pointmorph.subdivide_source", icon="MOD_SUBSURF")
 
 
 class POINTMORPH_PT_quality(Panel, bpy.types.Panel):
