@@ -82,8 +82,8 @@ class End:
 class Outcome:
     """All that the scene gets from a morph.
 
-    `landing` is (N, 3): where every source vertex ends on the target, in the morph's frame; of a mesh
-    when its faces are wrapped onto the target.
+    `landing` is (N, 3): where every source vertex ends on the target, in the morph's frame; where
+    the source has faces, as they are when they are wrapped onto it.
     `distortion` is (M,), a value a pair: the worse of both its ends, see `pointmorph.PointQuality`.
     `maps` are where the map takes all points of the source and all of the target, for `Earlier`.
     `faces` are each shape's triangles as `packing` has them, or None.

@@ -15,6 +15,7 @@ from . import morph_object, morph_paths, recipes
 _ROUNDS = 6
 _MOST = 50_000  # vertices from which on there aren't more
 _MUCH = 0.1  # of what a face has to show
+_FEW = 4  # samples that could be missed by chance
 _LONG = 0.6  # of a face's longest side: sides that are halved with it
 _ORIGIN = ".origin"  # of every face: which of the source's it was
 
@@ -132,7 +133,7 @@ def _add_layer(edited, name, values):
 
 
 def _too_large(edited, origin, layer, surface, count):
-    """By face of the source, whether it misses much of the part of a surface that it has to show."""
+    """By face of the source, whether it misses much of what it has to show of a surface."""
     loops = edited.calc_loop_triangles()
     edited.verts.index_update()
     triangles = np.array([[loop.vert.index for loop in corners] for corners in loops], np.int32)
@@ -141,12 +142,14 @@ def _too_large(edited, origin, layer, surface, count):
     faces = np.array([corners[0].face[origin] for corners in loops])[nearest]
     whole = np.bincount(faces, surface.shares, count)
     lost = np.bincount(faces[far], surface.shares[far], count)
-    return lost > _MUCH * whole
+    return (lost > _MUCH * whole) & (np.bincount(faces[far], minlength=count) >= _FEW)
 
 
 def _halve(edited, origin, chosen):
-    """Halves the long sides of faces, by the source's faces that they were; after that, vertices can
-    be taken by number, the new ones last."""
+    """Halves the long sides of faces, by the source's faces that they were.
+
+    Vertices can be taken by number then, the new ones last.
+    """
     faces = [face for face in edited.faces if chosen[face[origin]]]
     polygons = [face for face in faces if len(face.verts) > 4]
     if polygons:
