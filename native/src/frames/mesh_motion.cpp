@@ -125,7 +125,7 @@ struct MeshMotion::Bend {
             }
         });
         make_turns_agree(mesh.triangles, moves);
-        constexpr Index kMost = 30000;
+        constexpr Index kMost = 60000;
         if (mesh.positions.rows() <= kMost) factorize();
     }
 

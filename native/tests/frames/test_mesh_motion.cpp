@@ -214,7 +214,7 @@ TEST(MeshMotion, PartsAndLooseVerticesComeAlong) {
 
 TEST(MeshMotion, LargeMeshesAreSolvedStepByStep) {
     SKIP_WHERE_WATCHED();
-    const Cloud cloud = tube(500, 64);
+    const Cloud cloud = tube(1000, 64);
     const auto at = [&](double t) {
         return mapped(cloud.positions, [&](const Vector3& p) { return bent(p, 3.0 * t); });
     };

@@ -197,7 +197,8 @@ def test_a_mesh_that_is_too_coarse_says_where() -> None:
     assert quality.verdict.startswith("Poor: ")
     place = quality.worst[0]
     assert place.flaw in ("uncovered", "off")
-    assert 0 <= place.source < len(CUBE) and 0 <= place.target < len(points)
+    assert 0 <= place.source < len(CUBE)
+    assert 0 <= place.target < len(points)
     assert place.advice.endswith(".")
     assert np.linalg.norm(place.position) < 3.0
 
