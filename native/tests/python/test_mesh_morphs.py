@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import json
 from typing import Any
 
 import numpy as np
@@ -168,3 +169,41 @@ def test_wrapped_refuses_times_outside() -> None:
     cloud = pointmorph.Cloud(CUBE, faces=SQUARES)
     with pytest.raises(pointmorph.OptionError):
         pointmorph.morph(cloud, cloud).wrapped(1.5)
+
+
+def test_the_report_says_how_good_the_mesh_looks() -> None:
+    points, faces = ball()
+    sphere = pointmorph.Cloud(points, faces=faces, name="ball")
+    morph = pointmorph.morph(sphere, pointmorph.Cloud(2.0 * points, faces=faces, name="big"))
+    mesh = morph.report["mesh"]
+    assert json.loads(json.dumps(mesh))["grade"] == "good"
+    assert mesh["verdict"] == "Good: the faces of ball lie smoothly on big."
+    assert mesh["worst"] == ()
+    names = [name for name, _ in pointmorph.quality_summary(morph.report)]
+    assert names[-4:] == ["Mesh folded", "Mesh creased", "Mesh uncovered", "Mesh off"]
+
+
+def test_a_mesh_that_is_too_coarse_says_where() -> None:
+    points, faces = ball()
+    points[0] *= 2.5  # a spike
+    morph = pointmorph.morph(
+        pointmorph.Cloud(CUBE, faces=SQUARES, name="cube"),
+        pointmorph.Cloud(points, faces=faces, name="spiky"),
+    )
+    quality = morph.mesh_quality
+    assert quality.grade == "poor"
+    assert quality.verdict.startswith("Poor: ")
+    place = quality.worst[0]
+    assert place.flaw in ("uncovered", "off")
+    assert 0 <= place.source < len(CUBE)
+    assert 0 <= place.target < len(points)
+    assert place.advice.endswith(".")
+    assert np.linalg.norm(place.position) < 3.0
+
+
+def test_bare_clouds_have_no_mesh_to_measure() -> None:
+    points, _ = ball()
+    morph = pointmorph.morph(pointmorph.Cloud(points), pointmorph.Cloud(2.0 * points))
+    assert "mesh" not in morph.report
+    with pytest.raises(pointmorph.CloudError):
+        _ = morph.mesh_quality
