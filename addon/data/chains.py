@@ -168,7 +168,13 @@ def _report(requests, outcomes, rows):
             for place in report["worst"]
         ]
     worst.sort(key=lambda place: -place["distortion"])
+    # What the source's faces look like, which are wrapped onto the second shape.
+    mesh = outcomes[0].report.get("mesh")
+    if mesh is not None:
+        places = [{**place, "advice": f"{names[0]}: {place['advice']}"} for place in mesh["worst"]]
+        mesh = {**mesh, "verdict": f"{names[0]}: {mesh['verdict']}", "worst": places}
     return {
+        **({} if mesh is None else {"mesh": mesh}),
         "ways": reports,
         "pairs": len(rows),
         "seconds": sum(report["seconds"] for report in reports.values()),

@@ -157,7 +157,7 @@ class POINTMORPH_OT_follow(_OnPairs, bpy.types.Operator):
 
 class POINTMORPH_OT_make_mesh(_OnPairs, bpy.types.Operator):
     """Create a copy of the source that morphs, with its faces, materials, colors, UV maps, weights
-    and modifiers"""
+    and modifiers, and hide the points"""
 
     bl_idname = "pointmorph.make_mesh"
     bl_label = "Create Morphing Mesh"
@@ -165,6 +165,10 @@ class POINTMORPH_OT_make_mesh(_OnPairs, bpy.types.Operator):
 
     def change(self, context, obj):
         copy = morphing_mesh.make_mesh(context, obj)
+        # In the same place, points would cover the faces.
+        if context.view_layer.objects.get(obj.name) == obj:
+            obj.hide_set(True)
+        obj.hide_render = True
         activate(context.view_layer.objects, copy)
         source = obj.pointmorph.source.name
         self.report({"INFO"}, f'Created "{copy.name}" with the faces of "{source}"')

@@ -289,12 +289,22 @@ class POINTMORPH_PT_quality(Panel, bpy.types.Panel):
             row = box.split(factor=0.35)
             row.label(text=name)
             row.label(text=value)
-        if not report["worst"]:
-            layout.label(text="No bad places", icon="CHECKMARK")
-        for index, place in enumerate(report["worst"]):
-            row = layout.box().row()
+        self._draw_places(context, "MAP", report["worst"])
+        mesh = report.get("mesh")
+        if mesh is not None:
+            say(layout, context, mesh["verdict"], self.ICONS.get(mesh["grade"], "ERROR"))
+            self._draw_places(context, "MESH", mesh["worst"])
+
+    ICONS = {"good": "CHECKMARK", "fair": "INFO"}
+
+    def _draw_places(self, context, kind, places):
+        if kind == "MAP" and not places:
+            self.layout.label(text="No bad places", icon="CHECKMARK")
+        for index, place in enumerate(places):
+            row = self.layout.box().row()
             say(row, context, place["advice"], "BLANK1", beside=30)
-            row.operator("pointmorph.go_to_place", text="", icon="PIVOT_CURSOR").index = index
+            button = row.operator("pointmorph.go_to_place", text="", icon="PIVOT_CURSOR")
+            button.kind, button.index = kind, index
 
 
 # --- Bake -----------------------------------------------------------------------------------------

@@ -305,3 +305,66 @@ def test_loose_vertices_and_polygons(settings):
     obj = morph()
     assert np.isfinite(attribute(obj.data, "landing")).all()
     assert set(row_pairs(obj)[:, 0]) == set(range(401))
+
+
+# --- How good it looks ----------------------------------------------------------------------------
+
+
+def test_what_is_wrong_with_the_mesh_is_said_and_shown(settings):
+    source, target = pair(30, 26, domain="auto")
+    for obj, place in ((source, (-0.6, -0.6)), (target, (0.5, -0.4))):
+        mark(obj, "off", *place)
+    obj = morph()
+    obj.location.x += 2.0
+    bpy.context.view_layer.update()
+    mesh = json.loads(obj.pointmorph.report)["mesh"]
+    assert mesh["grade"] in mesh["verdict"].lower()
+    assert {"folded", "creased", "uncovered", "off"} <= set(mesh)
+    if not mesh["worst"]:
+        assert bpy.ops.pointmorph.go_to_place(kind="MESH") == {"CANCELLED"}
+        return
+    assert bpy.ops.pointmorph.go_to_place(kind="MESH") == {"FINISHED"}
+    place = np.array(mesh["worst"][0]["position"]) + (2, 0, 0)
+    np.testing.assert_allclose(bpy.context.scene.cursor.location, place, atol=1e-5)
+
+
+def test_a_chain_tells_of_the_mesh_on_its_first_way(settings):
+    shapes = [add_mesh(name, *patch(12, bump)) for name, bump in zip("ABC", (0, 0.5, 1))]
+    for shape in shapes:
+        mark(shape, "peak", 0, 0)
+        mark(shape, "slope", 0.5, 0.3)
+    settings.source, settings.target = shapes[0], shapes[-1]
+    settings.via.add().object = shapes[1]
+    assert bpy.ops.pointmorph.morph_chain() == {"FINISHED"}
+    report = json.loads(bpy.context.view_layer.objects.active.pointmorph.report)
+    assert report["mesh"]["verdict"].startswith("A to B: ")
+
+
+def test_no_face_turns_over_on_a_rigid_path(settings):
+    """A tube that is bent to a half circle, more than straight ways can do."""
+    u, v = np.meshgrid(np.arange(41) / 40, np.arange(16) / 16 * 2 * np.pi, indexing="ij")
+    rows = np.arange(41 * 16).reshape(41, 16)
+    ring = np.roll(rows, -1, axis=1)
+    faces = np.stack([rows[:-1], ring[:-1], ring[1:], rows[1:]], axis=-1).reshape(-1, 4)
+    y, z = 0.2 * np.cos(v), 0.2 * np.sin(v)
+    tube = np.stack([4 * u, y, z], axis=-1).reshape(-1, 3)
+    angle, radius = 3.0 * u, 4 / 3.0 + y
+    bent = np.stack([radius * np.sin(angle), radius * np.cos(angle), z], axis=-1).reshape(-1, 3)
+    source, target = add_mesh("Tube", tube, faces), add_mesh("Bow", bent, faces)
+    for obj in (source, target):
+        for number, row in enumerate((0, 8, 320, 328, 640, 648)):
+            add_group(obj, f"pm.{number}", {row: 1.0})
+    pick(source, target)
+    morph()
+    assert bpy.ops.pointmorph.bake_shape_keys(kind="SOURCE", steps=4, path="RIGID") == {"FINISHED"}
+    form = triangles(source.data)
+
+    def areas(name):
+        corners = key(source, name)[form].astype(float)
+        return np.linalg.norm(
+            np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
+        )
+
+    for name in ("Bow 25 %", "Bow 50 %", "Bow 75 %"):
+        assert areas(name).sum() == pytest.approx(areas("Basis").sum(), rel=0.1)
+        assert (areas(name) > 0.3 * np.minimum(areas("Basis"), areas("Bow"))).all()
