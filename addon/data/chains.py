@@ -8,7 +8,7 @@ import numpy as np
 from ..core.computation import End, Outcome, compute
 from . import coverage, surfaces
 
-_TOO_MUCH = 0.1  # of the target that the source has no vertices for
+_TOO_MUCH = 0.2  # of the target that the source has no vertices for
 
 LONGEST = 11
 """Shapes in a chain: Blender's shape keys have values up to 10."""

@@ -18,7 +18,7 @@ from ..scene import (
     source_subdivision,
 )
 from .modal_operator import Computing
-from .polls import Explained, activate, active_result, busy_reason, fail, say_made
+from .polls import NO_RESULT, Explained, activate, active_result, busy_reason, fail, say_made
 
 
 def made_object(context):
@@ -175,7 +175,7 @@ class POINTMORPH_OT_make_mesh(_OnPairs, bpy.types.Operator):
         return {"FINISHED"}
 
 
-class POINTMORPH_OT_subdivide_source(_OnPairs, bpy.types.Operator):
+class POINTMORPH_OT_subdivide_source(Explained, bpy.types.Operator):
     """Subdivide the source where its faces are too large to show the target. Its surface stays as
     it is, and UV maps, weights, colors and shape keys go along. Recompute the morph afterwards"""
 
@@ -183,9 +183,17 @@ class POINTMORPH_OT_subdivide_source(_OnPairs, bpy.types.Operator):
     bl_label = "Subdivide Source"
     bl_options = {"REGISTER", "UNDO"}
 
-    def change(self, context, obj):
+    @staticmethod
+    def reason(context):
+        return busy_reason() or (NO_RESULT if active_result(context) is None else None)
+
+    def execute(self, context):
+        obj = active_result(context)
+        try:
+            before, after = source_subdivision.subdivide(obj)
+        except pointmorph.PointmorphError as error:
+            return fail(self, error)
         source = obj.pointmorph.source
-        before, after = source_subdivision.subdivide(obj)
         if after == before:
             self.report({"INFO"}, f'"{source.name}" has vertices enough')
             return {"CANCELLED"}

@@ -289,22 +289,25 @@ class POINTMORPH_PT_quality(Panel, bpy.types.Panel):
             row = box.split(factor=0.35)
             row.label(text=name)
             row.label(text=value)
-        self._draw_places(context, "MAP", report["worst"])
+        if not report["worst"]:
+            layout.label(text="No bad places", icon="CHECKMARK")
+        _draw_places(layout, context, "MAP", report["worst"])
         mesh = report.get("mesh")
         if mesh is not None:
-            say(layout, context, mesh["verdict"], self.ICONS.get(mesh["grade"], "ERROR"))
-            self._draw_places(context, "MESH", mesh["worst"])
+            icon = {"good": "CHECKMARK", "fair": "INFO"}.get(mesh["grade"], "ERROR")
+            say(layout, context, mesh["verdict"], icon)
+            _draw_places(layout, context, "MESH", mesh["worst"])
+            if any(place["flaw"] == "uncovered" for place in mesh["worst"]):
+                layout.operator("pointmorph.subdivide_source", icon="MOD_SUBSURF")
 
-    ICONS = {"good": "CHECKMARK", "fair": "INFO"}
 
-    def _draw_places(self, context, kind, places):
-        if kind == "MAP" and not places:
-            self.layout.label(text="No bad places", icon="CHECKMARK")
-        for index, place in enumerate(places):
-            row = self.layout.box().row()
-            say(row, context, place["advice"], "BLANK1", beside=30)
-            button = row.operator("pointmorph.go_to_place", text="", icon="PIVOT_CURSOR")
-            button.kind, button.index = kind, index
+def _draw_places(layout, context, kind, places):
+    """What is wrong at bad places, and buttons to go there; see the operator."""
+    for index, place in enumerate(places):
+        row = layout.box().row()
+        say(row, context, place["advice"], "BLANK1", beside=30)
+        button = row.operator("pointmorph.go_to_place", text="", icon="PIVOT_CURSOR")
+        button.kind, button.index = kind, index
 
 
 # --- Bake -----------------------------------------------------------------------------------------

@@ -126,7 +126,8 @@ def test_any_two_meshes_in_two_clicks(name):
     finer = coordinates(source.data.vertices)
     assert len(start) < len(finer) < 60_000
     assert np.array_equal(finer[: len(start)], start)
-    assert farthest(finer, start, form) < 1e-5
+    # Bent squares are smooth, where Blender shows two triangles.
+    assert farthest(finer, start, form) < 2e-3
     assert obj.pointmorph.state == "STALE"
     assert bpy.ops.pointmorph.recompute() == {"FINISHED"}
     assert obj.pointmorph.state == "CURRENT"
@@ -329,7 +330,9 @@ def test_what_is_wrong_with_the_mesh_is_said_and_shown(settings):
 
 
 def test_a_chain_tells_of_the_mesh_on_its_first_way(settings):
-    shapes = [add_mesh(name, *patch(12, bump)) for name, bump in zip("ABC", (0, 0.5, 1))]
+    shapes = [
+        add_mesh(name, *patch(12, bump)) for name, bump in zip("ABC", (0, 0.5, 1), strict=True)
+    ]
     for shape in shapes:
         mark(shape, "peak", 0, 0)
         mark(shape, "slope", 0.5, 0.3)

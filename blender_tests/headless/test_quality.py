@@ -164,7 +164,7 @@ def test_reasons_why_not(settings):
             getattr(bpy.ops.pointmorph, operator)()
     obj = morph()
     report = json.loads(obj.pointmorph.report)
-    obj.pointmorph.report = json.dumps({**report, "worst": []})
+    obj.pointmorph.report = json.dumps({**report, "worst": [], "mesh": {"worst": []}})
     with pytest.raises(RuntimeError, match="no bad places"):
         bpy.ops.pointmorph.go_to_place()
     obj.pointmorph.report = ""  # of an earlier version

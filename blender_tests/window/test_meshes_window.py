@@ -43,6 +43,7 @@ def test_two_clicks_make_a_mesh_that_becomes_the_target(window, kinds):
     window.wait(finished(result))
     window.screenshot(f"{source}_points")
     window.press_button("make_mesh")
+    assert window.ask(f"{result}.hide_get()")
     mesh = f'bpy.data.objects.get("{source} to {target} Mesh")'
     window.wait(f"{mesh} is not None")
     assert window.ask("session().problem is None")
@@ -52,7 +53,6 @@ def test_two_clicks_make_a_mesh_that_becomes_the_target(window, kinds):
     window.screenshot(f"{source}_mesh")
 
     # It has too few vertices: the panel says so, and offers more.
-    window.run(f"scenes.select({result})")
     before = window.ask(f"len(bpy.data.objects['{source}'].data.vertices)")
     window.press_button("subdivide_source")
     more = f"len(bpy.data.objects['{source}'].data.vertices)"
