@@ -16,9 +16,10 @@ from ..scene import (
     recipes,
     recomputation,
     shape_follower,
+    source_subdivision,
 )
 from .modal_operator import Computing
-from .polls import Explained, activate, active_result, busy_reason, fail, say_made
+from .polls import NO_RESULT, Explained, activate, active_result, busy_reason, fail, say_made
 
 
 def made_object(context):
@@ -157,7 +158,7 @@ class POINTMORPH_OT_follow(_OnPairs, bpy.types.Operator):
 
 class POINTMORPH_OT_make_mesh(_OnPairs, bpy.types.Operator):
     """Create a copy of the source that morphs, with its faces, materials, colors, UV maps, weights
-    and modifiers"""
+    and modifiers, and hide the points"""
 
     bl_idname = "pointmorph.make_mesh"
     bl_label = "Create Morphing Mesh"
@@ -165,9 +166,42 @@ class POINTMORPH_OT_make_mesh(_OnPairs, bpy.types.Operator):
 
     def change(self, context, obj):
         copy = morphing_mesh.make_mesh(context, obj)
+        # In the same place, points would cover the faces.
+        if context.view_layer.objects.get(obj.name) == obj:
+            obj.hide_set(True)
+        obj.hide_render = True
         activate(context.view_layer.objects, copy)
         source = obj.pointmorph.source.name
         self.report({"INFO"}, f'Created "{copy.name}" with the faces of "{source}"')
+        return {"FINISHED"}
+
+
+class POINTMORPH_OT_subdivide_source(Explained, bpy.types.Operator):
+    """Subdivide the source where its faces are too large to show the target. Its surface stays as
+    it is, and UV maps, weights, colors and shape keys go along. Recompute the morph afterwards"""
+
+    bl_idname = "pointmorph.subdivide_source"
+    bl_label = "Subdivide Source"
+    bl_options = {"REGISTER", "UNDO"}
+
+    @staticmethod
+    def reason(context):
+        return busy_reason() or (NO_RESULT if active_result(context) is None else None)
+
+    def execute(self, context):
+        obj = active_result(context)
+        try:
+            before, after = source_subdivision.subdivide(obj)
+        except pointmorph.PointmorphError as error:
+            return fail(self, error)
+        source = obj.pointmorph.source
+        if after == before:
+            self.report({"INFO"}, f'"{source.name}" has vertices enough')
+            return {"CANCELLED"}
+        self.report(
+            {"INFO"},
+            f'"{source.name}" has {after:,} vertices instead of {before:,}: recompute the morph',
+        )
         return {"FINISHED"}
 
 
@@ -232,6 +266,7 @@ registration = Registration(
         POINTMORPH_OT_edit_morph,
         POINTMORPH_OT_follow,
         POINTMORPH_OT_make_mesh,
+        POINTMORPH_OT_subdivide_source,
         POINTMORPH_OT_transfer_attributes,
     ),
 )

@@ -6,7 +6,8 @@ import bpy
 import numpy as np
 
 from ..core import background_job, preview, transforms
-from ..core.computation import Earlier, compute
+from ..core.computation import Earlier
+from ..data import chains
 from ..data.feature_list import feature_choices, sync_features
 from ..data.references import find, reference_to
 from ..data.registration import Registration
@@ -42,7 +43,7 @@ class POINTMORPH_OT_morph(Explained, Computing, bpy.types.Operator):
         def work(progress):
             if with_preview:
                 self._first_look.put(preview.compute(request, progress))
-            return compute(request, progress, earlier)
+            return chains.compute_all([request], progress, earlier)
 
         return work
 

@@ -80,6 +80,7 @@ def write_pairs(obj, outcome):
         arrays.write_attribute(mesh, f"{stage}_radius", end.radii)
     arrays.activate_colors(mesh, attribute_names.COLOR)
     arrays.write_attribute(mesh, "landing", outcome.landing[outcome.source.rows])
+    arrays.write_attribute(mesh, "source_onward", outcome.maps[0][outcome.source.rows])
     arrays.write_attribute(mesh, "target_landing", outcome.maps[1][outcome.target.rows])
     for number, landing in enumerate(outcome.stops, 1):
         arrays.write_attribute(mesh, f"landing{number}", landing[outcome.source.rows])

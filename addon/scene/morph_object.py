@@ -165,7 +165,9 @@ def map_names(obj):
     """For each way from a shape to the next: the attributes that hold where the points of either
     land on the other."""
     between = stages(obj)[1:-1]
-    onward = ["landing1" if between else "landing", *(f"{stage}_onward" for stage in between)]
+    onward = [f"{stage}_onward" for stage in ("source", *between)]
+    if onward[0] not in obj.data.attributes:  # made by an earlier version
+        onward[0] = "landing1" if between else "landing"
     back = [*(f"{stage}_back" for stage in between), "target_landing"]
     return list(zip(onward, back, strict=True))
 

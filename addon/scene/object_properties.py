@@ -53,6 +53,15 @@ class PointmorphObject(bpy.types.PropertyGroup):
         description="Everything needed to compute the morph again and to tell whether it is out of "
         "date, as JSON",
     )
+    faces: bpy.props.StringProperty(
+        name="Faces",
+        description="Triangles of the shapes, packed, to compute the morph again when an object is "
+        "gone",
+    )
+    too_fine: bpy.props.StringProperty(
+        name="Too Fine",
+        description="Name of a shape that the source has too few vertices to show",
+    )
     baked: bpy.props.StringProperty(
         name="Baked", description="t and path of the shape keys baked here, as JSON"
     )

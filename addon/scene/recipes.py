@@ -13,7 +13,7 @@ import bpy
 import numpy as np
 import pointmorph
 
-from ..core import transforms
+from ..core import packing, transforms
 from ..core.features import PREFIX, Choice
 from ..core.settings import by_hand
 from ..data import arrays
@@ -203,13 +203,21 @@ def remember(obj, recipe, outcome):
     recipe = {
         **recipe,
         **{key: kept[key] for key in _OWN if key in kept},
-        "boundaries": [
-            None if rows is None else np.asarray(rows).tolist() for rows in outcome.boundaries
-        ],
         "points": [int(end.rows.max()) + 1 for end in outcome.ends],
     }
     obj.pointmorph.recipe = json.dumps(recipe)
     obj.pointmorph.report = json.dumps(outcome.report)
+    obj.pointmorph.faces = json.dumps(outcome.faces)
+    obj.pointmorph.too_fine = next(iter(outcome.report["too_fine"]), "")
+
+
+def faces_of(obj):
+    """The triangles of every shape of a morph object, in order; None where it had none, or an
+    earlier version made it."""
+    if not obj.pointmorph.faces:
+        return [None] * (len(obj.pointmorph.via) + 2)
+    packed = json.loads(obj.pointmorph.faces)
+    return [None if text is None else packing.unpack(text).reshape(-1, 3) for text in packed]
 
 
 def share_recipe(copy, obj):

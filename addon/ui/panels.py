@@ -266,6 +266,9 @@ class POINTMORPH_PT_result(Panel, bpy.types.Panel):
             icon="COLOR",
             depress=points_display.shows_distortion(obj),
         )
+        if obj.pointmorph.too_fine:
+            say(layout, context, f'Too few vertices to show "{obj.pointmorph.too_fine}"', "INFO")
+            layout.operator("pointmorph.subdivide_source", icon="MOD_SUBSURF")
 
 
 class POINTMORPH_PT_quality(Panel, bpy.types.Panel):
@@ -288,10 +291,23 @@ class POINTMORPH_PT_quality(Panel, bpy.types.Panel):
             row.label(text=value)
         if not report["worst"]:
             layout.label(text="No bad places", icon="CHECKMARK")
-        for index, place in enumerate(report["worst"]):
-            row = layout.box().row()
-            say(row, context, place["advice"], "BLANK1", beside=30)
-            row.operator("pointmorph.go_to_place", text="", icon="PIVOT_CURSOR").index = index
+        _draw_places(layout, context, "MAP", report["worst"])
+        mesh = report.get("mesh")
+        if mesh is not None:
+            icon = {"good": "CHECKMARK", "fair": "INFO"}.get(mesh["grade"], "ERROR")
+            say(layout, context, mesh["verdict"], icon)
+            _draw_places(layout, context, "MESH", mesh["worst"])
+            if any(place["flaw"] == "uncovered" for place in mesh["worst"]):
+                layout.operator("pointmorph.subdivide_source", icon="MOD_SUBSURF")
+
+
+def _draw_places(layout, context, kind, places):
+    """What is wrong at bad places, and buttons to go there; see the operator."""
+    for index, place in enumerate(places):
+        row = layout.box().row()
+        say(row, context, place["advice"], "BLANK1", beside=30)
+        button = row.operator("pointmorph.go_to_place", text="", icon="PIVOT_CURSOR")
+        button.kind, button.index = kind, index
 
 
 # --- Bake -----------------------------------------------------------------------------------------

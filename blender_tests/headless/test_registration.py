@@ -40,6 +40,7 @@ OPERATORS = (
     "swap_objects",
     "show_distortion",
     "go_to_place",
+    "subdivide_source",
 )
 # Each click is undone by itself; the others change nothing in the file.
 UNDO_STEPS_OF_THEIR_OWN = ("click_features", "manual", "show_cut")

@@ -195,6 +195,22 @@ py::dict dict_of(const Quality& quality) {
                     py::arg("worst") = worst);
 }
 
+py::dict dict_of(const MeshQuality& quality) {
+    const MeshFigures& figures = quality.figures;
+    py::list worst;
+    for (const MeshPlace& place : quality.worst)
+        worst.append(py::dict(py::arg("flaw") = name_of(place.flaw),
+                              py::arg("source") = place.source, py::arg("target") = place.target,
+                              py::arg("position") = py::make_tuple(
+                                  place.position[0], place.position[1], place.position[2]),
+                              py::arg("share") = place.share, py::arg("distance") = place.distance,
+                              py::arg("advice") = place.advice));
+    return py::dict(py::arg("folded") = figures.folded, py::arg("creased") = figures.creased,
+                    py::arg("uncovered") = figures.uncovered, py::arg("off") = figures.off,
+                    py::arg("grade") = name_of(quality.grade), py::arg("verdict") = quality.verdict,
+                    py::arg("worst") = worst);
+}
+
 /// Writes into the caller's arrays, which the Python side has checked.
 template <class Scalar>
 void frame_into(const Morph& morph, double t, const py::array_t<Scalar>& positions,
@@ -343,9 +359,15 @@ void define_queries(py::class_<Morph>& morph) {
                  for (const Cracks& at : cracks) result.emplace_back(at.t, at.share);
                  return result;
              })
-        .def("quality", [](const Morph& m, const py::object& callback) {
-            return dict_of(without_gil(callback, [&](Progress& progress) -> const Quality& {
-                return m.quality(progress);
+        .def("quality",
+             [](const Morph& m, const py::object& callback) {
+                 return dict_of(without_gil(callback, [&](Progress& progress) -> const Quality& {
+                     return m.quality(progress);
+                 }));
+             })
+        .def("mesh_quality", [](const Morph& m, const py::object& callback) {
+            return dict_of(without_gil(callback, [&](Progress& progress) -> const MeshQuality& {
+                return m.mesh_quality(progress);
             }));
         });
 }

@@ -47,6 +47,8 @@ from pointmorph.networks import Network, NetworkCurve, trace_network
 from pointmorph.quality import (
     FeatureResidual,
     MapFigures,
+    MeshPlace,
+    MeshQuality,
     Place,
     PointQuality,
     Quality,
@@ -67,6 +69,8 @@ __all__ = [
     "FileError",
     "Frame",
     "MapFigures",
+    "MeshPlace",
+    "MeshQuality",
     "Morph",
     "Motion",
     "Network",

@@ -258,6 +258,8 @@ def _morph(chosen: argparse.Namespace) -> None:
         )
         counts = _write(chosen, result, own, progress)
         result.measure_quality(progress)
+        if result.has_mesh:
+            result.measure_mesh_quality(progress)
     report = dict(result.report)
     if chosen.resample:
         report["resampled"] = {"inserted": result.inserted(), "frames": counts}
@@ -275,6 +277,10 @@ def _morph(chosen: argparse.Namespace) -> None:
         print(f"  {name}: {value}")
     for place in report["worst"]:
         print(f"  {place['advice']}")
+    if mesh := report.get("mesh"):
+        print(f"  {mesh['verdict']}")
+        for place in mesh["worst"]:
+            print(f"  {place['advice']}")
 
 
 def check_rows(shapes: Sequence[formats.Shape], features: Mapping[str, Feature]) -> None:

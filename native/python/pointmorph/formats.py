@@ -33,11 +33,8 @@ class Shape:
     faces: npt.NDArray[np.int64] | None = None
     """(F, 3) rows of positions; None for a point cloud"""
 
-    def cloud(self, *, as_surface: bool = True) -> Cloud:
-        """The vertices, in order, and the faces; of an open mesh also its longest boundary.
-
-        Without `as_surface`, the vertices are taken for samples, as if there were no faces.
-        """
+    def cloud(self) -> Cloud:
+        """The vertices, in order, and the faces; of an open mesh also its longest boundary."""
         boundary = labels = None
         if self.faces is not None:
             labels = parts(self.faces, self.positions)
@@ -48,7 +45,7 @@ class Shape:
             self.normals,
             self.colors,
             self.radii,
-            faces=self.faces if as_surface else None,
+            faces=self.faces,
             name=self.name,
             boundary=boundary,
             parts=labels,

@@ -15,7 +15,15 @@ from pointmorph import _pointmorph
 from pointmorph.clouds import Cloud, FloatArray
 from pointmorph.errors import CloudError, FeatureError, OptionError
 from pointmorph.features import Feature, native_features
-from pointmorph.quality import FeatureResidual, MapFigures, Place, PointQuality, Quality
+from pointmorph.quality import (
+    FeatureResidual,
+    MapFigures,
+    MeshPlace,
+    MeshQuality,
+    Place,
+    PointQuality,
+    Quality,
+)
 
 Progress = Callable[[str, float], bool | None]
 """Called with the name of a stage and the fraction of it that is done; returns False to cancel.
@@ -350,6 +358,31 @@ class Morph:
         """
         return self.measure_quality()
 
+    def measure_mesh_quality(self, progress: Progress | None = None) -> MeshQuality:
+        """Measures what `mesh_quality` returns, with progress and cancelling."""
+        measured = self._native.mesh_quality(progress)
+        worst = tuple(MeshPlace(**place) for place in measured.pop("worst"))
+        return MeshQuality(**measured, worst=worst)
+
+    @cached_property
+    def mesh_quality(self) -> MeshQuality:
+        """How good the source's faces look where they are wrapped onto the target.
+
+        Measured on first access, of `wrapped(1)`. Raises CloudError unless `has_mesh`.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import pointmorph
+        >>> x, y = np.meshgrid(np.linspace(-1, 1, 12), np.linspace(-1, 1, 12))
+        >>> plane = np.stack([x, y, 0 * x], axis=-1).reshape(-1, 3)
+        >>> corner = np.arange(132).reshape(11, 12)[:, :-1].reshape(-1, 1)
+        >>> ends = [pointmorph.Cloud(plane, faces=corner + [0, 1, 13, 12]) for _ in range(2)]
+        >>> pointmorph.morph(*ends).mesh_quality.grade
+        'good'
+        """
+        return self.measure_mesh_quality()
+
     @cached_property
     def report(self) -> dict[str, Any]:
         """What was done, how long it took, and how good the result is.
@@ -358,7 +391,8 @@ class Morph:
         `points`, `pairs`, `feature_residual` (the largest of hard points, in spacings of the common
         domain), `features` (by name, as in `Quality.features`), `cracks`, `quality` (`MapFigures`
         in both directions), `worst` (as in `Quality.worst`), `warnings`, `method`, `domain`,
-        `options`, and figures of the solvers.
+        `options`, and figures of the solvers. If the source has faces (`has_mesh`), `mesh` is a
+        dictionary of its `MeshQuality`.
 
         About the shapes: `choice` (in words, such as "product space: closed surfaces of genus 1 and
         0") and `topology` (of `source` and `target`: `words`; the components as `pieces`, largest
@@ -375,6 +409,7 @@ class Morph:
         `source`, `target`, `confidence`, `is_tip`).
         """
         quality = self.quality
+        mesh = {"mesh": asdict(self.mesh_quality)} if self.has_mesh else {}
         return {
             **self._native.report(),
             "peak_memory_bytes": peak_memory_bytes(),
@@ -389,6 +424,7 @@ class Morph:
                 for kept in quality.features
             },
             "points": [len(self.source), len(self.target)],
+            **mesh,
         }
 
 

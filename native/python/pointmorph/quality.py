@@ -108,12 +108,55 @@ class Quality:
     """one for each feature"""
 
 
+@dataclass(frozen=True)
+class MeshPlace:
+    """A place where the wrapped mesh has faults of one kind."""
+
+    flaw: str
+    """folded, creased, uncovered or off"""
+    source: int
+    """row of the source: the vertex there; if uncovered, the nearest one"""
+    target: int
+    """row of the target nearest to the place"""
+    position: tuple[float, float, float]
+    """on the wrapped mesh; if uncovered, on the target"""
+    share: float
+    """how much lies here. folded: of the area; creased: of the edges; uncovered: of the target's
+    area; off: of the vertices; 0 to 1"""
+    distance: float
+    """uncovered and off: the largest, in √area of the target; else 0"""
+    advice: str
+    """what is wrong there, and what would help"""
+
+
+@dataclass(frozen=True)
+class MeshQuality:
+    """How good the source's faces look on the target; figures are 0 if perfect."""
+
+    folded: float
+    """share of the area: faces that lie against the target and bend by over 120° to a neighbor"""
+    creased: float
+    """share of the edges that bend by over 90°, less the larger share of both models themselves"""
+    uncovered: float
+    """99th percentile of the distance from the target to the faces, in √area of the target"""
+    off: float
+    """mean distance from the vertices to the target, in √area of the target"""
+    grade: str
+    """good (up to 0.02 %, 0.12 %, 0.5 % and 0.01 % in this order), fair (0.1 %, 0.4 %, 1 % and
+    0.05 %) or poor; the worst figure counts"""
+    verdict: str
+    """the same in words"""
+    worst: tuple[MeshPlace, ...]
+    """at most five places, far apart, worst first; empty if the mesh is good everywhere"""
+
+
 def quality_summary(report: Mapping[str, Any]) -> list[tuple[str, str]]:
     """The quality in a report, to show: names and values, the worse of both directions.
 
     Covered, folded, collapsed: shares of the points. Stretch: its 99th percentile. Angle
     distortion: the median conformal distortion, 1 if angles are preserved. Round-trip error: the
-    mean, of √area. Cracks: the largest share. Feature error: before features are met exactly.
+    mean, of √area. Cracks: the largest share. Feature error: before features are met exactly. If
+    the source has faces, also the figures of `MeshQuality`.
 
     Parameters
     ----------
@@ -129,7 +172,7 @@ def quality_summary(report: Mapping[str, Any]) -> list[tuple[str, str]]:
     def worst(figure: str) -> float:
         return max(float(way[figure]) for way in both)
 
-    return [
+    rows = [
         ("Covered", _percent(min(way["coverage"] for way in both))),
         ("Stretch", f"{worst('stretch_p99'):.2f}"),
         ("Angle distortion", f"{worst('conformal_median'):.2f}"),
@@ -139,6 +182,14 @@ def quality_summary(report: Mapping[str, Any]) -> list[tuple[str, str]]:
         ("Cracks", _percent(max(report["cracks"].values()))),
         ("Feature error", f"{report['feature_residual']:.2g} spacings"),
     ]
+    if mesh := report.get("mesh"):
+        rows += [
+            ("Mesh folded", f"{100 * mesh['folded']:.2g} %"),
+            ("Mesh creased", f"{100 * mesh['creased']:.2g} %"),
+            ("Mesh uncovered", f"{100 * mesh['uncovered']:.2g} %"),
+            ("Mesh off", f"{100 * mesh['off']:.2g} %"),
+        ]
+    return rows
 
 
 def feature_summary(report: Mapping[str, Any]) -> list[tuple[str, str]]:

@@ -11,6 +11,7 @@ _LABELS = {
     "frames": "Making frames",
     "landing": "Projecting points",
     "lift": "Refining all points",
+    "mesh quality": "Measuring the mesh",
     "motion": "Finding paths",
     "neighborhoods": "Finding neighbors",
     "network": "Tracing curves",

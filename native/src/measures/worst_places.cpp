@@ -2,11 +2,11 @@
 
 #include <algorithm>
 #include <array>
-#include <cctype>
 #include <cmath>
 #include <cstdio>
 #include <utility>
 
+#include "measures/place_words.hpp"
 #include "pointmorph/base/parallel.hpp"
 
 namespace pointmorph {
@@ -95,68 +95,10 @@ std::vector<Spot> find_spots(const MeasuredCloud& cloud, const MeasuredMap& map,
 
 // --- Words
 
-std::string quoted(const std::string& name) {
-    return "\"" + name + "\"";
-}
-
-std::string percent(double share) {
-    std::array<char, 32> text{};
-    std::snprintf(text.data(), text.size(), share < 0.1 ? "%.1f %%" : "%.0f %%", 100.0 * share);
-    return text.data();
-}
-
 std::string times(double factor) {
     std::array<char, 32> text{};
     std::snprintf(text.data(), text.size(), factor < 10.0 ? "%.1f times" : "%.0f times", factor);
     return text.data();
-}
-
-/// Where a point of the source lies, by the features; the mark that would help there; and what to
-/// call the source after that.
-struct Words {
-    std::string where, remedy, source;
-};
-
-/// A marked point, by the name of its feature.
-struct MarkedPoint {
-    const std::string* name;
-    Index row;
-};
-
-/// The points and curves that places are described by; regions are too wide for that.
-std::vector<MarkedPoint> marked_points(std::span<const Feature> features) {
-    std::vector<MarkedPoint> points;
-    for (const Feature& feature : features)
-        if (feature.kind != FeatureKind::kRegion)
-            for (const Index row : feature.source.rows) points.push_back({&feature.name, row});
-    return points;
-}
-
-Words words_for(const MeasuredCloud& source, Index row, const std::string& name,
-                std::span<const MarkedPoint> features) {
-    const std::string mark = "mark a feature there on both models";
-    const auto arm = [&](const MarkedPoint& feature) -> Vector3 {
-        return source.position(feature.row) - source.position(row);
-    };
-    const auto by_distance = [&](const MarkedPoint& a, const MarkedPoint& b) {
-        return arm(a).norm() < arm(b).norm();
-    };
-    const auto nearest = std::ranges::min_element(features, by_distance);
-    if (nearest == features.end() || arm(*nearest).norm() > 0.5 * source.root_area)
-        return {direction_in_words(source.positions, row) + " of " + name, mark, "it"};
-    if (arm(*nearest).norm() < 0.05 * source.root_area)
-        return {"at " + quoted(*nearest->name),
-                "check that " + quoted(*nearest->name) +
-                    " marks the same place on both models, or mark another feature beside it",
-                name};
-    std::vector<MarkedPoint> beyond;
-    for (const MarkedPoint& feature : features)
-        if (feature.name != nearest->name && arm(feature).dot(arm(*nearest)) < 0.0 &&
-            arm(feature).norm() < source.root_area)
-            beyond.push_back(feature);
-    const auto second = std::ranges::min_element(beyond, by_distance);
-    if (second == beyond.end()) return {"near " + quoted(*nearest->name), mark, name};
-    return {"between " + quoted(*nearest->name) + " and " + quoted(*second->name), mark, name};
 }
 
 /// A bad place, as the user reads about it.
@@ -171,7 +113,7 @@ Flaw seen_from_the_other_side(Flaw flaw) {
     return flaw == Flaw::kStretched ? Flaw::kSqueezed : flaw;
 }
 
-std::string advice_on(const Seen& seen, const Words& words, const std::string& source,
+std::string advice_on(const Seen& seen, const PlaceWords& words, const std::string& source,
                       const std::string& target) {
     const std::string& here = seen.on_source ? source : target;
     const std::string& there = seen.on_source ? target : source;
@@ -187,10 +129,8 @@ std::string advice_on(const Seen& seen, const Words& words, const std::string& s
                 return words.source + " is stretched " + times(seen.factor);
         }
     };
-    std::string text = words.where + " " + what() + " (" + percent(seen.share) + " of " + here +
-                       "): " + words.remedy + ".";
-    text.front() = static_cast<char>(std::toupper(static_cast<unsigned char>(text.front())));
-    return text;
+    return sentence(words.where + " " + what() + " (" + percent(seen.share) + " of " + here +
+                    "): " + words.remedy);
 }
 
 }  // namespace
@@ -235,7 +175,8 @@ std::vector<Place> worst_places(const MeasuredCloud& from, const MeasuredCloud& 
                        kPlaceDistance * to.root_area;
         });
         if (!apart) continue;
-        const Words words = words_for(from, spot.source, source_name, marked);
+        const PlaceWords words =
+            words_for({from.positions, from.root_area, source_name}, spot.source, marked);
         worst.push_back({spot.source, spot.target, spot.flaw, spot.distortion, spot.share,
                          advice_on(spot, words, source_name, target_name)});
     }

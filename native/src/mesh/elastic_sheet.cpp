@@ -268,44 +268,26 @@ ElasticSheet::Corners ElasticSheet::in_plane(const Corners& now, const Triangle&
 Positions ElasticSheet::forces(const Positions& x, const Normals& normals, double flat,
                                Progress& progress) {
     if (flat < 1.0) turn_vertices(x, progress);
-    const auto faces = static_cast<Index>(rest_.size());
-    std::vector<Corners> of_faces(to_size(faces));
-    parallel_for(faces, progress, [&](Index begin, Index end) {
-        for (Index f = begin; f < end; ++f) {
-            const Triangle& t = rest_[to_size(f)];
-            Corners would = Corners::Zero();
-            if (flat < 1.0) {
-                Matrix3 turn = Matrix3::Zero();
-                for (Index k = 0; k < 3; ++k) turn += turns_[to_size((*triangles_)(f, k))] / 3.0;
-                would.rightCols<2>() = turn * t.frame.transpose() * t.metric_sides;
-            }
-            if (flat > 0.0) {
-                Vector3 normal = Vector3::Zero();
-                for (Index k = 0; k < 3; ++k)
-                    normal += normals.row((*triangles_)(f, k)).transpose();
-                const double length = normal.norm();
-                constexpr double kCancelled = 1e-6;
-                const Corners now = places(x, f);
-                would = (1.0 - flat) * would +
-                        flat * (length > kCancelled ? in_plane(now, t, normal / length) : now);
-            }
-            Corners& force = of_faces[to_size(f)];
-            force.setZero();
-            for (int k = 0; k < 3; ++k) {
-                const int next = (k + 1) % 3;
-                const Vector3 pull = t.weights[k] * (would.col(next) - would.col(k));
-                force.col(next) += pull;
-                force.col(k) -= pull;
-            }
+    const auto would = [&](Index f) {
+        const Triangle& t = rest_[to_size(f)];
+        Corners corners = Corners::Zero();
+        if (flat < 1.0) {
+            Matrix3 turn = Matrix3::Zero();
+            for (Index k = 0; k < 3; ++k) turn += turns_[to_size((*triangles_)(f, k))] / 3.0;
+            corners.rightCols<2>() = turn * t.frame.transpose() * t.metric_sides;
         }
-    });
-    Positions result = Positions::Zero(x.rows(), 3);
-    parallel_for(static_cast<Index>(x.rows()), progress, [&](Index begin, Index end) {
-        for (Index v = begin; v < end; ++v)
-            for (const Index c : around(v))
-                result.row(v) += of_faces[to_size(c / 3)].col(c % 3).transpose();
-    });
-    return result;
+        if (flat > 0.0) {
+            Vector3 normal = Vector3::Zero();
+            for (Index k = 0; k < 3; ++k) normal += normals.row((*triangles_)(f, k)).transpose();
+            const double length = normal.norm();
+            constexpr double kCancelled = 1e-6;
+            const Corners now = places(x, f);
+            corners = (1.0 - flat) * corners +
+                      flat * (length > kCancelled ? in_plane(now, t, normal / length) : now);
+        }
+        return corners;
+    };
+    return forces_towards(would, progress);
 }
 
 }  // namespace pointmorph

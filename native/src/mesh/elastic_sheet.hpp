@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "mesh/block_system.hpp"
+#include "pointmorph/base/parallel.hpp"
 #include "pointmorph/base/progress.hpp"
 #include "pointmorph/base/types.hpp"
 #include "pointmorph/mesh/mesh.hpp"
@@ -47,6 +48,13 @@ public:
     /// the planes across `normals` (a unit row a vertex, averaged over corners), 0 to 1.
     Positions forces(const Positions& x, const Normals& normals, double flat, Progress& progress);
 
+    /// Right side L y where triangle f would have its corners in the columns of `would(f)`.
+    template <class Would>
+    Positions forces_towards(Would&& would, Progress& progress) const;
+
+    using Corners = Eigen::Matrix<double, 3, 3>;  ///< a corner a column
+    Corners places(const Positions& x, Index f) const;
+
     /// Unit normals of vertices at `x`, by area; the rest's where there is none.
     Normals normals(const Positions& x, Progress& progress) const;
 
@@ -58,9 +66,6 @@ private:
         Vector3 weights;                    ///< of the sides from corner k to the next
         Matrix2 metric_sides;               ///< the sides, stretched by the metric
     };
-    using Corners = Eigen::Matrix<double, 3, 3>;  ///< a corner a column
-
-    Corners places(const Positions& x, Index f) const;
     void turn_vertices(const Positions& x, Progress& progress);
     Corners in_plane(const Corners& now, const Triangle& t, const Vector3& normal) const;
 
@@ -73,5 +78,33 @@ private:
     std::vector<Matrix3> turns_;  ///< of the vertices; kept as a start
     bool have_turned_ = false;
 };
+
+template <class Would>
+Positions ElasticSheet::forces_towards(Would&& would, Progress& progress) const {
+    const auto faces = static_cast<Index>(rest_.size());
+    std::vector<Corners> of_faces(to_size(faces));
+    parallel_for(faces, progress, [&](Index begin, Index end) {
+        for (Index f = begin; f < end; ++f) {
+            const Corners corners = would(f);
+            Corners& force = of_faces[to_size(f)];
+            force.setZero();
+            for (int k = 0; k < 3; ++k) {
+                const int next = (k + 1) % 3;
+                const Vector3 pull =
+                    rest_[to_size(f)].weights[k] * (corners.col(next) - corners.col(k));
+                force.col(next) += pull;
+                force.col(k) -= pull;
+            }
+        }
+    });
+    const auto count = laplacian_.size();
+    Positions result = Positions::Zero(count, 3);
+    parallel_for(count, progress, [&](Index begin, Index end) {
+        for (Index v = begin; v < end; ++v)
+            for (const Index c : around(v))
+                result.row(v) += of_faces[to_size(c / 3)].col(c % 3).transpose();
+    });
+    return result;
+}
 
 }  // namespace pointmorph

@@ -152,6 +152,7 @@ SampleValues MeshSide::values(const SampleValues& of_samples, Progress& progress
 }
 
 Cloud MeshSide::completed(Cloud cloud) const {
+    constexpr double kLeastForPoints = 100.0;  // vertices of a mesh whose points fill its surface
     const Normals normals = gather(mesh_.place_normals, mesh_.places);
     if (cloud.normals.rows() == 0)
         cloud.normals = normals;
@@ -164,10 +165,12 @@ Cloud MeshSide::completed(Cloud cloud) const {
     for (Index f = 0; f < mesh_.triangles.rows(); ++f)
         for (Index k = 0; k < 3; ++k) areas[mesh_.triangles(f, k)] += mesh_.areas[f] / 3.0;
     const double mean = mesh_.area() / static_cast<double>(mesh_.positions.rows());
+    // No point can stand for the large faces around it: eight balls don't make a cube.
+    const double most = mesh_.area() / kLeastForPoints;
     cloud.radii.resize(cloud.positions.rows());
     for (Index v = 0; v < cloud.size(); ++v) {
         const double area = areas[mesh_.places[to_size(v)]];
-        cloud.radii[v] = mesh_.unit.scale * std::sqrt(area > 0.0 ? area : mean);
+        cloud.radii[v] = mesh_.unit.scale * std::sqrt(std::min(area > 0.0 ? area : mean, most));
     }
     return cloud;
 }

@@ -4,6 +4,7 @@
 #include <mutex>
 #include <optional>
 
+#include "pointmorph/frames/mesh_motion.hpp"
 #include "pointmorph/frames/motion.hpp"
 #include "pointmorph/morph/morph.hpp"
 
@@ -18,13 +19,16 @@ struct Morph::Caches {
 
     std::mutex wrapping_mutex;
     std::optional<Positions> wrapped;  ///< of the source's vertices, at 1
-    std::optional<Motion> wrapped_motion;
+    std::optional<MeshMotion> wrapped_motion;
 
     std::mutex resampling_mutex;
     std::optional<Resampling> resampling;
 
     std::mutex quality_mutex;
     std::optional<Quality> quality;
+
+    std::mutex mesh_quality_mutex;
+    std::optional<MeshQuality> mesh_quality;
 };
 
 }  // namespace pointmorph

@@ -112,10 +112,11 @@ Positions Morph::wrapped(double t, Progress& progress) const {
     if (!motion) {
         const GradualSimilarity similarity{fit_similarity(source_.positions, ends),
                                            source_.positions.colwise().mean().transpose()};
-        motion.emplace(source_.positions, source_.normals.rowwise().normalized(), ends, similarity,
-                       options_.path, progress);
+        const Normals normals = source_.normals.rowwise().normalized();
+        motion.emplace(meshes_->sides.source->mesh(), OrientedView{source_.positions, normals},
+                       ends, similarity, options_.path, progress);
     }
-    return motion->at(t).positions;
+    return motion->at(t);
 }
 
 template <class Scalar>
@@ -295,6 +296,22 @@ const Quality& Morph::quality(Progress& progress) const {
         progress.enter("quality");
         quality = measure_quality({source_, target_, source_images, target_images, pairs_},
                                   features_, progress);
+        progress.finish();
+    }
+    return *quality;
+}
+
+const MeshQuality& Morph::mesh_quality(Progress& progress) const {
+    const std::scoped_lock lock(caches_->mesh_quality_mutex);
+    auto& quality = caches_->mesh_quality;
+    if (!quality) {
+        const Positions ends = wrapped(1.0, progress);
+        const ThreadCount threads(options_.threads);
+        progress.enter("mesh quality");
+        const auto& other = meshes_->sides.target;
+        quality =
+            measure_mesh_quality({source_, meshes_->sides.source->mesh(), ends},
+                                 {target_, other ? &other->mesh() : nullptr}, features_, progress);
         progress.finish();
     }
     return *quality;

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import json
 from typing import Any
 
 import numpy as np
@@ -53,8 +54,10 @@ def test_a_cube_of_eight_vertices_becomes_a_ball() -> None:
         assert covers(morph.pairs, len(source), len(target))
         assert morph.frame(0.5).positions.shape == (len(morph.pairs), 3)
         assert np.isfinite(morph.wrapped(1.0)).all()
-    radii = np.linalg.norm(pointmorph.morph(cube, sphere).wrapped(1.0), axis=1)
-    assert np.abs(radii - 1).max() < 0.05
+    morph = pointmorph.morph(cube, sphere)
+    assert np.abs(np.linalg.norm(morph.wrapped(1.0), axis=1) - 1).max() < 0.05
+    # Points of large faces aren't balls that hide each other.
+    assert morph.frame(0).radii.max() < 0.26 * np.ptp(CUBE)
 
 
 def test_the_corners_of_a_turned_cube_are_found() -> None:
@@ -145,7 +148,10 @@ def test_a_mesh_on_its_way_bends_with_the_path() -> None:
     for path in ("similarity", "rigid"):
         bent = pointmorph.morph(source, target, marks, path=path)
         assert np.array_equal(bent.wrapped(0.0), points)
-        assert np.linalg.norm(bent.wrapped(0.5), axis=1).min() > 1.3
+        half = bent.wrapped(0.5)
+        assert np.linalg.norm(half, axis=1).min() > 1.3
+        motion = pointmorph.Motion(points, points, bent.wrapped(), path, faces=faces)
+        np.testing.assert_allclose(motion.at(0.5), half, atol=0.01)
 
 
 def test_few_vertices_travel_on_every_path() -> None:
@@ -168,3 +174,41 @@ def test_wrapped_refuses_times_outside() -> None:
     cloud = pointmorph.Cloud(CUBE, faces=SQUARES)
     with pytest.raises(pointmorph.OptionError):
         pointmorph.morph(cloud, cloud).wrapped(1.5)
+
+
+def test_the_report_says_how_good_the_mesh_looks() -> None:
+    points, faces = ball()
+    sphere = pointmorph.Cloud(points, faces=faces, name="ball")
+    morph = pointmorph.morph(sphere, pointmorph.Cloud(2.0 * points, faces=faces, name="big"))
+    mesh = morph.report["mesh"]
+    assert json.loads(json.dumps(mesh))["grade"] == "good"
+    assert mesh["verdict"] == "Good: the faces of ball lie smoothly on big."
+    assert mesh["worst"] == ()
+    names = [name for name, _ in pointmorph.quality_summary(morph.report)]
+    assert names[-4:] == ["Mesh folded", "Mesh creased", "Mesh uncovered", "Mesh off"]
+
+
+def test_a_mesh_that_is_too_coarse_says_where() -> None:
+    points, faces = ball()
+    points[0] *= 2.5  # a spike
+    morph = pointmorph.morph(
+        pointmorph.Cloud(CUBE, faces=SQUARES, name="cube"),
+        pointmorph.Cloud(points, faces=faces, name="spiky"),
+    )
+    quality = morph.mesh_quality
+    assert quality.grade == "poor"
+    assert quality.verdict.startswith("Poor: ")
+    place = quality.worst[0]
+    assert place.flaw in ("uncovered", "off")
+    assert 0 <= place.source < len(CUBE)
+    assert 0 <= place.target < len(points)
+    assert place.advice.endswith(".")
+    assert np.linalg.norm(place.position) < 3.0
+
+
+def test_bare_clouds_have_no_mesh_to_measure() -> None:
+    points, _ = ball()
+    morph = pointmorph.morph(pointmorph.Cloud(points), pointmorph.Cloud(2.0 * points))
+    assert "mesh" not in morph.report
+    with pytest.raises(pointmorph.CloudError):
+        _ = morph.mesh_quality

@@ -11,6 +11,7 @@
 #include "pointmorph/frames/path.hpp"
 #include "pointmorph/frames/resampling.hpp"
 #include "pointmorph/measures/cracks.hpp"
+#include "pointmorph/measures/mesh_quality.hpp"
 #include "pointmorph/measures/quality.hpp"
 #include "pointmorph/morph/morph_input.hpp"
 #include "pointmorph/morph/morph_options.hpp"
@@ -99,6 +100,9 @@ public:
 
     /// See measure_quality(); made when first asked for.
     const Quality& quality(Progress& progress) const;
+    /// How good wrapped(1) looks; see measure_mesh_quality(). Made when first asked for. Throws
+    /// CloudError unless has_mesh().
+    const MeshQuality& mesh_quality(Progress& progress) const;
 
     const MorphReport& report() const noexcept { return report_; }
     const MorphOptions& options() const noexcept { return options_; }

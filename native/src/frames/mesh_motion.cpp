@@ -1,0 +1,214 @@
+#include "pointmorph/frames/mesh_motion.hpp"
+
+#include <Eigen/Geometry>
+#include <Eigen/SparseCholesky>
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+#include <optional>
+#include <queue>
+#include <utility>
+
+#include "mesh/elastic_sheet.hpp"
+#include "mesh/mesh_edges.hpp"
+#include "pointmorph/base/parallel.hpp"
+#include "pointmorph/cloud/similarity.hpp"
+
+namespace pointmorph {
+
+namespace {
+
+/// What a triangle does on the whole way: a turn by this vector (its length is the angle, which may
+/// be more than half a turn), after a symmetric stretch.
+struct Move {
+    Vector3 turn = Vector3::Zero();
+    Matrix3 stretch = Matrix3::Identity();
+
+    Matrix3 at(double t) const {
+        const double angle = turn.norm();
+        const Vector3 axis = angle > 0.0 ? Vector3(turn / angle) : Vector3(Vector3::UnitX());
+        const Matrix3 part = (1.0 - t) * Matrix3::Identity() + t * stretch;
+        return Eigen::AngleAxisd(t * angle, axis).toRotationMatrix() * part;
+    }
+};
+
+/// The vector of the same turn, with whole turns more or less, that is nearest to another.
+Vector3 turn_near(const Vector3& turn, const Vector3& other) {
+    constexpr double kWhole = 2.0 * std::numbers::pi, kNone = 1e-9;
+    const double angle = turn.norm();
+    if (angle < kNone) {
+        const double length = other.norm();
+        return length > kNone ? Vector3(other / length * (kWhole * std::round(length / kWhole)))
+                              : turn;
+    }
+    const Vector3 axis = turn / angle;
+    return turn + axis * (kWhole * std::round((axis.dot(other) - angle) / kWhole));
+}
+
+Vector3 turn_of(const Matrix3& rotation) {
+    const Eigen::AngleAxisd turn(rotation);
+    return turn.angle() * turn.axis();
+}
+
+/// Sides from the first corner, and a unit normal: of the triangle, or that of its surroundings
+/// where it has no area.
+Matrix3 frame_of(const Mesh& mesh, const Positions& x, const Normals& normals, Index f) {
+    const auto t = mesh.triangles.row(f);
+    const Vector3 u = (x.row(t[1]) - x.row(t[0])).transpose();
+    const Vector3 v = (x.row(t[2]) - x.row(t[0])).transpose();
+    Vector3 normal = u.cross(v);
+    constexpr double kThin = 1e-6;
+    if (!(normal.norm() > kThin * std::max(u.squaredNorm(), v.squaredNorm())))
+        normal = (normals.row(t[0]) + normals.row(t[1]) + normals.row(t[2])).transpose();
+    Matrix3 frame;
+    frame << u, v, normal.normalized();
+    return frame;
+}
+
+/// Triangles that share an edge turn the same way round: from the one that turns least in each
+/// part, over the edges where turns differ least.
+void make_turns_agree(const Triangles& triangles, std::vector<Move>& moves) {
+    const MeshEdges edges(triangles);
+    const auto count = static_cast<Index>(moves.size());
+    std::vector<Index> order(to_size(count));
+    for (Index f = 0; f < count; ++f) order[to_size(f)] = f;
+    std::ranges::stable_sort(order, {}, [&](Index f) { return moves[to_size(f)].turn.norm(); });
+    using Step = std::pair<double, std::pair<Index, Index>>;  // difference; to, from
+    std::priority_queue<Step, std::vector<Step>, std::greater<>> steps;
+    std::vector<char> is_done(to_size(count), 0);
+    const auto finish = [&](Index f) {
+        is_done[to_size(f)] = 1;
+        for (Index k = 0; k < 3; ++k)
+            for (const MeshEdges::Side& side : edges[edges.edge_of(f, k)]) {
+                const Index other = side.triangle;
+                if (is_done[to_size(other)]) continue;
+                const Vector3 &here = moves[to_size(f)].turn, &there = moves[to_size(other)].turn;
+                steps.push({(turn_near(there, here) - here).norm(), {other, f}});
+            }
+    };
+    for (const Index seed : order) {
+        if (is_done[to_size(seed)]) continue;
+        finish(seed);
+        while (!steps.empty()) {
+            const auto [f, from] = steps.top().second;
+            steps.pop();
+            if (is_done[to_size(f)]) continue;
+            Vector3& turn = moves[to_size(f)].turn;
+            turn = turn_near(turn, moves[to_size(from)].turn);
+            finish(f);
+        }
+    }
+}
+
+}  // namespace
+
+/// In the lengths of the mesh, without the similarity.
+struct MeshMotion::Bend {
+    const Mesh& mesh;
+    ElasticSheet sheet;
+    std::vector<Move> moves;  ///< of the triangles
+    using Matrix = Eigen::SparseMatrix<double, Eigen::ColMajor, Index>;
+    /// Of the Laplacian with a place of each part held; none where it would take long.
+    std::unique_ptr<Eigen::SimplicialLDLT<Matrix>> solver;
+
+    Bend(const Mesh& rest, const Positions& ends, Progress& progress)
+        : mesh(rest), sheet(rest.positions, rest.triangles), moves(to_size(rest.triangles.rows())) {
+        const Normals end_normals = sheet.normals(ends, progress);
+        parallel_for(static_cast<Index>(moves.size()), progress, [&](Index begin, Index end) {
+            for (Index f = begin; f < end; ++f) {
+                const Matrix3 from = frame_of(mesh, mesh.positions, mesh.place_normals, f);
+                const Matrix3 to = frame_of(mesh, ends, end_normals, f);
+                const Matrix3 linear = to * from.inverse();
+                const Matrix3 rotation = best_rotation(linear).rotation;
+                const Matrix3 stretch = rotation.transpose() * linear;
+                moves[to_size(f)] = {turn_of(rotation), 0.5 * (stretch + stretch.transpose())};
+            }
+        });
+        make_turns_agree(mesh.triangles, moves);
+        constexpr Index kMost = 60000;
+        if (mesh.positions.rows() <= kMost) factorize();
+    }
+
+    void factorize() {
+        const Laplacian& laplacian = sheet.laplacian();
+        std::vector<char> is_held(to_size(mesh.part_areas.size()), 0);
+        std::vector<Eigen::Triplet<double, Index>> entries;
+        for (Index i = 0; i < laplacian.size(); ++i) {
+            const Index part = mesh.parts[to_size(i)];
+            const bool is_first = part < 0 || !std::exchange(is_held[to_size(part)], 1);
+            entries.emplace_back(i, i, laplacian.sums[to_size(i)] + (is_first ? 1.0 : 0.0));
+            for (Index k = laplacian.offsets[to_size(i)]; k < laplacian.offsets[to_size(i) + 1];
+                 ++k)
+                entries.emplace_back(i, laplacian.neighbors[to_size(k)],
+                                     -laplacian.weights[to_size(k)]);
+        }
+        Matrix matrix(laplacian.size(), laplacian.size());
+        matrix.setFromTriplets(entries.begin(), entries.end());
+        solver = std::make_unique<Eigen::SimplicialLDLT<Matrix>>(matrix);
+    }
+
+    /// Places at t; each part about where `around` has it.
+    Positions at(double t, const Positions& around) const {
+        Progress silent;
+        const Positions right = sheet.forces_towards(
+            [&](Index f) {
+                return ElasticSheet::Corners(moves[to_size(f)].at(t) *
+                                             sheet.places(mesh.positions, f));
+            },
+            silent);
+        Positions x = around;
+        if (solver) {
+            const Eigen::MatrixX3d solution = solver->solve(Eigen::MatrixX3d(right));
+            x = solution;
+        } else {
+            const std::vector<Matrix3> none(to_size(x.rows()), Matrix3::Zero());
+            solve(sheet.laplacian(), none, right, {.most_iterations = 300, .tolerance = 1e-5}, x,
+                  silent);
+        }
+        Positions shifts = Positions::Zero(mesh.part_areas.size(), 3);
+        Values counts = Values::Zero(mesh.part_areas.size());
+        for (Index p = 0; p < x.rows(); ++p) {
+            const Index part = mesh.parts[to_size(p)];
+            if (part < 0) continue;
+            shifts.row(part) += around.row(p) - x.row(p);
+            counts[part] += 1.0;
+        }
+        for (Index p = 0; p < x.rows(); ++p) {
+            const Index part = mesh.parts[to_size(p)];
+            if (part < 0)
+                x.row(p) = around.row(p);
+            else
+                x.row(p) += shifts.row(part) / counts[part];
+        }
+        return x;
+    }
+};
+
+MeshMotion::MeshMotion(const Mesh& mesh, const OrientedView& vertices, const Positions& ends,
+                       const GradualSimilarity& similarity, PathKind path, Progress& progress)
+    : similarity_(similarity),
+      motion_(vertices.positions, vertices.normals, ends, similarity, path, progress) {
+    if (path != PathKind::kRigid || mesh.triangles.rows() == 0) return;
+    const Positions straight = mesh.unit.apply(similarity.whole.inverse().apply(ends));
+    Positions places = mesh.positions;
+    for (std::size_t v = mesh.places.size(); v-- > 0;)
+        places.row(mesh.places[v]) = straight.row(static_cast<Eigen::Index>(v));
+    bend_ = std::make_unique<const Bend>(mesh, places, progress);
+}
+
+MeshMotion::~MeshMotion() = default;
+MeshMotion::MeshMotion(MeshMotion&&) noexcept = default;
+
+Positions MeshMotion::at(double t) const {
+    Positions moved = motion_.at(t).positions;
+    if (!bend_) return moved;
+    const Mesh& mesh = bend_->mesh;
+    const Similarity part = similarity_.at(t);
+    const Positions straight = mesh.unit.apply(part.inverse().apply(moved));
+    Positions around = mesh.positions;
+    for (std::size_t v = mesh.places.size(); v-- > 0;)
+        around.row(mesh.places[v]) = straight.row(static_cast<Eigen::Index>(v));
+    return gather(part.apply(mesh.unit.restore(bend_->at(t, around))), mesh.places);
+}
+
+}  // namespace pointmorph

@@ -1,0 +1,494 @@
+#include "pointmorph/measures/mesh_quality.hpp"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstdio>
+#include <optional>
+#include <utility>
+
+#include "measures/measured_map.hpp"
+#include "measures/place_words.hpp"
+#include "mesh/mesh_edges.hpp"
+#include "pointmorph/base/parallel.hpp"
+#include "pointmorph/cloud/kd_tree.hpp"
+#include "pointmorph/cloud/subset.hpp"
+#include "pointmorph/mesh/closest_point.hpp"
+#include "pointmorph/mesh/mesh_samples.hpp"
+
+namespace pointmorph {
+
+namespace {
+
+constexpr std::size_t kFigures = 4;
+using Limits = std::array<double, kFigures>;
+/// Of a good mesh, and of a fair one.
+constexpr Limits kGood{2e-4, 1.2e-3, 5e-3, 1e-4}, kFair{1e-3, 4e-3, 1e-2, 5e-4};
+
+Limits in_order(const MeshFigures& figures) {
+    return {figures.folded, figures.creased, figures.uncovered, figures.off};
+}
+
+constexpr double kFolds = -0.5;    // cosine of a bend by 120°
+constexpr double kCreases = 0.0;   // of one by 90°
+constexpr double kAgainst = -0.2;  // cosine between a face and the target that it lies against
+
+/// Edges of two triangles, and the cosine of the angle by which each bends.
+struct Bends {
+    std::vector<std::array<MeshEdges::Side, 2>> edges;
+    std::vector<double> cosines;
+
+    double share_below(double cosine) const {
+        if (cosines.empty()) return 0.0;
+        const auto count = std::ranges::count_if(cosines, [&](double c) { return c < cosine; });
+        return static_cast<double>(count) / static_cast<double>(cosines.size());
+    }
+};
+
+/// Normals of triangles, as long as their areas.
+Normals area_normals(const Positions& x, const Triangles& triangles) {
+    Normals normals(triangles.rows(), 3);
+    for (Index f = 0; f < triangles.rows(); ++f) {
+        const Eigen::RowVector3d p = x.row(triangles(f, 0));
+        const Eigen::RowVector3d u = x.row(triangles(f, 1)) - p, v = x.row(triangles(f, 2)) - p;
+        normals.row(f) = 0.5 * u.cross(v);
+    }
+    return normals;
+}
+
+Bends find_bends(const Triangles& triangles, const Normals& area_normals) {
+    const MeshEdges edges(triangles);
+    Bends bends;
+    for (Index e = 0; e < edges.size(); ++e) {
+        const auto sides = edges[e];
+        if (sides.size() != 2) continue;
+        const auto a = area_normals.row(sides[0].triangle), b = area_normals.row(sides[1].triangle);
+        const double length = a.norm() * b.norm();
+        bends.edges.push_back({sides[0], sides[1]});
+        bends.cosines.push_back(length > 0.0 ? a.dot(b) / length : 0.0);
+    }
+    return bends;
+}
+
+/// Something wrong at a place; lengths in √area of the target.
+struct Fault {
+    Vector3 place;
+    Index vertex;     ///< of the source, a place of its mesh
+    double share;     ///< of what the figure counts
+    double distance;  ///< 0 where that isn't a distance
+    double badness;   ///< 1: the figure is at the limit of a good mesh by this alone
+};
+
+/// The target, in lengths in which its area is 1.
+class Surface {
+public:
+    Surface(const WrappedSurface& target, Progress& progress)
+        : cloud_(target.cloud),
+          mesh_(target.mesh),
+          unit_(mesh_ ? mesh_->unit : normalization(cloud_.positions)),
+          points_(mesh_ ? mesh_->positions : unit_.apply(cloud_.positions)),
+          point_tree_(points_) {
+        if (mesh_) triangles_ = mesh_->triangles;
+        const double area = mesh_ ? mesh_->area() : estimated_area(point_tree_);
+        unit_.scale *= std::sqrt(area > 0.0 ? area : 1.0);
+        points_ /= std::sqrt(area > 0.0 ? area : 1.0);
+        point_tree_ = KdTree<3>(points_);
+        if (mesh_) {
+            tree_.emplace(points_, triangles_);
+            bends_ = find_bends(triangles_, area_normals(points_, triangles_));
+        }
+        find_samples(progress);
+    }
+    Surface(const Surface&) = delete;
+
+    const Normalization& unit() const { return unit_; }
+    const Bends& bends() const { return bends_; }
+    /// Evenly spread.
+    const Positions& samples() const { return samples_; }
+
+    struct Foot {
+        Vector3 normal;
+        double distance;  ///< from the surface; from its plane where there are only points
+    };
+    Foot foot(const Vector3& place) const {
+        if (tree_) {
+            const SurfacePoint point = tree_->closest(place);
+            return {mesh_->normals.row(point.triangle).transpose(),
+                    std::sqrt(point.squared_distance)};
+        }
+        const Index row = nearest_point(place);
+        const Vector3 normal = cloud_.normals.row(row).transpose().normalized();
+        return {normal, std::abs((place - points_.row(row).transpose()).dot(normal))};
+    }
+
+    /// The row of the cloud nearest to a place.
+    Index nearest_row(const Vector3& place) const {
+        const Index point = nearest_point(place);
+        if (!mesh_) return point;
+        const auto vertex = std::ranges::find(mesh_->places, point);
+        return static_cast<Index>(vertex - mesh_->places.begin());
+    }
+
+    /// Whether an edge of the target itself is creased near a place.
+    std::vector<Vector3> creases() const {
+        std::vector<Vector3> middles;
+        for (std::size_t e = 0; e < bends_.edges.size(); ++e)
+            if (bends_.cosines[e] < kCreases) {
+                const MeshEdges::Side side = bends_.edges[e].front();
+                middles.push_back(0.5 * (points_.row(start_of(triangles_, side)) +
+                                         points_.row(end_of(triangles_, side)))
+                                            .transpose());
+            }
+        return middles;
+    }
+
+private:
+    Index nearest_point(const Vector3& place) const {
+        Index row = 0;
+        double squared = 0.0;
+        point_tree_.nearest(place.data(), {&row, 1}, {&squared, 1});
+        return row;
+    }
+
+    void find_samples(Progress& progress) {
+        constexpr Index kSamples = 30000;
+        if (mesh_) {
+            const MeshSamples made =
+                sample_mesh(*mesh_, {}, {.count = kSamples, .even = false}, progress);
+            // Those along borders would be too many.
+            std::vector<Index> inner;
+            for (Index i = 0; i < made.size(); ++i)
+                if (made.weights.row(i).minCoeff() > 0.0) inner.push_back(i);
+            samples_ = gather(made.positions, inner) * (mesh_->unit.scale / unit_.scale);
+            return;
+        }
+        const auto count = static_cast<Index>(points_.rows());
+        const Index step = (count + kSamples - 1) / kSamples;
+        samples_.resize((count + step - 1) / step, 3);
+        for (Index i = 0; i < samples_.rows(); ++i) samples_.row(i) = points_.row(i * step);
+    }
+
+    const Cloud& cloud_;
+    const Mesh* mesh_;
+    Normalization unit_;
+    Positions points_;
+    KdTree<3> point_tree_;
+    Triangles triangles_{0, 3};
+    std::optional<TriangleTree> tree_;
+    Bends bends_;
+    Positions samples_;
+};
+
+/// The wrapped mesh on the target: its figures and its faults.
+class Measured {
+public:
+    Measured(const WrappedMesh& wrapped, const Surface& target, Progress& progress)
+        : mesh_(wrapped.mesh), target_(target), x_(mesh_.positions.rows(), 3) {
+        const Positions placed = target.unit().apply(wrapped.positions);
+        for (std::size_t v = mesh_.places.size(); v-- > 0;)
+            x_.row(mesh_.places[v]) = placed.row(static_cast<Eigen::Index>(v));
+        normals_ = area_normals(x_, mesh_.triangles);
+        bends_ = find_bends(mesh_.triangles, normals_);
+        find_folded(progress);
+        find_creased();
+        find_uncovered(progress);
+        find_off(progress);
+    }
+
+    MeshFigures figures;
+    std::array<std::vector<Fault>, kFigures> faults;
+
+private:
+    std::vector<Fault>& faults_of(MeshFlaw flaw) { return faults[to_size(flaw)]; }
+
+    Vector3 middle(Index f) const {
+        const auto t = mesh_.triangles.row(f);
+        return (x_.row(t[0]) + x_.row(t[1]) + x_.row(t[2])).transpose() / 3.0;
+    }
+
+    void find_folded(Progress& progress) {
+        std::vector<Index> sharp;
+        for (std::size_t e = 0; e < bends_.edges.size(); ++e)
+            if (bends_.cosines[e] < kFolds)
+                for (const MeshEdges::Side& side : bends_.edges[e]) sharp.push_back(side.triangle);
+        std::ranges::sort(sharp);
+        sharp.erase(std::ranges::unique(sharp).begin(), sharp.end());
+        std::vector<char> against(sharp.size(), 0);
+        parallel_for(
+            static_cast<Index>(sharp.size()), progress,
+            [&](Index begin, Index end) {
+                for (Index i = begin; i < end; ++i) {
+                    const Index f = sharp[to_size(i)];
+                    const Vector3 normal = normals_.row(f).transpose().normalized();
+                    against[to_size(i)] = normal.dot(target_.foot(middle(f)).normal) < kAgainst;
+                }
+            },
+            0.0, 0.2, 128);
+        const double area = normals_.rowwise().norm().sum();
+        for (std::size_t i = 0; i < sharp.size(); ++i) {
+            if (!against[i]) continue;
+            const double share = normals_.row(sharp[i]).norm() / area;
+            figures.folded += share;
+            faults_of(MeshFlaw::kFolded)
+                .push_back({middle(sharp[i]), mesh_.triangles(sharp[i], 0), share, 0.0,
+                            share / kGood[to_size(MeshFlaw::kFolded)]});
+        }
+    }
+
+    /// Edges that bend at rest as well, or where the target does, are no faults.
+    void find_creased() {
+        const Bends rest = find_bends(mesh_.triangles, mesh_.normals);
+        const double own =
+            std::max(rest.share_below(kCreases), target_.bends().share_below(kCreases));
+        figures.creased = std::max(0.0, bends_.share_below(kCreases) - own);
+        const std::vector<Vector3> given = target_.creases();
+        Positions creases(static_cast<Eigen::Index>(given.size()), 3);
+        for (std::size_t k = 0; k < given.size(); ++k)
+            creases.row(static_cast<Eigen::Index>(k)) = given[k].transpose();
+        const KdTree<3> tree(creases);
+        constexpr double kNear = 0.01;
+        for (std::size_t e = 0; e < bends_.edges.size(); ++e) {
+            if (bends_.cosines[e] >= kCreases || rest.cosines[e] < kCreases) continue;
+            const MeshEdges::Side side = bends_.edges[e].front();
+            const Index from = start_of(mesh_.triangles, side);
+            const Vector3 place =
+                0.5 * (x_.row(from) + x_.row(end_of(mesh_.triangles, side))).transpose();
+            if (!given.empty() && tree.any_within(place.data(), kNear)) continue;
+            const double share = 1.0 / static_cast<double>(bends_.edges.size());
+            faults_of(MeshFlaw::kCreased)
+                .push_back({place, from, share, 0.0, share / kGood[to_size(MeshFlaw::kCreased)]});
+        }
+    }
+
+    void find_uncovered(Progress& progress) {
+        const Positions& samples = target_.samples();
+        const auto count = static_cast<Index>(samples.rows());
+        const TriangleTree tree(x_, mesh_.triangles);
+        std::vector<SurfacePoint> feet(to_size(count));
+        parallel_for(
+            count, progress,
+            [&](Index begin, Index end) {
+                for (Index i = begin; i < end; ++i)
+                    feet[to_size(i)] = tree.closest(samples.row(i).transpose());
+            },
+            0.2, 0.6, 128);
+        std::vector<double> distances;
+        const double limit = kGood[to_size(MeshFlaw::kUncovered)];
+        constexpr double kCounted = 0.01;  // of the samples lie beyond the percentile
+        for (Index i = 0; i < count; ++i) {
+            const SurfacePoint& foot = feet[to_size(i)];
+            const double distance = std::sqrt(foot.squared_distance);
+            distances.push_back(distance);
+            if (distance < limit) continue;
+            Eigen::Index corner = 0;
+            foot.weights.maxCoeff(&corner);
+            faults_of(MeshFlaw::kUncovered)
+                .push_back({samples.row(i).transpose(), mesh_.triangles(foot.triangle, corner),
+                            1.0 / count, distance, distance / limit / kCounted / count});
+        }
+        figures.uncovered = quantile(distances, 1.0 - kCounted);
+    }
+
+    void find_off(Progress& progress) {
+        const auto count = static_cast<Index>(x_.rows());
+        std::vector<double> distances(to_size(count), -1.0);
+        parallel_for(
+            count, progress,
+            [&](Index begin, Index end) {
+                for (Index v = begin; v < end; ++v)
+                    if (mesh_.parts[to_size(v)] >= 0)
+                        distances[to_size(v)] = target_.foot(x_.row(v).transpose()).distance;
+            },
+            0.6, 1.0, 128);
+        const auto counted =
+            std::ranges::count_if(distances, [](double distance) { return distance >= 0.0; });
+        const double share = 1.0 / static_cast<double>(counted);
+        constexpr double kFar = 5e-3;
+        for (Index v = 0; v < count; ++v) {
+            const double distance = distances[to_size(v)];
+            if (distance < 0.0) continue;
+            figures.off += distance * share;
+            if (distance > kFar)
+                faults_of(MeshFlaw::kOff)
+                    .push_back({x_.row(v).transpose(), v, share, distance,
+                                distance * share / kGood[to_size(MeshFlaw::kOff)]});
+        }
+    }
+
+    const Mesh& mesh_;
+    const Surface& target_;
+    Positions x_;
+    Normals normals_;
+    Bends bends_;
+};
+
+constexpr double kRadius = 0.1, kApart = 0.2;  // of places, in √area
+
+/// Faults that lie together, as one at the worst of them.
+std::vector<Fault> gathered(std::vector<Fault> faults) {
+    std::ranges::stable_sort(faults, std::ranges::greater{}, &Fault::badness);
+    Positions places(static_cast<Eigen::Index>(faults.size()), 3);
+    for (std::size_t i = 0; i < faults.size(); ++i)
+        places.row(static_cast<Eigen::Index>(i)) = faults[i].place.transpose();
+    const KdTree<3> tree(places);
+    std::vector<char> taken(faults.size(), 0);
+    std::vector<std::pair<Index, double>> around;
+    std::vector<Fault> result;
+    for (std::size_t i = 0; i < faults.size(); ++i) {
+        if (taken[i]) continue;
+        Fault whole = faults[i];
+        whole.share = whole.badness = 0.0;
+        tree.within(faults[i].place.data(), kRadius, around);
+        for (const auto& [j, squared] : around) {
+            if (std::exchange(taken[to_size(j)], 1)) continue;
+            whole.share += faults[to_size(j)].share;
+            whole.badness += faults[to_size(j)].badness;
+            whole.distance = std::max(whole.distance, faults[to_size(j)].distance);
+        }
+        result.push_back(whole);
+    }
+    return result;
+}
+
+// --- Words
+
+std::string two_digits(double value) {
+    std::array<char, 32> text{};
+    std::snprintf(text.data(), text.size(), "%.2g %%", 100.0 * value);
+    return text.data();
+}
+
+std::string in_words(MeshFlaw flaw, double value, const std::string& target) {
+    const std::string much = two_digits(value);
+    switch (flaw) {
+        case MeshFlaw::kFolded:
+            return much + " of the area is folded";
+        case MeshFlaw::kCreased:
+            return much + " of the edges are creased";
+        case MeshFlaw::kUncovered:
+            return "1 % of " + target + " is farther than " + much + " of its size from the faces";
+        case MeshFlaw::kOff:
+            return "the vertices lie " + much + " of its size off " + target;
+    }
+    return {};
+}
+
+std::string verdict_on(const MeshFigures& figures, const std::string& source,
+                       const std::string& target) {
+    const MeshGrade grade = grade_of(figures);
+    if (grade == MeshGrade::kGood)
+        return "Good: the faces of " + source + " lie smoothly on " + target + ".";
+    std::string text = name_of(grade) + ": ";
+    bool first = true;
+    for (std::size_t k = 0; k < kFigures; ++k) {
+        const double value = in_order(figures)[k];
+        if (value <= kGood[k]) continue;
+        text += (std::exchange(first, false) ? "" : "; ") +
+                in_words(static_cast<MeshFlaw>(k), value, target);
+    }
+    return sentence(text);
+}
+
+std::string advice_on(MeshFlaw flaw, const Fault& fault, const PlaceWords& words,
+                      const std::string& target) {
+    const std::string share = two_digits(fault.share);
+    const auto what = [&]() -> std::string {
+        switch (flaw) {
+            case MeshFlaw::kFolded:
+                return "faces fold over one another (" + share + " of the area): " + words.remedy;
+            case MeshFlaw::kCreased:
+                return "faces are creased (" + share + " of the edges): " + words.remedy;
+            case MeshFlaw::kUncovered:
+                return "the faces don't reach " + target + " (" + share + " of it is up to " +
+                       two_digits(fault.distance) + " of its size away): give " + words.source +
+                       " more vertices there, or " + words.remedy;
+            case MeshFlaw::kOff:
+                return "vertices lie off " + target + " (by up to " + two_digits(fault.distance) +
+                       " of its size): " + words.remedy;
+        }
+        return {};
+    };
+    return sentence(words.where + " " + what());
+}
+
+/// The first vertex at each place.
+std::vector<Index> first_vertices(const Mesh& mesh) {
+    std::vector<Index> result(to_size(mesh.positions.rows()), 0);
+    for (std::size_t v = mesh.places.size(); v-- > 0;)
+        result[to_size(mesh.places[v])] = static_cast<Index>(v);
+    return result;
+}
+
+std::vector<MeshPlace> worst_places(const Measured& measured, const WrappedMesh& wrapped,
+                                    const Surface& surface, const std::string& target,
+                                    std::span<const Feature> features) {
+    constexpr double kShows = 0.25;  // of the limit
+    constexpr std::size_t kMost = 5;
+    std::vector<std::pair<Fault, MeshFlaw>> all;
+    for (std::size_t k = 0; k < kFigures; ++k)
+        for (const Fault& fault : gathered(measured.faults[k]))
+            if (fault.badness > kShows) all.emplace_back(fault, static_cast<MeshFlaw>(k));
+    std::ranges::stable_sort(all, std::ranges::greater{},
+                             [](const auto& entry) { return entry.first.badness; });
+    const Mesh& mesh = wrapped.mesh;
+    const std::vector<Index> vertices = first_vertices(mesh);
+    const std::vector<MarkedPoint> marked = marked_points(features);
+    const Positions rest = gather(mesh.positions, mesh.places);
+    const DescribedShape source{rest, std::sqrt(mesh.area()), wrapped.cloud.name};
+    std::vector<MeshPlace> worst;
+    std::vector<Vector3> taken;
+    for (const auto& [fault, flaw] : all) {
+        if (worst.size() == kMost) break;
+        if (std::ranges::any_of(
+                taken, [&](const Vector3& place) { return (place - fault.place).norm() < kApart; }))
+            continue;
+        taken.push_back(fault.place);
+        const Index vertex = vertices[to_size(fault.vertex)];
+        const Positions at = surface.unit().restore(fault.place.transpose());
+        worst.push_back({flaw, vertex, surface.nearest_row(fault.place), at.row(0).transpose(),
+                         fault.share, fault.distance,
+                         advice_on(flaw, fault, words_for(source, vertex, marked), target)});
+    }
+    return worst;
+}
+
+}  // namespace
+
+std::string name_of(MeshFlaw flaw) {
+    constexpr std::array names{"folded", "creased", "uncovered", "off"};
+    return names[to_size(flaw)];
+}
+
+std::string name_of(MeshGrade grade) {
+    constexpr std::array names{"good", "fair", "poor"};
+    return names[to_size(grade)];
+}
+
+MeshGrade grade_of(const MeshFigures& figures) {
+    MeshGrade grade = MeshGrade::kGood;
+    for (std::size_t k = 0; k < kFigures; ++k) {
+        const double value = in_order(figures)[k];
+        if (value > kFair[k]) return MeshGrade::kPoor;
+        if (value > kGood[k]) grade = MeshGrade::kFair;
+    }
+    return grade;
+}
+
+MeshQuality measure_mesh_quality(const WrappedMesh& wrapped, const WrappedSurface& target,
+                                 std::span<const Feature> features, Progress& progress) {
+    const Surface surface = [&] {
+        const Progress::Part part(progress, 0.0, 0.2);
+        return Surface(target, progress);
+    }();
+    const Progress::Part part(progress, 0.2, 1.0);
+    const Measured measured(wrapped, surface, progress);
+    MeshQuality quality;
+    quality.figures = measured.figures;
+    quality.grade = grade_of(quality.figures);
+    quality.verdict = verdict_on(quality.figures, wrapped.cloud.name, target.cloud.name);
+    quality.worst = worst_places(measured, wrapped, surface, target.cloud.name, features);
+    return quality;
+}
+
+}  // namespace pointmorph

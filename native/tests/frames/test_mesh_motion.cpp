@@ -1,0 +1,246 @@
+#include "pointmorph/frames/mesh_motion.hpp"
+
+#include <gtest/gtest.h>
+
+#include <Eigen/Geometry>
+#include <functional>
+#include <numbers>
+
+#include "mesh/mesh_edges.hpp"
+#include "mesh_shapes.hpp"
+#include "pointmorph/base/error.hpp"
+#include "pointmorph/base/parallel.hpp"
+#include "watched.hpp"
+
+namespace pointmorph {
+namespace {
+
+constexpr int kTimes = 24;
+constexpr double kThick = 0.1;
+const Vector3 kAcross(1, 0, 0);
+
+/// A tube along x from −1 to 1, closed by a disk at each end.
+Cloud tube(Index rings = 60, Index sides = 16) {
+    Cloud cloud = mesh_shapes::cylinder(sides);
+    cloud.faces = {};
+    cloud.positions.resize(rings * sides, 3);
+    std::vector<Index> first, last;
+    for (Index r = 0; r < rings; ++r)
+        for (Index s = 0; s < sides; ++s) {
+            const double angle = 2.0 * std::numbers::pi * s / sides;
+            cloud.positions.row(r * sides + s) << 2.0 * r / (rings - 1) - 1.0,
+                kThick * std::cos(angle), kThick * std::sin(angle);
+            const Index next = (s + 1) % sides;
+            if (r + 1 < rings)
+                mesh_shapes::add_face(cloud.faces, {r * sides + s, (r + 1) * sides + s,
+                                                    (r + 1) * sides + next, r * sides + next});
+        }
+    for (Index s = 0; s < sides; ++s) {
+        first.push_back(s);
+        last.insert(last.begin(), (rings - 1) * sides + s);
+    }
+    mesh_shapes::add_face(cloud.faces, first);
+    mesh_shapes::add_face(cloud.faces, last);
+    return cloud;
+}
+
+/// The tube's axis along an arc of so much angle.
+Vector3 bent(const Vector3& p, double angle) {
+    if (angle == 0.0) return p;
+    const double radius = 2.0 / angle, a = p.x() / radius;
+    return {(radius - p.y()) * std::sin(a), radius - (radius - p.y()) * std::cos(a), p.z()};
+}
+
+/// One end against the other.
+Vector3 twisted(const Vector3& p, double angle) {
+    return Eigen::AngleAxisd(0.5 * angle * p.x(), kAcross) * p;
+}
+
+Positions mapped(const Positions& positions, const std::function<Vector3(const Vector3&)>& map) {
+    Positions result(positions.rows(), 3);
+    for (Index v = 0; v < positions.rows(); ++v)
+        result.row(v) = map(positions.row(v).transpose()).transpose();
+    return result;
+}
+
+/// A mesh on its way.
+struct Trip {
+    Cloud cloud;
+    Mesh mesh;
+    Normals normals;
+    Positions ends;
+    MeshMotion motion;
+
+    Trip(const Cloud& from, const Positions& to, PathKind path)
+        : cloud(from),
+          mesh(make_mesh(from)),
+          normals(gather(mesh.place_normals, mesh.places)),
+          ends(to),
+          motion(make(path)) {}
+    Trip(const Trip&) = delete;
+
+    MeshMotion make(PathKind path) const {
+        Progress progress;
+        const GradualSimilarity similarity{fit_similarity(cloud.positions, ends),
+                                           cloud.positions.colwise().mean().transpose()};
+        return {mesh, {cloud.positions, normals}, ends, similarity, path, progress};
+    }
+};
+
+/// Of vertices: twice the areas of the triangles, towards where they face.
+Normals faces_at(const Mesh& mesh, const Positions& vertices) {
+    Positions x = mesh.positions;
+    for (std::size_t v = mesh.places.size(); v-- > 0;)
+        x.row(mesh.places[v]) = vertices.row(static_cast<Eigen::Index>(v));
+    Normals result(mesh.triangles.rows(), 3);
+    for (Index f = 0; f < mesh.triangles.rows(); ++f) {
+        const auto corner = [&](Index k) -> Vector3 { return x.row(mesh.triangles(f, k)); };
+        result.row(f) = (corner(1) - corner(0)).cross(corner(2) - corner(0)).transpose();
+    }
+    return result;
+}
+
+/// Triangles that face another way than where they should be, after the best turn of the whole.
+Index turned_over(const Mesh& mesh, const Positions& vertices, const Positions& truth) {
+    const Normals is = faces_at(mesh, fit_similarity(vertices, truth).apply(vertices));
+    const Normals should = faces_at(mesh, truth);
+    return static_cast<Index>((is.cwiseProduct(should).rowwise().sum().array() <= 0.0).count());
+}
+
+/// Edges that bend by over 90°.
+Index creased(const Mesh& mesh, const Positions& vertices) {
+    const Normals normals = faces_at(mesh, vertices);
+    const MeshEdges edges(mesh.triangles);
+    Index count = 0;
+    for (Index e = 0; e < edges.size(); ++e) {
+        const auto sides = edges[e];
+        count += sides.size() == 2 &&
+                 normals.row(sides[0].triangle).dot(normals.row(sides[1].triangle)) < 0.0;
+    }
+    return count;
+}
+
+double distance(const Positions& vertices, const Positions& truth) {
+    return (fit_similarity(vertices, truth).apply(vertices) - truth).rowwise().norm().maxCoeff();
+}
+
+TEST(MeshMotion, EndsWhereItIsToldTo) {
+    const Cloud cloud = tube();
+    const Positions ends = mapped(cloud.positions, [](const Vector3& p) {
+        return Vector3(3.0 * bent(p, 2.0) + Vector3(4, 5, 6));
+    });
+    for (const PathKind path : {PathKind::kLinear, PathKind::kSimilarity, PathKind::kRigid}) {
+        const Trip trip(cloud, ends, path);
+        EXPECT_LT((trip.motion.at(0.0) - cloud.positions).cwiseAbs().maxCoeff(), 1e-9);
+        EXPECT_LT((trip.motion.at(1.0) - ends).cwiseAbs().maxCoeff(), 1e-9);
+    }
+}
+
+TEST(MeshMotion, ABentTubeBendsEvenly) {
+    const Cloud cloud = tube();
+    // At the last, both ends turn by more than half a turn against the middle.
+    for (const double angle : {1.0, 4.0, 8.0}) {
+        const auto at = [&](double t) {
+            return mapped(cloud.positions, [&](const Vector3& p) { return bent(p, t * angle); });
+        };
+        const Trip trip(cloud, at(1.0), PathKind::kRigid);
+        for (int k = 0; k < kTimes; ++k) {
+            const double t = k / (kTimes - 1.0);
+            const Positions vertices = trip.motion.at(t);
+            EXPECT_LT(distance(vertices, at(t)), 0.02) << angle << " at " << t;
+            EXPECT_EQ(turned_over(trip.mesh, vertices, at(t)), 0) << angle << " at " << t;
+        }
+    }
+}
+
+TEST(MeshMotion, ATwistedTubeTwistsEvenly) {
+    const Cloud cloud = tube();
+    const double angle = 1.5 * std::numbers::pi;
+    const auto at = [&](double t) {
+        return mapped(cloud.positions, [&](const Vector3& p) { return twisted(p, t * angle); });
+    };
+    const Trip trip(cloud, at(1.0), PathKind::kRigid);
+    for (int k = 0; k < kTimes; ++k) {
+        const double t = k / (kTimes - 1.0);
+        const Positions vertices = trip.motion.at(t);
+        EXPECT_EQ(turned_over(trip.mesh, vertices, at(t)), 0) << t;
+        EXPECT_LT(distance(vertices, at(t)), 0.05) << t;
+    }
+}
+
+TEST(MeshMotion, AnEggThatBendsAndTwistsGetsNoCrease) {
+    SKIP_WHERE_WATCHED();
+    const Cloud egg = mesh_shapes::moved(mesh_shapes::icosphere(4),
+                                         Vector3(1.0, 0.5, 0.4).asDiagonal(), Vector3::Zero());
+    const Positions ends = mapped(egg.positions, [](const Vector3& p) {
+        const Vector3 longer(p.x() * (1.0 + 0.5 * p.x() * p.x()), p.y(), p.z());
+        return bent(twisted(longer, 2.0), 2.0);
+    });
+    const Trip trip(egg, ends, PathKind::kRigid);
+    EXPECT_EQ(creased(trip.mesh, ends), 0);
+    for (int k = 0; k < kTimes; ++k) {
+        const double t = k / (kTimes - 1.0);
+        EXPECT_EQ(creased(trip.mesh, trip.motion.at(t)), 0) << t;
+    }
+}
+
+TEST(MeshMotion, ATurnedAndGrownMeshTurnsAndGrowsEvenly) {
+    const Cloud ball = mesh_shapes::split(mesh_shapes::icosphere(3));
+    const Similarity whole{4.0,
+                           Eigen::AngleAxisd(2.0, Vector3(1, 2, 3).normalized()).toRotationMatrix(),
+                           Vector3(1, -5, 2)};
+    const GradualSimilarity similarity{whole, ball.positions.colwise().mean().transpose()};
+    for (const PathKind path : {PathKind::kSimilarity, PathKind::kRigid}) {
+        const Trip trip(ball, whole.apply(ball.positions), path);
+        for (const double t : {0.25, 0.5, 0.9})
+            EXPECT_LT(
+                (trip.motion.at(t) - similarity.at(t).apply(ball.positions)).cwiseAbs().maxCoeff(),
+                1e-6);
+    }
+}
+
+TEST(MeshMotion, PartsAndLooseVerticesComeAlong) {
+    Cloud cloud = mesh_shapes::together(
+        tube(), mesh_shapes::moved(mesh_shapes::icosphere(1), 0.05 * Matrix3::Identity(),
+                                   Vector3(0.9, 0.2, 0.0)));
+    cloud.positions.conservativeResize(cloud.size() + 1, 3);
+    cloud.positions.bottomRows(1) << 1.0, 0.3, 0.0;
+    const auto at = [&](double t) {
+        return mapped(cloud.positions, [&](const Vector3& p) { return bent(p, 2.0 * t); });
+    };
+    const Trip trip(cloud, at(1.0), PathKind::kRigid);
+    for (const double t : {0.25, 0.5, 0.75}) EXPECT_LT(distance(trip.motion.at(t), at(t)), 0.05);
+}
+
+TEST(MeshMotion, LargeMeshesAreSolvedStepByStep) {
+    SKIP_WHERE_WATCHED();
+    const Cloud cloud = tube(1000, 64);
+    const auto at = [&](double t) {
+        return mapped(cloud.positions, [&](const Vector3& p) { return bent(p, 3.0 * t); });
+    };
+    const Trip trip(cloud, at(1.0), PathKind::kRigid);
+    for (const double t : {0.1, 0.5, 0.9}) {
+        EXPECT_LT(distance(trip.motion.at(t), at(t)), 0.02) << t;
+        EXPECT_EQ(turned_over(trip.mesh, trip.motion.at(t), at(t)), 0) << t;
+    }
+}
+
+TEST(MeshMotion, IsTheSameForAnyNumberOfThreads) {
+    const Cloud cloud = tube();
+    const Positions ends =
+        mapped(cloud.positions, [](const Vector3& p) { return twisted(bent(p, 1.0), 1.0); });
+    const Positions all = Trip(cloud, ends, PathKind::kRigid).motion.at(0.4);
+    const ThreadCount one(1);
+    EXPECT_EQ(Trip(cloud, ends, PathKind::kRigid).motion.at(0.4), all);
+}
+
+TEST(MeshMotion, TakesWhatHasCollapsed) {
+    const Cloud cloud = tube();
+    const Positions ends =
+        mapped(cloud.positions, [](const Vector3& p) { return Vector3(p.x(), 0.0, 0.0); });
+    const Trip trip(cloud, ends, PathKind::kRigid);
+    for (const double t : {0.0, 0.5, 1.0}) EXPECT_TRUE(trip.motion.at(t).allFinite());
+}
+
+}  // namespace
+}  // namespace pointmorph

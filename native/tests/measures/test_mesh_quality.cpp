@@ -1,0 +1,236 @@
+#include "pointmorph/measures/mesh_quality.hpp"
+
+#include <gtest/gtest.h>
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <functional>
+
+#include "mesh_shapes.hpp"
+#include "pointmorph/base/error.hpp"
+#include "pointmorph/base/parallel.hpp"
+#include "watched.hpp"
+
+namespace pointmorph {
+namespace {
+
+constexpr Index kSide = 40;
+constexpr double kStep = 2.0 / kSide;
+
+using Function = std::function<Vector3(const Vector3&)>;
+
+Positions mapped(const Positions& positions, const Function& function) {
+    Positions result(positions.rows(), 3);
+    for (Eigen::Index v = 0; v < positions.rows(); ++v)
+        result.row(v) = function(positions.row(v).transpose()).transpose();
+    return result;
+}
+
+Cloud with_normals(Cloud cloud) {
+    const Mesh mesh = make_mesh(cloud);
+    cloud.normals = gather(mesh.place_normals, mesh.places);
+    return cloud;
+}
+
+/// A source whose vertices end at `ends`, on a target with faces.
+MeshQuality measured(const Cloud& source, const Positions& ends, const Cloud& target,
+                     std::span<const Feature> features = {}) {
+    const Mesh from = make_mesh(source), to = make_mesh(target);
+    Progress progress;
+    return measure_mesh_quality({source, from, ends}, {with_normals(target), &to}, features,
+                                progress);
+}
+
+Cloud sheet() {
+    Cloud cloud = mesh_shapes::grid(kSide);
+    cloud.name = "Sheet";
+    return cloud;
+}
+
+Cloud tray() {
+    Cloud cloud = mesh_shapes::grid(2 * kSide);
+    cloud.name = "Tray";
+    return cloud;
+}
+
+/// Columns of vertices at −kStep and 0 exchanged: the squares between them are turned over.
+Vector3 swapped(const Vector3& p) {
+    if (std::abs(p.x()) < 1e-9) return {-kStep, p.y(), p.z()};
+    if (std::abs(p.x() + kStep) < 1e-9) return {0.0, p.y(), p.z()};
+    return p;
+}
+
+TEST(MeshQuality, NothingIsWrongWithAMeshOnItself) {
+    for (const Cloud& cloud : {mesh_shapes::icosphere(3), mesh_shapes::cube(), sheet(),
+                               mesh_shapes::split(mesh_shapes::cylinder(12))}) {
+        const MeshQuality quality = measured(cloud, cloud.positions, cloud);
+        EXPECT_EQ(quality.figures.folded, 0.0) << cloud.name;
+        EXPECT_EQ(quality.figures.creased, 0.0) << cloud.name;
+        EXPECT_NEAR(quality.figures.uncovered, 0.0, 1e-9) << cloud.name;
+        EXPECT_NEAR(quality.figures.off, 0.0, 1e-9) << cloud.name;
+        EXPECT_EQ(quality.grade, MeshGrade::kGood);
+        EXPECT_EQ(quality.verdict,
+                  "Good: the faces of " + cloud.name + " lie smoothly on " + cloud.name + ".");
+        EXPECT_TRUE(quality.worst.empty());
+    }
+}
+
+TEST(MeshQuality, ALiftedSheetIsOffByItsHeight) {
+    const Cloud source = sheet();
+    const auto lifted = [](const Vector3& p) { return Vector3(p.x(), p.y(), 0.06); };
+    const MeshQuality quality = measured(source, mapped(source.positions, lifted), tray());
+    EXPECT_NEAR(quality.figures.off, 0.03, 1e-9);  // √area is 2
+    EXPECT_NEAR(quality.figures.uncovered, 0.03, 1e-9);
+    EXPECT_EQ(quality.figures.folded, 0.0);
+    EXPECT_EQ(quality.figures.creased, 0.0);
+    EXPECT_EQ(quality.grade, MeshGrade::kPoor);
+    EXPECT_EQ(quality.verdict,
+              "Poor: 1 % of Tray is farther than 3 % of its size from the faces; the vertices lie "
+              "3 % of its size off Tray.");
+    ASSERT_EQ(quality.worst.size(), 5u);
+    for (const MeshPlace& place : quality.worst) EXPECT_NEAR(place.distance, 0.03, 1e-9);
+}
+
+TEST(MeshQuality, AFoldIsItsShareOfTheArea) {
+    const Cloud source = sheet();
+    const MeshQuality quality = measured(source, mapped(source.positions, swapped), tray());
+    // One column of squares lies against the target; the two beside it are twice as wide.
+    EXPECT_NEAR(quality.figures.folded, 1.0 / (kSide + 2), 1e-9);
+    // Two columns of edges bend, of all that have two triangles.
+    EXPECT_NEAR(quality.figures.creased, 2.0 / (3.0 * kSide - 2.0), 1e-9);
+    EXPECT_NEAR(quality.figures.uncovered, 0.0, 1e-9);
+    EXPECT_NEAR(quality.figures.off, 0.0, 1e-9);
+    ASSERT_FALSE(quality.worst.empty());
+    const MeshPlace& place = quality.worst.front();
+    EXPECT_EQ(place.flaw, MeshFlaw::kFolded);
+    EXPECT_NEAR(place.position.x(), -0.5 * kStep, 0.5 * kStep);
+    EXPECT_NEAR(source.positions(place.source, 0), -0.5 * kStep, kStep);
+    EXPECT_LT((tray().positions.row(place.target).transpose() - place.position).norm(), kStep);
+    for (std::size_t k = 1; k < quality.worst.size(); ++k)
+        EXPECT_GT((quality.worst[k].position - place.position).norm(), 0.4 - 1e-9);
+}
+
+TEST(MeshQuality, WhatNoFaceReachesIsUncovered) {
+    const Cloud source = sheet();
+    const auto squeezed = [](const Vector3& p) {
+        return Vector3(0.9 * p.x() - 0.1, p.y(), p.z());  // ends at 0.8
+    };
+    const Feature corner = point_feature("corner", kSide * (kSide + 1), 0);
+    const MeshQuality quality =
+        measured(source, mapped(source.positions, squeezed), tray(), {&corner, 1});
+    // A tenth of the area lies 0 to 0.2 away: 9 of 10 of that at the percentile.
+    EXPECT_NEAR(quality.figures.uncovered, 0.18 / 2.0, 0.001);
+    EXPECT_NEAR(quality.figures.off, 0.0, 1e-9);
+    ASSERT_GE(quality.worst.size(), 3u);
+    double share = 0.0;
+    bool named = false;
+    for (const MeshPlace& place : quality.worst) {
+        EXPECT_EQ(place.flaw, MeshFlaw::kUncovered);
+        EXPECT_GT(place.position.x(), 0.8);
+        EXPECT_LE(place.distance, 0.1);
+        EXPECT_NEAR(source.positions(place.source, 0), 1.0, kStep);
+        share += place.share;
+        named = named || place.advice.find("\"corner\"") != std::string::npos;
+        EXPECT_NE(place.advice.find("more vertices"), std::string::npos) << place.advice;
+    }
+    EXPECT_LT(share, 0.095);  // all of it that is farther than 0.01
+    EXPECT_TRUE(named);
+}
+
+TEST(MeshQuality, EdgesThatTheModelsBendThemselvesAreNoCreases) {
+    // A roof whose ridge bends by 120°, and a sheet that takes it on.
+    const auto roof = [](const Vector3& p) {
+        return Vector3(0.5 * p.x(), p.y(), -std::sqrt(3.0) / 2.0 * std::abs(p.x()));
+    };
+    Cloud target = sheet();
+    target.positions = mapped(target.positions, roof);
+    const Cloud source = sheet();
+    const MeshQuality taken_on = measured(source, target.positions, target);
+    EXPECT_EQ(taken_on.figures.creased, 0.0);
+    EXPECT_TRUE(taken_on.worst.empty());
+    // The other way round the ridge is gone; on a target without one it shows.
+    EXPECT_EQ(measured(target, source.positions, source).figures.creased, 0.0);
+    const MeshQuality wrong = measured(source, target.positions, source);
+    EXPECT_NEAR(wrong.figures.creased, 1.0 / (3.0 * kSide - 2.0), 1e-9);
+}
+
+TEST(MeshQuality, ABareCloudIsASurfaceAsWell) {
+    const Cloud source = sheet();
+    const auto lifted = [](const Vector3& p) -> Vector3 {
+        return swapped(p) + Vector3(0, 0, 0.02);
+    };
+    const Cloud target = with_normals(tray());
+    const Mesh from = make_mesh(source);
+    Progress progress;
+    const MeshQuality quality = measure_mesh_quality(
+        {source, from, mapped(source.positions, lifted)}, {target, nullptr}, {}, progress);
+    EXPECT_NEAR(quality.figures.folded, 1.0 / (kSide + 2), 1e-9);
+    EXPECT_NEAR(quality.figures.off, 0.01, 0.001);
+    EXPECT_NEAR(quality.figures.uncovered, 0.01, 0.001);
+}
+
+TEST(MeshQuality, IsTheSameAnywhereAtAnySizeAndForAnyNumberOfThreads) {
+    SKIP_WHERE_WATCHED();
+    const Matrix3 turn = Eigen::AngleAxisd(1.0, Vector3(1, 2, 0).normalized()).toRotationMatrix();
+    const auto away = [&](const Vector3& p) -> Vector3 {
+        return 1e-3 * (turn * p) + Vector3(7, 8, 9);
+    };
+    const auto bent = [](const Vector3& p) -> Vector3 {
+        return swapped(p) + Vector3(0, 0, 0.02 * std::sin(5.0 * p.y()));
+    };
+    const Cloud source = sheet(), target = tray();
+    const Positions ends = mapped(source.positions, bent);
+    const MeshQuality here = measured(source, ends, target);
+    Cloud far = target;
+    far.positions = mapped(target.positions, away);
+    const MeshQuality there = measured(source, mapped(ends, away), far);
+    EXPECT_NEAR(there.figures.folded, here.figures.folded, 1e-9);
+    EXPECT_NEAR(there.figures.creased, here.figures.creased, 1e-9);
+    EXPECT_NEAR(there.figures.uncovered, here.figures.uncovered, 1e-9);
+    EXPECT_NEAR(there.figures.off, here.figures.off, 1e-9);
+    const ThreadCount one(1);
+    const MeshQuality again = measured(source, ends, target);
+    EXPECT_EQ(again.figures.off, here.figures.off);
+    EXPECT_EQ(again.figures.uncovered, here.figures.uncovered);
+    ASSERT_EQ(again.worst.size(), here.worst.size());
+    for (std::size_t k = 0; k < here.worst.size(); ++k) {
+        EXPECT_EQ(again.worst[k].position, here.worst[k].position);
+        EXPECT_EQ(again.worst[k].advice, here.worst[k].advice);
+    }
+}
+
+TEST(MeshQuality, TheWorstFigureMakesTheGrade) {
+    EXPECT_EQ(grade_of({}), MeshGrade::kGood);
+    EXPECT_EQ(grade_of({.folded = 2e-4, .creased = 1.2e-3, .uncovered = 5e-3, .off = 1e-4}),
+              MeshGrade::kGood);
+    EXPECT_EQ(grade_of({.off = 2e-4}), MeshGrade::kFair);
+    EXPECT_EQ(grade_of({.uncovered = 0.011}), MeshGrade::kPoor);
+    EXPECT_EQ(grade_of({.folded = 5e-4, .creased = 0.01}), MeshGrade::kPoor);
+}
+
+TEST(MeshQuality, TakesWhatHasCollapsedAndLooseVertices) {
+    Cloud source = sheet();
+    source.positions.conservativeResize(source.size() + 1, 3);
+    source.positions.bottomRows(1) << 0, 0, 5;
+    const Positions nowhere = Positions::Zero(source.size(), 3);
+    const MeshQuality quality = measured(source, nowhere, tray());
+    EXPECT_EQ(quality.grade, MeshGrade::kPoor);
+    EXPECT_GT(quality.figures.uncovered, 0.3);
+    EXPECT_NEAR(quality.figures.off, 0.0, 1e-9);
+    EXPECT_EQ(quality.figures.folded, 0.0);
+}
+
+TEST(MeshQuality, CanBeCancelled) {
+    const Cloud source = sheet(), target = with_normals(tray());
+    const Mesh from = make_mesh(source), to = make_mesh(target);
+    Progress progress([](std::string_view, double) { return false; }, std::chrono::milliseconds(0));
+    progress.poll(0.0);
+    EXPECT_THROW(
+        measure_mesh_quality({source, from, source.positions}, {target, &to}, {}, progress),
+        Cancelled);
+}
+
+}  // namespace
+}  // namespace pointmorph
