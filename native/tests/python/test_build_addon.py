@@ -11,6 +11,7 @@ import sys
 import threading
 import time
 import tomllib
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from types import ModuleType
@@ -206,6 +207,54 @@ def test_a_command_that_hangs_is_stopped() -> None:
     assert running.run("log", *command, timeout=0.2, check=False) < 0
 
 
+@contextlib.contextmanager
+def a_command_with_children(folder: Path) -> Iterator[list[str]]:
+    """A command that waits for another; both must have ended afterwards."""
+    begun, word = folder / "begun", f"{folder.name}.{os.getpid()}"
+    child = f'sh -c "touch {begun}; sleep 600; :" {word} & wait'
+    yield ["sh", "-c", child, word]
+    assert begun.exists()
+    end = time.monotonic() + 60
+    while is_running(word):
+        assert time.monotonic() < end
+        time.sleep(0.01)
+
+
+def wait_for(path: Path) -> None:
+    end = time.monotonic() + 60
+    while not path.exists():
+        assert time.monotonic() < end
+        time.sleep(0.01)
+
+
+def test_what_a_stopped_command_has_started_ends(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(running, "_stopped", threading.Event())
+    with a_command_with_children(tmp_path) as words, ThreadPoolExecutor() as pool:
+        status = pool.submit(running.run, "log", *words, check=False)
+        wait_for(tmp_path / "begun")
+        running.stop_all()
+        assert status.result() < 0
+    with pytest.raises(running.SetupError, match="Interrupted"):
+        running.run("log", "true")
+
+
+def test_commands_end_with_the_program_that_is_killed(tmp_path: Path) -> None:
+    with a_command_with_children(tmp_path) as words:
+        script = (
+            "from pathlib import Path\n"
+            "from build_tools import paths, running\n"
+            f"paths.LOGS = Path({str(tmp_path)!r})\n"
+            f"running.run('log', *{words})"
+        )
+        environment = {**os.environ, "PYTHONPATH": str(ROOT / "native")}
+        program = subprocess.Popen([sys.executable, "-c", script], env=environment)
+        wait_for(tmp_path / "begun")
+        program.kill()
+        program.wait()
+
+
 def test_a_command_that_is_not_there_is_named() -> None:
     with pytest.raises(running.SetupError, match="no-such-program"):
         running.run("log", "no-such-program")
@@ -366,13 +415,11 @@ def test_what_makes_a_debian_ends_with_the_one_who_asked(tmp_path: Path) -> None
     words = [*other_debian._namespace(), "sh", "-c", f"touch {begun}; sleep 600; :", word]
     script = f"import subprocess; subprocess.run({words})"
     asking = subprocess.Popen([sys.executable, "-c", script])
-    end = time.monotonic() + 60
-    while not begun.exists():
-        assert time.monotonic() < end
-        time.sleep(0.01)
+    wait_for(begun)
     assert is_running(word)
     asking.kill()
     asking.wait()
+    end = time.monotonic() + 60
     while is_running(word):
         assert time.monotonic() < end
         time.sleep(0.01)
