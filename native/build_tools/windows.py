@@ -117,12 +117,13 @@ def cpp() -> Outcome:
 
 def python() -> Outcome:
     """The Python tests, but for those of building."""
-    building = [
-        f"--ignore-glob=*test_{name}.py" for name in ("build_addon", "platforms", "releases")
-    ]
-    options = ("-m", "pytest", "-p", "no:cacheprovider", *building)
+    building = [f"test_{name}.py" for name in ("build_addon", "platforms", "releases")]
+    ignored = [f"--ignore-glob=*{name}" for name in building]
+    options = ("-m", "pytest", "-p", "no:cacheprovider", *ignored)
     command = words(python_program(), *options, "--junitxml=")
-    return run_suite("windows-python", *command, **variables(PYTHONPATH=python_path()))
+    outcome = run_suite("windows-python", *command, **variables(PYTHONPATH=python_path()))
+    outcome.skip("building is done on Linux", *building)
+    return outcome
 
 
 def bits() -> Outcome:
@@ -165,9 +166,13 @@ def bpy() -> Outcome:
     title = f"Blender {BLENDER} for Windows (about 350 MB to fetch)"
     blender = _install("bpy", title, "--no-deps", f"bpy=={BLENDER}.*")
     extension = package((WINDOWS,))
-    options = ("-m", "not renders", "--junitxml=")
-    command = words(python_program(), path(paths.ROOT / "blender_tests" / "run.py"), *options)
-    environment = variables(PYTHONPATH=python_path(blender), POINTMORPH_ZIP=path(extension))
+    runner = path(paths.ROOT / "blender_tests" / "run.py")
+    command = words(python_program(), runner, "--junitxml=")
+    environment = variables(
+        PYTHONPATH=python_path(blender),
+        POINTMORPH_ZIP=path(extension),
+        POINTMORPH_NO_RENDERING="it renders, which Wine can't without a graphics card",
+    )
     return run_suite("windows-bpy", *command, **environment)
 
 

@@ -81,6 +81,8 @@ def test_absent(): pytest.skip("no data")
     assert len(outcome.failures) == 2
     assert any("test_bad" in line and "one is not two" in line for line in outcome.failures)
     assert outcome.skips == ["no data"]
+    [left_out] = outcome.left_out
+    assert left_out.endswith("test_absent: no data")
 
 
 def test_counts_google_test(tmp_path: Path) -> None:
@@ -103,7 +105,8 @@ def test_counts_google_test(tmp_path: Path) -> None:
     assert outcome.passed == 1
     assert len(outcome.failures) == 1
     assert outcome.failures[0].startswith("A.Bad")
-    assert len(outcome.skips) == 2
+    assert outcome.skips == ["disabled", "no data"]
+    assert outcome.left_out == ["A.DISABLED_Off: disabled", "A.Absent: no data"]
 
 
 @pytest.mark.parametrize(
@@ -133,10 +136,12 @@ def test_all_suites_run_and_the_last_line_is_the_sum(
     def breaks() -> Outcome:
         raise running.SetupError("no compiler")
 
-    known = {
-        "first": suites.Suite(breaks),
-        "second": suites.Suite(lambda: Outcome(3, [], ["no data", "no data"])),
-    }
+    def skips() -> Outcome:
+        outcome = Outcome(3)
+        outcome.skip("no data", "one", "other")
+        return outcome
+
+    known = {"first": suites.Suite(breaks), "second": suites.Suite(skips)}
     monkeypatch.setattr(suites, "SUITES", known)
     monkeypatch.setattr(suites, "set_up_tests", lambda names: [])
     assert suites.test(list(known), 1) == 1
@@ -144,6 +149,8 @@ def test_all_suites_run_and_the_last_line_is_the_sum(
     assert said[-1] == "3 passed, 1 failed, 2 skipped"
     assert "skipped 2 in second: no data" in said
     assert any("no compiler" in line for line in said)
+    left_out = (paths.BUILD / "reports" / "left_out.txt").read_text().splitlines()
+    assert left_out == ["second: one: no data", "second: other: no data"]
 
     assert suites.test(["second"], 1) == 0
     assert capsys.readouterr().out.splitlines()[-1] == "3 passed, 0 failed, 2 skipped"
