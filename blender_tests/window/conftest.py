@@ -31,7 +31,7 @@ class Window:
     found by hovering, so that a new row in a panel doesn't move them from under the mouse.
     """
 
-    def __init__(self, display, environment, output, folder):
+    def __init__(self, display, environment, output, folder, has_addon=True):
         self._environment = {**environment, "DISPLAY": display}
         self._output = output
         path = str(folder / "control")
@@ -51,6 +51,11 @@ class Window:
         self._connection.settimeout(PATIENCE)
         self._received = b""
         self._places, self._headers = {}, {}
+        if has_addon:
+            self.start()
+
+    def start(self):
+        """An empty scene; what the tests call things in Blender."""
         self.run(START)
         self.redraw()
 
@@ -252,6 +257,11 @@ class Window:
         """A picture of the window in the output folder; returns its path."""
         self.redraw()
         self.redraw()
+        return self.picture(name)
+
+    def picture(self, name):
+        """The same of whatever is drawn at the moment."""
+        self.settle()
         path = self._output / f"{name}.png"
         subprocess.run(["import", "-window", "root", str(path)], env=self._environment, check=True)
         return path
@@ -384,15 +394,21 @@ def output():
     return folder
 
 
-@pytest.fixture(scope="session")
-def environment(tmp_path_factory):
-    """For a Blender in which the add-on is installed and enabled."""
+def user_environment(folder):
+    """For a Blender whose user has never started it before."""
     missing = [program for program in (*PROGRAMS, BLENDER) if shutil.which(program) is None]
     if missing:
         pytest.skip(f"needs {', '.join(missing)}")
-    folder = tmp_path_factory.mktemp("user")
     environment = {**os.environ, **installing.user_folders(folder), "LIBGL_ALWAYS_SOFTWARE": "1"}
     environment["POINTMORPH_SCENES"] = str(HERE.parent / "headless")
+    return environment
+
+
+@pytest.fixture(scope="session")
+def environment(tmp_path_factory):
+    """For a Blender in which the add-on is installed and enabled."""
+    folder = tmp_path_factory.mktemp("user")
+    environment = user_environment(folder)
     if "POINTMORPH_ZIP" not in os.environ:
         startup = folder / "scripts" / "startup"
         startup.mkdir()
@@ -465,6 +481,17 @@ def window(request, _shared, display, environment, output, tmp_path_factory):
     finally:
         if not _shared:
             window.kill()
+
+
+@pytest.fixture
+def new_users_window(_shared, display, output, tmp_path):
+    """Blender as it is when it was just installed."""
+    while _shared:  # two at a time would slow each other down
+        _shared.pop().kill()
+    environment = user_environment(tmp_path / "user")
+    window = Window(display, environment, output, tmp_path, has_addon=False)
+    yield window
+    window.kill()
 
 
 @pytest.fixture
