@@ -473,6 +473,8 @@ def window(request, _shared, display, environment, output, tmp_path_factory):
     try:
         # It keeps a button as it is, grayed for instance, while the mouse is over it.
         window.leave_sidebar()
+        # The report of an error may stay until the mouse has been over it.
+        window.press("Escape", over=VIEWPORT)
         window.run(START)
         yield window
         if not request.node.stash[_FAILED] and window.process.poll() is None:

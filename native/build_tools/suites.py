@@ -28,8 +28,8 @@ CPP_TEST_SETTINGS = (
 
 # The user's own Blender for tests with a window.
 BLENDER = os.environ.get("POINTMORPH_BLENDER")
-# Else a Debian's: trixie has Blender 4.3, sid the newest. Of several, the first that can be made.
-WINDOW_DEBIANS = os.environ.get("POINTMORPH_WINDOW_DEBIAN", "trixie").split(",")
+# Else a Debian's: sid has the newest, trixie 4.3. Of several, the first that can be made.
+WINDOW_DEBIANS = os.environ.get("POINTMORPH_WINDOW_DEBIAN", "sid,trixie").split(",")
 WINDOW_PACKAGES: tuple[str, ...] = ("window",)
 if BLENDER is None:
     # Where it can't be made, those tests are skipped, and say why.

@@ -438,12 +438,13 @@ def test_a_debian_that_was_left_half_made_is_made_anew(
     monkeypatch.setenv("POINTMORPH_DEBIAN", str(tmp_path))
     (tmp_path / "sid.unfinished-old" / "usr").mkdir(parents=True)
     (tmp_path / "sid" / "usr").mkdir(parents=True)  # without a stamp
-    works = False
+    works, python = False, targets.LINUX.pythons[-1]
 
     def bootstrap(log: str, *words: str) -> None:
         folder = next(Path(word) for word in words if "unfinished" in word)
         assert list(folder.iterdir()) == []
-        (folder / "bin").mkdir()
+        (folder / "usr" / "bin").mkdir(parents=True)
+        (folder / "usr" / "bin" / f"python{python}").touch()
         if not works:
             raise running.SetupError("no network")
 
@@ -453,10 +454,14 @@ def test_a_debian_that_was_left_half_made_is_made_anew(
     assert not (tmp_path / "sid").exists()
     works = True
     root = other_debian.set_up("sid")
-    assert [path.name for path in root.iterdir()] == ["bin"]
+    assert [path.name for path in root.iterdir()] == ["usr"]
     assert list(tmp_path.glob("*unfinished*")) == []
     works = False
     assert other_debian.set_up("sid") == root  # nothing is made again
+    works, python = True, "4.0"
+    for _ in range(2):
+        with pytest.raises(running.SetupError, match="no wheel"):
+            other_debian.set_up("trixie")
 
 
 def test_mounts_end_with_the_command(tmp_path: Path) -> None:
