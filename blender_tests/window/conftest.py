@@ -31,6 +31,8 @@ class Window:
     found by hovering, so that a new row in a panel doesn't move them from under the mouse.
     """
 
+    _places = {}  # buttons lie at much the same place in the next Blender
+
     def __init__(self, display, environment, output, folder, has_addon=True):
         self._environment = {**environment, "DISPLAY": display}
         self._output = output
@@ -50,7 +52,7 @@ class Window:
         server.close()
         self._connection.settimeout(PATIENCE)
         self._received = b""
-        self._places, self._headers = {}, {}
+        self._headers = {}
         if has_addon:
             self.start()
 
@@ -189,16 +191,19 @@ class Window:
     def find(self, what):
         """Position of the button of which `what` is a part of the call or path."""
         self.rest()
-        for call, known in self._places.items():
-            if what in call and what in self.under(known):
-                return known
+        known = [place for call, place in self._places.items() if what in call]
+        for place in known:
+            if what in self.under(place):
+                return place
         left, top, right, bottom = self.sidebar()
         over = (left + right) // 2, (top + bottom) // 2
+        near_x, near_y = known[-1] if known else (right - 50, top)
+        columns = sorted((right - 50, left + 60, right - 18), key=lambda x: abs(x - near_x))
         for page in range(3):
             up, down = 4, 5  # buttons of the mouse
             self._scroll(over, *((down, 15) if page else (up, 40)))
-            for x in (right - 50, left + 60, right - 18):
-                rows = self._hover_down(x, top + 8, bottom - 4, what)
+            for x in columns:
+                rows = self._hover_down(x, top + 8, bottom - 4, what, near_y)
                 self._places.update({call: (x, y) for y, call in rows if call})
                 # A busy Blender may have been a row behind the mouse.
                 for y, _ in rows[:-3:-1] if rows and what in rows[-1][1] else ():
@@ -206,13 +211,13 @@ class Window:
                         return x, y
         raise AssertionError(f"no button in the sidebar is {what}: {sorted(self._places)}")
 
-    def _hover_down(self, x, top, bottom, what=None):
-        """What lies under the mouse on its way down: (y, call or path or nothing) by row.
+    def _hover_down(self, x, top, bottom, what=None, near=0):
+        """What lies under the mouse in a column: (y, call or path or nothing) by row.
 
-        Ends where `what` is a part of the call or path.
+        Begins at the row `near`; ends where `what` is a part of the call or path.
         """
         self.redraw()
-        self.run(f"hover_down({x}, {top}, {bottom}, {what!r})")
+        self.run(f"hover_down({x}, {top}, {bottom}, {what!r}, {near})")
         self.wait("hovering is None")
         return [(y, call) for y, call in self.ask("calls")]
 
@@ -350,11 +355,12 @@ def hovered():
             return ""
     return window_manager.clipboard
 
-def hover_down(x, top, bottom, what):
+def hover_down(x, top, bottom, what, near):
     # Moves the mouse from row to row, and notes in calls what lies there.
     global hovering, calls
     calls = []
-    places = iter(range(top, bottom, 12))  # rows are 20 high, some buttons less
+    rows = range(top, bottom, 12)  # rows are 20 high, some buttons less
+    places = iter(sorted(rows, key=lambda y: abs(y - near)))
     hovering = next(places)
 
     def step():

@@ -47,7 +47,7 @@ def test_install_from_disk_demo_morph_bake(new_users_window):
 
     window.run("area.ui_type = 'VIEW_3D'")
     window.start()
-    window.run("with in_viewport(): bpy.ops.pointmorph.add_demo()")
+    window.run("with in_viewport(): bpy.ops.pointmorph.add_demo(); bpy.ops.view3d.view_all()")
     window.open_tab()
     window.screenshot("new_user_3_demo")
     window.press_button(MORPH)

@@ -10,7 +10,11 @@
 
 #include "base/thread_engine.hpp"
 
-#ifndef _WIN32
+#ifdef _WIN32
+#define NOMINMAX
+#define WIN32_LEAN_AND_MEAN
+#include <windows.h>
+#else
 #include <pthread.h>
 #include <unistd.h>
 #endif
@@ -134,6 +138,20 @@ private:
     std::vector<Thread> threads_;
 };
 
+#ifdef _WIN32
+/// The calling thread's pool, or nothing where the system has no place for it. In a slot of the
+/// system's: GCC for Windows frees what is thread_local before it is destroyed.
+Pool* own_pool() {
+    static const DWORD slot = FlsAlloc([](void* pool) { delete static_cast<Pool*>(pool); });
+    auto* pool = static_cast<Pool*>(FlsGetValue(slot));
+    if (pool == nullptr) {
+        auto made = std::make_unique<Pool>();
+        if (FlsSetValue(slot, made.get()) == 0) return nullptr;
+        pool = made.release();
+    }
+    return pool;
+}
+#else
 /// The calling thread's pool. A forked child leaves its parent's as it is, for its threads and
 /// whatever they held are gone, and makes another one.
 class OwnPool {
@@ -158,9 +176,17 @@ private:
     long process_ = 0;
 };
 
-void run(int threads, const TeamWork& work) {
+Pool* own_pool() {
     thread_local OwnPool own;
-    own.get().run(threads, work);
+    return &own.get();
+}
+#endif
+
+void run(int threads, const TeamWork& work) {
+    if (Pool* const pool = own_pool())
+        pool->run(threads, work);
+    else
+        work(true);
 }
 
 int default_threads() {
