@@ -17,6 +17,13 @@ import scenes
 MODULE = installing.install()
 
 
+def pytest_collection_modifyitems(items):
+    if reason := os.environ.get("POINTMORPH_NO_RENDERING"):
+        for item in items:
+            if item.get_closest_marker("renders"):
+                item.add_marker(pytest.mark.skip(reason=reason))
+
+
 @pytest.fixture(scope="session")
 def module():
     """Name of the add-on's module."""
