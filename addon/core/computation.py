@@ -160,6 +160,8 @@ def compute(request, progress, earlier=None):
         rows = morph.pairs[:, t].astype(np.int32)
         ends.append(End(rows, frame.positions, frame.normals, frame.colors, frame.radii))
     quality = morph.measure_quality(progress)
+    if morph.has_mesh:
+        morph.measure_mesh_quality(progress)  # for the report, which asks nobody whether to go on
     distortion = np.maximum(
         *(
             side.distortion[end.rows]

@@ -297,6 +297,23 @@ def test_a_mesh_and_a_cloud(settings):
         bpy.ops.pointmorph.subdivide_source()
 
 
+@pytest.mark.parametrize("path", ["linear", "rigid"])
+def test_bakes_of_eight_vertices(settings, path):
+    pick(primitive("cube"), primitive("ico_sphere", subdivisions=3, location=(1, 2, 3)))
+    settings.path = path
+    obj = morph()
+    source = settings.source
+    for kind, changed in (("PAIRS", obj), ("SOURCE", source)):
+        select(obj)
+        assert bpy.ops.pointmorph.bake_shape_keys(kind=kind, steps=2) == {"FINISHED"}
+        assert np.isfinite(key(changed, "Icosphere 50 %")).all()
+    select(obj)
+    assert bpy.ops.pointmorph.bake_frames(frame_start=1, frame_end=3) == {"FINISHED"}
+    for frame in bpy.data.collections["Cube to Icosphere Frames"].objects:
+        assert len(frame.data.vertices) >= len(obj.data.vertices)
+        assert np.isfinite(coordinates(frame.data.vertices)).all()
+
+
 def test_loose_vertices_and_polygons(settings):
     """A cube with an unused vertex and a face of eight corners."""
     positions, faces = patch(20)
