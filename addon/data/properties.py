@@ -256,6 +256,20 @@ class PointmorphScene(bpy.types.PropertyGroup):
     active_loop: bpy.props.IntProperty(
         name="Active", description="The feature selected in the loop"
     )
+    show_as: bpy.props.EnumProperty(
+        name="Show As",
+        description="What shows a new morph",
+        items=[
+            (
+                "MESH",
+                "Mesh",
+                "The source's own faces, with its materials, UV maps and modifiers. A source "
+                "without faces is shown as points",
+            ),
+            ("POINTS", "Points", "The points of both shapes, in the colors of both"),
+        ],
+        default="MESH",
+    )
     bake_as: bpy.props.EnumProperty(
         name="Bake As",
         description="What to bake the morph as",

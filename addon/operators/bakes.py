@@ -12,7 +12,7 @@ from ..data import frame_formats
 from ..data.frame_settings import frame_settings
 from ..data.references import find, reference_to
 from ..data.registration import Registration
-from ..scene import animated_shape, frame_files, frame_player, shape_key_bakes
+from ..scene import animated_shape, frame_files, frame_player, presentation, shape_key_bakes
 from .modal_operator import Computing
 from .polls import Explained, activate, active_result, busy_reason, fail, result_reason
 
@@ -80,6 +80,7 @@ class POINTMORPH_OT_bake_shape_keys(Explained, bpy.types.Operator):
         try:
             if self.kind == "SOURCE":
                 changed = shape_key_bakes.bake_source(obj, self.steps, path)
+                presentation.show_shapes(context, obj, True)
             else:
                 shape_key_bakes.bake_pairs(obj, self.steps, path)
                 changed = obj
@@ -196,8 +197,7 @@ class POINTMORPH_OT_bake_frames(Explained, Computing, bpy.types.Operator):
         )
         if self._target is frame_formats.SCENE:
             frame_files.empty(outcome)
-            obj.hide_set(True)
-            obj.hide_render = True
+            presentation.hide(context, obj)
             activate(context.view_layer.objects, player)
             self.report({"INFO"}, f'Baked {len(plan.numbers())} frames to "{player.name}"')
             return {"FINISHED"}

@@ -11,7 +11,7 @@ from ..data.references import find, reference_to
 from ..data.registration import Registration
 from ..scene import morph_builder, morph_object, recipes, recomputation, staleness
 from .modal_operator import Computing
-from .polls import Explained, activate, busy_reason, say_made
+from .polls import Explained, busy_reason, present
 
 
 def chain_reason(context):
@@ -139,8 +139,7 @@ class POINTMORPH_OT_morph_chain(Explained, Computing, bpy.types.Operator):
         provenance = self._plan.provenance(shapes)
         obj = morph_builder.build(context, outcome, " to ".join(self._names), provenance)
         recipes.remember(obj, self._plan.recipe, outcome)
-        activate(context.view_layer.objects, obj)
-        say_made(self, obj, outcome.report)
+        present(self, context, obj, outcome.report)
         return {"FINISHED"}
 
 

@@ -13,6 +13,7 @@ from ..scene import (
     attribute_transfer,
     morph_object,
     morphing_mesh,
+    presentation,
     recipes,
     recomputation,
     shape_follower,
@@ -156,6 +157,54 @@ class POINTMORPH_OT_follow(_OnPairs, bpy.types.Operator):
         return {"FINISHED"}
 
 
+class POINTMORPH_OT_show_as(Explained, bpy.types.Operator):
+    """Show the morph by the source's own faces, or as the points of both shapes. The slider and its
+    animation are the same"""
+
+    bl_idname = "pointmorph.show_as"
+    bl_label = "Show As"
+    bl_options = {"REGISTER", "UNDO"}
+
+    kind: bpy.props.EnumProperty(
+        name="Show As",
+        description="What shows the morph",
+        items=[
+            ("MESH", "Mesh", "The source's faces, with its materials, UV maps and modifiers"),
+            ("POINTS", "Points", "The points of both shapes, in the colors of both"),
+        ],
+    )
+
+    @staticmethod
+    def reason(context):
+        return busy_reason() or (NO_RESULT if active_result(context) is None else None)
+
+    def execute(self, context):
+        try:
+            seen = presentation.show_as(context, active_result(context), self.kind)
+        except pointmorph.PointmorphError as error:
+            return fail(self, error)
+        context.scene.pointmorph.show_as = self.kind
+        activate(context.view_layer.objects, seen)
+        return {"FINISHED"}
+
+
+class POINTMORPH_OT_show_shapes(Explained, bpy.types.Operator):
+    """Show or hide the objects that the morph was made from. They are hidden when it is made"""
+
+    bl_idname = "pointmorph.show_shapes"
+    bl_label = "Originals"
+    bl_options = {"REGISTER", "UNDO"}
+
+    @staticmethod
+    def reason(context):
+        return NO_RESULT if active_result(context) is None else None
+
+    def execute(self, context):
+        obj = active_result(context)
+        presentation.show_shapes(context, obj, not presentation.shows_shapes(obj))
+        return {"FINISHED"}
+
+
 class POINTMORPH_OT_make_mesh(_OnPairs, bpy.types.Operator):
     """Create a copy of the source that morphs, with its faces, materials, colors, UV maps, weights
     and modifiers, and hide the points"""
@@ -166,10 +215,7 @@ class POINTMORPH_OT_make_mesh(_OnPairs, bpy.types.Operator):
 
     def change(self, context, obj):
         copy = morphing_mesh.make_mesh(context, obj)
-        # In the same place, points would cover the faces.
-        if context.view_layer.objects.get(obj.name) == obj:
-            obj.hide_set(True)
-        obj.hide_render = True
+        presentation.hide(context, obj)  # in the same place
         activate(context.view_layer.objects, copy)
         source = obj.pointmorph.source.name
         self.report({"INFO"}, f'Created "{copy.name}" with the faces of "{source}"')
@@ -265,6 +311,8 @@ registration = Registration(
         POINTMORPH_OT_recompute,
         POINTMORPH_OT_edit_morph,
         POINTMORPH_OT_follow,
+        POINTMORPH_OT_show_as,
+        POINTMORPH_OT_show_shapes,
         POINTMORPH_OT_make_mesh,
         POINTMORPH_OT_subdivide_source,
         POINTMORPH_OT_transfer_attributes,

@@ -15,7 +15,7 @@ from ..scene import morph_builder, morph_object, preview_object, recipes
 from ..scene.feature_marks import say_what_was_found
 from ..scene.shape_reader import read_request_steps
 from .modal_operator import Computing
-from .polls import Explained, activate, busy_reason, say_made, shapes_reason
+from .polls import Explained, busy_reason, present, shapes_reason
 
 
 class POINTMORPH_OT_morph(Explained, Computing, bpy.types.Operator):
@@ -88,9 +88,8 @@ class POINTMORPH_OT_morph(Explained, Computing, bpy.types.Operator):
             background_job.earlier = Earlier(self._request, outcome.maps)
         obj = morph_builder.build(context, outcome, *self._made_of(context))
         morph_object.morph_key(obj).value = self._value
-        activate(context.view_layer.objects, obj)
         recipes.remember(obj, self._recipe, outcome)
-        say_made(self, obj, outcome.report)
+        present(self, context, obj, outcome.report)
         return {"FINISHED"}
 
 

@@ -3,7 +3,7 @@
 import pointmorph
 
 from ..core import background_job
-from ..scene import morph_object
+from ..scene import morph_object, presentation
 
 NO_RESULT = "Morph first, or make a morph object the active object"
 
@@ -73,6 +73,15 @@ def _is_in(scene, obj):
     return scene.objects.get(obj.name) == obj or any(other == obj for other in scene.objects)
 
 
+def present(operator, context, obj, report):
+    """Shows a new morph object, and tells the user what came of it."""
+    shown, said = presentation.present(context, obj)
+    activate(context.view_layer.objects, shown)
+    for words in said:
+        operator.report({"WARNING"}, f"Shown as points. {words}")
+    say_made(operator, shown, report)
+
+
 def say_made(operator, obj, report):
     """Tells the user what came of a morph."""
     for warning in report["warnings"]:
@@ -82,10 +91,13 @@ def say_made(operator, obj, report):
 
 
 def active_result(context):
-    """The morph object that is meant: the active one, else the last one of source and target."""
+    """The morph object of points that is meant: the active one, or that of the active mesh,
+    else the last one of source and target."""
     active = context.view_layer.objects.active
     if morph_object.is_result(active):
         return active
+    if active is not None and morph_object.is_result(active.pointmorph.made_from):
+        return active.pointmorph.made_from
     return _last_result(context.scene)
 
 

@@ -28,6 +28,13 @@ def is_made(obj):
     return is_result(obj) or (obj is not None and obj.pointmorph.keeps_faces)
 
 
+def shown_of(obj):
+    """What shows a morph object of points: the mesh that was made for it, or itself."""
+    mesh = obj.pointmorph.mesh
+    is_there = mesh is not None and mesh.users_collection and mesh.pointmorph.made_from == obj
+    return mesh if is_there else obj
+
+
 def morph_key(obj):
     """The shape key of a morph object that makes it the target."""
     keys = obj.data.shape_keys
@@ -116,7 +123,7 @@ def positions_at(obj, t):
 
 def world_position(obj, source_row):
     """Where a morph object shows a row of the source at the present value of its key."""
-    value = morph_key(obj).value
+    value = t_key(shown_of(obj)).value
     rows = np.flatnonzero(arrays.read_rows(obj.data, "source_row") == source_row)
     if not rows.size:
         raise pointmorph.CloudError(

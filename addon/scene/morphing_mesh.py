@@ -35,6 +35,7 @@ def make_mesh(context, obj):
         created(copy)
         copy.data = mesh
         copy.pointmorph.recipe = ""  # of a source that morphs itself
+        copy.pointmorph.mesh = None
         copy.name = mesh.name = f"{obj.name} Mesh"
         copy.hide_render = False
         creation.link(context, copy)

@@ -55,7 +55,7 @@ class POINTMORPH_PT_morph_object(Panel, bpy.types.Panel):
                 "pointmorph.follow", depress=obj.pointmorph.follows, icon="CON_FOLLOWTRACK"
             )
             layout.operator("pointmorph.make_mesh", icon="MESH_DATA")
-        elif obj.data.shape_keys is not None:
+        elif obj.pointmorph.made_from is None and obj.data.shape_keys is not None:
             key = obj.data.shape_keys.key_blocks.get(morph_object.morph_keys(obj)[0])
             if key is not None:
                 layout.prop(key, "value", text="Morph", slider=True)

@@ -38,8 +38,9 @@ def addon(module):
 
 @pytest.fixture(autouse=True)
 def settings(module):
-    """`scene.pointmorph` of an empty scene."""
+    """`scene.pointmorph` of an empty scene, where a morph is shown as its points."""
     bpy.ops.wm.read_homefile(use_empty=True)
+    bpy.context.scene.pointmorph.show_as = "POINTS"
     return bpy.context.scene.pointmorph
 
 

@@ -301,6 +301,7 @@ for kind in (
 for name in bpy.context.scene.pointmorph.bl_rna.properties.keys():
     if name not in ("rna_type", "name"):
         bpy.context.scene.pointmorph.property_unset(name)
+bpy.context.scene.pointmorph.show_as = "POINTS"
 bpy.context.scene.frame_start, bpy.context.scene.frame_end = 1, 250
 bpy.context.scene.frame_set(1)
 window = bpy.context.window_manager.windows[0]
