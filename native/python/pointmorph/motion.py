@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pointmorph import _pointmorph
-from pointmorph.clouds import Cloud, Faces, FloatArray
+from pointmorph.clouds import FloatArray
 from pointmorph.errors import CloudError, OptionError
 from pointmorph.morphing import Progress, options
 
@@ -23,9 +23,6 @@ class Motion:
         A choice of the setting `path`; see `pointmorph.options`.
     progress : callable, optional
         As for `pointmorph.morph`.
-    faces : (F, K) array of int, or sequence of polygons, optional
-        Of the mesh whose vertices these are: on rigid paths, none of them turns over on the way if
-        none does at the end.
 
     Raises
     ------
@@ -52,8 +49,6 @@ class Motion:
         images: npt.ArrayLike,
         path: str,
         progress: Progress | None = None,
-        *,
-        faces: Faces | None = None,
     ) -> None:
         paths = next(option.choices for option in options() if option.name == "path")
         if path not in paths:
@@ -76,14 +71,9 @@ class Motion:
                     "Remove those points.",
                 )
         self._ends = arrays[0], arrays[2]
-        self._native: _pointmorph.Motion | _pointmorph.MeshMotion | None = None
-        if path == "linear":
-            return
-        if faces is None or len(faces) == 0:
+        self._native = None
+        if path != "linear":
             self._native = _pointmorph.Motion(arrays[0], arrays[1], arrays[2], path, progress)
-            return
-        fields = Cloud(arrays[0], arrays[1], faces=faces)._fields()
-        self._native = _pointmorph.MeshMotion(fields, arrays[2], path, progress)
 
     def at(self, t: float) -> FloatArray:
         """The positions at t.
@@ -109,5 +99,4 @@ class Motion:
             return (end if t else start).copy()
         if self._native is None:
             return start + t * (end - start)
-        found = self._native.at(float(t))
-        return found[0] if isinstance(found, tuple) else found
+        return self._native.at(float(t))[0]

@@ -188,7 +188,7 @@ MeshMotion::MeshMotion(const Mesh& mesh, const OrientedView& vertices, const Pos
                        const GradualSimilarity& similarity, PathKind path, Progress& progress)
     : similarity_(similarity),
       motion_(vertices.positions, vertices.normals, ends, similarity, path, progress) {
-    if (path != PathKind::kRigid || mesh.triangles.rows() == 0) return;
+    if (path != PathKind::kRigid) return;
     const Positions straight = mesh.unit.apply(similarity.whole.inverse().apply(ends));
     Positions places = mesh.positions;
     for (std::size_t v = mesh.places.size(); v-- > 0;)

@@ -148,10 +148,7 @@ def test_a_mesh_on_its_way_bends_with_the_path() -> None:
     for path in ("similarity", "rigid"):
         bent = pointmorph.morph(source, target, marks, path=path)
         assert np.array_equal(bent.wrapped(0.0), points)
-        half = bent.wrapped(0.5)
-        assert np.linalg.norm(half, axis=1).min() > 1.3
-        motion = pointmorph.Motion(points, points, bent.wrapped(), path, faces=faces)
-        np.testing.assert_allclose(motion.at(0.5), half, atol=0.01)
+        assert np.linalg.norm(bent.wrapped(0.5), axis=1).min() > 1.3
 
 
 def test_few_vertices_travel_on_every_path() -> None:
