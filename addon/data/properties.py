@@ -270,6 +270,29 @@ class PointmorphScene(bpy.types.PropertyGroup):
         ],
         default="MESH",
     )
+    suggest_confidence: bpy.props.FloatProperty(
+        name="Confidence",
+        description="Suggest only features that are at least this certain",
+        default=0.5,
+        min=0.0,
+        max=1.0,
+        subtype="FACTOR",
+    )
+    suggest_places: bpy.props.BoolProperty(
+        name="Places Between", description="Also suggest places between the tips", default=False
+    )
+    transfer_colors: bpy.props.BoolProperty(
+        name="Colors", description="Transfer color attributes", default=True
+    )
+    transfer_weights: bpy.props.BoolProperty(
+        name="Weights", description="Transfer vertex groups, except features", default=True
+    )
+    transfer_uvs: bpy.props.BoolProperty(
+        name="UV Maps",
+        description="Transfer UV maps, as point attributes. Textures are smeared on faces that "
+        "cross a seam of the target",
+        default=False,
+    )
     bake_as: bpy.props.EnumProperty(
         name="Bake As",
         description="What to bake the morph as",

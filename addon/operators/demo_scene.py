@@ -86,10 +86,12 @@ def _move_beside_others(context, added):
     least, most = _bounds(added)
     others = [o for o in context.view_layer.objects if o not in added and o.visible_get()]
     boxes = [_bounds([other]) for other in others if other.type in arrays.SHAPE_TYPES]
-    if any((low < most).all() and (least < high).all() for low, high in boxes):
-        shift = max(high[0] for _, high in boxes) + 0.5 - least[0]
-        for obj in added:
-            obj.location.x += shift
+    shift = np.zeros(3)
+    for low, high in sorted(boxes, key=lambda box: box[1][0]):
+        if (low < most + shift).all() and (least + shift < high).all():
+            shift[0] = high[0] + 0.5 - least[0]
+    for obj in added:
+        obj.location.x += shift[0]
 
 
 def _bounds(objects):

@@ -242,7 +242,7 @@ class POINTMORPH_OT_subdivide_source(Explained, bpy.types.Operator):
             return fail(self, error)
         source = obj.pointmorph.source
         if after == before:
-            self.report({"INFO"}, f'"{source.name}" has vertices enough')
+            self.report({"INFO"}, f'"{source.name}" already has enough vertices')
             return {"CANCELLED"}
         self.report(
             {"INFO"},

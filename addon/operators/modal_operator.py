@@ -9,6 +9,7 @@ import pointmorph
 from ..core import background_job
 from ..core.stepping import finish, go_on
 from ..data import areas
+from ..data.references import find, reference_to
 from ..data.registration import Registration
 from .polls import fail, fail_unexpectedly
 
@@ -30,7 +31,8 @@ class Computing:
         if bpy.app.background:
             return self.execute(context)
         self._in_window = True
-        self._scene = context.scene.name
+        self._scene = reference_to(context.scene)
+        self._view_layer = context.view_layer.name
         self._workspaces = set()
         self._steps = self._begin_steps(context)
         background_job.start()
@@ -77,15 +79,19 @@ class Computing:
     @contextlib.contextmanager
     def _where_it_began(self, context):
         """The context's scene is the one where the operator was started."""
-        scene = bpy.data.scenes.get(self._scene)
+        scene = find(bpy.data.scenes, self._scene)
         if scene is None:
             raise pointmorph.CloudError(
-                self._scene, "the scene of the morph", "none", "Undo its deletion, or start again."
+                "scene",
+                "the one where the morph began",
+                "none",
+                "Undo its deletion, or start again.",
             )
         if scene == context.scene:
             yield
             return
-        with context.temp_override(scene=scene, view_layer=scene.view_layers[0]):
+        layer = scene.view_layers.get(self._view_layer) or scene.view_layers[0]
+        with context.temp_override(scene=scene, view_layer=layer):
             yield
 
     def _begin_steps(self, context):

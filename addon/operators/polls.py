@@ -29,9 +29,7 @@ def fail(operator, error):
 def fail_unexpectedly(operator, error):
     """Tells the user about an error that no one thought of."""
     text = f"{type(error).__name__}: {error}".rstrip(": ")
-    said = (
-        f"{operator.bl_label} failed, and nothing was changed. {text}. The system console has more"
-    )
+    said = f"{operator.bl_label} failed. {text}. The system console has more"
     background_job.problem = ("MORPH", said)
     operator.report({"ERROR"}, said)
     return {"CANCELLED"}
@@ -75,6 +73,7 @@ def _is_in(scene, obj):
 
 def present(operator, context, obj, report):
     """Shows a new morph object, and tells the user what came of it."""
+    forget_results()
     shown, said = presentation.present(context, obj)
     activate(context.view_layer.objects, shown)
     for words in said:
@@ -119,6 +118,11 @@ def _last_result(scene):
         known = results[-1] if results else None
         _found[key] = len(scene.objects), known.name if results else ""
     return known
+
+
+def forget_results(*_):
+    """What was found before may not be so any more."""
+    _found.clear()
 
 
 def _is_of(obj, settings):

@@ -31,8 +31,7 @@ def is_made(obj):
 def shown_of(obj):
     """What shows a morph object of points: the mesh that was made for it, or itself."""
     mesh = obj.pointmorph.mesh
-    is_there = mesh is not None and mesh.users_collection and mesh.pointmorph.made_from == obj
-    return mesh if is_there else obj
+    return mesh if recipes.is_there(mesh) and mesh.pointmorph.made_from == obj else obj
 
 
 def morph_key(obj):
@@ -192,4 +191,4 @@ def landings(obj):
 
 def stage_names(obj):
     """Names of the shapes of a morph object, in order; what is missing has another."""
-    return [KEY if shape is None else shape.name for shape in recipes.shapes_of(obj)]
+    return [KEY if shape is None else shape.name for shape in recipes.pointers_of(obj)]

@@ -48,10 +48,21 @@ _OWN = ("keys", "transferred")
 
 def shapes_of(obj):
     """The objects that a morph object was made from, in order; None for what is gone."""
+    return [shape if is_there(shape) else None for shape in pointers_of(obj)]
+
+
+def pointers_of(obj):
+    """The same, with what was deleted in the viewport: it is kept by the pointer to it."""
     data = obj.pointmorph
-    shapes = (data.source, *(item.object for item in data.via), data.target)
-    # What was deleted is kept by the pointer to it, in no collection.
-    return [None if shape is None or not shape.users_collection else shape for shape in shapes]
+    return [data.source, *(item.object for item in data.via), data.target]
+
+
+def is_there(obj):
+    """Whether an object, or None, is in a scene or a collection."""
+    if obj is None:
+        return False
+    # Panels ask at every redraw. The last way is slow, and needed only for equal names.
+    return bpy.context.scene.objects.get(obj.name) == obj or bool(obj.users_collection)
 
 
 def is_moving(obj):

@@ -125,7 +125,9 @@ class POINTMORPH_PT_features(Panel, bpy.types.Panel):
             say(layout, context, missing, "ERROR")
         row = layout.row(align=True)
         row.operator("pointmorph.pair_features")
-        row.operator("pointmorph.propose_features")
+        suggest = row.operator("pointmorph.propose_features")
+        suggest.confidence = settings.suggest_confidence
+        suggest.places = settings.suggest_places
         draw_problem(layout, context, "FEATURES")
 
     @staticmethod
@@ -165,6 +167,9 @@ class POINTMORPH_PT_feature(bpy.types.Panel):
                 "pointmorph.click_features", text="Move by Clicking", icon="RESTRICT_SELECT_OFF"
             ).name = item.name
         layout.operator("pointmorph.check_features", icon="VIEWZOOM")
+        layout.separator()
+        layout.prop(settings, "suggest_confidence")
+        layout.prop(settings, "suggest_places")
 
 
 # --- Cut and domain -------------------------------------------------------------------------------
@@ -304,10 +309,10 @@ class POINTMORPH_PT_quality(Panel, bpy.types.Panel):
             row = box.split(factor=0.35)
             row.label(text=name)
             row.label(text=value)
-        if not report["worst"]:
+        mesh = report.get("mesh")
+        if not report["worst"] and not (mesh and mesh["worst"]):
             layout.label(text="No bad places", icon="CHECKMARK")
         _draw_places(layout, context, "MAP", report["worst"])
-        mesh = report.get("mesh")
         if mesh is not None:
             icon = {"good": "CHECKMARK", "fair": "INFO"}.get(mesh["grade"], "ERROR")
             say(layout, context, mesh["verdict"], icon)

@@ -15,7 +15,7 @@ module.{name} = broken
 
 
 @pytest.mark.parametrize(
-    ("module", "name"), [("operators.morph", "compute"), ("scene.morph_builder", "build")]
+    ("module", "name"), [("data.chains", "compute_all"), ("scene.morph_builder", "build")]
 )
 def test_an_unexpected_error_leaves_blender_as_it_was(window, module, name):
     add_pair(window, 30)
