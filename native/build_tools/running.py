@@ -96,12 +96,19 @@ def _guarded(process: subprocess.Popen[bytes]) -> Iterator[None]:
     if group == os.getpgrp():
         yield
         return
-    # Its input ends when this program does; a line tells it that all is well.
-    words = ("sh", "-c", f"read line || kill -KILL -{group}")
-    guard = subprocess.Popen(
-        words, stdin=subprocess.PIPE, stderr=subprocess.DEVNULL, process_group=0
-    )
     _groups.add(group)
+    if _stopped.is_set():  # stop_all() may have looked just before
+        _kill(group)
+    try:
+        # Its input ends when this program does; a line tells it that all is well.
+        words = ("sh", "-c", f"read line || kill -KILL -{group}")
+        guard = subprocess.Popen(
+            words, stdin=subprocess.PIPE, stderr=subprocess.DEVNULL, process_group=0
+        )
+    except OSError:
+        _kill(group)
+        _groups.discard(group)
+        raise
     try:
         yield
     finally:

@@ -88,7 +88,7 @@ TEST(MeshQuality, ALiftedSheetIsOffByItsHeight) {
     EXPECT_EQ(quality.grade, MeshGrade::kPoor);
     EXPECT_EQ(quality.verdict,
               "Poor: 1 % of Tray is farther than 3 % of its size from the faces; the vertices lie "
-              "3 % of its size off Tray.");
+              "off Tray by 3 % of its size.");
     ASSERT_EQ(quality.worst.size(), 5u);
     for (const MeshPlace& place : quality.worst) EXPECT_NEAR(place.distance, 0.03, 1e-9);
 }
