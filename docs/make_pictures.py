@@ -1,6 +1,6 @@
 """Draws the pictures of the stage pages from made shapes, each in docs/images.
 
-python docs/make_pictures.py            all of them, in about two minutes of one core
+python docs/make_pictures.py            all of them, in about a minute and a half of one core
 python docs/make_pictures.py pose lod   these
 """
 
@@ -438,6 +438,91 @@ def boundary() -> Figure:
     for axes in panels:
         dots(axes, points, INK, 2.2, linewidths=0)
         fit(axes, points, 0.03)
+    return page_of(panels)
+
+
+@picture
+def features() -> Figure:
+    animals = Animals()
+    sides = (
+        (animals.source_directions, animals.source, animals.source_triangles),
+        (animals.target_directions, animals.target, animals.target_triangles),
+    )
+    belts, heads = [], []
+    for directions, _, _ in sides:
+        steps = np.floor(np.arctan2(directions[:, 1], directions[:, 2]) / (np.pi / 16))
+        off = np.abs(directions[:, 0] + 0.05)
+        belts.append(
+            np.array([int(np.argmin(off + 9 * (steps != step))) for step in np.unique(steps)[:32]])
+        )
+        heads.append(np.flatnonzero(directions @ unit(np.array(STANDING["head"][0])) > 0.94))
+    marks = {
+        "tail": animals.ends("tail")["tail"],
+        "belt": pointmorph.Feature(*belts, "curve", closed=True),
+        "head": pointmorph.Feature(*heads, "region"),
+    }
+    image = pointmorph.morph(*animals.clouds(), marks).source_to_target[belts[0]]
+    panels = figure(2, 360, ("source", "target, and where the source's belt goes"))
+    for side, (axes, (_, points, triangles)) in enumerate(zip(panels, sides, strict=True)):
+        seen = points @ FRONT
+        in_head = np.zeros(len(points))
+        in_head[heads[side]] = 1
+
+        def paint(share: Array) -> Array:
+            return np.where(share > 0.5, rgb(PURPLE) * 0.6 + 0.4, rgb(PALE))
+
+        surface(axes, seen, triangles, in_head, paint)
+        belt = seen[belts[side]]
+        dots(axes, belt[visible(belt, seen, triangles)], GREEN, 6, zorder=2)
+        if side == 1:
+            line = image[np.append(np.arange(len(image)), 0)] @ FRONT
+            curve(axes, np.where(visible(line, seen, triangles)[:, None], line, np.nan), BLUE, 2.0)
+        dots(axes, seen[[marks["tail"][side]]], RED, 9)
+        fit(axes, seen, 0.08)
+    return page_of(panels)
+
+
+@picture
+def geodesics() -> Figure:
+    """The first curve of a network, and the shortest path between its ends in a graph."""
+    random = np.random.default_rng(5)
+    u, v, w = random.uniform(0, 1, (3, 9000))
+    tube = 0.4
+    kept = w * (1 + tube) < 1 + tube * np.cos(2 * np.pi * v)
+    a, b = 2 * np.pi * u[kept], 2 * np.pi * v[kept]
+    r = 1 + tube * np.cos(b)
+    points = np.column_stack([r * np.cos(a), r * np.sin(a), tube * np.sin(b)])
+
+    def at(around: float, across: float) -> int:
+        apart = np.abs(np.exp(1j * a) - np.exp(1j * around))
+        return int(np.argmin(apart + np.abs(np.exp(1j * b) - np.exp(1j * across))))
+
+    rows = {
+        "start": at(3.6, 1.4),
+        "end": at(5.4, 0.4),
+        "far": at(1.5, 1.0),
+        "farther": at(0.5, 2.5),
+    }
+    cloud = pointmorph.Cloud(points)
+    found = pointmorph.trace_network(cloud, cloud, {name: (k, k) for name, k in rows.items()})
+    straight = next(c for c in found.curves if {c.start, c.end} == {"start", "end"})
+    distances, near = cKDTree(points).query(points, 17)
+    ends = np.stack([np.repeat(near[:, 0], 16), near[:, 1:].ravel()])
+    graph = coo_matrix((distances[:, 1:].ravel(), ends), shape=(len(points),) * 2).tocsr()
+    _, before = dijkstra(graph, directed=False, indices=rows["start"], return_predecessors=True)
+    way = [rows["end"]]
+    while way[-1] != rows["start"]:
+        way.append(int(before[way[-1]]))
+    [axes] = panels = figure(1, 400)
+    ring, triangles = torus(180, 72)
+    surface(axes, ring @ ABOVE, triangles, rgb("#e6e9ed"))
+    seen = points @ ABOVE
+    dots(axes, seen[visible(seen, ring @ ABOVE, triangles)], "#9aa6b2", 1.8, linewidths=0)
+    curve(axes, seen[way], ORANGE, 2.2)
+    curve(axes, straight.source @ ABOVE, BLUE, 2.8)
+    dots(axes, seen[[rows["start"], rows["end"]]], RED, 8)
+    axes.set_xlim(-1.5, 1.5)
+    axes.set_ylim(-1.2, 0.13)
     return page_of(panels)
 
 
