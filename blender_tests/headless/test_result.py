@@ -416,6 +416,7 @@ def test_deletion_of_its_parents_in_the_viewport(settings):
     target.location.x = 0.2
     obj = morph()
     before = content(obj)
+    bpy.ops.pointmorph.show_shapes()
     bpy.ops.object.select_all(action="DESELECT")
     source.select_set(True)
     target.select_set(True)
@@ -497,7 +498,7 @@ def test_source_and_target_that_are_linked_from_another_file(settings, tmp_path)
         bpy.context.scene.collection.objects.link(obj)
     settings = bpy.context.scene.pointmorph
     settings.source, settings.target = wanted.objects
-    settings.domain = "disk"
+    settings.domain, settings.show_as = "disk", "POINTS"
     bpy.context.view_layer.update()
     obj = morph()
     assert_same(content(obj), before)
