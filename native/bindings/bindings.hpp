@@ -28,6 +28,9 @@ void bind_motion(py::module_& module);
 /// From the dictionary that pointmorph.Cloud makes of itself.
 Cloud cloud_of(const py::dict& fields);
 
+/// From the pair (offsets, corners), or None.
+Polygons polygons_of(const py::object& faces);
+
 /// A progress whose callback takes the GIL, lets Python handle signals (Ctrl-C) and then calls
 /// `callback(stage, fraction)`, which returns False to ask for the end; None is silent.
 std::unique_ptr<Progress> make_progress(const py::object& callback);

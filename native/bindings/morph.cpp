@@ -9,9 +9,6 @@
 
 namespace pointmorph::bindings {
 
-namespace {
-
-/// From the pair (offsets, corners), or None.
 Polygons polygons_of(const py::object& faces) {
     Polygons result;
     if (faces.is_none()) return result;
@@ -21,8 +18,6 @@ Polygons polygons_of(const py::object& faces) {
     result.corners.assign(given.second.data(), given.second.data() + given.second.size());
     return result;
 }
-
-}  // namespace
 
 Cloud cloud_of(const py::dict& fields) {
     return {fields["name"].cast<std::string>(),     from_numpy<Positions>(fields["positions"]),
@@ -66,6 +61,14 @@ py::array_t<std::int64_t> array_of(const Pairing& pairs) {
         view(i, 1) = pairs[to_size(i)].target;
     }
     return rows;
+}
+
+py::array_t<std::int64_t> array_of(const std::vector<std::array<Index, 2>>& rows) {
+    py::array_t<std::int64_t> result({static_cast<py::ssize_t>(rows.size()), py::ssize_t{2}});
+    auto view = result.mutable_unchecked<2>();
+    for (py::ssize_t i = 0; i < view.shape(0); ++i)
+        for (py::ssize_t k = 0; k < 2; ++k) view(i, k) = rows[to_size(i)][to_size(k)];
+    return result;
 }
 
 py::array_t<std::int64_t> array_of(const BoundaryLoop& loop) {
@@ -257,6 +260,10 @@ py::dict resampled_frame(const Morph& morph, double t, const py::object& callbac
         callback, [&](Progress& progress) { return morph.resampled_frame<Scalar>(t, progress); }));
 }
 
+VertexHolds holds_of(const py::dict& cloud) {
+    return {from_numpy<Values>(cloud["rigid"]), from_numpy<Values>(cloud["fixed"])};
+}
+
 MorphInput input_of(const py::dict& source, const py::dict& target, const py::list& features,
                     std::vector<std::vector<std::string>> loops = {}) {
     const auto given = [](const py::dict& cloud, const char* rows) {
@@ -268,7 +275,9 @@ MorphInput input_of(const py::dict& source, const py::dict& target, const py::li
                      .source_boundary = given(source, "boundary"),
                      .target_boundary = given(target, "boundary"),
                      .source_parts = given(source, "parts"),
-                     .target_parts = given(target, "parts")};
+                     .target_parts = given(target, "parts"),
+                     .source_holds = holds_of(source),
+                     .target_holds = holds_of(target)};
     if (!loops.empty()) {
         input.loop = std::move(loops.front());
         input.more_loops.assign(loops.begin() + 1, loops.end());
@@ -350,6 +359,23 @@ void define_queries(py::class_<Morph>& morph) {
              [](const Morph& m, double t, const py::object& callback) {
                  return to_numpy(without_gil(
                      callback, [&](Progress& progress) { return m.wrapped(t, progress); }));
+             })
+        .def("has_target_mesh", &Morph::has_target_mesh)
+        .def("denser",
+             [](const Morph& m, bool of_source, double tolerance, Index most_vertices,
+                const py::object& callback) {
+                 const DensityOptions options{.tolerance = tolerance,
+                                              .most_vertices = most_vertices};
+                 DenserMesh mesh = without_gil(callback, [&](Progress& progress) {
+                     return m.denser(of_source, options, progress);
+                 });
+                 return py::make_tuple(to_numpy(std::move(mesh.faces)), array_of(mesh.polygons),
+                                       array_of(mesh.ends), to_numpy(std::move(mesh.positions)));
+             })
+        .def("wrapped_target",
+             [](const Morph& m, double t, const py::object& callback) {
+                 return to_numpy(without_gil(
+                     callback, [&](Progress& progress) { return m.wrapped_target(t, progress); }));
              })
         .def("cracks",
              [](const Morph& m, const std::vector<double>& times, const py::object& callback) {

@@ -19,6 +19,7 @@ with passive_wait_policy():
     from pointmorph._pointmorph import __version__
 from pointmorph.clouds import Cloud
 from pointmorph.cuts import Cut, decompose, propose_loop
+from pointmorph.denser_meshes import DenserMesh
 from pointmorph.errors import (
     Cancelled,
     CloudError,
@@ -63,6 +64,7 @@ __all__ = [
     "CloudError",
     "ConvergenceError",
     "Cut",
+    "DenserMesh",
     "Feature",
     "FeatureError",
     "FeatureResidual",

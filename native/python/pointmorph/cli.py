@@ -26,10 +26,11 @@ from pointmorph import (
 )
 from pointmorph.clouds import Cloud, FloatArray
 from pointmorph.errors import FeatureError, FileError, OptionError, PointmorphError
-from pointmorph.features import Feature, feature_from_json
+from pointmorph.features import Feature, feature_from_json, weights_from_json
 from pointmorph.stages import stage_label
 
 FAILED, WRONG_CALL, INTERRUPTED = 1, 2, 130
+_SIDES = ("source", "target")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -88,11 +89,22 @@ def _parser() -> argparse.ArgumentParser:
     )
     morph.add_argument(
         "--mesh",
-        choices=["source", *(suffix[1:] for suffix in formats.WRITTEN_MESH_SUFFIXES)],
+        choices=["source", "target", *(suffix[1:] for suffix in formats.WRITTEN_MESH_SUFFIXES)],
         help="for each frame, also write a mesh, mesh_0000 … source: SOURCE itself with its "
         "vertices moved, at the last frame wrapped onto TARGET; keeps the file's format, faces and "
-        "UVs (ply, obj, glb; others become ply). A format: the surface through the frame's points"
+        "UVs (ply, obj, glb; others become ply). target: the same of TARGET, at the first frame "
+        "wrapped onto SOURCE. A format: the surface through the frame's points"
         f"{_losses()}; needs pymeshlab and scipy",
+    )
+    morph.add_argument(
+        "--denser",
+        metavar="DISTANCE",
+        nargs="?",
+        type=_distance,
+        const=0.002,
+        help="with --mesh source or target: cut faces into triangles where they would lie farther "
+        "than this from the other model, in √area, once they are wrapped onto it (without a "
+        "number: 0.002)",
     )
     propose = commands.add_parser(
         "propose",
@@ -162,6 +174,13 @@ def _frame_count(text: str) -> int:
     if count < 0 or count == 1:
         raise argparse.ArgumentTypeError("expected 0 or at least 2")
     return count
+
+
+def _distance(text: str) -> float:
+    distance = float(text)
+    if not 1e-4 <= distance <= 1:
+        raise argparse.ArgumentTypeError("expected a number from 0.0001 to 1")
+    return distance
 
 
 def _positive(text: str) -> int:
@@ -244,11 +263,15 @@ def _nearest_row(positions: FloatArray, place: FloatArray) -> int:
 
 
 def _morph(chosen: argparse.Namespace) -> None:
-    if chosen.mesh not in (None, "source"):
+    if chosen.mesh not in (None, *_SIDES):
         surfaces.check_available()
     features, loop = read_features(chosen.features) if chosen.features else ({}, [])
     shapes = _read_shapes(chosen)
-    own = _source_mesh(chosen, shapes[0]) if chosen.mesh == "source" else None
+    if chosen.features:
+        _read_weights(chosen.features, shapes)
+    own = _own_mesh(chosen, shapes) if chosen.mesh in _SIDES else None
+    if chosen.denser is not None and own is None:
+        raise OptionError("denser", "--mesh source or target", f"--mesh {chosen.mesh}", "Add it.")
     files.make_folder(chosen.out)
 
     with _bars() as progress:
@@ -263,6 +286,9 @@ def _morph(chosen: argparse.Namespace) -> None:
     report = dict(result.report)
     if chosen.resample:
         report["resampled"] = {"inserted": result.inserted(), "frames": counts}
+    if own is not None and own.denser is not None:
+        mesh = own.denser
+        report["denser"] = {"vertices": len(mesh.positions), "faces": len(mesh.faces)}
     for warning in report["warnings"]:
         print(f"pointmorph: warning: {warning}", file=sys.stderr)
     files.write_bytes(chosen.out / "report.json", (json.dumps(report, indent=1) + "\n").encode())
@@ -281,6 +307,18 @@ def _morph(chosen: argparse.Namespace) -> None:
         print(f"  {mesh['verdict']}")
         for place in mesh["worst"]:
             print(f"  {place['advice']}")
+
+
+def _read_weights(path: Path, shapes: Sequence[formats.Shape]) -> None:
+    """Takes what vertices keep when their mesh is wrapped from a features file into the shapes."""
+    content = _read_json(path)
+    for name in ("rigid", "fixed"):
+        for side, shape in zip(_SIDES, shapes, strict=True):
+            if name not in content:
+                continue
+            weights = weights_from_json(name, content[name], side, len(shape.positions))
+            if weights is not None:
+                setattr(shape, name, weights)
 
 
 def check_rows(shapes: Sequence[formats.Shape], features: Mapping[str, Feature]) -> None:
@@ -343,8 +381,11 @@ def read_features(
     return {name: feature_from_json(name, value) for name, value in features.items()}, loop
 
 
-def _source_mesh(chosen: argparse.Namespace, shape: formats.Shape) -> source_meshes.SourceMesh:
-    """The source's file, to write again with its vertices moved. Raises OptionError."""
+def _own_mesh(
+    chosen: argparse.Namespace, shapes: Sequence[formats.Shape]
+) -> source_meshes.SourceMesh:
+    """The file of one side, to write again with its vertices moved. Raises OptionError."""
+    shape = shapes[_SIDES.index(chosen.mesh)]
     found = (
         "no faces"
         if shape.faces is None
@@ -359,9 +400,9 @@ def _source_mesh(chosen: argparse.Namespace, shape: formats.Shape) -> source_mes
             "mesh",
             f"the faces of {shape.name}, morphed with method auto and without --samples",
             found,
-            "Leave that out, or choose a format of meshes instead of source.",
+            f"Leave that out, or choose a format of meshes instead of {chosen.mesh}.",
         )
-    return source_meshes.SourceMesh(chosen.source, shape)
+    return source_meshes.SourceMesh(getattr(chosen, chosen.mesh), shape)
 
 
 def _write(
@@ -394,10 +435,32 @@ def _write(
         result, folder, times, resample=chosen.resample, mesh=through, progress=progress
     )
     if own is not None:
-        for number, t in enumerate(times):
-            path = folder / f"mesh_{number:04d}{own.suffix}"
-            own.write(path, result.wrapped(t, progress))
+        _write_meshes(chosen, result, own, times, progress)
     return counts
+
+
+def _write_meshes(
+    chosen: argparse.Namespace,
+    result: morphing.Morph,
+    own: source_meshes.SourceMesh,
+    times: Sequence[float],
+    progress: morphing.Progress,
+) -> None:
+    """The mesh of one side for each time, denser where that was asked for."""
+    is_source = chosen.mesh == "source"
+    moving = None
+    if chosen.denser is not None:
+        own.denser = result.denser(chosen.mesh, tolerance=chosen.denser, progress=progress)
+        moving = own.denser.motion(chosen.path or "linear", progress)
+    for number, t in enumerate(times):
+        path = chosen.out / f"mesh_{number:04d}{own.suffix}"
+        if moving is not None:
+            positions = moving.at(t if is_source else 1.0 - t)
+        elif is_source:
+            positions = result.wrapped(t, progress)
+        else:
+            positions = result.wrapped_target(t, progress)
+        own.write(path, positions)
 
 
 def _by_point(values: FloatArray, rows: npt.NDArray[np.int64], count: int) -> FloatArray:

@@ -30,6 +30,11 @@ class Cloud:
     faces : (F, K) array of int, or sequence of polygons, optional
         Rows of the corners of each face, in order around it. With faces, the shape is their surface
         and `positions` are its vertices: see `morph`.
+    rigid : (N,) array, optional
+        With faces: how much each vertex keeps its shape when the mesh is wrapped, 0 to 1, for eyes,
+        teeth or armor. Connected vertices turn, move and grow as one.
+    fixed : (N,) array, optional
+        With faces: how much each vertex stays where it is when the mesh is wrapped, 0 to 1.
     name : str
         Name of the shape, for error messages.
     boundary : sequence of int, optional
@@ -61,6 +66,8 @@ class Cloud:
         radii: npt.ArrayLike | None = None,
         *,
         faces: Faces | None = None,
+        rigid: npt.ArrayLike | None = None,
+        fixed: npt.ArrayLike | None = None,
         name: str = "cloud",
         boundary: Sequence[int] | npt.NDArray[np.integer[Any]] | None = None,
         parts: Sequence[int] | npt.NDArray[np.integer[Any]] | None = None,
@@ -74,6 +81,8 @@ class Cloud:
         self.colors = self._attribute(colors, "colors", 4)
         self.radii = self._attribute(radii, "radii", None)
         self.faces = None if faces is None or len(faces) == 0 else self._polygons(faces)
+        self.rigid = self._attribute(rigid, "rigid", None)
+        self.fixed = self._attribute(fixed, "fixed", None)
         self.boundary = self._whole_numbers(boundary, "a list of rows as boundary")
         self.parts = self._whole_numbers(parts, "a list of labels as parts")
 
@@ -170,6 +179,8 @@ class Cloud:
             "colors": self.colors,
             "radii": self.radii,
             "faces": self.faces,
+            "rigid": self.rigid,
+            "fixed": self.fixed,
             "boundary": self.boundary,
             "parts": self.parts,
         }

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from pointmorph.clouds import FloatArray
 from pointmorph.errors import FeatureError
 
 KINDS = ("point", "curve", "region")
@@ -213,6 +214,53 @@ def feature_from_json(name: str, value: Any) -> Feature:
             raise _wrong(name, f"a list of rows of the {side}", f"{marked!r}", "Correct the value.")
         fields[side] = marked
     return feature_of(name, Feature(kind=kind, **fields))
+
+
+def weights_from_json(name: str, value: Any, side: str, count: int) -> FloatArray | None:
+    """The weight of each vertex of a model, from the entry `name` of a features file.
+
+    The entry has a list of rows, or ``{"rows": [...], "weights": [...]}``, as ``"source"`` or as
+    ``"target"``, or as both.
+
+    Parameters
+    ----------
+    name : str
+        rigid or fixed.
+    value
+        The entry.
+    side : str
+        source or target.
+    count : int
+        Vertices of that model.
+
+    Returns
+    -------
+    (N,) array
+        0 for vertices that aren't listed; None if the entry has nothing for this side.
+
+    Raises
+    ------
+    FeatureError
+        If the entry is anything else.
+    """
+    if not isinstance(value, dict) or not value.keys() <= {"source", "target"}:
+        raise _wrong(name, 'rows as "source" or "target"', f"{value!r}", "Correct the entry.")
+    if side not in value:
+        return None
+    rows, weights = value[side], None
+    if isinstance(rows, dict):
+        rows, weights = _weighted(name, side, rows)
+    region = feature_of(name, Feature(rows, [0], "region", weights))
+    chosen = region.rows(0)
+    for row in chosen:
+        if not 0 <= row < count:
+            raise _wrong(name, f"rows of the {side}, 0 to {count - 1}", f"{row}", "Correct it.")
+    amounts = region.weights(0) or [1.0] * len(chosen)
+    if len(amounts) != len(chosen):
+        raise _wrong(name, f"{len(chosen)} weights", f"{len(amounts)}", "Give one weight per row.")
+    result = np.zeros(count)
+    result[chosen] = amounts
+    return result
 
 
 def _weighted(name: str, side: str, marked: dict[str, Any]) -> tuple[Any, list[Any] | None]:

@@ -32,6 +32,9 @@ class Shape:
     """(N,)"""
     faces: npt.NDArray[np.int64] | None = None
     """(F, 3) rows of positions; None for a point cloud"""
+    rigid: FloatArray | None = None
+    fixed: FloatArray | None = None
+    """(N,), 0 to 1; see `Cloud`"""
 
     def cloud(self) -> Cloud:
         """The vertices, in order, and the faces; of an open mesh also its longest boundary."""
@@ -46,6 +49,8 @@ class Shape:
             self.colors,
             self.radii,
             faces=self.faces,
+            rigid=self.rigid,
+            fixed=self.fixed,
             name=self.name,
             boundary=boundary,
             parts=labels,
@@ -280,14 +285,19 @@ def _read_ply(path: Path) -> Shape:
     positions = columns("x", "y", "z")
     if positions is None:
         raise FileError(str(path), "x, y and z", ", ".join(names), "Export the file again.")
-    radii = rows["radius"] if "radius" in names else None
+
+    def column(name: str) -> FloatArray | None:
+        return _floats(np.ascontiguousarray(rows[name])) if name in names else None
+
     return Shape(
         path.stem,
         _floats(positions),
         _optional_floats(columns("nx", "ny", "nz")),
         _colors(columns("red", "green", "blue", "alpha"), columns("red", "green", "blue")),
-        None if radii is None else _floats(np.ascontiguousarray(radii)),
+        column("radius"),
         _ply_faces(data),
+        column("rigid"),
+        column("fixed"),
     )
 
 

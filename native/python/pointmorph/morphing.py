@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property, lru_cache
 from typing import Any
 
@@ -13,6 +13,7 @@ import numpy.typing as npt
 
 from pointmorph import _pointmorph
 from pointmorph.clouds import Cloud, FloatArray
+from pointmorph.denser_meshes import DenserMesh
 from pointmorph.errors import CloudError, FeatureError, OptionError
 from pointmorph.features import Feature, native_features
 from pointmorph.quality import (
@@ -298,6 +299,101 @@ class Morph:
         """
         wrapped: FloatArray = self._native.wrapped(float(t), progress)
         return wrapped.astype(self.source.positions.dtype, copy=False)
+
+    @property
+    def has_target_mesh(self) -> bool:
+        """Whether the target has faces for `wrapped_target`. With method paper it has none."""
+        return self._native.has_target_mesh()
+
+    def wrapped_target(self, t: float = 0.0, progress: Progress | None = None) -> FloatArray:
+        """The vertices of the target's mesh at t: with its own faces, the mesh on its way.
+
+        Like `wrapped`, the other way round: at 0 the target's mesh is wrapped onto the source, at 1
+        it is where it is, bit for bit.
+
+        Parameters
+        ----------
+        t : float
+            0 to 1.
+        progress : callable, optional
+            As for `morph`.
+
+        Returns
+        -------
+        (M, 3) array
+            In the order of the target's vertices, and of their type.
+
+        Raises
+        ------
+        CloudError
+            Unless `has_target_mesh`.
+        OptionError
+            If t lies outside of [0, 1].
+        Cancelled
+            If `progress` returned False.
+        """
+        wrapped: FloatArray = self._native.wrapped_target(float(t), progress)
+        return wrapped.astype(self.target.positions.dtype, copy=False)
+
+    def denser(
+        self,
+        side: str = "source",
+        *,
+        tolerance: float = 0.002,
+        most_vertices: int = 200_000,
+        progress: Progress | None = None,
+    ) -> DenserMesh:
+        """The mesh of one model with more faces where the other has what it can't show.
+
+        Only there: faces that lie off the other model once they are wrapped onto it, or that it
+        reaches beyond, are cut, until they fit or are small.
+
+        Parameters
+        ----------
+        side : str
+            source or target: whose mesh.
+        tolerance : float
+            How far faces may lie off, in √area of the other model.
+        most_vertices : int
+            It ends before there are more.
+        progress : callable, optional
+            As for `morph`.
+
+        Raises
+        ------
+        CloudError
+            If that model has no faces.
+        OptionError
+            If an argument is out of range.
+        Cancelled
+            If `progress` returned False.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import pointmorph
+        >>> x, y = np.meshgrid(np.linspace(-1, 1, 5), np.linspace(-1, 1, 5))
+        >>> corner = np.arange(20).reshape(4, 5)[:, :-1].reshape(-1, 1)
+        >>> faces = corner + [0, 1, 6, 5]
+        >>> flat, high = (np.stack([x, y, h * x**2], axis=-1).reshape(-1, 3) for h in (0, 0.5))
+        >>> ends = [pointmorph.Cloud(rows, faces=faces) for rows in (flat, high)]
+        >>> mesh = pointmorph.morph(*ends).denser(tolerance=0.01)
+        >>> bool(np.allclose(mesh.extended(flat), mesh.positions))
+        True
+        """
+        if side not in ("source", "target"):
+            raise OptionError("side", "source or target", repr(side), "Choose one of them.")
+        if not 1e-4 <= tolerance <= 1:
+            raise OptionError(
+                "tolerance", "a number from 0.0001 to 1", f"{tolerance}", "Try 0.002."
+            )
+        cloud = self.source if side == "source" else self.target
+        most = min(max(int(most_vertices), len(cloud)), 2**31 - 1)
+        faces, parents, ends, wrapped = self._native.denser(
+            side == "source", float(tolerance), most, progress
+        )
+        mesh = DenserMesh(faces, parents, ends, wrapped, wrapped)
+        return replace(mesh, positions=mesh.extended(cloud.positions))
 
     @property
     def source_domain(self) -> npt.NDArray[np.float64]:

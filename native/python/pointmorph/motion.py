@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import numpy.typing as npt
 
 from pointmorph import _pointmorph
-from pointmorph.clouds import FloatArray
+from pointmorph.clouds import Cloud, Faces, FloatArray
 from pointmorph.errors import CloudError, OptionError
 from pointmorph.morphing import Progress, options
 
@@ -21,6 +23,9 @@ class Motion:
         instance.
     path : str
         A choice of the setting `path`; see `pointmorph.options`.
+    faces : (F, K) array of int, or sequence of polygons, optional
+        Of a mesh: on the path rigid, each face turns and stretches by its own share, and doesn't
+        turn over.
     progress : callable, optional
         As for `pointmorph.morph`.
 
@@ -49,6 +54,8 @@ class Motion:
         images: npt.ArrayLike,
         path: str,
         progress: Progress | None = None,
+        *,
+        faces: Faces | None = None,
     ) -> None:
         paths = next(option.choices for option in options() if option.name == "path")
         if path not in paths:
@@ -71,9 +78,14 @@ class Motion:
                     "Remove those points.",
                 )
         self._ends = arrays[0], arrays[2]
-        self._native = None
-        if path != "linear":
-            self._native = _pointmorph.Motion(arrays[0], arrays[1], arrays[2], path, progress)
+        self._at: Callable[[float], FloatArray] | None = None
+        polygons = None if faces is None else Cloud(arrays[0], faces=faces).faces
+        if path != "linear" and polygons is not None:
+            mesh = _pointmorph.MeshMotion(arrays[0], arrays[2], polygons, path, progress)
+            self._at = mesh.at
+        elif path != "linear":
+            cloud = _pointmorph.Motion(arrays[0], arrays[1], arrays[2], path, progress)
+            self._at = lambda t: cloud.at(t)[0]
 
     def at(self, t: float) -> FloatArray:
         """The positions at t.
@@ -97,6 +109,4 @@ class Motion:
             raise OptionError("t", "a number from 0 to 1", str(t), "Clamp it.")
         if t in (0, 1):
             return (end if t else start).copy()
-        if self._native is None:
-            return start + t * (end - start)
-        return self._native.at(float(t))[0]
+        return start + t * (end - start) if self._at is None else self._at(float(t))

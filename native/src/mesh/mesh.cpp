@@ -49,7 +49,8 @@ void weld(const Positions& vertices, Mesh& mesh) {
     mesh.positions = mesh.unit.apply(gather(vertices, rows));
 }
 
-std::vector<Corners> triangles_of(const Polygons& faces, const Mesh& mesh) {
+/// Takes the triangles of the faces, with where they come from.
+void take_triangles(const Polygons& faces, Mesh& mesh) {
     constexpr double kNoArea = 1e-14;
     std::vector<Corners> triangles;
     triangles.reserve(to_size(faces.size()));
@@ -62,18 +63,32 @@ std::vector<Corners> triangles_of(const Polygons& faces, const Mesh& mesh) {
         }
         while (corners.size() > 1 && corners.front() == corners.back()) corners.pop_back();
         for (const Corners& t : triangulate(mesh.positions, corners))
-            if (doubled_area(mesh.positions, t[0], t[1], t[2]).norm() > kNoArea)
+            if (doubled_area(mesh.positions, t[0], t[1], t[2]).norm() > kNoArea) {
                 triangles.push_back(t);
+                mesh.polygons.push_back(f);
+            }
     }
-    return triangles;
+    mesh.triangles.resize(static_cast<Eigen::Index>(triangles.size()), 3);
+    mesh.vertices.resize(mesh.triangles.rows(), 3);
+    for (std::size_t k = 0; k < triangles.size(); ++k)
+        for (Index c = 0; c < 3; ++c) {
+            const auto row = static_cast<Eigen::Index>(k);
+            const Index place = triangles[k][to_size(c)];
+            mesh.triangles(row, c) = place;
+            mesh.vertices(row, c) = *std::ranges::find_if(
+                faces[mesh.polygons[k]],
+                [&](Index vertex) { return mesh.places[to_size(vertex)] == place; });
+        }
 }
 
-void reverse(Triangles& triangles, Index f) {
-    std::swap(triangles(f, 1), triangles(f, 2));
+void reverse(Mesh& mesh, Index f) {
+    std::swap(mesh.triangles(f, 1), mesh.triangles(f, 2));
+    std::swap(mesh.vertices(f, 1), mesh.vertices(f, 2));
 }
 
 /// Turns triangles so that neighbors over edges of two triangles agree, most of the area as given.
-void make_agree(Triangles& triangles, const Values& areas) {
+void make_agree(Mesh& mesh) {
+    const Triangles& triangles = mesh.triangles;
     const MeshEdges edges(triangles);
     const auto count = static_cast<Index>(triangles.rows());
     std::vector<signed char> sign(to_size(count), 0);
@@ -85,7 +100,7 @@ void make_agree(Triangles& triangles, const Values& areas) {
         double kept = 0.0, turned = 0.0;
         for (std::size_t next = 0; next < patch.size(); ++next) {
             const Index f = patch[next];
-            (sign[to_size(f)] > 0 ? kept : turned) += areas[f];
+            (sign[to_size(f)] > 0 ? kept : turned) += mesh.areas[f];
             for (Index k = 0; k < 3; ++k) {
                 const auto sides = edges[edges.edge_of(f, k)];
                 if (sides.size() != 2) continue;
@@ -101,7 +116,7 @@ void make_agree(Triangles& triangles, const Values& areas) {
             for (const Index f : patch) sign[to_size(f)] = -sign[to_size(f)];
     }
     for (Index f = 0; f < count; ++f)
-        if (sign[to_size(f)] < 0) reverse(triangles, f);
+        if (sign[to_size(f)] < 0) reverse(mesh, f);
 }
 
 void find_areas(Mesh& mesh) {
@@ -321,16 +336,12 @@ Mesh make_mesh(const Cloud& cloud) {
     Mesh mesh;
     mesh.unit = normalization(cloud.positions);
     weld(cloud.positions, mesh);
-    const std::vector<Corners> corners = triangles_of(cloud.faces, mesh);
-    mesh.triangles.resize(static_cast<Eigen::Index>(corners.size()), 3);
-    for (std::size_t f = 0; f < corners.size(); ++f)
-        mesh.triangles.row(static_cast<Eigen::Index>(f)) << corners[f][0], corners[f][1],
-            corners[f][2];
+    take_triangles(cloud.faces, mesh);
     find_areas(mesh);
-    make_agree(mesh.triangles, mesh.areas);
+    make_agree(mesh);
     find_parts(mesh);
     if (mesh.triangles.rows() > 0 && shows_inside(mesh)) {
-        for (Index f = 0; f < mesh.triangles.rows(); ++f) reverse(mesh.triangles, f);
+        for (Index f = 0; f < mesh.triangles.rows(); ++f) reverse(mesh, f);
         mesh.turned_outwards = true;
     }
     find_normals(mesh);

@@ -11,44 +11,77 @@ namespace pointmorph {
 
 namespace {
 
-using Corners = std::array<Index, 3>;
-
-/// The triangles of one whose sides (from corner k to the next) have a middle, or −1.
-void cut(const Positions& p, const Corners& t, const Corners& middle, std::vector<Corners>& out) {
+/// The pieces of a triangle, some sides of which have a middle (at `p` or −1).
+void cut(const Positions& p, Index triangle, const std::array<Index, 6>& rows,
+         std::vector<Piece>& out) {
     Index halved = 0, first = 0;
-    for (Index k = 0; k < 3; ++k) halved += middle[to_size(k)] >= 0;
+    const auto is_halved = [&](Index k) { return rows[to_size(3 + k)] >= 0; };
+    for (Index k = 0; k < 3; ++k) halved += is_halved(k);
     // The corner from which to count: that before the one halved side, or that between two.
     for (Index k = 0; k < 3; ++k) {
-        const bool here = middle[to_size(k)] >= 0, before = middle[to_size((k + 2) % 3)] >= 0;
+        const bool here = is_halved(k), before = is_halved((k + 2) % 3);
         if ((halved == 1 && here) || (halved == 2 && here && before)) first = k;
     }
-    const auto corner = [&](Index k) { return t[to_size((first + k) % 3)]; };
-    const auto mid = [&](Index k) { return middle[to_size((first + k) % 3)]; };
+    const auto corner = [&](Index k) { return (first + k) % 3; };
+    const auto mid = [&](Index k) { return 3 + (first + k) % 3; };
+    const auto add = [&](Index i, Index j, Index k) { out.push_back({triangle, {i, j, k}}); };
+    const auto squared = [&](Index i, Index j) {
+        return (p.row(rows[to_size(i)]) - p.row(rows[to_size(j)])).squaredNorm();
+    };
     const Index a = corner(0), b = corner(1), c = corner(2);
+    const Index ab = mid(0), bc = mid(1), ca = mid(2);
     if (halved == 0) {
-        out.push_back(t);
+        add(a, b, c);
     } else if (halved == 1) {
-        out.insert(out.end(), {{a, mid(0), c}, {mid(0), b, c}});
+        add(a, ab, c);
+        add(ab, b, c);
     } else if (halved == 2) {  // sides a b and c a; the rest along its shorter diagonal
-        const Index ab = mid(0), ca = mid(2);
-        out.push_back({a, ab, ca});
-        if ((p.row(ab) - p.row(c)).squaredNorm() <= (p.row(b) - p.row(ca)).squaredNorm())
-            out.insert(out.end(), {{ab, b, c}, {ab, c, ca}});
+        add(a, ab, ca);
+        const bool from_middle = squared(ab, c) <= squared(b, ca);
+        add(ab, b, from_middle ? c : ca);
+        if (from_middle)
+            add(ab, c, ca);
         else
-            out.insert(out.end(), {{ab, b, ca}, {b, c, ca}});
+            add(b, c, ca);
     } else {
-        const Index ab = mid(0), bc = mid(1), ca = mid(2);
-        out.insert(out.end(), {{a, ab, ca}, {b, bc, ab}, {c, ca, bc}, {ab, bc, ca}});
+        add(a, ab, ca);
+        add(b, bc, ab);
+        add(c, ca, bc);
+        add(ab, bc, ca);
     }
 }
 
 }  // namespace
 
-Mesh subdivided(const Mesh& mesh, const SubdivisionOptions& options) {
+std::vector<Piece> pieces_of(const Positions& positions, const Triangles& triangles,
+                             const Triangles& middles) {
+    std::vector<Piece> pieces;
+    for (Index f = 0; f < triangles.rows(); ++f)
+        cut(positions, f,
+            {triangles(f, 0), triangles(f, 1), triangles(f, 2), middles(f, 0), middles(f, 1),
+             middles(f, 2)},
+            pieces);
+    return pieces;
+}
+
+Triangles triangles_of(std::span<const Piece> pieces, const Triangles& corners,
+                       const Triangles& middles) {
+    Triangles result(static_cast<Eigen::Index>(pieces.size()), 3);
+    for (std::size_t i = 0; i < pieces.size(); ++i)
+        for (Index c = 0; c < 3; ++c) {
+            const auto& [f, codes] = pieces[i];
+            const Index code = codes[to_size(c)];
+            result(static_cast<Eigen::Index>(i), c) =
+                code < 3 ? corners(f, code) : middles(f, code - 3);
+        }
+    return result;
+}
+
+Subdivision subdivided(const Mesh& mesh, const SubdivisionOptions& options) {
     const double longest = options.longest * std::sqrt(mesh.area());
     Positions positions = mesh.positions;
     Triangles triangles = mesh.triangles;
-    bool changed = false;
+    std::vector<std::array<Index, 2>> ends;
     for (;;) {
         const MeshEdges edges(triangles);
         std::vector<Index> middles(to_size(edges.size()), -1);
@@ -62,31 +95,24 @@ Mesh subdivided(const Mesh& mesh, const SubdivisionOptions& options) {
             if (length > longest) middles[to_size(e)] = count++;
         }
         if (count == before || count > options.most_places) break;
-        changed = true;
         positions.conservativeResize(count, 3);
         for (Index e = 0; e < edges.size(); ++e) {
             if (middles[to_size(e)] < 0) continue;
             const MeshEdges::Side side = edges[e].front();
-            positions.row(middles[to_size(e)]) = 0.5 * (positions.row(start_of(triangles, side)) +
-                                                        positions.row(end_of(triangles, side)));
+            ends.push_back({start_of(triangles, side), end_of(triangles, side)});
+            positions.row(middles[to_size(e)]) =
+                0.5 * (positions.row(ends.back()[0]) + positions.row(ends.back()[1]));
         }
-        std::vector<Corners> finer;
-        for (Index f = 0; f < triangles.rows(); ++f) {
-            const Corners t{triangles(f, 0), triangles(f, 1), triangles(f, 2)};
-            Corners middle;
-            for (Index k = 0; k < 3; ++k)
-                middle[to_size(k)] = middles[to_size(edges.edge_of(f, k))];
-            cut(positions, t, middle, finer);
-        }
-        triangles.resize(static_cast<Eigen::Index>(finer.size()), 3);
-        for (std::size_t f = 0; f < finer.size(); ++f)
-            triangles.row(static_cast<Eigen::Index>(f)) << finer[f][0], finer[f][1], finer[f][2];
+        Triangles sides(triangles.rows(), 3);
+        for (Index f = 0; f < triangles.rows(); ++f)
+            for (Index k = 0; k < 3; ++k) sides(f, k) = middles[to_size(edges.edge_of(f, k))];
+        triangles = triangles_of(pieces_of(positions, triangles, sides), triangles, sides);
     }
-    if (!changed) return mesh;
+    if (ends.empty()) return {mesh, {}};
     Mesh result = mesh_of(mesh.unit, std::move(positions), std::move(triangles));
     result.places = mesh.places;
     result.turned_outwards = mesh.turned_outwards;
-    return result;
+    return {std::move(result), std::move(ends)};
 }
 
 }  // namespace pointmorph

@@ -8,6 +8,7 @@
 #include "mesh/block_system.hpp"
 #include "mesh/coarse_mesh.hpp"
 #include "mesh/elastic_sheet.hpp"
+#include "mesh/rigid_regions.hpp"
 #include "mesh/untangling.hpp"
 #include "mesh/wrap_borders.hpp"
 #include "mesh/wrap_samples.hpp"
@@ -39,7 +40,7 @@ std::vector<Positions> scaled(std::vector<Positions> lines, double scale) {
 class Wrapping {
 public:
     Wrapping(const Mesh& mesh, const Positions& start, const WrapTarget& target,
-             std::span<const WrapMark> marks, const WrapOptions& options)
+             const WrapHolds& holds, const WrapOptions& options)
         : mesh_(mesh),
           options_(options),
           surface_(target.mesh),
@@ -48,8 +49,12 @@ public:
           sheet_(mesh.positions / std::sqrt(mesh.area()), mesh.triangles),
           samples_(mesh, x_, target, scale_),
           borders_(mesh, x_, scaled(target.borders, scale_)),
-          tree_(x_, mesh.triangles) {
-        for (const WrapMark& mark : marks) marks_.push_back({mark.place, mark.target * scale_});
+          tree_(x_, mesh.triangles),
+          rigid_(mesh, holds.rigid),
+          fixed_(holds.fixed),
+          held_(holds.places * scale_) {
+        for (const WrapMark& mark : holds.marks)
+            marks_.push_back({mark.place, mark.target * scale_});
         double edges = 0.0;
         for (const double sum : sheet_.laplacian().sums) edges += sum > 0.0 ? 1.0 : 0.0;
         spacing_ = 1.0 / std::sqrt(std::max(edges, 1.0));
@@ -69,6 +74,7 @@ public:
     void finish(Progress& progress) {
         sides_ = samples_.partners(x_, sheet_.normals(x_, progress), WrapSamples::kFine, progress)
                      .normals;
+        for (Index round = 0; round < options_.relaxing; ++round) relax(progress);
         turn_back(progress);
         land(progress);
     }
@@ -121,13 +127,14 @@ private:
                 const Vector3 normal = partners.normals.row(v).transpose();
                 const double agreement =
                     std::clamp(normals.row(v).dot(partners.normals.row(v)) / kFull, 0.0, 1.0);
-                const double weight = agreement * areas_[v] / (length * length);
+                const double weight = options_.conform * agreement * areas_[v] / (length * length);
                 blocks[to_size(v)] += weight * normal * normal.transpose();
                 right.row(v) += weight * partners.positions.row(v).dot(partners.normals.row(v)) *
                                 partners.normals.row(v);
             }
         });
         add_pulls(blocks, right);
+        hold_fixed(blocks, right);
         borders_.draw(x_, length, blocks, right);
         constexpr double kMark = 1e4;
         for (const WrapMark& mark : marks_) {
@@ -135,6 +142,25 @@ private:
             right.row(mark.place) += kMark * mark.target.transpose();
         }
         solve(sheet_.laplacian(), blocks, right, {}, x_, progress);
+        rigid_.keep(x_);
+    }
+
+    void hold_fixed(std::vector<Matrix3>& blocks, Positions& right) const {
+        constexpr double kFixed = 1e3;
+        for (Eigen::Index v = 0; v < fixed_.rows(); ++v) {
+            if (!(fixed_[v] > 0.0)) continue;
+            blocks[to_size(v)] += kFixed * fixed_[v] * Matrix3::Identity();
+            right.row(v) += kFixed * fixed_[v] * held_.row(v);
+        }
+    }
+
+    /// Over the distance between vertices, with stretch that is averaged over many of them.
+    void relax(Progress& progress) {
+        constexpr int kSweeps = 60;
+        sheet_.set_metric(x_, kSweeps, progress);
+        find_areas();
+        pulls_.clear();
+        step(std::min(std::max(spacing_, options_.last_length), kTargetBends), progress);
     }
 
     void add_pulls(std::vector<Matrix3>& blocks, Positions& right) const {
@@ -143,7 +169,7 @@ private:
             const auto corners = mesh_.triangles.row(point.triangle);
             const Vector3 way = samples_.position(sample) - place_of(point, mesh_.triangles, x_);
             for (Index k = 0; k < 3; ++k) {
-                const double share = weight * point.weights[k];
+                const double share = options_.conform * weight * point.weights[k];
                 blocks[to_size(corners[k])] += share * Matrix3::Identity();
                 right.row(corners[k]) += share * (x_.row(corners[k]) + way.transpose());
             }
@@ -155,6 +181,9 @@ private:
     void turn_back(Progress& progress) {
         std::vector<char> is_fixed(to_size(x_.rows()), 0);
         for (const WrapMark& mark : marks_) is_fixed[to_size(mark.place)] = 1;
+        constexpr double kHeld = 0.5;
+        for (Index v = 0; v < x_.rows(); ++v)
+            if (held(v) > kHeld) is_fixed[to_size(v)] = 1;
         sheet_.set_metric(x_, 8, progress);
         for (Index round = 0; round < options_.untangling; ++round) {
             const WrapPartners partners =
@@ -172,10 +201,13 @@ private:
         for (Index v = 0; v < x_.rows(); ++v) {
             if (sheet_.around(v).empty()) continue;
             const Eigen::RowVector3d normal = partners.normals.row(v);
-            x_.row(v) += (partners.positions.row(v) - x_.row(v)).dot(normal) * normal;
+            x_.row(v) += landing(v) * (partners.positions.row(v) - x_.row(v)).dot(normal) * normal;
         }
         if (surface_) onto_faces(partners, progress);
-        borders_.land(x_);
+        if (options_.conform == 1.0) borders_.land(x_);
+        rigid_.keep(x_);
+        for (Eigen::Index v = 0; v < fixed_.rows(); ++v)
+            if (fixed_[v] > 0.0) x_.row(v) += fixed_[v] * (held_.row(v) - x_.row(v));
         for (const WrapMark& mark : marks_) x_.row(mark.place) = mark.target.transpose();
     }
 
@@ -195,10 +227,17 @@ private:
                 if (normal.dot(partners.normals.row(v).transpose()) < kAgree) continue;
                 const Index corner = surface_->triangles(point.triangle, 0);
                 const Vector3 on = scale_ * surface_->positions.row(corner).transpose();
-                x_.row(v) += ((on - place).dot(normal) * normal).transpose();
+                x_.row(v) += landing(v) * ((on - place).dot(normal) * normal).transpose();
             }
         });
     }
+
+    /// How much a place is kept from going where it would.
+    double held(Index v) const {
+        return std::max(rigid_.weight(v), fixed_.rows() > 0 ? fixed_[v] : 0.0);
+    }
+    /// How far of the way to the surface it lands.
+    double landing(Index v) const { return options_.conform * (1.0 - held(v)); }
 
     struct Pull {
         Index sample;
@@ -214,6 +253,9 @@ private:
     WrapSamples samples_;
     WrapBorders borders_;
     TriangleTree tree_;
+    RigidRegions rigid_;
+    Values fixed_;    ///< none, or one a place
+    Positions held_;  ///< where fixed places stay
     std::vector<WrapMark> marks_;
     std::vector<Pull> pulls_;
     Values areas_;
@@ -241,16 +283,15 @@ struct Level {
 
 /// Where the places are once a coarse mesh has given way in place of all.
 Positions after_coarse_mesh(const Mesh& mesh, const Positions& start, const WrapTarget& target,
-                            std::span<const WrapMark> marks, const Level& level,
-                            Progress& progress) {
+                            const WrapHolds& holds, const Level& level, Progress& progress) {
     std::vector<Index> kept;
-    for (const WrapMark& mark : marks) kept.push_back(mark.place);
+    for (const WrapMark& mark : holds.marks) kept.push_back(mark.place);
     std::ranges::sort(kept);
     kept.erase(std::ranges::unique(kept).begin(), kept.end());
     const CoarseMesh coarse = coarse_mesh(mesh, level.places, kept, progress);
 
     std::vector<WrapMark> coarse_marks;
-    for (const WrapMark& mark : marks) {
+    for (const WrapMark& mark : holds.marks) {
         const auto row = std::ranges::lower_bound(coarse.rows, mark.place) - coarse.rows.begin();
         coarse_marks.push_back({static_cast<Index>(row), mark.target});
     }
@@ -267,7 +308,13 @@ Positions after_coarse_mesh(const Mesh& mesh, const Positions& start, const Wrap
             }
         },
         0.0, 0.0, 64);
-    Wrapping wrapping(coarse.mesh, gather(start, coarse.rows), onto, coarse_marks, level.options);
+    WrapHolds coarse_holds{.marks = coarse_marks};
+    if (holds.rigid.rows() > 0) coarse_holds.rigid = gather(holds.rigid, coarse.rows);
+    if (holds.fixed.rows() > 0) {
+        coarse_holds.fixed = gather(holds.fixed, coarse.rows);
+        coarse_holds.places = gather(holds.places, coarse.rows);
+    }
+    Wrapping wrapping(coarse.mesh, gather(start, coarse.rows), onto, coarse_holds, level.options);
     wrapping.settle(level.lengths, progress);
     const double spacing =
         std::sqrt(mesh.area() / static_cast<double>(coarse.mesh.positions.rows()));
@@ -292,7 +339,7 @@ Positions after_coarse_mesh(const Mesh& mesh, const Positions& start, const Wrap
 }  // namespace
 
 Positions wrap(const Mesh& mesh, const Positions& start, const WrapTarget& target,
-               std::span<const WrapMark> marks, const WrapOptions& options, Progress& progress) {
+               const WrapHolds& holds, const WrapOptions& options, Progress& progress) {
     const bool fits = target.mesh && target.mesh->triangles.rows() == mesh.triangles.rows() &&
                       target.mesh->positions.rows() == start.rows() &&
                       target.mesh->triangles == mesh.triangles && target.mesh->positions == start;
@@ -314,15 +361,17 @@ Positions wrap(const Mesh& mesh, const Positions& start, const WrapTarget& targe
         if (end == done) continue;
         const Progress::Part part(progress, share(done), share(end));
         const Level level{places, std::span(lengths).subspan(done, end - done), options};
-        x = after_coarse_mesh(mesh, x, target, marks, level, progress);
+        x = after_coarse_mesh(mesh, x, target, holds, level, progress);
         done = end;
     }
     const Progress::Part part(progress, share(done), 1.0);
-    Wrapping wrapping(mesh, x, target, marks, options);
+    Wrapping wrapping(mesh, x, target, holds, options);
     wrapping.settle(std::span(lengths).subspan(done), progress);
     wrapping.finish(progress);
     Positions result = wrapping.places();
-    for (const WrapMark& mark : marks) result.row(mark.place) = mark.target.transpose();
+    for (Eigen::Index v = 0; v < holds.fixed.rows(); ++v)
+        if (holds.fixed[v] == 1.0) result.row(v) = holds.places.row(v);
+    for (const WrapMark& mark : holds.marks) result.row(mark.place) = mark.target.transpose();
     return result;
 }
 

@@ -8,10 +8,30 @@
 
 namespace pointmorph {
 
+namespace {
+
+void check_weights(const Cloud& cloud, const Values& weights, const std::string& name) {
+    if (weights.rows() != 0 && weights.rows() != cloud.size())
+        throw CloudError(cloud.name,
+                         name + " for each of " + std::to_string(cloud.size()) + " vertices",
+                         std::to_string(weights.rows()), "Give one weight a vertex, or none.");
+    for (Index i = 0; i < weights.rows(); ++i)
+        if (!(weights[i] >= 0.0 && weights[i] <= 1.0))
+            throw CloudError(cloud.name, "weights from 0 to 1 as " + name,
+                             "another at vertex " + std::to_string(i),
+                             "Divide them by the largest, or hand in none.");
+}
+
+}  // namespace
+
 void check_shapes(const MorphInput& input, const MorphOptions& options) {
     for (const Cloud* cloud : {&input.source, &input.target})
         validate(*cloud, is_sampled(*cloud, options) ? 0 : kMinimumPoints);
     validate(input.features, input.source, input.target);
+    check_weights(input.source, input.source_holds.rigid, "rigid");
+    check_weights(input.source, input.source_holds.fixed, "fixed");
+    check_weights(input.target, input.target_holds.rigid, "rigid");
+    check_weights(input.target, input.target_holds.fixed, "fixed");
 }
 
 void check_loop(std::span<const std::string> loop, std::span<const Feature> features) {

@@ -88,6 +88,7 @@ MeshSides mesh_sides(const MorphInput& input, const MorphOptions& options, Progr
 struct MeshMorph {
     MeshSides sides;
     Positions source_images, target_images;  ///< of samples; of the points of bare clouds
+    VertexHolds source_holds, target_holds;
 };
 
 /// The input for a morph of the samples; of bare clouds as they are.

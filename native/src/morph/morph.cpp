@@ -66,7 +66,8 @@ Morph::Morph(MorphInput input, const MorphOptions& options, Progress& progress)
         append(report_.warnings, turned_faces(input, meshes));
         find_map(sampled_input(input, meshes), progress);
         meshes_ = std::make_unique<const MeshMorph>(
-            MeshMorph{std::move(meshes), source_images_, target_images_});
+            MeshMorph{std::move(meshes), source_images_, target_images_,
+                      std::move(input.source_holds), std::move(input.target_holds)});
         carry(std::move(input), progress);
     } else {
         find_map(std::move(input), progress);

@@ -10,6 +10,12 @@
 
 namespace pointmorph {
 
+/// A mesh of one side and its way to the other.
+struct Morph::Wrapped {
+    std::optional<Positions> ends;  ///< of its vertices
+    std::optional<MeshMotion> motion;
+};
+
 /// Each is guarded by the mutex above it.
 struct Morph::Caches {
     std::mutex paths_mutex;
@@ -18,8 +24,7 @@ struct Morph::Caches {
     std::optional<Motion> source_motion, target_motion;
 
     std::mutex wrapping_mutex;
-    std::optional<Positions> wrapped;  ///< of the source's vertices, at 1
-    std::optional<MeshMotion> wrapped_motion;
+    Wrapped wrapped_source, wrapped_target;
 
     std::mutex resampling_mutex;
     std::optional<Resampling> resampling;

@@ -82,41 +82,80 @@ bool Morph::has_mesh() const noexcept {
     return meshes_ && meshes_->sides.source.has_value();
 }
 
-/// Where the source's vertices end on the target. The caller holds the mutex.
-const Positions& Morph::wrapped_ends(Progress& progress) const {
-    auto& wrapped = caches_->wrapped;
-    if (wrapped) return *wrapped;
-    if (!has_mesh())
-        throw CloudError(source_.name, "faces to wrap onto " + target_.name, "none",
+bool Morph::has_target_mesh() const noexcept {
+    return meshes_ && meshes_->sides.target.has_value();
+}
+
+/// A side whose mesh is wrapped, and the other one.
+struct Morph::WrappedSides {
+    WrapSource source;
+    WrapSide target;
+    std::vector<IndexPair> pinned;
+};
+
+Morph::WrappedSides Morph::wrapped_sides(bool is_source) const {
+    const Cloud &from = is_source ? source_ : target_, &to = is_source ? target_ : source_;
+    if (!(is_source ? has_mesh() : has_target_mesh()))
+        throw CloudError(from.name, "faces to wrap onto " + to.name, "none",
                          "Give the faces of the mesh, and take method auto.");
+    const auto& [sides, source_images, target_images, source_holds, target_holds] = *meshes_;
+    const auto& mesh = is_source ? sides.source : sides.target;
+    const auto& other = is_source ? sides.target : sides.source;
+    std::vector<IndexPair> pinned = pinned_pairs(features_);
+    if (!is_source)
+        for (IndexPair& pair : pinned) std::swap(pair.source, pair.target);
+    return {
+        {from, is_source ? source_holds : target_holds, *mesh,
+         is_source ? source_images : target_images, is_source ? source_images_ : target_images_},
+        {to, other ? &*other : nullptr, is_source ? target_images : source_images},
+        std::move(pinned)};
+}
+
+/// Where the vertices of one side are once they have gone so much of the way to the other.
+Positions Morph::on_the_way(bool is_source, double share, Progress& progress) const {
+    if (!(share >= 0.0 && share <= 1.0))
+        throw OptionError("t", "a number from 0 to 1",
+                          std::to_string(is_source ? share : 1.0 - share), "Clamp it.");
+    const WrappedSides sides = wrapped_sides(is_source);
+    const std::scoped_lock lock(caches_->wrapping_mutex);
+    const ThreadCount threads(options_.threads);
+    Wrapped& wrapped = is_source ? caches_->wrapped_source : caches_->wrapped_target;
+    if (!wrapped.ends) {
+        progress.enter("wrapping");
+        wrapped.ends =
+            wrapped_vertices(sides.source, sides.target, sides.pinned, options_.wrapping, progress);
+        progress.finish();
+    }
+    const Positions &starts = sides.source.cloud.positions, &ends = *wrapped.ends;
+    if (share == 0.0) return starts;
+    if (share == 1.0) return ends;
+    if (options_.path == PathKind::kLinear) return (1.0 - share) * starts + share * ends;
+    if (!wrapped.motion) {
+        const GradualSimilarity similarity{fit_similarity(starts, ends),
+                                           starts.colwise().mean().transpose()};
+        const Normals normals = sides.source.cloud.normals.rowwise().normalized();
+        wrapped.motion.emplace(sides.source.mesh.mesh(), OrientedView{starts, normals}, ends,
+                               similarity, options_.path, progress);
+    }
+    return wrapped.motion->at(share);
+}
+
+DenserMesh Morph::denser(bool of_source, const DensityOptions& options, Progress& progress) const {
+    const WrappedSides sides = wrapped_sides(of_source);
     const ThreadCount threads(options_.threads);
     progress.enter("wrapping");
-    const auto& other = meshes_->sides.target;
-    wrapped = wrapped_vertices({*meshes_->sides.source, meshes_->source_images, source_images_},
-                               {target_, other ? &*other : nullptr, meshes_->target_images},
-                               pinned_pairs(features_), {}, progress);
+    DenserMesh result =
+        denser_mesh(sides.source, sides.target, sides.pinned, options_.wrapping, options, progress);
     progress.finish();
-    return *wrapped;
+    return result;
 }
 
 Positions Morph::wrapped(double t, Progress& progress) const {
-    if (!(t >= 0.0 && t <= 1.0))
-        throw OptionError("t", "a number from 0 to 1", std::to_string(t), "Clamp it.");
-    const std::scoped_lock lock(caches_->wrapping_mutex);
-    const Positions& ends = wrapped_ends(progress);
-    if (t == 0.0) return source_.positions;
-    if (t == 1.0) return ends;
-    if (options_.path == PathKind::kLinear) return (1.0 - t) * source_.positions + t * ends;
-    const ThreadCount threads(options_.threads);
-    auto& motion = caches_->wrapped_motion;
-    if (!motion) {
-        const GradualSimilarity similarity{fit_similarity(source_.positions, ends),
-                                           source_.positions.colwise().mean().transpose()};
-        const Normals normals = source_.normals.rowwise().normalized();
-        motion.emplace(meshes_->sides.source->mesh(), OrientedView{source_.positions, normals},
-                       ends, similarity, options_.path, progress);
-    }
-    return motion->at(t);
+    return on_the_way(true, t, progress);
+}
+
+Positions Morph::wrapped_target(double t, Progress& progress) const {
+    return on_the_way(false, 1.0 - t, progress);
 }
 
 template <class Scalar>

@@ -60,8 +60,8 @@ Positions starts(const Mesh& mesh, const WrapSource& source, const Normalization
     return places;
 }
 
-WrapTarget target_of(const WrapSide& target, const Normalization& unit, const Mesh& mesh,
-                     Progress& progress) {
+/// But for where its samples lie on the mesh.
+WrapTarget target_of(const WrapSide& target, const Normalization& unit, Progress& progress) {
     WrapTarget onto;
     if (target.mesh) {
         const MeshSamples& coarse = target.mesh->samples();
@@ -80,31 +80,74 @@ WrapTarget target_of(const WrapSide& target, const Normalization& unit, const Me
         onto.fine = onto.coarse;
         onto.area = estimated_area(KdTree<3>(onto.coarse.positions));
     }
-    onto.on_mesh = places_on(mesh, mesh.unit.apply(target.images), progress);
     return onto;
 }
 
+/// The largest of the vertices at each place.
+Values at_places(const Values& of_vertices, const Mesh& mesh, Index places) {
+    Values result = Values::Zero(of_vertices.rows() > 0 ? places : 0);
+    for (Eigen::Index v = 0; v < of_vertices.rows(); ++v) {
+        double& value = result[mesh.places[to_size(v)]];
+        value = std::max(value, of_vertices[v]);
+    }
+    return result;
+}
+
+WrapHolds holds_of(const WrapSource& source, const Subdivision& divided, const Normalization& unit,
+                   std::span<const WrapMark> marks) {
+    const Mesh& own = source.mesh.mesh();
+    const auto places = static_cast<Index>(own.positions.rows());
+    WrapHolds holds{.marks = marks};
+    const auto extended = [&](const Values& of_vertices) {
+        const Values values = at_places(of_vertices, own, places);
+        return values.rows() > 0 ? divided.extended(values) : values;
+    };
+    holds.rigid = extended(source.holds.rigid);
+    holds.fixed = extended(source.holds.fixed);
+    if (holds.fixed.rows() > 0) holds.places = unit.apply(own.unit.restore(divided.mesh.positions));
+    return holds;
+}
+
 }  // namespace
+
+WrapOnto::WrapOnto(const WrapSource& source, const WrapSide& target,
+                   std::span<const IndexPair> pinned, Progress& progress)
+    : source_(source),
+      other_(target),
+      pinned_(pinned),
+      unit_(target.mesh ? target.mesh->mesh().unit : normalization(target.cloud.positions)),
+      target_(target_of(target, unit_, progress)) {}
+
+Positions WrapOnto::wrapped(const Subdivision& divided, const WrapOptions& options,
+                            Progress& progress) {
+    const Mesh& mesh = divided.mesh;
+    target_.on_mesh = places_on(mesh, mesh.unit.apply(other_.images), progress);
+    const Positions start = starts(mesh, source_, unit_, progress);
+    std::vector<WrapMark> marks;
+    for (const IndexPair& pair : pinned_) {
+        const Positions at = unit_.apply(other_.cloud.positions.row(pair.target));
+        marks.push_back({mesh.places[to_size(pair.source)], at.row(0).transpose()});
+    }
+    return wrap(mesh, start, target_, holds_of(source_, divided, unit_, marks), options, progress);
+}
+
+Positions WrapOnto::restored(const Positions& vertices) const {
+    Positions result = unit_.restore(vertices);
+    for (Eigen::Index v = 0; v < source_.holds.fixed.rows(); ++v)
+        if (source_.holds.fixed[v] == 1.0) result.row(v) = source_.cloud.positions.row(v);
+    for (const IndexPair& pair : pinned_)
+        result.row(pair.source) = other_.cloud.positions.row(pair.target);
+    return result;
+}
 
 Positions wrapped_vertices(const WrapSource& source, const WrapSide& target,
                            std::span<const IndexPair> pinned, const WrapOptions& options,
                            Progress& progress) {
     if (is_same_mesh(source, target)) return source.images;
-    const Normalization unit =
-        target.mesh ? target.mesh->mesh().unit : normalization(target.cloud.positions);
-    const Mesh mesh = subdivided(source.mesh.mesh(), {});
-    const WrapTarget onto = target_of(target, unit, mesh, progress);
-    const Positions start = starts(mesh, source, unit, progress);
-    std::vector<WrapMark> marks;
-    for (const IndexPair& pair : pinned) {
-        const Positions at = unit.apply(target.cloud.positions.row(pair.target));
-        marks.push_back({mesh.places[to_size(pair.source)], at.row(0).transpose()});
-    }
-    const Positions wrapped = wrap(mesh, start, onto, marks, options, progress);
-    Positions result = gather(unit.restore(wrapped), mesh.places);
-    for (const IndexPair& pair : pinned)
-        result.row(pair.source) = target.cloud.positions.row(pair.target);
-    return result;
+    WrapOnto onto(source, target, pinned, progress);
+    const Subdivision divided = subdivided(source.mesh.mesh(), {});
+    const Positions places = onto.wrapped(divided, options, progress);
+    return onto.restored(gather(places, source.mesh.mesh().places));
 }
 
 }  // namespace pointmorph

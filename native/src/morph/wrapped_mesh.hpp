@@ -5,7 +5,9 @@
 
 #include "morph/mesh_side.hpp"
 #include "pointmorph/base/progress.hpp"
+#include "pointmorph/mesh/subdivision.hpp"
 #include "pointmorph/mesh/wrapping.hpp"
+#include "pointmorph/morph/denser_mesh.hpp"
 #include "pointmorph/surface/features.hpp"
 
 namespace pointmorph {
@@ -20,14 +22,45 @@ struct WrapSide {
 
 /// The mesh that is wrapped, and where the map takes its samples and its vertices.
 struct WrapSource {
+    const Cloud& cloud;
+    const VertexHolds& holds;
     const MeshSide& mesh;
     const Positions& sample_images;
     const Positions& images;
 };
 
+/// A shape's mesh, to be wrapped onto the other shape. Refers to what it is made of.
+class WrapOnto {
+public:
+    /// `pinned`: rows of vertices with rows of the target, which end there to the bit.
+    WrapOnto(const WrapSource& source, const WrapSide& target, std::span<const IndexPair> pinned,
+             Progress& progress);
+
+    /// In lengths of the unit ball.
+    const WrapTarget& target() const { return target_; }
+
+    /// Where the places of the mesh end, with more of them in between, in these lengths.
+    Positions wrapped(const Subdivision& divided, const WrapOptions& options, Progress& progress);
+
+    /// Places of vertices in the target's own lengths; those that are pinned or fixed exactly.
+    Positions restored(const Positions& vertices) const;
+
+private:
+    const WrapSource source_;
+    const WrapSide other_;
+    std::span<const IndexPair> pinned_;
+    Normalization unit_;
+    WrapTarget target_;
+};
+
+/// The mesh with more triangles where the target has what it can't show.
+DenserMesh denser_mesh(const WrapSource& source, const WrapSide& target,
+                       std::span<const IndexPair> pinned, const WrapOptions& wrapping,
+                       const DensityOptions& options, Progress& progress);
+
 /// Where the vertices of the source end on the target; of a mesh with long edges, as vertices of
-/// the same mesh with more. `pinned`: rows of vertices with rows of the target, which end there to
-/// the bit.
+/// the same mesh with more. `holds` are kept to. `pinned`: rows of vertices with rows of the
+/// target, which end there to the bit.
 Positions wrapped_vertices(const WrapSource& source, const WrapSide& target,
                            std::span<const IndexPair> pinned, const WrapOptions& options,
                            Progress& progress);

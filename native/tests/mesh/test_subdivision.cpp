@@ -22,7 +22,7 @@ double longest_edge(const Mesh& mesh) {
 TEST(Subdivision, HalvesLongEdgesAndOpensNoGaps) {
     for (const Cloud& cloud : {mesh_shapes::cube(), mesh_shapes::cylinder(30)}) {
         const Mesh mesh = make_mesh(cloud);
-        const Mesh finer = subdivided(mesh, {.longest = 0.1});
+        const Mesh finer = subdivided(mesh, {.longest = 0.1}).mesh;
         EXPECT_LE(longest_edge(finer), 0.1 * std::sqrt(mesh.area()));
         EXPECT_NEAR(finer.area(), mesh.area(), 1e-12);
         EXPECT_TRUE(finer.borders.empty()) << cloud.name;
@@ -34,24 +34,31 @@ TEST(Subdivision, HalvesLongEdgesAndOpensNoGaps) {
 }
 
 TEST(Subdivision, FollowsBorders) {
-    const Mesh finer = subdivided(make_mesh(mesh_shapes::grid(2)), {.longest = 0.2});
+    const Mesh finer = subdivided(make_mesh(mesh_shapes::grid(2)), {.longest = 0.2}).mesh;
     ASSERT_EQ(finer.borders.size(), 1u);
     EXPECT_GT(finer.borders[0].size(), 16u);
 }
 
 TEST(Subdivision, LeavesWhatIsFineAndEndsInTime) {
     const Mesh mesh = make_mesh(mesh_shapes::icosphere(3));
-    EXPECT_EQ(subdivided(mesh, {.longest = 1.0}).triangles, mesh.triangles);
-    EXPECT_LE(subdivided(mesh, {.longest = 1e-6, .most_places = 5000}).positions.rows(), 5000);
+    EXPECT_EQ(subdivided(mesh, {.longest = 1.0}).mesh.triangles, mesh.triangles);
+    EXPECT_LE(subdivided(mesh, {.longest = 1e-6, .most_places = 5000}).mesh.positions.rows(), 5000);
+}
+
+TEST(Subdivision, CarriesValues) {
+    const Mesh mesh = make_mesh(mesh_shapes::grid(3));
+    const Subdivision finer = subdivided(mesh, {.longest = 0.1});
+    EXPECT_EQ(finer.ends.size(), to_size(finer.mesh.positions.rows() - mesh.positions.rows()));
+    EXPECT_EQ(finer.extended(mesh.positions), finer.mesh.positions);
 }
 
 TEST(Example, Subdivision) {
     const Mesh mesh = make_mesh(mesh_shapes::cube());
     // --- example
-    const Mesh finer = subdivided(mesh, {.longest = 0.1});
+    const Subdivision finer = subdivided(mesh, {.longest = 0.1});
     // --- end of the example
-    EXPECT_LE(longest_edge(finer), 0.1 * std::sqrt(mesh.area()));
-    EXPECT_EQ(finer.positions.topRows(8), mesh.positions);
+    EXPECT_LE(longest_edge(finer.mesh), 0.1 * std::sqrt(mesh.area()));
+    EXPECT_EQ(finer.mesh.positions.topRows(8), mesh.positions);
 }
 
 }  // namespace

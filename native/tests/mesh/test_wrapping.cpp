@@ -8,6 +8,7 @@
 #include "mesh_shapes.hpp"
 #include "pointmorph/base/error.hpp"
 #include "pointmorph/base/parallel.hpp"
+#include "pointmorph/cloud/similarity.hpp"
 #include "pointmorph/mesh/mesh_samples.hpp"
 #include "watched.hpp"
 
@@ -30,7 +31,7 @@ WrapTarget target_of(const Mesh& target, const Mesh& source, Inverse&& inverse) 
     const TriangleTree tree(source.positions, source.triangles);
     for (Index s = 0; s < coarse.size(); ++s)
         result.on_mesh.push_back(
-            tree.closest(inverse(Vector3(coarse.positions.row(s).transpose()))));
+            tree.closest(Vector3(inverse(Vector3(coarse.positions.row(s).transpose())))));
     return result;
 }
 
@@ -147,7 +148,7 @@ TEST(Wrapping, MeetsMarksToTheBit) {
     const WrapMark mark{17, bent.target.positions.row(17).transpose()};
     const Positions start = shaken(bent.truth, 0.05, 4);
     const Positions found =
-        wrap(bent.source, start, bent.onto, {&mark, 1}, {.first_length = 0.02}, progress);
+        wrap(bent.source, start, bent.onto, {{&mark, 1}}, {.first_length = 0.02}, progress);
     EXPECT_EQ(found.row(17), bent.target.positions.row(17));
     EXPECT_TRUE(found.allFinite());
 }
@@ -201,6 +202,124 @@ TEST(Wrapping, KeepsLoosePlacesAndTakesMeshesWithoutTriangles) {
     Mesh none = source;
     none.triangles.resize(0, 3);
     EXPECT_EQ(wrap(none, start, onto, {}, {}, progress), start);
+}
+
+/// 1 where the place at rest has x over this, 0 elsewhere.
+Values right_of(const Mesh& mesh, double x) {
+    return (mesh.positions.col(0).array() > x).cast<double>();
+}
+
+TEST(Wrapping, FixedPlacesStayToTheBit) {
+    const Bent bent;
+    const Positions start = shaken(bent.truth, 0.05, 8);
+    const Values fixed = right_of(bent.source, 0.3);
+    const Positions places = bent.truth.array() + 0.01;
+    Progress progress;
+    const Positions found =
+        wrap(bent.source, start, bent.onto, {.marks = {}, .fixed = fixed, .places = places},
+             {.first_length = 0.03}, progress);
+    for (Index v = 0; v < found.rows(); ++v) {
+        if (fixed[v] < 1.0) continue;
+        ASSERT_EQ(found.row(v), places.row(v));
+    }
+    EXPECT_TRUE(found.allFinite());
+    // All of them half: half of the way.
+    const Positions half =
+        wrap(bent.source, start, bent.onto, {.marks = {}, .fixed = 0.5 * fixed, .places = places},
+             {.first_length = 0.03}, progress);
+    for (Index v = 0; v < half.rows(); ++v) {
+        if (fixed[v] < 1.0) continue;
+        ASSERT_LT((half.row(v) - places.row(v)).norm(), 0.05);
+    }
+}
+
+TEST(Wrapping, RigidRegionsKeepTheirShape) {
+    const Bent bent;
+    const Positions start = shaken(bent.truth, 0.05, 9);
+    const Values rigid = right_of(bent.source, 0.5);
+    Progress progress;
+    const Positions found = wrap(bent.source, start, bent.onto, {.marks = {}, .rigid = rigid},
+                                 {.first_length = 0.03}, progress);
+    std::vector<Index> rows;
+    for (Index v = 0; v < found.rows(); ++v)
+        if (rigid[v] == 1.0) rows.push_back(v);
+    ASSERT_GT(rows.size(), 100u);
+    const Positions rest = gather(bent.source.positions, rows), ends = gather(found, rows);
+    const Similarity fit = fit_similarity(rest, ends);
+    EXPECT_LT((fit.apply(rest) - ends).cwiseAbs().maxCoeff(), 1e-9);
+    const Positions soft =
+        wrap(bent.source, start, bent.onto, {}, {.first_length = 0.03}, progress);
+    const Positions given_way = gather(soft, rows);
+    EXPECT_GT((fit_similarity(rest, given_way).apply(rest) - given_way).cwiseAbs().maxCoeff(),
+              0.02);
+}
+
+TEST(Wrapping, ConformsAsFirmlyAsItIsAskedTo) {
+    const Bent bent;
+    const Positions start = bent.truth * 1.1;
+    const auto off = [&](double conform) {
+        Progress progress;
+        const Positions found = wrap(bent.source, start, bent.onto, {},
+                                     {.first_length = 0.03, .conform = conform}, progress);
+        const TriangleTree tree(bent.target.positions, bent.target.triangles);
+        double sum = 0.0;
+        for (Index v = 0; v < found.rows(); ++v)
+            sum += std::sqrt(tree.closest(found.row(v).transpose()).squared_distance);
+        return sum / static_cast<double>(found.rows());
+    };
+    const double full = off(1.0), little = off(0.01), none = off(0.0);
+    EXPECT_LT(full, 1e-3);
+    EXPECT_GT(little, full);
+    EXPECT_GT(none, 0.05);
+    EXPECT_GT(none, little);
+}
+
+TEST(Wrapping, RelaxingEvensOutTheStretch) {
+    const Bent bent;
+    std::mt19937_64 random(10);
+    std::normal_distribution<double> normal(0.0, 0.3 * bent.spacing());
+    const Positions start =
+        bent.truth + Positions::NullaryExpr(bent.truth.rows(), 3, [&] { return normal(random); });
+    const auto unevenness = [&](Index rounds) {
+        Progress progress;
+        const Positions found =
+            wrap(bent.source, start, bent.onto, {},
+                 {.first_length = 0.005, .untangling = 0, .relaxing = rounds}, progress);
+        double sum = 0.0;
+        for (Index f = 0; f < bent.source.triangles.rows(); ++f)
+            for (Index k = 0; k < 3; ++k) {
+                const Index a = bent.source.triangles(f, k);
+                const Index b = bent.source.triangles(f, (k + 1) % 3);
+                sum += std::pow(std::log((found.row(a) - found.row(b)).norm() /
+                                         (bent.truth.row(a) - bent.truth.row(b)).norm()),
+                                2);
+            }
+        return sum;
+    };
+    EXPECT_LT(unevenness(10), 0.8 * unevenness(0));
+}
+
+TEST(Wrapping, RandomMeshesWithRandomMapsGainNoTurnedFace) {
+    SKIP_WHERE_WATCHED();
+    for (const unsigned seed : {1u, 2u, 3u, 4u}) {
+        // A ball with vertices where they like, onto a bumpy one.
+        Cloud cloud = mesh_shapes::icosphere(3 + static_cast<int>(seed % 2));
+        std::mt19937_64 random(seed);
+        std::normal_distribution<double> normal(0.0, seed % 2 ? 0.012 : 0.025);
+        for (Index v = 0; v < cloud.size(); ++v) {
+            const Vector3 noise(normal(random), normal(random), normal(random));
+            cloud.positions.row(v) =
+                (cloud.positions.row(v).transpose() + noise).normalized().transpose();
+        }
+        const Mesh source = make_mesh(cloud), target = make_mesh(bumpy());
+        const WrapTarget onto =
+            target_of(target, source, [](const Vector3& p) { return p.normalized(); });
+        const Positions start = shaken(source.positions, 0.08, 10 + seed);
+        Progress progress;
+        const Positions found = wrap(source, start, onto, {}, {}, progress);
+        EXPECT_LE(turned_over(source, found, target), turned_over(source, start, target)) << seed;
+        EXPECT_EQ(turned_over(source, found, target), 0) << seed;
+    }
 }
 
 TEST(Wrapping, CanBeCancelled) {

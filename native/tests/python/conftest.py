@@ -19,3 +19,12 @@ def patch_pair(request: pytest.FixtureRequest) -> tuple[Path, dict[str, tuple[in
         pytest.skip(f"the real pair {request.param} is not beside this checkout")
     features = json.loads((folder / "pair.json").read_text())["features"]
     return folder, {name: tuple(pair) for name, pair in features.items()}
+
+
+@pytest.fixture(params=("torus_kitten", "man_woman"))
+def real_pair(request: pytest.FixtureRequest) -> Path:
+    """Folder of a real pair of closed meshes."""
+    folder = SHARED / request.param
+    if not folder.is_dir():
+        pytest.skip(f"the real pair {request.param} is not beside this checkout")
+    return folder

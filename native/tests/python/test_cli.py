@@ -459,3 +459,52 @@ def test_the_source_s_mesh_needs_its_faces(pair: Path, arguments: list[str], fou
     assert done.returncode == 2
     assert found in done.stderr
     assert not (pair / "out").exists()
+
+
+def test_the_target_s_mesh_is_written_denser(pair: Path) -> None:
+    done = run(
+        "morph", pair / "plane.off", pair / "bump.off", "--out", pair / "out", "--features",
+        pair / "features.json", "--frames", 3, "--mesh", "source", "--denser",
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    meshes = [formats.read(pair / "out" / f"mesh_000{number}.ply") for number in range(3)]
+    assert len(meshes[0].positions) > A * A
+    assert np.abs(meshes[0].positions[:, 2]).max() == 0
+    assert meshes[2].positions[:, 2].max() > 0.7
+    assert all(len(mesh.positions) == len(meshes[0].positions) for mesh in meshes)
+    report = json.loads((pair / "out" / "report.json").read_text())
+    assert report["denser"]["vertices"] == len(meshes[0].positions)
+    done = run(
+        "morph", pair / "plane.off", pair / "bump.off", "--out", pair / "back", "--frames", 2,
+        "--features", pair / "features.json", "--mesh", "target",
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    first, last = (formats.read(pair / "back" / f"mesh_000{number}.ply") for number in range(2))
+    assert np.allclose(last.positions, grid(B, 0.8))
+    assert np.abs(first.positions[:, 2]).max() < 0.05
+    wrong = run("morph", pair / "plane.off", pair / "bump.off", "--out", pair / "no", "--denser")
+    assert wrong.returncode == 2
+    assert "--mesh" in wrong.stderr
+
+
+def test_vertices_are_held_by_the_features_file(pair: Path) -> None:
+    marks = json.loads((pair / "features.json").read_text())
+    fixed = list(range(4 * A))
+    marks["fixed"] = {"source": {"rows": fixed, "weights": [1.0] * len(fixed)}}
+    marks["rigid"] = {"target": [0, 1, 2]}
+    (pair / "held.json").write_text(json.dumps(marks))
+    call = ["morph", pair / "plane.off", pair / "bump.off", "--frames", 2, "--mesh", "source"]
+    done = run(*call, "--features", pair / "held.json", "--out", pair / "out")
+    assert done.returncode == 0, done.stderr
+    last = formats.read(pair / "out" / "mesh_0001.ply").positions
+    assert np.allclose(last[1:24], grid(A, 0.0)[1:24])
+    for wrong in (
+        {"source": [A * A]},
+        {"source": [-1]},
+        {"source": {"rows": [1, 2], "weights": [1]}},
+    ):
+        marks["fixed"] = wrong
+        (pair / "held.json").write_text(json.dumps(marks))
+        refused = run(*call, "--features", pair / "held.json", "--out", pair / "no")
+        assert refused.returncode == 1
+        assert "fixed" in refused.stderr

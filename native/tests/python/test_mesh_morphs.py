@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import itertools
 import json
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import pointmorph
 import pytest
+import trimesh
+from pointmorph import formats
 from shapes import CUBE, SQUARES
 
 Array = npt.NDArray[Any]
@@ -214,3 +217,144 @@ def test_bare_clouds_have_no_mesh_to_measure() -> None:
     assert "mesh" not in morph.report
     with pytest.raises(pointmorph.CloudError):
         _ = morph.mesh_quality
+
+
+def test_the_target_s_mesh_wraps_onto_the_source() -> None:
+    points, faces = ball()
+    longer = points * (1.0, 1.3, 1.6)
+    marks = {"top": (0, 0), "bottom": (len(points) - 1, len(points) - 1), "side": (300, 300)}
+    ends = pointmorph.Cloud(points, faces=faces), pointmorph.Cloud(longer, faces=faces)
+    for path in ("linear", "rigid"):
+        morph = pointmorph.morph(*ends, marks, path=path)
+        assert morph.has_target_mesh
+        assert np.array_equal(morph.wrapped_target(1.0), longer)
+        there = morph.wrapped_target(0.0)
+        assert np.array_equal(there[300], points[300])
+        assert np.abs(np.linalg.norm(there, axis=1) - 1).max() < 0.02
+        half = morph.wrapped_target(0.5)
+        assert np.linalg.norm(half - 0.5 * (there + longer), axis=1).max() < 0.1
+    back = pointmorph.morph(ends[1], ends[0], {name: (t, s) for name, (s, t) in marks.items()})
+    assert back.wrapped(1.0).shape == there.shape
+    with pytest.raises(pointmorph.CloudError, match="faces"):
+        pointmorph.morph(ends[0], pointmorph.Cloud(longer)).wrapped_target(0.5)
+
+
+def test_symmetric_models_stay_symmetric() -> None:
+    points, faces = ball(24, 32)
+    source = points * (1.0, 1.0, 1.5)
+    target = source.copy()
+    target[:, 1] *= 0.7 + 0.3 * np.cos(3 * points[:, 2])
+    mirrored = points * (-1.0, 1.0, 1.0)
+    mirror = np.array([np.linalg.norm(points - place, axis=1).argmin() for place in mirrored])
+    assert np.allclose(points[mirror], mirrored)
+    rows = [0, len(points) - 1, int(points[:, 0].argmax()), int(points[:, 1].argmax())]
+    morph = pointmorph.morph(
+        pointmorph.Cloud(source, faces=faces),
+        pointmorph.Cloud(target, faces=faces),
+        {str(row): (row, row) for row in rows},
+    )
+    spacing = np.sqrt(4 * np.pi / len(points))
+
+    def lopsided(images: Array) -> Any:
+        off = images[mirror] - images * (-1.0, 1.0, 1.0)
+        return np.linalg.norm(off, axis=1).mean() / spacing
+
+    assert lopsided(morph.wrapped(1.0)) < lopsided(morph.source_to_target) + 0.02
+    assert lopsided(morph.wrapped(1.0)) < 0.3
+
+
+def test_rigid_vertices_keep_their_shape_and_fixed_ones_stay() -> None:
+    points, faces = ball()
+    target = points * (1.0, 1.0, 2.0)
+    top = (points[:, 2] > 0.8).astype(float)
+    bottom = (points[:, 2] < -0.8).astype(float)
+    morph = pointmorph.morph(
+        pointmorph.Cloud(points, faces=faces, rigid=top, fixed=bottom),
+        pointmorph.Cloud(target, faces=faces),
+    )
+    ends = morph.wrapped(1.0)
+    assert np.array_equal(ends[bottom == 1], points[bottom == 1])
+    cap, there = points[top == 1], ends[top == 1]
+    sizes = np.linalg.norm(there - there.mean(0), axis=1) / np.linalg.norm(
+        cap - cap.mean(0), axis=1
+    )
+    assert np.allclose(sizes, sizes[0])
+
+
+@pytest.mark.parametrize("weights", [np.full(8, 1.5), np.full(8, -0.1), np.ones(7)])
+def test_weights_are_checked(weights: Array) -> None:
+    with pytest.raises(pointmorph.CloudError, match="rigid"):
+        pointmorph.morph(
+            pointmorph.Cloud(CUBE, faces=SQUARES, rigid=weights),
+            pointmorph.Cloud(CUBE, faces=SQUARES),
+        )
+
+
+def test_wrapping_has_settings() -> None:
+    points, faces = ball()
+    ends = pointmorph.Cloud(CUBE, faces=SQUARES), pointmorph.Cloud(points, faces=faces)
+    firm = pointmorph.morph(*ends).wrapped(1.0)
+    loose = pointmorph.morph(*ends, wrap_conform=0.0).wrapped(1.0)
+    smooth = pointmorph.morph(*ends, wrap_relax=5).wrapped(1.0)
+    assert not np.array_equal(firm, loose)
+    assert np.abs(np.linalg.norm(smooth, axis=1) - 1).max() < 0.05
+
+
+def test_a_denser_mesh_carries_what_vertices_have() -> None:
+    points, faces = ball()
+    cube = pointmorph.Cloud(CUBE, faces=SQUARES)
+    morph = pointmorph.morph(cube, pointmorph.Cloud(points, faces=faces))
+    mesh = morph.denser(tolerance=0.01)
+    assert len(mesh.positions) == 8 + len(mesh.ends)
+    assert np.array_equal(mesh.positions[:8], CUBE)
+    assert np.array_equal(mesh.extended(CUBE), mesh.positions)
+    assert mesh.extended(np.arange(8)).shape == (len(mesh.positions),)
+    assert np.abs(np.linalg.norm(mesh.wrapped, axis=1) - 1).max() < 0.05
+    assert set(mesh.parents) <= set(range(6))
+    for origin, parent in zip(mesh.origins(), mesh.parents, strict=True):
+        assert origin == frozenset(SQUARES[parent])
+    for path in ("linear", "rigid"):
+        moving = mesh.motion(path)
+        assert np.array_equal(moving.at(1), mesh.wrapped)
+        assert np.isfinite(moving.at(0.5)).all()
+    with pytest.raises(pointmorph.OptionError):
+        morph.denser("both")
+
+
+def test_a_mesh_in_motion_keeps_its_faces() -> None:
+    points, faces = ball()
+    ends = points @ turn(2.0, (0.0, 0.0, 1.0)).T
+    for given in (faces, None):
+        motion = pointmorph.Motion(points, points, ends, "rigid", faces=given)
+        assert np.abs(np.linalg.norm(motion.at(0.5), axis=1) - 1).max() < 1e-6
+
+
+def bends(positions: Array, faces: Array) -> tuple[Array, Array]:
+    """The two triangles at each edge, and the cosine of the angle by which it bends."""
+    mesh = trimesh.Trimesh(positions, faces, process=False)
+    sides = np.cross(
+        positions[faces[:, 1]] - positions[faces[:, 0]],
+        positions[faces[:, 2]] - positions[faces[:, 0]],
+    )
+    normals = sides / np.maximum(np.linalg.norm(sides, axis=1), 1e-30)[:, None]
+    pairs = mesh.face_adjacency
+    return pairs, (normals[pairs[:, 0]] * normals[pairs[:, 1]]).sum(axis=1)
+
+
+def test_no_face_of_real_models_turns_over_on_a_rigid_path(real_pair: Path) -> None:
+    shapes = [formats.read(real_pair / f"{side}.ply") for side in ("source", "target")]
+    faces = shapes[0].faces
+    assert faces is not None
+    morph = pointmorph.morph(shapes[0].cloud(), shapes[1].cloud(), path="rigid")
+    ends = [bends(morph.wrapped(t), faces) for t in (0.0, 1.0)]
+    pairs = ends[0][0]
+    # Away from where faces are creased at an end.
+    near = np.zeros(len(shapes[0].positions), bool)
+    near[faces[pairs[np.minimum(ends[0][1], ends[1][1]) < 0].ravel()].ravel()] = True
+    for _ in range(2):
+        near[faces[near[faces].any(axis=1)].ravel()] = True
+    away = ~near[faces[pairs].reshape(len(pairs), 6)].any(axis=1)
+    assert away.mean() > 0.8
+    for k in range(24):
+        _, cosines = bends(morph.wrapped(k / 23), faces)
+        assert (cosines[away] < -0.5).sum() == 0, k

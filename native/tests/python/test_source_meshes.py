@@ -9,6 +9,7 @@ import pytest
 import trimesh
 from plyfile import PlyData, PlyElement
 from pointmorph import formats
+from pointmorph.denser_meshes import DenserMesh
 from pointmorph.source_meshes import SourceMesh
 from shapes import grid, grid_faces
 
@@ -72,3 +73,71 @@ def test_other_formats_become_ply(tmp_path: Path, suffix: str) -> None:
     again = formats.read(written)
     assert np.allclose(again.positions, shape.positions + SHIFT)
     assert np.array_equal(again.faces, shape.faces)
+
+
+def halved(path: Path) -> Path:
+    """A square of two triangles, written again with a vertex in the middle of its diagonal."""
+    shape = formats.read(path)
+    assert shape.faces is not None
+    faces = np.array([[0, 1, 4], [1, 2, 4], [0, 4, 3], [4, 2, 3]], np.int32)
+    parents = np.array([0, 0, 1, 1])
+    mesh = SourceMesh(path, shape)
+    places = np.vstack([shape.positions, shape.positions[[0, 2]].mean(axis=0)])
+    mesh.denser = DenserMesh(faces, parents, np.array([[0, 2]]), places, places)
+    written = path.with_name(f"denser{mesh.suffix}")
+    mesh.write(written, places + SHIFT)
+    return written
+
+
+def test_a_denser_ply_carries_properties(tmp_path: Path) -> None:
+    vertices = np.zeros(4, [("x", "f4"), ("y", "f4"), ("z", "f4"), ("s", "f4"), ("red", "u1")])
+    vertices["x"], vertices["y"] = [0, 1, 1, 0], [0, 0, 1, 1]
+    vertices["s"], vertices["red"] = [5, 6, 8, 8], [10, 0, 21, 0]
+    faces = np.empty(1, [("vertex_indices", "O"), ("material", "i4")])
+    faces["vertex_indices"][0] = np.array([0, 1, 2, 3], "i4")
+    faces["material"] = 7
+    elements = [PlyElement.describe(vertices, "vertex"), PlyElement.describe(faces, "face")]
+    PlyData(elements).write(str(tmp_path / "square.ply"))
+    data = PlyData.read(str(halved(tmp_path / "square.ply")))
+    assert data["vertex"]["s"].tolist() == [5, 6, 8, 8, 6.5]
+    assert data["vertex"]["red"].tolist() == [10, 0, 21, 0, 16]
+    assert data["vertex"]["x"].tolist() == [1, 2, 2, 1, 1.5]
+    assert [list(face) for face in data["face"]["vertex_indices"]] == [
+        [0, 1, 4],
+        [1, 2, 4],
+        [0, 4, 3],
+        [4, 2, 3],
+    ]
+    assert data["face"]["material"].tolist() == [7, 7, 7, 7]
+
+
+def test_a_denser_obj_carries_uvs_and_groups(tmp_path: Path) -> None:
+    (tmp_path / "square.obj").write_text(
+        "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\nvn 0 0 1\n"
+        "g side\nf 1/1/1 2/2/1 3/3/1 4/4/1\n"
+    )
+    assert halved(tmp_path / "square.obj").read_text() == (
+        "v 1 2 3\nv 2 2 3\nv 2 3 3\nv 1 3 3\nv 1.5 2.5 3\n"
+        "vt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\nvt 0.5 0.5\ng side\n"
+        "f 1/1 2/2 5/5\nf 2/2 3/3 5/5\nf 1/1 5/5 4/4\nf 5/5 3/3 4/4\n"
+    )
+
+
+def test_a_denser_glb_carries_uvs(tmp_path: Path) -> None:
+    corners = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
+    mesh = trimesh.Trimesh(corners, [[0, 1, 2], [0, 2, 3]], process=False)
+    mesh.visual = trimesh.visual.TextureVisuals(uv=corners[:, :2])
+    mesh.export(tmp_path / "square.glb")
+    again = trimesh.load(halved(tmp_path / "square.glb"), process=False).to_geometry()
+    assert np.allclose(again.vertices[4], SHIFT + np.array([0.5, 0.5, 0]))
+    assert np.allclose(again.visual.uv[4], (0.5, 0.5))
+    assert len(again.faces) == 4
+
+
+def test_denser_files_of_other_formats_become_ply(tmp_path: Path) -> None:
+    corners = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
+    mesh = trimesh.Trimesh(corners, [[0, 1, 2], [0, 2, 3]], process=False)
+    mesh.export(tmp_path / "square.off")
+    again = formats.read(halved(tmp_path / "square.off"))
+    assert again.faces is not None
+    assert (len(again.positions), len(again.faces)) == (5, 4)

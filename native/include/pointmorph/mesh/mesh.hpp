@@ -22,11 +22,15 @@ struct Mesh {
     Positions positions;        ///< #places by 3
     std::vector<Index> places;  ///< #vertices: the place of each
     Triangles triangles;        ///< rows of `positions`, each with an area
-    Normals normals;            ///< #triangles by 3, unit length
-    Values areas;               ///< #triangles
-    Normals place_normals;      ///< #places by 3, unit length: the mean around, by angle
-    std::vector<Index> parts;   ///< #places: the connected part of each, the largest area first
-    Values part_areas;  ///< #parts with an area; places without triangles are in none (−1)
+    /// Of meshes of clouds: the polygon that each triangle is a piece of, and its corners as rows
+    /// of the cloud, where several may share a place.
+    std::vector<Index> polygons;
+    Triangles vertices{0, 3};
+    Normals normals;           ///< #triangles by 3, unit length
+    Values areas;              ///< #triangles
+    Normals place_normals;     ///< #places by 3, unit length: the mean around, by angle
+    std::vector<Index> parts;  ///< #places: the connected part of each, the largest area first
+    Values part_areas;         ///< #parts with an area; places without triangles are in none (−1)
     /// Closed sequences of places along which the surface ends, longest first; see BoundaryLoop.
     std::vector<std::vector<Index>> borders;
     bool turned_outwards = false;  ///< the faces showed their inside, and were reversed
@@ -42,7 +46,8 @@ struct Mesh {
 /// validate().
 Mesh make_mesh(const Cloud& cloud);
 
-/// The surface of given triangles as they are: parts, borders, normals. `places` stays empty.
+/// The surface of given triangles as they are: parts, borders, normals. `places`, `polygons` and
+/// `vertices` stay empty.
 /// Triangles have an area.
 Mesh mesh_of(const Normalization& unit, Positions positions, Triangles triangles);
 

@@ -25,6 +25,11 @@ struct WrapOptions {
     Index coarse_places = 4000;
     double coarse_length = 0.03;
     Index untangling = 3;  ///< rounds in which faces that lie against the target are turned back
+    /// How firmly vertices go onto the target: 1 all the way, 0 only where the map and the faces
+    /// around take them.
+    double conform = 1.0;
+    /// Rounds at the end that even out how faces are stretched, on the target.
+    Index relaxing = 0;
 };
 
 /// The surface that a mesh is laid over. Rows of the arrays are samples; lengths are the caller's.
@@ -46,13 +51,24 @@ struct WrapMark {
     Vector3 target;
 };
 
+/// What a mesh keeps while it is wrapped. Arrays have a row a place, or none.
+struct WrapHolds {
+    std::span<const WrapMark> marks;
+    /// How much a place keeps the shape of what is connected and rigid around it, 0 to 1; a region
+    /// of them turns, moves and grows as a whole.
+    Values rigid{};
+    Values fixed{};      ///< how much a place stays at its row of `places`, 0 to 1
+    Positions places{};  ///< in the lengths of the target
+};
+
 /// Where the places of the mesh end, #places by 3. `start` is where the map takes them; places
 /// without triangles stay there. From long lengths to short ones, the mesh as an elastic sheet (see
 /// ElasticSheet) is drawn to the tangent planes of the closest samples that face as it does, of the
 /// part that most of its own part lies on; where no face reaches, the point that the inverse map
-/// names is pulled there. A start that is the target's own mesh is the result, to the bit. Turns,
-/// scales and moves with the target. The same bits for any number of threads.
+/// names is pulled there. Places that are fixed in full end where they are held, to the bit, and so
+/// do marks, which come first. A start that is the target's own mesh is the result, to the bit.
+/// Turns, scales and moves with the target. The same bits for any number of threads.
 Positions wrap(const Mesh& mesh, const Positions& start, const WrapTarget& target,
-               std::span<const WrapMark> marks, const WrapOptions& options, Progress& progress);
+               const WrapHolds& holds, const WrapOptions& options, Progress& progress);
 
 }  // namespace pointmorph

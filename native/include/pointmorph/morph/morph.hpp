@@ -13,6 +13,7 @@
 #include "pointmorph/measures/cracks.hpp"
 #include "pointmorph/measures/mesh_quality.hpp"
 #include "pointmorph/measures/quality.hpp"
+#include "pointmorph/morph/denser_mesh.hpp"
 #include "pointmorph/morph/morph_input.hpp"
 #include "pointmorph/morph/morph_options.hpp"
 #include "pointmorph/morph/report.hpp"
@@ -71,6 +72,14 @@ public:
     /// where they are, at 1 where they end when its faces are wrapped smoothly onto the target; see
     /// wrap(), which is done when first asked for. Throws CloudError unless has_mesh().
     Positions wrapped(double t, Progress& progress) const;
+    /// The same of the target's mesh: its vertices at t, #target by 3, at 1 where they are, at 0
+    /// where they end on the source.
+    bool has_target_mesh() const noexcept;
+    Positions wrapped_target(double t, Progress& progress) const;
+    /// The mesh of the source, or of the target, with more triangles where the other shape has what
+    /// it can't show, wrapped onto that; takes a few times as long as wrapped(). Throws CloudError
+    /// unless there is such a mesh.
+    DenserMesh denser(bool of_source, const DensityOptions& options, Progress& progress) const;
 
     /// Straight paths; laid out when first asked for. Scalar: float or double.
     template <class Scalar>
@@ -114,7 +123,10 @@ private:
     Positions through_domain(const Positions& images, const DomainPoints& from,
                              const DomainPoints& to, const Cloud& other, Progress& progress) const;
     Positions velocities(double t) const;
-    const Positions& wrapped_ends(Progress& progress) const;
+    struct Wrapped;
+    struct WrappedSides;
+    WrappedSides wrapped_sides(bool is_source) const;  // throws CloudError
+    Positions on_the_way(bool is_source, double share, Progress& progress) const;
     template <class Scalar>
     void insert_points(ResampledFrame<Scalar>& frame, double t, Progress& progress) const;
 

@@ -12,6 +12,12 @@
 
 namespace pointmorph {
 
+/// What vertices with faces keep when their mesh is wrapped, 0 to 1, one a vertex, or none.
+struct VertexHolds {
+    Values rigid{};  ///< the shape of the rigid vertices around
+    Values fixed{};  ///< its place
+};
+
 /// All rows are given rows: those of the clouds as they stand here.
 struct MorphInput {
     Cloud source;
@@ -25,6 +31,7 @@ struct MorphInput {
     /// uses them; see refine().
     RefinementStart start{};
     Parts source_parts{}, target_parts{};  ///< what is connected, from the faces; empty: found
+    VertexHolds source_holds{}, target_holds{};
     std::vector<std::vector<std::string>> more_loops{};  ///< like `loop`, for a network of curves
 };
 

@@ -9,6 +9,7 @@
 #include "pointmorph/disk/parameterization.hpp"
 #include "pointmorph/frames/motion.hpp"
 #include "pointmorph/frames/resampling.hpp"
+#include "pointmorph/mesh/wrapping.hpp"
 #include "pointmorph/registration/components.hpp"
 #include "pointmorph/registration/refinement.hpp"
 #include "pointmorph/sphere/spherical_alignment.hpp"
@@ -55,6 +56,7 @@ struct MorphOptions {
     ComponentOptions components;
     PathKind path = PathKind::kLinear;
     ResamplingOptions resampling;
+    WrapOptions wrapping;
     /// Threads; 0 takes all. The result doesn't depend on it.
     int threads = 0;
 };

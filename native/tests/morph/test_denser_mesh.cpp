@@ -1,0 +1,134 @@
+#include "pointmorph/morph/denser_mesh.hpp"
+
+#include <gtest/gtest.h>
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+
+#include "mesh/mesh_edges.hpp"
+#include "mesh_shapes.hpp"
+#include "pointmorph/base/error.hpp"
+#include "pointmorph/morph/morph.hpp"
+#include "watched.hpp"
+
+namespace pointmorph {
+namespace {
+
+Morph morph_of(Cloud source, Cloud target, std::vector<Feature> features = {}) {
+    Progress progress;
+    MorphInput input{
+        .source = std::move(source), .target = std::move(target), .features = std::move(features)};
+    return {std::move(input), {}, progress};
+}
+
+/// Positions of all vertices on their own model.
+Positions at_rest(const DenserMesh& mesh, const Positions& given) {
+    Positions rest(mesh.positions.rows(), 3);
+    rest.topRows(given.rows()) = given;
+    for (std::size_t k = 0; k < mesh.ends.size(); ++k) {
+        const auto& [a, b] = mesh.ends[k];
+        const auto row = given.rows() + static_cast<Eigen::Index>(k);
+        EXPECT_LT(std::max(a, b), row);
+        rest.row(row) = 0.5 * (rest.row(a) + rest.row(b));
+    }
+    return rest;
+}
+
+double area(const Positions& x, const Triangles& faces) {
+    double sum = 0.0;
+    for (Index f = 0; f < faces.rows(); ++f) {
+        const Vector3 u = (x.row(faces(f, 1)) - x.row(faces(f, 0))).transpose();
+        const Vector3 v = (x.row(faces(f, 2)) - x.row(faces(f, 0))).transpose();
+        sum += 0.5 * u.cross(v).norm();
+    }
+    return sum;
+}
+
+TEST(DenserMesh, ACubeBecomesABallWithoutGaps) {
+    SKIP_WHERE_WATCHED();
+    const Cloud cube = mesh_shapes::cube();
+    const Morph morph = morph_of(cube, mesh_shapes::icosphere(4));
+    Progress progress;
+    constexpr double kTolerance = 0.004;
+    const DenserMesh mesh = morph.denser(true, {.tolerance = kTolerance}, progress);
+    EXPECT_GT(mesh.positions.rows(), 100);
+    EXPECT_LT(mesh.positions.rows(), 5000);
+    const MeshEdges edges(mesh.faces);
+    for (Index e = 0; e < edges.size(); ++e) ASSERT_EQ(edges[e].size(), 2u);
+    EXPECT_NEAR(area(at_rest(mesh, cube.positions), mesh.faces), 24.0, 1e-9);
+    // Nearly all faces are as near to the ball as was asked for.
+    const double root = std::sqrt(4.0 * std::numbers::pi);
+    Index off = 0;
+    for (Index f = 0; f < mesh.faces.rows(); ++f) {
+        const Eigen::RowVector3d middle =
+            (mesh.positions.row(mesh.faces(f, 0)) + mesh.positions.row(mesh.faces(f, 1)) +
+             mesh.positions.row(mesh.faces(f, 2))) /
+            3.0;
+        off += std::abs(middle.norm() - 1.0) > kTolerance * root + 0.003;
+        EXPECT_LT(mesh.polygons[to_size(f)], cube.faces.size());
+    }
+    EXPECT_LE(off, mesh.faces.rows() / 50);
+}
+
+TEST(DenserMesh, GrowsOnlyWhereItHasTo) {
+    SKIP_WHERE_WATCHED();
+    const auto bump = [](double x, double y) {
+        return 0.5 * std::exp(-30.0 * ((x - 0.5) * (x - 0.5) + (y - 0.5) * (y - 0.5)));
+    };
+    const Cloud source = mesh_shapes::grid(12), target = mesh_shapes::terrain(80, bump);
+    const Morph morph = morph_of(
+        source, target,
+        {point_feature("a", 0, 0), point_feature("b", 12, 80), point_feature("c", 13 * 12, 81 * 80),
+         point_feature("d", 13 * 13 - 1, 81 * 81 - 1)});
+    Progress progress;
+    const DenserMesh mesh = morph.denser(true, {}, progress);
+    const Positions rest = at_rest(mesh, source.positions);
+    Index near = 0, far = 0;
+    for (Eigen::Index v = source.size(); v < rest.rows(); ++v)
+        ((rest.row(v) - Eigen::RowVector3d(0.5, 0.5, 0.0)).norm() < 0.7 ? near : far) += 1;
+    EXPECT_GT(near, 20);
+    EXPECT_LT(far, near / 4);
+    EXPECT_EQ(mesh.positions.row(0), target.positions.row(0));
+    EXPECT_NEAR(area(rest, mesh.faces), 4.0, 1e-9);
+}
+
+TEST(DenserMesh, SeamsStayClosed) {
+    const Cloud cube = mesh_shapes::split(mesh_shapes::cube());
+    const Morph morph = morph_of(cube, mesh_shapes::icosphere(3));
+    Progress progress;
+    const DenserMesh mesh = morph.denser(true, {.tolerance = 0.05, .rounds = 1}, progress);
+    const Positions rest = at_rest(mesh, cube.positions);
+    ASSERT_FALSE(mesh.ends.empty());
+    // Vertices at one place end at one place.
+    Index shared = 0;
+    for (Eigen::Index v = cube.size(); v < rest.rows(); ++v)
+        for (Eigen::Index w = 0; w < v; ++w) {
+            if (rest.row(v) != rest.row(w)) continue;
+            ++shared;
+            ASSERT_EQ(mesh.positions.row(v), mesh.positions.row(w));
+        }
+    EXPECT_GT(shared, 0);
+}
+
+TEST(DenserMesh, IsTheMeshItselfWhereThatFits) {
+    const Cloud ball = mesh_shapes::icosphere(3);
+    const Morph morph = morph_of(ball, ball);
+    Progress progress;
+    const DenserMesh mesh = morph.denser(false, {.tolerance = 0.01}, progress);
+    EXPECT_TRUE(mesh.ends.empty());
+    EXPECT_EQ(mesh.faces.rows(), ball.faces.size());
+    EXPECT_LT((mesh.positions - ball.positions).cwiseAbs().maxCoeff(), 1e-12);
+}
+
+TEST(DenserMesh, TakesNoBareClouds) {
+    Cloud bare = mesh_shapes::icosphere(3);
+    bare.faces = {};
+    const Morph morph = morph_of(mesh_shapes::icosphere(3), bare);
+    Progress progress;
+    EXPECT_THROW(morph.denser(false, {}, progress), CloudError);
+}
+
+}  // namespace
+}  // namespace pointmorph
