@@ -339,7 +339,7 @@ TEST(Example, Wrapping) {
     Progress progress;
     // --- example
     const std::vector<WrapMark> marks{nose};
-    const Positions wrapped = wrap(mesh, images_of_places, target, marks, {}, progress);
+    const Positions wrapped = wrap(mesh, images_of_places, target, {.marks = marks}, {}, progress);
     // --- end of the example
     EXPECT_EQ((wrapped.row(5).transpose() - nose.target).norm(), 0.0);
     EXPECT_LT((wrapped.rowwise().norm().array() / target_mesh.positions.row(0).norm() - 1.0)
