@@ -321,7 +321,7 @@ TEST(Example, Path) {
     const Cloud source = random_cloud<float>(50, 1), target = random_cloud<float>(40, 2);
     const std::vector<IndexPair> pairs = random_pairs(40, 60, 3);
     // --- example
-    const Path<float> path(source, target, pairs);
+    const StraightPath<float> path(source, target, pairs);
     std::vector<float> positions(3 * path.size()), normals(3 * path.size());
     path.frame(0.5, {positions, normals, {}, {}});
     // --- end of the example
