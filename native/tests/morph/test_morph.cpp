@@ -426,7 +426,7 @@ TEST(Example, Morph) {
     const pointmorph::Morph morph({source, target, {point_feature("tip", source_tip, target_tip)}},
                                   {}, progress);
     std::vector<float> positions(3 * morph.pairs().size());
-    morph.straight_path<float>().frame(0.5, {positions, {}, {}, {}});
+    morph.frame<float>(0.5, {positions, {}, {}, {}});
     // --- end of the example
     EXPECT_TRUE(checks::is_total(morph.pairs(), 21 * 21, 23 * 23));
     double highest = 0.0;
