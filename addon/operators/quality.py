@@ -4,7 +4,7 @@ import bpy
 from mathutils import Vector
 
 from ..data.registration import Registration
-from ..scene import morph_object, points_display, recipes
+from ..scene import morph_object, points_display, presentation, recipes
 from .polls import NO_RESULT, Explained, active_result
 
 
@@ -29,6 +29,8 @@ class POINTMORPH_OT_show_distortion(Explained, bpy.types.Operator):
         obj = active_result(context)
         show = not points_display.shows_distortion(obj)
         points_display.show_distortion(obj, show)
+        if show:  # colors the points
+            presentation.show_as(context, obj, presentation.POINTS)
         self._shade(context, obj.pointmorph, show)
         return {"FINISHED"}
 

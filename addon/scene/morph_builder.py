@@ -48,7 +48,7 @@ def build(context, outcome, name, provenance):
         )
         obj.active_shape_key_index = 1
         points_display.add_points_modifier(obj, key, created, morph_object.stages(obj))
-        context.collection.objects.link(obj)
+        creation.link(context, obj)
     return obj
 
 

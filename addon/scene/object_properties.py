@@ -41,6 +41,11 @@ class PointmorphObject(bpy.types.PropertyGroup):
         description="Morph object that this mesh was made from",
         type=bpy.types.Object,
     )
+    mesh: bpy.props.PointerProperty(
+        name="Mesh",
+        description="The source's faces, which show this morph in place of its points",
+        type=bpy.types.Object,
+    )
     keeps_faces: bpy.props.BoolProperty(
         name="Keeps Faces", description="This is a copy of the source mesh that morphs"
     )

@@ -167,7 +167,7 @@ def apply(obj, plan, outcome):
     """
     before = recipes.recipe_of(obj).get("origin")
     lost = morph_builder.rebuild(obj, outcome)
-    shapes = recipes.shapes_of(obj)
+    shapes = recipes.pointers_of(obj)
     for user in users_of(obj):
         morph_builder.link(user, shapes, plan.source_matrix)
         recipes.remember(user, plan.recipe, outcome)

@@ -44,12 +44,16 @@ def subdivide(obj):
     """
     source, places, *_ = morph_paths.source_ways(obj)
     mesh = source.data
-    if mesh.library is not None:
+    if not mesh.is_editable or mesh.override_library is not None:
         raise pointmorph.CloudError(
             source.name,
             "an editable mesh",
             "one linked from another file",
             "Make it local (Object > Relations > Make Local).",
+        )
+    if mesh.is_editmode or source.mode != "OBJECT":
+        raise pointmorph.CloudError(
+            source.name, "a mesh in Object Mode", "another mode", "Switch to Object Mode (Tab)."
         )
     surfaces = [_surface(obj, number) for number in range(1, len(places))]
     stops = [

@@ -38,7 +38,9 @@ OPERATORS = (
     "remove_loop_feature",
     "show_cut",
     "swap_objects",
+    "show_as",
     "show_distortion",
+    "show_shapes",
     "go_to_place",
     "subdivide_source",
 )

@@ -317,5 +317,22 @@ TEST(Path, RefusesWhatDoesNotFit) {
     EXPECT_NO_THROW(StraightPath<double>(huge, cloud, pairs));
 }
 
+TEST(Example, Path) {
+    const Cloud source = random_cloud<float>(50, 1), target = random_cloud<float>(40, 2);
+    const std::vector<IndexPair> pairs = random_pairs(40, 60, 3);
+    // --- example
+    const StraightPath<float> path(source, target, pairs);
+    std::vector<float> positions(3 * path.size()), normals(3 * path.size());
+    path.frame(0.5, {positions, normals, {}, {}});
+    // --- end of the example
+    for (std::size_t i = 0; i < pairs.size(); ++i)
+        for (int d = 0; d < 3; ++d)
+            EXPECT_NEAR(
+                positions[3 * i + to_size(d)],
+                0.5 * (source.positions(pairs[i].source, d) + target.positions(pairs[i].target, d)),
+                1e-6);
+    EXPECT_NEAR(std::hypot(normals[0], normals[1], normals[2]), 1.0, 1e-6);
+}
+
 }  // namespace
 }  // namespace pointmorph

@@ -45,5 +45,14 @@ TEST(Subdivision, LeavesWhatIsFineAndEndsInTime) {
     EXPECT_LE(subdivided(mesh, {.longest = 1e-6, .most_places = 5000}).positions.rows(), 5000);
 }
 
+TEST(Example, Subdivision) {
+    const Mesh mesh = make_mesh(mesh_shapes::cube());
+    // --- example
+    const Mesh finer = subdivided(mesh, {.longest = 0.1});
+    // --- end of the example
+    EXPECT_LE(longest_edge(finer), 0.1 * std::sqrt(mesh.area()));
+    EXPECT_EQ(finer.positions.topRows(8), mesh.positions);
+}
+
 }  // namespace
 }  // namespace pointmorph

@@ -417,5 +417,23 @@ TEST(Morph, QualityIsMeasuredOnceForBothMethods) {
     }
 }
 
+TEST(Example, Morph) {
+    SKIP_WHERE_WATCHED();
+    const Cloud source = plane_cloud(21), target = bump_cloud(23);
+    const Index source_tip = grid_row(21, 0, 0), target_tip = grid_row(23, 0, 0);
+    // --- example
+    pointmorph::Progress progress;
+    const pointmorph::Morph morph({source, target, {point_feature("tip", source_tip, target_tip)}},
+                                  {}, progress);
+    std::vector<float> positions(3 * morph.pairs().size());
+    morph.straight_path<float>().frame(0.5, {positions, {}, {}, {}});
+    // --- end of the example
+    EXPECT_TRUE(checks::is_total(morph.pairs(), 21 * 21, 23 * 23));
+    double highest = 0.0;
+    for (std::size_t i = 2; i < positions.size(); i += 3)
+        highest = std::max(highest, static_cast<double>(positions[i]));
+    EXPECT_NEAR(highest, 0.5 * bump(0.0, 0.0), 0.04);
+}
+
 }  // namespace
 }  // namespace pointmorph

@@ -182,7 +182,12 @@ def test_the_report_says_how_good_the_mesh_looks() -> None:
     assert mesh["verdict"] == "Good: the faces of ball lie smoothly on big."
     assert mesh["worst"] == ()
     names = [name for name, _ in pointmorph.quality_summary(morph.report)]
-    assert names[-4:] == ["Mesh folded", "Mesh creased", "Mesh uncovered", "Mesh off"]
+    assert names[-4:] == [
+        "Faces folded",
+        "Edges creased",
+        "Target missed",
+        "Off the target",
+    ]
 
 
 def test_a_mesh_that_is_too_coarse_says_where() -> None:
