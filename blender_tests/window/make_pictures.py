@@ -131,6 +131,7 @@ from mathutils import Euler, Vector
 area.spaces[0].overlay.show_floor = True
 area.spaces[0].overlay.show_axis_x = area.spaces[0].overlay.show_axis_y = True
 area.spaces[0].overlay.show_wireframes = True
+area.spaces[0].overlay.wireframe_threshold = 1.0
 area.spaces[0].shading.type = "SOLID"
 bpy.ops.mesh.primitive_ico_sphere_add(subdivisions=4, location=(3.2, 0, 0))
 bpy.ops.mesh.primitive_cube_add(location=(-3.2, 0, 0))
@@ -141,8 +142,8 @@ with in_viewport():
     view.view_rotation = Euler((1.1, 0, -0.3)).to_quaternion()
     for obj in bpy.data.objects: obj.select_set(True)
     bpy.ops.view3d.view_selected()
-    view.view_distance *= 0.95
-    view.view_location += view.view_rotation @ Vector((0.9, 0, 0))
+    view.view_distance *= 1.1
+    view.view_location += view.view_rotation @ Vector((1.6, 0, 0))
 scenes.select(bpy.data.objects["Cube"])
 """
     )
@@ -155,9 +156,8 @@ scenes.select(bpy.data.objects["Cube"])
     window.press_button("make_mesh")
     window.run(
         """
-bpy.data.objects["Cube to Icosphere"].hide_set(True)
 mesh = bpy.data.objects["Cube to Icosphere Mesh"]
-mesh.location = (0, 0, 0)
+mesh.location.x = -3.2 * 1.2  # and 0.6 of the way to the sphere: in the middle
 mesh.data.shape_keys.key_blocks["Morph"].value = 0.6
 """
     )
