@@ -1,6 +1,6 @@
 """Draws the pictures of the stage pages from made shapes, each in docs/images.
 
-python docs/make_pictures.py            all of them, in about a minute and a half of one core
+python docs/make_pictures.py            all of them, in about a minute
 python docs/make_pictures.py pose lod   these
 """
 
@@ -536,7 +536,7 @@ def pose() -> Figure:
     source_share, target_share = (
         (places[:, 0] - low) / length for places in (animals.source, morph.target_to_source)
     )
-    titles = ("source", "target, as it is given", "the same, where the map has it")
+    titles = ("source", "target, as it is given", "turned back, with the stripes as mapped")
     panels = figure(3, 300, titles)
     given = animals.target @ turn @ FRONT
     seen = animals.target @ FRONT

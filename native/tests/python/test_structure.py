@@ -304,7 +304,9 @@ def signatures_and_example(page: str) -> tuple[list[str], str]:
 
 def is_declared(signature: str, header: str) -> bool:
     """As a declaration, or with its body; constructors, with what they initialize."""
-    return re.search(re.escape(signature) + "[;{:]", condensed(header)) is not None
+    before = "".join(f"|(?<={word})" for word in ("explicit", "inline", "static", "constexpr"))
+    pattern = rf"(?:(?<!\w){before}){re.escape(signature)}[;{{:]"
+    return re.search(pattern, condensed(header)) is not None
 
 
 def test_signatures_and_examples_are_read() -> None:
@@ -315,6 +317,7 @@ def test_signatures_and_examples_are_read() -> None:
     assert is_declared("intf(inta)", "/// Of a.\nint f(int a);\n")
     assert is_declared("intf(inta)", "inline int f(int a) {\n    return a;\n}\n")
     assert not is_declared("intf(inta)", "int f(int a, int b);\n")
+    assert not is_declared("f(inta)", "class gf {\n    gf(int a);\n};\n")
     assert not is_declared("intf(inta)", "int f(int a) const;\n")
 
 
