@@ -357,3 +357,19 @@ def test_a_chain_tells_of_the_mesh_on_its_first_way(settings):
     assert bpy.ops.pointmorph.morph_chain() == {"FINISHED"}
     report = json.loads(bpy.context.view_layer.objects.active.pointmorph.report)
     assert report["mesh"]["verdict"].startswith("A to B: ")
+
+
+def test_the_mesh_that_is_shown_gets_more_vertices(settings):
+    settings.show_as = "MESH"
+    source, target = primitive("cube"), primitive("ico_sphere", subdivisions=3)
+    pick(source, target)
+    shown = morph()
+    assert (shown.name, len(shown.data.vertices)) == ("Cube to Icosphere", 8)
+    assert shown.pointmorph.made_from.pointmorph.too_fine == "Icosphere"
+    assert bpy.ops.pointmorph.subdivide_source() == {"FINISHED"}
+    assert shown.pointmorph.state == "STALE"
+    assert bpy.ops.pointmorph.recompute() == {"FINISHED"}
+    assert shown.pointmorph.state == "CURRENT"
+    assert shown.pointmorph.made_from.pointmorph.too_fine == ""
+    assert len(shown.data.vertices) == len(source.data.vertices) > 90
+    assert np.abs(np.linalg.norm(key(shown, "Morph"), axis=1) - 1.0).max() < 0.03
