@@ -17,10 +17,11 @@ def way(obj, path):
     return through(places, normals, path)
 
 
-def through(places, normals, path):
-    """A function from t, 0 to the number of places less 1, to positions on the way."""
+def through(places, normals, path, faces=None):
+    """A function from t, 0 to the number of places less 1, to positions on the way. `faces` are
+    those that mustn't turn over there."""
     motions = [
-        pointmorph.Motion(start, normal, end, path)
+        pointmorph.Motion(start, normal, end, path, faces=faces)
         for start, normal, end in zip(places, normals, places[1:], strict=False)
     ]
 

@@ -55,7 +55,7 @@ def bake_source(obj, steps, path):
             "one linked from another file",
             "Make it local (Object > Relations > Make Local), or bake on the morph object instead.",
         )
-    way = morph_paths.through(places, normals, path)
+    way = morph_paths.through(places, normals, path, arrays.mesh_triangles(source.data))
     _add_keys(
         source,
         lambda t: transforms.move_positions(back, way(t)),

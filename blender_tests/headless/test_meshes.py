@@ -357,3 +357,49 @@ def test_a_chain_tells_of_the_mesh_on_its_first_way(settings):
     assert bpy.ops.pointmorph.morph_chain() == {"FINISHED"}
     report = json.loads(bpy.context.view_layer.objects.active.pointmorph.report)
     assert report["mesh"]["verdict"].startswith("A to B: ")
+
+
+def test_the_mesh_that_is_shown_gets_more_vertices(settings):
+    settings.show_as = "MESH"
+    source, target = primitive("cube"), primitive("ico_sphere", subdivisions=3)
+    pick(source, target)
+    shown = morph()
+    assert (shown.name, len(shown.data.vertices)) == ("Cube to Icosphere", 8)
+    assert shown.pointmorph.made_from.pointmorph.too_fine == "Icosphere"
+    assert bpy.ops.pointmorph.subdivide_source() == {"FINISHED"}
+    assert shown.pointmorph.state == "STALE"
+    assert bpy.ops.pointmorph.recompute() == {"FINISHED"}
+    assert shown.pointmorph.state == "CURRENT"
+    assert shown.pointmorph.made_from.pointmorph.too_fine == ""
+    assert len(shown.data.vertices) == len(source.data.vertices) > 90
+    assert np.abs(np.linalg.norm(key(shown, "Morph"), axis=1) - 1.0).max() < 0.03
+
+
+def test_no_face_turns_over_on_a_rigid_path(settings):
+    """A tube that is bent to a half circle, more than straight ways can do."""
+    u, v = np.meshgrid(np.arange(41) / 40, np.arange(16) / 16 * 2 * np.pi, indexing="ij")
+    rows = np.arange(41 * 16).reshape(41, 16)
+    ring = np.roll(rows, -1, axis=1)
+    faces = np.stack([rows[:-1], ring[:-1], ring[1:], rows[1:]], axis=-1).reshape(-1, 4)
+    y, z = 0.2 * np.cos(v), 0.2 * np.sin(v)
+    tube = np.stack([4 * u, y, z], axis=-1).reshape(-1, 3)
+    angle, radius = 3.0 * u, 4 / 3.0 + y
+    bent = np.stack([radius * np.sin(angle), radius * np.cos(angle), z], axis=-1).reshape(-1, 3)
+    source, target = add_mesh("Tube", tube, faces), add_mesh("Bow", bent, faces)
+    for obj in (source, target):
+        for number, row in enumerate((0, 8, 320, 328, 640, 648)):
+            add_group(obj, f"pm.{number}", {row: 1.0})
+    pick(source, target)
+    morph()
+    assert bpy.ops.pointmorph.bake_shape_keys(kind="SOURCE", steps=4, path="RIGID") == {"FINISHED"}
+    form = triangles(source.data)
+
+    def areas(name):
+        corners = key(source, name)[form].astype(float)
+        return np.linalg.norm(
+            np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
+        )
+
+    for name in ("Bow 25 %", "Bow 50 %", "Bow 75 %"):
+        assert areas(name).sum() == pytest.approx(areas("Basis").sum(), rel=0.1)
+        assert (areas(name) > 0.3 * np.minimum(areas("Basis"), areas("Bow"))).all()

@@ -156,6 +156,8 @@ scenes.select(bpy.data.objects["Cube"])
     window.press_button("make_mesh")
     window.run(
         """
+for name in ("Cube", "Icosphere"):  # a morph hides them
+    bpy.data.objects[name].hide_set(False)
 mesh = bpy.data.objects["Cube to Icosphere Mesh"]
 mesh.location.x = -3.2 * 1.2  # and 0.6 of the way to the sphere: in the middle
 mesh.data.shape_keys.key_blocks["Morph"].value = 0.6
