@@ -1,7 +1,7 @@
 """Blender's own shapes, morphed as anybody would try first."""
 
 import pytest
-from steps import MORPH, RUNNING, VIEWPORT, finished
+from steps import KEY, MORPH, RUNNING, VIEWPORT, finished
 
 SHAPES = {
     ("cube", "ico_sphere"): ("Cube", "Icosphere"),
@@ -67,3 +67,32 @@ def test_two_clicks_make_a_mesh_that_becomes_the_target(window, kinds):
     assert window.ask(f"{result}.pointmorph.too_fine") == ""
     window.settle()
     window.screenshot(f"{source}_finer")
+
+
+def test_one_click_shows_the_mesh_and_another_its_points(window):
+    add(window, ("cube", "ico_sphere"))
+    window.run("bpy.context.scene.pointmorph.show_as = 'MESH'")
+    result = 'bpy.data.objects.get("Cube to Icosphere")'
+    window.press_button(MORPH)
+    window.wait(finished(result))
+    assert window.ask(f"len({result}.data.polygons)") == 6
+    assert window.ask(f"bpy.context.view_layer.objects.active == {result}")
+    for name in ("Cube", "Icosphere", "Cube to Icosphere Points"):
+        assert window.ask(f"bpy.data.objects['{name}'].hide_get()"), name
+    x, y = window.find(KEY)
+    window.drag((x - 60, y), (x + 40, y))
+    slider = "data.shape_keys.key_blocks['Morph'].value"
+    value = window.ask(f"{result}.{slider}")
+    assert 0.3 < value <= 1
+    window.settle()
+    window.screenshot("mesh_first")
+    window.press_button("show_as(kind='POINTS'")
+    points = "bpy.data.objects['Cube to Icosphere Points']"
+    assert not window.ask(f"{points}.hide_get()")
+    assert window.ask(f"{result}.hide_get()")
+    assert window.ask(f"{points}.{slider}") == pytest.approx(value)
+    window.screenshot("points_next")
+    window.press("ctrl+z", over=VIEWPORT)
+    assert window.ask(f"{points}.hide_get()")
+    window.press_button("pointmorph.show_shapes(")
+    assert not window.ask("bpy.data.objects['Cube'].hide_get()")
