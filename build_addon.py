@@ -12,9 +12,11 @@ import argparse
 import os
 import platform
 import shutil
+import signal
 import subprocess
 import sys
 from pathlib import Path
+from types import FrameType
 
 ROOT = Path(__file__).resolve().parent
 
@@ -164,8 +166,16 @@ def do(arguments: argparse.Namespace) -> int:
     return list_files(packages([targets.PLATFORMS[name] for name in chosen]))
 
 
+def interrupt(number: int, frame: FrameType | None) -> None:
+    """Ends what commands have started, which Ctrl-C at a terminal doesn't reach."""
+    stop_all()
+    raise KeyboardInterrupt
+
+
 def main() -> int:
     arguments = arguments_of(sys.argv[1:])
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, interrupt)
     try:
         return do(arguments)
     except SetupError as error:
@@ -192,7 +202,7 @@ from build_tools import (  # noqa: E402
     wheels,
     windows,
 )
-from build_tools.running import SetupError, say, show, step  # noqa: E402
+from build_tools.running import SetupError, say, show, step, stop_all  # noqa: E402
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -12,6 +12,8 @@ POINTMORPH_ZIP
 POINTMORPH_PYTHONPATH
     Folders, separated as in PYTHONPATH, for a Blender whose Python lacks pytest (or, without a zip,
     pointmorph). The packages of `.venv` are always added.
+POINTMORPH_NO_RENDERING
+    Why nothing can be rendered: tests marked `renders` are skipped.
 POINTMORPH_OUTPUT
     Where pictures go; `build/blender_tests` by default.
 

@@ -15,9 +15,9 @@ class ChainedMorph:
         self.source, self.target = morphs[0].source, morphs[-1].target
         self.pairs = np.column_stack([morphs[0].pairs[:, 0], morphs[-1].pairs[:, 1]])
 
-    def frame(self, t):
+    def frame(self, t, progress=None):
         number, t = part_at(t, len(self.parts))
-        return self.parts[number].frame(t)
+        return self.parts[number].frame(t, progress=progress)
 
     def resampled_frame(self, t, progress=None):
         number, t = part_at(t, len(self.parts))

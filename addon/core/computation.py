@@ -1,12 +1,13 @@
 """What the library is asked for, from plain arrays to plain arrays; no Blender in between."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 import pointmorph
 import pointmorph.formats
 
-from . import transforms
+from . import packing, transforms
 from .features import Marks
 
 
@@ -25,6 +26,8 @@ class Shape:
     triangles : (F, 3) array of int32
         None, like the other attributes, where the object has none.
     marks : Marks
+    boundary : sequence of int
+        Rows of the boundary where it's known without faces; None where they say it, or nothing.
     """
 
     name: str
@@ -34,6 +37,7 @@ class Shape:
     radii: np.ndarray | None
     triangles: np.ndarray | None
     marks: Marks
+    boundary: Sequence | None = None
 
     def moved(self, matrix):
         """Taken through a (4, 4) matrix."""
@@ -45,11 +49,11 @@ class Shape:
         )
 
     def cloud(self):
-        """As the library takes it: the vertices are the samples. The boundary is the longest that
-        the faces leave open, and they say what hangs together."""
-        return pointmorph.formats.Shape(
-            self.name, self.positions, self.normals, self.colors, self.radii, self.triangles
-        ).cloud(as_surface=False)
+        """As the library takes it: the surface of the faces, or else the points."""
+        arrays = self.positions, self.normals, self.colors, self.radii
+        if self.triangles is None:
+            return pointmorph.Cloud(*arrays, name=self.name, boundary=self.boundary)
+        return pointmorph.formats.Shape(self.name, *arrays, self.triangles).cloud()
 
 
 @dataclass(frozen=True)
@@ -78,10 +82,11 @@ class End:
 class Outcome:
     """All that the scene gets from a morph.
 
-    `landing` is (N, 3): where every source vertex ends on the target, in the morph's frame.
+    `landing` is (N, 3): where every source vertex ends on the target, in the morph's frame; where
+    the source has faces, as they are when they are wrapped onto it.
     `distortion` is (M,), a value a pair: the worse of both its ends, see `pointmorph.PointQuality`.
-    `maps` is the landing of all points of the source and of all of the target, for `Earlier`.
-    `boundaries` are the rows of the boundary that each shape's faces leave open, or None.
+    `maps` are where the map takes all points of the source and all of the target, for `Earlier`.
+    `faces` are each shape's triangles as `packing` has them, or None.
 
     Of a chain, `between` are the shapes on the way, `stops` where every source vertex is on each of
     them, and `via_maps` where their own points land on the next shape and on the one before.
@@ -93,7 +98,7 @@ class Outcome:
     distortion: np.ndarray
     report: dict
     maps: tuple
-    boundaries: tuple
+    faces: tuple
     between: tuple = ()
     stops: tuple = ()
     via_maps: tuple = ()
@@ -122,15 +127,27 @@ class Earlier:
             and request.features != self.request.features
             and np.array_equal(request.source.positions, self.request.source.positions)
             and np.array_equal(request.target.positions, self.request.target.positions)
+            and _same_faces(request.source, self.request.source)
+            and _same_faces(request.target, self.request.target)
         )
         return self.maps if same else None
 
 
+def _same_faces(one, other):
+    if one.triangles is None or other.triangles is None:
+        return one.triangles is other.triangles
+    return np.array_equal(one.triangles, other.triangles)
+
+
+def _packed(triangles):
+    return None if triangles is None else packing.pack(triangles)
+
+
 def compute(request, progress, earlier=None):
     """Runs the library. `progress` is called as that of `pointmorph.morph`."""
-    clouds = request.source.cloud(), request.target.cloud()
     morph = pointmorph.morph(
-        *clouds,
+        request.source.cloud(),
+        request.target.cloud(),
         request.features,
         loop=request.loop,
         start=earlier.start_for(request) if earlier else None,
@@ -143,6 +160,8 @@ def compute(request, progress, earlier=None):
         rows = morph.pairs[:, t].astype(np.int32)
         ends.append(End(rows, frame.positions, frame.normals, frame.colors, frame.radii))
     quality = morph.measure_quality(progress)
+    if morph.has_mesh:
+        morph.measure_mesh_quality(progress)  # for the report, which asks nobody whether to go on
     distortion = np.maximum(
         *(
             side.distortion[end.rows]
@@ -152,9 +171,9 @@ def compute(request, progress, earlier=None):
     maps = morph.source_to_target, morph.target_to_source
     return Outcome(
         *ends,
-        maps[0],
+        morph.wrapped(1.0, progress) if morph.has_mesh else maps[0],
         distortion.astype(np.float32),
         morph.report,
         maps,
-        tuple(cloud.boundary for cloud in clouds),
+        tuple(_packed(shape.triangles) for shape in (request.source, request.target)),
     )

@@ -130,6 +130,11 @@ def mesh_corners(mesh):
     return _read(mesh.loops, "vertex_index", 1, np.int32)
 
 
+def corner_counts(mesh):
+    """(F,) int32: of every face."""
+    return _read(mesh.polygons, "loop_total", 1, np.int32)
+
+
 def mesh_triangles(mesh):
     """(F, 3) int32, or None for a mesh without faces."""
     if not mesh.polygons:

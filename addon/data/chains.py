@@ -1,11 +1,14 @@
 """Chains: morphs from shape to shape joined into one, each of whose points passes through all."""
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 
 from ..core.computation import End, Outcome, compute
-from . import surfaces
+from . import coverage, surfaces
+
+_TOO_MUCH = 0.2  # of the target that the source has no vertices for
 
 LONGEST = 11
 """Shapes in a chain: Blender's shape keys have values up to 10."""
@@ -14,7 +17,7 @@ LONGEST = 11
 def compute_all(requests, progress, earlier=None):
     """The outcome of one request, or of several as a chain. For the rest see `compute`."""
     if len(requests) == 1:
-        return compute(requests[0], progress, earlier)
+        return _judged(requests, compute(requests[0], progress, earlier))
     outcomes = []
     for number, request in enumerate(requests):
 
@@ -22,7 +25,25 @@ def compute_all(requests, progress, earlier=None):
             return progress(f"{number + 1} of {len(requests)}: {stage}", fraction)
 
         outcomes.append(compute(request, tell))
-    return join(requests, outcomes)
+    return _judged(requests, join(requests, outcomes))
+
+
+def _judged(requests, outcome):
+    """With a word on the shapes that the source's faces are too large for."""
+    source = requests[0].source
+    shares = {
+        request.target.name: coverage.missed_share(places, source.triangles, request.target)
+        for request, places in zip(requests, (*outcome.stops, outcome.landing), strict=True)
+    }
+    too_fine = {name: share for name, share in shares.items() if share > _TOO_MUCH}
+    words = [
+        f'"{source.name}" has too few vertices for {100 * share:.0f} % of the surface of "{name}". '
+        "If its own faces are to become the target, click Subdivide Source, then Recompute."
+        for name, share in too_fine.items()
+    ]
+    report = {**outcome.report, "too_fine": too_fine}
+    report["warnings"] = [*report["warnings"], *words]
+    return replace(outcome, report=report)
 
 
 def join(requests, outcomes):
@@ -39,7 +60,7 @@ def join(requests, outcomes):
     # Where the source's points are at every shape: carried on by the points around.
     stops = [outcomes[0].landing]
     for request, outcome in zip(requests[1:], outcomes[1:], strict=True):
-        stops.append(_carried(stops[-1], request.source, outcome.maps[0]))
+        stops.append(_carried(stops[-1], request, outcome.landing))
 
     # A pair is as bad as the worst of its ways.
     distortion = np.max(
@@ -57,7 +78,7 @@ def join(requests, outcomes):
         distortion,
         _report(requests, outcomes, rows),
         maps,
-        (*(o.boundaries[0] for o in outcomes), outcomes[-1].boundaries[1]),
+        (*(o.faces[0] for o in outcomes), outcomes[-1].faces[1]),
         tuple(ends[1:-1]),
         tuple(stops[:-1]),
         tuple((onward.maps[0], before.maps[1]) for before, onward in pairwise(outcomes)),
@@ -114,12 +135,17 @@ def _of_pairs(table, values, wanted):
     return values[order[found]]
 
 
-def _carried(places, shape, images):
-    """(N, 3): where `places` on a shape go, when its points go to `images`."""
-    triangles = getattr(shape, "triangles", None)
-    _, members, shares = surfaces.around(shape.positions, triangles, places)
+def _carried(places, request, images):
+    """(N, 3): where `places` on a shape go, when its points go to `images` on the next. Large faces
+    would take them straight through it: they end on its own faces where it has any."""
+    shape, onto = request.source, request.target
+    _, members, shares = surfaces.around(shape.positions, shape.triangles, places)
     ways = images - shape.positions
-    return (places + surfaces.mean(ways, members, shares)).astype(np.float32)
+    carried = (places + surfaces.mean(ways, members, shares)).astype(np.float32)
+    if shape.triangles is None or onto.triangles is None:
+        return carried
+    _, members, shares = surfaces.around(onto.positions, onto.triangles, carried)
+    return surfaces.mean(onto.positions, members, shares)
 
 
 def _report(requests, outcomes, rows):
@@ -142,7 +168,13 @@ def _report(requests, outcomes, rows):
             for place in report["worst"]
         ]
     worst.sort(key=lambda place: -place["distortion"])
+    # What the source's faces look like, which are wrapped onto the second shape.
+    mesh = outcomes[0].report.get("mesh")
+    if mesh is not None:
+        places = [{**place, "advice": f"{names[0]}: {place['advice']}"} for place in mesh["worst"]]
+        mesh = {**mesh, "verdict": f"{names[0]}: {mesh['verdict']}", "worst": places}
     return {
+        **({} if mesh is None else {"mesh": mesh}),
         "ways": reports,
         "pairs": len(rows),
         "seconds": sum(report["seconds"] for report in reports.values()),

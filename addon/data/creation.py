@@ -1,4 +1,4 @@
-"""Data-blocks made together, or not at all."""
+"""Data-blocks made together, or not at all, and where new objects go."""
 
 from contextlib import contextmanager
 
@@ -17,3 +17,11 @@ def all_or_nothing():
                 item.shape_key_clear()  # a data-block that isn't removed with the mesh
         bpy.data.batch_remove(created)
         raise
+
+
+def link(context, obj):
+    """Puts a new object into the active collection, or into the scene's where that is linked."""
+    collection = context.collection
+    if not collection.is_editable or collection.override_library is not None:
+        collection = context.scene.collection
+    collection.objects.link(obj)

@@ -1,6 +1,7 @@
 """The features that are marked on the picked objects, and the panel's list of them."""
 
 import colorsys
+from dataclasses import fields
 
 import numpy as np
 
@@ -43,17 +44,47 @@ def sync_features(scene):
     features = settings.features
     for index in reversed(range(len(features))):
         if features[index].marked_name not in names:
+            _set_aside(settings, features[index])
             features.remove(index)
     listed = {feature.marked_name: feature for feature in features}
     for name in names:
         if name not in listed:
             listed[name] = features.add()
+            _take_back(settings, listed[name], name)
         _set(listed[name], "marked_name", name)
         _set(listed[name], "name", name)
         _set(listed[name], "on_source", name in on_source)
         _set(listed[name], "on_target", name in on_target)
     if _standing(features) != before:
         background_job.problem = None
+
+
+_CHOSEN = [field.name for field in fields(Choice)]
+
+
+def _set_aside(settings, feature):
+    """Keeps what was chosen for a feature until an object that has it is picked again."""
+    forget_choice(settings, feature.marked_name)
+    if any(feature.is_property_set(name) for name in _CHOSEN):
+        kept = settings.set_aside.add()
+        kept.name = feature.marked_name
+        for name in _CHOSEN:
+            _set(kept, name, getattr(feature, name))
+
+
+def _take_back(settings, feature, name):
+    kept = settings.set_aside.get(name)
+    if kept is not None:
+        for chosen in _CHOSEN:
+            _set(feature, chosen, getattr(kept, chosen))
+        forget_choice(settings, name)
+
+
+def forget_choice(settings, name):
+    """Forgets what was chosen for a feature that is listed no longer."""
+    index = settings.set_aside.find(name)
+    if index >= 0:
+        settings.set_aside.remove(index)
 
 
 def _standing(features):

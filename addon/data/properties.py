@@ -235,6 +235,12 @@ class PointmorphScene(bpy.types.PropertyGroup):
     active_feature: bpy.props.IntProperty(
         name="Active Feature", description="The feature selected in the list"
     )
+    set_aside: bpy.props.CollectionProperty(
+        name="Set Aside",
+        description="Features of objects that were picked before, with what was chosen for them",
+        type=PointmorphFeature,
+        options={"HIDDEN"},
+    )
     show_markers: bpy.props.BoolProperty(
         name="Markers",
         description="Show the marks of all features in the viewport, numbered as in the "
@@ -249,6 +255,43 @@ class PointmorphScene(bpy.types.PropertyGroup):
     )
     active_loop: bpy.props.IntProperty(
         name="Active", description="The feature selected in the loop"
+    )
+    show_as: bpy.props.EnumProperty(
+        name="Show As",
+        description="What shows a new morph",
+        items=[
+            (
+                "MESH",
+                "Mesh",
+                "The source's own faces, with its materials, UV maps and modifiers. A source "
+                "without faces is shown as points",
+            ),
+            ("POINTS", "Points", "The points of both shapes, in the colors of both"),
+        ],
+        default="MESH",
+    )
+    suggest_confidence: bpy.props.FloatProperty(
+        name="Confidence",
+        description="Suggest only features that are at least this certain",
+        default=0.5,
+        min=0.0,
+        max=1.0,
+        subtype="FACTOR",
+    )
+    suggest_places: bpy.props.BoolProperty(
+        name="Places Between", description="Also suggest places between the tips", default=False
+    )
+    transfer_colors: bpy.props.BoolProperty(
+        name="Colors", description="Transfer color attributes", default=True
+    )
+    transfer_weights: bpy.props.BoolProperty(
+        name="Weights", description="Transfer vertex groups, except features", default=True
+    )
+    transfer_uvs: bpy.props.BoolProperty(
+        name="UV Maps",
+        description="Transfer UV maps, as point attributes. Textures are smeared on faces that "
+        "cross a seam of the target",
+        default=False,
     )
     bake_as: bpy.props.EnumProperty(
         name="Bake As",

@@ -10,8 +10,9 @@ from ..core import frame_plan
 from ..core.settings import name_label, settings_values
 from ..data import frame_formats
 from ..data.frame_settings import frame_settings
+from ..data.references import find, reference_to
 from ..data.registration import Registration
-from ..scene import animated_shape, frame_files, frame_player, shape_key_bakes
+from ..scene import animated_shape, frame_files, frame_player, presentation, shape_key_bakes
 from .modal_operator import Computing
 from .polls import Explained, activate, active_result, busy_reason, fail, result_reason
 
@@ -79,6 +80,7 @@ class POINTMORPH_OT_bake_shape_keys(Explained, bpy.types.Operator):
         try:
             if self.kind == "SOURCE":
                 changed = shape_key_bakes.bake_source(obj, self.steps, path)
+                presentation.show_shapes(context, obj, True)
             else:
                 shape_key_bakes.bake_pairs(obj, self.steps, path)
                 changed = obj
@@ -93,7 +95,7 @@ class POINTMORPH_OT_bake_frames(Explained, Computing, bpy.types.Operator):
 
     bl_idname = "pointmorph.bake_frames"
     bl_label = "Bake Frames"
-    bl_options = {"REGISTER", "UNDO"}
+    bl_options = {"UNDO"}
     stopped = "Bake canceled. Finished frames are kept: bake again to continue"
 
     frame_start: bpy.props.IntProperty(
@@ -125,6 +127,7 @@ class POINTMORPH_OT_bake_frames(Explained, Computing, bpy.types.Operator):
             )
         obj = active_result(context)
         self._name, self._matrix = obj.name, obj.matrix_world.copy()
+        self._baked = reference_to(obj)
         plan = self._plan = frame_plan.Plan(
             self.frame_start, self.frame_end, self.step, self.easing, self.resample, self.faces
         )
@@ -179,7 +182,7 @@ class POINTMORPH_OT_bake_frames(Explained, Computing, bpy.types.Operator):
         if self._target is frame_formats.PLY:
             self._say_written(self._folder)
             return {"FINISHED"}
-        obj = context.scene.objects.get(self._name)
+        obj = find(context.scene.objects, self._baked)
         if obj is None:
             raise pointmorph.CloudError(
                 self._name, "the object that is being baked", "none", "Undo the deletion."
@@ -194,8 +197,7 @@ class POINTMORPH_OT_bake_frames(Explained, Computing, bpy.types.Operator):
         )
         if self._target is frame_formats.SCENE:
             frame_files.empty(outcome)
-            obj.hide_set(True)
-            obj.hide_render = True
+            presentation.hide(context, obj)
             activate(context.view_layer.objects, player)
             self.report({"INFO"}, f'Baked {len(plan.numbers())} frames to "{player.name}"')
             return {"FINISHED"}

@@ -7,10 +7,11 @@ import bpy
 from ..core.settings import settings_values
 from ..data import arrays, chains
 from ..data.feature_list import feature_choices, sync_features
+from ..data.references import find, reference_to
 from ..data.registration import Registration
 from ..scene import morph_builder, morph_object, recipes, recomputation, staleness
 from .modal_operator import Computing
-from .polls import Explained, activate, busy_reason, say_made
+from .polls import Explained, busy_reason, present
 
 
 def chain_reason(context):
@@ -111,7 +112,7 @@ class POINTMORPH_OT_morph_chain(Explained, Computing, bpy.types.Operator):
 
     bl_idname = "pointmorph.morph_chain"
     bl_label = "Morph Chain"
-    bl_options = {"REGISTER", "UNDO"}
+    bl_options = {"UNDO"}
     stopped = "Chain morph canceled"
 
     @staticmethod
@@ -121,9 +122,11 @@ class POINTMORPH_OT_morph_chain(Explained, Computing, bpy.types.Operator):
     def _begin_steps(self, context):
         sync_features(context.scene)
         settings = context.scene.pointmorph
+        shapes = staleness.picked_shapes(context.scene)
+        self._shapes = [reference_to(shape) for shape in shapes if shape is not None]
         plan = self._plan = yield from recomputation.plan_of_steps(
             context,
-            staleness.picked_shapes(context.scene),
+            shapes,
             feature_choices(settings),
             [item.name for item in settings.loop],
             settings_values(settings),
@@ -132,12 +135,11 @@ class POINTMORPH_OT_morph_chain(Explained, Computing, bpy.types.Operator):
         return lambda progress: chains.compute_all(plan.requests, progress)
 
     def _finish(self, context, outcome):
-        shapes = [context.scene.objects.get(name) for name in self._names]
+        shapes = [find(context.scene.objects, shape) for shape in self._shapes]
         provenance = self._plan.provenance(shapes)
         obj = morph_builder.build(context, outcome, " to ".join(self._names), provenance)
         recipes.remember(obj, self._plan.recipe, outcome)
-        activate(context.view_layer.objects, obj)
-        say_made(self, obj, outcome.report)
+        present(self, context, obj, outcome.report)
         return {"FINISHED"}
 
 

@@ -53,8 +53,12 @@ class POINTMORPH_OT_click_features(Explained, bpy.types.Operator):
     def invoke(self, context, event):
         global running
         running = True
+        settings = context.scene.pointmorph
         sync_features(context.scene)
-        context.scene.pointmorph.show_markers = True
+        for obj in (settings.source, settings.target):
+            if context.view_layer.objects.get(obj.name) == obj:
+                obj.hide_set(False)  # a morph hides them
+        settings.show_markers = True
         context.window_manager.modal_handler_add(self)
         context.window.cursor_modal_set("CROSSHAIR")
         self._say(context)

@@ -4,7 +4,7 @@ import bpy
 import numpy as np
 from mathutils import Vector
 
-from ..data import arrays
+from ..data import arrays, creation
 from ..data.feature_list import sync_features
 from ..data.registration import Registration
 from ..scene.feature_marks import mark
@@ -73,11 +73,31 @@ def _add(context, name, balls, tips, resolution, color):
     for polygon in mesh.polygons:
         polygon.use_smooth = True
     obj = bpy.data.objects.new(name, mesh)
-    context.collection.objects.link(obj)
+    creation.link(context, obj)
     for tip, place in tips.items():
         apart = np.linalg.norm(positions - np.array(place, np.float32), axis=1)
         mark(obj, tip, [int(np.argmin(apart))])
     return obj
+
+
+def _move_beside_others(context, added):
+    """Moves new objects along x until nothing stands in them, such as the default cube."""
+    context.view_layer.update()
+    least, most = _bounds(added)
+    others = [o for o in context.view_layer.objects if o not in added and o.visible_get()]
+    boxes = [_bounds([other]) for other in others if other.type in arrays.SHAPE_TYPES]
+    shift = np.zeros(3)
+    for low, high in sorted(boxes, key=lambda box: box[1][0]):
+        if (low < most + shift).all() and (least + shift < high).all():
+            shift[0] = high[0] + 0.5 - least[0]
+    for obj in added:
+        obj.location.x += shift[0]
+
+
+def _bounds(objects):
+    """(3,), (3,): the corners of the box around objects, in the world."""
+    corners = [obj.matrix_world @ Vector(corner) for obj in objects for corner in obj.bound_box]
+    return np.min(corners, axis=0), np.max(corners, axis=0)
 
 
 def _spotted(positions):
@@ -112,6 +132,7 @@ class POINTMORPH_OT_add_demo(Explained, bpy.types.Operator):
         source = _add(context, "Hound", *hound, 0.06, _dark_below)
         target = _add(context, "Giraffe", *giraffe, 0.075, _spotted)
         source.location.x, target.location.x = -1.4, 1.4
+        _move_beside_others(context, [source, target])
         settings = context.scene.pointmorph
         settings.source, settings.target = source, target
         sync_features(context.scene)
@@ -119,7 +140,9 @@ class POINTMORPH_OT_add_demo(Explained, bpy.types.Operator):
             feature.confidence = -1.0
         activate(context.view_layer.objects, source)
         if context.region_data is not None:
-            bpy.ops.view3d.view_all()
+            target.select_set(True)
+            bpy.ops.view3d.view_selected()
+            target.select_set(False)
         self.report({"INFO"}, "Press Morph in the sidebar (N), on the Pointmorph tab")
         return {"FINISHED"}
 

@@ -6,7 +6,8 @@ import pointmorph
 
 from ..core.features import PREFIX
 from ..data import arrays
-from ..data.feature_list import feature_names, named, sync_features
+from ..data.feature_list import feature_names, forget_choice, named, sync_features
+from ..data.references import find, reference_to
 from ..data.registration import Registration
 from ..scene import feature_marks, marked_points
 from ..scene.shape_reader import read_request
@@ -112,6 +113,7 @@ class POINTMORPH_OT_remove_feature(Explained, bpy.types.Operator):
         for obj in (settings.source, settings.target):
             feature_marks.unmark(obj, name)
         sync_features(context.scene)
+        forget_choice(settings, name)
         settings.active_feature = min(settings.active_feature, len(settings.features) - 1)
         return {"FINISHED"}
 
@@ -121,7 +123,7 @@ class POINTMORPH_OT_propose_features(Explained, Computing, bpy.types.Operator):
 
     bl_idname = "pointmorph.propose_features"
     bl_label = "Suggest Features"
-    bl_options = {"REGISTER", "UNDO"}
+    bl_options = {"UNDO"}
     stopped = "Search canceled"
 
     confidence: bpy.props.FloatProperty(
@@ -151,7 +153,7 @@ class POINTMORPH_OT_propose_features(Explained, Computing, bpy.types.Operator):
                 f"{shown} with modifiers",
                 "Apply or disable the modifiers that add or remove vertices.",
             )
-        self._names = request.source.name, request.target.name
+        self._shapes = [reference_to(settings.source), reference_to(settings.target)]
         self._taken = set(request.source.marks.weights) | set(request.target.marks.weights)
         return lambda progress: pointmorph.propose_features(
             request.source.cloud(),
@@ -163,7 +165,7 @@ class POINTMORPH_OT_propose_features(Explained, Computing, bpy.types.Operator):
 
     def _finish(self, context, proposals):
         settings = context.scene.pointmorph
-        objects = [context.scene.objects.get(name) for name in self._names]
+        objects = [find(context.scene.objects, shape) for shape in self._shapes]
         if None in objects or objects != [settings.source, settings.target]:
             self.report(
                 {"WARNING"},

@@ -172,7 +172,7 @@ class POINTMORPH_OT_show_cut(Explained, _Curves, bpy.types.Operator):
 
     bl_idname = "pointmorph.show_cut"
     bl_label = "Show Cut"
-    bl_options = {"REGISTER"}
+    bl_options = set()
 
     @staticmethod
     def reason(context):
@@ -203,7 +203,7 @@ class POINTMORPH_OT_propose_loop(Explained, _Curves, bpy.types.Operator):
 
     bl_idname = "pointmorph.propose_loop"
     bl_label = "Suggest Loop"
-    bl_options = {"REGISTER", "UNDO"}
+    bl_options = {"UNDO"}
 
     @staticmethod
     def reason(context):

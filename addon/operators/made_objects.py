@@ -7,17 +7,20 @@ from ..core import background_job
 from ..core.computation import Earlier
 from ..data import chains, creation
 from ..data.feature_list import sync_features
+from ..data.references import find, reference_to
 from ..data.registration import Registration
 from ..scene import (
     attribute_transfer,
     morph_object,
     morphing_mesh,
+    presentation,
     recipes,
     recomputation,
     shape_follower,
+    source_subdivision,
 )
 from .modal_operator import Computing
-from .polls import Explained, activate, active_result, busy_reason, fail, say_made
+from .polls import NO_RESULT, Explained, activate, active_result, busy_reason, fail, say_made
 
 
 def made_object(context):
@@ -74,7 +77,7 @@ class POINTMORPH_OT_recompute(Explained, Computing, bpy.types.Operator):
 
     bl_idname = "pointmorph.recompute"
     bl_label = "Recompute"
-    bl_options = {"REGISTER", "UNDO"}
+    bl_options = {"UNDO"}
     stopped = "Canceled: the morph is unchanged"
 
     @staticmethod
@@ -86,13 +89,13 @@ class POINTMORPH_OT_recompute(Explained, Computing, bpy.types.Operator):
         obj = made_object(context)
         if obj.pointmorph.keeps_faces and obj.pointmorph.made_from is not None:
             obj = obj.pointmorph.made_from  # it goes along
-        self._name = obj.name
+        self._name, self._made = obj.name, reference_to(obj)
         plan = self._plan = yield from recomputation.plan_steps(context, obj)
         earlier = background_job.earlier if self._in_window else None
         return lambda progress: chains.compute_all(plan.requests, progress, earlier)
 
     def _finish(self, context, outcome):
-        obj = bpy.data.objects.get(self._name)
+        obj = find(bpy.data.objects, self._made)
         if not morph_object.is_made(obj):
             raise pointmorph.CloudError(
                 self._name, "the object that is being recomputed", "none", "Undo the deletion."
@@ -154,9 +157,57 @@ class POINTMORPH_OT_follow(_OnPairs, bpy.types.Operator):
         return {"FINISHED"}
 
 
+class POINTMORPH_OT_show_as(Explained, bpy.types.Operator):
+    """Show the morph by the source's own faces, or as the points of both shapes. The slider and its
+    animation are the same"""
+
+    bl_idname = "pointmorph.show_as"
+    bl_label = "Show As"
+    bl_options = {"REGISTER", "UNDO"}
+
+    kind: bpy.props.EnumProperty(
+        name="Show As",
+        description="What shows the morph",
+        items=[
+            ("MESH", "Mesh", "The source's faces, with its materials, UV maps and modifiers"),
+            ("POINTS", "Points", "The points of both shapes, in the colors of both"),
+        ],
+    )
+
+    @staticmethod
+    def reason(context):
+        return busy_reason() or (NO_RESULT if active_result(context) is None else None)
+
+    def execute(self, context):
+        try:
+            seen = presentation.show_as(context, active_result(context), self.kind)
+        except pointmorph.PointmorphError as error:
+            return fail(self, error)
+        context.scene.pointmorph.show_as = self.kind
+        activate(context.view_layer.objects, seen)
+        return {"FINISHED"}
+
+
+class POINTMORPH_OT_show_shapes(Explained, bpy.types.Operator):
+    """Show or hide the objects that the morph was made from. They are hidden when it is made"""
+
+    bl_idname = "pointmorph.show_shapes"
+    bl_label = "Originals"
+    bl_options = {"REGISTER", "UNDO"}
+
+    @staticmethod
+    def reason(context):
+        return NO_RESULT if active_result(context) is None else None
+
+    def execute(self, context):
+        obj = active_result(context)
+        presentation.show_shapes(context, obj, not presentation.shows_shapes(obj))
+        return {"FINISHED"}
+
+
 class POINTMORPH_OT_make_mesh(_OnPairs, bpy.types.Operator):
     """Create a copy of the source that morphs, with its faces, materials, colors, UV maps, weights
-    and modifiers"""
+    and modifiers, and hide the points"""
 
     bl_idname = "pointmorph.make_mesh"
     bl_label = "Create Morphing Mesh"
@@ -164,9 +215,39 @@ class POINTMORPH_OT_make_mesh(_OnPairs, bpy.types.Operator):
 
     def change(self, context, obj):
         copy = morphing_mesh.make_mesh(context, obj)
+        presentation.hide(context, obj)  # in the same place
         activate(context.view_layer.objects, copy)
         source = obj.pointmorph.source.name
         self.report({"INFO"}, f'Created "{copy.name}" with the faces of "{source}"')
+        return {"FINISHED"}
+
+
+class POINTMORPH_OT_subdivide_source(Explained, bpy.types.Operator):
+    """Subdivide the source where its faces are too large to show the target. Its surface stays as
+    it is, and UV maps, weights, colors and shape keys go along. Recompute the morph afterwards"""
+
+    bl_idname = "pointmorph.subdivide_source"
+    bl_label = "Subdivide Source"
+    bl_options = {"REGISTER", "UNDO"}
+
+    @staticmethod
+    def reason(context):
+        return busy_reason() or (NO_RESULT if active_result(context) is None else None)
+
+    def execute(self, context):
+        obj = active_result(context)
+        try:
+            before, after = source_subdivision.subdivide(obj)
+        except pointmorph.PointmorphError as error:
+            return fail(self, error)
+        source = obj.pointmorph.source
+        if after == before:
+            self.report({"INFO"}, f'"{source.name}" already has enough vertices')
+            return {"CANCELLED"}
+        self.report(
+            {"INFO"},
+            f'"{source.name}" has {after:,} vertices instead of {before:,}: recompute the morph',
+        )
         return {"FINISHED"}
 
 
@@ -175,7 +256,7 @@ class POINTMORPH_OT_transfer_attributes(Explained, Computing, bpy.types.Operator
 
     bl_idname = "pointmorph.transfer_attributes"
     bl_label = "Transfer from Target"
-    bl_options = {"REGISTER", "UNDO"}
+    bl_options = {"UNDO"}
     stopped = "Canceled: nothing was transferred"
 
     @staticmethod
@@ -205,7 +286,7 @@ class POINTMORPH_OT_transfer_attributes(Explained, Computing, bpy.types.Operator
 
     def _begin_steps(self, context):
         obj = made_object(context)
-        self._name = obj.name
+        self._name, self._made = obj.name, reference_to(obj)
         wanted = self._wanted = attribute_transfer.Wanted(
             self.colors, self.weights, self.uvs, self.prefix
         )
@@ -215,7 +296,7 @@ class POINTMORPH_OT_transfer_attributes(Explained, Computing, bpy.types.Operator
         self._steps.close()
 
     def _finish(self, context, outcome):
-        obj = bpy.data.objects.get(self._name)
+        obj = find(bpy.data.objects, self._made)
         if not morph_object.is_made(obj):
             raise pointmorph.CloudError(
                 self._name, "the object to transfer to", "none", "Undo the deletion."
@@ -230,7 +311,10 @@ registration = Registration(
         POINTMORPH_OT_recompute,
         POINTMORPH_OT_edit_morph,
         POINTMORPH_OT_follow,
+        POINTMORPH_OT_show_as,
+        POINTMORPH_OT_show_shapes,
         POINTMORPH_OT_make_mesh,
+        POINTMORPH_OT_subdivide_source,
         POINTMORPH_OT_transfer_attributes,
     ),
 )

@@ -1,13 +1,17 @@
 """Operators that compute in a thread while Blender stays usable."""
 
+import contextlib
+import traceback
+
 import bpy
 import pointmorph
 
 from ..core import background_job
 from ..core.stepping import finish, go_on
 from ..data import areas
+from ..data.references import find, reference_to
 from ..data.registration import Registration
-from .polls import fail
+from .polls import fail, fail_unexpectedly
 
 _TURN = 0.04  # seconds of work at a time
 _REST = 0.01  # seconds at least between two turns
@@ -27,6 +31,9 @@ class Computing:
         if bpy.app.background:
             return self.execute(context)
         self._in_window = True
+        self._scene = reference_to(context.scene)
+        self._view_layer = context.view_layer.name
+        self._workspaces = set()
         self._steps = self._begin_steps(context)
         background_job.start()
         window_manager = context.window_manager
@@ -44,13 +51,15 @@ class Computing:
         if event.type != "TIMER":
             return {"PASS_THROUGH"}
         try:
-            if not background_job.current.begun and not background_job.current.cancelled:
-                self._read_on()
-            elif background_job.current.begun and not background_job.current.done:
-                self._meanwhile(context)
-            else:
-                return self._finish(context, self._end(context).result())
+            with self._where_it_began(context):
+                if not background_job.current.begun and not background_job.current.cancelled:
+                    self._read_on()
+                elif background_job.current.begun and not background_job.current.done:
+                    self._meanwhile(context)
+                else:
+                    return self._finish(context, self._end(context).result())
         except pointmorph.Cancelled:
+            self.cancel(context)
             self.report({"INFO"}, self.stopped)
             return {"CANCELLED"}
         except pointmorph.PointmorphError as error:
@@ -60,8 +69,30 @@ class Computing:
             self.cancel(context)
             self.report({"WARNING"}, "Something was deleted in the meantime: start again")
             return {"CANCELLED"}
+        except Exception as error:  # whatever it is, Blender must not stay busy
+            self.cancel(context)
+            traceback.print_exc()
+            return fail_unexpectedly(self, error)
         self._show_progress(context)
         return {"PASS_THROUGH"}
+
+    @contextlib.contextmanager
+    def _where_it_began(self, context):
+        """The context's scene is the one where the operator was started."""
+        scene = find(bpy.data.scenes, self._scene)
+        if scene is None:
+            raise pointmorph.CloudError(
+                "scene",
+                "the one where the morph began",
+                "none",
+                "Undo its deletion, or start again.",
+            )
+        if scene == context.scene:
+            yield
+            return
+        layer = scene.view_layers.get(self._view_layer) or scene.view_layers[0]
+        with context.temp_override(scene=scene, view_layer=layer):
+            yield
 
     def _begin_steps(self, context):
         yield
@@ -98,13 +129,16 @@ class Computing:
         text = progress_text()
         if text != self._said:  # to draw anew takes time
             self._said = text
+            self._workspaces.add(context.workspace.name)
             context.workspace.status_text_set(text + "   Esc: Cancel")
             areas.redraw_sidebars()
 
     def _end(self, context):
-        context.window_manager.event_timer_remove(self._timer)
-        context.workspace.status_text_set(None)
         job = background_job.finish()
+        context.window_manager.event_timer_remove(self._timer)
+        for name in self._workspaces:
+            if (workspace := bpy.data.workspaces.get(name)) is not None:
+                workspace.status_text_set(None)
         self._leave(context)
         areas.redraw_sidebars()
         return job

@@ -6,14 +6,16 @@ import bpy
 import numpy as np
 
 from ..core import background_job, preview, transforms
-from ..core.computation import Earlier, compute
+from ..core.computation import Earlier
+from ..data import chains
 from ..data.feature_list import feature_choices, sync_features
+from ..data.references import find, reference_to
 from ..data.registration import Registration
 from ..scene import morph_builder, morph_object, preview_object, recipes
 from ..scene.feature_marks import say_what_was_found
 from ..scene.shape_reader import read_request_steps
 from .modal_operator import Computing
-from .polls import Explained, activate, busy_reason, say_made, shapes_reason
+from .polls import Explained, busy_reason, present, shapes_reason
 
 
 class POINTMORPH_OT_morph(Explained, Computing, bpy.types.Operator):
@@ -21,7 +23,7 @@ class POINTMORPH_OT_morph(Explained, Computing, bpy.types.Operator):
 
     bl_idname = "pointmorph.morph"
     bl_label = "Morph"
-    bl_options = {"REGISTER", "UNDO"}
+    bl_options = {"UNDO"}
 
     @staticmethod
     def reason(context):
@@ -41,7 +43,7 @@ class POINTMORPH_OT_morph(Explained, Computing, bpy.types.Operator):
         def work(progress):
             if with_preview:
                 self._first_look.put(preview.compute(request, progress))
-            return compute(request, progress, earlier)
+            return chains.compute_all([request], progress, earlier)
 
         return work
 
@@ -58,12 +60,12 @@ class POINTMORPH_OT_morph(Explained, Computing, bpy.types.Operator):
 
     def _made_of(self, context):
         """What `morph_builder.build` needs besides the outcome."""
-        shapes = [context.scene.objects.get(name) for name in self._names]
+        shapes = [find(context.scene.objects, shape) for shape in self._shapes]
         provenance = morph_builder.Provenance(shapes, self._origin, self._source_matrix)
         return " to ".join(self._names), provenance
 
     def _read(self, context):
-        """The request. What _finish needs is kept by name: objects move in memory on undo."""
+        """The request. What _finish needs is kept by reference: objects move in memory on undo."""
         sync_features(context.scene)
         request = yield from read_request_steps(context)
         say_what_was_found(context.scene, request)
@@ -71,6 +73,7 @@ class POINTMORPH_OT_morph(Explained, Computing, bpy.types.Operator):
         self._origin = np.array(source.matrix_world.translation)
         self._source_matrix = transforms.relative_to(source.matrix_world, self._origin)
         self._names = request.source.name, request.target.name
+        self._shapes = [reference_to(source), reference_to(context.scene.pointmorph.target)]
         yield
         self._recipe = yield from recipes.take_down_steps(
             [source, context.scene.pointmorph.target],
@@ -85,9 +88,8 @@ class POINTMORPH_OT_morph(Explained, Computing, bpy.types.Operator):
             background_job.earlier = Earlier(self._request, outcome.maps)
         obj = morph_builder.build(context, outcome, *self._made_of(context))
         morph_object.morph_key(obj).value = self._value
-        activate(context.view_layer.objects, obj)
         recipes.remember(obj, self._recipe, outcome)
-        say_made(self, obj, outcome.report)
+        present(self, context, obj, outcome.report)
         return {"FINISHED"}
 
 

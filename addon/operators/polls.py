@@ -3,7 +3,7 @@
 import pointmorph
 
 from ..core import background_job
-from ..scene import morph_object
+from ..scene import morph_object, presentation
 
 NO_RESULT = "Morph first, or make a morph object the active object"
 
@@ -23,6 +23,15 @@ def fail(operator, error):
     place = next((place for kind, place in _PLACES if isinstance(error, kind)), "MORPH")
     background_job.problem = ("CUT" if error.subject == "loop" else place, str(error))
     operator.report({"ERROR"}, str(error))
+    return {"CANCELLED"}
+
+
+def fail_unexpectedly(operator, error):
+    """Tells the user about an error that no one thought of."""
+    text = f"{type(error).__name__}: {error}".rstrip(": ")
+    said = f"{operator.bl_label} failed. {text}. The system console has more"
+    background_job.problem = ("MORPH", said)
+    operator.report({"ERROR"}, said)
     return {"CANCELLED"}
 
 
@@ -50,11 +59,26 @@ def shapes_reason(context):
     for side, obj in (("source", settings.source), ("target", settings.target)):
         if obj is None:
             return f"Choose a {side} first"
-        if context.scene.objects.get(obj.name) != obj:
+        if not _is_in(context.scene, obj):
             return f'The {side} "{obj.name}" is no longer in the scene: choose another object'
     if settings.source == settings.target:
         return f'Source and target are both "{settings.source.name}": choose two objects'
     return None
+
+
+def _is_in(scene, obj):
+    # Only objects of other files share a name.
+    return scene.objects.get(obj.name) == obj or any(other == obj for other in scene.objects)
+
+
+def present(operator, context, obj, report):
+    """Shows a new morph object, and tells the user what came of it."""
+    forget_results()
+    shown, said = presentation.present(context, obj)
+    activate(context.view_layer.objects, shown)
+    for words in said:
+        operator.report({"WARNING"}, f"Shown as points. {words}")
+    say_made(operator, shown, report)
 
 
 def say_made(operator, obj, report):
@@ -66,18 +90,49 @@ def say_made(operator, obj, report):
 
 
 def active_result(context):
-    """The morph object that is meant: the active one, else the last one of source and target."""
+    """The morph object of points that is meant: the active one, or that of the active mesh,
+    else the last one of source and target."""
     active = context.view_layer.objects.active
     if morph_object.is_result(active):
         return active
-    settings = context.scene.pointmorph
-    found = None
-    if settings.source is not None:
-        for obj in context.scene.objects:
-            made_from = (obj.pointmorph.source, obj.pointmorph.target)
-            if made_from == (settings.source, settings.target) and morph_object.is_result(obj):
-                found = obj
-    return found
+    if active is not None and morph_object.is_result(active.pointmorph.made_from):
+        return active.pointmorph.made_from
+    return _last_result(context.scene)
+
+
+_found = {}
+"""By scene, source and target: how many objects there were, and the morph object's name or none."""
+
+
+def _last_result(scene):
+    """The last morph object of source and target. Panels ask at every redraw, and a scene may have
+    thousands of objects."""
+    settings = scene.pointmorph
+    if settings.source is None or settings.target is None:
+        return None
+    key = scene.session_uid, settings.source.session_uid, settings.target.session_uid
+    count, name = _found.get(key, (-1, ""))
+    known = scene.objects.get(name) if name else None
+    if count != len(scene.objects) or (name and not _is_of(known, settings)):
+        results = [obj for obj in scene.objects if _is_of(obj, settings)]
+        known = results[-1] if results else None
+        _found[key] = len(scene.objects), known.name if results else ""
+    return known
+
+
+def forget_results(*_):
+    """What was found before may not be so any more."""
+    _found.clear()
+
+
+def _is_of(obj, settings):
+    """Whether this is a morph object of the picked source and target."""
+    if obj is None or (obj.pointmorph.source, obj.pointmorph.target) != (
+        settings.source,
+        settings.target,
+    ):
+        return False
+    return morph_object.is_result(obj)
 
 
 def result_reason(context):

@@ -1,9 +1,10 @@
 """What the user does: morph, look at the quality."""
 
 import bpy
+from mathutils import Vector
 
 from ..data.registration import Registration
-from ..scene import morph_object, points_display, recipes
+from ..scene import morph_object, points_display, presentation, recipes
 from .polls import NO_RESULT, Explained, active_result
 
 
@@ -28,6 +29,8 @@ class POINTMORPH_OT_show_distortion(Explained, bpy.types.Operator):
         obj = active_result(context)
         show = not points_display.shows_distortion(obj)
         points_display.show_distortion(obj, show)
+        if show:  # colors the points
+            presentation.show_as(context, obj, presentation.POINTS)
         self._shade(context, obj.pointmorph, show)
         return {"FINISHED"}
 
@@ -46,6 +49,13 @@ class POINTMORPH_OT_show_distortion(Explained, bpy.types.Operator):
             space.shading.type = remembered.shading_before
 
 
+def _places(report, kind):
+    """The bad places of the map, or of the source's faces at the end."""
+    if report is None:
+        return []
+    return report["worst"] if kind == "MAP" else report.get("mesh", {}).get("worst", [])
+
+
 class POINTMORPH_OT_go_to_place(Explained, bpy.types.Operator):
     """Move the 3D cursor to a place where the morph is bad"""
 
@@ -56,6 +66,15 @@ class POINTMORPH_OT_go_to_place(Explained, bpy.types.Operator):
     index: bpy.props.IntProperty(
         name="Place", description="Which place to show. 0 is the worst", default=0, min=0, max=4
     )
+    kind: bpy.props.EnumProperty(
+        name="Kind",
+        description="What is bad there",
+        items=[
+            ("MAP", "Map", "Where the points of the morph are badly matched"),
+            ("MESH", "Mesh", "Where the source's own faces look bad at the end"),
+        ],
+        default="MAP",
+    )
 
     @staticmethod
     def reason(context):
@@ -63,13 +82,22 @@ class POINTMORPH_OT_go_to_place(Explained, bpy.types.Operator):
         if obj is None:
             return NO_RESULT
         report = recipes.report_of(obj)
-        return None if report and report["worst"] else "This morph has no bad places"
+        if _places(report, "MAP") or _places(report, "MESH"):
+            return None
+        return "This morph has no bad places"
 
     def execute(self, context):
         obj = active_result(context)
-        places = recipes.report_of(obj)["worst"]
+        places = _places(recipes.report_of(obj), self.kind)
+        if not places:
+            self.report({"INFO"}, "There are no bad places of this kind")
+            return {"CANCELLED"}
         place = places[min(self.index, len(places) - 1)]
-        context.scene.cursor.location = morph_object.world_position(obj, place["source"])
+        if self.kind == "MESH":
+            location = obj.matrix_world @ Vector(place["position"])
+        else:
+            location = morph_object.world_position(obj, place["source"])
+        context.scene.cursor.location = location
         self.report({"INFO"}, place["advice"])
         return {"FINISHED"}
 

@@ -8,13 +8,21 @@ import bpy
 import pointmorph
 import pointmorph.files
 
+from ..data import creation
 from . import frames_display
 
 _CACHE = "blendcache_"  # what Blender itself calls the folder
 
 
 def make_folder(path):
-    """The folder of that name, made when it isn't there. Raises FileError."""
+    """The folder of that name, made when it isn't there. Raises FileError, OptionError."""
+    if path.startswith("//") and not bpy.data.filepath:
+        raise pointmorph.OptionError(
+            "directory",
+            "a folder beside the saved file",
+            f"{path}, while the file has never been saved",
+            "Save the file, or choose another folder.",
+        )
     folder = Path(bpy.path.abspath(path))
     pointmorph.files.make_folder(folder)
     return folder
@@ -106,7 +114,7 @@ def _shown_alone(context, player, plan, as_vertices):
     selected = [o for o in context.view_layer.objects if o.select_get()]
     shown = frames_display.frames_as_vertices(player) if as_vertices else player
     if shown is not player:
-        context.collection.objects.link(shown)
+        creation.link(context, shown)
     try:
         for other in selected:
             other.select_set(False)

@@ -84,7 +84,7 @@ def build(context, name, matrix, plan, frames, content):
         created(player)
         player.matrix_world = matrix
         frames_display.add_frames_modifier(player, collection, plan, created)
-        context.collection.objects.link(player)
+        creation.link(context, player)
     return player
 
 

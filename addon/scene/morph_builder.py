@@ -48,7 +48,7 @@ def build(context, outcome, name, provenance):
         )
         obj.active_shape_key_index = 1
         points_display.add_points_modifier(obj, key, created, morph_object.stages(obj))
-        context.collection.objects.link(obj)
+        creation.link(context, obj)
     return obj
 
 
@@ -80,6 +80,7 @@ def write_pairs(obj, outcome):
         arrays.write_attribute(mesh, f"{stage}_radius", end.radii)
     arrays.activate_colors(mesh, attribute_names.COLOR)
     arrays.write_attribute(mesh, "landing", outcome.landing[outcome.source.rows])
+    arrays.write_attribute(mesh, "source_onward", outcome.maps[0][outcome.source.rows])
     arrays.write_attribute(mesh, "target_landing", outcome.maps[1][outcome.target.rows])
     for number, landing in enumerate(outcome.stops, 1):
         arrays.write_attribute(mesh, f"landing{number}", landing[outcome.source.rows])

@@ -28,6 +28,12 @@ def is_made(obj):
     return is_result(obj) or (obj is not None and obj.pointmorph.keeps_faces)
 
 
+def shown_of(obj):
+    """What shows a morph object of points: the mesh that was made for it, or itself."""
+    mesh = obj.pointmorph.mesh
+    return mesh if recipes.is_there(mesh) and mesh.pointmorph.made_from == obj else obj
+
+
 def morph_key(obj):
     """The shape key of a morph object that makes it the target."""
     keys = obj.data.shape_keys
@@ -116,7 +122,7 @@ def positions_at(obj, t):
 
 def world_position(obj, source_row):
     """Where a morph object shows a row of the source at the present value of its key."""
-    value = morph_key(obj).value
+    value = t_key(shown_of(obj)).value
     rows = np.flatnonzero(arrays.read_rows(obj.data, "source_row") == source_row)
     if not rows.size:
         raise pointmorph.CloudError(
@@ -165,7 +171,9 @@ def map_names(obj):
     """For each way from a shape to the next: the attributes that hold where the points of either
     land on the other."""
     between = stages(obj)[1:-1]
-    onward = ["landing1" if between else "landing", *(f"{stage}_onward" for stage in between)]
+    onward = [f"{stage}_onward" for stage in ("source", *between)]
+    if onward[0] not in obj.data.attributes:  # made by an earlier version
+        onward[0] = "landing1" if between else "landing"
     back = [*(f"{stage}_back" for stage in between), "target_landing"]
     return list(zip(onward, back, strict=True))
 
@@ -183,4 +191,4 @@ def landings(obj):
 
 def stage_names(obj):
     """Names of the shapes of a morph object, in order; what is missing has another."""
-    return [KEY if shape is None else shape.name for shape in recipes.shapes_of(obj)]
+    return [KEY if shape is None else shape.name for shape in recipes.pointers_of(obj)]

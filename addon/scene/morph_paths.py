@@ -5,7 +5,7 @@ import pointmorph
 
 from ..core import transforms
 from ..data import arrays
-from . import morph_object
+from . import morph_object, recipes
 
 
 def way(obj, path):
@@ -50,7 +50,7 @@ def source_ways(obj):
     CloudError
         When the source is gone, can't hold shape keys, or isn't what was morphed any more.
     """
-    source = obj.pointmorph.source
+    source = recipes.shapes_of(obj)[0]
     if source is None:
         raise pointmorph.CloudError(
             obj.name,

@@ -35,9 +35,10 @@ def make_mesh(context, obj):
         created(copy)
         copy.data = mesh
         copy.pointmorph.recipe = ""  # of a source that morphs itself
+        copy.pointmorph.mesh = None
         copy.name = mesh.name = f"{obj.name} Mesh"
         copy.hide_render = False
-        context.collection.objects.link(copy)
+        creation.link(context, copy)
         _know(copy, obj)
         if mesh.shape_keys is None:
             copy.shape_key_add(name="Basis", from_mix=False)
@@ -56,7 +57,7 @@ def _own_places(source, places, back):
 
 def _know(copy, obj):
     """Makes the copy remember what the morph object does."""
-    morph_builder.link(copy, recipes.shapes_of(obj), morph_object.source_matrix_of(obj))
+    morph_builder.link(copy, recipes.pointers_of(obj), morph_object.source_matrix_of(obj))
     recipes.share_recipe(copy, obj)
     copy.pointmorph.keeps_faces = True
     copy.pointmorph.made_from = obj
@@ -124,7 +125,7 @@ def remake(context, obj, plan, outcome):
                 except pointmorph.PointmorphError as error:
                     said.append(f'"{copy.name}" was left unchanged. {error}')
         return said + attribute_transfer.again(context, obj)
-    provenance = plan.provenance(recipes.shapes_of(obj))
+    provenance = plan.provenance(recipes.pointers_of(obj))
     pairs = morph_builder.build(context, outcome, obj.name, provenance)
     try:
         recipes.remember(pairs, plan.recipe, outcome)

@@ -41,6 +41,11 @@ class PointmorphObject(bpy.types.PropertyGroup):
         description="Morph object that this mesh was made from",
         type=bpy.types.Object,
     )
+    mesh: bpy.props.PointerProperty(
+        name="Mesh",
+        description="The source's faces, which show this morph in place of its points",
+        type=bpy.types.Object,
+    )
     keeps_faces: bpy.props.BoolProperty(
         name="Keeps Faces", description="This is a copy of the source mesh that morphs"
     )
@@ -52,6 +57,15 @@ class PointmorphObject(bpy.types.PropertyGroup):
         name="Recipe",
         description="Everything needed to compute the morph again and to tell whether it is out of "
         "date, as JSON",
+    )
+    faces: bpy.props.StringProperty(
+        name="Faces",
+        description="Triangles of the shapes, packed, to compute the morph again when an object is "
+        "gone",
+    )
+    too_fine: bpy.props.StringProperty(
+        name="Too Fine",
+        description="Name of a shape that the source has too few vertices to show",
     )
     baked: bpy.props.StringProperty(
         name="Baked", description="t and path of the shape keys baked here, as JSON"

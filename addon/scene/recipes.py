@@ -7,12 +7,13 @@ about: the settings, what the features were, and of every shape a fingerprint of
 import hashlib
 import json
 from dataclasses import asdict, astuple, fields
+from functools import lru_cache
 
 import bpy
 import numpy as np
 import pointmorph
 
-from ..core import transforms
+from ..core import packing, transforms
 from ..core.features import PREFIX, Choice
 from ..core.settings import by_hand
 from ..data import arrays
@@ -47,8 +48,21 @@ _OWN = ("keys", "transferred")
 
 def shapes_of(obj):
     """The objects that a morph object was made from, in order; None for what is gone."""
+    return [shape if is_there(shape) else None for shape in pointers_of(obj)]
+
+
+def pointers_of(obj):
+    """The same, with what was deleted in the viewport: it is kept by the pointer to it."""
     data = obj.pointmorph
     return [data.source, *(item.object for item in data.via), data.target]
+
+
+def is_there(obj):
+    """Whether an object, or None, is in a scene or a collection."""
+    if obj is None:
+        return False
+    # Panels ask at every redraw. The last way is slow, and needed only for equal names.
+    return bpy.context.scene.objects.get(obj.name) == obj or bool(obj.users_collection)
 
 
 def is_moving(obj):
@@ -200,13 +214,21 @@ def remember(obj, recipe, outcome):
     recipe = {
         **recipe,
         **{key: kept[key] for key in _OWN if key in kept},
-        "boundaries": [
-            None if rows is None else np.asarray(rows).tolist() for rows in outcome.boundaries
-        ],
         "points": [int(end.rows.max()) + 1 for end in outcome.ends],
     }
     obj.pointmorph.recipe = json.dumps(recipe)
     obj.pointmorph.report = json.dumps(outcome.report)
+    obj.pointmorph.faces = json.dumps(outcome.faces)
+    obj.pointmorph.too_fine = next(iter(outcome.report["too_fine"]), "")
+
+
+def faces_of(obj):
+    """The triangles of every shape of a morph object, in order; None where it had none, or an
+    earlier version made it."""
+    if not obj.pointmorph.faces:
+        return [None] * (len(obj.pointmorph.via) + 2)
+    packed = json.loads(obj.pointmorph.faces)
+    return [None if text is None else packing.unpack(text).reshape(-1, 3) for text in packed]
 
 
 def share_recipe(copy, obj):
@@ -224,10 +246,7 @@ def note(obj, name, value):
 
 def recipe_of(obj):
     """The recipe of a morph object; empty for one of an earlier version."""
-    try:
-        return json.loads(obj.pointmorph.recipe)
-    except ValueError:
-        return {}
+    return _parsed(obj.pointmorph.recipe) or {}
 
 
 def is_known(recipe):
@@ -253,8 +272,14 @@ def put_settings(settings, recipe):
 
 def report_of(obj):
     """What a morph object remembers of `Morph.report`; None when it's of an earlier version."""
+    report = _parsed(obj.pointmorph.report)
+    return report if report and "quality" in report else None
+
+
+@lru_cache(maxsize=32)  # the panel asks at every redraw
+def _parsed(text):
+    """What JSON says, to be read only; None where it isn't JSON."""
     try:
-        report = json.loads(obj.pointmorph.report)
+        return json.loads(text)
     except ValueError:
         return None
-    return report if "quality" in report else None

@@ -9,34 +9,12 @@ import numpy as np
 import pointmorph
 
 from ..core import transforms
-from ..core.computation import Request
-from ..core.features import Choice, match
+from ..core.computation import Request, Shape
+from ..core.features import Choice, Marks, match
 from ..core.settings import settings_values
 from ..data.feature_list import feature_choices
 from . import morph_builder, morph_object, recipes, staleness
 from .shape_reader import present_steps, read_shape_steps, update
-
-
-@dataclass(frozen=True)
-class Remembered:
-    """A shape as the morph object holds it, in place of a `computation.Shape`."""
-
-    name: str
-    positions: np.ndarray
-    normals: np.ndarray
-    colors: np.ndarray
-    radii: np.ndarray
-    boundary: list | None
-
-    def cloud(self):
-        return pointmorph.Cloud(
-            self.positions,
-            self.normals,
-            self.colors,
-            self.radii,
-            name=self.name,
-            boundary=self.boundary,
-        )
 
 
 @dataclass(frozen=True)
@@ -126,10 +104,19 @@ def _plan_from_itself(obj, recipe, values, loop, missing):
         morph_object.stage_rows(obj),
         strict=True,
     )
+    faces = recipes.faces_of(obj)
+    # Earlier versions kept the boundary in place of the faces.
+    boundaries = recipe.get("boundaries", [None] * len(faces))
     read = [
-        Remembered(known["name"], **morph_object.read_stage(obj, *stage), boundary=boundary)
-        for known, stage, boundary in zip(
-            recipe["shapes"], stages, recipe["boundaries"], strict=True
+        Shape(
+            known["name"],
+            **morph_object.read_stage(obj, *stage),
+            triangles=triangles,
+            marks=Marks("none"),
+            boundary=boundary,
+        )
+        for known, stage, triangles, boundary in zip(
+            recipe["shapes"], stages, faces, boundaries, strict=True
         )
     ]
     requests = [
@@ -180,7 +167,7 @@ def apply(obj, plan, outcome):
     """
     before = recipes.recipe_of(obj).get("origin")
     lost = morph_builder.rebuild(obj, outcome)
-    shapes = recipes.shapes_of(obj)
+    shapes = recipes.pointers_of(obj)
     for user in users_of(obj):
         morph_builder.link(user, shapes, plan.source_matrix)
         recipes.remember(user, plan.recipe, outcome)

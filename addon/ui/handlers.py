@@ -5,6 +5,7 @@ import bpy
 from ..core import background_job
 from ..data.feature_list import sync_features
 from ..data.registration import Registration
+from ..operators import polls
 from ..scene import preview_object
 from ..view import cut_curves
 
@@ -30,5 +31,6 @@ registration = Registration(
         ("depsgraph_update_post", _sync),
         *((event, _sync) for event in _OTHER_STATES),
         *((event, _start_anew) for event in _OTHER_STATES),
+        *((event, polls.forget_results) for event in _OTHER_STATES),
     ),
 )

@@ -55,11 +55,17 @@ class POINTMORPH_PT_morph_object(Panel, bpy.types.Panel):
                 "pointmorph.follow", depress=obj.pointmorph.follows, icon="CON_FOLLOWTRACK"
             )
             layout.operator("pointmorph.make_mesh", icon="MESH_DATA")
-        elif obj.data.shape_keys is not None:
+        elif obj.pointmorph.made_from is None and obj.data.shape_keys is not None:
             key = obj.data.shape_keys.key_blocks.get(morph_object.morph_keys(obj)[0])
             if key is not None:
                 layout.prop(key, "value", text="Morph", slider=True)
-        layout.operator("pointmorph.transfer_attributes", icon="MOD_DATA_TRANSFER")
+        settings = context.scene.pointmorph
+        column = layout.column(align=True)
+        button = column.operator("pointmorph.transfer_attributes", icon="MOD_DATA_TRANSFER")
+        row = column.row(align=True)
+        for what in ("colors", "weights", "uvs"):
+            row.prop(settings, f"transfer_{what}", toggle=True)
+            setattr(button, what, getattr(settings, f"transfer_{what}"))
 
     def _draw_state(self, context, obj):
         known = staleness_watch.known_state(obj)

@@ -9,7 +9,7 @@ from ..data import frame_formats
 from ..data.frame_settings import copy_frame_settings
 from ..data.registration import Registration
 from ..operators import clicks, modal_operator, polls
-from ..scene import marked_points, morph_object, points_display, recipes
+from ..scene import marked_points, morph_object, points_display, presentation, recipes
 from ..view import cut_curves
 from .panel import Panel, draw_problem, fields, say
 
@@ -125,7 +125,9 @@ class POINTMORPH_PT_features(Panel, bpy.types.Panel):
             say(layout, context, missing, "ERROR")
         row = layout.row(align=True)
         row.operator("pointmorph.pair_features")
-        row.operator("pointmorph.propose_features")
+        suggest = row.operator("pointmorph.propose_features")
+        suggest.confidence = settings.suggest_confidence
+        suggest.places = settings.suggest_places
         draw_problem(layout, context, "FEATURES")
 
     @staticmethod
@@ -165,6 +167,9 @@ class POINTMORPH_PT_feature(bpy.types.Panel):
                 "pointmorph.click_features", text="Move by Clicking", icon="RESTRICT_SELECT_OFF"
             ).name = item.name
         layout.operator("pointmorph.check_features", icon="VIEWZOOM")
+        layout.separator()
+        layout.prop(settings, "suggest_confidence")
+        layout.prop(settings, "suggest_places")
 
 
 # --- Cut and domain -------------------------------------------------------------------------------
@@ -253,18 +258,36 @@ class POINTMORPH_PT_result(Panel, bpy.types.Panel):
     def draw(self, context):
         layout = self.layout
         obj = polls.active_result(context)
-        layout.label(text=obj.name, icon="OBJECT_DATA")
+        shown = morph_object.shown_of(obj)
+        layout.label(text=shown.name, icon="OBJECT_DATA")
         if obj.pointmorph.is_preview:
             layout.label(text="Preview: computing the full morph", icon="INFO")
-        keys = obj.data.shape_keys
-        if keys is not None and morph_object.KEY in keys.key_blocks:
+        keys, name = shown.data.shape_keys, morph_object.morph_keys(shown)[0]
+        if keys is not None and name in keys.key_blocks:
             row = layout.row()
             row.scale_y = 1.3
-            row.prop(keys.key_blocks[morph_object.KEY], "value", text="Morph", slider=True)
+            row.prop(keys.key_blocks[name], "value", text="Morph", slider=True)
+        self._draw_shown_as(layout, obj)
         layout.operator(
             "pointmorph.show_distortion",
             icon="COLOR",
             depress=points_display.shows_distortion(obj),
+        )
+        if obj.pointmorph.too_fine:
+            say(layout, context, f'Too few vertices to show "{obj.pointmorph.too_fine}"', "INFO")
+            layout.operator("pointmorph.subdivide_source", icon="MOD_SUBSURF")
+
+    @staticmethod
+    def _draw_shown_as(layout, obj):
+        row = layout.row(align=True)
+        now = presentation.kind_of(obj)
+        if now == presentation.MESH or presentation.has_faces(obj):
+            for kind, text in ((presentation.MESH, "Mesh"), (presentation.POINTS, "Points")):
+                button = row.operator("pointmorph.show_as", text=text, depress=kind == now)
+                button.kind = kind
+        visible = presentation.shows_shapes(obj)
+        row.operator(
+            "pointmorph.show_shapes", icon="HIDE_OFF" if visible else "HIDE_ON", depress=visible
         )
 
 
@@ -286,12 +309,25 @@ class POINTMORPH_PT_quality(Panel, bpy.types.Panel):
             row = box.split(factor=0.35)
             row.label(text=name)
             row.label(text=value)
-        if not report["worst"]:
+        mesh = report.get("mesh")
+        if not report["worst"] and not (mesh and mesh["worst"]):
             layout.label(text="No bad places", icon="CHECKMARK")
-        for index, place in enumerate(report["worst"]):
-            row = layout.box().row()
-            say(row, context, place["advice"], "BLANK1", beside=30)
-            row.operator("pointmorph.go_to_place", text="", icon="PIVOT_CURSOR").index = index
+        _draw_places(layout, context, "MAP", report["worst"])
+        if mesh is not None:
+            icon = {"good": "CHECKMARK", "fair": "INFO"}.get(mesh["grade"], "ERROR")
+            say(layout, context, mesh["verdict"], icon)
+            _draw_places(layout, context, "MESH", mesh["worst"])
+            if any(place["flaw"] == "uncovered" for place in mesh["worst"]):
+                layout.operator("pointmorph.subdivide_source", icon="MOD_SUBSURF")
+
+
+def _draw_places(layout, context, kind, places):
+    """What is wrong at bad places, and buttons to go there; see the operator."""
+    for index, place in enumerate(places):
+        row = layout.box().row()
+        say(row, context, place["advice"], "BLANK1", beside=30)
+        button = row.operator("pointmorph.go_to_place", text="", icon="PIVOT_CURSOR")
+        button.kind, button.index = kind, index
 
 
 # --- Bake -----------------------------------------------------------------------------------------

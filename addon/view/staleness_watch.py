@@ -81,7 +81,7 @@ def _note_changes(scene, depsgraph):
         _changed_at = time.monotonic()
     for name in list(_prints):
         obj = bpy.data.objects.get(name)
-        shapes = [] if obj is None else [s for s in recipes.shapes_of(obj) if s is not None]
+        shapes = [] if obj is None else [s for s in recipes.pointers_of(obj) if s is not None]
         if obj is None or not changed.isdisjoint([*shapes, *(s.data for s in shapes)]):
             del _prints[name]
             _changed_at = time.monotonic()

@@ -17,6 +17,13 @@ import scenes
 MODULE = installing.install()
 
 
+def pytest_collection_modifyitems(items):
+    if reason := os.environ.get("POINTMORPH_NO_RENDERING"):
+        for item in items:
+            if item.get_closest_marker("renders"):
+                item.add_marker(pytest.mark.skip(reason=reason))
+
+
 @pytest.fixture(scope="session")
 def module():
     """Name of the add-on's module."""
@@ -31,8 +38,9 @@ def addon(module):
 
 @pytest.fixture(autouse=True)
 def settings(module):
-    """`scene.pointmorph` of an empty scene."""
+    """`scene.pointmorph` of an empty scene, where a morph is shown as its points."""
     bpy.ops.wm.read_homefile(use_empty=True)
+    bpy.context.scene.pointmorph.show_as = "POINTS"
     return bpy.context.scene.pointmorph
 
 

@@ -70,9 +70,9 @@ def pair(source_side=12, target_side=10, domain="disk"):
 def torn_pair():
     """A sheet, and the same with its right half drifted away, picked as source and target: frames
     between the ends have a crack."""
-    positions, faces = patch(24, bump=0.0)
+    positions, _ = patch(24, bump=0.0)
     apart = positions + np.where(positions[:, :1] > 0, [[0.6, 0, 0]], 0.0).astype(np.float32)
-    source, target = add_mesh("Whole", positions, faces), add_mesh("Torn", apart)
+    source, target = add_mesh("Whole", positions), add_mesh("Torn", apart)
     for number in range(0, len(positions), 40):
         for obj in (source, target):
             add_group(obj, f"pm.{number}", {number: 1.0})
@@ -119,6 +119,12 @@ def read(collection, key, width, dtype=np.float32):
 def coordinates(points):
     """(N, 3): `co` of vertices, or of a shape key's data."""
     return read(points, "co", 3)
+
+
+def triangles(mesh):
+    """(F, 3): a mesh's faces as Blender cuts them."""
+    mesh.calc_loop_triangles()
+    return read(mesh.loop_triangles, "vertices", 3, np.int32)
 
 
 def attribute(geometry, name):

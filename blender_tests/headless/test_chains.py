@@ -165,8 +165,10 @@ def test_join_pairs(addon):
 
 
 def test_report_and_quality(settings):
+    settings.method = "paper"
     for obj, x in zip(shapes(3), (-0.6, 0.6, -0.6), strict=True):
         mark(obj, "wrong", x, -0.7)  # on the wrong side of the one between
+        mark(obj, "too", -x, 0.7)
     obj = chain()
     report = json.loads(obj.pointmorph.report)
     assert set(report["ways"]) == {"Hill to Dune", "Dune to Fell"}

@@ -49,6 +49,26 @@ def test_the_list_follows_the_objects(settings):
     assert listed(settings) == [("slope", True, False)]
 
 
+def test_what_was_chosen_for_features_waits_for_their_object(settings):
+    source, target = pair()
+    other = add_mesh("Other", *patch(8))
+    listed(settings)
+    peak = settings.features["peak"]
+    peak.kind, peak.hold, peak.weight, peak.use = "REGION", "SOFT", 0.25, False
+    settings.source = settings.target = other
+    assert listed(settings) == []
+    settings.source, settings.target = source, target
+    assert listed(settings) == [("peak", True, True), ("slope", True, True)]
+    peak = settings.features["peak"]
+    assert (peak.kind, peak.hold, peak.weight, peak.use) == ("REGION", "SOFT", 0.25, False)
+    assert settings.features["slope"].kind == "AUTO"
+
+    bpy.ops.pointmorph.remove_feature(name="peak")
+    mark(source, "peak", 0, 0)
+    listed(settings)
+    assert settings.features["peak"].kind == "AUTO"
+
+
 def test_the_list_survives_save_and_load(settings, tmp_path):
     pair()
     assert listed(settings)

@@ -6,6 +6,7 @@ import bpy
 import numpy as np
 import pytest
 import scenes
+from mathutils import Vector
 
 pytestmark = pytest.mark.interface
 
@@ -36,6 +37,19 @@ def test_a_second_demo_stands_beside_the_first(settings):
     bpy.ops.pointmorph.add_demo()
     bpy.ops.pointmorph.add_demo()
     assert settings.source.name == "Hound.001"
+
+
+def test_the_demo_stands_clear_of_what_is_there(settings):
+    bpy.ops.mesh.primitive_cube_add()
+    cube = bpy.context.object
+    bpy.ops.pointmorph.add_demo()
+    bpy.context.view_layer.update()
+
+    def span(obj):
+        return [sorted((obj.matrix_world @ Vector(c)).x for c in obj.bound_box)[k] for k in (0, -1)]
+
+    assert span(settings.source)[0] > span(cube)[1]
+    assert span(settings.target)[0] > span(settings.source)[1]
 
 
 def test_the_demo_is_in_the_menu():

@@ -270,6 +270,12 @@ def test_faces_beside_ply_points_and_without_the_library(torn, tmp_path, monkeyp
     assert data_blocks() == before
 
 
+def test_a_folder_beside_a_file_that_was_never_saved_is_refused(torn):
+    assert not bpy.data.filepath
+    with pytest.raises(RuntimeError, match="Save the file, or choose another folder"):
+        bake(step=8, format="PLY", directory="//frames")
+
+
 def test_a_file_that_cannot_be_written_leaves_the_frames_for_another_try(torn, tmp_path):
     kind = next((kind for kind in FILES if can_write(kind, faces=False)), None)
     if kind is None:

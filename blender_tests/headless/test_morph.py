@@ -25,6 +25,7 @@ from scenes import (
     row_at,
     row_pairs,
     select,
+    triangles,
 )
 
 pytestmark = pytest.mark.interface
@@ -90,11 +91,12 @@ def test_the_library_gives_the_same_pairs(settings):
     clouds = []
     for shape in objects:
         mesh = shape.data
-        faces = [list(polygon.vertices) for polygon in mesh.polygons]
+        faces = triangles(mesh)
         clouds.append(
             pointmorph.Cloud(
                 coordinates(mesh.vertices),
                 np.array([v.normal for v in mesh.vertices], np.float32),
+                faces=faces,
                 name=shape.name,
                 boundary=pointmorph.meshes.boundary_loops(faces, len(mesh.vertices))[0],
             )
@@ -105,9 +107,13 @@ def test_the_library_gives_the_same_pairs(settings):
     }
     expected = pointmorph.morph(*clouds, features)
     assert np.array_equal(row_pairs(obj), expected.pairs)
-    np.testing.assert_allclose(
-        attribute(obj.data, "landing"), expected.source_to_target[expected.pairs[:, 0]], atol=1e-6
-    )
+    for name, side, expected_ends in (
+        ("landing", 0, expected.wrapped()),
+        ("source_onward", 0, expected.source_to_target),
+        ("target_landing", 1, expected.target_to_source),
+    ):
+        by_pair = expected_ends[expected.pairs[:, side]]
+        np.testing.assert_allclose(attribute(obj.data, name), by_pair, atol=1e-6)
     for t, side in ((0, "source"), (1, "target")):
         frame = expected.frame(t)
         assert np.array_equal(attribute(obj.data, f"{side}_radius"), frame.radii)

@@ -18,6 +18,7 @@ from scenes import (
     pair,
     read,
     select,
+    triangles,
 )
 
 
@@ -50,6 +51,7 @@ def test_the_attribute_is_the_worse_end_of_every_pair(settings):
         pointmorph.Cloud(
             read(shape.data.vertices, "co", 3),
             np.array([v.normal for v in shape.data.vertices], np.float32),
+            faces=triangles(shape.data),
         )
         for shape in objects
     ]
@@ -162,7 +164,7 @@ def test_reasons_why_not(settings):
             getattr(bpy.ops.pointmorph, operator)()
     obj = morph()
     report = json.loads(obj.pointmorph.report)
-    obj.pointmorph.report = json.dumps({**report, "worst": []})
+    obj.pointmorph.report = json.dumps({**report, "worst": [], "mesh": {"worst": []}})
     with pytest.raises(RuntimeError, match="no bad places"):
         bpy.ops.pointmorph.go_to_place()
     obj.pointmorph.report = ""  # of an earlier version

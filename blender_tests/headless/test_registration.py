@@ -38,8 +38,11 @@ OPERATORS = (
     "remove_loop_feature",
     "show_cut",
     "swap_objects",
+    "show_as",
     "show_distortion",
+    "show_shapes",
     "go_to_place",
+    "subdivide_source",
 )
 # Each click is undone by itself; the others change nothing in the file.
 UNDO_STEPS_OF_THEIR_OWN = ("click_features", "manual", "show_cut")

@@ -31,7 +31,9 @@ class Window:
     found by hovering, so that a new row in a panel doesn't move them from under the mouse.
     """
 
-    def __init__(self, display, environment, output, folder):
+    _places = {}  # buttons lie at much the same place in the next Blender
+
+    def __init__(self, display, environment, output, folder, has_addon=True):
         self._environment = {**environment, "DISPLAY": display}
         self._output = output
         path = str(folder / "control")
@@ -50,7 +52,12 @@ class Window:
         server.close()
         self._connection.settimeout(PATIENCE)
         self._received = b""
-        self._places, self._headers = {}, {}
+        self._headers = {}
+        if has_addon:
+            self.start()
+
+    def start(self):
+        """An empty scene; what the tests call things in Blender."""
         self.run(START)
         self.redraw()
 
@@ -184,16 +191,19 @@ class Window:
     def find(self, what):
         """Position of the button of which `what` is a part of the call or path."""
         self.rest()
-        for call, known in self._places.items():
-            if what in call and what in self.under(known):
-                return known
+        known = [place for call, place in self._places.items() if what in call]
+        for place in known:
+            if what in self.under(place):
+                return place
         left, top, right, bottom = self.sidebar()
         over = (left + right) // 2, (top + bottom) // 2
+        near_x, near_y = known[-1] if known else (right - 50, top)
+        columns = sorted((right - 50, left + 60, right - 18), key=lambda x: abs(x - near_x))
         for page in range(3):
             up, down = 4, 5  # buttons of the mouse
             self._scroll(over, *((down, 15) if page else (up, 40)))
-            for x in (right - 50, left + 60, right - 18):
-                rows = self._hover_down(x, top + 8, bottom - 4, what)
+            for x in columns:
+                rows = self._hover_down(x, top + 8, bottom - 4, what, near_y)
                 self._places.update({call: (x, y) for y, call in rows if call})
                 # A busy Blender may have been a row behind the mouse.
                 for y, _ in rows[:-3:-1] if rows and what in rows[-1][1] else ():
@@ -201,13 +211,13 @@ class Window:
                         return x, y
         raise AssertionError(f"no button in the sidebar is {what}: {sorted(self._places)}")
 
-    def _hover_down(self, x, top, bottom, what=None):
-        """What lies under the mouse on its way down: (y, call or path or nothing) by row.
+    def _hover_down(self, x, top, bottom, what=None, near=0):
+        """What lies under the mouse in a column: (y, call or path or nothing) by row.
 
-        Ends where `what` is a part of the call or path.
+        Begins at the row `near`; ends where `what` is a part of the call or path.
         """
         self.redraw()
-        self.run(f"hover_down({x}, {top}, {bottom}, {what!r})")
+        self.run(f"hover_down({x}, {top}, {bottom}, {what!r}, {near})")
         self.wait("hovering is None")
         return [(y, call) for y, call in self.ask("calls")]
 
@@ -252,6 +262,11 @@ class Window:
         """A picture of the window in the output folder; returns its path."""
         self.redraw()
         self.redraw()
+        return self.picture(name)
+
+    def picture(self, name):
+        """The same of whatever is drawn at the moment."""
+        self.settle()
         path = self._output / f"{name}.png"
         subprocess.run(["import", "-window", "root", str(path)], env=self._environment, check=True)
         return path
@@ -286,6 +301,7 @@ for kind in (
 for name in bpy.context.scene.pointmorph.bl_rna.properties.keys():
     if name not in ("rna_type", "name"):
         bpy.context.scene.pointmorph.property_unset(name)
+bpy.context.scene.pointmorph.show_as = "POINTS"
 bpy.context.scene.frame_start, bpy.context.scene.frame_end = 1, 250
 bpy.context.scene.frame_set(1)
 window = bpy.context.window_manager.windows[0]
@@ -340,11 +356,12 @@ def hovered():
             return ""
     return window_manager.clipboard
 
-def hover_down(x, top, bottom, what):
+def hover_down(x, top, bottom, what, near):
     # Moves the mouse from row to row, and notes in calls what lies there.
     global hovering, calls
     calls = []
-    places = iter(range(top, bottom, 12))  # rows are 20 high, some buttons less
+    rows = range(top, bottom, 12)  # rows are 20 high, some buttons less
+    places = iter(sorted(rows, key=lambda y: abs(y - near)))
     hovering = next(places)
 
     def step():
@@ -384,15 +401,21 @@ def output():
     return folder
 
 
-@pytest.fixture(scope="session")
-def environment(tmp_path_factory):
-    """For a Blender in which the add-on is installed and enabled."""
+def user_environment(folder):
+    """For a Blender whose user has never started it before."""
     missing = [program for program in (*PROGRAMS, BLENDER) if shutil.which(program) is None]
     if missing:
         pytest.skip(f"needs {', '.join(missing)}")
-    folder = tmp_path_factory.mktemp("user")
     environment = {**os.environ, **installing.user_folders(folder), "LIBGL_ALWAYS_SOFTWARE": "1"}
     environment["POINTMORPH_SCENES"] = str(HERE.parent / "headless")
+    return environment
+
+
+@pytest.fixture(scope="session")
+def environment(tmp_path_factory):
+    """For a Blender in which the add-on is installed and enabled."""
+    folder = tmp_path_factory.mktemp("user")
+    environment = user_environment(folder)
     if "POINTMORPH_ZIP" not in os.environ:
         startup = folder / "scripts" / "startup"
         startup.mkdir()
@@ -457,6 +480,8 @@ def window(request, _shared, display, environment, output, tmp_path_factory):
     try:
         # It keeps a button as it is, grayed for instance, while the mouse is over it.
         window.leave_sidebar()
+        # The report of an error may stay until the mouse has been over it.
+        window.press("Escape", over=VIEWPORT)
         window.run(START)
         yield window
         if not request.node.stash[_FAILED] and window.process.poll() is None:
@@ -465,6 +490,17 @@ def window(request, _shared, display, environment, output, tmp_path_factory):
     finally:
         if not _shared:
             window.kill()
+
+
+@pytest.fixture
+def new_users_window(_shared, display, output, tmp_path):
+    """Blender as it is when it was just installed."""
+    while _shared:  # two at a time would slow each other down
+        _shared.pop().kill()
+    environment = user_environment(tmp_path / "user")
+    window = Window(display, environment, output, tmp_path, has_addon=False)
+    yield window
+    window.kill()
 
 
 @pytest.fixture

@@ -121,3 +121,45 @@ def test_frames(demo):
     demo.run("bpy.context.scene.pointmorph.bake_as = 'FRAMES'")
     demo.find("bake_frames")
     take(demo, "frames", "sidebar")
+
+
+def test_mesh(window):
+    """The default cube, which gets more vertices, on its way to a sphere between the two."""
+    window.run(
+        """
+from mathutils import Euler, Vector
+area.spaces[0].overlay.show_floor = True
+area.spaces[0].overlay.show_axis_x = area.spaces[0].overlay.show_axis_y = True
+area.spaces[0].overlay.show_wireframes = True
+area.spaces[0].shading.type = "SOLID"
+bpy.ops.mesh.primitive_ico_sphere_add(subdivisions=4, location=(3.2, 0, 0))
+bpy.ops.mesh.primitive_cube_add(location=(-3.2, 0, 0))
+scenes.pick(bpy.context.object, bpy.data.objects["Icosphere"])
+with in_viewport():
+    view = area.spaces[0].region_3d
+    view.view_perspective = "ORTHO"
+    view.view_rotation = Euler((1.1, 0, -0.3)).to_quaternion()
+    for obj in bpy.data.objects: obj.select_set(True)
+    bpy.ops.view3d.view_selected()
+    view.view_distance *= 0.95
+    view.view_location += view.view_rotation @ Vector((0.9, 0, 0))
+scenes.select(bpy.data.objects["Cube"])
+"""
+    )
+    window.open_tab()
+    window.press_button(MORPH)
+    window.wait(finished("bpy.data.objects.get('Cube to Icosphere')"))
+    window.press_button("subdivide_source")
+    window.press_button("pointmorph.recompute(")
+    window.wait(f"not ({RUNNING}) and bpy.context.object.pointmorph.state == 'CURRENT'")
+    window.press_button("make_mesh")
+    window.run(
+        """
+bpy.data.objects["Cube to Icosphere"].hide_set(True)
+mesh = bpy.data.objects["Cube to Icosphere Mesh"]
+mesh.location = (0, 0, 0)
+mesh.data.shape_keys.key_blocks["Morph"].value = 0.6
+"""
+    )
+    window.settle()
+    take(window, "mesh")

@@ -68,7 +68,7 @@ void BM_Frame(benchmark::State& state) {
     const Cloud source = random_cloud(1), target = random_cloud(2);
     std::vector<IndexPair> pairs;
     for (Index i = 0; i < kPairs; ++i) pairs.push_back({i, i});
-    const Path<Scalar> path(source, target, pairs);
+    const StraightPath<Scalar> path(source, target, pairs);
     Frame<Scalar> frame;
 
     const std::size_t bytes = 3 * kNumbersAPair * kPairs * sizeof(Scalar);

@@ -14,7 +14,7 @@ void bind_decomposition(py::module_& module) {
            const py::object& callback) {
             const Cloud cloud = cloud_of(fields);
             const auto progress = make_progress(callback);
-            Decomposition cut;
+            CutPreview cut;
             {
                 const py::gil_scoped_release release;
                 cut = preview_cut(cloud, loop, names, options, *progress);

@@ -314,8 +314,7 @@ std::unique_ptr<Morph> restore_morph(const py::dict& source, const py::dict& tar
 std::vector<std::string> proposed_loop(const py::dict& source, const py::dict& target,
                                        const py::list& features, const MorphOptions& options,
                                        const py::object& callback) {
-    const MorphInput input{
-        .source = cloud_of(source), .target = cloud_of(target), .features = features_of(features)};
+    const MorphInput input = input_of(source, target, features, {});
     return without_gil(callback,
                        [&](Progress& progress) { return suggest_loop(input, options, progress); });
 }
@@ -406,6 +405,10 @@ void define_frames(py::class_<Morph>& morph) {
                  return without_gil(callback, [&](Progress& progress) {
                      return m.resampling(progress).points().size();
                  });
+             })
+        .def("lay_out_paths",
+             [](const Morph& m, const py::object& callback) {
+                 without_gil(callback, [&](Progress& progress) { m.lay_out_paths(progress); });
              })
         .def("resampled_frame_float32", &resampled_frame<float>)
         .def("resampled_frame_float64", &resampled_frame<double>)

@@ -19,6 +19,7 @@ from pathlib import Path
 from . import paths
 from .python_environment import table
 from .running import SetupError, digest, is_fresh, run, say, step
+from .targets import LINUX
 
 _making = threading.Lock()
 
@@ -83,18 +84,22 @@ def set_up(suite: str) -> Path:
     stamp, key = root.with_suffix(".stamp"), digest(suite, *packages)
     root.parent.mkdir(parents=True, exist_ok=True)
     with _making, _alone(root):
-        if is_fresh(stamp, key):
-            return root
-        with step(f"Debian {suite} with its Blender (about 400 MB to fetch)"):
-            stamp.unlink(missing_ok=True)
-            # Under another name until it is whole; what a run that was killed has left goes.
-            for left_over in (root, *root.parent.glob(f"{suite}.unfinished-*")):
-                shutil.rmtree(left_over, ignore_errors=True)
-            unfinished = Path(tempfile.mkdtemp(prefix=f"{suite}.unfinished-", dir=root.parent))
-            unfinished.chmod(0o755)
-            run(f"debian-{suite}", *_namespace(), *_bootstrap(suite, packages, unfinished))
-            unfinished.rename(root)
-            stamp.write_text(key)
+        if not is_fresh(stamp, key):
+            with step(f"Debian {suite} with its Blender (about 400 MB to fetch)"):
+                stamp.unlink(missing_ok=True)
+                # Under another name until it is whole; what a run that was killed has left goes.
+                for left_over in (root, *root.parent.glob(f"{suite}.unfinished-*")):
+                    shutil.rmtree(left_over, ignore_errors=True)
+                unfinished = Path(tempfile.mkdtemp(prefix=f"{suite}.unfinished-", dir=root.parent))
+                unfinished.chmod(0o755)
+                run(f"debian-{suite}", *_namespace(), *_bootstrap(suite, packages, unfinished))
+                unfinished.rename(root)
+                stamp.write_text(key)
+    if not any((root / "usr" / "bin" / f"python{version}").exists() for version in LINUX.pythons):
+        raise SetupError(
+            f"Debian {suite} has a Python that there is no wheel for; there are wheels for "
+            f"{', '.join(LINUX.pythons)} (native/build_tools/targets.py)."
+        )
     return root
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import xml.etree.ElementTree as ElementTree
 from collections import Counter
 from collections.abc import Mapping
@@ -20,6 +21,9 @@ class Outcome:
     passed: int = 0
     failures: list[str] = field(default_factory=list)
     skips: list[str] = field(default_factory=list)
+    """The reason for each test that was skipped."""
+    left_out: list[str] = field(default_factory=list)
+    """What was skipped, by name and with its reason."""
     times: dict[str, float] = field(default_factory=dict)
     """Seconds that each test took; the first test that needs a fixture pays for it."""
     seconds: float = 0.0
@@ -27,11 +31,17 @@ class Outcome:
     processor: float = 0.0
     """Processor seconds, which other suites beside it don't change."""
 
+    def skip(self, reason: str, *names: str) -> None:
+        """Notes what wasn't run at all."""
+        self.skips += [reason] * len(names)
+        self.left_out += [f"{name}: {reason}" for name in names]
+
     def add(self, other: Outcome) -> None:
         """Takes in what came of another program of the same suite."""
         self.passed += other.passed
         self.failures += other.failures
         self.skips += other.skips
+        self.left_out += other.left_out
         self.times |= other.times
 
 
@@ -47,10 +57,17 @@ def read_junit(report: Path) -> Outcome:
             message = (bad[0].get("message") or "").strip().partition("\n")[0]
             outcome.failures.append(f"{name}: {message}")
         elif skip is not None or case.get("status") == "notrun":
-            outcome.skips.append("disabled" if skip is None else skip.get("message", ""))
+            reason = "disabled" if skip is None else _without_place(skip.get("message", ""))
+            outcome.skips.append(reason)
+            outcome.left_out.append(f"{name}: {reason}")
         else:
             outcome.passed += 1
     return outcome
+
+
+def _without_place(message: str) -> str:
+    """A reason without the file and line that Google Test puts above it."""
+    return re.sub(r"^\S+:\d+\n", "", message)
 
 
 def judge(status: int, report: Path) -> Outcome:
@@ -99,6 +116,8 @@ def tell(outcomes: Mapping[str, Outcome], folder: Path) -> list[str]:
             lines.append(f"skipped {count} in {name}: {reason}")
         lines += [f"FAILED in {name}: {failure}" for failure in outcome.failures]
     folder.mkdir(parents=True, exist_ok=True)
+    left_out = [f"{suite}: {what}" for suite, o in outcomes.items() for what in o.left_out]
+    (folder / "left_out.txt").write_text("\n".join([*left_out, ""]))
     kept = {
         name: {"seconds": o.seconds, "processor": o.processor, "tests": o.times}
         for name, o in outcomes.items()

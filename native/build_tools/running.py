@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import hashlib
 import os
+import signal
 import subprocess
 import threading
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from . import paths
 
 _used = threading.local()
+_groups: set[int] = set()
+_stopped = threading.Event()
 
 
 class SetupError(Exception):
@@ -55,7 +58,10 @@ def run(
     """Runs a command, appends its output to build/logs/<log>.log, returns the exit status.
 
     The status is negative after a signal. With `check`, a failure raises and shows the log's end.
+    What the command has started ends with it where it is stopped, and with this program.
     """
+    if _stopped.is_set():
+        raise SetupError("Interrupted.")
     paths.LOGS.mkdir(parents=True, exist_ok=True)
     path = paths.LOGS / f"{log}.log"
     words = [str(word) for word in command]
@@ -69,10 +75,13 @@ def run(
                 stdin=subprocess.DEVNULL,
                 stdout=output,
                 stderr=subprocess.STDOUT,
+                # sudo asks for a password, which only the terminal's own group may read.
+                process_group=None if words[0] == "sudo" else 0,
             )
         except OSError as error:
             raise SetupError(f"{words[0]} can't be run: {error.strerror}.") from error
-        status, in_time = _wait(process, timeout)
+        with _guarded(process):
+            status, in_time = _wait(process, timeout)
         if not in_time:
             print(f"Stopped after {timeout:.0f} s.", file=output)
     if check and status != 0:
@@ -80,13 +89,58 @@ def run(
     return status
 
 
+@contextmanager
+def _guarded(process: subprocess.Popen[bytes]) -> Iterator[None]:
+    """A process, and what it has started, ends with this program, even if that is killed."""
+    group = os.getpgid(process.pid)
+    if group == os.getpgrp():
+        yield
+        return
+    _groups.add(group)
+    if _stopped.is_set():  # stop_all() may have looked just before
+        _kill(group)
+    try:
+        # Its input ends when this program does; a line tells it that all is well.
+        words = ("sh", "-c", f"read line || kill -KILL -{group}")
+        guard = subprocess.Popen(
+            words, stdin=subprocess.PIPE, stderr=subprocess.DEVNULL, process_group=0
+        )
+    except OSError:
+        _kill(group)
+        _groups.discard(group)
+        raise
+    try:
+        yield
+    finally:
+        _groups.discard(group)
+        guard.communicate(b"\n")
+
+
+def stop_all() -> None:
+    """Ends all commands that run, with what they have started; no other can begin."""
+    _stopped.set()
+    for group in list(_groups):
+        _kill(group)
+
+
+def _kill(group: int) -> None:
+    with suppress(ProcessLookupError):
+        os.killpg(group, signal.SIGKILL)
+
+
 def _wait(process: subprocess.Popen[bytes], timeout: float | None) -> tuple[int, bool]:
     """The status of a process, and whether it ended by itself; notes what it used."""
     stopped = threading.Event()
 
+    def kill() -> None:
+        if process.pid in _groups:
+            _kill(process.pid)
+        else:
+            process.kill()
+
     def stop() -> None:
         stopped.set()
-        process.kill()
+        kill()
 
     watch = threading.Timer(timeout or 0, stop)
     if timeout is not None:
@@ -94,7 +148,7 @@ def _wait(process: subprocess.Popen[bytes], timeout: float | None) -> tuple[int,
     try:
         _, status, usage = os.wait4(process.pid, 0)
     except BaseException:
-        process.kill()
+        kill()
         process.wait()
         raise
     finally:

@@ -28,8 +28,8 @@ CPP_TEST_SETTINGS = (
 
 # The user's own Blender for tests with a window.
 BLENDER = os.environ.get("POINTMORPH_BLENDER")
-# Else a Debian's: trixie has Blender 4.3, sid the newest. Of several, the first that can be made.
-WINDOW_DEBIANS = os.environ.get("POINTMORPH_WINDOW_DEBIAN", "trixie").split(",")
+# Else a Debian's: sid has the newest, trixie 4.3. Of several, the first that can be made.
+WINDOW_DEBIANS = os.environ.get("POINTMORPH_WINDOW_DEBIAN", "sid,trixie").split(",")
 WINDOW_PACKAGES: tuple[str, ...] = ("window",)
 if BLENDER is None:
     # Where it can't be made, those tests are skipped, and say why.
@@ -41,12 +41,23 @@ packaging = threading.Lock()
 
 def run_suite(name: str, *command: str | Path, **environment: str) -> Outcome:
     """Runs a suite whose last word ends in `=` or `:`, where its report's path is to stand."""
+    return run_reporting(
+        name, lambda report: (*command[:-1], f"{command[-1]}{report}"), environment
+    )
+
+
+def run_reporting(
+    name: str,
+    command: Callable[[Path], Iterable[str | Path]],
+    environment: dict[str, str],
+) -> Outcome:
+    """Runs a suite; `command` has its words for the path where it is to write its report."""
     report = paths.BUILD / "reports" / f"{name}.xml"
     report.parent.mkdir(parents=True, exist_ok=True)
     report.unlink(missing_ok=True)
-    words = (*command[:-1], f"{command[-1]}{report}")
     ours = child_environment(**environment)
-    return judge(run(name, *words, environment=ours, timeout=2700, check=False), report)
+    status = run(name, *command(report), environment=ours, timeout=2700, check=False)
+    return judge(status, report)
 
 
 def checks() -> Outcome:

@@ -17,7 +17,7 @@ from .packaging import package
 from .python_environment import fetch_cpython
 from .reports import Outcome
 from .running import child_environment, digest, is_fresh, run, step
-from .suites import Suite, run_suite, run_suites
+from .suites import Suite, run_reporting, run_suites
 from .system import project
 from .targets import WINDOWS
 from .wheels import build_native, set_up_wheels, wheel_of
@@ -59,6 +59,15 @@ def variables(**more: str) -> dict[str, str]:
 def words(*command: str | Path) -> tuple[str | Path, ...]:
     """A command under Wine. Its output goes through a pipe: into a file, Python can't write it."""
     return ("bash", "-o", "pipefail", "-c", '"$@" 2>&1 | cat', "wine", WINE, *command)
+
+
+def run_suite(name: str, *command: str | Path, **environment: str) -> Outcome:
+    """As for this system: runs a suite, at the end of whose last word its report's path stands."""
+
+    def command_for(report: Path) -> tuple[str | Path, ...]:
+        return words(*command[:-1], f"{command[-1]}{path(report)}")
+
+    return run_reporting(name, command_for, variables(**environment))
 
 
 def python_program() -> Path:
@@ -109,20 +118,20 @@ def python_path(*more: Path) -> str:
 
 
 def cpp() -> Outcome:
-    """The C++ tests; those that only repeat others take long under Wine, and are left out."""
+    """The C++ tests."""
     build = build_native(["pointmorph_tests"], "-DPOINTMORPH_TESTS=ON", platform=WINDOWS)
-    command = words(build / "pointmorph_tests.exe", "--gtest_output=xml:")
-    return run_suite("windows-cpp", *command, **variables(POINTMORPH_WATCHED="1"))
+    return run_suite("windows-cpp", build / "pointmorph_tests.exe", "--gtest_output=xml:")
 
 
 def python() -> Outcome:
     """The Python tests, but for those of building."""
-    building = [
-        f"--ignore-glob=*test_{name}.py" for name in ("build_addon", "platforms", "releases")
-    ]
-    options = ("-m", "pytest", "-p", "no:cacheprovider", *building)
-    command = words(python_program(), *options, "--junitxml=")
-    return run_suite("windows-python", *command, **variables(PYTHONPATH=python_path()))
+    building = [f"test_{name}.py" for name in ("build_addon", "platforms", "releases")]
+    ignored = [f"--ignore-glob=*{name}" for name in building]
+    pytest = ("-m", "pytest", "-p", "no:cacheprovider", *ignored)
+    command: tuple[str | Path, ...] = (python_program(), *pytest)
+    outcome = run_suite("windows-python", *command, "--junitxml=", PYTHONPATH=python_path())
+    outcome.skip("building is done on Linux", *building)
+    return outcome
 
 
 def bits() -> Outcome:
@@ -165,10 +174,16 @@ def bpy() -> Outcome:
     title = f"Blender {BLENDER} for Windows (about 350 MB to fetch)"
     blender = _install("bpy", title, "--no-deps", f"bpy=={BLENDER}.*")
     extension = package((WINDOWS,))
-    options = ("-m", "not renders", "--junitxml=")
-    command = words(python_program(), path(paths.ROOT / "blender_tests" / "run.py"), *options)
-    environment = variables(PYTHONPATH=python_path(blender), POINTMORPH_ZIP=path(extension))
-    return run_suite("windows-bpy", *command, **environment)
+    runner = path(paths.ROOT / "blender_tests" / "run.py")
+    return run_suite(
+        "windows-bpy",
+        python_program(),
+        runner,
+        "--junitxml=",
+        PYTHONPATH=python_path(blender),
+        POINTMORPH_ZIP=path(extension),
+        POINTMORPH_NO_RENDERING="it renders, which Wine can't without a graphics card",
+    )
 
 
 SUITES = {

@@ -14,4 +14,4 @@ inline bool is_watched() {
 /// as well: watched, it would take ten times as long and find nothing that the other doesn't.
 /// build_addon.py sets the variable; without it, everything runs.
 #define SKIP_WHERE_WATCHED() \
-    if (is_watched()) GTEST_SKIP() << "other tests run the same code watched"
+    if (is_watched()) GTEST_SKIP() << "other tests run the same code"

@@ -36,11 +36,8 @@ class Shape:
     fixed: FloatArray | None = None
     """(N,), 0 to 1; see `Cloud`"""
 
-    def cloud(self, *, as_surface: bool = True) -> Cloud:
-        """The vertices, in order, and the faces; of an open mesh also its longest boundary.
-
-        Without `as_surface`, the vertices are taken for samples, as if there were no faces.
-        """
+    def cloud(self) -> Cloud:
+        """The vertices, in order, and the faces; of an open mesh also its longest boundary."""
         boundary = labels = None
         if self.faces is not None:
             labels = parts(self.faces, self.positions)
@@ -51,9 +48,9 @@ class Shape:
             self.normals,
             self.colors,
             self.radii,
-            faces=self.faces if as_surface else None,
-            rigid=self.rigid if as_surface else None,
-            fixed=self.fixed if as_surface else None,
+            faces=self.faces,
+            rigid=self.rigid,
+            fixed=self.fixed,
             name=self.name,
             boundary=boundary,
             parts=labels,

@@ -156,7 +156,7 @@ class Morph:
             np.empty(m, self._dtype),
         )
 
-    def frame(self, t: float, out: Frame | None = None) -> Frame:
+    def frame(self, t: float, out: Frame | None = None, progress: Progress | None = None) -> Frame:
         """The in-between cloud at t, along paths of the kind that the setting `path` names.
 
         Parameters
@@ -165,6 +165,8 @@ class Morph:
             0 (the source, bit for bit) to 1 (the target, bit for bit).
         out : Frame, optional
             An earlier frame of this morph to overwrite, which saves allocating memory.
+        progress : callable, optional
+            As in `morph`. Only the first frame on a path that isn't straight takes long.
 
         Returns
         -------
@@ -175,6 +177,8 @@ class Morph:
         ------
         OptionError
             If t lies outside of [0, 1], or `out` has the wrong size or type.
+        Cancelled
+            If `progress` returned False.
         """
         if out is None:
             out = self.empty_frame()
@@ -190,6 +194,8 @@ class Morph:
                 )
         native = self._native
         write = native.frame_float32 if self._dtype is np.float32 else native.frame_float64
+        if 0.0 < t < 1.0:
+            native.lay_out_paths(progress)
         write(float(t), *arrays)
         return out
 

@@ -184,10 +184,10 @@ def quality_summary(report: Mapping[str, Any]) -> list[tuple[str, str]]:
     ]
     if mesh := report.get("mesh"):
         rows += [
-            ("Mesh folded", f"{100 * mesh['folded']:.2g} %"),
-            ("Mesh creased", f"{100 * mesh['creased']:.2g} %"),
-            ("Mesh uncovered", f"{100 * mesh['uncovered']:.2g} %"),
-            ("Mesh off", f"{100 * mesh['off']:.2g} %"),
+            ("Faces folded", _fine_percent(mesh["folded"])),
+            ("Edges creased", _fine_percent(mesh["creased"])),
+            ("Target missed", _fine_percent(mesh["uncovered"])),
+            ("Off the target", _fine_percent(mesh["off"])),
         ]
     return rows
 
@@ -213,6 +213,13 @@ def feature_summary(report: Mapping[str, Any]) -> list[tuple[str, str]]:
             value = f"{_percent(kept['inside'])} inside, {value}"
         rows.append((f"{name} ({kept['kind']})", value))
     return rows
+
+
+def _fine_percent(share: float) -> str:
+    percents = 100 * share
+    if 0 < percents < 0.001:
+        return "under 0.001 %"
+    return f"{percents:.2g} %" if percents < 99.5 else f"{percents:.0f} %"
 
 
 def _percent(share: float) -> str:

@@ -156,7 +156,8 @@ class FrameSequence:
         """All arrays that the frames depend on."""
         for part in self.morph.parts:
             yield np.asarray(part.pairs)
-            for t in (0.0, 0.5, 1.0):
+            yield from (part.source_to_target, part.target_to_source)
+            for t in (0.0, 1.0):
                 yield from vars(part.frame(t)).values()
 
     def prepare(self, progress: Progress | None = None) -> None:
@@ -167,6 +168,8 @@ class FrameSequence:
         Cancelled
             If `progress` returned False.
         """
+        for part in self.morph.parts:
+            part._native.lay_out_paths(progress)
         if self._resample:
             self.morph.inserted(progress)
 
@@ -193,7 +196,7 @@ class FrameSequence:
     def _at(self, t: float, stopped: Callable[[], bool]) -> Frame:
         if self._resample:
             return self.morph.resampled_frame(t, lambda *_: not stopped())
-        return self.morph.frame(t)
+        return self.morph.frame(t, progress=lambda *_: not stopped())
 
     @cached_property
     def _surfaces(self) -> surfaces.Surfaces:

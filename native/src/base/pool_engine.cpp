@@ -10,7 +10,11 @@
 
 #include "base/thread_engine.hpp"
 
-#ifndef _WIN32
+#ifdef _WIN32
+#define NOMINMAX
+#define WIN32_LEAN_AND_MEAN
+#include <windows.h>
+#else
 #include <pthread.h>
 #include <unistd.h>
 #endif
@@ -20,7 +24,17 @@ namespace pointmorph {
 namespace {
 
 #ifdef _WIN32
-using Thread = std::thread;
+class Thread {
+public:
+    template <class Run>
+    explicit Thread(Run run) : thread_(std::move(run)) {}
+    /// Doesn't wait: what goes with a thread is destroyed there under a lock that every other
+    /// thread needs in order to end.
+    void end() { thread_.detach(); }
+
+private:
+    std::thread thread_;
+};
 #else
 /// std::thread with as large a stack as a main thread's: macOS gives other threads half a megabyte.
 class Thread {
@@ -40,7 +54,7 @@ public:
         if (error != 0) throw std::system_error(error, std::generic_category());
         owned.release();
     }
-    void join() { pthread_join(thread_, nullptr); }
+    void end() { pthread_join(thread_, nullptr); }
 
 private:
     static constexpr std::size_t kStack = std::size_t{8} << 20;
@@ -54,67 +68,90 @@ public:
     Pool() = default;
     ~Pool() {
         {
-            const std::scoped_lock lock(mutex_);
-            ending_ = true;
+            const std::scoped_lock lock(rounds_->mutex);
+            rounds_->ending = true;
         }
-        begin_.notify_all();
-        for (Thread& thread : threads_) thread.join();
+        rounds_->begin.notify_all();
+        for (Thread& thread : threads_) thread.end();
     }
     Pool(const Pool&) = delete;
     Pool& operator=(const Pool&) = delete;
 
     void run(int threads, const TeamWork& work) {
         grow(static_cast<std::size_t>(threads) - 1);
+        Rounds& rounds = *rounds_;
         {
-            const std::scoped_lock lock(mutex_);
-            work_ = &work;
-            places_ = threads - 1;
-            ++round_;
+            const std::scoped_lock lock(rounds.mutex);
+            rounds.work = &work;
+            rounds.places = threads - 1;
+            ++rounds.number;
         }
-        for (int i = 1; i < threads; ++i) begin_.notify_one();
+        for (int i = 1; i < threads; ++i) rounds.begin.notify_one();
         work(true);
-        std::unique_lock lock(mutex_);
-        work_ = nullptr;  // nothing is left to do for those that haven't come yet
-        end_.wait(lock, [&] { return working_ == 0; });
+        std::unique_lock lock(rounds.mutex);
+        rounds.work = nullptr;  // nothing is left to do for those that haven't come yet
+        rounds.end.wait(lock, [&] { return rounds.working == 0; });
     }
 
 private:
+    /// What the threads wait for, which may be longer than the pool is there.
+    struct Rounds {
+        std::mutex mutex;
+        std::condition_variable begin, end;
+        const TeamWork* work = nullptr;  // of this round, while it is open
+        std::uint64_t number = 0;
+        int places = 0;   // for those that may still join the round
+        int working = 0;  // that have joined it, and not ended
+        bool ending = false;
+    };
+
     void grow(std::size_t count) {
         try {
-            while (threads_.size() < count) threads_.emplace_back([this] { serve(); });
+            while (threads_.size() < count)
+                threads_.emplace_back([rounds = rounds_] { serve(*rounds); });
         } catch (const std::system_error&) {
             // The system allows no more threads; those that are there do all the work.
         }
     }
 
-    void serve() {
+    static void serve(Rounds& rounds) {
         std::uint64_t seen = 0;
-        std::unique_lock lock(mutex_);
+        std::unique_lock lock(rounds.mutex);
         while (true) {
-            begin_.wait(lock, [&] { return ending_ || (round_ != seen && work_ != nullptr); });
-            if (ending_) return;
-            seen = round_;
-            if (places_ == 0) continue;
-            --places_;
-            ++working_;
-            const TeamWork& work = *work_;
+            rounds.begin.wait(lock, [&] {
+                return rounds.ending || (rounds.number != seen && rounds.work != nullptr);
+            });
+            if (rounds.ending) return;
+            seen = rounds.number;
+            if (rounds.places == 0) continue;
+            --rounds.places;
+            ++rounds.working;
+            const TeamWork& work = *rounds.work;
             lock.unlock();
             work(false);
             lock.lock();
-            if (--working_ == 0) end_.notify_one();
+            if (--rounds.working == 0) rounds.end.notify_one();
         }
     }
 
-    std::mutex mutex_;
-    std::condition_variable begin_, end_;
-    const TeamWork* work_ = nullptr;  // of this round, while it is open
-    std::uint64_t round_ = 0;
-    int places_ = 0;   // for those that may still join the round
-    int working_ = 0;  // that have joined it, and not ended
-    bool ending_ = false;
+    std::shared_ptr<Rounds> rounds_ = std::make_shared<Rounds>();
     std::vector<Thread> threads_;
 };
 
+#ifdef _WIN32
+/// The calling thread's pool, or nothing where the system has no place for it. In a slot of the
+/// system's: GCC for Windows frees what is thread_local before it is destroyed.
+Pool* own_pool() {
+    static const DWORD slot = FlsAlloc([](void* pool) { delete static_cast<Pool*>(pool); });
+    auto* pool = static_cast<Pool*>(FlsGetValue(slot));
+    if (pool == nullptr) {
+        auto made = std::make_unique<Pool>();
+        if (FlsSetValue(slot, made.get()) == 0) return nullptr;
+        pool = made.release();
+    }
+    return pool;
+}
+#else
 /// The calling thread's pool. A forked child leaves its parent's as it is, for its threads and
 /// whatever they held are gone, and makes another one.
 class OwnPool {
@@ -139,9 +176,17 @@ private:
     long process_ = 0;
 };
 
-void run(int threads, const TeamWork& work) {
+Pool* own_pool() {
     thread_local OwnPool own;
-    own.get().run(threads, work);
+    return &own.get();
+}
+#endif
+
+void run(int threads, const TeamWork& work) {
+    if (Pool* const pool = own_pool())
+        pool->run(threads, work);
+    else
+        work(true);
 }
 
 int default_threads() {

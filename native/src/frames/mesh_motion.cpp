@@ -5,7 +5,6 @@
 #include <algorithm>
 #include <cmath>
 #include <numbers>
-#include <optional>
 #include <queue>
 #include <utility>
 
@@ -50,9 +49,19 @@ Vector3 turn_of(const Matrix3& rotation) {
     return turn.angle() * turn.axis();
 }
 
-/// Sides from the first corner, and a unit normal: of the triangle, or that of its surroundings
-/// where it has no area.
-Matrix3 frame_of(const Mesh& mesh, const Positions& x, const Normals& normals, Index f) {
+/// Sides from the first corner, and the normal at rest, where every triangle has an area.
+Matrix3 rest_frame(const Mesh& mesh, Index f) {
+    const auto t = mesh.triangles.row(f);
+    const Positions& x = mesh.positions;
+    Matrix3 frame;
+    frame << (x.row(t[1]) - x.row(t[0])).transpose(), (x.row(t[2]) - x.row(t[0])).transpose(),
+        mesh.normals.row(f).transpose();
+    return frame;
+}
+
+/// The same elsewhere. The normal is the triangle's own, or that of its surroundings where it has
+/// no area.
+Matrix3 end_frame(const Mesh& mesh, const Positions& x, const Normals& normals, Index f) {
     const auto t = mesh.triangles.row(f);
     const Vector3 u = (x.row(t[1]) - x.row(t[0])).transpose();
     const Vector3 v = (x.row(t[2]) - x.row(t[0])).transpose();
@@ -116,9 +125,8 @@ struct MeshMotion::Bend {
         const Normals end_normals = sheet.normals(ends, progress);
         parallel_for(static_cast<Index>(moves.size()), progress, [&](Index begin, Index end) {
             for (Index f = begin; f < end; ++f) {
-                const Matrix3 from = frame_of(mesh, mesh.positions, mesh.place_normals, f);
-                const Matrix3 to = frame_of(mesh, ends, end_normals, f);
-                const Matrix3 linear = to * from.inverse();
+                const Matrix3 linear =
+                    end_frame(mesh, ends, end_normals, f) * rest_frame(mesh, f).inverse();
                 const Matrix3 rotation = best_rotation(linear).rotation;
                 const Matrix3 stretch = rotation.transpose() * linear;
                 moves[to_size(f)] = {turn_of(rotation), 0.5 * (stretch + stretch.transpose())};

@@ -172,7 +172,8 @@ void check_complete(const Cloud& cloud) {
 }  // namespace
 
 template <class Scalar>
-Path<Scalar>::Path(const Cloud& source, const Cloud& target, std::span<const IndexPair> pairs)
+StraightPath<Scalar>::StraightPath(const Cloud& source, const Cloud& target,
+                                   std::span<const IndexPair> pairs)
     : size_(static_cast<Index>(pairs.size())) {
     check_complete(source);
     check_complete(target);
@@ -181,7 +182,7 @@ Path<Scalar>::Path(const Cloud& source, const Cloud& target, std::span<const Ind
 }
 
 template <class Scalar>
-void Path<Scalar>::frame(double t, const FrameView<Scalar>& out) const {
+void StraightPath<Scalar>::frame(double t, const FrameView<Scalar>& out) const {
     if (!(t >= 0.0 && t <= 1.0))
         throw OptionError("t", "a number from 0 to 1", std::to_string(t), "Clamp it.");
     const auto count = to_size(size_);
@@ -244,7 +245,7 @@ void Path<Scalar>::frame(double t, const FrameView<Scalar>& out) const {
         0.0, 1.0, kChunk);
 }
 
-template class Path<float>;
-template class Path<double>;
+template class StraightPath<float>;
+template class StraightPath<double>;
 
 }  // namespace pointmorph

@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <cstdio>
 #include <optional>
 #include <utility>
 
@@ -353,12 +352,6 @@ std::vector<Fault> gathered(std::vector<Fault> faults) {
 
 // --- Words
 
-std::string two_digits(double value) {
-    std::array<char, 32> text{};
-    std::snprintf(text.data(), text.size(), "%.2g %%", 100.0 * value);
-    return text.data();
-}
-
 std::string in_words(MeshFlaw flaw, double value, const std::string& target) {
     const std::string much = two_digits(value);
     switch (flaw) {
@@ -369,7 +362,7 @@ std::string in_words(MeshFlaw flaw, double value, const std::string& target) {
         case MeshFlaw::kUncovered:
             return "1 % of " + target + " is farther than " + much + " of its size from the faces";
         case MeshFlaw::kOff:
-            return "the vertices lie " + much + " of its size off " + target;
+            return "the vertices lie off " + target + " by " + much + " of its size";
     }
     return {};
 }
@@ -391,7 +384,7 @@ std::string verdict_on(const MeshFigures& figures, const std::string& source,
 }
 
 std::string advice_on(MeshFlaw flaw, const Fault& fault, const PlaceWords& words,
-                      const std::string& target) {
+                      const std::string& source, const std::string& target) {
     const std::string share = two_digits(fault.share);
     const auto what = [&]() -> std::string {
         switch (flaw) {
@@ -401,7 +394,7 @@ std::string advice_on(MeshFlaw flaw, const Fault& fault, const PlaceWords& words
                 return "faces are creased (" + share + " of the edges): " + words.remedy;
             case MeshFlaw::kUncovered:
                 return "the faces don't reach " + target + " (" + share + " of it is up to " +
-                       two_digits(fault.distance) + " of its size away): give " + words.source +
+                       two_digits(fault.distance) + " of its size away): give " + source +
                        " more vertices there, or " + words.remedy;
             case MeshFlaw::kOff:
                 return "vertices lie off " + target + " (by up to " + two_digits(fault.distance) +
@@ -448,7 +441,8 @@ std::vector<MeshPlace> worst_places(const Measured& measured, const WrappedMesh&
         const Positions at = surface.unit().restore(fault.place.transpose());
         worst.push_back({flaw, vertex, surface.nearest_row(fault.place), at.row(0).transpose(),
                          fault.share, fault.distance,
-                         advice_on(flaw, fault, words_for(source, vertex, marked), target)});
+                         advice_on(flaw, fault, words_for(source, vertex, marked),
+                                   wrapped.cloud.name, target)});
     }
     return worst;
 }

@@ -23,6 +23,14 @@ std::string percent(double share) {
     return text.data();
 }
 
+std::string two_digits(double share) {
+    const double percents = 100.0 * share;
+    if (percents > 0.0 && percents < 0.001) return "under 0.001 %";
+    std::array<char, 32> text{};
+    std::snprintf(text.data(), text.size(), percents < 99.5 ? "%.2g %%" : "%.0f %%", percents);
+    return text.data();
+}
+
 std::string sentence(std::string text) {
     text.front() = static_cast<char>(std::toupper(static_cast<unsigned char>(text.front())));
     return text + ".";

@@ -36,6 +36,9 @@ PlaceWords words_for(const DescribedShape& source, Index row, std::span<const Ma
 /// "0.5 %".
 std::string percent(double share);
 
+/// "0.034 %".
+std::string two_digits(double share);
+
 /// With a capital, and a full stop.
 std::string sentence(std::string text);
 

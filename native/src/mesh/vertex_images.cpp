@@ -129,4 +129,10 @@ SampleValues VertexImages::values(const SampleValues& of_samples, Progress& prog
     return result;
 }
 
+std::vector<Index> VertexImages::nearest() const {
+    std::vector<Index> result;
+    for (Index v = 0; v < size(); ++v) result.push_back(rows(v).front());
+    return result;
+}
+
 }  // namespace pointmorph

@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "morph/point_features.hpp"
+#include "morph/words.hpp"
 #include "pointmorph/base/error.hpp"
 #include "pointmorph/cloud/kd_tree.hpp"
 #include "pointmorph/cloud/similarity.hpp"
@@ -136,9 +137,8 @@ Cuts cut_alike(const RouteInput& input, const LoopFeatures& known,
     }
     for (const std::size_t k : {0u, 1u})
         if (!names[k].empty())
-            warnings.push_back("The cut of " + (k == 0 ? input.source : input.target).name +
-                               " was led round " + names[k] +
-                               ", to have it on the same side as on the other model.");
+            warnings.push_back(
+                cut_was_led_around((k == 0 ? input.source : input.target).name, names[k]));
     Astray(cuts, known.all).check(known.all);
     return cuts;
 }
@@ -282,10 +282,7 @@ RouteResult match_in_patches(const RouteInput& input, std::span<const std::strin
     const RimAngles angles =
         rim_angles(cuts.source.curve, cuts.source.corners, cuts.target.curve, cuts.target.corners,
                    options.patches.parameterization.boundary_spacing);
-    if (looks_mirrored(cuts, angles))
-        result.warnings.emplace_back(
-            "The loop fits much better when one model is mirrored: check that left and right are "
-            "not swapped and that the normals of both point outwards.");
+    if (looks_mirrored(cuts, angles)) result.warnings.push_back(fits_mirrored("The loop fits"));
 
     PatchLayout layout(input, cuts, angles, known.all, options.patches, result);
     for (const Patch patch : {Patch::kLeft, Patch::kRight}) layout.lay_out(patch, progress);

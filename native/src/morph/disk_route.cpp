@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "morph/point_features.hpp"
+#include "morph/words.hpp"
 #include "pointmorph/base/error.hpp"
 
 namespace pointmorph {
@@ -104,10 +105,7 @@ DiskPoints on_disk(const DiskPatch& patch, std::span<const BoundaryPin> pins,
 
 void warn_of_holes(const PreparedShape& shape, const Boundary& boundary,
                    std::vector<std::string>& warnings) {
-    if (boundary.found > 1)
-        warnings.push_back(shape.name + ": the longest of " + std::to_string(boundary.found) +
-                           " boundary loops goes to the rim of the disk; the others are treated "
-                           "as holes in the patch.");
+    if (boundary.found > 1) warnings.push_back(patch_has_holes(shape.name, boundary.found));
 }
 
 }  // namespace
@@ -161,9 +159,7 @@ RouteResult match_in_disk(const RouteInput& input, const Boundary& source_bounda
             reversible->reverse_normals();
             (reversible == &source ? source_disk : target_disk).col(1) *= -1.0;
         } else {
-            result.warnings.emplace_back(
-                "The features fit much better when one model is mirrored: check that left and "
-                "right are not swapped and that the normals of both point outwards.");
+            result.warnings.push_back(fits_mirrored("The features fit"));
         }
     }
     const Alignment alignment = align_features(source_disk, target_disk, features,

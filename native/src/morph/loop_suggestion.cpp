@@ -1,28 +1,28 @@
 #include "pointmorph/morph/loop_suggestion.hpp"
 
 #include "morph/input_checks.hpp"
+#include "morph/mesh_side.hpp"
 #include "morph/prepared_shape.hpp"
 #include "morph/routes.hpp"
 #include "pointmorph/base/parallel.hpp"
 
 namespace pointmorph {
 
-std::vector<std::string> suggest_loop(const MorphInput& input, const MorphOptions& options,
+std::vector<std::string> suggest_loop(const MorphInput& given, const MorphOptions& options,
                                       Progress& progress) {
     const ThreadCount threads(options.threads);
     progress.enter("cloud");
-    check_shapes(input, options);
-    const auto [source, target] = prepare_both(
-        {input.source}, {input.target},
-        {.neighbors = options.covariance_neighbors, .boundary = options.boundary}, progress);
-    progress.enter("boundary");
-    require_closed(Closed::kLoop, source, {}, options.boundary, progress);
-    require_closed(Closed::kLoop, target, {}, options.boundary, progress);
+    check_shapes(given, options);
+    const MorphInput input = sampled_input(given, mesh_sides(given, options, progress));
+    const PreparedShapes shapes =
+        prepare_both({input.source, input.source_parts}, {input.target, input.target_parts},
+                     preparation(options), progress);
+    require_closed(Closed::kLoop, shapes, input, options, progress);
     progress.enter("decomposition");
     const std::vector<Feature> features =
-        canonical(input.features, source.sorted_rows, target.sorted_rows);
+        canonical(input.features, shapes.source.sorted_rows, shapes.target.sorted_rows);
     std::vector<std::string> loop =
-        loop_through({source, target, features}, options.decomposition, progress);
+        loop_through({shapes.source, shapes.target, features}, options.decomposition, progress);
     progress.finish();
     return loop;
 }

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <utility>
 
+#include "morph/words.hpp"
 #include "pointmorph/registration/product_space.hpp"
 
 namespace pointmorph {
@@ -135,6 +136,13 @@ std::vector<Index> MeshSide::vertices_of_samples() const {
     return result;
 }
 
+std::vector<Index> MeshSide::samples_of_vertices() const {
+    const std::vector<Index> of_places = carried_->nearest();
+    std::vector<Index> result;
+    for (const Index place : mesh_.places) result.push_back(of_places[to_size(place)]);
+    return result;
+}
+
 Positions MeshSide::images(const Positions& of_samples, Progress& progress) const {
     return gather(carried_->positions(of_samples, progress), mesh_.places);
 }
@@ -144,6 +152,7 @@ SampleValues MeshSide::values(const SampleValues& of_samples, Progress& progress
 }
 
 Cloud MeshSide::completed(Cloud cloud) const {
+    constexpr double kLeastForPoints = 100.0;  // vertices of a mesh whose points fill its surface
     const Normals normals = gather(mesh_.place_normals, mesh_.places);
     if (cloud.normals.rows() == 0)
         cloud.normals = normals;
@@ -156,10 +165,12 @@ Cloud MeshSide::completed(Cloud cloud) const {
     for (Index f = 0; f < mesh_.triangles.rows(); ++f)
         for (Index k = 0; k < 3; ++k) areas[mesh_.triangles(f, k)] += mesh_.areas[f] / 3.0;
     const double mean = mesh_.area() / static_cast<double>(mesh_.positions.rows());
+    // No point can stand for the large faces around it: eight balls don't make a cube.
+    const double most = mesh_.area() / kLeastForPoints;
     cloud.radii.resize(cloud.positions.rows());
     for (Index v = 0; v < cloud.size(); ++v) {
         const double area = areas[mesh_.places[to_size(v)]];
-        cloud.radii[v] = mesh_.unit.scale * std::sqrt(area > 0.0 ? area : mean);
+        cloud.radii[v] = mesh_.unit.scale * std::sqrt(std::min(area > 0.0 ? area : mean, most));
     }
     return cloud;
 }
@@ -168,23 +179,25 @@ bool is_sampled(const Cloud& cloud, const MorphOptions& options) {
     return options.method == Method::kAuto && cloud.faces.size() > 0;
 }
 
+std::optional<MeshSide> mesh_side(const Cloud& cloud, std::span<const Feature> features,
+                                  Marked Feature::*side, const MorphOptions& options,
+                                  Progress& progress) {
+    if (!is_sampled(cloud, options)) return {};
+    Mesh mesh = make_mesh(cloud);
+    if (mesh.triangles.rows() == 0) return {};
+    return MeshSide(cloud, std::move(mesh), features, side, progress);
+}
+
 MeshSides mesh_sides(const MorphInput& input, const MorphOptions& options, Progress& progress) {
     MeshSides sides;
     if (!is_sampled(input.source, options) && !is_sampled(input.target, options)) return sides;
     progress.enter("samples");
-    const auto make = [&](const Cloud& cloud, Marked Feature::*side,
-                          std::optional<MeshSide>& made) {
-        if (!is_sampled(cloud, options)) return;
-        Mesh mesh = make_mesh(cloud);
-        if (mesh.triangles.rows() > 0)
-            made.emplace(cloud, std::move(mesh), input.features, side, progress);
-    };
     {
         const Progress::Part part(progress, 0.0, 0.5);
-        make(input.source, &Feature::source, sides.source);
+        sides.source = mesh_side(input.source, input.features, &Feature::source, options, progress);
     }
     const Progress::Part part(progress, 0.5, 1.0);
-    make(input.target, &Feature::target, sides.target);
+    sides.target = mesh_side(input.target, input.features, &Feature::target, options, progress);
     return sides;
 }
 
@@ -255,8 +268,7 @@ std::vector<std::string> turned_faces(const MorphInput& input, const MeshSides& 
     std::vector<std::string> warnings;
     const auto add = [&](const std::optional<MeshSide>& side, const Cloud& cloud) {
         if (side && side->mesh().turned_outwards)
-            warnings.push_back("The faces of " + cloud.name +
-                               " showed their inside: they were reversed.");
+            warnings.push_back(faces_were_reversed(cloud.name));
     };
     add(sides.source, input.source);
     add(sides.target, input.target);

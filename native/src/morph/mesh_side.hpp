@@ -41,6 +41,8 @@ public:
 
     /// The vertex next to each sample.
     std::vector<Index> vertices_of_samples() const;
+    /// The sample next to each vertex.
+    std::vector<Index> samples_of_vertices() const;
     /// #vertices by 3, from images of the samples.
     Positions images(const Positions& of_samples, Progress& progress) const;
     SampleValues values(const SampleValues& of_samples, Progress& progress) const;
@@ -66,6 +68,12 @@ private:
 /// Whether the map is found on samples of the cloud's faces. The paper's method knows points only.
 bool is_sampled(const Cloud& cloud, const MorphOptions& options);
 
+/// None where the options, or faces without an area, leave the points as they are. `features` in
+/// rows of the cloud.
+std::optional<MeshSide> mesh_side(const Cloud& cloud, std::span<const Feature> features,
+                                  Marked Feature::*side, const MorphOptions& options,
+                                  Progress& progress);
+
 /// The sides that have faces, and the morph of their samples.
 struct MeshSides {
     std::optional<MeshSide> source, target;
@@ -73,7 +81,7 @@ struct MeshSides {
     bool any() const { return source || target; }
 };
 
-/// None where the options, or faces without an area, leave the points as they are.
+/// Of both shapes; see mesh_side().
 MeshSides mesh_sides(const MorphInput& input, const MorphOptions& options, Progress& progress);
 
 /// What is left of the morph of the samples once the vertices have been carried.

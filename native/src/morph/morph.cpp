@@ -59,10 +59,10 @@ Morph::Morph(MorphInput input, const MorphOptions& options, Progress& progress)
     progress.enter("cloud");
     check_shapes(input, options);
     check_loops(input, options);
+    check_start(input.start, input.source.size(), input.target.size());
     if (options.method == Method::kPaper) check_for_paper(input.features);
     MeshSides meshes = mesh_sides(input, options, progress);
     if (meshes.any()) {
-        check_start(input.start, input.source.size(), input.target.size());
         append(report_.warnings, turned_faces(input, meshes));
         find_map(sampled_input(input, meshes), progress);
         meshes_ = std::make_unique<const MeshMorph>(
@@ -87,11 +87,7 @@ void Morph::find_map(MorphInput input, Progress& progress) {
     const MorphOptions& options = options_;
     PreparedShapes shapes =
         prepare_both({input.source, input.source_parts}, {input.target, input.target_parts},
-                     {.neighbors = options.covariance_neighbors,
-                      .boundary = options.boundary,
-                      .topology = topology_to_choose_by(options),
-                      .leave_out_strays = true},
-                     progress);
+                     preparation(options), progress);
     append(report_.warnings, preparation_warnings(shapes));
     const std::vector<Feature> features =
         canonical(input.features, shapes.source.sorted_rows, shapes.target.sorted_rows);

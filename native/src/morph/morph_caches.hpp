@@ -19,8 +19,8 @@ struct Morph::Wrapped {
 /// Each is guarded by the mutex above it.
 struct Morph::Caches {
     std::mutex paths_mutex;
-    std::optional<Path<float>> single_path;
-    std::optional<Path<double>> double_path;
+    std::optional<StraightPath<float>> single_path;
+    std::optional<StraightPath<double>> double_path;
     std::optional<Motion> source_motion, target_motion;
 
     std::mutex wrapping_mutex;

@@ -159,9 +159,9 @@ Positions Morph::wrapped_target(double t, Progress& progress) const {
 }
 
 template <class Scalar>
-const Path<Scalar>& Morph::path() const {
+const StraightPath<Scalar>& Morph::straight_path() const {
     const std::scoped_lock lock(caches_->paths_mutex);
-    auto& path = [this]() -> std::optional<Path<Scalar>>& {
+    auto& path = [this]() -> std::optional<StraightPath<Scalar>>& {
         if constexpr (std::is_same_v<Scalar, float>)
             return caches_->single_path;
         else
@@ -171,31 +171,35 @@ const Path<Scalar>& Morph::path() const {
     return *path;
 }
 
-template const Path<float>& Morph::path<float>() const;
-template const Path<double>& Morph::path<double>() const;
+template const StraightPath<float>& Morph::straight_path<float>() const;
+template const StraightPath<double>& Morph::straight_path<double>() const;
+
+void Morph::lay_out_paths(Progress& progress) const {
+    if (options_.path == PathKind::kLinear) return;
+    const ThreadCount threads(options_.threads);
+    const std::scoped_lock lock(caches_->paths_mutex);
+    if (caches_->source_motion) return;
+    const Positions images = source_to_target(progress), back = target_to_source(progress);
+    const GradualSimilarity similarity{fit_similarity(source_.positions, images),
+                                       source_.positions.colwise().mean().transpose()};
+    progress.enter("motion");
+    Motion from(source_.positions, source_.normals.rowwise().normalized(), images, similarity,
+                options_.path, progress);
+    caches_->target_motion.emplace(target_.positions, target_.normals.rowwise().normalized(), back,
+                                   similarity.reversed(), options_.path, progress);
+    caches_->source_motion.emplace(std::move(from));
+    progress.finish();
+}
 
 template <class Scalar>
 void Morph::frame(double t, const FrameView<Scalar>& out) const {
     const ThreadCount threads(options_.threads);
     const bool straight = options_.path == PathKind::kLinear || t == 0.0 || t == 1.0;
-    path<Scalar>().frame(t, out);
+    straight_path<Scalar>().frame(t, out);
     if (straight || (out.positions.empty() && out.normals.empty())) return;
 
-    {
-        const std::scoped_lock lock(caches_->paths_mutex);
-        if (!caches_->source_motion) {
-            Progress silent;
-            const Positions images = source_to_target(silent), back = target_to_source(silent);
-            const GradualSimilarity similarity{fit_similarity(source_.positions, images),
-                                               source_.positions.colwise().mean().transpose()};
-            Motion from(source_.positions, source_.normals.rowwise().normalized(), images,
-                        similarity, options_.path, silent);
-            caches_->target_motion.emplace(target_.positions,
-                                           target_.normals.rowwise().normalized(), back,
-                                           similarity.reversed(), options_.path, silent);
-            caches_->source_motion.emplace(std::move(from));
-        }
-    }
+    Progress silent;
+    lay_out_paths(silent);
     fade(caches_->source_motion->at(t), caches_->target_motion->at(1.0 - t), pairs_, t,
          out.positions, out.normals);
 }
@@ -207,6 +211,7 @@ const Resampling& Morph::resampling(Progress& progress) const {
     const std::scoped_lock lock(caches_->resampling_mutex);
     auto& resampling = caches_->resampling;
     if (!resampling) {
+        lay_out_paths(progress);
         const ThreadCount threads(options_.threads);
         progress.enter("resampling");
         const auto frame_at = [this](double t) {

@@ -4,6 +4,7 @@
 #include <utility>
 
 #include "morph/input_checks.hpp"
+#include "morph/mesh_side.hpp"
 #include "morph/network_route.hpp"
 #include "morph/prepared_shape.hpp"
 #include "morph/routes.hpp"
@@ -11,24 +12,22 @@
 
 namespace pointmorph {
 
-NamedNetwork preview_network(const MorphInput& input, const MorphOptions& given_options,
+NamedNetwork preview_network(const MorphInput& given, const MorphOptions& given_options,
                              Progress& progress) {
     MorphOptions options = given_options;
     options.domain = Domain::kNetwork;
     const ThreadCount threads(options.threads);
     progress.enter("cloud");
-    check_shapes(input, options);
-    check_loops(input, options);
-    if (options.method == Method::kPaper) check_for_paper(input.features);
-    const auto [source, target] =
+    check_shapes(given, options);
+    check_loops(given, options);
+    if (options.method == Method::kPaper) check_for_paper(given.features);
+    const MeshSides meshes = mesh_sides(given, options, progress);
+    const MorphInput input = sampled_input(given, meshes);
+    const PreparedShapes shapes =
         prepare_both({input.source, input.source_parts}, {input.target, input.target_parts},
-                     {.neighbors = options.covariance_neighbors,
-                      .boundary = options.boundary,
-                      .topology = options.topology},
-                     progress);
-    progress.enter("boundary");
-    require_closed(Closed::kNetwork, source, {}, options.boundary, progress);
-    require_closed(Closed::kNetwork, target, {}, options.boundary, progress);
+                     preparation(options), progress);
+    const auto& [source, target] = shapes;
+    require_closed(Closed::kNetwork, shapes, input, options, progress);
     const std::vector<Feature> features =
         canonical(input.features, source.sorted_rows, target.sorted_rows);
     check_places(features, source, target);
@@ -37,15 +36,16 @@ NamedNetwork preview_network(const MorphInput& input, const MorphOptions& given_
     progress.finish();
 
     NamedNetwork result{std::move(traced.network), std::move(traced.names)};
-    const std::array<const PreparedShape*, 2> shapes{&source, &target};
-    for (const std::size_t m : {0u, 1u}) {
+    const auto give_back = [&](std::size_t m, const PreparedShape& shape,
+                               const std::optional<MeshSide>& mesh) {
         for (NetworkCurve& curve : result.network.curves)
-            curve.on[m].points = shapes[m]->unit.restore(curve.on[m].points);
-        std::vector<Index> labels;
-        for (const Index sorted : shapes[m]->sorted_rows)
-            labels.push_back(result.network.labels[m][to_size(sorted)]);
-        result.network.labels[m] = std::move(labels);
-    }
+            curve.on[m].points = shape.unit.restore(curve.on[m].points);
+        std::vector<Index>& labels = result.network.labels[m];
+        labels = gather(labels, shape.sorted_rows);
+        if (mesh) labels = gather(labels, mesh->samples_of_vertices());
+    };
+    give_back(0, source, meshes.source);
+    give_back(1, target, meshes.target);
     return result;
 }
 

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <utility>
 
+#include "morph/words.hpp"
 #include "pointmorph/cloud/kd_tree.hpp"
 #include "pointmorph/cloud/similarity.hpp"
 #include "surface/coarse_cloud.hpp"
@@ -258,16 +259,9 @@ RouteResult match_in_network(const RouteInput& input, const Loops& loops,
         result.facts.curves.push_back(
             {traced.names[to_size(curve.from)], traced.names[to_size(curve.to)]});
     result.facts.patches = static_cast<Index>(network.patches.size());
-    if (looks_mirrored(network))
-        result.warnings.emplace_back(
-            "The curves fit much better when one model is mirrored: check that left and right are "
-            "not swapped and that the normals of both point outwards.");
+    if (looks_mirrored(network)) result.warnings.push_back(fits_mirrored("The curves fit"));
     constexpr double kLongDetour = 0.15;
-    if (network.detour > kLongDetour)
-        result.warnings.emplace_back(
-            "The curves between the features run long ways round each other: check that all "
-            "features are in the same places on both models, and that left and right are not "
-            "swapped.");
+    if (network.detour > kLongDetour) result.warnings.push_back(curves_take_detours());
 
     PatchMatcher matcher(input, traced, options, result);
     for (Index patch = 0; patch < result.facts.patches; ++patch) matcher.match(patch, progress);

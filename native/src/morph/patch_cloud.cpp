@@ -4,6 +4,7 @@
 #include <numeric>
 #include <utility>
 
+#include "morph/words.hpp"
 #include "pointmorph/cloud/kd_tree.hpp"
 
 namespace pointmorph {
@@ -73,10 +74,7 @@ PatchOnDisk on_disk(const PreparedShape& shape, const PatchCloud& patch,
 
 void warn_of_joined(const PatchOnDisk& disk, const PreparedShape& shape,
                     std::vector<std::string>& warnings) {
-    if (disk.joined > 0)
-        warnings.push_back(shape.name + ": " + std::to_string(disk.joined) +
-                           " points in separate parts were tied to the nearest places of the "
-                           "largest part.");
+    if (disk.joined > 0) warnings.push_back(separate_parts(shape.name, disk.joined));
 }
 
 }  // namespace pointmorph

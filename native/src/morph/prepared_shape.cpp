@@ -169,18 +169,16 @@ std::vector<PreparedShape> prepare_all(std::span<const ShapeInput> inputs,
     }
     progress.enter("covariance");
     for (PreparedShape& shape : shapes) find_normals(shape, progress);
-    if (!options.topology) return shapes;
 
     progress.enter("topology");
     Progress silent;
     parallel_invoke(count, [&](int k, bool owner) {
         PreparedShape& shape = shapes[to_size(k)];
         shape = with_topology(std::move(shape), inputs[to_size(k)].parts, options.boundary,
-                              *options.topology, owner ? progress : silent);
+                              options.topology, owner ? progress : silent);
         make_outward(shape);
     });
-    if (options.leave_out_strays)
-        for (PreparedShape& shape : shapes) leave_out_strays(shape, options.neighbors, progress);
+    for (PreparedShape& shape : shapes) leave_out_strays(shape, options.neighbors, progress);
     return shapes;
 }
 

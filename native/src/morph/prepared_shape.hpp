@@ -24,9 +24,7 @@ inline constexpr Index kMinimumPoints = 16;
 struct PreparationOptions {
     Index neighbors = 16;  ///< nearest points that are looked up; 8 to 64
     BoundaryOptions boundary{};
-    std::optional<TopologyOptions> topology{};  ///< none: the topology isn't looked at
-    /// Leave components out that are too small to follow. Needs the topology.
-    bool leave_out_strays = false;
+    TopologyOptions topology{};
 };
 
 /// The cloud is valid; see validate(). `parts` say which of its points are connected; empty: found.
@@ -49,8 +47,8 @@ struct PreparedShape {
     bool normals_given = false;
     bool normals_reversed = false;  ///< given normals pointed inwards, and were reversed
     Neighborhoods nearest;          ///< ascending by distance
-    Values radii;        ///< of given rows, in given lengths: those given, or the spacing
-    Topology topology;   ///< no components where it wasn't looked at
+    Values radii;  ///< of given rows, in given lengths: those given, or the spacing
+    Topology topology;
     Index left_out = 0;  ///< points in strays that were left out
     /// All boundary loops, longest first; none where find_boundary() has to look for them.
     std::optional<std::vector<BoundaryLoop>> loops;
@@ -59,8 +57,8 @@ struct PreparedShape {
     SampledSurface surface() const { return {positions, normals, nearest, name}; }
 };
 
-/// Throws CloudError where fewer than kMinimumPoints places are left, or for another number of
-/// `parts` than points.
+/// Components that are too small to follow are left out. Throws CloudError where fewer than
+/// kMinimumPoints places are left, or for another number of `parts` than points.
 PreparedShape prepare(const ShapeInput& input, const PreparationOptions& options,
                       Progress& progress);
 

@@ -4,6 +4,8 @@
 #include <string>
 #include <utility>
 
+#include "morph/words.hpp"
+
 namespace pointmorph {
 
 namespace {
@@ -67,9 +69,7 @@ RouteResult match_in_product_space(const RouteInput& input,
         else if (!input.source.normals_given)
             result.source_is_inside_out = true;
         else
-            result.warnings.emplace_back(
-                "The normals of one model point inwards, so its shading will flip during the "
-                "morph. Recalculate them to point outwards.");
+            result.warnings.push_back(normals_disagree());
     }
     result.source_domain = refined.source_product;
     result.target_domain = refined.target_product;

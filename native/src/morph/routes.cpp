@@ -65,11 +65,6 @@ RouteResult match_in_domain(Domain domain, const RouteInput& shapes, const Morph
                 {.decomposition = options.decomposition, .patches = patch_options(options)},
                 progress);
         case Domain::kSphere:
-            progress.enter("boundary");
-            require_closed(Closed::kSphere, shapes.source, input.source_boundary, options.boundary,
-                           progress);
-            require_closed(Closed::kSphere, shapes.target, input.target_boundary, options.boundary,
-                           progress);
             return match_on_sphere(shapes,
                                    {.parameterization = options.spherical_parameterization,
                                     .alignment = options.spherical_alignment,
@@ -132,8 +127,6 @@ RouteResult joined(RouteResult first, RouteResult refined) {
 /// The maps of an earlier morph in sorted rows; none where there is none.
 std::optional<RefinementStart> earlier_map(const PreparedShapes& shapes, const MorphInput& input) {
     const PreparedShape &source = shapes.source, &target = shapes.target;
-    check_start(input.start, static_cast<Index>(source.sorted_rows.size()),
-                static_cast<Index>(target.sorted_rows.size()));
     if (input.start.source_images.rows() == 0) return {};
     return RefinementStart{target.unit.apply(gather(input.start.source_images, source.given_rows)),
                            source.unit.apply(gather(input.start.target_images, target.given_rows))};
@@ -146,11 +139,54 @@ TopologyOptions fast(TopologyOptions options) {
     return options;
 }
 
+/// Why both shapes must be closed; none where they needn't be.
+std::optional<Closed> needs_closed(Domain domain, const MorphInput& input) {
+    if (!input.loop.empty()) return Closed::kLoop;
+    if (domain == Domain::kNetwork) return Closed::kNetwork;
+    if (domain == Domain::kSphere) return Closed::kSphere;
+    return {};
+}
+
+/// Both shapes with their handles counted closely, for the choice of a domain.
+PreparedShapes looked_at_closely(PreparedShapes shapes, const MorphInput& input,
+                                 const MorphOptions& options, Progress& progress) {
+    progress.enter("topology");
+    on_both(progress, [&](bool is_source, Progress& p) {
+        PreparedShape& shape = is_source ? shapes.source : shapes.target;
+        shape = with_topology(std::move(shape), is_source ? input.source_parts : input.target_parts,
+                              options.boundary, options.topology, p);
+    });
+    return shapes;
+}
+
+/// From the maps through the common domain, or from an earlier morph's, to those in the product
+/// space.
+RouteResult refined(const RouteInput& input, const std::optional<RefinementStart>& start,
+                    Domain domain, const MorphOptions& options, Progress& progress) {
+    // The disk's maps are refined with neighbors as the product space itself finds them.
+    const NeighborSource neighbors =
+        domain == Domain::kDisk ? NeighborSource::kSearched : NeighborSource::kPrepared;
+    return match_in_product_space(input, start,
+                                  {.refinement = options.refinement,
+                                   .components = options.components,
+                                   .neighbors = neighbors},
+                                  progress);
+}
+
 }  // namespace
 
-TopologyOptions topology_to_choose_by(const MorphOptions& options) {
+PreparationOptions preparation(const MorphOptions& options) {
     const bool glance = options.method == Method::kPaper && options.domain != Domain::kNetwork;
-    return glance ? fast(options.topology) : options.topology;
+    return {.neighbors = options.covariance_neighbors,
+            .boundary = options.boundary,
+            .topology = glance ? fast(options.topology) : options.topology};
+}
+
+void require_closed(Closed purpose, const PreparedShapes& shapes, const MorphInput& input,
+                    const MorphOptions& options, Progress& progress) {
+    progress.enter("boundary");
+    require_closed(purpose, shapes.source, input.source_boundary, options.boundary, progress);
+    require_closed(purpose, shapes.target, input.target_boundary, options.boundary, progress);
 }
 
 Loops loops_of(const MorphInput& input) {
@@ -184,15 +220,8 @@ std::vector<std::string> loop_through(const RouteInput& input, const Decompositi
 Correspondence find_correspondence(PreparedShapes shapes, MorphInput given,
                                    std::span<const Feature> features, const MorphOptions& options,
                                    Progress& progress) {
-    if (may_choose(options) && given.loop.empty() && both_may_have_handles(shapes)) {
-        progress.enter("topology");  // look again, closely
-        on_both(progress, [&](bool is_source, Progress& p) {
-            PreparedShape& shape = is_source ? shapes.source : shapes.target;
-            shape =
-                with_topology(std::move(shape), is_source ? given.source_parts : given.target_parts,
-                              options.boundary, options.topology, p);
-        });
-    }
+    if (may_choose(options) && given.loop.empty() && both_may_have_handles(shapes))
+        shapes = looked_at_closely(std::move(shapes), given, options, progress);
     const RouteInput input{shapes.source, shapes.target, features};
     const Domain domain = chosen_domain(shapes, given, options);
     std::vector<std::string> warnings;
@@ -201,28 +230,21 @@ Correspondence find_correspondence(PreparedShapes shapes, MorphInput given,
         given.loop = loop_through(input, options.decomposition, progress);
         warnings.push_back(loop_was_suggested(given.loop));
     }
-    if (domain == Domain::kNetwork || !given.loop.empty()) {
-        progress.enter("boundary");
-        const Closed purpose = given.loop.empty() ? Closed::kNetwork : Closed::kLoop;
-        require_closed(purpose, shapes.source, given.source_boundary, options.boundary, progress);
-        require_closed(purpose, shapes.target, given.target_boundary, options.boundary, progress);
-    }
-    const ProductRouteOptions product{.refinement = options.refinement,
-                                      .components = options.components,
-                                      .neighbors = domain == Domain::kDisk
-                                                       ? NeighborSource::kSearched
-                                                       : NeighborSource::kPrepared};
+    if (const auto purpose = needs_closed(domain, given))
+        require_closed(*purpose, shapes, given, options, progress);
     RouteResult result;
     if (domain == Domain::kAuto) {
-        result = match_in_product_space(input, earlier_map(shapes, given), product, progress);
+        result = refined(input, earlier_map(shapes, given), domain, options, progress);
     } else {
         result = match_in_domain(domain, input, given, options, progress);
+        if (given.start.source_images.rows() > 0)
+            warnings.push_back(earlier_map_was_ignored(result.domain));
         reverse_normals(shapes, result);
-        if (options.method == Method::kAuto) {
-            const RefinementStart start = images_through(result, input, options.transfer, progress);
-            RouteResult refined = match_in_product_space(input, start, product, progress);
-            result = joined(std::move(result), std::move(refined));
-        }
+        if (options.method == Method::kAuto)
+            result =
+                joined(std::move(result),
+                       refined(input, images_through(result, input, options.transfer, progress),
+                               domain, options, progress));
     }
     if (result.domain == "product") reverse_normals(shapes, result);
     result.facts.loop = std::move(given.loop);

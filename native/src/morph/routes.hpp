@@ -5,6 +5,7 @@
 #include <string>
 #include <vector>
 
+#include "morph/input_checks.hpp"
 #include "morph/network_route.hpp"
 #include "morph/route_result.hpp"
 #include "pointmorph/morph/morph_input.hpp"
@@ -24,8 +25,12 @@ Correspondence find_correspondence(PreparedShapes shapes, MorphInput input,
                                    std::span<const Feature> features, const MorphOptions& options,
                                    Progress& progress);
 
-/// How far to look at the topology before a route is chosen.
-TopologyOptions topology_to_choose_by(const MorphOptions& options);
+/// How both shapes are prepared before a route is chosen, for a morph and for its previews.
+PreparationOptions preparation(const MorphOptions& options);
+
+/// Both, by the boundaries of the input. Throws what require_closed() of a shape throws.
+void require_closed(Closed purpose, const PreparedShapes& shapes, const MorphInput& input,
+                    const MorphOptions& options, Progress& progress);
 
 /// All loops of the input.
 Loops loops_of(const MorphInput& input);

@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "morph/point_features.hpp"
+#include "morph/words.hpp"
 #include "pointmorph/cloud/kd_tree.hpp"
 
 namespace pointmorph {
@@ -15,10 +16,7 @@ SphericalMesh mesh_of(const PreparedShape& shape, std::span<const Index> feature
                       const SphericalOptions& options, std::vector<std::string>& warnings,
                       Progress& progress) {
     SphericalMesh mesh = spherical_mesh(shape.surface(), features, options, progress);
-    if (mesh.loose > 0)
-        warnings.push_back(shape.name + ": " + std::to_string(mesh.loose) +
-                           " points in separate parts go with the nearest places of the largest "
-                           "part.");
+    if (mesh.loose > 0) warnings.push_back(separate_parts(shape.name, mesh.loose));
     return mesh;
 }
 
@@ -51,17 +49,12 @@ RouteResult match_on_sphere(const RouteInput& input, const SphereRouteOptions& o
         result.facts.extremities.push_back(
             {source_mesh.rows[to_size(s)], target_mesh.rows[to_size(t)]});
     if (alignment.searched)
-        result.warnings.push_back(
-            "Fewer than three places are marked, so how " + source.name + " lies to " +
-            target.name + " on the sphere was found by trying. Mark three or more if it is wrong.");
+        result.warnings.push_back(orientation_was_searched(source.name, target.name));
 
     // Maps that are right have 2.4 to 4 between models of one kind; exchanged marks and limbs that
     // are twisted about their axis have more.
     constexpr double kMuch = 4.5;
-    if (alignment.energy > kMuch)
-        result.warnings.emplace_back(
-            "The map over the sphere is stretched much: limbs may have arrived twisted, or marks "
-            "may be exchanged. Mark more places around the limbs, or take domain auto.");
+    if (alignment.energy > kMuch) result.warnings.push_back(sphere_is_stretched());
 
     const KdTree<3>::Points source_sphere =
         onto_sphere(source_mesh, source.positions, source.normals, progress);

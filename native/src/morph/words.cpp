@@ -84,10 +84,63 @@ std::vector<std::string> paper_warnings(std::span<const Feature> features) {
         "together exactly."};
 }
 
+std::string faces_were_reversed(const std::string& shape) {
+    return "The faces of " + shape + " showed their inside: they were reversed.";
+}
+
+std::string normals_disagree() {
+    return "The normals of one model point inwards, so its shading will flip during the morph. "
+           "Recalculate them to point outwards.";
+}
+
+std::string earlier_map_was_ignored(const std::string& domain) {
+    return "The earlier map was ignored: with domain " + domain +
+           " the search starts in that domain. Take domain auto to continue from it.";
+}
+
 std::string loop_was_suggested(std::span<const std::string> loop) {
     std::string names;
     for (const std::string& name : loop) names += (names.empty() ? "" : ", ") + name;
     return "No loop was given: both models were cut along " + names + ".";
+}
+
+std::string cut_was_led_around(const std::string& shape, const std::string& features) {
+    return "The cut of " + shape + " was led around " + features +
+           ", so that it passes on the same side as on the other model.";
+}
+
+std::string curves_take_detours() {
+    return "The curves between the features take long detours around each other: check that all "
+           "features are in the same places on both models, and that left and right are not "
+           "swapped.";
+}
+
+std::string fits_mirrored(const std::string& what_fits) {
+    return what_fits +
+           " much better when one model is mirrored: check that left and right are not swapped "
+           "and that the normals of both point outwards.";
+}
+
+std::string patch_has_holes(const std::string& shape, Index boundary_loops) {
+    return shape + ": the longest of " + std::to_string(boundary_loops) +
+           " boundary loops goes to the rim of the disk; the others are treated as holes in the "
+           "patch.";
+}
+
+std::string separate_parts(const std::string& shape, Index points) {
+    return shape + ": " + std::to_string(points) +
+           (points == 1 ? " point in a separate part goes" : " points in separate parts go") +
+           " where the nearest places of the largest part go.";
+}
+
+std::string orientation_was_searched(const std::string& source, const std::string& target) {
+    return "Fewer than three places are marked, so the search found how " + source + " lies to " +
+           target + " on the sphere. Mark three or more if it is wrong.";
+}
+
+std::string sphere_is_stretched() {
+    return "The map over the sphere is stretched much: limbs may have arrived twisted, or marks "
+           "may be exchanged. Mark more places around the limbs, or take domain auto.";
 }
 
 std::string doubts(const Diagnostics& found, const Cloud& source, const Cloud& target,

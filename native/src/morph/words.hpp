@@ -1,4 +1,5 @@
-// What a morph says to the user in sentences. Not for callers of the library.
+// What a morph says to the user in sentences: every warning, and why a domain was taken. Not for
+// callers of the library.
 #pragma once
 
 #include <span>
@@ -17,7 +18,19 @@ std::vector<std::string> preparation_warnings(const PreparedShapes& shapes);
 /// Of features that method paper can't keep to; empty where there are none.
 std::vector<std::string> paper_warnings(std::span<const Feature> features);
 
+std::string faces_were_reversed(const std::string& shape);
+std::string normals_disagree();
+
+std::string earlier_map_was_ignored(const std::string& domain);
 std::string loop_was_suggested(std::span<const std::string> loop);
+std::string cut_was_led_around(const std::string& shape, const std::string& features);
+std::string curves_take_detours();
+/// `what_fits` is subject and verb: "The loop fits".
+std::string fits_mirrored(const std::string& what_fits);
+std::string patch_has_holes(const std::string& shape, Index boundary_loops);
+std::string separate_parts(const std::string& shape, Index points);
+std::string orientation_was_searched(const std::string& source, const std::string& target);
+std::string sphere_is_stretched();
 
 /// What may be wrong with a map that isn't sure, and which mark would settle it. `found` and
 /// `features` in given rows.

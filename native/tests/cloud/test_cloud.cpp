@@ -209,5 +209,18 @@ TEST(InverseOrder, UndoesAnOrder) {
     EXPECT_EQ(gather(Positions(gather(p, order)), inverse_order(order)), p);
 }
 
+TEST(Example, Cloud) {
+    const Cloud cloud = full_cloud(shapes::sphere(200));
+    // --- example
+    validate(cloud, 16);
+    const Normalization unit = normalization(cloud.positions);
+    const std::vector<Index> order = spatial_order(cloud.positions);
+    const Positions p = unit.apply(gather(cloud.positions, order));
+    const Positions back = gather(unit.restore(p), inverse_order(order));
+    // --- end of the example
+    EXPECT_LT((back - cloud.positions).cwiseAbs().maxCoeff(), 1e-12);
+    EXPECT_LE(p.rowwise().norm().maxCoeff(), 1.0 + 1e-12);
+}
+
 }  // namespace
 }  // namespace pointmorph

@@ -335,5 +335,19 @@ TEST(OrientNormals, CancelledLeavesTheNormalsAsTheyWere) {
     EXPECT_EQ(normals, before);
 }
 
+TEST(Example, Covariance) {
+    const Positions positions = shapes::sphere(500);
+    Progress progress;
+    // --- example
+    const Neighborhoods near = nearest_neighbors(KdTree<3>(positions), 16, progress);
+    Covariance covariance = covariance_analysis(positions, near, progress);
+    orient_normals(positions, near, covariance.normals, progress);
+    const double bend = covariance.variation[7];
+    // --- end of the example
+    EXPECT_EQ(disagreements(covariance.normals, positions), 0);
+    EXPECT_GT(bend, 0.0);
+    EXPECT_LT(bend, 0.02);
+}
+
 }  // namespace
 }  // namespace pointmorph

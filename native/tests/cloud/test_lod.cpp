@@ -177,5 +177,20 @@ TEST(Lod, RefusesAnEmptyClusterAndCanBeCancelled) {
     EXPECT_THROW(simplify(p, all_rows(p), {}, progress), Cancelled);
 }
 
+TEST(Example, Lod) {
+    const Positions positions = shapes::sphere(500);
+    const std::vector<Index> rows = all_rows(positions);
+    Progress progress;
+    // --- example
+    const Lod lod = simplify(positions, rows, {.max_cluster_size = 12}, progress);
+    const Eigen::RowVector3d centroid = lod.centroids.row(0);
+    const std::span<const Index> members = lod[0];
+    const Index cluster = lod.cluster[7];
+    // --- end of the example
+    EXPECT_LE(members.size(), 12u);
+    EXPECT_LT((gather(positions, members).colwise().mean() - centroid).norm(), 1e-12);
+    EXPECT_EQ(std::ranges::count(lod[cluster], rows[7]), 1);
+}
+
 }  // namespace
 }  // namespace pointmorph

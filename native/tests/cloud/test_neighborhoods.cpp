@@ -220,5 +220,18 @@ TEST(LocalSpacing, IsOneOverTheRootOfTheDensity) {
     EXPECT_EQ(local_spacing(Positions::Zero(1, 3), nearest(Positions::Zero(1, 3), 4))[0], 0.0);
 }
 
+TEST(Example, Neighborhoods) {
+    const Positions positions = shapes::sphere(300);
+    Progress progress;
+    // --- example
+    const KdTree<3> tree(positions);
+    const Neighborhoods near = nearest_neighbors(tree, 16, progress);
+    Eigen::RowVector3d middle = Eigen::RowVector3d::Zero();
+    for (const Index j : near[7]) middle += positions.row(j) / 16.0;
+    // --- end of the example
+    EXPECT_EQ(list(near, 7), list(nearest(positions, 16), 7));
+    EXPECT_LT((middle - positions.row(7)).norm(), 0.2);
+}
+
 }  // namespace
 }  // namespace pointmorph

@@ -200,5 +200,20 @@ TEST(Sampling, CanBeCancelledAtAnyTime) {
     }
 }
 
+TEST(Example, Sampling) {
+    const Positions candidates = shapes::sphere(800);
+    const Normals& normals = candidates;
+    const std::vector<Index> features{3, 500};
+    Progress progress;
+    // --- example
+    const std::vector<Index> rows = blue_noise(candidates, normals, 200, features, progress);
+    const Positions samples = gather(candidates, rows);
+    // --- end of the example
+    EXPECT_EQ(samples.rows(), 200);
+    for (const Index feature : features) EXPECT_EQ(std::ranges::count(rows, feature), 1);
+    EXPECT_GT(nearest_distances(candidates, rows).minCoeff(),
+              0.5 * packing_distance(4.0 * std::numbers::pi, 200));
+}
+
 }  // namespace
 }  // namespace pointmorph

@@ -78,5 +78,19 @@ TEST(Similarity, DegenerateInputGivesAShift) {
     EXPECT_EQ(fit_similarity(same, shapes::cube_noise(5)).scale, 1.0);
 }
 
+TEST(Example, Similarity) {
+    const Similarity away{2.0, shapes::rotation(3), Vector3(1, -2, 3)};
+    const Positions source_features = shapes::cube_noise(6), source = shapes::sphere(20);
+    const Positions target_features = away.apply(source_features), target = away.apply(source);
+    const Normals target_normals = away.rotated(source);
+    // --- example
+    const Similarity move = fit_similarity(target_features, source_features);
+    const Positions moved = move.apply(target);
+    const Normals normals = move.rotated(target_normals);
+    // --- end of the example
+    EXPECT_LT((moved - source).cwiseAbs().maxCoeff(), 1e-10);
+    EXPECT_LT((normals - source).cwiseAbs().maxCoeff(), 1e-10);
+}
+
 }  // namespace
 }  // namespace pointmorph

@@ -6,6 +6,7 @@
 #include <numbers>
 
 #include "joined_shapes.hpp"
+#include "pointmorph/cloud/cloud.hpp"
 #include "shapes.hpp"
 
 namespace pointmorph {
@@ -80,6 +81,21 @@ TEST(Subset, CoincidentRequiredRowsAllStay) {
     Progress progress;
     const std::vector<Index> required{3, 5};
     EXPECT_EQ(poisson_disk_subset(KdTree<3>(p), n, required, 10, progress).rows, required);
+}
+
+TEST(Example, Subset) {
+    const Positions positions = shapes::sphere(4000);
+    const Normals& normals = positions;
+    const std::vector<Index> features{17, 3};
+    Progress progress;
+    // --- example
+    const KdTree<3> tree(positions);
+    const Subset subset = poisson_disk_subset(tree, normals, features, 300, progress);
+    const Positions coarse = gather(positions, subset.rows);
+    // --- end of the example
+    EXPECT_NEAR(static_cast<double>(coarse.rows()), 300.0, 30.0);
+    EXPECT_EQ(coarse.row(0), positions.row(17));
+    EXPECT_EQ(coarse.row(1), positions.row(3));
 }
 
 }  // namespace

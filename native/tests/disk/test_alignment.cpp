@@ -376,5 +376,20 @@ TEST(Alignment, SameBitsForAnyNumberOfThreads) {
     EXPECT_EQ(one_target, three_target);
 }
 
+TEST(Example, Alignment) {
+    const Rings rings(12);
+    DiskPoints source = rings.points, target = rings.points;
+    const std::vector<IndexPair> features = random_features(rings, 4, 0.3, 3);
+    Progress progress;
+    // --- example
+    const Alignment done = align_features(source, target, features, false,
+                                          {.influence = 5.0, .influence_radius = {}}, progress);
+    const bool meet = done.residual <= 1e-3;
+    // --- end of the example
+    EXPECT_TRUE(meet);
+    for (const auto& [s, t] : features)
+        EXPECT_LE((source.row(s) - target.row(t)).norm(), done.residual + 1e-12);
+}
+
 }  // namespace
 }  // namespace pointmorph

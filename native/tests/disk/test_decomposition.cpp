@@ -287,5 +287,26 @@ TEST(Decomposition, ProposesTheShortestOfAllTours) {
     EXPECT_TRUE(propose_loop({Eigen::MatrixXd(0, 0), {}}, {Eigen::MatrixXd(0, 0), {}}).empty());
 }
 
+TEST(Example, Decomposition) {
+    const Shape ball_shape = ball(3000);
+    const Positions& positions = ball_shape.positions;
+    const Normals& normals = ball_shape.normals;
+    const Neighborhoods& nearest = ball_shape.nearest;
+    const std::vector<Index> rows{ball_shape.at(1, 0, 0), ball_shape.at(0, 1, 0),
+                                  ball_shape.at(-1, 0, 0), ball_shape.at(0, -1, 0)};
+    const std::vector<std::string> names{"front", "left", "back", "right"};
+    Progress progress;
+    // --- example
+    const KdTree<3> tree(positions);
+    const Decomposition cut =
+        decompose({positions, normals, nearest, "ball"}, tree, {rows, names}, {}, progress);
+    const Positions& curve = cut.curve.points;
+    const bool is_left = cut.patches[0] == Patch::kLeft;
+    // --- end of the example
+    // Along the equator, anticlockwise seen from the pole, where the first point is.
+    EXPECT_TRUE(is_left);
+    EXPECT_LT(curve.col(2).cwiseAbs().maxCoeff(), 0.1);
+}
+
 }  // namespace
 }  // namespace pointmorph

@@ -107,5 +107,18 @@ TEST(Homology, OfNothingAndOfATree) {
     EXPECT_EQ(loop_classes(path, 1.5).rank, 0);
 }
 
+TEST(Example, Homology) {
+    const Grid torus(24, 16);
+    const SurfaceGraph& graph = torus.graph;
+    const double spacing = 1.0;
+    // --- example
+    const LoopClasses classes = loop_classes(graph, 1.2 * spacing);
+    const Index genus = classes.rank / 2;
+    const std::uint32_t bits = classes.bits[0];
+    // --- end of the example
+    EXPECT_EQ(genus, 1);
+    EXPECT_LT(bits, 4u);
+}
+
 }  // namespace
 }  // namespace pointmorph

@@ -12,6 +12,7 @@
 
 #include "checks.hpp"
 #include "pointmorph/base/error.hpp"
+#include "pointmorph/cloud/covariance.hpp"
 #include "pointmorph/morph/morph.hpp"
 #include "pointmorph/morph/network_preview.hpp"
 #include "shapes.hpp"
@@ -429,6 +430,49 @@ TEST(Network, CanBeCancelled) {
     const TwoTori tori(3, 3);
     Progress progress([](std::string_view stage, double) { return stage != "network"; });
     EXPECT_THROW(Morph(tori.input, paper(), progress), Cancelled);
+}
+
+/// What a network needs to know of a cloud.
+struct Sampled {
+    const Positions& positions;
+    KdTree<3> tree;
+    Neighborhoods nearest;
+    Normals normals;
+
+    explicit Sampled(const Positions& given) : positions(given), tree(given) {
+        Progress progress;
+        nearest = nearest_neighbors(tree, 16, progress);
+        normals = covariance_analysis(positions, nearest, progress).normals;
+        orient_normals(positions, nearest, normals, progress);
+    }
+};
+
+TEST(Example, Network) {
+    SKIP_WHERE_WATCHED();
+    const TwoTori tori(4, 2);
+    const Sampled one(tori.source.positions), other(tori.target.positions);
+    const SampledSurface source_surface{one.positions, one.normals, one.nearest, "ring"};
+    const SampledSurface target_surface{other.positions, other.normals, other.nearest, "bumpy"};
+    const KdTree<3>&source_tree = one.tree, &target_tree = other.tree;
+    std::vector<std::string> names;
+    std::vector<Index> source_features, target_features;
+    for (const Feature& feature : tori.input.features) {
+        names.push_back(feature.name);
+        source_features.push_back(feature.source.rows.front());
+        target_features.push_back(feature.target.rows.front());
+    }
+    Progress progress;
+    // --- example
+    const NetworkShape source{source_surface, source_tree, source_features, 1};
+    const NetworkShape target{target_surface, target_tree, target_features, 1};
+    const Network network = trace_network({source, target}, names, {}, {.points = 1500}, progress);
+    const std::vector<Dart>& around = network.patches[0];
+    const Index patch = network.labels[0][7];
+    // --- end of the example
+    EXPECT_EQ(network.genus, 1);
+    EXPECT_GE(around.size(), 3u);
+    EXPECT_GE(patch, -1);
+    EXPECT_LT(patch, static_cast<Index>(network.patches.size()));
 }
 
 }  // namespace

@@ -344,5 +344,22 @@ TEST(Parameterization, TiesSeparatePartsToTheRestWhereAsked) {
     }
 }
 
+TEST(Example, Parameterization) {
+    const Patch half = hemisphere(1500);
+    const Positions& positions = half.positions;
+    const Normals& normals = half.normals;
+    const Neighborhoods& nearest = half.nearest;
+    const BoundaryLoop& loop = half.loop;
+    Progress progress;
+    // --- example
+    const auto angles = boundary_angles(positions, loop, BoundarySpacing::kChordLength, {});
+    const Parameterization disk =
+        parameterize({positions, normals, nearest}, {loop, angles}, {}, progress);
+    const Eigen::RowVector2d place = disk.points.row(0);
+    // --- end of the example
+    EXPECT_LT(place.norm(), 0.1);  // the pole
+    EXPECT_LE(disk.points.rowwise().norm().maxCoeff(), 1.0 + 1e-9);
+}
+
 }  // namespace
 }  // namespace pointmorph

@@ -242,5 +242,21 @@ TEST(MeshMotion, TakesWhatHasCollapsed) {
     for (const double t : {0.0, 0.5, 1.0}) EXPECT_TRUE(trip.motion.at(t).allFinite());
 }
 
+TEST(Example, MeshMotion) {
+    const Cloud ball = mesh_shapes::icosphere(2);
+    const Mesh mesh = make_mesh(ball);
+    const Positions &vertices = ball.positions, &normals = ball.positions;
+    const Matrix3 turn = Eigen::AngleAxisd(2.0, kAcross).toRotationMatrix();
+    const GradualSimilarity similarity{{2.0, turn, Vector3::Zero()}, Vector3::Zero()};
+    const Positions wrapped_vertices = similarity.whole.apply(vertices);
+    Progress progress;
+    // --- example
+    const MeshMotion motion(mesh, {vertices, normals}, wrapped_vertices, similarity,
+                            PathKind::kRigid, progress);
+    const Positions half_way = motion.at(0.5);  // #vertices by 3
+    // --- end of the example
+    EXPECT_LT((half_way - similarity.at(0.5).apply(vertices)).cwiseAbs().maxCoeff(), 1e-9);
+}
+
 }  // namespace
 }  // namespace pointmorph

@@ -168,5 +168,31 @@ TEST(Motion, CanBeCancelled) {
                  Cancelled);
 }
 
+TEST(Example, Motion) {
+    const Positions source = shapes::sphere(400);
+    const GradualSimilarity similarity{{1.0, turn(2.0), Vector3::Zero()}, Vector3::Zero()};
+    const Positions target = similarity.whole.apply(source);
+    const Positions &source_normals = source, &target_normals = target;
+    const Positions &source_images = target, &target_images = source;
+    std::vector<IndexPair> pairs;
+    for (Index i = 0; i < 400; ++i) pairs.push_back({i, i});
+    std::vector<float> positions(1200), normals(1200);
+    const double t = 0.5;
+    Progress progress;
+    // --- example
+    const Motion forth(source, source_normals, source_images, similarity, PathKind::kRigid,
+                       progress);
+    const Motion back(target, target_normals, target_images, similarity.reversed(),
+                      PathKind::kRigid, progress);
+    fade<float>(forth.at(t), back.at(1.0 - t), pairs, t, positions, normals);
+    // --- end of the example
+    const Positions half = source * turn(1.0).transpose();
+    for (Index i = 0; i < 400; ++i)
+        for (Index d = 0; d < 3; ++d) {
+            EXPECT_NEAR(positions[to_size(3 * i + d)], half(i, d), 1e-5);
+            EXPECT_NEAR(normals[to_size(3 * i + d)], half(i, d), 1e-5);
+        }
+}
+
 }  // namespace
 }  // namespace pointmorph

@@ -69,7 +69,7 @@ struct Frame {
 };
 
 template <class Scalar>
-Frame<Scalar> frame_at(const Path<Scalar>& path, double t) {
+Frame<Scalar> frame_at(const StraightPath<Scalar>& path, double t) {
     Frame<Scalar> frame(path.size());
     path.frame(t, frame.view());
     return frame;
@@ -111,8 +111,8 @@ Cloud one_point(const Vector3& position, const Vector3& normal) {
 template <class Scalar>
 Vector3 normal_at(const Vector3& source, const Vector3& target, double t) {
     const std::vector<IndexPair> pairs{{0, 0}};
-    const Path<Scalar> path(one_point(Vector3::Zero(), source), one_point(Vector3::Zero(), target),
-                            pairs);
+    const StraightPath<Scalar> path(one_point(Vector3::Zero(), source),
+                                    one_point(Vector3::Zero(), target), pairs);
     const auto frame = frame_at(path, t);
     return {frame.normals[0], frame.normals[1], frame.normals[2]};
 }
@@ -123,7 +123,7 @@ protected:
     const Cloud source = random_cloud<Scalar>(kPoints, 1),
                 target = random_cloud<Scalar>(kPoints, 2);
     const std::vector<IndexPair> pairs = random_pairs(kPoints, kPoints + 100, 3);
-    const Path<Scalar> path{source, target, pairs};
+    const StraightPath<Scalar> path{source, target, pairs};
     static constexpr Scalar kEpsilon = std::numeric_limits<Scalar>::epsilon();
 };
 using Scalars = testing::Types<float, double>;
@@ -182,7 +182,7 @@ TYPED_TEST(PathOf, EqualEndsStayToTheBit) {
     for (Index i = 0; i < kPoints; ++i) same.push_back({i, i});
     Cloud turned = this->source;  // other normals: those are renormalized
     turned.normals = -turned.normals;
-    const Path<TypeParam> path(this->source, turned, same);
+    const StraightPath<TypeParam> path(this->source, turned, same);
     for (const double t : {1e-12, 0.3, 0.5, 0.8, 1.0 - 1e-12}) {
         auto frame = frame_at(path, t);
         for (std::size_t i = 0; i < frame.normals.size(); ++i)
@@ -282,13 +282,13 @@ TEST(Path, MissingColorsAreWhiteAndOpaque) {
     source.colors.resize(0, 4);
     target.colors.setZero();
     const auto pairs = random_pairs(20, 30, 6);
-    const auto frame = frame_at(Path<float>(source, target, pairs), 0.25);
+    const auto frame = frame_at(StraightPath<float>(source, target, pairs), 0.25);
     EXPECT_EQ(frame.colors, std::vector<float>(120, 0.75F));
 }
 
 TEST(Path, NoPairs) {
     const Cloud cloud = random_cloud<float>(20, 4);
-    const Path<float> path(cloud, cloud, {});
+    const StraightPath<float> path(cloud, cloud, {});
     EXPECT_EQ(path.size(), 0);
     EXPECT_NO_THROW(path.frame(0.5, {}));
 }
@@ -296,7 +296,7 @@ TEST(Path, NoPairs) {
 TEST(Path, RefusesWhatDoesNotFit) {
     const Cloud cloud = random_cloud<float>(20, 4);
     const auto pairs = random_pairs(20, 30, 6);
-    const Path<float> path(cloud, cloud, pairs);
+    const StraightPath<float> path(cloud, cloud, pairs);
     Frame<float> frame(30), short_frame(29);
     const double nan = std::numeric_limits<double>::quiet_NaN();
     for (const double t : {-0.1, 1.0001, nan, -std::numeric_limits<double>::infinity()})
@@ -306,15 +306,32 @@ TEST(Path, RefusesWhatDoesNotFit) {
 
     Cloud bare = cloud;
     bare.normals.resize(0, 3);
-    EXPECT_THROW(Path<float>(cloud, bare, pairs), CloudError);
+    EXPECT_THROW(StraightPath<float>(cloud, bare, pairs), CloudError);
     bare = cloud;
     bare.radii.resize(0);
-    EXPECT_THROW(Path<float>(bare, cloud, pairs), CloudError);
+    EXPECT_THROW(StraightPath<float>(bare, cloud, pairs), CloudError);
 
     Cloud huge = cloud;
     huge.positions.setConstant(3e38);
-    EXPECT_THROW(Path<float>(huge, cloud, pairs), CloudError);
-    EXPECT_NO_THROW(Path<double>(huge, cloud, pairs));
+    EXPECT_THROW(StraightPath<float>(huge, cloud, pairs), CloudError);
+    EXPECT_NO_THROW(StraightPath<double>(huge, cloud, pairs));
+}
+
+TEST(Example, Path) {
+    const Cloud source = random_cloud<float>(50, 1), target = random_cloud<float>(40, 2);
+    const std::vector<IndexPair> pairs = random_pairs(40, 60, 3);
+    // --- example
+    const StraightPath<float> path(source, target, pairs);
+    std::vector<float> positions(3 * path.size()), normals(3 * path.size());
+    path.frame(0.5, {positions, normals, {}, {}});
+    // --- end of the example
+    for (std::size_t i = 0; i < pairs.size(); ++i)
+        for (int d = 0; d < 3; ++d)
+            EXPECT_NEAR(
+                positions[3 * i + to_size(d)],
+                0.5 * (source.positions(pairs[i].source, d) + target.positions(pairs[i].target, d)),
+                1e-6);
+    EXPECT_NEAR(std::hypot(normals[0], normals[1], normals[2]), 1.0, 1e-6);
 }
 
 }  // namespace

@@ -483,5 +483,20 @@ TEST(Resampling, CoincidentPointsDoNoHarm) {
     EXPECT_TRUE(folded.resampled().at(0.5, folded.at(0.5), progress).positions.allFinite());
 }
 
+TEST(Example, Resampling) {
+    const Given torn = torn_plane();
+    const auto& [source, target, pairs] = torn;
+    const auto frame_at = [&](double t) { return torn.at(t); };
+    Progress progress;
+    // --- example
+    const Resampling resampling(source, target, pairs, frame_at, {}, progress);
+    const Resampling::Alive alive = resampling.at(0.5, frame_at(0.5), progress);
+    const Positions& inserted = alive.positions;
+    // --- end of the example
+    ASSERT_GT(inserted.rows(), 0);
+    EXPECT_LT(inserted.col(2).cwiseAbs().maxCoeff(), 1e-6);
+    EXPECT_GT(alive.share.minCoeff(), 0.0);
+}
+
 }  // namespace
 }  // namespace pointmorph

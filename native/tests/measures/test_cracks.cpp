@@ -2,6 +2,8 @@
 
 #include <gtest/gtest.h>
 
+#include <array>
+
 #include "shapes.hpp"
 
 namespace pointmorph {
@@ -51,6 +53,21 @@ TEST(Cracks, AFewEdgesStandForAll) {
     const auto few = find_cracks(source, target, identity(3000), times, progress, 3000);
     EXPECT_NEAR(all[0].share, 2 * 0.3 * 0.7, 0.03);
     EXPECT_NEAR(few[0].share, 2 * 0.3 * 0.7, 0.05);
+}
+
+TEST(Example, Cracks) {
+    const Positions source = shapes::grid(40);
+    Positions target = source;
+    for (Index i = 0; i < target.rows(); ++i) target(i, 0) += target(i, 0) > 0 ? 0.5 : -0.5;
+    const Pairing pairs = identity(40 * 40);
+    Progress progress;
+    // --- example
+    const auto cracks = find_cracks(source, target, pairs, std::array{0.25, 0.5, 0.75}, progress);
+    const double at_half = cracks[1].share;
+    // --- end of the example
+    EXPECT_EQ(cracks[1].t, 0.5);
+    EXPECT_GT(at_half, 0.0);
+    EXPECT_LT(at_half, 0.05);
 }
 
 }  // namespace

@@ -88,7 +88,7 @@ TEST(MeshQuality, ALiftedSheetIsOffByItsHeight) {
     EXPECT_EQ(quality.grade, MeshGrade::kPoor);
     EXPECT_EQ(quality.verdict,
               "Poor: 1 % of Tray is farther than 3 % of its size from the faces; the vertices lie "
-              "3 % of its size off Tray.");
+              "off Tray by 3 % of its size.");
     ASSERT_EQ(quality.worst.size(), 5u);
     for (const MeshPlace& place : quality.worst) EXPECT_NEAR(place.distance, 0.03, 1e-9);
 }
@@ -230,6 +230,24 @@ TEST(MeshQuality, CanBeCancelled) {
     EXPECT_THROW(
         measure_mesh_quality({source, from, source.positions}, {target, &to}, {}, progress),
         Cancelled);
+}
+
+TEST(Example, MeshQuality) {
+    const Cloud source = sheet(), target = with_normals(tray());
+    const Mesh source_mesh = make_mesh(source), target_mesh = make_mesh(target);
+    const Positions wrapped_vertices = mapped(source.positions, swapped);
+    const std::vector<Feature> features;
+    Progress progress;
+    std::vector<std::string> printed;
+    const auto print = [&](const std::string& text) { printed.push_back(text); };
+    // --- example
+    const MeshQuality quality = measure_mesh_quality({source, source_mesh, wrapped_vertices},
+                                                     {target, &target_mesh}, features, progress);
+    print(quality.verdict);  // "Poor: 7.5 % of the area is folded; …"
+    for (const MeshPlace& place : quality.worst) print(place.advice);
+    // --- end of the example
+    EXPECT_EQ(printed.front().substr(0, 5), "Poor:");
+    EXPECT_EQ(printed.size(), 1 + quality.worst.size());
 }
 
 }  // namespace

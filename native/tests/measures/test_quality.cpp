@@ -340,5 +340,20 @@ TEST(Quality, CanBeStopped) {
         Cancelled);
 }
 
+TEST(Example, Quality) {
+    const Case folded = plane(fold, stay);
+    const auto& [source, target, source_images, target_images, pairs, features] = folded;
+    Progress progress;
+    // --- example
+    const TwoWayMap map{source, target, source_images, target_images, pairs};
+    const Quality quality = measure_quality(map, features, progress);
+    const double flipped = quality.source_to_target.flipped;
+    std::string advice;
+    for (const Place& place : quality.worst) advice += place.advice + "\n";
+    // --- end of the example
+    EXPECT_NEAR(flipped, 0.125, 0.03);  // x from 0 to ¼ of −1 to 1
+    EXPECT_FALSE(advice.empty());
+}
+
 }  // namespace
 }  // namespace pointmorph

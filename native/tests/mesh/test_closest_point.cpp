@@ -98,5 +98,17 @@ TEST(ClosestPoint, TakesTrianglesThatCoincideAndNone) {
     EXPECT_EQ(tree.closest({0.2, 0.2, 1}).squared_distance, 1.0);
 }
 
+TEST(Example, ClosestPoint) {
+    const Mesh mesh = make_mesh(mesh_shapes::icosphere(3));
+    const Vector3 place(0.1, 0.2, 2.0);
+    // --- example
+    const TriangleTree tree(mesh.positions, mesh.triangles);
+    const SurfacePoint point = tree.closest(place);
+    const Vector3 on_mesh = place_of(point, mesh.triangles, mesh.positions);
+    // --- end of the example
+    EXPECT_NEAR((on_mesh - place).squaredNorm(), point.squared_distance, 1e-12);
+    EXPECT_NEAR(point.squared_distance, by_brute_force(mesh, place).squared_distance, 1e-12);
+}
+
 }  // namespace
 }  // namespace pointmorph

@@ -188,5 +188,18 @@ TEST(Mesh, EdgesKnowTheirTriangles) {
         }
 }
 
+TEST(Example, Mesh) {
+    const Cloud cloud = mesh_shapes::cube();
+    const Index vertex = 7;
+    // --- example
+    const Mesh mesh = make_mesh(cloud);
+    const Index place = mesh.places[to_size(vertex)];
+    const bool is_open = !mesh.borders.empty();
+    // --- end of the example
+    EXPECT_LT((mesh.unit.restore(mesh.positions).row(place) - cloud.positions.row(vertex)).norm(),
+              1e-12);
+    EXPECT_FALSE(is_open);
+}
+
 }  // namespace
 }  // namespace pointmorph

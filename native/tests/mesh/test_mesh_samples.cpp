@@ -117,5 +117,19 @@ TEST(MeshSamples, CanBeCancelled) {
     EXPECT_THROW(sample_mesh(mesh, {}, {}, progress), Cancelled);
 }
 
+TEST(Example, MeshSamples) {
+    const Mesh mesh = make_mesh(mesh_shapes::icosphere(2));
+    const std::vector<Index> marked_places{5, 40};
+    const Positions images_of_places = 2.0 * mesh.positions;
+    Progress progress;
+    // --- example
+    const MeshSamples samples = sample_mesh(mesh, marked_places, {.count = 1000}, progress);
+    const Index nose = samples.kept[0];
+    const Positions images = samples.mixed(mesh, images_of_places);
+    // --- end of the example
+    EXPECT_EQ(samples.positions.row(nose), mesh.positions.row(5));
+    EXPECT_LT((images - 2.0 * samples.positions).cwiseAbs().maxCoeff(), 1e-12);
+}
+
 }  // namespace
 }  // namespace pointmorph

@@ -122,5 +122,21 @@ TEST(VertexImages, AreTheSameForAnyNumberOfThreads) {
     EXPECT_EQ(carried(), all);
 }
 
+TEST(Example, VertexImages) {
+    const Mesh mesh = make_mesh(mesh_shapes::icosphere(2));
+    const Positions &places = mesh.positions, &normals = mesh.place_normals;
+    const MeshSamples taken = Sampled::taken(mesh, {}, 1000);
+    const Positions& samples = taken.positions;
+    const Normals& sample_normals = taken.normals;
+    const Positions sample_images = 2.0 * samples;
+    const double spacing = std::sqrt(mesh.area() / 1000);
+    Progress progress;
+    // --- example
+    const VertexImages carried({places, normals}, {samples, sample_normals}, spacing, progress);
+    const Positions images = carried.positions(sample_images, progress);
+    // --- end of the example
+    EXPECT_LT((images - 2.0 * places).cwiseAbs().maxCoeff(), 1e-12);
+}
+
 }  // namespace
 }  // namespace pointmorph

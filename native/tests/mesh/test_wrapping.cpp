@@ -304,5 +304,24 @@ TEST(Wrapping, CanBeCancelled) {
                  Cancelled);
 }
 
+TEST(Example, Wrapping) {
+    SKIP_WHERE_WATCHED();
+    const Mesh mesh = make_mesh(mesh_shapes::icosphere(3));
+    const Mesh target_mesh = make_mesh(mesh_shapes::icosphere(4));
+    const WrapTarget target = target_of(target_mesh, mesh, [](const Vector3& p) { return p; });
+    const Positions images_of_places = shaken(mesh.positions, 0.01, 1);
+    const WrapMark nose{5, target_mesh.positions.row(5).transpose()};
+    Progress progress;
+    // --- example
+    const std::vector<WrapMark> marks{nose};
+    const Positions wrapped = wrap(mesh, images_of_places, target, {.marks = marks}, {}, progress);
+    // --- end of the example
+    EXPECT_EQ((wrapped.row(5).transpose() - nose.target).norm(), 0.0);
+    EXPECT_LT((wrapped.rowwise().norm().array() / target_mesh.positions.row(0).norm() - 1.0)
+                  .abs()
+                  .maxCoeff(),
+              0.02);
+}
+
 }  // namespace
 }  // namespace pointmorph

@@ -37,7 +37,7 @@ TEST_P(AnyMorph, EveryPointOfBothIsInAPairAndEndsAreExact) {
     const auto m = morph.pairs().size();
     std::vector<double> positions(3 * m);
     for (const double t : {0.0, 1.0}) {
-        morph.path<double>().frame(t, {positions, {}, {}, {}});
+        morph.straight_path<double>().frame(t, {positions, {}, {}, {}});
         const auto& end = t == 0.0 ? morph.source().positions : morph.target().positions;
         for (std::size_t i = 0; i < m; ++i) {
             const Index row = t == 0.0 ? morph.pairs()[i].source : morph.pairs()[i].target;
@@ -415,6 +415,24 @@ TEST(Morph, QualityIsMeasuredOnceForBothMethods) {
             EXPECT_GT(figures.coverage, 0.98);
         }
     }
+}
+
+TEST(Example, Morph) {
+    SKIP_WHERE_WATCHED();
+    const Cloud source = plane_cloud(21), target = bump_cloud(23);
+    const Index source_tip = grid_row(21, 0, 0), target_tip = grid_row(23, 0, 0);
+    // --- example
+    pointmorph::Progress progress;
+    const pointmorph::Morph morph({source, target, {point_feature("tip", source_tip, target_tip)}},
+                                  {}, progress);
+    std::vector<float> positions(3 * morph.pairs().size());
+    morph.straight_path<float>().frame(0.5, {positions, {}, {}, {}});
+    // --- end of the example
+    EXPECT_TRUE(checks::is_total(morph.pairs(), 21 * 21, 23 * 23));
+    double highest = 0.0;
+    for (std::size_t i = 2; i < positions.size(); i += 3)
+        highest = std::max(highest, static_cast<double>(positions[i]));
+    EXPECT_NEAR(highest, 0.5 * bump(0.0, 0.0), 0.04);
 }
 
 }  // namespace

@@ -11,12 +11,7 @@
 namespace pointmorph {
 namespace {
 
-PreparationOptions all_options() {
-    return {
-        .neighbors = 16, .boundary = {}, .topology = TopologyOptions{}, .leave_out_strays = true};
-}
-
-PreparedShape prepared(const Cloud& cloud, const PreparationOptions& options = all_options()) {
+PreparedShape prepared(const Cloud& cloud, const PreparationOptions& options = {}) {
     Progress progress;
     return prepare({cloud}, options, progress);
 }
@@ -83,7 +78,7 @@ TEST(PreparedShape, DoesNotDependOnTheOrderOfTheGivenRows) {
 TEST(PreparedShape, BothAreAsEachAlone) {
     const Cloud source = ball(600), target = ball(700);
     Progress progress;
-    const PreparedShapes both = prepare_both({source}, {target}, all_options(), progress);
+    const PreparedShapes both = prepare_both({source}, {target}, {}, progress);
     EXPECT_EQ(both.source.normals, prepared(source).normals);
     EXPECT_EQ(both.target.normals, prepared(target).normals);
     EXPECT_EQ(both.target.nearest.indices, prepared(target).nearest.indices);
@@ -159,9 +154,6 @@ TEST(PreparedShape, StraysAreLeftOutAndTheNearestStandForThem) {
             .minCoeff(&nearest);
         EXPECT_EQ(stands_in, nearest);
     }
-    PreparationOptions keeps = all_options();
-    keeps.leave_out_strays = false;
-    EXPECT_EQ(prepared(cloud, keeps).size(), 1002);
 }
 
 TEST(PreparedShape, TheBoundaryIsFoundOrTheOneThatIsGiven) {
@@ -192,15 +184,16 @@ TEST(PreparedShape, TheBoundaryIsFoundOrTheOneThatIsGiven) {
     EXPECT_FALSE(is_rim(prepared(ball(900)), none.loop));
 }
 
-TEST(PreparedShape, TheTopologyIsLookedAtOnlyWhenAsked) {
+TEST(PreparedShape, TheTopologyCanBeLookedAtAgainMoreClosely) {
+    constexpr TopologyOptions kAtAGlance{.cells = 40, .points = 200};
     const Cloud cloud = ball(900);
-    const PreparedShape bare = prepared(cloud, {});
-    EXPECT_TRUE(bare.topology.components.empty());
-    EXPECT_FALSE(bare.loops.has_value());
+    const PreparedShape glance = prepared(cloud, {.topology = kAtAGlance});
     Progress progress;
-    const PreparedShape looked = with_topology(bare, {}, {}, {}, progress);
-    EXPECT_EQ(looked.topology.labels, prepared(cloud).topology.labels);
-    EXPECT_EQ(looked.normals, bare.normals);
+    const PreparedShape closely = with_topology(glance, {}, {}, {}, progress);
+    const PreparedShape at_once = prepared(cloud);
+    EXPECT_EQ(closely.topology.labels, at_once.topology.labels);
+    EXPECT_EQ(closely.topology.components.front().genus, at_once.topology.components.front().genus);
+    EXPECT_EQ(closely.normals, glance.normals);
 }
 
 TEST(PreparedShape, BadInputIsRefusedInWords) {
@@ -210,7 +203,7 @@ TEST(PreparedShape, BadInputIsRefusedInWords) {
     EXPECT_THROW(prepare({few}, {}, progress), CloudError);
     const Cloud cloud = ball(900);
     const std::vector<Index> parts(899, 0);
-    EXPECT_THROW(prepare({cloud, parts}, all_options(), progress), CloudError);
+    EXPECT_THROW(prepare({cloud, parts}, {}, progress), CloudError);
 }
 
 }  // namespace

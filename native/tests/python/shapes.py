@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+CUBE = np.array([[x, y, z] for z in (-1.0, 1.0) for y in (-1.0, 1.0) for x in (-1.0, 1.0)])
+SQUARES = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]]
+
 
 def grid(side: int, height: float = 0.0, dtype: type = np.float32) -> np.ndarray:
     """side² points over the square from -1 to 1, flat or with a soft bump."""

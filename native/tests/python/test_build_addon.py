@@ -11,6 +11,7 @@ import sys
 import threading
 import time
 import tomllib
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from types import ModuleType
@@ -80,6 +81,8 @@ def test_absent(): pytest.skip("no data")
     assert len(outcome.failures) == 2
     assert any("test_bad" in line and "one is not two" in line for line in outcome.failures)
     assert outcome.skips == ["no data"]
+    [left_out] = outcome.left_out
+    assert left_out.endswith("test_absent: no data")
 
 
 def test_counts_google_test(tmp_path: Path) -> None:
@@ -102,7 +105,8 @@ def test_counts_google_test(tmp_path: Path) -> None:
     assert outcome.passed == 1
     assert len(outcome.failures) == 1
     assert outcome.failures[0].startswith("A.Bad")
-    assert len(outcome.skips) == 2
+    assert outcome.skips == ["disabled", "no data"]
+    assert outcome.left_out == ["A.DISABLED_Off: disabled", "A.Absent: no data"]
 
 
 @pytest.mark.parametrize(
@@ -132,10 +136,12 @@ def test_all_suites_run_and_the_last_line_is_the_sum(
     def breaks() -> Outcome:
         raise running.SetupError("no compiler")
 
-    known = {
-        "first": suites.Suite(breaks),
-        "second": suites.Suite(lambda: Outcome(3, [], ["no data", "no data"])),
-    }
+    def skips() -> Outcome:
+        outcome = Outcome(3)
+        outcome.skip("no data", "one", "other")
+        return outcome
+
+    known = {"first": suites.Suite(breaks), "second": suites.Suite(skips)}
     monkeypatch.setattr(suites, "SUITES", known)
     monkeypatch.setattr(suites, "set_up_tests", lambda names: [])
     assert suites.test(list(known), 1) == 1
@@ -143,6 +149,8 @@ def test_all_suites_run_and_the_last_line_is_the_sum(
     assert said[-1] == "3 passed, 1 failed, 2 skipped"
     assert "skipped 2 in second: no data" in said
     assert any("no compiler" in line for line in said)
+    left_out = (paths.BUILD / "reports" / "left_out.txt").read_text().splitlines()
+    assert left_out == ["second: one: no data", "second: other: no data"]
 
     assert suites.test(["second"], 1) == 0
     assert capsys.readouterr().out.splitlines()[-1] == "3 passed, 0 failed, 2 skipped"
@@ -204,6 +212,54 @@ def test_a_failed_command_shows_the_end_of_its_log() -> None:
 def test_a_command_that_hangs_is_stopped() -> None:
     command = (sys.executable, "-c", "import time; time.sleep(60)")
     assert running.run("log", *command, timeout=0.2, check=False) < 0
+
+
+@contextlib.contextmanager
+def a_command_with_children(folder: Path) -> Iterator[list[str]]:
+    """A command that waits for another; both must have ended afterwards."""
+    begun, word = folder / "begun", f"{folder.name}.{os.getpid()}"
+    child = f'sh -c "touch {begun}; sleep 600; :" {word} & wait'
+    yield ["sh", "-c", child, word]
+    assert begun.exists()
+    end = time.monotonic() + 60
+    while is_running(word):
+        assert time.monotonic() < end
+        time.sleep(0.01)
+
+
+def wait_for(path: Path) -> None:
+    end = time.monotonic() + 60
+    while not path.exists():
+        assert time.monotonic() < end
+        time.sleep(0.01)
+
+
+def test_what_a_stopped_command_has_started_ends(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(running, "_stopped", threading.Event())
+    with a_command_with_children(tmp_path) as words, ThreadPoolExecutor() as pool:
+        status = pool.submit(running.run, "log", *words, check=False)
+        wait_for(tmp_path / "begun")
+        running.stop_all()
+        assert status.result() < 0
+    with pytest.raises(running.SetupError, match="Interrupted"):
+        running.run("log", "true")
+
+
+def test_commands_end_with_the_program_that_is_killed(tmp_path: Path) -> None:
+    with a_command_with_children(tmp_path) as words:
+        script = (
+            "from pathlib import Path\n"
+            "from build_tools import paths, running\n"
+            f"paths.LOGS = Path({str(tmp_path)!r})\n"
+            f"running.run('log', *{words})"
+        )
+        environment = {**os.environ, "PYTHONPATH": str(ROOT / "native")}
+        program = subprocess.Popen([sys.executable, "-c", script], env=environment)
+        wait_for(tmp_path / "begun")
+        program.kill()
+        program.wait()
 
 
 def test_a_command_that_is_not_there_is_named() -> None:
@@ -366,13 +422,11 @@ def test_what_makes_a_debian_ends_with_the_one_who_asked(tmp_path: Path) -> None
     words = [*other_debian._namespace(), "sh", "-c", f"touch {begun}; sleep 600; :", word]
     script = f"import subprocess; subprocess.run({words})"
     asking = subprocess.Popen([sys.executable, "-c", script])
-    end = time.monotonic() + 60
-    while not begun.exists():
-        assert time.monotonic() < end
-        time.sleep(0.01)
+    wait_for(begun)
     assert is_running(word)
     asking.kill()
     asking.wait()
+    end = time.monotonic() + 60
     while is_running(word):
         assert time.monotonic() < end
         time.sleep(0.01)
@@ -384,12 +438,13 @@ def test_a_debian_that_was_left_half_made_is_made_anew(
     monkeypatch.setenv("POINTMORPH_DEBIAN", str(tmp_path))
     (tmp_path / "sid.unfinished-old" / "usr").mkdir(parents=True)
     (tmp_path / "sid" / "usr").mkdir(parents=True)  # without a stamp
-    works = False
+    works, python = False, targets.LINUX.pythons[-1]
 
     def bootstrap(log: str, *words: str) -> None:
         folder = next(Path(word) for word in words if "unfinished" in word)
         assert list(folder.iterdir()) == []
-        (folder / "bin").mkdir()
+        (folder / "usr" / "bin").mkdir(parents=True)
+        (folder / "usr" / "bin" / f"python{python}").touch()
         if not works:
             raise running.SetupError("no network")
 
@@ -399,10 +454,14 @@ def test_a_debian_that_was_left_half_made_is_made_anew(
     assert not (tmp_path / "sid").exists()
     works = True
     root = other_debian.set_up("sid")
-    assert [path.name for path in root.iterdir()] == ["bin"]
+    assert [path.name for path in root.iterdir()] == ["usr"]
     assert list(tmp_path.glob("*unfinished*")) == []
     works = False
     assert other_debian.set_up("sid") == root  # nothing is made again
+    works, python = True, "4.0"
+    for _ in range(2):
+        with pytest.raises(running.SetupError, match="no wheel"):
+            other_debian.set_up("trixie")
 
 
 def test_mounts_end_with_the_command(tmp_path: Path) -> None:

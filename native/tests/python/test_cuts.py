@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pointmorph
 import pytest
-from shapes import around, ball, grid
+from shapes import CUBE, SQUARES, around, ball, grid
 
 
 def test_a_cut_is_shown_in_the_units_and_rows_given() -> None:
@@ -67,6 +67,21 @@ def test_the_proposed_loop_is_the_one_that_is_taken_and_can_be_cut() -> None:
     assert proposed == taken
     cut = pointmorph.decompose(cloud, {name: loop[name] for name in proposed})
     assert abs(int(cut.sides.sum())) < 0.1 * len(points)
+
+
+def test_a_mesh_of_few_vertices_is_cut_as_its_morph_cuts_it() -> None:
+    cube = pointmorph.Cloud(CUBE, faces=SQUARES)
+    cut = pointmorph.decompose(cube, {"a": 0, "b": 1, "c": 3, "d": 2})
+    assert np.abs(cut.curve[:, 2] + 1.0).max() < 0.1
+    assert len(cut.curve) > 40  # as many as samples of the faces ask for
+    assert list(cut.sides[:4]) == [0, 0, 0, 0]
+    assert len(set(cut.sides[4:])) == 1
+    assert cut.sides[4] != 0
+
+    marks = {str(k): (k, k) for k in (0, 3, 1, 2)}
+    other = pointmorph.Cloud(2.0 * CUBE, faces=SQUARES)
+    taken = pointmorph.morph(cube, other, marks, domain="cut").report["loop"]
+    assert pointmorph.propose_loop(cube, other, marks) == taken == ["0", "2", "3", "1"]
 
 
 def test_no_loop_is_proposed_for_too_few_marks_or_an_open_patch() -> None:

@@ -83,6 +83,17 @@ def test_starts_from_an_earlier_morph(morph: pointmorph.Morph) -> None:
         pointmorph.morph(morph.source, morph.target, start=(np.zeros((4, 2)), np.zeros(3)))
 
 
+def test_a_start_that_the_domain_cannot_use_is_mentioned(morph: pointmorph.Morph) -> None:
+    marks = features(A, B)
+    again = pointmorph.morph(morph.source, morph.target, marks, domain="disk", start=morph)
+    fresh = pointmorph.morph(morph.source, morph.target, marks, domain="disk")
+    np.testing.assert_array_equal(again.pairs, fresh.pairs)
+    assert [w for w in again.report["warnings"] if w not in fresh.report["warnings"]] == [
+        "The earlier map was ignored: with domain disk the search starts in that domain. Take "
+        "domain auto to continue from it."
+    ]
+
+
 @functools.cache
 def turned(path: str) -> tuple[pointmorph.Morph, np.ndarray]:
     """A bump turned by two radians, and by what matrix."""
@@ -459,6 +470,18 @@ def test_velocities_follow_bent_paths(path: str) -> None:
         expected = (after - before) / (2 * step)
         velocities = result.resampled_frame(t).velocities[:pairs]
         assert np.abs(velocities - expected).max() < 1e-2 * np.abs(expected).max()
+
+
+def test_frames_on_bent_paths_can_be_cancelled() -> None:
+    again = pointmorph.morph(
+        pointmorph.Cloud(grid(21)), pointmorph.Cloud(grid(21, 0.8)), path="rigid"
+    )
+    with pytest.raises(pointmorph.Cancelled):
+        again.frame(0.5, progress=lambda stage, done: stage != "motion")
+    stages: list[str] = []
+    half_way = again.frame(0.5, progress=lambda stage, done: stages.append(stage)).positions
+    assert "motion" in stages
+    np.testing.assert_array_equal(again.frame(0.5).positions, half_way)
 
 
 def test_resampled_frames_can_be_cancelled_and_check_t(torn: pointmorph.Morph) -> None:

@@ -45,6 +45,23 @@ def test_loops_are_the_first_curves() -> None:
     assert [set(ends) for ends in morph.report["curves"][:6]] == first
 
 
+def test_meshes_of_few_vertices_are_cut_on_their_faces() -> None:
+    octahedron = np.concatenate([np.eye(3), -np.eye(3)])
+    faces = [[a, b, c] for a in (0, 3) for b in (1, 4) for c in (2, 5)]
+    faces = [f if np.linalg.det(octahedron[f]) > 0 else f[::-1] for f in faces]
+    source, target = (pointmorph.Cloud(size * octahedron, faces=faces) for size in (1.0, 2.0))
+    network = pointmorph.trace_network(source, target, {str(k): (k, k) for k in range(6)})
+    assert 6 - len(network.curves) + len(network.patches) == 2
+    for curve in network.curves:
+        for points, cloud in ((curve.source, source), (curve.target, target)):
+            ends = cloud.positions[[int(curve.start), int(curve.end)]]
+            np.testing.assert_allclose(points[[0, -1]], ends, atol=1e-9)
+            size = cloud.positions.max()
+            assert len(points) > 10
+            assert np.abs(np.abs(points).sum(axis=1) - size).max() < 0.1 * size  # on its faces
+    assert list(network.source) == list(network.target) == 6 * [-1]
+
+
 def test_names_and_loops_dont_mix() -> None:
     with pytest.raises(pointmorph.FeatureError, match="feature names, or sequences of them"):
         pointmorph.morph(SOURCE, TARGET, FEATURES, loop=["00", ["01", "02"]])  # type: ignore[list-item]

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+import subprocess
+import sys
 from pathlib import Path
 from typing import NamedTuple
 
@@ -280,3 +282,93 @@ def test_a_page_follows_the_template(page: Path) -> None:
     assert "```cpp\n" in text.partition("\n## Use\n")[2].partition("\n## ")[0]
     header = (NATIVE / "include" / "pointmorph" / room / f"{stem}.hpp").read_text(encoding="utf-8")
     assert options_of_page(text) == fields_of_options(header)
+
+
+# --- The signatures and the example on a page
+
+EXAMPLE = re.compile(r"^TEST\(Example, (\w+)\) \{$(.*?)^\}$", re.MULTILINE | re.DOTALL)
+MARKED = re.compile(r"// --- example\n(.*?)// --- end of the example\n", re.DOTALL)
+
+
+def condensed(code: str) -> str:
+    """The code without comments and white space."""
+    return re.sub(r"/\*.*?\*/|//[^\n]*|\s+", "", code, flags=re.DOTALL)
+
+
+def signatures_and_example(page: str) -> tuple[list[str], str]:
+    """What stands before the first empty line under Use, declaration by declaration, and after."""
+    use = page.partition("\n## Use\n")[2].partition("\n## ")[0]
+    signatures, _, example = use.partition("```cpp\n")[2].partition("```")[0].partition("\n\n")
+    return [s for s in condensed(signatures).split(";") if s], condensed(example)
+
+
+def is_declared(signature: str, header: str) -> bool:
+    """As a declaration, or with its body; constructors, with what they initialize."""
+    return re.search(re.escape(signature) + "[;{:]", condensed(header)) is not None
+
+
+def test_signatures_and_examples_are_read() -> None:
+    page = (
+        "# s\n\n## Use\n\n```cpp\nint f(int a,\n      int b);\nvoid g();\n\nf(1, 2);  // 3\n```\n"
+    )
+    assert signatures_and_example(page) == (["intf(inta,intb)", "voidg()"], "f(1,2);")
+    assert is_declared("intf(inta)", "/// Of a.\nint f(int a);\n")
+    assert is_declared("intf(inta)", "inline int f(int a) {\n    return a;\n}\n")
+    assert not is_declared("intf(inta)", "int f(int a, int b);\n")
+    assert not is_declared("intf(inta)", "int f(int a) const;\n")
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda p: f"{p.parent.name}/{p.stem}")
+def test_a_page_has_signatures_of_the_header(page: Path) -> None:
+    signatures, _ = signatures_and_example(page.read_text(encoding="utf-8"))
+    room, stem = page.parent.name, page.stem
+    header = (NATIVE / "include" / "pointmorph" / room / f"{stem}.hpp").read_text(encoding="utf-8")
+    assert signatures
+    assert [s for s in signatures if not is_declared(s, header)] == []
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda p: f"{p.parent.name}/{p.stem}")
+def test_a_page_s_example_runs_as_a_test(page: Path) -> None:
+    _, example = signatures_and_example(page.read_text(encoding="utf-8"))
+    source = NATIVE / "tests" / page.parent.name / f"test_{page.stem}.cpp"
+    tests = EXAMPLE.findall(source.read_text(encoding="utf-8"))
+    assert [name for name, _ in tests] == ["".join(word.title() for word in page.stem.split("_"))]
+    body = tests[0][1]
+    marked = MARKED.findall(body)
+    assert [condensed(lines) for lines in marked] == [example]
+    assert re.search(r"\b(EXPECT|ASSERT)_", body.partition("// --- end of the example")[2])
+
+
+# --- Pictures
+
+IMAGES = ROOT / "docs" / "images"
+SCRIPT = ROOT / "docs" / "make_pictures.py"
+DRAWN = re.findall(r"^@picture\ndef (\w+)", SCRIPT.read_text(encoding="utf-8"), re.MULTILINE)
+
+
+def assert_fits_a_page(picture: Path) -> None:
+    data = picture.read_bytes()
+    assert data[:8] == b"\x89PNG\r\n\x1a\n"
+    assert len(data) <= 60_000
+    assert int.from_bytes(data[16:20]) == 900  # its width
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda p: f"{p.parent.name}/{p.stem}")
+def test_a_page_shows_the_picture_that_is_drawn_of_its_stage(page: Path) -> None:
+    shown = re.findall(r"^!\[(.+)\]\((.+)\)$", page.read_text(encoding="utf-8"), re.MULTILINE)
+    drawn = [f"../../images/{page.stem}.png"] if page.stem in DRAWN else []
+    assert [link for _, link in shown] == drawn
+    if drawn:
+        assert_fits_a_page(IMAGES / f"{page.stem}.png")
+
+
+def test_every_picture_is_of_a_stage() -> None:
+    assert DRAWN
+    assert set(DRAWN) <= {page.stem for page in PAGES}
+
+
+def test_pictures_are_drawn_by_script(tmp_path: Path) -> None:
+    for module in ("matplotlib", "scipy"):  # .venv has them; other Pythons needn't
+        pytest.importorskip(module)
+    subprocess.run([sys.executable, SCRIPT, "--folder", tmp_path, "lod"], check=True)
+    assert_fits_a_page(tmp_path / "lod.png")

@@ -9,6 +9,7 @@
 #include "pointmorph/registration/pose.hpp"
 #include "registration/coarse_urchin.hpp"
 #include "shapes.hpp"
+#include "watched.hpp"
 
 namespace pointmorph {
 namespace {
@@ -101,6 +102,29 @@ TEST(AnchoredStart, AnchorsAtOnePlaceGiveNumbersToo) {
         anchored_start(shape, shape, node_distances(shape, shape), same);
     EXPECT_TRUE(start.source.allFinite());
     EXPECT_TRUE(start.target.allFinite());
+}
+
+TEST(Example, AnchoredStart) {
+    SKIP_WHERE_WATCHED();
+    std::vector<Vector3> target_spikes = source_spikes();
+    target_spikes[2] = Vector3(-0.3, 0.9, -0.2).normalized();
+    const CoarseShape source = urchin(source_spikes(), 3), target = urchin(target_spikes, 4);
+    const std::vector<Index> from = ends(source, source_spikes()), to = ends(target, target_spikes);
+    const std::vector<IndexPair> anchors = paired(from, to);
+    const RegistrationOptions options;
+    Progress progress;
+    // --- example
+    const NodeDistances distances = node_distances(source, target);
+    const RegistrationStart start = anchored_start(source, target, distances, anchors);
+    const Registration map =
+        register_level({source, target}, 0, start, options.levels.front(), options, progress);
+    // --- end of the example
+    for (const auto& [s, t] : anchors) {
+        const Index node = source.levels.front().node_rows[to_size(s)];
+        const Index other = target.levels.front().node_rows[to_size(t)];
+        EXPECT_LT((map.source_points.positions.row(node) - target.positions.row(other)).norm(),
+                  0.25);
+    }
 }
 
 }  // namespace

@@ -112,5 +112,20 @@ TEST(CoarseShape, LocalAreasAreThoseOfGeodesicBalls) {
     EXPECT_LT((local_areas(turned, progress) - on_pipe).cwiseAbs().maxCoeff(), 1e-6);
 }
 
+TEST(Example, CoarseShape) {
+    const Positions positions = shapes::sphere(4000);
+    const Normals& normals = positions;
+    const std::vector<Index> feature_rows{3999, 17};
+    Progress progress;
+    // --- example
+    const KdTree<3> tree(positions);
+    const CoarseShape shape = coarse_shape(tree, normals, feature_rows,
+                                           {.points = 1000, .nodes = {200}, .graph = {}}, progress);
+    const Index cloud_row = shape.cloud_rows[0];
+    // --- end of the example
+    EXPECT_EQ(cloud_row, 3999);
+    EXPECT_NEAR(shape.size(), 1000, 100);
+}
+
 }  // namespace
 }  // namespace pointmorph

@@ -99,5 +99,23 @@ TEST(Components, WithoutACounterpartAreJoined) {
                                  "2 pieces of one (500 points) have no counterpart"));
 }
 
+TEST(Example, Components) {
+    const Topology source_topology = topology_of({900, 50}),
+                   target_topology = topology_of({800, 50});
+    const Positions source = together({ball(900, 1, 0, 0, 0), ball(50, 0.1, 0, 2, 0)});
+    const Positions target = together({ball(800, 1.1, 0, 0, 0), ball(50, 0.12, 0, 2.1, 0)});
+    const Positions &source_normals = source, &target_normals = target;
+    const Positions &source_images = source, &target_images = target;
+    const Similarity alignment;
+    // --- example
+    const ComponentView on_source{source_topology, source, source_normals, source_images};
+    const ComponentView on_target{target_topology, target, target_normals, target_images};
+    const ComponentMatching found = match_components(on_source, on_target, alignment, {});
+    const std::vector<IndexPair>& partners = found.matched;
+    // --- end of the example
+    EXPECT_EQ(partners, (std::vector<IndexPair>{{0, 0}, {1, 1}}));
+    EXPECT_TRUE(found.source_alone.empty());
+}
+
 }  // namespace
 }  // namespace pointmorph

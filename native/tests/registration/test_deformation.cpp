@@ -168,5 +168,26 @@ TEST(Deformation, FarPartsHangTogether) {
     EXPECT_EQ(reached, ball.graph.size());
 }
 
+TEST(Example, Deformation) {
+    const Ball ball;
+    const Positions& positions = ball.positions;
+    const Normals& normals = ball.normals;
+    const DeformationGraph& graph = ball.graph;
+    std::vector<Attraction> attractions;
+    for (Index i = 0; i < graph.points(); ++i)
+        attractions.push_back({i, 1.0, positions.row(i).transpose() + Vector3(0, 0, 1)});
+    Deformation deformation = ball.at_rest();
+    // --- example
+    DeformationSolver solver(positions, graph);
+    solver.factorize(1.0, attractions);
+    solver.solve(attractions, deformation);
+    fit_similarities(positions, graph, 2, 3.0, deformation);
+    const DeformedCloud now = deformed(positions, normals, graph, deformation);
+    // --- end of the example
+    EXPECT_LT((now.positions - positions).cwiseAbs().leftCols<2>().maxCoeff(), 1e-6);
+    EXPECT_LT(((now.positions - positions).col(2).array() - 1.0).abs().maxCoeff(), 1e-6);
+    EXPECT_LT((now.normals - normals).cwiseAbs().maxCoeff(), 1e-6);
+}
+
 }  // namespace
 }  // namespace pointmorph

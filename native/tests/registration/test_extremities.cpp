@@ -70,5 +70,18 @@ TEST(Extremities, ArePairedWhereTheMapTakesThem) {
     for (const Vector3& spike : four_spikes()) EXPECT_EQ(is_paired(spike), spike.x() >= 0.0);
 }
 
+TEST(Example, Extremities) {
+    const CoarseShape source = urchin(four_spikes(), 3), target = urchin(four_spikes(), 4);
+    const Positions &source_images = source.positions, &target_images = target.positions;
+    // --- example
+    const auto on_source = extremities(source, node_distances(source), {.most = 4});
+    const auto on_target = extremities(target, node_distances(target), {.most = 4});
+    const auto pairs = paired_extremities({source, source_images, on_source},
+                                          {target, target_images, on_target}, {});
+    // --- end of the example
+    ASSERT_EQ(pairs.size(), 4u);
+    for (const ExtremityPair& pair : pairs) EXPECT_LT(pair.distance, 0.3);
+}
+
 }  // namespace
 }  // namespace pointmorph

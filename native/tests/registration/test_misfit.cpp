@@ -112,5 +112,23 @@ TEST(Misfit, TornIsTheShareOfEdgesWhoseEndsPart) {
     EXPECT_LT(torn, 3.0 * expected);
 }
 
+TEST(Example, Misfit) {
+    const Eggs eggs;
+    const CoarseShape &source = eggs.coarse_source, &target = eggs.coarse_source;
+    const Registration map = identity_of(source);
+    Registration other_map = map;
+    other_map.source_points.positions *= 1.1;
+    Progress progress;
+    // --- example
+    const NodeDistances distances = node_distances(source, target);
+    const Misfit misfit = registration_misfit({source, target}, 1, map, distances, {}, progress);
+    const Misfit other =
+        registration_misfit({source, target}, 1, other_map, distances, {}, progress);
+    const bool is_better = misfit.energy() < other.energy();
+    // --- end of the example
+    EXPECT_TRUE(is_better);
+    EXPECT_GT(other.gap, misfit.gap);
+}
+
 }  // namespace
 }  // namespace pointmorph

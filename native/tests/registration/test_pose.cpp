@@ -318,5 +318,26 @@ TEST(Pose, AMapCostsMoreForItsTears) {
     }
 }
 
+TEST(Example, Pose) {
+    SKIP_WHERE_WATCHED();
+    const Matrix3 turn = shapes::rotation(7);
+    const Vector3 end(0.42, 0.0, 0.0);
+    const CoarseShape source = egg(2500, 0.0, 1, Matrix3::Identity(), {end});
+    const CoarseShape target = egg(2200, 0.0, 2, turn, {end});
+    const std::vector<IndexPair> features{{0, 0}};
+    Progress progress;
+    // --- example
+    const Pose pose = find_pose({source, target, features}, {}, {}, progress);
+    const CoarseShape there = moved(target, pose.best.alignment);
+    const Positions& images = pose.best.registration.source_points.positions;
+    const bool is_clear = pose.confidence > 0.9;
+    // --- end of the example
+    const Similarity back = pose.best.alignment.inverse();
+    EXPECT_LT((back.apply(there.positions) - target.positions).cwiseAbs().maxCoeff(), 1e-9);
+    const Values along = (back.apply(images) * turn).col(0);
+    EXPECT_LT((along - source.positions.col(0)).cwiseAbs().mean(), 0.03);
+    EXPECT_FALSE(is_clear);  // any side of it may be up
+}
+
 }  // namespace
 }  // namespace pointmorph

@@ -75,5 +75,20 @@ TEST(ProductSpace, ASideOfFeaturesAloneStillCoversTheOther) {
     EXPECT_TRUE(checks::is_total(mutual_pairs<12>(a, b, features, progress), 2, 5));
 }
 
+TEST(Example, ProductSpace) {
+    const Positions source = shapes::sphere(300), target = shapes::sphere(200);
+    const Positions &source_normals = source, &target_normals = target;
+    const OrientedView source_image{source, source_normals}, target_image{target, target_normals};
+    const std::vector<IndexPair> features{{0, 0}};
+    Progress progress;
+    // --- example
+    const ProductPoints s = product_points(source_image, {source, source_normals}, 0.1);
+    const ProductPoints t = product_points({target, target_normals}, target_image, 0.1);
+    const Pairing pairs = mutual_pairs<12>(s, t, features, progress);
+    // --- end of the example
+    EXPECT_TRUE(checks::is_total(pairs, 300, 200));
+    for (const auto& [i, j] : pairs) EXPECT_LT((source.row(i) - target.row(j)).norm(), 0.3);
+}
+
 }  // namespace
 }  // namespace pointmorph

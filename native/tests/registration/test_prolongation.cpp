@@ -86,5 +86,23 @@ TEST(Prolongation, OneCoarsePointCarriesAll) {
                     .positions.isApprox(Positions::Constant(6, 3, 2.0)));
 }
 
+TEST(Example, Prolongation) {
+    Fixture f;
+    const CoarseShape& coarse = f.shape;
+    const Positions &positions = f.positions, &normals = f.positions;
+    const Matrix3 twice = 2.0 * Matrix3::Identity();
+    DeformedCloud coarse_images;
+    coarse_images.positions = shape_map(coarse.positions, twice);
+    coarse_images.linear.assign(to_size(coarse.size()), twice);
+    Progress progress;
+    // --- example
+    const Prolongation prolongation(coarse, positions, normals, progress);
+    const OrientedPoints images = prolongation(coarse, coarse_images, positions, normals, progress);
+    const Matrix3 derivative = prolongation.linear(7, coarse_images);
+    // --- end of the example
+    EXPECT_LT((images.positions - 2.0 * positions).cwiseAbs().maxCoeff(), 1e-9);
+    EXPECT_LT((derivative - twice).cwiseAbs().maxCoeff(), 1e-6);
+}
+
 }  // namespace
 }  // namespace pointmorph

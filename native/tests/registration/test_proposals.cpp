@@ -99,5 +99,30 @@ TEST(Proposals, ConfidenceFollowsTheMapsAndFallsWithTheDistance) {
     }
 }
 
+TEST(Example, Proposals) {
+    SKIP_WHERE_WATCHED();
+    const Matrix3 turn = shapes::rotation(5);
+    const CoarseShape source = urchin(1, Matrix3::Identity()), target = urchin(2, turn);
+    Progress progress;
+    // --- example
+    const Pose pose = find_pose({source, target}, {}, {}, progress);
+    const std::vector<Rival> rivals = describe_rivals(source, target, pose);
+    const CoarseShape there = moved(target, pose.best.alignment);
+    const std::vector<Proposal> proposals = propose_features({{source, there},
+                                                              pose.best.registration,
+                                                              pose.source_extremities,
+                                                              pose.target_extremities,
+                                                              pose.confidence},
+                                                             4, progress);
+    // --- end of the example
+    EXPECT_LE(rivals.size(), pose.rivals.size());
+    ASSERT_FALSE(proposals.empty());
+    const Proposal& first = proposals.front();
+    EXPECT_TRUE(first.is_extremity);
+    EXPECT_LT(
+        (source.positions.row(first.source) - target.positions.row(first.target) * turn).norm(),
+        0.12);
+}
+
 }  // namespace
 }  // namespace pointmorph

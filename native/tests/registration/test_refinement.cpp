@@ -332,5 +332,23 @@ TEST(Refinement, EndsWhenAskedTo) {
     }
 }
 
+TEST(Example, Refinement) {
+    SKIP_WHERE_WATCHED();
+    const Animals animals(3000, 2500, 0.0);
+    const auto& [source, source_normals] = animals.source;
+    const auto& [target, target_normals] = animals.target;
+    const std::vector<Feature> features = as_features(animals.features);
+    Progress progress;
+    // --- example
+    const Refinement map =
+        refine({source, source_normals}, {target, target_normals}, features, {}, progress);
+    const Positions& images = map.source_images;
+    const Pairing& pairs = map.pairs;
+    // --- end of the example
+    EXPECT_EQ(images.rows(), 3000);
+    EXPECT_LT(animals.error(map, 0.0), 0.01);
+    EXPECT_TRUE(checks::is_total(pairs, 3000, 2500));
+}
+
 }  // namespace
 }  // namespace pointmorph

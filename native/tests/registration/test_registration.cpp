@@ -62,5 +62,19 @@ TEST(Registration, HoldsTheFeatures) {
     EXPECT_EQ(r.source.rotations.size(), to_size(eggs.coarse_source.levels.back().size()));
 }
 
+TEST(Example, Registration) {
+    const Eggs eggs;
+    const CoarseShape &source = eggs.coarse_source, &target = eggs.coarse_target;
+    const std::vector<IndexPair>& features = eggs.features;
+    Progress progress;
+    // --- example
+    const CoarsePair shapes{source, target, features};
+    const Registration map = register_shapes(shapes, thin_plate_start(shapes), {}, progress);
+    const Positions& images = map.source_points.positions;
+    // --- end of the example
+    for (const IndexPair& f : features)
+        EXPECT_LT((images.row(f.source) - target.positions.row(f.target)).norm(), 0.005);
+}
+
 }  // namespace
 }  // namespace pointmorph

@@ -5,7 +5,9 @@
 #include <algorithm>
 
 #include "pointmorph/registration/misfit.hpp"
+#include "pointmorph/registration/thin_plate.hpp"
 #include "shapes.hpp"
+#include "watched.hpp"
 
 namespace pointmorph {
 namespace {
@@ -120,6 +122,29 @@ TEST(Restarts, AStartThatCannotWorkIsReplaced) {
     const double kept = torn_share(shapes, restarts.registration, registration, progress);
     EXPECT_EQ(kept, restarts.tried[restarts.taken].torn);
     EXPECT_LE(kept, registration.most_torn);
+}
+
+TEST(Example, Restarts) {
+    SKIP_WHERE_WATCHED();
+    const Spiky one(1.0, 3), other(1.0, 4);
+    const CoarseShape &source = one.coarse, &target = other.coarse;
+    const auto features = first_rows(3);
+    Progress progress;
+    // --- example
+    const CoarsePair shapes{source, target, features};
+    Registration first = register_shapes(shapes, thin_plate_start(shapes), {}, progress);
+    const Restarts best = register_best(shapes, {"features", std::move(first)}, {}, {}, progress);
+    const std::string& start = best.tried[best.taken].start;
+    // --- end of the example
+    EXPECT_EQ(start, "features");
+    const KdTree<3> tree(target.positions);
+    for (Index i = 0; i < source.size(); ++i) {
+        Index nearest;
+        double squared;
+        tree.nearest(best.registration.source_points.positions.row(i).data(), {&nearest, 1},
+                     {&squared, 1});
+        EXPECT_LT(squared, 0.1 * 0.1);
+    }
 }
 
 }  // namespace

@@ -63,5 +63,21 @@ TEST(ThinPlate, ManyGuidesAreThinnedEvenly) {
         EXPECT_EQ(places.target.row(6 + k), eggs.coarse_target.guides.places.row(3 * k));
 }
 
+TEST(Example, ThinPlate) {
+    const Eggs eggs;
+    const CoarseShape &source = eggs.coarse_source, &target = eggs.coarse_target;
+    const std::vector<IndexPair>& features = eggs.features;
+    const Positions places = shapes::cube_noise(9, 1);
+    const Positions partners = places.rowwise() + Eigen::RowVector3d(0.5, 0.0, 0.0);
+    // --- example
+    const RegistrationStart start = thin_plate_start({source, target, features});
+    const ThinPlate plate(places, partners);
+    const Eigen::RowVector3d image = plate(Eigen::RowVector3d(0.1, 0.2, 0.3));
+    // --- end of the example
+    EXPECT_LT((image - Eigen::RowVector3d(0.6, 0.2, 0.3)).norm(), 1e-9);
+    for (const IndexPair& f : features)
+        EXPECT_LT((start.source.row(f.source) - target.positions.row(f.target)).norm(), 0.02);
+}
+
 }  // namespace
 }  // namespace pointmorph

@@ -160,5 +160,23 @@ TEST(SphericalAlignment, CanBeCancelled) {
                  Cancelled);
 }
 
+TEST(Example, SphericalAlignment) {
+    SKIP_WHERE_WATCHED();
+    Limbed one(4000, 1), other(3500, 2);
+    SphericalMesh &source = one.mesh, &target = other.mesh;
+    const Positions& positions = one.positions;
+    const Normals& normals = one.normals;
+    const auto features = first_nodes(4);
+    Progress progress;
+    // --- example
+    const SphericalAlignment done =
+        align_on_sphere(source, target, features, {.rotations = 2000}, progress);
+    const Positions on_sphere = onto_sphere(source, positions, normals, progress);
+    // --- end of the example
+    EXPECT_FALSE(done.searched);  // four features say how to rotate it
+    for (const auto& [s, t] : features) EXPECT_EQ(source.images.row(s), target.images.row(t));
+    EXPECT_LT((on_sphere.rowwise().norm().array() - 1.0).abs().maxCoeff(), 1e-9);
+}
+
 }  // namespace
 }  // namespace pointmorph

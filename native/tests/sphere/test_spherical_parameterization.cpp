@@ -196,5 +196,22 @@ TEST(SphericalParameterization, CanBeCancelled) {
                  Cancelled);
 }
 
+TEST(Example, SphericalParameterization) {
+    const Prepared shape(limbed(4000));
+    const Positions& positions = shape.positions;
+    const Normals& normals = shape.normals;
+    const Neighborhoods& nearest = shape.nearest;
+    const std::vector<Index> features{17, 3};
+    Progress progress;
+    // --- example
+    const SphericalMesh mesh =
+        spherical_mesh({positions, normals, nearest}, features, {.nodes = 500}, progress);
+    const Positions sphere = onto_sphere(mesh, positions, normals, progress);
+    // --- end of the example
+    EXPECT_EQ(mesh.rows.front(), 17);
+    EXPECT_EQ(turned_over(mesh.triangles, mesh.images), 0.0);
+    EXPECT_LT((sphere.rowwise().norm().array() - 1.0).abs().maxCoeff(), 1e-9);
+}
+
 }  // namespace
 }  // namespace pointmorph

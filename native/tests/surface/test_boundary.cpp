@@ -443,5 +443,19 @@ TEST(BoundaryOfRealMeshes, NoneWhereFacesCloseThem) {
     }
 }
 
+TEST(Example, Boundary) {
+    const Positions positions = disc(1000);
+    const Normals normals = upwards(1000);
+    const Neighborhoods nearest = nearest_of(positions);
+    Progress progress;
+    // --- example
+    const auto loops = find_boundary_loops(positions, normals, nearest, {.opening = 2.0}, progress);
+    const bool is_closed = loops.empty();
+    const double length = is_closed ? 0.0 : loop_length(positions, loops.front());
+    // --- end of the example
+    EXPECT_FALSE(is_closed);
+    EXPECT_NEAR(length, 2.0 * kPi, 0.5);
+}
+
 }  // namespace
 }  // namespace pointmorph

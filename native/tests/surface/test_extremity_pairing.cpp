@@ -90,5 +90,22 @@ TEST(ExtremityPairing, OfTwoThatAreAlikeNeitherIsPaired) {
                     .empty());
 }
 
+TEST(Example, ExtremityPairing) {
+    const Star one({20, 35, 28}), other({20, 35, 24});
+    const SurfaceGraph &source = one.graph, &target = other.graph;
+    const std::vector<Index> source_features{one.ends[0], one.ends[1]};
+    const std::vector<Index> target_features{other.ends[0], other.ends[1]};
+    const double unit = 30.0;
+    Progress progress;
+    // --- example
+    const auto s = unmarked_extremities(source, unit, distances_from(source, unit, source_features),
+                                        {}, progress);
+    const auto t = unmarked_extremities(target, unit, distances_from(target, unit, target_features),
+                                        {}, progress);
+    const auto pairs = paired_extremities(s, t, 0.35, [](Index, Index) { return 0.0; });
+    // --- end of the example
+    EXPECT_EQ(pairs, (std::vector<IndexPair>{{one.ends[2], other.ends[2]}}));
+}
+
 }  // namespace
 }  // namespace pointmorph

@@ -189,5 +189,18 @@ TEST(Features, WhereThereIsNoWayAlongTheSurfaceACurveIsStraight) {
     EXPECT_NEAR(traced.length(), 10.0, 1e-9);
 }
 
+TEST(Example, Features) {
+    const Cloud source = cloud_of(shapes::sphere(50), "Cow");
+    const Cloud target = cloud_of(shapes::sphere(500), "Bull");
+    // --- example
+    const std::vector<Feature> features{
+        point_feature("nose", 17, 403),
+        {"seam", FeatureKind::kCurve, {{3, 4, 5}, {}}, {{7, 9}, {}}, false, false},
+        {"snout", FeatureKind::kRegion, {{20, 21}, {1.0, 0.5}}, {{40}, {}}, false, false, 2.0}};
+    validate(features, source, target);
+    // --- end of the example
+    EXPECT_EQ(pinned_pairs(features), (std::vector<IndexPair>{{17, 403}}));
+}
+
 }  // namespace
 }  // namespace pointmorph

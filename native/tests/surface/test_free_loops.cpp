@@ -169,5 +169,16 @@ TEST(FreeLoops, OfNothingAndOfSinglesAreNone) {
     EXPECT_EQ(complex.neighbors()[3].size(), 0u);
 }
 
+TEST(Example, FreeLoops) {
+    const Neighborhoods graph = complex_of(35, torus(5, 7)).neighbors();
+    // --- example
+    Complex complex(graph);
+    complex.add(std::array{0, 1, 8});
+    const FreeLoops loops(complex);
+    const Index genus = loops.all / 2;
+    // --- end of the example
+    EXPECT_EQ(genus, 1);
+}
+
 }  // namespace
 }  // namespace pointmorph

@@ -178,5 +178,19 @@ TEST(Geodesics, ResamplingKeepsEndsAndLength) {
         EXPECT_NEAR((fine.points.row(i) - fine.points.row(i - 1)).norm(), 0.25, 1e-12);
 }
 
+TEST(Example, Geodesics) {
+    const Surface ball(shapes::sphere(4000), shapes::sphere(4000));
+    const auto& [positions, normals, tree, graph, spacing] = ball;
+    const Index nose = ball.at(1, 0, 0), tail = ball.at(0, 1, 0);
+    Progress progress;
+    // --- example
+    const std::vector<Index> path = cheapest_path(graph, nose, tail, {});
+    const SurfaceCurve curve = geodesic(tree, normals, path, spacing, progress);
+    const double length = curve_length(curve.points);
+    // --- end of the example
+    EXPECT_EQ(path.front(), nose);
+    EXPECT_NEAR(length, 0.5 * std::numbers::pi, 0.06);
+}
+
 }  // namespace
 }  // namespace pointmorph

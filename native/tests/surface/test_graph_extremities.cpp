@@ -132,5 +132,18 @@ TEST(GraphExtremities, MostProminentAreSortedAndStable) {
     EXPECT_TRUE(most_prominent({0.5}, -1, 0.1).empty());
 }
 
+TEST(Example, GraphExtremities) {
+    const Star star({20, 35, 28, 12});
+    const SurfaceGraph& graph = star.graph;
+    const double unit = 30.0;
+    Progress progress;
+    // --- example
+    std::vector<Index> ends;
+    for (const Extremity& e : extremities(graph, unit, {.most = 8}, progress))
+        ends.push_back(e.point);
+    // --- end of the example
+    EXPECT_TRUE(std::ranges::is_permutation(ends, star.ends));
+}
+
 }  // namespace
 }  // namespace pointmorph

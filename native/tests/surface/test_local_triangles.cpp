@@ -97,5 +97,18 @@ TEST(LocalTriangles, SameForAnyNumberOfThreads) {
     EXPECT_EQ(with(1), with(2));
 }
 
+TEST(Example, LocalTriangles) {
+    const Positions positions = shapes::sphere(1000);
+    const Normals& normals = positions;
+    const KdTree<3> tree(positions);
+    Progress progress;
+    // --- example
+    const auto near = nearest_neighbors(tree, 16, progress);
+    const Values spacing = local_spacing(positions, near);
+    const auto triangles = local_triangles(positions, normals, near, spacing, 2.0, progress);
+    // --- end of the example
+    EXPECT_NEAR(static_cast<double>(triangles.size()), 2.0 * 1000 - 4, 60);
+}
+
 }  // namespace
 }  // namespace pointmorph

@@ -202,5 +202,19 @@ TEST(Mls, RefusesBadOptions) {
         EXPECT_THROW(MlsProjection(tree, points, options), OptionError);
 }
 
+TEST(Example, Mls) {
+    const Positions positions = shapes::sphere(2000);
+    const Normals& normals = positions;
+    const KdTree<3> tree(positions);
+    const double spacing = sphere_spacing(2000);
+    const Vector3 normal = Vector3(1, 2, 3).normalized(), place = 1.01 * normal;
+    // --- example
+    MlsProjection project(tree, normals, {.degree = 2});
+    const MlsFoot foot = project(place, normal, spacing);
+    const Vector3 on_surface = foot.found ? foot.position : place;
+    // --- end of the example
+    EXPECT_NEAR(on_surface.norm(), 1.0, 1e-3);
+}
+
 }  // namespace
 }  // namespace pointmorph

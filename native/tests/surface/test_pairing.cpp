@@ -303,5 +303,21 @@ TEST(Pairing, CanBeCancelled) {
     EXPECT_THROW(pair_points<2>(points, points, {}, {}, progress), Cancelled);
 }
 
+TEST(Example, Pairing) {
+    const DiskPoints source_disk = noise<2>(300, 1), target_disk = noise<2>(200, 2);
+    const std::vector<IndexPair> features;
+    Progress progress;
+    // --- example
+    const Pairing pairs = pair_points<2>(source_disk, target_disk, features, {}, progress);
+    double apart = 0.0;
+    for (const auto& [source, target] : pairs)
+        apart += (source_disk.row(source) - target_disk.row(target)).norm();
+    // --- end of the example
+    EXPECT_TRUE(checks::is_total(pairs, 300, 200));
+    EXPECT_NEAR(apart / static_cast<double>(pairs.size()),
+                mean_distance<2>(pairs, source_disk, target_disk), 1e-12);
+    EXPECT_LT(apart / static_cast<double>(pairs.size()), 0.3);
+}
+
 }  // namespace
 }  // namespace pointmorph

@@ -126,5 +126,18 @@ TEST(Landing, CanBeCancelled) {
                  Cancelled);
 }
 
+TEST(Example, Projection) {
+    const Positions target = shapes::sphere(2000), images = 1.05 * shapes::sphere(300);
+    const Normals& target_normals = target;
+    const std::vector<Index> partners = nearest_rows(KdTree<3>(target), images);
+    Progress progress;
+    // --- example
+    const KdTree<3> target_tree(target);
+    const Positions on_target =
+        project_onto_surface(images, partners, target_tree, target_normals, progress);
+    // --- end of the example
+    EXPECT_LT((on_target.rowwise().norm().array() - 1.0).abs().maxCoeff(), 0.01);
+}
+
 }  // namespace
 }  // namespace pointmorph

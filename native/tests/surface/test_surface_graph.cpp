@@ -209,5 +209,22 @@ TEST(SurfaceGraph, FromTheCloudsOwnNeighborhoodsSeesAGapThatNodesDoNot) {
     }
 }
 
+TEST(Example, SurfaceGraph) {
+    const Positions positions = shapes::sphere(1000);
+    const Normals& normals = positions;
+    const KdTree<3> tree(positions);
+    const Index nose = 0;
+    Progress progress;
+    // --- example
+    const SurfaceGraph graph = surface_graph(tree, normals, {}, progress);
+    GeodesicSearch search(graph);
+    double farthest = 0.0;
+    for (const auto& [row, distance] : search.from(nose, 0.5))
+        farthest = std::max(farthest, distance);
+    // --- end of the example
+    EXPECT_GT(farthest, 0.4);
+    EXPECT_LE(farthest, 0.5);
+}
+
 }  // namespace
 }  // namespace pointmorph

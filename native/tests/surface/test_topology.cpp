@@ -145,5 +145,21 @@ TEST(Topology, SpeaksOfTwoShapesAtOnce) {
     EXPECT_EQ(in_words(eyes, eyes), "on both sides 3 pieces (3 closed surfaces of genus 0)");
 }
 
+TEST(Example, Topology) {
+    const Positions positions = shapes::torus(6000, 0.4);
+    Progress progress;
+    const Neighborhoods nearest = nearest_neighbors(KdTree<3>(positions), 16, progress);
+    Normals normals = covariance_analysis(positions, nearest, progress).normals;
+    orient_normals(positions, nearest, normals, progress);
+    // --- example
+    const auto loops = find_boundary_loops(positions, normals, nearest, {}, progress);
+    const Topology topology = find_topology({positions, normals, nearest}, loops, {}, {}, progress);
+    const bool has_a_handle = topology.main().front().genus == 1;
+    const std::string words = in_words(topology);
+    // --- end of the example
+    EXPECT_TRUE(has_a_handle);
+    EXPECT_EQ(words, "a closed surface of genus 1");
+}
+
 }  // namespace
 }  // namespace pointmorph

@@ -192,5 +192,16 @@ TEST(Transfer, CanBeCancelled) {
         Cancelled);
 }
 
+TEST(Example, Transfer) {
+    const DiskPoints target_disk = plane_noise(4000, 1), source_disk = plane_noise(100, 2);
+    const Positions target = linear(target_disk);
+    Progress progress;
+    // --- example
+    const KdTree<2> tree(target_disk);
+    const Positions images = transfer<2>(tree, target, source_disk, {}, progress);
+    // --- end of the example
+    EXPECT_LT((images - linear(source_disk)).cwiseAbs().maxCoeff(), 1e-7);
+}
+
 }  // namespace
 }  // namespace pointmorph

@@ -22,12 +22,12 @@ struct FrameView {
 /// Both ends of every pair, laid out so that a frame is one pass over consecutive memory.
 /// Scalar is the caller's type: float or double.
 template <class Scalar>
-class Path {
+class StraightPath {
 public:
     /// `pairs` are rows of both clouds. Both clouds need normals and radii here; colors may be
     /// missing: white, opaque. Throws CloudError for missing attributes and for numbers beyond
     /// half of what Scalar can hold: their differences might not be finite.
-    Path(const Cloud& source, const Cloud& target, std::span<const IndexPair> pairs);
+    StraightPath(const Cloud& source, const Cloud& target, std::span<const IndexPair> pairs);
 
     Index size() const noexcept { return size_; }
 
@@ -46,7 +46,7 @@ private:
     std::vector<Scalar> source_, target_;
 };
 
-extern template class Path<float>;
-extern template class Path<double>;
+extern template class StraightPath<float>;
+extern template class StraightPath<double>;
 
 }  // namespace pointmorph

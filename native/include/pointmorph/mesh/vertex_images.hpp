@@ -33,6 +33,9 @@ public:
     /// it open.
     SampleValues values(const SampleValues& of_samples, Progress& progress) const;
 
+    /// The sample that tells most about each vertex.
+    std::vector<Index> nearest() const;
+
 private:
     static constexpr Index kNeighbors = 12;
 

@@ -3,6 +3,7 @@
 
 #include <span>
 #include <string>
+#include <vector>
 
 #include "pointmorph/base/progress.hpp"
 #include "pointmorph/cloud/cloud.hpp"
@@ -11,10 +12,17 @@
 
 namespace pointmorph {
 
-/// `loop`: given rows, called `names`. The result is in given rows and lengths. Normals are
-/// estimated where there are none. Throws what Morph throws for this cloud and loop.
-Decomposition preview_cut(const Cloud& cloud, std::span<const Index> loop,
-                          std::span<const std::string> names, const MorphOptions& options,
-                          Progress& progress);
+/// Given rows and lengths; see Decomposition.
+struct CutPreview {
+    SurfaceCurve curve;
+    std::vector<Index> corners;
+    std::vector<Patch> patches;
+};
+
+/// `loop`: given rows, called `names`. Normals are estimated where there are none. Throws what
+/// Morph throws for this cloud and loop.
+CutPreview preview_cut(const Cloud& cloud, std::span<const Index> loop,
+                       std::span<const std::string> names, const MorphOptions& options,
+                       Progress& progress);
 
 }  // namespace pointmorph

@@ -10,8 +10,8 @@
 
 namespace pointmorph {
 
-/// Names of point features, in order. Uses the clouds and their features only. Throws FeatureError
-/// where fewer than three points are among the features, or a cloud is an open patch.
+/// Names of point features, in order. Loops of the input are ignored. Throws FeatureError where
+/// fewer than three points are among the features, or a cloud is an open patch.
 std::vector<std::string> suggest_loop(const MorphInput& input, const MorphOptions& options,
                                       Progress& progress);
 

@@ -83,13 +83,16 @@ public:
 
     /// Straight paths; laid out when first asked for. Scalar: float or double.
     template <class Scalar>
-    const Path<Scalar>& path() const;
+    const StraightPath<Scalar>& straight_path() const;
 
     /// The in-between cloud at t along the paths of `options().path`, a row a pair of `pairs()`; at
     /// t = 0 and t = 1 the inputs' own numbers. Colors and radii change linearly on any path. What
-    /// path() says of spans and errors holds here. What bends is prepared when first asked for.
+    /// straight_path() says of spans and errors holds here.
     template <class Scalar>
     void frame(double t, const FrameView<Scalar>& out) const;
+
+    /// Lays out paths that aren't straight, which the first frame does otherwise, without a word.
+    void lay_out_paths(Progress& progress) const;
 
     /// Which points are inserted; found when first asked for, which takes some frames' time.
     const Resampling& resampling(Progress& progress) const;
@@ -141,8 +144,8 @@ private:
     std::unique_ptr<Caches> caches_;
 };
 
-extern template const Path<float>& Morph::path<float>() const;
-extern template const Path<double>& Morph::path<double>() const;
+extern template const StraightPath<float>& Morph::straight_path<float>() const;
+extern template const StraightPath<double>& Morph::straight_path<double>() const;
 extern template void Morph::frame<float>(double, const FrameView<float>&) const;
 extern template void Morph::frame<double>(double, const FrameView<double>&) const;
 extern template ResampledFrame<float> Morph::resampled_frame<float>(double, Progress&) const;

@@ -1,0 +1,359 @@
+"""Meshes as surfaces: any two morph, the source's faces become the target, and where they are too
+large for it, that is said and mended."""
+
+import json
+
+import bmesh
+import bpy
+import numpy as np
+import pointmorph
+import pytest
+from mathutils import Matrix, Vector
+from mathutils.bvhtree import BVHTree
+from scenes import (
+    add_group,
+    add_mesh,
+    add_object,
+    add_point_cloud,
+    attribute,
+    coordinates,
+    groups,
+    key,
+    mark,
+    morph,
+    pair,
+    patch,
+    pick,
+    read,
+    row_pairs,
+    select,
+    triangles,
+)
+
+TOO_FEW = "has too few vertices for"
+
+
+def primitive(kind, **options):
+    getattr(bpy.ops.mesh, f"primitive_{kind}_add")(**options)
+    return bpy.context.view_layer.objects.active
+
+
+def creature(name, fat, leg, ear, voxel, faces=None):
+    """An animal of ellipsoids in one piece; with so many faces, if they are to be few."""
+    parts = [((0, 0, 0), (1.2, 0.55 * fat, 0.5 * fat)), ((1.35, 0, 0.55), (0.45, 0.38, 0.38))]
+    parts += [((1.75, 0, 0.45), (0.3, 0.2, 0.18)), ((-1.4, 0, 0.2), (0.5, 0.1, 0.1))]
+    for side in (-1, 1):
+        parts += [((x, 0.3 * side, -0.3 - leg / 2), (0.17, 0.17, leg)) for x in (-0.8, 0.75)]
+        parts.append(((1.25, 0.22 * side, 0.95), (0.1, 0.1, ear)))
+    made = bmesh.new()
+    for center, radii in parts:
+        matrix = Matrix.LocRotScale(Vector(center), None, Vector(radii))
+        bmesh.ops.create_icosphere(made, subdivisions=3, radius=1.0, matrix=matrix)
+    mesh = bpy.data.meshes.new(name)
+    made.to_mesh(mesh)
+    made.free()
+    obj = add_object(name, mesh)
+    remesh = obj.modifiers.new("In one piece", "REMESH")
+    remesh.mode, remesh.voxel_size = "VOXEL", voxel
+    apply_modifiers(obj)
+    if faces is not None:
+        obj.modifiers.new("Few", "DECIMATE").ratio = faces / len(triangles(obj.data))
+        apply_modifiers(obj)
+    return obj
+
+
+def apply_modifiers(obj):
+    bpy.context.view_layer.update()
+    graph = bpy.context.evaluated_depsgraph_get()
+    obj.data, old = bpy.data.meshes.new_from_object(obj.evaluated_get(graph)), obj.data
+    obj.modifiers.clear()
+    bpy.data.meshes.remove(old)
+
+
+PAIRS = {
+    "cube to icosphere": lambda: (primitive("cube"), primitive("ico_sphere")),
+    "cylinder to sphere": lambda: (primitive("cylinder"), primitive("uv_sphere")),
+    "cone to Suzanne": lambda: (primitive("cone"), primitive("monkey")),
+    "500 faces to 50,000": lambda: (
+        creature("Fox", 0.9, 0.6, 0.3, 0.06, 500),
+        creature("Hare", 1.2, 0.8, 0.5, 0.02),
+    ),
+}
+
+
+def tree_of(positions, faces):
+    return BVHTree.FromPolygons(positions.tolist(), faces.tolist(), all_triangles=True)
+
+
+def farthest(places, positions, faces):
+    """The 99th percentile of the distances of places from faces, in √area of those."""
+    corners = positions[faces].astype(float)
+    sides = corners[:, 1:] - corners[:, :1]
+    area = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1).sum() / 2
+    tree = tree_of(positions, faces)
+    far = [tree.find_nearest(place)[3] for place in places.tolist()]
+    return np.quantile(far, 0.99) / np.sqrt(area)
+
+
+def centers(positions, faces):
+    return positions[faces].mean(axis=1)
+
+
+def warnings_of(obj):
+    return " ".join(json.loads(obj.pointmorph.report)["warnings"])
+
+
+@pytest.mark.parametrize("name", PAIRS)
+def test_any_two_meshes_in_two_clicks(name):
+    source, target = PAIRS[name]()
+    pick(source, target)
+    goal, goal_faces = coordinates(target.data.vertices), triangles(target.data)
+    start, form = coordinates(source.data.vertices), triangles(source.data)
+    obj = morph()
+    assert bpy.ops.pointmorph.make_mesh() == {"FINISHED"}
+    wrapped = key(bpy.context.view_layer.objects.active, "Morph")
+    assert farthest(wrapped, goal, goal_faces) < 1e-3
+    # Few vertices can't show the target. It is said, and what mends it:
+    assert f'"{source.name}" {TOO_FEW}' in warnings_of(obj)
+    assert "Subdivide Source" in warnings_of(obj)
+    assert obj.pointmorph.too_fine == target.name
+    missed = farthest(centers(goal, goal_faces), wrapped, triangles(source.data))
+
+    select(obj)
+    assert bpy.ops.pointmorph.subdivide_source() == {"FINISHED"}
+    assert {len(face.vertices) for face in source.data.polygons} <= {3, 4}
+    # The source looks the same: old vertices first, new ones on its faces.
+    finer = coordinates(source.data.vertices)
+    assert len(start) < len(finer) < 60_000
+    assert np.array_equal(finer[: len(start)], start)
+    # Bent squares are smooth, where Blender shows two triangles.
+    assert farthest(finer, start, form) < 2e-3
+    assert obj.pointmorph.state == "STALE"
+    assert bpy.ops.pointmorph.recompute() == {"FINISHED"}
+    assert obj.pointmorph.state == "CURRENT"
+    mesh = next(item for item in bpy.data.objects if item.pointmorph.made_from == obj)
+    wrapped = key(mesh, "Morph")
+    assert len(wrapped) == len(finer)
+    assert farthest(wrapped, goal, goal_faces) < 2e-3
+    assert farthest(centers(goal, goal_faces), wrapped, triangles(mesh.data)) < max(
+        0.25 * missed, 0.008
+    )
+
+
+def test_fine_meshes_need_hardly_more(settings):
+    source, _ = pair(24, 24, domain="auto")
+    obj = morph()
+    assert TOO_FEW not in warnings_of(obj)
+    assert obj.pointmorph.too_fine == ""
+    bpy.ops.pointmorph.subdivide_source()
+    assert len(source.data.vertices) < 1.02 * 24**2
+
+
+def test_subdividing_carries_all_that_the_source_has(settings):
+    source = primitive("cube")
+    target = primitive("ico_sphere", subdivisions=4)
+    positions = coordinates(source.data.vertices)
+    for obj in (source, target):
+        corner = int(np.argmax(coordinates(obj.data.vertices) @ (1, 1, 1)))
+        add_group(obj, "pm.corner", {corner: 1.0})
+    edge = source.data.edges[0].vertices[:]
+    add_group(source, "bone", {edge[0]: 1.0, edge[1]: 0.0})
+    source.shape_key_add(name="Basis")
+    wide = source.shape_key_add(name="Wide", from_mix=False)
+    wide.data.foreach_set("co", (positions * (2, 1, 1)).astype(np.float32).reshape(-1))
+    uvs = read(source.data.uv_layers.active.data, "uv", 2)
+    pick(source, target)
+    obj = morph()
+    select(obj)
+    assert bpy.ops.pointmorph.subdivide_source() == {"FINISHED"}
+
+    count = len(source.data.vertices)
+    assert count > 90
+    weights = groups(source)
+    assert len(weights["pm.corner"]) == 1  # still a point
+    assert sorted(set(np.round(list(weights["bone"].values()), 3)))[-2] < 1.0
+    assert len(weights["bone"]) > 2
+    np.testing.assert_allclose(
+        key(source, "Wide"), coordinates(source.data.vertices) * (2, 1, 1), atol=1e-6
+    )
+    finer = read(source.data.uv_layers.active.data, "uv", 2)
+    assert len(finer) > len(uvs)
+    assert np.ptp(finer, axis=0) == pytest.approx(np.ptp(uvs, axis=0), abs=1e-6)
+    assert not [a.name for a in source.data.attributes if a.name.startswith(".") and "pl" in a.name]
+    # It stays a point, which is met.
+    assert bpy.ops.pointmorph.recompute() == {"FINISHED"}
+    rows = [next(iter(groups(shape)["pm.corner"])) for shape in (source, target)]
+    assert tuple(rows) in {tuple(pair) for pair in row_pairs(obj).tolist()}
+
+
+def test_subdividing_says_what_it_needs(settings):
+    source, _ = pair(6, 24, domain="auto")
+    obj = morph()
+    source.data.vertices[0].co.z += 1.0
+    select(obj)
+    with pytest.raises(RuntimeError, match="one that has changed since"):
+        bpy.ops.pointmorph.subdivide_source()
+    source.data.vertices[0].co.z -= 1.0
+    obj.pointmorph.faces = ""  # as an earlier version left it
+    with pytest.raises(RuntimeError, match="Recompute the morph, or subdivide"):
+        bpy.ops.pointmorph.subdivide_source()
+    assert len(source.data.vertices) == 36
+
+
+def test_faces_are_kept_for_when_the_objects_are_gone(addon, settings, tmp_path):
+    source, target = pair(8, 30, domain="auto")
+    faces = [triangles(shape.data) for shape in (source, target)]
+    obj = morph()
+    before = {name: attribute(obj.data, name) for name in ("landing", "source_onward")}
+    bpy.data.objects.remove(source)
+    bpy.data.objects.remove(target)
+    path = str(tmp_path / "orphan.blend")
+    bpy.ops.wm.save_as_mainfile(filepath=path)
+    bpy.ops.wm.open_mainfile(filepath=path)
+    obj = bpy.data.objects["Hill to Dune"]
+    for kept, was in zip(addon("scene.recipes").faces_of(obj), faces, strict=True):
+        assert np.array_equal(kept, was)
+    assert len(obj.pointmorph.faces) < 2 * sum(map(len, faces)) + 500  # of 12 bytes a face
+    select(obj)
+    assert bpy.ops.pointmorph.recompute() == {"FINISHED"}
+    for name, was in before.items():
+        np.testing.assert_allclose(attribute(obj.data, name), was, atol=1e-6)
+
+
+def test_a_result_of_an_earlier_version(settings):
+    """It kept no faces, and no map beside the landing."""
+    source, target = pair(14, 12)
+    obj = morph()
+    recipe = json.loads(obj.pointmorph.recipe)
+    rim = pointmorph.meshes.boundary_loops(triangles(source.data), 14**2)[0].tolist()
+    obj.pointmorph.recipe = json.dumps({**recipe, "boundaries": [rim, None]})
+    obj.pointmorph.faces = ""
+    obj.data.attributes.remove(obj.data.attributes["source_onward"])
+    settings.path = "rigid"
+    select(obj)
+    assert bpy.ops.pointmorph.bake_frames(frame_start=1, frame_end=3) == {"FINISHED"}
+    bpy.data.objects.remove(source)
+    bpy.data.objects.remove(target)
+    select(obj)
+    assert bpy.ops.pointmorph.recompute() == {"FINISHED"}
+    assert np.isfinite(attribute(obj.data, "landing")).all()
+
+
+@pytest.mark.parametrize("numbers", [[], [5], [0, 2**31 - 1, -(2**31), 7], range(1000)])
+def test_packed_numbers_come_back(addon, numbers):
+    packing = addon("core.packing")
+    found = packing.unpack(packing.pack(np.array(numbers, np.int32)))
+    assert np.array_equal(found, np.array(numbers, np.int32))
+
+
+def test_the_map_starts_anew_where_faces_differ(addon, settings):
+    computation = addon("core.computation")
+    request = addon("scene.shape_reader").read_request
+    pair(12, 10, domain="auto")
+    settings.method = "auto"
+    first = request(bpy.context)
+    earlier = computation.Earlier(first, ("there", "back"))
+    mark(settings.source, "more", -0.5, 0.5)
+    mark(settings.target, "more", -0.5, 0.5)
+    addon("data.feature_list").sync_features(bpy.context.scene)
+    assert earlier.start_for(request(bpy.context)) == ("there", "back")
+    bpy.context.view_layer.objects.active = settings.source
+    settings.source.data.polygons[0].flip()
+    assert earlier.start_for(request(bpy.context)) is None
+
+
+def test_the_paper_takes_points_alone(settings):
+    pair(16, 14)
+    settings.method = "paper"
+    obj = morph()
+    assert np.array_equal(attribute(obj.data, "landing"), attribute(obj.data, "source_onward"))
+
+
+def test_a_chain_through_a_cube_ends_on_the_last_shape(settings):
+    shapes = [primitive("ico_sphere", subdivisions=3), primitive("cube"), primitive("uv_sphere")]
+    settings.source, settings.target = shapes[0], shapes[-1]
+    settings.via.add().object = shapes[1]
+    assert bpy.ops.pointmorph.morph_chain() == {"FINISHED"}
+    obj = bpy.context.view_layer.objects.active
+    for name, shape in (("landing1", shapes[1]), ("landing", shapes[2])):
+        places = attribute(obj.data, name)
+        assert farthest(places, coordinates(shape.data.vertices), triangles(shape.data)) < 2e-3
+    # Not through the sphere, as its corners alone would have it.
+    assert np.linalg.norm(attribute(obj.data, "landing"), axis=1).min() > 0.97
+
+
+def test_a_mesh_and_a_cloud(settings):
+    source = primitive("ico_sphere", subdivisions=3)
+    points = coordinates(primitive("ico_sphere", subdivisions=4).data.vertices) * (2, 1, 1)
+    target = add_point_cloud("Points", points, {})
+    bpy.context.view_layer.update()
+    for shapes in ((source, target), (target, source)):
+        pick(*shapes)
+        obj = morph()
+        assert np.isfinite(attribute(obj.data, "landing")).all()
+        assert obj.pointmorph.too_fine == ""
+    select(obj)
+    with pytest.raises(RuntimeError, match="expected a mesh"):
+        bpy.ops.pointmorph.subdivide_source()
+
+
+@pytest.mark.parametrize("path", ["linear", "rigid"])
+def test_bakes_of_eight_vertices(settings, path):
+    pick(primitive("cube"), primitive("ico_sphere", subdivisions=3, location=(1, 2, 3)))
+    settings.path = path
+    obj = morph()
+    source = settings.source
+    for kind, changed in (("PAIRS", obj), ("SOURCE", source)):
+        select(obj)
+        assert bpy.ops.pointmorph.bake_shape_keys(kind=kind, steps=2) == {"FINISHED"}
+        assert np.isfinite(key(changed, "Icosphere 50 %")).all()
+    select(obj)
+    assert bpy.ops.pointmorph.bake_frames(frame_start=1, frame_end=3) == {"FINISHED"}
+    for frame in bpy.data.collections["Cube to Icosphere Frames"].objects:
+        assert len(frame.data.vertices) >= len(obj.data.vertices)
+        assert np.isfinite(coordinates(frame.data.vertices)).all()
+
+
+def test_loose_vertices_and_polygons(settings):
+    """A cube with an unused vertex and a face of eight corners."""
+    positions, faces = patch(20)
+    source = add_mesh("Loose", np.vstack([positions, [[0.0, 0.0, 3.0]]]), faces)
+    target = primitive("cylinder", vertices=8)
+    pick(source, target)
+    obj = morph()
+    assert np.isfinite(attribute(obj.data, "landing")).all()
+    assert set(row_pairs(obj)[:, 0]) == set(range(401))
+
+
+# --- How good it looks ----------------------------------------------------------------------------
+
+
+def test_what_is_wrong_with_the_mesh_is_said_and_shown(settings):
+    bpy.ops.mesh.primitive_ico_sphere_add(subdivisions=4)
+    settings.target = bpy.context.object
+    bpy.ops.mesh.primitive_cube_add()
+    settings.source = bpy.context.object
+    obj = morph()
+    obj.location.x += 2.0
+    bpy.context.view_layer.update()
+    mesh = json.loads(obj.pointmorph.report)["mesh"]
+    assert mesh["grade"] in mesh["verdict"].lower()
+    assert {"folded", "creased", "uncovered", "off"} <= set(mesh)
+    assert mesh["grade"] == "poor"
+    assert bpy.ops.pointmorph.go_to_place(kind="MESH") == {"FINISHED"}
+    place = np.array(mesh["worst"][0]["position"]) + (2, 0, 0)
+    np.testing.assert_allclose(bpy.context.scene.cursor.location, place, atol=1e-5)
+
+
+def test_a_chain_tells_of_the_mesh_on_its_first_way(settings):
+    shapes = [
+        add_mesh(name, *patch(12, bump)) for name, bump in zip("ABC", (0, 0.5, 1), strict=True)
+    ]
+    for shape in shapes:
+        mark(shape, "peak", 0, 0)
+        mark(shape, "slope", 0.5, 0.3)
+    settings.source, settings.target = shapes[0], shapes[-1]
+    settings.via.add().object = shapes[1]
+    assert bpy.ops.pointmorph.morph_chain() == {"FINISHED"}
+    report = json.loads(bpy.context.view_layer.objects.active.pointmorph.report)
+    assert report["mesh"]["verdict"].startswith("A to B: ")

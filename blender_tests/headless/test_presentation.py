@@ -1,0 +1,171 @@
+"""What is seen after a morph: the source's faces, or points, and not what they stand for."""
+
+import bpy
+import numpy as np
+import pytest
+from scenes import (
+    add_mesh,
+    attribute,
+    coordinates,
+    key,
+    mark,
+    morph,
+    pair,
+    patch,
+    pick,
+    select,
+    shown_points,
+)
+
+pytestmark = pytest.mark.interface
+
+
+@pytest.fixture
+def painted(settings):
+    """Source, target and what shows their morph; the source has a material and a UV map."""
+    settings.show_as = "MESH"
+    source, target = pair(14, 12)
+    source.data.materials.append(bpy.data.materials.new("Skin"))
+    source.data.uv_layers.new(name="Layout")
+    return source, target, morph()
+
+
+def surface_of(obj):
+    """The vertices of an object as they are shown."""
+    evaluated = obj.evaluated_get(bpy.context.evaluated_depsgraph_get())
+    return coordinates(evaluated.data.vertices)
+
+
+def test_the_source_s_faces_show_the_morph(painted):
+    source, target, shown = painted
+    assert shown.name == "Hill to Dune"
+    assert len(shown.data.polygons) == len(source.data.polygons)
+    assert shown.material_slots[0].material.name == "Skin"
+    assert shown.data.uv_layers[0].name == "Layout"
+    points = shown.pointmorph.made_from
+    assert points.name == "Hill to Dune Points"
+    assert points.hide_get()
+    assert points.hide_render
+    assert not shown.hide_get()
+    for obj in (source, target):
+        assert obj.hide_get()
+        assert obj.hide_render
+    np.testing.assert_array_equal(surface_of(shown), coordinates(source.data.vertices))
+    shown.data.shape_keys.key_blocks["Morph"].value = 1.0
+    np.testing.assert_allclose(surface_of(shown), key(shown, "Morph"), atol=1e-6)
+    corners = coordinates(target.data.vertices)
+    for corner in (0, 11, 132, 143):
+        assert np.linalg.norm(surface_of(shown) - corners[corner], axis=1).min() < 0.05
+
+
+def test_points_have_the_same_slider(painted):
+    _, _, shown = painted
+    points = shown.pointmorph.made_from
+    slider = shown.data.shape_keys.key_blocks["Morph"]
+    slider.value = 0.25
+    assert bpy.ops.pointmorph.show_as(kind="POINTS") == {"FINISHED"}
+    assert (points.hide_get(), shown.hide_get()) == (False, True)
+    assert bpy.context.view_layer.objects.active == points
+    ends = key(points, "Basis"), key(points, "Morph")
+    np.testing.assert_allclose(shown_points(points), 0.75 * ends[0] + 0.25 * ends[1], atol=1e-6)
+    slider.value = 0.5
+    np.testing.assert_allclose(shown_points(points), (ends[0] + ends[1]) / 2, atol=1e-6)
+    assert bpy.ops.pointmorph.show_as(kind="MESH") == {"FINISHED"}
+    assert (points.hide_get(), shown.hide_get()) == (True, False)
+    assert bpy.context.view_layer.objects.active == shown
+
+
+def test_one_button_brings_the_originals_back(painted):
+    source, target, _ = painted
+    for visible in (True, False):
+        assert bpy.ops.pointmorph.show_shapes() == {"FINISHED"}
+        for obj in (source, target):
+            assert obj.hide_get() != visible
+            assert obj.hide_render != visible
+
+
+def test_recompute_and_bakes_work_from_the_mesh(painted):
+    source, _, shown = painted
+    points = shown.pointmorph.made_from
+    slider = shown.data.shape_keys.key_blocks["Morph"]
+    slider.value = 1.0
+    slider.keyframe_insert("value", frame=10)
+    for vertex in source.data.vertices:
+        vertex.co.z += 0.2
+    assert shown.pointmorph.state == points.pointmorph.state == "STALE"
+    select(shown)
+    assert bpy.ops.pointmorph.recompute() == {"FINISHED"}
+    assert shown.pointmorph.state == points.pointmorph.state == "CURRENT"
+    np.testing.assert_allclose(
+        coordinates(shown.data.shape_keys.key_blocks[0].data),
+        coordinates(source.data.vertices),
+        atol=1e-6,
+    )
+    assert shown.data.shape_keys.animation_data.action is not None
+    assert bpy.ops.pointmorph.bake_shape_keys(kind="SOURCE", steps=2) == {"FINISHED"}
+    assert len(source.data.shape_keys.key_blocks) == 3
+    assert not source.hide_get()
+    select(shown)
+    assert bpy.ops.pointmorph.bake_frames(frame_start=1, frame_end=5, step=2) == {"FINISHED"}
+    assert shown.hide_get()
+    assert points.hide_get()
+
+
+def test_a_source_without_faces_is_shown_as_points(settings):
+    settings.show_as = "MESH"
+    source = add_mesh("Cloud", patch(14)[0])
+    target = add_mesh("Dune", *patch(12, bump=0.8))
+    for obj in (source, target):
+        mark(obj, "peak", 0, 0)
+    pick(source, target)
+    settings.domain = "disk"
+    shown = morph()
+    assert shown.name == "Cloud to Dune"
+    assert "source_row" in shown.data.attributes
+    assert not shown.hide_get()
+    assert source.hide_get()
+
+
+def test_distortion_is_shown_on_points(painted):
+    _, _, shown = painted
+    points = shown.pointmorph.made_from
+    assert bpy.ops.pointmorph.show_distortion() == {"FINISHED"}
+    assert not points.hide_get()
+    assert shown.hide_get()
+    assert attribute(points.data, "distortion").min() >= 0
+
+
+def test_it_survives_saving_and_its_mesh_being_deleted(painted, tmp_path):
+    path = str(tmp_path / "morph.blend")
+    bpy.ops.wm.save_as_mainfile(filepath=path)
+    bpy.ops.wm.open_mainfile(filepath=path)
+    shown = bpy.data.objects["Hill to Dune"]
+    points = shown.pointmorph.made_from
+    assert points.pointmorph.mesh == shown
+    shown.data.shape_keys.key_blocks["Morph"].value = 1.0
+    select(points)
+    bpy.ops.pointmorph.show_as(kind="POINTS")
+    np.testing.assert_allclose(shown_points(points), key(points, "Morph"), atol=1e-6)
+    bpy.data.objects.remove(shown)
+    assert bpy.ops.pointmorph.show_as(kind="MESH") == {"FINISHED"}
+    again = points.pointmorph.mesh
+    assert again is not None
+    assert len(again.data.polygons) == 13 * 13
+
+
+def test_a_chain_is_shown_by_the_source_s_faces(settings):
+    settings.show_as = "MESH"
+    pair(14, 12)
+    between = add_mesh("Mound", *patch(13, bump=0.2))
+    mark(between, "peak", 0, 0)
+    mark(between, "slope", 0.5, 0.3)
+    settings.via.add().object = between
+    assert bpy.ops.pointmorph.morph_chain() == {"FINISHED"}
+    shown = bpy.context.view_layer.objects.active
+    assert len(shown.data.polygons) == 13 * 13
+    points = shown.pointmorph.made_from
+    shown.data.shape_keys.key_blocks["Morph"].value = 2.0
+    bpy.ops.pointmorph.show_as(kind="POINTS")
+    last = points.data.shape_keys.key_blocks[-1]
+    np.testing.assert_allclose(shown_points(points), coordinates(last.data), atol=1e-6)
+    assert between.hide_get()
