@@ -287,8 +287,8 @@ def _morph(chosen: argparse.Namespace) -> None:
     if chosen.resample:
         report["resampled"] = {"inserted": result.inserted(), "frames": counts}
     if own is not None and own.denser is not None:
-        mesh = own.denser
-        report["denser"] = {"vertices": len(mesh.positions), "faces": len(mesh.faces)}
+        denser = own.denser
+        report["denser"] = {"vertices": len(denser.positions), "faces": len(denser.faces)}
     for warning in report["warnings"]:
         print(f"pointmorph: warning: {warning}", file=sys.stderr)
     files.write_bytes(chosen.out / "report.json", (json.dumps(report, indent=1) + "\n").encode())

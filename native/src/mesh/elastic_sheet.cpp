@@ -5,6 +5,7 @@
 #include <array>
 #include <cmath>
 #include <limits>
+#include <utility>
 
 #include "pointmorph/base/parallel.hpp"
 #include "pointmorph/cloud/similarity.hpp"
@@ -92,29 +93,34 @@ ElasticSheet::ElasticSheet(const Positions& rest, const Triangles& triangles)
     for (Index c = 0; c < triangles.size(); ++c)
         corners_[to_size(next[to_size(triangles(c / 3, c % 3))]++)] = c;
 
+    // By the end they start from, then each few by the other one.
+    std::vector<Index> firsts(to_size(count) + 1, 0);
+    for (const auto& [from, to] : ends) ++firsts[to_size(from) + 1];
+    for (std::size_t v = 1; v < firsts.size(); ++v) firsts[v] += firsts[v - 1];
     std::vector<Index> order(ends.size());
-    for (std::size_t e = 0; e < order.size(); ++e) order[e] = static_cast<Index>(e);
-    std::ranges::stable_sort(order, {}, [&](Index e) { return ends[to_size(e)]; });
+    std::vector<Index> free(firsts.begin(), firsts.end() - 1);
+    for (std::size_t e = 0; e < ends.size(); ++e)
+        order[to_size(free[to_size(ends[e][0])]++)] = static_cast<Index>(e);
     laplacian_.sums.assign(to_size(count), 0.0);
-    Index row = 0;
-    for (std::size_t k = 0; k < order.size(); ++k) {
-        const auto [from, to] = ends[to_size(order[k])];
-        const double weight = weights[to_size(order[k])];
-        while (row < from) {
-            laplacian_.offsets.push_back(static_cast<Index>(laplacian_.neighbors.size()));
-            ++row;
+    for (Index v = 0; v < count; ++v) {
+        const auto first = order.begin() + firsts[to_size(v)];
+        const auto last = order.begin() + firsts[to_size(v) + 1];
+        std::sort(first, last, [&](Index e, Index g) {
+            return std::pair(ends[to_size(e)][1], e) < std::pair(ends[to_size(g)][1], g);
+        });
+        for (auto at = first; at != last; ++at) {
+            const Index to = ends[to_size(*at)][1];
+            const double weight = weights[to_size(*at)];
+            if (at != first && ends[to_size(*(at - 1))][1] == to) {
+                laplacian_.weights.back() += weight;
+            } else {
+                laplacian_.neighbors.push_back(to);
+                laplacian_.weights.push_back(weight);
+            }
+            laplacian_.sums[to_size(v)] += weight;
         }
-        const bool again = k > 0 && ends[to_size(order[k - 1])] == ends[to_size(order[k])];
-        if (again) {
-            laplacian_.weights.back() += weight;
-        } else {
-            laplacian_.neighbors.push_back(to);
-            laplacian_.weights.push_back(weight);
-        }
-        laplacian_.sums[to_size(from)] += weight;
-    }
-    while (row++ < count)
         laplacian_.offsets.push_back(static_cast<Index>(laplacian_.neighbors.size()));
+    }
     rest_normals_ = Normals::Zero(count, 3);
     rest_normals_.col(2).setOnes();
     Progress silent;

@@ -74,7 +74,6 @@ public:
     void finish(Progress& progress) {
         sides_ = samples_.partners(x_, sheet_.normals(x_, progress), WrapSamples::kFine, progress)
                      .normals;
-        for (Index round = 0; round < options_.relaxing; ++round) relax(progress);
         turn_back(progress);
         land(progress);
     }
@@ -152,15 +151,6 @@ private:
             blocks[to_size(v)] += kFixed * fixed_[v] * Matrix3::Identity();
             right.row(v) += kFixed * fixed_[v] * held_.row(v);
         }
-    }
-
-    /// Over the distance between vertices, with stretch that is averaged over many of them.
-    void relax(Progress& progress) {
-        constexpr int kSweeps = 60;
-        sheet_.set_metric(x_, kSweeps, progress);
-        find_areas();
-        pulls_.clear();
-        step(std::min(std::max(spacing_, options_.last_length), kTargetBends), progress);
     }
 
     void add_pulls(std::vector<Matrix3>& blocks, Positions& right) const {

@@ -205,6 +205,8 @@ std::vector<char> edges_to_halve(const Mesh& mesh, const Positions& x, const Wra
 DenserMesh denser_mesh(const WrapSource& source, const WrapSide& target,
                        std::span<const IndexPair> pinned, const WrapOptions& wrapping,
                        const DensityOptions& options, Progress& progress) {
+    if (is_same_mesh(source, target))
+        return {source.mesh.mesh().vertices, source.mesh.mesh().polygons, {}, source.images};
     WrapOnto onto(source, target, pinned, progress);
     const Shown shown(onto.target());
     const double tolerance = options.tolerance * std::sqrt(onto.target().area);

@@ -262,14 +262,6 @@ const std::vector<Option> kTable{
             .help = "How firmly a mesh that is wrapped goes onto the other model. Lower it to keep "
                     "more of its own shape",
             .method = Method::kAuto}),
-    number(POINTMORPH_FIELD(wrapping.relaxing),
-           {.name = "wrap_relax",
-            .minimum = 0,
-            .maximum = 100,
-            .unit = "rounds",
-            .help = "Evens out how the faces of a wrapped mesh are stretched, on the other model. "
-                    "More rounds are smoother, and let details slide",
-            .method = Method::kAuto}),
     number(POINTMORPH_FIELD(resampling.omega),
            {.name = "omega",
             .minimum = 0,

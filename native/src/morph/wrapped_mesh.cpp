@@ -34,14 +34,6 @@ std::vector<SurfacePoint> places_on(const Mesh& mesh, const Positions& points, P
     return places;
 }
 
-/// Whether the vertices start as the target's own mesh, which is then what they end as.
-bool is_same_mesh(const WrapSource& source, const WrapSide& target) {
-    if (!target.mesh) return false;
-    const Mesh &from = source.mesh.mesh(), &to = target.mesh->mesh();
-    return from.places == to.places && from.triangles.rows() == to.triangles.rows() &&
-           from.triangles == to.triangles && source.images == target.cloud.positions;
-}
-
 /// Where the places of the mesh start; those beyond the vertices' own follow the samples, too.
 Positions starts(const Mesh& mesh, const WrapSource& source, const Normalization& unit,
                  Progress& progress) {
@@ -109,6 +101,13 @@ WrapHolds holds_of(const WrapSource& source, const Subdivision& divided, const N
 }
 
 }  // namespace
+
+bool is_same_mesh(const WrapSource& source, const WrapSide& target) {
+    if (!target.mesh) return false;
+    const Mesh &from = source.mesh.mesh(), &to = target.mesh->mesh();
+    return from.places == to.places && from.triangles.rows() == to.triangles.rows() &&
+           from.triangles == to.triangles && source.images == target.cloud.positions;
+}
 
 WrapOnto::WrapOnto(const WrapSource& source, const WrapSide& target,
                    std::span<const IndexPair> pinned, Progress& progress)

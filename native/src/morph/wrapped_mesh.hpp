@@ -29,6 +29,9 @@ struct WrapSource {
     const Positions& images;
 };
 
+/// Whether the vertices start as the target's own mesh, which is then what they end as.
+bool is_same_mesh(const WrapSource& source, const WrapSide& target);
+
 /// A shape's mesh, to be wrapped onto the other shape. Refers to what it is made of.
 class WrapOnto {
 public:

@@ -295,9 +295,7 @@ def test_wrapping_has_settings() -> None:
     ends = pointmorph.Cloud(CUBE, faces=SQUARES), pointmorph.Cloud(points, faces=faces)
     firm = pointmorph.morph(*ends).wrapped(1.0)
     loose = pointmorph.morph(*ends, wrap_conform=0.0).wrapped(1.0)
-    smooth = pointmorph.morph(*ends, wrap_relax=5).wrapped(1.0)
     assert not np.array_equal(firm, loose)
-    assert np.abs(np.linalg.norm(smooth, axis=1) - 1).max() < 0.05
 
 
 def test_a_denser_mesh_carries_what_vertices_have() -> None:

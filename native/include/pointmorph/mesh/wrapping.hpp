@@ -28,8 +28,6 @@ struct WrapOptions {
     /// How firmly vertices go onto the target: 1 all the way, 0 only where the map and the faces
     /// around take them.
     double conform = 1.0;
-    /// Rounds at the end that even out how faces are stretched, on the target.
-    Index relaxing = 0;
 };
 
 /// The surface that a mesh is laid over. Rows of the arrays are samples; lengths are the caller's.
