@@ -31,7 +31,7 @@ class Window:
     found by hovering, so that a new row in a panel doesn't move them from under the mouse.
     """
 
-    _places = {}  # buttons lie at much the same place in the next Blender
+    _places, _tabs = {}, []  # they lie at much the same place in the next Blender
 
     def __init__(self, display, environment, output, folder, has_addon=True):
         self._environment = {**environment, "DISPLAY": display}
@@ -115,13 +115,9 @@ class Window:
 
     def rest(self):
         """Until panels lie where they stay: they glide there when one above them has grown."""
-        known, still = self.ask("drawings"), 0
-        for _ in range(20):  # progress that is shown is drawn again and again
-            time.sleep(0.08)
-            before, known = known, self.ask("drawings")
-            still = still + 1 if known == before else 0
-            if still == 2:  # a busy machine may take long for one picture of a glide
-                return
+        self.redraw()  # now at the latest they begin
+        time.sleep(0.35)  # a glide takes 0.3 s, however few pictures of it are drawn
+        self.redraw()
 
     def settle(self):
         """Until Blender has handled the events that were sent.
@@ -180,11 +176,12 @@ class Window:
     def open_tab(self):
         """Shows the add-on's tab of the sidebar."""
         _, top, right, bottom = self.sidebar()
-        for y in range(top + 100, min(top + 420, bottom), 25):
-            for _ in range(3):  # a busy machine draws late
-                if "POINTMORPH_PT_objects" in self._panels():
-                    return
+        for y in (*self._tabs, *range(top + 100, min(top + 420, bottom), 25)):
+            if self.ask("sidebar.active_panel_category") == "Pointmorph":
+                return
             self.click((right + 12, y))
+            self._tabs[:] = [y]
+            self.redraw()
         self.screenshot("no_tab")
         raise AssertionError("no tab of the sidebar shows the add-on")
 
@@ -205,10 +202,11 @@ class Window:
             for x in columns:
                 rows = self._hover_down(x, top + 8, bottom - 4, what, near_y)
                 self._places.update({call: (x, y) for y, call in rows if call})
-                # A busy Blender may have been a row behind the mouse.
-                for y, _ in rows[:-3:-1] if rows and what in rows[-1][1] else ():
+                # A busy Blender may have been some rows behind the mouse.
+                for y, _ in rows[:-6:-1] if rows and what in rows[-1][1] else ():
                     if what in self.under((x, y)):
                         return x, y
+        self.screenshot("no_button")
         raise AssertionError(f"no button in the sidebar is {what}: {sorted(self._places)}")
 
     def _hover_down(self, x, top, bottom, what=None, near=0):
@@ -337,12 +335,9 @@ def redraw():
     area.tag_redraw()
 
 panels = set()
-drawings = 0
 
 def _note(name):
     def draw(self, context):
-        global drawings
-        drawings += 1
         panels.add(name)
     return draw
 
