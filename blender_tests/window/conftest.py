@@ -194,14 +194,16 @@ class Window:
                 return place
         left, top, right, bottom = self.sidebar()
         over = (left + right) // 2, (top + bottom) // 2
-        near_x, near_y = known[-1] if known else (right - 50, top)
-        columns = sorted((right - 50, left + 60, right - 18), key=lambda x: abs(x - near_x))
+        near = known[-1][1] if known else top
         for page in range(3):
             up, down = 4, 5  # buttons of the mouse
             self._scroll(over, *((down, 15) if page else (up, 40)))
-            for x in columns:
-                rows = self._hover_down(x, top + 8, bottom - 4, what, near_y)
-                self._places.update({call: (x, y) for y, call in rows if call})
+            for x in (right - 50, left + 60, right - 26):
+                rows = self._hover_down(x, top + 8, bottom - 4, what, near)
+                for y, call in rows:
+                    # Of a wide button, near its right end, from where it can be dragged both ways.
+                    if call and x >= self._places.get(call, (0, 0))[0]:
+                        self._places[call] = x, y
                 # A busy Blender may have been some rows behind the mouse.
                 for y, _ in rows[:-6:-1] if rows and what in rows[-1][1] else ():
                     if what in self.under((x, y)):
