@@ -170,7 +170,9 @@ class Window:
 
     def under(self, position):
         """What the button at a position does: a call of an operator, or the path of a property."""
-        self._xdotool("mousemove", *position)
+        x, y = position
+        # Moved anew even if it's there already: a button may have been drawn under it meanwhile.
+        self._xdotool("mousemove", x - 2, y, "mousemove", x, y)
         return self.ask("hovered()")
 
     def open_tab(self):
@@ -204,10 +206,8 @@ class Window:
                     # Of a wide button, near its right end, from where it can be dragged both ways.
                     if call and x >= self._places.get(call, (0, 0))[0]:
                         self._places[call] = x, y
-                # A busy Blender may have been some rows behind the mouse.
-                for y, _ in rows[:-6:-1] if rows and what in rows[-1][1] else ():
-                    if what in self.under((x, y)):
-                        return x, y
+                if rows and what in rows[-1][1]:
+                    return x, rows[-1][0]
         self.screenshot("no_button")
         raise AssertionError(f"no button in the sidebar is {what}: {sorted(self._places)}")
 
@@ -364,15 +364,22 @@ def hover_down(x, top, bottom, what, near):
     def step():
         global hovering
         if moved:
+            with bpy.context.temp_override(window=window):
+                bpy.ops.wm.where_is_the_mouse("INVOKE_DEFAULT")
+            there = abs(mouse[0] - x) <= 1 and abs(mouse[1] - window.height + hovering) <= 1
+            moved.append(there)
+            # Blender has heard of it, and in the turn after that, so has the button.
+            if sum(moved) < 2 and len(moved) < 100:
+                return 0.01
             calls.append((hovering, hovered()))
             hovering = None if what and what in calls[-1][1] else next(places, None)
-        moved.append(hovering)
         if hovering is None:
             return None
+        moved[:] = [False]
         window.cursor_warp(x, window.height - hovering)
-        return 0.02
+        return 0.01
 
-    moved = []
+    moved = []  # since the mouse was moved: whether Blender knew, each turn
     bpy.app.timers.register(step, first_interval=0.0)
 
 window_manager = bpy.context.window_manager
@@ -383,7 +390,19 @@ for name in dir(bpy.types):
 
 session().earlier = session().problem = None
 
+mouse = [0, 0]
+
+class WhereIsTheMouse(bpy.types.Operator):
+    bl_idname = "wm.where_is_the_mouse"
+    bl_label = "Where Is the Mouse?"
+    bl_options = {"INTERNAL"}
+
+    def invoke(self, context, event):
+        mouse[:] = event.mouse_x, event.mouse_y
+        return {"FINISHED"}
+
 if "counting" not in globals():
+    bpy.utils.register_class(WhereIsTheMouse)
     counting = bpy.types.SpaceView3D.draw_handler_add(_count, (), "WINDOW", "POST_PIXEL")
 """
 
