@@ -31,7 +31,7 @@ class Window:
     found by hovering, so that a new row in a panel doesn't move them from under the mouse.
     """
 
-    _places = {}  # buttons lie at much the same place in the next Blender
+    _places, _tabs = {}, []  # they lie at much the same place in the next Blender
 
     def __init__(self, display, environment, output, folder, has_addon=True):
         self._environment = {**environment, "DISPLAY": display}
@@ -115,13 +115,9 @@ class Window:
 
     def rest(self):
         """Until panels lie where they stay: they glide there when one above them has grown."""
-        known, still = self.ask("drawings"), 0
-        for _ in range(20):  # progress that is shown is drawn again and again
-            time.sleep(0.08)
-            before, known = known, self.ask("drawings")
-            still = still + 1 if known == before else 0
-            if still == 2:  # a busy machine may take long for one picture of a glide
-                return
+        self.redraw()  # now at the latest they begin
+        time.sleep(0.35)  # a glide takes 0.3 s, however few pictures of it are drawn
+        self.redraw()
 
     def settle(self):
         """Until Blender has handled the events that were sent.
@@ -174,17 +170,20 @@ class Window:
 
     def under(self, position):
         """What the button at a position does: a call of an operator, or the path of a property."""
-        self._xdotool("mousemove", *position)
+        x, y = position
+        # Moved anew even if it's there already: a button may have been drawn under it meanwhile.
+        self._xdotool("mousemove", x - 2, y, "mousemove", x, y)
         return self.ask("hovered()")
 
     def open_tab(self):
         """Shows the add-on's tab of the sidebar."""
         _, top, right, bottom = self.sidebar()
-        for y in range(top + 100, min(top + 420, bottom), 25):
-            for _ in range(3):  # a busy machine draws late
-                if "POINTMORPH_PT_objects" in self._panels():
-                    return
+        for y in (*self._tabs, *range(top + 100, min(top + 420, bottom), 25)):
+            if self.ask("sidebar.active_panel_category") == "Pointmorph":
+                return
             self.click((right + 12, y))
+            self._tabs[:] = [y]
+            self.redraw()
         self.screenshot("no_tab")
         raise AssertionError("no tab of the sidebar shows the add-on")
 
@@ -197,18 +196,19 @@ class Window:
                 return place
         left, top, right, bottom = self.sidebar()
         over = (left + right) // 2, (top + bottom) // 2
-        near_x, near_y = known[-1] if known else (right - 50, top)
-        columns = sorted((right - 50, left + 60, right - 18), key=lambda x: abs(x - near_x))
+        near = known[-1][1] if known else top
         for page in range(3):
             up, down = 4, 5  # buttons of the mouse
             self._scroll(over, *((down, 15) if page else (up, 40)))
-            for x in columns:
-                rows = self._hover_down(x, top + 8, bottom - 4, what, near_y)
-                self._places.update({call: (x, y) for y, call in rows if call})
-                # A busy Blender may have been a row behind the mouse.
-                for y, _ in rows[:-3:-1] if rows and what in rows[-1][1] else ():
-                    if what in self.under((x, y)):
-                        return x, y
+            for x in (right - 50, left + 60, right - 26):
+                rows = self._hover_down(x, top + 8, bottom - 4, what, near)
+                for y, call in rows:
+                    # Of a wide button, near its right end, from where it can be dragged both ways.
+                    if call and x >= self._places.get(call, (0, 0))[0]:
+                        self._places[call] = x, y
+                if rows and what in rows[-1][1]:
+                    return x, rows[-1][0]
+        self.screenshot("no_button")
         raise AssertionError(f"no button in the sidebar is {what}: {sorted(self._places)}")
 
     def _hover_down(self, x, top, bottom, what=None, near=0):
@@ -337,12 +337,9 @@ def redraw():
     area.tag_redraw()
 
 panels = set()
-drawings = 0
 
 def _note(name):
     def draw(self, context):
-        global drawings
-        drawings += 1
         panels.add(name)
     return draw
 
@@ -367,15 +364,22 @@ def hover_down(x, top, bottom, what, near):
     def step():
         global hovering
         if moved:
+            with bpy.context.temp_override(window=window):
+                bpy.ops.wm.where_is_the_mouse("INVOKE_DEFAULT")
+            there = abs(mouse[0] - x) <= 1 and abs(mouse[1] - window.height + hovering) <= 1
+            moved.append(there)
+            # Blender has heard of it, and in the turn after that, so has the button.
+            if sum(moved) < 2 and len(moved) < 100:
+                return 0.01
             calls.append((hovering, hovered()))
             hovering = None if what and what in calls[-1][1] else next(places, None)
-        moved.append(hovering)
         if hovering is None:
             return None
+        moved[:] = [False]
         window.cursor_warp(x, window.height - hovering)
-        return 0.02
+        return 0.01
 
-    moved = []
+    moved = []  # since the mouse was moved: whether Blender knew, each turn
     bpy.app.timers.register(step, first_interval=0.0)
 
 window_manager = bpy.context.window_manager
@@ -386,7 +390,19 @@ for name in dir(bpy.types):
 
 session().earlier = session().problem = None
 
+mouse = [0, 0]
+
+class WhereIsTheMouse(bpy.types.Operator):
+    bl_idname = "wm.where_is_the_mouse"
+    bl_label = "Where Is the Mouse?"
+    bl_options = {"INTERNAL"}
+
+    def invoke(self, context, event):
+        mouse[:] = event.mouse_x, event.mouse_y
+        return {"FINISHED"}
+
 if "counting" not in globals():
+    bpy.utils.register_class(WhereIsTheMouse)
     counting = bpy.types.SpaceView3D.draw_handler_add(_count, (), "WINDOW", "POST_PIXEL")
 """
 

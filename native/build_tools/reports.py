@@ -57,7 +57,7 @@ def read_junit(report: Path) -> Outcome:
             message = (bad[0].get("message") or "").strip().partition("\n")[0]
             outcome.failures.append(f"{name}: {message}")
         elif skip is not None or case.get("status") == "notrun":
-            reason = "disabled" if skip is None else _without_place(skip.get("message", ""))
+            reason = "disabled" if skip is None else _reason(skip)
             outcome.skips.append(reason)
             outcome.left_out.append(f"{name}: {reason}")
         else:
@@ -65,8 +65,13 @@ def read_junit(report: Path) -> Outcome:
     return outcome
 
 
-def _without_place(message: str) -> str:
-    """A reason without the file and line that Google Test puts above it."""
+def _reason(skip: ElementTree.Element) -> str:
+    """Why a test was skipped, without the file and line that stand beside it."""
+    message = skip.get("message", "")
+    # Of a whole file, pytest writes the reason elsewhere, as a tuple's last part.
+    whole = re.search(r"['\"]Skipped: (.*)['\"]\)$", (skip.text or "").strip())
+    if message == "collection skipped" and whole:
+        return whole[1]
     return re.sub(r"^\S+:\d+\n", "", message)
 
 

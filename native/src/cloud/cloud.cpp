@@ -5,7 +5,6 @@
 #include <cmath>
 #include <cstdint>
 #include <limits>
-#include <sstream>
 #include <tuple>
 
 #include "cloud/moments.hpp"
@@ -61,12 +60,6 @@ void check_faces(const Cloud& cloud) {
                      "Count the rows of the vertices from 0.");
 }
 
-std::string number(double value) {
-    std::ostringstream text;
-    text << value;
-    return text.str();
-}
-
 /// Second extent along the principal axes as a share of the first; 0 for a line.
 double relative_width(const Positions& positions) {
     const Normalization unit = normalization(positions);
@@ -105,9 +98,9 @@ void validate(const Cloud& cloud, Index minimum_points) {
                              "Recalculate the normals, or hand in none: they are estimated then.");
         if (length < kLeastNormal || length > kLargestNormal)
             throw CloudError(cloud.name,
-                             "normals with lengths from " + number(kLeastNormal) + " to " +
-                                 number(kLargestNormal),
-                             "a length of " + number(length) + " at point " + std::to_string(i),
+                             "normals with lengths from " + in_short(kLeastNormal) + " to " +
+                                 in_short(kLargestNormal),
+                             "a length of " + in_short(length) + " at point " + std::to_string(i),
                              "Normalize the normals.");
     }
     for (Eigen::Index i = 0; i < cloud.radii.rows(); ++i)
@@ -123,9 +116,10 @@ void validate(const Cloud& cloud, Index minimum_points) {
         throw CloudError(cloud.name, "points on a surface", "points that all coincide",
                          "Check the object's scale and its vertices.");
     if (extent < kLeastExtent || extent > kLargestExtent)
-        throw CloudError(cloud.name,
-                         "an extent from " + number(kLeastExtent) + " to " + number(kLargestExtent),
-                         number(extent), "Scale the object.");
+        throw CloudError(
+            cloud.name,
+            "an extent from " + in_short(kLeastExtent) + " to " + in_short(kLargestExtent),
+            in_short(extent), "Scale the object.");
     if (relative_width(p) < kFlatness)
         throw CloudError(cloud.name, "points on a surface", "points that all lie on one line",
                          "Check the object's scale and its vertices.");

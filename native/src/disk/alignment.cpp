@@ -6,7 +6,6 @@
 #include <cmath>
 #include <limits>
 #include <numbers>
-#include <sstream>
 #include <string>
 #include <vector>
 
@@ -136,16 +135,10 @@ std::string name_of(const IndexPair& rows) {
            std::to_string(rows.target);
 }
 
-std::string number(double value) {
-    std::ostringstream text;
-    text << value;
-    return text.str();
-}
-
 void check(const AlignmentOptions& options) {
     const auto require = [](bool holds, const char* option, const char* range, double value) {
         if (!holds)
-            throw OptionError(option, range, number(value), "See the option's description.");
+            throw OptionError(option, range, in_short(value), "See the option's description.");
     };
     require(options.error >= 1e-6 && options.error <= 1.0, "error", "a number from 1e-6 to 1",
             options.error);
@@ -212,7 +205,7 @@ public:
                 throw FeatureError(
                     "features", "boundary features at the same place of both boundaries",
                     name_of(feature.rows) + " on the boundary of one shape, " +
-                        number(feature.distance()) + " away from its place in the other",
+                        in_short(feature.distance()) + " away from its place in the other",
                     "Mark boundary features on both boundaries, so that they are pinned, or move "
                     "this one off the boundary.");
         }
@@ -360,8 +353,8 @@ Alignment align_features(DiskPoints& source, DiskPoints& target,
     while ((result.residual = meeting.residual()) > options.error) {
         if (meeting.sweeps() == options.max_sweeps)
             throw ConvergenceError(
-                "features", "features closer than " + number(options.error) + " point spacings",
-                name_of(meeting.worst().rows) + " still " + number(result.residual) +
+                "features", "features closer than " + in_short(options.error) + " point spacings",
+                name_of(meeting.worst().rows) + " still " + in_short(result.residual) +
                     " apart after " + std::to_string(options.max_sweeps) + " sweeps",
                 "Check that it marks the same place on both shapes and isn't swapped with a "
                 "neighbor, or allow more sweeps.");

@@ -9,7 +9,6 @@
 #include <functional>
 #include <numbers>
 #include <numeric>
-#include <sstream>
 #include <utility>
 
 #include "pointmorph/base/error.hpp"
@@ -49,12 +48,6 @@ std::vector<double> arc_lengths(const Positions& positions, std::span<const Inde
     }
     if (!(along.back() > 0.0)) std::iota(along.begin(), along.end(), 0.0);  // all coincide
     return along;
-}
-
-std::string in_short(double number) {
-    std::ostringstream out;
-    out << number;
-    return out.str();
 }
 
 /// Remainder in [0, divisor).

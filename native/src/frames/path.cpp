@@ -7,7 +7,6 @@
 #include <cmath>
 #include <cstdint>
 #include <limits>
-#include <sstream>
 #include <string>
 
 #if defined(__SSE2__) || defined(_M_X64)
@@ -150,9 +149,9 @@ void fill(const Cloud& cloud, std::span<const IndexPair> pairs, Index IndexPair:
         if (!fits) too_large = true;
     });
     if (too_large) {
-        std::ostringstream largest;
-        largest << "numbers up to " << std::numeric_limits<Scalar>::max() / 2;
-        throw CloudError(cloud.name, largest.str(), "a larger one", "Scale the object.");
+        const double largest = std::numeric_limits<Scalar>::max() / 2;
+        throw CloudError(cloud.name, "numbers up to " + in_short(largest), "a larger one",
+                         "Scale the object.");
     }
 }
 

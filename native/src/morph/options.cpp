@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <sstream>
 #include <type_traits>
 
 #include "pointmorph/base/error.hpp"
@@ -11,12 +10,6 @@ namespace pointmorph {
 
 namespace {
 
-std::string text(double number) {
-    std::ostringstream out;
-    out << number;
-    return out.str();
-}
-
 std::string range_of(const Option& option) {
     if (option.kind == Option::Kind::kChoice) {
         std::string all;
@@ -24,7 +17,7 @@ std::string range_of(const Option& option) {
         return "one of " + all;
     }
     return std::string(option.kind == Option::Kind::kInteger ? "a whole number" : "a number") +
-           " from " + text(option.minimum) + " to " + text(option.maximum);
+           " from " + in_short(option.minimum) + " to " + in_short(option.maximum);
 }
 
 template <class T>
@@ -344,7 +337,7 @@ void set_option(MorphOptions& options, std::string_view name, const OptionValue&
         const bool fraction =
             option->kind == Option::Kind::kInteger && number != std::floor(number);
         if (fraction || !(number >= option->minimum && number <= option->maximum))
-            refuse(text(number));
+            refuse(in_short(number));
     }
     option->set(options, value);
 }

@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <cstdio>
 #include <functional>
 #include <limits>
 #include <map>
@@ -26,12 +25,6 @@ namespace {
 
 std::string subject_of(const Feature& feature) {
     return "feature \"" + feature.name + "\"";
-}
-
-std::string number(double value) {
-    std::array<char, 32> text;
-    std::snprintf(text.data(), text.size(), "%g", value);
-    return text.data();
 }
 
 void check_side(const Feature& feature, const Marked& marked, const Cloud& cloud) {
@@ -75,7 +68,7 @@ void check_side(const Feature& feature, const Marked& marked, const Cloud& cloud
                            std::to_string(marked.weights.size()), "Give one a point, or none.");
     for (const double weight : marked.weights)
         if (!(weight >= 0.0 && weight <= 1.0))
-            throw FeatureError(subject, "weights of points from 0 to 1", number(weight),
+            throw FeatureError(subject, "weights of points from 0 to 1", in_short(weight),
                                "Correct it on " + cloud.name + ".");
     if (!marked.weights.empty() && !(std::ranges::max(marked.weights) > 0.0))
         throw FeatureError(subject, "a point of " + cloud.name + " with a weight above 0", "none",
@@ -355,7 +348,7 @@ void validate(std::span<const Feature> features, const Cloud& source, const Clou
                                "Rename one of the two.");
         names.push_back(feature.name);
         if (!(feature.weight > 0.0 && std::isfinite(feature.weight)))
-            throw FeatureError(subject_of(feature), "a weight above 0", number(feature.weight),
+            throw FeatureError(subject_of(feature), "a weight above 0", in_short(feature.weight),
                                "Give it a weight, 1 for instance, or remove the feature.");
         if (feature.closed && feature.kind != FeatureKind::kCurve)
             throw FeatureError(subject_of(feature), "a curve, to be closed",

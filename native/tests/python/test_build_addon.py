@@ -85,6 +85,12 @@ def test_absent(): pytest.skip("no data")
     assert left_out.endswith("test_absent: no data")
 
 
+def test_a_whole_file_is_skipped_for_a_reason(tmp_path: Path) -> None:
+    _, report = pytest_report(tmp_path, "pytest.importorskip('no_such_package')")
+    [reason] = reports.judge(0, report).skips
+    assert "could not import 'no_such_package'" in reason
+
+
 def test_counts_google_test(tmp_path: Path) -> None:
     report = tmp_path / "report.xml"
     report.write_text("""<?xml version="1.0" encoding="UTF-8"?>

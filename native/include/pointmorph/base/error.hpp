@@ -7,6 +7,9 @@
 
 namespace pointmorph {
 
+/// A number as errors say it, with at most six digits.
+std::string in_short(double number);
+
 /// Base of every error that the library raises on purpose.
 class Error : public std::runtime_error {
 public:
