@@ -124,6 +124,7 @@ class Earlier:
         same = (
             request.settings == self.request.settings
             and request.settings.get("method", "auto") == "auto"
+            and request.settings.get("domain", "auto") == "auto"  # others start in their domain
             and request.features != self.request.features
             and np.array_equal(request.source.positions, self.request.source.positions)
             and np.array_equal(request.target.positions, self.request.target.positions)
