@@ -24,6 +24,7 @@ area.spaces[0].overlay.show_floor = True
 area.spaces[0].overlay.show_axis_x = area.spaces[0].overlay.show_axis_y = True
 area.spaces[0].shading.type = "SOLID"
 area.spaces[0].shading.color_type = "VERTEX"
+bpy.context.scene.pointmorph.show_as = "MESH"
 with in_viewport():
     bpy.ops.pointmorph.add_demo()
     bpy.data.objects["Hound"].location.x = -2.2
@@ -58,8 +59,7 @@ def take(window, name, part="all"):
 def morph(window):
     window.press_button(MORPH)
     window.wait(finished(f"bpy.data.objects.get({DEMO!r})"))
-    # Between its parents the result is seen best.
-    window.run(f"bpy.data.objects[{DEMO!r}].location = (0, 0, 0)")
+    window.run("bpy.ops.pointmorph.show_shapes()")  # halfway, the result is between them
 
 
 def set_value(window, value):
@@ -148,17 +148,16 @@ scenes.select(bpy.data.objects["Cube"])
 """
     )
     window.open_tab()
+    window.run("bpy.context.scene.pointmorph.show_as = 'MESH'")
     window.press_button(MORPH)
     window.wait(finished("bpy.data.objects.get('Cube to Icosphere')"))
     window.press_button("subdivide_source")
     window.press_button("pointmorph.recompute(")
     window.wait(f"not ({RUNNING}) and bpy.context.object.pointmorph.state == 'CURRENT'")
-    window.press_button("make_mesh")
     window.run(
         """
-for name in ("Cube", "Icosphere"):  # a morph hides them
-    bpy.data.objects[name].hide_set(False)
-mesh = bpy.data.objects["Cube to Icosphere Mesh"]
+bpy.ops.pointmorph.show_shapes()
+mesh = bpy.data.objects["Cube to Icosphere"]
 mesh.location.x = -3.2 * 1.2  # and 0.6 of the way to the sphere: in the middle
 mesh.data.shape_keys.key_blocks["Morph"].value = 0.6
 """
