@@ -9,6 +9,7 @@ import pointmorph.formats
 
 from . import packing, transforms
 from .features import Marks
+from .look_transfer import Canvas, Drawn, Model, Skin, draw, is_worth_it
 
 
 @dataclass(frozen=True)
@@ -28,6 +29,8 @@ class Shape:
     marks : Marks
     boundary : sequence of int
         Rows of the boundary where it's known without faces; None where they say it, or nothing.
+    skin : look_transfer.Skin
+        None for a shape without faces.
     """
 
     name: str
@@ -38,6 +41,7 @@ class Shape:
     triangles: np.ndarray | None
     marks: Marks
     boundary: Sequence | None = None
+    skin: Skin | None = None
 
     def moved(self, matrix):
         """Taken through a (4, 4) matrix."""
@@ -46,7 +50,13 @@ class Shape:
             positions=transforms.move_positions(matrix, self.positions),
             normals=None if self.normals is None else transforms.move_normals(matrix, self.normals),
             radii=None if self.radii is None else transforms.move_radii(matrix, self.radii),
+            skin=None if self.skin is None else self.skin.moved(matrix),
         )
+
+    def model(self):
+        """As something to be drawn."""
+        colors = None if self.skin is not None else self.colors
+        return Model(self.positions, self.triangles, self.skin, colors)
 
     def cloud(self):
         """As the library takes it: the surface of the faces, or else the points."""
@@ -65,6 +75,11 @@ class Request:
     features: dict
     loop: list
     settings: dict
+
+    def without_looks(self):
+        """The same without images and what else takes much room."""
+        ends = [replace(shape, skin=None) for shape in (self.source, self.target)]
+        return Request(*ends, self.features, self.loop, self.settings)
 
 
 @dataclass(frozen=True)
@@ -90,6 +105,8 @@ class Outcome:
 
     Of a chain, `between` are the shapes on the way, `stops` where every source vertex is on each of
     them, and `via_maps` where their own points land on the next shape and on the one before.
+
+    `drawn` is the target's look on the source's faces, where that was asked for.
     """
 
     source: End
@@ -102,6 +119,7 @@ class Outcome:
     between: tuple = ()
     stops: tuple = ()
     via_maps: tuple = ()
+    drawn: Drawn | None = None
 
     @property
     def ends(self):
@@ -178,3 +196,13 @@ def compute(request, progress, earlier=None):
         maps,
         tuple(_packed(shape.triangles) for shape in (request.source, request.target)),
     )
+
+
+def with_look(requests, outcome, options, progress):
+    """An outcome with the last target's look drawn on the first source's faces, if both look like
+    something."""
+    source, model = requests[0].source, requests[-1].target.model()
+    if not is_worth_it(source.skin, model):
+        return outcome
+    canvas = Canvas(source.triangles, source.skin, outcome.landing.astype(np.float32))
+    return replace(outcome, drawn=draw(canvas, model, options, progress))

@@ -170,16 +170,55 @@ def mesh_colors(mesh):
 def vertex_colors(mesh, attribute):
     """(N, 4) from a color attribute; corners of a vertex are averaged."""
     colors = read_attribute(attribute)
-    if attribute.domain == "POINT":
-        return colors
+    return colors if attribute.domain == "POINT" else mean_of_corners(mesh, colors)
+
+
+def mean_of_corners(mesh, values):
+    """(N, K) from a row a corner; 1 for a vertex without a face."""
     corners = mesh_corners(mesh)
     counts = np.bincount(corners, minlength=len(mesh.vertices))
-    result = np.ones((len(mesh.vertices), 4), np.float32)
+    result = np.ones((len(mesh.vertices), values.shape[1]), np.float32)
     used = counts > 0
-    for channel in range(4):
-        sums = np.bincount(corners, colors[:, channel], len(mesh.vertices))
-        result[used, channel] = sums[used] / counts[used]
+    for column in range(values.shape[1]):
+        sums = np.bincount(corners, values[:, column], len(mesh.vertices))
+        result[used, column] = sums[used] / counts[used]
     return result
+
+
+def corner_colors(mesh, attribute):
+    """(C, 4) from a color attribute."""
+    colors = read_attribute(attribute)
+    return colors[mesh_corners(mesh)] if attribute.domain == "POINT" else colors
+
+
+def material_indices(mesh):
+    """(F,) int32: the material slot of every face."""
+    return _read(mesh.polygons, "material_index", 1, np.int32)
+
+
+def smooth_faces(mesh):
+    """(F,) bool: whether a face is shaded smooth."""
+    return _read(mesh.polygons, "use_smooth", 1, bool)
+
+
+def triangle_faces(mesh):
+    """(F,) int32: the face of each of `mesh_triangles`."""
+    mesh.calc_loop_triangles()
+    return _read(mesh.loop_triangles, "polygon_index", 1, np.int32)
+
+
+def corner_normals(mesh):
+    """(C, 3)"""
+    return _read(mesh.corner_normals, "vector", 3)
+
+
+def write_uvs(mesh, name, uvs):
+    """A UV map in place of one of that name, from (C, 2); or None where a mesh can't have more."""
+    layer = mesh.uv_layers.get(name) or mesh.uv_layers.new(name=name, do_init=False)
+    if layer is None:
+        return None
+    _write(layer.data, "uv", uvs)
+    return layer
 
 
 def corner_uvs(layer):
@@ -288,3 +327,25 @@ def mark_points(cloud, name, rows):
     values = np.zeros(len(cloud.points), np.float32)
     values[rows] = 1.0
     write_attribute(cloud, name, values)
+
+
+# --- Images ---------------------------------------------------------------------------------------
+
+
+def image_pixels(image):
+    """(H, W, K) float32 of K channels as Blender has them: bytes encoded, floats linear; the
+    lowest row first. None for an image that can't be loaded."""
+    count = len(image.pixels)  # loads it
+    width, height = image.size
+    if not count or not width or not height:
+        return None
+    values = np.empty(count, np.float32)
+    image.pixels.foreach_get(values)
+    return values.reshape(height, width, -1)
+
+
+def write_pixels(image, values):
+    """Gives an image of that size its pixels, (H, W, 4), and keeps them in the file."""
+    image.pixels.foreach_set(np.ascontiguousarray(values, np.float32).reshape(-1))
+    image.update()
+    image.pack()

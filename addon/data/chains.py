@@ -5,7 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from ..core.computation import End, Outcome, compute
+from ..core.computation import End, Outcome, compute, with_look
 from . import coverage, surfaces
 
 _TOO_MUCH = 0.2  # of the target that the source has no vertices for
@@ -14,8 +14,19 @@ LONGEST = 11
 """Shapes in a chain: Blender's shape keys have values up to 10."""
 
 
-def compute_all(requests, progress, earlier=None):
-    """The outcome of one request, or of several as a chain. For the rest see `compute`."""
+def compute_all(requests, progress, earlier=None, textures=None):
+    """The outcome of one request, or of several as a chain. For the rest see `compute`.
+
+    Parameters
+    ----------
+    textures : look_transfer.Options, optional
+        How the target's look is drawn on the source's faces, if it is.
+    """
+    outcome = _computed(requests, progress, earlier)
+    return outcome if textures is None else with_look(requests, outcome, textures, progress)
+
+
+def _computed(requests, progress, earlier):
     if len(requests) == 1:
         return _judged(requests, compute(requests[0], progress, earlier))
     outcomes = []

@@ -7,7 +7,15 @@ from . import versions
 
 def drive_input(obj, modifier, name, key, divisor=1):
     """Makes an input of a modifier's group have the value of a shape key, or a share of it."""
-    curve = obj.driver_add(versions.input_path(modifier, name))
+    _drive_share(obj.driver_add(versions.input_path(modifier, name)), key, divisor)
+
+
+def drive_output(node, key, divisor=1):
+    """The same, of the value that a node gives out."""
+    _drive_share(node.outputs[0].driver_add("default_value"), key, divisor)
+
+
+def _drive_share(curve, key, divisor):
     curve.driver.type = "AVERAGE" if divisor == 1 else "SCRIPTED"
     drive(curve.driver, key)
     if divisor != 1:

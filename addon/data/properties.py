@@ -200,6 +200,11 @@ def _sync(self, context):
     feature_list.sync_features(self.id_data)
 
 
+TEXTURE_SIZES = [
+    (str(size), str(size), f"{size} by {size} pixels") for size in (256, 512, 1024, 2048, 4096)
+]
+
+
 class PointmorphShape(bpy.types.PropertyGroup):
     """A shape on the way from source to target."""
 
@@ -269,6 +274,29 @@ class PointmorphScene(bpy.types.PropertyGroup):
             ("POINTS", "Points", "The points of both shapes, in the colors of both"),
         ],
         default="MESH",
+    )
+    blend_textures: bpy.props.BoolProperty(
+        name="Blend Textures",
+        description="A new morph that is shown as a mesh also goes over from the look of the source "
+        "to that of the target, if both have materials, images or color attributes",
+        default=True,
+    )
+    texture_size: bpy.props.EnumProperty(
+        name="Size",
+        description="Pixels along each side of the images that show the target",
+        items=TEXTURE_SIZES,
+        default="1024",
+    )
+    texture_roughness: bpy.props.BoolProperty(
+        name="Roughness",
+        description="Also draw the target's roughness and metalness. Without it, the whole mesh has "
+        "those of most of the target",
+        default=False,
+    )
+    texture_normal: bpy.props.BoolProperty(
+        name="Normal",
+        description="Also draw a normal map of the target's details. A new morph does without",
+        default=False,
     )
     suggest_confidence: bpy.props.FloatProperty(
         name="Confidence",

@@ -53,6 +53,11 @@ def input_path(modifier, name):
 
 def node_tree(material):
     """The nodes of a new material, which has them by itself since Blender 5.0."""
-    if material.node_tree is None:
+    if material.node_tree is None or not uses_nodes(material):
         material.use_nodes = True
     return material.node_tree
+
+
+def uses_nodes(material):
+    """Whether a material's nodes say what it looks like: always, since Blender 5.0."""
+    return material.node_tree is not None and (is_at_least(5, 0) or material.use_nodes)

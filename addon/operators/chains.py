@@ -9,9 +9,16 @@ from ..data import arrays, chains
 from ..data.feature_list import feature_choices, sync_features
 from ..data.references import find, reference_to
 from ..data.registration import Registration
-from ..scene import morph_builder, morph_object, recipes, recomputation, staleness
+from ..scene import (
+    blended_textures,
+    morph_builder,
+    morph_object,
+    recipes,
+    recomputation,
+    staleness,
+)
 from .modal_operator import Computing
-from .polls import Explained, busy_reason, present
+from .polls import Explained, busy_reason, present, say_looks
 
 
 def chain_reason(context):
@@ -132,14 +139,16 @@ class POINTMORPH_OT_morph_chain(Explained, Computing, bpy.types.Operator):
             settings_values(settings),
         )
         self._names = [shape["name"] for shape in plan.recipe["shapes"]]
-        return lambda progress: chains.compute_all(plan.requests, progress)
+        textures = blended_textures.wanted(context.scene)
+        return lambda progress: chains.compute_all(plan.requests, progress, textures=textures)
 
     def _finish(self, context, outcome):
         shapes = [find(context.scene.objects, shape) for shape in self._shapes]
         provenance = self._plan.provenance(shapes)
         obj = morph_builder.build(context, outcome, " to ".join(self._names), provenance)
         recipes.remember(obj, self._plan.recipe, outcome)
-        present(self, context, obj, outcome.report)
+        say_looks(self, self._plan.requests)
+        present(self, context, obj, outcome)
         return {"FINISHED"}
 
 

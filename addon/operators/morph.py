@@ -11,11 +11,11 @@ from ..data import chains
 from ..data.feature_list import feature_choices, sync_features
 from ..data.references import find, reference_to
 from ..data.registration import Registration
-from ..scene import morph_builder, morph_object, preview_object, recipes
+from ..scene import blended_textures, morph_builder, morph_object, preview_object, recipes
 from ..scene.feature_marks import say_what_was_found
 from ..scene.shape_reader import read_request_steps
 from .modal_operator import Computing
-from .polls import Explained, busy_reason, present, shapes_reason
+from .polls import Explained, busy_reason, present, say_looks, shapes_reason
 
 
 class POINTMORPH_OT_morph(Explained, Computing, bpy.types.Operator):
@@ -38,12 +38,13 @@ class POINTMORPH_OT_morph(Explained, Computing, bpy.types.Operator):
         # A script gets the same whatever was done before it.
         earlier = background_job.earlier if self._in_window else None
         self._first_look = queue.SimpleQueue()
+        textures = blended_textures.wanted(context.scene)
         with_preview = self._in_window and preview.is_worth_it(request)
 
         def work(progress):
             if with_preview:
                 self._first_look.put(preview.compute(request, progress))
-            return chains.compute_all([request], progress, earlier)
+            return chains.compute_all([request], progress, earlier, textures)
 
         return work
 
@@ -85,11 +86,12 @@ class POINTMORPH_OT_morph(Explained, Computing, bpy.types.Operator):
 
     def _finish(self, context, outcome):
         if self._in_window:
-            background_job.earlier = Earlier(self._request, outcome.maps)
+            background_job.earlier = Earlier(self._request.without_looks(), outcome.maps)
         obj = morph_builder.build(context, outcome, *self._made_of(context))
         morph_object.morph_key(obj).value = self._value
         recipes.remember(obj, self._recipe, outcome)
-        present(self, context, obj, outcome.report)
+        say_looks(self, [self._request])
+        present(self, context, obj, outcome)
         return {"FINISHED"}
 
 

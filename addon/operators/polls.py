@@ -3,7 +3,7 @@
 import pointmorph
 
 from ..core import background_job
-from ..scene import morph_object, presentation
+from ..scene import blended_textures, morph_object, object_looks, presentation
 
 NO_RESULT = "Morph first, or make a morph object the active object"
 
@@ -71,14 +71,26 @@ def _is_in(scene, obj):
     return scene.objects.get(obj.name) == obj or any(other == obj for other in scene.objects)
 
 
-def present(operator, context, obj, report):
-    """Shows a new morph object, and tells the user what came of it."""
+def present(operator, context, obj, outcome):
+    """Shows a new morph object of an outcome, and tells the user what came of it."""
     forget_results()
     shown, said = presentation.present(context, obj)
+    if outcome.drawn is not None and shown.pointmorph.keeps_faces:
+        blended_textures.blend(shown, outcome.drawn)
     activate(context.view_layer.objects, shown)
     for words in said:
         operator.report({"WARNING"}, f"Shown as points. {words}")
-    say_made(operator, shown, report)
+    say_made(operator, shown, outcome.report)
+
+
+def say_looks(operator, requests):
+    """Tells the user where the colors of what was morphed come from."""
+    shapes = [requests[0].source, *(request.target for request in requests)]
+    told, remarks = object_looks.words(shapes)
+    for remark in remarks:
+        operator.report({"WARNING"}, remark)
+    if told:
+        operator.report({"INFO"}, told)
 
 
 def say_made(operator, obj, report):

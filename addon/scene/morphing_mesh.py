@@ -9,6 +9,7 @@ from ..core import transforms
 from ..data import arrays, creation
 from . import (
     attribute_transfer,
+    blended_textures,
     morph_builder,
     morph_object,
     morph_paths,
@@ -122,6 +123,7 @@ def remake(context, obj, plan, outcome):
                 try:
                     said += remake_mesh(copy, obj)
                     said += attribute_transfer.again(context, copy)
+                    said += blended_textures.again(context, copy, outcome.drawn)
                 except pointmorph.PointmorphError as error:
                     said.append(f'"{copy.name}" was left unchanged. {error}')
         return said + attribute_transfer.again(context, obj)
@@ -131,6 +133,7 @@ def remake(context, obj, plan, outcome):
         recipes.remember(pairs, plan.recipe, outcome)
         said = remake_mesh(obj, pairs)
         said += attribute_transfer.again(context, obj)
+        said += blended_textures.again(context, obj, outcome.drawn)
     finally:
         morph_builder.remove(pairs)
     return said

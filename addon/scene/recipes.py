@@ -40,7 +40,7 @@ _MOVING = {
     "WAVE",
 }
 # What a recipe says about the object itself.
-_OWN = ("keys", "transferred")
+_OWN = ("keys", "transferred", "textures")
 
 
 # --- What the shapes are now ----------------------------------------------------------------------

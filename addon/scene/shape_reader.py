@@ -10,6 +10,7 @@ from ..core.settings import settings_values
 from ..core.stepping import finish
 from ..data import arrays
 from ..data.feature_list import feature_choices, feature_groups
+from . import object_looks
 
 
 def read_request(context):
@@ -63,6 +64,15 @@ def read_shape_steps(context, obj, origin, as_shown):
     as_shown : bool
         With modifiers and shape keys, as in the viewport. A point cloud always is.
     """
+    matrix = transforms.relative_to(obj.matrix_world, origin)
+    shape = yield from read_own_steps(context, obj, as_shown)
+    transforms.check_invertible(obj.name, matrix)
+    return shape.moved(matrix)
+
+
+def read_own_steps(context, obj, as_shown, with_relief=False):
+    """The same in the object's own space; with normals at faces' corners and normal maps if they
+    are wanted."""
     if obj.type not in arrays.SHAPE_TYPES:
         raise pointmorph.CloudError(
             obj.name,
@@ -79,27 +89,25 @@ def read_shape_steps(context, obj, origin, as_shown):
             "one that is disabled in viewports or in a collection that is",
             "Enable it in the Outliner. Hiding it with the eye icon is fine.",
         )
-    matrix = transforms.relative_to(obj.matrix_world, origin)
-    transforms.check_invertible(obj.name, matrix)
     if obj.type == "POINTCLOUD":
-        shape = _read_cloud(obj, evaluated.data)
-    elif as_shown and not is_plain(obj):
+        return _read_cloud(obj, evaluated.data)
+    if as_shown and not is_plain(obj):
         # Lives until the scene is evaluated again, so this is one step.
         mesh = evaluated.to_mesh(preserve_all_data_layers=True, depsgraph=depsgraph)
         try:
-            shape = finish(_read_mesh(obj, mesh, arrays.vertex_positions(mesh)))
+            return finish(_read_mesh(obj, mesh, arrays.vertex_positions(mesh), with_relief))
         finally:
             evaluated.to_mesh_clear()
-    else:
-        shape = yield from _read_mesh(obj, obj.data, arrays.basis_positions(obj.data))
-        if len(obj.data.vertices) != len(shape.positions):
-            raise pointmorph.CloudError(
-                obj.name,
-                "a mesh that doesn't change",
-                "changes while it was being read",
-                "Try again.",
-            )
-    return shape.moved(matrix)
+    positions = arrays.basis_positions(obj.data)
+    shape = yield from _read_mesh(obj, obj.data, positions, with_relief)
+    if len(obj.data.vertices) != len(shape.positions):
+        raise pointmorph.CloudError(
+            obj.name,
+            "a mesh that doesn't change",
+            "changes while it was being read",
+            "Try again.",
+        )
+    return shape
 
 
 def present_steps(context, objects, steps):
@@ -127,7 +135,7 @@ def is_plain(obj):
     return not (obj.modifiers or obj.data.shape_keys or obj.mode == "EDIT" or by_parent)
 
 
-def _read_mesh(obj, mesh, positions):
+def _read_mesh(obj, mesh, positions, with_relief):
     """A generator that yields often and returns a Shape."""
     groups = feature_groups(obj)
     yield
@@ -136,7 +144,9 @@ def _read_mesh(obj, mesh, positions):
     # Without faces Blender makes normals up.
     normals = _own_normals(mesh) if triangles is None else arrays.mesh_normals(mesh)
     yield
-    colors, radii = arrays.mesh_colors(mesh), _radii(mesh)
+    skin = object_looks.read_skin(obj, mesh, with_relief)
+    yield
+    colors, radii = object_looks.vertex_colors(mesh, skin), _radii(mesh)
     yield
     edges = arrays.mesh_edges(mesh)
     yield
@@ -149,6 +159,7 @@ def _read_mesh(obj, mesh, positions):
         radii=radii,
         triangles=triangles,
         marks=Marks("vertex group", weights, edges),
+        skin=skin,
     )
 
 

@@ -67,6 +67,8 @@ class POINTMORPH_PT_morph_object(Panel, bpy.types.Panel):
             row.prop(settings, f"transfer_{what}", toggle=True)
             setattr(button, what, getattr(settings, f"transfer_{what}"))
 
+        draw_textures(layout, context)
+
     def _draw_state(self, context, obj):
         known = staleness_watch.known_state(obj)
         if known is None:
@@ -85,6 +87,21 @@ class POINTMORPH_PT_morph_object(Panel, bpy.types.Panel):
         box.label(text=heads[state], icon="ERROR")
         for reason in reasons:
             say(box, context, reason, "BLANK1")
+
+
+def draw_textures(layout, context):
+    """How the mesh's look goes over into the target's."""
+    settings = context.scene.pointmorph
+    column = layout.column(align=True)
+    row = column.row(align=True)
+    button = row.operator("pointmorph.blend_textures", icon="NODE_MATERIAL")
+    row.operator("pointmorph.keep_textures", text="", icon="X")
+    row = column.row(align=True)
+    row.prop(settings, "texture_size", text="")
+    for what in ("roughness", "normal"):
+        row.prop(settings, f"texture_{what}", toggle=True)
+        setattr(button, what, getattr(settings, f"texture_{what}"))
+    button.size = settings.texture_size
 
 
 registration = Registration(

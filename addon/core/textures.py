@@ -1,0 +1,160 @@
+"""Images as textures: sampled where UVs point, decoded to linear values."""
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+REPEAT, EXTEND, CLIP, MIRROR = "REPEAT", "EXTEND", "CLIP", "MIRROR"
+_PART = 1 << 18  # samples that are taken at once
+_FIRST_TILE = 1001
+
+
+def to_linear(values):
+    """sRGB to linear."""
+    values = np.asarray(values, np.float32)
+    return np.where(
+        values <= 0.04045, values / 12.92, ((np.maximum(values, 0.0) + 0.055) / 1.055) ** 2.4
+    ).astype(np.float32)
+
+
+def to_srgb(values):
+    """Linear to sRGB, from 0 to 1."""
+    values = np.clip(np.asarray(values, np.float32), 0.0, 1.0)
+    return np.where(
+        values <= 0.0031308, values * 12.92, 1.055 * values ** (1 / 2.4) - 0.055
+    ).astype(np.float32)
+
+
+_STEPS = np.arange(256, dtype=np.float32) / 255.0
+_LINEAR_STEPS = to_linear(_STEPS)
+
+
+@dataclass(frozen=True)
+class Texture:
+    """An image.
+
+    Attributes
+    ----------
+    name : str
+    values : (H, W, 4) array of uint8 or float32
+        The lowest row first. Floats are linear.
+    is_srgb : bool
+        Whether bytes are encoded as sRGB.
+    is_solid : bool
+        Whether alpha is a channel like the others, by which colors aren't weighted.
+    tiles : dict of int to Texture
+        Of a UDIM image: by number, in place of `values`.
+    """
+
+    name: str
+    values: np.ndarray | None
+    is_srgb: bool = False
+    is_solid: bool = False
+    tiles: dict = field(default_factory=dict)
+
+    def linear(self, part=...):
+        """(..., 4) float32: values, linear, color weighted with alpha."""
+        values = self.values[part]
+        if values.dtype == np.uint8:
+            table = _LINEAR_STEPS if self.is_srgb else _STEPS
+            colors = table[values]
+            colors[..., 3] = _STEPS[values[..., 3]]
+        else:
+            colors = values.astype(np.float32)
+        if not self.is_solid:
+            colors[..., :3] *= colors[..., 3:]
+        return colors
+
+    def reduced(self, times):
+        """The same at half the size, so often: for samples that are so far apart."""
+        if self.tiles:
+            tiles = {number: tile.reduced(times) for number, tile in self.tiles.items()}
+            return replace(self, tiles=tiles)
+        height, width = self.values.shape[:2]
+        step = 1
+        while times > 0 and height % (2 * step) == 0 and width % (2 * step) == 0:
+            step, times = 2 * step, times - 1
+        if step == 1:
+            return self
+        colors = np.zeros((height // step, width // step, 4), np.float32)
+        for row in range(step):
+            for column in range(step):
+                colors += self.linear(np.s_[row::step, column::step])
+        colors /= step * step
+        if not self.is_solid:
+            colors[..., :3] = unassociated(colors)[..., :3]
+        return replace(self, values=colors, is_srgb=False)
+
+
+def unassociated(colors):
+    """Colors that were weighted with their alpha, as they were before."""
+    alpha = colors[..., 3:]
+    result = colors / np.where(alpha > 0.0, alpha, 1.0)
+    result[..., 3:] = alpha
+    return result
+
+
+def sample(texture, uvs, extension=REPEAT, closest=False):
+    """(N, 4) float32: what a texture has at UVs, linear, color weighted with alpha.
+
+    Parameters
+    ----------
+    uvs : (N, 2) array
+    extension : str
+        REPEAT, EXTEND, CLIP or MIRROR: what there is outside the unit square.
+    closest : bool
+        Takes the closest pixel, instead of mixing the four around.
+    """
+    if texture.tiles:
+        return _sample_tiles(texture, uvs, closest)
+    result = np.empty((len(uvs), 4), np.float32)
+    for start in range(0, len(uvs), _PART):
+        part = slice(start, start + _PART)
+        result[part] = _sample_part(texture, uvs[part], extension, closest)
+    return result
+
+
+def _sample_tiles(texture, uvs, closest):
+    result = np.zeros((len(uvs), 4), np.float32)
+    corner = np.floor(uvs)
+    numbers = _FIRST_TILE + corner[:, 0] + 10 * corner[:, 1]
+    for number, tile in texture.tiles.items():
+        rows = np.flatnonzero((numbers == number) & (corner[:, 0] >= 0) & (corner[:, 0] < 10))
+        result[rows] = sample(tile, uvs[rows] - corner[rows], EXTEND, closest)
+    return result
+
+
+def _sample_part(texture, uvs, extension, closest):
+    height, width = texture.values.shape[:2]
+    places = np.nan_to_num(uvs.astype(np.float64), posinf=0.0, neginf=0.0) * (width, height)
+    if closest:
+        found = _pixels(texture, np.floor(places).astype(np.int64), extension)
+    else:
+        places -= 0.5
+        first = np.floor(places)
+        share = (places - first).astype(np.float32)
+        first = first.astype(np.int64)
+        found = np.zeros((len(uvs), 4), np.float32)
+        for column in (0, 1):
+            across = share[:, 0] if column else 1.0 - share[:, 0]
+            for row in (0, 1):
+                up = share[:, 1] if row else 1.0 - share[:, 1]
+                pixels = _pixels(texture, first + (column, row), extension)
+                found += (across * up)[:, None] * pixels
+    if extension == CLIP:
+        found[((uvs < 0.0) | (uvs > 1.0)).any(axis=1)] = 0.0
+    return found
+
+
+def _pixels(texture, places, extension):
+    """Pixels by column and row, wherever these are."""
+    height, width = texture.values.shape[:2]
+    size = np.array([width, height])
+    if extension == REPEAT:
+        places = places % size
+    elif extension == MIRROR:
+        places = places % (2 * size)
+        places = np.minimum(places, 2 * size - 1 - places)
+    else:
+        places = np.clip(places, 0, size - 1)
+    return texture.linear((places[:, 1], places[:, 0]))

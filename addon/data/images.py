@@ -1,0 +1,117 @@
+"""Blender's images as textures."""
+
+import bpy
+import numpy as np
+
+from ..core.textures import Texture, to_srgb
+from . import arrays
+
+
+def read(image):
+    """The Texture of an image, and what is to be said about it in words.
+
+    Returns
+    -------
+    Texture or None
+        None where it can't be read.
+    str
+        Why, or what is missing; "" where all is well.
+    """
+    if image.source == "TILED":
+        return _read_tiles(image)
+    if image.source in ("MOVIE", "SEQUENCE", "VIEWER"):
+        return None, f'the image "{image.name}" changes with time'
+    texture = _read_plain(image)
+    if texture is None:
+        return None, f'the image "{image.name}" is missing'
+    return texture, ""
+
+
+def _read_plain(image):
+    values = arrays.image_pixels(image)
+    if values is None:
+        return None
+    channels = values.shape[2]
+    if channels != 4:
+        solid = np.ones((*values.shape[:2], 4), np.float32)
+        solid[..., :3] = values[..., :3] if channels >= 3 else values[..., :1]
+        values = solid
+    is_solid = image.alpha_mode in ("CHANNEL_PACKED", "NONE")
+    if image.alpha_mode == "NONE":
+        values[..., 3] = 1.0
+    if image.is_float:
+        if not is_solid:  # Blender keeps them weighted
+            alpha = values[..., 3:]
+            values[..., :3] /= np.where(alpha > 0.0, alpha, 1.0)
+        return Texture(image.name, values, is_solid=is_solid)
+    space = image.colorspace_settings
+    is_linear = space.is_data or "Linear" in space.name
+    values *= 255.0
+    values += 0.5
+    return Texture(image.name, values.astype(np.uint8), not is_linear, is_solid)
+
+
+def _read_tiles(image):
+    """Tiles are read from their files: pixels of the image itself are those of one tile."""
+    tiles, missing = {}, []
+    path = image.filepath_raw or image.filepath
+    for tile in image.tiles:
+        texture = None
+        if "<UDIM>" in path and not image.packed_files:
+            texture = _read_file(path.replace("<UDIM>", str(tile.number)), image)
+        elif len(image.tiles) == 1:
+            texture = _read_plain(image)
+        if texture is None:
+            missing.append(str(tile.number))
+        else:
+            tiles[tile.number] = texture
+    if not tiles:
+        why = "is packed: unpack it first" if image.packed_files else "is missing"
+        return None, f'the UDIM image "{image.name}" {why}'
+    said = f'tiles {", ".join(missing)} of the image "{image.name}" are missing' if missing else ""
+    return Texture(image.name, None, tiles=tiles), said
+
+
+def _read_file(path, like):
+    try:
+        image = bpy.data.images.load(bpy.path.abspath(path, library=like.library))
+    except RuntimeError:
+        return None
+    try:
+        image.colorspace_settings.name = like.colorspace_settings.name
+        image.alpha_mode = like.alpha_mode
+        return _read_plain(image)
+    finally:
+        bpy.data.images.remove(image)
+
+
+def write(name, values, created, is_color, known=None):
+    """A packed image of 8 bits a channel.
+
+    Parameters
+    ----------
+    values : (H, W), (H, W, 3) or (H, W, 4) array
+        Linear.
+    created : function
+        Called with a new one.
+    is_color : bool
+        Whether it's encoded as colors are, or holds other data.
+    known : Image or None
+        One to be written anew.
+    """
+    pixels = np.ones((*values.shape[:2], 4), np.float32)
+    if values.ndim == 2:
+        pixels[..., :3] = values[..., None]
+    else:
+        pixels[..., : values.shape[2]] = values
+    if is_color:
+        pixels[..., :3] = to_srgb(pixels[..., :3])
+    size = values.shape[1], values.shape[0]
+    image = known
+    if image is None:
+        image = bpy.data.images.new(name, *size, alpha=True, is_data=not is_color)
+        created(image)
+    elif tuple(image.size) != size:
+        image.scale(*size)
+    arrays.write_pixels(image, pixels)
+    return image

@@ -1,0 +1,255 @@
+"""The look of a morphing mesh: from the source's own to the target's, as it morphs."""
+
+from dataclasses import asdict, replace
+
+import numpy as np
+import pointmorph
+
+from ..core.look_transfer import Canvas, Options, draw
+from ..core.stepping import finish
+from ..core.transforms import move_positions
+from ..data import arrays, creation, images, look_nodes, nodes
+from . import morph_object, object_looks, recipes
+from .shape_reader import present_steps, read_own_steps, update
+
+UV_NAME = "Pointmorph"
+_COLOR = "pointmorph_viewport_color"  # of a material, before t drives it
+
+
+def options_of(obj):
+    """What a mesh's textures were blended with; None where they weren't."""
+    known = recipes.recipe_of(obj).get("textures")
+    return None if known is None else Options(**known)
+
+
+def wanted(scene):
+    """What a new morph's textures are blended with; None where they aren't to be."""
+    settings = scene.pointmorph
+    if not settings.blend_textures or settings.show_as != "MESH":
+        return None
+    # Normals take longer, and need more of the target than is read for the morph itself.
+    return replace(chosen(settings), normal=False)
+
+
+def chosen(settings):
+    """The Options that the panel shows."""
+    return Options(
+        int(settings.texture_size), settings.texture_roughness, settings.texture_normal
+    )
+
+
+def read_steps(context, obj, options):
+    """A generator that yields often, reads a morphing mesh and its target, and returns a function
+    that draws the target's look on it, to be called with a progress in any thread.
+
+    Raises
+    ------
+    CloudError
+        When the target is gone, was changed since, or looks like nothing.
+    """
+    target = obj.pointmorph.target
+    if not recipes.is_there(target):
+        raise pointmorph.CloudError(
+            obj.name, "its target in this file", "none", "Undo the deletion, or morph again."
+        )
+    steps = _read_steps(context, obj, target, options)
+    return (yield from present_steps(context, [target], steps))
+
+
+def _read_steps(context, obj, target, options):
+    update(context, target)
+    yield
+    shape = yield from read_own_steps(context, target, True, options.normal)
+    recipe = recipes.recipe_of(obj)
+    if len(shape.positions) != recipe["points"][-1]:
+        raise pointmorph.CloudError(
+            target.name,
+            f'the {recipe["points"][-1]:,} points "{obj.name}" was made from',
+            f"{len(shape.positions):,} as shown in the viewport",
+            "Recompute the morph first.",
+        )
+    model = shape.moved(np.reshape(recipe["shapes"][-1]["matrix"], (4, 4))).model()
+    if not model.has_look:
+        raise pointmorph.CloudError(
+            target.name,
+            "a material, an image or a color attribute",
+            "none",
+            "Add one, so that there is something to blend to.",
+        )
+    yield
+    skin = object_looks.read_skin(obj, obj.data, with_look=False)
+    triangles = arrays.mesh_triangles(obj.data)
+    yield
+    canvas = Canvas(triangles, skin, places_at_end(obj))
+    return lambda progress: draw(canvas, model, options, progress)
+
+
+def places_at_end(obj):
+    """(N, 3): where the vertices of a morphing mesh are on the target, in the morph's frame."""
+    matrix = morph_object.source_matrix_of(obj)
+    return move_positions(matrix, arrays.key_positions(morph_object.last_key(obj)))
+
+
+def again(context, obj, drawn=None):
+    """Blends as before, to the target as it is now. Returns what went wrong, in words.
+
+    Parameters
+    ----------
+    drawn : Drawn, optional
+        If that was drawn already.
+    """
+    options = options_of(obj)
+    if options is None:
+        return []
+    try:
+        if drawn is None:
+            draw_it = finish(read_steps(context, obj, options))
+            drawn = draw_it(lambda stage, fraction: True)
+        blend(obj, drawn)
+    except pointmorph.PointmorphError as error:
+        return [f"The textures are still those of the old morph. {error}"]
+    return []
+
+
+def blend(obj, drawn):
+    """Makes a morphing mesh look like its source at 0 and as drawn at the end. Its materials become
+    copies that mix both.
+
+    Raises
+    ------
+    CloudError
+        When the object has other faces by now, or no room for a UV map.
+    """
+    mesh = obj.data
+    if drawn.uvs is not None and len(drawn.uvs) != len(mesh.loops):
+        raise pointmorph.CloudError(
+            obj.name, "an object that doesn't change", "changes meanwhile", "Try again."
+        )
+    uv = drawn.uv_name
+    with creation.all_or_nothing() as created:
+        if drawn.uvs is not None:
+            uv = _write_layout(obj, drawn.uvs)
+        made = _write_images(obj, drawn, created)
+        for slot, material in _own_materials(obj, created):
+            look_nodes.mix_in(material, drawn, made, uv, lambda node: _drive(obj, node))
+            _drive_viewport_color(obj, material, drawn.mean)
+            slot.material = material
+    recipes.note(obj, "textures", asdict(drawn.options))
+    obj.update_tag()
+
+
+def unblend(obj):
+    """Leaves a morphing mesh its source's own look."""
+    for slot in obj.material_slots:
+        if slot.material is not None and look_nodes.is_mixed(slot.material):
+            _unmix(slot.material)
+    recipes.note(obj, "textures", None)
+    obj.update_tag()
+
+
+def _write_layout(obj, uvs):
+    """The name of a UV map of the images' own."""
+    mesh = obj.data
+    before = object_looks.render_layer(mesh)
+    before = None if before is None else before.name
+    layer = arrays.write_uvs(mesh, UV_NAME, uvs)
+    if layer is None:
+        raise pointmorph.CloudError(
+            obj.name, "fewer than eight UV maps", "eight", "Remove one that isn't needed."
+        )
+    name = layer.name
+    if before is not None:
+        mesh.uv_layers[before].active_render = True
+    return name
+
+
+def _write_images(obj, drawn, created):
+    """By what they show, the images of a Drawn, in place of those that the object has."""
+    values = {}
+    if isinstance(drawn.color, np.ndarray):
+        values["Color"] = drawn.color
+    if isinstance(drawn.roughness, np.ndarray):
+        shape = drawn.roughness.shape
+        values["Surface"] = np.stack(
+            [np.ones(shape), drawn.roughness, np.broadcast_to(drawn.metallic, shape)], axis=-1
+        )
+    if drawn.normal is not None:
+        values["Normal"] = drawn.normal
+    mixed = [m for m in obj.data.materials if m is not None and _is_mixed_here(obj, m)]
+    found = {}
+    for what, part in values.items():
+        known = look_nodes.image_of(mixed[0], what) if mixed else None
+        name = f"{obj.name} {what}"
+        found[what] = images.write(name, part, created, what == "Color", known)
+    return found
+
+
+def _own_materials(obj, created):
+    """For every material, a slot that gets a copy of its own, which shows the source's look, and
+    that. A generator: the slot must be filled before the next."""
+    if not obj.material_slots:
+        obj.data.materials.append(None)
+    own = {}
+    for slot in obj.material_slots:
+        material = slot.material
+        if material in own:
+            slot.material = own[material]
+            continue
+        own[material] = _own_material(obj, material, created)
+        yield slot, own[material]
+
+
+def _own_material(obj, material, created):
+    name = obj.pointmorph.target.name
+    if material is None:
+        active = arrays.active_colors(obj.data)
+        color = "" if active is None else active.name
+        return look_nodes.new_material(f"{obj.name} Look", color, created)
+    if _is_mixed_here(obj, material):
+        _unmix(material)
+        return material
+    copy = material.copy()
+    created(copy)
+    copy.name = f"{material.name} to {name}"
+    if not look_nodes.has_nodes(copy):
+        look_nodes.add_nodes(copy)
+    if look_nodes.is_mixed(copy):  # by another object
+        _unmix(copy)
+    return copy
+
+
+def _is_mixed_here(obj, material):
+    """Whether a material has the second look of this object, and not of one that it's a copy of."""
+    if not look_nodes.has_nodes(material) or not look_nodes.is_mixed(material):
+        return False
+    key = obj.data.shape_keys
+    return key in look_nodes.drivers_of(material)
+
+
+def _unmix(material):
+    look_nodes.unmix(material)
+    if _COLOR in material:
+        material.driver_remove("diffuse_color")
+        material.diffuse_color = material[_COLOR]
+        del material[_COLOR]
+
+
+def _drive(obj, node):
+    nodes.drive_output(node, morph_object.t_key(obj), _last(obj))
+
+
+def _drive_viewport_color(obj, material, mean):
+    """In Solid shading a mesh has the mean color, which goes along."""
+    own = list(material.diffuse_color)
+    material[_COLOR] = own
+    for number, (start, end) in enumerate(zip(own, mean, strict=True)):
+        curve = material.driver_add("diffuse_color", number)
+        curve.driver.type = "SCRIPTED"
+        nodes.drive(curve.driver, morph_object.t_key(obj))
+        # Simple enough for Blender to compute without Python, also where scripts may not run.
+        curve.driver.expression = f"{start:.5f} + {(end - start) / _last(obj):.5f} * t"
+
+
+def _last(obj):
+    """t at the end."""
+    return len(obj.pointmorph.via) + 1

@@ -1,0 +1,117 @@
+"""What objects look like: their materials, images and color attributes, as the core takes them."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from ..core.look_transfer import Skin
+from ..core.looks import PLAIN, AttributeColor, Look
+from ..data import arrays
+from ..data.materials import Reader
+
+
+def read_skin(obj, mesh, with_relief=False, with_look=True):
+    """The Skin of an object's mesh, be it its own or the one that the viewport shows; None without
+    faces. Normals and normal maps are read `with_relief`.
+
+    A face's color comes from its material, if that has an image or an attribute there; else from
+    the active color attribute; else it is the material's plain color.
+    """
+    if not mesh.polygons:
+        return None
+    layer = render_layer(mesh)
+    uvs = None if layer is None else arrays.corner_uvs(layer)
+    name = "" if layer is None else layer.name
+    return Skin(
+        arrays.triangle_loops(mesh),
+        _read_look(obj, mesh, name, with_relief) if with_look else None,
+        uvs,
+        name,
+        arrays.smooth_faces(mesh)[arrays.triangle_faces(mesh)],
+        arrays.corner_normals(mesh) if with_relief else None,
+    )
+
+
+def render_layer(mesh):
+    """The UV map that renderers take where a material names none."""
+    layers = mesh.uv_layers
+    return next((layer for layer in layers if layer.active_render), next(iter(layers), None))
+
+
+def vertex_colors(mesh, skin):
+    """(N, 4): the color of every vertex, the mean of its faces' corners; None without any."""
+    if skin is None or skin.look is None:
+        return arrays.mesh_colors(mesh)
+    active = arrays.active_colors(mesh)
+    if active is not None and all(
+        surface.color == AttributeColor(active.name) for surface in skin.look.used()
+    ):
+        return arrays.vertex_colors(mesh, active)
+    return arrays.mean_of_corners(mesh, skin.look.corner_colors())
+
+
+def materials_of(obj, mesh):
+    """The material of every slot, be it the object's or the mesh's."""
+    found = list(mesh.materials)
+    for number, slot in enumerate(obj.material_slots[: len(found)]):
+        if slot.link == "OBJECT":
+            found[number] = slot.material
+    return found
+
+
+def _read_look(obj, mesh, uv, with_relief):
+    """The Look of an object's mesh; None where it has neither materials nor colors."""
+    materials = materials_of(obj, mesh)
+    active = arrays.active_colors(mesh)
+    if not any(materials) and active is None:
+        return None
+    reader = Reader(
+        uv,
+        [layer.name for layer in mesh.uv_layers],
+        [item.name for item in mesh.color_attributes],
+        "" if active is None else active.name,
+        with_relief,
+    )
+    slots = arrays.material_indices(mesh).clip(0, max(len(materials) - 1, 0))
+    used, numbers = np.unique(slots, return_inverse=True)
+    surfaces = []
+    for slot in used.tolist():
+        material = materials[slot] if materials else None
+        surface, has_own = (PLAIN, False) if material is None else reader.surface(material)
+        if not has_own and active is not None:
+            source = f'the color attribute "{active.name}"'
+            surface = replace(surface, color=AttributeColor(active.name), source=source)
+            reader.used_colors.add(active.name)
+        surfaces.append(surface)
+    return Look(
+        tuple(surfaces),
+        np.repeat(numbers.reshape(-1), arrays.corner_counts(mesh)),
+        {name: arrays.corner_uvs(mesh.uv_layers[name]) for name in reader.used_uvs},
+        {
+            name: arrays.corner_colors(mesh, mesh.color_attributes[name])
+            for name in reader.used_colors
+        },
+        tuple(dict.fromkeys(reader.remarks)),
+    )
+
+
+def words(shapes):
+    """Where the colors of shapes come from, to be told to the user; and what is to be said besides,
+    a list."""
+    told, remarks = [], []
+    for shape in shapes:
+        look = None if shape.skin is None else shape.skin.look
+        if look is not None:
+            told.append(f'"{shape.name}" from {_listed(look.sources)}')
+            remarks += [f'"{shape.name}": {remark}' for remark in look.remarks]
+        elif shape.colors is not None:
+            told.append(f'"{shape.name}" from its color attribute')
+    return ("Colors: " + "; ".join(told)) if told else "", remarks
+
+
+def _listed(sources):
+    """No more than three by name."""
+    most = 3
+    more = len(sources) - most
+    shown = sources[:most] + ([f"{more} more"] if more > 0 else [])
+    return ", ".join(shown)
