@@ -12,7 +12,8 @@ from .looks import Constant, Look, constant_of, reduced
 from .tangents import frames_of_corners, from_tangent_space, to_tangent_space
 
 STAGE = "blending textures"
-_PART = 1 << 19  # places that are looked up at once
+_PART = 1 << 20  # texels that are drawn at once
+_TOGETHER = 4  # texels whose places on the model are looked for from the same one
 
 
 @dataclass(frozen=True)
@@ -261,16 +262,25 @@ def _values(canvas, model, options, found, progress):
         shares = found.shares[part]
         spots = np.zeros((len(corners), 3), np.float32)
         for vertex, share in zip(corners.T, shares.T, strict=True):
-            spots += share[:, None] * canvas.places[vertex]
+            spots += share[:, None] * canvas.places.take(vertex, axis=0)
         taken = (
             {"color": _between_points(model, spots)}
             if closest is None
-            else _taken(model, look, options, frames, *closest.of(spots))
+            else _taken(
+                model, look, options, frames, *closest.of(spots, _beside(found.triangles[part]))
+            )
         )
         for name, values in taken.items():
             parts.setdefault(name, []).append(values)
         _tell(progress, 0.1 + 0.8 * min(start + _PART, count) / count)
     return {name: np.concatenate(values) for name, values in parts.items()}
+
+
+def _beside(triangles):
+    """For each texel, the row of one that is on the same triangle, a few before it."""
+    rows = np.arange(len(triangles))
+    first = np.maximum.accumulate(np.where(np.diff(triangles, prepend=-1) != 0, rows, 0))
+    return rows - (rows - first) % _TOGETHER
 
 
 def _taken(model, look, options, frames, triangles, shares):

@@ -41,7 +41,7 @@ class Samples:
     def _mean(self, values):
         found = np.zeros((len(self.corners), values.shape[1]), np.float32)
         for corners, shares in zip(self.corners.T, self.shares.T, strict=True):
-            found += shares[:, None].astype(np.float32) * values[corners]
+            found += shares[:, None].astype(np.float32) * values.take(corners, axis=0)
         return found
 
 
@@ -279,9 +279,11 @@ class Look:
         corners, shares : (N, K) arrays
             The corners of a face around each place, and their shares.
         """
+        if len(self.surfaces) == 1:
+            return what(self.surfaces[0]).at(Samples(self, corners, shares))
         result = np.empty((len(corners), 4), np.float32)
         numbers = self.of_corners[corners[:, 0]]
-        for number in np.unique(numbers).tolist():
+        for number in np.flatnonzero(np.bincount(numbers)).tolist():
             rows = np.flatnonzero(numbers == number)
             samples = Samples(self, corners[rows], shares[rows])
             result[rows] = what(self.surfaces[number]).at(samples)
@@ -290,7 +292,14 @@ class Look:
     def color_values(self, corners, shares):
         """(N, 4): color and alpha at places."""
         result = self.values(lambda surface: surface.color, corners, shares)
-        result[:, 3] = self.values(lambda surface: surface.alpha, corners, shares)[:, 0]
+        alphas = {
+            surface.alpha.value[0] if isinstance(surface.alpha, Constant) else None
+            for surface in self.surfaces
+        }
+        if len(alphas) == 1 and None not in alphas:
+            result[:, 3] = alphas.pop()
+        else:
+            result[:, 3] = self.values(lambda surface: surface.alpha, corners, shares)[:, 0]
         return result
 
     def corner_colors(self):

@@ -233,18 +233,23 @@ def filled(values, known):
 
 def _dilated(values, known):
     """One pixel farther."""
+    around = np.zeros_like(known)
+    steps = [(down, right) for down in (-1, 0, 1) for right in (-1, 0, 1)]
     height, width = known.shape
-    sums, counts = np.zeros_like(values), np.zeros_like(known)
-    for down in (-1, 0, 1):
-        for right in (-1, 0, 1):
-            to = _overlap(height, down), _overlap(width, right)
-            of = _overlap(height, -down), _overlap(width, -right)
-            sums[to] += values[of]
-            counts[to] += known[of]
-    new = (known == 0.0) & (counts > 0.0)
-    values = values.copy()
-    values[new] = sums[new] / counts[new][:, None]
-    return values, np.where(new, np.float32(1.0), known)
+    for down, right in steps:
+        to = _overlap(height, down), _overlap(width, right)
+        around[to] += known[_overlap(height, -down), _overlap(width, -right)]
+    rows, columns = np.nonzero((known == 0.0) & (around > 0.0))
+    sums = np.zeros((len(rows), values.shape[2]), np.float32)
+    for down, right in steps:
+        y, x = rows + down, columns + right
+        inside = (y >= 0) & (y < height) & (x >= 0) & (x < width)
+        y, x = y[inside], x[inside]
+        sums[inside] += values[y, x] * known[y, x][:, None]
+    values, known = values.copy(), known.copy()
+    values[rows, columns] = sums / around[rows, columns][:, None]
+    known[rows, columns] = 1.0
+    return values, known
 
 
 def _overlap(length, shift):

@@ -5,7 +5,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 REPEAT, EXTEND, CLIP, MIRROR = "REPEAT", "EXTEND", "CLIP", "MIRROR"
-_PART = 1 << 18  # samples that are taken at once
+_PART = 1 << 17  # samples that are taken at once
+_MANY = 4  # pixels for each sample, up to which all of them are decoded first
 _FIRST_TILE = 1001
 
 
@@ -107,10 +108,28 @@ def sample(texture, uvs, extension=REPEAT, closest=False):
     """
     if texture.tiles:
         return _sample_tiles(texture, uvs, closest)
+    height, width = texture.values.shape[:2]
+    if height * width <= _MANY * len(uvs):
+        pixels = texture.linear().reshape(-1, 4)
+
+        def at(numbers):
+            return pixels.take(numbers, axis=0)
+    else:
+
+        def at(numbers):
+            return texture.linear(np.unravel_index(numbers, (height, width)))
+
     result = np.empty((len(uvs), 4), np.float32)
     for start in range(0, len(uvs), _PART):
         part = slice(start, start + _PART)
-        result[part] = _sample_part(texture, uvs[part], extension, closest)
+        places = _inside(np.asarray(uvs[part], np.float64), extension)
+        if closest:
+            x, y = (_index(np.floor(p * n), n, extension) for p, n in zip(places.T, (width, height)))
+            result[part] = at(y * width + x)
+        else:
+            result[part] = _mixed(at, places, (width, height), extension)
+        if extension == CLIP:
+            result[part][((uvs[part] < 0.0) | (uvs[part] > 1.0)).any(axis=1)] = 0.0
     return result
 
 
@@ -124,37 +143,41 @@ def _sample_tiles(texture, uvs, closest):
     return result
 
 
-def _sample_part(texture, uvs, extension, closest):
-    height, width = texture.values.shape[:2]
-    places = np.nan_to_num(uvs.astype(np.float64), posinf=0.0, neginf=0.0) * (width, height)
-    if closest:
-        found = _pixels(texture, np.floor(places).astype(np.int64), extension)
-    else:
-        places -= 0.5
-        first = np.floor(places)
-        share = (places - first).astype(np.float32)
-        first = first.astype(np.int64)
-        found = np.zeros((len(uvs), 4), np.float32)
-        for column in (0, 1):
-            across = share[:, 0] if column else 1.0 - share[:, 0]
-            for row in (0, 1):
-                up = share[:, 1] if row else 1.0 - share[:, 1]
-                pixels = _pixels(texture, first + (column, row), extension)
-                found += (across * up)[:, None] * pixels
-    if extension == CLIP:
-        found[((uvs < 0.0) | (uvs > 1.0)).any(axis=1)] = 0.0
-    return found
-
-
-def _pixels(texture, places, extension):
-    """Pixels by column and row, wherever these are."""
-    height, width = texture.values.shape[:2]
-    size = np.array([width, height])
+def _inside(uvs, extension):
+    """UVs within the unit square, as far as it repeats."""
+    uvs = np.nan_to_num(uvs, posinf=0.0, neginf=0.0)
     if extension == REPEAT:
-        places = places % size
-    elif extension == MIRROR:
-        places = places % (2 * size)
-        places = np.minimum(places, 2 * size - 1 - places)
-    else:
-        places = np.clip(places, 0, size - 1)
-    return texture.linear((places[:, 1], places[:, 0]))
+        return uvs - np.floor(uvs)
+    if extension == MIRROR:
+        return 1.0 - np.abs(uvs - 2.0 * np.floor(0.5 * uvs) - 1.0)
+    return uvs.clip(-1.0, 2.0)
+
+
+def _index(number, count, extension):
+    """Of a pixel along one side, which may be the next beyond an end."""
+    number = number.astype(np.int32)
+    if extension == REPEAT:
+        return np.where(number < 0, count - 1, np.where(number >= count, 0, number))
+    return number.clip(0, count - 1)
+
+
+def _mixed(at, places, size, extension):
+    """The four pixels around each place."""
+    (x, right), (y, up) = (
+        _between(place * count - 0.5) for place, count in zip(places.T, size, strict=True)
+    )
+    columns, rows = (
+        [_index(first + step, count, extension) for step in (0, 1)]
+        for first, count in zip((x, y), size, strict=True)
+    )
+    result = np.zeros((len(places), 4), np.float32)
+    for column, across in zip(columns, (1.0 - right, right), strict=True):
+        for row, along in zip(rows, (1.0 - up, up), strict=True):
+            result += (across * along)[:, None] * at(row * size[0] + column)
+    return result
+
+
+def _between(place):
+    """Whole numbers below, and how far above them."""
+    first = np.floor(place)
+    return first, (place - first).astype(np.float32)

@@ -12,7 +12,7 @@ from pointmorph.clouds import Faces
 
 # Samples of a surface for its closest places: at least, at most beside one a triangle, and along a
 # triangle's side.
-_LEAST_SAMPLES, _MOST_SAMPLES, _FINEST = 40_000, 200_000, 64
+_LEAST_SAMPLES, _MOST_SAMPLES, _FINEST = 20_000, 200_000, 64
 _MOST_STEPS = 24
 
 
@@ -218,12 +218,17 @@ class ClosestPlaces:
         self._samples, self._owners = _surface_samples(self._corners)
         self._neighbors = _face_neighbors(np.asarray(positions), np.asarray(triangles))
 
-    def of(self, places: npt.ArrayLike) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.float64]]:
+    def of(
+        self, places: npt.ArrayLike, like: npt.NDArray[np.integer[Any]] | None = None
+    ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.float64]]:
         """The closest place for each of these.
 
         Parameters
         ----------
         places : (M, 3) array
+        like : (M,) array of int, optional
+            For each place, the row of one beside it, maybe itself, with which its search begins.
+            It's quicker where many share one.
 
         Returns
         -------
@@ -235,7 +240,13 @@ class ClosestPlaces:
         wanted = np.asarray(places, np.float64).reshape(-1, 3)
         if len(wanted) == 0:
             return np.empty(0, np.int64), np.empty((0, 3))
-        found = self._owners[nearest_rows(self._samples, wanted, 1)[:, 0]]
+        if like is None:
+            found = self._owners[nearest_rows(self._samples, wanted, 1)[:, 0]]
+        else:
+            asked = np.unique(like)
+            first = np.empty(len(wanted), np.int64)
+            first[asked] = self._owners[nearest_rows(self._samples, wanted[asked], 1)[:, 0]]
+            found = first[like]
         shares, distances = _closest_on(self._corners[found], wanted)
         moving = np.flatnonzero(shares.min(axis=1) <= 0.0)
         for _ in range(_MOST_STEPS):
