@@ -120,8 +120,8 @@ class Drawn:
         A UV map of its own, where the source's can't be drawn on.
     uv_name : str
         The source's UV map; "" where it has one of its own.
-    remarks : tuple of str
-        In words for the user.
+    remarks, unread : tuples of str
+        In words for the user: how it was drawn, and what of the model couldn't be read.
     options : Options
     """
 
@@ -134,6 +134,7 @@ class Drawn:
     uvs: np.ndarray | None
     uv_name: str
     remarks: tuple
+    unread: tuple
     options: Options
 
     @property
@@ -190,7 +191,8 @@ def draw(canvas, model, options, progress):
         not surfaces or any(surface.is_lit for surface in surfaces),
         own,
         "" if own is not None else skin.uv_name,
-        tuple(remarks) + (() if model.look is None else model.look.remarks),
+        tuple(remarks),
+        () if model.look is None else model.look.remarks,
         options,
     )
 
@@ -214,7 +216,7 @@ def _plain(model, options):
         for name, default in (("roughness", 0.5), ("metallic", 0.0))
     ]
     is_lit = any(surface.is_lit for surface in model.look.used())
-    return Drawn(color, *numbers, None, color, is_lit, None, "", model.look.remarks, options)
+    return Drawn(color, *numbers, None, color, is_lit, None, "", (), model.look.remarks, options)
 
 
 def _getter(name):

@@ -228,9 +228,6 @@ class Surface:
     is_lit: bool = True
     source: str = ""
 
-    def with_solid_alpha(self):
-        return replace(self, alpha=Constant((1.0,) * 4))
-
 
 PLAIN = Surface(Constant((0.8, 0.8, 0.8, 1.0)))
 """Of faces without a material."""
@@ -306,6 +303,20 @@ class Look:
         """(C, 4): color and alpha of every corner."""
         corners = np.arange(len(self.of_corners))[:, None]
         return self.color_values(corners, np.ones((len(corners), 1), np.float32))
+
+
+def described(expression):
+    """An expression in words, the same for the same."""
+    if isinstance(expression, Constant):
+        return " ".join(f"{value:.5g}" for value in expression.value)
+    if isinstance(expression, AttributeColor):
+        return expression.name
+    if isinstance(expression, ImageColor):
+        matrix = None if expression.matrix is None else expression.matrix.round(6).tolist()
+        rest = expression.uv, matrix, expression.extension, expression.closest
+        return f"{expression.texture.name} {rest}"
+    parts = ", ".join(described(part) for part in expression.parts)
+    return f"{expression.function.__qualname__}({parts})"
 
 
 def reduced(expression, texels):

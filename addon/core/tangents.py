@@ -54,9 +54,7 @@ def frames_of_corners(positions, triangles, normals, uvs):
     )
     _, group = np.unique(keys, axis=0, return_inverse=True)
     group = group.reshape(-1)
-    sums = np.stack(
-        [np.bincount(group, part) for part in tangents.reshape(-1, 3).T], axis=1
-    )
+    sums = np.stack([np.bincount(group, part) for part in tangents.reshape(-1, 3).T], axis=1)
     return Frames(normals, _unit(sums)[group].reshape(-1, 3, 3), signs)
 
 
@@ -75,9 +73,7 @@ def to_tangent_space(frames, triangles, shares, directions):
 
 def from_tangent_space(frames, triangles, shares, bent):
     """(T, 3): directions that are given along U, along V and up."""
-    return sum(
-        bent[:, k : k + 1] * axis for k, axis in enumerate(frames.at(triangles, shares))
-    )
+    return sum(bent[:, k : k + 1] * axis for k, axis in enumerate(frames.at(triangles, shares)))
 
 
 def _unit(vectors):

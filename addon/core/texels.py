@@ -201,15 +201,20 @@ def _cell_texels(order, turned, levels, places, size):
         y, x = (part.reshape(-1) for part in np.mgrid[:cell, :cell])
         upper = (x + y + 1 > cell).astype(np.int64)
         leg = max(cell - 4, cell / 4)
-        mirrored = np.where(upper, cell - x - 0.5, x + 0.5), np.where(upper, cell - y - 0.5, y + 0.5)
+        mirrored = (
+            np.where(upper, cell - x - 0.5, x + 0.5),
+            np.where(upper, cell - y - 0.5, y + 0.5),
+        )
         second, third = (np.maximum((part - 1.0) / leg, 0.0) for part in mirrored)
         shares = _proper(np.stack([1.0 - second - third, second, third], axis=1))
-        member = np.minimum(2 * squares[:, None] + upper, count - 1)
+        member = (2 * squares[:, None] + upper).reshape(-1)
         rows = (places[squares, 1][:, None] + y) * size + places[squares, 0][:, None] + x
-        corners = turned[member.reshape(-1)]
-        spread = np.empty((corners.shape[0], 3), np.float32)
-        np.put_along_axis(spread, corners, np.tile(shares, (len(squares), 1)), axis=1)
-        found.append((rows.reshape(-1), order[member.reshape(-1)], spread))
+        shown = member < count  # the last may be alone on its square
+        member = member[shown]
+        spread = np.empty((len(member), 3), np.float32)
+        shares = np.tile(shares, (len(squares), 1))[shown]
+        np.put_along_axis(spread, turned[member], shares, axis=1)
+        found.append((rows.reshape(-1)[shown], order[member], spread))
     return Texels(*(np.concatenate(parts) for parts in zip(*found, strict=True)))
 
 

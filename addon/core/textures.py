@@ -124,7 +124,10 @@ def sample(texture, uvs, extension=REPEAT, closest=False):
         part = slice(start, start + _PART)
         places = _inside(np.asarray(uvs[part], np.float64), extension)
         if closest:
-            x, y = (_index(np.floor(p * n), n, extension) for p, n in zip(places.T, (width, height)))
+            x, y = (
+                _index(np.floor(p * n), n, extension)
+                for p, n in zip(places.T, (width, height), strict=True)
+            )
             result[part] = at(y * width + x)
         else:
             result[part] = _mixed(at, places, (width, height), extension)

@@ -27,6 +27,12 @@ def read(image):
     return texture, ""
 
 
+def without_pixels(image):
+    """What `read` returns, but for the pixels: names of what is there."""
+    words = image.name, image.filepath_raw, image.colorspace_settings.name, image.alpha_mode
+    return Texture(" ".join(words), None), ""
+
+
 def _read_plain(image):
     values = arrays.image_pixels(image)
     if values is None:

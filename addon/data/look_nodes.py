@@ -40,19 +40,23 @@ def image_of(material, what):
     return None if node is None else node.image
 
 
+def images_of(material):
+    """The images of the second look."""
+    nodes_of = material.node_tree.nodes
+    return {n.image for n in nodes_of if n.name.startswith(_PREFIX) and n.type == "TEX_IMAGE"}
+
+
 def unmix(material):
-    """Leaves nothing but a material's own look."""
+    """Leaves nothing but a material's own look, and a node by which it's known again."""
     tree = material.node_tree
     for node in list(tree.nodes):
         if node.name.startswith((_MIX, _FADE)):
-            first = [s for s in node.inputs if s.name in ("Shader", "Vector")][0]
+            first = next(s for s in node.inputs if s.name in ("Shader", "Vector"))
             if first.is_linked:
                 for link in list(node.outputs[0].links):
                     tree.links.new(first.links[0].from_socket, link.to_socket)
     for node in list(tree.nodes):
-        if node.name == _T:
-            node.outputs[0].driver_remove("default_value")
-        if node.name.startswith(_PREFIX):
+        if node.name.startswith(_PREFIX) and node.name != _T:
             tree.nodes.remove(node)
 
 
@@ -74,6 +78,10 @@ def mix_in(material, drawn, images, uv, drive):
     right = max((n.location.x for n in outputs), default=0.0)
     low = min((n.location.y for n in tree.nodes), default=0.0) - 400.0
     build = _Builder(tree, right - 1000.0, low)
+    t = tree.nodes.get(_T)
+    if t is not None:
+        t.outputs[0].driver_remove("default_value")
+        tree.nodes.remove(t)
     t = build.add("ShaderNodeValue", _T)
     drive(t)
     shader = _shader(build, drawn, images, uv)
@@ -158,7 +166,10 @@ class _Builder:
     def add(self, kind, name, **settings):
         node = nodes.Builder(self.tree).node(kind, **settings)
         node.name = name
-        node.location = (self._left + 280.0 * (self._count // 3), self._top - 320.0 * (self._count % 3))
+        node.location = (
+            self._left + 280.0 * (self._count // 3),
+            self._top - 320.0 * (self._count % 3),
+        )
         self._count += 1
         return node
 

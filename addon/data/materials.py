@@ -26,6 +26,8 @@ class Reader:
     active_color : str
     with_relief : bool
         Whether normal maps are read.
+    read_image : function
+        See `images.read`.
 
     Attributes
     ----------
@@ -35,10 +37,11 @@ class Reader:
         What the surfaces that were read ask for.
     """
 
-    def __init__(self, uv, uvs, colors, active_color, with_relief):
+    def __init__(self, uv, uvs, colors, active_color, with_relief, read_image=images.read):
         self._uv, self._uvs, self._colors = uv, set(uvs), set(colors)
         self._active_color = active_color
         self._with_relief = with_relief
+        self._read_image = read_image
         self._textures = {}
         self.remarks = []
         self.used_uvs, self.used_colors = set(), set()
@@ -206,7 +209,7 @@ class Reader:
             return None
         key = node.image.session_uid
         if key not in self._textures:
-            texture, said = images.read(node.image)
+            texture, said = self._read_image(node.image)
             self._textures[key] = texture
             if said:
                 self.remarks.append(f"{said[0].upper()}{said[1:]}")

@@ -277,8 +277,8 @@ class PointmorphScene(bpy.types.PropertyGroup):
     )
     blend_textures: bpy.props.BoolProperty(
         name="Blend Textures",
-        description="A new morph that is shown as a mesh also goes over from the look of the source "
-        "to that of the target, if both have materials, images or color attributes",
+        description="Blend the look of the source into that of the target when a new morph is "
+        "shown as a mesh, if both have materials, images or color attributes",
         default=True,
     )
     texture_size: bpy.props.EnumProperty(
@@ -289,8 +289,8 @@ class PointmorphScene(bpy.types.PropertyGroup):
     )
     texture_roughness: bpy.props.BoolProperty(
         name="Roughness",
-        description="Also draw the target's roughness and metalness. Without it, the whole mesh has "
-        "those of most of the target",
+        description="Also draw the target's roughness and metalness. Without it, the whole mesh "
+        "has those of most of the target",
         default=False,
     )
     texture_normal: bpy.props.BoolProperty(

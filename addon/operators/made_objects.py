@@ -358,8 +358,10 @@ class POINTMORPH_OT_blend_textures(Explained, Computing, bpy.types.Operator):
                 self._name, "the mesh to blend textures on", "none", "Undo the deletion."
             )
         blended_textures.blend(obj, outcome)
-        for remark in outcome.remarks:
+        for remark in outcome.unread:
             self.report({"WARNING"}, remark)
+        for remark in outcome.remarks:
+            self.report({"INFO"}, remark)
         size = len(outcome.color) if outcome.has_images else 0
         how = f"on images of {size} by {size} pixels" if size else "without an image: it is plain"
         self.report({"INFO"}, f'The look of "{obj.pointmorph.target.name}" was drawn {how}')

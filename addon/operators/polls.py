@@ -77,6 +77,8 @@ def present(operator, context, obj, outcome):
     shown, said = presentation.present(context, obj)
     if outcome.drawn is not None and shown.pointmorph.keeps_faces:
         blended_textures.blend(shown, outcome.drawn)
+        for remark in outcome.drawn.remarks:
+            operator.report({"INFO"}, remark)
     activate(context.view_layer.objects, shown)
     for words in said:
         operator.report({"WARNING"}, f"Shown as points. {words}")

@@ -2,6 +2,7 @@
 
 from dataclasses import asdict, replace
 
+import bpy
 import numpy as np
 import pointmorph
 
@@ -33,9 +34,7 @@ def wanted(scene):
 
 def chosen(settings):
     """The Options that the panel shows."""
-    return Options(
-        int(settings.texture_size), settings.texture_roughness, settings.texture_normal
-    )
+    return Options(int(settings.texture_size), settings.texture_roughness, settings.texture_normal)
 
 
 def read_steps(context, obj, options):
@@ -125,7 +124,7 @@ def blend(obj, drawn):
         raise pointmorph.CloudError(
             obj.name, "an object that doesn't change", "changes meanwhile", "Try again."
         )
-    uv = drawn.uv_name
+    uv, before = drawn.uv_name, _images_of(obj)
     with creation.all_or_nothing() as created:
         if drawn.uvs is not None:
             uv = _write_layout(obj, drawn.uvs)
@@ -134,17 +133,33 @@ def blend(obj, drawn):
             look_nodes.mix_in(material, drawn, made, uv, lambda node: _drive(obj, node))
             _drive_viewport_color(obj, material, drawn.mean)
             slot.material = material
+    _remove_unused(before)
     recipes.note(obj, "textures", asdict(drawn.options))
     obj.update_tag()
 
 
 def unblend(obj):
     """Leaves a morphing mesh its source's own look."""
-    for slot in obj.material_slots:
-        if slot.material is not None and look_nodes.is_mixed(slot.material):
-            _unmix(slot.material)
+    before = _images_of(obj)
+    for material in _mixed_materials(obj):
+        _unmix(material)
+    _remove_unused(before)
     recipes.note(obj, "textures", None)
     obj.update_tag()
+
+
+def _mixed_materials(obj):
+    """The object's materials that have a second look of its own."""
+    found = {slot.material for slot in obj.material_slots if slot.material is not None}
+    return [material for material in found if _is_mixed_here(obj, material)]
+
+
+def _images_of(obj):
+    return {image for m in _mixed_materials(obj) for image in look_nodes.images_of(m)}
+
+
+def _remove_unused(known):
+    bpy.data.batch_remove([image for image in known if image is not None and not image.users])
 
 
 def _write_layout(obj, uvs):
@@ -175,7 +190,7 @@ def _write_images(obj, drawn, created):
         )
     if drawn.normal is not None:
         values["Normal"] = drawn.normal
-    mixed = [m for m in obj.data.materials if m is not None and _is_mixed_here(obj, m)]
+    mixed = _mixed_materials(obj)
     found = {}
     for what, part in values.items():
         known = look_nodes.image_of(mixed[0], what) if mixed else None

@@ -4,9 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from ..core import looks
 from ..core.look_transfer import Skin
 from ..core.looks import PLAIN, AttributeColor, Look
-from ..data import arrays
+from ..data import arrays, images
 from ..data.materials import Reader
 
 
@@ -59,7 +60,40 @@ def materials_of(obj, mesh):
     return found
 
 
-def _read_look(obj, mesh, uv, with_relief):
+def described_steps(obj):
+    """What tells whether an object's look has changed, besides its active color attribute and what
+    is painted on images: a list of texts and arrays, None where there's no look, or where it moves
+    by itself. A generator that yields often and returns it."""
+    mesh = obj.data
+    moving = [m for m in materials_of(obj, mesh) if m is not None and _is_animated(m)]
+    layer = render_layer(mesh)
+    if not mesh.polygons or moving:
+        return None
+    name = "" if layer is None else layer.name
+    look = _read_look(obj, mesh, name, False, images.without_pixels)
+    yield
+    if look is None:
+        return None
+    found = [arrays.material_indices(mesh)]
+    for surface in look.surfaces:
+        found += [
+            looks.described(getattr(surface, what)).encode()
+            for what in ("color", "alpha", "roughness", "metallic")
+        ]
+    found += [look.uvs[name] for name in sorted(look.uvs)]
+    yield
+    found += [look.colors[name] for name in sorted(look.colors)]
+    return found
+
+
+def _is_animated(material):
+    return any(
+        item is not None and item.animation_data is not None
+        for item in (material, material.node_tree)
+    )
+
+
+def _read_look(obj, mesh, uv, with_relief, read_image=images.read):
     """The Look of an object's mesh; None where it has neither materials nor colors."""
     materials = materials_of(obj, mesh)
     active = arrays.active_colors(mesh)
@@ -71,6 +105,7 @@ def _read_look(obj, mesh, uv, with_relief):
         [item.name for item in mesh.color_attributes],
         "" if active is None else active.name,
         with_relief,
+        read_image,
     )
     slots = arrays.material_indices(mesh).clip(0, max(len(materials) - 1, 0))
     used, numbers = np.unique(slots, return_inverse=True)

@@ -18,6 +18,7 @@ from ..core.features import PREFIX, Choice
 from ..core.settings import by_hand
 from ..data import arrays
 from ..data.feature_list import feature_groups, set_loop
+from . import object_looks
 
 # Modifiers that move with something else than the object itself.
 _MOVING = {
@@ -106,7 +107,7 @@ def fingerprint_steps(obj, origin, as_shown):
         itself isn't looked at.
     """
     data = obj.data
-    shown = None
+    shown = look = None
     if as_shown and not is_moving(obj):
         evaluated = obj.evaluated_get(bpy.context.evaluated_depsgraph_get())
         if evaluated.is_evaluated and type(evaluated.data) is type(data):
@@ -121,6 +122,7 @@ def fingerprint_steps(obj, origin, as_shown):
         groups = feature_groups(obj)
         yield
         marks = yield from arrays.vertex_group_steps(data, groups)
+        look = yield from object_looks.described_steps(obj)
     else:
         positions = arrays.cloud_positions(data)
         color = None
@@ -141,6 +143,7 @@ def fingerprint_steps(obj, origin, as_shown):
         "count": len(positions),
         "data": _digest(*parts),
         "shown": shown,
+        "look": None if look is None else _digest(*look),
         "marks": _digest(
             *(part for name in sorted(marks) for part in (name.encode(), *marks[name]))
         ),

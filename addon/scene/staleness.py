@@ -87,6 +87,8 @@ def _differences(known, now, follows):
         found.append(f'"{name}" was edited')
     elif both_shown and known["shown"] != now["shown"] and not follows:
         found.append(f'"{name}" looks different: its modifiers or shape keys have changed')
+    if None not in (known.get("look"), now["look"]) and known["look"] != now["look"]:
+        found.append(f'the look of "{name}" has changed: its materials, images or UV maps')
     if known["marks"] != now["marks"]:
         found.append(f'features on "{name}" have changed')
     if not (known["carried"] or now["carried"] or follows):
