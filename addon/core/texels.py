@@ -7,7 +7,6 @@ import numpy as np
 LARGEST = 4096
 _LEAST_CELL = 8  # pixels, for two triangles
 _OVERLAP = 0.02  # of the pixels
-_OUTSIDE = 1e-3  # of the unit square
 
 
 @dataclass(frozen=True)
@@ -31,8 +30,8 @@ class Texels:
 def are_usable(uvs, size):
     """Whether one image can show all faces with these UVs: (F, 3, 2). Returns the reason why not,
     in words, or None; and the Texels."""
-    if not np.isfinite(uvs).all() or uvs.min() < -_OUTSIDE or uvs.max() > 1.0 + _OUTSIDE:
-        return "the source's UV map goes beyond the image", None
+    if not np.isfinite(uvs).all() or (np.ptp(uvs, axis=1) > 1.0).any():
+        return "faces are larger than the image in the source's UV map", None
     texels, count = cover(uvs, size)
     if len(texels.rows) == 0:
         return "the source's UV map has no area", None
@@ -42,7 +41,8 @@ def are_usable(uvs, size):
 
 
 def cover(uvs, size):
-    """The pixels whose centers lie in triangles with UVs: (F, 3, 2).
+    """The pixels whose centers lie in triangles with UVs: (F, 3, 2), each no larger than the unit
+    square. Beyond that, the image repeats.
 
     Returns
     -------
@@ -51,15 +51,15 @@ def cover(uvs, size):
     int
         How many there are if each triangle counts its own.
     """
-    corners = uvs.astype(np.float64) * size - 0.5
-    low = np.ceil(corners[:, :, 1].min(axis=1)).clip(0, size).astype(np.int32)
-    high = np.floor(corners[:, :, 1].max(axis=1)).clip(-1, size - 1).astype(np.int32)
+    corners = uvs.astype(np.float64)
+    corners = (corners - np.floor(corners.min(axis=1, keepdims=True))) * size - 0.5
+    low = np.ceil(corners[:, :, 1].min(axis=1)).astype(np.int32)
+    high = np.floor(corners[:, :, 1].max(axis=1)).astype(np.int32)
     of_line, y = _runs(low, np.maximum(high - low + 1, 0))
     left, right = _crossings(corners[of_line], y)
-    first = np.ceil(left).clip(0, size).astype(np.int32)
-    last = np.ceil(right).clip(0, size).astype(np.int32)  # excluded: the next triangle's
-    line, x = _runs(first, np.maximum(last - first, 0))
-    rows = (y * size)[line] + x
+    first, last = np.ceil(left).astype(np.int32), np.ceil(right).astype(np.int32)
+    line, x = _runs(first, np.maximum(last - first, 0))  # the last is the next triangle's
+    rows = (y % size * size)[line] + np.where(x < size, x, x - size)
     owners = np.full(size * size, -1, np.int32)
     owners[rows] = np.arange(len(rows), dtype=np.int32)
     count = len(rows)

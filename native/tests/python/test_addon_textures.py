@@ -166,9 +166,13 @@ def test_overlaps_and_what_lies_outside_are_seen() -> None:
     assert texels.are_usable(uvs[triangles], 64)[0] is None
     folded = np.column_stack([np.abs(uvs[:, 0] - 0.5), uvs[:, 1]])
     assert "overlap" in texels.are_usable(folded[triangles], 64)[0]
-    assert "beyond" in texels.are_usable(2 * uvs[triangles], 64)[0]
+    assert "overlap" in texels.are_usable(2 * uvs[triangles], 64)[0]
+    assert "larger than the image" in texels.are_usable(12 * uvs[triangles], 64)[0]
+    # Beyond its ends the image repeats.
+    shifted, count = texels.cover(uvs[triangles] + (3.25, -0.5), 64)
+    assert count == len(shifted.rows) == 64 * 64
     assert "no area" in texels.are_usable(0 * uvs[triangles] + 0.3, 64)[0]
-    assert "beyond" in texels.are_usable(np.nan * uvs[triangles], 64)[0]
+    assert "larger" in texels.are_usable(np.nan * uvs[triangles], 64)[0]
 
 
 @pytest.mark.parametrize("count", [1, 2, 7, 128, 3000])
