@@ -1,11 +1,9 @@
-"""What the user does with a morph object once it is there, and chains."""
+"""What the user does with a morph object once it is there."""
 
 import bpy
 import pointmorph
 
-from ..core import background_job
-from ..core.computation import Earlier
-from ..data import chains, creation
+from ..data import creation
 from ..data.feature_list import sync_features
 from ..data.references import find, reference_to
 from ..data.registration import Registration
@@ -15,18 +13,23 @@ from ..scene import (
     morphing_mesh,
     presentation,
     recipes,
-    recomputation,
     shape_follower,
     source_subdivision,
 )
 from .modal_operator import Computing
-from .polls import NO_RESULT, Explained, activate, active_result, busy_reason, fail, say_made
+from .polls import NO_RESULT, Explained, activate, active_result, busy_reason, fail
 
 
 def made_object(context):
     """The morph object, of pairs or with the source's faces, that is meant."""
     active = context.view_layer.objects.active
     return active if morph_object.is_made(active) else active_result(context)
+
+
+def shown_object(context):
+    """What shows the morph object that is meant, and has its slider; None where there is none."""
+    obj = made_object(context)
+    return obj if obj is None or obj.pointmorph.keeps_faces else morph_object.shown_of(obj)
 
 
 def made_reason(context):
@@ -69,47 +72,6 @@ class _OnPairs(_OnMade):
     @staticmethod
     def reason(context):
         return busy_reason() or pairs_reason(context)
-
-
-class POINTMORPH_OT_recompute(Explained, Computing, bpy.types.Operator):
-    """Compute this morph again in place, from its objects as they are now. Its name, animation,
-    drivers, materials and baked keys are kept"""
-
-    bl_idname = "pointmorph.recompute"
-    bl_label = "Recompute"
-    bl_options = {"UNDO"}
-    stopped = "Canceled: the morph is unchanged"
-
-    @staticmethod
-    def reason(context):
-        return busy_reason() or made_reason(context)
-
-    def _begin_steps(self, context):
-        sync_features(context.scene)
-        obj = made_object(context)
-        if obj.pointmorph.keeps_faces and obj.pointmorph.made_from is not None:
-            obj = obj.pointmorph.made_from  # it goes along
-        self._name, self._made = obj.name, reference_to(obj)
-        plan = self._plan = yield from recomputation.plan_steps(context, obj)
-        earlier = background_job.earlier if self._in_window else None
-        return lambda progress: chains.compute_all(plan.requests, progress, earlier)
-
-    def _finish(self, context, outcome):
-        obj = find(bpy.data.objects, self._made)
-        if not morph_object.is_made(obj):
-            raise pointmorph.CloudError(
-                self._name, "the object that is being recomputed", "none", "Undo the deletion."
-            )
-        if self._in_window and len(self._plan.requests) == 1:
-            background_job.earlier = Earlier(self._plan.requests[0], outcome.maps)
-        said = morphing_mesh.remake(context, obj, self._plan, outcome)
-        for name in self._plan.missing:
-            gone = f'"{name}" no longer exists: the points stored in the morph were used'
-            self.report({"WARNING"}, gone)
-        for warning in said:
-            self.report({"WARNING"}, warning)
-        say_made(self, obj, outcome.report)
-        return {"FINISHED"}
 
 
 class POINTMORPH_OT_edit_morph(_OnMade, bpy.types.Operator):
@@ -158,8 +120,8 @@ class POINTMORPH_OT_follow(_OnPairs, bpy.types.Operator):
 
 
 class POINTMORPH_OT_show_as(Explained, bpy.types.Operator):
-    """Show the morph by the source's own faces, or as the points of both shapes. The slider and its
-    animation are the same"""
+    """Show the morph by the source's own faces, or as the points of both shapes, or as discs at
+    these points. The slider and its animation are the same"""
 
     bl_idname = "pointmorph.show_as"
     bl_label = "Show As"
@@ -171,6 +133,7 @@ class POINTMORPH_OT_show_as(Explained, bpy.types.Operator):
         items=[
             ("MESH", "Mesh", "The source's faces, with its materials, UV maps and modifiers"),
             ("POINTS", "Points", "The points of both shapes, in the colors of both"),
+            ("DISCS", "Discs", "Discs in the surface at these points: solid in every shading"),
         ],
     )
 
@@ -257,6 +220,7 @@ class POINTMORPH_OT_transfer_attributes(Explained, Computing, bpy.types.Operator
     bl_idname = "pointmorph.transfer_attributes"
     bl_label = "Transfer from Target"
     bl_options = {"UNDO"}
+    place = "TRANSFER"
     stopped = "Canceled: nothing was transferred"
 
     @staticmethod
@@ -308,7 +272,6 @@ class POINTMORPH_OT_transfer_attributes(Explained, Computing, bpy.types.Operator
 
 registration = Registration(
     classes=(
-        POINTMORPH_OT_recompute,
         POINTMORPH_OT_edit_morph,
         POINTMORPH_OT_follow,
         POINTMORPH_OT_show_as,

@@ -14,6 +14,7 @@ OPERATORS = (
     "add_to_chain",
     "change_chain",
     "edit_morph",
+    "explain",
     "follow",
     "make_mesh",
     "morph_chain",
@@ -27,6 +28,7 @@ OPERATORS = (
     "clear_loop",
     "click_features",
     "jump_to_feature",
+    "key_morph",
     "manual",
     "morph",
     "move_loop_feature",
@@ -43,9 +45,10 @@ OPERATORS = (
     "show_shapes",
     "go_to_place",
     "subdivide_source",
+    "use_as_shown",
 )
 # Each click is undone by itself; the others change nothing in the file.
-UNDO_STEPS_OF_THEIR_OWN = ("click_features", "manual", "show_cut")
+UNDO_STEPS_OF_THEIR_OWN = ("click_features", "explain", "manual", "show_cut")
 
 
 def registered():

@@ -92,11 +92,13 @@ def test_distortion_is_one_click_and_its_end_another(window):
     # The material preview that it switches to takes a minute without a graphics card:
     # headless/test_quality.py tests the switch.
     window.run(SHADINGS)
+    window.open_panel("POINTMORPH_PT_quality")
     for shown in (True, False):
         window.press_button(SHOW_DISTORTION)
         assert window.ask("shadings[-1]") == ["VIEW_3D", shown]
         assert window.ask(f"addon('scene.points_display').shows_distortion({RESULT})") == shown
     window.run("while undo: undo.pop()()")
+    window.close_panel("POINTMORPH_PT_quality")
 
 
 def test_settings_and_the_state_of_features(window):
