@@ -16,6 +16,7 @@ from ..scene import (
     shape_follower,
     source_subdivision,
 )
+from . import shading
 from .modal_operator import Computing
 from .polls import NO_RESULT, Explained, activate, active_result, busy_reason, fail
 
@@ -147,6 +148,7 @@ class POINTMORPH_OT_show_as(Explained, bpy.types.Operator):
         except pointmorph.PointmorphError as error:
             return fail(self, error)
         context.scene.pointmorph.show_as = self.kind
+        shading.show_colors(context, seen)
         activate(context.view_layer.objects, seen)
         return {"FINISHED"}
 

@@ -8,6 +8,7 @@ from ..core import background_job
 from ..data import chains
 from ..scene import morph_object, presentation, staleness
 from ..scene.shape_reader import is_in
+from . import shading
 
 NO_RESULT = "Morph first, or make a morph object the active object"
 
@@ -94,6 +95,7 @@ def present(operator, context, obj, report, again=False):
     it."""
     forget_results()
     shown, said = presentation.present(context, obj, again)
+    shading.show_colors(context, shown)
     activate(context.view_layer.objects, shown)
     for words in said:
         operator.report({"WARNING"}, f"Shown without its faces. {words}")

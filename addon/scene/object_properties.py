@@ -136,6 +136,11 @@ class PointmorphObject(bpy.types.PropertyGroup):
         name="Shading Before",
         description="Viewport shading before distortion was shown. Empty if it didn't change",
     )
+    colors_by_attribute: bpy.props.BoolProperty(
+        name="Colors by Attribute",
+        description="A viewport was switched to the color type Attribute, which discs need",
+        options={"HIDDEN"},
+    )
     report: bpy.props.StringProperty(
         name="Report",
         description="What was done, how long it took and how good the result is, as JSON",

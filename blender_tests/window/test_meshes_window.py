@@ -41,7 +41,6 @@ def test_two_clicks_make_a_mesh_that_becomes_the_target(window, kinds):
     window.screenshot(f"{source}_points")
     window.open_panel("POINTMORPH_PT_more")
     window.press_button("make_mesh")
-    window.close_panel("POINTMORPH_PT_more")
     assert window.ask(f"{result}.hide_get()")
     mesh = f'bpy.data.objects.get("{source} to {target} Mesh")'
     window.wait(f"{mesh} is not None")
