@@ -13,6 +13,7 @@ from .operators import (
     clicks,
     demo_scene,
     features,
+    keying,
     loop,
     made_objects,
     manual,
@@ -20,9 +21,11 @@ from .operators import (
     morph,
     objects,
     quality,
+    recompute,
+    textures,
 )
 from .scene import marked_points, object_properties
-from .ui import handlers, morph_object_panels, panels
+from .ui import handlers, panels, quality_panel, result_panel
 from .view import cut_curves, markers, staleness_watch
 
 # In this order: the others use the properties, and a running job is stopped first.
@@ -44,11 +47,15 @@ _registrations = [
         quality,
         bakes,
         made_objects,
+        recompute,
+        textures,
+        keying,
         chains,
         demo_scene,
         manual,
         panels,
-        morph_object_panels,
+        result_panel,
+        quality_panel,
         handlers,
     )
 ]

@@ -14,10 +14,11 @@ _NICENESS = 3
 class Job:
     """Runs `compute(progress)` in a thread; `progress` is what `pointmorph.morph` calls.
 
-    Until `begin` it waits for the scene to be read.
+    Until `begin` it waits for the scene to be read. `place` names the panel of its button.
     """
 
-    def __init__(self):
+    def __init__(self, place=""):
+        self.place = place
         self.stage = ""
         self.fraction = 0.0
         self._compute = None
@@ -86,13 +87,13 @@ earlier = None
 """A computation.Earlier of the last morph that was made in a window, or None."""
 
 
-def start():
-    """A job that has yet to `begin`."""
+def start(place=""):
+    """A job that has yet to `begin`; see `Job`."""
     global current, problem
     if current is not None:
         raise RuntimeError("a morph is already being computed")
     problem = None
-    current = Job()
+    current = Job(place)
     return current
 
 

@@ -3,7 +3,7 @@
 import bpy
 
 from ..core.frame_plan import EASINGS
-from . import frame_formats
+from . import frame_formats, versions
 
 
 def frame_settings():
@@ -20,6 +20,7 @@ def frame_settings():
             name="Folder",
             description="Folder for the files. // is the folder of the blend file",
             subtype="DIR_PATH",
+            options=versions.RELATIVE_PATH,
             default="//frames",
         ),
         "easing": bpy.props.EnumProperty(

@@ -269,9 +269,10 @@ class PointmorphScene(bpy.types.PropertyGroup):
                 "MESH",
                 "Mesh",
                 "The source's own faces, with its materials, UV maps and modifiers. A source "
-                "without faces is shown as points",
+                "without faces is shown as discs, or as points if there are many",
             ),
             ("POINTS", "Points", "The points of both shapes, in the colors of both"),
+            ("DISCS", "Discs", "Discs in the surface at these points: solid in every shading"),
         ],
         default="MESH",
     )

@@ -13,6 +13,10 @@ def name():
     return "Blender " + ".".join(map(str, bpy.app.version[:2]))
 
 
+RELATIVE_PATH = {"PATH_SUPPORTS_BLEND_RELATIVE"} if is_at_least(4, 5) else set()
+"""Options of a path that may begin with //, of which Blender warns otherwise since 5.0."""
+
+
 # --- Inputs of a modifier's group of nodes --------------------------------------------------------
 # Blender 5.2 took them out of the modifier's own items.
 
@@ -46,6 +50,26 @@ def input_path(modifier, name):
     if hasattr(modifier, "properties"):
         return f'modifiers["{modifier.name}"].properties.inputs.{identifier}.value'
     return f'modifiers["{modifier.name}"]["{identifier}"]'
+
+
+# --- Animation ------------------------------------------------------------------------------------
+
+
+def curve_of(block, path):
+    """The animation curve of a data-block's property, or None. Since Blender 5.0 an action has
+    curves by slot alone."""
+    data = block.animation_data
+    if data is None or data.action is None:
+        return None
+    slot = getattr(data, "action_slot", None)
+    if slot is None:
+        return data.action.fcurves.find(path) if hasattr(data.action, "fcurves") else None
+    for layer in data.action.layers:
+        for strip in layer.strips:
+            curves = strip.channelbag(slot)
+            if curves is not None and curves.fcurves.find(path) is not None:
+                return curves.fcurves.find(path)
+    return None
 
 
 # --- Materials ------------------------------------------------------------------------------------

@@ -96,6 +96,7 @@ class POINTMORPH_OT_bake_frames(Explained, Computing, bpy.types.Operator):
     bl_idname = "pointmorph.bake_frames"
     bl_label = "Bake Frames"
     bl_options = {"UNDO"}
+    place = "BAKE"
     stopped = "Bake canceled. Finished frames are kept: bake again to continue"
 
     frame_start: bpy.props.IntProperty(

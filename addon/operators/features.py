@@ -124,6 +124,7 @@ class POINTMORPH_OT_propose_features(Explained, Computing, bpy.types.Operator):
     bl_idname = "pointmorph.propose_features"
     bl_label = "Suggest Features"
     bl_options = {"UNDO"}
+    place = "FEATURES"
     stopped = "Search canceled"
 
     confidence: bpy.props.FloatProperty(

@@ -131,6 +131,7 @@ class POINTMORPH_OT_clear_loop(_Loop, bpy.types.Operator):
 class _Curves(Computing):
     """Finds curves on both objects and has them drawn."""
 
+    place = "CUT"
     stopped = "Search for the cut canceled"
 
     def _read(self, context):

@@ -1,35 +1,36 @@
-"""What the user does with a morph object once it is there, and chains."""
+"""What the user does with a morph object once it is there."""
 
 import bpy
 import pointmorph
 
-from ..core import background_job
-from ..core.computation import Earlier
-from ..core.look_transfer import Options
-from ..data import chains, creation
+from ..data import creation
 from ..data.feature_list import sync_features
-from ..data.properties import TEXTURE_SIZES
 from ..data.references import find, reference_to
 from ..data.registration import Registration
 from ..scene import (
     attribute_transfer,
-    blended_textures,
     morph_object,
     morphing_mesh,
     presentation,
     recipes,
-    recomputation,
     shape_follower,
     source_subdivision,
 )
+from . import shading
 from .modal_operator import Computing
-from .polls import NO_RESULT, Explained, activate, active_result, busy_reason, fail, say_made
+from .polls import NO_RESULT, Explained, activate, active_result, busy_reason, fail
 
 
 def made_object(context):
     """The morph object, of pairs or with the source's faces, that is meant."""
     active = context.view_layer.objects.active
     return active if morph_object.is_made(active) else active_result(context)
+
+
+def shown_object(context):
+    """What shows the morph object that is meant, and has its slider; None where there is none."""
+    obj = made_object(context)
+    return obj if obj is None or obj.pointmorph.keeps_faces else morph_object.shown_of(obj)
 
 
 def made_reason(context):
@@ -72,51 +73,6 @@ class _OnPairs(_OnMade):
     @staticmethod
     def reason(context):
         return busy_reason() or pairs_reason(context)
-
-
-class POINTMORPH_OT_recompute(Explained, Computing, bpy.types.Operator):
-    """Compute this morph again in place, from its objects as they are now. Its name, animation,
-    drivers, materials and baked keys are kept"""
-
-    bl_idname = "pointmorph.recompute"
-    bl_label = "Recompute"
-    bl_options = {"UNDO"}
-    stopped = "Canceled: the morph is unchanged"
-
-    @staticmethod
-    def reason(context):
-        return busy_reason() or made_reason(context)
-
-    def _begin_steps(self, context):
-        sync_features(context.scene)
-        obj = made_object(context)
-        if obj.pointmorph.keeps_faces and obj.pointmorph.made_from is not None:
-            obj = obj.pointmorph.made_from  # it goes along
-        self._name, self._made = obj.name, reference_to(obj)
-        plan = self._plan = yield from recomputation.plan_steps(context, obj)
-        earlier = background_job.earlier if self._in_window else None
-        textures = blended_textures.options_of(morph_object.shown_of(obj))
-        if textures is not None and textures.normal:
-            textures = None  # for which more is read, afterward
-        return lambda progress: chains.compute_all(plan.requests, progress, earlier, textures)
-
-    def _finish(self, context, outcome):
-        obj = find(bpy.data.objects, self._made)
-        if not morph_object.is_made(obj):
-            raise pointmorph.CloudError(
-                self._name, "the object that is being recomputed", "none", "Undo the deletion."
-            )
-        if self._in_window and len(self._plan.requests) == 1:
-            request = self._plan.requests[0].without_looks()
-            background_job.earlier = Earlier(request, outcome.maps)
-        said = morphing_mesh.remake(context, obj, self._plan, outcome)
-        for name in self._plan.missing:
-            gone = f'"{name}" no longer exists: the points stored in the morph were used'
-            self.report({"WARNING"}, gone)
-        for warning in said:
-            self.report({"WARNING"}, warning)
-        say_made(self, obj, outcome.report)
-        return {"FINISHED"}
 
 
 class POINTMORPH_OT_edit_morph(_OnMade, bpy.types.Operator):
@@ -165,8 +121,8 @@ class POINTMORPH_OT_follow(_OnPairs, bpy.types.Operator):
 
 
 class POINTMORPH_OT_show_as(Explained, bpy.types.Operator):
-    """Show the morph by the source's own faces, or as the points of both shapes. The slider and its
-    animation are the same"""
+    """Show the morph by the source's own faces, or as the points of both shapes, or as discs at
+    these points. The slider and its animation are the same"""
 
     bl_idname = "pointmorph.show_as"
     bl_label = "Show As"
@@ -178,6 +134,7 @@ class POINTMORPH_OT_show_as(Explained, bpy.types.Operator):
         items=[
             ("MESH", "Mesh", "The source's faces, with its materials, UV maps and modifiers"),
             ("POINTS", "Points", "The points of both shapes, in the colors of both"),
+            ("DISCS", "Discs", "Discs in the surface at these points: solid in every shading"),
         ],
     )
 
@@ -191,6 +148,7 @@ class POINTMORPH_OT_show_as(Explained, bpy.types.Operator):
         except pointmorph.PointmorphError as error:
             return fail(self, error)
         context.scene.pointmorph.show_as = self.kind
+        shading.show_colors(context, seen)
         activate(context.view_layer.objects, seen)
         return {"FINISHED"}
 
@@ -264,6 +222,7 @@ class POINTMORPH_OT_transfer_attributes(Explained, Computing, bpy.types.Operator
     bl_idname = "pointmorph.transfer_attributes"
     bl_label = "Transfer from Target"
     bl_options = {"UNDO"}
+    place = "TRANSFER"
     stopped = "Canceled: nothing was transferred"
 
     @staticmethod
@@ -313,94 +272,8 @@ class POINTMORPH_OT_transfer_attributes(Explained, Computing, bpy.types.Operator
         return {"FINISHED"}
 
 
-class POINTMORPH_OT_blend_textures(Explained, Computing, bpy.types.Operator):
-    """Blend the look of the source into that of the target as the mesh morphs: draw the target's
-    base color on images in the source's UV layout, and mix them into the mesh's materials"""
-
-    bl_idname = "pointmorph.blend_textures"
-    bl_label = "Blend Textures"
-    bl_options = {"UNDO"}
-    stopped = "Canceled: the textures are unchanged"
-
-    size: bpy.props.EnumProperty(
-        name="Size",
-        description="Pixels along each side of the images",
-        items=TEXTURE_SIZES,
-        default="1024",
-    )
-    roughness: bpy.props.BoolProperty(
-        name="Roughness", description="Also draw roughness and metalness", default=False
-    )
-    normal: bpy.props.BoolProperty(
-        name="Normal", description="Also draw a normal map of the target's details", default=False
-    )
-
-    @staticmethod
-    def reason(context):
-        reason = busy_reason() or made_reason(context)
-        if reason is None and not blendable_mesh(context):
-            reason = "Show the morph as a mesh first: points already blend their colors"
-        return reason
-
-    def _begin_steps(self, context):
-        obj = blendable_mesh(context)
-        self._name, self._made = obj.name, reference_to(obj)
-        options = Options(int(self.size), self.roughness, self.normal)
-        return (yield from blended_textures.read_steps(context, obj, options))
-
-    def _leave(self, context):
-        self._steps.close()
-
-    def _finish(self, context, outcome):
-        obj = find(bpy.data.objects, self._made)
-        if obj is None or not obj.pointmorph.keeps_faces:
-            raise pointmorph.CloudError(
-                self._name, "the mesh to blend textures on", "none", "Undo the deletion."
-            )
-        blended_textures.blend(obj, outcome)
-        for remark in outcome.unread:
-            self.report({"WARNING"}, remark)
-        for remark in outcome.remarks:
-            self.report({"INFO"}, remark)
-        size = len(outcome.color) if outcome.has_images else 0
-        how = f"on images of {size} by {size} pixels" if size else "without an image: it is plain"
-        self.report({"INFO"}, f'The look of "{obj.pointmorph.target.name}" was drawn {how}')
-        return {"FINISHED"}
-
-
-class POINTMORPH_OT_keep_textures(Explained, bpy.types.Operator):
-    """Leave the mesh the source's own look while it morphs"""
-
-    bl_idname = "pointmorph.keep_textures"
-    bl_label = "Keep Source's Look"
-    bl_options = {"REGISTER", "UNDO"}
-
-    @staticmethod
-    def reason(context):
-        reason = busy_reason() or made_reason(context)
-        if reason is not None:
-            return reason
-        obj = blendable_mesh(context)
-        if obj is None or blended_textures.options_of(obj) is None:
-            return "There are no blended textures"
-        return None
-
-    def execute(self, context):
-        blended_textures.unblend(blendable_mesh(context))
-        return {"FINISHED"}
-
-
-def blendable_mesh(context):
-    """The mesh that shows the morph that is meant; None where points show it."""
-    obj = made_object(context)
-    if obj is not None and not obj.pointmorph.keeps_faces:
-        obj = morph_object.shown_of(obj)
-    return obj if obj is not None and obj.pointmorph.keeps_faces else None
-
-
 registration = Registration(
     classes=(
-        POINTMORPH_OT_recompute,
         POINTMORPH_OT_edit_morph,
         POINTMORPH_OT_follow,
         POINTMORPH_OT_show_as,
@@ -408,7 +281,5 @@ registration = Registration(
         POINTMORPH_OT_make_mesh,
         POINTMORPH_OT_subdivide_source,
         POINTMORPH_OT_transfer_attributes,
-        POINTMORPH_OT_blend_textures,
-        POINTMORPH_OT_keep_textures,
     ),
 )

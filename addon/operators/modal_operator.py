@@ -23,8 +23,10 @@ class Computing:
     It has `_begin(context)`, which reads the scene and returns what to call with a progress, and
     `_finish(context, outcome)`, which changes the scene. Where reading takes long, it has
     `_begin_steps(context)` instead, a generator that yields often and returns the same.
+    `place` names the panel of its button, which shows the progress meanwhile.
     """
 
+    place = "MORPH"
     _in_window = False
 
     def invoke(self, context, event):
@@ -35,7 +37,7 @@ class Computing:
         self._view_layer = context.view_layer.name
         self._workspaces = set()
         self._steps = self._begin_steps(context)
-        background_job.start()
+        background_job.start(self.place)
         window_manager = context.window_manager
         self._said = None
         self._timer = window_manager.event_timer_add(_REST, window=context.window)

@@ -1,50 +1,82 @@
-"""Computes the morph from source to target."""
+"""Computes the morph of the picked shapes: from source to target, and through those in between."""
 
 import queue
 
 import bpy
-import numpy as np
 
-from ..core import background_job, preview, transforms
+from ..core import background_job, preview
 from ..core.computation import Earlier
+from ..core.settings import settings_values
 from ..data import chains
 from ..data.feature_list import feature_choices, sync_features
 from ..data.references import find, reference_to
 from ..data.registration import Registration
-from ..scene import blended_textures, morph_builder, morph_object, preview_object, recipes
+from ..scene import (
+    blended_textures,
+    morph_builder,
+    morph_object,
+    preview_object,
+    recipes,
+    recomputation,
+    staleness,
+)
 from ..scene.feature_marks import say_what_was_found
-from ..scene.shape_reader import read_request_steps
-from .modal_operator import Computing
-from .polls import Explained, busy_reason, present, say_looks, shapes_reason
+from .polls import Explained, busy_reason, morph_reason, picked_result, present, say_looks
+from .recompute import Recomputing
 
 
-class POINTMORPH_OT_morph(Explained, Computing, bpy.types.Operator):
-    """Compute the morph from source to target. Blender stays usable meanwhile, and Esc cancels"""
+class _Morphing(Recomputing):
+    """Makes the morph object of the picked shapes, or computes the one that they have again."""
 
-    bl_idname = "pointmorph.morph"
-    bl_label = "Morph"
-    bl_options = {"UNDO"}
-
-    @staticmethod
-    def reason(context):
-        return busy_reason() or shapes_reason(context)
+    new_result: bpy.props.BoolProperty(
+        name="New Result",
+        description="Create another morph object even if these objects have one, as Alt-click does",
+        default=False,
+        options={"SKIP_SAVE"},
+    )
 
     stopped = "Morph canceled"
     _value = 0.0  # of the key when the result comes
     _shown = ""  # name of the coarse morph's object
+    _made = None  # what is computed again
+
+    def invoke(self, context, event):
+        self.new_result = self.new_result or event.alt
+        return super().invoke(context, event)
 
     def _begin_steps(self, context):
-        request = self._request = yield from self._read(context)
+        self._first_look = queue.SimpleQueue()
+        sync_features(context.scene)
+        shapes = staleness.picked_shapes(context.scene)
+        there = None if self.new_result else picked_result(context)
+        if there is not None:
+            work = yield from self.begin_again(context, there)
+        else:
+            work = yield from self._begin_new(context, shapes)
+        if len(shapes) == 2:
+            say_what_was_found(context.scene, self._plan.requests[0])
+        return work
+
+    def _begin_new(self, context, shapes):
+        settings = context.scene.pointmorph
+        self._shapes = [reference_to(shape) for shape in shapes]
+        plan = self._plan = yield from recomputation.plan_of_steps(
+            context,
+            shapes,
+            feature_choices(settings),
+            [item.name for item in settings.loop],
+            settings_values(settings),
+        )
         # A script gets the same whatever was done before it.
         earlier = background_job.earlier if self._in_window else None
-        self._first_look = queue.SimpleQueue()
         textures = blended_textures.wanted(context.scene)
-        with_preview = self._in_window and preview.is_worth_it(request)
+        one = plan.requests[0] if len(plan.requests) == 1 else None
+        with_preview = self._in_window and one is not None and preview.is_worth_it(one)
 
         def work(progress):
             if with_preview:
-                self._first_look.put(preview.compute(request, progress))
-            return chains.compute_all([request], progress, earlier, textures)
+                self._first_look.put(preview.compute(one, progress))
+            return chains.compute_all(plan.requests, progress, earlier, textures)
 
         return work
 
@@ -62,39 +94,57 @@ class POINTMORPH_OT_morph(Explained, Computing, bpy.types.Operator):
     def _made_of(self, context):
         """What `morph_builder.build` needs besides the outcome."""
         shapes = [find(context.scene.objects, shape) for shape in self._shapes]
-        provenance = morph_builder.Provenance(shapes, self._origin, self._source_matrix)
-        return " to ".join(self._names), provenance
-
-    def _read(self, context):
-        """The request. What _finish needs is kept by reference: objects move in memory on undo."""
-        sync_features(context.scene)
-        request = yield from read_request_steps(context)
-        say_what_was_found(context.scene, request)
-        source = context.scene.pointmorph.source
-        self._origin = np.array(source.matrix_world.translation)
-        self._source_matrix = transforms.relative_to(source.matrix_world, self._origin)
-        self._names = request.source.name, request.target.name
-        self._shapes = [reference_to(source), reference_to(context.scene.pointmorph.target)]
-        yield
-        self._recipe = yield from recipes.take_down_steps(
-            [source, context.scene.pointmorph.target],
-            [request],
-            self._origin,
-            feature_choices(context.scene.pointmorph),
-        )
-        return request
+        name = " to ".join(shape["name"] for shape in self._plan.recipe["shapes"])
+        return name, self._plan.provenance(shapes)
 
     def _finish(self, context, outcome):
-        if self._in_window:
-            background_job.earlier = Earlier(self._request.without_looks(), outcome.maps)
-        obj = morph_builder.build(context, outcome, *self._made_of(context))
-        morph_object.morph_key(obj).value = self._value
-        recipes.remember(obj, self._recipe, outcome)
-        say_looks(self, [self._request])
-        present(self, context, obj, outcome)
+        if self._made is not None:
+            obj = self.finish_again(context, outcome)
+        else:
+            if self._in_window and len(self._plan.requests) == 1:
+                request = self._plan.requests[0].without_looks()
+                background_job.earlier = Earlier(request, outcome.maps)
+            obj = morph_builder.build(context, outcome, *self._made_of(context))
+            morph_object.morph_key(obj).value = self._value
+            recipes.remember(obj, self._plan.recipe, outcome)
+        say_looks(self, self._plan.requests)
+        present(self, context, obj, outcome, self._made is not None)
         return {"FINISHED"}
 
 
+class POINTMORPH_OT_morph(Explained, _Morphing, bpy.types.Operator):
+    """Compute the morph from source to target. If these objects have one, it is computed again in
+    place; Alt-click makes another. Blender stays usable meanwhile, and Esc cancels"""
+
+    bl_idname = "pointmorph.morph"
+    bl_label = "Morph"
+    bl_options = {"UNDO"}
+
+    @staticmethod
+    def reason(context):
+        return busy_reason() or morph_reason(context)
+
+
+class POINTMORPH_OT_morph_chain(Explained, _Morphing, bpy.types.Operator):
+    """Compute the morph from the source through all shapes in between to the target, as Morph
+    does"""
+
+    bl_idname = "pointmorph.morph_chain"
+    bl_label = "Morph Chain"
+    bl_options = {"UNDO"}
+
+    @staticmethod
+    def reason(context):
+        if busy_reason():
+            return busy_reason()
+        if len(context.scene.pointmorph.via) == 0:
+            return "Add shapes between the source and target first"
+        return morph_reason(context)
+
+
 registration = Registration(
-    classes=(POINTMORPH_OT_morph,),
+    classes=(
+        POINTMORPH_OT_morph,
+        POINTMORPH_OT_morph_chain,
+    ),
 )

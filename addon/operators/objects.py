@@ -1,15 +1,18 @@
 """Which two objects are meant."""
 
 import bpy
+import pointmorph
 
 from ..data.arrays import SHAPE_TYPES
 from ..data.feature_list import sync_features
 from ..data.registration import Registration
-from .polls import Explained
+from ..scene import as_shown
+from .polls import Explained, fail
 
 
 class POINTMORPH_OT_pick_selected(Explained, bpy.types.Operator):
-    """Use the two selected objects. The active one, which was selected last, is the target"""
+    """Use the selected objects. The active one, which was selected last, is the target. Of more
+    than two, the rest are passed through in the order of their names"""
 
     bl_idname = "pointmorph.pick_selected"
     bl_label = "Use Selected"
@@ -18,16 +21,21 @@ class POINTMORPH_OT_pick_selected(Explained, bpy.types.Operator):
     @staticmethod
     def reason(context):
         shapes = [obj for obj in context.selected_objects if obj.type in SHAPE_TYPES]
-        if len(shapes) == len(context.selected_objects) == 2:
+        if len(shapes) == len(context.selected_objects) >= 2:
             return None
-        return "Select two meshes or point clouds, the target last"
+        return "Select two or more meshes or point clouds, the target last"
 
     def execute(self, context):
         settings = context.scene.pointmorph
-        source, target = context.selected_objects
-        if source == context.view_layer.objects.active:
-            source, target = target, source
-        settings.source, settings.target = source, target
+        shapes = sorted(context.selected_objects, key=lambda obj: obj.name)
+        active = context.view_layer.objects.active
+        if active in shapes:
+            shapes.remove(active)
+            shapes.append(active)
+        settings.source, settings.target = shapes[0], shapes[-1]
+        settings.via.clear()
+        for shape in shapes[1:-1]:
+            settings.via.add().object = shape
         return {"FINISHED"}
 
 
@@ -51,9 +59,40 @@ class POINTMORPH_OT_swap_objects(Explained, bpy.types.Operator):
         return {"FINISHED"}
 
 
+class POINTMORPH_OT_use_as_shown(Explained, bpy.types.Operator):
+    """Take as the source a copy that has its modifiers, pose and shape keys applied. The source
+    itself is hidden and stays as it is"""
+
+    bl_idname = "pointmorph.use_as_shown"
+    bl_label = "Use as Shown"
+    bl_options = {"REGISTER", "UNDO"}
+
+    @staticmethod
+    def reason(context):
+        source = context.scene.pointmorph.source
+        if source is None:
+            return "Choose a source first"
+        if source.mode != "OBJECT":
+            return f'Switch "{source.name}" to Object Mode first (Tab)'
+        if as_shown.left_out(source):
+            return None
+        return f'"{source.name}" has no modifiers or shape keys that show'
+
+    def execute(self, context):
+        settings = context.scene.pointmorph
+        try:
+            copy = as_shown.copy_as_shown(context, settings.source)
+        except pointmorph.PointmorphError as error:
+            return fail(self, error)
+        settings.source = copy
+        self.report({"INFO"}, f'"{copy.name}" is the source: {len(copy.data.vertices):,} vertices')
+        return {"FINISHED"}
+
+
 registration = Registration(
     classes=(
         POINTMORPH_OT_pick_selected,
         POINTMORPH_OT_swap_objects,
+        POINTMORPH_OT_use_as_shown,
     ),
 )

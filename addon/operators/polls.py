@@ -1,9 +1,14 @@
 """What operators ask before they begin, and how they say no."""
 
+from itertools import pairwise
+
 import pointmorph
 
 from ..core import background_job
-from ..scene import blended_textures, morph_object, object_looks, presentation
+from ..data import chains
+from ..scene import blended_textures, morph_object, object_looks, presentation, staleness
+from ..scene.shape_reader import is_in
+from . import shading
 
 NO_RESULT = "Morph first, or make a morph object the active object"
 
@@ -59,29 +64,45 @@ def shapes_reason(context):
     for side, obj in (("source", settings.source), ("target", settings.target)):
         if obj is None:
             return f"Choose a {side} first"
-        if not _is_in(context.scene, obj):
+        if not is_in(context.scene, obj):
             return f'The {side} "{obj.name}" is no longer in the scene: choose another object'
     if settings.source == settings.target:
         return f'Source and target are both "{settings.source.name}": choose two objects'
     return None
 
 
-def _is_in(scene, obj):
-    # Only objects of other files share a name.
-    return scene.objects.get(obj.name) == obj or any(other == obj for other in scene.objects)
+def morph_reason(context):
+    """Why there can be no morph of what is picked, the shapes in between included; None when there
+    can."""
+    shapes = staleness.picked_shapes(context.scene)
+    if len(shapes) == 2 or shapes[0] is None or shapes[-1] is None:
+        return shapes_reason(context)
+    if None in shapes:
+        return "Choose an object for the source, the target and every shape in between"
+    for obj in shapes:
+        if not is_in(context.scene, obj):
+            return f'"{obj.name}" is no longer in the scene: choose another object'
+    for obj, after in pairwise(shapes):
+        if obj == after:
+            return f'"{obj.name}" comes twice in a row: remove one of the two'
+    if len(shapes) > chains.LONGEST:
+        return f"A chain can have {chains.LONGEST} shapes at most, but there are {len(shapes)}"
+    return None
 
 
-def present(operator, context, obj, outcome):
-    """Shows a new morph object of an outcome, and tells the user what came of it."""
+def present(operator, context, obj, outcome, again=False):
+    """Shows a morph object of an outcome, a new one or one computed `again`, and tells the user
+    what came of it."""
     forget_results()
-    shown, said = presentation.present(context, obj)
-    if outcome.drawn is not None and shown.pointmorph.keeps_faces:
+    shown, said = presentation.present(context, obj, again)
+    if outcome.drawn is not None and shown.pointmorph.keeps_faces and not again:
         blended_textures.blend(shown, outcome.drawn)
         for remark in outcome.drawn.remarks:
             operator.report({"INFO"}, remark)
+    shading.show_colors(context, shown)
     activate(context.view_layer.objects, shown)
     for words in said:
-        operator.report({"WARNING"}, f"Shown as points. {words}")
+        operator.report({"WARNING"}, f"Shown without its faces. {words}")
     say_made(operator, shown, outcome.report)
 
 
@@ -147,6 +168,34 @@ def _is_of(obj, settings):
     ):
         return False
     return morph_object.is_result(obj)
+
+
+def picked_result(context):
+    """The morph object that *Morph* computes again: of the very shapes that are picked, the active
+    one or else the last; None where there is none."""
+    objects = [context.view_layer.objects.active, *list(context.scene.objects)[::-1]]
+    of_picked = [obj for obj in objects if _can_be_morphed_again(context.scene, obj)]
+    for obj in of_picked:
+        points = obj.pointmorph.made_from
+        if obj.pointmorph.keeps_faces and points in of_picked:
+            return points
+        if morph_object.is_result(obj):
+            return obj
+    return of_picked[0] if of_picked else None
+
+
+def _can_be_morphed_again(scene, obj):
+    if not morph_object.is_made(obj) or obj.pointmorph.is_preview:
+        return False
+    if not (obj.is_editable and obj.data.is_editable and staleness.is_picked(scene, obj)):
+        return False
+    try:
+        if morph_object.is_result(obj):
+            morph_object.check_whole(obj)
+        morph_object.t_key(morph_object.shown_of(obj))
+    except pointmorph.CloudError:  # somebody took it apart
+        return False
+    return True
 
 
 def result_reason(context):

@@ -30,7 +30,7 @@ class POINTMORPH_OT_show_distortion(Explained, bpy.types.Operator):
         show = not points_display.shows_distortion(obj)
         points_display.show_distortion(obj, show)
         if show:  # colors the points
-            presentation.show_as(context, obj, presentation.POINTS)
+            presentation.show_points(context, obj)
         self._shade(context, obj.pointmorph, show)
         return {"FINISHED"}
 
@@ -98,7 +98,25 @@ class POINTMORPH_OT_go_to_place(Explained, bpy.types.Operator):
         else:
             location = morph_object.world_position(obj, place["source"])
         context.scene.cursor.location = location
-        self.report({"INFO"}, place["advice"])
+        self.report({"INFO"}, recipes.present_words(obj, place["advice"]))
+        return {"FINISHED"}
+
+
+class POINTMORPH_OT_explain(bpy.types.Operator):
+    """Say what a figure means"""
+
+    bl_idname = "pointmorph.explain"
+    bl_label = "Explain"
+    bl_options = {"INTERNAL"}
+
+    meaning: bpy.props.StringProperty(name="Meaning", description="What is said")
+
+    @classmethod
+    def description(cls, context, properties):
+        return properties.meaning.rstrip(". ")
+
+    def execute(self, context):
+        self.report({"INFO"}, self.meaning)
         return {"FINISHED"}
 
 
@@ -106,5 +124,6 @@ registration = Registration(
     classes=(
         POINTMORPH_OT_show_distortion,
         POINTMORPH_OT_go_to_place,
+        POINTMORPH_OT_explain,
     ),
 )

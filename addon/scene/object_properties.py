@@ -4,7 +4,10 @@ import bpy
 
 from ..data.properties import PointmorphShape
 from ..data.registration import Registration
+from .slider_keys import EASINGS
 from .staleness import state
+
+_SECONDS = 2  # from key to key, until somebody says otherwise
 
 
 def _state(self):
@@ -13,6 +16,28 @@ def _state(self):
 
 def _stale(self):
     return "; ".join(state(self.id_data)[1])
+
+
+def _key_start(self):
+    return self.key_frames[0] if self.has_key_frames else bpy.context.scene.frame_current
+
+
+def _key_end(self):
+    if self.has_key_frames:
+        return self.key_frames[1]
+    render = bpy.context.scene.render
+    return _key_start(self) + round(_SECONDS * render.fps / render.fps_base)
+
+
+def _set_key_start(self, value):
+    length = _key_end(self) - _key_start(self)
+    self.key_frames = value, value + length
+    self.has_key_frames = True
+
+
+def _set_key_end(self, value):
+    self.key_frames = min(_key_start(self), value - 1), value
+    self.has_key_frames = True
 
 
 class PointmorphObject(bpy.types.PropertyGroup):
@@ -80,9 +105,41 @@ class PointmorphObject(bpy.types.PropertyGroup):
     stale: bpy.props.StringProperty(
         name="Stale", description="Why the state isn't CURRENT, in words", get=_stale
     )
+    key_start: bpy.props.IntProperty(
+        name="Start",
+        description="Frame in which Key Morph shows the first shape. The current one, until you "
+        "set it. The end goes along",
+        get=_key_start,
+        set=_set_key_start,
+    )
+    key_end: bpy.props.IntProperty(
+        name="End",
+        description="Frame in which Key Morph shows the last shape",
+        get=_key_end,
+        set=_set_key_end,
+    )
+    key_easing: bpy.props.EnumProperty(
+        name="Easing",
+        description="How Key Morph goes from the first shape to the last",
+        items=EASINGS,
+        default="SINE",
+    )
+    key_frames: bpy.props.IntVectorProperty(
+        name="Key Frames", description="Start and end as they were set", size=2, options={"HIDDEN"}
+    )
+    has_key_frames: bpy.props.BoolProperty(
+        name="Has Key Frames",
+        description="Start and end were set: they don't go along with the current frame",
+        options={"HIDDEN"},
+    )
     shading_before: bpy.props.StringProperty(
         name="Shading Before",
         description="Viewport shading before distortion was shown. Empty if it didn't change",
+    )
+    colors_by_attribute: bpy.props.BoolProperty(
+        name="Colors by Attribute",
+        description="A viewport was switched to the color type Attribute, which discs need",
+        options={"HIDDEN"},
     )
     report: bpy.props.StringProperty(
         name="Report",

@@ -2,6 +2,8 @@
 
 from ..data import nodes
 
+DISCS = "Discs"
+
 
 def new_splat_inputs(group):
     """How points are drawn."""
@@ -16,7 +18,7 @@ def new_splat_inputs(group):
     nodes.new_input(
         group,
         "NodeSocketBool",
-        "Discs",
+        DISCS,
         "Show discs in the surface instead of points. Slower, but Workbench shows their colors",
     )
     nodes.new_input(
@@ -37,7 +39,7 @@ def splats(build, inputs, geometry, normal, radius):
     spheres = _realized(build, geometry, smooth.outputs[0], {"Scale": radius})
     discs = _discs(build, geometry, normal, radius)
     either = nodes.switch(build, "GEOMETRY", inputs["Spheres"], points.outputs[0], spheres)
-    return nodes.switch(build, "GEOMETRY", inputs["Discs"], either, discs)
+    return nodes.switch(build, "GEOMETRY", inputs[DISCS], either, discs)
 
 
 def _discs(build, geometry, normal, radius):

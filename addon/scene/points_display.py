@@ -64,6 +64,24 @@ def show_distortion(obj, show):
     obj.update_tag()
 
 
+def shows_discs(obj):
+    """Whether the points are drawn as discs now."""
+    modifier = points_modifier(obj)
+    return _knows_discs(modifier) and bool(versions.input_value(modifier, point_shapes.DISCS))
+
+
+def show_discs(obj, show):
+    """Draws the points as discs, or not so, where their nodes can."""
+    if show != shows_discs(obj) and _knows_discs(points_modifier(obj)):
+        versions.set_input(points_modifier(obj), point_shapes.DISCS, show)
+        obj.update_tag()
+
+
+def _knows_discs(modifier):
+    known = {} if modifier is None else versions.group_inputs(modifier.node_group)
+    return point_shapes.DISCS in known
+
+
 def points_modifier(obj):
     modifier = obj.modifiers.get(MODIFIER)
     known = modifier is not None and modifier.type == "NODES" and modifier.node_group is not None

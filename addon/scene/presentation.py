@@ -1,8 +1,8 @@
-"""What shows a morph: the source's own faces where it has any, else points; and the objects that it
-stands for, hidden meanwhile.
+"""What shows a morph: the source's own faces where it has any, else discs or points; and the
+objects that it stands for, hidden meanwhile.
 
-Both are objects of their own with one slider: the value of the mesh's key drives that of the
-points'.
+The faces are an object of their own, with one slider: the value of its key drives that of the
+points'. Points and discs are two looks of one object.
 """
 
 import contextlib
@@ -10,29 +10,47 @@ import contextlib
 import pointmorph
 
 from ..data import nodes
-from . import morph_object, morphing_mesh, recipes
+from . import morph_object, morphing_mesh, points_display, recipes
 
-MESH, POINTS = "MESH", "POINTS"
+MESH, POINTS, DISCS = "MESH", "POINTS", "DISCS"
+
+_MANY = 50_000
+"""Pairs above which discs are too slow to be shown unasked: 0.1 s a frame on one core."""
+
+_OF_POINTS = " Points"
+"""What follows the name of a morph object whose mesh has that name."""
 
 
-def present(context, obj):
-    """Shows a new morph object as the scene's setting `show_as` says, and hides its shapes.
+def present(context, obj, again=False):
+    """Shows a morph object as the scene's setting `show_as` says, or one that was computed `again`
+    as it was shown before, and hides its shapes.
 
     Returns
     -------
     Object
         What shows it; it has the name that `obj` had.
     list of str
-        Why there are points all the same, in words.
+        Why it isn't shown by faces all the same, in words.
     """
     shown, said = obj, []
-    if context.scene.pointmorph.show_as == MESH and has_faces(obj):
+    if obj.pointmorph.keeps_faces:  # its points are gone
+        _set_visible(context, obj, True)
+    elif morph_object.shown_of(obj) != obj or (again and not obj.hide_get()):
+        shown = show_as(context, obj, kind_of(obj))
+    else:
+        kind = context.scene.pointmorph.show_as
         try:
-            shown = _add_mesh(context, obj)
+            shown = show_as(context, obj, kind if has_faces(obj) or kind != MESH else _solid(obj))
         except pointmorph.PointmorphError as error:
             said.append(str(error))
+            shown = show_as(context, obj, _solid(obj))
     show_shapes(context, obj, False)
     return shown, said
+
+
+def _solid(obj):
+    """What shows a morph object best that has no faces."""
+    return DISCS if len(obj.data.vertices) <= _MANY else POINTS
 
 
 def has_faces(obj):
@@ -42,28 +60,40 @@ def has_faces(obj):
 
 
 def kind_of(obj):
-    """What a morph object of points is shown as now."""
+    """What a morph object of points is shown as now, or was before all of it was hidden."""
     mesh = morph_object.shown_of(obj)
-    return POINTS if mesh == obj or mesh.hide_get() else MESH
+    if mesh != obj and (obj.hide_get() or not mesh.hide_get()):
+        return MESH
+    return DISCS if points_display.shows_discs(obj) else POINTS
 
 
 def show_as(context, obj, kind):
-    """Shows a morph object of points as such, or by the source's faces; returns what is seen.
+    """Shows a morph object of points as such, as discs, or by the source's faces; returns what is
+    seen.
 
     Raises
     ------
     CloudError
         See `morphing_mesh.make_mesh`.
     """
-    if kind == MESH and morph_object.shown_of(obj) == obj:
+    if kind != MESH:
+        points_display.show_discs(obj, kind == DISCS)
+        return show_points(context, obj)
+    if morph_object.shown_of(obj) == obj:
         return _add_mesh(context, obj)
     mesh = morph_object.shown_of(obj)
-    if mesh == obj:
-        return obj
-    seen, other = (mesh, obj) if kind == MESH else (obj, mesh)
-    _set_visible(context, seen, True)
-    _set_visible(context, other, False)
-    return seen
+    _set_visible(context, mesh, True)
+    _set_visible(context, obj, False)
+    return mesh
+
+
+def show_points(context, obj):
+    """Shows a morph object of points in place of the source's faces, as points or as discs."""
+    mesh = morph_object.shown_of(obj)
+    if mesh != obj:
+        _set_visible(context, mesh, False)
+    _set_visible(context, obj, True)
+    return obj
 
 
 def hide(context, obj):
@@ -86,12 +116,14 @@ def shows_shapes(obj):
 
 def _add_mesh(context, obj):
     """Makes the source's faces show a morph object; they take its name, and it is hidden."""
-    name = obj.name
     mesh = morphing_mesh.make_mesh(context, obj)
-    obj.name = obj.data.name = f"{name} Points"
+    key = morph_object.t_key(obj)
+    had_mesh = key.driver_remove("value")  # one that was deleted
+    name = obj.name.removesuffix(_OF_POINTS) if had_mesh else obj.name
+    obj.name = obj.data.name = f"{name}{_OF_POINTS}"
     mesh.name = mesh.data.name = name
     obj.pointmorph.mesh = mesh
-    curve = obj.data.shape_keys.driver_add(morph_object.t_key(obj).path_from_id("value"))
+    curve = key.driver_add("value")
     curve.driver.type = "AVERAGE"
     nodes.drive(curve.driver, morph_object.t_key(mesh))
     _set_visible(context, mesh, True)

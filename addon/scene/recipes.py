@@ -15,6 +15,7 @@ import pointmorph
 
 from ..core import packing, transforms
 from ..core.features import PREFIX, Choice
+from ..core.quality_words import with_present_names
 from ..core.settings import by_hand
 from ..data import arrays
 from ..data.feature_list import feature_groups, set_loop
@@ -41,7 +42,7 @@ _MOVING = {
     "WAVE",
 }
 # What a recipe says about the object itself.
-_OWN = ("keys", "transferred", "textures")
+_OWN = ("keys", "transferred", "keyed", "textures")
 
 
 # --- What the shapes are now ----------------------------------------------------------------------
@@ -277,6 +278,18 @@ def report_of(obj):
     """What a morph object remembers of `Morph.report`; None when it's of an earlier version."""
     report = _parsed(obj.pointmorph.report)
     return report if report and "quality" in report else None
+
+
+def present_words(obj, text):
+    """A text of a morph object's report, with the present names of its shapes."""
+    known = recipe_of(obj).get("shapes", ())
+    shapes = shapes_of(obj)
+    names = {
+        before["name"]: shape.name
+        for before, shape in zip(known, shapes, strict=False)
+        if shape is not None
+    }
+    return with_present_names(text, names)
 
 
 @lru_cache(maxsize=32)  # the panel asks at every redraw

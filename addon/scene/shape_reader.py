@@ -114,8 +114,7 @@ def present_steps(context, objects, steps):
     """The steps of a generator that reads objects, and what it returns. Those that aren't in the
     scene, as after their removal, are there while it reads, which then is a single step.
     """
-    known = context.scene.objects
-    absent = [obj for obj in dict.fromkeys(objects) if known.get(obj.name) != obj]
+    absent = [obj for obj in dict.fromkeys(objects) if not is_in(context.scene, obj)]
     if not absent:
         return (yield from steps)
     # What is only for the moment in the scene must not be there when Blender goes on.
@@ -127,6 +126,12 @@ def present_steps(context, objects, steps):
     finally:
         for obj in absent:
             collection.objects.unlink(obj)
+
+
+def is_in(scene, obj):
+    """Whether an object is in a scene."""
+    # Only objects of other files share a name.
+    return scene.objects.get(obj.name) == obj or any(other == obj for other in scene.objects)
 
 
 def is_plain(obj):

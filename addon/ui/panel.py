@@ -3,6 +3,7 @@
 import textwrap
 
 from ..core import background_job
+from ..operators import modal_operator, polls
 
 
 class Panel:
@@ -31,6 +32,18 @@ def say(layout, context, text, icon, beside=0):
         lines.label(text=line, icon="BLANK1" if number else icon)
 
 
+def explained(layout, text, meaning, icon="NONE"):
+    """A label with a tooltip."""
+    row = layout.row()
+    row.alignment = "LEFT"
+    row.operator("pointmorph.explain", text=text, icon=icon, emboss=False).meaning = meaning
+
+
+def has_points(context):
+    """Whether there is a morph object of pairs, which alone has quality and can be baked."""
+    return polls.active_result(context) is not None
+
+
 def draw_problem(layout, context, place):
     """What went wrong last, next to the thing that it is about."""
     if background_job.problem is None or background_job.problem[0] != place:
@@ -38,3 +51,19 @@ def draw_problem(layout, context, place):
     box = layout.box()
     box.alert = True
     say(box, context, background_job.problem[1], "ERROR")
+
+
+def draw_progress(layout, place=None):
+    """How far the job is that runs, in place of the button that started it; whether one runs.
+
+    `place` is that of the job: see `Computing`. None is for any.
+    """
+    job = background_job.current
+    if job is None or place not in (None, job.place):
+        return False
+    column = layout.column(align=True)
+    row = column.row()
+    row.scale_y = 1.8 if place is None else 1.0
+    row.progress(text=modal_operator.progress_text(), factor=job.fraction)
+    column.label(text="Press Esc to cancel")
+    return True

@@ -1,23 +1,29 @@
 """The sidebar of the 3D viewport, in the order of the work."""
 
 import bpy
-import pointmorph
 
 from ..core import background_job
 from ..core.settings import by_hand, setting_label, shown_options
 from ..data import frame_formats
 from ..data.frame_settings import copy_frame_settings
 from ..data.registration import Registration
-from ..operators import clicks, modal_operator, polls
-from ..scene import marked_points, morph_object, points_display, presentation, recipes
+from ..operators import clicks, polls
+from ..scene import as_shown, marked_points
 from ..view import cut_curves
-from .panel import Panel, draw_problem, fields, say
+from .panel import Panel, draw_problem, draw_progress, fields, has_points, say
 
-# --- Objects --------------------------------------------------------------------------------------
+# --- Objects and Morph ----------------------------------------------------------------------------
 
 
-class POINTMORPH_PT_objects(Panel, bpy.types.Panel):
-    bl_label = "Objects"
+class POINTMORPH_UL_shapes(bpy.types.UIList):
+    """The shapes between source and target, in order."""
+
+    def draw_item(self, context, layout, data, item, icon, active_data, active_property, index):
+        layout.prop(item, "object", text="", icon="OBJECT_DATA")
+
+
+class POINTMORPH_PT_morph(Panel, bpy.types.Panel):
+    bl_label = "Morph"
     bl_order = 0
 
     def draw_header_preset(self, context):
@@ -25,17 +31,73 @@ class POINTMORPH_PT_objects(Panel, bpy.types.Panel):
         self.layout.operator("pointmorph.manual", text="", icon="HELP")
 
     def draw(self, context):
+        layout = self.layout
+        self._draw_shapes(layout, context)
+        draw_problem(layout, context, "OBJECTS")
+        if not draw_progress(layout):
+            row = layout.row()
+            row.scale_y = 1.8
+            row.operator("pointmorph.morph", icon="MOD_SIMPLEDEFORM")
+        draw_problem(layout, context, "MORPH")
+
+    def _draw_shapes(self, layout, context):
+        """One list: the source, the shapes in between, where there are any, and the target."""
         settings = context.scene.pointmorph
-        column = fields(self.layout)
-        column.prop(settings, "source")
-        column.prop(settings, "target")
+        column = layout.column()
+        column.enabled = background_job.current is None
+        _draw_side(column, settings, "source")
+        _draw_left_out(column, context, settings.source)
+        if len(settings.via):
+            self._draw_between(column, settings)
+        _draw_side(column, settings, "target")
+        if as_shown.left_out(settings.target):
+            _draw_beside_name(column).label(
+                text=_with_vertices("As shown", context, settings.target)
+            )
         row = column.row(align=True)
         row.operator("pointmorph.pick_selected")
         row.operator("pointmorph.swap_objects", text="", icon="ARROW_LEFTRIGHT")
-        reason = polls.shapes_reason(context)
+        row.operator("pointmorph.add_to_chain", text="", icon="ADD")
+        reason = polls.morph_reason(context)
         if reason is not None:
-            say(self.layout, context, reason, "INFO")
-        draw_problem(self.layout, context, "OBJECTS")
+            say(layout, context, reason, "INFO")
+
+    @staticmethod
+    def _draw_between(layout, settings):
+        row = layout.row()
+        row.template_list(
+            "POINTMORPH_UL_shapes", "", settings, "via", settings, "active_via", rows=3
+        )
+        buttons = row.column(align=True)
+        for change, icon in (("REMOVE", "REMOVE"), ("UP", "TRIA_UP"), ("DOWN", "TRIA_DOWN")):
+            buttons.operator("pointmorph.change_chain", text="", icon=icon).change = change
+
+
+def _draw_side(layout, settings, side):
+    """A picker that leaves room for the object's name."""
+    _draw_beside_name(layout, side.capitalize()).prop(settings, side, text="")
+
+
+def _draw_beside_name(layout, name=""):
+    row = layout.split(factor=0.22)
+    row.label(text=name)
+    return row
+
+
+def _draw_left_out(layout, context, source):
+    """What of the source won't be morphed, and the button that changes it."""
+    names = as_shown.left_out(source)
+    if not names:
+        return
+    column = _draw_beside_name(layout).column(align=True)
+    column.label(text=f"Without {', '.join(names)}", icon="INFO")
+    text = _with_vertices("Use as Shown", context, source)
+    column.operator("pointmorph.use_as_shown", text=text)
+
+
+def _with_vertices(text, context, obj):
+    count = as_shown.vertices_shown(context.view_layer, obj)
+    return text if count is None else f"{text}: {count:,} vertices"
 
 
 # --- Features -------------------------------------------------------------------------------------
@@ -92,7 +154,7 @@ class POINTMORPH_UL_features(bpy.types.UIList):
 
 class POINTMORPH_PT_features(Panel, bpy.types.Panel):
     bl_label = "Features"
-    bl_order = 1
+    bl_order = 2
 
     def draw(self, context):
         settings = context.scene.pointmorph
@@ -104,6 +166,24 @@ class POINTMORPH_PT_features(Panel, bpy.types.Panel):
         )
         shown = "HIDE_OFF" if settings.show_markers else "HIDE_ON"
         row.prop(settings, "show_markers", text="", icon=shown)
+        if len(settings.features):
+            self._draw_list(layout, settings)
+        else:
+            row.operator("pointmorph.add_feature", text="", icon="ADD")
+        missing = self.missing(settings)
+        if missing is not None:
+            say(layout, context, missing, "ERROR")
+        if draw_progress(layout, "FEATURES"):
+            return
+        row = layout.row(align=True)
+        row.operator("pointmorph.pair_features")
+        suggest = row.operator("pointmorph.propose_features")
+        suggest.confidence = settings.suggest_confidence
+        suggest.places = settings.suggest_places
+        draw_problem(layout, context, "FEATURES")
+
+    @staticmethod
+    def _draw_list(layout, settings):
         row = layout.row()
         row.template_list(
             "POINTMORPH_UL_features", "", settings, "features", settings, "active_feature", rows=5
@@ -120,15 +200,6 @@ class POINTMORPH_PT_features(Panel, bpy.types.Panel):
         ).side = "TARGET"
         buttons.separator()
         buttons.popover("POINTMORPH_PT_feature", text="", icon="DOWNARROW_HLT")
-        missing = self.missing(settings)
-        if missing is not None:
-            say(layout, context, missing, "ERROR")
-        row = layout.row(align=True)
-        row.operator("pointmorph.pair_features")
-        suggest = row.operator("pointmorph.propose_features")
-        suggest.confidence = settings.suggest_confidence
-        suggest.places = settings.suggest_places
-        draw_problem(layout, context, "FEATURES")
 
     @staticmethod
     def missing(settings):
@@ -186,7 +257,7 @@ class POINTMORPH_UL_loop(bpy.types.UIList):
 
 class POINTMORPH_PT_cut(Panel, bpy.types.Panel):
     bl_label = "Cut and Domain"
-    bl_order = 2
+    bl_order = 3
     bl_options = {"DEFAULT_CLOSED"}
 
     def draw(self, context):
@@ -207,6 +278,8 @@ class POINTMORPH_PT_cut(Panel, bpy.types.Panel):
                 "pointmorph.move_loop_feature", text="", icon=f"TRIA_{direction}"
             )
             button.direction = direction
+        if draw_progress(layout, "CUT"):
+            return
         row = layout.row(align=True)
         row.operator("pointmorph.propose_loop", text="Suggest")
         row.operator("pointmorph.show_cut", icon="HIDE_OFF", depress=bool(cut_curves.shown))
@@ -214,133 +287,24 @@ class POINTMORPH_PT_cut(Panel, bpy.types.Panel):
         draw_problem(layout, context, "CUT")
 
 
-# --- Morph ----------------------------------------------------------------------------------------
-
-
-class POINTMORPH_PT_morph(Panel, bpy.types.Panel):
-    bl_label = "Morph"
-    bl_order = 3
-
-    def draw(self, context):
-        layout = self.layout
-        if background_job.current is None:
-            row = layout.row()
-            row.scale_y = 1.8
-            row.operator("pointmorph.morph", icon="MOD_SIMPLEDEFORM")
-        else:
-            _draw_progress(layout)
-        settings = context.scene.pointmorph
-        column = fields(layout)
-        for option in shown_options(settings, "path"):
-            column.prop(settings, option.name)
-        draw_problem(layout, context, "MORPH")
-
-
-def _draw_progress(layout):
-    text = modal_operator.progress_text()
-    row = layout.row()
-    row.scale_y = 1.8
-    row.progress(text=text, factor=background_job.current.fraction)
-    layout.label(text="Press Esc to cancel", icon="EVENT_ESC")
-
-
-# --- Result ---------------------------------------------------------------------------------------
-
-
-class POINTMORPH_PT_result(Panel, bpy.types.Panel):
-    bl_label = "Result"
-    bl_order = 5
-
-    @classmethod
-    def poll(cls, context):
-        return polls.active_result(context) is not None
-
-    def draw(self, context):
-        layout = self.layout
-        obj = polls.active_result(context)
-        shown = morph_object.shown_of(obj)
-        layout.label(text=shown.name, icon="OBJECT_DATA")
-        if obj.pointmorph.is_preview:
-            layout.label(text="Preview: computing the full morph", icon="INFO")
-        keys, name = shown.data.shape_keys, morph_object.morph_keys(shown)[0]
-        if keys is not None and name in keys.key_blocks:
-            row = layout.row()
-            row.scale_y = 1.3
-            row.prop(keys.key_blocks[name], "value", text="Morph", slider=True)
-        self._draw_shown_as(layout, obj)
-        layout.operator(
-            "pointmorph.show_distortion",
-            icon="COLOR",
-            depress=points_display.shows_distortion(obj),
-        )
-        if obj.pointmorph.too_fine:
-            say(layout, context, f'Too few vertices to show "{obj.pointmorph.too_fine}"', "INFO")
-            layout.operator("pointmorph.subdivide_source", icon="MOD_SUBSURF")
-
-    @staticmethod
-    def _draw_shown_as(layout, obj):
-        row = layout.row(align=True)
-        now = presentation.kind_of(obj)
-        if now == presentation.MESH or presentation.has_faces(obj):
-            for kind, text in ((presentation.MESH, "Mesh"), (presentation.POINTS, "Points")):
-                button = row.operator("pointmorph.show_as", text=text, depress=kind == now)
-                button.kind = kind
-        visible = presentation.shows_shapes(obj)
-        row.operator(
-            "pointmorph.show_shapes", icon="HIDE_OFF" if visible else "HIDE_ON", depress=visible
-        )
-
-
-class POINTMORPH_PT_quality(Panel, bpy.types.Panel):
-    bl_label = "Quality"
-    bl_parent_id = "POINTMORPH_PT_result"
-    bl_options = {"DEFAULT_CLOSED"}
-
-    def draw(self, context):
-        layout = self.layout
-        report = recipes.report_of(polls.active_result(context))
-        if report is None:
-            return
-        box = layout.box().column(align=True)
-        for name, value in (
-            *pointmorph.quality_summary(report),
-            *pointmorph.feature_summary(report),
-        ):
-            row = box.split(factor=0.35)
-            row.label(text=name)
-            row.label(text=value)
-        mesh = report.get("mesh")
-        if not report["worst"] and not (mesh and mesh["worst"]):
-            layout.label(text="No bad places", icon="CHECKMARK")
-        _draw_places(layout, context, "MAP", report["worst"])
-        if mesh is not None:
-            icon = {"good": "CHECKMARK", "fair": "INFO"}.get(mesh["grade"], "ERROR")
-            say(layout, context, mesh["verdict"], icon)
-            _draw_places(layout, context, "MESH", mesh["worst"])
-            if any(place["flaw"] == "uncovered" for place in mesh["worst"]):
-                layout.operator("pointmorph.subdivide_source", icon="MOD_SUBSURF")
-
-
-def _draw_places(layout, context, kind, places):
-    """What is wrong at bad places, and buttons to go there; see the operator."""
-    for index, place in enumerate(places):
-        row = layout.box().row()
-        say(row, context, place["advice"], "BLANK1", beside=30)
-        button = row.operator("pointmorph.go_to_place", text="", icon="PIVOT_CURSOR")
-        button.kind, button.index = kind, index
-
-
 # --- Bake -----------------------------------------------------------------------------------------
 
 
 class POINTMORPH_PT_bake(Panel, bpy.types.Panel):
     bl_label = "Bake"
-    bl_order = 6
+    bl_order = 4
+
+    @classmethod
+    def poll(cls, context):
+        return has_points(context)
 
     def draw(self, context):
         settings = context.scene.pointmorph
         layout = self.layout
         layout.row().prop(settings, "bake_as", expand=True)
+        column = fields(layout)
+        for option in shown_options(settings, "path"):
+            column.prop(settings, option.name)
         if settings.bake_as == "KEYS":
             self.draw_keys(layout, settings)
         else:
@@ -363,6 +327,8 @@ class POINTMORPH_PT_bake(Panel, bpy.types.Panel):
         column.prop(settings, "frames_easing", text="Easing")
         column.prop(settings, "frames_resample")
         column.prop(settings, "frames_faces")
+        if draw_progress(layout, "BAKE"):
+            return
         button = layout.operator("pointmorph.bake_frames")
         copy_frame_settings(settings, button)
         button.frame_start = scene.frame_start
@@ -399,13 +365,11 @@ registration = Registration(
     classes=(
         POINTMORPH_UL_features,
         POINTMORPH_UL_loop,
-        POINTMORPH_PT_objects,
+        POINTMORPH_UL_shapes,
+        POINTMORPH_PT_morph,
         POINTMORPH_PT_features,
         POINTMORPH_PT_feature,
         POINTMORPH_PT_cut,
-        POINTMORPH_PT_morph,
-        POINTMORPH_PT_result,
-        POINTMORPH_PT_quality,
         POINTMORPH_PT_bake,
         POINTMORPH_PT_settings,
     ),

@@ -85,9 +85,9 @@ def pick(source, target):
     settings.source, settings.target = source, target
 
 
-def morph():
+def morph(**options):
     """Computes the morph; returns the object that it makes."""
-    assert bpy.ops.pointmorph.morph() == {"FINISHED"}
+    assert bpy.ops.pointmorph.morph(**options) == {"FINISHED"}
     return bpy.context.view_layer.objects.active
 
 

@@ -307,3 +307,13 @@ def test_what_cannot_be_baked_says_so(morphed, tmp_path):
     with pytest.raises(RuntimeError, match="target_radius"):
         bake()
     assert data_blocks() == before
+
+
+def test_a_folder_may_be_beside_the_file():
+    """Blender 5 warns of a path that begins with // where a property doesn't say so."""
+    operator = bpy.ops.pointmorph.bake_frames.get_rna_type()
+    for owner, name in (
+        (operator, "directory"),
+        (bpy.context.scene.pointmorph.bl_rna, "frames_directory"),
+    ):
+        assert getattr(owner.properties[name], "is_path_supports_blend_relative", True)

@@ -198,7 +198,7 @@ def test_t_is_animatable(settings):
 
 def test_nodes_and_material_are_shared(settings):
     pair()
-    first, second = morph(), morph()
+    first, second = morph(), morph(new_result=True)
     assert first.name == "Hill to Dune"
     assert second.name == "Hill to Dune.001"
     assert len(bpy.data.node_groups) == len(bpy.data.materials) == 1

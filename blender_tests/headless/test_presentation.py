@@ -1,5 +1,7 @@
 """What is seen after a morph: the source's faces, or points, and not what they stand for."""
 
+from types import SimpleNamespace
+
 import bpy
 import numpy as np
 import pytest
@@ -111,7 +113,8 @@ def test_recompute_and_bakes_work_from_the_mesh(painted):
     assert points.hide_get()
 
 
-def test_a_source_without_faces_is_shown_as_points(settings):
+def cloud(settings):
+    """What shows the morph of a source without faces."""
     settings.show_as = "MESH"
     source = add_mesh("Cloud", patch(14)[0])
     target = add_mesh("Dune", *patch(12, bump=0.8))
@@ -119,11 +122,41 @@ def test_a_source_without_faces_is_shown_as_points(settings):
         mark(obj, "peak", 0, 0)
     pick(source, target)
     settings.domain = "disk"
-    shown = morph()
+    return morph()
+
+
+def test_a_source_without_faces_is_shown_as_discs(settings):
+    shown = cloud(settings)
     assert shown.name == "Cloud to Dune"
     assert "source_row" in shown.data.attributes
     assert not shown.hide_get()
-    assert source.hide_get()
+    assert settings.source.hide_get()
+    evaluated = shown.evaluated_get(bpy.context.evaluated_depsgraph_get()).data
+    assert len(evaluated.polygons) == len(shown.data.vertices)
+    assert bpy.ops.pointmorph.show_as(kind="POINTS") == {"FINISHED"}
+    assert len(shown_points(shown)) == len(shown.data.vertices)
+
+
+def test_of_many_points_without_faces_points_are_shown(addon, settings, monkeypatch):
+    monkeypatch.setattr(addon("scene.presentation"), "_MANY", 100)
+    shown = cloud(settings)
+    assert len(shown_points(shown)) == len(shown.data.vertices) > 100
+
+
+def test_solid_shading_shows_the_colors_of_discs(addon, settings):
+    shading = SimpleNamespace(color_type="MATERIAL")
+    space = SimpleNamespace(type="VIEW_3D", shading=shading)
+    show_colors = addon("operators.shading").show_colors
+    shown = cloud(settings)
+    for kind, color_type in (("DISCS", "VERTEX"), ("POINTS", "MATERIAL"), ("DISCS", "VERTEX")):
+        bpy.ops.pointmorph.show_as(kind=kind)
+        show_colors(SimpleNamespace(space_data=space), shown)
+        assert shading.color_type == color_type
+    shading.color_type = "OBJECT"  # a choice of the user's
+    for kind in ("POINTS", "DISCS"):
+        bpy.ops.pointmorph.show_as(kind=kind)
+        show_colors(SimpleNamespace(space_data=space), shown)
+        assert shading.color_type == "OBJECT"
 
 
 def test_distortion_is_shown_on_points(painted):

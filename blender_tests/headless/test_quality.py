@@ -190,7 +190,7 @@ def test_the_panel_draws(addon, settings):
             return add
 
     panel = SimpleNamespace(layout=Layout())
-    draw = addon("ui.panels").POINTMORPH_PT_quality.draw
+    draw = addon("ui.quality_panel").POINTMORPH_PT_quality.draw
     context = SimpleNamespace(
         view_layer=bpy.context.view_layer,
         scene=bpy.context.scene,
@@ -198,11 +198,79 @@ def test_the_panel_draws(addon, settings):
         preferences=SimpleNamespace(system=SimpleNamespace(ui_scale=1.0)),
     )
     draw(panel, context)
-    texts = [keywords.get("text") for name, _, keywords in drawn if name == "label"]
+    texts = [keywords.get("text", "") for _, _, keywords in drawn]
     assert {"Covered", "Stretch", "Folded", "Round-trip error"} <= set(texts)
     advice = json.loads(obj.pointmorph.report)["worst"][0]["advice"]
     assert advice in " ".join(texts)
     obj.pointmorph.report = ""
     drawn.clear()
     draw(panel, context)
-    assert drawn == []
+    assert [arguments for name, arguments, _ in drawn if name == "operator"] == [
+        ("pointmorph.show_distortion",)
+    ]
+
+
+def report_of(obj, **figures):
+    report = json.loads(obj.pointmorph.report)
+    for way in report["quality"].values():
+        way.update(figures)
+    return report
+
+
+def test_the_verdict_is_one_line(addon, settings):
+    words = addon("core.quality_words")
+    pair(30, 26)
+    report = report_of(morph())
+    report["worst"], report["mesh"]["grade"], report["mesh"]["worst"] = [], "good", []
+    assert words.verdict(report) == ("good", "Good: no bad places")
+    report["mesh"]["grade"] = "fair"
+    assert words.verdict(report) == ("fair", "Fair: see the figures")
+    bad_pair()
+    obj = morph()
+    report = report_of(obj)
+    places = len(report["worst"]) + len(report["mesh"]["worst"])
+    assert words.verdict(report)[1].endswith(f"{places} places to look at")
+    assert words.verdict(report_of(obj, flipped=0.03))[0] == "poor"
+
+
+def test_every_figure_is_explained(addon, settings):
+    words = addon("core.quality_words")
+    bad_pair()
+    report = report_of(morph())
+    for name, _ in pointmorph.quality_summary(report):
+        assert len(words.FIGURES[name]) > 30, name
+    explain = bpy.types.POINTMORPH_OT_explain.description
+    assert explain(None, SimpleNamespace(meaning="What it is. ")) == "What it is"
+
+
+@pytest.mark.parametrize(
+    ("advice", "name"),
+    [
+        ('Between "a" and "b" the map folds over itself (1 % of Hill): …', 'Between "a" and "b"'),
+        ('Near "tail" Hill is stretched 3 times (2 % of Hill): …', 'Near "tail"'),
+        ('At "tip of it" faces are creased: …', 'At "tip of it"'),
+        ("On the top left of Hill the map folds over itself (1 % of Hill): …", "On the top left"),
+    ],
+)  # fmt: skip
+def test_places_have_names(addon, advice, name):
+    assert addon("core.quality_words").place_name(advice) == name
+
+
+def test_the_mark_that_is_missing_is_named(addon):
+    missing = addon("core.quality_words").missing_marks
+    names = ["ear.L", "foot_R", "foot_L", "hand left", "nose", "L", "Hill"]
+    assert missing(names) == [("ear.L", "ear.R"), ("hand left", "hand right")]
+
+
+def test_after_a_rename_the_report_has_the_new_name(addon, settings):
+    source, target = bad_pair()
+    obj = morph()
+    recipes = addon("scene.recipes")
+    advice = json.loads(obj.pointmorph.report)["worst"][0]["advice"]
+    assert "Hill" in advice or "Dune" in advice
+    source.name, target.name = "Dune", "Mountain"
+    assert (source.name, target.name) == ("Dune.001", "Mountain")
+    text = 'At "Hill" Hill, not Hills, is off Dune (2 % of Hill).'
+    now = recipes.present_words(obj, text)
+    assert now == 'At "Hill" Dune.001, not Hills, is off Mountain (2 % of Dune.001).'
+    assert "Hill" not in recipes.present_words(obj, advice)

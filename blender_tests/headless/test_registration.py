@@ -15,6 +15,7 @@ OPERATORS = (
     "change_chain",
     "edit_morph",
     "blend_textures",
+    "explain",
     "follow",
     "keep_textures",
     "make_mesh",
@@ -29,6 +30,7 @@ OPERATORS = (
     "clear_loop",
     "click_features",
     "jump_to_feature",
+    "key_morph",
     "manual",
     "morph",
     "move_loop_feature",
@@ -45,9 +47,10 @@ OPERATORS = (
     "show_shapes",
     "go_to_place",
     "subdivide_source",
+    "use_as_shown",
 )
 # Each click is undone by itself; the others change nothing in the file.
-UNDO_STEPS_OF_THEIR_OWN = ("click_features", "manual", "show_cut")
+UNDO_STEPS_OF_THEIR_OWN = ("click_features", "explain", "manual", "show_cut")
 
 
 def registered():

@@ -542,7 +542,7 @@ def test_undo_and_redo_of_a_recompute(settings):
 def test_several_morphs_with_keys_and_drivers_at_every_frame(addon, settings, tmp_path):
     """Also in a file that was opened again, as a farm does it."""
     pair()
-    first, second, third = morph(), morph(), morph()
+    first, second, third = (morph(new_result=True) for _ in range(3))
     for obj, values in ((first, (0, 1)), (second, (1, 0))):
         for frame, value in zip((1, 11), values, strict=True):
             t_of(obj).value = value
@@ -572,7 +572,7 @@ def test_an_animation_of_several_renders(settings, output):
     target.scale = (2, 2, 2)
     scene = bpy.context.scene
     for x, values in ((-3, (0, 1)), (3, (1, 0))):
-        obj = morph()
+        obj = morph(new_result=True)
         obj.location.x = x
         for frame, value in zip((1, 3), values, strict=True):
             t_of(obj).value = value

@@ -70,7 +70,7 @@ def test_the_last_morph_of_two_objects_is_found_among_others(settings, addon):
     assert active_result(bpy.context) == first
     first.name = "Renamed"
     assert active_result(bpy.context) == first
-    third = morph()
+    third = morph(new_result=True)
     bpy.context.view_layer.objects.active = None
     assert active_result(bpy.context) == third
     bpy.data.objects.remove(third)

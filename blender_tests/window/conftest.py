@@ -195,7 +195,7 @@ class Window:
             if what in self.under(place):
                 return place
         left, top, right, bottom = self.sidebar()
-        over = (left + right) // 2, (top + bottom) // 2
+        over = (left + right) // 2, top + 40  # below the panels, it would be the viewport
         near = known[-1][1] if known else top
         for page in range(3):
             up, down = 4, 5  # buttons of the mouse

@@ -90,8 +90,10 @@ def test_result(demo):
     morph(demo)
     set_value(demo, 0.5)
     take(demo, "result")
+    demo.open_panel("POINTMORPH_PT_quality")
     demo.press_button("show_distortion")
     take(demo, "distortion")
+    demo.close_panel("POINTMORPH_PT_quality")
 
 
 def test_cut(demo):

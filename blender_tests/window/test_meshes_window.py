@@ -39,6 +39,7 @@ def test_two_clicks_make_a_mesh_that_becomes_the_target(window, kinds):
     window.press_button(MORPH)
     window.wait(finished(result))
     window.screenshot(f"{source}_points")
+    window.open_panel("POINTMORPH_PT_more")
     window.press_button("make_mesh")
     assert window.ask(f"{result}.hide_get()")
     mesh = f'bpy.data.objects.get("{source} to {target} Mesh")'
@@ -83,10 +84,9 @@ def test_one_click_shows_the_mesh_and_another_its_points(window):
     assert 0.3 < value <= 1
     window.settle()
     window.screenshot("mesh_first")
-    # Of three buttons in a row, the one in the middle.
+    # Beside the first of three buttons in a row.
     left, y = window.find("show_as(kind='MESH'")
-    right, _ = window.find("show_shapes")
-    window.click(((left + right) // 2, y))
+    window.click((left + 75, y))
     points = "bpy.data.objects['Cube to Icosphere Points']"
     assert not window.ask(f"{points}.hide_get()")
     assert window.ask(f"{result}.hide_get()")

@@ -1,8 +1,8 @@
 """What only a window shows of morph objects that are made again: undo, and that Blender goes on."""
 
-VIEWPORT = (400, 600)
-RESULT = 'bpy.data.objects.get("Hill to Dune")'
-RUNNING = "session().current is not None"
+from steps import DONE, MORPH, RESULT, RUNNING, VIEWPORT, add_pair, finished
+
+SECOND = 'bpy.data.objects.get("Hill to Dune.001")'
 
 
 def morph(window):
@@ -73,3 +73,53 @@ def test_follow_mesh_and_chain_from_the_viewport(window):
     assert window.ask("bpy.context.object.name") == "Hill to Fell to Dune"
     window.press("ctrl+z", over=VIEWPORT)
     assert window.ask("'Hill to Fell to Dune' not in bpy.data.objects")
+
+
+def test_three_clicks_animate_two_objects_and_more_change_it(window):
+    """Use Selected, Morph, Key Morph. Another click on Morph keeps the keys; Alt-click makes a
+    second result."""
+    add_pair(window, 30)
+    window.run(
+        """
+scene = bpy.context.scene
+scene.pointmorph.show_as = "MESH"
+scene.pointmorph.source = scene.pointmorph.target = None
+bpy.data.objects["Dune"].select_set(True)
+bpy.context.view_layer.objects.active = bpy.data.objects["Dune"]
+bpy.data.objects["Dune"].location.x = 2.5
+with in_viewport(): bpy.ops.view3d.view_all()
+bpy.ops.ed.undo_push(message="Two objects")
+"""
+    )
+    window.screenshot("clicks_0_two_objects")
+    window.press_button("pick_selected")
+    window.press_button(MORPH)
+    window.wait(DONE)
+    window.press_button("key_morph")
+    curve = (
+        f"addon('data.versions').curve_of({RESULT}.data.shape_keys, 'key_blocks[\"Morph\"].value')"
+    )
+    keys = f"[tuple(point.co) for point in {curve}.keyframe_points]"
+    assert window.ask(keys) == [[1, 0], [49, 1]]
+    for frame, name in ((13, "a"), (25, "b"), (49, "c")):
+        window.run(f"scene.frame_set({frame})")
+        window.leave_sidebar()
+        window.screenshot(f"clicks_1{name}_keyed")
+    window.run("scene.frame_set(1)")
+    window.run("for v in bpy.data.objects['Hill'].data.vertices: v.co.z += 0.3")
+    window.run("bpy.ops.ed.undo_push(message='An edit')")
+    window.wait(f"{RESULT}.pointmorph.state == 'STALE'")
+    window.screenshot("clicks_2_out_of_date")
+    place = window.find(MORPH)
+    window.click(place)
+    window.wait(f"{DONE} and {RESULT}.pointmorph.state == 'CURRENT'")
+    assert window.ask(f"{SECOND} is None")
+    assert window.ask(keys) == [[1, 0], [49, 1]]
+    window.leave_sidebar()
+    window.screenshot("clicks_3_again")
+    window.press("ctrl+z", over=VIEWPORT)
+    assert window.ask(f"{RESULT}.pointmorph.state") == "STALE"
+    window.click(place, holding="alt")
+    window.wait(finished(SECOND))
+    window.press("ctrl+z", over=VIEWPORT)
+    assert window.ask(f"{SECOND} is None")

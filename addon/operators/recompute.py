@@ -1,0 +1,77 @@
+"""Computes a morph object again, in place."""
+
+import bpy
+import pointmorph
+
+from ..core import background_job
+from ..core.computation import Earlier
+from ..data import chains
+from ..data.feature_list import sync_features
+from ..data.references import find, reference_to
+from ..data.registration import Registration
+from ..scene import blended_textures, morph_object, morphing_mesh, recomputation
+from .made_objects import made_object, made_reason
+from .modal_operator import Computing
+from .polls import Explained, busy_reason, say_made
+
+
+class Recomputing(Computing):
+    """An operator that computes a morph object again."""
+
+    def begin_again(self, context, obj):
+        """A generator that yields often and returns what to call with a progress."""
+        if obj.pointmorph.keeps_faces and obj.pointmorph.made_from is not None:
+            obj = obj.pointmorph.made_from  # it goes along
+        self._name, self._made = obj.name, reference_to(obj)
+        plan = self._plan = yield from recomputation.plan_steps(context, obj)
+        earlier = background_job.earlier if self._in_window else None
+        textures = blended_textures.options_of(morph_object.shown_of(obj))
+        if textures is not None and textures.normal:
+            textures = None  # for which more is read, afterward
+        return lambda progress: chains.compute_all(plan.requests, progress, earlier, textures)
+
+    def finish_again(self, context, outcome):
+        """Puts what was computed into the morph object, and returns it."""
+        obj = find(bpy.data.objects, self._made)
+        if not morph_object.is_made(obj):
+            raise pointmorph.CloudError(
+                self._name, "the object that is being recomputed", "none", "Undo the deletion."
+            )
+        if self._in_window and len(self._plan.requests) == 1:
+            request = self._plan.requests[0].without_looks()
+            background_job.earlier = Earlier(request, outcome.maps)
+        said = morphing_mesh.remake(context, obj, self._plan, outcome)
+        for name in self._plan.missing:
+            gone = f'"{name}" no longer exists: the points stored in the morph were used'
+            self.report({"WARNING"}, gone)
+        for warning in said:
+            self.report({"WARNING"}, warning)
+        return obj
+
+
+class POINTMORPH_OT_recompute(Explained, Recomputing, bpy.types.Operator):
+    """Compute this morph again in place, from its objects as they are now. Its name, animation,
+    drivers, materials and baked keys are kept"""
+
+    bl_idname = "pointmorph.recompute"
+    bl_label = "Recompute"
+    bl_options = {"UNDO"}
+    place = "RESULT"
+    stopped = "Canceled: the morph is unchanged"
+
+    @staticmethod
+    def reason(context):
+        return busy_reason() or made_reason(context)
+
+    def _begin_steps(self, context):
+        sync_features(context.scene)
+        return (yield from self.begin_again(context, made_object(context)))
+
+    def _finish(self, context, outcome):
+        say_made(self, self.finish_again(context, outcome), outcome.report)
+        return {"FINISHED"}
+
+
+registration = Registration(
+    classes=(POINTMORPH_OT_recompute,),
+)

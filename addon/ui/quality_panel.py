@@ -1,0 +1,108 @@
+"""The sidebar's part about how good a morph is: a line in the box of the result, and what is
+behind it."""
+
+import bpy
+import pointmorph
+
+from ..core import quality_words
+from ..data.registration import Registration
+from ..operators import polls
+from ..scene import points_display, recipes
+from .panel import Panel, explained, has_points, say
+
+_LEGEND = (("Good", "COLORSET_04_VEC"), ("Bad", "COLORSET_09_VEC"), ("Folded", "COLORSET_01_VEC"))
+_GRADE_ICONS = {"good": "CHECKMARK", "fair": "INFO", "poor": "ERROR"}
+
+
+def draw_verdict(layout, context, obj):
+    """How good the morph is, in a line."""
+    report = recipes.report_of(obj)
+    if report is None:
+        return
+    grade, line = quality_words.verdict(report)
+    mesh = report.get("mesh")
+    meaning = f'Open "Quality" for what is behind it. {mesh["verdict"] if mesh else ""}'
+    row = layout.row()
+    explained(row, line, recipes.present_words(obj, meaning), _GRADE_ICONS[grade])
+    for kind, places in _places(report):
+        if places:
+            button = row.operator("pointmorph.go_to_place", text="", icon="PIVOT_CURSOR")
+            button.kind, button.index = kind, 0
+            return
+
+
+def _places(report):
+    return ("MAP", report["worst"]), ("MESH", report.get("mesh", {}).get("worst", []))
+
+
+class POINTMORPH_PT_quality(Panel, bpy.types.Panel):
+    bl_label = "Quality"
+    bl_parent_id = "POINTMORPH_PT_result"
+    bl_options = {"DEFAULT_CLOSED"}
+    bl_order = 8
+
+    @classmethod
+    def poll(cls, context):
+        return has_points(context)
+
+    def draw(self, context):
+        layout = self.layout
+        obj = polls.active_result(context)
+        _draw_colors(layout, obj)
+        report = recipes.report_of(obj)
+        if report is None:
+            return
+        mesh = report.get("mesh")
+        if mesh is not None:
+            verdict = recipes.present_words(obj, mesh["verdict"])
+            say(layout, context, verdict, _GRADE_ICONS[mesh["grade"]])
+        _draw_missing_marks(layout, context, report)
+        for kind, places in _places(report):
+            _draw_places(layout, context, obj, kind, places)
+        if any(place.get("flaw") == "uncovered" for place in _places(report)[1][1]):
+            layout.operator("pointmorph.subdivide_source", icon="MOD_SUBSURF")
+        box = layout.box().column(align=True)
+        for name, value in pointmorph.quality_summary(report):
+            _draw_figure(box, name, value, quality_words.FIGURES[name])
+        for name, value in pointmorph.feature_summary(report):
+            _draw_figure(box, name, value, quality_words.OF_FEATURES)
+
+
+def _draw_colors(layout, obj):
+    """The button that colors the points, and what its colors mean."""
+    shown = points_display.shows_distortion(obj)
+    layout.operator("pointmorph.show_distortion", icon="COLOR", depress=shown)
+    if shown:
+        row = layout.row()
+        for text, icon in _LEGEND:
+            row.label(text=text, icon=icon)
+
+
+def _draw_missing_marks(layout, context, report):
+    if quality_words.verdict(report)[0] == "good":
+        return
+    names = [item.name for item in context.scene.pointmorph.features if item.use]
+    for there, missing in quality_words.missing_marks(names):
+        say(layout, context, f'Mark "{missing}": only "{there}" is marked', "INFO")
+
+
+def _draw_figure(layout, name, value, meaning):
+    row = layout.split(factor=0.5)
+    explained(row, name, meaning)
+    explained(row, value, meaning)
+
+
+def _draw_places(layout, context, obj, kind, places):
+    """Buttons to go to bad places, by name, and what is wrong there; see the operator."""
+    for index, place in enumerate(places):
+        advice = recipes.present_words(obj, place["advice"])
+        box = layout.box().column(align=True)
+        name = quality_words.place_name(advice)
+        button = box.operator("pointmorph.go_to_place", text=name, icon="PIVOT_CURSOR")
+        button.kind, button.index = kind, index
+        say(box, context, advice, "NONE")
+
+
+registration = Registration(
+    classes=(POINTMORPH_PT_quality,),
+)
