@@ -95,7 +95,7 @@ def present(operator, context, obj, outcome, again=False):
     what came of it."""
     forget_results()
     shown, said = presentation.present(context, obj, again)
-    if outcome.drawn is not None and shown.pointmorph.keeps_faces and not again:
+    if outcome.drawn is not None and blended_textures.is_first(shown):
         blended_textures.blend(shown, outcome.drawn)
         for remark in outcome.drawn.remarks:
             operator.report({"INFO"}, remark)

@@ -25,9 +25,7 @@ class Recomputing(Computing):
         self._name, self._made = obj.name, reference_to(obj)
         plan = self._plan = yield from recomputation.plan_steps(context, obj)
         earlier = background_job.earlier if self._in_window else None
-        textures = blended_textures.options_of(morph_object.shown_of(obj))
-        if textures is not None and textures.normal:
-            textures = None  # for which more is read, afterward
+        textures = blended_textures.wanted_again(context.scene, morph_object.shown_of(obj))
         return lambda progress: chains.compute_all(plan.requests, progress, earlier, textures)
 
     def finish_again(self, context, outcome):

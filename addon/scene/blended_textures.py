@@ -32,6 +32,18 @@ def wanted(scene):
     return replace(chosen(settings), normal=False)
 
 
+def is_first(obj):
+    """Whether an object is a morphing mesh whose look nobody has decided about."""
+    return obj.pointmorph.keeps_faces and "textures" not in recipes.recipe_of(obj)
+
+
+def wanted_again(scene, obj):
+    """The same for what shows a morph that is computed again."""
+    options = wanted(scene) if is_first(obj) else options_of(obj)
+    # For normals more is read, afterward.
+    return None if options is None or options.normal else options
+
+
 def chosen(settings):
     """The Options that the panel shows."""
     return Options(int(settings.texture_size), settings.texture_roughness, settings.texture_normal)

@@ -353,17 +353,25 @@ def test_the_target_is_drawn_along_the_map(textured):
 
 def test_morph_blends_by_itself_if_both_look_like_something(settings, textured):
     source, target = textured
-    for wanted in (True, False):
-        settings.blend_textures = wanted
-        obj = morph()
-        assert ("Blue to Dune" in obj.data.materials) == wanted
+    settings.blend_textures = False
+    obj = morph()
+    assert [m.name for m in obj.data.materials] == ["Blue"]
     settings.blend_textures = True
+    made = target.data.materials[0]
     target.data.materials.clear()
-    assert [m.name for m in morph().data.materials] == ["Blue"]
-    select(morph())
+    obj = morph()
+    assert [m.name for m in obj.data.materials] == ["Blue"]
     assert "expected a material, an image" in error_of(bpy.ops.pointmorph.blend_textures)
-    settings.show_as = "POINTS"
-    select(morph())
+    target.data.materials.append(made)
+    assert morph() == obj
+    assert [m.name for m in obj.data.materials] == ["Blue to Dune"]
+    # Who has said no isn't asked again.
+    assert bpy.ops.pointmorph.keep_textures() == {"FINISHED"}
+    morph()
+    nodes = obj.data.materials[0].node_tree.nodes
+    assert "Pointmorph Target" not in nodes
+    assert bpy.ops.pointmorph.show_as(kind="POINTS") == {"FINISHED"}
+    bpy.data.objects.remove(obj)
     assert "Show the morph as a mesh first" in error_of(bpy.ops.pointmorph.blend_textures)
     assert [m.name for m in source.data.materials] == ["Blue"]
 
