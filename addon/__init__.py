@@ -22,7 +22,7 @@ from .operators import (
     quality,
 )
 from .scene import marked_points, object_properties
-from .ui import handlers, morph_object_panels, panels
+from .ui import handlers, morph_object_panels, panels, stagger_panel
 from .view import cut_curves, markers, staleness_watch
 
 # In this order: the others use the properties, and a running job is stopped first.
@@ -48,6 +48,7 @@ _registrations = [
         demo_scene,
         manual,
         panels,
+        stagger_panel,
         morph_object_panels,
         handlers,
     )

@@ -10,7 +10,7 @@ import contextlib
 import pointmorph
 
 from ..data import nodes
-from . import morph_object, morphing_mesh, recipes
+from . import morph_object, morphing_mesh, recipes, stagger
 
 MESH, POINTS = "MESH", "POINTS"
 
@@ -94,6 +94,7 @@ def _add_mesh(context, obj):
     curve = obj.data.shape_keys.driver_add(morph_object.t_key(obj).path_from_id("value"))
     curve.driver.type = "AVERAGE"
     nodes.drive(curve.driver, morph_object.t_key(mesh))
+    stagger.follow(obj, mesh)
     _set_visible(context, mesh, True)
     _set_visible(context, obj, False)
     return mesh

@@ -451,7 +451,7 @@ def _write_meshes(
     moving = None
     if chosen.denser is not None:
         own.denser = result.denser(chosen.mesh, tolerance=chosen.denser, progress=progress)
-        moving = own.denser.motion(chosen.path or "linear", progress)
+        moving = own.denser.motion(chosen.path or "auto", progress)
     for number, t in enumerate(times):
         path = chosen.out / f"mesh_{number:04d}{own.suffix}"
         if moving is not None:

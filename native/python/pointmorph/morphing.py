@@ -720,6 +720,12 @@ def restore(
     return Morph(native, source, target)
 
 
+def is_straight(**settings: Any) -> bool:
+    """Whether the points of a morph with these settings go straight."""
+    straight: bool = native_options(settings).is_straight()
+    return straight
+
+
 def native_options(settings: Mapping[str, Any]) -> _pointmorph.MorphOptions:
     """The settings as the native library takes them. Raises OptionError."""
     result = _pointmorph.MorphOptions()
