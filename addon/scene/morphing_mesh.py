@@ -49,6 +49,7 @@ def make_mesh(context, obj):
         key = morph_builder.add_keys(copy, places, morph_object.stage_names(obj)[1:])
         key.value = morph_object.t_key(obj).value
         _write_ways(copy, obj, places, back)
+        path_display.remove(copy)  # of a source that morphs itself
         path_display.add(copy, key, created, len(places) - 1, False)
         copy.active_shape_key_index = copy.data.shape_keys.key_blocks.find(key.name)
     return copy

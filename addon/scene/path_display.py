@@ -48,10 +48,20 @@ def remove_unused():
 
 
 def modifier_of(obj):
-    """The modifier of a morph object; None where there is none."""
-    modifier = obj.modifiers.get(MODIFIER)
-    known = modifier is not None and modifier.type == "NODES" and modifier.node_group is not None
-    return modifier if known and CURVE in versions.group_inputs(modifier.node_group) else None
+    """The modifier of a morph object, whatever its name; None where there is none."""
+    for modifier in obj.modifiers:
+        group = modifier.node_group if modifier.type == "NODES" else None
+        if group is not None and group.name.startswith(NAME):
+            return modifier
+    return None
+
+
+def remove(obj):
+    """Takes the modifier away, as from a copy of a source that morphs itself."""
+    modifier = modifier_of(obj)
+    if modifier is not None:
+        obj.driver_remove(versions.input_path(modifier, "t"))
+        obj.modifiers.remove(modifier)
 
 
 def write(mesh, moves, deviations, normals=()):

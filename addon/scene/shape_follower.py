@@ -94,8 +94,9 @@ def check_counts(obj, shapes, context):
 def _put_before_points(obj, modifier):
     """Before the points are made of the vertices, and after the path, which is that at rest."""
     nodes.put_first(obj, modifier)
-    if path_display.modifier_of(obj) is not None:
-        obj.modifiers.move(0, obj.modifiers.find(path_display.MODIFIER))
+    path = path_display.modifier_of(obj)
+    if path is not None:
+        obj.modifiers.move(0, obj.modifiers.find(path.name))
 
 
 def _shape_input(stage):

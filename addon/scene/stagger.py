@@ -45,9 +45,9 @@ def timing_of(context, points):
     copy = points.copy()
     try:
         context.scene.collection.objects.link(copy)
-        for modifier in list(copy.modifiers):
-            if modifier.name != path_display.MODIFIER:
-                copy.modifiers.remove(modifier)
+        own = modifier_of(copy).name
+        for modifier in [m for m in copy.modifiers if m.name != own]:
+            copy.modifiers.remove(modifier)
         copy.hide_viewport = False
         depsgraph = context.evaluated_depsgraph_get()
         depsgraph.update()

@@ -155,6 +155,23 @@ def test_a_path_comes_before_modifiers_of_the_source(settings):
     assert [m.name for m in morph().modifiers] == ["Path", "Finer"]
 
 
+def test_a_modifier_of_the_same_name_and_a_source_that_morphs_itself(settings, turned):
+    """Each object has one modifier of its own, whose t is its own slider's."""
+    turned.modifiers.new("Path", "SUBSURF")
+    select(turned)
+    assert bpy.ops.pointmorph.recompute() == {"FINISHED"}
+    assert [m.type for m in turned.modifiers] == ["NODES", "SUBSURF"]
+    turned.modifiers.remove(turned.modifiers[1])
+    for obj in (turned, bpy.data.objects["Dune"]):
+        obj.hide_set(False)
+    settings.source, settings.target = turned, bpy.data.objects["Hill"]
+    again = morph()
+    assert [m.type for m in again.modifiers] == ["NODES"]
+    driver = again.animation_data.drivers[0].driver.variables[0].targets[0]
+    assert len(again.animation_data.drivers) == 1
+    assert driver.id == again.data.shape_keys
+
+
 # --- Without the add-on ---------------------------------------------------------------------------
 
 _READ = """

@@ -272,6 +272,8 @@ def _morph(chosen: argparse.Namespace) -> None:
     own = _own_mesh(chosen, shapes) if chosen.mesh in _SIDES else None
     if chosen.denser is not None and own is None:
         raise OptionError("denser", "--mesh source or target", f"--mesh {chosen.mesh}", "Add it.")
+    if chosen.denser is not None and chosen.stagger not in (None, "none"):
+        raise OptionError("denser", "no --stagger", f"--stagger {chosen.stagger}", "Leave one out.")
     files.make_folder(chosen.out)
 
     with _bars() as progress:
@@ -310,9 +312,10 @@ def _morph(chosen: argparse.Namespace) -> None:
 
 
 def _read_weights(path: Path, shapes: Sequence[formats.Shape]) -> None:
-    """Takes what vertices keep when their mesh is wrapped from a features file into the shapes."""
+    """Takes what vertices keep when their mesh is wrapped, and when they go, from a features file
+    into the shapes."""
     content = _read_json(path)
-    for name in ("rigid", "fixed"):
+    for name in ("rigid", "fixed", "delay"):
         for side, shape in zip(_SIDES, shapes, strict=True):
             if name not in content:
                 continue
