@@ -5,6 +5,8 @@ an object, or its weight. With an overlap of d, a point of delay p takes d of th
 begins when p times the rest is over, as with the library's setting `stagger`.
 """
 
+import numpy as np
+
 from ..data import attribute_names, nodes
 
 STAGGER = "Stagger"
@@ -20,6 +22,7 @@ INPUTS = {
 """What else a kind takes; `COMMON` are for all but Off."""
 COMMON = ("Overlap", "Falloff", "Reverse")
 _LEAST = 0.01  # of the whole time that a point takes
+_WAVES = 6
 
 
 def new_inputs(group, of_points):
@@ -109,10 +112,15 @@ def timed(build, inputs, geometry, start, ways):
     ways : int
         The value of t at the end.
     """
-    delay = _delay(build, inputs, geometry, start)
-    delay = build.math("ABSOLUTE", build.math("SUBTRACT", inputs["Reverse"], delay))
-    geometry = build.stored(geometry, attribute_names.DELAY, "FLOAT", delay)
+    # Stored at once: what two nodes ask for is computed twice.
+    measured = _measured(build, inputs, start)
+    geometry = build.stored(geometry, attribute_names.DELAY, "FLOAT", measured)
     delay = build.attribute(attribute_names.DELAY, "FLOAT")
+    is_group = build.math("GREATER_THAN", _kind(build, inputs), KINDS.index(GROUP) - 0.5)
+    spread = _spread(build, geometry, delay)
+    final = nodes.switch(build, "FLOAT", is_group, spread, delay)
+    final = build.math("ABSOLUTE", build.math("SUBTRACT", inputs["Reverse"], final))
+    geometry = build.stored(geometry, attribute_names.DELAY, "FLOAT", final)
     whole = build.math("DIVIDE", inputs["t"], float(ways))
     takes = build.math("MAXIMUM", inputs["Overlap"], _LEAST)
     begins = build.math("MULTIPLY", delay, build.math("SUBTRACT", 1.0, takes))
@@ -126,33 +134,51 @@ def timed(build, inputs, geometry, start, ways):
     return build.stored(geometry, attribute_names.TIME, "FLOAT", own)
 
 
-def _delay(build, inputs, geometry, start):
-    """0 to 1: of each kind in its own way."""
+def _measured(build, inputs, start):
+    """Of each kind in its own way: what is less goes first."""
     itself = build.node("GeometryNodeSelfObject").outputs[0]
     matrix = build.node("GeometryNodeObjectInfo", {"Object": itself}).outputs["Transform"]
     place = build.node("FunctionNodeTransformPoint", {"Vector": start, "Transform": matrix})
     place = place.outputs[0]
     height = _vector_value(build, "DOT_PRODUCT", place, inputs["Direction"])
-    grain = build.node("ShaderNodeTexNoise", noise_dimensions="4D")
-    for name, value in (
-        ("Vector", place),
-        ("W", build.math("MULTIPLY", inputs["Seed"], 7.31)),
-        ("Scale", build.math("DIVIDE", 1.0, inputs["Size"])),
-    ):
-        build.tree.links.new(value, grain.inputs[name])
-    grain.inputs["Detail"].default_value = 0.0
     other = build.node(
         "GeometryNodeObjectInfo", {"Object": inputs["Object"]}, transform_space="ORIGINAL"
     )
     far = _vector_value(build, "DISTANCE", place, other.outputs["Location"])
     kind = _kind(build, inputs)
-    raw = far
-    for number, value in ((KINDS.index(NOISE), grain.outputs[0]), (KINDS.index(HEIGHT), height)):
+    values = (far, _noise(build, inputs, place), height)
+    measured = values[0]
+    for number, value in ((KINDS.index(NOISE), values[1]), (KINDS.index(HEIGHT), values[2])):
         is_it = build.math("LESS_THAN", kind, number + 0.5)
-        raw = nodes.switch(build, "FLOAT", is_it, raw, value)
-    weight = _weight(build, inputs)
+        measured = nodes.switch(build, "FLOAT", is_it, measured, value)
     is_group = build.math("GREATER_THAN", kind, KINDS.index(GROUP) - 0.5)
-    return nodes.switch(build, "FLOAT", is_group, _spread(build, geometry, raw), weight)
+    return nodes.switch(build, "FLOAT", is_group, measured, _weight(build, inputs))
+
+
+def _noise(build, inputs, place):
+    """Waves in all directions, which take a tenth of the time of the noise texture."""
+    half_waves = build.math("DIVIDE", np.pi, inputs["Size"])
+    shift = build.node("ShaderNodeCombineXYZ")
+    for socket, (step, first) in zip(
+        shift.inputs, ((1.618, 1.1), (2.718, 2.3), (3.303, 3.7)), strict=True
+    ):
+        number = build.math("MULTIPLY_ADD", inputs["Seed"], step, first)
+        build.tree.links.new(number, socket)
+    place = build.scaled(place, half_waves)
+    place = build.math("ADD", place, shift.outputs[0], kind="ShaderNodeVectorMath")
+    total = None
+    for number in range(_WAVES):  # directions that are spread evenly, of several lengths
+        z = 1.0 - (number + 0.5) / _WAVES
+        angle = 2.39996 * number
+        across = np.sqrt(1.0 - z * z)
+        length = 0.7 + 0.6 * ((0.618 * number) % 1.0)
+        direction = (across * np.cos(angle), across * np.sin(angle), z)
+        phase = build.node("ShaderNodeVectorMath", {}, operation="DOT_PRODUCT")
+        build.tree.links.new(place, phase.inputs[0])
+        phase.inputs[1].default_value = [length * x for x in direction]
+        wave = build.math("SINE", phase.outputs["Value"])
+        total = wave if total is None else build.math("ADD", total, wave)
+    return total
 
 
 def _weight(build, inputs):

@@ -148,6 +148,20 @@ def test_a_chain_goes_from_turn_to_turn(settings):
             assert np.abs(shown - key(obj, "Basis") @ turn.T).max() < 0.1
 
 
+def test_what_follows_its_shapes_goes_straight_between_them(turned):
+    points = turned.pointmorph.made_from
+    bpy.ops.pointmorph.show_as(kind="POINTS")
+    assert bpy.ops.pointmorph.follow() == {"FINISHED"}
+    assert [m.name for m in points.modifiers] == ["Path", "Follow", "Points"]
+    set_t(turned, 0.5)
+    middle = (key(points, "Basis") + key(points, "Morph")) / 2
+    np.testing.assert_allclose(shown_points(points), middle, atol=1e-5)
+    normals = [attribute(points.data, f"{side}_normal") for side in ("source", "target")]
+    mixed = normals[0] + normals[1]
+    mixed /= np.linalg.norm(mixed, axis=1, keepdims=True)
+    assert (shown_points(points, "Normal") * mixed).sum(axis=1).min() > 0.9
+
+
 def test_a_path_comes_before_modifiers_of_the_source(settings):
     source, _ = pair()
     source.modifiers.new("Finer", "SUBSURF")

@@ -139,6 +139,28 @@ def test_points_go_as_the_mesh_does(shown, choose):
     np.testing.assert_allclose(shown_points(points, "Normal"), mixed, atol=1e-4)
 
 
+def test_discs_lie_where_the_points_do(shown, choose, addon):
+    points = shown.pointmorph.made_from
+    bpy.ops.pointmorph.show_as(kind="POINTS")
+    choose(shown, "Height", Overlap=0.3)
+    set_t(shown, 0.5)
+    there = shown_points(points)
+    addon("data.versions").set_input(points.modifiers["Points"], "Discs", True)
+    points.update_tag()
+    bpy.context.view_layer.update()
+    middles = surface_of(points).reshape(len(there), 6, 3).mean(axis=1)
+    np.testing.assert_allclose(middles, there, atol=1e-5)
+
+
+def test_materials_can_read_how_far_each_point_is(shown, choose):
+    choose(shown, "Height")
+    set_t(shown, 0.5)
+    mesh = shown.evaluated_get(bpy.context.evaluated_depsgraph_get()).data
+    delays = spread(world(shown)[:, 2])
+    np.testing.assert_allclose(attribute(mesh, "morph_delay"), delays, atol=1e-5)
+    np.testing.assert_allclose(attribute(mesh, "morph_t"), own_times(0.5, delays)[:, 0], atol=1e-5)
+
+
 def test_on_a_rigid_path(shown, choose, settings, addon):
     """Each vertex is where it is on the path at its own time."""
     settings.path = "rigid"

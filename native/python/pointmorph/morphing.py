@@ -697,7 +697,7 @@ def restore(
     >>> up = np.tile([0.0, 0, 1], (900, 1))
     >>> ends = [pointmorph.Cloud(size * plane, up, radii=np.full(900, 0.07)) for size in (1, 2)]
     >>> rows = np.arange(900)
-    >>> result = pointmorph.restore(*ends, np.column_stack([rows, rows]))
+    >>> result = pointmorph.restore(*ends, np.column_stack([rows, rows]), path="linear")
     >>> bool(np.allclose(result.frame(0.5).positions, 1.5 * plane))
     True
     """
