@@ -25,7 +25,7 @@ from .operators import (
     textures,
 )
 from .scene import marked_points, object_properties
-from .ui import handlers, panels, quality_panel, result_panel
+from .ui import handlers, panels, quality_panel, result_panel, stagger_panel
 from .view import cut_curves, markers, staleness_watch
 
 # In this order: the others use the properties, and a running job is stopped first.
@@ -56,6 +56,7 @@ _registrations = [
         panels,
         result_panel,
         quality_panel,
+        stagger_panel,
         handlers,
     )
 ]

@@ -6,8 +6,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pointmorph
 import pointmorph.formats
+import pointmorph.morphing
 
-from . import packing, transforms
+from . import packing, path_stages, transforms
 from .features import Marks
 from .look_transfer import Canvas, Drawn, Model, Skin, draw, is_worth_it
 
@@ -94,6 +95,25 @@ class End:
 
 
 @dataclass(frozen=True)
+class Way:
+    """How far the way from a shape to the next lies off the straight one; see `path_stages`.
+
+    Attributes
+    ----------
+    pairs : (K, M, 3) array
+        At `path_stages.TIMES`.
+    normals : (L, M, 3) array
+        Of the pairs, at `path_stages.NORMAL_TIMES`.
+    vertices : (K, N, 3) array
+        Of the source's own vertices on their way to `Outcome.landing`.
+    """
+
+    pairs: np.ndarray
+    normals: np.ndarray
+    vertices: np.ndarray
+
+
+@dataclass(frozen=True)
 class Outcome:
     """All that the scene gets from a morph.
 
@@ -102,6 +122,7 @@ class Outcome:
     `distortion` is (M,), a value a pair: the worse of both its ends, see `pointmorph.PointQuality`.
     `maps` are where the map takes all points of the source and all of the target, for `Earlier`.
     `faces` are each shape's triangles as `packing` has them, or None.
+    `ways` are a `Way` for each way from a shape to the next, or None where it is straight.
 
     Of a chain, `between` are the shapes on the way, `stops` where every source vertex is on each of
     them, and `via_maps` where their own points land on the next shape and on the one before.
@@ -116,6 +137,7 @@ class Outcome:
     report: dict
     maps: tuple
     faces: tuple
+    ways: tuple
     between: tuple = ()
     stops: tuple = ()
     via_maps: tuple = ()
@@ -188,13 +210,15 @@ def compute(request, progress, earlier=None):
         )
     )
     maps = morph.source_to_target, morph.target_to_source
+    landing = morph.wrapped(1.0, progress) if morph.has_mesh else maps[0]
     return Outcome(
         *ends,
-        morph.wrapped(1.0, progress) if morph.has_mesh else maps[0],
+        landing,
         distortion.astype(np.float32),
         morph.report,
         maps,
         tuple(_packed(shape.triangles) for shape in (request.source, request.target)),
+        (_way(morph, request, ends, landing, progress),),
     )
 
 
@@ -206,3 +230,31 @@ def with_look(requests, outcome, options, progress):
         return outcome
     canvas = Canvas(source.triangles, source.skin, outcome.landing.astype(np.float32))
     return replace(outcome, drawn=draw(canvas, model, options, progress))
+
+
+def _way(morph, request, ends, landing, progress):
+    if pointmorph.morphing.is_straight(**request.settings):
+        return None
+    frames = {t: morph.frame(t, progress=progress) for t in path_stages.TIMES}
+    positions, normals = (
+        path_stages.deviations(
+            lambda t, what=what: getattr(frames[t], what),
+            *(getattr(end, what) for end in ends),
+            times,
+        )
+        for what, times in (
+            ("positions", path_stages.TIMES),
+            ("normals", path_stages.NORMAL_TIMES),
+        )
+    )
+    start = morph.source.positions
+    if morph.has_mesh:
+
+        def at(t):
+            return morph.wrapped(t, progress)
+    else:
+        own = np.empty_like(start)
+        own[ends[0].rows] = ends[0].normals
+        path = request.settings.get("path", "auto")
+        at = pointmorph.Motion(start, own, landing, path, progress).at
+    return Way(positions, normals, path_stages.deviations(at, start, landing))

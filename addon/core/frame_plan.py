@@ -62,6 +62,30 @@ class Held:
     maps: list
 
 
+def stagger(held, settings, timing):
+    """Makes the frames of a morph those of a staggered one: changes `held` and `settings`.
+
+    Parameters
+    ----------
+    timing : stagger.Timing
+        Of the pairs.
+    """
+    if len(held.pairs) > 1:
+        raise pointmorph.CloudError(
+            held.shapes[0]["name"],
+            "a morph of two shapes, to bake frames of it while it is staggered",
+            f"a chain of {len(held.shapes)}",
+            "Bake shape keys, or turn Stagger off.",
+        )
+    held.shapes[0]["delay"] = timing.by_row(held.pairs[0][:, 0]).delays
+    settings.update(
+        stagger="delay",
+        stagger_order="forward",
+        stagger_overlap=max(float(timing.overlap), 0.01),
+        stagger_falloff=float(timing.falloff),
+    )
+
+
 def sequence_of(held, plan, settings, poses=None):
     """The frames of a plan, to be made.
 

@@ -42,11 +42,13 @@ def setting_tip(option):
 
 def shown_options(settings, *affects):
     """The library's options that the panel shows: those that affect one of `affects` and that a
-    morph with the panel's method and domain uses."""
+    morph with the panel's method and domain uses. What staggers is chosen on the result."""
     return [
         option
         for option in pointmorph.options()
-        if option.affects in affects and option.is_used(settings.method, settings.domain)
+        if option.affects in affects
+        and option.is_used(settings.method, settings.domain)
+        and not option.name.startswith("stagger")
     ]
 
 

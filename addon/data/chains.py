@@ -4,8 +4,10 @@ from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
+import pointmorph
 
-from ..core.computation import End, Outcome, compute, with_look
+from ..core import path_stages
+from ..core.computation import End, Outcome, Way, compute, with_look
 from . import coverage, surfaces
 
 _TOO_MUCH = 0.2  # of the target that the source has no vertices for
@@ -36,7 +38,7 @@ def _computed(requests, progress, earlier):
             return progress(f"{number + 1} of {len(requests)}: {stage}", fraction)
 
         outcomes.append(compute(request, tell))
-    return _judged(requests, join(requests, outcomes))
+    return _judged(requests, join(requests, outcomes, progress))
 
 
 def _judged(requests, outcome):
@@ -57,7 +59,7 @@ def _judged(requests, outcome):
     return replace(outcome, report=report)
 
 
-def join(requests, outcomes):
+def join(requests, outcomes, progress=None):
     """One outcome of several, each of which starts at the shape where the one before ends."""
     tables = [np.stack([o.source.rows, o.target.rows], axis=1) for o in outcomes]
     rows = join_pairs(tables)
@@ -90,10 +92,53 @@ def join(requests, outcomes):
         _report(requests, outcomes, rows),
         maps,
         (*(o.faces[0] for o in outcomes), outcomes[-1].faces[1]),
+        _ways(requests, outcomes, tables, rows, stops, progress),
         tuple(ends[1:-1]),
         tuple(stops[:-1]),
         tuple((onward.maps[0], before.maps[1]) for before, onward in pairwise(outcomes)),
     )
+
+
+def _ways(requests, outcomes, tables, rows, stops, progress):
+    """The way from each shape to the next; of the source's vertices as they are on these."""
+    found = []
+    for number, (request, outcome, table) in enumerate(
+        zip(requests, outcomes, tables, strict=True)
+    ):
+        way = outcome.ways[0]
+        if way is None:
+            found.append(None)
+            continue
+
+        def of_pairs(values, table=table, wanted=rows[:, number : number + 2]):
+            return np.stack([_of_pairs(table, each, wanted) for each in values])
+
+        vertices = way.vertices
+        if number > 0:
+            path = request.settings.get("path", "auto")
+            start, end = stops[number - 1 : number + 1]
+            motion = pointmorph.Motion(
+                start,
+                _source_normals(outcomes[number].source, table, rows, number),
+                end,
+                path,
+                progress,
+                faces=requests[0].source.triangles,
+            )
+            vertices = path_stages.deviations(
+                lambda t, motion=motion: motion.at(t, progress), start, end
+            )
+        found.append(Way(of_pairs(way.pairs), of_pairs(way.normals), vertices))
+    return tuple(found)
+
+
+def _source_normals(end, table, rows, number):
+    """(N, 3): the normals of a shape where the source's vertices are on it."""
+    of_shape = np.zeros((int(table[:, 0].max()) + 1, 3), np.float32)
+    of_shape[table[:, 0]] = end.normals
+    result = np.zeros((int(rows[:, 0].max()) + 1, 3), np.float32)
+    result[rows[:, 0]] = of_shape[rows[:, number]]
+    return result
 
 
 def join_pairs(tables):

@@ -2,7 +2,12 @@
 
 import bpy
 
-from . import versions
+from . import attribute_names, versions
+
+
+def put_first(obj, modifier):
+    """Before all other modifiers; new ones come last."""
+    obj.modifiers.move(len(obj.modifiers) - 1, 0)
 
 
 def drive_input(obj, modifier, name, key, divisor=1):
@@ -22,6 +27,18 @@ def _drive_share(curve, key, divisor):
         curve.driver.expression = f"t / {divisor}"
 
 
+def follow_input(obj, modifier, name, leader, leading):
+    """Makes an input of a modifier have the value of the same one of another object's modifier."""
+    path = versions.input_path(modifier, name)
+    obj.driver_remove(path)
+    driver = obj.driver_add(path).driver
+    driver.type = "AVERAGE"
+    variable = driver.variables.new()
+    variable.type = "SINGLE_PROP"
+    variable.targets[0].id = leader
+    variable.targets[0].data_path = versions.input_path(leading, name)
+
+
 def drive(driver, key):
     """Gives a driver the variable t: the value of a shape key."""
     variable = driver.variables.new()
@@ -34,10 +51,13 @@ def drive(driver, key):
 
 
 def new_input(group, kind, name, description="", **values):
-    socket = group.interface.new_socket(name, in_out="INPUT", socket_type=kind)
+    """The new socket; `parent` is the panel that it belongs to."""
+    place = {"parent": values.pop("parent")} if "parent" in values else {}
+    socket = group.interface.new_socket(name, in_out="INPUT", socket_type=kind, **place)
     socket.description = description
     for key, value in values.items():
         setattr(socket, key, value)
+    return socket
 
 
 def new_output(group, kind, name):
@@ -91,6 +111,27 @@ class Builder:
         node = self.node("GeometryNodeInputNamedAttribute", {"Name": name}, data_type=kind)
         return enabled(node.outputs, "Attribute")
 
+    def has_attribute(self, name, kind):
+        """Whether there is a named attribute."""
+        node = self.node("GeometryNodeInputNamedAttribute", {"Name": name}, data_type=kind)
+        return node.outputs["Exists"]
+
+    def stored(self, geometry, name, kind, value):
+        """The geometry with a point attribute of that name."""
+        fields = {"Geometry": geometry, "Name": name, "Value": value}
+        node = self.node("GeometryNodeStoreNamedAttribute", fields, data_type=kind, domain="POINT")
+        return node.outputs["Geometry"]
+
+    def moved(self, geometry, **where):
+        """The geometry with its points elsewhere: `Position` or `Offset`."""
+        return self.node("GeometryNodeSetPosition", {"Geometry": geometry, **where}).outputs[0]
+
+    def scaled(self, vector, factor):
+        node = self.node("ShaderNodeVectorMath", operation="SCALE")
+        self._feed(node.inputs[0], vector)
+        self._feed(node.inputs["Scale"], factor)
+        return node.outputs[0]
+
 
 def new_t_input(group, count):
     """The input that a shape key drives, for `count` shapes."""
@@ -107,6 +148,13 @@ def new_t_input(group, count):
         min_value=0.0,
         max_value=float(count - 1),
     )
+
+
+def local_t(build, t, count):
+    """`t`, or where a morph of `count` shapes is staggered that of each point."""
+    own = build.attribute(attribute_names.TIME, "FLOAT")
+    own = build.math("MULTIPLY", own, float(count - 1)) if count > 2 else own
+    return switch(build, "FLOAT", build.has_attribute(attribute_names.TIME, "FLOAT"), t, own)
 
 
 def shares(build, t, count):

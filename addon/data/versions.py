@@ -24,7 +24,7 @@ RELATIVE_PATH = {"PATH_SUPPORTS_BLEND_RELATIVE"} if is_at_least(4, 5) else set()
 def group_inputs(group):
     """By name, the inputs of a group of nodes."""
     items = group.interface.items_tree
-    return {item.name: item for item in items if item.in_out == "INPUT"}
+    return {i.name: i for i in items if i.item_type == "SOCKET" and i.in_out == "INPUT"}
 
 
 def input_value(modifier, name):
@@ -42,6 +42,26 @@ def set_input(modifier, name, value):
         getattr(modifier.properties.inputs, identifier).value = value
     else:
         modifier[identifier] = value
+
+
+def choice_of(modifier, name, choices):
+    """The word that an input with a menu has: one of `choices`, all of them in order."""
+    value = input_value(modifier, name)
+    return choices[value or 0] if not isinstance(value, str) else value
+
+
+def set_choice(modifier, name, choices, word):
+    """Gives an input with a menu one of its `choices`."""
+    by_word = hasattr(modifier, "properties")
+    set_input(modifier, name, word if by_word else choices.index(word))
+
+
+def input_property(modifier, name):
+    """What has the value of an input, and the name of that property, as layouts take them."""
+    identifier = group_inputs(modifier.node_group)[name].identifier
+    if hasattr(modifier, "properties"):
+        return getattr(modifier.properties.inputs, identifier), "value"
+    return modifier, f'["{identifier}"]'
 
 
 def input_path(modifier, name):

@@ -12,7 +12,14 @@ from ..data import frame_formats
 from ..data.frame_settings import frame_settings
 from ..data.references import find, reference_to
 from ..data.registration import Registration
-from ..scene import animated_shape, frame_files, frame_player, presentation, shape_key_bakes
+from ..scene import (
+    animated_shape,
+    frame_files,
+    frame_player,
+    presentation,
+    shape_key_bakes,
+    stagger,
+)
 from .modal_operator import Computing
 from .polls import Explained, activate, active_result, busy_reason, fail, result_reason
 
@@ -79,10 +86,10 @@ class POINTMORPH_OT_bake_shape_keys(Explained, bpy.types.Operator):
             path = context.scene.pointmorph.path
         try:
             if self.kind == "SOURCE":
-                changed = shape_key_bakes.bake_source(obj, self.steps, path)
+                changed = shape_key_bakes.bake_source(context, obj, self.steps, path)
                 presentation.show_shapes(context, obj, True)
             else:
-                shape_key_bakes.bake_pairs(obj, self.steps, path)
+                shape_key_bakes.bake_pairs(context, obj, self.steps, path)
                 changed = obj
         except pointmorph.PointmorphError as error:
             return fail(self, error)
@@ -150,6 +157,9 @@ class POINTMORPH_OT_bake_frames(Explained, Computing, bpy.types.Operator):
         if target.suffix:
             self._path = frame_files.file_path(self._folder, self._name, target.suffix)
         held = yield from frame_player.read_steps(obj)
+        timing = stagger.timing_of(context, obj)
+        if timing is not None:
+            frame_plan.stagger(held, settings, timing)
         taken = None
         if obj.pointmorph.follows:
             taken = yield from animated_shape.read_steps(context, obj, plan.numbers())

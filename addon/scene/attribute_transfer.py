@@ -316,7 +316,7 @@ def _colors_group(created):
         {
             "Geometry": inputs["Geometry"],
             "Name": inputs["From"],
-            "Value": nodes.mix_colors(build, colors, [inputs["t"]]),
+            "Value": nodes.mix_colors(build, colors, [nodes.local_t(build, inputs["t"], 2)]),
         },
         data_type="FLOAT_COLOR",
         domain="CORNER",

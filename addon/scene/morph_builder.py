@@ -3,13 +3,15 @@
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import bmesh
 import bpy
 import numpy as np
 
+from ..core import path_stages
 from ..data import arrays, attribute_names, creation, nodes
-from . import morph_object, morph_paths, points_display, recipes
+from . import morph_object, morph_paths, path_display, points_display, recipes
 
 
 @dataclass(frozen=True)
@@ -47,6 +49,7 @@ def build(context, outcome, name, provenance):
             obj, [end.positions for end in outcome.ends], morph_object.stage_names(obj)[1:]
         )
         obj.active_shape_key_index = 1
+        path_display.add(obj, key, created, len(outcome.ends) - 1, True)
         points_display.add_points_modifier(obj, key, created, morph_object.stages(obj))
         creation.link(context, obj)
     return obj
@@ -90,6 +93,27 @@ def write_pairs(obj, outcome):
         for name, way in zip(("onward", "back"), ways, strict=True):
             arrays.write_attribute(mesh, f"{stage}_{name}", way[end.rows])
     arrays.write_attribute(mesh, attribute_names.DISTORTION, outcome.distortion)
+    _write_ways(mesh, outcome)
+
+
+def _write_ways(mesh, outcome):
+    places = [end.positions for end in outcome.ends]
+    ways = outcome.ways
+    path_display.write(
+        mesh,
+        [end - start for start, end in pairwise(places)],
+        [None if way is None else way.pairs for way in ways],
+        [None if way is None else way.normals for way in ways],
+    )
+    for number in range(len(ways)):
+        for old in range(1, path_stages.COUNT + 1):
+            name = attribute_names.vertex_on_way(number, old)
+            if name in mesh.attributes:
+                mesh.attributes.remove(mesh.attributes[name])
+    for number, way in enumerate(ways):
+        for stage, values in enumerate(() if way is None else way.vertices, 1):
+            name = attribute_names.vertex_on_way(number, stage)
+            arrays.write_attribute(mesh, name, values[outcome.source.rows])
 
 
 def add_keys(obj, places, names):
@@ -162,6 +186,9 @@ def rebuild(obj, outcome):
     arrays.write_key(obj.data.shape_keys.reference_key, positions[0])
     write_keys(obj, positions)
     write_pairs(obj, outcome)
+    with creation.all_or_nothing() as created:  # one of an earlier version has none
+        key = morph_object.morph_key(obj)
+        path_display.add(obj, key, created, len(outcome.ends) - 1, True)
 
     lost = []
     baked = json.loads(obj.pointmorph.baked or "{}")

@@ -12,8 +12,8 @@ import numpy as np
 import pointmorph
 
 from ..core import transforms
-from ..data import arrays
-from . import recipes
+from ..data import arrays, versions
+from . import path_display, recipes
 
 KEY = "Morph"
 
@@ -113,11 +113,17 @@ def read_stage(obj, stage, key, row):
 
 
 def positions_at(obj, t):
-    """(M, 3): where the points of a morph object are at t, straight from shape to shape."""
+    """(M, 3): where the points of a morph object are at t, all together on their path."""
     keys = stage_keys(obj)
     number = min(max(int(t), 0), len(keys) - 2)
     start, end = (arrays.key_positions(key) for key in keys[number : number + 2])
-    return (1.0 - (t - number)) * start + (t - number) * end
+    share = t - number
+    straight = (1.0 - share) * start + share * end
+    modifier = path_display.modifier_of(obj)
+    if modifier is None:
+        return straight
+    curve = versions.input_value(modifier, path_display.CURVE)
+    return straight + curve * path_display.deviation_at(obj.data, number, share)
 
 
 def world_position(obj, source_row):

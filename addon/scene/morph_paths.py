@@ -1,25 +1,27 @@
 """Where the points of a morph object, or the source's own vertices, are on the way."""
 
+from itertools import pairwise
+
 import numpy as np
 import pointmorph
 
-from ..core import transforms
+from ..core import path_stages, transforms
 from ..data import arrays
 from . import morph_object, recipes
 
 
-def way(obj, path):
+def way(obj, path, timing=None):
     """A function from t to the positions of a morph object's points."""
     places = [arrays.key_positions(key) for key in morph_object.stage_keys(obj)]
     normals = [
         arrays.read_vectors(obj.data, f"{stage}_normal") for stage in morph_object.stages(obj)
     ]
-    return through(places, normals, path)
+    return through(places, normals, path, timing=timing)
 
 
-def through(places, normals, path, faces=None):
+def through(places, normals, path, faces=None, timing=None):
     """A function from t, 0 to the number of places less 1, to positions on the way. `faces` are
-    those that mustn't turn over there."""
+    those that mustn't turn over there. `timing` is a `stagger.Timing` of all points, or None."""
     motions = [
         pointmorph.Motion(start, normal, end, path, faces=faces)
         for start, normal, end in zip(places, normals, places[1:], strict=False)
@@ -28,6 +30,29 @@ def through(places, normals, path, faces=None):
     def at(t):
         number = min(int(t), len(motions) - 1)
         return motions[number].at(t - number)
+
+    return at if timing is None else _pointwise(motions, places, timing)
+
+
+def _pointwise(motions, places, timing):
+    """The same with each point at its own time."""
+    count = len(motions)
+    off = [
+        path_stages.deviations(motion.at, *ends)
+        for motion, ends in zip(motions, pairwise(places), strict=True)
+    ]
+
+    def at(t):
+        times = count * path_stages.local_times(
+            t / count, timing.delays, timing.overlap, timing.falloff
+        )
+        place = places[0].astype(np.float64)
+        for number, (start, end) in enumerate(pairwise(places)):
+            share = np.clip(times - number, 0.0, 1.0)[:, None]
+            place = place + share * (end - start)
+            for stage, values in zip(path_stages.shares(share), off[number], strict=True):
+                place = place + stage * values
+        return places[-1].copy() if t >= count else place
 
     return at
 

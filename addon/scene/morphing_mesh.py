@@ -1,18 +1,21 @@
 """What models carry besides their form: a copy of the source that morphs with all it has."""
 
+from itertools import pairwise
+
 import bmesh
 import bpy
 import numpy as np
 import pointmorph
 
-from ..core import transforms
-from ..data import arrays, creation
+from ..core import path_stages, transforms
+from ..data import arrays, attribute_names, creation
 from . import (
     attribute_transfer,
     blended_textures,
     morph_builder,
     morph_object,
     morph_paths,
+    path_display,
     recipes,
     recomputation,
     shape_follower,
@@ -46,6 +49,9 @@ def make_mesh(context, obj):
         places = _own_places(source, places, back)
         key = morph_builder.add_keys(copy, places, morph_object.stage_names(obj)[1:])
         key.value = morph_object.t_key(obj).value
+        _write_ways(copy, obj, places, back)
+        path_display.remove(copy)  # of a source that morphs itself
+        path_display.add(copy, key, created, len(places) - 1, False)
         copy.active_shape_key_index = copy.data.shape_keys.key_blocks.find(key.name)
     return copy
 
@@ -54,6 +60,23 @@ def _own_places(source, places, back):
     """The places of `result.source_ways` in the source's own space, the first bit by bit."""
     rest = [transforms.move_positions(back, place) for place in places[1:]]
     return [arrays.basis_positions(source.data), *rest]
+
+
+def _write_ways(copy, obj, places, back):
+    """The ways of the vertices from shape to shape, in the source's own space."""
+    rows = morph_object.stage_rows(obj)[0]
+    turn = np.eye(4)
+    turn[:3, :3] = back[:3, :3]
+    ways = []
+    for way in range(len(places) - 1):
+        names = [
+            attribute_names.vertex_on_way(way, number) for number in range(1, path_stages.COUNT + 1)
+        ]
+        known = all(name in obj.data.attributes for name in names)
+        values = [arrays.read_vectors(obj.data, name) for name in names if known]
+        ways.append([transforms.move_positions(turn, arrays.by_row(rows, v)) for v in values])
+    moves = [end - start for start, end in pairwise(places)]
+    path_display.write(copy.data, moves, ways)
 
 
 def _know(copy, obj):
@@ -89,6 +112,9 @@ def remake_mesh(copy, obj):
     arrays.move_vertices(mesh, places[0])
     arrays.write_key(keys[0], places[0])
     morph_builder.write_keys(copy, places)
+    _write_ways(copy, obj, places, back)
+    with creation.all_or_nothing() as created:  # one of an earlier version has none
+        path_display.add(copy, morph_object.t_key(copy), created, len(places) - 1, False)
     lost = []
     of_source = source.data.shape_keys.key_blocks if source.data.shape_keys else {}
     for name, move in moves.items():

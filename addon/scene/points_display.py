@@ -6,7 +6,7 @@ The group of nodes and the material are made once a file and shared by all morph
 import bpy
 
 from ..data import attribute_names, nodes, versions
-from . import point_shapes, points_material
+from . import path_display, point_shapes, points_material
 
 NAME = "Pointmorph Points"
 MODIFIER = "Points"
@@ -32,6 +32,7 @@ def add_points_modifier(obj, key, created, stages=("source", "target")):
 
 def remove_unused():
     """Takes the group of nodes and the material out of the file where nothing shows points."""
+    path_display.remove_unused()
     group, material = bpy.data.node_groups.get(NAME), bpy.data.materials.get(NAME)
     if group is not None and group.users == 0:
         bpy.data.node_groups.remove(group)
@@ -104,15 +105,10 @@ def _group(name, stages, material, created):
 
     build = nodes.Builder(group)
     inputs = build.node("NodeGroupInput").outputs
-    factors = nodes.shares(build, inputs["t"], len(stages))
+    factors = nodes.shares(build, nodes.local_t(build, inputs["t"], len(stages)), len(stages))
 
     def mixed(values, kind):
         return nodes.mix_through(build, values, factors, kind)
-
-    def stored(geometry, name, kind, value):
-        fields = {"Geometry": geometry, "Name": name, "Value": value}
-        node = build.node("GeometryNodeStoreNamedAttribute", fields, data_type=kind, domain="POINT")
-        return node.outputs["Geometry"]
 
     colors = [build.attribute(f"{side}_color", "FLOAT_COLOR") for side in stages]
     color = nodes.mix_colors(build, colors, factors)
@@ -121,13 +117,15 @@ def _group(name, stages, material, created):
     )
 
     normals = [build.attribute(f"{side}_normal", "FLOAT_VECTOR") for side in stages]
-    unit_normal = build.math("NORMALIZE", mixed(normals, "VECTOR"), kind="ShaderNodeVectorMath")
+    turn = build.attribute(attribute_names.TURN, "FLOAT_VECTOR")
+    normal = build.math("ADD", mixed(normals, "VECTOR"), turn, kind="ShaderNodeVectorMath")
+    unit_normal = build.math("NORMALIZE", normal, kind="ShaderNodeVectorMath")
 
     radii = [build.attribute(f"{side}_radius", "FLOAT") for side in stages]
     radius = build.math("MULTIPLY", mixed(radii, "FLOAT"), inputs["Radius Scale"])
 
-    geometry = stored(inputs["Geometry"], attribute_names.COLOR, "FLOAT_COLOR", color)
-    geometry = stored(geometry, attribute_names.NORMAL, "FLOAT_VECTOR", unit_normal)
+    geometry = build.stored(inputs["Geometry"], attribute_names.COLOR, "FLOAT_COLOR", color)
+    geometry = build.stored(geometry, attribute_names.NORMAL, "FLOAT_VECTOR", unit_normal)
 
     shown = point_shapes.splats(build, inputs, geometry, unit_normal, radius)
     finished = build.node("GeometryNodeSetMaterial", {"Geometry": shown, "Material": material})

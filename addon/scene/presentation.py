@@ -10,7 +10,7 @@ import contextlib
 import pointmorph
 
 from ..data import nodes
-from . import morph_object, morphing_mesh, points_display, recipes
+from . import morph_object, morphing_mesh, points_display, recipes, stagger
 
 MESH, POINTS, DISCS = "MESH", "POINTS", "DISCS"
 
@@ -126,6 +126,7 @@ def _add_mesh(context, obj):
     curve = key.driver_add("value")
     curve.driver.type = "AVERAGE"
     nodes.drive(curve.driver, morph_object.t_key(mesh))
+    stagger.follow(obj, mesh)
     _set_visible(context, mesh, True)
     _set_visible(context, obj, False)
     return mesh

@@ -9,8 +9,8 @@ was morphed.
 import bpy
 import pointmorph
 
-from ..data import arrays, nodes, versions
-from . import morph_object, recipes
+from ..data import arrays, attribute_names, nodes, versions
+from . import morph_object, path_display, recipes
 
 NAME = "Pointmorph Follow"
 MODIFIER = "Follow"
@@ -33,7 +33,7 @@ def follow(obj, context, created):
     modifier = obj.modifiers.get(MODIFIER) or obj.modifiers.new(MODIFIER, "NODES")
     modifier.node_group = group
     _set_inputs(obj, modifier, shapes, counts)
-    _put_first(obj, modifier, context)
+    _put_before_points(obj, modifier)
     obj.driver_remove(versions.input_path(modifier, "t"))
     nodes.drive_input(obj, modifier, "t", key)
     obj.pointmorph.follows = True
@@ -91,10 +91,12 @@ def check_counts(obj, shapes, context):
     return wanted
 
 
-def _put_first(obj, modifier, context):
-    """Before the points are made of the vertices; new modifiers come last."""
-    with context.temp_override(object=obj, active_object=obj):
-        bpy.ops.object.modifier_move_to_index(modifier=modifier.name, index=0)
+def _put_before_points(obj, modifier):
+    """Before the points are made of the vertices, and after the path, which is that at rest."""
+    nodes.put_first(obj, modifier)
+    path = path_display.modifier_of(obj)
+    if path is not None:
+        obj.modifiers.move(0, obj.modifiers.find(path.name))
 
 
 def _shape_input(stage):
@@ -122,7 +124,7 @@ def _group(name, stages, created):
 
     build = nodes.Builder(group)
     inputs = build.node("NodeGroupInput").outputs
-    factors = nodes.shares(build, inputs["t"], len(stages))
+    factors = nodes.shares(build, nodes.local_t(build, inputs["t"], len(stages)), len(stages))
     here = build.node("GeometryNodeInputPosition").outputs["Position"]
     facing = build.node("GeometryNodeInputNormal").outputs["Normal"]
     places, normals, all_there = [], [], None
@@ -176,6 +178,11 @@ def _group(name, stages, created):
             data_type="FLOAT_VECTOR",
             domain="POINT",
         ).outputs["Geometry"]
+    # Normals are what they are on the shapes, not on the path at rest.
+    at_rest = {"Geometry": moved, "Selection": all_there, "Name": attribute_names.TURN}
+    moved = build.node(
+        "GeometryNodeStoreNamedAttribute", at_rest, data_type="FLOAT_VECTOR", domain="POINT"
+    ).outputs["Geometry"]
     build.node("NodeGroupOutput", {"Geometry": moved})
     return group
 

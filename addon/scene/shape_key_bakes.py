@@ -6,7 +6,7 @@ import pointmorph
 
 from ..core import transforms
 from ..data import arrays
-from . import morph_builder, morph_object, morph_paths
+from . import morph_builder, morph_object, morph_paths, stagger
 
 
 def _check_at_rest(obj):
@@ -20,19 +20,21 @@ def _check_at_rest(obj):
         )
 
 
-def bake_pairs(obj, steps, path):
+def bake_pairs(context, obj, steps, path):
     """Adds `steps` shape keys to the morph object itself, from the source to the target.
 
     `path` is the library's setting of that name.
     """
     _check_at_rest(obj)
-    names = _add_keys(obj, morph_paths.way(obj, path), steps, morph_object.stage_names(obj)[1:])
+    timing = stagger.timing_of(context, obj)
+    way = morph_paths.way(obj, path, timing)
+    names = _add_keys(obj, way, steps, morph_object.stage_names(obj)[1:])
     baked = json.loads(obj.pointmorph.baked or "{}")
-    baked.update({name: [t, path] for name, t in names.items()})
+    baked.update({name: [t, path] for name, t in names.items() if timing is None})
     obj.pointmorph.baked = json.dumps(baked)
 
 
-def bake_source(obj, steps, path):
+def bake_source(context, obj, steps, path):
     """Adds `steps` shape keys to the mesh that the morph object `obj` was made from, of a chain as
     many for each shape.
 
@@ -55,7 +57,11 @@ def bake_source(obj, steps, path):
             "one linked from another file",
             "Make it local (Object > Relations > Make Local), or bake on the morph object instead.",
         )
-    way = morph_paths.through(places, normals, path, arrays.mesh_triangles(source.data))
+    timing = stagger.timing_of(context, obj)
+    if timing is not None:
+        timing = timing.by_row(morph_object.stage_rows(obj)[0])
+    faces = arrays.mesh_triangles(source.data)
+    way = morph_paths.through(places, normals, path, faces, timing)
     _add_keys(
         source,
         lambda t: transforms.move_positions(back, way(t)),

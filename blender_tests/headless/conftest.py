@@ -38,9 +38,11 @@ def addon(module):
 
 @pytest.fixture(autouse=True)
 def settings(module):
-    """`scene.pointmorph` of an empty scene, where a morph is shown as its points."""
+    """`scene.pointmorph` of an empty scene, where a morph is shown as its points, which go
+    straight: so a test knows where they are."""
     bpy.ops.wm.read_homefile(use_empty=True)
     bpy.context.scene.pointmorph.show_as = "POINTS"
+    bpy.context.scene.pointmorph.path = "linear"
     return bpy.context.scene.pointmorph
 
 

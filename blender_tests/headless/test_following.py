@@ -176,11 +176,11 @@ def test_off_again(settings):
     swell(source)
     obj = morph_and_follow()
     modifiers = [m.name for m in obj.modifiers]
-    assert modifiers[0] == "Follow"
+    assert modifiers[:2] == ["Path", "Follow"]
     bpy.ops.pointmorph.follow()
     assert not obj.pointmorph.follows
-    assert [m.name for m in obj.modifiers] == modifiers[1:]
-    assert len(obj.animation_data.drivers) == 1
+    assert [m.name for m in obj.modifiers] == ["Path", *modifiers[2:]]
+    assert len(obj.animation_data.drivers) == 2
     bpy.context.scene.frame_set(11)
     np.testing.assert_allclose(shown_points(obj), key(obj, "Basis"), atol=1e-6)
 

@@ -241,7 +241,7 @@ def test_recompute_keeps_name_animation_drivers_materials_and_modifiers(addon, s
     assert (obj.name, obj.data.name) == ("My morph", "My mesh")
     assert identity == (obj.as_pointer(), obj.data.as_pointer(), obj.data.shape_keys.as_pointer())
     assert [m.name for m in obj.data.materials] == ["Mine"]
-    assert [m.name for m in obj.modifiers] == [display.MODIFIER, later.name]
+    assert [m.name for m in obj.modifiers] == ["Path", display.MODIFIER, later.name]
     assert versions.input_value(modifier, "Radius Scale") == 3.0
     assert obj.rotation_euler.x == pytest.approx(0.3)
     obj.modifiers.remove(later)
@@ -498,7 +498,7 @@ def test_source_and_target_that_are_linked_from_another_file(settings, tmp_path)
         bpy.context.scene.collection.objects.link(obj)
     settings = bpy.context.scene.pointmorph
     settings.source, settings.target = wanted.objects
-    settings.domain, settings.show_as = "disk", "POINTS"
+    settings.domain, settings.show_as, settings.path = "disk", "POINTS", "linear"
     bpy.context.view_layer.update()
     obj = morph()
     assert_same(content(obj), before)

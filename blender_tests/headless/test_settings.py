@@ -9,6 +9,11 @@ OPTIONS = {option.name: option for option in pointmorph.options()}
 AUTOMATIC = [name for name, option in OPTIONS.items() if option.default is None]
 
 
+@pytest.fixture(autouse=True)
+def untouched(settings):
+    settings.property_unset("path")
+
+
 @pytest.mark.parametrize("name", OPTIONS)
 def test_names_defaults_and_ranges(settings, name):
     option = OPTIONS[name]

@@ -277,7 +277,8 @@ MorphInput input_of(const py::dict& source, const py::dict& target, const py::li
                      .source_parts = given(source, "parts"),
                      .target_parts = given(target, "parts"),
                      .source_holds = holds_of(source),
-                     .target_holds = holds_of(target)};
+                     .target_holds = holds_of(target),
+                     .delays = from_numpy<Values>(source["delay"])};
     if (!loops.empty()) {
         input.loop = std::move(loops.front());
         input.more_loops.assign(loops.begin() + 1, loops.end());
@@ -308,7 +309,7 @@ std::unique_ptr<Morph> restore_morph(const py::dict& source, const py::dict& tar
     RefinementStart images{from_numpy<Positions>(source_images),
                            from_numpy<Positions>(target_images)};
     return std::make_unique<Morph>(cloud_of(source), cloud_of(target), std::move(pairs),
-                                   std::move(images), options);
+                                   std::move(images), options, from_numpy<Values>(source["delay"]));
 }
 
 std::vector<std::string> proposed_loop(const py::dict& source, const py::dict& target,

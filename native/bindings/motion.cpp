@@ -41,7 +41,7 @@ void bind_motion(py::module_& module) {
         const auto progress = make_progress(callback);
         const py::gil_scoped_release release;
         const GradualSimilarity similarity{fit_similarity(p, q), p.colwise().mean().transpose()};
-        return std::make_unique<Motion>(p, n, q, similarity, options.path, *progress);
+        return std::make_unique<Motion>(p, n, q, similarity, options.path_kind(), *progress);
     };
     const auto make_of_mesh = [](const py::array& positions, const py::array& images,
                                  const py::object& faces, const std::string& path,
@@ -54,15 +54,16 @@ void bind_motion(py::module_& module) {
         const auto ends = from_numpy<Positions>(images);
         const auto progress = make_progress(callback);
         const py::gil_scoped_release release;
-        return std::make_unique<MovingMesh>(cloud, ends, options.path, *progress);
+        return std::make_unique<MovingMesh>(cloud, ends, options.path_kind(), *progress);
     };
     py::class_<MovingMesh>(module, "MeshMotion")
         .def(py::init(make_of_mesh))
-        .def("at", [](const MovingMesh& m, double t) {
+        .def("at", [](const MovingMesh& m, double t, const py::object& callback) {
+            const auto progress = make_progress(callback);
             Positions positions;
             {
                 const py::gil_scoped_release release;
-                positions = m.motion.at(t);
+                positions = m.motion.at(t, *progress);
             }
             return to_numpy(std::move(positions));
         });

@@ -20,9 +20,10 @@ void bind_options(py::module_& module) {
     py::class_<MorphOptions>(module, "MorphOptions")
         .def(py::init<>())
         .def("propose_features", [](MorphOptions& options) { options.refinement.propose = true; })
-        .def("set", [](MorphOptions& options, const std::string& name, const OptionValue& value) {
-            set_option(options, name, value);
-        });
+        .def("set", [](MorphOptions& options, const std::string& name,
+                       const OptionValue& value) { set_option(options, name, value); })
+        .def("is_straight",
+             [](const MorphOptions& options) { return options.path_kind() == PathKind::kLinear; });
 
     module.def("option_table", [] {
         py::list rows;

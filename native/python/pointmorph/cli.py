@@ -272,6 +272,8 @@ def _morph(chosen: argparse.Namespace) -> None:
     own = _own_mesh(chosen, shapes) if chosen.mesh in _SIDES else None
     if chosen.denser is not None and own is None:
         raise OptionError("denser", "--mesh source or target", f"--mesh {chosen.mesh}", "Add it.")
+    if chosen.denser is not None and chosen.stagger not in (None, "none"):
+        raise OptionError("denser", "no --stagger", f"--stagger {chosen.stagger}", "Leave one out.")
     files.make_folder(chosen.out)
 
     with _bars() as progress:
@@ -310,9 +312,10 @@ def _morph(chosen: argparse.Namespace) -> None:
 
 
 def _read_weights(path: Path, shapes: Sequence[formats.Shape]) -> None:
-    """Takes what vertices keep when their mesh is wrapped from a features file into the shapes."""
+    """Takes what vertices keep when their mesh is wrapped, and when they go, from a features file
+    into the shapes."""
     content = _read_json(path)
-    for name in ("rigid", "fixed"):
+    for name in ("rigid", "fixed", "delay"):
         for side, shape in zip(_SIDES, shapes, strict=True):
             if name not in content:
                 continue
@@ -451,7 +454,7 @@ def _write_meshes(
     moving = None
     if chosen.denser is not None:
         own.denser = result.denser(chosen.mesh, tolerance=chosen.denser, progress=progress)
-        moving = own.denser.motion(chosen.path or "linear", progress)
+        moving = own.denser.motion(chosen.path or "auto", progress)
     for number, t in enumerate(times):
         path = chosen.out / f"mesh_{number:04d}{own.suffix}"
         if moving is not None:

@@ -35,6 +35,8 @@ class Cloud:
         teeth or armor. Connected vertices turn, move and grow as one.
     fixed : (N,) array, optional
         With faces: how much each vertex stays where it is when the mesh is wrapped, 0 to 1.
+    delay : (N,) array, optional
+        Of the source: when each point goes, 0 (first) to 1 (last), for `stagger="delay"`.
     name : str
         Name of the shape, for error messages.
     boundary : sequence of int, optional
@@ -68,6 +70,7 @@ class Cloud:
         faces: Faces | None = None,
         rigid: npt.ArrayLike | None = None,
         fixed: npt.ArrayLike | None = None,
+        delay: npt.ArrayLike | None = None,
         name: str = "cloud",
         boundary: Sequence[int] | npt.NDArray[np.integer[Any]] | None = None,
         parts: Sequence[int] | npt.NDArray[np.integer[Any]] | None = None,
@@ -83,6 +86,7 @@ class Cloud:
         self.faces = None if faces is None or len(faces) == 0 else self._polygons(faces)
         self.rigid = self._attribute(rigid, "rigid", None)
         self.fixed = self._attribute(fixed, "fixed", None)
+        self.delay = self._attribute(delay, "delay", None)
         self.boundary = self._whole_numbers(boundary, "a list of rows as boundary")
         self.parts = self._whole_numbers(parts, "a list of labels as parts")
 
@@ -181,6 +185,7 @@ class Cloud:
             "faces": self.faces,
             "rigid": self.rigid,
             "fixed": self.fixed,
+            "delay": self.delay,
             "boundary": self.boundary,
             "parts": self.parts,
         }

@@ -58,7 +58,7 @@ class DenserMesh:
             result[first:last] = 0.5 * (result[ends[:, 0]] + result[ends[:, 1]])
         return result
 
-    def motion(self, path: str = "linear", progress: Progress | None = None) -> Motion:
+    def motion(self, path: str = "auto", progress: Progress | None = None) -> Motion:
         """The vertices on their way from `positions` (at 0) to `wrapped` (at 1).
 
         Parameters

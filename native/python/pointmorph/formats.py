@@ -34,6 +34,7 @@ class Shape:
     """(F, 3) rows of positions; None for a point cloud"""
     rigid: FloatArray | None = None
     fixed: FloatArray | None = None
+    delay: FloatArray | None = None
     """(N,), 0 to 1; see `Cloud`"""
 
     def cloud(self) -> Cloud:
@@ -51,6 +52,7 @@ class Shape:
             faces=self.faces,
             rigid=self.rigid,
             fixed=self.fixed,
+            delay=self.delay,
             name=self.name,
             boundary=boundary,
             parts=labels,
@@ -298,6 +300,7 @@ def _read_ply(path: Path) -> Shape:
         _ply_faces(data),
         column("rigid"),
         column("fixed"),
+        column("delay"),
     )
 
 

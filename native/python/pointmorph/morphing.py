@@ -697,7 +697,7 @@ def restore(
     >>> up = np.tile([0.0, 0, 1], (900, 1))
     >>> ends = [pointmorph.Cloud(size * plane, up, radii=np.full(900, 0.07)) for size in (1, 2)]
     >>> rows = np.arange(900)
-    >>> result = pointmorph.restore(*ends, np.column_stack([rows, rows]))
+    >>> result = pointmorph.restore(*ends, np.column_stack([rows, rows]), path="linear")
     >>> bool(np.allclose(result.frame(0.5).positions, 1.5 * plane))
     True
     """
@@ -718,6 +718,12 @@ def restore(
         native_options(settings),
     )
     return Morph(native, source, target)
+
+
+def is_straight(**settings: Any) -> bool:
+    """Whether the points of a morph with these settings go straight."""
+    straight: bool = native_options(settings).is_straight()
+    return straight
 
 
 def native_options(settings: Mapping[str, Any]) -> _pointmorph.MorphOptions:

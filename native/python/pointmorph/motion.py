@@ -78,22 +78,24 @@ class Motion:
                     "Remove those points.",
                 )
         self._ends = arrays[0], arrays[2]
-        self._at: Callable[[float], FloatArray] | None = None
+        self._at: Callable[[float, Progress | None], FloatArray] | None = None
         polygons = None if faces is None else Cloud(arrays[0], faces=faces).faces
         if path != "linear" and polygons is not None:
             mesh = _pointmorph.MeshMotion(arrays[0], arrays[2], polygons, path, progress)
             self._at = mesh.at
         elif path != "linear":
             cloud = _pointmorph.Motion(arrays[0], arrays[1], arrays[2], path, progress)
-            self._at = lambda t: cloud.at(t)[0]
+            self._at = lambda t, _: cloud.at(t)[0]
 
-    def at(self, t: float) -> FloatArray:
+    def at(self, t: float, progress: Progress | None = None) -> FloatArray:
         """The positions at t.
 
         Parameters
         ----------
         t : float
             0 to 1; the positions are exact at both ends.
+        progress : callable, optional
+            As for `pointmorph.morph`; asked where faces take long.
 
         Returns
         -------
@@ -109,4 +111,4 @@ class Motion:
             raise OptionError("t", "a number from 0 to 1", str(t), "Clamp it.")
         if t in (0, 1):
             return (end if t else start).copy()
-        return start + t * (end - start) if self._at is None else self._at(float(t))
+        return start + t * (end - start) if self._at is None else self._at(float(t), progress)

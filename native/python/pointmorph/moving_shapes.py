@@ -13,7 +13,7 @@ import numpy.typing as npt
 from pointmorph import _pointmorph, sequences, surfaces
 from pointmorph.clouds import Cloud, FloatArray
 from pointmorph.errors import CloudError
-from pointmorph.morphing import Frame, Morph, ResampledFrame, restore
+from pointmorph.morphing import Frame, Morph, ResampledFrame, is_straight, restore
 
 _NEIGHBORS = 8
 _CACHED = 4  # frames whose pairs are kept, because the frames next to them need these, too
@@ -192,10 +192,17 @@ class MovingSequence(sequences.FrameSequence):
             if radii is not None:
                 radii = (radii * self._growth(number + side, state)).astype(radii.dtype)
             clouds.append(
-                Cloud(state.positions, state.normals, shape.colors, radii, name=shape.name)
+                Cloud(
+                    state.positions,
+                    state.normals,
+                    shape.colors,
+                    radii,
+                    delay=shape.delay,
+                    name=shape.name,
+                )
             )
         maps = None
-        if self._settings.get("path", "linear") != "linear":
+        if not is_straight(**self._settings):
             maps = (
                 self._moved_images(part.source_to_target, part.target, states[1]),
                 self._moved_images(part.target_to_source, part.source, states[0]),

@@ -157,6 +157,8 @@ class FrameSequence:
         for part in self.morph.parts:
             yield np.asarray(part.pairs)
             yield from (part.source_to_target, part.target_to_source)
+            if part.source.delay is not None:
+                yield part.source.delay
             for t in (0.0, 1.0):
                 yield from vars(part.frame(t)).values()
 

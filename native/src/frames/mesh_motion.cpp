@@ -133,11 +133,12 @@ struct MeshMotion::Bend {
             }
         });
         make_turns_agree(mesh.triangles, moves);
-        constexpr Index kMost = 60000;
-        if (mesh.positions.rows() <= kMost) factorize();
+        // What a surface of a million places takes would be a gigabyte.
+        constexpr Index kMost = 400000;
+        if (mesh.positions.rows() <= kMost) factorize(progress);
     }
 
-    void factorize() {
+    void factorize(Progress& progress) {
         const Laplacian& laplacian = sheet.laplacian();
         std::vector<char> is_held(to_size(mesh.part_areas.size()), 0);
         std::vector<Eigen::Triplet<double, Index>> entries;
@@ -152,18 +153,21 @@ struct MeshMotion::Bend {
         }
         Matrix matrix(laplacian.size(), laplacian.size());
         matrix.setFromTriplets(entries.begin(), entries.end());
-        solver = std::make_unique<Eigen::SimplicialLDLT<Matrix>>(matrix);
+        solver = std::make_unique<Eigen::SimplicialLDLT<Matrix>>();
+        solver->analyzePattern(matrix);
+        progress.report(1.0);
+        solver->factorize(matrix);
+        progress.report(1.0);
     }
 
     /// Places at t; each part about where `around` has it.
-    Positions at(double t, const Positions& around) const {
-        Progress silent;
+    Positions at(double t, const Positions& around, Progress& progress) const {
         const Positions right = sheet.forces_towards(
             [&](Index f) {
                 return ElasticSheet::Corners(moves[to_size(f)].at(t) *
                                              sheet.places(mesh.positions, f));
             },
-            silent);
+            progress);
         Positions x = around;
         if (solver) {
             const Eigen::MatrixX3d solution = solver->solve(Eigen::MatrixX3d(right));
@@ -171,7 +175,7 @@ struct MeshMotion::Bend {
         } else {
             const std::vector<Matrix3> none(to_size(x.rows()), Matrix3::Zero());
             solve(sheet.laplacian(), none, right, {.most_iterations = 300, .tolerance = 1e-5}, x,
-                  silent);
+                  progress);
         }
         Positions shifts = Positions::Zero(mesh.part_areas.size(), 3);
         Values counts = Values::Zero(mesh.part_areas.size());
@@ -208,6 +212,11 @@ MeshMotion::~MeshMotion() = default;
 MeshMotion::MeshMotion(MeshMotion&&) noexcept = default;
 
 Positions MeshMotion::at(double t) const {
+    Progress silent;
+    return at(t, silent);
+}
+
+Positions MeshMotion::at(double t, Progress& progress) const {
     Positions moved = motion_.at(t).positions;
     if (!bend_) return moved;
     const Mesh& mesh = bend_->mesh;
@@ -216,7 +225,7 @@ Positions MeshMotion::at(double t) const {
     Positions around = mesh.positions;
     for (std::size_t v = mesh.places.size(); v-- > 0;)
         around.row(mesh.places[v]) = straight.row(static_cast<Eigen::Index>(v));
-    return gather(part.apply(mesh.unit.restore(bend_->at(t, around))), mesh.places);
+    return gather(part.apply(mesh.unit.restore(bend_->at(t, around, progress))), mesh.places);
 }
 
 }  // namespace pointmorph

@@ -181,9 +181,7 @@ StraightPath<Scalar>::StraightPath(const Cloud& source, const Cloud& target,
 }
 
 template <class Scalar>
-void StraightPath<Scalar>::frame(double t, const FrameView<Scalar>& out) const {
-    if (!(t >= 0.0 && t <= 1.0))
-        throw OptionError("t", "a number from 0 to 1", std::to_string(t), "Clamp it.");
+void StraightPath<Scalar>::check(const FrameView<Scalar>& out) const {
     const auto count = to_size(size_);
     const auto check = [&](const Attribute& attribute, std::span<Scalar> span) {
         if (!span.empty() && span.size() != attribute.width * count)
@@ -196,6 +194,49 @@ void StraightPath<Scalar>::frame(double t, const FrameView<Scalar>& out) const {
     check(kNormals, out.normals);
     check(kColors, out.colors);
     check(kRadii, out.radii);
+}
+
+template <class Scalar>
+void StraightPath<Scalar>::frame(std::span<const double> times,
+                                 const FrameView<Scalar>& out) const {
+    check(out);
+    const auto count = to_size(size_);
+    Progress silent;
+    parallel_for(size_, silent, [&](Index begin, Index end) {
+        for (auto i = to_size(begin); i < to_size(end); ++i) {
+            const bool near_source = times[i] < 0.5;
+            const auto& from = near_source ? source_ : target_;
+            const auto& to = near_source ? target_ : source_;
+            const auto share = static_cast<Scalar>(near_source ? times[i] : 1.0 - times[i]);
+            const auto each = [&](const Attribute& attribute, std::span<Scalar> span, auto&& form) {
+                if (span.empty()) return;
+                const std::size_t row = attribute.width * i, at = attribute.offset * count + row;
+                form(from.data() + at, to.data() + at, span.data() + row, attribute.width);
+            };
+            const auto plain = [&](const Scalar* base, const Scalar* other, Scalar* result,
+                                   std::size_t numbers) {
+                blend(base, other, share, result, numbers);
+            };
+            each(kPositions, out.positions, plain);
+            each(kNormals, out.normals,
+                 [&](const Scalar* base, const Scalar* other, Scalar* result, std::size_t) {
+                     if (share == Scalar(0))
+                         std::copy_n(base, 3, result);
+                     else
+                         blend_normal_carefully(base, other, share, result);
+                 });
+            each(kColors, out.colors, plain);
+            each(kRadii, out.radii, plain);
+        }
+    });
+}
+
+template <class Scalar>
+void StraightPath<Scalar>::frame(double t, const FrameView<Scalar>& out) const {
+    if (!(t >= 0.0 && t <= 1.0))
+        throw OptionError("t", "a number from 0 to 1", std::to_string(t), "Clamp it.");
+    check(out);
+    const auto count = to_size(size_);
 
     // From the nearer end: the error is that of one rounding at either end, and the two halves
     // mirror one another.

@@ -61,6 +61,7 @@ Morph::Morph(MorphInput input, const MorphOptions& options, Progress& progress)
     check_loops(input, options);
     check_start(input.start, input.source.size(), input.target.size());
     if (options.method == Method::kPaper) check_for_paper(input.features);
+    delays_ = delays(input.source.positions, input.delays, options.stagger);
     MeshSides meshes = mesh_sides(input, options, progress);
     if (meshes.any()) {
         append(report_.warnings, turned_faces(input, meshes));
@@ -76,6 +77,8 @@ Morph::Morph(MorphInput input, const MorphOptions& options, Progress& progress)
     if (report_.diagnostics.confidence < options_.refinement.clear_confidence)
         report_.warnings.push_back(doubts(report_.diagnostics, source_, target_, features_));
     append(report_.warnings, color_warnings(source_, target_));
+    if (options.path_kind() == PathKind::kLinear)
+        append(report_.warnings, straight_path_warnings(source_, target_, pairs_));
     report_.stages = progress.stages();
     report_.seconds =
         std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
@@ -173,7 +176,7 @@ void Morph::carry(MorphInput input, Progress& progress) {
 }
 
 Morph::Morph(Cloud source, Cloud target, Pairing pairs, RefinementStart images,
-             const MorphOptions& options)
+             const MorphOptions& options, const Values& delays)
     : options_(options),
       source_(std::move(source)),
       target_(std::move(target)),
@@ -189,6 +192,7 @@ Morph::Morph(Cloud source, Cloud target, Pairing pairs, RefinementStart images,
     }
     check_pairs(pairs_, source_, target_);
     check_start({source_images_, target_images_}, source_.size(), target_.size());
+    delays_ = pointmorph::delays(source_.positions, delays, options.stagger);
     if (source_images_.rows() > 0) return;
     source_images_ = mean_of_partners(source_.size(), pairs_, &IndexPair::source, target_.positions,
                                       &IndexPair::target);

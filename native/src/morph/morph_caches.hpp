@@ -6,6 +6,7 @@
 
 #include "pointmorph/frames/mesh_motion.hpp"
 #include "pointmorph/frames/motion.hpp"
+#include "pointmorph/frames/stagger.hpp"
 #include "pointmorph/morph/morph.hpp"
 
 namespace pointmorph {
@@ -14,6 +15,7 @@ namespace pointmorph {
 struct Morph::Wrapped {
     std::optional<Positions> ends;  ///< of its vertices
     std::optional<MeshMotion> motion;
+    std::optional<PointwisePath> pointwise;
 };
 
 /// Each is guarded by the mutex above it.
@@ -22,6 +24,7 @@ struct Morph::Caches {
     std::optional<StraightPath<float>> single_path;
     std::optional<StraightPath<double>> double_path;
     std::optional<Motion> source_motion, target_motion;
+    std::optional<PointwisePath> pointwise;
 
     std::mutex wrapping_mutex;
     Wrapped wrapped_source, wrapped_target;

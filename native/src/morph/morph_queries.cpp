@@ -129,15 +129,62 @@ Positions Morph::on_the_way(bool is_source, double share, Progress& progress) co
     const Positions &starts = sides.source.cloud.positions, &ends = *wrapped.ends;
     if (share == 0.0) return starts;
     if (share == 1.0) return ends;
-    if (options_.path == PathKind::kLinear) return (1.0 - share) * starts + share * ends;
+    return delays_.size() > 0 ? staggered(is_source, share, progress)
+                              : along_path(is_source, share, progress);
+}
+
+/// All vertices of a wrapped mesh at once, between its ends. The caller holds wrapping_mutex.
+Positions Morph::along_path(bool is_source, double share, Progress& progress) const {
+    Wrapped& wrapped = is_source ? caches_->wrapped_source : caches_->wrapped_target;
+    const WrappedSides sides = wrapped_sides(is_source);
+    const Positions &starts = sides.source.cloud.positions, &ends = *wrapped.ends;
+    if (options_.path_kind() == PathKind::kLinear) return (1.0 - share) * starts + share * ends;
+    progress.enter("motion");
     if (!wrapped.motion) {
         const GradualSimilarity similarity{fit_similarity(starts, ends),
                                            starts.colwise().mean().transpose()};
         const Normals normals = sides.source.cloud.normals.rowwise().normalized();
         wrapped.motion.emplace(sides.source.mesh.mesh(), OrientedView{starts, normals}, ends,
-                               similarity, options_.path, progress);
+                               similarity, options_.path_kind(), progress);
     }
-    return wrapped.motion->at(share);
+    Positions result = wrapped.motion->at(share, progress);
+    progress.finish();
+    return result;
+}
+
+/// The same, each vertex at its own time; one of the target at the mean time of its pairs.
+Positions Morph::staggered(bool is_source, double share, Progress& progress) const {
+    Wrapped& wrapped = is_source ? caches_->wrapped_source : caches_->wrapped_target;
+    const Positions& starts = is_source ? source_.positions : target_.positions;
+    if (!wrapped.pointwise)
+        wrapped.pointwise.emplace(
+            OrientedPoints{starts, {}}, OrientedPoints{*wrapped.ends, {}}, [&](double at) {
+                return OrientedPoints{along_path(is_source, at, progress), {}};
+            });
+    Values shares(starts.rows());
+    if (is_source) {
+        for (Eigen::Index i = 0; i < shares.size(); ++i)
+            shares[i] = local_time(share, delays_[i], options_.stagger);
+    } else {
+        const Values times = pair_times(1.0 - share);
+        shares.setZero();
+        Values count = Values::Zero(shares.size());
+        for (std::size_t i = 0; i < pairs_.size(); ++i) {
+            shares[pairs_[i].target] += 1.0 - times[static_cast<Eigen::Index>(i)];
+            count[pairs_[i].target] += 1.0;
+        }
+        shares = shares.array() / count.array();
+    }
+    return wrapped.pointwise->at(shares).positions;
+}
+
+/// The time of each pair while that of the whole is t.
+Values Morph::pair_times(double t) const {
+    Values times(static_cast<Eigen::Index>(pairs_.size()));
+    for (std::size_t i = 0; i < pairs_.size(); ++i)
+        times[static_cast<Eigen::Index>(i)] =
+            local_time(t, delays_[pairs_[i].source], options_.stagger);
+    return times;
 }
 
 DenserMesh Morph::denser(bool of_source, const DensityOptions& options, Progress& progress) const {
@@ -175,7 +222,7 @@ template const StraightPath<float>& Morph::straight_path<float>() const;
 template const StraightPath<double>& Morph::straight_path<double>() const;
 
 void Morph::lay_out_paths(Progress& progress) const {
-    if (options_.path == PathKind::kLinear) return;
+    if (options_.path_kind() == PathKind::kLinear) return;
     const ThreadCount threads(options_.threads);
     const std::scoped_lock lock(caches_->paths_mutex);
     if (caches_->source_motion) return;
@@ -184,9 +231,9 @@ void Morph::lay_out_paths(Progress& progress) const {
                                        source_.positions.colwise().mean().transpose()};
     progress.enter("motion");
     Motion from(source_.positions, source_.normals.rowwise().normalized(), images, similarity,
-                options_.path, progress);
+                options_.path_kind(), progress);
     caches_->target_motion.emplace(target_.positions, target_.normals.rowwise().normalized(), back,
-                                   similarity.reversed(), options_.path, progress);
+                                   similarity.reversed(), options_.path_kind(), progress);
     caches_->source_motion.emplace(std::move(from));
     progress.finish();
 }
@@ -194,14 +241,66 @@ void Morph::lay_out_paths(Progress& progress) const {
 template <class Scalar>
 void Morph::frame(double t, const FrameView<Scalar>& out) const {
     const ThreadCount threads(options_.threads);
-    const bool straight = options_.path == PathKind::kLinear || t == 0.0 || t == 1.0;
+    const bool at_end = t == 0.0 || t == 1.0;
+    if (delays_.size() > 0 && t > 0.0 && t < 1.0) {
+        staggered_frame<Scalar>(t, out);
+        return;
+    }
     straight_path<Scalar>().frame(t, out);
-    if (straight || (out.positions.empty() && out.normals.empty())) return;
+    if (at_end || options_.path_kind() == PathKind::kLinear ||
+        (out.positions.empty() && out.normals.empty()))
+        return;
 
     Progress silent;
     lay_out_paths(silent);
     fade(caches_->source_motion->at(t), caches_->target_motion->at(1.0 - t), pairs_, t,
          out.positions, out.normals);
+}
+
+/// With pairs that aren't at the same time, between the ends.
+template <class Scalar>
+void Morph::staggered_frame(double t, const FrameView<Scalar>& out) const {
+    const Values times = pair_times(t);
+    straight_path<Scalar>().frame({times.data(), to_size(times.size())}, out);
+    if (options_.path_kind() == PathKind::kLinear) return;
+    if (out.positions.empty() && out.normals.empty()) return;
+
+    const OrientedPoints cloud = pointwise_path().at(times);
+    const auto put = [](const auto& rows, std::span<Scalar> to) {
+        if (to.empty()) return;
+        using Rows = Eigen::Matrix<Scalar, Eigen::Dynamic, 3, Eigen::RowMajor>;
+        Eigen::Map<Rows>(to.data(), rows.rows(), 3) = rows.template cast<Scalar>();
+    };
+    put(cloud.positions, out.positions);
+    put(cloud.normals, out.normals);
+}
+
+/// The pairs' way, for times of their own; laid out when first asked for.
+const PointwisePath& Morph::pointwise_path() const {
+    Progress silent;
+    lay_out_paths(silent);
+    const std::scoped_lock lock(caches_->paths_mutex);
+    if (!caches_->pointwise) {
+        const auto ends = [this](const Cloud& cloud, Index IndexPair::*side) {
+            OrientedPoints result{Positions(static_cast<Eigen::Index>(pairs_.size()), 3),
+                                  Normals(static_cast<Eigen::Index>(pairs_.size()), 3)};
+            for (std::size_t i = 0; i < pairs_.size(); ++i) {
+                const auto row = static_cast<Eigen::Index>(i);
+                result.positions.row(row) = cloud.positions.row(pairs_[i].*side);
+                result.normals.row(row) = cloud.normals.row(pairs_[i].*side);
+            }
+            return result;
+        };
+        caches_->pointwise.emplace(
+            ends(source_, &IndexPair::source), ends(target_, &IndexPair::target), [this](double t) {
+                const auto rows = static_cast<Eigen::Index>(pairs_.size());
+                OrientedPoints cloud{Positions(rows, 3), Normals(rows, 3)};
+                fade<double>(caches_->source_motion->at(t), caches_->target_motion->at(1.0 - t),
+                             pairs_, t, span_of(cloud.positions), span_of(cloud.normals));
+                return cloud;
+            });
+    }
+    return *caches_->pointwise;
 }
 
 template void Morph::frame<float>(double, const FrameView<float>&) const;
@@ -232,7 +331,7 @@ Positions Morph::velocities(double t) const {
     Positions before(rows, 3), after(rows, 3);
     // On straight paths the whole way; else a piece short enough, but not the ends themselves,
     // whose own numbers differ from the path's by rounding.
-    const bool straight = options_.path == PathKind::kLinear;
+    const bool straight = options_.path_kind() == PathKind::kLinear && delays_.size() == 0;
     constexpr double kStep = 1e-3, kInside = 1e-6;
     const double first = straight ? 0.0 : std::max(t - kStep, kInside);
     const double last = straight ? 1.0 : std::min(t + kStep, 1.0 - kInside);

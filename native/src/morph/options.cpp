@@ -64,18 +64,31 @@ Option number(Field field, Option option) {
     return option;
 }
 
-/// A choice among the values of an enumeration, in their order.
+/// A choice among the values of an enumeration, in their order. Of a std::optional the first word
+/// stands for none.
 template <class Field>
 Option choice(Field field, Option option) {
-    using Enum = std::remove_cvref_t<decltype(field(std::declval<MorphOptions&>()))>;
+    using Member = std::remove_cvref_t<decltype(field(std::declval<MorphOptions&>()))>;
+    using Enum = typename Unwrapped<Member>::Type;
+    constexpr bool kOptional = !std::is_same_v<Member, Enum>;
     option.kind = Option::Kind::kChoice;
     option.get = [field, choices = option.choices](const MorphOptions& options) -> OptionValue {
-        return choices[to_size(field(const_cast<MorphOptions&>(options)))];
+        const auto& member = field(const_cast<MorphOptions&>(options));
+        if constexpr (kOptional)
+            return member ? choices[to_size(*member) + 1] : choices.front();
+        else
+            return choices[to_size(member)];
     };
     option.set = [field, choices = option.choices](MorphOptions& options,
                                                    const OptionValue& value) {
-        const auto found = std::ranges::find(choices, std::get<std::string>(value));
-        field(options) = static_cast<Enum>(found - choices.begin());
+        const auto found =
+            std::ranges::find(choices, std::get<std::string>(value)) - choices.begin();
+        if constexpr (kOptional) {
+            field(options).reset();
+            if (found > 0) field(options) = static_cast<Enum>(found - 1);
+        } else {
+            field(options) = static_cast<Enum>(found);
+        }
     };
     return option;
 }
@@ -242,12 +255,50 @@ const std::vector<Option> kTable{
             .method = Method::kPaper}),
     choice(POINTMORPH_FIELD(path),
            {.name = "path",
-            .choices = {"linear", "similarity", "rigid"},
+            .choices = {"auto", "linear", "similarity", "rigid"},
             .help = "How points travel. linear: straight. similarity: the whole rotates and "
                     "scales on the way, so a rotated target doesn't shrink midway. rigid: every "
-                    "part also rotates, so a raised leg swings. Shape keys themselves are "
-                    "straight; bake several steps to follow the other paths",
+                    "part also rotates, so a raised leg swings. auto: rigid, or linear with "
+                    "method paper. A single baked shape key is straight; bake several steps to "
+                    "follow the other paths",
             .affects = Option::Affects::kPath}),
+    choice(POINTMORPH_FIELD(stagger.kind),
+           {.name = "stagger",
+            .choices = {"none", "x", "y", "z", "noise", "delay"},
+            .help = "Which points go first. x, y, z: those with the smallest coordinate. noise: "
+                    "patches, in random order. delay: those with the smallest delay, a number "
+                    "from 0 to 1 for each point of the source. none: all go together",
+            .affects = Option::Affects::kPath}),
+    number(POINTMORPH_FIELD(stagger.overlap),
+           {.name = "stagger_overlap",
+            .minimum = 0.01,
+            .maximum = 1,
+            .help = "Share of the time that each point takes. 1: all go together. Small: one "
+                    "after the other",
+            .affects = Option::Affects::kPath}),
+    number(POINTMORPH_FIELD(stagger.falloff),
+           {.name = "stagger_falloff",
+            .minimum = 0,
+            .maximum = 1,
+            .help = "0: each point goes at constant speed. 1: it starts and ends slowly",
+            .affects = Option::Affects::kPath}),
+    choice(POINTMORPH_FIELD(stagger.is_reversed), {.name = "stagger_order",
+                                                   .choices = {"forward", "reverse"},
+                                                   .help = "reverse: what would go last goes first",
+                                                   .affects = Option::Affects::kPath}),
+    number(POINTMORPH_FIELD(stagger.size),
+           {.name = "stagger_size",
+            .minimum = 0.001,
+            .maximum = 10,
+            .unit = "diagonals",
+            .help = "About how large the patches of noise are, as a share of the source's "
+                    "bounding box",
+            .affects = Option::Affects::kPath}),
+    number(POINTMORPH_FIELD(stagger.seed), {.name = "stagger_seed",
+                                            .minimum = 0,
+                                            .maximum = 1000000,
+                                            .help = "Another number gives another noise",
+                                            .affects = Option::Affects::kPath}),
     number(POINTMORPH_FIELD(wrapping.conform),
            {.name = "wrap_conform",
             .minimum = 0,

@@ -1,9 +1,13 @@
 #include "morph/words.hpp"
 
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <cstdio>
+#include <numbers>
 
+#include "pointmorph/cloud/similarity.hpp"
 #include "pointmorph/measures/quality.hpp"
 
 namespace pointmorph {
@@ -174,6 +178,29 @@ std::vector<std::string> color_warnings(const Cloud& source, const Cloud& target
     const bool source_has_none = source.colors.rows() == 0;
     if (source_has_none == (target.colors.rows() == 0)) return {};
     return {(source_has_none ? source : target).name + " has no colors: white is used for it."};
+}
+
+std::vector<std::string> straight_path_warnings(const Cloud& source, const Cloud& target,
+                                                const Pairing& pairs) {
+    constexpr double kFewDegrees = 10.0;
+    const auto rows = static_cast<Eigen::Index>(pairs.size());
+    Positions from(rows, 3), to(rows, 3);
+    for (Eigen::Index i = 0; i < rows; ++i) {
+        from.row(i) = source.positions.row(pairs[to_size(i)].source);
+        to.row(i) = target.positions.row(pairs[to_size(i)].target);
+    }
+    const Similarity whole = fit_similarity(from, to);
+    const double degrees = Eigen::AngleAxisd(whole.rotation).angle() * 180.0 / std::numbers::pi;
+    if (degrees < kFewDegrees) return {};
+    const auto size = [](const Positions& rows) {
+        return (rows.rowwise() - rows.colwise().mean()).norm();
+    };
+    const double half_way =
+        size(0.5 * (from + to)) / std::max(std::sqrt(size(from) * size(to)), 1e-300);
+    return {target.name + " is turned by " + std::to_string(std::lround(degrees)) + "° against " +
+            source.name + ". On straight paths the shape is " +
+            std::to_string(std::lround(100.0 * half_way)) +
+            " % of its size halfway: use path rigid to turn it instead."};
 }
 
 std::string choice_in_words(const std::string& domain, const Topology& source,

@@ -40,6 +40,10 @@ std::string doubts(const Diagnostics& found, const Cloud& source, const Cloud& t
 /// Where one of the clouds has colors and the other has none.
 std::vector<std::string> color_warnings(const Cloud& source, const Cloud& target);
 
+/// Where straight paths shrink the shape, because the target lies turned against the source.
+std::vector<std::string> straight_path_warnings(const Cloud& source, const Cloud& target,
+                                                const Pairing& pairs);
+
 /// The domain, and what the shapes are: "product space: closed surfaces of genus 1 and 0".
 std::string choice_in_words(const std::string& domain, const Topology& source,
                             const Topology& target);

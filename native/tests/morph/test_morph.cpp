@@ -387,6 +387,108 @@ TEST(Morph, EveryPathEndsAtTheInputsAndKeepsToTheSurface) {
     }
 }
 
+TEST(Morph, StraightPathsOfWhatIsTurnedAreWarnedOf) {
+    const Matrix3 turn = Eigen::AngleAxisd(2.0, Vector3::UnitX()).toRotationMatrix();
+    Cloud target = bump_cloud(25);
+    target.positions = target.positions * turn.transpose();
+    auto features = grid_features(29, 25);
+    features.push_back(point_feature("corner", 0, 0));
+    MorphOptions options;
+    EXPECT_FALSE(checks::mentions(make(bump_cloud(29), target, features, options).report().warnings,
+                                  "straight"));
+    options.path = PathKind::kLinear;
+    EXPECT_TRUE(checks::mentions(make(bump_cloud(29), target, features, options).report().warnings,
+                                 "bump is turned by 115° against bump"));
+    EXPECT_FALSE(checks::mentions(
+        make(bump_cloud(29), bump_cloud(25), features, options).report().warnings, "straight"));
+}
+
+/// Sheets, the target turned; with `path` and `stagger`.
+Morph staggered_morph(PathKind path, const StaggerOptions& stagger, const Values& delays = {},
+                      int threads = 0) {
+    const Matrix3 turn = Eigen::AngleAxisd(1.5, Vector3::UnitX()).toRotationMatrix();
+    Cloud target = bump_cloud(25);
+    target.positions = target.positions * turn.transpose();
+    MorphOptions options;
+    options.path = path;
+    options.stagger = stagger;
+    options.threads = threads;
+    Progress progress;
+    MorphInput input{bump_cloud(29), target, grid_features(29, 25)};
+    input.delays = delays;
+    return Morph(std::move(input), options, progress);
+}
+
+struct Arrays {
+    std::vector<float> positions, normals, colors, radii;
+
+    Arrays(const Morph& morph, double t)
+        : positions(3 * morph.pairs().size()),
+          normals(3 * morph.pairs().size()),
+          colors(4 * morph.pairs().size()),
+          radii(morph.pairs().size()) {
+        morph.frame<float>(t, {positions, normals, colors, radii});
+    }
+    bool operator==(const Arrays&) const = default;
+};
+
+TEST(Morph, StaggeredPairsAreWhereTheyAreAtTheirOwnTime) {
+    SKIP_WHERE_WATCHED();
+    for (const PathKind path : {PathKind::kLinear, PathKind::kRigid}) {
+        const Morph plain = staggered_morph(path, {});
+        StaggerOptions stagger;
+        stagger.kind = StaggerKind::kY;
+        const Morph morph = staggered_morph(path, stagger);
+        ASSERT_EQ(morph.pairs(), plain.pairs());
+        for (const double t : {0.0, 1.0}) EXPECT_EQ(Arrays(morph, t), Arrays(plain, t));
+
+        const Values late = delays(plain.source().positions, {}, stagger);
+        const Arrays found(morph, 0.4);
+        for (std::size_t i = 0; i < morph.pairs().size(); i += 97) {
+            const Arrays there(plain, local_time(0.4, late[morph.pairs()[i].source], stagger));
+            EXPECT_NEAR(found.radii[i], there.radii[i], 1e-6F);
+            for (std::size_t d = 3 * i; d < 3 * i + 3; ++d) {
+                EXPECT_NEAR(found.positions[d], there.positions[d], 1e-4F);
+                EXPECT_NEAR(found.normals[d], there.normals[d], 1e-3F);
+            }
+        }
+        Progress progress;
+        EXPECT_GE(morph.resampled_frame<float>(0.4, progress).ids.size(), morph.pairs().size());
+        EXPECT_EQ(Arrays(staggered_morph(path, stagger, {}, 1), 0.4), found);
+    }
+}
+
+TEST(Morph, GivenDelaysAreThoseOfTheSource) {
+    SKIP_WHERE_WATCHED();
+    StaggerOptions stagger;
+    stagger.kind = StaggerKind::kDelay;
+    stagger.overlap = 1.0;
+    stagger.falloff = 0.0;
+    EXPECT_THROW(staggered_morph(PathKind::kLinear, stagger), CloudError);
+    // All at once is as without.
+    const Values given = Values::LinSpaced(29 * 29, 0.0, 1.0);
+    const Morph plain = staggered_morph(PathKind::kLinear, {});
+    const Arrays together(staggered_morph(PathKind::kLinear, stagger, given), 0.3);
+    EXPECT_EQ(together.positions, Arrays(plain, 0.3).positions);
+
+    stagger.overlap = 0.01;
+    const Morph morph = staggered_morph(PathKind::kRigid, stagger, given);
+    const Arrays found(morph, 0.5), start(plain, 0.0), end(plain, 1.0);
+    Progress progress;
+    MorphOptions options = morph.options();
+    const Morph again(morph.source(), morph.target(), morph.pairs(),
+                      {morph.source_to_target(progress), morph.target_to_source(progress)}, options,
+                      given);
+    EXPECT_EQ(Arrays(again, 0.5), found);
+    for (std::size_t i = 0; i < morph.pairs().size(); ++i) {
+        const double late = given[morph.pairs()[i].source];
+        if (std::abs(late - 0.5) < 0.02) continue;
+        const Arrays& there = late > 0.5 ? start : end;
+        for (std::size_t d = 3 * i; d < 3 * i + 3; ++d)
+            ASSERT_EQ(found.positions[d], there.positions[d]);
+    }
+}
+
 TEST(Morph, EstimatedNormalsTurnWhereTheyFaceTheOtherWay) {
     SKIP_WHERE_WATCHED();
     Cloud inward = hemisphere(1200);

@@ -330,6 +330,7 @@ def test_resampled_frames_have_ids_and_velocities(pair: Path) -> None:
     done = run(
         "morph", pair / "plane.off", pair / "bump.off", "--out", out,
         "--features", pair / "features.json", "--frames", 3, "--resample", "--omega", 2,
+        "--path", "linear",
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     pairs = np.load(out / "pairs.npy")

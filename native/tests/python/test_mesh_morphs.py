@@ -145,7 +145,7 @@ def test_a_mesh_on_its_way_bends_with_the_path() -> None:
     target = pointmorph.Cloud(points @ turn(2.0, (0.0, 0.0, 1.0)).T * 2.0, faces=faces)
     marks = {str(k): (k, k) for k in range(0, len(points), 40)}
     source = pointmorph.Cloud(points, faces=faces)
-    straight = pointmorph.morph(source, target, marks)
+    straight = pointmorph.morph(source, target, marks, path="linear")
     ends = straight.wrapped(1.0)
     assert np.allclose(straight.wrapped(0.25), 0.75 * points + 0.25 * ends)
     for path in ("similarity", "rigid"):

@@ -26,7 +26,7 @@ def torn() -> pointmorph.Morph:
     clouds = [pointmorph.Cloud(p, up, radii=radii, name=n) for p, n in ((flat, "a"), (apart, "b"))]
     rows = np.arange(len(flat))
     maps = apart, flat
-    return pointmorph.restore(*clouds, np.column_stack([rows, rows]), maps)
+    return pointmorph.restore(*clouds, np.column_stack([rows, rows]), maps, path="linear")
 
 
 def turn(angle: float) -> npt.NDArray[np.float64]:
@@ -95,7 +95,8 @@ def test_new_points_lie_in_the_stretched_surface(torn: pointmorph.Morph) -> None
 
 def test_velocities_are_the_way_to_the_next_frame(torn: pointmorph.Morph) -> None:
     matrices = [turn(0.01 * k) for k in range(len(TIMES))]
-    sequence = MovingSequence(torn, TIMES, states_of(torn, matrices), {}, step=2)
+    settings = {"path": "linear"}
+    sequence = MovingSequence(torn, TIMES, states_of(torn, matrices), settings, step=2)
     here, later = sequence.frame(2), sequence.frame(3)
     _, a, b = np.intersect1d(here.ids, later.ids, return_indices=True)
     assert (here.ids[a] >= len(torn.pairs)).sum() > 15

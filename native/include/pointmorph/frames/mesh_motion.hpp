@@ -26,7 +26,8 @@ public:
     MeshMotion(MeshMotion&&) noexcept;
 
     /// #vertices by 3, for t from 0 to 1; at the ends those given, up to rounding. May be called
-    /// from several threads at once.
+    /// from several threads at once. Throws Cancelled.
+    Positions at(double t, Progress& progress) const;
     Positions at(double t) const;
 
 private:

@@ -39,8 +39,12 @@ public:
     /// are an OptionError. Allocates nothing; runs on all threads; may be called from several
     /// threads at once.
     void frame(double t, const FrameView<Scalar>& out) const;
+    /// The same with each pair at a time of its own: `times`, one a pair.
+    void frame(std::span<const double> times, const FrameView<Scalar>& out) const;
 
 private:
+    void check(const FrameView<Scalar>& out) const;  // throws OptionError
+
     Index size_;
     // All positions, then all normals, colors and radii, each laid out as in a FrameView.
     std::vector<Scalar> source_, target_;

@@ -42,9 +42,9 @@ public:
     Morph(MorphInput input, const MorphOptions& options, Progress& progress);
     /// A morph that was found earlier, from what it left: both clouds with normals and radii, its
     /// pairs, and where all points go (rows as in the clouds; empty: at their partners' mean).
-    /// There is no domain, and nothing to report. Throws CloudError.
+    /// There is no domain, and nothing to report. `delays` as in MorphInput. Throws CloudError.
     Morph(Cloud source, Cloud target, Pairing pairs, RefinementStart images,
-          const MorphOptions& options);
+          const MorphOptions& options, const Values& delays = {});
     ~Morph();
 
     /// Both clouds in the order given; normals and radii are filled in where they were missing.
@@ -86,7 +86,8 @@ public:
     const StraightPath<Scalar>& straight_path() const;
 
     /// The in-between cloud at t along the paths of `options().path`, a row a pair of `pairs()`; at
-    /// t = 0 and t = 1 the inputs' own numbers. Colors and radii change linearly on any path. What
+    /// t = 0 and t = 1 the inputs' own numbers. Colors and radii change linearly on any path. With
+    /// `options().stagger`, each pair is at a time of its own: see local_time(). What
     /// straight_path() says of spans and errors holds here.
     template <class Scalar>
     void frame(double t, const FrameView<Scalar>& out) const;
@@ -123,6 +124,12 @@ private:
     Positions through_domain(const Positions& images, const DomainPoints& from,
                              const DomainPoints& to, const Cloud& other, Progress& progress) const;
     Positions velocities(double t) const;
+    Values pair_times(double t) const;
+    template <class Scalar>
+    void staggered_frame(double t, const FrameView<Scalar>& out) const;
+    const PointwisePath& pointwise_path() const;
+    Positions along_path(bool is_source, double share, Progress& progress) const;
+    Positions staggered(bool is_source, double share, Progress& progress) const;
     struct Wrapped;
     struct WrappedSides;
     WrappedSides wrapped_sides(bool is_source) const;  // throws CloudError
@@ -134,6 +141,7 @@ private:
     Cloud source_, target_;
     std::vector<Feature> features_;
     Pairing pairs_;
+    Values delays_;  ///< of the source's points; empty where all go together
     DomainPoints source_domain_, target_domain_;
     Positions source_images_, target_images_;  ///< empty where the domain gives them
     BoundaryLoop source_boundary_, target_boundary_;

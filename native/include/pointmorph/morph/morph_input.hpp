@@ -32,6 +32,8 @@ struct MorphInput {
     RefinementStart start{};
     Parts source_parts{}, target_parts{};  ///< what is connected, from the faces; empty: found
     VertexHolds source_holds{}, target_holds{};
+    /// When the source's points go, 0 to 1, one a point, or none; see StaggerKind::kDelay.
+    Values delays{};
     std::vector<std::vector<std::string>> more_loops{};  ///< like `loop`, for a network of curves
 };
 

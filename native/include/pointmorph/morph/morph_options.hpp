@@ -2,6 +2,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <optional>
 
 #include "pointmorph/base/types.hpp"
 #include "pointmorph/disk/alignment.hpp"
@@ -9,6 +10,7 @@
 #include "pointmorph/disk/parameterization.hpp"
 #include "pointmorph/frames/motion.hpp"
 #include "pointmorph/frames/resampling.hpp"
+#include "pointmorph/frames/stagger.hpp"
 #include "pointmorph/mesh/wrapping.hpp"
 #include "pointmorph/registration/components.hpp"
 #include "pointmorph/registration/refinement.hpp"
@@ -54,11 +56,17 @@ struct MorphOptions {
     TransferOptions transfer;
     RefinementOptions refinement;
     ComponentOptions components;
-    PathKind path = PathKind::kLinear;
+    /// None: rigid, or straight with the paper's method.
+    std::optional<PathKind> path;
+    StaggerOptions stagger;
     ResamplingOptions resampling;
     WrapOptions wrapping;
     /// Threads; 0 takes all. The result doesn't depend on it.
     int threads = 0;
+
+    PathKind path_kind() const {
+        return path.value_or(method == Method::kPaper ? PathKind::kLinear : PathKind::kRigid);
+    }
 };
 
 }  // namespace pointmorph
