@@ -2,10 +2,11 @@
 
 import bpy
 
-from . import nodes, versions
+from . import attribute_names, nodes, versions
 
 _PREFIX = "Pointmorph "
 _T, _MIX, _SHADER, _FADE = (_PREFIX + name for name in ("t", "Mix", "Target", "Fade"))
+_STAGGERED = _PREFIX + "Staggered"
 
 
 def is_mixed(material):
@@ -55,6 +56,8 @@ def unmix(material):
             if first.is_linked:
                 for link in list(node.outputs[0].links):
                     tree.links.new(first.links[0].from_socket, link.to_socket)
+    if _STAGGERED in tree.nodes:
+        tree.nodes[_STAGGERED].outputs[0].driver_remove("default_value")
     for node in list(tree.nodes):
         if node.name.startswith(_PREFIX) and node.name != _T:
             tree.nodes.remove(node)
@@ -71,7 +74,8 @@ def mix_in(material, drawn, images, uv, drive):
     uv : str
         Name of their UV map.
     drive : function
-        Makes an output of a node of a tree have the value t: takes the node.
+        Takes two nodes: makes one give out t, and the other 1 where parts of the morph go later
+        than others, else 0.
     """
     tree = material.node_tree
     outputs = [n for n in tree.nodes if n.type == "OUTPUT_MATERIAL"]
@@ -82,19 +86,32 @@ def mix_in(material, drawn, images, uv, drive):
     if t is not None:
         t.outputs[0].driver_remove("default_value")
         tree.nodes.remove(t)
-    t = build.add("ShaderNodeValue", _T)
-    drive(t)
+    t = _own_time(build, drive)
     shader = _shader(build, drawn, images, uv)
     for number, output in enumerate(outputs):
         own = _source_of(output.inputs["Surface"])
         mix = build.add("ShaderNodeMixShader", f"{_MIX} {number}")
         mix.location = (right - 200.0, output.location.y - 150.0)
-        tree.links.new(t.outputs[0], mix.inputs[0])
+        tree.links.new(t, mix.inputs[0])
         if own is not None:
             tree.links.new(own, mix.inputs[1])
         tree.links.new(shader, mix.inputs[2])
         tree.links.new(mix.outputs[0], output.inputs["Surface"])
         _fade_displacement(build, tree, output, t, number)
+
+
+def _own_time(build, drive):
+    """The output that says how far each point has gone: t, or its own share of the way."""
+    t, staggered = (build.add("ShaderNodeValue", name) for name in (_T, _STAGGERED))
+    staggered.outputs[0].default_value = 0.0
+    drive(t, staggered)
+    own = build.add("ShaderNodeAttribute", _PREFIX + "Own t", attribute_name=attribute_names.TIME)
+    mix = build.add("ShaderNodeMix", _PREFIX + "Time", data_type="FLOAT")
+    factor, first, second = (socket for socket in mix.inputs if socket.enabled)
+    build.tree.links.new(staggered.outputs[0], factor)
+    build.tree.links.new(t.outputs[0], first)
+    build.tree.links.new(own.outputs["Fac"], second)
+    return nodes.enabled(mix.outputs, "Result")
 
 
 def _fade_displacement(build, tree, output, t, number):
@@ -104,7 +121,7 @@ def _fade_displacement(build, tree, output, t, number):
         return
     left = build.add("ShaderNodeMath", f"{_PREFIX}Rest {number}", operation="SUBTRACT")
     left.inputs[0].default_value = 1.0
-    tree.links.new(t.outputs[0], left.inputs[1])
+    tree.links.new(t, left.inputs[1])
     scaled = build.add("ShaderNodeVectorMath", f"{_FADE} {number}", operation="SCALE")
     tree.links.new(own, scaled.inputs[0])
     tree.links.new(left.outputs[0], scaled.inputs["Scale"])

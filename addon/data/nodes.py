@@ -20,6 +20,19 @@ def drive_output(node, key, divisor=1):
     _drive_share(node.outputs[0].driver_add("default_value"), key, divisor)
 
 
+def drive_switch(node, obj, modifier, name):
+    """Makes a value that a node gives out 1 where an input of an object's modifier is a whole
+    number above 0."""
+    driver = node.outputs[0].driver_add("default_value").driver
+    driver.type = "SCRIPTED"
+    variable = driver.variables.new()
+    variable.name = "kind"
+    variable.type = "SINGLE_PROP"
+    variable.targets[0].id = obj
+    variable.targets[0].data_path = versions.input_path(modifier, name)
+    driver.expression = "min(kind, 1)"
+
+
 def _drive_share(curve, key, divisor):
     curve.driver.type = "AVERAGE" if divisor == 1 else "SCRIPTED"
     drive(curve.driver, key)

@@ -10,7 +10,7 @@ from ..core.look_transfer import Canvas, Options, draw
 from ..core.stepping import finish
 from ..core.transforms import move_positions
 from ..data import arrays, creation, images, look_nodes, nodes
-from . import morph_object, object_looks, recipes
+from . import morph_object, object_looks, path_display, recipes, stagger_nodes
 from .shape_reader import present_steps, read_own_steps, update
 
 UV_NAME = "Pointmorph"
@@ -142,7 +142,7 @@ def blend(obj, drawn):
             uv = _write_layout(obj, drawn.uvs)
         made = _write_images(obj, drawn, created)
         for slot, material in _own_materials(obj, created):
-            look_nodes.mix_in(material, drawn, made, uv, lambda node: _drive(obj, node))
+            look_nodes.mix_in(material, drawn, made, uv, lambda *found: _drive(obj, *found))
             _drive_viewport_color(obj, material, drawn.mean)
             slot.material = material
     _remove_unused(before)
@@ -261,8 +261,11 @@ def _unmix(material):
         del material[_COLOR]
 
 
-def _drive(obj, node):
-    nodes.drive_output(node, morph_object.t_key(obj), _last(obj))
+def _drive(obj, t, staggered):
+    nodes.drive_output(t, morph_object.t_key(obj), _last(obj))
+    modifier = path_display.modifier_of(obj)
+    if modifier is not None:
+        nodes.drive_switch(staggered, obj, modifier, stagger_nodes.STAGGER)
 
 
 def _drive_viewport_color(obj, material, mean):
