@@ -29,7 +29,7 @@ def say(layout, context, text, icon, beside=0):
     width = context.region.width / scale - 65 - beside
     lines = layout.column(align=True)
     for number, line in enumerate(textwrap.wrap(text, max(18, int(width / 6.7)))):
-        lines.label(text=line, icon="BLANK1" if number else icon)
+        lines.label(text=line, icon="BLANK1" if number and icon != "NONE" else icon)
 
 
 def explained(layout, text, meaning, icon="NONE"):

@@ -41,10 +41,16 @@ def draw_key_morph(layout, context, obj):
     row.operator("pointmorph.key_morph", icon="KEY_HLT")
 
 
-def draw_shown_as(layout, context, obj):
+def _points_of(obj):
+    """The morph object of pairs; None where it is gone."""
     points = obj if morph_object.is_result(obj) else obj.pointmorph.made_from
+    return points if morph_object.is_result(points) else None
+
+
+def draw_shown_as(layout, context, obj):
+    points = _points_of(obj)
     row = layout.row(align=True)
-    if morph_object.is_result(points):
+    if points is not None:
         now = presentation.kind_of(points)
         kinds = ["POINTS", "DISCS"]
         if now == presentation.MESH or presentation.has_faces(points):
@@ -56,7 +62,7 @@ def draw_shown_as(layout, context, obj):
         row.separator()
     visible = presentation.shows_shapes(obj)
     icon = "HIDE_OFF" if visible else "HIDE_ON"
-    text = "" if morph_object.is_result(points) else "Originals"
+    text = "Originals" if points is None else ""
     row.operator("pointmorph.show_shapes", text=text, icon=icon, depress=visible)
 
 
@@ -87,8 +93,9 @@ def draw_state(layout, context, obj):
 
 
 def draw_too_fine(layout, context, obj):
-    if obj.pointmorph.too_fine:
-        name = recipes.present_words(obj, obj.pointmorph.too_fine)
+    points = _points_of(obj)
+    if points is not None and points.pointmorph.too_fine:
+        name = recipes.present_words(points, points.pointmorph.too_fine)
         say(layout, context, f'Too few vertices to show "{name}"', "INFO")
         layout.operator("pointmorph.subdivide_source", icon="MOD_SUBSURF")
 

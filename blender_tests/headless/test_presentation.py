@@ -202,3 +202,42 @@ def test_a_chain_is_shown_by_the_source_s_faces(settings):
     last = points.data.shape_keys.key_blocks[-1]
     np.testing.assert_allclose(shown_points(points), coordinates(last.data), atol=1e-6)
     assert between.hide_get()
+
+
+class Layout:
+    """Notes the operators that a panel draws."""
+
+    def __init__(self):
+        self.drawn = []
+
+    def operator(self, name, **_):
+        self.drawn.append(name.removeprefix("pointmorph."))
+        return SimpleNamespace()
+
+    def __getattr__(self, name):
+        return lambda *_, **__: self
+
+
+@pytest.mark.parametrize("kind", ["MESH", "POINTS", "DISCS"])
+def test_the_box_of_the_result_has_its_rows(painted, addon, kind):
+    _, _, shown = painted
+    points = shown.pointmorph.made_from
+    points.pointmorph.too_fine = "Dune"
+    bpy.ops.pointmorph.show_as(kind=kind)
+    layout = Layout()
+    context = SimpleNamespace(
+        view_layer=bpy.context.view_layer,
+        scene=bpy.context.scene,
+        region=SimpleNamespace(width=300),
+        preferences=SimpleNamespace(system=SimpleNamespace(ui_scale=1.0)),
+    )
+    panel = addon("ui.result_panel").POINTMORPH_PT_result
+    panel.draw(SimpleNamespace(layout=layout), context)
+    expected = ["key_morph", *3 * ["show_as"], "show_shapes", "recompute", "explain"]
+    places = ["go_to_place"] if "go_to_place" in layout.drawn else []
+    assert layout.drawn == [*expected, *places, "subdivide_source"]
+    bpy.data.objects.remove(points)
+    select(shown)
+    layout.drawn.clear()
+    panel.draw(SimpleNamespace(layout=layout), context)
+    assert layout.drawn[:3] == ["key_morph", "show_shapes", "recompute"]

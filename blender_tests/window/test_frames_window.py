@@ -57,17 +57,6 @@ def test_a_bake_that_esc_stopped_goes_on(changed_window, tmp_path):
     assert window.ask(f"not {RESULT}.hide_render")
 
 
-def test_bake_can_be_pressed_again_after_an_error(window):
-    """Without moving the mouse: Blender keeps a button grayed while the mouse is over it."""
-    morphed(window, 20)
-    window.run("bpy.context.scene.pointmorph.frames_format = 'PLY'")  # to //, of no file
-    place = window.find(BAKE)
-    for _ in range(3):
-        window.run("session().problem = None")
-        window.click(place)
-        window.wait(f"session().problem is not None and not ({RUNNING})")
-
-
 MOVE = """
 for obj in (bpy.data.objects["Hill"], bpy.data.objects["Dune"]):
     for frame, x in ((1, 0.0), (24, 2.0)):
