@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 LARGEST = 4096
-_LEAST_CELL = 8  # pixels, for two triangles
+_LEAST_CELL = 4  # pixels, for two triangles
 _OVERLAP = 0.02  # of the pixels
 
 
@@ -153,8 +153,8 @@ def lay_out(corners, size):
     # The right angle is opposite the longest side.
     turned = (sides[order].argmax(axis=1)[:, None] + np.arange(3)) % 3
     cells = (2**levels)[square].astype(np.float64)
-    legs = np.maximum(cells - 4, cells / 4)
-    local = np.ones((len(order), 3, 2))
+    border, legs = _measures(cells)
+    local = np.tile(border[:, None, None], (1, 3, 2))
     local[:, 1, 0] += legs
     local[:, 2, 1] += legs
     local[upper] = cells[upper, None, None] - local[upper]
@@ -162,6 +162,11 @@ def lay_out(corners, size):
     uvs[order[:, None], turned] = (places[square][:, None] + local) / size
     texels = _cell_texels(order, turned, levels, places, size)
     return uvs.astype(np.float32), texels, size
+
+
+def _measures(cells):
+    """Of squares of that many pixels: the border, and the shorter sides of its triangles."""
+    return np.where(cells < 8, 0.5, 1.0), np.maximum(cells - 4, cells / 4)
 
 
 def _levels(lengths, size):
@@ -200,12 +205,14 @@ def _cell_texels(order, turned, levels, places, size):
         squares = np.flatnonzero(levels == level)
         y, x = (part.reshape(-1) for part in np.mgrid[:cell, :cell])
         upper = (x + y + 1 > cell).astype(np.int64)
-        leg = max(cell - 4, cell / 4)
+        order_within = np.argsort(upper, kind="stable")  # one triangle after the other
+        y, x, upper = y[order_within], x[order_within], upper[order_within]
+        border, leg = (float(part) for part in _measures(np.float64(cell)))
         mirrored = (
             np.where(upper, cell - x - 0.5, x + 0.5),
             np.where(upper, cell - y - 0.5, y + 0.5),
         )
-        second, third = (np.maximum((part - 1.0) / leg, 0.0) for part in mirrored)
+        second, third = (np.maximum((part - border) / leg, 0.0) for part in mirrored)
         shares = _proper(np.stack([1.0 - second - third, second, third], axis=1))
         member = (2 * squares[:, None] + upper).reshape(-1)
         rows = (places[squares, 1][:, None] + y) * size + places[squares, 0][:, None] + x

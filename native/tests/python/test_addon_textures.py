@@ -195,14 +195,18 @@ def test_a_layout_has_room_for_every_triangle(count: int) -> None:
     edges = np.concatenate([uvs, 0.5 * (uvs + np.roll(uvs, 1, axis=1))], axis=1) * size - 0.5
     for dx in (0, 1):
         for dy in (0, 1):
-            x, y = (np.floor(edges[..., k]).astype(int) + d for k, d in enumerate((dx, dy)))
-            assert (owner[y * size + x] == np.arange(count)[:, None]).all()
+            first = np.floor(edges)
+            x, y = (first[..., k].astype(int) + d for k, d in enumerate((dx, dy)))
+            weights = np.abs(1 - np.array([dx, dy]) - (edges - first)).prod(axis=-1)
+            at = y.clip(0, size - 1) * size + x.clip(0, size - 1)
+            own = owner[at] == np.arange(count)[:, None]
+            assert (own | (weights < 1e-3)).all()
 
 
 def test_a_layout_grows_where_there_are_too_many_triangles() -> None:
     corners = np.random.default_rng(0).normal(size=(40_000, 3, 3))
     _, found, size = texels.lay_out(corners, 256)
-    assert size == 2048
+    assert size == 1024
     assert len(np.unique(found.rows)) == len(found.rows)
 
 
