@@ -10,6 +10,7 @@ FILE_ID = "point_id"  # in files that don't keep "id"
 # way that it has gone; both 0 to 1.
 DELAY = "morph_delay"
 TIME = "morph_t"
+AHEAD = "morph_ahead"  # that share less what the whole has gone
 TURN = "morph_normal"  # what the path adds to the normals of points
 # How bad the map is at a pair: 0 is perfect, over 1 is bad.
 DISTORTION = "distortion"

@@ -72,7 +72,9 @@ def join(requests, outcomes, progress=None):
 
     # Where the source's points are at every shape: carried on by the points around.
     stops = [outcomes[0].landing]
-    for request, outcome in zip(requests[1:], outcomes[1:], strict=True):
+    for number, (request, outcome) in enumerate(zip(requests[1:], outcomes[1:], strict=True)):
+        if progress is not None and progress("transfer", number / len(requests)) is False:
+            raise pointmorph.Cancelled("The chain was canceled.")
         stops.append(_carried(stops[-1], request, outcome.landing))
 
     # A pair is as bad as the worst of its ways.

@@ -131,7 +131,10 @@ def timed(build, inputs, geometry, start, ways):
     smooth = build.math("MULTIPLY", smooth, build.math("MULTIPLY_ADD", done, -2.0, 3.0))
     easing = build.math("MULTIPLY", build.math("SUBTRACT", smooth, done), inputs["Falloff"])
     own = build.math("ADD", done, easing)
-    return build.stored(geometry, attribute_names.TIME, "FLOAT", own)
+    geometry = build.stored(geometry, attribute_names.TIME, "FLOAT", own)
+    own = build.attribute(attribute_names.TIME, "FLOAT")
+    ahead = build.math("SUBTRACT", own, whole)
+    return build.stored(geometry, attribute_names.AHEAD, "FLOAT", ahead)
 
 
 def _measured(build, inputs, start):

@@ -158,7 +158,12 @@ def test_materials_can_read_how_far_each_point_is(shown, choose):
     mesh = shown.evaluated_get(bpy.context.evaluated_depsgraph_get()).data
     delays = spread(world(shown)[:, 2])
     np.testing.assert_allclose(attribute(mesh, "morph_delay"), delays, atol=1e-5)
-    np.testing.assert_allclose(attribute(mesh, "morph_t"), own_times(0.5, delays)[:, 0], atol=1e-5)
+    times = own_times(0.5, delays)[:, 0]
+    np.testing.assert_allclose(attribute(mesh, "morph_t"), times, atol=1e-5)
+    np.testing.assert_allclose(attribute(mesh, "morph_ahead"), times - 0.5, atol=1e-5)
+    choose(shown, "Off")
+    mesh = shown.evaluated_get(bpy.context.evaluated_depsgraph_get()).data
+    assert not any(a.name.startswith("morph_") for a in mesh.attributes)
 
 
 def test_on_a_rigid_path(shown, choose, settings, addon):

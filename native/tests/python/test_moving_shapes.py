@@ -78,7 +78,7 @@ def test_what_moves_as_a_whole_looks_as_at_rest_in_its_own_frame(
 def test_new_points_lie_in_the_stretched_surface(torn: pointmorph.Morph) -> None:
     """Stretched along one axis and sheared: the flat sheet stays flat, its points stay in it."""
     matrices = [np.array([[1, 0, 0], [0, 1 + 0.2 * k, 0], [0, 0.3 * k, 1]]) for k in range(5)]
-    sequence = MovingSequence(torn, TIMES, states_of(torn, matrices), {})
+    sequence = MovingSequence(torn, TIMES, states_of(torn, matrices), {"path": "linear"})
     for k in (1, 2, 3):
         rest, frame = torn.resampled_frame(TIMES[k]), sequence.frame(k)
         new = rest.ids >= len(torn.pairs)
