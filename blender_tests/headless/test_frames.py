@@ -213,6 +213,7 @@ def is_closed_but_for_the_border(data):
     return counts.min() >= 1 and counts.max() == 2 and (counts == 1).mean() < 0.15
 
 
+@pytest.mark.logic
 def test_faces_on_request(torn, tmp_path):
     if not surfaces.is_available():
         pytest.skip("this Python has no pymeshlab and scipy that fit its numpy")

@@ -3,8 +3,6 @@
 // whatever else the machine does meets both. The argument is the number of threads.
 #include <benchmark/benchmark.h>
 
-#include <algorithm>
-#include <chrono>
 #include <numeric>
 #include <vector>
 
@@ -13,6 +11,7 @@
 #include "pointmorph/cloud/covariance.hpp"
 #include "pointmorph/cloud/lod.hpp"
 #include "pointmorph/cloud/sampling.hpp"
+#include "timing.hpp"
 
 namespace pointmorph {
 namespace {
@@ -41,27 +40,14 @@ Neighborhoods unit(Progress& progress) {
     return nearest_neighbors(KdTree<3>(prepared().positions), kNeighbors, progress);
 }
 
-double median(std::vector<double> values) {
-    const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-    std::nth_element(values.begin(), middle, values.end());
-    return *middle;
-}
-
-template <class Run>
-double seconds(Run&& run) {
-    const auto start = std::chrono::steady_clock::now();
-    benchmark::DoNotOptimize(run());
-    return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
-}
-
 template <class Run>
 void measure(benchmark::State& state, Run&& run) {
     const ThreadCount threads(static_cast<int>(state.range(0)));
     Progress progress;
     std::vector<double> run_seconds, unit_seconds;
     for (auto _ : state) {
-        unit_seconds.push_back(seconds([&] { return unit(progress); }));
-        run_seconds.push_back(seconds(run));
+        unit_seconds.push_back(seconds([&] { benchmark::DoNotOptimize(unit(progress)); }));
+        run_seconds.push_back(seconds([&] { benchmark::DoNotOptimize(run()); }));
         state.SetIterationTime(run_seconds.back());
     }
     state.counters["unit_ms"] = 1e3 * median(unit_seconds);

@@ -3,14 +3,13 @@
 // of these together and writes the other half.
 #include <benchmark/benchmark.h>
 
-#include <algorithm>
-#include <chrono>
 #include <cstring>
 #include <random>
 #include <vector>
 
 #include "pointmorph/base/parallel.hpp"
 #include "pointmorph/frames/path.hpp"
+#include "timing.hpp"
 
 namespace pointmorph {
 namespace {
@@ -47,19 +46,6 @@ struct Frame {
 
     FrameView<Scalar> view() { return {positions, normals, colors, radii}; }
 };
-
-template <class Function>
-double seconds(Function&& function) {
-    const auto start = std::chrono::steady_clock::now();
-    function();
-    return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
-}
-
-double median(std::vector<double> values) {
-    const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-    std::nth_element(values.begin(), middle, values.end());
-    return *middle;
-}
 
 /// Frames and copies take turns, so that whatever else the machine does meets both.
 template <class Scalar>

@@ -121,4 +121,11 @@ struct Urchin {
     }
 };
 
+/// The row of the point that is nearest to `q`, by looking at all.
+inline Index nearest_row(const Positions& p, const Vector3& q) {
+    Index best;
+    (p.rowwise() - q.transpose()).rowwise().squaredNorm().minCoeff(&best);
+    return best;
+}
+
 }  // namespace pointmorph::shapes

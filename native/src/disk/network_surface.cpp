@@ -6,7 +6,6 @@
 #include <cmath>
 #include <functional>
 #include <limits>
-#include <numbers>
 #include <string>
 #include <utility>
 
@@ -18,10 +17,9 @@ namespace pointmorph {
 
 namespace {
 
-constexpr double kFar = std::numeric_limits<double>::infinity();
-constexpr double kTurn = 2.0 * std::numbers::pi;
+constexpr double kUnreached = std::numeric_limits<double>::infinity();
 /// Length in √area over which curves keep each other away.
-constexpr double kRepulsion = 0.03;
+constexpr double kCurveRepulsion = 0.03;
 
 double longest_edge(const Positions& points) {
     double longest = 0.0;
@@ -180,7 +178,7 @@ public:
           sheets_(classes ? std::uint32_t{1} << surface.rank_ : 1),
           mask_(sheets_ - 1),
           words_((sheets_ + 63) / 64),
-          distance_(surface.links_.size() * sheets_, kFar),
+          distance_(surface.links_.size() * sheets_, kUnreached),
           before_(distance_.size(), -1),
           goals_at_(surface.links_.size()),
           reached_(goals.size() * words_, 0),
@@ -220,7 +218,7 @@ public:
 
     /// The cheapest path of each of the best classes from `from` to a goal, after run(from).
     std::vector<CoarsePath> found(const Sector& from, std::size_t goal) const {
-        std::vector<double> least(sheets_, kFar);
+        std::vector<double> least(sheets_, kUnreached);
         std::vector<std::size_t> last(sheets_, 0);
         for (const Link* link : goal_links_[goal])
             for (std::uint32_t bits = 0; bits < sheets_; ++bits) {
@@ -233,7 +231,7 @@ public:
             }
         std::vector<std::pair<double, std::uint32_t>> order;
         for (std::uint32_t bits = 0; bits < sheets_; ++bits)
-            if (least[bits] < kFar) order.emplace_back(least[bits], bits);
+            if (least[bits] < kUnreached) order.emplace_back(least[bits], bits);
         std::ranges::sort(order);
         if (order.size() > kMost) order.resize(kMost);
         std::vector<CoarsePath> paths;
@@ -355,7 +353,7 @@ void NetworkSurface::add(SurfaceCurve curve, const Sector& from, const Sector& t
     const Wall& wall = walls_.emplace_back(std::move(curve));
 
     constexpr double kOnIt = 0.2;  // of the coarse points' spacing
-    const double scale = kRepulsion * coarse_.unit;
+    const double scale = kCurveRepulsion * coarse_.unit;
     for (Index i = 0; i < coarse_.graph.size(); ++i) {
         const Eigen::RowVector3d here = coarse_.positions.row(i);
         Index nearest;

@@ -7,7 +7,6 @@
 #include <chrono>
 #include <cmath>
 #include <functional>
-#include <numbers>
 #include <numeric>
 #include <utility>
 
@@ -19,8 +18,6 @@
 namespace pointmorph {
 
 namespace {
-
-constexpr double kTurn = 2.0 * std::numbers::pi;
 
 /// Neighbors whose normals agree less than this lie on the other side of a thin sheet.
 constexpr double kOpposed = -0.1;

@@ -4,7 +4,6 @@
 #include <Eigen/SparseCholesky>
 #include <algorithm>
 #include <cmath>
-#include <numbers>
 #include <queue>
 #include <utility>
 
@@ -33,15 +32,15 @@ struct Move {
 
 /// The vector of the same turn, with whole turns more or less, that is nearest to another.
 Vector3 turn_near(const Vector3& turn, const Vector3& other) {
-    constexpr double kWhole = 2.0 * std::numbers::pi, kNone = 1e-9;
+    constexpr double kNone = 1e-9;
     const double angle = turn.norm();
     if (angle < kNone) {
         const double length = other.norm();
-        return length > kNone ? Vector3(other / length * (kWhole * std::round(length / kWhole)))
+        return length > kNone ? Vector3(other / length * (kTurn * std::round(length / kTurn)))
                               : turn;
     }
     const Vector3 axis = turn / angle;
-    return turn + axis * (kWhole * std::round((axis.dot(other) - angle) / kWhole));
+    return turn + axis * (kTurn * std::round((axis.dot(other) - angle) / kTurn));
 }
 
 Vector3 turn_of(const Matrix3& rotation) {

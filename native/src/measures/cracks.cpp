@@ -11,7 +11,7 @@ namespace pointmorph {
 
 namespace {
 
-constexpr Index kNeighbors = 6;
+constexpr Index kNearest = 6;
 constexpr double kOpen = 2.0;  // spacings
 
 /// Edges of one cloud as rows of the pairing, and every point's spacing.
@@ -23,7 +23,7 @@ struct Edges {
 template <class RowOf>
 Edges edges_of(const Positions& positions, std::span<const IndexPair> pairs, RowOf row_of,
                Index max_edges, Progress& progress) {
-    const auto nearest = nearest_neighbors(KdTree<3>(positions), kNeighbors, progress);
+    const auto nearest = nearest_neighbors(KdTree<3>(positions), kNearest, progress);
     std::vector<Index> pair_of(to_size(positions.rows()), -1);
     for (std::size_t i = pairs.size(); i-- > 0;)
         pair_of[to_size(row_of(pairs[i]))] = static_cast<Index>(i);

@@ -13,7 +13,7 @@ namespace pointmorph {
 
 namespace {
 
-constexpr double kInfinity = std::numeric_limits<double>::infinity();
+constexpr double kImpossible = std::numeric_limits<double>::infinity();
 /// Half the cotangent of 60°.
 constexpr double kHalfCotangent = 0.5 * std::numbers::inv_sqrt3;
 
@@ -96,7 +96,7 @@ public:
         if (half.norm() > 1e-3) inside = determinant(corner, next, last) > 0.0 ? half : -half;
         double size = 0.0;
         for (const Index r : ring) size = std::max(size, (places_[to_size(r)] - corner).norm());
-        double best = kInfinity;
+        double best = kImpossible;
         for (const Vector3& toward :
              {Vector3(middle.normalized() - corner), Vector3(size * inside.normalized())})
             for (double share = 1.0; share > 1e-9; share *= 0.6) {
@@ -136,7 +136,7 @@ std::vector<RingMesh::Removal> taken_apart(RingMesh& mesh, const Positions& posi
     std::vector<RingMesh::Removal> removals;
     // The cheapest way to remove each vertex; found anew where something has changed.
     struct Cheapest {
-        double cost = kInfinity;
+        double cost = kImpossible;
         Index into = -1;
     };
     std::vector<Cheapest> cheapest(to_size(count));
@@ -174,7 +174,7 @@ std::vector<RingMesh::Removal> taken_apart(RingMesh& mesh, const Positions& posi
 
 double sphere_energy(const Vector3& a, const Vector3& b, const Vector3& c, double area) {
     const double d = determinant(a, b, c) / (2.0 * area);
-    if (!(d > 0.0)) return kInfinity;
+    if (!(d > 0.0)) return kImpossible;
     return kHalfCotangent *
            ((b - a).squaredNorm() + (c - b).squaredNorm() + (a - c).squaredNorm()) *
            (1.0 + 1.0 / (d * d));

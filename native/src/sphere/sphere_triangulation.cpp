@@ -13,8 +13,8 @@ namespace pointmorph {
 
 namespace {
 
-double determinant(const Eigen::RowVector3d& a, const Eigen::RowVector3d& b,
-                   const Eigen::RowVector3d& c) {
+double rows_determinant(const Eigen::RowVector3d& a, const Eigen::RowVector3d& b,
+                        const Eigen::RowVector3d& c) {
     return a.dot(b.cross(c));
 }
 
@@ -28,8 +28,8 @@ Triangle triangle_around(const RingMesh& mesh, const Positions& sphere, Index a,
         int across = -1;
         double least = 0.0;
         for (int k = 0; k < 3; ++k) {
-            const double side = determinant(sphere.row(corners[to_size(k)]),
-                                            sphere.row(corners[to_size((k + 1) % 3)]), point);
+            const double side = rows_determinant(sphere.row(corners[to_size(k)]),
+                                                 sphere.row(corners[to_size((k + 1) % 3)]), point);
             if (side < least) {
                 least = side;
                 across = k;
@@ -81,8 +81,8 @@ RingMesh hull_on_sphere(const Positions& points) {
             if (!mesh.joined(a, b)) continue;
             const Index c = mesh.left_of(a, b), d = mesh.right_of(a, b);
             const Eigen::RowVector3d corner = sphere.row(a);
-            if (determinant(sphere.row(b) - corner, sphere.row(c) - corner,
-                            sphere.row(d) - corner) <= kRounding ||
+            if (rows_determinant(sphere.row(b) - corner, sphere.row(c) - corner,
+                                 sphere.row(d) - corner) <= kRounding ||
                 !mesh.can_flip(a, b))
                 continue;
             mesh.flip(a, b);

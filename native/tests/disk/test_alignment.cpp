@@ -16,8 +16,6 @@
 namespace pointmorph {
 namespace {
 
-constexpr double kPi = std::numbers::pi;
-
 /// Rings of points from the center to the circle, with the triangles between them.
 struct Rings {
     DiskPoints points;
@@ -31,7 +29,7 @@ struct Rings {
         const auto at = [&](Index ring, Index i) { return 1 + (ring - 1) * around + i % around; };
         for (Index ring = 1; ring <= rings; ++ring)
             for (Index i = 0; i < around; ++i) {
-                const double angle = 2 * kPi * i / around, r = double(ring) / rings;
+                const double angle = 2 * std::numbers::pi * i / around, r = double(ring) / rings;
                 points.row(at(ring, i)) << r * std::cos(angle), r * std::sin(angle);
             }
         for (Index i = 0; i < around; ++i) triangles.push_back({0, at(1, i), at(1, i + 1)});
@@ -89,7 +87,8 @@ TEST(Alignment, RotationIsTheBestOfAll) {
         return sum;
     };
     const double best = best_rotation(rings.points, rings.points, features);
-    for (int i = 0; i < 3600; ++i) EXPECT_GE(misfit(2 * kPi * i / 3600), misfit(best) - 1e-12);
+    for (int i = 0; i < 3600; ++i)
+        EXPECT_GE(misfit(2 * std::numbers::pi * i / 3600), misfit(best) - 1e-12);
 }
 
 TEST(Alignment, ATurnedDiskIsTurnedBack) {

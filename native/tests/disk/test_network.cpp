@@ -21,7 +21,6 @@
 namespace pointmorph {
 namespace {
 
-constexpr double kPi = std::numbers::pi;
 using Places = Eigen::Matrix<double, Eigen::Dynamic, 2, Eigen::RowMajor>;
 
 /// A torus, bumpy for `bump` > 0, and the two angles of each point.
@@ -34,7 +33,8 @@ struct Torus {
         std::mt19937_64 random(seed);
         std::uniform_real_distribution<double> uniform(0.0, 1.0);
         for (Index i = 0; i < count;) {
-            const double a = 2 * kPi * uniform(random), b = 2 * kPi * uniform(random);
+            const double a = 2 * std::numbers::pi * uniform(random),
+                         b = 2 * std::numbers::pi * uniform(random);
             if (uniform(random) * (1 + tube) > 1 + tube * std::cos(b)) continue;
             const double thick = tube * (1 + bump * std::cos(3 * a));
             const double r = 1 + thick * std::cos(b);
@@ -46,7 +46,7 @@ struct Torus {
     Index at(double a, double b) const {
         Index row;
         (angles.rowwise() - Eigen::RowVector2d(a, b))
-            .unaryExpr([](double d) { return std::remainder(d, 2 * kPi); })
+            .unaryExpr([](double d) { return std::remainder(d, 2 * std::numbers::pi); })
             .rowwise()
             .squaredNorm()
             .minCoeff(&row);
@@ -72,7 +72,8 @@ struct TwoTori {
         input.target = cloud_of("bumpy ring", target.positions);
         for (Index i = 0; i < along; ++i)
             for (Index j = 0; j < across; ++j) {
-                const double a = 2 * kPi * i / along + 0.2 * j, b = 2 * kPi * j / across;
+                const double a = 2 * std::numbers::pi * i / along + 0.2 * j,
+                             b = 2 * std::numbers::pi * j / across;
                 input.features.push_back(point_feature(std::to_string(i) + "." + std::to_string(j),
                                                        source.at(a, b), target.at(a, b)));
             }
@@ -176,7 +177,8 @@ void expect_alike(const Morph& morph, const TwoTori& tori) {
     for (const IndexPair& pair : morph.pairs())
         for (const int k : {0, 1})
             apart[k] += std::abs(std::remainder(
-                tori.source.angles(pair.source, k) - tori.target.angles(pair.target, k), 2 * kPi));
+                tori.source.angles(pair.source, k) - tori.target.angles(pair.target, k),
+                2 * std::numbers::pi));
     apart /= static_cast<double>(morph.pairs().size());
     EXPECT_LT(apart[0], 0.12);
     EXPECT_LT(apart[1], 0.3);
@@ -259,7 +261,8 @@ TEST(Network, OpensTwoHandles) {
     for (const int side : {-1, 1})
         for (int k = 0; k < 3; ++k)
             for (const double r : {1.3, 0.7}) {
-                const double angle = 2 * kPi * k / 3 + (side < 0 ? kPi / 3 : 0.0);
+                const double angle =
+                    2 * std::numbers::pi * k / 3 + (side < 0 ? std::numbers::pi / 3 : 0.0);
                 const Eigen::RowVector3d place(1.1 * side + r * std::cos(angle),
                                                r * std::sin(angle), 0.0);
                 input.features.push_back(point_feature("f" + std::to_string(input.features.size()),
@@ -298,7 +301,7 @@ MorphInput two_urchins() {
             const auto around = [&](const Vector3& axis) -> Vector3 {
                 const Vector3 x = Vector3(0, 1, 0).cross(axis).normalized();
                 const Vector3 y = axis.normalized().cross(x);
-                const double angle = 2 * kPi * k / 3;
+                const double angle = 2 * std::numbers::pi * k / 3;
                 return axis.normalized() + 0.4 * (std::cos(angle) * x + std::sin(angle) * y);
             };
             input.features.push_back(

@@ -13,8 +13,6 @@
 namespace pointmorph {
 namespace {
 
-constexpr double kPi = std::numbers::pi;
-
 /// An open patch with analytic normals and its boundary.
 struct Patch {
     Positions positions;
@@ -31,12 +29,13 @@ struct Patch {
 
 /// Upper half of the unit sphere, `count` points and a rim of evenly spaced ones.
 Patch hemisphere(Index count) {
-    const auto rim = static_cast<Index>(std::lround(2 * kPi * std::sqrt(count / (2 * kPi))));
+    const auto rim = static_cast<Index>(
+        std::lround(2 * std::numbers::pi * std::sqrt(count / (2 * std::numbers::pi))));
     Positions p(count + rim, 3);
     p.topRows(count) = shapes::sphere(count, 0.02);
     BoundaryLoop loop;
     for (Index i = 0; i < rim; ++i) {
-        const double angle = 2 * kPi * i / rim;
+        const double angle = 2 * std::numbers::pi * i / rim;
         p.row(count + i) << std::cos(angle), std::sin(angle), 0.0;
         loop.push_back(count + i);
     }
@@ -68,7 +67,8 @@ TEST(BoundaryAngles, ChordLengthIsProportionalToLength) {
     const Patch patch = square(11);
     const auto angles =
         boundary_angles(patch.positions, patch.loop, BoundarySpacing::kChordLength, {});
-    for (std::size_t i = 0; i < angles.size(); ++i) EXPECT_NEAR(angles[i], 2 * kPi * i / 40, 1e-12);
+    for (std::size_t i = 0; i < angles.size(); ++i)
+        EXPECT_NEAR(angles[i], 2 * std::numbers::pi * i / 40, 1e-12);
 }
 
 TEST(BoundaryAngles, UniformIgnoresLength) {
@@ -77,9 +77,9 @@ TEST(BoundaryAngles, UniformIgnoresLength) {
     const std::vector<Index> loop{0, 1, 2, 3};
     const auto uniform = boundary_angles(p, loop, BoundarySpacing::kUniform, {});
     const auto chord = boundary_angles(p, loop, BoundarySpacing::kChordLength, {});
-    for (std::size_t i = 0; i < 4; ++i) EXPECT_NEAR(uniform[i], kPi / 2 * i, 1e-12);
-    EXPECT_NEAR(chord[1], 2 * kPi / 16, 1e-12);
-    EXPECT_NEAR(chord[2], 2 * kPi * 8 / 16, 1e-12);
+    for (std::size_t i = 0; i < 4; ++i) EXPECT_NEAR(uniform[i], std::numbers::pi / 2 * i, 1e-12);
+    EXPECT_NEAR(chord[1], 2 * std::numbers::pi / 16, 1e-12);
+    EXPECT_NEAR(chord[2], 2 * std::numbers::pi * 8 / 16, 1e-12);
 }
 
 TEST(BoundaryAngles, PinsAreMetAndTheRestSpreadBetweenThem) {
@@ -89,7 +89,7 @@ TEST(BoundaryAngles, PinsAreMetAndTheRestSpreadBetweenThem) {
         boundary_angles(patch.positions, patch.loop, BoundarySpacing::kChordLength, pins);
     for (const auto& pin : pins) EXPECT_NEAR(angles[to_size(pin.position)], pin.angle, 1e-12);
     for (std::size_t i = 5; i < 20; ++i) EXPECT_NEAR(angles[i + 1] - angles[i], 0.5 / 15, 1e-12);
-    const double last = (0.5 + 2 * kPi - 4.0) / 10;
+    const double last = (0.5 + 2 * std::numbers::pi - 4.0) / 10;
     EXPECT_NEAR(angles[36] - 4.0, last, 1e-12);
     EXPECT_NEAR(angles[0] - 4.0, 5 * last, 1e-12);
 }
@@ -98,7 +98,7 @@ TEST(BoundaryAngles, CoincidentBoundaryPointsAreSpreadEvenly) {
     const Positions p = Positions::Ones(8, 3);
     const std::vector<Index> loop{0, 1, 2, 3, 4, 5, 6, 7};
     const auto angles = boundary_angles(p, loop, BoundarySpacing::kChordLength, {});
-    for (std::size_t i = 0; i < 8; ++i) EXPECT_NEAR(angles[i], 2 * kPi * i / 8, 1e-12);
+    for (std::size_t i = 0; i < 8; ++i) EXPECT_NEAR(angles[i], 2 * std::numbers::pi * i / 8, 1e-12);
 }
 
 TEST(BoundaryAngles, DisorderedPinsAreRefused) {
@@ -126,7 +126,7 @@ TEST(MatchPins, TheSameLoopShiftedMeetsItself) {
     const auto b =
         boundary_angles(patch.positions, shifted, BoundarySpacing::kChordLength, pins.target);
     for (std::size_t i = 0; i < 40; ++i)  // every point, not only the pins
-        EXPECT_NEAR(std::remainder(a[(i + 13) % 40] - b[i], 2 * kPi), 0.0, 1e-12);
+        EXPECT_NEAR(std::remainder(a[(i + 13) % 40] - b[i], 2 * std::numbers::pi), 0.0, 1e-12);
 }
 
 TEST(MatchPins, FeaturesShareAnAngleOnAnyTwoLoops) {
@@ -141,7 +141,7 @@ TEST(MatchPins, FeaturesShareAnAngleOnAnyTwoLoops) {
     const auto b =
         boundary_angles(target.positions, target.loop, BoundarySpacing::kChordLength, pins.target);
     for (const auto& [s, t] : features)
-        EXPECT_NEAR(std::remainder(a[s] - b[t], 2 * kPi), 0.0, 1e-12);
+        EXPECT_NEAR(std::remainder(a[s] - b[t], 2 * std::numbers::pi), 0.0, 1e-12);
 }
 
 TEST(MatchPins, AnotherOrderIsRefused) {
@@ -202,7 +202,8 @@ TEST(Parameterization, AHemisphereKeepsItsSymmetry) {
     const Patch patch = hemisphere(4000);
     for (const auto& options : {full(), ParameterizationOptions{}}) {
         const auto result = onto_disk(patch, options);
-        const double spacing = 3.0 * std::sqrt(kPi / result.unknowns);  // of what was solved for
+        const double spacing =
+            3.0 * std::sqrt(std::numbers::pi / result.unknowns);  // of what was solved for
         for (Index i = 0; i < 4000; ++i) {
             // every point stays on its meridian, up to the unevenness of the sampling
             const Eigen::RowVector2d meridian = patch.positions.row(i).head<2>().normalized();
@@ -278,7 +279,7 @@ TEST(Parameterization, OnlyABoundary) {
     Positions p(12, 3);
     BoundaryLoop loop;
     for (Index i = 0; i < 12; ++i) {
-        p.row(i) << std::cos(i * kPi / 6), std::sin(i * kPi / 6), 0.0;
+        p.row(i) << std::cos(i * std::numbers::pi / 6), std::sin(i * std::numbers::pi / 6), 0.0;
         loop.push_back(i);
     }
     Normals up = Normals::Zero(12, 3);

@@ -6,8 +6,8 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
-#include <functional>
 
+#include "measures/mapped.hpp"
 #include "mesh_shapes.hpp"
 #include "pointmorph/base/error.hpp"
 #include "pointmorph/base/parallel.hpp"
@@ -16,17 +16,8 @@
 namespace pointmorph {
 namespace {
 
-constexpr Index kSide = 40;
-constexpr double kStep = 2.0 / kSide;
-
-using Function = std::function<Vector3(const Vector3&)>;
-
-Positions mapped(const Positions& positions, const Function& function) {
-    Positions result(positions.rows(), 3);
-    for (Eigen::Index v = 0; v < positions.rows(); ++v)
-        result.row(v) = function(positions.row(v).transpose()).transpose();
-    return result;
-}
+constexpr Index kTraySide = 40;
+constexpr double kStep = 2.0 / kTraySide;
 
 Cloud with_normals(Cloud cloud) {
     const Mesh mesh = make_mesh(cloud);
@@ -44,13 +35,13 @@ MeshQuality measured(const Cloud& source, const Positions& ends, const Cloud& ta
 }
 
 Cloud sheet() {
-    Cloud cloud = mesh_shapes::grid(kSide);
+    Cloud cloud = mesh_shapes::grid(kTraySide);
     cloud.name = "Sheet";
     return cloud;
 }
 
 Cloud tray() {
-    Cloud cloud = mesh_shapes::grid(2 * kSide);
+    Cloud cloud = mesh_shapes::grid(2 * kTraySide);
     cloud.name = "Tray";
     return cloud;
 }
@@ -97,9 +88,9 @@ TEST(MeshQuality, AFoldIsItsShareOfTheArea) {
     const Cloud source = sheet();
     const MeshQuality quality = measured(source, mapped(source.positions, swapped), tray());
     // One column of squares lies against the target; the two beside it are twice as wide.
-    EXPECT_NEAR(quality.figures.folded, 1.0 / (kSide + 2), 1e-9);
+    EXPECT_NEAR(quality.figures.folded, 1.0 / (kTraySide + 2), 1e-9);
     // Two columns of edges bend, of all that have two triangles.
-    EXPECT_NEAR(quality.figures.creased, 2.0 / (3.0 * kSide - 2.0), 1e-9);
+    EXPECT_NEAR(quality.figures.creased, 2.0 / (3.0 * kTraySide - 2.0), 1e-9);
     EXPECT_NEAR(quality.figures.uncovered, 0.0, 1e-9);
     EXPECT_NEAR(quality.figures.off, 0.0, 1e-9);
     ASSERT_FALSE(quality.worst.empty());
@@ -117,7 +108,7 @@ TEST(MeshQuality, WhatNoFaceReachesIsUncovered) {
     const auto squeezed = [](const Vector3& p) {
         return Vector3(0.9 * p.x() - 0.1, p.y(), p.z());  // ends at 0.8
     };
-    const Feature corner = point_feature("corner", kSide * (kSide + 1), 0);
+    const Feature corner = point_feature("corner", kTraySide * (kTraySide + 1), 0);
     const MeshQuality quality =
         measured(source, mapped(source.positions, squeezed), tray(), {&corner, 1});
     // A tenth of the area lies 0 to 0.2 away: 9 of 10 of that at the percentile.
@@ -153,7 +144,7 @@ TEST(MeshQuality, EdgesThatTheModelsBendThemselvesAreNoCreases) {
     // The other way round the ridge is gone; on a target without one it shows.
     EXPECT_EQ(measured(target, source.positions, source).figures.creased, 0.0);
     const MeshQuality wrong = measured(source, target.positions, source);
-    EXPECT_NEAR(wrong.figures.creased, 1.0 / (3.0 * kSide - 2.0), 1e-9);
+    EXPECT_NEAR(wrong.figures.creased, 1.0 / (3.0 * kTraySide - 2.0), 1e-9);
 }
 
 TEST(MeshQuality, ABareCloudIsASurfaceAsWell) {
@@ -166,7 +157,7 @@ TEST(MeshQuality, ABareCloudIsASurfaceAsWell) {
     Progress progress;
     const MeshQuality quality = measure_mesh_quality(
         {source, from, mapped(source.positions, lifted)}, {target, nullptr}, {}, progress);
-    EXPECT_NEAR(quality.figures.folded, 1.0 / (kSide + 2), 1e-9);
+    EXPECT_NEAR(quality.figures.folded, 1.0 / (kTraySide + 2), 1e-9);
     EXPECT_NEAR(quality.figures.off, 0.01, 0.001);
     EXPECT_NEAR(quality.figures.uncovered, 0.01, 0.001);
 }

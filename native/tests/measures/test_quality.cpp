@@ -3,8 +3,8 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
-#include <functional>
 
+#include "measures/mapped.hpp"
 #include "pointmorph/base/error.hpp"
 #include "pointmorph/base/parallel.hpp"
 #include "shapes.hpp"
@@ -26,15 +26,6 @@ struct Case {
         return measure_quality(map(), features, progress);
     }
 };
-
-using Function = std::function<Vector3(const Vector3&)>;
-
-Positions mapped(const Positions& positions, const Function& function) {
-    Positions result(positions.rows(), 3);
-    for (Eigen::Index i = 0; i < positions.rows(); ++i)
-        result.row(i) = function(positions.row(i).transpose()).transpose();
-    return result;
-}
 
 Cloud cloud(std::string name, const Positions& positions, const Function& normal) {
     return {std::move(name), positions, mapped(positions, normal), {}, {}};

@@ -22,12 +22,6 @@ inline Egg egg(Index count, unsigned seed) {
     return e;
 }
 
-inline Index nearest_row(const Positions& p, const Vector3& q) {
-    Index best;
-    (p.rowwise() - q.transpose()).rowwise().squaredNorm().minCoeff(&best);
-    return best;
-}
-
 struct Eggs {
     Egg source = egg(1500, 1), target = egg(1200, 2);
     std::vector<Index> source_rows, target_rows;
@@ -39,8 +33,8 @@ struct Eggs {
         for (Index k = 0; k < 6; ++k) {
             const Vector3 mark =
                 (k % 2 ? -1.0 : 1.0) * Vector3::Unit(k / 2).cwiseProduct(Vector3(0.42, 0.3, 0.2));
-            source_rows.push_back(nearest_row(source.positions, mark));
-            target_rows.push_back(nearest_row(target.positions, mark));
+            source_rows.push_back(shapes::nearest_row(source.positions, mark));
+            target_rows.push_back(shapes::nearest_row(target.positions, mark));
             features.push_back({k, k});
         }
         Progress progress;

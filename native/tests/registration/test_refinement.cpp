@@ -58,12 +58,6 @@ Positions turned_sphere(Index count, unsigned seed) {
     return shapes::sphere(count) * shapes::rotation(seed).transpose();
 }
 
-Index nearest_row(const Positions& p, const Vector3& q) {
-    Index best;
-    (p.rowwise() - q.transpose()).rowwise().squaredNorm().minCoeff(&best);
-    return best;
-}
-
 std::vector<Feature> as_features(std::span<const IndexPair> pairs) {
     std::vector<Feature> features;
     for (const IndexPair& pair : pairs)
@@ -89,8 +83,8 @@ struct Animals {
             for (const double y : {-1.0, 1.0})
                 marks.push_back(Vector3(0.7 * x, 0.55 * y, -0.6).normalized());
         for (const Vector3& m : marks)
-            features.push_back(
-                {nearest_row(source_directions, m), nearest_row(target_directions, m)});
+            features.push_back({shapes::nearest_row(source_directions, m),
+                                shapes::nearest_row(target_directions, m)});
     }
 
     RefinementCloud source_cloud() const { return {source.positions, source.normals}; }
@@ -224,7 +218,7 @@ TEST(Refinement, StartsFromAnEarlierMap) {
     // A foot marked somewhere else than where the earlier map has it: met, and the rest stays.
     auto moved = animals.features;
     moved[5].target =
-        nearest_row(animals.target_directions, Vector3(-0.7, 0.55, -0.3).normalized());
+        shapes::nearest_row(animals.target_directions, Vector3(-0.7, 0.55, -0.3).normalized());
     const Refinement edited = again(moved, progress);
     EXPECT_EQ(edited.source_images.row(moved[5].source),
               animals.target.positions.row(moved[5].target));

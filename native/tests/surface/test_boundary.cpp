@@ -20,8 +20,6 @@
 namespace pointmorph {
 namespace {
 
-constexpr double kPi = std::numbers::pi;
-
 Neighborhoods nearest_of(const Positions& p, Index k = 16) {
     Progress progress;
     return nearest_neighbors(KdTree<3>(p), k, progress);
@@ -48,7 +46,8 @@ Positions square(Index count, unsigned seed = 3) {
 Positions disc(Index count) {
     Positions p(count, 3);
     for (Index i = 0; i < count; ++i) {
-        const double r = std::sqrt((i + 0.5) / count), a = kPi * (3.0 - std::sqrt(5.0)) * i;
+        const double r = std::sqrt((i + 0.5) / count),
+                     a = std::numbers::pi * (3.0 - std::sqrt(5.0)) * i;
         p.row(i) << r * std::cos(a), r * std::sin(a), 0.0;
     }
     return p;
@@ -96,7 +95,7 @@ TEST(Boundary, RunsTheOtherWayWithTheNormalsTurned) {
 TEST(Boundary, RimOfAHemisphere) {
     constexpr Index kCount = 5000;
     const Positions p = shapes::sphere(kCount, 0.0);
-    const double spacing = std::sqrt(2.0 * kPi / kCount);
+    const double spacing = std::sqrt(2.0 * std::numbers::pi / kCount);
     const auto loops = loops_of(p, p);
     ASSERT_EQ(loops.size(), 1u);
     expect_simple(loops[0]);
@@ -108,8 +107,8 @@ TEST(Boundary, RimOfAHemisphere) {
         turned += std::atan2(p(i, 0) * p(j, 1) - p(i, 1) * p(j, 0),
                              p(i, 0) * p(j, 0) + p(i, 1) * p(j, 1));
     }
-    EXPECT_NEAR(turned, 2.0 * kPi, 1e-9);
-    EXPECT_NEAR(loop_length(p, loops[0]), 2.0 * kPi, 0.15 * kPi);
+    EXPECT_NEAR(turned, 2.0 * std::numbers::pi, 1e-9);
+    EXPECT_NEAR(loop_length(p, loops[0]), 2.0 * std::numbers::pi, 0.15 * std::numbers::pi);
 }
 
 TEST(Boundary, RandomSamples) {
@@ -128,13 +127,13 @@ TEST(Boundary, RandomSamples) {
 TEST(Boundary, NoiseAlongTheNormalAndInThePlane) {
     constexpr Index kCount = 8000;
     Positions p = disc(kCount);
-    const double spacing = std::sqrt(kPi / kCount);
+    const double spacing = std::sqrt(std::numbers::pi / kCount);
     p += 0.3 * spacing * shapes::cube_noise(kCount, 5);
     const auto loops = loops_of(p, upwards(kCount));
     ASSERT_EQ(loops.size(), 1u);
     for (const Index i : loops[0]) EXPECT_GT(p.row(i).head<2>().norm(), 1.0 - 3.0 * spacing);
-    EXPECT_NEAR(area(p, loops[0]), kPi, 4.0 * spacing);
-    EXPECT_NEAR(loop_length(p, loops[0]), 2.0 * kPi, 0.2 * kPi);
+    EXPECT_NEAR(area(p, loops[0]), std::numbers::pi, 4.0 * spacing);
+    EXPECT_NEAR(loop_length(p, loops[0]), 2.0 * std::numbers::pi, 0.2 * std::numbers::pi);
 }
 
 TEST(Boundary, HolesRunClockwise) {
@@ -142,15 +141,15 @@ TEST(Boundary, HolesRunClockwise) {
         disc(6000), [](const Vector3& x) { return (x - Vector3(0.3, 0.0, 0.0)).norm() > 0.4; });
     const auto loops = loops_of(p, upwards(static_cast<Index>(p.rows())));
     ASSERT_EQ(loops.size(), 2u);
-    EXPECT_NEAR(area(p, loops[0]), kPi, 0.1);
-    EXPECT_NEAR(area(p, loops[1]), -0.16 * kPi, 0.03);
-    EXPECT_NEAR(loop_length(p, loops[0]), 2.0 * kPi, 0.15 * kPi);
-    EXPECT_NEAR(loop_length(p, loops[1]), 0.8 * kPi, 0.08 * kPi);
+    EXPECT_NEAR(area(p, loops[0]), std::numbers::pi, 0.1);
+    EXPECT_NEAR(area(p, loops[1]), -0.16 * std::numbers::pi, 0.03);
+    EXPECT_NEAR(loop_length(p, loops[0]), 2.0 * std::numbers::pi, 0.15 * std::numbers::pi);
+    EXPECT_NEAR(loop_length(p, loops[1]), 0.8 * std::numbers::pi, 0.08 * std::numbers::pi);
 }
 
 TEST(Boundary, SmallGapsInTheSamplingAreNoHoles) {
     constexpr Index kCount = 6000;
-    const double spacing = std::sqrt(kPi / kCount);
+    const double spacing = std::sqrt(std::numbers::pi / kCount);
     const auto holes_with_radius = [&](double radius) {
         const Positions p = kept(disc(kCount), [&](const Vector3& x) {
             return (x - Vector3(0.3, 0.1, 0.0)).norm() > radius * spacing;
@@ -163,7 +162,7 @@ TEST(Boundary, SmallGapsInTheSamplingAreNoHoles) {
 
 TEST(Boundary, OptionsSayHowLargeAHoleIs) {
     constexpr Index kCount = 6000;
-    const double spacing = std::sqrt(kPi / kCount);
+    const double spacing = std::sqrt(std::numbers::pi / kCount);
     const Positions p = kept(
         disc(kCount), [&](const Vector3& x) { return x.norm() > 5.0 * spacing || x.norm() == 0; });
     const Normals up = upwards(static_cast<Index>(p.rows()));
@@ -193,7 +192,7 @@ TEST(Boundary, NoneOnClosedSurfaces) {
 TEST(Boundary, NoneOnAThinClosedSheet) {
     // An ellipsoid much thinner than the samples are apart, near the rim and in the middle.
     constexpr Index kCount = 6000;
-    const double spacing = std::sqrt(2.0 * kPi / kCount);
+    const double spacing = std::sqrt(2.0 * std::numbers::pi / kCount);
     Positions p = shapes::sphere(kCount);
     Normals normals = p;
     p.col(2) *= 0.5 * spacing;
@@ -205,7 +204,7 @@ TEST(Boundary, NoneOnAThinClosedSheet) {
 TEST(Boundary, TheOtherSideOfAThinSheetDoesNotHideAHole) {
     // Two discs half a spacing apart, facing away from one another. The upper one has a hole.
     constexpr Index kCount = 3000;
-    const double spacing = std::sqrt(kPi / kCount);
+    const double spacing = std::sqrt(std::numbers::pi / kCount);
     Positions upper = kept(disc(kCount), [](const Vector3& x) { return x.norm() > 0.3; });
     const Positions lower = disc(kCount);
     upper.col(2).setConstant(0.5 * spacing);
@@ -219,7 +218,7 @@ TEST(Boundary, TheOtherSideOfAThinSheetDoesNotHideAHole) {
         EXPECT_LT(i, upper.rows());
         EXPECT_NEAR(p.row(i).head<2>().norm(), 0.3, 1.5 * spacing);
     }
-    EXPECT_NEAR(loop_length(p, loops[0]), 0.6 * kPi, 0.1 * kPi);
+    EXPECT_NEAR(loop_length(p, loops[0]), 0.6 * std::numbers::pi, 0.1 * std::numbers::pi);
 }
 
 TEST(Boundary, SpacingThatJumps) {
@@ -454,7 +453,7 @@ TEST(Example, Boundary) {
     const double length = is_closed ? 0.0 : loop_length(positions, loops.front());
     // --- end of the example
     EXPECT_FALSE(is_closed);
-    EXPECT_NEAR(length, 2.0 * kPi, 0.5);
+    EXPECT_NEAR(length, 2.0 * std::numbers::pi, 0.5);
 }
 
 }  // namespace

@@ -5,11 +5,15 @@
 #include <concepts>
 #include <cstddef>
 #include <cstdint>
+#include <numbers>
 #include <span>
 #include <type_traits>
 #include <vector>
 
 namespace pointmorph {
+
+/// A whole turn, in radians.
+inline constexpr double kTurn = 2.0 * std::numbers::pi;
 
 /// Row of a cloud, 0-based. Clouds hold fewer than 2^31 points.
 using Index = std::int32_t;
