@@ -96,3 +96,19 @@ def test_one_click_shows_the_mesh_and_another_its_points(window):
     assert window.ask(f"{points}.hide_get()")
     window.press_button("show_shapes")
     assert not window.ask("bpy.data.objects['Cube'].hide_get()")
+
+
+def test_what_staggers_is_chosen_in_the_panel(window):
+    add(window, ("cube", "ico_sphere"))
+    window.run("bpy.context.scene.pointmorph.show_as = 'MESH'")
+    window.press_button(MORPH)
+    window.wait(finished('bpy.data.objects.get("Cube to Icosphere")'))
+    window.open_panel("POINTMORPH_PT_stagger")
+    module = "next(m for n, m in sys.modules.items() if n.endswith('.scene.stagger'))"
+    window.run(f"import sys; stagger = {module}")
+    for kind in ("Height", "Noise", "Object", "Vertex Group"):
+        window.run(f"stagger.choose(bpy.data.objects['Cube to Icosphere'], '{kind}')")
+        window.settle()
+        assert "Error" not in window.log
+        window.screenshot(f"stagger_{kind.split()[0].lower()}")
+    window.close_panel("POINTMORPH_PT_stagger")
