@@ -58,7 +58,7 @@ def test_follow_mesh_and_chain_from_the_viewport(window):
     morph(window)
     window.run(f"scenes.select({RESULT})")
     window.run("with in_viewport(): bpy.ops.pointmorph.follow('INVOKE_DEFAULT')")
-    assert window.ask(f"[m.name for m in {RESULT}.modifiers]") == ["Follow", "Points"]
+    assert window.ask(f"[m.name for m in {RESULT}.modifiers]") == ["Path", "Follow", "Points"]
     window.run("with in_viewport(): bpy.ops.pointmorph.follow('INVOKE_DEFAULT')")
     window.run("with in_viewport(): bpy.ops.pointmorph.make_mesh('INVOKE_DEFAULT')")
     assert window.ask("bpy.context.object.name") == "Hill to Dune Mesh"
