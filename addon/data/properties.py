@@ -151,10 +151,16 @@ class PointmorphLoopFeature(bpy.types.PropertyGroup):
     """A feature on the curve along which a closed model is cut; its name is all there is."""
 
 
+# Files hold the number of a choice: what is new comes last here, wherever the panel lists it. The
+# rest are numbered as the library lists them.
+_NUMBERS = {"path": ("linear", "similarity", "rigid", "auto")}
+
+
 def _property(option):
     shared = {"name": setting_label(option), "description": setting_tip(option)}
     if option.kind == "choice":
-        items = [(choice, name_label(choice), "") for choice in option.choices]
+        known = _NUMBERS.get(option.name, option.choices)
+        items = [(word, name_label(word), "", known.index(word)) for word in option.choices]
         return bpy.props.EnumProperty(items=items, default=option.default, **shared)
     if option.default is None:
         # Who sets a value wants it used.

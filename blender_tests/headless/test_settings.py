@@ -29,6 +29,24 @@ def test_names_defaults_and_ranges(settings, name):
         assert getattr(settings, name) == pytest.approx(option.default, rel=1e-6)
 
 
+# What files hold of a setting: a number that must mean the same in every version.
+NUMBERS = {
+    "method": ["auto", "paper"],
+    "domain": ["auto", "disk", "cut", "sphere", "network"],
+    "path": ["linear", "similarity", "rigid", "auto"],
+    "show_as": ["MESH", "POINTS", "DISCS"],
+    "texture_size": ["256", "512", "1024", "2048", "4096"],
+    "bake_as": ["KEYS", "FRAMES"],
+}
+
+
+@pytest.mark.parametrize("name", NUMBERS)
+def test_a_choice_means_in_old_files_what_it_did(settings, name):
+    items = settings.bl_rna.properties[name].enum_items
+    assert [i.identifier for i in sorted(items, key=lambda i: i.value)] == NUMBERS[name]
+    assert sorted(i.value for i in items) == list(range(len(items)))
+
+
 def test_untouched_settings_are_exactly_the_defaults(addon, settings):
     """Not their float32 neighbours: the command line gets the same result then."""
     values = addon("core.settings").settings_values(settings)
