@@ -5,13 +5,13 @@ under the library's own names. `object.pointmorph` says of a morph object what i
 """
 
 import bpy
-import pointmorph
 
 from ..core import background_job
 from ..core.features import PREFIX
 from ..core.settings import (
     by_hand,
     name_label,
+    scene_options,
     setting_label,
     setting_tip,
     switch_label,
@@ -183,7 +183,7 @@ def _property(option):
 def _settings(taken):
     """Blender's properties for the library's settings, by name."""
     properties = {}
-    for option in pointmorph.options():
+    for option in scene_options():
         if option.name in taken:
             raise ValueError(f"the library's setting {option.name} has a name that the add-on uses")
         properties[option.name] = _property(option)
