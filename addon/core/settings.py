@@ -40,15 +40,18 @@ def setting_tip(option):
     return ". ".join(parts)
 
 
+def scene_options():
+    """The library's options that a scene has. What staggers is chosen on the result."""
+    return [o for o in pointmorph.options() if not o.name.startswith("stagger")]
+
+
 def shown_options(settings, *affects):
     """The library's options that the panel shows: those that affect one of `affects` and that a
-    morph with the panel's method and domain uses. What staggers is chosen on the result."""
+    morph with the panel's method and domain uses."""
     return [
         option
-        for option in pointmorph.options()
-        if option.affects in affects
-        and option.is_used(settings.method, settings.domain)
-        and not option.name.startswith("stagger")
+        for option in scene_options()
+        if option.affects in affects and option.is_used(settings.method, settings.domain)
     ]
 
 
@@ -73,7 +76,7 @@ def changed_settings(before, now):
 def settings_values(settings):
     """The settings as `pointmorph.morph` takes them; without those that are automatic."""
     values = {}
-    for option in pointmorph.options():
+    for option in scene_options():
         if option.default is None and not getattr(settings, by_hand(option)):
             continue
         value = getattr(settings, option.name)

@@ -5,13 +5,13 @@ under the library's own names. `object.pointmorph` says of a morph object what i
 """
 
 import bpy
-import pointmorph
 
 from ..core import background_job
 from ..core.features import PREFIX
 from ..core.settings import (
     by_hand,
     name_label,
+    scene_options,
     setting_label,
     setting_tip,
     switch_label,
@@ -151,10 +151,16 @@ class PointmorphLoopFeature(bpy.types.PropertyGroup):
     """A feature on the curve along which a closed model is cut; its name is all there is."""
 
 
+# Files hold the number of a choice: what is new comes last here, wherever the panel lists it. The
+# rest are numbered as the library lists them.
+_NUMBERS = {"path": ("linear", "similarity", "rigid", "auto")}
+
+
 def _property(option):
     shared = {"name": setting_label(option), "description": setting_tip(option)}
     if option.kind == "choice":
-        items = [(choice, name_label(choice), "") for choice in option.choices]
+        known = _NUMBERS.get(option.name, option.choices)
+        items = [(word, name_label(word), "", known.index(word)) for word in option.choices]
         return bpy.props.EnumProperty(items=items, default=option.default, **shared)
     if option.default is None:
         # Who sets a value wants it used.
@@ -177,7 +183,7 @@ def _property(option):
 def _settings(taken):
     """Blender's properties for the library's settings, by name."""
     properties = {}
-    for option in pointmorph.options():
+    for option in scene_options():
         if option.name in taken:
             raise ValueError(f"the library's setting {option.name} has a name that the add-on uses")
         properties[option.name] = _property(option)

@@ -16,7 +16,9 @@ from ..scene import (
     animated_shape,
     frame_files,
     frame_player,
+    morph_paths,
     presentation,
+    recipes,
     shape_key_bakes,
     stagger,
 )
@@ -142,6 +144,7 @@ class POINTMORPH_OT_bake_frames(Explained, Computing, bpy.types.Operator):
         settings = settings_values(context.scene.pointmorph)
         if self.path != "SETTING":
             settings["path"] = self.path.lower()
+        settings["path"] = morph_paths.meant(settings["path"], recipes.settings_of(obj))
         target = self._target = frame_formats.FORMATS[self.format]
         target.check(self.faces)
         if self.faces and not pointmorph.surfaces.is_available():

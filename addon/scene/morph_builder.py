@@ -163,9 +163,9 @@ def write_keys(obj, places):
         arrays.write_key(keys[name], place)
 
 
-def rebuild(obj, outcome):
+def rebuild(obj, outcome, settings):
     """Gives a morph object other pairs in place: name, t with all that moves it, modifiers,
-    materials, and keys that were baked or added to it stay.
+    materials, and keys that were baked or added to it stay. `settings` are the library's.
 
     Returns
     -------
@@ -196,7 +196,7 @@ def rebuild(obj, outcome):
         key = obj.data.shape_keys.key_blocks[name]
         if name in baked:
             t, path = baked[name]
-            arrays.write_key(key, morph_paths.way(obj, path)(t))
+            arrays.write_key(key, morph_paths.way(obj, morph_paths.meant(path, settings))(t))
         elif outcome.source.rows.max() == old_rows.max():
             by_row = np.zeros((old_rows.max() + 1, 3), np.float32)
             by_row[old_rows] = move

@@ -16,7 +16,7 @@ import pointmorph
 from ..core import packing, transforms
 from ..core.features import PREFIX, Choice
 from ..core.quality_words import with_present_names
-from ..core.settings import by_hand
+from ..core.settings import by_hand, scene_options
 from ..data import arrays
 from ..data.feature_list import feature_groups, set_loop
 from . import object_looks
@@ -253,6 +253,11 @@ def recipe_of(obj):
     return _parsed(obj.pointmorph.recipe) or {}
 
 
+def settings_of(obj):
+    """The library's settings that a morph object was made with, as far as it knows them."""
+    return recipe_of(obj).get("settings", {})
+
+
 def is_known(recipe):
     """Whether a recipe has what it takes."""
     return "shapes" in recipe
@@ -261,7 +266,7 @@ def is_known(recipe):
 def put_settings(settings, recipe):
     """Puts what a morph object was made with into the panel."""
     values = recipe["settings"]
-    for option in pointmorph.options():
+    for option in scene_options():
         if option.name in values:
             setattr(settings, option.name, values[option.name])
         elif option.default is None:

@@ -166,7 +166,7 @@ def apply(obj, plan, outcome):
         What couldn't follow, in words.
     """
     before = recipes.recipe_of(obj).get("origin")
-    lost = morph_builder.rebuild(obj, outcome)
+    lost = morph_builder.rebuild(obj, outcome, plan.recipe["settings"])
     shapes = recipes.pointers_of(obj)
     for user in users_of(obj):
         morph_builder.link(user, shapes, plan.source_matrix)

@@ -6,7 +6,7 @@ import pointmorph
 
 from ..core import transforms
 from ..data import arrays
-from . import morph_builder, morph_object, morph_paths, stagger
+from . import morph_builder, morph_object, morph_paths, recipes, stagger
 
 
 def _check_at_rest(obj):
@@ -20,6 +20,10 @@ def _check_at_rest(obj):
         )
 
 
+def _meant(obj, path):
+    return morph_paths.meant(path, recipes.settings_of(obj))
+
+
 def bake_pairs(context, obj, steps, path):
     """Adds `steps` shape keys to the morph object itself, from the source to the target.
 
@@ -27,7 +31,7 @@ def bake_pairs(context, obj, steps, path):
     """
     _check_at_rest(obj)
     timing = stagger.timing_of(context, obj)
-    way = morph_paths.way(obj, path, timing)
+    way = morph_paths.way(obj, _meant(obj, path), timing)
     names = _add_keys(obj, way, steps, morph_object.stage_names(obj)[1:])
     baked = json.loads(obj.pointmorph.baked or "{}")
     baked.update({name: [t, path] for name, t in names.items() if timing is None})
@@ -61,7 +65,7 @@ def bake_source(context, obj, steps, path):
     if timing is not None:
         timing = timing.by_row(morph_object.stage_rows(obj)[0])
     faces = arrays.mesh_triangles(source.data)
-    way = morph_paths.through(places, normals, path, faces, timing)
+    way = morph_paths.through(places, normals, _meant(obj, path), faces, timing)
     _add_keys(
         source,
         lambda t: transforms.move_positions(back, way(t)),

@@ -103,6 +103,37 @@ def test_a_turned_target_does_not_shrink_on_the_way(settings, kind):
     np.testing.assert_array_equal(key(changed, "Dune.001"), key(changed, "Dune"))
 
 
+def test_the_published_method_goes_straight_in_bakes_too(settings):
+    source, target = pair()
+    target.rotation_euler = (2.0, 0.0, 0.0)
+    bpy.context.view_layer.update()
+    settings.method, settings.path = "paper", "auto"
+    obj = morph()
+    settings.method = "auto"  # for the next morph
+    bake(kind="SOURCE", steps=2)
+    bake(kind="PAIRS", steps=2)
+
+    def check(changed):
+        middle = (key(changed, "Basis") + key(changed, "Dune")) / 2
+        np.testing.assert_allclose(key(changed, "Dune 50 %"), middle, atol=1e-6)
+
+    check(source)
+    check(obj)
+    settings.method = "paper"
+    source.data.shape_keys.reference_key.data[0].co.z += 0.1
+    source.data.vertices[0].co.z += 0.1
+    select(obj)
+    assert bpy.ops.pointmorph.recompute() == {"FINISHED"}
+    check(obj)
+    settings.method = "auto"
+    assert bpy.ops.pointmorph.bake_frames(frame_start=1, frame_end=3, resample=False) == {
+        "FINISHED"
+    }
+    frames = bpy.data.collections[bpy.context.view_layer.objects.active.name].objects
+    middle = (key(obj, "Basis") + key(obj, "Dune")) / 2
+    np.testing.assert_allclose(coordinates(frames[1].data.vertices), middle, atol=1e-5)
+
+
 def test_pairs_end_at_the_target(morphed):
     _, target, obj = morphed
     bake(kind="PAIRS")
