@@ -63,6 +63,17 @@ def drive(driver, key):
     target.data_path = key.path_from_id("value")
 
 
+def is_of_key(driver):
+    """Whether a driver does nothing but what `drive` makes it do."""
+    variables = driver.variables
+    return (
+        driver.type == "AVERAGE"
+        and len(variables) == 1
+        and (variables[0].name, variables[0].type) == ("t", "SINGLE_PROP")
+        and variables[0].targets[0].id_type == "KEY"
+    )
+
+
 def new_input(group, kind, name, description="", **values):
     """The new socket; `parent` is the panel that it belongs to."""
     place = {"parent": values.pop("parent")} if "parent" in values else {}

@@ -76,20 +76,35 @@ def input_path(modifier, name):
 
 
 def curve_of(block, path):
-    """The animation curve of a data-block's property, or None. Since Blender 5.0 an action has
-    curves by slot alone."""
+    """The animation curve of a data-block's property, or None."""
+    found = (curves.find(path) for curves in _lists_of_curves(block))
+    return next((curve for curve in found if curve is not None), None)
+
+
+def curves_of(block):
+    """All animation curves of a data-block."""
+    return [curve for curves in _lists_of_curves(block) for curve in curves]
+
+
+def remove_curve(block, path):
+    """Takes the animation curve of a data-block's property away, if there is one."""
+    for curves in _lists_of_curves(block):
+        curve = curves.find(path)
+        if curve is not None:
+            curves.remove(curve)
+
+
+def _lists_of_curves(block):
+    """Since Blender 5.0 an action has curves by slot alone."""
     data = block.animation_data
     if data is None or data.action is None:
-        return None
+        return []
     slot = getattr(data, "action_slot", None)
     if slot is None:
-        return data.action.fcurves.find(path) if hasattr(data.action, "fcurves") else None
-    for layer in data.action.layers:
-        for strip in layer.strips:
-            curves = strip.channelbag(slot)
-            if curves is not None and curves.fcurves.find(path) is not None:
-                return curves.fcurves.find(path)
-    return None
+        return [data.action.fcurves] if hasattr(data.action, "fcurves") else []
+    strips = (strip for layer in data.action.layers for strip in layer.strips)
+    bags = (strip.channelbag(slot) for strip in strips)
+    return [bag.fcurves for bag in bags if bag is not None]
 
 
 # --- Materials ------------------------------------------------------------------------------------

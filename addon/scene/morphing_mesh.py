@@ -16,6 +16,7 @@ from . import (
     morph_object,
     morph_paths,
     path_display,
+    placement,
     recipes,
     recomputation,
     shape_follower,
@@ -126,7 +127,9 @@ def remake_mesh(copy, obj):
             arrays.write_key(keys[name], places[0])
             lost.append(morph_builder.lost_words(copy, name))
     for user in recomputation.users_of(copy):
+        placed_by = placement.placed_by(user)
         _know(user, obj)
+        placement.follow_source(user, placed_by, obj)
         user.update_tag()
     return lost
 

@@ -9,8 +9,7 @@ import contextlib
 
 import pointmorph
 
-from ..data import nodes
-from . import morph_object, morphing_mesh, points_display, recipes, stagger
+from . import morph_object, morphing_mesh, points_display, recipes, slider_keys, stagger
 
 MESH, POINTS, DISCS = "MESH", "POINTS", "DISCS"
 
@@ -92,6 +91,9 @@ def show_points(context, obj):
     mesh = morph_object.shown_of(obj)
     if mesh != obj:
         _set_visible(context, mesh, False)
+    elif obj.is_editable:
+        with contextlib.suppress(pointmorph.CloudError):  # somebody took its slider away
+            slider_keys.let_go(obj)  # of a mesh that was deleted
     _set_visible(context, obj, True)
     return obj
 
@@ -117,15 +119,14 @@ def shows_shapes(obj):
 def _add_mesh(context, obj):
     """Makes the source's faces show a morph object; they take its name, and it is hidden."""
     mesh = morphing_mesh.make_mesh(context, obj)
-    key = morph_object.t_key(obj)
-    had_mesh = key.driver_remove("value")  # one that was deleted
-    name = obj.name.removesuffix(_OF_POINTS) if had_mesh else obj.name
+    slider_keys.hand_over(obj, mesh)
+    name = obj.name
+    if not morph_object.stage_names(obj)[-1].endswith(_OF_POINTS):
+        name = name.removesuffix(_OF_POINTS)  # of a mesh that was deleted
     obj.name = obj.data.name = f"{name}{_OF_POINTS}"
     mesh.name = mesh.data.name = name
     obj.pointmorph.mesh = mesh
-    curve = key.driver_add("value")
-    curve.driver.type = "AVERAGE"
-    nodes.drive(curve.driver, morph_object.t_key(mesh))
+    slider_keys.follow(obj, mesh)
     stagger.follow(obj, mesh)
     _set_visible(context, mesh, True)
     _set_visible(context, obj, False)

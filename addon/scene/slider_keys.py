@@ -2,7 +2,7 @@
 
 import pointmorph
 
-from ..data import versions
+from ..data import curves, nodes, versions
 from . import morph_object, recipes
 
 EASINGS = (
@@ -66,17 +66,60 @@ def put(obj, start, end, easing):
     recipes.note(obj, _KEYED, [start, end])
 
 
+def hand_over(obj, mesh):
+    """Gives what moves the slider of a morph object to the mesh that shows it from now on: its keys
+    or its driver, and what *Key Morph* knows of them."""
+    key, other = morph_object.t_key(obj), morph_object.t_key(mesh)
+    path = key.path_from_id("value")
+    let_go(obj)
+    driver = _driver_of(key)
+    curve = versions.curve_of(key.id_data, path)
+    if driver is not None:
+        data = other.id_data.animation_data_create()
+        data.drivers.from_existing(src_driver=driver).data_path = other.path_from_id("value")
+        key.driver_remove("value")
+    if curve is not None:
+        curves.copy_curve(curve, other, "value")
+        versions.remove_curve(key.id_data, path)
+    known = recipes.recipe_of(obj)
+    if _KEYED in known:
+        recipes.note(mesh, _KEYED, known[_KEYED])
+        recipes.note(obj, _KEYED, [])
+    for name in ("key_frames", "has_key_frames", "key_easing"):
+        setattr(mesh.pointmorph, name, getattr(obj.pointmorph, name))
+
+
+def follow(obj, mesh):
+    """Makes the slider of a morph object follow that of the mesh that shows it."""
+    curve = morph_object.t_key(obj).driver_add("value")
+    curve.driver.type = "AVERAGE"
+    nodes.drive(curve.driver, morph_object.t_key(mesh))
+
+
+def let_go(obj):
+    """Makes the slider of a morph object follow no mesh any more; returns whether it did."""
+    key = morph_object.t_key(obj)
+    curve = _driver_of(key)
+    follows = curve is not None and nodes.is_of_key(curve.driver)
+    if follows:
+        key.driver_remove("value")
+    return follows
+
+
 def is_driven(obj):
     """Whether something else than keys moves the slider of an object."""
-    key = morph_object.t_key(obj)
-    data = key.id_data.animation_data
-    return data is not None and data.drivers.find(key.path_from_id("value")) is not None
+    return _driver_of(morph_object.t_key(obj)) is not None
 
 
 def value_at(obj, frame):
     """What the keys make of the slider in a frame."""
     key = morph_object.t_key(obj)
     return versions.curve_of(key.id_data, key.path_from_id("value")).evaluate(frame)
+
+
+def _driver_of(key):
+    data = key.id_data.animation_data
+    return None if data is None else data.drivers.find(key.path_from_id("value"))
 
 
 def _remove(curve, frame):

@@ -238,3 +238,58 @@ def test_reasons_why_it_cannot_be_keyed(settings):
         bpy.ops.pointmorph.key_morph(start=9, end=9)
     slider(obj).driver_add("value")
     assert "remove it first" in error_of(bpy.ops.pointmorph.key_morph)
+
+
+# --- Animation of points that a mesh comes to show ------------------------------------------------
+
+
+def test_keys_of_the_points_go_to_the_mesh(addon):
+    points = show_points_first()
+    bpy.ops.pointmorph.key_morph(start=5, end=25, easing="CUBIC")
+    curve = curve_of(addon, points)
+    curve.modifiers.new("CYCLES").mode_after = "MIRROR"
+    shown = show_mesh()
+    assert curve_of(addon, points) is None
+    assert keys_of(addon, shown) == [(5, 0), (25, 1)]
+    copy = curve_of(addon, shown)
+    assert [p.interpolation for p in copy.keyframe_points] == 2 * ["CUBIC"]
+    assert copy.modifiers[0].mode_after == "MIRROR"
+    bpy.context.scene.frame_set(30)
+    assert 0 < slider(shown).value == slider(points).value < 1
+    known = shown.pointmorph
+    assert (known.key_start, known.key_end, known.key_easing) == (5, 25, "CUBIC")
+    bpy.ops.pointmorph.key_morph(start=1, end=10)
+    assert keys_of(addon, shown) == [(1, 0), (10, 1)]
+
+
+def show_points_first():
+    """A morph of meshes that is shown by points, and has no mesh yet."""
+    bpy.context.scene.pointmorph.show_as = "POINTS"
+    pair(14, 12)
+    return morph()
+
+
+def show_mesh():
+    assert bpy.ops.pointmorph.show_as(kind="MESH") == {"FINISHED"}
+    return bpy.context.view_layer.objects.active
+
+
+def test_a_driver_of_the_points_goes_to_the_mesh():
+    points = show_points_first()
+    driver = slider(points).driver_add("value").driver
+    driver.expression = "frame / 10"
+    shown = show_mesh()
+    bpy.context.scene.frame_set(5)
+    assert slider(shown).value == slider(points).value == pytest.approx(0.5)
+    assert "remove it first" in error_of(bpy.ops.pointmorph.key_morph)
+
+
+def test_points_whose_mesh_was_deleted_have_their_own_slider(addon, shown):
+    points = shown.pointmorph.made_from
+    bpy.data.objects.remove(shown)
+    select(points)
+    bpy.ops.pointmorph.show_as(kind="POINTS")
+    bpy.ops.pointmorph.key_morph(start=5, end=25)
+    again = show_mesh()
+    assert (again.name, points.name) == ("Hill to Dune", "Hill to Dune Points")
+    assert keys_of(addon, again) == [(5, 0), (25, 1)]

@@ -1,0 +1,75 @@
+"""Where a morph lies in the world: the matrix of its frame, which its points have, and what that
+makes of the mesh that shows it."""
+
+import numpy as np
+from mathutils import Matrix
+
+from ..data import versions
+from . import morph_object, recipes
+
+_TRANSFORMS = ("location", "rotation", "scale", "delta_")
+_CLOSE = {"rtol": 1e-6, "atol": 1e-6}
+
+
+def frame_of(mesh):
+    """(4, 4): the frame of the morph that a mesh with the source's faces shows where it lies."""
+    return np.array(mesh.matrix_world) @ np.linalg.inv(morph_object.source_matrix_of(mesh))
+
+
+def put(obj, matrix):
+    """Gives an object a matrix in the world, unless it has it or something else moves it."""
+    if not np.allclose(obj.matrix_world, matrix, **_CLOSE) and is_free(obj):
+        obj.matrix_world = Matrix(matrix.tolist())
+
+
+def is_free(obj):
+    """Whether nothing but the user decides where an object lies."""
+    if len(obj.constraints) or not obj.is_editable:
+        return False
+    data = obj.animation_data
+    if data is None:
+        return True
+    curves = [*versions.curves_of(obj), *data.drivers]
+    return not (
+        any(curve.data_path.startswith(_TRANSFORMS) for curve in curves) or len(data.nla_tracks)
+    )
+
+
+def follow_source(mesh, known, obj):
+    """Puts a mesh with the source's faces where the morph lies, now that its source was moved,
+    turned or scaled. Where the user moved it, it stays.
+
+    Parameters
+    ----------
+    known : tuple of (3,) array or None, and (4, 4) array
+        What `placed_by` said of the mesh before.
+    obj : Object
+        The morph object, which knows what they are now.
+    """
+    origin, source_matrix = placed_by(obj)
+    if origin is None or known[0] is None:
+        return
+    before, after = home(*known), home(origin, source_matrix)
+    if np.array_equal(before, after) or np.allclose(mesh.matrix_world, after, **_CLOSE):
+        return
+    if mesh.parent is not None:  # which may have moved with it
+        if np.allclose(mesh.matrix_world, before, **_CLOSE):
+            put(mesh, after)
+        return
+    frame = np.array(mesh.matrix_world) @ np.linalg.inv(known[1])
+    if np.allclose(frame[:3, 3], known[0], **_CLOSE):
+        frame[:3, 3] = origin
+    put(mesh, frame @ source_matrix)
+
+
+def placed_by(obj):
+    """The origin of the frame, or None, and the source's matrix by which a morph was made."""
+    origin = recipes.recipe_of(obj).get("origin")
+    return None if origin is None else np.array(origin), morph_object.source_matrix_of(obj)
+
+
+def home(origin, source_matrix):
+    """(4, 4): the matrix of a mesh that lies where its source did."""
+    matrix = np.array(source_matrix)
+    matrix[:3, 3] += origin
+    return matrix

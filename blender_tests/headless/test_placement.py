@@ -1,0 +1,88 @@
+"""Where the mesh that shows a morph lies, and with it the points."""
+
+import bpy
+import numpy as np
+import pytest
+from mathutils import Matrix
+from scenes import coordinates, morph, pair, select
+
+pytestmark = pytest.mark.interface
+
+
+@pytest.fixture
+def shown(settings):
+    """What shows the morph of a pair of meshes, whose source was placed before."""
+    settings.show_as = "MESH"
+    source, _ = pair(14, 12)
+    source.matrix_world = Matrix.LocRotScale((1, 2, 3), None, (2, 1, 0.5))
+    obj = morph()
+    bpy.context.view_layer.update()
+    return obj
+
+
+def place(obj):
+    bpy.context.view_layer.update()
+    return np.array(obj.matrix_world)
+
+
+def corners(obj, value):
+    """The vertices of what shows a morph, in the world, at a value of the slider."""
+    obj.data.shape_keys.key_blocks["Morph"].value = value
+    evaluated = obj.evaluated_get(bpy.context.evaluated_depsgraph_get())
+    return in_world(place(obj), coordinates(evaluated.data.vertices))
+
+
+def in_world(matrix, positions):
+    return positions @ matrix[:3, :3].T + matrix[:3, 3]
+
+
+def recompute(obj):
+    select(obj)
+    assert bpy.ops.pointmorph.recompute() == {"FINISHED"}
+
+
+OTHER = Matrix.LocRotScale((4, 0, 1), Matrix.Rotation(0.7, 3, "Y"), (1, 3, 1))
+
+
+# --- Recompute after the source was placed otherwise ----------------------------------------------
+
+
+def test_the_mesh_goes_along_with_its_source(shown):
+    source = shown.pointmorph.source
+    source.matrix_world = OTHER
+    recompute(shown)
+    np.testing.assert_allclose(place(shown), np.array(OTHER), atol=1e-6)
+    start = in_world(place(source), coordinates(source.data.vertices))
+    np.testing.assert_allclose(corners(shown, 0.0), start, atol=1e-5)
+    fresh = morph(new_result=True)
+    np.testing.assert_allclose(corners(shown, 1.0), corners(fresh, 1.0), atol=1e-5)
+
+
+def test_where_the_user_moved_the_mesh_it_stays(shown):
+    source = shown.pointmorph.source
+    shown.location = (9, 9, 9)
+    source.scale = (3, 3, 3)
+    recompute(shown)
+    np.testing.assert_allclose(place(shown)[:3, 3], (9, 9, 9), atol=1e-6)
+    np.testing.assert_allclose(np.diag(place(shown))[:3], (3, 3, 3), atol=1e-6)
+
+
+def test_a_mesh_of_a_parent_goes_along_with_it(settings):
+    settings.show_as = "MESH"
+    source, _ = pair(14, 12)
+    source.parent = bpy.data.objects.new("Parent", None)
+    bpy.context.scene.collection.objects.link(source.parent)
+    shown = morph()
+    source.parent.matrix_world = OTHER
+    recompute(shown)
+    np.testing.assert_allclose(place(shown), place(source), atol=1e-6)
+    source.scale = (2, 2, 2)
+    recompute(shown)
+    np.testing.assert_allclose(place(shown), place(source), atol=1e-5)
+
+
+def test_a_mesh_that_is_animated_is_left_to_its_keys(shown):
+    shown.keyframe_insert("scale", frame=1)
+    shown.pointmorph.source.scale = (3, 3, 3)
+    recompute(shown)
+    np.testing.assert_allclose(shown.scale, (2, 1, 0.5))
