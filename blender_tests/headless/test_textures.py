@@ -312,6 +312,70 @@ def test_tiles_of_a_udim_image(addon, settings, tmp_path):
     assert shape.skin.look.remarks == ()
 
 
+def into_color(made, kind, **settings):
+    """Puts a node between a material's image and its shader; returns it."""
+    tree = made.node_tree
+    node = tree.nodes.new(kind)
+    for setting, value in settings.items():
+        setattr(node, setting, value)
+    image = next(n for n in tree.nodes if n.type == "TEX_IMAGE")
+    shader = tree.nodes["Principled BSDF"]
+    first = next(s for s in node.inputs if s.enabled and s.type in ("RGBA", "VALUE"))
+    if kind == "ShaderNodeMix":
+        factor, first, second = (s for s in node.inputs if s.enabled)
+        factor.default_value, second.default_value = 0.5, (0.2, 0.7, 0.4, 1.0)
+    output = next(s for s in node.outputs if s.enabled)
+    tree.links.new(image.outputs["Color"], first)
+    tree.links.new(output, shader.inputs["Base Color"])
+    return node
+
+
+NODES = {
+    "math": ("ShaderNodeMath", lambda node: setattr(node, "operation", "MULTIPLY")),
+    "mix": ("ShaderNodeMix", lambda node: setattr(node, "blend_type", "MULTIPLY")),
+    "ramp": (
+        "ShaderNodeValToRGB",
+        lambda node: setattr(node.color_ramp.elements[1], "color", (1, 0, 0, 1)),
+    ),
+}
+
+
+@pytest.mark.parametrize("kind", NODES)
+def test_nodes_of_all_kinds_are_morphed_and_watched(textured, kind):
+    _, target = textured
+    name, change = NODES[kind]
+    settings = {"data_type": "RGBA"} if kind == "mix" else {}
+    node = into_color(target.data.materials[0], name, **settings)
+    obj = morph()
+    assert obj.pointmorph.state == "CURRENT"
+    change(node)
+    assert obj.pointmorph.state == "STALE"
+    assert 'the look of "Dune" has changed' in obj.pointmorph.stale
+
+
+def test_which_channel_a_color_comes_from_is_watched(textured):
+    _, target = textured
+    tree = target.data.materials[0].node_tree
+    node = into_color(target.data.materials[0], "ShaderNodeSeparateColor")
+    obj = morph()
+    assert obj.pointmorph.state == "CURRENT"
+    tree.links.new(node.outputs[1], tree.nodes["Principled BSDF"].inputs["Base Color"])
+    assert obj.pointmorph.state == "STALE"
+
+
+def test_a_mix_with_a_transparent_shader_is_morphed(textured):
+    _, target = textured
+    tree = target.data.materials[0].node_tree
+    image = next(n for n in tree.nodes if n.type == "TEX_IMAGE")
+    mix, clear = (tree.nodes.new(f"ShaderNode{kind}") for kind in ("MixShader", "BsdfTransparent"))
+    tree.links.new(image.outputs["Color"], mix.inputs[0])
+    tree.links.new(clear.outputs[0], mix.inputs[1])
+    tree.links.new(tree.nodes["Principled BSDF"].outputs[0], mix.inputs[2])
+    output = next(n for n in tree.nodes if n.type == "OUTPUT_MATERIAL")
+    tree.links.new(mix.outputs[0], output.inputs["Surface"])
+    assert morph().pointmorph.state == "CURRENT"
+
+
 # --- The look of the mesh -------------------------------------------------------------------------
 
 
