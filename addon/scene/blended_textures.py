@@ -107,19 +107,27 @@ def again(context, obj, drawn=None):
     Parameters
     ----------
     drawn : Drawn, optional
-        If that was drawn already.
+        If that was drawn already; it is drawn anew where the mesh has other UVs.
     """
     options = options_of(obj)
     if options is None:
         return []
     try:
-        if drawn is None:
+        if drawn is None or not _fits(obj, drawn):
             draw_it = finish(read_steps(context, obj, options))
             drawn = draw_it(lambda stage, fraction: True)
         blend(obj, drawn)
     except pointmorph.PointmorphError as error:
         return [f"The textures are still those of the old morph. {error}"]
     return []
+
+
+def _fits(obj, drawn):
+    """Whether the images of a Drawn lie right on a mesh's present UV maps."""
+    if drawn.layout is None or not drawn.uv_name:
+        return True
+    layer = obj.data.uv_layers.get(drawn.uv_name)
+    return layer is not None and np.array_equal(arrays.corner_uvs(layer), drawn.layout)
 
 
 def blend(obj, drawn):

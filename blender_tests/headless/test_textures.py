@@ -589,6 +589,27 @@ def test_recompute_draws_anew(addon, textured):
     assert addon("scene.recipes").recipe_of(obj)["textures"]["size"] == 256
 
 
+@pytest.mark.parametrize("edited", ["source", "mesh"])
+def test_recompute_draws_for_the_uvs_that_the_mesh_has(textured, edited):
+    """Turned on the source, UVs are taken over; turned on the mesh alone, they stay."""
+    source, _ = textured
+    obj = morph()
+    changed = source if edited == "source" else obj
+    layer = changed.data.uv_layers[0]
+    turned = 1.0 - read(layer.data, "uv", 2)
+    layer.data.foreach_set("uv", turned.reshape(-1))
+    changed.data.update()
+    select(obj)
+    assert bpy.ops.pointmorph.recompute() == {"FINISHED"}
+    assert obj.pointmorph.state == "CURRENT"
+    uvs = read(obj.data.uv_layers["UVMap"].data, "uv", 2)
+    np.testing.assert_array_equal(uvs, turned)
+    found = bilinear(linear(image_of(obj)[..., :3]), uvs)
+    places = ((key(obj, "Morph")[corners_of(obj.data)][:, :2] + 1) / 2).clip(0, 1)
+    inside = (np.abs(places - 0.5) < 0.45).all(axis=1)
+    np.testing.assert_allclose(found[inside, :2], linear(places[inside]), atol=0.03)
+
+
 def test_the_source_s_own_look_comes_back(textured):
     source, _ = textured
     obj = morph()
