@@ -14,6 +14,7 @@ from . import morph_object, object_looks, path_display, recipes, stagger_nodes
 from .shape_reader import present_steps, read_own_steps, update
 
 UV_NAME = "Pointmorph"
+_AS_BEFORE = "The textures are still those of the old morph."
 _COLOR = "pointmorph_viewport_color"  # of a material, before t drives it
 
 
@@ -107,19 +108,28 @@ def again(context, obj, drawn=None):
     Parameters
     ----------
     drawn : Drawn, optional
-        If that was drawn already; it is drawn anew where the mesh has other UVs.
+        If that was drawn already; it is drawn anew where the mesh has other UVs or options. A mesh
+        that nobody has decided about takes it, too, if the scene's settings say so.
     """
     options = options_of(obj)
+    first = drawn is not None and is_first(obj) and drawn.options == wanted(context.scene)
+    if first:
+        options = drawn.options
     if options is None:
         return []
     try:
-        if drawn is None or not _fits(obj, drawn):
+        if drawn is None or drawn.options != options or not _fits(obj, drawn):
             draw_it = finish(read_steps(context, obj, options))
             drawn = draw_it(lambda stage, fraction: True)
         blend(obj, drawn)
     except pointmorph.PointmorphError as error:
-        return [f"The textures are still those of the old morph. {error}"]
-    return []
+        return [not_blended(obj, error) if first else f"{_AS_BEFORE} {error}"]
+    return list(drawn.remarks) if first else []
+
+
+def not_blended(obj, error):
+    """In words."""
+    return f'"{obj.name}" keeps the look of its source. {error}'
 
 
 def _fits(obj, drawn):

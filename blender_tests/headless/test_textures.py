@@ -610,6 +610,27 @@ def test_recompute_draws_for_the_uvs_that_the_mesh_has(textured, edited):
     np.testing.assert_allclose(found[inside, :2], linear(places[inside]), atol=0.03)
 
 
+def test_recompute_blends_where_nobody_decided(addon, settings, textured):
+    settings.blend_textures = False
+    obj = morph()
+    settings.blend_textures = True
+    select(obj)
+    assert bpy.ops.pointmorph.recompute() == {"FINISHED"}
+    assert obj.material_slots[0].material.name == "Blue to Dune"
+    assert addon("scene.recipes").recipe_of(obj)["textures"]["size"] == 256
+
+
+def test_every_mesh_of_a_morph_is_drawn_as_it_was(textured):
+    obj = morph()
+    select(obj)
+    bpy.ops.object.duplicate()
+    twin = bpy.context.view_layer.objects.active
+    assert bpy.ops.pointmorph.blend_textures(size="512", roughness=True) == {"FINISHED"}
+    assert bpy.ops.pointmorph.recompute() == {"FINISHED"}
+    assert image_of(obj).shape[0] == 256
+    assert image_of(twin).shape[0] == 512
+
+
 def test_the_source_s_own_look_comes_back(textured):
     source, _ = textured
     obj = morph()
