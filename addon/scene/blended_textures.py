@@ -57,9 +57,13 @@ def read_steps(context, obj, options):
     Raises
     ------
     CloudError
-        When the target is gone, was changed since, or looks like nothing.
+        When the mesh has no faces, or the target is gone, was changed since, or looks like nothing.
     """
     target = obj.pointmorph.target
+    if not obj.data.polygons:
+        raise pointmorph.CloudError(
+            obj.name, "faces to draw on", "none", "Show the morph as points: they blend colors."
+        )
     if not recipes.is_there(target):
         raise pointmorph.CloudError(
             obj.name, "its target in this file", "none", "Undo the deletion, or morph again."

@@ -1,6 +1,7 @@
 """Colors from materials, images and attributes; the look of a mesh that goes over into its
 target's."""
 
+import bmesh
 import bpy
 import numpy as np
 import pytest
@@ -522,6 +523,32 @@ def test_a_source_without_a_layout_gets_one(settings, textured, uvs, capfd):
     inside = (np.abs(places - 0.5) < 0.45).all(axis=1)
     wanted = linear(places)
     np.testing.assert_allclose(found[inside, :2], wanted[inside], atol=0.03)
+
+
+def test_a_morph_without_room_for_a_layout_is_still_shown(settings, capfd):
+    source, target = sheets(settings, low=0.0, high=3.0)  # tiled: nothing can be drawn on that
+    for number in range(7):
+        source.data.uv_layers.new(name=f"More {number}")
+    source.data.materials.append(material("Blue", (0, 0, 1, 1)))
+    target.data.materials.append(material("Ramp", image=new_image("ramp", ramp())))
+    obj = morph()
+    assert obj.name == "Hill to Dune"
+    assert obj.pointmorph.keeps_faces
+    assert not obj.hide_get()
+    assert [m.name for m in obj.data.materials] == ["Blue"]
+    assert '"Hill to Dune" keeps the look of its source' in capfd.readouterr().out
+
+
+def test_a_mesh_without_faces_cannot_be_drawn_on(settings, textured):
+    source, _ = textured
+    edited = bmesh.new()
+    edited.from_mesh(source.data)
+    bmesh.ops.delete(edited, geom=edited.faces[:], context="FACES_ONLY")
+    edited.to_mesh(source.data)
+    edited.free()
+    morph()
+    assert bpy.ops.pointmorph.make_mesh() == {"FINISHED"}
+    assert "expected faces to draw on" in error_of(bpy.ops.pointmorph.blend_textures)
 
 
 def test_attributes_and_points_are_blended_as_well(settings):
