@@ -658,6 +658,59 @@ def test_every_mesh_of_a_morph_is_drawn_as_it_was(textured):
     assert image_of(twin).shape[0] == 512
 
 
+def in_a_group(made):
+    """Puts a group between a material's image and shader; returns a node in it."""
+    tree = made.node_tree
+    inner = bpy.data.node_groups.new("Tint", "ShaderNodeTree")
+    for name, kind in (("In", "INPUT"), ("Out", "OUTPUT")):
+        inner.interface.new_socket(name, in_out=kind, socket_type="NodeSocketColor")
+    start, gamma, end = (
+        inner.nodes.new(kind) for kind in ("NodeGroupInput", "ShaderNodeGamma", "NodeGroupOutput")
+    )
+    inner.links.new(start.outputs[0], gamma.inputs[0])
+    inner.links.new(gamma.outputs[0], end.inputs[0])
+    group = tree.nodes.new("ShaderNodeGroup")
+    group.node_tree = inner
+    image = next(n for n in tree.nodes if n.type == "TEX_IMAGE")
+    tree.links.new(image.outputs["Color"], group.inputs[0])
+    tree.links.new(group.outputs[0], tree.nodes["Principled BSDF"].inputs["Base Color"])
+    return gamma
+
+
+@pytest.mark.parametrize("what", ["shader", "group", "image"])
+def test_the_panel_notices_that_a_material_changed(addon, textured, what):
+    _, target = textured
+    made = target.data.materials[0]
+    gamma = in_a_group(made)
+    obj = morph()
+    watching = addon("view.staleness_watch")
+    watching._forget()
+    bpy.context.view_layer.update()
+
+    def known():
+        watching._changed_at = 0.0
+        for _ in range(1000):
+            state = watching.known_state(obj)
+            if state is not None:
+                return state[0]
+            watching._look()
+        raise AssertionError("nothing was found out")
+
+    assert known() == "CURRENT"
+    obj.data.shape_keys.key_blocks["Morph"].value = 0.5  # moves the mesh's own materials
+    bpy.context.view_layer.update()
+    assert watching.known_state(obj) is not None
+    if what == "shader":
+        made.node_tree.nodes["Principled BSDF"].inputs["Roughness"].default_value = 0.9
+    elif what == "group":
+        gamma.inputs[1].default_value = 2.0
+    else:
+        next(n for n in made.node_tree.nodes if n.type == "TEX_IMAGE").image.filepath = "//o.png"
+    bpy.context.view_layer.update()
+    assert watching.known_state(obj) is None
+    assert known() == "STALE"
+
+
 def test_the_source_s_own_look_comes_back(textured):
     source, _ = textured
     obj = morph()
