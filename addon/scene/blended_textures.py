@@ -40,9 +40,7 @@ def is_first(obj):
 
 def wanted_again(scene, obj):
     """The same for what shows a morph that is computed again."""
-    options = wanted(scene) if is_first(obj) else options_of(obj)
-    # For normals more is read, afterward.
-    return None if options is None or options.normal else options
+    return wanted(scene) if is_first(obj) else options_of(obj)
 
 
 def chosen(settings):

@@ -637,6 +637,26 @@ def test_recompute_draws_for_the_uvs_that_the_mesh_has(textured, edited):
     np.testing.assert_allclose(found[inside, :2], linear(places[inside]), atol=0.03)
 
 
+@pytest.mark.usefixtures("textured")
+def test_normals_are_drawn_anew_in_the_background(addon, monkeypatch):
+    """In the job, which can be canceled, and not when its result is put into the scene."""
+    obj = morph()
+    assert bpy.ops.pointmorph.blend_textures(size="256", normal=True) == {"FINISHED"}
+    before = image_of(obj, "Normal")
+    drawn_in, draw = [], addon("core.computation").draw
+
+    def note(*args):
+        drawn_in.append(args[2])
+        return draw(*args)
+
+    monkeypatch.setattr(addon("core.computation"), "draw", note)
+    monkeypatch.setattr(addon("scene.blended_textures"), "read_steps", None)
+    select(obj)
+    assert bpy.ops.pointmorph.recompute() == {"FINISHED"}
+    assert [options.normal for options in drawn_in] == [True]
+    np.testing.assert_allclose(image_of(obj, "Normal"), before, atol=0.02)
+
+
 def test_recompute_blends_where_nobody_decided(addon, settings, textured):
     settings.blend_textures = False
     obj = morph()
