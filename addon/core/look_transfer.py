@@ -120,6 +120,8 @@ class Drawn:
         A UV map of its own, where the source's can't be drawn on.
     uv_name : str
         The source's UV map; "" where it has one of its own.
+    layout : (C, 2) array or None
+        The UVs that the images were drawn for; None without images.
     remarks, unread : tuples of str
         In words for the user: how it was drawn, and what of the model couldn't be read.
     options : Options
@@ -133,6 +135,7 @@ class Drawn:
     is_lit: bool
     uvs: np.ndarray | None
     uv_name: str
+    layout: np.ndarray | None
     remarks: tuple
     unread: tuple
     options: Options
@@ -191,6 +194,7 @@ def draw(canvas, model, options, progress):
         not surfaces or any(surface.is_lit for surface in surfaces),
         own,
         "" if own is not None else skin.uv_name,
+        skin.uvs if own is None else own,
         tuple(remarks),
         () if model.look is None else model.look.remarks,
         options,
@@ -216,7 +220,8 @@ def _plain(model, options):
         for name, default in (("roughness", 0.5), ("metallic", 0.0))
     ]
     is_lit = any(surface.is_lit for surface in model.look.used())
-    return Drawn(color, *numbers, None, color, is_lit, None, "", (), model.look.remarks, options)
+    unread = model.look.remarks
+    return Drawn(color, *numbers, None, color, is_lit, None, "", None, (), unread, options)
 
 
 def _getter(name):

@@ -105,8 +105,12 @@ class AttributeColor:
 
 @dataclass(frozen=True)
 class Applied:
-    """What a function makes of other expressions: it takes (N, 4) arrays and returns one."""
+    """What a function makes of other expressions: it takes (N, 4) arrays and returns one.
 
+    The name tells it from all others: equal names are equal functions.
+    """
+
+    name: str
     function: Callable
     parts: Sequence
 
@@ -116,14 +120,14 @@ class Applied:
 
 def channel(expression, number):
     """One channel of a color, as a number."""
-    return Applied(lambda colors: _as_number(colors[:, number]), (expression,))
+    return Applied(f"channel {number}", lambda colors: _as_number(colors[:, number]), (expression,))
 
 
 def brightness(expression):
     """A color as a number."""
     if isinstance(expression, Constant):
         return Constant([float(np.dot(expression.value[:3], _WEIGHTS))] * 3 + [1.0])
-    return Applied(lambda colors: _as_number(colors[:, :3] @ _WEIGHTS), (expression,))
+    return Applied("brightness", lambda colors: _as_number(colors[:, :3] @ _WEIGHTS), (expression,))
 
 
 def _as_number(values):
@@ -316,7 +320,7 @@ def described(expression):
         rest = expression.uv, matrix, expression.extension, expression.closest
         return f"{expression.texture.name} {rest}"
     parts = ", ".join(described(part) for part in expression.parts)
-    return f"{expression.function.__qualname__}({parts})"
+    return f"{expression.name}({parts})"
 
 
 def reduced(expression, texels):

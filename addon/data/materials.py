@@ -1,6 +1,7 @@
 """What materials say of color, roughness and so on, as far as it can be read from their nodes."""
 
 import math
+import zlib
 from dataclasses import replace
 
 import numpy as np
@@ -127,12 +128,15 @@ class Reader:
             if share is None or not set(kinds) & set(_CLEAR):
                 return known[0]
             if solid[0] is not None:
-                share = _applied(lambda x: 1.0 - x, share)
-            return replace(known[0], alpha=_applied(np.multiply, known[0].alpha, share))
+                share = _applied("rest", lambda x: 1.0 - x, share)
+            alpha = _applied("math MULTIPLY", np.multiply, known[0].alpha, share)
+            return replace(known[0], alpha=alpha)
         if share is None:
             return known[0]
         mixed = {
-            name: _applied(looks.BLENDS["MIX"], share, *(getattr(s, name) for s in known))
+            name: _applied(
+                "blend MIX", looks.BLENDS["MIX"], share, *(getattr(s, name) for s in known)
+            )
             for name in ("color", "alpha", "roughness", "metallic")
             if None not in [getattr(s, name) for s in known]
         }
@@ -268,35 +272,34 @@ class Reader:
     def _read_mix(self, node, output, path):
         if node.data_type == "VECTOR":
             return None
-        blend = looks.BLENDS.get(node.blend_type if node.data_type == "RGBA" else "MIX")
+        blend = node.blend_type if node.data_type == "RGBA" else "MIX"
         sockets = [socket for socket in node.inputs if socket.enabled]
         return self._blended(node, blend, sockets, path, node.clamp_factor, node.clamp_result)
 
     def _read_mix_rgb(self, node, output, path):
-        blend = looks.BLENDS.get(node.blend_type)
-        return self._blended(node, blend, node.inputs, path, True, node.use_clamp)
+        return self._blended(node, node.blend_type, node.inputs, path, True, node.use_clamp)
 
     def _blended(self, node, blend, sockets, path, clamps_factor, clamps):
-        if blend is None or len(sockets) != 3:
+        if blend not in looks.BLENDS or len(sockets) != 3:
             return None
         parts = self._parts(path, *sockets)
         if clamps_factor:
-            parts[0] = _applied(looks.clamped, parts[0])
-        found = _applied(blend, *parts)
-        return _applied(looks.clamped, found) if clamps else found
+            parts[0] = _clamped(parts[0])
+        found = _applied(f"blend {blend}", looks.BLENDS[blend], *parts)
+        return _clamped(found) if clamps else found
 
     def _read_math(self, node, output, path):
         function = looks.MATHS.get(node.operation)
         if function is None:
             return None
-        found = _applied(function, *self._parts(path, *node.inputs[:2]))
-        return _applied(looks.clamped, found) if node.use_clamp else found
+        found = _applied(f"math {node.operation}", function, *self._parts(path, *node.inputs[:2]))
+        return _clamped(found) if node.use_clamp else found
 
     def _read_gamma(self, node, output, path):
-        return _applied(looks.gamma, *self._parts(path, *node.inputs[:2]))
+        return _applied("gamma", looks.gamma, *self._parts(path, *node.inputs[:2]))
 
     def _read_invert(self, node, output, path):
-        return _applied(looks.inverted, *self._parts(path, *node.inputs[:2]))
+        return _applied("inverted", looks.inverted, *self._parts(path, *node.inputs[:2]))
 
     def _read_rgbtobw(self, node, output, path):
         return looks.brightness(self._parts(path, node.inputs[0])[0])
@@ -310,8 +313,10 @@ class Reader:
     _read_seprgb = _read_separate_color
 
     def _read_valtorgb(self, node, output, path):
-        steps = [node.color_ramp.evaluate(k / (_STEPS - 1)) for k in range(_STEPS)]
-        found = _applied(looks.ramp(np.array(steps)), self._parts(path, node.inputs[0])[0])
+        ramp = node.color_ramp
+        steps = np.array([ramp.evaluate(k / (_STEPS - 1)) for k in range(_STEPS)])
+        name = f"ramp {zlib.crc32(steps.astype(np.float32).tobytes()):08x}"
+        found = _applied(name, looks.ramp(steps), self._parts(path, node.inputs[0])[0])
         return looks.channel(found, 3) if output.name == "Alpha" else found
 
 
@@ -361,12 +366,16 @@ def _number(value):
     return Constant((float(value),) * 3 + (1.0,))
 
 
-def _applied(function, *parts):
+def _applied(name, function, *parts):
     """What is the same everywhere stays so."""
-    found = Applied(function, parts)
+    found = Applied(name, function, parts)
     if all(isinstance(part, Constant) for part in parts):
         return Constant(tuple(float(x) for x in found.at([None])[0]))
     return found
+
+
+def _clamped(expression):
+    return _applied("clamped", looks.clamped, expression)
 
 
 def _mapping_matrix(node):

@@ -96,14 +96,23 @@ def present(operator, context, obj, outcome, again=False):
     forget_results()
     shown, said = presentation.present(context, obj, again)
     if outcome.drawn is not None and blended_textures.is_first(shown):
-        blended_textures.blend(shown, outcome.drawn)
-        for remark in outcome.drawn.remarks:
-            operator.report({"INFO"}, remark)
+        _blend(operator, shown, outcome.drawn)
     shading.show_colors(context, shown)
     activate(context.view_layer.objects, shown)
     for words in said:
         operator.report({"WARNING"}, f"Shown without its faces. {words}")
     say_made(operator, shown, outcome.report)
+
+
+def _blend(operator, obj, drawn):
+    """Blends the textures of a new mesh. A morph that can't have them is as good without."""
+    try:
+        blended_textures.blend(obj, drawn)
+    except pointmorph.PointmorphError as error:
+        operator.report({"WARNING"}, blended_textures.not_blended(obj, error))
+        return
+    for remark in drawn.remarks:
+        operator.report({"INFO"}, remark)
 
 
 def say_looks(operator, requests):

@@ -14,6 +14,7 @@ from . import morph_object, object_looks, path_display, recipes, stagger_nodes
 from .shape_reader import present_steps, read_own_steps, update
 
 UV_NAME = "Pointmorph"
+_AS_BEFORE = "The textures are still those of the old morph."
 _COLOR = "pointmorph_viewport_color"  # of a material, before t drives it
 
 
@@ -39,9 +40,7 @@ def is_first(obj):
 
 def wanted_again(scene, obj):
     """The same for what shows a morph that is computed again."""
-    options = wanted(scene) if is_first(obj) else options_of(obj)
-    # For normals more is read, afterward.
-    return None if options is None or options.normal else options
+    return wanted(scene) if is_first(obj) else options_of(obj)
 
 
 def chosen(settings):
@@ -56,9 +55,13 @@ def read_steps(context, obj, options):
     Raises
     ------
     CloudError
-        When the target is gone, was changed since, or looks like nothing.
+        When the mesh has no faces, or the target is gone, was changed since, or looks like nothing.
     """
     target = obj.pointmorph.target
+    if not obj.data.polygons:
+        raise pointmorph.CloudError(
+            obj.name, "faces to draw on", "none", "Show the morph as points: they blend colors."
+        )
     if not recipes.is_there(target):
         raise pointmorph.CloudError(
             obj.name, "its target in this file", "none", "Undo the deletion, or morph again."
@@ -107,19 +110,36 @@ def again(context, obj, drawn=None):
     Parameters
     ----------
     drawn : Drawn, optional
-        If that was drawn already.
+        If that was drawn already; it is drawn anew where the mesh has other UVs or options. A mesh
+        that nobody has decided about takes it, too, if the scene's settings say so.
     """
     options = options_of(obj)
+    first = drawn is not None and is_first(obj) and drawn.options == wanted(context.scene)
+    if first:
+        options = drawn.options
     if options is None:
         return []
     try:
-        if drawn is None:
+        if drawn is None or drawn.options != options or not _fits(obj, drawn):
             draw_it = finish(read_steps(context, obj, options))
             drawn = draw_it(lambda stage, fraction: True)
         blend(obj, drawn)
     except pointmorph.PointmorphError as error:
-        return [f"The textures are still those of the old morph. {error}"]
-    return []
+        return [not_blended(obj, error) if first else f"{_AS_BEFORE} {error}"]
+    return list(drawn.remarks) if first else []
+
+
+def not_blended(obj, error):
+    """In words."""
+    return f'"{obj.name}" keeps the look of its source. {error}'
+
+
+def _fits(obj, drawn):
+    """Whether the images of a Drawn lie right on a mesh's present UV maps."""
+    if drawn.layout is None or not drawn.uv_name:
+        return True
+    layer = obj.data.uv_layers.get(drawn.uv_name)
+    return layer is not None and np.array_equal(arrays.corner_uvs(layer), drawn.layout)
 
 
 def blend(obj, drawn):

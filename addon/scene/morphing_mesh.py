@@ -15,6 +15,7 @@ from . import (
     morph_builder,
     morph_object,
     morph_paths,
+    object_looks,
     path_display,
     placement,
     recipes,
@@ -116,7 +117,7 @@ def remake_mesh(copy, obj):
     _write_ways(copy, obj, places, back)
     with creation.all_or_nothing() as created:  # one of an earlier version has none
         path_display.add(copy, morph_object.t_key(copy), created, len(places) - 1, False)
-    lost = []
+    lost = _take_uvs(copy, obj, source)
     of_source = source.data.shape_keys.key_blocks if source.data.shape_keys else {}
     for name, move in moves.items():
         if name in of_source:
@@ -131,6 +132,22 @@ def remake_mesh(copy, obj):
         _know(user, obj)
         placement.follow_source(user, placed_by, obj)
         user.update_tag()
+    return lost
+
+
+def _take_uvs(copy, obj, source):
+    """Gives a copy the UV maps of its source if the look of that has changed since; otherwise those
+    that were edited on the copy stay. Returns what has no room, in words."""
+    before, now = (recipes.recipe_of(one).get("shapes", [{}])[0].get("look") for one in (copy, obj))
+    if before == now:
+        return []
+    lost = []
+    for layer in source.data.uv_layers:
+        if arrays.write_uvs(copy.data, layer.name, arrays.corner_uvs(layer)) is None:
+            lost.append(f'"{copy.name}" has no room for the UV map "{layer.name}"')
+    shown = object_looks.render_layer(source.data)
+    if shown is not None and shown.name in copy.data.uv_layers:
+        copy.data.uv_layers[shown.name].active_render = True
     return lost
 
 

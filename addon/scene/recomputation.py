@@ -31,10 +31,15 @@ class Plan:
         return morph_builder.Provenance(shapes, self.origin, self.source_matrix)
 
 
-def plan_steps(context, obj):
+def plan_steps(context, obj, with_relief=False):
     """How to compute a morph object again: with the panel's settings when the panel is about it,
     else with its own; from the objects it was made from or, when one is gone, from what it holds.
     A generator that yields often and returns a Plan.
+
+    Parameters
+    ----------
+    with_relief : bool
+        Reads what it takes to draw the target's normals, too.
 
     Raises
     ------
@@ -64,22 +69,23 @@ def plan_steps(context, obj):
         loop, values = recipe["loop"], recipe["settings"]
     if missing:
         return _plan_from_itself(obj, recipe, values, loop, missing)
-    return (yield from plan_of_steps(context, shapes, choices, loop, values))
+    return (yield from plan_of_steps(context, shapes, choices, loop, values, with_relief))
 
 
-def plan_of_steps(context, shapes, choices, loop, values):
+def plan_of_steps(context, shapes, choices, loop, values, with_relief=False):
     """How to compute the morph from each of these objects to the next; see `plan_steps`."""
-    steps = _read_plan_steps(context, shapes, choices, loop, values)
+    steps = _read_plan_steps(context, shapes, choices, loop, values, with_relief)
     return (yield from present_steps(context, shapes, steps))
 
 
-def _read_plan_steps(context, shapes, choices, loop, values):
+def _read_plan_steps(context, shapes, choices, loop, values, with_relief):
     update(context, *shapes)
     origin = np.array(shapes[0].matrix_world.translation)
     read = []
     for number, shape in enumerate(shapes):
         yield
-        read.append((yield from read_shape_steps(context, shape, origin, number > 0)))
+        relief = with_relief and number == len(shapes) - 1
+        read.append((yield from read_shape_steps(context, shape, origin, number > 0, relief)))
     requests = []
     for source, target in pairwise(read):
         yield

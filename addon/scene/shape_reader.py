@@ -55,7 +55,7 @@ def update(context, *objects):
     context.view_layer.update()
 
 
-def read_shape_steps(context, obj, origin, as_shown):
+def read_shape_steps(context, obj, origin, as_shown, with_relief=False):
     """A generator that yields often and returns an object in the frame with the world's axes and
     this origin; `update` must come before.
 
@@ -63,9 +63,11 @@ def read_shape_steps(context, obj, origin, as_shown):
     ----------
     as_shown : bool
         With modifiers and shape keys, as in the viewport. A point cloud always is.
+    with_relief : bool
+        See `read_own_steps`.
     """
     matrix = transforms.relative_to(obj.matrix_world, origin)
-    shape = yield from read_own_steps(context, obj, as_shown)
+    shape = yield from read_own_steps(context, obj, as_shown, with_relief)
     transforms.check_invertible(obj.name, matrix)
     return shape.moved(matrix)
 

@@ -73,7 +73,9 @@ def _note_changes(scene, depsgraph):
     changed = {
         item.id.original
         for item in depsgraph.updates
-        if item.is_updated_geometry or item.is_updated_transform
+        if item.is_updated_geometry
+        or item.is_updated_transform
+        or isinstance(item.id, bpy.types.Material)  # also for its nodes and images
     }
     if _begun is not None and changed:
         _wanted.add(_begun[0])
@@ -81,10 +83,16 @@ def _note_changes(scene, depsgraph):
         _changed_at = time.monotonic()
     for name in list(_prints):
         obj = bpy.data.objects.get(name)
-        shapes = [] if obj is None else [s for s in recipes.pointers_of(obj) if s is not None]
-        if obj is None or not changed.isdisjoint([*shapes, *(s.data for s in shapes)]):
+        if obj is None or not changed.isdisjoint(_seen_on(obj)):
             del _prints[name]
             _changed_at = time.monotonic()
+
+
+def _seen_on(obj):
+    """What a morph object was made from: objects, their data and materials."""
+    shapes = [shape for shape in recipes.pointers_of(obj) if shape is not None]
+    materials = (slot.material for shape in shapes for slot in shape.material_slots)
+    return [*shapes, *(shape.data for shape in shapes), *materials]
 
 
 def _forget(*_):

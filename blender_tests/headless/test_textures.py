@@ -1,6 +1,7 @@
 """Colors from materials, images and attributes; the look of a mesh that goes over into its
 target's."""
 
+import bmesh
 import bpy
 import numpy as np
 import pytest
@@ -312,6 +313,70 @@ def test_tiles_of_a_udim_image(addon, settings, tmp_path):
     assert shape.skin.look.remarks == ()
 
 
+def into_color(made, kind, **settings):
+    """Puts a node between a material's image and its shader; returns it."""
+    tree = made.node_tree
+    node = tree.nodes.new(kind)
+    for setting, value in settings.items():
+        setattr(node, setting, value)
+    image = next(n for n in tree.nodes if n.type == "TEX_IMAGE")
+    shader = tree.nodes["Principled BSDF"]
+    first = next(s for s in node.inputs if s.enabled and s.type in ("RGBA", "VALUE"))
+    if kind == "ShaderNodeMix":
+        factor, first, second = (s for s in node.inputs if s.enabled)
+        factor.default_value, second.default_value = 0.5, (0.2, 0.7, 0.4, 1.0)
+    output = next(s for s in node.outputs if s.enabled)
+    tree.links.new(image.outputs["Color"], first)
+    tree.links.new(output, shader.inputs["Base Color"])
+    return node
+
+
+NODES = {
+    "math": ("ShaderNodeMath", lambda node: setattr(node, "operation", "MULTIPLY")),
+    "mix": ("ShaderNodeMix", lambda node: setattr(node, "blend_type", "MULTIPLY")),
+    "ramp": (
+        "ShaderNodeValToRGB",
+        lambda node: setattr(node.color_ramp.elements[1], "color", (1, 0, 0, 1)),
+    ),
+}
+
+
+@pytest.mark.parametrize("kind", NODES)
+def test_nodes_of_all_kinds_are_morphed_and_watched(textured, kind):
+    _, target = textured
+    name, change = NODES[kind]
+    settings = {"data_type": "RGBA"} if kind == "mix" else {}
+    node = into_color(target.data.materials[0], name, **settings)
+    obj = morph()
+    assert obj.pointmorph.state == "CURRENT"
+    change(node)
+    assert obj.pointmorph.state == "STALE"
+    assert 'the look of "Dune" has changed' in obj.pointmorph.stale
+
+
+def test_which_channel_a_color_comes_from_is_watched(textured):
+    _, target = textured
+    tree = target.data.materials[0].node_tree
+    node = into_color(target.data.materials[0], "ShaderNodeSeparateColor")
+    obj = morph()
+    assert obj.pointmorph.state == "CURRENT"
+    tree.links.new(node.outputs[1], tree.nodes["Principled BSDF"].inputs["Base Color"])
+    assert obj.pointmorph.state == "STALE"
+
+
+def test_a_mix_with_a_transparent_shader_is_morphed(textured):
+    _, target = textured
+    tree = target.data.materials[0].node_tree
+    image = next(n for n in tree.nodes if n.type == "TEX_IMAGE")
+    mix, clear = (tree.nodes.new(f"ShaderNode{kind}") for kind in ("MixShader", "BsdfTransparent"))
+    tree.links.new(image.outputs["Color"], mix.inputs[0])
+    tree.links.new(clear.outputs[0], mix.inputs[1])
+    tree.links.new(tree.nodes["Principled BSDF"].outputs[0], mix.inputs[2])
+    output = next(n for n in tree.nodes if n.type == "OUTPUT_MATERIAL")
+    tree.links.new(mix.outputs[0], output.inputs["Surface"])
+    assert morph().pointmorph.state == "CURRENT"
+
+
 # --- The look of the mesh -------------------------------------------------------------------------
 
 
@@ -460,6 +525,32 @@ def test_a_source_without_a_layout_gets_one(settings, textured, uvs, capfd):
     np.testing.assert_allclose(found[inside, :2], wanted[inside], atol=0.03)
 
 
+def test_a_morph_without_room_for_a_layout_is_still_shown(settings, capfd):
+    source, target = sheets(settings, low=0.0, high=3.0)  # tiled: nothing can be drawn on that
+    for number in range(7):
+        source.data.uv_layers.new(name=f"More {number}")
+    source.data.materials.append(material("Blue", (0, 0, 1, 1)))
+    target.data.materials.append(material("Ramp", image=new_image("ramp", ramp())))
+    obj = morph()
+    assert obj.name == "Hill to Dune"
+    assert obj.pointmorph.keeps_faces
+    assert not obj.hide_get()
+    assert [m.name for m in obj.data.materials] == ["Blue"]
+    assert '"Hill to Dune" keeps the look of its source' in capfd.readouterr().out
+
+
+def test_a_mesh_without_faces_cannot_be_drawn_on(settings, textured):
+    source, _ = textured
+    edited = bmesh.new()
+    edited.from_mesh(source.data)
+    bmesh.ops.delete(edited, geom=edited.faces[:], context="FACES_ONLY")
+    edited.to_mesh(source.data)
+    edited.free()
+    morph()
+    assert bpy.ops.pointmorph.make_mesh() == {"FINISHED"}
+    assert "expected faces to draw on" in error_of(bpy.ops.pointmorph.blend_textures)
+
+
 def test_attributes_and_points_are_blended_as_well(settings):
     source, target = sheets(settings)
     for obj, color in ((source, (1, 0, 0, 1)), (target, (0, 1, 0, 1))):
@@ -523,6 +614,121 @@ def test_recompute_draws_anew(addon, textured):
     assert np.abs(image_of(obj) - image).max() > 0.2
     np.testing.assert_allclose(image_of(obj)[..., :3], 0.5, atol=0.01)
     assert addon("scene.recipes").recipe_of(obj)["textures"]["size"] == 256
+
+
+@pytest.mark.parametrize("edited", ["source", "mesh"])
+def test_recompute_draws_for_the_uvs_that_the_mesh_has(textured, edited):
+    """Turned on the source, UVs are taken over; turned on the mesh alone, they stay."""
+    source, _ = textured
+    obj = morph()
+    changed = source if edited == "source" else obj
+    layer = changed.data.uv_layers[0]
+    turned = 1.0 - read(layer.data, "uv", 2)
+    layer.data.foreach_set("uv", turned.reshape(-1))
+    changed.data.update()
+    select(obj)
+    assert bpy.ops.pointmorph.recompute() == {"FINISHED"}
+    assert obj.pointmorph.state == "CURRENT"
+    uvs = read(obj.data.uv_layers["UVMap"].data, "uv", 2)
+    np.testing.assert_array_equal(uvs, turned)
+    found = bilinear(linear(image_of(obj)[..., :3]), uvs)
+    places = ((key(obj, "Morph")[corners_of(obj.data)][:, :2] + 1) / 2).clip(0, 1)
+    inside = (np.abs(places - 0.5) < 0.45).all(axis=1)
+    np.testing.assert_allclose(found[inside, :2], linear(places[inside]), atol=0.03)
+
+
+@pytest.mark.usefixtures("textured")
+def test_normals_are_drawn_anew_in_the_background(addon, monkeypatch):
+    """In the job, which can be canceled, and not when its result is put into the scene."""
+    obj = morph()
+    assert bpy.ops.pointmorph.blend_textures(size="256", normal=True) == {"FINISHED"}
+    before = image_of(obj, "Normal")
+    drawn_in, draw = [], addon("core.computation").draw
+
+    def note(*args):
+        drawn_in.append(args[2])
+        return draw(*args)
+
+    monkeypatch.setattr(addon("core.computation"), "draw", note)
+    monkeypatch.setattr(addon("scene.blended_textures"), "read_steps", None)
+    select(obj)
+    assert bpy.ops.pointmorph.recompute() == {"FINISHED"}
+    assert [options.normal for options in drawn_in] == [True]
+    np.testing.assert_allclose(image_of(obj, "Normal"), before, atol=0.02)
+
+
+def test_recompute_blends_where_nobody_decided(addon, settings, textured):
+    settings.blend_textures = False
+    obj = morph()
+    settings.blend_textures = True
+    select(obj)
+    assert bpy.ops.pointmorph.recompute() == {"FINISHED"}
+    assert obj.material_slots[0].material.name == "Blue to Dune"
+    assert addon("scene.recipes").recipe_of(obj)["textures"]["size"] == 256
+
+
+def test_every_mesh_of_a_morph_is_drawn_as_it_was(textured):
+    obj = morph()
+    select(obj)
+    bpy.ops.object.duplicate()
+    twin = bpy.context.view_layer.objects.active
+    assert bpy.ops.pointmorph.blend_textures(size="512", roughness=True) == {"FINISHED"}
+    assert bpy.ops.pointmorph.recompute() == {"FINISHED"}
+    assert image_of(obj).shape[0] == 256
+    assert image_of(twin).shape[0] == 512
+
+
+def in_a_group(made):
+    """Puts a group between a material's image and shader; returns a node in it."""
+    tree = made.node_tree
+    inner = bpy.data.node_groups.new("Tint", "ShaderNodeTree")
+    for name, kind in (("In", "INPUT"), ("Out", "OUTPUT")):
+        inner.interface.new_socket(name, in_out=kind, socket_type="NodeSocketColor")
+    start, gamma, end = (
+        inner.nodes.new(kind) for kind in ("NodeGroupInput", "ShaderNodeGamma", "NodeGroupOutput")
+    )
+    inner.links.new(start.outputs[0], gamma.inputs[0])
+    inner.links.new(gamma.outputs[0], end.inputs[0])
+    group = tree.nodes.new("ShaderNodeGroup")
+    group.node_tree = inner
+    image = next(n for n in tree.nodes if n.type == "TEX_IMAGE")
+    tree.links.new(image.outputs["Color"], group.inputs[0])
+    tree.links.new(group.outputs[0], tree.nodes["Principled BSDF"].inputs["Base Color"])
+    return gamma
+
+
+@pytest.mark.parametrize("what", ["shader", "group", "image"])
+def test_the_panel_notices_that_a_material_changed(addon, textured, what):
+    _, target = textured
+    made = target.data.materials[0]
+    gamma = in_a_group(made)
+    obj = morph()
+    watching = addon("view.staleness_watch")
+    watching._forget()
+    bpy.context.view_layer.update()
+
+    def known():
+        watching._changed_at = 0.0
+        for _ in range(1000):
+            state = watching.known_state(obj)
+            if state is not None:
+                return state[0]
+            watching._look()
+        raise AssertionError("nothing was found out")
+
+    assert known() == "CURRENT"
+    obj.data.shape_keys.key_blocks["Morph"].value = 0.5  # moves the mesh's own materials
+    bpy.context.view_layer.update()
+    assert watching.known_state(obj) is not None
+    if what == "shader":
+        made.node_tree.nodes["Principled BSDF"].inputs["Roughness"].default_value = 0.9
+    elif what == "group":
+        gamma.inputs[1].default_value = 2.0
+    else:
+        next(n for n in made.node_tree.nodes if n.type == "TEX_IMAGE").image.filepath = "//o.png"
+    bpy.context.view_layer.update()
+    assert watching.known_state(obj) is None
+    assert known() == "STALE"
 
 
 def test_the_source_s_own_look_comes_back(textured):
