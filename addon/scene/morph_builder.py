@@ -189,6 +189,7 @@ def rebuild(obj, outcome, settings):
     with creation.all_or_nothing() as created:  # one of an earlier version has none
         key = morph_object.morph_key(obj)
         path_display.add(obj, key, created, len(outcome.ends) - 1, True)
+        points_display.renew(obj, created, morph_object.stages(obj))
 
     lost = []
     baked = json.loads(obj.pointmorph.baked or "{}")
