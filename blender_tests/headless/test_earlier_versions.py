@@ -3,7 +3,7 @@
 import bpy
 import numpy as np
 import pytest
-from scenes import key, morph, pair, select, shown_points
+from scenes import error_of, key, morph, pair, select, shown_points
 
 pytestmark = pytest.mark.interface
 
@@ -76,3 +76,30 @@ def test_a_morph_gets_the_nodes_of_this_version_when_it_is_computed_again(settin
     assert versions.input_value(evaluated.modifiers["Points"], "t") == 0.75
     middle = 0.25 * key(obj, "Basis") + 0.75 * key(obj, "Morph")
     np.testing.assert_allclose(shown_points(obj), middle, atol=1e-6)
+
+
+def test_a_mesh_of_an_earlier_version_can_be_staggered_once_it_is_computed_again(settings, addon):
+    stagger, versions = addon("scene.stagger"), addon("data.versions")
+    settings.show_as = "MESH"
+    _, target = pair()
+    mesh = morph()
+    points = mesh.pointmorph.made_from
+    for obj in (mesh, points):  # there was no such modifier
+        modifier = obj.modifiers["Path"]
+        for name in versions.plain_inputs(modifier.node_group):
+            obj.driver_remove(versions.input_path(modifier, name))
+        obj.modifiers.remove(modifier)
+    change_target(target)
+    assert bpy.ops.pointmorph.recompute() == {"FINISHED"}
+    stagger.choose(mesh, "Height", Overlap=0.4)
+    bpy.context.view_layer.update()
+    assert stagger.timing_of(bpy.context, points).overlap == pytest.approx(0.4)
+    assert bpy.ops.pointmorph.bake_shape_keys(kind="SOURCE", steps=2) == {"FINISHED"}
+    points.driver_remove(versions.input_path(points.modifiers["Path"], "Stagger"))
+    versions.set_choice(
+        points.modifiers["Path"], "Stagger", addon("scene.stagger_nodes").KINDS, "Off"
+    )
+    points.update_tag()
+    assert "Recompute the morph" in error_of(bpy.ops.pointmorph.bake_shape_keys)
+    points.modifiers.remove(points.modifiers["Path"])
+    assert "Recompute the morph" in error_of(bpy.ops.pointmorph.bake_shape_keys)
