@@ -4,6 +4,55 @@ import bpy
 
 from . import attribute_names, versions
 
+# Of the groups of nodes that all morph objects of a file share. To be raised when what any of them
+# holds changes: a file may have those of an earlier version under the same names.
+_VERSION = 1
+_MARK = "pointmorph_version"
+
+
+def shared_group(name, make):
+    """The group of that name as this version makes it, which `make(name)` does where the file has
+    none. One that an earlier version made stays as it is, with all that uses it."""
+    mark = f"{name}: {_VERSION}"
+    for group in bpy.data.node_groups:
+        if group.library is None and group.get(_MARK) == mark:
+            return group
+    group = make(name)
+    group[_MARK] = mark
+    return group
+
+
+def remove_unused_groups(name):
+    """Takes shared groups whose name begins so out of the file where nothing has them."""
+    groups = [g for g in bpy.data.node_groups if g.get(_MARK, "").startswith(name) and not g.users]
+    bpy.data.batch_remove(groups)
+
+
+def swap_group(obj, modifier, group):
+    """Gives a modifier another group in place of the one that it has; inputs of the same name keep
+    their values and what moves these."""
+    old = modifier.node_group
+    if old == group:
+        return
+    after = versions.group_inputs(group)
+    names = [n for n in versions.plain_inputs(old) if n in after]
+    values = {name: versions.input_value(modifier, name) for name in names}
+    before = {name: versions.input_path(modifier, name) for name in names}
+    curves = {name: _curves(obj, path) for name, path in before.items()}
+    modifier.node_group = group
+    for name in names:
+        if values[name] is not None:
+            versions.set_input(modifier, name, values[name])
+        for curve in curves[name]:
+            curve.data_path = versions.input_path(modifier, name)
+
+
+def _curves(obj, path):
+    """The animation and the driver of a property, each if there is one."""
+    data = obj.animation_data
+    drivers = () if data is None else [d for d in data.drivers if d.data_path == path]
+    return [c for c in (versions.curve_of(obj, path), *drivers) if c is not None]
+
 
 def put_first(obj, modifier):
     """Before all other modifiers; new ones come last."""

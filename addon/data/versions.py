@@ -27,6 +27,12 @@ def group_inputs(group):
     return {i.name: i for i in items if i.item_type == "SOCKET" and i.in_out == "INPUT"}
 
 
+def plain_inputs(group):
+    """By name, those that are no geometry and so have a value."""
+    known = group_inputs(group).items()
+    return {n: i for n, i in known if i.socket_type != "NodeSocketGeometry"}
+
+
 def input_value(modifier, name):
     """The value of an input of a modifier's group; None where it was never set."""
     identifier = group_inputs(modifier.node_group)[name].identifier

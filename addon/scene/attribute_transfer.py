@@ -285,23 +285,23 @@ def _blend_colors(obj, name):
         start = attribute_names.COLOR
         arrays.write_attribute(mesh, start, np.ones((len(mesh.vertices), 4), np.float32))
     mesh.color_attributes.active_color = mesh.color_attributes[start]
-    group = bpy.data.node_groups.get(NAME)
     with creation.all_or_nothing() as created:
-        if group is None:
-            group = _colors_group(created)
+        group = nodes.shared_group(NAME, lambda name: _colors_group(name, created))
     modifier = obj.modifiers.get(MODIFIER)
     if modifier is None:
         modifier = obj.modifiers.new(MODIFIER, "NODES")
         modifier.node_group = group
         shapes = len(obj.pointmorph.via) + 2
         nodes.drive_input(obj, modifier, "t", morph_object.t_key(obj), shapes - 1)
+    elif modifier.node_group is not None:
+        nodes.swap_group(obj, modifier, group)
     versions.set_input(modifier, "From", start)
     versions.set_input(modifier, "To", name)
     obj.update_tag()
 
 
-def _colors_group(created):
-    group = bpy.data.node_groups.new(NAME, "GeometryNodeTree")
+def _colors_group(name, created):
+    group = bpy.data.node_groups.new(name, "GeometryNodeTree")
     created(group)
     nodes.new_input(group, "NodeSocketGeometry", "Geometry")
     nodes.new_t_input(group, 2)

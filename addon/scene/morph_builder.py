@@ -189,18 +189,21 @@ def rebuild(obj, outcome, settings):
     with creation.all_or_nothing() as created:  # one of an earlier version has none
         key = morph_object.morph_key(obj)
         path_display.add(obj, key, created, len(outcome.ends) - 1, True)
+        points_display.renew(obj, created, morph_object.stages(obj))
 
     lost = []
     baked = json.loads(obj.pointmorph.baked or "{}")
     for name, move in moves.items():
         key = obj.data.shape_keys.key_blocks[name]
-        if name in baked:
-            t, path = baked[name]
+        t, path, *is_staggered = baked.get(name, (None, None))
+        if t is not None and not any(is_staggered):
             arrays.write_key(key, morph_paths.way(obj, morph_paths.meant(path, settings))(t))
         elif outcome.source.rows.max() == old_rows.max():
             by_row = np.zeros((old_rows.max() + 1, 3), np.float32)
             by_row[old_rows] = move
             arrays.write_key(key, positions[0] + by_row[outcome.source.rows])
+            if any(is_staggered):
+                lost.append(_outdated_words(obj, name))
         else:
             arrays.write_key(key, positions[0])
             lost.append(lost_words(obj, name))
@@ -213,6 +216,13 @@ def lost_words(obj, name):
     """About a shape key that knows nothing of the points that there are now."""
     return (
         f'The shape key "{name}" of "{obj.name}" has no effect any more: the points are others now'
+    )
+
+
+def _outdated_words(obj, name):
+    return (
+        f'The shape key "{name}" of "{obj.name}" is that of the old morph, since it was baked '
+        "staggered: bake it again"
     )
 
 

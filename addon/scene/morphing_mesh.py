@@ -21,6 +21,7 @@ from . import (
     recipes,
     recomputation,
     shape_follower,
+    stagger,
 )
 
 
@@ -168,6 +169,8 @@ def remake(context, obj, plan, outcome):
             if copy.pointmorph.made_from == obj and is_copy(copy):
                 try:
                     said += remake_mesh(copy, obj)
+                    if obj.pointmorph.mesh == copy:
+                        stagger.follow(obj, copy)  # an earlier version didn't
                     said += attribute_transfer.again(context, copy)
                     said += blended_textures.again(context, copy, outcome.drawn)
                 except pointmorph.PointmorphError as error:

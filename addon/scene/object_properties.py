@@ -93,7 +93,8 @@ class PointmorphObject(bpy.types.PropertyGroup):
         description="Name of a shape that the source has too few vertices to show",
     )
     baked: bpy.props.StringProperty(
-        name="Baked", description="t and path of the shape keys baked here, as JSON"
+        name="Baked",
+        description="t, path and whether it is staggered, of the shape keys baked here, as JSON",
     )
     state: bpy.props.StringProperty(
         name="State",

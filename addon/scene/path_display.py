@@ -19,7 +19,8 @@ CURVE = "Curve"
 
 
 def add(obj, key, created, ways, of_points):
-    """Gives a morph object the modifier, unless it has one. `created` gets every data-block made.
+    """Gives a morph object the modifier, or the one that it has the nodes of this version.
+    `created` gets every data-block made.
 
     Parameters
     ----------
@@ -28,12 +29,14 @@ def add(obj, key, created, ways, of_points):
     of_points : bool
         Whether it shows pairs, whose normals are their own, or has faces.
     """
-    if modifier_of(obj) is not None:
-        return
     name = NAME if ways == 1 else f"{NAME} {ways}"
     if of_points:
         name += " of Points"
-    group = bpy.data.node_groups.get(name) or _group(name, created, ways, of_points)
+    group = nodes.shared_group(name, lambda name: _group(name, created, ways, of_points))
+    known = modifier_of(obj)
+    if known is not None:
+        nodes.swap_group(obj, known, group)
+        return
     modifier = obj.modifiers.new(MODIFIER, "NODES")
     modifier.node_group = group
     modifier.show_group_selector = False
@@ -43,8 +46,7 @@ def add(obj, key, created, ways, of_points):
 
 def remove_unused():
     """Takes the groups of nodes out of the file that no morph object has."""
-    for group in [g for g in bpy.data.node_groups if g.name.startswith(NAME) and g.users == 0]:
-        bpy.data.node_groups.remove(group)
+    nodes.remove_unused_groups(NAME)
 
 
 def modifier_of(obj):

@@ -21,23 +21,25 @@ def add_points_modifier(obj, key, created, stages=("source", "target")):
     `created` is called with every data-block that had to be made. `stages` are the prefixes of the
     attributes of all shapes, in order.
     """
-    name = NAME if len(stages) == 2 else f"{NAME} {len(stages)}"
-    group = bpy.data.node_groups.get(name)
-    if group is None:
-        group = _group(name, stages, points_material.material(created), created)
     modifier = obj.modifiers.new(MODIFIER, "NODES")
-    modifier.node_group = group
+    modifier.node_group = _shared(stages, created)
     nodes.drive_input(obj, modifier, "t", key)
+
+
+def renew(obj, created, stages):
+    """Gives a morph object that an earlier version made the nodes of this one; see above."""
+    modifier = points_modifier(obj)
+    if modifier is not None:
+        nodes.swap_group(obj, modifier, _shared(stages, created))
 
 
 def remove_unused():
     """Takes the group of nodes and the material out of the file where nothing shows points."""
     path_display.remove_unused()
-    group, material = bpy.data.node_groups.get(NAME), bpy.data.materials.get(NAME)
-    if group is not None and group.users == 0:
-        bpy.data.node_groups.remove(group)
-        if material is not None and material.users == 0:
-            bpy.data.materials.remove(material)
+    nodes.remove_unused_groups(NAME)
+    material = bpy.data.materials.get(NAME)
+    if material is not None and material.users == 0:
+        bpy.data.materials.remove(material)
 
 
 def can_show_distortion(obj):
@@ -87,6 +89,13 @@ def points_modifier(obj):
     modifier = obj.modifiers.get(MODIFIER)
     known = modifier is not None and modifier.type == "NODES" and modifier.node_group is not None
     return modifier if known else None
+
+
+def _shared(stages, created):
+    def make(name):
+        return _group(name, stages, points_material.material(created), created)
+
+    return nodes.shared_group(NAME if len(stages) == 2 else f"{NAME} {len(stages)}", make)
 
 
 def _group(name, stages, material, created):

@@ -9,7 +9,7 @@ was morphed.
 import bpy
 import pointmorph
 
-from ..data import arrays, attribute_names, nodes, versions
+from ..data import arrays, attribute_names, creation, nodes, versions
 from . import morph_object, path_display, recipes
 
 NAME = "Pointmorph Follow"
@@ -27,11 +27,8 @@ def follow(obj, context, created):
     key = morph_object.morph_key(obj)
     shapes = recipes.shapes_of(obj)
     counts = check_counts(obj, shapes, context)
-    stages = morph_object.stages(obj)
-    name = NAME if len(stages) == 2 else f"{NAME} {len(stages)}"
-    group = bpy.data.node_groups.get(name) or _group(name, stages, created)
     modifier = obj.modifiers.get(MODIFIER) or obj.modifiers.new(MODIFIER, "NODES")
-    modifier.node_group = group
+    _give_nodes(obj, modifier, created)
     _set_inputs(obj, modifier, shapes, counts)
     _put_before_points(obj, modifier)
     obj.driver_remove(versions.input_path(modifier, "t"))
@@ -44,6 +41,8 @@ def follow_on(obj):
     """Makes a morph object that follows its shapes do so with the points that it has now."""
     modifier = obj.modifiers.get(MODIFIER)
     if modifier is not None and modifier.node_group is not None:
+        with creation.all_or_nothing() as created:
+            _give_nodes(obj, modifier, created)
         _set_inputs(obj, modifier, recipes.shapes_of(obj), _wanted(obj))
 
 
@@ -55,6 +54,17 @@ def rest(obj):
             obj.driver_remove(versions.input_path(modifier, "t"))
         obj.modifiers.remove(modifier)
     obj.pointmorph.follows = False
+
+
+def _give_nodes(obj, modifier, created):
+    """Those of this version, where the modifier has none or earlier ones."""
+    stages = morph_object.stages(obj)
+    name = NAME if len(stages) == 2 else f"{NAME} {len(stages)}"
+    group = nodes.shared_group(name, lambda name: _group(name, stages, created))
+    if modifier.node_group is None:
+        modifier.node_group = group
+    else:
+        nodes.swap_group(obj, modifier, group)
 
 
 def _set_inputs(obj, modifier, shapes, counts):

@@ -34,7 +34,8 @@ def bake_pairs(context, obj, steps, path):
     way = morph_paths.way(obj, _meant(obj, path), timing)
     names = _add_keys(obj, way, steps, morph_object.stage_names(obj)[1:])
     baked = json.loads(obj.pointmorph.baked or "{}")
-    baked.update({name: [t, path] for name, t in names.items() if timing is None})
+    # All points are at each shape at once, staggered or not.
+    baked.update({name: [t, path, timing is not None and t % 1 != 0] for name, t in names.items()})
     obj.pointmorph.baked = json.dumps(baked)
 
 

@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 
 import bpy
 import numpy as np
+import pointmorph
 
 from ..data import arrays, attribute_names, nodes, versions
 from . import morph_object, path_display, stagger_nodes
@@ -36,26 +37,45 @@ def timing_of(context, points):
     """The timing of the pairs of a morph object in the present frame; None where all go together.
 
     The delays are what the nodes make of them, on a copy that is there for a moment.
+
+    Raises
+    ------
+    CloudError
+        When the points don't go as the mesh does that shows them.
     """
     share(points)
     leading = modifier_of(morph_object.shown_of(points))
     if leading is None or kind_of(leading) == stagger_nodes.OFF:
         return None
+    own = modifier_of(points)
+    if own is None:
+        raise _not_staggered(points)
     overlap, falloff = (versions.input_value(leading, name) for name in ("Overlap", "Falloff"))
     copy = points.copy()
     try:
         context.scene.collection.objects.link(copy)
-        own = modifier_of(copy).name
-        for modifier in [m for m in copy.modifiers if m.name != own]:
+        for modifier in [m for m in copy.modifiers if m.name != own.name]:
             copy.modifiers.remove(modifier)
         copy.hide_viewport = False
         depsgraph = context.evaluated_depsgraph_get()
         depsgraph.update()
         mesh = copy.evaluated_get(depsgraph).data
-        delays = arrays.read_attribute(mesh.attributes[attribute_names.DELAY])
+        known = mesh.attributes.get(attribute_names.DELAY)
+        if known is None:
+            raise _not_staggered(points)
+        delays = arrays.read_attribute(known)
     finally:
         bpy.data.objects.remove(copy)
     return Timing(np.clip(delays, 0.0, 1.0), overlap, falloff)
+
+
+def _not_staggered(points):
+    return pointmorph.CloudError(
+        points.name,
+        "points that are staggered like the mesh that shows them",
+        "others, since an earlier version made them or their modifier Path was changed",
+        "Recompute the morph, or turn Stagger off.",
+    )
 
 
 def modifier_of(obj):

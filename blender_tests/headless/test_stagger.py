@@ -243,6 +243,20 @@ def test_bakes_are_staggered_too(shown, choose, settings):
     assert len(bpy.data.objects) == 4 + 1 + 5
 
 
+def test_what_is_computed_again_says_which_staggered_keys_are_old(shown, choose, settings, capfd):
+    choose(shown, "Height")
+    points = shown.pointmorph.made_from
+    assert bpy.ops.pointmorph.bake_shape_keys(kind="PAIRS", steps=2) == {"FINISHED"}
+    for vertex in settings.target.data.vertices:
+        vertex.co.z += 0.2
+    assert bpy.ops.pointmorph.recompute() == {"FINISHED"}
+    said = capfd.readouterr().out
+    assert '"Dune 50 %"' in said
+    assert "bake it again" in said
+    assert 'The shape key "Dune" ' not in said
+    np.testing.assert_allclose(key(points, "Dune"), key(points, "Morph"), atol=1e-6)
+
+
 def test_frames_of_a_staggered_chain_are_refused(settings, choose):
     shapes = [add_mesh(name, *patch(12, bump)) for name, bump in zip("ABC", (0, 1, 0), strict=True)]
     for obj in shapes:
