@@ -150,6 +150,7 @@ def remake(context, obj, plan, outcome):
         for copy in bpy.data.objects:
             if copy.pointmorph.made_from == obj and is_copy(copy):
                 try:
+                    _check_mode(copy)
                     said += remake_mesh(copy, obj)
                     said += attribute_transfer.again(context, copy)
                     said += blended_textures.again(context, copy, outcome.drawn)
@@ -169,8 +170,16 @@ def remake(context, obj, plan, outcome):
 
 
 def is_copy(obj):
-    """Whether an object is a copy of a source that `make_mesh` made, and can be changed now."""
-    return obj.pointmorph.keeps_faces and obj.library is None and obj.mode == "OBJECT"
+    """Whether an object is a copy of a source that `make_mesh` made, and of this file."""
+    return obj.pointmorph.keeps_faces and obj.library is None
+
+
+def _check_mode(copy):
+    for user in recomputation.users_of(copy):
+        if user.mode != "OBJECT":
+            raise pointmorph.CloudError(
+                user.name, "a mesh in Object Mode", "another mode", "Switch to Object Mode (Tab)."
+            )
 
 
 def _replace_geometry(copy, source):
