@@ -16,6 +16,7 @@ from ..scene import (
     animated_shape,
     frame_files,
     frame_player,
+    placement,
     presentation,
     shape_key_bakes,
     stagger,
@@ -134,6 +135,7 @@ class POINTMORPH_OT_bake_frames(Explained, Computing, bpy.types.Operator):
                 "Choose a later frame.",
             )
         obj = active_result(context)
+        placement.settle(context, obj)
         self._name, self._matrix = obj.name, obj.matrix_world.copy()
         self._baked = reference_to(obj)
         plan = self._plan = frame_plan.Plan(
