@@ -108,7 +108,9 @@ def remake_mesh(copy, obj):
         np.array_equal(read(mesh), read(source.data))
         for read in (arrays.mesh_edges, arrays.mesh_corners)
     )
+    lost = []
     if not same:
+        lost += _lost_groups(copy, source)
         _replace_geometry(copy, source)
     arrays.move_vertices(mesh, places[0])
     arrays.write_key(keys[0], places[0])
@@ -116,7 +118,6 @@ def remake_mesh(copy, obj):
     _write_ways(copy, obj, places, back)
     with creation.all_or_nothing() as created:  # one of an earlier version has none
         path_display.add(copy, morph_object.t_key(copy), created, len(places) - 1, False)
-    lost = []
     of_source = source.data.shape_keys.key_blocks if source.data.shape_keys else {}
     for name, move in moves.items():
         if name in of_source:
@@ -180,6 +181,16 @@ def _check_mode(copy):
             raise pointmorph.CloudError(
                 user.name, "a mesh in Object Mode", "another mode", "Switch to Object Mode (Tab)."
             )
+
+
+def _lost_groups(copy, source):
+    """Which vertex groups go with the vertices, in words: those that were painted on the copy."""
+    again = recipes.recipe_of(copy).get("transferred", {}).get("names", ())
+    return [
+        f'The vertex group "{group.name}" of "{copy.name}" is gone: the vertices are others now'
+        for group in copy.vertex_groups
+        if group.name not in source.vertex_groups and group.name not in again
+    ]
 
 
 def _replace_geometry(copy, source):
