@@ -17,6 +17,7 @@ from ..scene import (
     frame_files,
     frame_player,
     morph_paths,
+    placement,
     presentation,
     recipes,
     shape_key_bakes,
@@ -136,6 +137,7 @@ class POINTMORPH_OT_bake_frames(Explained, Computing, bpy.types.Operator):
                 "Choose a later frame.",
             )
         obj = active_result(context)
+        placement.settle(context, obj)
         self._name, self._matrix = obj.name, obj.matrix_world.copy()
         self._baked = reference_to(obj)
         plan = self._plan = frame_plan.Plan(

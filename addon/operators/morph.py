@@ -112,6 +112,19 @@ class _Morphing(Recomputing):
         return {"FINISHED"}
 
 
+def _mode_reason(context):
+    """Why the result that is there can't be computed again: somebody is at work on what shows it;
+    None when it can, or there is none."""
+    if context.mode == "OBJECT":
+        return None
+    there = picked_result(context)
+    shown = there if there is None else morph_object.shown_of(there)
+    for obj in (there, shown):
+        if obj is not None and obj.mode != "OBJECT":
+            return f'Switch "{obj.name}" to Object Mode first (Tab)'
+    return None
+
+
 class POINTMORPH_OT_morph(Explained, _Morphing, bpy.types.Operator):
     """Compute the morph from source to target. If these objects have one, it is computed again in
     place; Alt-click makes another. Blender stays usable meanwhile, and Esc cancels"""
@@ -122,7 +135,7 @@ class POINTMORPH_OT_morph(Explained, _Morphing, bpy.types.Operator):
 
     @staticmethod
     def reason(context):
-        return busy_reason() or morph_reason(context)
+        return busy_reason() or morph_reason(context) or _mode_reason(context)
 
 
 class POINTMORPH_OT_morph_chain(Explained, _Morphing, bpy.types.Operator):
@@ -139,7 +152,7 @@ class POINTMORPH_OT_morph_chain(Explained, _Morphing, bpy.types.Operator):
             return busy_reason()
         if len(context.scene.pointmorph.via) == 0:
             return "Add shapes between the source and target first"
-        return morph_reason(context)
+        return morph_reason(context) or _mode_reason(context)
 
 
 registration = Registration(

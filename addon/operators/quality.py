@@ -1,10 +1,11 @@
 """What the user does: morph, look at the quality."""
 
 import bpy
-from mathutils import Vector
+import numpy as np
 
+from ..core import transforms
 from ..data.registration import Registration
-from ..scene import morph_object, points_display, presentation, recipes
+from ..scene import morph_object, placement, points_display, presentation, recipes
 from .polls import NO_RESULT, Explained, active_result
 
 
@@ -94,9 +95,10 @@ class POINTMORPH_OT_go_to_place(Explained, bpy.types.Operator):
             return {"CANCELLED"}
         place = places[min(self.index, len(places) - 1)]
         if self.kind == "MESH":
-            location = obj.matrix_world @ Vector(place["position"])
+            position = np.array(place["position"])
         else:
-            location = morph_object.world_position(obj, place["source"])
+            position = morph_object.position_of(obj, place["source"])
+        location = transforms.apply(placement.frame_seen(obj), position[None])[0]
         context.scene.cursor.location = location
         self.report({"INFO"}, recipes.present_words(obj, place["advice"]))
         return {"FINISHED"}

@@ -11,7 +11,6 @@ the others.
 import numpy as np
 import pointmorph
 
-from ..core import transforms
 from ..data import arrays, versions
 from . import path_display, recipes
 
@@ -126,16 +125,15 @@ def positions_at(obj, t):
     return straight + curve * path_display.deviation_at(obj.data, number, share)
 
 
-def world_position(obj, source_row):
-    """Where a morph object shows a row of the source at the present value of its key."""
+def position_of(obj, source_row):
+    """(3,): where a morph object has a row of the source at the present value of its key."""
     value = t_key(shown_of(obj)).value
     rows = np.flatnonzero(arrays.read_rows(obj.data, "source_row") == source_row)
     if not rows.size:
         raise pointmorph.CloudError(
             obj.name, f"point {source_row} of the source", "none", "Morph again."
         )
-    place = positions_at(obj, value)[rows[:1]]
-    return transforms.move_positions(np.array(obj.matrix_world), place)[0]
+    return positions_at(obj, value)[rows[0]]
 
 
 def source_matrix_of(obj):

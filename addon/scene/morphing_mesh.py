@@ -110,7 +110,9 @@ def remake_mesh(copy, obj):
         np.array_equal(read(mesh), read(source.data))
         for read in (arrays.mesh_edges, arrays.mesh_corners)
     )
+    lost = []
     if not same:
+        lost += _lost_groups(copy, source)
         _replace_geometry(copy, source)
     arrays.move_vertices(mesh, places[0])
     arrays.write_key(keys[0], places[0])
@@ -118,7 +120,7 @@ def remake_mesh(copy, obj):
     _write_ways(copy, obj, places, back)
     with creation.all_or_nothing() as created:  # one of an earlier version has none
         path_display.add(copy, morph_object.t_key(copy), created, len(places) - 1, False)
-    lost = _take_uvs(copy, obj, source)
+    lost += _take_uvs(copy, obj, source)
     of_source = source.data.shape_keys.key_blocks if source.data.shape_keys else {}
     for name, move in moves.items():
         if name in of_source:
@@ -168,6 +170,7 @@ def remake(context, obj, plan, outcome):
         for copy in bpy.data.objects:
             if copy.pointmorph.made_from == obj and is_copy(copy):
                 try:
+                    _check_mode(copy)
                     said += remake_mesh(copy, obj)
                     if obj.pointmorph.mesh == copy:
                         stagger.follow(obj, copy)  # an earlier version didn't
@@ -189,8 +192,26 @@ def remake(context, obj, plan, outcome):
 
 
 def is_copy(obj):
-    """Whether an object is a copy of a source that `make_mesh` made, and can be changed now."""
-    return obj.pointmorph.keeps_faces and obj.library is None and obj.mode == "OBJECT"
+    """Whether an object is a copy of a source that `make_mesh` made, and of this file."""
+    return obj.pointmorph.keeps_faces and obj.library is None
+
+
+def _check_mode(copy):
+    for user in recomputation.users_of(copy):
+        if user.mode != "OBJECT":
+            raise pointmorph.CloudError(
+                user.name, "a mesh in Object Mode", "another mode", "Switch to Object Mode (Tab)."
+            )
+
+
+def _lost_groups(copy, source):
+    """Which vertex groups go with the vertices, in words: those that were painted on the copy."""
+    again = recipes.recipe_of(copy).get("transferred", {}).get("names", ())
+    return [
+        f'The vertex group "{group.name}" of "{copy.name}" is gone: the vertices are others now'
+        for group in copy.vertex_groups
+        if group.name not in source.vertex_groups and group.name not in again
+    ]
 
 
 def _replace_geometry(copy, source):

@@ -13,12 +13,44 @@ _CLOSE = {"rtol": 1e-6, "atol": 1e-6}
 
 def frame_of(mesh):
     """(4, 4): the frame of the morph that a mesh with the source's faces shows where it lies."""
-    return np.array(mesh.matrix_world) @ np.linalg.inv(morph_object.source_matrix_of(mesh))
+    return matrix_of(mesh) @ np.linalg.inv(morph_object.source_matrix_of(mesh))
+
+
+def frame_seen(obj):
+    """(4, 4): the frame of a morph object where it is seen, which its hidden points needn't have:
+    the user moves the mesh that shows them."""
+    mesh = morph_object.shown_of(obj)
+    return matrix_of(obj) if mesh == obj or not obj.hide_get() else frame_of(mesh)
+
+
+def settle(context, obj):
+    """Puts the points of a morph object, if they are hidden, where the mesh lies that shows them;
+    or the mesh, if that alone is hidden, where the points lie."""
+    mesh = morph_object.shown_of(obj)
+    if mesh == obj:
+        return
+    if mesh.parent is not None or len(mesh.constraints):
+        context.view_layer.update()
+    if obj.hide_get():
+        put(obj, frame_of(mesh))
+    elif mesh.hide_get():
+        put_mesh(mesh, obj)
+
+
+def put_mesh(mesh, obj):
+    """Puts a mesh where the points of the morph object lie that it shows."""
+    put(mesh, matrix_of(obj) @ morph_object.source_matrix_of(mesh))
+
+
+def matrix_of(obj):
+    """(4, 4): where an object lies, also one that is new or hidden, as far as Blender knows."""
+    alone = obj.parent is None and not len(obj.constraints)
+    return np.array(obj.matrix_basis if alone else obj.matrix_world)
 
 
 def put(obj, matrix):
     """Gives an object a matrix in the world, unless it has it or something else moves it."""
-    if not np.allclose(obj.matrix_world, matrix, **_CLOSE) and is_free(obj):
+    if not np.allclose(matrix_of(obj), matrix, **_CLOSE) and is_free(obj):
         obj.matrix_world = Matrix(matrix.tolist())
 
 
@@ -50,13 +82,13 @@ def follow_source(mesh, known, obj):
     if origin is None or known[0] is None:
         return
     before, after = home(*known), home(origin, source_matrix)
-    if np.array_equal(before, after) or np.allclose(mesh.matrix_world, after, **_CLOSE):
+    if np.array_equal(before, after) or np.allclose(matrix_of(mesh), after, **_CLOSE):
         return
     if mesh.parent is not None:  # which may have moved with it
-        if np.allclose(mesh.matrix_world, before, **_CLOSE):
+        if np.allclose(matrix_of(mesh), before, **_CLOSE):
             put(mesh, after)
         return
-    frame = np.array(mesh.matrix_world) @ np.linalg.inv(known[1])
+    frame = matrix_of(mesh) @ np.linalg.inv(known[1])
     if np.allclose(frame[:3, 3], known[0], **_CLOSE):
         frame[:3, 3] = origin
     put(mesh, frame @ source_matrix)

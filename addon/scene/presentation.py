@@ -9,7 +9,15 @@ import contextlib
 
 import pointmorph
 
-from . import morph_object, morphing_mesh, points_display, recipes, slider_keys, stagger
+from . import (
+    morph_object,
+    morphing_mesh,
+    placement,
+    points_display,
+    recipes,
+    slider_keys,
+    stagger,
+)
 
 MESH, POINTS, DISCS = "MESH", "POINTS", "DISCS"
 
@@ -80,6 +88,7 @@ def show_as(context, obj, kind):
         return show_points(context, obj)
     if morph_object.shown_of(obj) == obj:
         return _add_mesh(context, obj)
+    placement.settle(context, obj)
     mesh = morph_object.shown_of(obj)
     _set_visible(context, mesh, True)
     _set_visible(context, obj, False)
@@ -88,6 +97,7 @@ def show_as(context, obj, kind):
 
 def show_points(context, obj):
     """Shows a morph object of points in place of the source's faces, as points or as discs."""
+    placement.settle(context, obj)
     mesh = morph_object.shown_of(obj)
     if mesh != obj:
         _set_visible(context, mesh, False)
@@ -100,6 +110,7 @@ def show_points(context, obj):
 
 def hide(context, obj):
     """Hides a morph object of points and the mesh that shows it, as for frames in their place."""
+    placement.settle(context, obj)
     for one in {obj, morph_object.shown_of(obj)}:
         _set_visible(context, one, False)
 
@@ -119,6 +130,9 @@ def shows_shapes(obj):
 def _add_mesh(context, obj):
     """Makes the source's faces show a morph object; they take its name, and it is hidden."""
     mesh = morphing_mesh.make_mesh(context, obj)
+    if mesh.parent is not None or len(mesh.constraints):
+        context.view_layer.update()
+    placement.put_mesh(mesh, obj)
     slider_keys.hand_over(obj, mesh)
     name = obj.name
     if not morph_object.stage_names(obj)[-1].endswith(_OF_POINTS):

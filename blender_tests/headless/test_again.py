@@ -127,6 +127,26 @@ def test_a_mesh_whose_points_are_gone_is_computed_again(shown):
     assert shown.pointmorph.state == "CURRENT"
 
 
+def test_a_mesh_that_somebody_works_on_is_asked_for(shown, capfd):
+    select(shown)
+    bpy.ops.object.mode_set(mode="WEIGHT_PAINT")
+    try:
+        assert f'Switch "{shown.name}" to Object Mode' in error_of(bpy.ops.pointmorph.morph)
+        # The points may be computed again all the same.
+        points = shown.pointmorph.made_from
+        bpy.context.scene.tool_settings.lock_object_mode = False
+        points.hide_set(False)
+        bpy.context.view_layer.objects.active = points
+        before = coordinates(slider(shown).data)
+        shown.pointmorph.target.data.vertices[0].co.z += 0.5
+        assert bpy.ops.pointmorph.recompute() == {"FINISHED"}
+        np.testing.assert_array_equal(coordinates(slider(shown).data), before)
+        assert f'"{shown.name}" was left unchanged' in capfd.readouterr().out
+    finally:
+        bpy.context.view_layer.objects.active = shown
+        bpy.ops.object.mode_set(mode="OBJECT")
+
+
 def test_what_is_shown_stays_shown(settings, shown):
     points = shown.pointmorph.made_from
     bpy.ops.pointmorph.show_as(kind="DISCS")

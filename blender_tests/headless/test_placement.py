@@ -86,3 +86,75 @@ def test_a_mesh_that_is_animated_is_left_to_its_keys(shown):
     shown.pointmorph.source.scale = (3, 3, 3)
     recompute(shown)
     np.testing.assert_allclose(shown.scale, (2, 1, 0.5))
+
+
+# --- What is hidden lies where the user moved what is seen ----------------------------------------
+
+
+TURN = Matrix.Rotation(0.7, 3, "Y")
+
+
+@pytest.fixture
+def moved(shown):
+    """What shows a morph, turned and moved."""
+    shown.matrix_world = Matrix.LocRotScale((4, 0, 1), TURN, (2, 1, 0.5))
+    bpy.context.view_layer.update()
+    return shown
+
+
+FRAME = np.array(Matrix.LocRotScale((4, 0, 1), TURN, None))
+"""Of its points."""
+
+
+@pytest.mark.parametrize("kind", ["POINTS", "DISCS"])
+def test_points_are_shown_where_the_mesh_was_moved(moved, kind):
+    points = moved.pointmorph.made_from
+    assert bpy.ops.pointmorph.show_as(kind=kind) == {"FINISHED"}
+    np.testing.assert_allclose(place(points), FRAME, atol=1e-6)
+
+
+def test_the_mesh_is_shown_where_the_points_were_moved(moved):
+    points = moved.pointmorph.made_from
+    bpy.ops.pointmorph.show_as(kind="POINTS")
+    points.location = (0, 0, 9)
+    bpy.ops.pointmorph.show_as(kind="MESH")
+    np.testing.assert_allclose(place(moved)[:3, 3], (0, 0, 9), atol=1e-6)
+    np.testing.assert_allclose(np.linalg.norm(place(moved)[:3, :3], axis=0), (2, 1, 0.5), atol=1e-6)
+
+
+def test_a_mesh_is_made_where_the_points_were_moved(settings):
+    pair(14, 12)[0].scale = (2, 2, 2)
+    points = morph()
+    points.location = (0, 0, 9)
+    bpy.ops.pointmorph.show_as(kind="MESH")
+    shown = bpy.context.view_layer.objects.active
+    expected = np.array(Matrix.LocRotScale((0, 0, 9), None, (2, 2, 2)))
+    np.testing.assert_allclose(place(shown), expected, atol=1e-6)
+
+
+def test_frames_are_baked_where_the_mesh_was_moved(moved):
+    assert bpy.ops.pointmorph.bake_frames(frame_start=1, frame_end=3, step=2) == {"FINISHED"}
+    player = bpy.context.view_layer.objects.active
+    assert player not in (moved, moved.pointmorph.made_from)
+    np.testing.assert_allclose(place(player), FRAME, atol=1e-6)
+
+
+def test_delays_by_place_are_those_of_the_mesh_that_was_moved(moved, addon):
+    """Turned about, what was at the top goes first."""
+    stagger = addon("scene.stagger")
+    points = moved.pointmorph.made_from
+    stagger.choose(moved, "Height")
+    before = stagger.timing_of(bpy.context, points).delays
+    moved.rotation_mode = "XYZ"
+    moved.rotation_euler = (np.pi, 0, 0)
+    bpy.ops.pointmorph.show_as(kind="POINTS")
+    bpy.context.view_layer.update()
+    after = stagger.timing_of(bpy.context, points).delays
+    assert np.corrcoef(before, after)[0, 1] < 0.5
+
+
+def test_the_cursor_goes_where_the_mesh_was_moved(moved, monkeypatch, addon):
+    report = {"mesh": {"worst": []}, "worst": [{"source": 0, "advice": "Look."}]}
+    monkeypatch.setattr(addon("scene.recipes"), "report_of", lambda obj: report)
+    assert bpy.ops.pointmorph.go_to_place() == {"FINISHED"}
+    np.testing.assert_allclose(bpy.context.scene.cursor.location, corners(moved, 0.0)[0], atol=1e-5)

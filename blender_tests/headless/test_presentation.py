@@ -113,6 +113,21 @@ def test_recompute_and_bakes_work_from_the_mesh(painted):
     assert points.hide_get()
 
 
+def test_vertex_groups_that_go_with_the_vertices_are_named(painted, capfd):
+    source, _, shown = painted
+    shown.vertex_groups.new(name="Wave").add([3], 1.0, "REPLACE")
+    positions, faces = patch(12)
+    source.data.clear_geometry()
+    source.data.from_pydata(positions.tolist(), [], faces.tolist())
+    mark(source, "peak", 0, 0)  # its groups are gone, too
+    mark(source, "slope", 0.5, 0.3)
+    select(shown)
+    assert bpy.ops.pointmorph.recompute() == {"FINISHED"}
+    said = capfd.readouterr().out
+    assert 'The vertex group "Wave" of "Hill to Dune" is gone' in said
+    assert said.count("is gone") == 1
+
+
 def cloud(settings):
     """What shows the morph of a source without faces."""
     settings.show_as = "MESH"
