@@ -15,6 +15,7 @@ from .shape_reader import present_steps, read_own_steps, update
 
 UV_NAME = "Pointmorph"
 _AS_BEFORE = "The textures are still those of the old morph."
+_COPY_OF = "pointmorph_copy_of"  # of a material: what it was copied from looked like, and itself
 _COLOR = "pointmorph_viewport_color"  # of a material, before t drives it
 
 
@@ -157,6 +158,7 @@ def blend(obj, drawn):
             obj.name, "an object that doesn't change", "changes meanwhile", "Try again."
         )
     uv, before = drawn.uv_name, _images_of(obj)
+    mixed = _mixed_materials(obj)
     with creation.all_or_nothing() as created:
         if drawn.uvs is not None:
             uv = _write_layout(obj, drawn.uvs)
@@ -165,6 +167,7 @@ def blend(obj, drawn):
             look_nodes.mix_in(material, drawn, made, uv, lambda *found: _drive(obj, *found))
             _drive_viewport_color(obj, material, drawn.mean)
             slot.material = material
+    _remove_replaced(obj, mixed)
     _remove_unused(before)
     recipes.note(obj, "textures", asdict(drawn.options))
     obj.update_tag()
@@ -192,6 +195,17 @@ def _images_of(obj):
 
 def _remove_unused(known):
     bpy.data.batch_remove([image for image in known if image is not None and not image.users])
+
+
+def _remove_replaced(obj, mixed):
+    """Removes materials that nothing has any more; those in their place take their names."""
+    unused = [material for material in mixed if not material.users]
+    names = {material.name for material in unused}
+    bpy.data.batch_remove(unused)
+    for slot in obj.material_slots:
+        name = slot.material.name.rpartition(".")[0]
+        if name in names:
+            slot.material.name = name
 
 
 def _write_layout(obj, uvs):
@@ -237,32 +251,55 @@ def _own_materials(obj, created):
     if not obj.material_slots:
         obj.data.materials.append(None)
     own = {}
-    for slot in obj.material_slots:
+    for number, slot in enumerate(obj.material_slots):
         material = slot.material
         if material in own:
             slot.material = own[material]
             continue
-        own[material] = _own_material(obj, material, created)
+        own[material] = _own_material(obj, material, _of_source(obj, number), created)
         yield slot, own[material]
 
 
-def _own_material(obj, material, created):
-    name = obj.pointmorph.target.name
+def _of_source(obj, number):
+    """The material that the source of a morphing mesh has in a slot, or None."""
+    source = obj.pointmorph.source
+    if source is None or number >= len(source.material_slots):
+        return None
+    return source.material_slots[number].material
+
+
+def _own_material(obj, material, of_source, created):
     if material is None:
         active = arrays.active_colors(obj.data)
         color = "" if active is None else active.name
         return look_nodes.new_material(f"{obj.name} Look", color, created)
     if _is_mixed_here(obj, material):
         _unmix(material)
-        return material
+        if not _is_outdated(obj, material, of_source):
+            return material
+        material = of_source
     copy = material.copy()
     created(copy)
-    copy.name = f"{material.name} to {name}"
+    copy.name = f"{material.name} to {obj.pointmorph.target.name}"
     if not look_nodes.has_nodes(copy):
         look_nodes.add_nodes(copy)
     if look_nodes.is_mixed(copy):  # by another object
         _unmix(copy)
+    if material == of_source:
+        prints = (object_looks.material_print(obj, one) for one in (material, copy))
+        copy[_COPY_OF] = " ".join(prints)
     return copy
+
+
+def _is_outdated(obj, material, of_source):
+    """Whether the source has another look by now than the copy that a morphing mesh has, which
+    nobody has changed."""
+    if of_source is None or _COPY_OF not in material:
+        return False
+    before, own = material[_COPY_OF].split()
+    return before != object_looks.material_print(
+        obj, of_source
+    ) and own == object_looks.material_print(obj, material)
 
 
 def _is_mixed_here(obj, material):

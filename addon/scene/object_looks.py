@@ -1,5 +1,6 @@
 """What objects look like: their materials, images and color attributes, as the core takes them."""
 
+import zlib
 from dataclasses import replace
 
 import numpy as np
@@ -76,14 +77,26 @@ def described_steps(obj):
         return None
     found = [arrays.material_indices(mesh)]
     for surface in look.surfaces:
-        found += [
-            looks.described(getattr(surface, what)).encode()
-            for what in ("color", "alpha", "roughness", "metallic")
-        ]
+        found += [words.encode() for words in _words_of(surface)]
     found += [look.uvs[name] for name in sorted(look.uvs)]
     yield
     found += [look.colors[name] for name in sorted(look.colors)]
     return found
+
+
+def material_print(obj, material):
+    """What tells whether a material looks the same on an object's mesh as before: a short text."""
+    mesh = obj.data
+    layer = render_layer(mesh)
+    name = "" if layer is None else layer.name
+    surface, _ = _reader(mesh, name, False, images.without_pixels).surface(material)
+    return f"{zlib.crc32(' '.join(_words_of(surface)).encode()):08x}"
+
+
+def _words_of(surface):
+    """What a surface says, in words, the same for the same."""
+    parts = ("color", "alpha", "roughness", "metallic")
+    return [looks.described(getattr(surface, what)) for what in parts]
 
 
 def _is_animated(material):
@@ -99,14 +112,7 @@ def _read_look(obj, mesh, uv, with_relief, read_image=images.read):
     active = arrays.active_colors(mesh)
     if not any(materials) and active is None:
         return None
-    reader = Reader(
-        uv,
-        [layer.name for layer in mesh.uv_layers],
-        [item.name for item in mesh.color_attributes],
-        "" if active is None else active.name,
-        with_relief,
-        read_image,
-    )
+    reader = _reader(mesh, uv, with_relief, read_image)
     slots = arrays.material_indices(mesh).clip(0, max(len(materials) - 1, 0))
     used, numbers = np.unique(slots, return_inverse=True)
     surfaces = []
@@ -127,6 +133,18 @@ def _read_look(obj, mesh, uv, with_relief, read_image=images.read):
             for name in reader.used_colors
         },
         tuple(dict.fromkeys(reader.remarks)),
+    )
+
+
+def _reader(mesh, uv, with_relief, read_image):
+    active = arrays.active_colors(mesh)
+    return Reader(
+        uv,
+        [layer.name for layer in mesh.uv_layers],
+        [item.name for item in mesh.color_attributes],
+        "" if active is None else active.name,
+        with_relief,
+        read_image,
     )
 
 

@@ -731,6 +731,41 @@ def test_the_panel_notices_that_a_material_changed(addon, textured, what):
     assert known() == "STALE"
 
 
+@pytest.mark.parametrize("how", ["edited", "other"])
+def test_recompute_takes_the_source_s_new_material(textured, how):
+    source, _ = textured
+    obj = morph()
+    if how == "edited":
+        shader = source.data.materials[0].node_tree.nodes["Principled BSDF"]
+        shader.inputs["Roughness"].default_value = 0.25
+    else:
+        made = source.data.materials[0] = material("Red", (1, 0, 0, 1))
+        made.node_tree.nodes["Principled BSDF"].inputs["Roughness"].default_value = 0.25
+    count = len(bpy.data.materials)
+    select(obj)
+    assert bpy.ops.pointmorph.recompute() == {"FINISHED"}
+    own = obj.material_slots[0].material
+    assert own.name == ("Blue to Dune" if how == "edited" else "Red to Dune")
+    nodes = own.node_tree.nodes
+    assert nodes["Principled BSDF"].inputs["Roughness"].default_value == pytest.approx(0.25)
+    assert "Pointmorph Mix 0" in nodes
+    assert len(bpy.data.materials) == count
+
+
+def test_recompute_keeps_a_material_that_was_edited_on_the_mesh(textured):
+    source, _ = textured
+    obj = morph()
+    own = obj.material_slots[0].material
+    own.node_tree.nodes["Principled BSDF"].inputs["Roughness"].default_value = 0.75
+    shader = source.data.materials[0].node_tree.nodes["Principled BSDF"]
+    shader.inputs["Roughness"].default_value = 0.25
+    select(obj)
+    assert bpy.ops.pointmorph.recompute() == {"FINISHED"}
+    assert obj.material_slots[0].material == own
+    nodes = own.node_tree.nodes
+    assert nodes["Principled BSDF"].inputs["Roughness"].default_value == pytest.approx(0.75)
+
+
 def test_the_source_s_own_look_comes_back(textured):
     source, _ = textured
     obj = morph()
