@@ -1,19 +1,28 @@
 """Trees of nodes, built in code."""
 
+import functools
+import pathlib
+import zlib
+
 import bpy
 
 from . import attribute_names, versions
 
-# Of the groups of nodes that all morph objects of a file share. To be raised when what any of them
-# holds changes: a file may have those of an earlier version under the same names.
-_VERSION = 1
 _MARK = "pointmorph_version"
+
+
+@functools.cache
+def _version():
+    """What tells the groups of nodes of this version from those that a file has of another one: a
+    checksum of the add-on's code, which makes them."""
+    files = sorted(pathlib.Path(__file__).parents[1].glob("*/*.py"))
+    return f"{zlib.crc32(b''.join(file.read_bytes() for file in files)):08x}"
 
 
 def shared_group(name, make):
     """The group of that name as this version makes it, which `make(name)` does where the file has
-    none. One that an earlier version made stays as it is, with all that uses it."""
-    mark = f"{name}: {_VERSION}"
+    none. One that another version made stays as it is, with all that uses it."""
+    mark = f"{name}: {_version()}"
     for group in bpy.data.node_groups:
         if group.library is None and group.get(_MARK) == mark:
             return group

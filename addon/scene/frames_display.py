@@ -6,15 +6,11 @@ from ..data import arrays, attribute_names, nodes, versions
 from . import point_shapes, points_display, points_material
 
 FRAMES_NAME = "Pointmorph Frames"
-_SHOWS_OWN_MESH = "pointmorph_shows_own_mesh"
-"""On groups of nodes that put frames into the object's own mesh, as earlier versions didn't."""
 
 
 def add_frames_modifier(obj, collection, plan, created):
     """Shows the mesh of `collection` that belongs to the scene's frame, as points or discs."""
-    group = next((group for group in bpy.data.node_groups if group.get(_SHOWS_OWN_MESH)), None)
-    if group is None:
-        group = _frames_group(points_material.material(created), created)
+    group = nodes.shared_group(FRAMES_NAME, lambda name: _frames_group(name, created))
     modifier = obj.modifiers.new(points_display.MODIFIER, "NODES")
     modifier.node_group = group
     values = {"Collection": collection, "First": plan.first, "Step": plan.step}
@@ -44,10 +40,10 @@ def frames_as_vertices(obj):
     return twin
 
 
-def _frames_group(material, created):
-    group = bpy.data.node_groups.new(FRAMES_NAME, "GeometryNodeTree")
+def _frames_group(name, created):
+    material = points_material.material(created)
+    group = bpy.data.node_groups.new(name, "GeometryNodeTree")
     created(group)
-    group[_SHOWS_OWN_MESH] = True
     _new_sockets(group)
     build = nodes.Builder(group)
     inputs = build.node("NodeGroupInput").outputs

@@ -123,24 +123,23 @@ def _group(name, created, ways, of_points):
     build = nodes.Builder(group)
     inputs = build.node("NodeGroupInput").outputs
     geometry, t = inputs["Geometry"], inputs["t"]
-    together = _off_straight(build, geometry, _shares_of(build, t, ways), inputs[CURVE], of_points)
+    done = nodes.shares(build, t, ways + 1)
+    together = _off_straight(build, geometry, done, inputs[CURVE], of_points)
 
     moves = [build.attribute(attribute_names.on_way(way, 0), "FLOAT_VECTOR") for way in range(ways)]
-    done = nodes.shares(build, t, ways + 1)
     start = build.node("GeometryNodeInputPosition").outputs["Position"]
     for move, share in zip(moves, done, strict=True):
         start = build.math(
             "SUBTRACT", start, build.scaled(move, share), kind="ShaderNodeVectorMath"
         )
     staggered = stagger_nodes.timed(build, inputs, geometry, start, ways)
-    own_t = nodes.local_t(build, t, ways + 1)
+    own = nodes.shares(build, nodes.local_t(build, t, ways + 1), ways + 1)
     ahead = [
-        build.scaled(move, build.math("SUBTRACT", own, share))
-        for move, own, share in zip(moves, nodes.shares(build, own_t, ways + 1), done, strict=True)
+        build.scaled(move, build.math("SUBTRACT", own_share, share))
+        for move, own_share, share in zip(moves, own, done, strict=True)
     ]
     staggered = build.moved(staggered, Offset=_sum(build, ahead))
-    own_shares = _shares_of(build, own_t, ways)
-    staggered = _off_straight(build, staggered, own_shares, inputs[CURVE], of_points)
+    staggered = _off_straight(build, staggered, own, inputs[CURVE], of_points)
 
     is_on = stagger_nodes.is_on(build, inputs)
     shown = nodes.switch(build, "GEOMETRY", is_on, together, staggered)
@@ -153,11 +152,6 @@ def _sum(build, vectors):
     for vector in vectors[1:]:
         total = build.math("ADD", total, vector, kind="ShaderNodeVectorMath")
     return total
-
-
-def _shares_of(build, t, ways):
-    """For each way, how far it is gone at t."""
-    return nodes.shares(build, t, ways + 1)
 
 
 def _off_straight(build, geometry, done, curve, of_points):
