@@ -31,10 +31,19 @@ def shared_group(name, make):
     return group
 
 
+def new_group(name, created):
+    """An empty group of geometry nodes, which `created` gets."""
+    group = bpy.data.node_groups.new(name, "GeometryNodeTree")
+    created(group)
+    return group
+
+
 def remove_unused_groups(name):
     """Takes shared groups whose name begins so out of the file where nothing has them."""
-    groups = [g for g in bpy.data.node_groups if g.get(_MARK, "").startswith(name) and not g.users]
-    bpy.data.batch_remove(groups)
+    while groups := [
+        g for g in bpy.data.node_groups if g.get(_MARK, "").startswith(name) and not g.users
+    ]:
+        bpy.data.batch_remove(groups)  # and then those that only these had
 
 
 def swap_group(obj, modifier, group):
@@ -174,6 +183,10 @@ class Builder:
             self.tree.links.new(value, socket)
         else:
             socket.default_value = value
+
+    def group(self, group, inputs):
+        """What another group of nodes, with one output, makes of `inputs`."""
+        return self.node("GeometryNodeGroup", inputs, node_tree=group).outputs[0]
 
     def math(self, operation, *values, kind="ShaderNodeMath", **settings):
         """What an operation makes of `values`, its inputs in their order."""

@@ -42,8 +42,7 @@ def frames_as_vertices(obj):
 
 def _frames_group(name, created):
     material = points_material.material(created)
-    group = bpy.data.node_groups.new(name, "GeometryNodeTree")
-    created(group)
+    group = nodes.new_group(name, created)
     _new_sockets(group)
     build = nodes.Builder(group)
     inputs = build.node("NodeGroupInput").outputs

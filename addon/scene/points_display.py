@@ -99,8 +99,7 @@ def _shared(stages, created):
 
 
 def _group(name, stages, material, created):
-    group = bpy.data.node_groups.new(name, "GeometryNodeTree")
-    created(group)
+    group = nodes.new_group(name, created)
     nodes.new_input(group, "NodeSocketGeometry", "Geometry")
     nodes.new_t_input(group, len(stages))
     point_shapes.new_splat_inputs(group)
