@@ -1,7 +1,9 @@
 """The add-on, installed once, and an empty scene for every test."""
 
+import copy
 import importlib
 import os
+import pickle
 import sys
 from pathlib import Path
 
@@ -44,6 +46,29 @@ def settings(module):
     bpy.context.scene.pointmorph.show_as = "POINTS"
     bpy.context.scene.pointmorph.path = "linear"
     return bpy.context.scene.pointmorph
+
+
+@pytest.fixture(scope="session")
+def remembering(addon):
+    """`computation.compute`, which computes nothing twice."""
+    compute = addon("core.computation").compute
+    known = {}
+
+    def remembered(request, progress, earlier=None):
+        before = earlier and (earlier.request.without_looks(), earlier.maps)
+        asked = pickle.dumps((request.without_looks(), before))
+        if asked not in known:
+            known[asked] = compute(request, progress, earlier)
+        return copy.deepcopy(known[asked])
+
+    return remembered
+
+
+@pytest.fixture(autouse=True)
+def computed_once(request, addon, monkeypatch, remembering):
+    """Tests share what the library computes, but those of the computing, marked `computes`."""
+    if not request.node.get_closest_marker("computes"):
+        monkeypatch.setattr(addon("data.chains"), "compute", remembering)
 
 
 @pytest.fixture
