@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -120,7 +121,7 @@ class Carrier:
         start = _mean(self._positions, members, shares)
         turns = np.einsum("nk,nkij->nij", shares, self._frames_back[members])
         moved = start[strand] + np.einsum("nij,nj->ni", turns[strand], given - base[strand])
-        return Strands(moved, triangle, shares)
+        return Strands(moved, triangle, shares, np.cbrt(np.abs(np.linalg.det(turns))))
 
     def corner_values(
         self,
@@ -208,6 +209,7 @@ class Carrier:
         return back
 
 
+@dataclass(frozen=True)
 class Strands:
     """What `Carrier.strands` returns.
 
@@ -219,12 +221,14 @@ class Strands:
         The taker's triangle that each root is on, strands in order; None without faces.
     shares : (S, 3) array
         What share its corners have in that place.
+    scales : (S,) array
+        How much larger each strand has become.
     """
 
-    def __init__(self, points: Floats, triangles: Rows | None, shares: Floats) -> None:
-        self.points = points
-        self.triangles = triangles
-        self.shares = shares
+    points: Floats
+    triangles: Rows | None
+    shares: Floats
+    scales: Floats
 
 
 def local_frames(

@@ -148,6 +148,7 @@ def test_strands_say_where_they_are_attached() -> None:
     assert strands.triangles is not None
     assert np.array_equal(strands.triangles, np.arange(len(faces)))
     np.testing.assert_allclose(strands.shares, 1 / 3)
+    np.testing.assert_allclose(strands.scales, 0.5)
 
 
 # --- Seams ----------------------------------------------------------------------------------------
