@@ -329,6 +329,37 @@ def mark_points(cloud, name, rows):
     write_attribute(cloud, name, values)
 
 
+# --- Hair -----------------------------------------------------------------------------------------
+
+
+def curve_points(curves):
+    """(P, 3) positions, and (S + 1,) int32: where the points of each curve begin, and the last
+    ones end."""
+    offsets = _read(curves.curve_offset_data, "value", 1, np.int32)
+    return _read(curves.position_data, "vector", 3), offsets
+
+
+def move_curve_points(curves, positions):
+    """Gives the points of curves other places."""
+    _write(curves.position_data, "vector", positions)
+
+
+def scale_radii(curves, scales):
+    """Multiplies the radii that points of curves have, if they have any, by (P,)."""
+    attribute = point_attribute(curves, "radius", "FLOAT")
+    if attribute is not None:
+        _write(attribute.data, "value", read_attribute(attribute) * scales)
+
+
+def write_surface_uvs(curves, uvs):
+    """Where curves are attached: a place in the surface's UV map for each, (S, 2)."""
+    name = "surface_uv_coordinate"
+    attribute = curves.attributes.get(name)
+    if attribute is None:
+        attribute = curves.attributes.new(name, "FLOAT2", "CURVE")
+    _write(attribute.data, "vector", uvs)
+
+
 # --- Images ---------------------------------------------------------------------------------------
 
 

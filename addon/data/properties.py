@@ -211,6 +211,12 @@ TEXTURE_SIZES = [
 ]
 
 
+TRANSFER_TO = [
+    ("RESULT", "Result", "The mesh that morphs, or the points"),
+    ("SOURCE", "Source", "The source itself, which stays as it is otherwise"),
+]
+
+
 class PointmorphShape(bpy.types.PropertyGroup):
     """A shape on the way from source to target."""
 
@@ -324,9 +330,33 @@ class PointmorphScene(bpy.types.PropertyGroup):
     )
     transfer_uvs: bpy.props.BoolProperty(
         name="UV Maps",
-        description="Transfer UV maps, as point attributes. Textures are smeared on faces that "
-        "cross a seam of the target",
+        description="Transfer UV maps. A face that lies across a seam of the target goes with the "
+        "side that its middle is on",
         default=False,
+    )
+    transfer_keys: bpy.props.BoolProperty(
+        name="Shape Keys",
+        description="Transfer shape keys, turned and scaled as the map does the surface",
+        default=True,
+    )
+    transfer_hair: bpy.props.BoolProperty(
+        name="Hair",
+        description="Transfer hair curves that are attached to the target's surface",
+        default=True,
+    )
+    transfer_back: bpy.props.BoolProperty(
+        name="Weights to Target",
+        description="Also give the target the source's vertex groups, except features",
+        default=False,
+    )
+    transfer_onto: bpy.props.EnumProperty(
+        name="To", description="What gets it", items=TRANSFER_TO, default="RESULT"
+    )
+    transfer_prefix: bpy.props.StringProperty(
+        name="Prefix",
+        description="Put before the names of what is transferred. Empty to keep the names, as a "
+        "rig expects them",
+        default="target.",
     )
     bake_as: bpy.props.EnumProperty(
         name="Bake As",

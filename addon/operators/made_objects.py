@@ -5,6 +5,7 @@ import pointmorph
 
 from ..data import creation
 from ..data.feature_list import sync_features
+from ..data.properties import TRANSFER_TO
 from ..data.references import find, reference_to
 from ..data.registration import Registration
 from ..scene import (
@@ -217,7 +218,8 @@ class POINTMORPH_OT_subdivide_source(Explained, bpy.types.Operator):
 
 
 class POINTMORPH_OT_transfer_attributes(Explained, Computing, bpy.types.Operator):
-    """Transfer colors, weights and UV maps from the target to the matching places of the morph"""
+    """Transfer what the target has to the matching places of the morph: colors, weights, UV maps,
+    shape keys and hair"""
 
     bl_idname = "pointmorph.transfer_attributes"
     bl_label = "Transfer from Target"
@@ -239,14 +241,37 @@ class POINTMORPH_OT_transfer_attributes(Explained, Computing, bpy.types.Operator
     )
     uvs: bpy.props.BoolProperty(
         name="UV Maps",
-        description="Stored as point attributes. Textures are smeared on faces that cross a "
-        "seam of the target",
+        description="UV maps. A face that lies across a seam goes with the side that its middle "
+        "is on. The points of a morph get them as point attributes",
         default=False,
+    )
+    keys: bpy.props.BoolProperty(
+        name="Shape Keys",
+        description="Shape keys, turned and scaled as the map does the surface. A morphing mesh "
+        "has them as the source at the start, and as the target at the end",
+        default=True,
+    )
+    hair: bpy.props.BoolProperty(
+        name="Hair",
+        description="Hair curves that are attached to the target's surface. On a morphing mesh "
+        "they follow it",
+        default=True,
+    )
+    back: bpy.props.BoolProperty(
+        name="Weights to Target",
+        description="Also give the target the source's vertex groups, except features",
+        default=False,
+    )
+    onto: bpy.props.EnumProperty(
+        name="To",
+        description="What gets it",
+        items=TRANSFER_TO,
+        default="RESULT",
     )
     prefix: bpy.props.StringProperty(
         name="Prefix",
         description="Put before the names of the target's attributes, so that the source "
-        "keeps its own",
+        "keeps its own. Those of the source begin with source. on the target",
         default="target.",
     )
 
@@ -254,7 +279,14 @@ class POINTMORPH_OT_transfer_attributes(Explained, Computing, bpy.types.Operator
         obj = made_object(context)
         self._name, self._made = obj.name, reference_to(obj)
         wanted = self._wanted = attribute_transfer.Wanted(
-            self.colors, self.weights, self.uvs, self.prefix
+            self.colors,
+            self.weights,
+            self.uvs,
+            self.prefix,
+            self.keys,
+            self.hair,
+            self.back,
+            self.onto == "SOURCE",
         )
         return (yield from attribute_transfer.read_steps(context, obj, wanted))
 
@@ -267,8 +299,8 @@ class POINTMORPH_OT_transfer_attributes(Explained, Computing, bpy.types.Operator
             raise pointmorph.CloudError(
                 self._name, "the object to transfer to", "none", "Undo the deletion."
             )
-        names = attribute_transfer.write(obj, self._wanted, outcome)
-        self.report({"INFO"}, f"Transferred: {', '.join(names)}")
+        for line in attribute_transfer.write(context, obj, self._wanted, outcome):
+            self.report({"INFO"}, line)
         return {"FINISHED"}
 
 

@@ -1,47 +1,96 @@
-"""What the target has, brought over along the map: colors, weights, UV maps."""
+"""What the target has, brought over along the map: colors, weights, UV maps, shape keys, hair; and
+the source's weights to the target."""
 
 from contextlib import contextmanager
-from dataclasses import astuple, dataclass
+from dataclasses import astuple, dataclass, field
 
 import bpy
 import numpy as np
 import pointmorph
 
-from ..core import transforms
 from ..core.features import PREFIX
 from ..core.stepping import finish
-from ..data import arrays, attribute_names, creation, nodes, surfaces, versions
-from . import morph_object, recipes
+from ..core.transfer_words import listed
+from ..data import arrays, attribute_names, creation, nodes, versions
+from . import hair_transfer, key_transfer, map_ends, morph_object, recipes
 from .shape_reader import is_plain, present_steps, update
 
 NAME = "Pointmorph Colors"
 MODIFIER = "Colors"
 _READ = "Pointmorph target, while it is read"
+_NOTES = {False: "transferred", True: "transferred_to_source"}
 
 
 @dataclass(frozen=True)
 class Wanted:
-    """What is brought over, and what goes before its names."""
+    """What is brought over, and what goes before its names.
+
+    `back` is for the source's weights, on the target. `onto_source` is for the source itself
+    instead of what shows the morph. A recipe keeps the fields in this order.
+    """
 
     colors: bool
     weights: bool
     uvs: bool
     prefix: str
+    keys: bool = False
+    hair: bool = False
+    back: bool = False
+    onto_source: bool = False
+
+    @property
+    def back_prefix(self):
+        """What goes before the names of the source's weights on the target."""
+        return self.prefix.replace("target", "source")
+
+
+@dataclass
+class Found:
+    """What the target has, or what became of it along the map.
+
+    Attributes
+    ----------
+    rows : list of (kind, name, values)
+        The values by vertex or by corner.
+    keys : list of key_transfer.Key
+    hair : list of hair_transfer.Hair or hair_transfer.CarriedHair
+    back : list of (name, values)
+        Weights of the source, or for the target.
+    remarks : list of str
+        What isn't as one might expect, in words.
+    """
+
+    rows: list = field(default_factory=list)
+    keys: list = field(default_factory=list)
+    hair: list = field(default_factory=list)
+    back: list = field(default_factory=list)
+    remarks: list = field(default_factory=list)
 
 
 def again(context, obj):
     """Brings over what was brought over before, from the target as it is now. Returns what went
     wrong, in words."""
-    before = recipes.recipe_of(obj).get("transferred")
+    before = recipes.recipe_of(obj).get(_NOTES[False])
     if before is None:
         return []
     wanted = Wanted(*before["options"])
     try:
         carry = finish(read_steps(context, obj, wanted))
-        write(obj, wanted, carry(lambda stage, fraction: True))
+        write(context, obj, wanted, carry(lambda stage, fraction: True))
     except pointmorph.PointmorphError as error:
         return [f"Transferred attributes are still those of the old morph. {error}"]
     return []
+
+
+def words_of(obj):
+    """What was transferred to an object, or to its source, at last: a list of sentences."""
+    recipe = recipes.recipe_of(obj)
+    return [line for note in _NOTES.values() for line in recipe.get(note, {}).get("words", ())]
+
+
+def names_of(obj):
+    """Names of what was transferred to an object."""
+    return recipes.recipe_of(obj).get(_NOTES[False], {}).get("names", ())
 
 
 # --- Reading --------------------------------------------------------------------------------------
@@ -49,10 +98,7 @@ def again(context, obj):
 
 def read_steps(context, obj, wanted):
     """A generator that yields often, reads what the target has, and returns a function that takes
-    it along the map, to be called with a progress in any thread.
-
-    Colors and UV maps become point attributes, weights vertex groups. A row each for a point of
-    `obj`, a morph object or a copy of the source, as (kind, name, values); active colors first.
+    it along the map, to be called with a progress in any thread: it returns what `write` takes.
 
     Raises
     ------
@@ -119,32 +165,20 @@ def _read_mesh_steps(obj, target, mesh, wanted):
             f"{len(mesh.vertices):,} as shown in the viewport",
             "Recompute the morph first.",
         )
-    landing = None if rows is not None else _read_landing(obj, mesh)
+    by_pairs = rows is not None and not wanted.onto_source
+    receiver = None if by_pairs else map_ends.read_receiver(obj, wanted.onto_source)
     yield
-    found = []  # (kind, name, values by vertex or by corner)
-    if wanted.colors:
-        active = mesh.color_attributes.active_color
-        for item in sorted(mesh.color_attributes, key=lambda item: item != active):
-            found.append(("color attribute", item.name, arrays.vertex_colors(mesh, item)))
-            yield
-    if wanted.weights:
-        groups = {
-            group.index: group.name
-            for group in target.vertex_groups
-            if not group.name.startswith(PREFIX)
-        }
-        weights = yield from arrays.vertex_group_steps(mesh, groups)
-        for name, (members, values) in weights.items():
-            whole = np.zeros((count, 1), np.float32)
-            whole[members, 0] = values
-            found.append(("vertex group", name, whole))
-    if wanted.uvs:
-        for layer in mesh.uv_layers:
-            uv = arrays.corner_uvs(layer)
-            if rows is not None or landing.triangles is None:
-                uv = arrays.first_of_corners(mesh, uv)
-            found.append(("UV map", layer.name, uv))
-            yield
+    shown = map_ends.read_giver(obj, mesh)
+    yield
+    found = Found()
+    yield from _read_attributes_steps(found, target, mesh, wanted)
+    if wanted.uvs or (wanted.hair and _lacks_uvs(obj, wanted)):
+        _read_uvs(found, mesh, as_points=by_pairs or receiver.triangles is None)
+        yield
+    own = shown
+    if wanted.keys or wanted.hair or wanted.back:
+        own = map_ends.read_unmodified_giver(obj, target, shown)
+        yield from _read_more_steps(found, obj, target, wanted, by_pairs)
     if len(mesh.vertices) != count:
         raise pointmorph.CloudError(
             target.name,
@@ -152,115 +186,267 @@ def _read_mesh_steps(obj, target, mesh, wanted):
             "changes while it was being read",
             "Try again.",
         )
-    if not found:
+    if not (found.rows or found.keys or found.hair or found.back):
         raise pointmorph.CloudError(
             target.name,
-            "colors, weights or UV maps to transfer",
-            "none of the requested kinds",
+            "something of what is to be transferred",
+            "; ".join(["none of it", *found.remarks]),
             "Choose something that it has.",
         )
+    if by_pairs:
+        return _carry_by_pairs(found, morph_object.stage_rows(obj))
+    return _carry_along_map(found, receiver, (shown, own), not wanted.onto_source)
+
+
+def _lacks_uvs(obj, wanted):
+    """Whether hair needs a UV map that the object which gets it hasn't got."""
+    receiver = map_ends.source_of(obj) if wanted.onto_source else obj
+    return not receiver.data.uv_layers
+
+
+def _read_attributes_steps(found, target, mesh, wanted):
+    """Colors and weights, which vertices have; active colors first."""
+    if wanted.colors:
+        active = mesh.color_attributes.active_color
+        for item in sorted(mesh.color_attributes, key=lambda item: item != active):
+            found.rows.append(("color attribute", item.name, arrays.vertex_colors(mesh, item)))
+            yield
+    if wanted.weights:
+        weights = yield from _weights_steps(target, mesh, wanted.back_prefix)
+        found.rows += [("vertex group", name, values) for name, values in weights]
+
+
+def _weights_steps(obj, mesh, without):
+    """(name, (N, 1) weights) of vertex groups, but for features and what was transferred here."""
+    groups = {
+        group.index: group.name
+        for group in obj.vertex_groups
+        if not group.name.startswith(PREFIX) and not (without and group.name.startswith(without))
+    }
+    result = []
+    weights = yield from arrays.vertex_group_steps(mesh, groups)
+    for name, (members, values) in weights.items():
+        whole = np.zeros((len(mesh.vertices), 1), np.float32)
+        whole[members, 0] = values
+        result.append((name, whole))
+    return result
+
+
+def _read_uvs(found, mesh, as_points):
+    for layer in mesh.uv_layers:
+        uv = arrays.corner_uvs(layer)
+        if as_points:
+            uv = arrays.first_of_corners(mesh, uv)
+        found.rows.append(("UV map", layer.name, uv))
+
+
+def _read_more_steps(found, obj, target, wanted, by_pairs):
+    """Shape keys, hair, and the source's weights."""
+    if (wanted.keys or wanted.hair) and by_pairs:
+        if target.data.shape_keys or hair_transfer.on_surface(target):
+            found.remarks.append("Shape keys and hair need faces: show the morph as a mesh first")
+    elif wanted.keys or wanted.hair:
+        matrix = map_ends.target_matrix(obj)
+        if wanted.keys:
+            groups = key_transfer.limiting_groups(target)
+            weights = yield from arrays.vertex_group_steps(target.data, groups)
+            found.keys = key_transfer.read(target, matrix, weights)
+            yield
+        if wanted.hair:
+            found.hair = hair_transfer.read(target, matrix)
+            yield
+    if wanted.back:
+        map_ends.target_of(obj)
+        source = map_ends.source_of(obj)
+        found.back = yield from _weights_steps(source, source.data, wanted.prefix)
+
+
+# --- Along the map --------------------------------------------------------------------------------
+
+
+def _parts(progress, found):
+    """What there is, one after the other; raises Cancelled when `progress` says so."""
+    total = max(sum(len(part) for part in (found.rows, found.keys, found.hair, found.back)), 1)
+    done = 0
+    for what in ("rows", "keys", "hair", "back"):
+        for part in getattr(found, what):
+            if progress("transfer", done / total) is False:
+                raise pointmorph.Cancelled("The transfer was canceled.")
+            yield what, part
+            done += 1
+
+
+def _carry_by_pairs(found, rows):
+    """To the pairs of a morph object: each has a vertex of both shapes."""
 
     def carry(progress):
-        corners = None
-        if rows is not None:
-            places = rows[:, None], np.ones((len(rows), 1))
-        else:
-            progress("map", 0.0)
-            corners, *places = landing.places()
-        carried = []
-        for number, (kind, name, values) in enumerate(found):
-            if progress("transfer", number / len(found)) is False:
-                raise pointmorph.Cancelled("The transfer was canceled.")
-            members, shares = places
-            if kind == "UV map" and corners is not None:
-                members = corners
-            carried.append((kind, name, surfaces.mean(values, members, shares)))
-        return carried
+        result = Found(remarks=found.remarks)
+        for what, part in _parts(progress, found):
+            if what == "rows":
+                kind, name, values = part
+                result.rows.append((kind, name, values[rows[-1]]))
+            else:
+                name, values = part
+                count = np.maximum(np.bincount(rows[-1]), 1)
+                mean = np.bincount(rows[-1], values[rows[0], 0]) / count
+                result.back.append((name, mean[:, None].astype(np.float32)))
+        return result
 
     return carry
 
 
-@dataclass(frozen=True)
-class _Landing:
-    """Where the vertices of a copy of the source land on the target's mesh."""
+def _carry_along_map(found, receiver, givers, ends_as_target):
+    """To a mesh with faces: each vertex gets what is at the place where it lands.
 
-    positions: np.ndarray
-    triangles: np.ndarray | None
-    loops: np.ndarray | None
-    landing: np.ndarray
+    `givers` are the target as the viewport shows it, and with its own vertices.
+    """
 
-    def places(self):
-        """(N, 3) corners of the triangle that each vertex lands in, or None; (N, K) vertices of the
-        target around, and (N, K) their shares, which sum to 1."""
-        triangle, members, shares = surfaces.around(self.positions, self.triangles, self.landing)
-        return None if triangle is None else self.loops[triangle], members, shares
+    def carry(progress):
+        progress("map", 0.0)
+        ends = receiver.positions, receiver.landing
+        carriers = [
+            pointmorph.Carrier(*ends, giver.positions, receiver.triangles, giver.triangles)
+            for giver in givers
+        ]
+        shown, own = carriers if givers[1] is not givers[0] else (carriers[0], carriers[0])
+        result = Found(remarks=list(found.remarks))
+        for what, part in _parts(progress, found):
+            if what == "keys":
+                result.keys.append(key_transfer.carried(part, own, receiver.own, ends_as_target))
+            elif what == "hair":
+                result.hair.append(hair_transfer.carried(part, own, receiver))
+            elif what == "back":
+                name, values = part
+                result.back.append((name, own.returned(values).astype(np.float32)))
+            elif part[0] == "UV map" and receiver.triangles is not None:
+                result.rows.append(_carry_uvs(part, shown, (receiver, givers[0]), result.remarks))
+            else:
+                kind, name, values = part
+                result.rows.append((kind, name, shown.values(values).astype(np.float32)))
+        return result
+
+    return carry
 
 
-def _read_landing(obj, mesh):
-    recipe = recipes.recipe_of(obj)
-    pairs = obj.pointmorph.made_from
-    if pairs is not None and morph_object.is_result(pairs):
-        rows = morph_object.stage_rows(pairs)[-1]
-        positions = arrays.by_row(rows, arrays.key_positions(morph_object.stage_keys(pairs)[-1]))
-    else:
-        matrix = np.reshape(recipe["shapes"][-1]["matrix"], (4, 4))
-        positions = transforms.move_positions(matrix, arrays.vertex_positions(mesh))
-    matrix = morph_object.source_matrix_of(obj)
-    landing = transforms.move_positions(matrix, arrays.key_positions(morph_object.last_key(obj)))
-    triangles = arrays.mesh_triangles(mesh)
-    loops = None if triangles is None else arrays.triangle_loops(mesh)
-    return _Landing(positions, triangles, loops, landing)
+def _carry_uvs(part, carrier, ends, remarks):
+    kind, name, values = part
+    receiver, giver = ends
+    uvs, across = carrier.corner_values(values, giver.loops, receiver.corners, receiver.faces)
+    if len(across):
+        faces = int(receiver.faces[-1]) + 1
+        remarks.append(
+            f'{len(across):,} of {faces:,} faces lie across a seam of the UV map "{name}": what '
+            "they show is squeezed at the seam"
+        )
+    return kind, name, uvs.astype(np.float32)
 
 
 # --- Writing --------------------------------------------------------------------------------------
 
 
-def write(obj, wanted, found):
-    """Puts what was taken along the map onto a morph object, or a copy of the source, each under
-    its own name after a prefix. A copy shows colors from those of the source to the target's.
+def write(context, obj, wanted, found):
+    """Puts what was taken along the map onto a morph object, a copy of the source, or the source,
+    each under its own name after a prefix. A copy shows colors from those of the source to the
+    target's.
 
     Returns
     -------
     list of str
-        Names on the object.
+        What was done, in sentences.
 
     Raises
     ------
     CloudError
         When the object has something of such a name of its own, or other points by now.
     """
-    count = len(obj.data.vertices)
-    if any(len(values) != count for *_, values in found):
+    receiver = map_ends.source_of(obj) if wanted.onto_source else obj
+    target = map_ends.target_of(obj) if found.back else obj.pointmorph.target
+    note = recipes.recipe_of(obj).get(_NOTES[wanted.onto_source], {})
+    _check_counts(receiver, target, found)
+    _check_names(receiver, target, wanted, found, note)
+    prefix = wanted.prefix
+    remarks = list(found.remarks)
+    made = {}  # names by kind
+    for kind, name, values in found.rows:
+        if kind == "vertex group":
+            _write_group(receiver, prefix + name, values[:, 0])
+        elif kind == "UV map" and len(receiver.data.polygons):
+            if not _write_uvs(receiver.data, prefix + name, values):
+                remarks.append(f'"{receiver.name}" has no room for the UV map "{prefix + name}"')
+                continue
+        else:
+            arrays.write_attribute(receiver.data, prefix + name, values)
+        made.setdefault(kind, []).append(prefix + name)
+    names = [name for of_kind in made.values() for name in of_kind]
+    for key in found.keys:
+        names += key_transfer.write(receiver, prefix + key.name, key)
+        made.setdefault("shape key", []).append(prefix + key.name)
+    for hair in found.hair:
+        name = prefix + hair.name
+        if not hair_transfer.write(context, receiver, name, hair, not wanted.onto_source):
+            remarks.append(f'"{name}" isn\'t attached: "{receiver.name}" has no UV map')
+        made.setdefault("hair object", []).append(name)
+    if obj.pointmorph.keeps_faces and wanted.colors and not wanted.onto_source:
+        first = next((name for kind, name, _ in found.rows if kind == "color attribute"), None)
+        if first is not None:
+            _blend_colors(obj, prefix + first)
+    words = [listed(f'To "{receiver.name}"', made)] if made else []
+    back = [wanted.back_prefix + name for name, _ in found.back]
+    for name, values in found.back:
+        _write_group(target, wanted.back_prefix + name, values[:, 0])
+    if back:
+        words.append(listed(f'To "{target.name}"', {"vertex group": back}))
+    receiver.update_tag()
+    words += remarks
+    options = list(astuple(wanted))
+    kept = {"names": names, "back": back, "options": options, "words": words}
+    recipes.note(obj, _NOTES[wanted.onto_source], kept)
+    return words
+
+
+def _check_counts(receiver, target, found):
+    vertices, corners = len(receiver.data.vertices), len(receiver.data.loops)
+    moved = [key.offsets for key in found.keys]
+    fits = all(
+        len(values) == (corners if kind == "UV map" and corners else vertices)
+        for kind, _, values in found.rows
+    )
+    fits = fits and all(len(offsets) == vertices for offsets in moved)
+    if not fits or any(len(values) != len(target.data.vertices) for _, values in found.back):
         raise pointmorph.CloudError(
-            obj.name,
+            receiver.name,
             "an object that doesn't change",
             "changes while it was being read",
             "Try again.",
         )
-    prefix = wanted.prefix
-    taken = {group.name for group in obj.vertex_groups}
-    taken |= {attribute.name for attribute in obj.data.attributes}
-    known = set(recipes.recipe_of(obj).get("transferred", {}).get("names", ()))
-    for kind, name, _ in found:
-        if prefix + name in taken - known:
+
+
+def _check_names(receiver, target, wanted, found, note):
+    keys = receiver.data.shape_keys
+    taken = {group.name for group in receiver.vertex_groups}
+    taken |= {attribute.name for attribute in receiver.data.attributes}
+    taken -= set(note.get("names", ()))
+    taken_keys = {key.name for key in keys.key_blocks} if keys is not None else set()
+    taken_keys -= set(note.get("names", ()))
+    back = {group.name for group in target.vertex_groups} - set(note.get("back", ()))
+    wishes = [(receiver, kind, wanted.prefix + name, taken) for kind, name, _ in found.rows]
+    wishes += [(receiver, "shape key", wanted.prefix + key.name, taken_keys) for key in found.keys]
+    wishes += [(target, "vertex group", wanted.back_prefix + name, back) for name, _ in found.back]
+    for owner, kind, name, names in wishes:
+        if name in names:
             raise pointmorph.CloudError(
-                obj.name,
-                f'no other {kind} named "{prefix + name}"',
+                owner.name,
+                f'no other {kind} named "{name}"',
                 "one",
                 "Choose another prefix, or rename the existing one.",
             )
-    for kind, name, values in found:
-        if kind == "vertex group":
-            _write_group(obj, prefix + name, values[:, 0])
-        else:
-            arrays.write_attribute(obj.data, prefix + name, values)
-    if obj.pointmorph.keeps_faces and wanted.colors:
-        first = next((name for kind, name, _ in found if kind == "color attribute"), None)
-        if first is not None:
-            _blend_colors(obj, prefix + first)
-    names = [prefix + name for _, name, _ in found]
-    recipes.note(obj, "transferred", {"names": names, "options": list(astuple(wanted))})
-    return names
+
+
+def _write_uvs(mesh, name, uvs):
+    attribute = mesh.attributes.get(name)
+    if attribute is not None and attribute.domain != "CORNER":  # of an earlier version
+        mesh.attributes.remove(attribute)
+    return arrays.write_uvs(mesh, name, uvs) is not None
 
 
 def _write_group(obj, name, weights):

@@ -111,6 +111,7 @@ def remake_mesh(copy, obj):
         for read in (arrays.mesh_edges, arrays.mesh_corners)
     )
     lost = []
+    again = attribute_transfer.names_of(copy)
     if not same:
         lost += _lost_groups(copy, source)
         _replace_geometry(copy, source)
@@ -129,7 +130,8 @@ def remake_mesh(copy, obj):
             arrays.write_key(keys[name], places[0] + move)
         else:
             arrays.write_key(keys[name], places[0])
-            lost.append(morph_builder.lost_words(copy, name))
+            if name not in again:
+                lost.append(morph_builder.lost_words(copy, name))
     for user in recomputation.users_of(copy):
         placed_by = placement.placed_by(user)
         _know(user, obj)
@@ -206,7 +208,7 @@ def _check_mode(copy):
 
 def _lost_groups(copy, source):
     """Which vertex groups go with the vertices, in words: those that were painted on the copy."""
-    again = recipes.recipe_of(copy).get("transferred", {}).get("names", ())
+    again = attribute_transfer.names_of(copy)
     return [
         f'The vertex group "{group.name}" of "{copy.name}" is gone: the vertices are others now'
         for group in copy.vertex_groups

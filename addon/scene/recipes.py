@@ -42,7 +42,7 @@ _MOVING = {
     "WAVE",
 }
 # What a recipe says about the object itself.
-_OWN = ("keys", "transferred", "keyed", "textures")
+_OWN = ("keys", "transferred", "transferred_to_source", "keyed", "textures")
 
 
 # --- What the shapes are now ----------------------------------------------------------------------

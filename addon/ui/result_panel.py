@@ -8,7 +8,7 @@ import bpy
 
 from ..data.registration import Registration
 from ..operators.made_objects import made_object, shown_object
-from ..scene import morph_object, presentation, recipes, staleness
+from ..scene import attribute_transfer, morph_object, presentation, recipes, staleness
 from ..view import staleness_watch
 from .panel import Panel, draw_progress, say
 from .quality_panel import draw_verdict
@@ -115,6 +115,30 @@ def draw_textures(layout, context):
     button.size = settings.texture_size
 
 
+def draw_transfer(layout, context, obj):
+    """What the target has, for the mesh or the source, and what was done at last."""
+    settings = context.scene.pointmorph
+    column = layout.column(align=True)
+    button = column.operator("pointmorph.transfer_attributes", icon="MOD_DATA_TRANSFER")
+    for names in (("colors", "weights", "uvs"), ("keys", "hair")):
+        row = column.row(align=True)
+        for name in names:
+            row.prop(settings, f"transfer_{name}", toggle=True)
+            setattr(button, name, getattr(settings, f"transfer_{name}"))
+    row = column.row(align=True)
+    row.prop(settings, "transfer_onto", expand=True)
+    column.prop(settings, "transfer_prefix")
+    column.prop(settings, "transfer_back")
+    button.onto = settings.transfer_onto
+    button.prefix = settings.transfer_prefix
+    button.back = settings.transfer_back
+    lines = attribute_transfer.words_of(obj)
+    if lines:
+        box = layout.box().column(align=True)
+        for line in lines:
+            say(box, context, line, "DOT")
+
+
 ROWS = (
     draw_name,
     draw_slider,
@@ -158,13 +182,7 @@ class POINTMORPH_PT_more(Panel, bpy.types.Panel):
         if draw_progress(layout, "TRANSFER"):
             return
         draw_textures(layout, context)
-        settings = context.scene.pointmorph
-        column = layout.column(align=True)
-        button = column.operator("pointmorph.transfer_attributes", icon="MOD_DATA_TRANSFER")
-        row = column.row(align=True)
-        for what in ("colors", "weights", "uvs"):
-            row.prop(settings, f"transfer_{what}", toggle=True)
-            setattr(button, what, getattr(settings, f"transfer_{what}"))
+        draw_transfer(layout, context, obj)
 
 
 registration = Registration(

@@ -17,6 +17,7 @@ from pointmorph._wait_policy import passive_wait_policy
 
 with passive_wait_policy():
     from pointmorph._pointmorph import __version__
+from pointmorph.carrying import Carrier
 from pointmorph.clouds import Cloud
 from pointmorph.cuts import Cut, decompose, propose_loop
 from pointmorph.denser_meshes import DenserMesh
@@ -60,6 +61,7 @@ from pointmorph.stages import stage_label
 
 __all__ = [
     "Cancelled",
+    "Carrier",
     "Cloud",
     "CloudError",
     "ConvergenceError",

@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pointmorph import _pointmorph
+from pointmorph.carrying import Carrier, fans
 from pointmorph.clouds import Cloud, FloatArray
 from pointmorph.denser_meshes import DenserMesh
 from pointmorph.errors import CloudError, FeatureError, OptionError
@@ -394,6 +395,53 @@ class Morph:
         )
         mesh = DenserMesh(faces, parents, ends, wrapped, wrapped)
         return replace(mesh, positions=mesh.extended(cloud.positions))
+
+    def carrier(self, side: str = "source", progress: Progress | None = None) -> Carrier:
+        """Carries what the other shape has to the points of this one, along the map.
+
+        Weights and colors, UVs, displacements such as those of shape keys, and strands of hair: see
+        `Carrier`. With faces, vertices take it from where they are `wrapped`; else from where the
+        map takes them.
+
+        Parameters
+        ----------
+        side : str
+            source or target: the shape that gets it.
+        progress : callable, optional
+            As for `morph`.
+
+        Raises
+        ------
+        OptionError
+            If there is no such side.
+        Cancelled
+            If `progress` returned False.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import pointmorph
+        >>> x, y = np.meshgrid(np.linspace(-1, 1, 30), np.linspace(-1, 1, 30))
+        >>> plane = np.stack([x, y, 0 * x], axis=-1).reshape(-1, 3)
+        >>> result = pointmorph.morph(pointmorph.Cloud(plane), pointmorph.Cloud(2 * plane))
+        >>> up = np.tile([0.0, 0, 1], (900, 1))
+        >>> bool(np.allclose(result.carrier().displacements(up), 0.5 * up))
+        True
+        """
+        if side not in ("source", "target"):
+            raise OptionError("side", "source or target", repr(side), "Choose one of them.")
+        if side == "source":
+            taker, giver = self.source, self.target
+            meshed = self.has_mesh
+            images = self.wrapped(1.0, progress) if meshed else self.source_to_target
+        else:
+            taker, giver = self.target, self.source
+            meshed = self.has_target_mesh
+            images = self.wrapped_target(0.0, progress) if meshed else self.target_to_source
+        own, others = (
+            None if cloud.faces is None else fans(*cloud.faces)[0] for cloud in (taker, giver)
+        )
+        return Carrier(taker.positions, images, giver.positions, own, others)
 
     @property
     def source_domain(self) -> npt.NDArray[np.float64]:

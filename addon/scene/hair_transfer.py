@@ -1,0 +1,185 @@
+"""Hair curves on a target's surface, on a mesh that morphs into it or on the source."""
+
+from dataclasses import dataclass
+
+import bpy
+import numpy as np
+
+from ..core import transforms
+from ..data import arrays, creation, nodes
+from ..data.references import find, reference_to
+
+MODIFIER = "Surface Deform"
+_ORIGIN = "pointmorph_hair_of"
+_DEFORM = "GeometryNodeDeformCurvesOnSurface"
+
+
+@dataclass(frozen=True)
+class Hair:
+    """Curves that an object has: (P, 3) points in the morph's frame, and where each begins.
+
+    `scale` is that frame's unit in the curves' own.
+    """
+
+    name: str
+    reference: int
+    points: np.ndarray
+    offsets: np.ndarray
+    scale: float
+
+
+@dataclass(frozen=True)
+class CarriedHair:
+    """The same on another mesh, in its own space.
+
+    Attributes
+    ----------
+    name : str
+    reference : int
+        Of the object that it is from.
+    points : (P, 3) array
+    scales : (P,) array
+        How much larger they are.
+    loops : (S, 3) array of int, or None
+        Corners of the mesh's faces around each root.
+    shares : (S, 3) array
+        The corners' shares in that place.
+    """
+
+    name: str
+    reference: int
+    points: np.ndarray
+    scales: np.ndarray
+    loops: np.ndarray | None
+    shares: np.ndarray
+
+
+def on_surface(target):
+    """Objects of this file with hair curves on the surface of an object."""
+    return [
+        obj
+        for obj in bpy.data.objects
+        if obj.type == "CURVES" and obj.library is None and obj.data.surface == target
+    ]
+
+
+def read(target, matrix):
+    """All hair of a target.
+
+    Parameters
+    ----------
+    matrix : (4, 4) array
+        From the target's own space to the morph's frame.
+    """
+    found = []
+    for obj in on_surface(target):
+        points, offsets = arrays.curve_points(obj.data)
+        if len(points):
+            to_target = target.matrix_world.inverted() @ obj.matrix_world
+            whole = matrix @ np.array(to_target, np.float64)
+            scale = abs(np.linalg.det(whole[:3, :3])) ** (1 / 3)
+            points = transforms.apply(whole, points)
+            found.append(Hair(obj.name, reference_to(obj), points, offsets, scale))
+    return found
+
+
+def carried(hair, carrier, receiver):
+    """Hair along the map: a CarriedHair.
+
+    Parameters
+    ----------
+    hair : Hair
+    carrier : pointmorph.Carrier
+    receiver : map_ends.Receiver
+    """
+    counts = np.diff(hair.offsets)
+    strands = carrier.strands(hair.points, np.repeat(hair.offsets[:-1], counts))
+    # One that has no points has no root.
+    empty = counts == 0
+    shares = np.zeros((len(counts), strands.shares.shape[1]))
+    shares[~empty] = strands.shares
+    loops = None
+    if strands.triangles is not None:
+        loops = np.zeros((len(counts), 3), np.int64)
+        loops[~empty] = receiver.loops[strands.triangles]
+    own = abs(np.linalg.det(receiver.own[:3, :3])) ** (1 / 3)
+    scales = np.repeat(strands.scales, counts[~empty]) * hair.scale * own
+    points = transforms.apply(receiver.own, strands.points)
+    return CarriedHair(hair.name, hair.reference, points, scales, loops, shares)
+
+
+def write(context, obj, name, hair, moves):
+    """Gives an object the hair `name`, in place of such that was carried onto it before.
+
+    Parameters
+    ----------
+    hair : CarriedHair
+    moves : bool
+        Whether the hair must move along with the surface as that morphs.
+
+    Returns
+    -------
+    bool
+        Whether it is attached to a place of the surface's UV map; False where there is none.
+    """
+    origin = find(bpy.data.objects, hair.reference)
+    curves = origin.data.copy()
+    arrays.move_curve_points(curves, hair.points)
+    arrays.scale_radii(curves, hair.scales)
+    layer = obj.data.uv_layers.active
+    curves.surface = obj
+    curves.surface_uv_map = "" if layer is None else layer.name
+    if layer is not None and hair.loops is not None:
+        uvs = arrays.corner_uvs(layer)[hair.loops]
+        arrays.write_surface_uvs(curves, np.einsum("sk,skc->sc", hair.shares, uvs))
+    made = next((one for one in on_surface(obj) if one.get(_ORIGIN) == origin.name), None)
+    if made is None:
+        made = origin.copy()
+        made.data = curves
+        made.parent = obj
+        made.parent_type = "OBJECT"
+        made.matrix_parent_inverse.identity()
+        made.matrix_basis.identity()
+        made.animation_data_clear()
+        made.hide_render = False
+        creation.link(context, made)
+        made.hide_set(False)
+    else:
+        old, made.data = made.data, curves
+        if not old.users:
+            bpy.data.hair_curves.remove(old)
+    made[_ORIGIN] = origin.name
+    made.name = curves.name = name
+    if moves and layer is not None:
+        obj.add_rest_position_attribute = True
+        if not _deforms(made):
+            modifier = made.modifiers.new(MODIFIER, "NODES")
+            modifier.node_group = nodes.shared_group(MODIFIER, _deform_group)
+            nodes.put_first(made, modifier)
+    return layer is not None
+
+
+def _deforms(obj):
+    """Whether a modifier lets hair follow the surface."""
+    groups = [m.node_group for m in obj.modifiers if m.type == "NODES" and m.node_group]
+    known = set()
+    while groups:
+        group = groups.pop()
+        if group.name not in known:
+            known.add(group.name)
+            if any(node.bl_idname == _DEFORM for node in group.nodes):
+                return True
+            inner = (getattr(node, "node_tree", None) for node in group.nodes)
+            groups += [tree for tree in inner if tree is not None]
+    return False
+
+
+def _deform_group(name):
+    group = bpy.data.node_groups.new(name, "GeometryNodeTree")
+    nodes.new_input(group, "NodeSocketGeometry", "Geometry")
+    nodes.new_output(group, "NodeSocketGeometry", "Geometry")
+    build = nodes.Builder(group)
+    inputs = build.node("NodeGroupInput").outputs
+    deformed = build.node(_DEFORM, {"Curves": inputs["Geometry"]})
+    build.node("NodeGroupOutput", {"Geometry": deformed.outputs["Curves"]})
+    return group

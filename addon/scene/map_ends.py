@@ -1,0 +1,176 @@
+"""Both ends of a morph's map, in the morph's frame: what is carried along it goes from one to the
+other."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pointmorph
+
+from ..core import transforms
+from ..data import arrays
+from . import morph_object, morph_paths, recipes
+
+
+@dataclass(frozen=True)
+class Receiver:
+    """A mesh that gets something from the target, and where the map takes it.
+
+    Attributes
+    ----------
+    positions, landing : (N, 3) array
+        Of its vertices: where they are, and where they land on the target.
+    triangles, loops : (F, 3) array of int or None
+        Their vertices, and their corners.
+    corners, faces : (C,) array of int
+        For each corner, its vertex and its face.
+    own : (4, 4) array
+        From the morph's frame to the mesh's own space.
+    """
+
+    positions: np.ndarray
+    landing: np.ndarray
+    triangles: np.ndarray | None
+    loops: np.ndarray | None
+    corners: np.ndarray
+    faces: np.ndarray
+    own: np.ndarray
+
+
+@dataclass(frozen=True)
+class Giver:
+    """The target's vertices, and the vertices and corners of its triangles."""
+
+    positions: np.ndarray
+    triangles: np.ndarray | None
+    loops: np.ndarray | None
+
+
+def source_of(obj):
+    """The source of a morph object, which is there and can be changed. Raises CloudError."""
+    source = recipes.shapes_of(obj)[0]
+    _check_changeable(obj, source, "its source")
+    return source
+
+
+def target_of(obj):
+    """The same of the target."""
+    target = recipes.shapes_of(obj)[-1]
+    _check_changeable(obj, target, "its target")
+    return target
+
+
+def _check_changeable(obj, shape, what):
+    if shape is None:
+        raise pointmorph.CloudError(
+            obj.name, f"{what} in this file", "none", "Undo the deletion, or morph again."
+        )
+    if shape.type != "MESH":
+        raise pointmorph.CloudError(
+            shape.name,
+            "a mesh to transfer attributes to",
+            f"an object of type {shape.type}",
+            "Convert it (Object > Convert > Mesh).",
+        )
+    if shape.library is not None or shape.data.library is not None:
+        raise pointmorph.CloudError(
+            shape.name,
+            "an object of this file",
+            "one that is linked from another",
+            "Make it local (Object > Relations > Make Local).",
+        )
+    if shape.mode == "EDIT":
+        raise pointmorph.CloudError(
+            shape.name, "an object in Object Mode", "Edit Mode", "Switch to Object Mode (Tab)."
+        )
+
+
+def read_receiver(obj, onto_source):
+    """The mesh that shows the morph object `obj`, or its source.
+
+    Raises
+    ------
+    CloudError
+        When there is no source, or it has changed since.
+    """
+    matrix = morph_object.source_matrix_of(obj)
+    if not onto_source:
+        mesh = obj.data
+        start = arrays.basis_positions(mesh)
+        landing = arrays.key_positions(morph_object.last_key(obj))
+        places = [transforms.move_positions(matrix, place) for place in (start, landing)]
+        return _receiver(mesh, *places, np.linalg.inv(matrix))
+    source = source_of(obj)
+    pairs = obj if morph_object.is_result(obj) else obj.pointmorph.made_from
+    if morph_object.is_result(pairs):
+        _, places, _, own = morph_paths.source_ways(pairs)
+        return _receiver(source.data, places[0], places[-1], own)
+    shown = read_receiver(obj, False)
+    start = transforms.move_positions(matrix, arrays.basis_positions(source.data))
+    if start.shape != shown.positions.shape or not np.allclose(
+        start, shown.positions, rtol=0.0, atol=1e-6 * np.abs(start).max()
+    ):
+        raise pointmorph.CloudError(
+            source.name,
+            f'the mesh "{obj.name}" was made from',
+            "one that has changed since",
+            "Morph again.",
+        )
+    return _receiver(source.data, start, shown.landing, shown.own)
+
+
+def _receiver(mesh, positions, landing, own):
+    triangles = arrays.mesh_triangles(mesh)
+    counts = arrays.corner_counts(mesh)
+    return Receiver(
+        positions,
+        landing,
+        triangles,
+        None if triangles is None else arrays.triangle_loops(mesh),
+        arrays.mesh_corners(mesh),
+        np.repeat(np.arange(len(counts)), counts),
+        own,
+    )
+
+
+def read_giver(obj, mesh):
+    """The target of a morph object as it was morphed; `mesh` is what the viewport shows of it."""
+    pairs = obj if morph_object.is_result(obj) else obj.pointmorph.made_from
+    if morph_object.is_result(pairs):
+        rows = morph_object.stage_rows(pairs)[-1]
+        positions = arrays.by_row(rows, arrays.key_positions(morph_object.stage_keys(pairs)[-1]))
+    else:
+        positions = transforms.move_positions(target_matrix(obj), arrays.vertex_positions(mesh))
+    return _giver(mesh, positions)
+
+
+def read_unmodified_giver(obj, target, shown):
+    """The same with the vertices that the target's shape keys and vertex groups have: `shown` where
+    these are as many, else those of the mesh without modifiers."""
+    if len(target.data.vertices) == len(shown.positions):
+        return shown
+    positions = transforms.move_positions(target_matrix(obj), arrays.basis_positions(target.data))
+    return _giver(target.data, positions)
+
+
+def _giver(mesh, positions):
+    triangles = arrays.mesh_triangles(mesh)
+    return Giver(positions, triangles, None if triangles is None else arrays.triangle_loops(mesh))
+
+
+def target_matrix(obj):
+    """(4, 4): from the target's own space to the frame of a morph object.
+
+    Raises
+    ------
+    CloudError
+        When an earlier version made it.
+    """
+    recipe = recipes.recipe_of(obj)
+    if not recipes.is_known(recipe):
+        raise pointmorph.CloudError(
+            obj.name,
+            "a morph that knows where its target was",
+            "one that an earlier version made",
+            "Recompute the morph first.",
+        )
+    return np.reshape(recipe["shapes"][-1]["matrix"], (4, 4))

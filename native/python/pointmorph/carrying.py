@@ -1,0 +1,462 @@
+"""What a shape has besides its form, carried along a map: weights, UVs, shape keys, hair."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from pointmorph.errors import CloudError
+from pointmorph.meshes import ClosestPlaces, closest_points
+from pointmorph.meshes import _closest_on as closest_on
+
+Floats = npt.NDArray[np.float64]
+Rows = npt.NDArray[np.int64]
+
+_NEIGHBORS = 12  # for differentials, where there are no faces
+_AROUND = 3  # for values, where there are no faces
+_MOST_STRETCH = 8.0  # times the usual one: beyond, a map has collapsed
+_JUMP = 2.0  # times what UVs differ by as far away as that, at most: beyond, there's a seam
+_REACH = 1.5  # times the size of a face: how far one looks for a way around a seam
+
+
+class Carrier:
+    """Carries what the points of one shape, the giver, have to those of another, the taker.
+
+    Parameters
+    ----------
+    positions : (N, 3) array_like
+        The taker's points.
+    images : (N, 3) array_like
+        Where the map takes them on the giver.
+    onto : (M, 3) array_like
+        The giver's points.
+    faces, onto_faces : (F, 3) array_like of int, optional
+        Triangles of both shapes. Without those of the giver, values are between the nearest points.
+
+    Raises
+    ------
+    CloudError
+        If rows don't fit each other; so do the methods.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from pointmorph.carrying import Carrier
+    >>> plane = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
+    >>> faces = np.array([[0, 1, 2], [0, 2, 3]])
+    >>> upright = plane[:, [0, 2, 1]] * [2, 1, 2]  # twice as large, and turned about the x axis
+    >>> carrier = Carrier(plane, upright, upright, faces, faces)
+    >>> carrier.values([[0.0], [0.25], [0.5], [1.0]]).ravel().tolist()
+    [0.0, 0.25, 0.5, 1.0]
+    >>> forward = carrier.displacements(np.tile([0.0, -1, 0], (4, 1)))
+    >>> bool(np.allclose(forward, [0, 0, 0.5]))
+    True
+    """
+
+    def __init__(
+        self,
+        positions: npt.ArrayLike,
+        images: npt.ArrayLike,
+        onto: npt.ArrayLike,
+        faces: npt.ArrayLike | None = None,
+        onto_faces: npt.ArrayLike | None = None,
+    ) -> None:
+        self._positions = np.asarray(positions, np.float64)
+        self._images = np.asarray(images, np.float64)
+        self._onto = np.asarray(onto, np.float64)
+        self._faces = _triangles(faces)
+        self._onto_faces = _triangles(onto_faces)
+        _check_rows("images", self._images, len(self._positions))
+
+    @cached_property
+    def frames(self) -> Floats:
+        """(N, 3, 3): the differential of the map at each point of the taker. It takes directions
+        on the taker to those on the giver: turned, and stretched as the surface is; across the
+        surface, by the mean stretch."""
+        return local_frames(self._positions, self._images, self._faces)
+
+    def values(self, values: npt.ArrayLike) -> Floats:
+        """(N, K), from (M, K): values of the giver's points, at the places of the taker's."""
+        given = np.asarray(values, np.float64)
+        _check_rows("values", given, len(self._onto))
+        members, shares = self._around
+        return _mean(given, members, shares)
+
+    def returned(self, values: npt.ArrayLike) -> Floats:
+        """(M, K), from (N, K): the other way, values of the taker's points to the giver's."""
+        given = np.asarray(values, np.float64)
+        _check_rows("values", given, len(self._positions))
+        members, shares = _around(self._images, self._faces, self._onto)[1:]
+        return _mean(given, members, shares)
+
+    def displacements(self, offsets: npt.ArrayLike) -> Floats:
+        """(N, 3), from (M, 3): how the taker's points move, so that it changes as the giver does.
+
+        Each offset is turned and stretched by the differential of the map, so that the corner of a
+        mouth goes up along the cheek, wherever the cheek lies.
+        """
+        moved: Floats = np.einsum("nij,nj->ni", self._frames_back, self.values(offsets))
+        return moved
+
+    def strands(self, points: npt.ArrayLike, roots: npt.ArrayLike) -> Strands:
+        """Points that grow on the giver's surface, such as those of hair, on the taker's.
+
+        Every strand is turned and stretched as a whole, as the map does where its root is.
+
+        Parameters
+        ----------
+        points : (P, 3) array_like
+        roots : (P,) array_like of int
+            For each point, the row of the first one of its strand.
+        """
+        given = np.asarray(points, np.float64)
+        first, strand = np.unique(np.asarray(roots, np.int64), return_inverse=True)
+        strand = strand.reshape(-1)
+        triangle, members, shares = _around(self._images, self._faces, given[first])
+        base = _mean(self._images, members, shares)
+        start = _mean(self._positions, members, shares)
+        turns = np.einsum("nk,nkij->nij", shares, self._frames_back[members])
+        moved = start[strand] + np.einsum("nij,nj->ni", turns[strand], given - base[strand])
+        return Strands(moved, triangle, shares, np.cbrt(np.abs(np.linalg.det(turns))))
+
+    def corner_values(
+        self,
+        values: npt.ArrayLike,
+        triangle_corners: npt.ArrayLike,
+        vertices: npt.ArrayLike,
+        faces: npt.ArrayLike,
+    ) -> tuple[Floats, Rows]:
+        """Values that the corners of faces have, such as UVs, which jump where there is a seam.
+
+        A face of the taker that lies across a seam of the giver goes with the side that its middle
+        is on. Its corners beyond get what is at the seam: no face is stretched over the whole
+        image, but what it shows is squeezed there.
+
+        Parameters
+        ----------
+        values : (C, K) array_like
+            Of the giver's corners.
+        triangle_corners : (F, 3) array_like of int
+            The corners of the giver's triangles: rows of `values`.
+        vertices, faces : (D,) array_like of int
+            For each of the taker's corners, its vertex and its face.
+
+        Returns
+        -------
+        (D, K) array
+            Of the taker's corners.
+        (S,) array of int
+            The taker's faces that lie across a seam.
+        """
+        if self._onto_faces is None:
+            raise CloudError(
+                "corner values", "a shape with faces", "one without", "Use values() for points."
+            )
+        given = np.asarray(values, np.float64)[np.asarray(triangle_corners, np.int64)]
+        vertices, faces = np.asarray(vertices, np.int64), np.asarray(faces, np.int64)
+        count = int(faces.max(initial=-1)) + 1
+        sizes = np.maximum(np.bincount(faces, minlength=count), 1)
+        places = self._images[vertices]
+        sums = [np.bincount(faces, column, count) for column in places.T]
+        middles = np.stack(sums, axis=1) / sizes[:, None]
+        closest = ClosestPlaces(self._onto, self._onto_faces)
+        hits, shares = closest.of(self._images)
+        found = np.einsum("nk,nkc->nc", shares[vertices], given[hits[vertices]])
+        corners_there = self._onto[self._onto_faces]
+        reached = np.einsum("nk,nkc->nc", shares, corners_there[hits])
+        off = np.linalg.norm(reached - self._images, axis=1)
+        starts, shares = closest.of(middles)
+        inside = np.einsum("nk,nkc->nc", shares, given[starts])
+        # A value that differs more than it may do that far away belongs to another side.
+        steepest = _steepest(corners_there, given)
+        apart = np.linalg.norm(places - middles[faces], axis=1)
+        most = np.maximum(steepest[hits[vertices]], steepest[starts[faces]]) * apart
+        jumps = np.linalg.norm(found - inside[faces], axis=1) > _JUMP * most + 1e-9
+        torn = np.unique(faces[jumps])
+        if not len(torn):
+            return found, torn
+        sheet = _Sheet(self._onto, self._onto_faces, given)
+        order = np.argsort(faces, kind="stable")
+        ends = np.searchsorted(faces[order], np.stack([torn, torn + 1]))
+        across = []
+        for face, first, last in zip(torn.tolist(), *ends.tolist(), strict=True):
+            corners = order[first:last]
+            reach = _REACH * float(apart[corners].max())
+            at, shares, away = sheet.places(
+                int(starts[face]), middles[face], reach, places[corners]
+            )
+            found[corners] = np.einsum("nk,nkc->nc", shares, given[at])
+            if (away > off[vertices[corners]] + 1e-5 * reach).any():
+                across.append(face)
+        return found, np.array(across, np.int64)
+
+    @cached_property
+    def _around(self) -> tuple[Rows, Floats]:
+        return _around(self._onto, self._onto_faces, self._images)[1:]
+
+    @cached_property
+    def _frames_back(self) -> Floats:
+        """(N, 3, 3): what takes directions on the giver to those on the taker; where the map has
+        collapsed, not longer than elsewhere."""
+        left, stretch, right = np.linalg.svd(self.frames)
+        usual = float(np.median(stretch[:, 1])) or 1.0
+        stretch = np.clip(stretch, usual / _MOST_STRETCH, usual * _MOST_STRETCH)
+        back: Floats = np.einsum("nji,nj,nkj->nik", right, 1.0 / stretch, left)
+        return back
+
+
+@dataclass(frozen=True)
+class Strands:
+    """What `Carrier.strands` returns.
+
+    Attributes
+    ----------
+    points : (P, 3) array
+        On the taker.
+    triangles : (S,) array of int or None
+        The taker's triangle that each root is on, strands in order; None without faces.
+    shares : (S, 3) array
+        What share its corners have in that place.
+    scales : (S,) array
+        How much larger each strand has become.
+    """
+
+    points: Floats
+    triangles: Rows | None
+    shares: Floats
+    scales: Floats
+
+
+def local_frames(
+    positions: npt.ArrayLike, images: npt.ArrayLike, faces: npt.ArrayLike | None = None
+) -> Floats:
+    """The differential of a map at each point: what it does to directions.
+
+    Parameters
+    ----------
+    positions, images : (N, 3) array_like
+        Points, and where the map takes them.
+    faces : (F, 3) array_like of int, optional
+        Triangles. Without them, the nearest points tell what lies in the surface.
+
+    Returns
+    -------
+    (N, 3, 3) array
+        Matrices that take directions in the surface as the map does, and the normal to the normal
+        there, by the square root of how much areas grow.
+    """
+    start, end = np.asarray(positions, np.float64), np.asarray(images, np.float64)
+    triangles = _triangles(faces)
+    if triangles is None:
+        frames, known = _frames_of_neighbors(start, end)
+    else:
+        frames, known = _frames_of_triangles(start, end, triangles)
+    if not known.any():
+        frames[:] = np.eye(3)
+    elif not known.all():
+        rows = np.flatnonzero(known)
+        nearest = closest_points(start[rows], start[~known], 1)[:, 0]
+        frames[~known] = frames[rows[nearest]]
+    return frames
+
+
+def _frames_of_triangles(
+    start: Floats, end: Floats, triangles: Rows
+) -> tuple[Floats, npt.NDArray[np.bool_]]:
+    # Vertices in one place, as along seams, have one frame.
+    _, same = np.unique(start, axis=0, return_inverse=True)
+    same = same.reshape(-1)
+    before, after = (
+        np.stack([rows[triangles[:, k]] - rows[triangles[:, 0]] for k in (1, 2)], axis=2)
+        for rows in (start, end)
+    )
+    across, area = _across(before)
+    onto, area_there = _across(after)
+    sides = np.einsum("fji,fjk->fik", before, before)
+    good = area > 1e-10 * np.trace(sides, axis1=1, axis2=2)
+    before, after, area, area_there = (x[good] for x in (before, after, area, area_there))
+    basis = np.concatenate([before, across[good][:, :, None]], axis=2)
+    grown = np.sqrt(area_there / area)[:, None] * onto[good]
+    moved = np.concatenate([after, grown[:, :, None]], axis=2)
+    frames = moved @ np.linalg.inv(basis)
+    count = int(same.max(initial=-1)) + 1
+    corners = same[triangles[good]].reshape(-1)
+    weights = np.bincount(corners, np.repeat(area, 3), count)
+    sums = np.zeros((count, 9))
+    for k in range(9):
+        weighted = np.repeat(area * frames.reshape(-1, 9)[:, k], 3)
+        sums[:, k] = np.bincount(corners, weighted, count)
+    known = weights > 0.0
+    sums[known] /= weights[known, None]
+    return sums.reshape(-1, 3, 3)[same], known[same]
+
+
+def _frames_of_neighbors(start: Floats, end: Floats) -> tuple[Floats, npt.NDArray[np.bool_]]:
+    count = min(_NEIGHBORS, len(start))
+    near = closest_points(start, start, count)
+    before, after = (rows[near] - rows[:, None] for rows in (start, end))
+    away = np.einsum("nki,nki->nk", before, before)
+    farthest = np.maximum(away.max(axis=1, keepdims=True), 1e-300)
+    weighted = before * ((1.0 - away / (1.1 * farthest)) ** 2)[:, :, None]
+    sizes, axes = np.linalg.eigh(np.einsum("nki,nkj->nij", weighted, before))
+    known = sizes[:, 1] > 1e-6 * np.maximum(sizes[:, 2], 1e-300)
+    sizes = np.where(known[:, None], sizes, 1.0)
+    moved = np.einsum("nki,nkj->nij", after, weighted) @ axes[:, :, 1:] / sizes[:, None, 1:]
+    across, _ = _across(axes[:, :, 1:])
+    onto, area = _across(moved)
+    grown = np.sqrt(area)[:, None] * onto
+    basis = np.concatenate([axes[:, :, 1:], across[:, :, None]], axis=2)
+    frames = np.concatenate([moved, grown[:, :, None]], axis=2) @ basis.transpose(0, 2, 1)
+    return frames, known
+
+
+def _across(sides: Floats) -> tuple[Floats, Floats]:
+    """(F, 3) unit normals of what two sides span, (F, 3, 2), and (F,) areas."""
+    normals = np.cross(sides[:, :, 0], sides[:, :, 1])
+    areas = np.linalg.norm(normals, axis=1)
+    return normals / np.maximum(areas, 1e-300)[:, None], areas
+
+
+def _steepest(corners: Floats, values: Floats) -> Floats:
+    """(F,): by how much values, (F, 3, K), differ per length within a triangle, at most."""
+    sides = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
+    differ = np.linalg.norm(values - np.roll(values, 1, axis=1), axis=2)
+    slopes: Floats = (differ / np.maximum(sides, 1e-300)).max(axis=1)
+    return slopes
+
+
+class _Sheet:
+    """Triangles that are joined where the values of their corners are the same on both sides."""
+
+    def __init__(self, positions: Floats, triangles: Rows, values: Floats) -> None:
+        self._corners = positions[triangles]
+        self._centers = self._corners.mean(axis=1)
+        apart = np.linalg.norm(self._corners - self._centers[:, None], axis=2)
+        self._sizes = apart.max(axis=1)
+        self._beside = _joined(positions, triangles, values)
+
+    def places(
+        self, start: int, middle: Floats, reach: float, places: Floats
+    ) -> tuple[Rows, Floats, Floats]:
+        """The closest to each place among the triangles that one gets to from a first one, not far
+        from a middle: which it is, the shares of its corners, and how far away."""
+        found = {start}
+        edge = [start]
+        while edge:
+            beside = self._beside[edge].reshape(-1)
+            near = np.unique(beside[beside >= 0])
+            away = np.linalg.norm(self._centers[near] - middle, axis=1)
+            near = near[away <= reach + self._sizes[near]]
+            edge = [row for row in near.tolist() if row not in found]
+            found.update(edge)
+        rows = np.array(sorted(found), np.int64)
+        at, shares = np.empty(len(places), np.int64), np.empty((len(places), 3))
+        away = np.empty(len(places))
+        for number, place in enumerate(places):
+            tried, distances = closest_on(
+                self._corners[rows], np.broadcast_to(place, (len(rows), 3))
+            )
+            best = int(np.argmin(distances))
+            at[number], shares[number] = rows[best], tried[best]
+            away[number] = np.sqrt(distances[best])
+        return at, shares, away
+
+
+def _joined(positions: Floats, triangles: Rows, values: Floats) -> Rows:
+    """(F, 3): the triangle across the side opposite each corner; -1 without one, and across a
+    seam. Vertices in one place count as one."""
+    _, same = np.unique(positions, axis=0, return_inverse=True)
+    vertices = same.reshape(-1)[triangles]
+    # A corner is a vertex with its values, so that a side has the same two corners on both sides.
+    scale = max(float(np.ptp(values.reshape(-1, values.shape[2]), axis=0).max()), 1e-30)
+    keys = np.concatenate([vertices[:, :, None], np.round(values / (1e-6 * scale))], axis=2)
+    _, corner = np.unique(keys.reshape(-1, keys.shape[2]), axis=0, return_inverse=True)
+    corner = corner.reshape(-1, 3).astype(np.int64)
+    ends = np.sort(np.stack([np.roll(corner, -1, axis=1), np.roll(corner, -2, axis=1)]), axis=0)
+    sides = (ends[0] * (int(corner.max()) + 1) + ends[1]).reshape(-1)
+    order = np.argsort(sides, kind="stable")
+    twins = np.flatnonzero(sides[order[1:]] == sides[order[:-1]])
+    result = np.full(3 * len(triangles), -1, np.int64)
+    result[order[twins]] = order[twins + 1] // 3
+    result[order[twins + 1]] = order[twins] // 3
+    return result.reshape(-1, 3)
+
+
+def _around(
+    positions: Floats, triangles: Rows | None, places: Floats
+) -> tuple[Rows | None, Rows, Floats]:
+    """For each place, the triangle of a shape that is the closest, or None without any; the rows
+    of the points around it; their shares, which sum to 1."""
+    if triangles is not None:
+        triangle, shares = ClosestPlaces(positions, triangles).of(places)
+        return triangle, triangles[triangle], shares
+    members = closest_points(positions, places, min(_AROUND, len(positions))).astype(np.int64)
+    distances = np.linalg.norm(positions[members] - places[:, None], axis=2)
+    scale = max(float(np.ptp(positions, axis=0).max()), 1e-30)
+    shares = 1.0 / np.maximum(distances, 1e-9 * scale) ** 2
+    return None, members, shares / shares.sum(axis=1, keepdims=True)
+
+
+def _mean(values: Floats, members: Rows, shares: Floats) -> Floats:
+    """(N, K): of the values of K members, by their shares."""
+    mean: Floats = np.einsum("nk,nkc->nc", shares, values[members])
+    return mean
+
+
+def _triangles(faces: Any) -> Rows | None:
+    if faces is None or not len(faces):
+        return None
+    rows = np.asarray(faces, np.int64)
+    if rows.ndim != 2 or rows.shape[1] != 3:
+        raise CloudError(
+            "faces", "triangles, (F, 3)", f"the shape {rows.shape}", "Cut polygons: see fans()."
+        )
+    return rows
+
+
+def _check_rows(name: str, rows: npt.NDArray[Any], count: int) -> None:
+    if rows.ndim != 2 or len(rows) != count:
+        raise CloudError(
+            name,
+            f"a table with {count} rows, one for each point",
+            f"the shape {rows.shape}",
+            "Pass a row for each point, in order.",
+        )
+
+
+def fans(
+    offsets: npt.NDArray[np.integer[Any]], corners: npt.NDArray[np.integer[Any]]
+) -> tuple[Rows, Rows]:
+    """Polygons as triangles.
+
+    Parameters
+    ----------
+    offsets : (F + 1,) array of int
+        Where the corners of each polygon begin, and where the last ones end.
+    corners : (C,) array of int
+        Their vertices.
+
+    Returns
+    -------
+    (T, 3) array of int
+        Vertices of the triangles.
+    (T, 3) array of int
+        Their corners: rows of `corners`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from pointmorph.carrying import fans
+    >>> fans(np.array([0, 4]), np.array([7, 8, 9, 5]))[0].tolist()
+    [[7, 8, 9], [7, 9, 5]]
+    """
+    counts = np.maximum(np.diff(offsets) - 2, 0)
+    first = np.repeat(np.asarray(offsets, np.int64)[:-1], counts)
+    starts = np.repeat(np.cumsum(counts) - counts, counts)
+    step = np.arange(len(first)) - starts
+    rows = np.stack([first, first + step + 1, first + step + 2], axis=1)
+    return np.asarray(corners, np.int64)[rows], rows
