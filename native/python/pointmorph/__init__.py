@@ -31,6 +31,7 @@ from pointmorph.errors import (
     TopologyError,
 )
 from pointmorph.features import Feature
+from pointmorph.live import LiveMorph
 from pointmorph.morphing import (
     Frame,
     Morph,
@@ -70,6 +71,7 @@ __all__ = [
     "FeatureResidual",
     "FileError",
     "Frame",
+    "LiveMorph",
     "MapFigures",
     "MeshPlace",
     "MeshQuality",
