@@ -72,6 +72,23 @@ class MeshMotion:
     ) -> None: ...
     def at(self, t: float, progress: Any) -> npt.NDArray[np.float64]: ...
 
+class LiveMorph:
+    def __init__(
+        self,
+        source: dict[str, Any],
+        target: dict[str, Any],
+        features: list[dict[str, Any]],
+        options: MorphOptions,
+        maps: tuple[npt.NDArray[Any] | None, npt.NDArray[Any] | None],
+        progress: Any,
+    ) -> None: ...
+    @staticmethod
+    def of(morph: Morph, progress: Any) -> LiveMorph: ...
+    def source_to_target(
+        self, features: list[dict[str, Any]], progress: Any
+    ) -> npt.NDArray[np.float64]: ...
+    def updated(self, features: list[dict[str, Any]], progress: Any) -> Morph: ...
+
 class Morph:
     def __init__(
         self,
