@@ -16,21 +16,14 @@ from scenes import (
     morph,
     pair,
     patch,
+    recompute,
     row_pairs,
     select,
     shown_points,
+    slider,
 )
 
 pytestmark = pytest.mark.interface
-
-
-def recompute(obj):
-    select(obj)
-    assert bpy.ops.pointmorph.recompute() == {"FINISHED"}
-
-
-def t_of(obj):
-    return obj.data.shape_keys.key_blocks["Morph"]
 
 
 def content(obj):
@@ -217,12 +210,12 @@ def test_recompute_keeps_name_animation_drivers_materials_and_modifiers(addon, s
     obj = morph()
     obj.name, obj.data.name = "My morph", "My mesh"
     for frame, value in ((1, 0.0), (11, 1.0)):
-        t_of(obj).value = value
-        t_of(obj).keyframe_insert("value", frame=frame)
+        slider(obj).value = value
+        slider(obj).keyframe_insert("value", frame=frame)
     follower = add_object("Follower", None)
     curve = follower.driver_add("location", 2)
     curve.driver.type = "AVERAGE"
-    addon("data.nodes").drive(curve.driver, t_of(obj))
+    addon("data.nodes").drive(curve.driver, slider(obj))
     obj.data.materials.append(bpy.data.materials.new("Mine"))
     obj.rotation_euler.x = 0.3
     display, versions = addon("scene.points_display"), addon("data.versions")
@@ -333,7 +326,7 @@ def test_parts_that_were_taken_out(settings):
     for run in (bpy.ops.pointmorph.recompute, bpy.ops.pointmorph.follow):
         with pytest.raises(RuntimeError, match="Hill to Dune: expected the attribute target_rad"):
             run()
-    t_of(obj).name = "Other"
+    slider(obj).name = "Other"
     for run in (bpy.ops.pointmorph.recompute, bpy.ops.pointmorph.follow):
         with pytest.raises(RuntimeError, match='with its shape key "Morph", found none of that'):
             run()
@@ -392,9 +385,9 @@ def test_a_duplicate(settings, linked):
     copy = bpy.context.view_layer.objects.active
     assert copy != obj
     assert copy.pointmorph.state == "CURRENT"
-    t_of(copy).value = 1.0
+    slider(copy).value = 1.0
     bpy.context.view_layer.update()
-    assert t_of(obj).value == (1.0 if linked else 0.0)
+    assert slider(obj).value == (1.0 if linked else 0.0)
     radii = [attribute(obj.data, f"{side}_radius") for side in ("source", "target")]
     np.testing.assert_allclose(shown_points(copy, "radius"), radii[1], rtol=1e-5)
     np.testing.assert_allclose(shown_points(obj, "radius"), radii[linked], rtol=1e-5)
@@ -424,7 +417,7 @@ def test_deletion_of_its_parents_in_the_viewport(settings):
     target.select_set(True)
     bpy.ops.object.delete()
     assert not {"Hill", "Dune"} & set(bpy.context.scene.objects.keys())
-    t_of(obj).value = 1.0
+    slider(obj).value = 1.0
     np.testing.assert_allclose(shown_points(obj), key(obj, "Morph"), atol=1e-6)
     assert obj.pointmorph.state == "ORPHAN"
     assert '"Hill" no longer exists' in obj.pointmorph.stale
@@ -445,7 +438,7 @@ def test_deletion_of_its_parents_from_the_file(settings, which, tmp_path):
     assert obj.pointmorph.state == "ORPHAN"
     for side, name in (("source", "Hill"), ("target", "Dune")):
         assert (f'"{name}" no longer exists' in obj.pointmorph.stale) == (which in (side, "both"))
-    t_of(obj).value = 0.5
+    slider(obj).value = 0.5
     np.testing.assert_allclose(
         shown_points(obj), (before["Basis"] + before["Morph"]) / 2, atol=1e-6
     )
@@ -481,7 +474,7 @@ def test_append_and_link_into_another_file(settings, tmp_path, as_link):
         with pytest.raises(RuntimeError, match="linked from another file: make it local"):
             bpy.ops.pointmorph.recompute()
         return
-    t_of(obj).value = 1.0
+    slider(obj).value = 1.0
     np.testing.assert_allclose(shown_points(obj), before["Morph"], atol=1e-6)
     recompute(obj)
     assert_kept(content(obj), before)
@@ -547,22 +540,22 @@ def test_several_morphs_with_keys_and_drivers_at_every_frame(addon, settings, tm
     first, second, third = (morph(new_result=True) for _ in range(3))
     for obj, values in ((first, (0, 1)), (second, (1, 0))):
         for frame, value in zip((1, 11), values, strict=True):
-            t_of(obj).value = value
-            t_of(obj).keyframe_insert("value", frame=frame)
-    curve = t_of(third).driver_add("value")
+            slider(obj).value = value
+            slider(obj).keyframe_insert("value", frame=frame)
+    curve = slider(third).driver_add("value")
     curve.driver.type = "AVERAGE"
-    addon("data.nodes").drive(curve.driver, t_of(first))
+    addon("data.nodes").drive(curve.driver, slider(first))
     names = [obj.name for obj in (first, second, third)]
     save_and_open(tmp_path)
     objects = [bpy.data.objects[name] for name in names]
     for frame in (1, 4, 6, 11):
         bpy.context.scene.frame_set(frame)
         for obj in objects:
-            t = t_of(obj).value
+            t = slider(obj).value
             np.testing.assert_allclose(
                 shown_points(obj), (1 - t) * key(obj, "Basis") + t * key(obj, "Morph"), atol=1e-5
             )
-        values = [t_of(obj).value for obj in objects]
+        values = [slider(obj).value for obj in objects]
         assert values[0] + values[1] == pytest.approx(1)
         assert values[2] == pytest.approx(values[0])
 
@@ -577,8 +570,8 @@ def test_an_animation_of_several_renders(settings, output):
         obj = morph(new_result=True)
         obj.location.x = x
         for frame, value in zip((1, 3), values, strict=True):
-            t_of(obj).value = value
-            t_of(obj).keyframe_insert("value", frame=frame)
+            slider(obj).value = value
+            slider(obj).keyframe_insert("value", frame=frame)
     for shape in (settings.source, target):
         shape.hide_render = True
     camera = add_object("Camera", bpy.data.cameras.new("Camera"))
