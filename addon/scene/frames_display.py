@@ -49,8 +49,8 @@ def _frames_group(name, created):
     geometry = _per_second(build, inputs["Frame Rate"], _present_mesh(build, inputs))
     radius = build.attribute(attribute_names.RADIUS, "FLOAT")
     radius = build.math("MULTIPLY", radius, inputs["Radius Scale"])
-    normal = build.attribute(attribute_names.NORMAL, "FLOAT_VECTOR")
-    shown = point_shapes.splats(build, inputs, geometry, normal, radius)
+    kept = {attribute_names.VELOCITY: ("FLOAT_VECTOR", "POINT")}
+    shown = point_shapes.splats(build, inputs, geometry, radius, kept, created)
     own_mesh = _in_own_mesh(build, inputs["Geometry"], geometry)
     either = nodes.switch(build, "GEOMETRY", inputs["Vertices"], shown, own_mesh)
     finished = build.node("GeometryNodeSetMaterial", {"Geometry": either, "Material": material})
