@@ -189,6 +189,30 @@ def shown_points(obj, name=None):
     raise AssertionError(f"{obj.name} shows no points")
 
 
+def content(obj):
+    """All that a morph object of pairs holds, to compare bit by bit."""
+    names = [a.name for a in obj.data.attributes if a.domain == "POINT"]
+    known = {"INT", "FLOAT", "FLOAT_VECTOR", "FLOAT_COLOR"}
+    found = {
+        name: attribute(obj.data, name)
+        for name in names
+        if obj.data.attributes[name].data_type in known and not name.startswith(".")
+    }
+    return {**found, "Basis": key(obj, "Basis"), "Morph": key(obj, "Morph")}
+
+
+def assert_same(a, b):
+    assert a.keys() == b.keys()
+    for name in a:
+        assert np.array_equal(a[name], b[name]), name
+
+
+def move_vertices(obj, offset):
+    positions = coordinates(obj.data.vertices) + np.asarray(offset, np.float32)
+    obj.data.vertices.foreach_set("co", positions.reshape(-1))
+    obj.data.update()
+
+
 def data_blocks():
     """Names of everything in the file, to see that nothing was left behind."""
     return {
