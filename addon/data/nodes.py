@@ -308,3 +308,16 @@ def switch(build, kind, condition, if_false, if_true):
     build.tree.links.new(if_false, enabled(switch.inputs, "False"))
     build.tree.links.new(if_true, enabled(switch.inputs, "True"))
     return enabled(switch.outputs, "Output")
+
+
+def in_mesh_of(build, own, geometry):
+    """The vertices and faces of `geometry` in the mesh of `own`, in place of all that it has; but
+    it keeps its name, and says which colors are active."""
+    both = build.node("GeometryNodeJoinGeometry")
+    # The last one that is linked comes first.
+    for part in (geometry, own):
+        build.tree.links.new(part, both.inputs[0])
+    index = build.node("GeometryNodeInputIndex").outputs["Index"]
+    is_own = build.math("LESS_THAN", index, build.count(own, "Point"))
+    rest = {"Geometry": both.outputs["Geometry"], "Selection": is_own}
+    return build.node("GeometryNodeDeleteGeometry", rest).outputs["Geometry"]

@@ -113,12 +113,4 @@ def _realized(build, geometry, instance, where):
     at_points = {"Points": geometry, "Instance": instance, **where}
     instances = build.node("GeometryNodeInstanceOnPoints", at_points).outputs["Instances"]
     realized = build.node("GeometryNodeRealizeInstances", {"Geometry": instances})
-    both = build.node("GeometryNodeJoinGeometry")
-    # The last one that is linked comes first.
-    for part in (realized.outputs["Geometry"], geometry):
-        build.tree.links.new(part, both.inputs[0])
-    size = build.node("GeometryNodeAttributeDomainSize", {"Geometry": geometry})
-    index = build.node("GeometryNodeInputIndex").outputs["Index"]
-    own = build.math("LESS_THAN", index, size.outputs["Point Count"])
-    rest = {"Geometry": both.outputs["Geometry"], "Selection": own}
-    return build.node("GeometryNodeDeleteGeometry", rest).outputs["Geometry"]
+    return nodes.in_mesh_of(build, geometry, realized.outputs["Geometry"])
