@@ -40,10 +40,13 @@ def new_group(name, created):
 
 def remove_unused_groups(name):
     """Takes shared groups whose name begins so out of the file where nothing has them."""
-    while groups := [
-        g for g in bpy.data.node_groups if g.get(_MARK, "").startswith(name) and not g.users
-    ]:
+    while groups := [g for g in bpy.data.node_groups if is_shared(g, name) and not g.users]:
         bpy.data.batch_remove(groups)  # and then those that only these had
+
+
+def is_shared(group, name):
+    """Whether it is a shared group whose name begins so."""
+    return group.get(_MARK, "").startswith(name)
 
 
 def swap_group(obj, modifier, group):
@@ -211,11 +214,27 @@ class Builder:
         node = self.node("GeometryNodeInputNamedAttribute", {"Name": name}, data_type=kind)
         return node.outputs["Exists"]
 
-    def stored(self, geometry, name, kind, value):
-        """The geometry with a point attribute of that name."""
+    def stored(self, geometry, name, kind, value, domain="POINT"):
+        """The geometry with an attribute of that name."""
         fields = {"Geometry": geometry, "Name": name, "Value": value}
-        node = self.node("GeometryNodeStoreNamedAttribute", fields, data_type=kind, domain="POINT")
+        node = self.node("GeometryNodeStoreNamedAttribute", fields, data_type=kind, domain=domain)
         return node.outputs["Geometry"]
+
+    def without(self, geometry, name):
+        """The geometry without the attribute of that name."""
+        fields = {"Geometry": geometry, "Name": name}
+        return self.node("GeometryNodeRemoveAttribute", fields).outputs["Geometry"]
+
+    def sampled(self, geometry, kind, value, index):
+        """What a field gives at the points of `geometry` that are asked for."""
+        fields = {"Geometry": geometry, "Value": value, "Index": index}
+        node = self.node("GeometryNodeSampleIndex", fields, data_type=kind, domain="POINT")
+        return enabled(node.outputs, "Value")
+
+    def count(self, geometry, what):
+        """How many points or faces a mesh has: `what` is "Point" or "Face"."""
+        node = self.node("GeometryNodeAttributeDomainSize", {"Geometry": geometry})
+        return node.outputs[f"{what} Count"]
 
     def moved(self, geometry, **where):
         """The geometry with its points elsewhere: `Position` or `Offset`."""
@@ -273,15 +292,13 @@ def mix_through(build, values, factors, kind):
 
 
 def mix_colors(build, colors, factors):
-    """Like `mix_through`. A mix of colors keeps the first alpha, so it's mixed as a number."""
-    alphas = [
-        build.node("FunctionNodeSeparateColor", {"Color": color}).outputs["Alpha"]
-        for color in colors
-    ]
-    mixed = mix_through(build, colors, factors, "RGBA")
-    solid = build.node("FunctionNodeSeparateColor", {"Color": mixed}).outputs
-    channels = {name: solid[name] for name in ("Red", "Green", "Blue")}
-    channels["Alpha"] = mix_through(build, alphas, factors, "FLOAT")
+    """Like `mix_through`. A mix of colors is slower than that of their channels, and keeps the
+    first alpha."""
+    separate = [build.node("FunctionNodeSeparateColor", {"Color": color}) for color in colors]
+    channels = {
+        name: mix_through(build, [node.outputs[name] for node in separate], factors, "FLOAT")
+        for name in ("Red", "Green", "Blue", "Alpha")
+    }
     return build.node("FunctionNodeCombineColor", channels).outputs["Color"]
 
 
@@ -291,3 +308,16 @@ def switch(build, kind, condition, if_false, if_true):
     build.tree.links.new(if_false, enabled(switch.inputs, "False"))
     build.tree.links.new(if_true, enabled(switch.inputs, "True"))
     return enabled(switch.outputs, "Output")
+
+
+def in_mesh_of(build, own, geometry):
+    """The vertices and faces of `geometry` in the mesh of `own`, in place of all that it has; but
+    it keeps its name, and says which colors are active."""
+    both = build.node("GeometryNodeJoinGeometry")
+    # The last one that is linked comes first.
+    for part in (geometry, own):
+        build.tree.links.new(part, both.inputs[0])
+    index = build.node("GeometryNodeInputIndex").outputs["Index"]
+    is_own = build.math("LESS_THAN", index, build.count(own, "Point"))
+    rest = {"Geometry": both.outputs["Geometry"], "Selection": is_own}
+    return build.node("GeometryNodeDeleteGeometry", rest).outputs["Geometry"]

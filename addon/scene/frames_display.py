@@ -49,9 +49,12 @@ def _frames_group(name, created):
     geometry = _per_second(build, inputs["Frame Rate"], _present_mesh(build, inputs))
     radius = build.attribute(attribute_names.RADIUS, "FLOAT")
     radius = build.math("MULTIPLY", radius, inputs["Radius Scale"])
-    normal = build.attribute(attribute_names.NORMAL, "FLOAT_VECTOR")
-    shown = point_shapes.splats(build, inputs, geometry, normal, radius)
-    own_mesh = _in_own_mesh(build, inputs["Geometry"], geometry)
+    kept = {attribute_names.VELOCITY: ("FLOAT_VECTOR", "POINT")}
+    shown = point_shapes.splats(build, inputs, geometry, radius, kept, created)
+    # Blender 5.2 names what nodes show after the mesh that comes first, and puts each name under a
+    # path of its own in files: Alembic would get an object for each frame, and USD would end
+    # Blender.
+    own_mesh = nodes.in_mesh_of(build, inputs["Geometry"], geometry)
     either = nodes.switch(build, "GEOMETRY", inputs["Vertices"], shown, own_mesh)
     finished = build.node("GeometryNodeSetMaterial", {"Geometry": either, "Material": material})
     build.node("NodeGroupOutput", {"Geometry": finished.outputs["Geometry"]})
@@ -124,25 +127,8 @@ def _per_second(build, rate, geometry):
     return stored.outputs["Geometry"]
 
 
-def _in_own_mesh(build, own, geometry):
-    """The vertices and faces of `geometry` in the object's own mesh, in place of its one vertex.
-
-    Blender 5.2 names what nodes show after the mesh that comes first, and puts each name under a
-    path of its own in files: Alembic would get an object for each frame, and USD would end Blender.
-    """
-    both = build.node("GeometryNodeJoinGeometry")
-    # The last one that is linked comes first.
-    for part in (geometry, own):
-        build.tree.links.new(part, both.inputs[0])
-    size = build.node("GeometryNodeAttributeDomainSize", {"Geometry": own})
-    index = build.node("GeometryNodeInputIndex").outputs["Index"]
-    is_own = build.math("LESS_THAN", index, size.outputs["Point Count"])
-    rest = {"Geometry": both.outputs["Geometry"], "Selection": is_own}
-    return build.node("GeometryNodeDeleteGeometry", rest).outputs["Geometry"]
-
-
 def new_own_mesh(name):
-    """A mesh for an object that shows frames as meshes: what `_in_own_mesh` puts them into."""
+    """A mesh for an object that shows frames as meshes: what `nodes.in_mesh_of` puts them into."""
     mesh = bpy.data.meshes.new(name)
     mesh.vertices.add(1)
     arrays.activate_colors(mesh, attribute_names.COLOR)

@@ -201,8 +201,12 @@ def _sum_group(name, created, times):
     build = nodes.Builder(group)
     inputs = build.node("NodeGroupInput").outputs
     shares = _polynomials(build, inputs["t"], times)
-    total = _sum(build, [build.scaled(inputs[str(n)], s) for n, s in enumerate(shares, 1)])
-    build.node("NodeGroupOutput", {"Sum": build.scaled(total, inputs[CURVE])})
+    total = (0.0, 0.0, 0.0)
+    for number, share in enumerate(shares, 1):
+        counted = build.math("MULTIPLY", share, inputs[CURVE])
+        parts = (inputs[str(number)], counted, total)
+        total = build.math("MULTIPLY_ADD", *parts, kind="ShaderNodeVectorMath")
+    build.node("NodeGroupOutput", {"Sum": total})
     return group
 
 

@@ -13,6 +13,7 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parent))  # for `scenes`
 
 import installing
+import painted_scenes
 import scenes
 
 # Before pytest imports the tests, and with them `pointmorph`: a packaged add-on brings its own.
@@ -75,6 +76,12 @@ def computed_once(request, addon, monkeypatch, remembering):
 def morphed(settings):
     """Source, target and morph object, which is active."""
     return *scenes.pair(), scenes.morph()
+
+
+@pytest.fixture
+def textured(settings):
+    """Source and target: one blue, the other with a ramp."""
+    return painted_scenes.blue_and_ramp(settings)
 
 
 @pytest.fixture(scope="session")

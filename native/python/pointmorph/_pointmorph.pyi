@@ -15,6 +15,15 @@ def nearest_neighbors(positions: npt.NDArray[Any], k: int) -> npt.NDArray[np.int
 def nearest_rows(
     positions: npt.NDArray[Any], places: npt.NDArray[Any], k: int
 ) -> npt.NDArray[np.int32]: ...
+
+class ClosestPlaces:
+    def __init__(
+        self, positions: npt.NDArray[Any], triangles: npt.NDArray[np.integer[Any]]
+    ) -> None: ...
+    def of(
+        self, places: npt.NDArray[Any], progress: Any
+    ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.float64]]: ...
+
 def blue_noise(
     positions: npt.NDArray[Any],
     normals: npt.NDArray[Any] | None,

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pointmorph.errors import CloudError
-from pointmorph.meshes import ClosestPlaces, closest_points
+from pointmorph.meshes import ClosestPlaces, nearest_rows
 from pointmorph.meshes import _closest_on as closest_on
 
 Floats = npt.NDArray[np.float64]
@@ -259,7 +259,7 @@ def local_frames(
         frames[:] = np.eye(3)
     elif not known.all():
         rows = np.flatnonzero(known)
-        nearest = closest_points(start[rows], start[~known], 1)[:, 0]
+        nearest = nearest_rows(start[rows], start[~known], 1)[:, 0]
         frames[~known] = frames[rows[nearest]]
     return frames
 
@@ -297,7 +297,7 @@ def _frames_of_triangles(
 
 def _frames_of_neighbors(start: Floats, end: Floats) -> tuple[Floats, npt.NDArray[np.bool_]]:
     count = min(_NEIGHBORS, len(start))
-    near = closest_points(start, start, count)
+    near = nearest_rows(start, start, count)
     before, after = (rows[near] - rows[:, None] for rows in (start, end))
     away = np.einsum("nki,nki->nk", before, before)
     farthest = np.maximum(away.max(axis=1, keepdims=True), 1e-300)
@@ -394,7 +394,7 @@ def _around(
     if triangles is not None:
         triangle, shares = ClosestPlaces(positions, triangles).of(places)
         return triangle, triangles[triangle], shares
-    members = closest_points(positions, places, min(_AROUND, len(positions))).astype(np.int64)
+    members = nearest_rows(positions, places, min(_AROUND, len(positions))).astype(np.int64)
     distances = np.linalg.norm(positions[members] - places[:, None], axis=2)
     scale = max(float(np.ptp(positions, axis=0).max()), 1e-30)
     shares = 1.0 / np.maximum(distances, 1e-9 * scale) ** 2

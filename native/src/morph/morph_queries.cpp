@@ -283,14 +283,9 @@ const PointwisePath& Morph::pointwise_path() const {
     const std::scoped_lock lock(caches_->paths_mutex);
     if (!caches_->pointwise) {
         const auto ends = [this](const Cloud& cloud, Index IndexPair::*side) {
-            OrientedPoints result{Positions(static_cast<Eigen::Index>(pairs_.size()), 3),
-                                  Normals(static_cast<Eigen::Index>(pairs_.size()), 3)};
-            for (std::size_t i = 0; i < pairs_.size(); ++i) {
-                const auto row = static_cast<Eigen::Index>(i);
-                result.positions.row(row) = cloud.positions.row(pairs_[i].*side);
-                result.normals.row(row) = cloud.normals.row(pairs_[i].*side);
-            }
-            return result;
+            std::vector<Index> rows(pairs_.size());
+            std::ranges::transform(pairs_, rows.begin(), side);
+            return OrientedPoints{gather(cloud.positions, rows), gather(cloud.normals, rows)};
         };
         caches_->pointwise.emplace(
             ends(source_, &IndexPair::source), ends(target_, &IndexPair::target), [this](double t) {
