@@ -270,7 +270,7 @@ def _parts(progress, found):
     done = 0
     for what in ("rows", "keys", "hair", "back"):
         for part in getattr(found, what):
-            if progress("transfer", done / total) is False:
+            if progress("carrying", done / total) is False:
                 raise pointmorph.Cancelled("The transfer was canceled.")
             yield what, part
             done += 1
@@ -302,7 +302,7 @@ def _carry_along_map(found, receiver, givers, ends_as_target):
     """
 
     def carry(progress):
-        progress("map", 0.0)
+        progress("carrying", 0.0)
         ends = receiver.positions, receiver.landing
         carriers = [
             pointmorph.Carrier(*ends, giver.positions, receiver.triangles, giver.triangles)

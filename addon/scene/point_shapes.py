@@ -3,6 +3,7 @@
 from ..data import nodes
 
 DISCS = "Discs"
+SPHERES = "Spheres"
 
 
 def new_splat_inputs(group):
@@ -24,7 +25,7 @@ def new_splat_inputs(group):
     nodes.new_input(
         group,
         "NodeSocketBool",
-        "Spheres",
+        SPHERES,
         "Show spheres made of faces instead of points. Slower, but Workbench and Solid "
         "shading show their colors if Color is set to Attribute",
     )
@@ -38,7 +39,7 @@ def splats(build, inputs, geometry, normal, radius):
     build.tree.links.new(ball.outputs["Mesh"], smooth.inputs[0])  # by another name since Blender 5
     spheres = _realized(build, geometry, smooth.outputs[0], {"Scale": radius})
     discs = _discs(build, geometry, normal, radius)
-    either = nodes.switch(build, "GEOMETRY", inputs["Spheres"], points.outputs[0], spheres)
+    either = nodes.switch(build, "GEOMETRY", inputs[SPHERES], points.outputs[0], spheres)
     return nodes.switch(build, "GEOMETRY", inputs[DISCS], either, discs)
 
 

@@ -1,5 +1,7 @@
 """Objects to morph, and what tests ask of a scene."""
 
+from pathlib import Path
+
 import bpy
 import numpy as np
 
@@ -148,14 +150,41 @@ def key(obj, name):
     return coordinates(obj.data.shape_keys.key_blocks[name].data)
 
 
-def shown_points(obj, name=None):
-    """What a morph object shows as points at the moment: positions, or an attribute."""
+def shown_cloud(obj):
+    """The points that an object shows at the moment, until the scene changes."""
     for instance in bpy.context.evaluated_depsgraph_get().object_instances:
         parent = instance.parent
         if instance.object.type == "POINTCLOUD" and parent and parent.original == obj:
-            cloud = instance.object.data
-            return coordinates(cloud.points) if name is None else attribute(cloud, name)
+            return instance.object.data
     raise AssertionError(f"{obj.name} shows no points")
+
+
+def shown_points(obj, name=None):
+    """What a morph object shows as points at the moment: positions, or an attribute."""
+    cloud = shown_cloud(obj)
+    return coordinates(cloud.points) if name is None else attribute(cloud, name)
+
+
+def baked_frames(player):
+    """Of an object that shows frames, what its file has of each: arrays by name."""
+    content = Path(bpy.path.abspath(player.modifiers["Mesh Cache"].filepath)).read_bytes()
+    count, _, _, frames = np.frombuffer(content, "<i4", 4, offset=16)
+    vertices = np.frombuffer(content, "<f4", offset=32).reshape(frames, count, 3)
+    found = []
+    for one in vertices:
+        used = int(one[0, 0])
+        place, normal, velocity, color, rest = one[1:].reshape(5, -1, 3)[:, :used]
+        found.append(
+            {
+                "position": place,
+                "Normal": normal,
+                "velocity": velocity,
+                "Color": np.column_stack([color, rest[:, 0]]),
+                "Radius": rest[:, 1],
+                "id": rest[:, 2].astype(np.int32),
+            }
+        )
+    return found
 
 
 def data_blocks():

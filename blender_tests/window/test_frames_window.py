@@ -9,7 +9,7 @@ from test_waiting import STOPWATCH
 
 BAKE = "pointmorph.bake_frames("
 FRAMES = 'bpy.data.objects.get("Hill to Dune Frames")'
-COUNTS = "[len(o.data.vertices) for o in bpy.data.collections['Hill to Dune Frames'].objects]"
+COUNTS = f"[len(frame['id']) for frame in scenes.baked_frames({FRAMES})]"
 WAITING = "len(list(store.glob('*.npz'))) if store.exists() else 0"
 
 
