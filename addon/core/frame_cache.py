@@ -19,6 +19,8 @@ from pointmorph import files
 POSITION, NORMAL, VELOCITY, COLOR, REST = range(5)
 """What the vectors of a point are, in this order."""
 VECTORS = 5
+MOST = (2**24 - 1) // VECTORS
+"""Points of a frame: numbers of nodes, which count vertices, are whole up to 2²⁴."""
 
 
 def vertex_count(rows):
@@ -51,6 +53,13 @@ def write(path, store, progress):
     """
     counts = store.counts()
     rows = max(counts)
+    if rows > MOST:
+        raise pointmorph.CloudError(
+            path.stem,
+            f"at most {MOST:,} points in a frame in the scene",
+            f"{rows:,}",
+            "Bake PLY files, or turn Fill Cracks off.",
+        )
     with files.whole_file(path) as file:
         file.write(_header(rows, len(counts)))
         for number, frame in enumerate(store.frames()):

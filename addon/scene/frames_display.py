@@ -161,11 +161,11 @@ def _cached_points(build, cached, rows):
         return build.node("ShaderNodeSeparateXYZ", {"Vector": vector}).outputs
 
     index = build.node("GeometryNodeInputIndex").outputs["Index"]
-    first = math("ADD", index, 1, kind="FunctionNodeIntegerMath")
+    first = math("ADD", index, 1.0)  # numbers are whole up to 2²⁴: see `frame_cache.MOST`
 
     def vector(number):
-        start = math("MULTIPLY", rows, number, kind="FunctionNodeIntegerMath")
-        return vector_at(math("ADD", start, first, kind="FunctionNodeIntegerMath"))
+        start = math("MULTIPLY", rows, float(number))
+        return vector_at(math("ADD", start, first))
 
     count = parts_of(vector_at(0))["X"]
     points = build.node(

@@ -117,6 +117,37 @@ meshes = len(bpy.data.meshes)
     assert window.ask("len(bpy.data.meshes) == meshes")
 
 
+KEYS = f"list({RESULT}.data.shape_keys.key_blocks.keys())"
+
+
+def test_a_smile_is_one_step_to_undo_and_said_in_words(window):
+    morphed(window, 40)
+    window.run(
+        """
+dune = bpy.data.objects["Dune"]
+dune.shape_key_add(name="Basis")
+smile = dune.shape_key_add(name="Smile")
+for point in smile.data:
+    point.co.z += 0.3
+smile.value = 0.0
+dune.data.uv_layers.new(name="Skin")
+scenes.add_group(dune, "jaw", {0: 0.5, 1: 1.0})
+bpy.context.scene.pointmorph.transfer_uvs = True
+bpy.ops.ed.undo_push(message="A smile")
+"""
+    )
+    window.open_panel("More")
+    window.press_button("transfer_attributes(")
+    window.wait(f"not ({RUNNING})")
+    window.screenshot("transfer_done")
+    made = ["target.Smile"]
+    assert [name for name in window.ask(KEYS) if name.startswith("target")][:1] == made
+    assert window.ask(f"'target.Skin' in {RESULT}.data.uv_layers")
+    window.press("ctrl+z", over=VIEWPORT)
+    assert window.ask(KEYS) == ["Basis", "Morph"]
+    assert window.ask(f"'target.Skin' not in {RESULT}.data.uv_layers")
+
+
 def test_shapes_are_read_in_turns(window, output):
     """Blender goes on between them."""
     window.run("area.spaces[0].show_object_viewport_mesh = False")
