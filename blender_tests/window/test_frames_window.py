@@ -136,7 +136,7 @@ bpy.context.scene.pointmorph.transfer_uvs = True
 bpy.ops.ed.undo_push(message="A smile")
 """
     )
-    window.open_panel("More")
+    window.open_panel("POINTMORPH_PT_more")
     window.press_button("transfer_attributes(")
     window.wait(f"not ({RUNNING})")
     window.screenshot("transfer_done")
