@@ -100,9 +100,11 @@ def show(obj, player):
         player[_OF] = obj
         return player
     old = _frames(before)
+    name = frames_display.frames_collection(before).name
     frames_display.share_frames(before, player)
     before.matrix_world = player.matrix_world
     bpy.data.batch_remove([player, player.data, *old])
+    frames_display.frames_collection(before).name = name
     return before
 
 

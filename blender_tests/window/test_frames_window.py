@@ -117,11 +117,13 @@ meshes = len(bpy.data.meshes)
     assert window.ask("len(bpy.data.meshes) == meshes")
 
 
-KEYS = f"list({RESULT}.data.shape_keys.key_blocks.keys())"
+SHOWN = "bpy.context.view_layer.objects.active"
+KEYS = f"list({SHOWN}.data.shape_keys.key_blocks.keys())"
 
 
 def test_a_smile_is_one_step_to_undo_and_said_in_words(window):
     morphed(window, 40)
+    window.run("bpy.ops.pointmorph.show_as(kind='MESH')")
     window.run(
         """
 dune = bpy.data.objects["Dune"]
@@ -142,10 +144,10 @@ bpy.ops.ed.undo_push(message="A smile")
     window.screenshot("transfer_done")
     made = ["target.Smile"]
     assert [name for name in window.ask(KEYS) if name.startswith("target")][:1] == made
-    assert window.ask(f"'target.Skin' in {RESULT}.data.uv_layers")
+    assert window.ask(f"'target.Skin' in {SHOWN}.data.uv_layers")
     window.press("ctrl+z", over=VIEWPORT)
     assert window.ask(KEYS) == ["Basis", "Morph"]
-    assert window.ask(f"'target.Skin' not in {RESULT}.data.uv_layers")
+    assert window.ask(f"'target.Skin' not in {SHOWN}.data.uv_layers")
 
 
 def test_shapes_are_read_in_turns(window, output):

@@ -108,7 +108,7 @@ def test_stretched_along_one_axis() -> None:
 @pytest.mark.parametrize("with_faces", [True, False])
 @pytest.mark.parametrize("side", [21, 41])
 def test_a_sheet_that_is_bent(with_faces: bool, side: int) -> None:
-    """Onto a tube: the frames are known, and half the spacing leaves a quarter of the error."""
+    """Onto a tube: the frames are known, but for what a mean over a bend differs."""
     points = grid(side, dtype=np.float64)
     faces = grid_faces(side) if with_faces else None
     angle = 1.5 * points[:, 0]
@@ -119,10 +119,10 @@ def test_a_sheet_that_is_bent(with_faces: bool, side: int) -> None:
     known[:, 2] = np.stack([np.sin(angle), 0 * angle, np.cos(angle)], axis=1)
     carrier = Carrier(points, images, images, faces, faces)
     spacing = 2.0 / (side - 1)
-    inside = np.abs(points[:, :2]).max(axis=1) < 1.0 - 2.5 * spacing
+    inside = np.abs(points[:, :2]).max(axis=1) < 1.0 - max(4.0 * spacing, 0.2)
     error = np.abs(carrier.frames - known).max(axis=(1, 2))
-    assert error[inside].max() < (1.0 if with_faces else 6.0) * (1.5 * spacing) ** 2
-    assert error.max() < 3.0 * spacing  # a border sees one side only
+    assert error[inside].max() < (0.01 if with_faces else 2.0 * spacing**2 + 0.01)
+    assert error.max() < 3.0 * spacing + 0.05  # a border sees one side only
     up = np.einsum("nij,j->ni", known, [0.0, 0.0, 1.0])
     moved = carrier.displacements(up)
     np.testing.assert_allclose(moved[inside], np.tile([0, 0, 1.0], (inside.sum(), 1)), atol=0.05)
@@ -314,3 +314,6 @@ def test_a_smile_on_two_real_faces() -> None:
         cosine = moved[row] @ wanted / np.linalg.norm(moved[row]) / np.linalg.norm(wanted)
         assert cosine > np.cos(np.radians(25))
         assert 0.6 < np.linalg.norm(moved[row]) / np.linalg.norm(wanted) < 1.6
+        # Not even in the pocket of the mouth, which the other face hasn't got.
+        longest = np.linalg.norm(moved, axis=1).max()
+        assert longest < 1.6 * np.linalg.norm(moved[row])
