@@ -205,6 +205,19 @@ def test_a_seam_between_islands() -> None:
 # --- What isn't as it should be -------------------------------------------------------------------
 
 
+def test_a_pocket_that_the_other_shape_has_not_got_goes_with_what_is_around() -> None:
+    """As that of a mouth: its walls are squeezed flat, where a differential means nothing."""
+    flat, faces = grid(61, dtype=np.float64), grid_faces(61)
+    away = np.linalg.norm(flat[:, :2], axis=1)
+    inside = np.clip((0.15 - away) / 0.07, 0.0, 1.0)
+    pocket = flat - inside[:, None] * [0.0, 0.0, 0.5]
+    carrier = Carrier(pocket, flat, flat, faces, faces)
+    moved = carrier.displacements(np.tile([0.0, 0.0, 1.0], (len(flat), 1)))
+    assert np.linalg.norm(moved, axis=1).max() < 1.6
+    assert moved[:, 2].min() > 0.7
+    np.testing.assert_allclose(moved[away > 0.5], [[0.0, 0.0, 1.0]] * (away > 0.5).sum(), atol=0.05)
+
+
 def test_a_collapsed_map_gives_no_long_offsets() -> None:
     points, faces = bumpy(8)
     images = points.copy()
