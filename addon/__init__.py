@@ -24,7 +24,7 @@ from .operators import (
     recompute,
     textures,
 )
-from .scene import marked_points, object_properties
+from .scene import cached_frames, marked_points, object_properties
 from .ui import handlers, panels, quality_panel, result_panel, stagger_panel
 from .view import cut_curves, markers, staleness_watch
 
@@ -36,6 +36,7 @@ _registrations = [
         properties,
         object_properties,
         marked_points,
+        cached_frames,
         markers,
         cut_curves,
         staleness_watch,

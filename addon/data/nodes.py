@@ -198,6 +198,13 @@ class Builder:
             self._feed(socket, value)
         return node.outputs[0]
 
+    def number_of(self, operation, first, second):
+        """What an operation on two vectors gives that is a number."""
+        node = self.node("ShaderNodeVectorMath", operation=operation)
+        for socket, value in zip(node.inputs, (first, second), strict=False):
+            self._feed(socket, value)
+        return node.outputs["Value"]
+
     def mixed_shaders(self, factor, first, second):
         node = self.node("ShaderNodeMixShader")
         for socket, value in zip(node.inputs, (factor, first, second), strict=True):

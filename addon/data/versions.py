@@ -17,6 +17,14 @@ RELATIVE_PATH = {"PATH_SUPPORTS_BLEND_RELATIVE"} if is_at_least(4, 5) else set()
 """Options of a path that may begin with //, of which Blender warns otherwise since 5.0."""
 
 
+def set_voxel_size(node):
+    """Makes a node that makes a volume take the size of its voxels. A property until Blender 5."""
+    if hasattr(node, "resolution_mode"):
+        node.resolution_mode = "VOXEL_SIZE"
+    else:
+        node.inputs["Resolution Mode"].default_value = "Size"
+
+
 # --- Inputs of a modifier's group of nodes --------------------------------------------------------
 # Blender 5.2 took them out of the modifier's own items.
 

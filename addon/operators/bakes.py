@@ -2,11 +2,12 @@
 
 import bpy
 import pointmorph
+import pointmorph.files
 import pointmorph.frame_stores
 import pointmorph.sequences
 import pointmorph.surfaces
 
-from ..core import frame_plan
+from ..core import frame_cache, frame_plan
 from ..core.settings import name_label, settings_values
 from ..data import frame_formats
 from ..data.frame_settings import frame_settings
@@ -14,6 +15,7 @@ from ..data.references import find, reference_to
 from ..data.registration import Registration
 from ..scene import (
     animated_shape,
+    cached_frames,
     frame_files,
     frame_player,
     morph_paths,
@@ -128,7 +130,8 @@ class POINTMORPH_OT_bake_frames(Explained, Computing, bpy.types.Operator):
     def reason(context):
         return busy_reason() or result_reason(context)
 
-    def _begin_steps(self, context):
+    def _checked(self):
+        """The plan and the format. Raises OptionError."""
         if self.frame_end <= self.frame_start:
             raise pointmorph.OptionError(
                 "frame_end",
@@ -136,26 +139,32 @@ class POINTMORPH_OT_bake_frames(Explained, Computing, bpy.types.Operator):
                 str(self.frame_end),
                 "Choose a later frame.",
             )
-        obj = active_result(context)
-        placement.settle(context, obj)
-        self._name, self._matrix = obj.name, obj.matrix_world.copy()
-        self._baked = reference_to(obj)
-        plan = self._plan = frame_plan.Plan(
-            self.frame_start, self.frame_end, self.step, self.easing, self.resample, self.faces
-        )
-        settings = settings_values(context.scene.pointmorph)
-        if self.path != "SETTING":
-            settings["path"] = self.path.lower()
-        settings["path"] = morph_paths.meant(settings["path"], recipes.settings_of(obj))
-        target = self._target = frame_formats.FORMATS[self.format]
-        target.check(self.faces)
-        if self.faces and not pointmorph.surfaces.is_available():
+        target = frame_formats.FORMATS[self.format]
+        self._by_nodes = self.faces and _makes_faces_by_nodes(target)
+        faces = self.faces and not self._by_nodes
+        target.check(faces)
+        if faces and not pointmorph.surfaces.is_available():
             raise pointmorph.OptionError(
                 "faces",
                 "the packages pymeshlab and scipy, which make faces from points",
                 "a Blender without them",
                 "Turn Faces off, or write meshes outside of Blender with: pointmorph morph --mesh",
             )
+        plan = frame_plan.Plan(
+            self.frame_start, self.frame_end, self.step, self.easing, self.resample, faces
+        )
+        return plan, target
+
+    def _begin_steps(self, context):
+        obj = active_result(context)
+        placement.settle(context, obj)
+        self._name, self._matrix = obj.name, obj.matrix_world.copy()
+        self._baked = reference_to(obj)
+        plan, target = self._plan, self._target = self._checked()
+        settings = settings_values(context.scene.pointmorph)
+        if self.path != "SETTING":
+            settings["path"] = self.path.lower()
+        settings["path"] = morph_paths.meant(settings["path"], recipes.settings_of(obj))
         self._path = None
         if target.in_files:
             self._folder = frame_files.make_folder(self.directory)
@@ -178,11 +187,16 @@ class POINTMORPH_OT_bake_frames(Explained, Computing, bpy.types.Operator):
                 progress=progress,
             )
         place = frame_files.store_folder(self._name, self._path)
+        cached = target is frame_formats.SCENE and not plan.faces
+        self._cache = cached_frames.file_for(obj) if cached else None
+        self._rows = 0
 
         def work(progress):
             sequence = frame_plan.sequence_of(held, plan, settings, taken)
             store = pointmorph.frame_stores.FrameStore(place, sequence, faces=plan.faces)
             store.fill(progress)
+            if cached:
+                self._rows = frame_cache.write(_unfinished(self._cache), store, progress)
             return store
 
         return work
@@ -203,6 +217,8 @@ class POINTMORPH_OT_bake_frames(Explained, Computing, bpy.types.Operator):
             raise pointmorph.CloudError(
                 self._name, "the object that is being baked", "none", "Undo the deletion."
             )
+        if self._cache is not None:
+            return self._finish_cache(context, obj, outcome)
         player = frame_player.build(
             context,
             self._name,
@@ -212,6 +228,7 @@ class POINTMORPH_OT_bake_frames(Explained, Computing, bpy.types.Operator):
             self._target.content(plan.faces),
         )
         if self._target is frame_formats.SCENE:
+            player = frame_player.show(obj, player)
             frame_files.empty(outcome)
             presentation.hide(context, obj)
             activate(context.view_layer.objects, player)
@@ -225,6 +242,33 @@ class POINTMORPH_OT_bake_frames(Explained, Computing, bpy.types.Operator):
         self.report({"WARNING"}, self._target.losses(self.faces))
         self._say_written(self._path)
         return {"FINISHED"}
+
+    def _finish_cache(self, context, obj, store):
+        pointmorph.files.replace(_unfinished(self._cache), self._cache)
+        player = cached_frames.show(
+            context, obj, self._matrix, self._plan, (self._cache, self._rows)
+        )
+        cached_frames.show_surface(player, self._by_nodes)
+        frame_files.empty(store)
+        presentation.hide(context, obj)
+        activate(context.view_layer.objects, player)
+        size = self._cache.stat().st_size / 1e6
+        count = len(self._plan.numbers())
+        self.report({"INFO"}, f'Baked {count} frames to "{player.name}", {size:,.0f} MB on disk')
+        if cached_frames.is_temporary(player):
+            self.report({"WARNING"}, "Save the file: otherwise the frames go when Blender ends")
+        return {"FINISHED"}
+
+
+def _makes_faces_by_nodes(target):
+    """Whether a bake gets its faces from Blender's own nodes, since nothing better is there."""
+    by_nodes = target is frame_formats.SCENE and bpy.app.build_options.openvdb
+    return by_nodes and not pointmorph.surfaces.is_available()
+
+
+def _unfinished(path):
+    """Where a cache is until the scene shows it."""
+    return path.with_name(f".{path.name}.new")
 
 
 POINTMORPH_OT_bake_frames.__annotations__.update(frame_settings())

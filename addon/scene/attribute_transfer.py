@@ -1,6 +1,7 @@
 """What the target has, brought over along the map: colors, weights, UV maps, shape keys, hair; and
 the source's weights to the target."""
 
+import json
 from contextlib import contextmanager
 from dataclasses import astuple, dataclass, field
 
@@ -18,6 +19,8 @@ from .shape_reader import is_plain, present_steps, update
 NAME = "Pointmorph Colors"
 MODIFIER = "Colors"
 _READ = "Pointmorph target, while it is read"
+_OWN = "pointmorph_transferred"
+"""On a source, names of what it got, as JSON: its copies have it, too."""
 _NOTES = {False: "transferred", True: "transferred_to_source"}
 
 
@@ -270,7 +273,7 @@ def _parts(progress, found):
     done = 0
     for what in ("rows", "keys", "hair", "back"):
         for part in getattr(found, what):
-            if progress("transfer", done / total) is False:
+            if progress("carrying", done / total) is False:
                 raise pointmorph.Cancelled("The transfer was canceled.")
             yield what, part
             done += 1
@@ -302,7 +305,7 @@ def _carry_along_map(found, receiver, givers, ends_as_target):
     """
 
     def carry(progress):
-        progress("map", 0.0)
+        progress("carrying", 0.0)
         ends = receiver.positions, receiver.landing
         carriers = [
             pointmorph.Carrier(*ends, giver.positions, receiver.triangles, giver.triangles)
@@ -401,6 +404,8 @@ def write(context, obj, wanted, found):
     options = list(astuple(wanted))
     kept = {"names": names, "back": back, "options": options, "words": words}
     recipes.note(obj, _NOTES[wanted.onto_source], kept)
+    if wanted.onto_source:
+        receiver[_OWN] = json.dumps(names)
     return words
 
 
@@ -425,9 +430,10 @@ def _check_names(receiver, target, wanted, found, note):
     keys = receiver.data.shape_keys
     taken = {group.name for group in receiver.vertex_groups}
     taken |= {attribute.name for attribute in receiver.data.attributes}
-    taken -= set(note.get("names", ()))
+    known = {*note.get("names", ()), *json.loads(receiver.get(_OWN, "[]"))}
+    taken -= known
     taken_keys = {key.name for key in keys.key_blocks} if keys is not None else set()
-    taken_keys -= set(note.get("names", ()))
+    taken_keys -= known
     back = {group.name for group in target.vertex_groups} - set(note.get("back", ()))
     wishes = [(receiver, kind, wanted.prefix + name, taken) for kind, name, _ in found.rows]
     wishes += [(receiver, "shape key", wanted.prefix + key.name, taken_keys) for key in found.keys]

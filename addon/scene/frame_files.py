@@ -46,13 +46,28 @@ def store_folder(name, path=None):
         return path.with_name(f"{path.name}.frames")
     own = f"{bpy.path.clean_name(name)}.frames"
     if bpy.data.filepath:
-        file = Path(bpy.data.filepath)
-        folder = file.with_name(f"{_CACHE}{file.stem}")
+        folder = cache_folder(bpy.data.filepath)
         with contextlib.suppress(OSError):
             folder.mkdir(exist_ok=True)
             if os.access(folder, os.W_OK):
                 return folder / own
     return Path(bpy.app.tempdir) / own
+
+
+def cache_path(name):
+    """The file that Blender reads the frames of the object `name` from. For a file that was never
+    saved, it's where it stays until that is saved: see `cached_frames`."""
+    file = f"{bpy.path.clean_name(name)}.pc2"
+    if bpy.data.filepath:
+        folder = cache_folder(bpy.data.filepath)
+        pointmorph.files.make_folder(folder)
+        return folder / file
+    return Path(bpy.app.tempdir) / file
+
+
+def cache_folder(path):
+    """Where Blender keeps the caches of a file."""
+    return Path(path).with_name(f"{_CACHE}{Path(path).stem}")
 
 
 def empty(store):

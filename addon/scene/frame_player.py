@@ -11,9 +11,11 @@ import numpy as np
 from ..core import frame_plan
 from ..core.stepping import finish
 from ..data import arrays, attribute_names, creation
-from . import frames_display, morph_object
+from . import frames_display, morph_object, points_display
 
 COLLECTION = "Frames"
+_OF = "pointmorph_faces_of"
+"""On an object that shows frames with faces: the morph object that they are of."""
 
 
 def read(obj):
@@ -88,9 +90,32 @@ def build(context, name, matrix, plan, frames, content):
     return player
 
 
+def show(obj, player):
+    """Makes what `build` made show the frames of a morph object: the object that shows earlier
+    ones of it gets them, if there is one. Returns the object that shows them."""
+    before = next(
+        (one for one in bpy.data.objects if one.library is None and one.get(_OF) == obj), None
+    )
+    if before is None or points_display.points_modifier(before) is None:
+        player[_OF] = obj
+        return player
+    old = _frames(before)
+    name = frames_display.frames_collection(before).name
+    frames_display.share_frames(before, player)
+    before.matrix_world = player.matrix_world
+    bpy.data.batch_remove([player, player.data, *old])
+    frames_display.frames_collection(before).name = name
+    return before
+
+
 def remove(player):
     """Takes the frames out of the file again."""
+    bpy.data.batch_remove([player, player.data, *_frames(player)])
+
+
+def _frames(player):
     collection = frames_display.frames_collection(player)
+    if collection is None:
+        return []
     objects = list(collection.objects)
-    meshes = [one.data for one in objects]
-    bpy.data.batch_remove([player, player.data, *objects, *meshes, collection])
+    return [*objects, *(one.data for one in objects), collection]

@@ -2,10 +2,15 @@
 
 import bpy
 
+from ..core import frame_cache
 from ..data import arrays, attribute_names, nodes, versions
-from . import point_shapes, points_display, points_material
+from . import point_shapes, points_display, points_material, surface_nodes
 
 FRAMES_NAME = "Pointmorph Frames"
+CACHED_NAME = "Pointmorph Cached Frames"
+ROWS_NAME = "Pointmorph Cache Rows"
+ROWS, VERTICES = "Rows", "Vertices"  # inputs of these
+_KEPT = {attribute_names.VELOCITY: ("FLOAT_VECTOR", "POINT")}
 
 
 def add_frames_modifier(obj, collection, plan, created):
@@ -15,10 +20,15 @@ def add_frames_modifier(obj, collection, plan, created):
     modifier.node_group = group
     values = {"Collection": collection, "First": plan.first, "Step": plan.step}
     values["Vertices"] = plan.faces
-    render = bpy.context.scene.render
-    values["Frame Rate"] = render.fps / render.fps_base
+    values["Frame Rate"] = frame_rate()
     for name, value in values.items():
         versions.set_input(modifier, name, value)
+
+
+def frame_rate():
+    """Of the scene, by second."""
+    render = bpy.context.scene.render
+    return render.fps / render.fps_base
 
 
 def frames_collection(obj):
@@ -32,12 +42,18 @@ def frames_as_vertices(obj):
     twin = bpy.data.objects.new(obj.name, mesh)
     twin.matrix_world = obj.matrix_world
     modifier = twin.modifiers.new(points_display.MODIFIER, "NODES")
-    own = points_display.points_modifier(obj)
-    modifier.node_group = own.node_group
-    for name in ("Collection", "First", "Step", "Frame Rate"):
-        versions.set_input(modifier, name, versions.input_value(own, name))
+    modifier.node_group = points_display.points_modifier(obj).node_group
+    share_frames(twin, obj)
     versions.set_input(modifier, "Vertices", True)
     return twin
+
+
+def share_frames(obj, other):
+    """Makes an object show the frames that another one does, at the same time."""
+    modifier, own = (points_display.points_modifier(one) for one in (obj, other))
+    for name in ("Collection", "First", "Step", "Frame Rate"):
+        versions.set_input(modifier, name, versions.input_value(own, name))
+    obj.update_tag()
 
 
 def _frames_group(name, created):
@@ -49,8 +65,7 @@ def _frames_group(name, created):
     geometry = _per_second(build, inputs["Frame Rate"], _present_mesh(build, inputs))
     radius = build.attribute(attribute_names.RADIUS, "FLOAT")
     radius = build.math("MULTIPLY", radius, inputs["Radius Scale"])
-    kept = {attribute_names.VELOCITY: ("FLOAT_VECTOR", "POINT")}
-    shown = point_shapes.splats(build, inputs, geometry, radius, kept, created)
+    shown = point_shapes.splats(build, inputs, geometry, radius, _KEPT, created)
     # Blender 5.2 names what nodes show after the mesh that comes first, and puts each name under a
     # path of its own in files: Alembic would get an object for each frame, and USD would end
     # Blender.
@@ -61,6 +76,120 @@ def _frames_group(name, created):
     return group
 
 
+def cached_group(created):
+    """The group of nodes that shows what `core.frame_cache` wrote, once the Mesh Cache modifier has
+    read it: vertices stand for numbers. No vertices, no points, as without the file."""
+
+    def make(name):
+        return _cached_group(name, points_material.material(created), created)
+
+    return nodes.shared_group(CACHED_NAME, make)
+
+
+def rows_group(created):
+    """The group of nodes that makes the vertices that the Mesh Cache modifier moves, and keeps the
+    object's own mesh, which knows the active colors, as an instance beside them."""
+
+    def make(name):
+        group = nodes.new_group(name, created)
+        nodes.new_input(group, "NodeSocketGeometry", "Geometry")
+        nodes.new_input(group, "NodeSocketInt", VERTICES, "As many as the file has", min_value=0)
+        nodes.new_output(group, "NodeSocketGeometry", "Geometry")
+        build = nodes.Builder(group)
+        inputs = build.node("NodeGroupInput").outputs
+        # Without edges, which take as long as all the rest.
+        points = build.node("GeometryNodePoints", {"Count": inputs[VERTICES]})
+        rows = build.node("GeometryNodePointsToVertices", {"Points": points.outputs[0]})
+        own = build.node("GeometryNodeGeometryToInstance")
+        build.tree.links.new(inputs["Geometry"], own.inputs[0])
+        both = build.node("GeometryNodeJoinGeometry")
+        for part in (own.outputs[0], rows.outputs[0]):
+            build.tree.links.new(part, both.inputs[0])
+        build.node("NodeGroupOutput", {"Geometry": both.outputs["Geometry"]})
+        return group
+
+    return nodes.shared_group(ROWS_NAME, make)
+
+
+def _cached_group(name, material, created):
+    group = nodes.new_group(name, created)
+    nodes.new_input(group, "NodeSocketGeometry", "Geometry")
+    nodes.new_input(group, "NodeSocketInt", ROWS, "Most points of a frame", min_value=0)
+    _new_rate_input(group)
+    point_shapes.new_splat_inputs(group)
+    surface_nodes.new_inputs(group)
+    nodes.new_output(group, "NodeSocketGeometry", "Geometry")
+    build = nodes.Builder(group)
+    inputs = build.node("NodeGroupInput").outputs
+    parts = build.node("GeometryNodeSeparateComponents", {"Geometry": inputs["Geometry"]}).outputs
+    own = build.node("GeometryNodeRealizeInstances", {"Geometry": parts["Instances"]}).outputs[0]
+    vertices = _cached_points(build, parts["Mesh"], inputs[ROWS])
+    geometry = _per_second(build, inputs["Frame Rate"], vertices)
+    radius = build.attribute(attribute_names.RADIUS, "FLOAT")
+    radius = build.math("MULTIPLY", radius, inputs["Radius Scale"])
+    normal = build.attribute(attribute_names.NORMAL, "FLOAT_VECTOR")
+    # Only what has faces needs to know which colors are active.
+    drawn = build.math("MAXIMUM", inputs[point_shapes.DISCS], inputs[point_shapes.SPHERES])
+    in_own = nodes.in_mesh_of(build, own, geometry)
+    either = nodes.switch(build, "GEOMETRY", drawn, geometry, in_own)
+    splats = point_shapes.splats(build, inputs, either, radius, _KEPT, created)
+    faces = surface_nodes.surface(build, inputs, geometry, normal, radius)
+    faces = nodes.in_mesh_of(build, own, faces)
+    shown = nodes.switch(build, "GEOMETRY", inputs[surface_nodes.SURFACE], splats, faces)
+    finished = build.node("GeometryNodeSetMaterial", {"Geometry": shown, "Material": material})
+    build.node("NodeGroupOutput", {"Geometry": finished.outputs["Geometry"]})
+    return group
+
+
+def _cached_points(build, cached, rows):
+    """The points of the present frame as vertices, with their attributes: see `frame_cache`."""
+    math = build.math
+    place = build.node("GeometryNodeInputPosition").outputs["Position"]
+
+    def vector_at(index):
+        return build.sampled(cached, "FLOAT_VECTOR", place, index)
+
+    def parts_of(vector):
+        return build.node("ShaderNodeSeparateXYZ", {"Vector": vector}).outputs
+
+    index = build.node("GeometryNodeInputIndex").outputs["Index"]
+    first = math("ADD", index, 1.0)  # numbers are whole up to 2²⁴: see `frame_cache.MOST`
+
+    def vector(number):
+        start = math("MULTIPLY", rows, float(number))
+        return vector_at(math("ADD", start, first))
+
+    count = parts_of(vector_at(0))["X"]
+    points = build.node(
+        "GeometryNodePoints", {"Count": count, "Position": vector(frame_cache.POSITION)}
+    )
+    geometry = build.node("GeometryNodePointsToVertices", {"Points": points.outputs[0]}).outputs[0]
+    rest = parts_of(vector(frame_cache.REST))
+    red, green, blue = (parts_of(vector(frame_cache.COLOR))[axis] for axis in "XYZ")
+    color = build.node(
+        "FunctionNodeCombineColor", {"Red": red, "Green": green, "Blue": blue, "Alpha": rest["X"]}
+    ).outputs["Color"]
+    for name, kind, value in (
+        (attribute_names.NORMAL, "FLOAT_VECTOR", vector(frame_cache.NORMAL)),
+        (attribute_names.VELOCITY, "FLOAT_VECTOR", vector(frame_cache.VELOCITY)),
+        (attribute_names.COLOR, "FLOAT_COLOR", color),
+        (attribute_names.RADIUS, "FLOAT", rest["Y"]),
+        ("id", "INT", rest["Z"]),
+    ):
+        geometry = build.stored(geometry, name, kind, value)
+    return geometry
+
+
+def _new_rate_input(group):
+    nodes.new_input(
+        group,
+        "NodeSocketFloat",
+        "Frame Rate",
+        "Frames per second, by which the velocity is multiplied in renders for motion blur",
+        default_value=24.0,
+    )
+
+
 def _new_sockets(group):
     def new_input(kind, name, description="", **values):
         nodes.new_input(group, f"NodeSocket{kind}", name, description, **values)
@@ -69,12 +198,7 @@ def _new_sockets(group):
     new_input("Collection", "Collection", "A mesh for each frame, in the order of their names")
     new_input("Int", "First", "Scene frame that shows the first mesh")
     new_input("Int", "Step", "Number of frames from one mesh to the next", default_value=1)
-    new_input(
-        "Float",
-        "Frame Rate",
-        "Frames per second, by which the velocity is multiplied in renders for motion blur",
-        default_value=24.0,
-    )
+    _new_rate_input(group)
     point_shapes.new_splat_inputs(group)
     new_input(
         "Bool",

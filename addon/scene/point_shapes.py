@@ -4,6 +4,7 @@ from ..data import attribute_names, nodes
 from . import disc_faces
 
 DISCS = "Discs"
+SPHERES = "Spheres"
 FACES = "Faces of Discs"
 _TILTED = (0.36, 0.48, 0.8)  # no axis, since many normals are
 _UP = (0.0, 0.0, 1e-12)  # too little to change a normal that there is
@@ -36,7 +37,7 @@ def new_splat_inputs(group):
     nodes.new_input(
         group,
         "NodeSocketBool",
-        "Spheres",
+        SPHERES,
         "Show spheres made of faces instead of points. Slower, but Workbench and Solid "
         "shading show their colors if Color is set to Attribute",
     )
@@ -55,7 +56,7 @@ def splats(build, inputs, geometry, radius, kept, created):
     smooth = build.node("GeometryNodeSetShadeSmooth")
     build.tree.links.new(ball.outputs["Mesh"], smooth.inputs[0])  # by another name since Blender 5
     spheres = _realized(build, geometry, smooth.outputs[0], {"Scale": radius})
-    either = nodes.switch(build, "GEOMETRY", inputs["Spheres"], points.outputs[0], spheres)
+    either = nodes.switch(build, "GEOMETRY", inputs[SPHERES], points.outputs[0], spheres)
     discs = _discs(build, inputs, geometry, radius, kept, created)
     return nodes.switch(build, "GEOMETRY", inputs[DISCS], either, discs)
 

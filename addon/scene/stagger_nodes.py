@@ -146,11 +146,11 @@ def _measured(build, inputs, start, created):
     matrix = build.node("GeometryNodeObjectInfo", {"Object": itself}).outputs["Transform"]
     place = build.node("FunctionNodeTransformPoint", {"Vector": start, "Transform": matrix})
     place = place.outputs[0]
-    height = _vector_value(build, "DOT_PRODUCT", place, inputs["Direction"])
+    height = build.number_of("DOT_PRODUCT", place, inputs["Direction"])
     other = build.node(
         "GeometryNodeObjectInfo", {"Object": inputs["Object"]}, transform_space="ORIGINAL"
     )
-    far = _vector_value(build, "DISTANCE", place, other.outputs["Location"])
+    far = build.number_of("DISTANCE", place, other.outputs["Location"])
     kind = _kind(build, inputs)
     noise = build.group(
         nodes.shared_group(NOISE_NAME, lambda name: _noise_group(name, created)),
@@ -216,13 +216,6 @@ def _weight(build, inputs):
         domain="POINT",
     )
     return nodes.switch(build, "FLOAT", there, own, nodes.enabled(node.outputs, "Value"))
-
-
-def _vector_value(build, operation, a, b):
-    node = build.node("ShaderNodeVectorMath", operation=operation)
-    build.tree.links.new(a, node.inputs[0])
-    build.tree.links.new(b, node.inputs[1])
-    return node.outputs["Value"]
 
 
 def _spread(build, geometry, values):

@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from pathlib import Path
 
 import bpy
 import numpy as np
@@ -179,13 +180,12 @@ def surface_of(obj):
     return coordinates(evaluated.data.vertices)
 
 
-def shown_points(obj, name=None):
-    """What a morph object shows as points at the moment: positions, or an attribute."""
+def shown_cloud(obj):
+    """The points that an object shows at the moment, until the scene changes."""
     for instance in bpy.context.evaluated_depsgraph_get().object_instances:
         parent = instance.parent
         if instance.object.type == "POINTCLOUD" and parent and parent.original == obj:
-            cloud = instance.object.data
-            return coordinates(cloud.points) if name is None else attribute(cloud, name)
+            return instance.object.data
     raise AssertionError(f"{obj.name} shows no points")
 
 
@@ -211,6 +211,34 @@ def move_vertices(obj, offset):
     positions = coordinates(obj.data.vertices) + np.asarray(offset, np.float32)
     obj.data.vertices.foreach_set("co", positions.reshape(-1))
     obj.data.update()
+
+
+def shown_points(obj, name=None):
+    """What a morph object shows as points at the moment: positions, or an attribute."""
+    cloud = shown_cloud(obj)
+    return coordinates(cloud.points) if name is None else attribute(cloud, name)
+
+
+def baked_frames(player):
+    """Of an object that shows frames, what its file has of each: arrays by name."""
+    content = Path(bpy.path.abspath(player.modifiers["Mesh Cache"].filepath)).read_bytes()
+    count, _, _, frames = np.frombuffer(content, "<i4", 4, offset=16)
+    vertices = np.frombuffer(content, "<f4", offset=32).reshape(frames, count, 3)
+    found = []
+    for one in vertices:
+        used = int(one[0, 0])
+        place, normal, velocity, color, rest = one[1:].reshape(5, -1, 3)[:, :used]
+        found.append(
+            {
+                "position": place,
+                "Normal": normal,
+                "velocity": velocity,
+                "Color": np.column_stack([color, rest[:, 0]]),
+                "Radius": rest[:, 1],
+                "id": rest[:, 2].astype(np.int32),
+            }
+        )
+    return found
 
 
 def data_blocks():

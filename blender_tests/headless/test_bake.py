@@ -8,6 +8,7 @@ from scenes import (
     add_mesh,
     add_object,
     attribute,
+    baked_frames,
     coordinates,
     data_blocks,
     error_of,
@@ -129,9 +130,9 @@ def test_the_published_method_goes_straight_in_bakes_too(settings):
     assert bpy.ops.pointmorph.bake_frames(frame_start=1, frame_end=3, resample=False) == {
         "FINISHED"
     }
-    frames = bpy.data.collections[bpy.context.view_layer.objects.active.name].objects
+    frames = baked_frames(bpy.context.view_layer.objects.active)
     middle = (key(obj, "Basis") + key(obj, "Dune")) / 2
-    np.testing.assert_allclose(coordinates(frames[1].data.vertices), middle, atol=1e-5)
+    np.testing.assert_allclose(frames[1]["position"], middle, atol=1e-5)
 
 
 def test_pairs_end_at_the_target(morphed):

@@ -12,6 +12,7 @@ from scenes import (
     add_attribute,
     add_mesh,
     attribute,
+    baked_frames,
     coordinates,
     error_of,
     key,
@@ -311,14 +312,11 @@ def test_frames_in_the_scene(settings):
     player = bpy.context.view_layer.objects.active
     for frame, number in ((1, 0), (3, 1), (5, 2)):
         bpy.context.scene.frame_set(frame)
-        data = player.evaluated_get(bpy.context.evaluated_depsgraph_get()).data
         np.testing.assert_allclose(
-            coordinates(data.points) + place, world(found[number])[rows[:, number]], atol=2e-6
+            shown_points(player) + place, world(found[number])[rows[:, number]], atol=2e-6
         )
-    middle = {}
     bpy.context.scene.frame_set(2)
-    data = player.evaluated_get(bpy.context.evaluated_depsgraph_get()).data
-    middle = coordinates(data.points)
+    middle = shown_points(player)
     ends = [world(s)[r] - place for s, r in zip(found, rows.T, strict=True)]
     np.testing.assert_allclose(middle, (ends[0] + ends[1]) / 2, atol=2e-6)
 
@@ -330,12 +328,11 @@ def test_frames_with_new_points_and_other_paths(settings, tmp_path):
     pairs = len(obj.data.vertices)
     bpy.ops.pointmorph.bake_frames(frame_start=1, frame_end=9, path="RIGID")
     seen = []
-    for frame in sorted(bpy.data.collections[f"{obj.name} Frames"].objects.keys()):
-        mesh = bpy.data.objects[frame].data
-        ids = attribute(mesh, "id")
+    for frame in baked_frames(bpy.data.objects[f"{obj.name} Frames"]):
+        ids = frame["id"]
         assert len(np.unique(ids)) == len(ids)
         seen.append(set(ids[ids >= pairs].tolist()))
-        assert np.isfinite(coordinates(mesh.vertices)).all()
+        assert np.isfinite(frame["position"]).all()
     assert len(seen) == 9
     assert not set.union(*seen[:4]) & set.union(*seen[5:])
     select(obj)

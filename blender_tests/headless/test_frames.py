@@ -6,7 +6,16 @@ import bpy
 import numpy as np
 import pytest
 from pointmorph import formats, surfaces
-from scenes import attribute, coordinates, data_blocks, morph, row_pairs, torn_pair
+from scenes import (
+    attribute,
+    baked_frames,
+    coordinates,
+    data_blocks,
+    morph,
+    row_pairs,
+    shown_cloud,
+    torn_pair,
+)
 
 pytestmark = pytest.mark.interface
 
@@ -25,9 +34,7 @@ def torn(settings):
 def shown(obj, frame):
     """Positions, radii and colours that an object shows at a frame as points."""
     bpy.context.scene.frame_set(frame)
-    depsgraph = bpy.context.evaluated_depsgraph_get()
-    data = obj.evaluated_get(depsgraph).data
-    assert type(data).__name__ == "PointCloud"
+    data = shown_cloud(obj)
     return coordinates(data.points), attribute(data, "radius"), attribute(data, "Color")
 
 
@@ -58,12 +65,11 @@ def test_cracks_are_closed_and_velocities_are_by_frame(torn):
     counts = [len(shown(player, frame)[0]) for frame in (1, 5, 9)]
     assert counts[0] == counts[2] == len(torn.data.vertices)
     assert counts[1] > counts[0] + 20
-    depsgraph = bpy.context.evaluated_depsgraph_get()
     positions = shown(player, 5)[0]
-    data = player.evaluated_get(depsgraph).data
+    data = shown_cloud(player)
     ids, velocities = attribute(data, "id"), attribute(data, "velocity")
     later = shown(player, 6)[0]
-    later_ids = attribute(player.evaluated_get(depsgraph).data, "id")
+    later_ids = attribute(shown_cloud(player), "id")
     _, here, there = np.intersect1d(ids, later_ids, return_indices=True)
     assert len(here) > counts[0]
     np.testing.assert_allclose(later[there] - positions[here], velocities[here], atol=0.02)
@@ -89,7 +95,7 @@ def rendered(scene, path):
 def test_cycles_blurs_by_the_velocity(addon, torn, tmp_path, discs):
     bake()
     player = bpy.context.view_layer.objects.active
-    addon("data.versions").set_input(player.modifiers[0], "Discs", discs)
+    addon("data.versions").set_input(player.modifiers["Points"], "Discs", discs)
     scene = bpy.context.scene
     camera = bpy.data.objects.new("Camera", bpy.data.cameras.new("Camera"))
     camera.data.type, camera.data.ortho_scale = "ORTHO", WIDTH
@@ -107,7 +113,7 @@ def test_cycles_blurs_by_the_velocity(addon, torn, tmp_path, discs):
     # For four frames: two before this one, two after.
     scene.render.use_motion_blur, scene.render.motion_blur_shutter = True, 4.0
     blurred = rendered(scene, tmp_path / "blurred.png")
-    way = 2.0 * attribute(group_meshes(player)[4], "velocity")[:, 0].max()
+    way = 2.0 * baked_frames(player)[4]["velocity"][:, 0].max()
     assert way > 0.14
     assert rightmost(blurred) - rightmost(still) == pytest.approx(way, abs=0.03)
 
@@ -115,12 +121,6 @@ def test_cycles_blurs_by_the_velocity(addon, torn, tmp_path, discs):
 def rightmost(coverage):
     """The last column that is covered a little, in units of space."""
     return WIDTH / SIDE * np.flatnonzero(coverage.reshape(SIDE, SIDE).max(axis=0) > 0.02).max()
-
-
-def group_meshes(player):
-    """The meshes of the frames that an object shows."""
-    collection = bpy.data.collections[player.name]
-    return [one.data for one in collection.objects]
 
 
 def test_easing_and_step(morphed):
@@ -191,7 +191,7 @@ def test_points_come_back_from_files(torn, tmp_path, kind):
     read = read_back(kind, tmp_path / FILES[kind])
     for frame in (1, 5, 6, 9):
         positions, radii, colors = shown(player, frame)
-        expected = player.evaluated_get(bpy.context.evaluated_depsgraph_get()).data
+        expected = shown_cloud(player)
         velocities, ids = attribute(expected, "velocity"), attribute(expected, "id")
         normals = attribute(expected, "Normal")
         data = geometry(read, frame)
@@ -230,6 +230,14 @@ def test_faces_on_request(torn, tmp_path):
         assert all(polygon.use_smooth for polygon in data.polygons)
         kept = attribute(data, "Color"), attribute(data, "velocity")
         expected[frame] = (coordinates(data.vertices), len(data.polygons), *kept)
+    bpy.context.view_layer.objects.active = torn
+    baked = data_blocks()
+    bake(step=4, faces=True, resample=False)  # in place of the first
+    assert bpy.context.view_layer.objects.active == player
+    assert len(data_blocks()) == len(baked)
+    assert is_closed_but_for_the_border(geometry(player, 5))
+    bpy.context.view_layer.objects.active = torn
+    bake(step=4, faces=True)
     assert len({len(positions) for positions, *_ in expected.values()}) == 3
     written = [kind for kind in FILES if can_write(kind, faces=True)]
     assert written
@@ -265,7 +273,7 @@ def test_faces_beside_ply_points_and_without_the_library(torn, tmp_path, monkeyp
         assert (tmp_path / "frame_0009.ply").exists()
         monkeypatch.setitem(sys.modules, "pymeshlab", None)
     before = data_blocks()
-    for kind in ("SCENE", "PLY"):
+    for kind in ("ALEMBIC", "PLY"):
         with pytest.raises(RuntimeError, match="packages pymeshlab and scipy"):
             bake(faces=True, format=kind, directory=str(tmp_path))
     assert data_blocks() == before

@@ -8,17 +8,18 @@ from pointmorph import formats, surfaces
 from scenes import (
     add_mesh,
     attribute,
-    coordinates,
+    baked_frames,
     mark,
     morph,
     pair,
     patch,
     row_pairs,
     select,
+    shown_points,
     torn_pair,
 )
 from test_following import bend, in_world, morph_and_follow, swell, travel
-from test_frames import bake, group_meshes
+from test_frames import bake
 
 LAST = 9
 
@@ -26,9 +27,8 @@ LAST = 9
 def frame_points(player, number):
     """(N, 3): what a bake shows in the world at a frame, points in the order of their ids."""
     bpy.context.scene.frame_set(number)
-    evaluated = player.evaluated_get(bpy.context.evaluated_depsgraph_get())
-    matrix = np.array(evaluated.matrix_world)
-    return coordinates(evaluated.data.points) @ matrix[:3, :3].T + matrix[:3, 3]
+    matrix = np.array(player.matrix_world)
+    return shown_points(player) @ matrix[:3, :3].T + matrix[:3, 3]
 
 
 @pytest.mark.parametrize("motion", [bend, swell, travel])
@@ -63,18 +63,18 @@ def test_velocities_and_normals_go_along(settings):
     rows = row_pairs(obj)
     bake(resample=False)
     player = bpy.context.view_layer.objects.active
-    meshes = group_meshes(player)
-    before, here, after = (coordinates(meshes[k].vertices) for k in (3, 4, 5))
-    np.testing.assert_allclose(attribute(meshes[4], "velocity"), (after - before) / 2, atol=1e-6)
+    frames = baked_frames(player)
+    before, here, after = (frames[k]["position"] for k in (3, 4, 5))
+    np.testing.assert_allclose(frames[4]["velocity"], (after - before) / 2, atol=1e-6)
     assert np.abs(after - before).max() > 0.05
-    np.testing.assert_array_equal(attribute(meshes[4], "id"), np.arange(len(here)))
+    np.testing.assert_array_equal(frames[4]["id"], np.arange(len(here)))
     bpy.context.scene.frame_set(1)
     normals = np.array([v.normal for v in source.data.vertices])
-    np.testing.assert_allclose(attribute(meshes[0], "Normal"), normals[rows[:, 0]], atol=1e-4)
+    np.testing.assert_allclose(frames[0]["Normal"], normals[rows[:, 0]], atol=1e-4)
     bpy.context.scene.frame_set(LAST)
     shown = target.evaluated_get(bpy.context.evaluated_depsgraph_get()).data
     normals = np.array([v.normal for v in shown.vertices])
-    np.testing.assert_allclose(attribute(meshes[-1], "Normal"), normals[rows[:, 1]], atol=1e-4)
+    np.testing.assert_allclose(frames[-1]["Normal"], normals[rows[:, 1]], atol=1e-4)
 
 
 def test_new_points_keep_their_ids_and_go_along(settings):
@@ -82,7 +82,7 @@ def test_new_points_keep_their_ids_and_go_along(settings):
     sheets = torn_pair()
     at_rest = morph()
     bake()
-    rest = group_meshes(bpy.context.view_layer.objects.active)
+    rest = baked_frames(bpy.context.view_layer.objects.active)
     for obj in sheets:
         for frame, y in ((1, 0.0), (LAST, 2.0)):
             obj.location.y = y
@@ -98,16 +98,16 @@ def test_new_points_keep_their_ids_and_go_along(settings):
     select(at_rest)
     bpy.ops.pointmorph.follow()
     bake()
-    moving = group_meshes(bpy.context.view_layer.objects.active)
+    moving = baked_frames(bpy.context.view_layer.objects.active)
     pairs = len(at_rest.data.vertices)
-    assert len(moving[4].vertices) > pairs + 20
+    assert len(moving[4]["id"]) > pairs + 20
     for k, (one, other) in enumerate(zip(rest, moving, strict=True)):
-        np.testing.assert_array_equal(attribute(one, "id"), attribute(other, "id"))
+        np.testing.assert_array_equal(one["id"], other["id"])
         way = np.float32([0, 2.0 * k / (LAST - 1), 0])
-        places = coordinates(one.vertices) + way
-        np.testing.assert_allclose(coordinates(other.vertices), places, atol=2e-5)
-        np.testing.assert_allclose(attribute(one, "Radius"), attribute(other, "Radius"), rtol=1e-4)
-        speed = attribute(other, "velocity") - attribute(one, "velocity")
+        places = one["position"] + way
+        np.testing.assert_allclose(other["position"], places, atol=2e-5)
+        np.testing.assert_allclose(one["Radius"], other["Radius"], rtol=1e-4)
+        speed = other["velocity"] - one["velocity"]
         np.testing.assert_allclose(speed[:, 1], 0.25, atol=1e-4)
 
 

@@ -5,20 +5,19 @@ import numpy as np
 import pointmorph
 import pytest
 from pointmorph import sequences
-from scenes import attribute, coordinates, data_blocks
+from scenes import attribute, baked_frames, coordinates, data_blocks
 from test_frames import (  # noqa: F401  (torn is a fixture)
     FILES,
     bake,
     can_write,
     geometry,
-    group_meshes,
     read_back,
     torn,
 )
 
 COUNT = 9
+CACHE = "Whole_to_Torn_Frames.pc2"
 KINDS = ["SCENE", *FILES]
-NAMES = ("Color", "Normal", "Radius", "velocity", "id")
 
 
 @pytest.fixture
@@ -49,13 +48,6 @@ def interrupted(made, **options):
     assert len(made) == 4
     made.clear()
     made.limit = None
-
-
-def scene_frames(player):
-    return [
-        {"positions": coordinates(mesh.vertices), **{n: attribute(mesh, n) for n in NAMES}}
-        for mesh in group_meshes(player)
-    ]
 
 
 def file_frames(kind, path):
@@ -102,11 +94,13 @@ def test_a_bake_that_was_stopped_goes_on(torn, tmp_path, made, kind):  # noqa: F
     assert len(made) == COUNT - len(kept)
     assert not kept & {f"frame_{k + 1:04d}.npz" for k in made}
     assert not store.exists()
-    assert not (tmp_path / "blendcache_shot").exists()
+    cache = tmp_path / "blendcache_shot"
+    kept = {path.name for path in cache.iterdir()} if cache.exists() else set()
+    assert kept == ({CACHE} if kind == "SCENE" else set())
 
     def result():
         if kind == "SCENE":
-            return scene_frames(bpy.context.view_layer.objects.active)
+            return baked_frames(bpy.context.view_layer.objects.active)
         return file_frames(kind, out / FILES[kind])
 
     resumed = result()
@@ -122,7 +116,7 @@ def test_another_request_starts_over(torn, tmp_path, made):  # noqa: F811
     interrupted(made)
     assert bake(easing="SMOOTH") == {"FINISHED"}
     assert len(made) == COUNT
-    assert not (tmp_path / "blendcache_shot").exists()
+    assert [path.name for path in (tmp_path / "blendcache_shot").iterdir()] == [CACHE]
 
 
 def test_what_others_keep_beside_it_stays(torn, tmp_path, made):  # noqa: F811
@@ -132,7 +126,7 @@ def test_what_others_keep_beside_it_stays(torn, tmp_path, made):  # noqa: F811
     (cache / "cloth.bphys").touch()
     interrupted(made)
     assert bake() == {"FINISHED"}
-    assert [path.name for path in cache.iterdir()] == ["cloth.bphys"]
+    assert sorted(path.name for path in cache.iterdir()) == [CACHE, "cloth.bphys"]
 
 
 def test_a_file_that_was_never_saved(torn, made):  # noqa: F811

@@ -152,6 +152,11 @@ def test_keys_on_the_source_itself(turned):
     keys["target.Smile"].value = 1.0  # the basis is what morphs
     assert transfer(copy, onto="SOURCE") == {"FINISHED"}
     assert len(keys) == 2
+    # A new morph has the source's keys, and gets the target's in their place.
+    other = morph(new_result=True)
+    assert "target.Smile" in other.data.shape_keys.key_blocks
+    assert transfer(other) == {"FINISHED"}
+    assert "target.Smile at the end" in other.data.shape_keys.key_blocks
 
 
 def test_a_group_limits_a_key_and_keys_stand_on_others(turned):

@@ -9,7 +9,7 @@ from test_waiting import STOPWATCH
 
 BAKE = "pointmorph.bake_frames("
 FRAMES = 'bpy.data.objects.get("Hill to Dune Frames")'
-COUNTS = "[len(o.data.vertices) for o in bpy.data.collections['Hill to Dune Frames'].objects]"
+COUNTS = f"[len(frame['id']) for frame in scenes.baked_frames({FRAMES})]"
 WAITING = "len(list(store.glob('*.npz'))) if store.exists() else 0"
 
 
@@ -115,6 +115,39 @@ meshes = len(bpy.data.meshes)
     window.press("Escape", over=VIEWPORT)
     window.wait(f"not ({RUNNING})")
     assert window.ask("len(bpy.data.meshes) == meshes")
+
+
+SHOWN = "bpy.context.view_layer.objects.active"
+KEYS = f"list({SHOWN}.data.shape_keys.key_blocks.keys())"
+
+
+def test_a_smile_is_one_step_to_undo_and_said_in_words(window):
+    morphed(window, 40)
+    window.run("bpy.ops.pointmorph.show_as(kind='MESH')")
+    window.run(
+        """
+dune = bpy.data.objects["Dune"]
+dune.shape_key_add(name="Basis")
+smile = dune.shape_key_add(name="Smile")
+for point in smile.data:
+    point.co.z += 0.3
+smile.value = 0.0
+dune.data.uv_layers.new(name="Skin")
+scenes.add_group(dune, "jaw", {0: 0.5, 1: 1.0})
+bpy.context.scene.pointmorph.transfer_uvs = True
+bpy.ops.ed.undo_push(message="A smile")
+"""
+    )
+    window.open_panel("POINTMORPH_PT_more")
+    window.press_button("transfer_attributes(")
+    window.wait(f"not ({RUNNING})")
+    window.screenshot("transfer_done")
+    made = ["target.Smile"]
+    assert [name for name in window.ask(KEYS) if name.startswith("target")][:1] == made
+    assert window.ask(f"'target.Skin' in {SHOWN}.data.uv_layers")
+    window.press("ctrl+z", over=VIEWPORT)
+    assert window.ask(KEYS) == ["Basis", "Morph"]
+    assert window.ask(f"'target.Skin' not in {SHOWN}.data.uv_layers")
 
 
 def test_shapes_are_read_in_turns(window, output):

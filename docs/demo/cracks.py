@@ -68,8 +68,9 @@ def player(morph: bpy.types.Object, resample: bool) -> bpy.types.Object:
     bpy.context.view_layer.objects.active = morph
     bpy.ops.pointmorph.bake_frames(frame_start=1, frame_end=FRAMES, resample=resample)
     made = bpy.context.view_layer.objects.active
+    del made["pointmorph_frames_of"]  # the next bake doesn't replace it
     scenery.show_as_solid(made)
-    versions.set_input(made.modifiers[0], "Radius Scale", DISC)
+    versions.set_input(made.modifiers["Points"], "Radius Scale", DISC)
     return made
 
 

@@ -109,7 +109,7 @@ def _middle(points: FloatArray) -> FloatArray:
 
 def show_as_solid(morph: bpy.types.Object) -> None:
     """Displays the points of a morph object as overlapping discs, like one smooth surface."""
-    modifier = next(modifier for modifier in morph.modifiers if modifier.type == "NODES")
+    modifier = morph.modifiers["Points"]
     versions.set_input(modifier, "Discs", True)
     versions.set_input(modifier, "Radius Scale", OVERLAP)
 

@@ -93,6 +93,17 @@ class FrameStore:
                 raise _unusable(path, error) from error
             yield Surface(**arrays) if self._faces else ResampledFrame(**arrays)
 
+    def counts(self) -> list[int]:
+        """How many points, or vertices, each frame has. Raises FileError."""
+        found = []
+        for path in self._paths():
+            try:
+                with np.load(path) as file:
+                    found.append(len(file["colors" if self._faces else "radii"]))
+            except (OSError, ValueError) as error:
+                raise _unusable(path, error) from error
+        return found
+
     def remove(self) -> None:
         """Deletes the frames, and the folder unless it holds other files."""
         with contextlib.suppress(OSError):

@@ -3,6 +3,7 @@
 _LABELS = {
     "alignment": "Aligning features",
     "boundary": "Finding boundaries",
+    "carrying": "Transferring",
     "cloud": "Preparing points",
     "coarse shapes": "Simplifying shapes",
     "covariance": "Estimating normals",
@@ -32,6 +33,7 @@ _LABELS = {
     "transfer": "Smoothing the map",
     "vertices": "Moving the vertices",
     "wrapping": "Wrapping the mesh",
+    "writing": "Writing frames",
 }
 
 

@@ -141,6 +141,7 @@ def test_a_store_goes_on_bit_for_bit_and_another_sequence_starts_over(
         assert one.keys() == other.keys()
         for name in one:
             np.testing.assert_array_equal(one[name], other[name])
+    assert whole.counts() == [len(frame["radii"]) for frame in arrays(whole)]
 
     moved = states_of(torn, [turn(0.1 * k) for k in range(5)])
     for other_sequence in (
