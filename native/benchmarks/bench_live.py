@@ -1,12 +1,13 @@
 """What it costs to follow a feature that is dragged, and whether the map stays as good.
 
-    bench_live.py [--drags N] PAIR...
+    bench_live.py [--json FILE] [--drags N] [PAIR...]
 
 A PAIR is a folder with source.ply, target.ply and pair.json (`features`; `landmarks` that aren't
-features are measured). First times: making a LiveMorph, a coarse update, a whole one. Then the
-drag: each feature in turn is put beside its place by a few hundredths of √area, and taken back
-along N steps, each a whole update from the one before. Landmark errors, in √area, of the map that
-comes out, and of a map from scratch with the same features. Times depend on the machine.
+features are measured); without any, those of shared/data beside the checkout. First times: making
+a LiveMorph, a coarse update, a whole one. Then the drag: each feature in turn is put beside its
+place by a few hundredths of √area, and taken back along N steps, each a whole update from the one
+before. Landmark errors, in √area, of the map that comes out, and of a map from scratch with the
+same features. Times depend on the machine.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ import pointmorph
 from pointmorph import formats
 from pointmorph._pointmorph import nearest_rows
 
+SHARED = Path(__file__).resolve().parents[3] / "shared" / "data"
 RUNS = 5
 BESIDE = 0.06  # √area
 
@@ -66,7 +68,7 @@ def errors(morph: pointmorph.Morph, landmarks: Pairs, unit: float) -> list[float
     return [float(np.linalg.norm(images[s] - places[t])) / unit for s, t in landmarks.values()]
 
 
-def times_of(folder: Path) -> None:
+def times_of(folder: Path) -> dict[str, Any]:
     clouds, features, _ = read(folder)
     cold, morph = seconds(lambda: pointmorph.morph(*clouds, features), 1)
     made, live = seconds(lambda: pointmorph.LiveMorph.of(morph), 1)
@@ -79,6 +81,7 @@ def times_of(folder: Path) -> None:
         f"{folder.name} | {sizes} | {cold:.2f} | {made:.2f} | {1 / coarse:.1f} | {whole:.2f}",
         flush=True,
     )
+    return {"pair": folder.name, "scratch": cold, "made": made, "coarse": coarse, "whole": whole}
 
 
 def beside(target: pointmorph.Cloud, features: Pairs, name: str, unit: float) -> Pairs:
@@ -88,10 +91,10 @@ def beside(target: pointmorph.Cloud, features: Pairs, name: str, unit: float) ->
     return {**features, name: (source, int(np.argmin(abs(apart - BESIDE))))}
 
 
-def drag(folder: Path, steps: int) -> None:
+def drag(folder: Path, steps: int) -> dict[str, Any]:
     clouds, features, landmarks = read(folder)
     if not landmarks:
-        return
+        return {}
     target, unit = clouds[1].positions, root_of_area(clouds[1].positions)
     scratch = pointmorph.morph(*clouds, features)
     morph, updates, words = scratch, 0, set()
@@ -106,19 +109,26 @@ def drag(folder: Path, steps: int) -> None:
             words.add(morph._native.report()["update"].split(":")[0])
     before, after = (np.mean(errors(m, landmarks, unit)) for m in (scratch, morph))
     print(f"{folder.name} | {updates} | {before:.4f} | {after:.4f} | {', '.join(sorted(words))}")
+    return {"updates": updates, "error": before, "error_after": after}
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("pairs", type=Path, nargs="+")
+    parser.add_argument("pairs", type=Path, nargs="*")
+    parser.add_argument("--json", type=Path)
     parser.add_argument("--drags", type=int, default=10)
     arguments = parser.parse_args()
+    pairs = arguments.pairs or [
+        path for name in ("koala_spot_big", "koala_spot") if (path := SHARED / name).is_dir()
+    ]
     print("pair | points | from scratch, s | LiveMorph, s | coarse updates a second | whole, s")
-    for folder in arguments.pairs:
-        times_of(folder)
+    rows = [times_of(folder) for folder in pairs]
     print("pair | updates | landmark error from scratch | after the updates | report")
-    for folder in arguments.pairs:
-        drag(folder, arguments.drags)
+    rows = [
+        {**row, **drag(folder, arguments.drags)} for row, folder in zip(rows, pairs, strict=True)
+    ]
+    if arguments.json:
+        arguments.json.write_text(json.dumps(rows, indent=1))
 
 
 if __name__ == "__main__":
