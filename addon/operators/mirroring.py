@@ -108,7 +108,7 @@ class Mirrored:
         """Rows on the other side, each once, in the same order, and their weights."""
         rows, weights = self._members[name]
         wanted = self._positions[rows] * np.array([-1.0, 1.0, 1.0], np.float32)
-        there = pointmorph.meshes.closest_points(self._positions, wanted, 1)[:, 0]
+        there = pointmorph.meshes.nearest_rows(self._positions, wanted, 1)[:, 0]
         apart = np.linalg.norm(self._positions[there] - wanted, axis=1)
         if apart.max() > _OFF * self._unit:
             raise pointmorph.FeatureError(
