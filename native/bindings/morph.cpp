@@ -118,8 +118,10 @@ py::dict dict_of(const Diagnostics& found) {
     return py::dict(
         py::arg("margin") = std::isfinite(found.margin) ? py::object(py::float_(found.margin))
                                                         : py::object(py::none()),
-        py::arg("confidence") = found.confidence, py::arg("rivals") = list_of(found.rivals),
-        py::arg("proposals") = list_of(found.proposals),
+        py::arg("confidence") = std::isfinite(found.confidence)
+                                    ? py::object(py::float_(found.confidence))
+                                    : py::object(py::none()),
+        py::arg("rivals") = list_of(found.rivals), py::arg("proposals") = list_of(found.proposals),
         py::arg("starts") = list_of(found.starts, found.start_taken));
 }
 

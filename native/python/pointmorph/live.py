@@ -88,7 +88,7 @@ class LiveMorph:
         return live
 
     def source_to_target(self, features: Features, progress: Progress | None = None) -> FloatArray:
-        """(N, 3): where source points go, roughly: to look at while a feature is dragged.
+        """(N, 3): where source points go, roughly: for display while a feature is dragged.
 
         Found on the coarsest level alone, several times a second. Hard point features meet
         exactly. For the features as they were, the map itself.
@@ -102,10 +102,10 @@ class LiveMorph:
     def updated(self, features: Features, progress: Progress | None = None) -> Morph:
         """The whole morph for changed features: moved, added or deleted ones.
 
-        Its map is the one from scratch up to noise. Where it couldn't be, because a feature lies
-        far from where the map has it or the map would tear, it is computed from scratch;
-        `report["update"]` and a warning say so. How likely the map is to be right (`confidence`)
-        is not judged again.
+        Its map is about as good as one from scratch. Where a feature lies far from where the map
+        has it, or the map would tear, it is computed from scratch; `report["update"]` and a
+        warning say so. How likely the map is to be right (`confidence`) is not judged again: it is
+        that of the morph in `LiveMorph.of(morph)`, and None where maps were given.
         """
         native: Any = self._native.updated(native_features(features), progress)
         return Morph(native, *self._clouds)

@@ -584,7 +584,7 @@ class Morph:
         and `tips` (rows of unmarked tips that were matched).
 
         If few or no features say how the shapes relate: `confidence` (0 to 1: how likely the map
-        is to be right), `margin` (cost of the second best map relative to this one; None without
+        is to be right; None for an update of a map that was given, see `LiveMorph`), `margin` (cost of the second best map relative to this one; None without
         one), `rivals` (other maps: `ratio` of the costs; `swap`, which is ends, sides, turned or
         places; `distance`, the largest between two images, in √area; `places`, source rows where
         the maps differ; and a feature that would tell them apart, from `source` to `target` in

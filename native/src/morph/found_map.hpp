@@ -8,6 +8,7 @@
 #include "morph/routes.hpp"
 #include "pointmorph/cloud/cloud.hpp"
 #include "pointmorph/morph/morph_input.hpp"
+#include "pointmorph/registration/diagnostics.hpp"
 #include "pointmorph/registration/refinement.hpp"
 
 namespace pointmorph {
@@ -18,6 +19,7 @@ struct FoundMap {
     Correspondence correspondence;
     std::shared_ptr<const MeshSides> sides;  ///< null where both clouds are bare
     RefinementStart offsets;  ///< of vertices from where samples carry them; see Morph::carry()
+    Diagnostics judged;       ///< of the map that was bent, in given rows
     RefinementStart images;   ///< the maps themselves, where they are known to the bit; or none
     std::chrono::steady_clock::time_point began;
 };

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <chrono>
+#include <limits>
 #include <optional>
 #include <string>
 #include <utility>
@@ -10,6 +11,7 @@
 #include "morph/input_checks.hpp"
 #include "morph/mesh_side.hpp"
 #include "morph/prepared_shape.hpp"
+#include "morph/product_route.hpp"
 #include "morph/routes.hpp"
 #include "morph/words.hpp"
 #include "pointmorph/base/error.hpp"
@@ -45,10 +47,22 @@ bool is_same(const Feature& a, const Feature& b) {
            a.closed == b.closed && a.hard == b.hard && (a.hard || a.weight == b.weight);
 }
 
+bool has_all(const std::vector<Feature>& a, const std::vector<Feature>& b) {
+    return std::ranges::all_of(b, [&](const Feature& feature) {
+        return std::ranges::any_of(a, [&](const Feature& f) { return is_same(feature, f); });
+    });
+}
+
+/// In any order.
 bool are_same(const std::vector<Feature>& a, const std::vector<Feature>& b) {
-    return a.size() == b.size() && std::ranges::all_of(a, [&](const Feature& feature) {
-               return std::ranges::any_of(b, [&](const Feature& f) { return is_same(feature, f); });
-           });
+    return a.size() == b.size() && has_all(a, b) && has_all(b, a);
+}
+
+/// What is known of a map that nobody has judged.
+Diagnostics unjudged() {
+    Diagnostics unknown;
+    unknown.confidence = std::numeric_limits<double>::quiet_NaN();
+    return unknown;
 }
 
 /// A surface as tangent planes at samples: all, or every so many, which is enough for how high
@@ -62,13 +76,18 @@ public:
     TangentPlanes(const TangentPlanes&) = delete;
     TangentPlanes& operator=(const TangentPlanes&) = delete;
 
-    /// How far each place lies above the plane of its nearest sample.
-    double height(const Eigen::RowVector3d& place, Eigen::RowVector3d& normal) const {
+    struct Height {
+        double above;
+        Eigen::RowVector3d normal;
+    };
+
+    /// How far a place lies above the plane of its nearest sample.
+    Height height(const Eigen::RowVector3d& place) const {
         Index nearest = 0;
         double squared = 0.0;
         tree_.nearest(place.data(), {&nearest, 1}, {&squared, 1});
-        normal = normals_.row(nearest);
-        return normal.dot(place - tree_.points().row(nearest));
+        const Eigen::RowVector3d normal = normals_.row(nearest);
+        return {normal.dot(place - tree_.points().row(nearest)), normal};
     }
 
 private:
@@ -86,17 +105,53 @@ private:
     KdTree<3> tree_;
 };
 
-/// Images so moved that hard points meet, each with as much around it as it has to go.
-Positions met(Positions images, const Cloud& source, const Cloud& target,
-              const std::vector<Feature>& features, double spacing) {
-    constexpr double kSlope = 0.5;  // of the offset, so that nothing folds
-    for (const IndexPair& pair : pinned_pairs(features)) {
-        const double offset = (target.positions.row(pair.target) - images.row(pair.source)).norm();
-        if (offset > 0.0)
-            images = pinned_to_marks(std::move(images), source.positions, target.positions,
-                                     {{&pair, 1}, &IndexPair::source, &IndexPair::target},
-                                     std::max(spacing, kSlope * offset));
+struct BothClouds {
+    const Cloud &source, &target;
+    double spacing;  ///< of the source's samples
+};
+
+/// Where a hard point is to go, and how far around it others go along.
+struct HardMark {
+    Eigen::RowVector3d place, offset;
+    double squared_reach;
+};
+
+/// How far marks take a place: by the offset of the nearest, where they are close to each other
+/// (Shepard's interpolation), fading out around them.
+Eigen::RowVector3d shift_by(const std::vector<HardMark>& marks, const Eigen::RowVector3d& place) {
+    constexpr double kFloor = 1e-9;
+    Eigen::RowVector3d sum = Eigen::RowVector3d::Zero();
+    double weights = 0.0, largest = 0.0;
+    for (const HardMark& mark : marks) {
+        const double ratio = (place - mark.place).squaredNorm() / mark.squared_reach;
+        if (ratio >= 1.0) continue;
+        const double fade = (1.0 - ratio) * (1.0 - ratio), weight = fade / (ratio + kFloor);
+        sum += weight * mark.offset;
+        weights += weight;
+        largest = std::max(largest, fade);
     }
+    if (!(weights > 0.0)) return Eigen::RowVector3d::Zero();
+    return largest / weights * sum;
+}
+
+/// Images so moved that hard points meet exactly, each with as much around it as it has to go.
+Positions met(Positions images, const BothClouds& clouds, const std::vector<Feature>& features,
+              Progress& progress) {
+    constexpr double kReach = 6.0;
+    constexpr double kSlope = 0.5;  // of the offset, so that nothing folds
+    const Positions &from = clouds.source.positions, &onto = clouds.target.positions;
+    std::vector<IndexPair> pairs = pinned_pairs(features);
+    std::ranges::sort(pairs);  // sums are the same for any order of the features
+    std::vector<HardMark> marks;
+    for (const IndexPair& pair : pairs) {
+        const Eigen::RowVector3d offset = onto.row(pair.target) - images.row(pair.source);
+        const double reach = kReach * std::max(clouds.spacing, kSlope * offset.norm());
+        marks.push_back({from.row(pair.source), offset, reach * reach});
+    }
+    parallel_for(static_cast<Index>(images.rows()), progress, [&](Index begin, Index end) {
+        for (Index i = begin; i < end; ++i) images.row(i) += shift_by(marks, from.row(i));
+    });
+    for (const IndexPair& pair : pairs) images.row(pair.source) = onto.row(pair.target);
     return images;
 }
 
@@ -115,6 +170,8 @@ struct LiveMorph::State {
     std::optional<FollowingPoints> points{};
     std::optional<TangentPlanes> planes{};  ///< of the target
     Values heights{};                       ///< of images above these
+    Diagnostics judged{};                   ///< what is known of the map, in given rows
+    std::vector<std::string> warnings{};    ///< of the shapes, whatever is marked
     double spacing = 0.0;                   ///< of the source's samples
 
     std::vector<Feature> sorted(const std::vector<Feature>& features) const;
@@ -170,6 +227,9 @@ void LiveMorph::State::find_regions(const RefinementStart& start) {
     const Similarity alignment = fit_similarity(t.positions, start.target_images);
     const ComponentMatching matching =
         match_components(source_view, target_view, alignment, options.components);
+    for (std::string& words :
+         components_in_words(matching, {s.topology, s.name}, {t.topology, t.name}))
+        warnings.push_back(std::move(words));
     regions = component_regions(s.topology, t.topology, matching.matched, kMostRegions);
     regions_are_small =
         !regions.empty() && are_small(regions, s.size(), t.size(), options.components);
@@ -206,12 +266,12 @@ void LiveMorph::State::follow(Progress& progress) {
     const Positions images = t.unit.apply(input.start.source_images);
     heights.resize(images.rows());
     parallel_for(static_cast<Index>(images.rows()), progress, [&](Index begin, Index end) {
-        Eigen::RowVector3d normal;
-        for (Index i = begin; i < end; ++i) heights[i] = planes->height(images.row(i), normal);
+        for (Index i = begin; i < end; ++i) heights[i] = planes->height(images.row(i)).above;
     });
 }
 
-LiveMorph::LiveMorph(MorphInput input, const MorphOptions& options, Progress& progress) {
+LiveMorph::LiveMorph(MorphInput input, const MorphOptions& options, const Morph* judged,
+                     Progress& progress) {
     const ThreadCount threads(options.threads);
     progress.enter("cloud");
     check_can_be_bent(input, options);
@@ -220,6 +280,7 @@ LiveMorph::LiveMorph(MorphInput input, const MorphOptions& options, Progress& pr
     MeshSides sides = mesh_sides(input, options, progress);
     MorphInput sampled;
     if (sides.any()) {
+        state->warnings = turned_faces(input, sides);
         sampled = sampled_input(input, sides);
         state->sides = std::make_shared<const MeshSides>(std::move(sides));
     } else {
@@ -228,6 +289,8 @@ LiveMorph::LiveMorph(MorphInput input, const MorphOptions& options, Progress& pr
     state->shapes =
         prepare_both({sampled.source, sampled.source_parts}, {sampled.target, sampled.target_parts},
                      preparation(options), progress);
+    for (std::string& words : preparation_warnings(state->shapes))
+        state->warnings.push_back(std::move(words));
     const RefinementStart start = *earlier_map(state->shapes, sampled);
     state->source = std::move(sampled.source);
     state->target = std::move(sampled.target);
@@ -242,12 +305,18 @@ LiveMorph::LiveMorph(MorphInput input, const MorphOptions& options, Progress& pr
     progress.enter("vertices");
     state->find_offsets(start, progress);
     state->follow(progress);
+    state->judged = judged ? judged->report_.diagnostics : unjudged();
+    // The morph's clouds are as it has made them: only it knows what was amiss with them.
+    if (judged) state->warnings = judged->warnings_of_shapes();
     progress.finish();
     state_ = std::move(state);
 }
 
+LiveMorph::LiveMorph(MorphInput input, const MorphOptions& options, Progress& progress)
+    : LiveMorph(std::move(input), options, nullptr, progress) {}
+
 LiveMorph::LiveMorph(const Morph& morph, Progress& progress)
-    : LiveMorph(morph.input(), morph.options(), progress) {}
+    : LiveMorph(morph.input(), morph.options(), &morph, progress) {}
 
 LiveMorph::~LiveMorph() = default;
 LiveMorph::LiveMorph(LiveMorph&&) noexcept = default;
@@ -273,7 +342,6 @@ Positions LiveMorph::source_to_target(const std::vector<Feature>& features,
     Positions images = before;
     // Not lifted off the surface by the shift: as high above it as before.
     parallel_for(static_cast<Index>(images.rows()), progress, [&](Index begin, Index end) {
-        Eigen::RowVector3d normal;
         for (Index i = begin; i < end; ++i) {
             if (shifts.row(i).norm() < kHardly) {
                 images.row(i) += unit.scale * shifts.row(i);
@@ -281,12 +349,12 @@ Positions LiveMorph::source_to_target(const std::vector<Feature>& features,
             }
             const Eigen::RowVector3d place =
                 (before.row(i) - unit.center.transpose()) / unit.scale + shifts.row(i);
-            const double height = state.planes->height(place, normal);
+            const auto [height, normal] = state.planes->height(place);
             images.row(i) += unit.scale * (shifts.row(i) + (state.heights[i] - height) * normal);
         }
     });
-    images =
-        met(std::move(images), state.input.source, state.input.target, features, state.spacing);
+    images = met(std::move(images), {state.input.source, state.input.target, state.spacing},
+                 features, progress);
     progress.finish();
     return images;
 }
@@ -317,13 +385,18 @@ FoundMap LiveMorph::State::found(MorphInput changed, Refinement refined,
     result.pairs = std::move(refined.pairs);
     result.images = {std::move(refined.source_images), std::move(refined.target_images)};
     result.facts.diagnostics = std::move(refined.diagnostics);
+    result.warnings = warnings;
+    judge_normals(refined.inside_out, shapes.source, shapes.target, result);
+    PreparedShapes outward = shapes;
+    reverse_normals(outward, result);
     const bool is_same_map = are_same(changed.features, input.features);
     return {.input = std::move(changed),
             .source = source,
             .target = target,
-            .correspondence = {shapes, std::move(result)},
+            .correspondence = {std::move(outward), std::move(result)},
             .sides = sides,
             .offsets = offsets,
+            .judged = judged,
             .images = is_same_map ? input.start : RefinementStart{},
             .began = began};
 }

@@ -108,6 +108,7 @@ Morph::Morph(FoundMap found, const MorphOptions& options, Progress& progress)
                       found.input.source_holds, found.input.target_holds});
         carry(std::move(found.input), found.offsets, progress);
     }
+    report_.diagnostics = found.judged.followed_by(report_.diagnostics);
     if (found.images.source_images.rows() > 0) {
         source_images_ = std::move(found.images.source_images);
         target_images_ = std::move(found.images.target_images);
@@ -118,6 +119,7 @@ Morph::Morph(FoundMap found, const MorphOptions& options, Progress& progress)
 /// What is told of any map once it is there.
 void Morph::conclude(Progress& progress, std::chrono::steady_clock::time_point began) {
     progress.finish();
+    of_shapes_ = report_.warnings.size();
     if (report_.diagnostics.confidence < options_.refinement.clear_confidence)
         report_.warnings.push_back(doubts(report_.diagnostics, source_, target_, features_));
     append(report_.warnings, color_warnings(source_, target_));
@@ -126,6 +128,11 @@ void Morph::conclude(Progress& progress, std::chrono::steady_clock::time_point b
     report_.stages = progress.stages();
     report_.seconds =
         std::chrono::duration<double>(std::chrono::steady_clock::now() - began).count();
+}
+
+std::vector<std::string> Morph::warnings_of_shapes() const {
+    const auto first = report_.warnings.begin();
+    return {first, first + static_cast<std::ptrdiff_t>(of_shapes_)};
 }
 
 MorphInput Morph::input() const {

@@ -57,20 +57,24 @@ Refinement refine_by_component(const RouteInput& input, const std::optional<Refi
 
 }  // namespace
 
+void judge_normals(bool inside_out, const PreparedShape& source, const PreparedShape& target,
+                   RouteResult& result) {
+    if (!inside_out) return;
+    if (!target.normals_given)
+        result.target_is_inside_out = true;
+    else if (!source.normals_given)
+        result.source_is_inside_out = true;
+    else if (std::ranges::count(result.warnings, normals_disagree()) == 0)
+        result.warnings.push_back(normals_disagree());
+}
+
 RouteResult match_in_product_space(const RouteInput& input,
                                    const std::optional<RefinementStart>& start,
                                    const ProductRouteOptions& options, Progress& progress) {
     RouteResult result;
     result.domain = "product";
     Refinement refined = refine_by_component(input, start, options, result.warnings, progress);
-    if (refined.inside_out) {
-        if (!input.target.normals_given)
-            result.target_is_inside_out = true;
-        else if (!input.source.normals_given)
-            result.source_is_inside_out = true;
-        else
-            result.warnings.push_back(normals_disagree());
-    }
+    judge_normals(refined.inside_out, input.source, input.target, result);
     result.source_domain = refined.source_product;
     result.target_domain = refined.target_product;
     result.pairs = std::move(refined.pairs);

@@ -29,4 +29,9 @@ RouteResult match_in_product_space(const RouteInput& input,
                                    const std::optional<RefinementStart>& start,
                                    const ProductRouteOptions& options, Progress& progress);
 
+/// Has `result` say what follows for the normals, where the map shows the `inside_out` of one
+/// shape: estimated ones are to be reversed, given ones are told of, once.
+void judge_normals(bool inside_out, const PreparedShape& source, const PreparedShape& target,
+                   RouteResult& result);
+
 }  // namespace pointmorph

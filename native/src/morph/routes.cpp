@@ -104,12 +104,6 @@ RefinementStart images_through(const RouteResult& route, const RouteInput& shape
     return route.source_domain.cols() == 2 ? both.operator()<2>() : both.operator()<3>();
 }
 
-/// Reverses the normals that the route found to point inwards.
-void reverse_normals(PreparedShapes& shapes, const RouteResult& route) {
-    if (route.source_is_inside_out) shapes.source = with_normals_reversed(std::move(shapes.source));
-    if (route.target_is_inside_out) shapes.target = with_normals_reversed(std::move(shapes.target));
-}
-
 /// The result of the product space with what the route before it found out.
 RouteResult joined(RouteResult first, RouteResult refined) {
     refined.source_boundary = std::move(first.source_boundary);
@@ -166,6 +160,11 @@ RouteResult refined(const RouteInput& input, const std::optional<RefinementStart
 }
 
 }  // namespace
+
+void reverse_normals(PreparedShapes& shapes, const RouteResult& route) {
+    if (route.source_is_inside_out) shapes.source = with_normals_reversed(std::move(shapes.source));
+    if (route.target_is_inside_out) shapes.target = with_normals_reversed(std::move(shapes.target));
+}
 
 std::optional<RefinementStart> earlier_map(const PreparedShapes& shapes, const MorphInput& input) {
     const PreparedShape &source = shapes.source, &target = shapes.target;

@@ -222,15 +222,6 @@ LiveMap::LiveMap(const RefinementCloud& source, const RefinementCloud& target,
 LiveMap::~LiveMap() = default;
 LiveMap::LiveMap(LiveMap&&) noexcept = default;
 
-const RefinementStart& LiveMap::map() const noexcept {
-    return state_->map;
-}
-
-Similarity LiveMap::alignment() const {
-    const Scene& scene = state_->scene;
-    return composed(scene.source.placement.inverse(), scene.target.placement);
-}
-
 FarFeature LiveMap::farthest(std::span<const Feature> features) const {
     FarFeature found;
     for (const Feature& f : features) {

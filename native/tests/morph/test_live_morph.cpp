@@ -2,6 +2,9 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
+#include <atomic>
+#include <chrono>
 #include <cmath>
 #include <optional>
 #include <string>
@@ -199,17 +202,114 @@ TEST(LiveMorph, OtherMethodsAndMissingMapsAreRefusedInWords) {
                  FeatureError);
 }
 
-TEST(LiveMorph, CanBeCanceledAndAskedAgain) {
+TEST(LiveMorph, MarksNextToEachOtherMeetInAnyOrder) {
+    Progress progress;
+    const MorphInput input = eggs(1500, 1200);
+    const LiveMorph live(Morph(eggs(1500, 1200), {}, progress), progress);
+    std::vector<Feature> changed = with_top_at(input.features, input.target, 0.3);
+    // Two spacings beside the top, and left behind by it.
+    const Index beside = row_near(input.source, 0.15, 0.1, 1.0);
+    changed.push_back(point_feature("beside", beside, row_near(input.target, 0.1, 0.15, 1.0)));
+    changed.push_back(point_feature("beyond", row_near(input.source, -0.15, -0.1, 1.0),
+                                    row_near(input.target, -0.2, 0.0, 1.0)));
+    const Positions images = live.source_to_target(changed, progress);
+    for (const Feature& f : changed)
+        EXPECT_EQ(images.row(f.source.rows[0]), input.target.positions.row(f.target.rows[0]))
+            << f.name;
+    std::ranges::reverse(changed);
+    EXPECT_EQ(live.source_to_target(changed, progress), images);
+    std::swap(changed[0], changed[3]);
+    EXPECT_EQ(live.source_to_target(changed, progress), images);
+}
+
+TEST(LiveMorph, EstimatedNormalsOfGivenMapsAreReversedAsTheMorphDoes) {
+    Progress progress;
+    const std::vector<Feature> features = grid_features(30, 30);
+    const auto agreement = [](const Normals& a, const Normals& b) {
+        return a.cwiseProduct(b).rowwise().sum().mean();
+    };
+    int reversed = 0;
+    for (const bool turned : {false, true}) {
+        MorphInput input{.source = plane_cloud(30), .target = bump_cloud(30), .features = features};
+        if (turned) input.target.positions.rightCols(2) *= -1.0;  // by half a turn
+        const Cloud target = input.target;
+        const Morph morph(MorphInput(input), {}, progress);
+        const Morph alone = make(target, target, {});
+        reversed += agreement(alone.target().normals, morph.target().normals) < 0.0;
+        input.start = {morph.source_to_target(progress), morph.target_to_source(progress)};
+        const LiveMorph live(std::move(input), {}, progress);
+        const Morph updated = live.updated(features, progress);
+        EXPECT_EQ(updated.report().update, "updated");
+        EXPECT_EQ(updated.source().normals, morph.source().normals) << turned;
+        EXPECT_EQ(updated.target().normals, morph.target().normals) << turned;
+    }
+    EXPECT_EQ(reversed, 1);
+}
+
+TEST(LiveMorph, WhatIsKnownOfTheMapIsKept) {
+    Progress progress;
+    MorphInput input = eggs(1500, 1200);
+    const std::vector<Feature> marks = std::exchange(input.features, {});
+    const Morph sure(eggs(1500, 1200), {}, progress);
+    input.source.normals = -sure.source().normals;
+    const Morph morph(MorphInput(input), {}, progress);
+    const MorphReport& before = morph.report();
+    ASSERT_LT(before.diagnostics.confidence, 1.0);
+    ASSERT_TRUE(checks::mentions(before.warnings, "pointed inwards"));
+
+    const Positions images = morph.source_to_target(progress);
+    const Index row = marks[0].source.rows[0];
+    const Vector3 place = images.row(row).transpose();
+    const std::vector<Feature> marked = {
+        point_feature("new", row, row_near(input.target, place[0], place[1], place[2]))};
+    const Morph updated = morph.updated(marked, progress), again = updated.updated({}, progress);
+    for (const Morph* const one : {&updated, &again}) {
+        const MorphReport& after = one->report();
+        ASSERT_EQ(after.update, "updated");
+        EXPECT_EQ(after.diagnostics.confidence, before.diagnostics.confidence);
+        EXPECT_EQ(after.diagnostics.margin, before.diagnostics.margin);
+        EXPECT_EQ(after.diagnostics.rivals.size(), before.diagnostics.rivals.size());
+        EXPECT_TRUE(checks::mentions(after.warnings, "pointed inwards"));
+        EXPECT_EQ(checks::mentions(after.warnings, "wrong place"),
+                  checks::mentions(before.warnings, "wrong place"));
+        EXPECT_EQ(after.warnings.size(), before.warnings.size());
+    }
+
+    // Of a map that was given, nobody knows how sure it is.
+    input.start = {images, morph.target_to_source(progress)};
+    const Morph given = LiveMorph(std::move(input), {}, progress).updated(marked, progress);
+    EXPECT_TRUE(std::isnan(given.report().diagnostics.confidence));
+    EXPECT_TRUE(checks::mentions(given.report().warnings, "pointed inwards"));
+    EXPECT_FALSE(checks::mentions(given.report().warnings, "wrong place"));
+}
+
+TEST(LiveMorph, CanBeCanceledAnywhereAndAskedAgain) {
     Progress progress;
     const MorphInput input = eggs(1500, 1200);
     const std::vector<Feature> changed = with_top_at(input.features, input.target, 0.0);
     const LiveMorph live(Morph(eggs(1500, 1200), {}, progress), progress);
-    Progress stopping([](std::string_view, double) { return false; }, std::chrono::milliseconds(0));
-    EXPECT_THROW(live.updated(changed, stopping), Cancelled);
-    Progress stopping_too([](std::string_view, double) { return false; },
-                          std::chrono::milliseconds(0));
-    EXPECT_THROW(live.source_to_target(changed, stopping_too), Cancelled);
-    EXPECT_EQ(live.updated(changed, progress).report().update, "updated");
+    const Positions roughly = live.source_to_target(changed, progress);
+    const Positions whole = live.updated(changed, progress).source_to_target(progress);
+    int canceled = 0;
+    for (const int last : {1, 2, 3, 5, 8, 13, 21, 34}) {
+        for (const bool is_whole : {false, true}) {
+            std::atomic<int> polls = 0;
+            Progress stopping([&](std::string_view, double) { return ++polls < last; },
+                              std::chrono::milliseconds(0));
+            try {
+                if (is_whole)
+                    live.updated(changed, stopping);
+                else
+                    live.source_to_target(changed, stopping);
+                EXPECT_LT(polls, last);
+            } catch (const Cancelled&) {
+                ++canceled;
+            }
+        }
+        EXPECT_EQ(live.source_to_target(changed, progress), roughly) << last;
+    }
+    EXPECT_GE(canceled, 6);
+    EXPECT_EQ(live.updated(changed, progress).source_to_target(progress), whole);
 }
 
 }  // namespace

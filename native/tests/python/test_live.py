@@ -120,6 +120,9 @@ def test_maps_can_be_given_as_arrays(morph: pointmorph.Morph, live: pointmorph.L
     found = given.source_to_target(with_mark_at(0.2))
     apart = np.linalg.norm(found - live.source_to_target(with_mark_at(0.2)), axis=1)
     assert apart.max() < 0.02  # normals were estimated again
+    # Nobody knows how sure the map is that was given; of a morph it is known.
+    assert given.updated(with_mark_at(0.2)).report["confidence"] is None
+    assert live.updated(with_mark_at(0.2)).report["confidence"] == morph.report["confidence"]
 
 
 def test_what_cannot_be_updated_is_refused_in_words(morph: pointmorph.Morph) -> None:

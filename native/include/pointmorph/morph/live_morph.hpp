@@ -28,20 +28,25 @@ public:
     ~LiveMorph();
     LiveMorph(LiveMorph&&) noexcept;
 
-    /// Where source points go, #source by 3, from the coarsest level of the registration alone: to
-    /// look at while a feature is dragged. Hard points meet exactly, all else is within about a
-    /// hundredth of √area of updated(). For the features as they were, the map to the bit. Throws
-    /// FeatureError.
+    /// Where source points go, #source by 3, from the coarsest level of the registration alone: for
+    /// display while a feature is dragged. Hard points meet exactly; the order of the features
+    /// doesn't matter. For the features as they were, the map to the bit. Throws FeatureError.
     Positions source_to_target(const std::vector<Feature>& features, Progress& progress) const;
 
-    /// The whole morph. The map is the one from scratch up to noise; where it couldn't be (a
+    /// The whole morph, its map about as good as one from scratch (docs/benchmarks.md). Where a
     /// feature lies farther than `trusted_distance` from where the map has it, or bending would
-    /// tear), it is found from scratch, and MorphReport::update and a warning say why. For the
+    /// tear, it is found from scratch, and MorphReport::update and a warning say why. For the
     /// features as they were, the maps are the same to the bit. How likely a map is to be right is
-    /// not judged again. Throws what Morph throws.
+    /// not judged again: the diagnostics and the warnings about the shapes are those of the morph
+    /// that this was made of; of maps that were given, the confidence is NaN. Throws what Morph
+    /// throws.
     Morph updated(std::vector<Feature> features, Progress& progress) const;
 
 private:
+    /// `judged` is the morph that the map is of, or null.
+    LiveMorph(MorphInput input, const MorphOptions& options, const Morph* judged,
+              Progress& progress);
+
     struct State;
     std::unique_ptr<const State> state_;
 };

@@ -132,6 +132,7 @@ private:
     Morph(MorphInput input, const MorphOptions& options, Progress& progress,
           const std::string& why);
     MorphInput input() const;  // with the maps as its start
+    std::vector<std::string> warnings_of_shapes() const;
     void conclude(Progress& progress, std::chrono::steady_clock::time_point began);
     void meet_smoothly(std::span<const IndexPair> pinned);
     void find_map(MorphInput input, Progress& progress);
@@ -163,6 +164,7 @@ private:
     Positions source_images_, target_images_;  ///< empty where the domain gives them
     BoundaryLoop source_boundary_, target_boundary_;
     MorphReport report_;
+    std::size_t of_shapes_ = 0;  ///< the first warnings, which hold whatever is marked
     std::unique_ptr<const MeshMorph> meshes_;  ///< null where both clouds are bare
 
     struct Caches;

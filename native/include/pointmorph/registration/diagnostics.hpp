@@ -20,7 +20,7 @@ struct Diagnostics {
     /// features left nothing to choose. See Pose::margin.
     double margin = std::numeric_limits<double>::infinity();
     /// How likely the map is right, 0 to 1; 1 where the features left nothing to choose. See
-    /// pose_confidence().
+    /// pose_confidence(). NaN where nobody has judged it: of a map that was given.
     double confidence = 1.0;
     /// Other maps that were found, the likeliest first, and pairs of places that a user may want to
     /// mark. Empty where the pose was known and none were asked for.

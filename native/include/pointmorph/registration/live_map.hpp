@@ -8,7 +8,6 @@
 
 #include "pointmorph/base/progress.hpp"
 #include "pointmorph/base/types.hpp"
-#include "pointmorph/cloud/similarity.hpp"
 #include "pointmorph/registration/prolongation.hpp"
 #include "pointmorph/registration/refinement.hpp"
 #include "pointmorph/registration/registration.hpp"
@@ -42,7 +41,7 @@ struct LiveUpdate {
 /// Two clouds, features and a map that keeps to them. An update starts from that map, never from
 /// another update: it depends on the features alone, and the way there and back ends where it
 /// began. What the features change is the difference between two registrations from the same start,
-/// with the new features and with the old ones; all else stays as the map has it. All queries are
+/// with the new features and with the old ones; everything else stays as mapped. All queries are
 /// const and may come from several threads.
 class LiveMap {
 public:
@@ -53,10 +52,6 @@ public:
             const RefinementOptions& options, Progress& progress);
     ~LiveMap();
     LiveMap(LiveMap&&) noexcept;
-
-    const RefinementStart& map() const noexcept;
-    /// Takes the target to where the source is.
-    Similarity alignment() const;
 
     /// An update is no better than a guess for a feature farther than
     /// `RefinementOptions::trusted_distance`. Nameless where there are no features.
