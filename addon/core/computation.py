@@ -1,7 +1,7 @@
 """What the library is asked for, from plain arrays to plain arrays; no Blender in between."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pointmorph
@@ -149,7 +149,7 @@ class Outcome:
         return (self.source, *self.between, self.target)
 
 
-@dataclass
+@dataclass(eq=False)
 class Earlier:
     """What was asked for and found before, to start from after a mark was added or moved.
 
@@ -160,7 +160,7 @@ class Earlier:
     request: Request
     maps: tuple
     landing: np.ndarray | None = None
-    live: pointmorph.LiveMorph | None = field(default=None, compare=False)
+    live: pointmorph.LiveMorph | None = None
 
     @property
     def can_be_bent(self):
@@ -169,13 +169,23 @@ class Earlier:
         return (settings.get("method", "auto"), settings.get("domain", "auto")) == ("auto", "auto")
 
     def live_for(self, request):
-        """The LiveMorph, if `request` differs in its features alone, else None."""
-        return self.live if self.live is not None and self.start_for(request) else None
+        """The LiveMorph, if `request` differs in its features alone, else None. It gives back
+        all else as it was made with: names, normals, colors and radii as well."""
+        same = (
+            self.live is not None
+            and self.start_for(request)
+            and request.loop == self.request.loop
+            and _same_look(request.source, self.request.source)
+            and _same_look(request.target, self.request.target)
+        )
+        return self.live if same else None
 
     def followed_by(self, request, outcome):
-        """What is to be kept of the next outcome, which shares the LiveMorph with this one where
-        only features have changed."""
-        return Earlier(request, outcome.maps, outcome.landing, self.live_for(request))
+        """What is to be kept of the next outcome. It shares the LiveMorph with this one if that has
+        made it; a map from scratch is another one, which it knows nothing of."""
+        updated = outcome.report.get("update") == "updated"
+        live = self.live_for(request) if updated else None
+        return Earlier(request, outcome.maps, outcome.landing, live)
 
     def start_for(self, request):
         """The maps, if `request` differs in its features alone, else None."""
@@ -193,9 +203,21 @@ class Earlier:
 
 
 def _same_faces(one, other):
-    if one.triangles is None or other.triangles is None:
-        return one.triangles is other.triangles
-    return np.array_equal(one.triangles, other.triangles)
+    return _same(one.triangles, other.triangles)
+
+
+def _same_look(one, other):
+    """Whether shapes of the same positions and faces are the same in all that a morph returns."""
+    return one.name == other.name and all(
+        _same(getattr(one, what), getattr(other, what))
+        for what in ("normals", "colors", "radii", "boundary")
+    )
+
+
+def _same(one, other):
+    if one is None or other is None:
+        return one is other
+    return np.array_equal(one, other)
 
 
 def _packed(triangles):

@@ -16,13 +16,10 @@ class Answer:
 
     Attributes
     ----------
-    features : dict
-        What was asked for.
     shifts : (N, 3) array
         How far they take the source's points from where the map has them.
     """
 
-    features: dict
     shifts: np.ndarray
 
 
@@ -45,6 +42,7 @@ class LiveFollower:
         self._before = None
         self._wanted = None
         self._answer = None
+        self._asker = 0  # counts those who asked and have been forgotten
         self._ended = False
         self._changed = threading.Condition()
         self._thread = threading.Thread(target=self._run, name="pointmorph live", daemon=True)
@@ -62,6 +60,12 @@ class LiveFollower:
             answer, self._answer = self._answer, None
             return answer
 
+    def forget(self):
+        """What was asked for before is of no interest any more, nor is its answer."""
+        with self._changed:
+            self._wanted = self._answer = None
+            self._asker += 1
+
     @property
     def waits(self):
         """Whether it has been asked for something that it hasn't answered."""
@@ -69,10 +73,17 @@ class LiveFollower:
             return self._wanted is not None or self._answer is not None
 
     def stop(self):
-        """Ends the thread; waits for it."""
+        """Has the thread end, a moment later."""
         with self._changed:
             self._ended = True
             self._changed.notify()
+
+    @property
+    def runs(self):
+        return self._thread.is_alive()
+
+    def join(self):
+        """Waits for its end."""
         self._thread.join()
 
     def _go_on(self, stage, fraction):
@@ -86,10 +97,10 @@ class LiveFollower:
                 with self._changed:
                     while self._wanted is None and not self._ended:
                         self._changed.wait()
-                    wanted = self._wanted
+                    wanted, asker = self._wanted, self._asker
                 if self._ended:
                     return
-                self._follow(wanted)
+                self._follow(wanted, asker)
         except pointmorph.Cancelled:
             return
         except Exception as error:  # the mark still goes where it is dragged
@@ -109,16 +120,16 @@ class LiveFollower:
             )
         self._before = self.live.source_to_target(request.features, self._go_on)
 
-    def _follow(self, wanted):
+    def _follow(self, wanted, asker):
         start = time.perf_counter()
         try:
             places = self.live.source_to_target(wanted, self._go_on)
         except pointmorph.FeatureError:  # two features in one place, on the way past it
             answer = None
         else:
-            answer = Answer(wanted, places - self._before)
+            answer = Answer(places - self._before)
         with self._changed:
-            if answer is not None:
+            if answer is not None and asker == self._asker:
                 self._answer = answer
                 end = time.perf_counter()
                 self.updates.append((end, end - start))
@@ -127,7 +138,8 @@ class LiveFollower:
 
 
 current = None
-"""That of the last morph that was made in a window, while marks are clicked; or None."""
+"""That of the last morph that was made in a window, from the first drag of a mark on; or None."""
+_ending = []  # those whose threads may still be at work
 
 
 def follow(earlier):
@@ -141,15 +153,25 @@ def follow(earlier):
 
 
 def lend():
-    """Lets the next computation use what was made to follow."""
-    if current is not None and current.live is not None:
+    """Lets the next computation use what was made to follow, if it has followed anything."""
+    if current is not None and current.live is not None and current.updates:
         current.earlier.live = current.live
 
 
 def stop():
-    """Ends the follower; what it took to make it is kept with its map."""
+    """Has the follower end; what it took to make it is kept with its map."""
     global current
     if current is not None:
         current.stop()
         lend()
+        _ending[:] = [follower for follower in _ending if follower.runs] + [current]
     current = None
+
+
+def end():
+    """Ends the follower, waits for its thread, and keeps nothing."""
+    stop()
+    while _ending:
+        _ending.pop().join()
+    if background_job.earlier is not None:
+        background_job.earlier.live = None

@@ -1,22 +1,25 @@
 """Features by two clicks in Object Mode: one on the source, one on the target. A mark that is there
 is dragged, and the morph follows."""
 
+import contextlib
+
 import bpy
 
 from ..core import background_job, live_follower
 from ..data import areas
 from ..data.feature_list import feature_names, sync_features
 from ..data.registration import Registration
-from ..scene import live_preview, marked_points
+from ..scene import marked_points
 from ..scene.feature_marks import mark, next_name, unmarkable
 from ..view import click_targets, markers
-from .polls import Explained, picked_result, shapes_reason
+from .dragging import Drag, WholeUpdate
+from .polls import Explained, shapes_reason
 
 _STEP = 0.02  # seconds between two looks at what has been found
-_STARTS = 4  # pixels that make a click a drag
 
 running = False
 """Whether the operator waits for clicks."""
+_waiting = None  # the operator itself
 
 
 def asked_for(settings, name=""):
@@ -30,61 +33,6 @@ def asked_for(settings, name=""):
         partly = [f.marked_name for f in settings.features if f.on_source != f.on_target]
         name = partly[0] if partly else next_name(settings, objects)
     return name, [obj for obj in objects if name not in feature_names(obj)]
-
-
-class _Drag:
-    """A mark that is held by the mouse. Nothing is marked until it is let go."""
-
-    def __init__(self, context, obj, name, at):
-        settings = context.scene.pointmorph
-        self.name, self.of = name, obj.name
-        self.row = None
-        self.is_moving = False
-        self._at = at
-        self._side = 0 if obj == settings.source else 1
-        self._hidden = None
-        self._preview = None
-        result = picked_result(context)
-        follower = live_preview.follower_of(context.scene, result)
-        if live_preview.can_follow(follower, name):
-            self._preview = live_preview.LivePreview(result, follower)
-
-    @property
-    def follows(self):
-        """Whether a morph follows."""
-        return self._preview is not None
-
-    def begins_at(self, context, x, y):
-        """Whether the mouse has gone far enough to mean it."""
-        if not self.is_moving and max(abs(x - self._at[0]), abs(y - self._at[1])) >= _STARTS:
-            self.is_moving = True
-            source = context.scene.pointmorph.source
-            # It lies where the morph does.
-            if self.follows and self._side == 1 and not source.hide_get():
-                source.hide_set(True)
-                self._hidden = source.name
-        return self.is_moving
-
-    def move(self, row):
-        if row == self.row:
-            return
-        self.row = row
-        markers.dragged = self.of, self.name, row
-        if self.follows:
-            self._preview.ask(self.name, self._side, row)
-
-    def show(self):
-        """Whether there was something new to show."""
-        return self.follows and self._preview.show(bpy.data.objects)
-
-    def end(self, keeps):
-        """Has what is shown stay, or go back to what it was."""
-        markers.dragged = None
-        source = bpy.data.objects.get(self._hidden) if self._hidden else None
-        if source is not None:
-            source.hide_set(False)
-        if self.follows and not keeps:
-            self._preview.put_back(bpy.data.objects)
 
 
 class POINTMORPH_OT_click_features(Explained, bpy.types.Operator):
@@ -111,9 +59,10 @@ class POINTMORPH_OT_click_features(Explained, bpy.types.Operator):
         return reason
 
     def invoke(self, context, event):
-        global running
-        running = True
+        global running, _waiting
+        running, _waiting = True, self
         self._drag = self._timer = None
+        self._update = WholeUpdate()
         settings = context.scene.pointmorph
         sync_features(context.scene)
         for obj in (settings.source, settings.target):
@@ -122,8 +71,6 @@ class POINTMORPH_OT_click_features(Explained, bpy.types.Operator):
         settings.show_markers = True
         context.window_manager.modal_handler_add(self)
         context.window.cursor_modal_set("CROSSHAIR")
-        # Begins to prepare, so that the first drag is followed.
-        live_preview.follower_of(context.scene, picked_result(context))
         self._say(context)
         return {"RUNNING_MODAL"}
 
@@ -142,6 +89,8 @@ class POINTMORPH_OT_click_features(Explained, bpy.types.Operator):
         if self._drag is not None:
             return self._handle_drag(context, event)
         if event.type in {"ESC", "RIGHTMOUSE", "RET"} and event.value == "PRESS":
+            self._update.leave()
+            self._update = WholeUpdate()
             self.cancel(context)
             return {"FINISHED"}
         if shapes_reason(context) or unmarkable(context):
@@ -158,34 +107,53 @@ class POINTMORPH_OT_click_features(Explained, bpy.types.Operator):
             if not self._take_hold(context, event, where):
                 self._click(context, where)
             return {"RUNNING_MODAL"}
+        elif event.type == "TIMER" and self._timer is not None:
+            self._go_on(context)
         elif event.type in {"Z", "Y"}:
             self._say(context)
         return {"PASS_THROUGH"}
 
     def cancel(self, context):
         """Also called by Blender when the window or the file is closed."""
-        global running
-        running = False
-        self._let_go(context, keeps=False)
-        live_follower.stop()
-        markers.hint, markers.hover = "", None
-        context.window.cursor_modal_restore()
-        context.workspace.status_text_set(None)
-        areas.redraw_viewports()
+        global running, _waiting
+        running, _waiting = False, None
+        drag, self._drag = self._drag, None
+        with contextlib.ExitStack() as last:  # all of it, whatever fails
+            last.callback(areas.redraw_viewports)
+            last.callback(_clear_words, context)
+            last.callback(live_follower.stop)
+            last.callback(self._watch, context)
+            last.callback(self._update.give_up)
+            if drag is not None:
+                last.callback(drag.end, keeps=False)
+
+    def _watch(self, context):
+        """Has a timer as long as there is something to look at."""
+        wanted = self._drag is not None or self._update.is_open
+        if wanted and self._timer is None:
+            self._timer = context.window_manager.event_timer_add(_STEP, window=context.window)
+        elif not wanted and self._timer is not None:
+            timer, self._timer = self._timer, None
+            context.window_manager.event_timer_remove(timer)
+
+    def _go_on(self, context):
+        """Has the morph computed that is due."""
+        why = self._update.go_on()
+        if why is not None:
+            self.report({"WARNING"}, why)
+        self._watch(context)
 
     def _take_hold(self, context, event, where):
         """Whether there is a mark under the mouse."""
         found = None if self.name else markers.mark_at(context, *where)
         if found is None:
             return False
-        job = background_job.current
-        if job is not None and job.place == "RESULT":
-            job.cancel()  # it computes what is about to change again
         obj, name = found
         settings = context.scene.pointmorph
         settings.active_feature = settings.features.find(name)
-        self._drag = _Drag(context, obj, name, (event.mouse_x, event.mouse_y))
-        self._timer = context.window_manager.event_timer_add(_STEP, window=context.window)
+        at = (event.mouse_x, event.mouse_y)
+        self._drag = Drag(context, obj, name, at, self._update.preview)
+        self._watch(context)
         markers.hover = None
         areas.redraw_viewports()
         return True
@@ -198,7 +166,12 @@ class POINTMORPH_OT_click_features(Explained, bpy.types.Operator):
         elif shapes_reason(context) or unmarkable(context):
             self.cancel(context)
             return {"CANCELLED"}
+        elif drag.is_overtaken:
+            self._let_go(context, keeps=False)
+            self.report({"INFO"}, "Another morph was computed: drag the mark again")
+            self._say(context)
         elif event.type == "MOUSEMOVE" and drag.begins_at(context, event.mouse_x, event.mouse_y):
+            self._update.interrupt()
             where = click_targets.viewport_at(context.window, event.mouse_x, event.mouse_y)
             hit = None if where is None else click_targets.pick(context, *where)
             if hit is not None and hit[0].name == drag.of:
@@ -217,34 +190,51 @@ class POINTMORPH_OT_click_features(Explained, bpy.types.Operator):
         """Marks the place where the mouse is let go, and has the whole morph computed."""
         drag = self._drag
         obj = bpy.data.objects.get(drag.of)
+        if obj is None or not drag.goes_elsewhere:
+            self._let_go(context, keeps=False)
+            if obj is not None and not drag.is_moving:
+                self._complete(context, drag)
+            self._say(context)
+            return
         others = marked_points.marks_of(obj, wait=True).items()
-        if drag.row is not None and any(
+        if any(
             other != drag.name and known is not None and known.count == 1 and known.row == drag.row
             for other, known in others
         ):
             self.report({"WARNING"}, "Another feature is there already: drag it to another vertex")
             self._let_go(context, keeps=False)
             return
-        follows = drag.follows
         self._let_go(context, keeps=True)
-        if drag.row is None:
-            return
+        kept = drag.preview.after(self._update.preview) if drag.follows else self._update.preview
+        if kept is not None:
+            kept.lift(bpy.data.objects)  # it is no part of what undo comes back to
         mark(obj, drag.name, [drag.row])
         sync_features(context.scene)
         context.scene.pointmorph.features[drag.name].confidence = -1.0
         bpy.ops.ed.undo_push(message=f'Move "{drag.name}" on {obj.name}')
-        if follows and bpy.ops.pointmorph.recompute.poll():
-            live_follower.lend()
-            bpy.ops.pointmorph.recompute("INVOKE_DEFAULT")
+        if kept is not None:
+            kept.lower(bpy.data.objects)
+        if drag.follows:
+            self._update.want(drag.result, kept)
+        self._go_on(context)
         self._say(context)
 
+    def _complete(self, context, drag):
+        """A click that didn't move a mark is one like any other, if a feature waits for its second
+        place and another vertex lies there."""
+        where = click_targets.viewport_at(context.window, *drag.at)
+        hit = None if where is None else click_targets.pick(context, *where)
+        _, missing = asked_for(context.scene.pointmorph, self.name)
+        if hit is not None and missing == [hit[0]] and not drag.is_own(*hit):
+            self._click(context, where)
+
     def _let_go(self, context, keeps):
-        if self._timer is not None:
-            context.window_manager.event_timer_remove(self._timer)
-        if self._drag is not None:
-            self._drag.end(keeps)
+        drag, self._drag = self._drag, None
+        try:
+            drag.end(keeps)
+        finally:
+            self._watch(context)
             areas.redraw_viewports()
-        self._drag = self._timer = None
 
     def _follow(self, context, where):
         """Shows which vertex a click would take."""
@@ -304,7 +294,31 @@ class POINTMORPH_OT_click_features(Explained, bpy.types.Operator):
         context.workspace.status_text_set(f"{text}     Ctrl Z: Undo     Esc: Finish")
 
 
+def _clear_words(context):
+    markers.hint, markers.hover, markers.dragged = "", None, None
+    if context.window is not None:
+        context.window.cursor_modal_restore()
+    if context.workspace is not None:
+        context.workspace.status_text_set(None)
+
+
+def _forget(*_):
+    """Nothing of another file is to be followed."""
+    live_follower.stop()
+    background_job.earlier = None
+
+
+def _stop():
+    """Ends what is going on, before the add-on goes."""
+    try:
+        if _waiting is not None:
+            _waiting.cancel(bpy.context)
+    finally:
+        live_follower.end()
+
+
 registration = Registration(
     classes=(POINTMORPH_OT_click_features,),
-    stop=live_follower.stop,
+    handlers=(("load_post", _forget),),
+    stop=_stop,
 )

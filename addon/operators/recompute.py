@@ -57,13 +57,24 @@ class POINTMORPH_OT_recompute(Explained, Recomputing, bpy.types.Operator):
     place = "RESULT"
     stopped = "Canceled: the morph is unchanged"
 
+    name: bpy.props.StringProperty(
+        name="Name",
+        description="Morph object to compute again. If empty, the active one",
+        options={"HIDDEN", "SKIP_SAVE"},
+    )
+
     @staticmethod
     def reason(context):
         return busy_reason() or made_reason(context)
 
     def _begin_steps(self, context):
         sync_features(context.scene)
-        return (yield from self.begin_again(context, made_object(context)))
+        obj = bpy.data.objects.get(self.name) if self.name else made_object(context)
+        if not morph_object.is_made(obj):
+            raise pointmorph.CloudError(
+                self.name, "a morph object of this name", "none", "Morph first."
+            )
+        return (yield from self.begin_again(context, obj))
 
     def _finish(self, context, outcome):
         say_made(self, self.finish_again(context, outcome), outcome.report)

@@ -6,53 +6,112 @@ import numpy as np
 import pointmorph
 
 from ..core import background_job, live_follower, transforms
+from ..core.computation import Shape
+from ..core.features import Marks, match
 from ..data import arrays
-from . import marked_points, morph_object
+from ..data.feature_list import feature_choices, feature_names
+from . import feature_marks, marked_points, morph_object
+
+_SAME = 1e-5  # of the extent: what float32 and a way through matrices leave of a place
 
 
 class LivePreview:
-    """The mesh that shows a morph, so that it can follow a feature and be put back.
+    """The mesh that shows a morph, so that it can follow a feature and be put back. Only what it
+    has written itself is ever put back: a morph that was computed meanwhile stays.
 
     Parameters
     ----------
     result : Object
         The morph object of pairs.
     follower : live_follower.LiveFollower
+    features : dict
+        Those that are marked now.
     """
 
-    def __init__(self, result, follower):
-        self._name = morph_object.shown_of(result).name
+    def __init__(self, result, follower, features):
+        self.name = morph_object.shown_of(result).name
         self._back = np.linalg.inv(morph_object.source_matrix_of(result))
         self._follower = follower
-        self._before = None
+        self._features = features
+        self._before = self._written = None
+        self._asked = False
+        follower.forget()  # what others have asked for
 
     def ask(self, name, side, row):
         """Has the morph follow a point feature to a row of the source (0) or the target (1)."""
-        features = self._follower.earlier.request.features
-        self._follower.ask({**features, name: _moved(features[name], side, row)})
+        self._asked = True
+        self._follower.ask({**self._features, name: _moved(self._features[name], side, row)})
 
     def show(self, objects):
         """Shows the newest answer; whether there was one."""
-        answer = self._follower.answer()
+        answer = self._follower.answer() if self._asked else None
         if answer is None:
             return False
-        key = morph_object.last_key(objects[self._name])
+        present = _places(objects, self.name)
+        if present is None or len(present) != len(answer.shifts):
+            return False
         if self._before is None:
-            self._before = arrays.key_positions(key)
+            self._before = present
+        elif not np.array_equal(present, self._written):
+            return False
         places = self._follower.earlier.landing + answer.shifts
-        self._write(objects, transforms.move_positions(self._back, places))
+        self._written = transforms.move_positions(self._back, places).astype(np.float32)
+        self._write(objects, self._written)
         return True
+
+    def is_shown(self, objects):
+        """Whether the mesh is as this has made it."""
+        if self._before is None:
+            return False
+        present = _places(objects, self.name)
+        return present is not None and np.array_equal(present, self._written)
 
     def put_back(self, objects):
         """Shows what was shown before."""
-        if self._before is not None:
+        if self.is_shown(objects):
             self._write(objects, self._before)
-            self._before = None
+        self._before = None
+
+    def lift(self, objects):
+        """Shows what was shown before, until `lower`."""
+        if self.is_shown(objects):
+            self._write(objects, self._before)
+
+    def lower(self, objects):
+        """Shows the answer again."""
+        present = None if self._before is None else _places(objects, self.name)
+        if present is not None and np.array_equal(present, self._before):
+            self._write(objects, self._written)
+
+    def after(self, other):
+        """What is to be kept of this one, where `other` (or None) was shown when it began: it goes
+        back to what was there before both."""
+        if other is None or other.name != self.name or other._before is None:
+            return self
+        if self._before is None:
+            return other
+        self._before = other._before
+        return self
 
     def _write(self, objects, places):
-        mesh = objects[self._name].data
-        arrays.write_key(morph_object.last_key(objects[self._name]), places)
-        mesh.update_tag()
+        arrays.write_key(_key(objects, self.name), places)
+        objects[self.name].data.update_tag()
+
+
+def _key(objects, name):
+    """The shape key that is shown at the end; None where somebody took it, or the object, away."""
+    obj = objects.get(name)
+    if obj is None or obj.type != "MESH" or obj.data.shape_keys is None:
+        return None
+    try:
+        return morph_object.last_key(obj)
+    except (pointmorph.CloudError, KeyError):
+        return None
+
+
+def _places(objects, name):
+    key = _key(objects, name)
+    return None if key is None else arrays.key_positions(key).astype(np.float32)
 
 
 def _moved(feature, side, row):
@@ -61,34 +120,85 @@ def _moved(feature, side, row):
     return (row, feature[1]) if side == 0 else (feature[0], row)
 
 
-def follower_of(scene, result):
-    """The LiveFollower of what was computed last, if that is what the morph object shows with the
-    source's faces; else None."""
-    earlier = background_job.earlier
-    if result is None or earlier is None or earlier.landing is None or not earlier.can_be_bent:
+def present_features(settings):
+    """What is marked on source and target now, as a morph would be asked for it; None where it
+    couldn't be."""
+    shapes = []
+    for obj in (settings.source, settings.target):
+        names = [name for name in feature_names(obj) if name]
+        is_mesh = obj.type == "MESH"
+        shapes.append(
+            Shape(
+                name=obj.name,
+                positions=arrays.positions_of(obj.data),
+                normals=None,
+                colors=None,
+                radii=None,
+                triangles=None,
+                marks=Marks(
+                    "vertex group" if is_mesh else "point attribute",
+                    feature_marks.members(obj, names),
+                    *([arrays.mesh_edges(obj.data)] if is_mesh else []),
+                ),
+            )
+        )
+    try:
+        return match(*shapes, feature_choices(settings))
+    except pointmorph.FeatureError:
         return None
-    settings, request = scene.pointmorph, earlier.request
+
+
+def begin(objects, scene, result, name, pending=None):
+    """A LivePreview of what a point feature makes of the morph that was computed last; None where
+    that isn't what the morph object shows with the source's faces, or other marks belong to it.
+
+    `pending` is a LivePreview that is shown, or None: the morph of its marks is yet to be computed.
+    """
+    earlier, settings = background_job.earlier, scene.pointmorph
+    if result is None or earlier is None or not _is_of(earlier, settings, result):
+        return None
+    shown, landing = morph_object.shown_of(result), earlier.landing
+    back = np.linalg.inv(morph_object.source_matrix_of(result))
+    places = _places(objects, shown.name)
+    awaited = pending is not None and pending.name == shown.name and pending.is_shown(objects)
+    if places is None or not (awaited or _are_same(places, transforms.apply(back, landing))):
+        return None
+    features = present_features(settings)
+    if features is None or not (awaited or features == earlier.request.features):
+        return None
+    feature = features.get(name)
+    kind = feature.kind if isinstance(feature, pointmorph.Feature) else "point"
+    if feature is None or kind != "point":
+        return None
+    follower = live_follower.follow(earlier)
+    if follower is None or follower.problem is not None:
+        return None
+    return LivePreview(result, follower, features)
+
+
+def _is_of(earlier, settings, result):
+    """Whether a morph object shows this map of the picked objects with the source's faces."""
     shown = morph_object.shown_of(result)
-    fits = (
-        shown != result
+    return (
+        earlier.landing is not None
+        and earlier.can_be_bent
+        and shown != result
         and not result.pointmorph.via
         and shown.mode == "OBJECT"
         and len(shown.data.vertices) == len(earlier.landing)
         and all(
             shape.name == obj.name and len(shape.positions) == marked_points.size_of(obj)
             for shape, obj in (
-                (request.source, settings.source),
-                (request.target, settings.target),
+                (earlier.request.source, settings.source),
+                (earlier.request.target, settings.target),
             )
         )
     )
-    return live_follower.follow(earlier) if fits else None
 
 
-def can_follow(follower, name):
-    """Whether a feature is a point of the map that is followed."""
-    if follower is None or follower.problem is not None:
+def _are_same(places, others):
+    if len(places) != len(others):
         return False
-    feature = follower.earlier.request.features.get(name)
-    kind = feature.kind if isinstance(feature, pointmorph.Feature) else "point"
-    return feature is not None and kind == "point"
+    extent = float(np.ptp(others, axis=0).max()) if len(others) else 0.0
+    largest = float(np.abs(others).max()) if len(others) else 0.0
+    return bool(np.abs(places - others).max() <= _SAME * max(extent, largest))

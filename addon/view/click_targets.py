@@ -3,12 +3,14 @@
 import bpy
 import numpy as np
 from bpy_extras.view3d_utils import region_2d_to_origin_3d, region_2d_to_vector_3d
+from mathutils import Vector
 
 from ..core import transforms
 from ..data import arrays
 from ..scene import marked_points
 
 _REACH = 14.0  # pixels from the mouse to a point without faces, at the most
+_COVER = 0.01  # of an object's extent, by which a face lies before what it covers
 _LAYER = 0.12  # of the extent: so much deeper is as bad as so far away
 
 
@@ -102,6 +104,32 @@ def pick(context, area, region, view, at):
         if found is not None and (best is None or found[0] < best[0]):
             best = (*found, obj)
     return None if best is None else (best[2], best[1])
+
+
+def is_covered(context, area, view, place):
+    """Whether a place in the world is hidden behind faces of the source or the target."""
+    settings = context.scene.pointmorph
+    objects = [
+        obj
+        for obj in (settings.source, settings.target)
+        if obj.type == "MESH" and obj.data.polygons and obj.visible_get(viewport=area.spaces.active)
+    ]
+    depsgraph = context.evaluated_depsgraph_get()
+    back = view.view_matrix.inverted()
+    viewer = back.translation
+    if not view.is_perspective:  # as seen from beyond all that may cover it
+        away = [o.dimensions.length + (o.matrix_world.translation - place).length for o in objects]
+        viewer = place + back.to_3x3() @ Vector((0.0, 0.0, 2.0 * max(away, default=1.0)))
+    for obj in objects:
+        inverse = obj.matrix_world.inverted_safe()
+        start, end = inverse @ viewer, inverse @ place
+        if start == end:
+            continue
+        hit, met, *_ = obj.ray_cast(start, end - start, depsgraph=depsgraph)
+        before = (place - viewer).length - (obj.matrix_world @ met - viewer).length
+        if hit and before > _COVER * max(obj.dimensions):
+            return True
+    return False
 
 
 def viewport_at(window, x, y):

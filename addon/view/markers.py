@@ -13,6 +13,7 @@ from mathutils import Vector
 from ..data.feature_list import color_of
 from ..data.registration import Registration
 from ..scene import marked_points
+from . import click_targets
 
 _RADIUS, _DOT, _RING = 9.0, 2.5, 13.0  # pixels
 _GRIP = 8.0  # pixels from a mark, within which it is taken hold of
@@ -125,7 +126,7 @@ def mark_at(context, area, region, view, at):
             if spot is None or _faces_away(view, obj, mark.row, depsgraph):
                 continue
             apart = (spot - Vector(at)).length
-            if apart < best:
+            if apart < best and not click_targets.is_covered(context, area, view, place):
                 best, found = apart, (obj, name)
     return found
 
@@ -164,9 +165,6 @@ def _text(text, x, y, size, opacity=1.0, centered=False):
     blf.color(0, 1.0, 1.0, 1.0, opacity)
     blf.draw(0, text)
     blf.disable(0, blf.SHADOW)
-
-
-registration = Registration(drawings=((_draw, "POST_PIXEL"),))
 
 
 registration = Registration(drawings=((_draw, "POST_PIXEL"),))
