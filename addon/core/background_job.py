@@ -6,6 +6,8 @@ import threading
 
 import pointmorph
 
+from . import computation
+
 # More, of 19: about half a turn beside the window's thread. At 10 a morph of 7,000 pairs took ten
 # times as long where other programs kept the cores busy.
 _NICENESS = 3
@@ -34,7 +36,7 @@ class Job:
         self._thread.start()
 
     def _run(self):
-        _stand_back()
+        stand_back()
         try:
             self._outcome = self._compute(self._progress)
         except BaseException as error:  # handed to the main thread by result()
@@ -71,7 +73,7 @@ class Job:
         return self._outcome
 
 
-def _stand_back():
+def stand_back():
     """Lets the window go before this thread, and those it starts, where all cores are busy."""
     if sys.platform == "linux":  # elsewhere priority is a whole process's
         thread = threading.get_native_id()
@@ -85,6 +87,13 @@ problem = None
 """(panel, text) of the last error, until the next attempt; None after a success."""
 earlier = None
 """A computation.Earlier of the last morph that was made in a window, or None."""
+
+
+def remember(request, outcome):
+    """Keeps what was found for the next time."""
+    global earlier
+    kept = computation.Earlier(request, outcome.maps, outcome.landing)
+    earlier = kept if earlier is None else earlier.followed_by(request, outcome)
 
 
 def start(place=""):

@@ -13,7 +13,6 @@ from .tangents import frames_of_corners, from_tangent_space, to_tangent_space
 
 STAGE = "blending textures"
 _PART = 1 << 20  # texels that are drawn at once
-_TOGETHER = 4  # texels whose places on the model are looked for from the same one
 
 
 @dataclass(frozen=True)
@@ -273,21 +272,12 @@ def _values(canvas, model, options, found, progress):
         taken = (
             {"color": _between_points(model, spots)}
             if closest is None
-            else _taken(
-                model, look, options, frames, *closest.of(spots, _beside(found.triangles[part]))
-            )
+            else _taken(model, look, options, frames, *closest.of(spots))
         )
         for name, values in taken.items():
             parts.setdefault(name, []).append(values)
         _tell(progress, 0.1 + 0.8 * min(start + _PART, count) / count)
     return {name: np.concatenate(values) for name, values in parts.items()}
-
-
-def _beside(triangles):
-    """For each texel, the row of one that is on the same triangle, a few before it."""
-    rows = np.arange(len(triangles))
-    first = np.maximum.accumulate(np.where(np.diff(triangles, prepend=-1) != 0, rows, 0))
-    return rows - (rows - first) % _TOGETHER
 
 
 def _taken(model, look, options, frames, triangles, shares):
@@ -304,7 +294,7 @@ def _taken(model, look, options, frames, triangles, shares):
 def _between_points(model, places):
     """(T, 4): colors of the three points around each place, by nearness."""
     count = min(3, len(model.positions))
-    members = meshes.closest_points(model.positions, places, count)
+    members = meshes.nearest_rows(model.positions, places, count)
     apart = np.linalg.norm(model.positions[members] - places[:, None], axis=2)
     scale = max(float(np.ptp(model.positions, axis=0).max()), 1e-30)
     shares = 1.0 / np.maximum(apart, 1e-9 * scale) ** 2

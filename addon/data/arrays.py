@@ -322,10 +322,10 @@ def cloud_colors(cloud):
     return None if attribute is None else read_attribute(attribute)
 
 
-def mark_points(cloud, name, rows):
-    """A new point attribute that is 1 at these rows and 0 elsewhere."""
+def mark_points(cloud, name, rows, weights=None):
+    """A new point attribute that is 1 (or its weight) at these rows and 0 elsewhere."""
     values = np.zeros(len(cloud.points), np.float32)
-    values[rows] = 1.0
+    values[rows] = 1.0 if weights is None else weights
     write_attribute(cloud, name, values)
 
 

@@ -62,6 +62,39 @@ def sync_features(scene):
 _CHOSEN = [field.name for field in fields(Choice)]
 
 
+def keep_choice(feature):
+    """Stores with the objects that have a feature what was chosen for it: it goes along when they
+    are appended, or picked in another scene."""
+    settings = feature.id_data.pointmorph
+    name = feature.marked_name
+    for obj in (settings.source, settings.target):
+        if obj is None or not obj.is_editable or name not in feature_names(obj):
+            continue
+        choices = obj.pointmorph.choices
+        kept = choices.get(name)
+        if kept is None:
+            kept = choices.add()
+            kept.name = name
+        for chosen in _CHOSEN:
+            _set(kept, chosen, getattr(feature, chosen))
+
+
+def rename_choice(obj, old, new):
+    """Has what is stored for a feature follow its name."""
+    drop_choice(obj, new)
+    kept = obj.pointmorph.choices.get(old)
+    if kept is not None:
+        kept.name = new
+
+
+def drop_choice(obj, name):
+    """Forgets what is stored for a feature."""
+    if obj is not None and obj.is_editable:
+        index = obj.pointmorph.choices.find(name)
+        if index >= 0:
+            obj.pointmorph.choices.remove(index)
+
+
 def _set_aside(settings, feature):
     """Keeps what was chosen for a feature until an object that has it is picked again."""
     forget_choice(settings, feature.marked_name)
@@ -74,6 +107,9 @@ def _set_aside(settings, feature):
 
 def _take_back(settings, feature, name):
     kept = settings.set_aside.get(name)
+    for obj in (settings.source, settings.target):
+        if kept is None and obj is not None and name in feature_names(obj):
+            kept = obj.pointmorph.choices.get(name)
     if kept is not None:
         for chosen in _CHOSEN:
             _set(feature, chosen, getattr(kept, chosen))

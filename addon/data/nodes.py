@@ -1,19 +1,28 @@
 """Trees of nodes, built in code."""
 
+import functools
+import pathlib
+import zlib
+
 import bpy
 
 from . import attribute_names, versions
 
-# Of the groups of nodes that all morph objects of a file share. To be raised when what any of them
-# holds changes: a file may have those of an earlier version under the same names.
-_VERSION = 1
 _MARK = "pointmorph_version"
+
+
+@functools.cache
+def _version():
+    """What tells the groups of nodes of this version from those that a file has of another one: a
+    checksum of the add-on's code, which makes them."""
+    files = sorted(pathlib.Path(__file__).parents[1].glob("*/*.py"))
+    return f"{zlib.crc32(b''.join(file.read_bytes() for file in files)):08x}"
 
 
 def shared_group(name, make):
     """The group of that name as this version makes it, which `make(name)` does where the file has
-    none. One that an earlier version made stays as it is, with all that uses it."""
-    mark = f"{name}: {_VERSION}"
+    none. One that another version made stays as it is, with all that uses it."""
+    mark = f"{name}: {_version()}"
     for group in bpy.data.node_groups:
         if group.library is None and group.get(_MARK) == mark:
             return group
@@ -22,10 +31,22 @@ def shared_group(name, make):
     return group
 
 
+def new_group(name, created):
+    """An empty group of geometry nodes, which `created` gets."""
+    group = bpy.data.node_groups.new(name, "GeometryNodeTree")
+    created(group)
+    return group
+
+
 def remove_unused_groups(name):
     """Takes shared groups whose name begins so out of the file where nothing has them."""
-    groups = [g for g in bpy.data.node_groups if g.get(_MARK, "").startswith(name) and not g.users]
-    bpy.data.batch_remove(groups)
+    while groups := [g for g in bpy.data.node_groups if is_shared(g, name) and not g.users]:
+        bpy.data.batch_remove(groups)  # and then those that only these had
+
+
+def is_shared(group, name):
+    """Whether it is a shared group whose name begins so."""
+    return group.get(_MARK, "").startswith(name)
 
 
 def swap_group(obj, modifier, group):
@@ -166,12 +187,23 @@ class Builder:
         else:
             socket.default_value = value
 
+    def group(self, group, inputs):
+        """What another group of nodes, with one output, makes of `inputs`."""
+        return self.node("GeometryNodeGroup", inputs, node_tree=group).outputs[0]
+
     def math(self, operation, *values, kind="ShaderNodeMath", **settings):
         """What an operation makes of `values`, its inputs in their order."""
         node = self.node(kind, operation=operation, **settings)
         for socket, value in zip(node.inputs, values, strict=False):
             self._feed(socket, value)
         return node.outputs[0]
+
+    def number_of(self, operation, first, second):
+        """What an operation on two vectors gives that is a number."""
+        node = self.node("ShaderNodeVectorMath", operation=operation)
+        for socket, value in zip(node.inputs, (first, second), strict=False):
+            self._feed(socket, value)
+        return node.outputs["Value"]
 
     def mixed_shaders(self, factor, first, second):
         node = self.node("ShaderNodeMixShader")
@@ -189,11 +221,27 @@ class Builder:
         node = self.node("GeometryNodeInputNamedAttribute", {"Name": name}, data_type=kind)
         return node.outputs["Exists"]
 
-    def stored(self, geometry, name, kind, value):
-        """The geometry with a point attribute of that name."""
+    def stored(self, geometry, name, kind, value, domain="POINT"):
+        """The geometry with an attribute of that name."""
         fields = {"Geometry": geometry, "Name": name, "Value": value}
-        node = self.node("GeometryNodeStoreNamedAttribute", fields, data_type=kind, domain="POINT")
+        node = self.node("GeometryNodeStoreNamedAttribute", fields, data_type=kind, domain=domain)
         return node.outputs["Geometry"]
+
+    def without(self, geometry, name):
+        """The geometry without the attribute of that name."""
+        fields = {"Geometry": geometry, "Name": name}
+        return self.node("GeometryNodeRemoveAttribute", fields).outputs["Geometry"]
+
+    def sampled(self, geometry, kind, value, index):
+        """What a field gives at the points of `geometry` that are asked for."""
+        fields = {"Geometry": geometry, "Value": value, "Index": index}
+        node = self.node("GeometryNodeSampleIndex", fields, data_type=kind, domain="POINT")
+        return enabled(node.outputs, "Value")
+
+    def count(self, geometry, what):
+        """How many points or faces a mesh has: `what` is "Point" or "Face"."""
+        node = self.node("GeometryNodeAttributeDomainSize", {"Geometry": geometry})
+        return node.outputs[f"{what} Count"]
 
     def moved(self, geometry, **where):
         """The geometry with its points elsewhere: `Position` or `Offset`."""
@@ -251,15 +299,13 @@ def mix_through(build, values, factors, kind):
 
 
 def mix_colors(build, colors, factors):
-    """Like `mix_through`. A mix of colors keeps the first alpha, so it's mixed as a number."""
-    alphas = [
-        build.node("FunctionNodeSeparateColor", {"Color": color}).outputs["Alpha"]
-        for color in colors
-    ]
-    mixed = mix_through(build, colors, factors, "RGBA")
-    solid = build.node("FunctionNodeSeparateColor", {"Color": mixed}).outputs
-    channels = {name: solid[name] for name in ("Red", "Green", "Blue")}
-    channels["Alpha"] = mix_through(build, alphas, factors, "FLOAT")
+    """Like `mix_through`. A mix of colors is slower than that of their channels, and keeps the
+    first alpha."""
+    separate = [build.node("FunctionNodeSeparateColor", {"Color": color}) for color in colors]
+    channels = {
+        name: mix_through(build, [node.outputs[name] for node in separate], factors, "FLOAT")
+        for name in ("Red", "Green", "Blue", "Alpha")
+    }
     return build.node("FunctionNodeCombineColor", channels).outputs["Color"]
 
 
@@ -269,3 +315,16 @@ def switch(build, kind, condition, if_false, if_true):
     build.tree.links.new(if_false, enabled(switch.inputs, "False"))
     build.tree.links.new(if_true, enabled(switch.inputs, "True"))
     return enabled(switch.outputs, "Output")
+
+
+def in_mesh_of(build, own, geometry):
+    """The vertices and faces of `geometry` in the mesh of `own`, in place of all that it has; but
+    it keeps its name, and says which colors are active."""
+    both = build.node("GeometryNodeJoinGeometry")
+    # The last one that is linked comes first.
+    for part in (geometry, own):
+        build.tree.links.new(part, both.inputs[0])
+    index = build.node("GeometryNodeInputIndex").outputs["Index"]
+    is_own = build.math("LESS_THAN", index, build.count(own, "Point"))
+    rest = {"Geometry": both.outputs["Geometry"], "Selection": is_own}
+    return build.node("GeometryNodeDeleteGeometry", rest).outputs["Geometry"]

@@ -39,10 +39,16 @@ def _rename(feature, context):
     for obj in (settings.source, settings.target):
         if old in feature_list.feature_names(obj):
             feature_list.named(obj)[PREFIX + old].name = PREFIX + new
+            feature_list.rename_choice(obj, old, new)
 
 
 def _forget(feature, context):
     feature.found = ""
+    feature_list.keep_choice(feature)
+
+
+def _keep(feature, context):
+    feature_list.keep_choice(feature)
 
 
 def _color(feature):
@@ -74,6 +80,7 @@ class PointmorphFeature(bpy.types.PropertyGroup):
         name="Use",
         description="Use this feature. When off, the morph ignores it, and its marks stay",
         default=True,
+        update=_keep,
     )
     color: bpy.props.FloatVectorProperty(
         name="Color",
@@ -145,6 +152,21 @@ class PointmorphFeature(bpy.types.PropertyGroup):
         name="Found",
         description="What the feature was when Check Features or Morph last read it",
     )
+
+
+class PointmorphChoice(bpy.types.PropertyGroup):
+    """What was chosen for a feature, stored with an object that has it."""
+
+    kind: bpy.props.StringProperty(
+        name="Kind", description="How the marked vertices are interpreted", default="AUTO"
+    )
+    hold: bpy.props.StringProperty(
+        name="Hold", description="Whether the feature must be met exactly", default="AUTO"
+    )
+    weight: bpy.props.FloatProperty(
+        name="Weight", description="How strongly a soft feature pulls", default=1.0
+    )
+    use: bpy.props.BoolProperty(name="Use", description="Whether the feature is used", default=True)
 
 
 class PointmorphLoopFeature(bpy.types.PropertyGroup):
@@ -393,6 +415,7 @@ PointmorphScene.__annotations__.update(_settings(PointmorphScene.__annotations__
 
 registration = Registration(
     classes=(
+        PointmorphChoice,
         PointmorphFeature,
         PointmorphLoopFeature,
         PointmorphShape,

@@ -2,11 +2,13 @@
 
 import bmesh
 import bpy
+import numpy as np
 import pointmorph
+from mathutils import Vector
 
 from ..core.features import PREFIX
 from ..data import arrays
-from ..data.feature_list import feature_names, forget_choice, named, sync_features
+from ..data.feature_list import drop_choice, feature_names, forget_choice, named, sync_features
 from ..data.references import find, reference_to
 from ..data.registration import Registration
 from ..scene import feature_marks, marked_points
@@ -112,6 +114,7 @@ class POINTMORPH_OT_remove_feature(Explained, bpy.types.Operator):
             return fail(self, error)
         for obj in (settings.source, settings.target):
             feature_marks.unmark(obj, name)
+            drop_choice(obj, name)
         sync_features(context.scene)
         forget_choice(settings, name)
         settings.active_feature = min(settings.active_feature, len(settings.features) - 1)
@@ -156,6 +159,7 @@ class POINTMORPH_OT_propose_features(Explained, Computing, bpy.types.Operator):
             )
         self._shapes = [reference_to(settings.source), reference_to(settings.target)]
         self._taken = set(request.source.marks.weights) | set(request.target.marks.weights)
+        self._known = [_MarkedPlaces(shape) for shape in (request.source, request.target)]
         return lambda progress: pointmorph.propose_features(
             request.source.cloud(),
             request.target.cloud(),
@@ -173,10 +177,14 @@ class POINTMORPH_OT_propose_features(Explained, Computing, bpy.types.Operator):
                 "The source or target has changed in the meantime: suggest features again",
             )
             return {"CANCELLED"}
-        marked = []
+        marked, there = [], 0
         for proposal in proposals:
             wanted = self.places or proposal.name.startswith("tip.")
             if not wanted or proposal.confidence < self.confidence:
+                continue
+            rows = proposal.source, proposal.target
+            if any(known.has(row) for known, row in zip(self._known, rows, strict=True)):
+                there += 1
                 continue
             name = proposal.name
             while name in self._taken:
@@ -188,8 +196,27 @@ class POINTMORPH_OT_propose_features(Explained, Computing, bpy.types.Operator):
         for name, confidence in marked:
             settings.features[name].confidence = confidence
         rest = ": check them" if marked else ": the others are too uncertain"
+        if there:
+            rest = f"; {there} where a feature is already" + (rest if marked else "")
         self.report({"INFO"}, f"Marked {len(marked)} of {len(proposals)} suggestions{rest}")
         return {"FINISHED"}
+
+
+class _MarkedPlaces:
+    """Where features are marked on a shape, on one object alone or unused as well."""
+
+    _NEAR = 0.04  # of the diagonal
+
+    def __init__(self, shape):
+        self._positions = shape.positions
+        rows = [rows[weights > 0] for rows, weights in shape.marks.weights.values()]
+        self._marked = shape.positions[np.concatenate(rows) if rows else []]
+        self._near = self._NEAR * float(np.linalg.norm(np.ptp(shape.positions, axis=0)))
+
+    def has(self, row):
+        """Whether there is a mark near a row."""
+        apart = np.linalg.norm(self._marked - self._positions[row], axis=1)
+        return bool(len(apart)) and float(apart.min()) < self._near
 
 
 class POINTMORPH_OT_pair_features(Explained, bpy.types.Operator):
@@ -265,7 +292,8 @@ def _copy_groups(source, target):
 
 
 class POINTMORPH_OT_jump_to_feature(Explained, bpy.types.Operator):
-    """Move the view and the 3D cursor to the selected feature"""
+    """Turn the view to the selected feature, and move the 3D cursor there. Where it isn't marked
+    yet, wait for the click that marks it"""
 
     bl_idname = "pointmorph.jump_to_feature"
     bl_label = "Jump to Feature"
@@ -289,21 +317,44 @@ class POINTMORPH_OT_jump_to_feature(Explained, bpy.types.Operator):
             reason = "Select a feature in the list"
         return reason
 
-    def execute(self, context):
+    def invoke(self, context, event):
+        obj, name = self._meant(context)
+        if name in feature_names(obj) or not bpy.ops.pointmorph.click_features.poll():
+            return self.execute(context)
+        bpy.ops.pointmorph.click_features("INVOKE_DEFAULT", name=name)
+        if context.region_data is not None:
+            corners = [obj.matrix_world @ Vector(corner) for corner in obj.bound_box]
+            context.region_data.view_location = sum(corners, Vector()) / 8
+        return {"CANCELLED"}  # the click is the step that can be undone
+
+    def _meant(self, context):
         settings = context.scene.pointmorph
         obj = settings.source if self.side == "SOURCE" else settings.target
-        name = settings.features[settings.active_feature].marked_name
+        return obj, settings.features[settings.active_feature].marked_name
+
+    def execute(self, context):
+        obj, name = self._meant(context)
         found = marked_points.marks_of(obj, wait=True).get(name)
         if found is None:
             error = pointmorph.FeatureError(
                 obj.name, f'a point marked as "{name}"', "none", "Mark it there first."
             )
             return fail(self, error)
-        place = marked_points.place_of(obj, found.row, context.evaluated_depsgraph_get())
+        depsgraph = context.evaluated_depsgraph_get()
+        place = marked_points.place_of(obj, found.row, depsgraph)
         context.scene.cursor.location = place
         if context.region_data is not None:
-            context.region_data.view_location = place
+            look_at(context.region_data, place, marked_points.normal_of(obj, found.row, depsgraph))
         return {"FINISHED"}
+
+
+def look_at(view, place, normal):
+    """Turns a view so that a place is in its middle and shows its outside."""
+    if view.view_perspective == "CAMERA":
+        view.view_perspective = "PERSP"
+    view.view_location = place
+    if normal is not None and normal.length > 0:
+        view.view_rotation = normal.to_track_quat("Z", "Y")
 
 
 def _objects_to_mark(context):

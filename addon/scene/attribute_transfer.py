@@ -495,8 +495,7 @@ def _blend_colors(obj, name):
 
 
 def _colors_group(name, created):
-    group = bpy.data.node_groups.new(name, "GeometryNodeTree")
-    created(group)
+    group = nodes.new_group(name, created)
     nodes.new_input(group, "NodeSocketGeometry", "Geometry")
     nodes.new_t_input(group, 2)
     nodes.new_input(group, "NodeSocketString", "From", "Color attribute shown at 0")

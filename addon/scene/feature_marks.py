@@ -1,6 +1,7 @@
 """Marks features on objects, and takes marks off."""
 
 import bmesh
+import numpy as np
 
 from ..core.features import PREFIX, description
 from ..data import arrays
@@ -28,13 +29,17 @@ def next_name(settings, objects):
     return f"feature {number}"
 
 
-def mark(obj, name, rows):
+def mark(obj, name, rows, weights=None):
     """Makes the feature's vertex group (of a point cloud: attribute) hold these points only."""
     unmark(obj, name)
     if obj.type == "POINTCLOUD":
-        arrays.mark_points(obj.data, PREFIX + name, rows)
-    else:
+        arrays.mark_points(obj.data, PREFIX + name, rows, weights)
+    elif weights is None:
         _fill_group(obj, obj.vertex_groups.new(name=PREFIX + name), rows)
+    else:
+        group = obj.vertex_groups.new(name=PREFIX + name)
+        for row, weight in zip(rows, weights, strict=True):
+            group.add([row], weight, "REPLACE")
     if len(rows) == 1:
         marked_points.note(obj, name, rows[0])
 
@@ -49,6 +54,17 @@ def _fill_group(obj, group, rows):
         bmesh.update_edit_mesh(obj.data, loop_triangles=False, destructive=False)
     else:
         group.add(rows, 1.0, "REPLACE")
+
+
+def members(obj, names):
+    """By name, the points of features that are marked on an object: rows and weights."""
+    if obj.type == "POINTCLOUD":
+        values = {n: arrays.read_attribute(obj.data.attributes[PREFIX + n]) for n in names}
+        found = {n: (np.arange(len(v)), v) for n, v in values.items()}
+    else:
+        groups = {obj.vertex_groups[PREFIX + name].index: name for name in names}
+        found = arrays.vertex_groups(obj.data, groups)
+    return {n: (rows[weights > 0], weights[weights > 0]) for n, (rows, weights) in found.items()}
 
 
 def unmark(obj, name):

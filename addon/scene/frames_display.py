@@ -10,15 +10,12 @@ FRAMES_NAME = "Pointmorph Frames"
 CACHED_NAME = "Pointmorph Cached Frames"
 ROWS_NAME = "Pointmorph Cache Rows"
 ROWS, VERTICES = "Rows", "Vertices"  # inputs of these
-_SHOWS_OWN_MESH = "pointmorph_shows_own_mesh"
-"""On groups of nodes that put frames into the object's own mesh, as earlier versions didn't."""
+_KEPT = {attribute_names.VELOCITY: ("FLOAT_VECTOR", "POINT")}
 
 
 def add_frames_modifier(obj, collection, plan, created):
     """Shows the mesh of `collection` that belongs to the scene's frame, as points or discs."""
-    group = next((group for group in bpy.data.node_groups if group.get(_SHOWS_OWN_MESH)), None)
-    if group is None:
-        group = _frames_group(points_material.material(created), created)
+    group = nodes.shared_group(FRAMES_NAME, lambda name: _frames_group(name, created))
     modifier = obj.modifiers.new(points_display.MODIFIER, "NODES")
     modifier.node_group = group
     values = {"Collection": collection, "First": plan.first, "Step": plan.step}
@@ -59,19 +56,20 @@ def share_frames(obj, other):
     obj.update_tag()
 
 
-def _frames_group(material, created):
-    group = bpy.data.node_groups.new(FRAMES_NAME, "GeometryNodeTree")
-    created(group)
-    group[_SHOWS_OWN_MESH] = True
+def _frames_group(name, created):
+    material = points_material.material(created)
+    group = nodes.new_group(name, created)
     _new_sockets(group)
     build = nodes.Builder(group)
     inputs = build.node("NodeGroupInput").outputs
     geometry = _per_second(build, inputs["Frame Rate"], _present_mesh(build, inputs))
     radius = build.attribute(attribute_names.RADIUS, "FLOAT")
     radius = build.math("MULTIPLY", radius, inputs["Radius Scale"])
-    normal = build.attribute(attribute_names.NORMAL, "FLOAT_VECTOR")
-    shown = point_shapes.splats(build, inputs, geometry, normal, radius)
-    own_mesh = _in_own_mesh(build, inputs["Geometry"], geometry)
+    shown = point_shapes.splats(build, inputs, geometry, radius, _KEPT, created)
+    # Blender 5.2 names what nodes show after the mesh that comes first, and puts each name under a
+    # path of its own in files: Alembic would get an object for each frame, and USD would end
+    # Blender.
+    own_mesh = nodes.in_mesh_of(build, inputs["Geometry"], geometry)
     either = nodes.switch(build, "GEOMETRY", inputs["Vertices"], shown, own_mesh)
     finished = build.node("GeometryNodeSetMaterial", {"Geometry": either, "Material": material})
     build.node("NodeGroupOutput", {"Geometry": finished.outputs["Geometry"]})
@@ -93,8 +91,7 @@ def rows_group(created):
     object's own mesh, which knows the active colors, as an instance beside them."""
 
     def make(name):
-        group = bpy.data.node_groups.new(name, "GeometryNodeTree")
-        created(group)
+        group = nodes.new_group(name, created)
         nodes.new_input(group, "NodeSocketGeometry", "Geometry")
         nodes.new_input(group, "NodeSocketInt", VERTICES, "As many as the file has", min_value=0)
         nodes.new_output(group, "NodeSocketGeometry", "Geometry")
@@ -115,8 +112,7 @@ def rows_group(created):
 
 
 def _cached_group(name, material, created):
-    group = bpy.data.node_groups.new(name, "GeometryNodeTree")
-    created(group)
+    group = nodes.new_group(name, created)
     nodes.new_input(group, "NodeSocketGeometry", "Geometry")
     nodes.new_input(group, "NodeSocketInt", ROWS, "Most points of a frame", min_value=0)
     _new_rate_input(group)
@@ -134,11 +130,11 @@ def _cached_group(name, material, created):
     normal = build.attribute(attribute_names.NORMAL, "FLOAT_VECTOR")
     # Only what has faces needs to know which colors are active.
     drawn = build.math("MAXIMUM", inputs[point_shapes.DISCS], inputs[point_shapes.SPHERES])
-    in_own = _in_own_mesh(build, own, geometry)
+    in_own = nodes.in_mesh_of(build, own, geometry)
     either = nodes.switch(build, "GEOMETRY", drawn, geometry, in_own)
-    splats = point_shapes.splats(build, inputs, either, normal, radius)
+    splats = point_shapes.splats(build, inputs, either, radius, _KEPT, created)
     faces = surface_nodes.surface(build, inputs, geometry, normal, radius)
-    faces = _in_own_mesh(build, own, faces)
+    faces = nodes.in_mesh_of(build, own, faces)
     shown = nodes.switch(build, "GEOMETRY", inputs[surface_nodes.SURFACE], splats, faces)
     finished = build.node("GeometryNodeSetMaterial", {"Geometry": shown, "Material": material})
     build.node("NodeGroupOutput", {"Geometry": finished.outputs["Geometry"]})
@@ -151,11 +147,7 @@ def _cached_points(build, cached, rows):
     place = build.node("GeometryNodeInputPosition").outputs["Position"]
 
     def vector_at(index):
-        taken = {"Geometry": cached, "Value": place, "Index": index}
-        node = build.node(
-            "GeometryNodeSampleIndex", taken, data_type="FLOAT_VECTOR", domain="POINT"
-        )
-        return nodes.enabled(node.outputs, "Value")
+        return build.sampled(cached, "FLOAT_VECTOR", place, index)
 
     def parts_of(vector):
         return build.node("ShaderNodeSeparateXYZ", {"Vector": vector}).outputs
@@ -259,25 +251,8 @@ def _per_second(build, rate, geometry):
     return stored.outputs["Geometry"]
 
 
-def _in_own_mesh(build, own, geometry):
-    """The vertices and faces of `geometry` in the object's own mesh, in place of its one vertex.
-
-    Blender 5.2 names what nodes show after the mesh that comes first, and puts each name under a
-    path of its own in files: Alembic would get an object for each frame, and USD would end Blender.
-    """
-    both = build.node("GeometryNodeJoinGeometry")
-    # The last one that is linked comes first.
-    for part in (geometry, own):
-        build.tree.links.new(part, both.inputs[0])
-    size = build.node("GeometryNodeAttributeDomainSize", {"Geometry": own})
-    index = build.node("GeometryNodeInputIndex").outputs["Index"]
-    is_own = build.math("LESS_THAN", index, size.outputs["Point Count"])
-    rest = {"Geometry": both.outputs["Geometry"], "Selection": is_own}
-    return build.node("GeometryNodeDeleteGeometry", rest).outputs["Geometry"]
-
-
 def new_own_mesh(name):
-    """A mesh for an object that shows frames as meshes: what `_in_own_mesh` puts them into."""
+    """A mesh for an object that shows frames as meshes: what `nodes.in_mesh_of` puts them into."""
     mesh = bpy.data.meshes.new(name)
     mesh.vertices.add(1)
     arrays.activate_colors(mesh, attribute_names.COLOR)

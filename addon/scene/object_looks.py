@@ -22,13 +22,11 @@ def read_skin(obj, mesh, with_relief=False, with_look=True):
     if not mesh.polygons:
         return None
     layer = render_layer(mesh)
-    uvs = None if layer is None else arrays.corner_uvs(layer)
-    name = "" if layer is None else layer.name
     return Skin(
         arrays.triangle_loops(mesh),
-        _read_look(obj, mesh, name, with_relief) if with_look else None,
-        uvs,
-        name,
+        _read_look(obj, mesh, with_relief) if with_look else None,
+        None if layer is None else arrays.corner_uvs(layer),
+        _name_of(layer),
         arrays.smooth_faces(mesh)[arrays.triangle_faces(mesh)],
         arrays.corner_normals(mesh) if with_relief else None,
     )
@@ -67,11 +65,9 @@ def described_steps(obj):
     by itself. A generator that yields often and returns it."""
     mesh = obj.data
     moving = [m for m in materials_of(obj, mesh) if m is not None and _is_animated(m)]
-    layer = render_layer(mesh)
     if not mesh.polygons or moving:
         return None
-    name = "" if layer is None else layer.name
-    look = _read_look(obj, mesh, name, False, images.without_pixels)
+    look = _read_look(obj, mesh, False, images.without_pixels)
     yield
     if look is None:
         return None
@@ -86,10 +82,7 @@ def described_steps(obj):
 
 def material_print(obj, material):
     """What tells whether a material looks the same on an object's mesh as before: a short text."""
-    mesh = obj.data
-    layer = render_layer(mesh)
-    name = "" if layer is None else layer.name
-    surface, _ = _reader(mesh, name, False, images.without_pixels).surface(material)
+    surface, _ = _reader(obj.data, False, images.without_pixels).surface(material)
     return f"{zlib.crc32(' '.join(_words_of(surface)).encode()):08x}"
 
 
@@ -106,13 +99,13 @@ def _is_animated(material):
     )
 
 
-def _read_look(obj, mesh, uv, with_relief, read_image=images.read):
+def _read_look(obj, mesh, with_relief, read_image=images.read):
     """The Look of an object's mesh; None where it has neither materials nor colors."""
     materials = materials_of(obj, mesh)
     active = arrays.active_colors(mesh)
     if not any(materials) and active is None:
         return None
-    reader = _reader(mesh, uv, with_relief, read_image)
+    reader = _reader(mesh, with_relief, read_image)
     slots = arrays.material_indices(mesh).clip(0, max(len(materials) - 1, 0))
     used, numbers = np.unique(slots, return_inverse=True)
     surfaces = []
@@ -136,16 +129,20 @@ def _read_look(obj, mesh, uv, with_relief, read_image=images.read):
     )
 
 
-def _reader(mesh, uv, with_relief, read_image):
-    active = arrays.active_colors(mesh)
+def _reader(mesh, with_relief, read_image):
     return Reader(
-        uv,
+        _name_of(render_layer(mesh)),
         [layer.name for layer in mesh.uv_layers],
         [item.name for item in mesh.color_attributes],
-        "" if active is None else active.name,
+        _name_of(arrays.active_colors(mesh)),
         with_relief,
         read_image,
     )
+
+
+def _name_of(item):
+    """The name of a layer or an attribute; empty where there is none."""
+    return "" if item is None else item.name
 
 
 def words(shapes):

@@ -2,7 +2,7 @@
 
 import bpy
 
-from ..data.properties import PointmorphShape
+from ..data.properties import PointmorphChoice, PointmorphShape
 from ..data.registration import Registration
 from .slider_keys import EASINGS
 from .staleness import state
@@ -53,6 +53,11 @@ class PointmorphObject(bpy.types.PropertyGroup):
         name="Source Matrix",
         description="Rotation and scale of the source when the morph was made, row by row",
         size=9,
+    )
+    choices: bpy.props.CollectionProperty(
+        name="Choices",
+        description="What was chosen for the features that are marked on this object",
+        type=PointmorphChoice,
     )
     is_preview: bpy.props.BoolProperty(
         name="Preview",

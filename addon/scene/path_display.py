@@ -6,7 +6,6 @@ attributes, so they work while rendering and in a Blender without the add-on. Bo
 `write`: the whole straight way from shape to shape, and how far the path lies off it.
 """
 
-import bpy
 import numpy as np
 
 from ..core import path_stages
@@ -104,8 +103,7 @@ def deviation_at(mesh, way, t):
 
 
 def _group(name, created, ways, of_points):
-    group = bpy.data.node_groups.new(name, "GeometryNodeTree")
-    created(group)
+    group = nodes.new_group(name, created)
     nodes.new_input(group, "NodeSocketGeometry", "Geometry")
     nodes.new_t_input(group, ways + 1)
     nodes.new_input(
@@ -123,24 +121,24 @@ def _group(name, created, ways, of_points):
     build = nodes.Builder(group)
     inputs = build.node("NodeGroupInput").outputs
     geometry, t = inputs["Geometry"], inputs["t"]
-    together = _off_straight(build, geometry, _shares_of(build, t, ways), inputs[CURVE], of_points)
+    done = nodes.shares(build, t, ways + 1)
+    sums = _sums(created, of_points)
+    together = _off_straight(build, geometry, done, inputs[CURVE], sums)
 
     moves = [build.attribute(attribute_names.on_way(way, 0), "FLOAT_VECTOR") for way in range(ways)]
-    done = nodes.shares(build, t, ways + 1)
     start = build.node("GeometryNodeInputPosition").outputs["Position"]
     for move, share in zip(moves, done, strict=True):
         start = build.math(
             "SUBTRACT", start, build.scaled(move, share), kind="ShaderNodeVectorMath"
         )
-    staggered = stagger_nodes.timed(build, inputs, geometry, start, ways)
-    own_t = nodes.local_t(build, t, ways + 1)
+    staggered = stagger_nodes.timed(build, inputs, geometry, start, ways, created)
+    own = nodes.shares(build, nodes.local_t(build, t, ways + 1), ways + 1)
     ahead = [
-        build.scaled(move, build.math("SUBTRACT", own, share))
-        for move, own, share in zip(moves, nodes.shares(build, own_t, ways + 1), done, strict=True)
+        build.scaled(move, build.math("SUBTRACT", own_share, share))
+        for move, own_share, share in zip(moves, own, done, strict=True)
     ]
     staggered = build.moved(staggered, Offset=_sum(build, ahead))
-    own_shares = _shares_of(build, own_t, ways)
-    staggered = _off_straight(build, staggered, own_shares, inputs[CURVE], of_points)
+    staggered = _off_straight(build, staggered, own, inputs[CURVE], sums)
 
     is_on = stagger_nodes.is_on(build, inputs)
     shown = nodes.switch(build, "GEOMETRY", is_on, together, staggered)
@@ -155,31 +153,61 @@ def _sum(build, vectors):
     return total
 
 
-def _shares_of(build, t, ways):
-    """For each way, how far it is gone at t."""
-    return nodes.shares(build, t, ways + 1)
+def _sums(created, of_points):
+    """The groups of nodes that sum what lies off the straight way: places, and points' normals."""
+    kinds = (("", path_stages.TIMES), (" of Normals", path_stages.NORMAL_TIMES))
+    return [
+        nodes.shared_group(
+            f"{NAME} Sum{what}", lambda name, times=times: _sum_group(name, created, times)
+        )
+        for what, times in (kinds if of_points else kinds[:1])
+    ]
 
 
-def _off_straight(build, geometry, done, curve, of_points):
+def _off_straight(build, geometry, done, curve, sums):
     """The geometry on its path, where shape keys have it on the straight way. `done` are fields or
     numbers: the share of each way that is gone."""
-    offsets = _weighted(build, done, curve, path_stages.TIMES, attribute_names.on_way)
-    if of_points:
-        turns = _weighted(
-            build, done, curve, path_stages.NORMAL_TIMES, attribute_names.normal_on_way
-        )
+    places, *normals = sums
+    offsets = _summed(build, done, curve, places, attribute_names.on_way)
+    for group in normals:
+        turns = _summed(build, done, curve, group, attribute_names.normal_on_way)
         geometry = build.stored(geometry, attribute_names.TURN, "FLOAT_VECTOR", turns)
     return build.moved(geometry, Offset=offsets)
 
 
-def _weighted(build, done, curve, times, named):
-    """The sum of what lies off the straight ways at `times`, each counted by its share."""
+def _summed(build, done, curve, group, named):
+    """What lies off all ways, by a group that sums it for one."""
     parts = []
     for way, t in enumerate(done):
-        for number, share in enumerate(_polynomials(build, t, times), 1):
-            vector = build.attribute(named(way, number), "FLOAT_VECTOR")
-            parts.append(build.scaled(vector, build.math("MULTIPLY", share, curve)))
+        inputs = {"t": t, CURVE: curve}
+        for name in versions.group_inputs(group):
+            if name.isdigit():
+                inputs[name] = build.attribute(named(way, int(name)), "FLOAT_VECTOR")
+        parts.append(build.group(group, inputs))
     return _sum(build, parts)
+
+
+def _sum_group(name, created, times):
+    """The sum of what lies off a straight way at `times`, each counted by its share at t.
+
+    Nodes of their own: Blender looks a whole tree through whenever a node is added to it.
+    """
+    group = nodes.new_group(name, created)
+    nodes.new_input(group, "NodeSocketFloat", "t")
+    nodes.new_input(group, "NodeSocketFloat", CURVE)
+    for number in range(1, len(times) + 1):
+        nodes.new_input(group, "NodeSocketVector", str(number))
+    nodes.new_output(group, "NodeSocketVector", "Sum")
+    build = nodes.Builder(group)
+    inputs = build.node("NodeGroupInput").outputs
+    shares = _polynomials(build, inputs["t"], times)
+    total = (0.0, 0.0, 0.0)
+    for number, share in enumerate(shares, 1):
+        counted = build.math("MULTIPLY", share, inputs[CURVE])
+        parts = (inputs[str(number)], counted, total)
+        total = build.math("MULTIPLY_ADD", *parts, kind="ShaderNodeVectorMath")
+    build.node("NodeGroupOutput", {"Sum": total})
+    return group
 
 
 def _polynomials(build, t, times):

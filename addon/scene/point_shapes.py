@@ -1,9 +1,13 @@
 """The part of the geometry nodes that turns vertices into points, spheres or discs."""
 
-from ..data import nodes
+from ..data import attribute_names, nodes
+from . import disc_faces
 
 DISCS = "Discs"
 SPHERES = "Spheres"
+FACES = "Faces of Discs"
+_TILTED = (0.36, 0.48, 0.8)  # no axis, since many normals are
+_UP = (0.0, 0.0, 1e-12)  # too little to change a normal that there is
 
 
 def new_splat_inputs(group):
@@ -24,6 +28,14 @@ def new_splat_inputs(group):
     )
     nodes.new_input(
         group,
+        "NodeSocketObject",
+        FACES,
+        "Object with as many discs as there are points, which was made ahead. Without it, the "
+        "faces of discs are made anew in every frame, which is slower",
+        hide_in_modifier=True,
+    )
+    nodes.new_input(
+        group,
         "NodeSocketBool",
         SPHERES,
         "Show spheres made of faces instead of points. Slower, but Workbench and Solid "
@@ -31,25 +43,69 @@ def new_splat_inputs(group):
     )
 
 
-def splats(build, inputs, geometry, normal, radius):
-    """What stands for the vertices of `geometry`: points, spheres, or discs in the surface."""
+def splats(build, inputs, geometry, radius, kept, created):
+    """What stands for the vertices of `geometry`: points, spheres, or discs in the surface.
+
+    Parameters
+    ----------
+    kept : dict of str to (str, str)
+        Point attributes, besides colors, that discs have: type and domain there, by name.
+    """
     points = build.node("GeometryNodeMeshToPoints", {"Mesh": geometry, "Radius": radius})
     ball = build.node("GeometryNodeMeshIcoSphere", {"Radius": 1.0, "Subdivisions": 1})
     smooth = build.node("GeometryNodeSetShadeSmooth")
     build.tree.links.new(ball.outputs["Mesh"], smooth.inputs[0])  # by another name since Blender 5
     spheres = _realized(build, geometry, smooth.outputs[0], {"Scale": radius})
-    discs = _discs(build, geometry, normal, radius)
     either = nodes.switch(build, "GEOMETRY", inputs[SPHERES], points.outputs[0], spheres)
+    discs = _discs(build, inputs, geometry, radius, kept, created)
     return nodes.switch(build, "GEOMETRY", inputs[DISCS], either, discs)
 
 
-def _discs(build, geometry, normal, radius):
-    """Discs in the surface at the points of `geometry`."""
-    disc = build.node("GeometryNodeMeshCircle", {"Vertices": 6, "Radius": 1.0}, fill_type="NGON")
-    align = {"Vector": normal}
-    upright = build.node("FunctionNodeAlignRotationToVector", align, axis="Z")
-    where = {"Rotation": upright.outputs["Rotation"], "Scale": radius}
-    return _realized(build, geometry, disc.outputs["Mesh"], where)
+def _discs(build, inputs, geometry, radius, kept, created):
+    """Discs in the surface at the points of `geometry`. What can be is computed by point, since
+    discs have six times as many vertices."""
+
+    def vector(operation, *values):
+        return build.math(operation, *values, kind="ShaderNodeVectorMath")
+
+    def at(name, index, kind="FLOAT_VECTOR"):
+        return build.sampled(geometry, kind, build.attribute(name, kind), index)
+
+    normal = build.attribute(attribute_names.NORMAL, "FLOAT_VECTOR")
+    normal = vector("NORMALIZE", vector("ADD", normal, _UP))  # upwards, where there is none
+    across = build.scaled(vector("NORMALIZE", vector("CROSS_PRODUCT", _TILTED, normal)), radius)
+    geometry = build.stored(geometry, disc_faces.ACROSS, "FLOAT_VECTOR", across)
+    across = build.attribute(disc_faces.ACROSS, "FLOAT_VECTOR")
+    along = vector("CROSS_PRODUCT", normal, across)
+    position = build.node("GeometryNodeInputPosition").outputs["Position"]
+
+    shown = _faces(build, inputs, geometry, created)
+    row = build.attribute(disc_faces.ROW, "INT")
+    place = build.sampled(geometry, "FLOAT_VECTOR", position, row)
+    for axis, name in ((across, disc_faces.ACROSS), (along, disc_faces.ALONG)):
+        share = build.attribute(name, "FLOAT_VECTOR")
+        place = vector(
+            "MULTIPLY_ADD", build.sampled(geometry, "FLOAT_VECTOR", axis, row), share, place
+        )
+    shown = build.moved(shown, Position=place)
+    index = build.node("GeometryNodeInputIndex").outputs["Index"]
+    for name, (kind, domain) in {attribute_names.COLOR: ("FLOAT_COLOR", "POINT"), **kept}.items():
+        value = at(name, row if domain == "POINT" else index, kind)
+        shown = build.stored(shown, name, kind, value, domain)
+    for name in (disc_faces.ROW, disc_faces.ACROSS, disc_faces.ALONG):
+        shown = build.without(shown, name)
+    return shown
+
+
+def _faces(build, inputs, geometry, created):
+    """As many discs as there are points: those that were made ahead, if they are as many."""
+    count = build.count(geometry, "Point")
+    known = build.node(
+        "GeometryNodeObjectInfo", {"Object": inputs[FACES]}, transform_space="ORIGINAL"
+    ).outputs["Geometry"]
+    fit = build.math("COMPARE", build.count(known, "Face"), count, 0.5)
+    made = build.group(disc_faces.shared_group(created), {disc_faces.COUNT: count})
+    return nodes.switch(build, "GEOMETRY", fit, made, known)
 
 
 def _realized(build, geometry, instance, where):
@@ -58,12 +114,4 @@ def _realized(build, geometry, instance, where):
     at_points = {"Points": geometry, "Instance": instance, **where}
     instances = build.node("GeometryNodeInstanceOnPoints", at_points).outputs["Instances"]
     realized = build.node("GeometryNodeRealizeInstances", {"Geometry": instances})
-    both = build.node("GeometryNodeJoinGeometry")
-    # The last one that is linked comes first.
-    for part in (realized.outputs["Geometry"], geometry):
-        build.tree.links.new(part, both.inputs[0])
-    size = build.node("GeometryNodeAttributeDomainSize", {"Geometry": geometry})
-    index = build.node("GeometryNodeInputIndex").outputs["Index"]
-    own = build.math("LESS_THAN", index, size.outputs["Point Count"])
-    rest = {"Geometry": both.outputs["Geometry"], "Selection": own}
-    return build.node("GeometryNodeDeleteGeometry", rest).outputs["Geometry"]
+    return nodes.in_mesh_of(build, geometry, realized.outputs["Geometry"])

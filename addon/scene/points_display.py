@@ -5,8 +5,8 @@ The group of nodes and the material are made once a file and shared by all morph
 
 import bpy
 
-from ..data import attribute_names, nodes, versions
-from . import path_display, point_shapes, points_material
+from ..data import attribute_names, creation, nodes, versions
+from . import disc_faces, path_display, point_shapes, points_material
 
 NAME = "Pointmorph Points"
 MODIFIER = "Points"
@@ -31,12 +31,16 @@ def renew(obj, created, stages):
     modifier = points_modifier(obj)
     if modifier is not None:
         nodes.swap_group(obj, modifier, _shared(stages, created))
+    for user in bpy.data.objects:
+        if user.data == obj.data:
+            _give_faces(user)
 
 
 def remove_unused():
     """Takes the group of nodes and the material out of the file where nothing shows points."""
     path_display.remove_unused()
     nodes.remove_unused_groups(NAME)
+    disc_faces.remove_unused()
     material = bpy.data.materials.get(NAME)
     if material is not None and material.users == 0:
         bpy.data.materials.remove(material)
@@ -77,7 +81,21 @@ def show_discs(obj, show):
     """Draws the points as discs, or not so, where their nodes can."""
     if show != shows_discs(obj) and _knows_discs(points_modifier(obj)):
         versions.set_input(points_modifier(obj), point_shapes.DISCS, show)
+        _give_faces(obj)
         obj.update_tag()
+
+
+def _give_faces(obj):
+    """The faces of as many discs as an object of pairs shows, made ahead; none if it shows none."""
+    modifier = points_modifier(obj)
+    known = {} if modifier is None else versions.group_inputs(modifier.node_group)
+    if point_shapes.FACES not in known:
+        return
+    with creation.all_or_nothing() as created:
+        shows = versions.input_value(modifier, point_shapes.DISCS)
+        faces = disc_faces.of(len(obj.data.vertices), created) if shows else None
+        versions.set_input(modifier, point_shapes.FACES, faces)
+    disc_faces.remove_unused()
 
 
 def _knows_discs(modifier):
@@ -99,8 +117,7 @@ def _shared(stages, created):
 
 
 def _group(name, stages, material, created):
-    group = bpy.data.node_groups.new(name, "GeometryNodeTree")
-    created(group)
+    group = nodes.new_group(name, created)
     nodes.new_input(group, "NodeSocketGeometry", "Geometry")
     nodes.new_t_input(group, len(stages))
     point_shapes.new_splat_inputs(group)
@@ -136,7 +153,9 @@ def _group(name, stages, material, created):
     geometry = build.stored(inputs["Geometry"], attribute_names.COLOR, "FLOAT_COLOR", color)
     geometry = build.stored(geometry, attribute_names.NORMAL, "FLOAT_VECTOR", unit_normal)
 
-    shown = point_shapes.splats(build, inputs, geometry, unit_normal, radius)
+    own = (attribute_names.DELAY, attribute_names.TIME, attribute_names.AHEAD)
+    kept = dict.fromkeys(own, ("FLOAT", "FACE"))
+    shown = point_shapes.splats(build, inputs, geometry, radius, kept, created)
     finished = build.node("GeometryNodeSetMaterial", {"Geometry": shown, "Material": material})
     build.node("NodeGroupOutput", {"Geometry": finished.outputs["Geometry"]})
     return group

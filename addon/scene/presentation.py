@@ -21,7 +21,7 @@ from . import (
 
 MESH, POINTS, DISCS = "MESH", "POINTS", "DISCS"
 
-_MANY = 50_000
+_MANY = 200_000
 """Pairs above which discs are too slow to be shown unasked: 0.1 s a frame on one core."""
 
 _OF_POINTS = " Points"

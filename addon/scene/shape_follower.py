@@ -6,7 +6,6 @@ shape that is gone, or has another number of points by now, isn't followed: the 
 was morphed.
 """
 
-import bpy
 import pointmorph
 
 from ..data import arrays, attribute_names, creation, nodes, versions
@@ -118,8 +117,7 @@ def _count_input(stage):
 
 
 def _group(name, stages, created):
-    group = bpy.data.node_groups.new(name, "GeometryNodeTree")
-    created(group)
+    group = nodes.new_group(name, created)
     nodes.new_input(group, "NodeSocketGeometry", "Geometry")
     nodes.new_t_input(group, len(stages))
     for stage in stages:

@@ -9,6 +9,7 @@ import numpy as np
 
 from ..data import attribute_names, nodes
 
+NOISE_NAME = "Pointmorph Path Noise"
 STAGGER = "Stagger"
 GROUP_NAME, WEIGHTS_FROM = "Group", "Weights From"
 OFF, HEIGHT, NOISE, OBJECT, GROUP = KINDS = ("Off", "Height", "Noise", "Object", "Vertex Group")
@@ -102,7 +103,7 @@ def _is_menu(item):
     return getattr(item, "socket_type", "") == "NodeSocketMenu"
 
 
-def timed(build, inputs, geometry, start, ways):
+def timed(build, inputs, geometry, start, ways, created):
     """The geometry with the delay of each point and the share of its way as attributes.
 
     Parameters
@@ -111,9 +112,11 @@ def timed(build, inputs, geometry, start, ways):
         Where the points are at t = 0.
     ways : int
         The value of t at the end.
+    created : callable
+        Gets every data-block made.
     """
     # Stored at once: what two nodes ask for is computed twice.
-    measured = _measured(build, inputs, start)
+    measured = _measured(build, inputs, start, created)
     geometry = build.stored(geometry, attribute_names.DELAY, "FLOAT", measured)
     delay = build.attribute(attribute_names.DELAY, "FLOAT")
     is_group = build.math("GREATER_THAN", _kind(build, inputs), KINDS.index(GROUP) - 0.5)
@@ -137,19 +140,23 @@ def timed(build, inputs, geometry, start, ways):
     return build.stored(geometry, attribute_names.AHEAD, "FLOAT", ahead)
 
 
-def _measured(build, inputs, start):
+def _measured(build, inputs, start, created):
     """Of each kind in its own way: what is less goes first."""
     itself = build.node("GeometryNodeSelfObject").outputs[0]
     matrix = build.node("GeometryNodeObjectInfo", {"Object": itself}).outputs["Transform"]
     place = build.node("FunctionNodeTransformPoint", {"Vector": start, "Transform": matrix})
     place = place.outputs[0]
-    height = _vector_value(build, "DOT_PRODUCT", place, inputs["Direction"])
+    height = build.number_of("DOT_PRODUCT", place, inputs["Direction"])
     other = build.node(
         "GeometryNodeObjectInfo", {"Object": inputs["Object"]}, transform_space="ORIGINAL"
     )
-    far = _vector_value(build, "DISTANCE", place, other.outputs["Location"])
+    far = build.number_of("DISTANCE", place, other.outputs["Location"])
     kind = _kind(build, inputs)
-    values = (far, _noise(build, inputs, place), height)
+    noise = build.group(
+        nodes.shared_group(NOISE_NAME, lambda name: _noise_group(name, created)),
+        {"Place": place, "Size": inputs["Size"], "Seed": inputs["Seed"]},
+    )
+    values = (far, noise, height)
     measured = values[0]
     for number, value in ((KINDS.index(NOISE), values[1]), (KINDS.index(HEIGHT), values[2])):
         is_it = build.math("LESS_THAN", kind, number + 0.5)
@@ -158,8 +165,15 @@ def _measured(build, inputs, start):
     return nodes.switch(build, "FLOAT", is_group, measured, _weight(build, inputs))
 
 
-def _noise(build, inputs, place):
+def _noise_group(name, created):
     """Waves in all directions, which take a tenth of the time of the noise texture."""
+    group = nodes.new_group(name, created)
+    nodes.new_input(group, "NodeSocketVector", "Place")
+    nodes.new_input(group, "NodeSocketFloat", "Size")
+    nodes.new_input(group, "NodeSocketInt", "Seed")
+    nodes.new_output(group, "NodeSocketFloat", "Noise")
+    build = nodes.Builder(group)
+    inputs = build.node("NodeGroupInput").outputs
     half_waves = build.math("DIVIDE", np.pi, inputs["Size"])
     shift = build.node("ShaderNodeCombineXYZ")
     for socket, (step, first) in zip(
@@ -167,7 +181,7 @@ def _noise(build, inputs, place):
     ):
         number = build.math("MULTIPLY_ADD", inputs["Seed"], step, first)
         build.tree.links.new(number, socket)
-    place = build.scaled(place, half_waves)
+    place = build.scaled(inputs["Place"], half_waves)
     place = build.math("ADD", place, shift.outputs[0], kind="ShaderNodeVectorMath")
     total = None
     for number in range(_WAVES):  # directions that are spread evenly, of several lengths
@@ -181,7 +195,8 @@ def _noise(build, inputs, place):
         phase.inputs[1].default_value = [length * x for x in direction]
         wave = build.math("SINE", phase.outputs["Value"])
         total = wave if total is None else build.math("ADD", total, wave)
-    return total
+    build.node("NodeGroupOutput", {"Noise": total})
+    return group
 
 
 def _weight(build, inputs):
@@ -201,13 +216,6 @@ def _weight(build, inputs):
         domain="POINT",
     )
     return nodes.switch(build, "FLOAT", there, own, nodes.enabled(node.outputs, "Value"))
-
-
-def _vector_value(build, operation, a, b):
-    node = build.node("ShaderNodeVectorMath", operation=operation)
-    build.tree.links.new(a, node.inputs[0])
-    build.tree.links.new(b, node.inputs[1])
-    return node.outputs["Value"]
 
 
 def _spread(build, geometry, values):

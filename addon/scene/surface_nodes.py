@@ -51,19 +51,13 @@ def surface(build, inputs, geometry, normal, radius):
     nearest = nearest.outputs["Index"]
 
     def at_nearest(value, kind):
-        taken = {"Geometry": geometry, "Value": value, "Index": nearest}
-        node = build.node("GeometryNodeSampleIndex", taken, data_type=kind, domain="POINT")
-        return nodes.enabled(node.outputs, "Value")
-
-    def vectors(operation, *values):
-        node = build.node("ShaderNodeVectorMath", operation=operation)
-        for socket, value in zip(node.inputs, values, strict=False):
-            build.tree.links.new(value, socket)
-        return nodes.enabled(node.outputs, "Value" if operation == "DOT_PRODUCT" else "Vector")
+        return build.sampled(geometry, kind, value, nearest)
 
     up = at_nearest(normal, "FLOAT_VECTOR")
-    away = vectors("SUBTRACT", place, at_nearest(place, "FLOAT_VECTOR"))
-    height = vectors("DOT_PRODUCT", away, up)
+    away = build.math(
+        "SUBTRACT", place, at_nearest(place, "FLOAT_VECTOR"), kind="ShaderNodeVectorMath"
+    )
+    height = build.number_of("DOT_PRODUCT", away, up)
     color = build.attribute(attribute_names.COLOR, "FLOAT_COLOR")
     velocity = build.attribute(attribute_names.VELOCITY, "FLOAT_VECTOR")
     for name, kind, value in (
@@ -81,9 +75,7 @@ def surface(build, inputs, geometry, normal, radius):
     softened = _blurred(build, build.attribute(attribute_names.COLOR, "FLOAT_COLOR"), "FLOAT_COLOR")
     moved = build.stored(moved, attribute_names.COLOR, "FLOAT_COLOR", softened)
     for name in (_HEIGHT, _OFFSET):
-        moved = build.node(
-            "GeometryNodeRemoveAttribute", {"Geometry": moved, "Name": name}
-        ).outputs[0]
+        moved = build.without(moved, name)
     smooth = build.node("GeometryNodeSetShadeSmooth")
     build.tree.links.new(moved, smooth.inputs[0])  # by another name since Blender 5
     return smooth.outputs[0]

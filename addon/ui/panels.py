@@ -115,7 +115,7 @@ class POINTMORPH_UL_features(bpy.types.UIList):
         swatch.ui_units_x = 0.4
         swatch.prop(item, "color", text="")
         number = row.row(align=True)
-        number.ui_units_x = 0.9
+        number.ui_units_x = 0.6 if len(data.features) < 10 else 0.9
         number.label(text=f"{index + 1}")
         name = row.row(align=True)
         name.active = item.use
@@ -133,7 +133,7 @@ class POINTMORPH_UL_features(bpy.types.UIList):
         if not (item.on_source and item.on_target):
             return "", "ERROR"
         if item.confidence >= 0:
-            return f"{100 * item.confidence:.0f}%", "QUESTION"
+            return f"{100 * item.confidence:.0f}%", "NONE"  # an icon would take a name's room
         kind = item.found.split(",")[0].split(" ")[-1]
         if kind:
             return "", self.ICONS.get(kind, "CHECKMARK")
@@ -191,6 +191,7 @@ class POINTMORPH_PT_features(Panel, bpy.types.Panel):
         buttons = row.column(align=True)
         buttons.operator("pointmorph.add_feature", text="", icon="ADD")
         buttons.operator("pointmorph.remove_feature", text="", icon="REMOVE")
+        buttons.operator("pointmorph.mirror_features", text="", icon="MOD_MIRROR")
         buttons.separator()
         buttons.operator(
             "pointmorph.jump_to_feature", text="", icon="TRIA_LEFT_BAR"

@@ -13,7 +13,8 @@ _LAYER = 0.12  # of the extent: so much deeper is as bad as so far away
 
 
 def nearest_on_surface(obj, origin, direction, depsgraph):
-    """The vertex of an object nearest to where a ray meets it.
+    """The vertex nearest to where a ray meets an object, of the face that it meets: none of the
+    other side of a thin part, nor of another part behind.
 
     Parameters
     ----------
@@ -28,12 +29,18 @@ def nearest_on_surface(obj, origin, direction, depsgraph):
     inverse = obj.matrix_world.inverted_safe()
     start = inverse @ origin
     along = inverse @ (origin + direction) - start
-    hit, place, _, _ = obj.ray_cast(start, along, depsgraph=depsgraph)
+    hit, place, _, face = obj.ray_cast(start, along, depsgraph=depsgraph)
     if not hit:
         return None
     met = obj.matrix_world @ place
-    shown = arrays.vertex_positions(marked_points.shown_data(obj, depsgraph))
-    world = transforms.apply(obj.matrix_world, shown)
+    shown = marked_points.shown_data(obj, depsgraph)
+    if shown != obj.data and face < len(shown.polygons):
+        rows = shown.polygons[face].vertices
+        world = [obj.matrix_world @ shown.vertices[row].co for row in rows]
+        nearest = min(range(len(rows)), key=lambda corner: (world[corner] - met).length)
+        return (met - origin).length, int(rows[nearest])
+    # Of other vertices than those that are seen.
+    world = transforms.apply(obj.matrix_world, arrays.vertex_positions(shown))
     row = int(np.argmin(((world - np.array(met)) ** 2).sum(axis=1)))
     return (met - origin).length, row
 

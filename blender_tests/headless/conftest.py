@@ -1,7 +1,9 @@
 """The add-on, installed once, and an empty scene for every test."""
 
+import copy
 import importlib
 import os
+import pickle
 import sys
 from pathlib import Path
 
@@ -11,6 +13,7 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parent))  # for `scenes`
 
 import installing
+import painted_scenes
 import scenes
 
 # Before pytest imports the tests, and with them `pointmorph`: a packaged add-on brings its own.
@@ -46,10 +49,39 @@ def settings(module):
     return bpy.context.scene.pointmorph
 
 
+@pytest.fixture(scope="session")
+def remembering(addon):
+    """`computation.compute`, which computes nothing twice."""
+    compute = addon("core.computation").compute
+    known = {}
+
+    def remembered(request, progress, earlier=None):
+        before = earlier and (earlier.request.without_looks(), earlier.maps)
+        asked = pickle.dumps((request.without_looks(), before))
+        if asked not in known:
+            known[asked] = compute(request, progress, earlier)
+        return copy.deepcopy(known[asked])
+
+    return remembered
+
+
+@pytest.fixture(autouse=True)
+def computed_once(request, addon, monkeypatch, remembering):
+    """Tests share what the library computes, but those of the computing, marked `computes`."""
+    if not request.node.get_closest_marker("computes"):
+        monkeypatch.setattr(addon("data.chains"), "compute", remembering)
+
+
 @pytest.fixture
 def morphed(settings):
     """Source, target and morph object, which is active."""
     return *scenes.pair(), scenes.morph()
+
+
+@pytest.fixture
+def textured(settings):
+    """Source and target: one blue, the other with a ramp."""
+    return painted_scenes.blue_and_ramp(settings)
 
 
 @pytest.fixture(scope="session")

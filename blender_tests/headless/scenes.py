@@ -1,5 +1,7 @@
 """Objects to morph, and what tests ask of a scene."""
 
+import subprocess
+import sys
 from pathlib import Path
 
 import bpy
@@ -104,6 +106,28 @@ def error_of(operator, **options):
     raise AssertionError(f"it didn't refuse: {done}")
 
 
+def recompute(obj):
+    select(obj)
+    assert bpy.ops.pointmorph.recompute() == {"FINISHED"}
+
+
+def slider(obj):
+    """The shape key whose value is t."""
+    return obj.data.shape_keys.key_blocks["Morph"]
+
+
+def set_t(obj, t):
+    slider(obj).value = t
+    bpy.context.view_layer.update()
+
+
+def animate(obj):
+    """From the source to the target in frames 1 to 20."""
+    for frame, value in ((1, 0.0), (20, 1.0)):
+        slider(obj).value = value
+        slider(obj).keyframe_insert("value", frame=frame)
+
+
 def select(obj):
     """Makes an object the only one that is selected, and active."""
     bpy.context.view_layer.update()
@@ -150,6 +174,12 @@ def key(obj, name):
     return coordinates(obj.data.shape_keys.key_blocks[name].data)
 
 
+def surface_of(obj):
+    """The vertices of an object as they are shown."""
+    evaluated = obj.evaluated_get(bpy.context.evaluated_depsgraph_get())
+    return coordinates(evaluated.data.vertices)
+
+
 def shown_cloud(obj):
     """The points that an object shows at the moment, until the scene changes."""
     for instance in bpy.context.evaluated_depsgraph_get().object_instances:
@@ -157,6 +187,30 @@ def shown_cloud(obj):
         if instance.object.type == "POINTCLOUD" and parent and parent.original == obj:
             return instance.object.data
     raise AssertionError(f"{obj.name} shows no points")
+
+
+def content(obj):
+    """All that a morph object of pairs holds, to compare bit by bit."""
+    names = [a.name for a in obj.data.attributes if a.domain == "POINT"]
+    known = {"INT", "FLOAT", "FLOAT_VECTOR", "FLOAT_COLOR"}
+    found = {
+        name: attribute(obj.data, name)
+        for name in names
+        if obj.data.attributes[name].data_type in known and not name.startswith(".")
+    }
+    return {**found, "Basis": key(obj, "Basis"), "Morph": key(obj, "Morph")}
+
+
+def assert_same(a, b):
+    assert a.keys() == b.keys()
+    for name in a:
+        assert np.array_equal(a[name], b[name]), name
+
+
+def move_vertices(obj, offset):
+    positions = coordinates(obj.data.vertices) + np.asarray(offset, np.float32)
+    obj.data.vertices.foreach_set("co", positions.reshape(-1))
+    obj.data.update()
 
 
 def shown_points(obj, name=None):
@@ -243,3 +297,42 @@ def groups(obj):
 
 def members(obj, index):
     return {v.index: g.weight for v in obj.data.vertices for g in v.groups if g.group == index}
+
+
+# --- Without the add-on ---------------------------------------------------------------------------
+
+_READ = """
+import sys
+import bpy, numpy as np
+path, out, *names = sys.argv[sys.argv.index("--") + 1 :]
+bpy.ops.wm.open_mainfile(filepath=path)
+assert not hasattr(bpy.types.Scene, "pointmorph")
+found = {}
+
+def add(name, points):
+    values = np.empty(len(points) * 3, np.float32)
+    points.foreach_get("co", values)
+    found[name] = values.reshape(-1, 3)
+
+for frame in (1, 7, 13, 20):
+    bpy.context.scene.frame_set(frame)
+    depsgraph = bpy.context.evaluated_depsgraph_get()
+    for name in names:
+        add(f"{name} {frame}", bpy.data.objects[name].evaluated_get(depsgraph).data.vertices)
+    for instance in depsgraph.object_instances:
+        if instance.object.type == "POINTCLOUD" and instance.parent:
+            add(f"{instance.parent.original.name} {frame}", instance.object.data.points)
+np.savez(out, **found)
+"""
+
+
+def played(path, *names):
+    """What a fresh Blender without the add-on shows of objects in a file, by name and frame: 1, 7,
+    13 and 20."""
+    out = path.with_suffix(".npz")
+    start = [sys.executable, "-c", _READ]
+    if bpy.app.binary_path:
+        start = [bpy.app.binary_path, "--background", "--factory-startup", "--python-expr", _READ]
+    subprocess.run([*start, "--", str(path), str(out), *names], check=True, timeout=120)
+    with np.load(out) as found:
+        return {name: found[name] for name in found.files}

@@ -13,6 +13,7 @@ from scenes import (
     patch,
     select,
     shown_points,
+    slider,
 )
 
 pytestmark = pytest.mark.interface
@@ -30,10 +31,6 @@ def results():
     return [
         obj.name for obj in bpy.data.objects if "source_row" in getattr(obj.data, "attributes", ())
     ]
-
-
-def slider(obj):
-    return obj.data.shape_keys.key_blocks["Morph"]
 
 
 def curve_of(addon, obj):

@@ -21,6 +21,7 @@ from scenes import (
     patch,
     row_at,
     select,
+    set_t,
     shown_points,
 )
 
@@ -62,11 +63,6 @@ def columns(obj, count=3):
     """(M, n): rows of all shapes."""
     stages = ["source", *(f"via{k}" for k in range(1, count - 1)), "target"]
     return np.stack([attribute(obj.data, f"{stage}_row") for stage in stages], axis=1)
-
-
-def set_t(obj, t):
-    obj.data.shape_keys.key_blocks["Morph"].value = t
-    bpy.context.view_layer.update()
 
 
 def world(obj):

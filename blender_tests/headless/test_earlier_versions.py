@@ -54,6 +54,20 @@ def test_its_nodes_are_not_taken_for_those_of_this_one(settings, addon):
     assert len(bpy.data.node_groups) == groups  # the new ones are shared
 
 
+def test_marked_nodes_of_another_version_stay_with_what_has_them(settings):
+    source, _ = pair()
+    first = morph()
+    groups = [modifier.node_group for modifier in first.modifiers]
+    for group in groups:
+        name, _, version = group["pointmorph_version"].rpartition(": ")
+        assert version not in ("", "1")  # the number that earlier versions wrote
+        group["pointmorph_version"] = f"{name}: 1"
+    select(source)
+    second = morph(new_result=True)
+    assert [modifier.node_group for modifier in first.modifiers] == groups
+    assert not set(groups) & {modifier.node_group for modifier in second.modifiers}
+
+
 def test_a_morph_gets_the_nodes_of_this_version_when_it_is_computed_again(settings, addon):
     versions = addon("data.versions")
     _, target = pair()

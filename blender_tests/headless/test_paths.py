@@ -1,8 +1,6 @@
 """The way that a morph is seen to go: on the slider, and in a Blender without the add-on."""
 
 import json
-import subprocess
-import sys
 
 import bpy
 import numpy as np
@@ -10,15 +8,18 @@ import pytest
 from mathutils import Matrix
 from scenes import (
     add_mesh,
+    animate,
     attribute,
-    coordinates,
     key,
     mark,
     morph,
     pair,
     patch,
+    played,
     select,
+    set_t,
     shown_points,
+    surface_of,
 )
 
 pytestmark = pytest.mark.interface
@@ -41,17 +42,6 @@ def turned(settings):
 
 def size(rows):
     return np.linalg.norm(rows - rows.mean(axis=0))
-
-
-def set_t(obj, t):
-    obj.data.shape_keys.key_blocks["Morph"].value = t
-    bpy.context.view_layer.update()
-
-
-def surface_of(obj):
-    """The vertices of an object as they are shown."""
-    evaluated = obj.evaluated_get(bpy.context.evaluated_depsgraph_get())
-    return coordinates(evaluated.data.vertices)
 
 
 def curve(obj, value, addon):
@@ -187,48 +177,6 @@ def test_a_modifier_of_the_same_name_and_a_source_that_morphs_itself(settings, t
 
 
 # --- Without the add-on ---------------------------------------------------------------------------
-
-_READ = """
-import sys
-import bpy, numpy as np
-path, out, *names = sys.argv[sys.argv.index("--") + 1 :]
-bpy.ops.wm.open_mainfile(filepath=path)
-assert not hasattr(bpy.types.Scene, "pointmorph")
-found = {}
-
-def add(name, points):
-    values = np.empty(len(points) * 3, np.float32)
-    points.foreach_get("co", values)
-    found[name] = values.reshape(-1, 3)
-
-for frame in (1, 7, 13, 20):
-    bpy.context.scene.frame_set(frame)
-    depsgraph = bpy.context.evaluated_depsgraph_get()
-    for name in names:
-        add(f"{name} {frame}", bpy.data.objects[name].evaluated_get(depsgraph).data.vertices)
-    for instance in depsgraph.object_instances:
-        if instance.object.type == "POINTCLOUD" and instance.parent:
-            add(f"{instance.parent.original.name} {frame}", instance.object.data.points)
-np.savez(out, **found)
-"""
-
-
-def played(path, *names):
-    """What a fresh Blender without the add-on shows of objects in a file, by name and frame."""
-    out = path.with_suffix(".npz")
-    start = [sys.executable, "-c", _READ]
-    if bpy.app.binary_path:
-        start = [bpy.app.binary_path, "--background", "--factory-startup", "--python-expr", _READ]
-    subprocess.run([*start, "--", str(path), str(out), *names], check=True, timeout=120)
-    with np.load(out) as found:
-        return {name: found[name] for name in found.files}
-
-
-def animate(obj):
-    slider = obj.data.shape_keys.key_blocks["Morph"]
-    for frame, value in ((1, 0.0), (20, 1.0)):
-        slider.value = value
-        slider.keyframe_insert("value", frame=frame)
 
 
 def test_it_plays_without_the_add_on(turned, tmp_path):

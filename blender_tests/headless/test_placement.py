@@ -4,7 +4,7 @@ import bpy
 import numpy as np
 import pytest
 from mathutils import Matrix
-from scenes import coordinates, morph, pair, select
+from scenes import coordinates, morph, pair, recompute, set_t, surface_of
 
 pytestmark = pytest.mark.interface
 
@@ -27,18 +27,12 @@ def place(obj):
 
 def corners(obj, value):
     """The vertices of what shows a morph, in the world, at a value of the slider."""
-    obj.data.shape_keys.key_blocks["Morph"].value = value
-    evaluated = obj.evaluated_get(bpy.context.evaluated_depsgraph_get())
-    return in_world(place(obj), coordinates(evaluated.data.vertices))
+    set_t(obj, value)
+    return in_world(place(obj), surface_of(obj))
 
 
 def in_world(matrix, positions):
     return positions @ matrix[:3, :3].T + matrix[:3, 3]
-
-
-def recompute(obj):
-    select(obj)
-    assert bpy.ops.pointmorph.recompute() == {"FINISHED"}
 
 
 OTHER = Matrix.LocRotScale((4, 0, 1), Matrix.Rotation(0.7, 3, "Y"), (1, 3, 1))

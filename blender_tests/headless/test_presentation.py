@@ -17,6 +17,7 @@ from scenes import (
     pick,
     select,
     shown_points,
+    surface_of,
 )
 
 pytestmark = pytest.mark.interface
@@ -30,12 +31,6 @@ def painted(settings):
     source.data.materials.append(bpy.data.materials.new("Skin"))
     source.data.uv_layers.new(name="Layout")
     return source, target, morph()
-
-
-def surface_of(obj):
-    """The vertices of an object as they are shown."""
-    evaluated = obj.evaluated_get(bpy.context.evaluated_depsgraph_get())
-    return coordinates(evaluated.data.vertices)
 
 
 def test_the_source_s_faces_show_the_morph(painted):

@@ -36,6 +36,7 @@ OPERATORS = (
     "move_loop_feature",
     "pair_features",
     "pick_selected",
+    "mirror_features",
     "propose_features",
     "propose_loop",
     "remove_feature",

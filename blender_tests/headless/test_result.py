@@ -1,4 +1,4 @@
-"""What a morph object survives, how it says that it is out of date, and how it is made again."""
+"""What a morph object survives, and how it is made again."""
 
 import json
 
@@ -6,55 +6,23 @@ import bpy
 import numpy as np
 import pytest
 from scenes import (
-    add_attribute,
-    add_mesh,
     add_object,
+    assert_same,
     attribute,
-    coordinates,
+    content,
     key,
-    mark,
     morph,
+    move_vertices,
     pair,
     patch,
+    recompute,
     row_pairs,
     select,
     shown_points,
+    slider,
 )
 
 pytestmark = pytest.mark.interface
-
-
-def recompute(obj):
-    select(obj)
-    assert bpy.ops.pointmorph.recompute() == {"FINISHED"}
-
-
-def t_of(obj):
-    return obj.data.shape_keys.key_blocks["Morph"]
-
-
-def content(obj):
-    """All that a morph object of pairs holds, to compare bit by bit."""
-    names = [a.name for a in obj.data.attributes if a.domain == "POINT"]
-    known = {"INT", "FLOAT", "FLOAT_VECTOR", "FLOAT_COLOR"}
-    found = {
-        name: attribute(obj.data, name)
-        for name in names
-        if obj.data.attributes[name].data_type in known and not name.startswith(".")
-    }
-    return {**found, "Basis": key(obj, "Basis"), "Morph": key(obj, "Morph")}
-
-
-def assert_same(a, b):
-    assert a.keys() == b.keys()
-    for name in a:
-        assert np.array_equal(a[name], b[name]), name
-
-
-def move_vertices(obj, offset):
-    positions = coordinates(obj.data.vertices) + np.asarray(offset, np.float32)
-    obj.data.vertices.foreach_set("co", positions.reshape(-1))
-    obj.data.update()
 
 
 def save_and_open(tmp_path):
@@ -62,151 +30,6 @@ def save_and_open(tmp_path):
     bpy.ops.wm.save_as_mainfile(filepath=path)
     bpy.ops.wm.read_homefile(use_empty=True)
     bpy.ops.wm.open_mainfile(filepath=path)
-
-
-# --- The state ------------------------------------------------------------------------------------
-
-
-def test_a_new_morph_is_up_to_date(settings):
-    pair()
-    obj = morph()
-    assert (obj.pointmorph.state, obj.pointmorph.stale) == ("CURRENT", "")
-    assert settings.source.pointmorph.state == ""
-
-
-def edit_source(source, target, settings):
-    move_vertices(source, (0, 0, 0.1))
-
-
-def edit_target(source, target, settings):
-    move_vertices(target, (0, 0, 0.1))
-
-
-def mark_both(source, target, settings):
-    for obj in (source, target):
-        mark(obj, "foot", -0.6, -0.6)
-
-
-def weaken_a_feature(source, target, settings):
-    group = target.vertex_groups["pm.peak"]
-    for vertex in target.data.vertices:
-        if any(element.group == group.index for element in vertex.groups):
-            group.add([vertex.index], 0.5, "REPLACE")
-
-
-def move_target(source, target, settings):
-    target.location.x += 1
-
-
-def turn_source(source, target, settings):
-    source.rotation_euler.z += 1
-
-
-def change_a_setting(source, target, settings):
-    settings.transfer_neighbors = 20
-
-
-def set_by_hand(source, target, settings):
-    settings.domain = "auto"
-
-
-def hold_softly(source, target, settings):
-    settings.features["peak"].hold = "SOFT"
-
-
-def add_a_modifier(source, target, settings):
-    target.modifiers.new("Wave", "SIMPLE_DEFORM").angle = 1.0
-
-
-def color_the_source(source, target, settings):
-    values = np.tile((1, 0, 0, 1), (len(source.data.vertices), 1))
-    item = add_attribute(source.data, "Col", "FLOAT_COLOR", values)
-    source.data.color_attributes.active_color = item
-
-
-@pytest.mark.logic
-@pytest.mark.parametrize(
-    ("edit", "word"),
-    [
-        (edit_source, '"Hill" was edited'),
-        (edit_target, '"Dune" was edited'),
-        (mark_both, 'features on "Hill" have changed; features on "Dune" have changed'),
-        (weaken_a_feature, 'features on "Dune" have changed'),
-        (move_target, '"Dune" was moved, rotated or scaled'),
-        (turn_source, '"Hill" was moved, rotated or scaled'),
-        (change_a_setting, 'the setting "Transfer Neighbors" was changed'),
-        (set_by_hand, 'the setting "Domain" was changed'),
-        (hold_softly, 'the options of feature "peak" were changed'),
-        (add_a_modifier, '"Dune" looks different'),
-        (color_the_source, '"Hill" was edited'),
-    ],
-)
-def test_what_is_stale_says_so_and_recompute_makes_what_a_new_morph_would(settings, edit, word):
-    source, target = pair()
-    obj = morph()
-    edit(source, target, settings)
-    bpy.context.view_layer.update()
-    assert obj.pointmorph.state == "STALE"
-    assert word in obj.pointmorph.stale
-    recompute(obj)
-    assert (obj.pointmorph.state, obj.pointmorph.stale) == ("CURRENT", "")
-    again = content(obj)
-    assert_same(content(morph(new_result=True)), again)
-
-
-@pytest.mark.logic
-@pytest.mark.parametrize(
-    "edit",
-    [
-        lambda source, target, settings: source.modifiers.new("Finer", "SUBSURF"),
-        lambda source, target, settings: setattr(source, "name", "Mountain"),
-        lambda source, target, settings: setattr(target.data, "name", "Sand"),
-        lambda source, target, settings: setattr(settings, "threads", 1),
-        lambda source, target, settings: setattr(settings, "path", "rigid"),
-        lambda source, target, settings: source.vertex_groups.new(name="bone"),
-        lambda source, target, settings: [
-            setattr(obj.location, "x", obj.location.x + 3) for obj in (source, target)
-        ],
-    ],
-    ids=["modifier", "name", "mesh's name", "threads", "path", "bone", "moved together"],
-)
-def test_what_changes_nothing_is_not_stale(settings, edit):
-    source, target = pair()
-    obj = morph()
-    edit(source, target, settings)
-    bpy.context.view_layer.update()
-    assert (obj.pointmorph.state, obj.pointmorph.stale) == ("CURRENT", "")
-
-
-def test_other_settings_in_the_panel_do_not_concern_a_morph_of_other_objects(settings):
-    pair()
-    obj = morph()
-    settings.source = add_mesh("Other", *patch(8))
-    settings.transfer_neighbors = 20
-    assert obj.pointmorph.state == "CURRENT"
-    recompute(obj)
-    assert json.loads(obj.pointmorph.report)["options"]["transfer_neighbors"] == 12
-    select(obj)
-    bpy.ops.pointmorph.edit_morph()
-    assert settings.source.name == "Hill"
-    assert settings.transfer_neighbors == 12
-    assert obj.pointmorph.state == "CURRENT"
-
-
-def test_a_target_that_moves_by_itself_does_not_become_stale(settings):
-    _, target = pair()
-    target.shape_key_add(name="Basis")
-    wave = target.shape_key_add(name="Wave")
-    for point in wave.data:
-        point.co.z += 0.3
-    for frame, value in ((1, 0.0), (11, 1.0)):
-        wave.value = value
-        wave.keyframe_insert("value", frame=frame)
-    bpy.context.scene.frame_set(1)
-    obj = morph()
-    for frame in (5, 11):
-        bpy.context.scene.frame_set(frame)
-        assert obj.pointmorph.state == "CURRENT"
 
 
 # --- Recompute in place ---------------------------------------------------------------------------
@@ -217,12 +40,12 @@ def test_recompute_keeps_name_animation_drivers_materials_and_modifiers(addon, s
     obj = morph()
     obj.name, obj.data.name = "My morph", "My mesh"
     for frame, value in ((1, 0.0), (11, 1.0)):
-        t_of(obj).value = value
-        t_of(obj).keyframe_insert("value", frame=frame)
+        slider(obj).value = value
+        slider(obj).keyframe_insert("value", frame=frame)
     follower = add_object("Follower", None)
     curve = follower.driver_add("location", 2)
     curve.driver.type = "AVERAGE"
-    addon("data.nodes").drive(curve.driver, t_of(obj))
+    addon("data.nodes").drive(curve.driver, slider(obj))
     obj.data.materials.append(bpy.data.materials.new("Mine"))
     obj.rotation_euler.x = 0.3
     display, versions = addon("scene.points_display"), addon("data.versions")
@@ -333,7 +156,7 @@ def test_parts_that_were_taken_out(settings):
     for run in (bpy.ops.pointmorph.recompute, bpy.ops.pointmorph.follow):
         with pytest.raises(RuntimeError, match="Hill to Dune: expected the attribute target_rad"):
             run()
-    t_of(obj).name = "Other"
+    slider(obj).name = "Other"
     for run in (bpy.ops.pointmorph.recompute, bpy.ops.pointmorph.follow):
         with pytest.raises(RuntimeError, match='with its shape key "Morph", found none of that'):
             run()
@@ -392,9 +215,9 @@ def test_a_duplicate(settings, linked):
     copy = bpy.context.view_layer.objects.active
     assert copy != obj
     assert copy.pointmorph.state == "CURRENT"
-    t_of(copy).value = 1.0
+    slider(copy).value = 1.0
     bpy.context.view_layer.update()
-    assert t_of(obj).value == (1.0 if linked else 0.0)
+    assert slider(obj).value == (1.0 if linked else 0.0)
     radii = [attribute(obj.data, f"{side}_radius") for side in ("source", "target")]
     np.testing.assert_allclose(shown_points(copy, "radius"), radii[1], rtol=1e-5)
     np.testing.assert_allclose(shown_points(obj, "radius"), radii[linked], rtol=1e-5)
@@ -424,7 +247,7 @@ def test_deletion_of_its_parents_in_the_viewport(settings):
     target.select_set(True)
     bpy.ops.object.delete()
     assert not {"Hill", "Dune"} & set(bpy.context.scene.objects.keys())
-    t_of(obj).value = 1.0
+    slider(obj).value = 1.0
     np.testing.assert_allclose(shown_points(obj), key(obj, "Morph"), atol=1e-6)
     assert obj.pointmorph.state == "ORPHAN"
     assert '"Hill" no longer exists' in obj.pointmorph.stale
@@ -445,7 +268,7 @@ def test_deletion_of_its_parents_from_the_file(settings, which, tmp_path):
     assert obj.pointmorph.state == "ORPHAN"
     for side, name in (("source", "Hill"), ("target", "Dune")):
         assert (f'"{name}" no longer exists' in obj.pointmorph.stale) == (which in (side, "both"))
-    t_of(obj).value = 0.5
+    slider(obj).value = 0.5
     np.testing.assert_allclose(
         shown_points(obj), (before["Basis"] + before["Morph"]) / 2, atol=1e-6
     )
@@ -481,7 +304,7 @@ def test_append_and_link_into_another_file(settings, tmp_path, as_link):
         with pytest.raises(RuntimeError, match="linked from another file: make it local"):
             bpy.ops.pointmorph.recompute()
         return
-    t_of(obj).value = 1.0
+    slider(obj).value = 1.0
     np.testing.assert_allclose(shown_points(obj), before["Morph"], atol=1e-6)
     recompute(obj)
     assert_kept(content(obj), before)
@@ -547,22 +370,22 @@ def test_several_morphs_with_keys_and_drivers_at_every_frame(addon, settings, tm
     first, second, third = (morph(new_result=True) for _ in range(3))
     for obj, values in ((first, (0, 1)), (second, (1, 0))):
         for frame, value in zip((1, 11), values, strict=True):
-            t_of(obj).value = value
-            t_of(obj).keyframe_insert("value", frame=frame)
-    curve = t_of(third).driver_add("value")
+            slider(obj).value = value
+            slider(obj).keyframe_insert("value", frame=frame)
+    curve = slider(third).driver_add("value")
     curve.driver.type = "AVERAGE"
-    addon("data.nodes").drive(curve.driver, t_of(first))
+    addon("data.nodes").drive(curve.driver, slider(first))
     names = [obj.name for obj in (first, second, third)]
     save_and_open(tmp_path)
     objects = [bpy.data.objects[name] for name in names]
     for frame in (1, 4, 6, 11):
         bpy.context.scene.frame_set(frame)
         for obj in objects:
-            t = t_of(obj).value
+            t = slider(obj).value
             np.testing.assert_allclose(
                 shown_points(obj), (1 - t) * key(obj, "Basis") + t * key(obj, "Morph"), atol=1e-5
             )
-        values = [t_of(obj).value for obj in objects]
+        values = [slider(obj).value for obj in objects]
         assert values[0] + values[1] == pytest.approx(1)
         assert values[2] == pytest.approx(values[0])
 
@@ -577,8 +400,8 @@ def test_an_animation_of_several_renders(settings, output):
         obj = morph(new_result=True)
         obj.location.x = x
         for frame, value in zip((1, 3), values, strict=True):
-            t_of(obj).value = value
-            t_of(obj).keyframe_insert("value", frame=frame)
+            slider(obj).value = value
+            slider(obj).keyframe_insert("value", frame=frame)
     for shape in (settings.source, target):
         shape.hide_render = True
     camera = add_object("Camera", bpy.data.cameras.new("Camera"))
@@ -602,41 +425,3 @@ def test_an_animation_of_several_renders(settings, output):
     assert b > middle[1] > d
     assert c > 3 * a
     assert b > 3 * d
-
-
-# --- What the panel knows -------------------------------------------------------------------------
-
-
-def test_the_panel_looks_in_short_steps_and_again_after_a_change(addon, settings):
-    """The timer is called by hand here: nothing runs it without a window."""
-    source, _ = pair(80, 12)
-    obj = morph()
-    watching = addon("view.staleness_watch")
-    watching._forget()
-    assert watching.known_state(obj) is None
-    calls = 0
-    while watching.known_state(obj) is None:
-        watching._look()
-        calls += 1
-        assert calls < 1000
-    assert watching.known_state(obj) == ("CURRENT", [])
-    settings.transfer_neighbors = 20
-    assert watching.known_state(obj)[0] == "STALE"  # settings are cheap to compare
-    settings.transfer_neighbors = 12
-    move_vertices(source, (0, 0, 1))
-    bpy.context.view_layer.update()
-    assert watching.known_state(obj) is None
-    assert watching._look() > 0  # it waits for the end of the changes
-    watching._changed_at = 0.0
-    while watching.known_state(obj) is None:
-        watching._look()
-    assert watching.known_state(obj) == ("STALE", ['"Hill" was edited'])
-    source.name = "Mountain"
-    assert watching.known_state(obj) is None
-    while watching.known_state(obj) is None:
-        watching._look()
-    assert watching.known_state(obj) == ("STALE", ['"Mountain" was edited'])
-    bpy.data.objects.remove(source)
-    while watching.known_state(obj) is None:
-        watching._look()
-    assert watching.known_state(obj)[0] == "ORPHAN"

@@ -82,6 +82,7 @@ def test_values_are_kept_within_the_range(settings):
     assert getattr(settings, option.name) == option.maximum
 
 
+@pytest.mark.computes
 def test_the_library_gets_them(settings, addon, monkeypatch):
     pair()
     option = next(o for o in OPTIONS.values() if o.kind == "int" and o.default is not None)

@@ -119,26 +119,28 @@ class Window:
         time.sleep(0.35)  # a glide takes 0.3 s, however few pictures of it are drawn
         self.redraw()
 
-    def settle(self):
+    def settle(self, turns=3):
         """Until Blender has handled the events that were sent.
 
         xdotool ends when the server has passed them on. The first answer may come from the turn
         of Blender's main loop before they are read, the second before they are handled.
         """
-        for _ in range(3):
+        for _ in range(turns):
             self.ask("0")
 
-    def _xdotool(self, *words):
+    def _xdotool(self, *words, turns=3):
         subprocess.run(["xdotool", *map(str, words)], env=self._environment, check=True)
-        self.settle()
+        self.settle(turns)
 
     def click(self, position, holding=None):
         """A click; `holding` is a key that is down meanwhile."""
+        self.redraw()
+        self._xdotool("mousemove", *position)
+        button = ("mousedown", 1, "mouseup", 1)
         if holding:
-            self._xdotool("keydown", holding)
-        self.drag(position, position, steps=1)
-        if holding:
-            self._xdotool("keyup", holding)
+            self._xdotool("keydown", holding, *button, "keyup", holding)
+        else:
+            self._xdotool(*button)
 
     def drag(self, start, end, steps=8):
         self.redraw()
@@ -146,7 +148,7 @@ class Window:
         self._xdotool("mousedown", 1)
         for step in range(1, steps + 1):
             at = (a + (b - a) * step // steps for a, b in zip(start, end, strict=True))
-            self._xdotool("mousemove", *at)
+            self._xdotool("mousemove", *at, turns=1)
         self._xdotool("mouseup", 1)
 
     def press(self, key, over):

@@ -31,14 +31,14 @@ def _poll():
     try:
         received = _socket.recv(1 << 20)
     except BlockingIOError:
-        return 0.01
+        return 0.002
     if not received:
         bpy.ops.wm.quit_blender()
     _received += received
     *commands, _received = _received.split(b"\n")
     for command in commands:
         _answer(json.loads(command))
-    return 0.01
+    return 0.002
 
 
 sys.path.insert(0, os.environ["POINTMORPH_SCENES"])

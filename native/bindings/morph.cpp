@@ -3,6 +3,7 @@
 #include "bindings.hpp"
 #include "pointmorph/base/error.hpp"
 #include "pointmorph/base/parallel.hpp"
+#include "pointmorph/morph/live_morph.hpp"
 #include "pointmorph/morph/loop_suggestion.hpp"
 #include "pointmorph/morph/network_preview.hpp"
 #include "pointmorph/morph/options.hpp"
@@ -149,7 +150,8 @@ py::dict dict_of(const MorphReport& report, const MorphOptions& options) {
         py::arg("loop") = report.loop, py::arg("curves") = report.curves,
         py::arg("patches") = report.patches,
         py::arg("tips") = array_of(report.extremities).attr("tolist")(),
-        py::arg("warnings") = report.warnings, py::arg("options") = chosen);
+        py::arg("update") = report.update, py::arg("warnings") = report.warnings,
+        py::arg("options") = chosen);
     for (const auto& [name, figure] : dict_of(report.diagnostics)) result[name] = figure;
     return result;
 }
@@ -312,6 +314,24 @@ std::unique_ptr<Morph> restore_morph(const py::dict& source, const py::dict& tar
                                    std::move(images), options, from_numpy<Values>(source["delay"]));
 }
 
+std::unique_ptr<LiveMorph> make_live(const py::dict& source, const py::dict& target,
+                                     const py::list& features, const MorphOptions& options,
+                                     const py::tuple& maps, const py::object& callback) {
+    MorphInput input = input_of(source, target, features);
+    input.start = {from_numpy<Positions>(maps[0]), from_numpy<Positions>(maps[1])};
+    return without_gil(callback, [&](Progress& progress) {
+        return std::make_unique<LiveMorph>(std::move(input), options, progress);
+    });
+}
+
+std::unique_ptr<Morph> updated(const LiveMorph& live, const py::list& features,
+                               const py::object& callback) {
+    std::vector<Feature> changed = features_of(features);
+    return without_gil(callback, [&](Progress& progress) {
+        return std::unique_ptr<Morph>(new Morph(live.updated(std::move(changed), progress)));
+    });
+}
+
 std::vector<std::string> proposed_loop(const py::dict& source, const py::dict& target,
                                        const py::list& features, const MorphOptions& options,
                                        const py::object& callback) {
@@ -421,6 +441,25 @@ void define_frames(py::class_<Morph>& morph) {
              py::arg("radii").noconvert());
 }
 
+void define_live(py::module_& module) {
+    py::class_<LiveMorph>(module, "LiveMorph")
+        .def(py::init(&make_live))
+        .def_static("of",
+                    [](const Morph& morph, const py::object& callback) {
+                        return without_gil(callback, [&](Progress& progress) {
+                            return std::make_unique<LiveMorph>(morph, progress);
+                        });
+                    })
+        .def("source_to_target",
+             [](const LiveMorph& live, const py::list& features, const py::object& callback) {
+                 const std::vector<Feature> changed = features_of(features);
+                 return to_numpy(without_gil(callback, [&](Progress& progress) {
+                     return live.source_to_target(changed, progress);
+                 }));
+             })
+        .def("updated", &updated);
+}
+
 }  // namespace
 
 void bind_morph(py::module_& module) {
@@ -436,6 +475,7 @@ void bind_morph(py::module_& module) {
     morph.def(py::init(&make_morph)).def_static("restore", &restore_morph);
     define_queries(morph);
     define_frames(morph);
+    define_live(module);
 }
 
 }  // namespace pointmorph::bindings

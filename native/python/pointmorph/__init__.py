@@ -32,6 +32,7 @@ from pointmorph.errors import (
     TopologyError,
 )
 from pointmorph.features import Feature
+from pointmorph.live import LiveMorph
 from pointmorph.morphing import (
     Frame,
     Morph,
@@ -72,6 +73,7 @@ __all__ = [
     "FeatureResidual",
     "FileError",
     "Frame",
+    "LiveMorph",
     "MapFigures",
     "MeshPlace",
     "MeshQuality",

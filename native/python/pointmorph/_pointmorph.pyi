@@ -15,6 +15,15 @@ def nearest_neighbors(positions: npt.NDArray[Any], k: int) -> npt.NDArray[np.int
 def nearest_rows(
     positions: npt.NDArray[Any], places: npt.NDArray[Any], k: int
 ) -> npt.NDArray[np.int32]: ...
+
+class ClosestPlaces:
+    def __init__(
+        self, positions: npt.NDArray[Any], triangles: npt.NDArray[np.integer[Any]]
+    ) -> None: ...
+    def of(
+        self, places: npt.NDArray[Any], progress: Any
+    ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.float64]]: ...
+
 def blue_noise(
     positions: npt.NDArray[Any],
     normals: npt.NDArray[Any] | None,
@@ -71,6 +80,23 @@ class MeshMotion:
         progress: Any,
     ) -> None: ...
     def at(self, t: float, progress: Any) -> npt.NDArray[np.float64]: ...
+
+class LiveMorph:
+    def __init__(
+        self,
+        source: dict[str, Any],
+        target: dict[str, Any],
+        features: list[dict[str, Any]],
+        options: MorphOptions,
+        maps: tuple[npt.NDArray[Any] | None, npt.NDArray[Any] | None],
+        progress: Any,
+    ) -> None: ...
+    @staticmethod
+    def of(morph: Morph, progress: Any) -> LiveMorph: ...
+    def source_to_target(
+        self, features: list[dict[str, Any]], progress: Any
+    ) -> npt.NDArray[np.float64]: ...
+    def updated(self, features: list[dict[str, Any]], progress: Any) -> Morph: ...
 
 class Morph:
     def __init__(

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pointmorph.errors import CloudError
-from pointmorph.meshes import ClosestPlaces, closest_points
+from pointmorph.meshes import ClosestPlaces, nearest_rows
 from pointmorph.meshes import _closest_on as closest_on
 
 Floats = npt.NDArray[np.float64]
@@ -265,10 +265,10 @@ def local_frames(
     # From far to near: what is known close by counts the more, the better it's known.
     for times in (16.0, 4.0, 1.0) if len(pieces.weights) else ():
         if times == 1.0:
-            pieces = _agreeing(pieces, _turn(turns)[closest_points(start, pieces.places, 1)[:, 0]])
+            pieces = _agreeing(pieces, _turn(turns)[nearest_rows(start, pieces.places, 1)[:, 0]])
         reach = times * pieces.reach
         cells = _smoothed(_gathered(pieces, reach), reach)
-        near = closest_points(cells.places, start, min(_NEAREST_CELLS, len(cells.weights)))
+        near = nearest_rows(cells.places, start, min(_NEAREST_CELLS, len(cells.weights)))
         away = ((cells.places[near] - start[:, None]) ** 2).sum(axis=2)
         least = away.min(axis=1, keepdims=True)
         spread = np.maximum((reach / 2) ** 2, np.maximum(least, 1e-300))
@@ -313,7 +313,7 @@ def _pieces_of_triangles(start: Floats, end: Floats, triangles: Rows) -> _Pieces
 
 
 def _pieces_of_neighbors(start: Floats, end: Floats) -> _Pieces:
-    near = closest_points(start, start, min(_NEIGHBORS, len(start)))
+    near = nearest_rows(start, start, min(_NEIGHBORS, len(start)))
     before, after = (rows[near] - rows[:, None] for rows in (start, end))
     away = np.einsum("nki,nki->nk", before, before)
     farthest = np.maximum(away.max(axis=1, keepdims=True), 1e-300)
@@ -387,7 +387,7 @@ def _gathered(pieces: _Pieces, reach: float) -> _Pieces:
 
 def _smoothed(cells: _Pieces, reach: float) -> _Pieces:
     """Each with those around it."""
-    near = closest_points(cells.places, cells.places, min(_CELLS_AROUND, len(cells.places)))
+    near = nearest_rows(cells.places, cells.places, min(_CELLS_AROUND, len(cells.places)))
     away = ((cells.places[near] - cells.places[:, None]) ** 2).sum(axis=2)
     shares = np.exp(-away / (2 * max((reach / 2) ** 2, 1e-300)))
     turns, stretches, known = _mixed(cells, near, shares)
@@ -487,7 +487,7 @@ def _around(
     if triangles is not None:
         triangle, shares = ClosestPlaces(positions, triangles).of(places)
         return triangle, triangles[triangle], shares
-    members = closest_points(positions, places, min(_AROUND, len(positions))).astype(np.int64)
+    members = nearest_rows(positions, places, min(_AROUND, len(positions))).astype(np.int64)
     distances = np.linalg.norm(positions[members] - places[:, None], axis=2)
     scale = max(float(np.ptp(positions, axis=0).max()), 1e-30)
     shares = 1.0 / np.maximum(distances, 1e-9 * scale) ** 2

@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from pointmorph._pointmorph import nearest_neighbors, nearest_rows
+from pointmorph._pointmorph import ClosestPlaces as _ClosestPlaces
+from pointmorph._pointmorph import nearest_neighbors
+from pointmorph._pointmorph import nearest_rows as nearest_rows
 from pointmorph.clouds import Faces
-
-# Samples of a surface for its closest places: at least, at most beside one a triangle, and along a
-# triangle's side.
-_LEAST_SAMPLES, _MOST_SAMPLES, _FINEST = 20_000, 200_000, 64
-_MOST_STEPS = 24
 
 
 def boundary_loops(faces: Faces, vertex_count: int) -> list[npt.NDArray[np.int64]]:
@@ -186,9 +184,6 @@ def vertex_normals(
 class ClosestPlaces:
     """The closest place of a surface for each of many places.
 
-    Where several parts of the surface are about as close, it may be on any of them: the search
-    begins at the closest of many samples of the surface, and goes on from face to face.
-
     Parameters
     ----------
     positions : (N, 3) array
@@ -197,7 +192,7 @@ class ClosestPlaces:
     Raises
     ------
     ValueError
-        Without triangles.
+        Without triangles, or where their rows aren't those of positions.
 
     Examples
     --------
@@ -212,23 +207,27 @@ class ClosestPlaces:
     def __init__(
         self, positions: npt.NDArray[Any], triangles: npt.NDArray[np.integer[Any]]
     ) -> None:
+        triangles = np.asarray(triangles)
         if len(triangles) == 0:
             raise ValueError("expected triangles, found none")
-        self._corners = np.asarray(positions, np.float64)[triangles]
-        self._samples, self._owners = _surface_samples(self._corners)
-        self._neighbors = _face_neighbors(np.asarray(positions), np.asarray(triangles))
+        if triangles.min() < 0 or triangles.max() >= len(positions):
+            raise ValueError(
+                f"expected triangles of rows 0 to {len(positions) - 1}, found "
+                f"{triangles.min()} to {triangles.max()}"
+            )
+        self._search = _ClosestPlaces(np.asarray(positions), triangles)
 
     def of(
-        self, places: npt.ArrayLike, like: npt.NDArray[np.integer[Any]] | None = None
+        self, places: npt.ArrayLike, progress: Callable[[str, float], bool] | None = None
     ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.float64]]:
         """The closest place for each of these.
 
         Parameters
         ----------
         places : (M, 3) array
-        like : (M,) array of int, optional
-            For each place, the row of one beside it, maybe itself, with which its search begins.
-            It's quicker where many share one.
+        progress : callable, optional
+            Is called with "closest places" and a fraction from 0 to 1 now and then, and returns
+            False to end the search.
 
         Returns
         -------
@@ -236,131 +235,16 @@ class ClosestPlaces:
             The triangle.
         (M, 3) array of float64
             What share its corners have in the place. They are 0 or more, and sum to 1.
+
+        Raises
+        ------
+        ValueError
+            A place isn't finite.
+        Cancelled
+            `progress` returned False.
         """
         wanted = np.asarray(places, np.float64).reshape(-1, 3)
-        if len(wanted) == 0:
-            return np.empty(0, np.int64), np.empty((0, 3))
-        if like is None:
-            found = self._owners[nearest_rows(self._samples, wanted, 1)[:, 0]]
-        else:
-            asked = np.unique(like)
-            first = np.empty(len(wanted), np.int64)
-            first[asked] = self._owners[nearest_rows(self._samples, wanted[asked], 1)[:, 0]]
-            found = first[like]
-        shares, distances = _closest_on(self._corners[found], wanted)
-        moving = np.flatnonzero(shares.min(axis=1) <= 0.0)
-        for _ in range(_MOST_STEPS):
-            # Across the side that is the closest, or round the corner, as long as it gets nearer.
-            kept = []
-            for side in range(3):
-                rows = moving[shares[moving, side] <= 0.0]
-                onto = self._neighbors[found[rows], side]
-                rows, onto = rows[onto >= 0], onto[onto >= 0]
-                tried, reached = _closest_on(self._corners[onto], wanted[rows])
-                nearer = reached < distances[rows] * (1.0 - 1e-9)
-                rows = rows[nearer]
-                found[rows], shares[rows] = onto[nearer], tried[nearer]
-                distances[rows] = reached[nearer]
-                kept.append(rows)
-            moving = np.unique(np.concatenate(kept))
-            if len(moving) == 0:
-                break
-        return found, shares
-
-
-def closest_points(
-    positions: npt.NDArray[Any], places: npt.NDArray[Any], count: int
-) -> npt.NDArray[np.int32]:
-    """(M, count): rows of the points closest to each place, the closest first."""
-    return nearest_rows(positions, places, count)
-
-
-def _surface_samples(
-    corners: npt.NDArray[np.float64],
-) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.int64]]:
-    """Even samples of triangles, one of each at least, and the triangle of each sample."""
-    sides = corners - np.roll(corners, 1, axis=1)
-    longest = np.linalg.norm(sides, axis=2).max(axis=1)
-    area = 0.5 * np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1).sum()
-    step = max(float(np.sqrt(area / _LEAST_SAMPLES)), 1e-30)
-    while True:
-        counts = np.clip(np.ceil(longest / step), 1, _FINEST).astype(np.int64)
-        if (counts**2).sum() <= len(corners) + _MOST_SAMPLES:
-            break
-        step *= 1.5
-    samples, owners = [], []
-    for count in np.unique(counts).tolist():
-        rows = np.flatnonzero(counts == count)
-        within = _centers(count)
-        samples.append(np.einsum("ck,fkd->fcd", within, corners[rows]).reshape(-1, 3))
-        owners.append(np.repeat(rows, len(within)))
-    return np.concatenate(samples), np.concatenate(owners)
-
-
-def _centers(count: int) -> npt.NDArray[np.float64]:
-    """(count², 3): barycentric coordinates of the centers of so many parts of a triangle."""
-    u, v = (x.reshape(-1) for x in np.mgrid[:count, :count])
-    first = np.stack([u, v], axis=1)
-    places = np.concatenate([first[u + v < count] + 1 / 3, first[u + v < count - 1] + 2 / 3])
-    places /= count
-    return np.column_stack([1.0 - places.sum(axis=1), places])
-
-
-def _closest_on(
-    corners: npt.NDArray[np.float64], places: npt.NDArray[np.float64]
-) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
-    """(M, 3) shares of the corners in the closest place of one triangle each, (M,) distance²."""
-    u, v = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-    w = places - corners[:, 0]
-    uu, uv, vv = (np.einsum("ij,ij->i", x, y) for x, y in ((u, u), (u, v), (v, v)))
-    wu, wv = np.einsum("ij,ij->i", w, u), np.einsum("ij,ij->i", w, v)
-    area = uu * vv - uv * uv
-    flat = area <= 1e-14 * uu * vv
-    area[flat] = 1.0
-    shares = np.empty((len(places), 3))
-    shares[:, 1] = (vv * wu - uv * wv) / area
-    shares[:, 2] = (uu * wv - uv * wu) / area
-    shares[:, 0] = 1.0 - shares[:, 1] - shares[:, 2]
-    outside = np.flatnonzero(flat | (shares.min(axis=1) < 0.0))
-    if len(outside):
-        shares[outside] = _closest_on_sides(corners[outside], places[outside])
-    apart = np.einsum("ij,ijk->ik", shares, corners) - places
-    return shares, np.einsum("ij,ij->i", apart, apart)
-
-
-def _closest_on_sides(
-    corners: npt.NDArray[np.float64], places: npt.NDArray[np.float64]
-) -> npt.NDArray[np.float64]:
-    """(M, 3) shares of the corners in the closest place of a triangle's sides."""
-    best = np.full(len(places), np.inf)
-    shares = np.zeros((len(places), 3))
-    for side in range(3):
-        a, b = (side + 1) % 3, (side + 2) % 3
-        along = corners[:, b] - corners[:, a]
-        length = np.einsum("ij,ij->i", along, along)
-        share = np.einsum("ij,ij->i", places - corners[:, a], along)
-        share = np.clip(share / np.where(length > 0.0, length, 1.0), 0.0, 1.0)
-        apart = corners[:, a] + share[:, None] * along - places
-        distances = np.einsum("ij,ij->i", apart, apart)
-        rows = np.flatnonzero(distances < best)
-        best[rows] = distances[rows]
-        shares[rows] = 0.0
-        shares[rows, a], shares[rows, b] = 1.0 - share[rows], share[rows]
-    return shares
-
-
-def _face_neighbors(
-    positions: npt.NDArray[Any], triangles: npt.NDArray[np.integer[Any]]
-) -> npt.NDArray[np.int64]:
-    """(F, 3): the triangle across the side opposite each corner, -1 without one. Vertices in one
-    place count as one."""
-    _, same = np.unique(positions, axis=0, return_inverse=True)
-    faces = same.reshape(-1)[triangles].astype(np.int64)
-    ends = np.sort(np.stack([np.roll(faces, -1, axis=1), np.roll(faces, -2, axis=1)]), axis=0)
-    keys = (ends[0] * (int(faces.max()) + 1) + ends[1]).reshape(-1)
-    order = np.argsort(keys, kind="stable")
-    twins = np.flatnonzero(keys[order[1:]] == keys[order[:-1]])
-    result = np.full(3 * len(faces), -1, np.int64)
-    result[order[twins]] = order[twins + 1] // 3
-    result[order[twins + 1]] = order[twins] // 3
-    return result.reshape(-1, 3)
+        if not np.isfinite(wanted).all():
+            row = np.flatnonzero(~np.isfinite(wanted).all(axis=1))[0]
+            raise ValueError(f"expected finite places, found {wanted[row].tolist()} in row {row}")
+        return self._search.of(wanted, progress)

@@ -6,7 +6,7 @@ import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property, lru_cache
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -26,6 +26,9 @@ from pointmorph.quality import (
     PointQuality,
     Quality,
 )
+
+if TYPE_CHECKING:
+    from pointmorph.live import LiveMorph
 
 Progress = Callable[[str, float], bool | None]
 """Called with the name of a stage and the fraction of it that is done; returns False to cancel.
@@ -135,6 +138,7 @@ class Morph:
         self._native = native
         self.source = source
         self.target = target
+        self._live: LiveMorph | None = None
         self.pairs: npt.NDArray[np.int64] = native.pairs()
         single = source.positions.dtype == target.positions.dtype == np.float32
         self._dtype: type[np.floating[Any]] = np.float32 if single else np.float64
@@ -156,6 +160,38 @@ class Morph:
             np.empty((m, 4), self._dtype),
             np.empty(m, self._dtype),
         )
+
+    def updated(
+        self, features: Mapping[str, tuple[int, int] | Feature], progress: Progress | None = None
+    ) -> Morph:
+        """The morph of the same clouds for changed features, from where this one is.
+
+        The first call keeps what further ones need (`LiveMorph`), which takes memory and about as
+        long as preparing the shapes for a morph did. See `LiveMorph.updated`.
+
+        Raises
+        ------
+        FeatureError, OptionError
+            OptionError for method paper and for domains other than auto.
+        Cancelled
+            If `progress` returned False.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import pointmorph
+        >>> x, y = np.meshgrid(np.linspace(-1, 1, 30), np.linspace(-1, 1, 30))
+        >>> plane = np.stack([x, y, 0 * x], axis=-1).reshape(-1, 3)
+        >>> ends = pointmorph.Cloud(plane), pointmorph.Cloud(2 * plane)
+        >>> result = pointmorph.morph(*ends, {"middle": (465, 465)})
+        >>> result.updated({"middle": (465, 467)}).report["update"]
+        'updated'
+        """
+        from pointmorph.live import LiveMorph
+
+        if self._live is None:
+            self._live = LiveMorph.of(self, progress)
+        return self._live.updated(features, progress)
 
     def frame(self, t: float, out: Frame | None = None, progress: Progress | None = None) -> Frame:
         """The in-between cloud at t, along paths of the kind that the setting `path` names.
@@ -538,6 +574,9 @@ class Morph:
         `options`, and figures of the solvers. If the source has faces (`has_mesh`), `mesh` is a
         dictionary of its `MeshQuality`.
 
+        `update` is "updated" for a morph that was updated, or why it was computed from scratch
+        instead; empty for others.
+
         About the shapes: `choice` (in words, such as "product space: closed surfaces of genus 1 and
         0") and `topology` (of `source` and `target`: `words`; the components as `pieces`, largest
         first, each with `points`, `borders`, `open` and `genus`, which is None if unknown; and how
@@ -705,7 +744,7 @@ def _native(
         native_features(features),
         native_loops(loop),
         chosen,
-        *_start_arrays(start),
+        *start_arrays(start),
         progress,
     )
 
@@ -762,7 +801,7 @@ def restore(
         source._fields(),
         target._fields(),
         rows,
-        *_start_arrays(maps),
+        *start_arrays(maps),
         native_options(settings),
     )
     return Morph(native, source, target)
@@ -782,7 +821,7 @@ def native_options(settings: Mapping[str, Any]) -> _pointmorph.MorphOptions:
     return result
 
 
-def _start_arrays(
+def start_arrays(
     start: Morph | tuple[npt.ArrayLike, npt.ArrayLike] | None,
 ) -> tuple[npt.NDArray[np.float64] | None, npt.NDArray[np.float64] | None]:
     if start is None:

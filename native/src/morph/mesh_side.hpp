@@ -2,6 +2,7 @@
 // vertices get theirs. Not for callers of the library.
 #pragma once
 
+#include <memory>
 #include <optional>
 #include <span>
 #include <string>
@@ -30,6 +31,8 @@ public:
 
     const Mesh& mesh() const { return mesh_; }
     const MeshSamples& samples() const { return samples_; }
+    /// Of the samples, in the cloud's lengths.
+    double spacing() const { return mesh_.unit.scale * spacing_; }
 
     /// The samples, with normals, in the cloud's lengths.
     Cloud sampled(const Cloud& cloud) const;
@@ -86,9 +89,11 @@ MeshSides mesh_sides(const MorphInput& input, const MorphOptions& options, Progr
 
 /// What is left of the morph of the samples once the vertices have been carried.
 struct MeshMorph {
-    MeshSides sides;
-    Positions source_images, target_images;  ///< of samples; of the points of bare clouds
+    std::shared_ptr<const MeshSides> shared_sides;  ///< with the morphs of the same meshes
+    Positions source_images, target_images;         ///< of samples; of the points of bare clouds
     VertexHolds source_holds, target_holds;
+
+    const MeshSides& sides() const { return *shared_sides; }
 };
 
 /// The input for a morph of the samples; of bare clouds as they are.

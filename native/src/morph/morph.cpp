@@ -5,6 +5,7 @@
 #include <numeric>
 #include <utility>
 
+#include "morph/found_map.hpp"
 #include "morph/input_checks.hpp"
 #include "morph/mesh_side.hpp"
 #include "morph/morph_caches.hpp"
@@ -13,6 +14,8 @@
 #include "morph/words.hpp"
 #include "pointmorph/base/error.hpp"
 #include "pointmorph/base/parallel.hpp"
+#include "pointmorph/morph/live_morph.hpp"
+#include "registration/pinning.hpp"
 
 namespace pointmorph {
 
@@ -53,7 +56,11 @@ Positions mean_of_partners(Index rows, const Pairing& pairs, Index IndexPair::*s
 Morph::~Morph() = default;
 
 Morph::Morph(MorphInput input, const MorphOptions& options, Progress& progress)
-    : options_(options), features_(input.features), caches_(std::make_unique<Caches>()) {
+    : options_(options),
+      features_(input.features),
+      source_parts_(input.source_parts),
+      target_parts_(input.target_parts),
+      caches_(std::make_unique<Caches>()) {
     const ThreadCount threads(options.threads);
     const auto start = std::chrono::steady_clock::now();
     progress.enter("cloud");
@@ -66,22 +73,76 @@ Morph::Morph(MorphInput input, const MorphOptions& options, Progress& progress)
     if (meshes.any()) {
         append(report_.warnings, turned_faces(input, meshes));
         find_map(sampled_input(input, meshes), progress);
-        meshes_ = std::make_unique<const MeshMorph>(
-            MeshMorph{std::move(meshes), source_images_, target_images_,
-                      std::move(input.source_holds), std::move(input.target_holds)});
-        carry(std::move(input), progress);
+        meshes_ = std::make_unique<const MeshMorph>(MeshMorph{
+            std::make_shared<const MeshSides>(std::move(meshes)), source_images_, target_images_,
+            std::move(input.source_holds), std::move(input.target_holds)});
+        carry(std::move(input), {}, progress);
     } else {
         find_map(std::move(input), progress);
     }
+    conclude(progress, start);
+}
+
+Morph::Morph(MorphInput input, const MorphOptions& options, Progress& progress,
+             const std::string& why)
+    : Morph(std::move(input), options, progress) {
+    report_.update = why;
+    report_.warnings.push_back(why);
+}
+
+Morph::Morph(FoundMap found, const MorphOptions& options, Progress& progress)
+    : options_(options),
+      source_(std::move(found.source)),
+      target_(std::move(found.target)),
+      features_(found.input.features),
+      source_parts_(found.input.source_parts),
+      target_parts_(found.input.target_parts),
+      caches_(std::make_unique<Caches>()) {
+    delays_ = delays(found.input.source.positions, found.input.delays, options.stagger);
+    take(std::move(found.correspondence));
+    report_.method = "auto";
+    report_.update = "updated";
+    if (found.sides) {
+        meshes_ = std::make_unique<const MeshMorph>(
+            MeshMorph{std::move(found.sides), source_images_, target_images_,
+                      found.input.source_holds, found.input.target_holds});
+        carry(std::move(found.input), found.offsets, progress);
+    }
+    if (found.images.source_images.rows() > 0) {
+        source_images_ = std::move(found.images.source_images);
+        target_images_ = std::move(found.images.target_images);
+    }
+    conclude(progress, found.began);
+}
+
+/// What is told of any map once it is there.
+void Morph::conclude(Progress& progress, std::chrono::steady_clock::time_point began) {
     progress.finish();
     if (report_.diagnostics.confidence < options_.refinement.clear_confidence)
         report_.warnings.push_back(doubts(report_.diagnostics, source_, target_, features_));
     append(report_.warnings, color_warnings(source_, target_));
-    if (options.path_kind() == PathKind::kLinear)
+    if (options_.path_kind() == PathKind::kLinear)
         append(report_.warnings, straight_path_warnings(source_, target_, pairs_));
     report_.stages = progress.stages();
     report_.seconds =
-        std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+        std::chrono::duration<double>(std::chrono::steady_clock::now() - began).count();
+}
+
+MorphInput Morph::input() const {
+    MorphInput input{.source = source_, .target = target_, .features = features_};
+    input.start = {source_images_, target_images_};
+    input.source_parts = source_parts_;
+    input.target_parts = target_parts_;
+    if (meshes_) {
+        input.source_holds = meshes_->source_holds;
+        input.target_holds = meshes_->target_holds;
+    }
+    input.delays = delays_;
+    return input;
+}
+
+Morph Morph::updated(std::vector<Feature> features, Progress& progress) const {
+    return LiveMorph(*this, progress).updated(std::move(features), progress);
 }
 
 /// From both clouds to the map between their points.
@@ -138,10 +199,11 @@ void Morph::take(Correspondence found) {
     report_.pairs = static_cast<Index>(pairs_.size());
 }
 
-/// From samples of faces to the vertices: all that has rows or images.
-void Morph::carry(MorphInput input, Progress& progress) {
+/// From samples of faces to the vertices: all that has rows or images. `offsets`, where there are
+/// any, are added to the images of vertices, and marks met smoothly: they needn't be samples.
+void Morph::carry(MorphInput input, const RefinementStart& offsets, Progress& progress) {
     progress.enter("vertices");
-    const MeshSides& meshes = meshes_->sides;
+    const MeshSides& meshes = meshes_->sides();
     // Gives the vertex of each row that the map was found with.
     const auto carry_side = [&](const std::optional<MeshSide>& mesh, Cloud& given, Cloud& cloud,
                                 Positions& images, SampleValues& domain, BoundaryLoop& boundary) {
@@ -159,11 +221,16 @@ void Morph::carry(MorphInput input, Progress& progress) {
         meshes.source, input.source, source_, source_images_, source_domain_, source_boundary_);
     const std::vector<Index> target_vertices = carry_side(
         meshes.target, input.target, target_, target_images_, target_domain_, target_boundary_);
+    const std::vector<IndexPair> pinned = pinned_pairs(input.features);
+    if (offsets.source_images.rows() > 0) {
+        source_images_ += offsets.source_images;
+        target_images_ += offsets.target_images;
+        meet_smoothly(pinned);
+    }
     if (is_same_mesh(source_, target_, input.features)) {
         source_images_ = target_.positions;
         target_images_ = source_.positions;
     }
-    const std::vector<IndexPair> pinned = pinned_pairs(input.features);
     for (const IndexPair& f : pinned) {
         source_images_.row(f.source) = target_.positions.row(f.target);
         target_images_.row(f.target) = source_.positions.row(f.source);
@@ -173,6 +240,19 @@ void Morph::carry(MorphInput input, Progress& progress) {
     report_.diagnostics = report_.diagnostics.with_rows(source_vertices, target_vertices);
     for (auto& [s, t] : report_.extremities)
         s = source_vertices[to_size(s)], t = target_vertices[to_size(t)];
+}
+
+/// Vertices moved so that marks meet, with those around, where the samples have been moved.
+void Morph::meet_smoothly(std::span<const IndexPair> pinned) {
+    const MeshSides& meshes = meshes_->sides();
+    if (meshes.source)
+        source_images_ = pinned_to_marks(
+            std::move(source_images_), source_.positions, target_.positions,
+            {pinned, &IndexPair::source, &IndexPair::target}, meshes.source->spacing());
+    if (meshes.target)
+        target_images_ = pinned_to_marks(
+            std::move(target_images_), target_.positions, source_.positions,
+            {pinned, &IndexPair::target, &IndexPair::source}, meshes.target->spacing());
 }
 
 Morph::Morph(Cloud source, Cloud target, Pairing pairs, RefinementStart images,

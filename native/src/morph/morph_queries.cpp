@@ -79,11 +79,11 @@ Positions Morph::through_domain(const Positions& images, const DomainPoints& fro
 }
 
 bool Morph::has_mesh() const noexcept {
-    return meshes_ && meshes_->sides.source.has_value();
+    return meshes_ && meshes_->sides().source.has_value();
 }
 
 bool Morph::has_target_mesh() const noexcept {
-    return meshes_ && meshes_->sides.target.has_value();
+    return meshes_ && meshes_->sides().target.has_value();
 }
 
 /// A side whose mesh is wrapped, and the other one.
@@ -98,7 +98,8 @@ Morph::WrappedSides Morph::wrapped_sides(bool is_source) const {
     if (!(is_source ? has_mesh() : has_target_mesh()))
         throw CloudError(from.name, "faces to wrap onto " + to.name, "none",
                          "Give the faces of the mesh, and take method auto.");
-    const auto& [sides, source_images, target_images, source_holds, target_holds] = *meshes_;
+    const auto& [shared, source_images, target_images, source_holds, target_holds] = *meshes_;
+    const MeshSides& sides = *shared;
     const auto& mesh = is_source ? sides.source : sides.target;
     const auto& other = is_source ? sides.target : sides.source;
     std::vector<IndexPair> pinned = pinned_pairs(features_);
@@ -282,14 +283,9 @@ const PointwisePath& Morph::pointwise_path() const {
     const std::scoped_lock lock(caches_->paths_mutex);
     if (!caches_->pointwise) {
         const auto ends = [this](const Cloud& cloud, Index IndexPair::*side) {
-            OrientedPoints result{Positions(static_cast<Eigen::Index>(pairs_.size()), 3),
-                                  Normals(static_cast<Eigen::Index>(pairs_.size()), 3)};
-            for (std::size_t i = 0; i < pairs_.size(); ++i) {
-                const auto row = static_cast<Eigen::Index>(i);
-                result.positions.row(row) = cloud.positions.row(pairs_[i].*side);
-                result.normals.row(row) = cloud.normals.row(pairs_[i].*side);
-            }
-            return result;
+            std::vector<Index> rows(pairs_.size());
+            std::ranges::transform(pairs_, rows.begin(), side);
+            return OrientedPoints{gather(cloud.positions, rows), gather(cloud.normals, rows)};
         };
         caches_->pointwise.emplace(
             ends(source_, &IndexPair::source), ends(target_, &IndexPair::target), [this](double t) {
@@ -446,9 +442,9 @@ const MeshQuality& Morph::mesh_quality(Progress& progress) const {
         const Positions ends = wrapped(1.0, progress);
         const ThreadCount threads(options_.threads);
         progress.enter("mesh quality");
-        const auto& other = meshes_->sides.target;
+        const auto& other = meshes_->sides().target;
         quality =
-            measure_mesh_quality({source_, meshes_->sides.source->mesh(), ends},
+            measure_mesh_quality({source_, meshes_->sides().source->mesh(), ends},
                                  {target_, other ? &other->mesh() : nullptr}, features_, progress);
         progress.finish();
     }

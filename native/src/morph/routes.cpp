@@ -124,14 +124,6 @@ RouteResult joined(RouteResult first, RouteResult refined) {
     return refined;
 }
 
-/// The maps of an earlier morph in sorted rows; none where there is none.
-std::optional<RefinementStart> earlier_map(const PreparedShapes& shapes, const MorphInput& input) {
-    const PreparedShape &source = shapes.source, &target = shapes.target;
-    if (input.start.source_images.rows() == 0) return {};
-    return RefinementStart{target.unit.apply(gather(input.start.source_images, source.given_rows)),
-                           source.unit.apply(gather(input.start.target_images, target.given_rows))};
-}
-
 /// For what is fast, and looks for borders and handles only.
 TopologyOptions fast(TopologyOptions options) {
     options.points = std::min<Index>(options.points, 5000);
@@ -174,6 +166,13 @@ RouteResult refined(const RouteInput& input, const std::optional<RefinementStart
 }
 
 }  // namespace
+
+std::optional<RefinementStart> earlier_map(const PreparedShapes& shapes, const MorphInput& input) {
+    const PreparedShape &source = shapes.source, &target = shapes.target;
+    if (input.start.source_images.rows() == 0) return {};
+    return RefinementStart{target.unit.apply(gather(input.start.source_images, source.given_rows)),
+                           source.unit.apply(gather(input.start.target_images, target.given_rows))};
+}
 
 PreparationOptions preparation(const MorphOptions& options) {
     const bool glance = options.method == Method::kPaper && options.domain != Domain::kNetwork;

@@ -1,6 +1,7 @@
 // Which route a morph takes, and what comes of it. Not for callers of the library.
 #pragma once
 
+#include <optional>
 #include <span>
 #include <string>
 #include <vector>
@@ -24,6 +25,9 @@ struct Correspondence {
 Correspondence find_correspondence(PreparedShapes shapes, MorphInput input,
                                    std::span<const Feature> features, const MorphOptions& options,
                                    Progress& progress);
+
+/// The maps of an earlier morph in sorted rows; none where there is none.
+std::optional<RefinementStart> earlier_map(const PreparedShapes& shapes, const MorphInput& input);
 
 /// How both shapes are prepared before a route is chosen, for a morph and for its previews.
 PreparationOptions preparation(const MorphOptions& options);

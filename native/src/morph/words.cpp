@@ -7,6 +7,7 @@
 #include <cstdio>
 #include <numbers>
 
+#include "pointmorph/base/error.hpp"
 #include "pointmorph/cloud/similarity.hpp"
 #include "pointmorph/measures/quality.hpp"
 
@@ -100,6 +101,16 @@ std::string normals_disagree() {
 std::string earlier_map_was_ignored(const std::string& domain) {
     return "The earlier map was ignored: with domain " + domain +
            " the search starts in that domain. Take domain auto to continue from it.";
+}
+
+std::string mark_went_far(const std::string& name, double distance) {
+    return "From scratch: \"" + name + "\" went far (" +
+           in_short(std::round(100.0 * distance) / 100.0) +
+           " of the square root of the surface's area) from where the map had it.";
+}
+
+std::string update_would_tear() {
+    return "From scratch: bent to the changed features, the earlier map would have torn.";
 }
 
 std::string loop_was_suggested(std::span<const std::string> loop) {

@@ -22,6 +22,9 @@ std::string faces_were_reversed(const std::string& shape);
 std::string normals_disagree();
 
 std::string earlier_map_was_ignored(const std::string& domain);
+/// Why an update gave way to a search from scratch.
+std::string mark_went_far(const std::string& name, double distance);
+std::string update_would_tear();
 std::string loop_was_suggested(std::span<const std::string> loop);
 std::string cut_was_led_around(const std::string& shape, const std::string& features);
 std::string curves_take_detours();

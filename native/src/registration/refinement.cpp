@@ -1,20 +1,14 @@
 #include "pointmorph/registration/refinement.hpp"
 
-#include <algorithm>
-#include <cmath>
-#include <limits>
 #include <utility>
 
-#include "pointmorph/cloud/cloud.hpp"
-#include "pointmorph/cloud/kd_tree.hpp"
 #include "pointmorph/registration/extremities.hpp"
 #include "pointmorph/registration/prolongation.hpp"
 #include "pointmorph/registration/thin_plate.hpp"
-#include "pointmorph/surface/projection.hpp"
 #include "registration/marks.hpp"
 #include "registration/orientation.hpp"
-#include "registration/pinning.hpp"
 #include "registration/scene.hpp"
+#include "registration/scene_maps.hpp"
 
 namespace pointmorph {
 
@@ -25,11 +19,6 @@ struct FoundMap {
     Registration registration;
     Diagnostics diagnostics;
     std::vector<Extremity> source_extremities, target_extremities;  ///< where proposals need them
-};
-
-/// Images of all points of both clouds, where the scene has the other one.
-struct SceneImages {
-    OrientedPoints source, target;
 };
 
 /// What the search for the pose found; it has compared other maps already, and more of them.
@@ -84,131 +73,6 @@ std::vector<Proposal> proposals_for(const FoundMap& found, const Scene& scene, I
                             others, progress);
 }
 
-/// One direction of the map: whose points it takes, and onto what.
-struct Direction {
-    const PlacedCloud& here;
-    const PlacedCloud& there;
-    const CoarseShape& coarse;
-    const Labels& members_here;
-    const Labels& members_there;
-    Positions CurvePlaces::*curve_here, CurvePlaces::*curve_there;
-    Normals CurvePlaces::*curve_normals;
-    Index IndexPair::*row_here, IndexPair::*row_there;
-};
-
-Direction forward(const Scene& scene) {
-    return {.here = scene.source,
-            .there = scene.target,
-            .coarse = scene.coarse_source,
-            .members_here = scene.marks.source_members,
-            .members_there = scene.marks.target_members,
-            .curve_here = &CurvePlaces::source,
-            .curve_there = &CurvePlaces::target,
-            .curve_normals = &CurvePlaces::source_normals,
-            .row_here = &IndexPair::source,
-            .row_there = &IndexPair::target};
-}
-
-Direction backward(const Scene& scene) {
-    return {.here = scene.target,
-            .there = scene.source,
-            .coarse = scene.coarse_target,
-            .members_here = scene.marks.target_members,
-            .members_there = scene.marks.source_members,
-            .curve_here = &CurvePlaces::target,
-            .curve_there = &CurvePlaces::source,
-            .curve_normals = &CurvePlaces::target_normals,
-            .row_here = &IndexPair::target,
-            .row_there = &IndexPair::source};
-}
-
-/// Images of all points from those of the coarse ones, so moved that hard marks meet.
-OrientedPoints images_of(const Direction& map, const Marks& marks, const DeformedCloud& coarse,
-                         Progress& progress) {
-    const PlacedCloud &here = map.here, &there = map.there;
-    const Prolongation prolongation(map.coarse, here.positions(), here.normals, progress);
-    OrientedPoints images =
-        prolongation(map.coarse, coarse, here.positions(), here.normals, progress);
-    const ImagedSurface surface{here.tree, here.normals, here.spacing(),
-                                [&](Index row) { return prolongation.linear(row, coarse); }};
-    for (const MarkedCurve& curve : marks.curves) {
-        if (!curve.hard) continue;
-        const CurvePlaces along =
-            places_along(curve, 0.5 * std::min(here.spacing(), there.spacing()));
-        images.positions = pinned_to_curve(std::move(images.positions), surface,
-                                           {along.*map.curve_here, along.*map.curve_normals},
-                                           along.*map.curve_there);
-    }
-    images.positions =
-        pinned_to_marks(std::move(images.positions), here.positions(), there.positions(),
-                        {marks.pinned, map.row_here, map.row_there}, here.spacing());
-    return images;
-}
-
-/// Both clouds in the product space.
-struct ProductClouds {
-    ProductPoints source, target;
-};
-
-ProductClouds product_clouds(const Scene& scene, const SceneImages& images,
-                             double largest_normal_weight) {
-    constexpr double kReferencePoints = 1e4;
-    const double weight =
-        largest_normal_weight * std::min(1.0, std::sqrt(kReferencePoints) * scene.source.spacing());
-    const OrientedView source{scene.source.positions(), scene.source.normals},
-        target{scene.target.positions(), scene.target.normals};
-    return {product_points(oriented(images.source), source, weight),
-            product_points(target, oriented(images.target), weight)};
-}
-
-/// The nearest both ways, those of regions among themselves.
-Pairing paired(const ProductClouds& product, const Scene& scene, Progress& progress) {
-    constexpr double kSoftLabel = 1.0;  // spacings between points inside and outside
-    const Marks& marks = scene.marks;
-    if (marks.regions.empty())
-        return mutual_pairs<12>(product.source, product.target, marks.pinned, progress);
-    Values scales(static_cast<Eigen::Index>(Labels::ColsAtCompileTime));
-    scales.setZero();
-    for (std::size_t r = 0; r < marks.regions.size(); ++r)
-        scales[static_cast<Eigen::Index>(r)] =
-            marks.regions[r].feature->hard ? 1.0 : kSoftLabel * scene.source.spacing();
-    return mutual_pairs<32>(
-        labeled_points(product.source, marks.source_members * scales.asDiagonal()),
-        labeled_points(product.target, marks.target_members * scales.asDiagonal()), marks.pinned,
-        progress);
-}
-
-/// The nearest of each row's partners.
-std::vector<Index> nearest_partners(const Positions& images, const Pairing& pairs,
-                                    const Direction& map) {
-    const auto count = to_size(static_cast<Index>(images.rows()));
-    std::vector<Index> partners(count, -1);
-    std::vector<double> best(count, std::numeric_limits<double>::infinity());
-    for (const IndexPair& pair : pairs) {
-        const Index i = pair.*map.row_here, j = pair.*map.row_there;
-        const double squared = (images.row(i) - map.there.positions().row(j)).squaredNorm();
-        if (squared >= best[to_size(i)]) continue;
-        best[to_size(i)] = squared;
-        partners[to_size(i)] = j;
-    }
-    return partners;
-}
-
-/// Images on the other surface, those of hard regions in their partners, in given coordinates.
-Positions given_images(const Positions& images, const Pairing& pairs, const Marks& marks,
-                       const Direction& map, Progress& progress) {
-    const PlacedCloud& there = map.there;
-    Positions projected = project_onto_surface(images, nearest_partners(images, pairs, map),
-                                               there.tree, there.normals, progress, there.nearest);
-    for (std::size_t r = 0; r < marks.regions.size(); ++r) {
-        if (!marks.regions[r].feature->hard) continue;
-        const auto column = static_cast<Eigen::Index>(r);
-        projected = clamped_to_region(std::move(projected), map.members_here.col(column),
-                                      there.tree, map.members_there.col(column));
-    }
-    return there.placement.inverse().apply(projected);
-}
-
 /// A scene, the target where the map has it, and that map.
 struct MappedScene {
     Scene scene;
@@ -236,20 +100,6 @@ MappedScene mapped(Scene scene, const RegistrationStart& start, bool is_earlier_
     return {std::move(scene), std::move(map)};
 }
 
-/// Images of all points where both clouds were given, those of pinned rows on their partners.
-RefinementStart given_maps(const SceneImages& images, const Pairing& pairs, const Scene& scene,
-                           const GivenClouds& given, Progress& progress) {
-    const Marks& marks = scene.marks;
-    RefinementStart maps{
-        given_images(images.source.positions, pairs, marks, forward(scene), progress),
-        given_images(images.target.positions, pairs, marks, backward(scene), progress)};
-    for (const IndexPair& f : marks.pinned) {
-        maps.source_images.row(f.source) = given.target.positions.row(f.target);
-        maps.target_images.row(f.target) = given.source.positions.row(f.source);
-    }
-    return maps;
-}
-
 }  // namespace
 
 Refinement refine(const RefinementCloud& source, const RefinementCloud& target,
@@ -274,24 +124,23 @@ Refinement refine(const RefinementCloud& source, const RefinementCloud& target,
                                      first.fixes_the_pose, options, progress);
 
     progress.enter("lift");
-    const SceneImages images{
-        images_of(forward(scene), scene.marks, map.registration.source_points, progress),
-        images_of(backward(scene), scene.marks, map.registration.target_points, progress)};
-    progress.enter("product space");
-    ProductClouds product = product_clouds(scene, images, options.normal_weight);
-    Pairing pairs = paired(product, scene, progress);
-    progress.enter("landing");
-    RefinementStart maps = given_maps(images, pairs, scene, given, progress);
+    const Prolongation of_source = prolongation(scene.source, scene.coarse_source, progress),
+                       of_target = prolongation(scene.target, scene.coarse_target, progress);
+    const DeformedCloud &source_points = map.registration.source_points,
+                        &target_points = map.registration.target_points;
+    const SceneImages images = with_marks_met(
+        {prolonged(scene.source, scene.coarse_source, of_source, source_points, progress),
+         prolonged(scene.target, scene.coarse_target, of_target, target_points, progress)},
+        {scene.source, scene.target, scene.marks},
+        {[&](Index row) { return of_source.linear(row, source_points); },
+         [&](Index row) { return of_target.linear(row, target_points); }});
+    Refinement result = on_surfaces(images, {scene.source, scene.target, scene.marks}, given,
+                                    options.normal_weight, progress);
     progress.finish();
-    return {.source_images = std::move(maps.source_images),
-            .target_images = std::move(maps.target_images),
-            .alignment = composed(scene.source.placement.inverse(), scene.target.placement),
-            .pairs = std::move(pairs),
-            .source_product = std::move(product.source),
-            .target_product = std::move(product.target),
-            .diagnostics = map.diagnostics.with_rows(scene.coarse_source.cloud_rows,
-                                                     scene.coarse_target.cloud_rows),
-            .inside_out = inside_out};
+    result.diagnostics =
+        map.diagnostics.with_rows(scene.coarse_source.cloud_rows, scene.coarse_target.cloud_rows);
+    result.inside_out = inside_out;
+    return result;
 }
 
 }  // namespace pointmorph

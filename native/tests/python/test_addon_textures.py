@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import importlib
 import importlib.util
+import os
+import subprocess
 import sys
+import tempfile
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -13,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 import pointmorph
 import pytest
-from pointmorph.meshes import ClosestPlaces, closest_points
+from pointmorph.meshes import ClosestPlaces, nearest_rows
 
 CORE = Path(__file__).resolve().parents[3] / "addon" / "core"
 Array = npt.NDArray[Any]
@@ -223,65 +226,93 @@ def test_filling_goes_on_from_what_is_there() -> None:
 # --- The closest place ----------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("side", [3, 8, 14])
+def nearest_of_all(positions: Array, triangles: Array, places: Array) -> Array:
+    """The distance of each place from the nearest triangle, by many points of each."""
+    u, v = (x.reshape(-1) for x in np.mgrid[:41, :41] / 40.0)
+    inside = u + v <= 1.0
+    shares = np.column_stack([1.0 - u - v, u, v])[inside]
+    points = np.einsum("sk,tkc->tsc", shares, positions[triangles]).reshape(-1, 3)
+    return np.min(
+        [np.linalg.norm(places - points[part : part + 1], axis=1) for part in range(len(points))],
+        axis=0,
+    )
+
+
+@pytest.mark.parametrize("side", [3, 8])
 def test_closest_places_are_those_of_all_triangles(side: int) -> None:
     positions, triangles, _ = grid(side, 0.4)
     rng = np.random.default_rng(side)
-    # Beside the surface, as the places of a wrapped mesh are.
+    # Beside the surface, as the places of a wrapped mesh are, and far from it.
     rows, shares = rng.integers(0, len(triangles), 120), rng.dirichlet((1, 1, 1), 120)
     places = np.einsum("tk,tkc->tc", shares, positions[triangles[rows]])
-    places += rng.normal(size=(120, 3)) * 0.01
-    search = ClosestPlaces(positions, triangles)
-    for like in (None, np.arange(120)):
-        found, shares = search.of(places, like)
-        assert (shares >= 0).all()
-        np.testing.assert_allclose(shares.sum(axis=1), 1.0)
-        reached = np.einsum("tk,tkc->tc", shares, positions[triangles[found]])
-        distance = np.linalg.norm(reached - places, axis=1)
-        # Each triangle alone, as a mesh of its own.
-        alone = [
-            ClosestPlaces(positions, triangles[[row]]).of(places)[1]
-            for row in range(len(triangles))
+    places += rng.normal(size=(120, 3)) * np.where(np.arange(120) < 100, 0.01, 1.0)[:, None]
+    found, shares = ClosestPlaces(positions, triangles).of(places)
+    assert (shares >= 0).all()
+    np.testing.assert_allclose(shares.sum(axis=1), 1.0)
+    reached = np.einsum("tk,tkc->tc", shares, positions[triangles[found]])
+    distance = np.linalg.norm(reached - places, axis=1)
+    least = nearest_of_all(positions, triangles, places)
+    step = np.linalg.norm(np.ptp(positions[triangles], axis=1), axis=1).max() / 40
+    assert (distance <= least + 1e-9).all()
+    assert (distance >= least - step).all()
+
+
+def test_closest_places_are_the_same_for_any_number_of_threads() -> None:
+    positions, triangles, _ = grid(12, 0.3)
+    places = np.random.default_rng(0).normal(size=(5000, 3))
+    script = (
+        "import sys, numpy as np; from pointmorph.meshes import ClosestPlaces;"
+        "p, t, q = (np.load(name) for name in sys.argv[1:]);"
+        "f, s = ClosestPlaces(p, t).of(q); sys.stdout.buffer.write(f.tobytes() + s.tobytes())"
+    )
+    with tempfile.TemporaryDirectory() as folder:
+        names = [f"{folder}/{number}.npy" for number in range(3)]
+        for name, values in zip(names, (positions, triangles, places), strict=True):
+            np.save(name, values)
+        said = [
+            subprocess.run(
+                [sys.executable, "-c", script, *names],
+                env={**os.environ, "OMP_NUM_THREADS": threads},
+                capture_output=True,
+                check=True,
+            ).stdout
+            for threads in ("1", "3")
         ]
-        corners = positions[triangles]
-        least = np.min(
-            [
-                np.linalg.norm(share @ corners[row] - places, axis=1)
-                for row, share in enumerate(alone)
-            ],
-            axis=0,
-        )
-        np.testing.assert_allclose(distance, least, atol=1e-3)
-        assert (distance < least + 1e-9).mean() > 0.98
-
-
-def test_searching_from_a_place_beside_finds_the_same() -> None:
-    positions, triangles, _ = grid(20, 0.3)
-    x = np.linspace(0, 1, 400)
-    line = np.column_stack([x, np.full(400, 0.4), 0.3 * np.sin(3 * x) * np.cos(0.8)])
-    search = ClosestPlaces(positions, triangles)
-    one, shares = search.of(line)
-    other, like = search.of(line, np.arange(400) // 4 * 4)
-    places = [
-        np.einsum("tk,tkc->tc", part, positions[triangles[found]])
-        for found, part in ((one, shares), (other, like))
-    ]
-    np.testing.assert_allclose(places[0], places[1], atol=1e-4)
+    assert said[0] == said[1]
+    assert len(said[0]) == 5000 * (8 + 24)
 
 
 def test_closest_places_of_odd_surfaces() -> None:
     flat = np.zeros((3, 3))
-    found, shares = ClosestPlaces(flat, np.array([[0, 1, 2]])).of([[1.0, 2.0, 3.0]])
+    one = np.array([[0, 1, 2]])
+    found, shares = ClosestPlaces(flat, one).of([[1.0, 2.0, 3.0]])
     assert found.tolist() == [0]
     assert shares.sum() == pytest.approx(1.0)
-    with pytest.raises(ValueError, match="expected triangles"):
+    with pytest.raises(ValueError, match="expected triangles, found none"):
         ClosestPlaces(flat, np.empty((0, 3), np.int64))
-    assert ClosestPlaces(flat, np.array([[0, 1, 2]])).of(np.empty((0, 3)))[0].size == 0
+    with pytest.raises(ValueError, match="rows 0 to 2, found 0 to 3"):
+        ClosestPlaces(flat, np.array([[0, 1, 3]]))
+    with pytest.raises(ValueError, match="in row 1"):
+        ClosestPlaces(flat, one).of([[0.0, 0, 0], [0, np.nan, 0]])
+    assert ClosestPlaces(flat, one).of(np.empty((0, 3)))[0].size == 0
 
 
-def test_closest_points() -> None:
+def test_the_search_for_closest_places_can_be_canceled() -> None:
+    positions, triangles, _ = grid(12, 0.3)
+    told: list[str] = []
+
+    def cancel(stage: str, fraction: float) -> bool:
+        told.append(stage)
+        return False
+
+    with pytest.raises(pointmorph.Cancelled):
+        ClosestPlaces(positions, triangles).of(np.zeros((200_000, 3)), cancel)
+    assert set(told) == {"closest places"}
+
+
+def test_nearest_rows() -> None:
     points = np.array([[0.0, 0, 0], [1, 0, 0], [5, 0, 0]])
-    assert closest_points(points, np.array([[0.9, 0, 0]]), 2).tolist() == [[1, 0]]
+    assert nearest_rows(points, np.array([[0.9, 0, 0]]), 2).tolist() == [[1, 0]]
 
 
 # --- A look along a map ---------------------------------------------------------------------------

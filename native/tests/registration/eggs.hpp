@@ -14,7 +14,7 @@ struct Egg {
     Positions positions;
     Normals normals;
 };
-inline Egg egg(Index count, unsigned seed) {
+inline Egg oriented_egg(Index count, unsigned seed) {
     const Positions d = shapes::sphere(count) * shapes::rotation(seed).transpose();
     const Eigen::RowVector3d axes(0.42, 0.3, 0.2);
     Egg e{d.array().rowwise() * axes.array(), d.array().rowwise() / axes.array()};
@@ -23,7 +23,7 @@ inline Egg egg(Index count, unsigned seed) {
 }
 
 struct Eggs {
-    Egg source = egg(1500, 1), target = egg(1200, 2);
+    Egg source = oriented_egg(1500, 1), target = oriented_egg(1200, 2);
     std::vector<Index> source_rows, target_rows;
     std::vector<IndexPair> features;
     CoarseShape coarse_source, coarse_target;

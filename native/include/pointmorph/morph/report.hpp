@@ -57,6 +57,9 @@ struct MorphReport : RouteFacts {
     std::vector<StageTime> stages;
     double seconds = 0.0;
     Index pairs = 0;
+    /// Of a map that was to be updated: "updated", or why it was looked for from scratch; else
+    /// empty. See LiveMorph.
+    std::string update;
     std::vector<std::string> warnings;
 };
 

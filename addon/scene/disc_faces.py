@@ -1,0 +1,104 @@
+"""The faces of discs, made once for as many points as there are: in each frame, geometry nodes have
+but to put them where they belong.
+
+A mesh object that is in no scene makes them with its modifier. Blender keeps what it shows until it
+changes, and a file holds no more of it than the number. All discs lie in the origin, so each corner
+knows its disc and where in it it is.
+"""
+
+import bpy
+import numpy as np
+
+from ..data import arrays, attribute_names, nodes, versions
+
+NAME = "Pointmorph Discs"
+CORNERS = 6
+ROW = "disc_row"  # of a corner: the number of its disc
+ACROSS, ALONG = "disc_across", "disc_along"  # and its place in it, three times the same number
+COUNT = "Count"
+
+
+def of(count, created):
+    """The object that shows so many discs."""
+    group = shared_group(created)
+    for obj in bpy.data.objects:
+        if _is_of(obj, group) and versions.input_value(obj.modifiers[0], COUNT) == count:
+            return obj
+    obj = bpy.data.objects.new(NAME, _one_disc(group).data)
+    created(obj)
+    modifier = obj.modifiers.new(NAME, "NODES")
+    modifier.node_group = group
+    versions.set_input(modifier, COUNT, count)
+    return obj
+
+
+def remove_unused():
+    """Takes what nothing has out of the file."""
+    groups = [group for group in bpy.data.node_groups if nodes.is_shared(group, NAME)]
+    unused = [o for o in bpy.data.objects if not o.users and any(_is_of(o, g) for g in groups)]
+    bpy.data.batch_remove(unused)
+    for group in groups:
+        if not group.users:
+            one = _one_disc(group)
+            bpy.data.batch_remove([group, one, one.data])
+
+
+def _is_of(obj, group):
+    modifiers = obj.modifiers
+    return (
+        obj.library is None
+        and len(modifiers) == 1
+        and modifiers[0].type == "NODES"
+        and modifiers[0].node_group == group
+    )
+
+
+def shared_group(created):
+    """The group of nodes that makes `Count` discs."""
+    return nodes.shared_group(NAME, lambda name: _group(name, created))
+
+
+def _group(name, created):
+    group = nodes.new_group(name, created)
+    nodes.new_input(group, "NodeSocketInt", COUNT, "Number of discs", min_value=1)
+    nodes.new_output(group, "NodeSocketGeometry", "Geometry")
+    build = nodes.Builder(group)
+    count = build.node("NodeGroupInput").outputs[COUNT]
+    one = bpy.data.objects.new("Pointmorph Disc", _new_mesh(created))
+    created(one)
+    first = build.node("GeometryNodeObjectInfo", {"Object": one}, transform_space="ORIGINAL")
+    first = first.outputs["Geometry"]
+    others = build.node(
+        "GeometryNodeDuplicateElements",
+        {"Geometry": first, "Amount": build.math("SUBTRACT", count, 1.0)},
+        domain="FACE",
+    )
+    # The first part says which colors are active; the last one that is linked comes first.
+    all_discs = build.node("GeometryNodeJoinGeometry")
+    for part in (others.outputs["Geometry"], first):
+        build.tree.links.new(part, all_discs.inputs[0])
+    index = build.node("GeometryNodeInputIndex").outputs["Index"]
+    row = build.math("DIVIDE", index, float(CORNERS))
+    shown = build.stored(all_discs.outputs[0], ROW, "INT", build.math("FLOOR", row))
+    build.node("NodeGroupOutput", {"Geometry": shown})
+    return group
+
+
+def _one_disc(group):
+    """The object that `Count` copies are made of."""
+    info = next(node for node in group.nodes if node.bl_idname == "GeometryNodeObjectInfo")
+    return info.inputs["Object"].default_value
+
+
+def _new_mesh(created):
+    """One disc of radius 1 that faces up."""
+    angles = 2.0 * np.pi * np.arange(CORNERS) / CORNERS
+    places = np.stack([np.cos(angles), np.sin(angles), np.zeros(CORNERS)], axis=1)
+    mesh = bpy.data.meshes.new("Pointmorph Disc")
+    created(mesh)
+    mesh.from_pydata(places.tolist(), [], [list(range(CORNERS))])
+    arrays.activate_colors(mesh, attribute_names.COLOR)
+    for axis, name in enumerate((ACROSS, ALONG)):
+        values = np.repeat(places[:, axis : axis + 1], 3, axis=1).astype(np.float32)
+        arrays.write_attribute(mesh, name, values)
+    return mesh

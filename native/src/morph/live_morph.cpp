@@ -1,0 +1,349 @@
+#include "pointmorph/morph/live_morph.hpp"
+
+#include <algorithm>
+#include <chrono>
+#include <optional>
+#include <string>
+#include <utility>
+
+#include "morph/found_map.hpp"
+#include "morph/input_checks.hpp"
+#include "morph/mesh_side.hpp"
+#include "morph/prepared_shape.hpp"
+#include "morph/routes.hpp"
+#include "morph/words.hpp"
+#include "pointmorph/base/error.hpp"
+#include "pointmorph/base/parallel.hpp"
+#include "pointmorph/cloud/kd_tree.hpp"
+#include "pointmorph/registration/components.hpp"
+#include "pointmorph/registration/live_map.hpp"
+#include "registration/pinning.hpp"
+
+namespace pointmorph {
+
+namespace {
+
+using Clock = std::chrono::steady_clock;
+
+void check_can_be_bent(const MorphInput& input, const MorphOptions& options) {
+    if (options.method != Method::kAuto)
+        throw OptionError("method", "auto, whose maps can be updated", "paper",
+                          "Take method auto, or compute the morph anew.");
+    if (options.domain != Domain::kAuto)
+        throw OptionError("domain", "auto, whose maps can be updated", "another domain",
+                          "Take domain auto, or compute the morph anew.");
+    check_shapes(input, options);
+    check_start(input.start, input.source.size(), input.target.size());
+    if (input.start.source_images.rows() == 0)
+        throw CloudError("start", "the maps of the morph that is to be updated", "none",
+                         "Compute the morph first.");
+}
+
+bool is_same(const Feature& a, const Feature& b) {
+    return a.kind == b.kind && a.source.rows == b.source.rows && a.target.rows == b.target.rows &&
+           a.source.weights == b.source.weights && a.target.weights == b.target.weights &&
+           a.closed == b.closed && a.hard == b.hard && (a.hard || a.weight == b.weight);
+}
+
+bool are_same(const std::vector<Feature>& a, const std::vector<Feature>& b) {
+    return a.size() == b.size() && std::ranges::all_of(a, [&](const Feature& feature) {
+               return std::ranges::any_of(b, [&](const Feature& f) { return is_same(feature, f); });
+           });
+}
+
+/// A surface as tangent planes at samples: all, or every so many, which is enough for how high
+/// places lie above it that were on it before.
+class TangentPlanes {
+public:
+    explicit TangentPlanes(const PreparedShape& shape)
+        : places_(gather(shape.positions, some_of(shape.size()))),
+          normals_(gather(shape.normals, some_of(shape.size()))),
+          tree_(places_) {}
+    TangentPlanes(const TangentPlanes&) = delete;
+    TangentPlanes& operator=(const TangentPlanes&) = delete;
+
+    /// How far each place lies above the plane of its nearest sample.
+    double height(const Eigen::RowVector3d& place, Eigen::RowVector3d& normal) const {
+        Index nearest = 0;
+        double squared = 0.0;
+        tree_.nearest(place.data(), {&nearest, 1}, {&squared, 1});
+        normal = normals_.row(nearest);
+        return normal.dot(place - tree_.points().row(nearest));
+    }
+
+private:
+    /// In spatial order, so that they are spread evenly.
+    static std::vector<Index> some_of(Index count) {
+        constexpr Index kMost = 25000;
+        const Index step = std::max<Index>(1, count / kMost);
+        std::vector<Index> rows;
+        for (Index i = 0; i < count; i += step) rows.push_back(i);
+        return rows;
+    }
+
+    Positions places_;
+    Normals normals_;
+    KdTree<3> tree_;
+};
+
+/// Images so moved that hard points meet, each with as much around it as it has to go.
+Positions met(Positions images, const Cloud& source, const Cloud& target,
+              const std::vector<Feature>& features, double spacing) {
+    constexpr double kSlope = 0.5;  // of the offset, so that nothing folds
+    for (const IndexPair& pair : pinned_pairs(features)) {
+        const double offset = (target.positions.row(pair.target) - images.row(pair.source)).norm();
+        if (offset > 0.0)
+            images = pinned_to_marks(std::move(images), source.positions, target.positions,
+                                     {{&pair, 1}, &IndexPair::source, &IndexPair::target},
+                                     std::max(spacing, kSlope * offset));
+    }
+    return images;
+}
+
+}  // namespace
+
+struct LiveMorph::State {
+    MorphOptions options;
+    MorphInput input;                        ///< with the map as its start
+    std::shared_ptr<const MeshSides> sides;  ///< null where both clouds are bare
+    Cloud source, target;                    ///< samples of faces, or the clouds
+    PreparedShapes shapes;
+    std::vector<Feature> regions{};  ///< components that belong together; sorted rows
+    bool regions_are_small = false;  ///< and are kept apart only at the end
+    std::optional<LiveMap> map{};
+    RefinementStart offsets{};  ///< of vertices from where samples carry them
+    std::optional<FollowingPoints> points{};
+    std::optional<TangentPlanes> planes{};  ///< of the target
+    Values heights{};                       ///< of images above these
+    double spacing = 0.0;                   ///< of the source's samples
+
+    std::vector<Feature> sorted(const std::vector<Feature>& features) const;
+    std::vector<Feature> with_regions(std::vector<Feature> features) const;
+    bool keeps_regions_apart(const std::vector<Feature>& features) const;
+    void find_regions(const RefinementStart& start);
+    void find_offsets(const RefinementStart& start, Progress& progress);
+    void follow(Progress& progress);
+    Refinement apart(Refinement found, const std::vector<Feature>& features,
+                     Progress& progress) const;
+    MorphInput input_with(std::vector<Feature> features) const;
+    Morph from_scratch(std::vector<Feature> features, const std::string& why,
+                       Progress& progress) const;
+    FoundMap found(MorphInput changed, Refinement refined, Clock::time_point began) const;
+};
+
+/// In canonical order and rows of the prepared shapes.
+std::vector<Feature> LiveMorph::State::sorted(const std::vector<Feature>& features) const {
+    std::vector<Feature> here = features;
+    for (Feature& feature : here) {
+        if (sides && sides->source)
+            feature.source = sides->source->sampled(feature, feature.source);
+        if (sides && sides->target)
+            feature.target = sides->target->sampled(feature, feature.target);
+    }
+    std::vector<Feature> result =
+        canonical(here, shapes.source.sorted_rows, shapes.target.sorted_rows);
+    // Marks next to each other may have the same sample.
+    if (!sides) check_places(result, shapes.source, shapes.target);
+    return result;
+}
+
+bool LiveMorph::State::keeps_regions_apart(const std::vector<Feature>& features) const {
+    return regions_are_small &&
+           std::ranges::count(features, FeatureKind::kRegion, &Feature::kind) == 0;
+}
+
+std::vector<Feature> LiveMorph::State::with_regions(std::vector<Feature> features) const {
+    const auto marked = std::ranges::count(features, FeatureKind::kRegion, &Feature::kind);
+    const auto free = static_cast<std::size_t>(kMostRegions - marked);
+    if (!keeps_regions_apart(features))
+        features.insert(
+            features.end(), regions.begin(),
+            regions.begin() + static_cast<std::ptrdiff_t>(std::min(free, regions.size())));
+    return features;
+}
+
+void LiveMorph::State::find_regions(const RefinementStart& start) {
+    const PreparedShape &s = shapes.source, &t = shapes.target;
+    if (s.topology.main().size() == 1 && t.topology.main().size() == 1) return;
+    const ComponentView source_view{s.topology, s.positions, s.normals, start.source_images},
+        target_view{t.topology, t.positions, t.normals, start.target_images};
+    const Similarity alignment = fit_similarity(t.positions, start.target_images);
+    const ComponentMatching matching =
+        match_components(source_view, target_view, alignment, options.components);
+    regions = component_regions(s.topology, t.topology, matching.matched, kMostRegions);
+    regions_are_small =
+        !regions.empty() && are_small(regions, s.size(), t.size(), options.components);
+}
+
+void LiveMorph::State::find_offsets(const RefinementStart& start, Progress& progress) {
+    if (!sides) return;
+    const auto carried = [&](const std::optional<MeshSide>& side, const PreparedShape& here,
+                             const PreparedShape& there, const Positions& given,
+                             const Positions& sorted_images) -> Positions {
+        if (!side) return Positions::Zero(given.rows(), 3);
+        const Positions of_samples = there.unit.restore(gather(sorted_images, here.sorted_rows));
+        return given - side->images(of_samples, progress);
+    };
+    offsets = {carried(sides->source, shapes.source, shapes.target, input.start.source_images,
+                       start.source_images),
+               carried(sides->target, shapes.target, shapes.source, input.start.target_images,
+                       start.target_images)};
+}
+
+/// Makes the source's points follow.
+void LiveMorph::State::follow(Progress& progress) {
+    const PreparedShape &s = shapes.source, &t = shapes.target;
+    Normals normals = gather(s.normals, s.sorted_rows);
+    if (sides && sides->source) {
+        normals = sides->source->completed(input.source).normals;
+        normals.rowwise().normalize();
+        spacing = sides->source->spacing();
+    } else {
+        spacing = s.unit.scale * local_spacing(s.positions, s.nearest).mean();
+    }
+    points = map->follow(s.unit.apply(input.source.positions), normals, progress);
+    planes.emplace(t);
+    const Positions images = t.unit.apply(input.start.source_images);
+    heights.resize(images.rows());
+    parallel_for(static_cast<Index>(images.rows()), progress, [&](Index begin, Index end) {
+        Eigen::RowVector3d normal;
+        for (Index i = begin; i < end; ++i) heights[i] = planes->height(images.row(i), normal);
+    });
+}
+
+LiveMorph::LiveMorph(MorphInput input, const MorphOptions& options, Progress& progress) {
+    const ThreadCount threads(options.threads);
+    progress.enter("cloud");
+    check_can_be_bent(input, options);
+    auto state = std::make_unique<State>();
+    state->options = options;
+    MeshSides sides = mesh_sides(input, options, progress);
+    MorphInput sampled;
+    if (sides.any()) {
+        sampled = sampled_input(input, sides);
+        state->sides = std::make_shared<const MeshSides>(std::move(sides));
+    } else {
+        sampled = input;
+    }
+    state->shapes =
+        prepare_both({sampled.source, sampled.source_parts}, {sampled.target, sampled.target_parts},
+                     preparation(options), progress);
+    const RefinementStart start = *earlier_map(state->shapes, sampled);
+    state->source = std::move(sampled.source);
+    state->target = std::move(sampled.target);
+    state->input = std::move(input);
+    state->find_regions(start);
+    const PreparedShapes& shapes = state->shapes;
+    state->map.emplace(
+        RefinementCloud{shapes.source.positions, shapes.source.normals, &shapes.source.nearest},
+        RefinementCloud{shapes.target.positions, shapes.target.normals, &shapes.target.nearest},
+        state->with_regions(state->sorted(state->input.features)), start, options.refinement,
+        progress);
+    progress.enter("vertices");
+    state->find_offsets(start, progress);
+    state->follow(progress);
+    progress.finish();
+    state_ = std::move(state);
+}
+
+LiveMorph::LiveMorph(const Morph& morph, Progress& progress)
+    : LiveMorph(morph.input(), morph.options(), progress) {}
+
+LiveMorph::~LiveMorph() = default;
+LiveMorph::LiveMorph(LiveMorph&&) noexcept = default;
+
+MorphInput LiveMorph::State::input_with(std::vector<Feature> features) const {
+    MorphInput changed = input;
+    changed.features = std::move(features);
+    return changed;
+}
+
+Positions LiveMorph::source_to_target(const std::vector<Feature>& features,
+                                      Progress& progress) const {
+    const State& state = *state_;
+    const ThreadCount threads(state.options.threads);
+    const Positions& before = state.input.start.source_images;
+    validate(features, state.input.source, state.input.target);
+    if (are_same(features, state.input.features)) return before;
+    const Positions shifts =
+        state.map->shifts(*state.points, state.with_regions(state.sorted(features)), progress);
+    const Normalization& unit = state.shapes.target.unit;
+    progress.enter("landing");
+    constexpr double kHardly = 1e-3;  // in √area, about
+    Positions images = before;
+    // Not lifted off the surface by the shift: as high above it as before.
+    parallel_for(static_cast<Index>(images.rows()), progress, [&](Index begin, Index end) {
+        Eigen::RowVector3d normal;
+        for (Index i = begin; i < end; ++i) {
+            if (shifts.row(i).norm() < kHardly) {
+                images.row(i) += unit.scale * shifts.row(i);
+                continue;
+            }
+            const Eigen::RowVector3d place =
+                (before.row(i) - unit.center.transpose()) / unit.scale + shifts.row(i);
+            const double height = state.planes->height(place, normal);
+            images.row(i) += unit.scale * (shifts.row(i) + (state.heights[i] - height) * normal);
+        }
+    });
+    images =
+        met(std::move(images), state.input.source, state.input.target, features, state.spacing);
+    progress.finish();
+    return images;
+}
+
+Morph LiveMorph::State::from_scratch(std::vector<Feature> features, const std::string& why,
+                                     Progress& progress) const {
+    MorphInput changed = input_with(std::move(features));
+    changed.start = {};
+    return {std::move(changed), options, progress, why};
+}
+
+/// The components of the shapes kept apart, where the features don't do that.
+Refinement LiveMorph::State::apart(Refinement found, const std::vector<Feature>& features,
+                                   Progress& progress) const {
+    if (!keeps_regions_apart(features)) return found;
+    const PreparedShape &s = shapes.source, &t = shapes.target;
+    return kept_apart(found, {s.topology, s.positions, s.normals, found.source_images},
+                      {t.topology, t.positions, t.normals, found.target_images},
+                      {regions, pinned_pairs(features)}, options.components, progress);
+}
+
+FoundMap LiveMorph::State::found(MorphInput changed, Refinement refined,
+                                 Clock::time_point began) const {
+    RouteResult result;
+    result.domain = "product";
+    result.source_domain = refined.source_product;
+    result.target_domain = refined.target_product;
+    result.pairs = std::move(refined.pairs);
+    result.images = {std::move(refined.source_images), std::move(refined.target_images)};
+    result.facts.diagnostics = std::move(refined.diagnostics);
+    const bool is_same_map = are_same(changed.features, input.features);
+    return {.input = std::move(changed),
+            .source = source,
+            .target = target,
+            .correspondence = {shapes, std::move(result)},
+            .sides = sides,
+            .offsets = offsets,
+            .images = is_same_map ? input.start : RefinementStart{},
+            .began = began};
+}
+
+Morph LiveMorph::updated(std::vector<Feature> features, Progress& progress) const {
+    const State& state = *state_;
+    const ThreadCount threads(state.options.threads);
+    const auto began = Clock::now();
+    validate(features, state.input.source, state.input.target);
+    const std::vector<Feature> marked = state.sorted(features);
+    const FarFeature far = state.map->farthest(marked);
+    if (far.distance > state.options.refinement.trusted_distance)
+        return state.from_scratch(std::move(features), mark_went_far(far.name, far.distance),
+                                  progress);
+    LiveUpdate update = state.map->updated(state.with_regions(marked), progress);
+    if (update.newly_torn > state.options.refinement.registration.most_torn)
+        return state.from_scratch(std::move(features), update_would_tear(), progress);
+    return {state.found(state.input_with(std::move(features)),
+                        state.apart(std::move(update.refinement), marked, progress), began),
+            state.options, progress};
+}
+
+}  // namespace pointmorph

@@ -1,0 +1,186 @@
+#include "registration/scene_maps.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <utility>
+#include <vector>
+
+#include "pointmorph/cloud/cloud.hpp"
+#include "pointmorph/cloud/kd_tree.hpp"
+#include "pointmorph/surface/projection.hpp"
+#include "registration/pinning.hpp"
+
+namespace pointmorph {
+
+namespace {
+
+/// One direction of the map: whose points it takes, and onto what.
+struct Direction {
+    const PlacedCloud& here;
+    const PlacedCloud& there;
+    const Labels& members_here;
+    const Labels& members_there;
+    Positions CurvePlaces::*curve_here, CurvePlaces::*curve_there;
+    Normals CurvePlaces::*curve_normals;
+    Index IndexPair::*row_here, IndexPair::*row_there;
+};
+
+Direction forward(const MarkedClouds& scene) {
+    return {.here = scene.source,
+            .there = scene.target,
+            .members_here = scene.marks.source_members,
+            .members_there = scene.marks.target_members,
+            .curve_here = &CurvePlaces::source,
+            .curve_there = &CurvePlaces::target,
+            .curve_normals = &CurvePlaces::source_normals,
+            .row_here = &IndexPair::source,
+            .row_there = &IndexPair::target};
+}
+
+Direction backward(const MarkedClouds& scene) {
+    return {.here = scene.target,
+            .there = scene.source,
+            .members_here = scene.marks.target_members,
+            .members_there = scene.marks.source_members,
+            .curve_here = &CurvePlaces::target,
+            .curve_there = &CurvePlaces::source,
+            .curve_normals = &CurvePlaces::target_normals,
+            .row_here = &IndexPair::target,
+            .row_there = &IndexPair::source};
+}
+
+/// So moved that hard marks meet.
+OrientedPoints with_marks_met(OrientedPoints images, const Direction& map, const Marks& marks,
+                              const std::function<Matrix3(Index)>& linear) {
+    const PlacedCloud &here = map.here, &there = map.there;
+    const ImagedSurface surface{here.tree, here.normals, here.spacing(), linear};
+    for (const MarkedCurve& curve : marks.curves) {
+        if (!curve.hard) continue;
+        const CurvePlaces along =
+            places_along(curve, 0.5 * std::min(here.spacing(), there.spacing()));
+        images.positions = pinned_to_curve(std::move(images.positions), surface,
+                                           {along.*map.curve_here, along.*map.curve_normals},
+                                           along.*map.curve_there);
+    }
+    images.positions =
+        pinned_to_marks(std::move(images.positions), here.positions(), there.positions(),
+                        {marks.pinned, map.row_here, map.row_there}, here.spacing());
+    return images;
+}
+
+/// Both clouds in the product space.
+struct ProductClouds {
+    ProductPoints source, target;
+};
+
+ProductClouds product_clouds(const MarkedClouds& scene, const SceneImages& images,
+                             double largest_normal_weight) {
+    constexpr double kReferencePoints = 1e4;
+    const double weight =
+        largest_normal_weight * std::min(1.0, std::sqrt(kReferencePoints) * scene.source.spacing());
+    const OrientedView source{scene.source.positions(), scene.source.normals},
+        target{scene.target.positions(), scene.target.normals};
+    return {product_points(oriented(images.source), source, weight),
+            product_points(target, oriented(images.target), weight)};
+}
+
+/// The nearest both ways, those of regions among themselves.
+Pairing paired(const ProductClouds& product, const MarkedClouds& scene, Progress& progress) {
+    constexpr double kSoftLabel = 1.0;  // spacings between points inside and outside
+    const Marks& marks = scene.marks;
+    if (marks.regions.empty())
+        return mutual_pairs<12>(product.source, product.target, marks.pinned, progress);
+    Values scales(static_cast<Eigen::Index>(Labels::ColsAtCompileTime));
+    scales.setZero();
+    for (std::size_t r = 0; r < marks.regions.size(); ++r)
+        scales[static_cast<Eigen::Index>(r)] =
+            marks.regions[r].feature->hard ? 1.0 : kSoftLabel * scene.source.spacing();
+    return mutual_pairs<32>(
+        labeled_points(product.source, marks.source_members * scales.asDiagonal()),
+        labeled_points(product.target, marks.target_members * scales.asDiagonal()), marks.pinned,
+        progress);
+}
+
+/// The nearest of each row's partners.
+std::vector<Index> nearest_partners(const Positions& images, const Pairing& pairs,
+                                    const Direction& map) {
+    const auto count = to_size(static_cast<Index>(images.rows()));
+    std::vector<Index> partners(count, -1);
+    std::vector<double> best(count, std::numeric_limits<double>::infinity());
+    for (const IndexPair& pair : pairs) {
+        const Index i = pair.*map.row_here, j = pair.*map.row_there;
+        const double squared = (images.row(i) - map.there.positions().row(j)).squaredNorm();
+        if (squared >= best[to_size(i)]) continue;
+        best[to_size(i)] = squared;
+        partners[to_size(i)] = j;
+    }
+    return partners;
+}
+
+/// Images on the other surface, those of hard regions in their partners, in given coordinates.
+Positions given_images(const Positions& images, const Pairing& pairs, const Marks& marks,
+                       const Direction& map, Progress& progress) {
+    const PlacedCloud& there = map.there;
+    Positions projected = project_onto_surface(images, nearest_partners(images, pairs, map),
+                                               there.tree, there.normals, progress, there.nearest);
+    for (std::size_t r = 0; r < marks.regions.size(); ++r) {
+        if (!marks.regions[r].feature->hard) continue;
+        const auto column = static_cast<Eigen::Index>(r);
+        projected = clamped_to_region(std::move(projected), map.members_here.col(column),
+                                      there.tree, map.members_there.col(column));
+    }
+    return there.placement.inverse().apply(projected);
+}
+
+/// Images of all points where both clouds were given, those of pinned rows on their partners.
+RefinementStart given_maps(const SceneImages& images, const Pairing& pairs,
+                           const MarkedClouds& scene, const GivenClouds& given,
+                           Progress& progress) {
+    const Marks& marks = scene.marks;
+    RefinementStart maps{
+        given_images(images.source.positions, pairs, marks, forward(scene), progress),
+        given_images(images.target.positions, pairs, marks, backward(scene), progress)};
+    for (const IndexPair& f : marks.pinned) {
+        maps.source_images.row(f.source) = given.target.positions.row(f.target);
+        maps.target_images.row(f.target) = given.source.positions.row(f.source);
+    }
+    return maps;
+}
+
+}  // namespace
+
+Prolongation prolongation(const PlacedCloud& cloud, const CoarseShape& coarse, Progress& progress) {
+    return {coarse, cloud.positions(), cloud.normals, progress};
+}
+
+OrientedPoints prolonged(const PlacedCloud& cloud, const CoarseShape& coarse,
+                         const Prolongation& prolongation, const DeformedCloud& images,
+                         Progress& progress) {
+    return prolongation(coarse, images, cloud.positions(), cloud.normals, progress);
+}
+
+SceneImages with_marks_met(SceneImages images, const MarkedClouds& scene,
+                           const LinearMaps& linear) {
+    return {with_marks_met(std::move(images.source), forward(scene), scene.marks, linear.source),
+            with_marks_met(std::move(images.target), backward(scene), scene.marks, linear.target)};
+}
+
+Refinement on_surfaces(const SceneImages& images, const MarkedClouds& scene,
+                       const GivenClouds& given, double normal_weight, Progress& progress) {
+    progress.enter("product space");
+    ProductClouds product = product_clouds(scene, images, normal_weight);
+    Pairing pairs = paired(product, scene, progress);
+    progress.enter("landing");
+    RefinementStart maps = given_maps(images, pairs, scene, given, progress);
+    Refinement result;
+    result.source_images = std::move(maps.source_images);
+    result.target_images = std::move(maps.target_images);
+    result.alignment = composed(scene.source.placement.inverse(), scene.target.placement);
+    result.pairs = std::move(pairs);
+    result.source_product = std::move(product.source);
+    result.target_product = std::move(product.target);
+    return result;
+}
+
+}  // namespace pointmorph

@@ -1,0 +1,216 @@
+#include "pointmorph/morph/live_morph.hpp"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "checks.hpp"
+#include "mesh_shapes.hpp"
+#include "morph/morphs.hpp"
+#include "pointmorph/base/error.hpp"
+
+namespace pointmorph {
+namespace {
+
+/// Two eggs without a loop; six marks.
+MorphInput eggs(Index source_count = 3000, Index target_count = 2500) {
+    MorphInput input = two_eggs(source_count, target_count);
+    input.loop.clear();
+    return input;
+}
+
+std::vector<Feature> with_top_at(std::vector<Feature> features, const Cloud& target, double x) {
+    for (Feature& f : features)
+        if (f.name == "top")
+            f.target.rows = {row_near(target, x, 0.0, std::sqrt(1.0 - x * x / 2.56))};
+    return features;
+}
+
+double distance_of_maps(const Positions& a, const Positions& b) {
+    return std::sqrt((a - b).rowwise().squaredNorm().mean());
+}
+
+TEST(LiveMorph, TheSameFeaturesAreTheSameMapToTheBit) {
+    Progress progress;
+    const Morph morph(eggs(), {}, progress);
+    const std::vector<Feature> features = eggs().features;
+    const LiveMorph live(morph, progress);
+    EXPECT_EQ(live.source_to_target(features, progress), morph.source_to_target(progress));
+    const Morph updated = live.updated(features, progress);
+    EXPECT_EQ(updated.source_to_target(progress), morph.source_to_target(progress));
+    EXPECT_EQ(updated.target_to_source(progress), morph.target_to_source(progress));
+    EXPECT_EQ(updated.report().update, "updated");
+    EXPECT_EQ(morph.report().update, "");
+    EXPECT_TRUE(checks::is_total(updated.pairs(), 3000, 2500));
+}
+
+TEST(LiveMorph, AMovedMarkMeetsAndTheRestIsAsFromScratch) {
+    Progress progress;
+    const MorphInput input = eggs();
+    const Morph morph(eggs(), {}, progress);
+    const LiveMorph live(morph, progress);
+    const std::vector<Feature> changed = with_top_at(input.features, input.target, -0.2);
+    const Morph updated = live.updated(changed, progress);
+    EXPECT_EQ(updated.report().update, "updated");
+    EXPECT_TRUE(checks::are_paired(changed, updated.pairs()));
+    const Positions images = updated.source_to_target(progress),
+                    roughly = live.source_to_target(changed, progress);
+    for (const Feature& f : changed)
+        for (const Positions& found : {images, roughly})
+            EXPECT_LT(
+                (found.row(f.source.rows[0]) - input.target.positions.row(f.target.rows[0])).norm(),
+                1e-12)
+                << f.name;
+    MorphInput again = eggs();
+    again.features = changed;
+    const Positions scratch = Morph(std::move(again), {}, progress).source_to_target(progress);
+    const double area_root = 4.2;  // of an ellipsoid with these axes, about
+    EXPECT_LT(distance_of_maps(images, scratch), 0.015 * area_root);
+    EXPECT_LT(distance_of_maps(roughly, scratch), 0.02 * area_root);
+    EXPECT_EQ(morph.updated(changed, progress).source_to_target(progress), images);
+}
+
+TEST(LiveMorph, AFarMarkIsLookedForFromScratchWithAWord) {
+    Progress progress;
+    const MorphInput input = eggs();
+    const LiveMorph live(Morph(eggs(), {}, progress), progress);
+    std::vector<Feature> changed = input.features;
+    std::swap(changed[0].target, changed[2].target);  // front and back
+    const Morph found = live.updated(changed, progress);
+    const std::string& why = found.report().update;
+    EXPECT_TRUE(why.starts_with("From scratch: \"front\" went far") ||
+                why.starts_with("From scratch: \"back\" went far"))
+        << why;
+    EXPECT_TRUE(checks::mentions(found.report().warnings, why));
+    EXPECT_TRUE(checks::are_paired(changed, found.pairs()));
+}
+
+TEST(LiveMorph, MarksComeAndGo) {
+    Progress progress;
+    const MorphInput input = eggs();
+    const LiveMorph live(Morph(eggs(), {}, progress), progress);
+    std::vector<Feature> features(input.features.begin(), input.features.end() - 1);
+    EXPECT_EQ(live.updated(features, progress).report().update, "updated");
+    features.push_back(point_feature("new", row_near(input.source, 0.9, 0.4, 0.7),
+                                     row_near(input.target, 0.9, 0.4, 0.7)));
+    const Morph updated = live.updated(features, progress);
+    EXPECT_TRUE(checks::are_paired(features, updated.pairs()));
+    EXPECT_GT(live.updated({}, progress).pairs().size(), 0u);
+}
+
+TEST(LiveMorph, SameBitsForAnyNumberOfThreads) {
+    Progress progress;
+    const MorphInput input = eggs(1500, 1200);
+    const std::vector<Feature> changed = with_top_at(input.features, input.target, 0.0);
+    std::optional<Positions> images, roughly;
+    for (const int threads : {1, 2, 5}) {
+        MorphOptions options;
+        options.threads = threads;
+        const Morph morph(eggs(1500, 1200), options, progress);
+        const LiveMorph live(morph, progress);
+        const Positions found = live.updated(changed, progress).source_to_target(progress);
+        if (!images) {
+            images = found;
+            roughly = live.source_to_target(changed, progress);
+        }
+        EXPECT_EQ(found, *images) << threads;
+        EXPECT_EQ(live.source_to_target(changed, progress), *roughly) << threads;
+    }
+}
+
+TEST(LiveMorph, VerticesOfMeshesFollow) {
+    Progress progress;
+    MorphInput input;
+    input.source = input.target = mesh_shapes::icosphere(4);
+    input.target.positions.col(0) *= 1.6;
+    const Vector3 turned = Vector3(1.0, 1.0, 0.0).normalized();
+    input.features = {
+        point_feature("x", row_near(input.source, 1, 0, 0), row_near(input.target, 1.6, 0, 0)),
+        point_feature("y", row_near(input.source, 0, 1, 0), row_near(input.target, 0, 1, 0)),
+        point_feature("z", row_near(input.source, 0, 0, 1), row_near(input.target, 0, 0, 1)),
+        point_feature("mark", row_near(input.source, turned[0], turned[1], 0),
+                      row_near(input.target, 1.6 * turned[0], turned[1], 0))};
+    std::vector<Feature> changed = input.features;
+    const double angle = 0.95;  // instead of 0.79
+    changed[3].target.rows = {row_near(input.target, 1.6 * std::cos(angle), std::sin(angle), 0.0)};
+    ASSERT_NE(changed[3].target.rows, input.features[3].target.rows);
+    MorphInput copy = input;
+    const Morph morph(std::move(copy), {}, progress);
+    const LiveMorph live(morph, progress);
+    EXPECT_EQ(live.updated(input.features, progress).source_to_target(progress),
+              morph.source_to_target(progress));
+    const Morph updated = live.updated(changed, progress);
+    EXPECT_EQ(updated.report().update, "updated");
+    const Positions images = updated.source_to_target(progress);
+    for (const Feature& f : changed)
+        EXPECT_EQ(images.row(f.source.rows[0]), input.target.positions.row(f.target.rows[0]));
+    ASSERT_TRUE(updated.has_mesh());
+    const Positions ends = updated.wrapped(1.0, progress);
+    const Positions on_ball = ends.array().rowwise() / Eigen::RowVector3d(1.6, 1, 1).array();
+    EXPECT_LT((on_ball.rowwise().norm().array() - 1.0).abs().maxCoeff(), 0.02);
+}
+
+TEST(LiveMorph, ShapesInSeveralPartsKeepThemApart) {
+    Progress progress;
+    const auto two_balls = [](double apart) {
+        Cloud small = mesh_shapes::icosphere(2);
+        small.positions *= 0.4;
+        small.positions.col(0).array() += apart;
+        return mesh_shapes::together(mesh_shapes::icosphere(3), small);
+    };
+    MorphInput input;
+    input.source = two_balls(2.0);
+    input.target = two_balls(1.8);
+    input.features = {
+        point_feature("top", row_near(input.source, 0, 0, 1), row_near(input.target, 0, 0, 1)),
+        point_feature("side", row_near(input.source, 0, 1, 0), row_near(input.target, 0, 1, 0)),
+        point_feature("back", row_near(input.source, -1, 0, 0), row_near(input.target, -1, 0, 0))};
+    const MorphInput given = input;
+    const Morph morph(std::move(input), {}, progress);
+    std::vector<Feature> changed = given.features;
+    changed[0].target.rows = {row_near(given.target, 0.2, 0, 0.98)};
+    const Morph updated = morph.updated(changed, progress);
+    EXPECT_EQ(updated.report().update, "updated");
+    const Positions images = updated.source_to_target(progress);
+    for (Index i = 0; i < given.source.size(); ++i)
+        EXPECT_EQ(given.source.positions(i, 0) > 1.3, images(i, 0) > 1.2) << i;
+}
+
+TEST(LiveMorph, OtherMethodsAndMissingMapsAreRefusedInWords) {
+    Progress progress;
+    MorphOptions options = paper();
+    MorphInput input;
+    input.source = plane_cloud(20);
+    input.target = bump_cloud(20);
+    input.features = grid_features(20, 20);
+    const Morph by_paper(std::move(input), options, progress);
+    EXPECT_THROW(by_paper.updated({}, progress), OptionError);
+    options = {};
+    options.domain = Domain::kDisk;
+    EXPECT_THROW(LiveMorph(eggs(), options, progress), OptionError);
+    EXPECT_THROW(LiveMorph(eggs(), {}, progress), CloudError);
+    const LiveMorph live(Morph(eggs(1500, 1200), {}, progress), progress);
+    EXPECT_THROW(live.updated({point_feature("beyond", 99999, 0)}, progress), FeatureError);
+    EXPECT_THROW(live.source_to_target({point_feature("beyond", 99999, 0)}, progress),
+                 FeatureError);
+}
+
+TEST(LiveMorph, CanBeCanceledAndAskedAgain) {
+    Progress progress;
+    const MorphInput input = eggs(1500, 1200);
+    const std::vector<Feature> changed = with_top_at(input.features, input.target, 0.0);
+    const LiveMorph live(Morph(eggs(1500, 1200), {}, progress), progress);
+    Progress stopping([](std::string_view, double) { return false; }, std::chrono::milliseconds(0));
+    EXPECT_THROW(live.updated(changed, stopping), Cancelled);
+    Progress stopping_too([](std::string_view, double) { return false; },
+                          std::chrono::milliseconds(0));
+    EXPECT_THROW(live.source_to_target(changed, stopping_too), Cancelled);
+    EXPECT_EQ(live.updated(changed, progress).report().update, "updated");
+}
+
+}  // namespace
+}  // namespace pointmorph
