@@ -6,6 +6,8 @@ import threading
 
 import pointmorph
 
+from . import computation
+
 # More, of 19: about half a turn beside the window's thread. At 10 a morph of 7,000 pairs took ten
 # times as long where other programs kept the cores busy.
 _NICENESS = 3
@@ -85,6 +87,13 @@ problem = None
 """(panel, text) of the last error, until the next attempt; None after a success."""
 earlier = None
 """A computation.Earlier of the last morph that was made in a window, or None."""
+
+
+def remember(request, outcome):
+    """Keeps what was found for the next time."""
+    global earlier
+    kept = computation.Earlier(request, outcome.maps, outcome.landing)
+    earlier = kept if earlier is None else earlier.followed_by(request, outcome)
 
 
 def start(place=""):

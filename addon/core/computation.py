@@ -1,7 +1,7 @@
 """What the library is asked for, from plain arrays to plain arrays; no Blender in between."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pointmorph
@@ -149,15 +149,33 @@ class Outcome:
         return (self.source, *self.between, self.target)
 
 
-@dataclass(frozen=True)
+@dataclass
 class Earlier:
     """What was asked for and found before, to start from after a mark was added or moved.
 
-    `maps` are (N, 3) and (M, 3): where the points of both shapes ended.
+    `maps` are (N, 3) and (M, 3): where the points of both shapes ended. `landing` is (N, 3): where
+    what is shown of the source ends. `live` is the LiveMorph of these shapes that there is, if any.
     """
 
     request: Request
     maps: tuple
+    landing: np.ndarray | None = None
+    live: pointmorph.LiveMorph | None = field(default=None, compare=False)
+
+    @property
+    def can_be_bent(self):
+        """Whether a LiveMorph can be made of it."""
+        settings = self.request.settings
+        return (settings.get("method", "auto"), settings.get("domain", "auto")) == ("auto", "auto")
+
+    def live_for(self, request):
+        """The LiveMorph, if `request` differs in its features alone, else None."""
+        return self.live if self.live is not None and self.start_for(request) else None
+
+    def followed_by(self, request, outcome):
+        """What is to be kept of the next outcome, which shares the LiveMorph with this one where
+        only features have changed."""
+        return Earlier(request, outcome.maps, outcome.landing, self.live_for(request))
 
     def start_for(self, request):
         """The maps, if `request` differs in its features alone, else None."""
@@ -186,15 +204,19 @@ def _packed(triangles):
 
 def compute(request, progress, earlier=None):
     """Runs the library. `progress` is called as that of `pointmorph.morph`."""
-    morph = pointmorph.morph(
-        request.source.cloud(),
-        request.target.cloud(),
-        request.features,
-        loop=request.loop,
-        start=earlier.start_for(request) if earlier else None,
-        progress=progress,
-        **request.settings,
-    )
+    live = earlier.live_for(request) if earlier else None
+    if live is not None:
+        morph = live.updated(request.features, progress)
+    else:
+        morph = pointmorph.morph(
+            request.source.cloud(),
+            request.target.cloud(),
+            request.features,
+            loop=request.loop,
+            start=earlier.start_for(request) if earlier else None,
+            progress=progress,
+            **request.settings,
+        )
     ends = []
     for t in (0, 1):
         frame = morph.frame(t)

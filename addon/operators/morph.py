@@ -5,7 +5,6 @@ import queue
 import bpy
 
 from ..core import background_job, preview
-from ..core.computation import Earlier
 from ..core.settings import settings_values
 from ..data import chains
 from ..data.feature_list import feature_choices, sync_features
@@ -103,7 +102,7 @@ class _Morphing(Recomputing):
         else:
             if self._in_window and len(self._plan.requests) == 1:
                 request = self._plan.requests[0].without_looks()
-                background_job.earlier = Earlier(request, outcome.maps)
+                background_job.remember(request, outcome)
             obj = morph_builder.build(context, outcome, *self._made_of(context))
             morph_object.morph_key(obj).value = self._value
             recipes.remember(obj, self._plan.recipe, outcome)

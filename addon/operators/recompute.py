@@ -4,7 +4,6 @@ import bpy
 import pointmorph
 
 from ..core import background_job
-from ..core.computation import Earlier
 from ..data import chains
 from ..data.feature_list import sync_features
 from ..data.references import find, reference_to
@@ -38,7 +37,7 @@ class Recomputing(Computing):
             )
         if self._in_window and len(self._plan.requests) == 1:
             request = self._plan.requests[0].without_looks()
-            background_job.earlier = Earlier(request, outcome.maps)
+            background_job.remember(request, outcome)
         said = morphing_mesh.remake(context, obj, self._plan, outcome)
         for name in self._plan.missing:
             gone = f'"{name}" no longer exists: the points stored in the morph were used'

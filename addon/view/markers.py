@@ -15,9 +15,12 @@ from ..data.registration import Registration
 from ..scene import marked_points
 
 _RADIUS, _DOT, _RING = 9.0, 2.5, 13.0  # pixels
+_GRIP = 8.0  # pixels from a mark, within which it is taken hold of
 _BEHIND = 0.3  # opacity of a mark on the far side
 hint = ""
 """What to click next; drawn in the viewports while it isn't empty."""
+dragged = None
+"""(name of an object, name of a feature, row) of the mark that is being dragged, or None."""
 hover = None
 """(3,) the place in the world that a click would mark, or None."""
 
@@ -79,11 +82,13 @@ def _add(context, obj, canvas, texts, scale):
         mark = marks.get(feature.marked_name)
         if mark is None or not feature.use:
             continue
-        place = marked_points.place_of(obj, mark.row, depsgraph)
+        is_dragged = dragged is not None and dragged[:2] == (obj.name, feature.marked_name)
+        shown = dragged[2] if is_dragged else mark.row
+        place = marked_points.place_of(obj, shown, depsgraph)
         spot = location_3d_to_region_2d(context.region, context.region_data, place)
         if spot is None:
             continue
-        opacity = _BEHIND if _faces_away(context, obj, mark.row, place, depsgraph) else 1.0
+        opacity = _BEHIND if _faces_away(context.region_data, obj, shown, depsgraph) else 1.0
         color = (*color_of(number), opacity)
         for row in mark.rows if mark.count > 1 else ():
             at = marked_points.place_of(obj, row, depsgraph)
@@ -99,14 +104,40 @@ def _add(context, obj, canvas, texts, scale):
         texts.append((str(number + 1), spot, 11 * scale, opacity))
 
 
-def _faces_away(context, obj, row, place, depsgraph):
+def mark_at(context, area, region, view, at):
+    """The object and the name of the point feature whose mark is drawn under a pixel of a region,
+    on the side that is seen; or None."""
+    settings = context.scene.pointmorph
+    space = area.spaces.active
+    if not (settings.show_markers and space.overlay.show_overlays):
+        return None
+    depsgraph = context.evaluated_depsgraph_get()
+    best, found = _GRIP * context.preferences.system.ui_scale, None
+    for obj in (settings.source, settings.target):
+        if not obj.visible_get(viewport=space):
+            continue
+        used = {feature.marked_name for feature in settings.features if feature.use}
+        for name, mark in marked_points.marks_of(obj).items():
+            if mark is None or mark.count > 1 or name not in used:
+                continue
+            place = marked_points.place_of(obj, mark.row, depsgraph)
+            spot = location_3d_to_region_2d(region, view, place)
+            if spot is None or _faces_away(view, obj, mark.row, depsgraph):
+                continue
+            apart = (spot - Vector(at)).length
+            if apart < best:
+                best, found = apart, (obj, name)
+    return found
+
+
+def _faces_away(view, obj, row, depsgraph):
     normal = marked_points.normal_of(obj, row, depsgraph)
     if normal is None:
         return False
-    back = context.region_data.view_matrix.inverted()
+    back = view.view_matrix.inverted()
     to_viewer = back.to_3x3() @ Vector((0.0, 0.0, 1.0))
-    if context.region_data.is_perspective:
-        to_viewer = back.translation - place
+    if view.is_perspective:
+        to_viewer = back.translation - marked_points.place_of(obj, row, depsgraph)
     return normal.normalized().dot(to_viewer.normalized()) < -0.1
 
 
