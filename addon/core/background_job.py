@@ -36,7 +36,7 @@ class Job:
         self._thread.start()
 
     def _run(self):
-        stand_back()
+        _stand_back()
         try:
             self._outcome = self._compute(self._progress)
         except BaseException as error:  # handed to the main thread by result()
@@ -73,7 +73,7 @@ class Job:
         return self._outcome
 
 
-def stand_back():
+def _stand_back():
     """Lets the window go before this thread, and those it starts, where all cores are busy."""
     if sys.platform == "linux":  # elsewhere priority is a whole process's
         thread = threading.get_native_id()

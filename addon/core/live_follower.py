@@ -7,8 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 import pointmorph
 
-from . import background_job
-
 
 @dataclass(frozen=True)
 class Answer:
@@ -28,6 +26,8 @@ class Answer:
 
 class LiveFollower:
     """Answers the newest request, in a thread of its own; what came before it is left out.
+
+    The thread doesn't stand back as a `background_job` does: a hand waits for it.
 
     Parameters
     ----------
@@ -79,7 +79,6 @@ class LiveFollower:
         return not self._ended
 
     def _run(self):
-        background_job.stand_back()
         try:
             self._prepare()
             while True:

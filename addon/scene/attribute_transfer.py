@@ -175,7 +175,7 @@ def _read_mesh_steps(obj, target, mesh, wanted):
     yield
     found = Found()
     yield from _read_attributes_steps(found, target, mesh, wanted)
-    if wanted.uvs or (wanted.hair and _lacks_uvs(obj, wanted)):
+    if wanted.uvs or (not by_pairs and _needs_uvs(obj, target, wanted)):
         _read_uvs(found, mesh, as_points=by_pairs or receiver.triangles is None)
         yield
     own = shown
@@ -201,8 +201,10 @@ def _read_mesh_steps(obj, target, mesh, wanted):
     return _carry_along_map(found, receiver, (shown, own), not wanted.onto_source)
 
 
-def _lacks_uvs(obj, wanted):
-    """Whether hair needs a UV map that the object which gets it hasn't got."""
+def _needs_uvs(obj, target, wanted):
+    """Whether there is hair that needs a UV map which the object that gets it hasn't got."""
+    if not wanted.hair or not hair_transfer.on_surface(target):
+        return False
     receiver = map_ends.source_of(obj) if wanted.onto_source else obj
     return not receiver.data.uv_layers
 

@@ -5,8 +5,6 @@ import numpy as np
 import pytest
 from scenes import add_group, add_mesh, coordinates, error_of, mark, morph, patch, pick
 
-pytestmark = pytest.mark.interface
-
 
 @pytest.fixture
 def mirrored(settings):

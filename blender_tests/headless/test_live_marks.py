@@ -7,8 +7,6 @@ import numpy as np
 import pytest
 from scenes import coordinates, mark, morph, pair, row_at
 
-pytestmark = pytest.mark.interface
-
 
 @pytest.fixture
 def live(addon, settings):

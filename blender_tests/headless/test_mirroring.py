@@ -6,8 +6,6 @@ import pytest
 from mathutils import Vector
 from scenes import add_mesh, coordinates, groups, listed, mark, members, pair, patch, row_at
 
-pytestmark = pytest.mark.interface
-
 
 def flat(name, side):
     positions, faces = patch(side)

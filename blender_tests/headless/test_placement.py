@@ -6,8 +6,6 @@ import pytest
 from mathutils import Matrix
 from scenes import coordinates, morph, pair, recompute, set_t, surface_of
 
-pytestmark = pytest.mark.interface
-
 
 @pytest.fixture
 def shown(settings):

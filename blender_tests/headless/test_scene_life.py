@@ -1,10 +1,7 @@
 """Objects and collections of other files, and operators that compute beside a window."""
 
 import bpy
-import pytest
 from scenes import add_mesh, mark, morph, pair, patch, pick
-
-pytestmark = pytest.mark.interface
 
 
 def link(path, collections=(), objects=()):

@@ -19,9 +19,6 @@ from scenes import (
     select,
 )
 
-pytestmark = pytest.mark.interface
-
-
 # --- The state ------------------------------------------------------------------------------------
 
 
@@ -82,7 +79,6 @@ def color_the_source(source, target, settings):
     source.data.color_attributes.active_color = item
 
 
-@pytest.mark.logic
 @pytest.mark.parametrize(
     ("edit", "word"),
     [
@@ -112,7 +108,6 @@ def test_what_is_stale_says_so_and_recompute_makes_what_a_new_morph_would(settin
     assert_same(content(morph(new_result=True)), again)
 
 
-@pytest.mark.logic
 @pytest.mark.parametrize(
     "edit",
     [

@@ -6,8 +6,6 @@ import pytest
 from painted_scenes import bilinear, corners_of, image_of, linear, material, new_image
 from scenes import add_mesh, error_of, key, mark, morph, patch, read, select
 
-pytestmark = pytest.mark.interface
-
 
 def test_recompute_draws_anew(addon, textured):
     _, target = textured

@@ -257,6 +257,20 @@ def test_uvs_keep_their_seams(turned):
     assert 'faces lie across a seam of the UV map "Skin"' in words(copy)
 
 
+@pytest.mark.parametrize("by_pairs", [False, True])
+def test_uv_maps_come_only_where_they_are_wanted(turned, by_pairs):
+    _, target, copy = turned
+    unwrap(target, "Skin")
+    add_group(target, "bone", {0: 1.0})
+    obj = copy.pointmorph.made_from if by_pairs else copy
+    obj.hide_set(False)
+    transfer(obj)
+    assert "target.bone" in obj.vertex_groups
+    assert "target.Skin" not in obj.data.attributes
+    transfer(obj, uvs=True)
+    assert obj.data.attributes["target.Skin"].domain == ("POINT" if by_pairs else "CORNER")
+
+
 def test_no_room_for_another_uv_map(turned):
     _, target, copy = turned
     for number in range(8):

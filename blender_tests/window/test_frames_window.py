@@ -139,6 +139,7 @@ bpy.ops.ed.undo_push(message="A smile")
 """
     )
     window.open_panel("POINTMORPH_PT_more")
+    window.press("Escape", over=VIEWPORT)  # what a click in search of it may have begun
     window.press_button("transfer_attributes(")
     window.wait(f"not ({RUNNING})")
     window.screenshot("transfer_done")

@@ -11,7 +11,6 @@ import numpy.typing as npt
 
 from pointmorph.errors import CloudError
 from pointmorph.meshes import ClosestPlaces, nearest_rows
-from pointmorph.meshes import _closest_on as closest_on
 
 Floats = npt.NDArray[np.float64]
 Rows = npt.NDArray[np.int64]
@@ -447,16 +446,11 @@ class _Sheet:
             edge = [row for row in near.tolist() if row not in found]
             found.update(edge)
         rows = np.array(sorted(found), np.int64)
-        at, shares = np.empty(len(places), np.int64), np.empty((len(places), 3))
-        away = np.empty(len(places))
-        for number, place in enumerate(places):
-            tried, distances = closest_on(
-                self._corners[rows], np.broadcast_to(place, (len(rows), 3))
-            )
-            best = int(np.argmin(distances))
-            at[number], shares[number] = rows[best], tried[best]
-            away[number] = np.sqrt(distances[best])
-        return at, shares, away
+        corners = self._corners[rows]
+        own = np.arange(3 * len(rows)).reshape(-1, 3)
+        nearest, shares = ClosestPlaces(corners.reshape(-1, 3), own).of(places)
+        apart = np.einsum("nk,nkc->nc", shares, corners[nearest]) - places
+        return rows[nearest], shares, np.linalg.norm(apart, axis=1)
 
 
 def _joined(positions: Floats, triangles: Rows, values: Floats) -> Rows:
