@@ -25,7 +25,7 @@ from .operators import (
     recompute,
     textures,
 )
-from .scene import cached_frames, marked_points, object_properties
+from .scene import cache_files, marked_points, object_properties
 from .ui import handlers, panels, quality_panel, result_panel, stagger_panel
 from .view import cut_curves, markers, staleness_watch
 
@@ -37,7 +37,7 @@ _registrations = [
         properties,
         object_properties,
         marked_points,
-        cached_frames,
+        cache_files,
         markers,
         cut_curves,
         staleness_watch,

@@ -21,6 +21,8 @@ POSITION, NORMAL, VELOCITY, COLOR, REST = range(5)
 VECTORS = 5
 MOST = (2**24 - 1) // VECTORS
 """Points of a frame: numbers of nodes, which count vertices, are whole up to 2²⁴."""
+_LAST_ID = 2**24
+_HEADER = "<12siiffi"
 
 
 def vertex_count(rows):
@@ -28,12 +30,30 @@ def vertex_count(rows):
     return 1 + VECTORS * rows
 
 
-def write(path, store, progress):
+def size(rows, frames):
+    """Of a file, in bytes."""
+    return struct.calcsize(_HEADER) + 12 * vertex_count(rows) * frames
+
+
+def check(name, rows):
+    """Raises CloudError when a frame of the object `name` has more points than a file can hold."""
+    if rows > MOST:
+        raise pointmorph.CloudError(
+            name,
+            f"at most {MOST:,} points in a frame in the scene",
+            f"{rows:,}",
+            "Bake PLY files, or turn Fill Cracks off.",
+        )
+
+
+def write(path, name, store, progress):
     """Writes all frames of a store, each read when its turn comes; whole or not at all.
 
     Parameters
     ----------
     path : pathlib.Path
+    name : str
+        Of the object that is baked.
     store : pointmorph.frame_stores.FrameStore
         Of points, all of them there.
     progress : callable
@@ -46,6 +66,8 @@ def write(path, store, progress):
 
     Raises
     ------
+    CloudError
+        If a frame has too many points, or too many have been added on the way.
     FileError
         If it can't be written.
     Cancelled
@@ -53,24 +75,31 @@ def write(path, store, progress):
     """
     counts = store.counts()
     rows = max(counts)
-    if rows > MOST:
-        raise pointmorph.CloudError(
-            path.stem,
-            f"at most {MOST:,} points in a frame in the scene",
-            f"{rows:,}",
-            "Bake PLY files, or turn Fill Cracks off.",
-        )
+    check(name, rows)
     with files.whole_file(path) as file:
         file.write(_header(rows, len(counts)))
         for number, frame in enumerate(store.frames()):
             if progress("writing", number / len(counts)) is False:
                 raise pointmorph.Cancelled("Writing the frames was canceled.")
+            _check_ids(name, frame.ids)
             file.write(_vertices(frame, rows).tobytes())
     return rows
 
 
+def _check_ids(name, ids):
+    """They are kept as floats."""
+    last = int(ids.max(initial=0))
+    if last > _LAST_ID:
+        raise pointmorph.CloudError(
+            name,
+            f"IDs of points up to {_LAST_ID:,} in the scene",
+            f"{last:,}",
+            "Bake PLY files, or turn Fill Cracks off.",
+        )
+
+
 def _header(rows, frames):
-    return struct.pack("<12siiffi", b"POINTCACHE2\0", 1, vertex_count(rows), 0.0, 1.0, frames)
+    return struct.pack(_HEADER, b"POINTCACHE2\0", 1, vertex_count(rows), 0.0, 1.0, frames)
 
 
 def _vertices(frame, rows):

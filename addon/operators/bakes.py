@@ -1,8 +1,9 @@
 """What the user does with a morph: bake it as shape keys or frame by frame."""
 
+import contextlib
+
 import bpy
 import pointmorph
-import pointmorph.files
 import pointmorph.frame_stores
 import pointmorph.sequences
 import pointmorph.surfaces
@@ -15,6 +16,7 @@ from ..data.references import find, reference_to
 from ..data.registration import Registration
 from ..scene import (
     animated_shape,
+    cache_files,
     cached_frames,
     frame_files,
     frame_player,
@@ -109,6 +111,7 @@ class POINTMORPH_OT_bake_frames(Explained, Computing, bpy.types.Operator):
     bl_label = "Bake Frames"
     bl_options = {"UNDO"}
     place = "BAKE"
+    _cache = None  # the file of this bake, until an object shows it
     stopped = "Bake canceled. Finished frames are kept: bake again to continue"
 
     frame_start: bpy.props.IntProperty(
@@ -188,21 +191,35 @@ class POINTMORPH_OT_bake_frames(Explained, Computing, bpy.types.Operator):
             )
         place = frame_files.store_folder(self._name, self._path)
         cached = target is frame_formats.SCENE and not plan.faces
-        self._cache = cached_frames.file_for(obj) if cached else None
         self._rows = 0
+        name = self._name
+        if cached:
+            frame_cache.check(name, len(obj.data.vertices))
+            self._cache = cache_files.new_path(name)
+        path = self._cache
 
         def work(progress):
             sequence = frame_plan.sequence_of(held, plan, settings, taken)
             store = pointmorph.frame_stores.FrameStore(place, sequence, faces=plan.faces)
             store.fill(progress)
             if cached:
-                self._rows = frame_cache.write(_unfinished(self._cache), store, progress)
+                self._rows = frame_cache.write(path, name, store, progress)
             return store
 
         return work
 
     def _leave(self, context):
         self._steps.close()  # a shape that moves may be in another frame
+
+    def cancel(self, context):
+        super().cancel(context)
+        self._drop_cache()
+
+    def _drop_cache(self):
+        """Removes a file that no object shows."""
+        if self._cache is not None:
+            with contextlib.suppress(OSError):
+                self._cache.unlink(missing_ok=True)
 
     def _say_written(self, place):
         self.report({"INFO"}, f"Wrote {len(self._plan.numbers())} frames to {place}")
@@ -228,10 +245,9 @@ class POINTMORPH_OT_bake_frames(Explained, Computing, bpy.types.Operator):
             self._target.content(plan.faces),
         )
         if self._target is frame_formats.SCENE:
-            player = frame_player.show(obj, player)
+            player = frame_player.show(context, obj, player)
             frame_files.empty(outcome)
-            presentation.hide(context, obj)
-            activate(context.view_layer.objects, player)
+            self._show_alone(context, obj, player)
             self.report({"INFO"}, f'Baked {len(plan.numbers())} frames to "{player.name}"')
             return {"FINISHED"}
         try:
@@ -244,31 +260,38 @@ class POINTMORPH_OT_bake_frames(Explained, Computing, bpy.types.Operator):
         return {"FINISHED"}
 
     def _finish_cache(self, context, obj, store):
-        pointmorph.files.replace(_unfinished(self._cache), self._cache)
-        player = cached_frames.show(
-            context, obj, self._matrix, self._plan, (self._cache, self._rows)
-        )
+        try:
+            player = cached_frames.show(
+                context, obj, self._matrix, self._plan, (self._cache, self._rows)
+            )
+        except BaseException:
+            self._drop_cache()
+            raise
+        self._cache = None
         cached_frames.show_surface(player, self._by_nodes)
         frame_files.empty(store)
-        presentation.hide(context, obj)
-        activate(context.view_layer.objects, player)
-        size = self._cache.stat().st_size / 1e6
+        self._show_alone(context, obj, player)
         count = len(self._plan.numbers())
+        size = frame_cache.size(self._rows, count) / 1e6
         self.report({"INFO"}, f'Baked {count} frames to "{player.name}", {size:,.0f} MB on disk')
-        if cached_frames.is_temporary(player):
+        if cache_files.is_temporary(player):
             self.report({"WARNING"}, "Save the file: otherwise the frames go when Blender ends")
         return {"FINISHED"}
+
+    def _show_alone(self, context, obj, player):
+        """Shows what was baked in place of the morph, and of frames of the other kind."""
+        presentation.hide(context, obj)
+        for kind in (cached_frames, frame_player):
+            other = kind.player_of(context.scene, obj)
+            if other is not None:
+                presentation.set_visible(context, other, other == player)
+        activate(context.view_layer.objects, player)
 
 
 def _makes_faces_by_nodes(target):
     """Whether a bake gets its faces from Blender's own nodes, since nothing better is there."""
     by_nodes = target is frame_formats.SCENE and bpy.app.build_options.openvdb
     return by_nodes and not pointmorph.surfaces.is_available()
-
-
-def _unfinished(path):
-    """Where a cache is until the scene shows it."""
-    return path.with_name(f".{path.name}.new")
 
 
 POINTMORPH_OT_bake_frames.__annotations__.update(frame_settings())

@@ -56,7 +56,7 @@ def store_folder(name, path=None):
 
 def cache_path(name):
     """The file that Blender reads the frames of the object `name` from. For a file that was never
-    saved, it's where it stays until that is saved: see `cached_frames`."""
+    saved, it's where it stays until that is saved: see `cache_files`."""
     file = f"{bpy.path.clean_name(name)}.pc2"
     if bpy.data.filepath:
         folder = cache_folder(bpy.data.filepath)
@@ -73,9 +73,19 @@ def cache_folder(path):
 def empty(store):
     """Removes a store of frames that are in the scene, or in their file, by now."""
     store.remove()
-    if store.folder.parent.name.startswith(_CACHE):
-        with contextlib.suppress(OSError):  # something else is there
-            store.folder.parent.rmdir()
+    if is_cache_folder(store.folder.parent):
+        remove_empty(store.folder.parent)
+
+
+def is_cache_folder(folder):
+    """Whether Blender keeps the caches of some file there."""
+    return folder.name.startswith(_CACHE)
+
+
+def remove_empty(folder):
+    """Removes a folder unless something is there."""
+    with contextlib.suppress(OSError):
+        folder.rmdir()
 
 
 def export(context, player, plan, path, target):

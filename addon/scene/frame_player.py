@@ -1,8 +1,9 @@
-"""Frames of a morph object, each with as many points as it takes: in the scene, and files.
+"""Baked frames as meshes: those with faces, in the scene, and those that USD and Alembic files are
+written from.
 
-In the scene each frame is a mesh, without faces unless they are asked for, all in one collection
-that isn't in the scene; an object of its own shows the one of the present frame, points as a point
-cloud.
+Each frame is a mesh, all in one collection that isn't in the scene; an object of its own shows the
+one of the present frame, points as a point cloud. Frames of points in the scene are files instead:
+see `cached_frames`.
 """
 
 import bpy
@@ -11,7 +12,7 @@ import numpy as np
 from ..core import frame_plan
 from ..core.stepping import finish
 from ..data import arrays, attribute_names, creation
-from . import frames_display, morph_object, points_display
+from . import frame_players, frames_display, morph_object, points_display
 
 COLLECTION = "Frames"
 _OF = "pointmorph_faces_of"
@@ -90,19 +91,25 @@ def build(context, name, matrix, plan, frames, content):
     return player
 
 
-def show(obj, player):
+def player_of(scene, obj):
+    """The object in a scene that shows frames with faces of a morph object, or None."""
+    return frame_players.found(scene, obj, _OF)
+
+
+def show(context, obj, player):
     """Makes what `build` made show the frames of a morph object: the object that shows earlier
     ones of it gets them, if there is one. Returns the object that shows them."""
-    before = next(
-        (one for one in bpy.data.objects if one.library is None and one.get(_OF) == obj), None
-    )
+    before = player_of(context.scene, obj)
+    matrix = player.matrix_world.copy()
     if before is None or points_display.points_modifier(before) is None:
-        player[_OF] = obj
+        frame_players.belongs(player, obj, _OF)
+        frame_players.place(player, matrix)
         return player
     old = _frames(before)
     name = frames_display.frames_collection(before).name
     frames_display.share_frames(before, player)
-    before.matrix_world = player.matrix_world
+    frame_players.belongs(before, obj, _OF)
+    frame_players.place(before, matrix)
     bpy.data.batch_remove([player, player.data, *old])
     frames_display.frames_collection(before).name = name
     return before

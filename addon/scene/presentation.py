@@ -41,7 +41,7 @@ def present(context, obj, again=False):
     """
     shown, said = obj, []
     if obj.pointmorph.keeps_faces:  # its points are gone
-        _set_visible(context, obj, True)
+        set_visible(context, obj, True)
     elif morph_object.shown_of(obj) != obj or (again and not obj.hide_get()):
         shown = show_as(context, obj, kind_of(obj))
     else:
@@ -90,8 +90,8 @@ def show_as(context, obj, kind):
         return _add_mesh(context, obj)
     placement.settle(context, obj)
     mesh = morph_object.shown_of(obj)
-    _set_visible(context, mesh, True)
-    _set_visible(context, obj, False)
+    set_visible(context, mesh, True)
+    set_visible(context, obj, False)
     return mesh
 
 
@@ -100,11 +100,11 @@ def show_points(context, obj):
     placement.settle(context, obj)
     mesh = morph_object.shown_of(obj)
     if mesh != obj:
-        _set_visible(context, mesh, False)
+        set_visible(context, mesh, False)
     elif obj.is_editable:
         with contextlib.suppress(pointmorph.CloudError):  # somebody took its slider away
             slider_keys.let_go(obj)  # of a mesh that was deleted
-    _set_visible(context, obj, True)
+    set_visible(context, obj, True)
     return obj
 
 
@@ -112,14 +112,14 @@ def hide(context, obj):
     """Hides a morph object of points and the mesh that shows it, as for frames in their place."""
     placement.settle(context, obj)
     for one in {obj, morph_object.shown_of(obj)}:
-        _set_visible(context, one, False)
+        set_visible(context, one, False)
 
 
 def show_shapes(context, obj, visible):
     """Shows or hides the objects that a morph object was made from."""
     for shape in recipes.shapes_of(obj):
         if shape is not None:
-            _set_visible(context, shape, visible)
+            set_visible(context, shape, visible)
 
 
 def shows_shapes(obj):
@@ -142,12 +142,13 @@ def _add_mesh(context, obj):
     obj.pointmorph.mesh = mesh
     slider_keys.follow(obj, mesh)
     stagger.follow(obj, mesh)
-    _set_visible(context, mesh, True)
-    _set_visible(context, obj, False)
+    set_visible(context, mesh, True)
+    set_visible(context, obj, False)
     return mesh
 
 
-def _set_visible(context, obj, visible):
+def set_visible(context, obj, visible):
+    """Shows or hides an object, in this view layer and in renders."""
     with contextlib.suppress(RuntimeError):  # it isn't in this view layer
         obj.hide_set(not visible, view_layer=context.view_layer)
     if obj.is_editable:

@@ -105,9 +105,206 @@ def test_a_second_bake_replaces_the_first(addon, torn, tmp_path):
     addon("data.versions").set_input(player.modifiers["Points"], "Radius Scale", 1.0)
     assert_same(shown(player, 4), after[1])
     assert_same(shown(player, 5), after[2])
-    assert [path.name for path in (tmp_path / "blendcache_shot").iterdir()] == [
-        "Whole_to_Torn_Frames.pc2"
+    assert files_in(tmp_path / "blendcache_shot") == [
+        "Whole_to_Torn_Frames.pc2",
+        "Whole_to_Torn_Frames_1.pc2",
     ]
+    bpy.ops.wm.save_mainfile()
+    assert files_in(tmp_path / "blendcache_shot") == ["Whole_to_Torn_Frames_1.pc2"]
+
+
+def files_in(folder):
+    return sorted(path.name for path in folder.iterdir())
+
+
+def saved(path):
+    """Saves the file there. Returns the morph object."""
+    bpy.ops.wm.save_as_mainfile(filepath=str(path))
+    return bpy.data.objects["Whole to Torn"]
+
+
+def opened(path):
+    """Opens a file. Returns what shows its frames."""
+    bpy.ops.wm.open_mainfile(filepath=str(path))
+    return bpy.data.objects["Whole to Torn Frames"]
+
+
+def test_undo_of_a_second_bake_shows_the_first(torn, tmp_path):
+    wanted = baked_frames(bake(saved(tmp_path / "shot.blend")))
+    bpy.ops.ed.undo_push(message="first")
+    bake(bpy.data.objects["Whole to Torn"], resample=False, step=4)
+    bpy.ops.ed.undo_push(message="second")
+    bpy.ops.ed.undo()
+    player = bpy.data.objects["Whole to Torn Frames"]
+    assert_same(shown(player, 5), wanted[4])
+    assert_same(shown(player, 9), wanted[8])
+
+
+def test_a_file_closed_without_saving_shows_what_it_did(torn, tmp_path):
+    path = tmp_path / "shot.blend"
+    wanted = baked_frames(bake(saved(path)))
+    bpy.ops.wm.save_mainfile()
+    bake(bpy.data.objects["Whole to Torn"], resample=False, step=4)
+    assert_same(shown(opened(path), 5), wanted[4])
+    bpy.ops.wm.save_mainfile()
+    assert files_in(tmp_path / "blendcache_shot") == ["Whole_to_Torn_Frames.pc2"]
+
+
+@pytest.mark.parametrize("linked", [True, False])
+def test_versions_of_a_file_have_frames_of_their_own(addon, torn, tmp_path, monkeypatch, linked):
+    if not linked:  # as on a disk that has no second names
+        monkeypatch.setattr(addon("scene.cache_files").os, "link", refused)
+    first, second = tmp_path / "shot_001.blend", tmp_path / "other" / "shot_002.blend"
+    second.parent.mkdir()
+    wanted = baked_frames(bake(saved(first)))
+    bpy.ops.wm.save_mainfile()
+    torn = saved(second)
+    bake(torn, resample=False, step=4)
+    bpy.ops.wm.save_mainfile()
+    assert files_in(second.parent / "blendcache_shot_002") == ["Whole_to_Torn_Frames_1.pc2"]
+    assert_same(shown(opened(first), 5), wanted[4])
+    bpy.ops.wm.save_as_mainfile(filepath=str(second), copy=True)
+    assert cache_of(bpy.data.objects["Whole to Torn Frames"]).parent.name == "blendcache_shot_001"
+    bake(bpy.data.objects["Whole to Torn"], resample=False, step=4)
+    bpy.ops.wm.save_mainfile()
+    assert files_in(tmp_path / "blendcache_shot_001") == ["Whole_to_Torn_Frames_1.pc2"]
+    player = opened(second)
+    assert cache_of(player).parent == second.parent / "blendcache_shot_002"
+    assert player.modifiers["Mesh Cache"].filepath.startswith("//blendcache")
+    assert_same(shown(player, 5), wanted[4])
+
+
+def refused(*_):
+    raise OSError("no room")
+
+
+def test_duplicates_go_along_with_the_first_save(torn, tmp_path):
+    player = bake(torn)
+    wanted = baked_frames(player)
+    select(player)
+    bpy.ops.object.duplicate()
+    twin = bpy.context.view_layer.objects.active.name
+    bpy.data.objects.remove(torn)  # frames outlive the morph
+    old = cache_of(player)
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "shot.blend"))
+    assert not old.exists()
+    for name in ("Whole to Torn Frames", twin):
+        assert_same(shown(bpy.data.objects[name], 5), wanted[4])
+    assert files_in(tmp_path / "blendcache_shot") == ["Whole_to_Torn_Frames.pc2"]
+
+
+def test_undo_after_the_first_save_shows_the_frames(torn, tmp_path):
+    wanted = baked_frames(bake(torn))
+    bpy.ops.ed.undo_push(message="before")
+    bpy.data.objects["Whole"].location.x += 1
+    bpy.ops.ed.undo_push(message="moved")
+    saved(tmp_path / "shot.blend")
+    bpy.ops.ed.undo()
+    assert_same(shown(bpy.data.objects["Whole to Torn Frames"], 5), wanted[4])
+
+
+def test_frames_that_cannot_move_stay(addon, torn, tmp_path, monkeypatch, capfd):
+    player = bake(torn)
+    wanted = baked_frames(player)
+    old = cache_of(player)
+    files = addon("scene.cache_files")
+    for module, name in ((files.os, "link"), (files.shutil, "copyfile")):
+        monkeypatch.setattr(module, name, refused)
+    saved(tmp_path / "shot.blend")
+    player = bpy.data.objects["Whole to Torn Frames"]
+    assert "no room" in capfd.readouterr().out
+    assert cache_of(player) == old
+    assert_same(shown(player, 5), wanted[4])
+    assert files_in(tmp_path / "blendcache_shot") == []
+    monkeypatch.undo()
+    bpy.ops.wm.save_mainfile()
+    assert cache_of(player).parent == tmp_path / "blendcache_shot"
+    assert_same(shown(player, 5), wanted[4])
+
+
+def test_a_save_that_fails_leaves_frames_where_they_are(torn, tmp_path):
+    player = bake(torn)
+    before = player.modifiers["Mesh Cache"].filepath
+    (tmp_path / "shot.blend@").mkdir()  # where Blender writes to at first
+    with pytest.raises(RuntimeError):
+        bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "shot.blend"))
+    assert player.modifiers["Mesh Cache"].filepath == before
+    assert cache_of(player).is_file()
+
+
+def test_a_bake_that_fails_leaves_no_file(addon, torn, tmp_path, monkeypatch):
+    saved(tmp_path / "shot.blend")
+    monkeypatch.setattr(addon("scene.cached_frames").frame_players, "belongs", refused)
+    select(bpy.data.objects["Whole to Torn"])
+    with pytest.raises(RuntimeError, match="no room"):
+        bpy.ops.pointmorph.bake_frames(frame_start=1, frame_end=3)
+    assert [n for n in files_in(tmp_path / "blendcache_shot") if n.endswith(".pc2")] == []
+    assert "Whole to Torn Frames" not in bpy.data.objects
+
+
+def test_a_second_bake_keeps_what_the_user_did(addon, torn):
+    """It goes to the object of the first one, also beside duplicates that sort before."""
+    player = bake(torn)
+    player.name = "Zebra"
+    select(player)
+    bpy.ops.object.duplicate()
+    bpy.context.view_layer.objects.active.name = "Ape"
+    player.location.x += 2
+    bpy.context.view_layer.update()
+    inputs = addon("data.versions")
+    inputs.set_input(player.modifiers["Points"], "Surface", True)
+    where = player.matrix_world.copy()
+    assert bake(torn) == player
+    assert player.matrix_world == where
+    assert inputs.input_value(player.modifiers["Points"], "Surface")
+    player.matrix_world = torn.matrix_world
+    bpy.context.view_layer.update()
+
+
+def test_frames_follow_a_morph_that_was_moved(torn):
+    player = bake(torn)
+    bpy.context.view_layer.update()
+    torn.location.x += 2
+    bpy.context.view_layer.update()
+    assert bake(torn) == player
+    bpy.context.view_layer.update()
+    np.testing.assert_allclose(player.location, torn.location)
+
+
+def test_each_scene_has_frames_of_its_own(torn):
+    player = bake(torn)
+    bpy.context.scene.collection.objects.unlink(player)
+    bpy.data.scenes.new("Other").collection.objects.link(player)
+    assert bake(torn) != player
+
+
+def test_nodes_of_an_earlier_version_are_replaced(torn):
+    player = bake(torn)
+    wanted = baked_frames(player)
+    modifiers = [player.modifiers[name] for name in ("Cache Rows", "Points")]
+    for modifier in modifiers:
+        modifier.node_group = modifier.node_group.copy()
+        modifier.node_group["pointmorph_version"] = "an earlier one"
+    bake(torn)
+    for modifier in modifiers:
+        assert modifier.node_group["pointmorph_version"] != "an earlier one"
+    assert_same(shown(player, 5), wanted[4])
+
+
+def test_too_many_points_are_refused_before_the_work(addon, torn, monkeypatch):
+    cache = addon("core.frame_cache")
+    monkeypatch.setattr(cache, "MOST", 10)
+    monkeypatch.setattr(addon("operators.bakes").pointmorph.frame_stores, "FrameStore", None)
+    select(torn)
+    with pytest.raises(RuntimeError, match="Whole to Torn: expected at most 10 points"):
+        bpy.ops.pointmorph.bake_frames(frame_start=1, frame_end=3)
+
+
+def test_ids_that_floats_do_not_hold_are_refused(addon, torn, monkeypatch):
+    monkeypatch.setattr(addon("core.frame_cache"), "_LAST_ID", 5)
+    select(torn)
+    with pytest.raises(RuntimeError, match="Whole to Torn: expected IDs of points up to 5"):
+        bpy.ops.pointmorph.bake_frames(frame_start=1, frame_end=3)
 
 
 def test_a_duplicate_keeps_the_frames_that_it_has(torn, tmp_path):
@@ -237,7 +434,7 @@ def test_faces_by_nodes(addon, settings, monkeypatch):
     assert max(apart) < 0.3 * 2 / 23  # of the spacing
     normals = np.array([polygon.normal[2] for polygon in mesh.polygons])
     assert (normals > 0).mean() > 0.97  # as the sheet's: one side only
-    # Baked as points again, it shows points.
+    # Baked as points again, it shows points: it was the bake that had turned faces on.
     assert bake(bpy.data.objects["Hill to Dune"]) == player
     assert len(shown_cloud(player).points)
 
