@@ -73,7 +73,7 @@ def glide(window, row, wanted, steps):
 
 def test_the_morph_follows_a_mark(window, side):
     row = morph_with_marks(window, side)
-    window.wait(f"{FOLLOWER} is not None and {FOLLOWER}.live is not None")
+    assert window.ask(f"{FOLLOWER} is None")  # until a mark is taken hold of
     before, marked = window.ask(PLACES), rows_of(window)
     wanted = row + 6 * max(1, side // 60) * (side - 3 + 1)
     window.screenshot("drag_before")
@@ -81,7 +81,7 @@ def test_the_morph_follows_a_mark(window, side):
     # Esc takes it all back.
     hold(window, row)
     go(window, row, wanted)
-    window.wait(f"{FOLLOWER}.updates and not {FOLLOWER}.waits")
+    window.wait(f"{FOLLOWER} is not None and {FOLLOWER}.updates and not {FOLLOWER}.waits")
     window.wait(f"{PLACES} != {before!r}")
     assert window.ask(DRAGGED)[:2] == ["Dune", "mark 0"]
     window.screenshot("drag_follows")
@@ -97,7 +97,7 @@ def test_the_morph_follows_a_mark(window, side):
     begun = time.monotonic()
     glide(window, row, wanted, steps=60)
     seconds = time.monotonic() - begun
-    window.wait(f"not {FOLLOWER}.waits")
+    window.wait(f"{FOLLOWER}.updates and not {FOLLOWER}.waits")
     count = window.ask(f"len({FOLLOWER}.updates)")
     taken = sorted(window.ask(f"[u[1] for u in {FOLLOWER}.updates]"))
     print(
