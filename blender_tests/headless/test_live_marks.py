@@ -343,7 +343,7 @@ def test_what_is_shown_goes_back_where_nothing_comes_of_it(addon, settings, live
     assert update._job.cancelled
     assert update.is_open
     background_job.finish()
-    update._settle()
+    update.settle()
     assert update.is_open  # canceled for a drag: it is due again
     assert not np.array_equal(ends(shown), before)
 
