@@ -7,6 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 import pointmorph
 
+from . import background_job
+
 
 @dataclass(frozen=True)
 class Answer:

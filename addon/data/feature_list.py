@@ -49,9 +49,9 @@ def sync_features(scene):
     listed = {feature.marked_name: feature for feature in features}
     for name in names:
         if name not in listed:
-            listed[name] = features.add()
-            _take_back(settings, listed[name], name)
-        _set(listed[name], "marked_name", name)
+            added = listed[name] = features.add()
+            added.marked_name = added.name = name  # by which what is chosen is stored
+            _take_back(settings, added, name)
         _set(listed[name], "name", name)
         _set(listed[name], "on_source", name in on_source)
         _set(listed[name], "on_target", name in on_target)
@@ -59,7 +59,8 @@ def sync_features(scene):
         background_job.problem = None
 
 
-_CHOSEN = [field.name for field in fields(Choice)]
+CHOSEN = [field.name for field in fields(Choice)]
+"""What a user chooses for a feature."""
 
 
 def keep_choice(feature):
@@ -75,7 +76,7 @@ def keep_choice(feature):
         if kept is None:
             kept = choices.add()
             kept.name = name
-        for chosen in _CHOSEN:
+        for chosen in CHOSEN:
             _set(kept, chosen, getattr(feature, chosen))
 
 
@@ -98,10 +99,10 @@ def drop_choice(obj, name):
 def _set_aside(settings, feature):
     """Keeps what was chosen for a feature until an object that has it is picked again."""
     forget_choice(settings, feature.marked_name)
-    if any(feature.is_property_set(name) for name in _CHOSEN):
+    if any(feature.is_property_set(name) for name in CHOSEN):
         kept = settings.set_aside.add()
         kept.name = feature.marked_name
-        for name in _CHOSEN:
+        for name in CHOSEN:
             _set(kept, name, getattr(feature, name))
 
 
@@ -111,8 +112,9 @@ def _take_back(settings, feature, name):
         if kept is None and obj is not None and name in feature_names(obj):
             kept = obj.pointmorph.choices.get(name)
     if kept is not None:
-        for chosen in _CHOSEN:
-            _set(feature, chosen, getattr(kept, chosen))
+        # All at once: what is set is stored with the objects, in what is read here.
+        for chosen, value in [(chosen, getattr(kept, chosen)) for chosen in CHOSEN]:
+            _set(feature, chosen, value)
         forget_choice(settings, name)
 
 

@@ -166,6 +166,10 @@ class POINTMORPH_OT_click_features(Explained, bpy.types.Operator):
         elif shapes_reason(context) or unmarkable(context):
             self.cancel(context)
             return {"CANCELLED"}
+        elif drag.is_overtaken and not drag.is_moving and drag.of in bpy.data.objects:
+            self._update.settle()
+            obj = bpy.data.objects[drag.of]
+            self._drag = Drag(context, obj, drag.name, drag.at, self._update.preview)
         elif drag.is_overtaken:
             self._let_go(context, keeps=False)
             self.report({"INFO"}, "Another morph was computed: drag the mark again")

@@ -124,7 +124,7 @@ class WholeUpdate:
         str or None
             Why it can't be computed.
         """
-        self._settle()
+        self.settle()
         if not self._is_due or self._job is not None or background_job.current is not None:
             return None
         self._is_due = False
@@ -155,7 +155,8 @@ class WholeUpdate:
         if preview is not None:
             preview.put_back(bpy.data.objects)
 
-    def _settle(self):
+    def settle(self):
+        """Takes note of a computation that has ended."""
         if self._job is None or background_job.current is self._job:
             return
         if background_job.earlier is not self._earlier:  # it is there
@@ -168,5 +169,5 @@ class WholeUpdate:
 
     def _look(self):
         """A timer."""
-        self._settle()
+        self.settle()
         return None if self._job is None else _LOOK

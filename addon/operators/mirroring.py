@@ -6,7 +6,7 @@ import pointmorph
 import pointmorph.meshes
 
 from ..data import arrays
-from ..data.feature_list import feature_names, sync_features
+from ..data.feature_list import CHOSEN, feature_names, sync_features
 from ..data.registration import Registration
 from ..scene import feature_marks
 from .polls import Explained, fail, shapes_reason
@@ -45,29 +45,35 @@ class POINTMORPH_OT_mirror_features(Explained, bpy.types.Operator):
             names = names[min(max(settings.active_feature, 0), len(names) - 1) :][:1]
         else:
             names = [name for name in names if bpy.utils.flip_name(name) not in names]
+        if not names:
+            return self._stay("every feature with a side in its name has its other side already")
         found = [Mirrored(obj, [n for n in names if n in feature_names(obj)]) for obj in objects]
-        count = 0
+        count, refused = 0, False
         for name in names:
             sides = [side for side in found if name in side.rows]
-            if all(side.is_in_the_middle(name) for side in sides):
-                continue
             try:
+                if not _is_to_be_mirrored(name, sides):
+                    continue
                 self._mirror(settings, name, sides)
             except pointmorph.PointmorphError as error:
                 if not self.all_features:
                     return fail(self, error)
                 self.report({"WARNING"}, str(error))
+                refused = True
                 continue
             count += 1
         sync_features(context.scene)
-        if count == 0:
-            self.report({"INFO"}, "Nothing to mirror: the features lie in the middle")
-        else:
-            self.report({"INFO"}, f"Features mirrored: {count}")
+        if count == 0 and not refused:
+            which = "the features lie" if len(names) > 1 else f'"{names[0]}" lies'
+            return self._stay(f"{which} in the middle")
+        self.report({"INFO"}, f"Features mirrored: {count}")
         return {"FINISHED"}
 
-    @staticmethod
-    def _mirror(settings, name, sides):
+    def _stay(self, why):
+        self.report({"INFO"}, f"Nothing to mirror: {why}")
+        return {"CANCELLED"}
+
+    def _mirror(self, settings, name, sides):
         mirrored = [(side.obj, *side.mirrored(name)) for side in sides]
         this, other = name, bpy.utils.flip_name(name)
         if other == name:
@@ -78,13 +84,45 @@ class POINTMORPH_OT_mirror_features(Explained, bpy.types.Operator):
                     f'feature "{name}"', f'no "{this}" yet', "one", "Rename one of them."
                 )
             settings.features[name].name = this
+        replaced = [obj.name for obj, *_ in mirrored if other in feature_names(obj)]
         for obj, rows, weights in mirrored:
             feature_marks.mark(obj, other, rows, weights)
         sync_features(settings.id_data)
         chosen = settings.features[this]
-        for what in ("kind", "hold", "weight", "use"):
+        for what in CHOSEN:
             setattr(settings.features[other], what, getattr(chosen, what))
         settings.features[other].confidence = -1.0
+        if replaced:
+            on = " and ".join(f'"{name}"' for name in replaced)
+            self.report({"INFO"}, f'"{other}" was marked on {on} before: its mark was replaced')
+
+
+def _is_to_be_mirrored(name, sides):
+    """Whether a feature has another side than its own.
+
+    Raises
+    ------
+    FeatureError
+        Where it marks no point on an object, or lies in the middle of one object only.
+    """
+    for side in sides:
+        if not len(side.rows[name]):
+            raise pointmorph.FeatureError(
+                f'feature "{name}"',
+                f'points that it marks on "{side.obj.name}"',
+                "none",
+                "Mark it there, or remove it.",
+            )
+    in_the_middle = [side.is_in_the_middle(name) for side in sides]
+    if any(in_the_middle) and not all(in_the_middle):
+        one = sides[in_the_middle.index(True)].obj.name
+        raise pointmorph.FeatureError(
+            f'feature "{name}"',
+            "a mark in the middle of both objects, or of none",
+            f'one in the middle of "{one}" only',
+            "Move the mark on one of them.",
+        )
+    return not all(in_the_middle)
 
 
 class Mirrored:
@@ -94,7 +132,7 @@ class Mirrored:
         self.obj = obj
         self._positions = arrays.positions_of(obj.data)
         self._members = feature_marks.members(obj, names)
-        self.rows = {name: rows for name, (rows, _) in self._members.items() if len(rows)}
+        self.rows = {name: rows for name, (rows, _) in self._members.items()}
         self._unit = float(np.linalg.norm(np.ptp(self._positions, axis=0)))
 
     def is_left(self, name):

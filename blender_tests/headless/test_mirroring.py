@@ -100,6 +100,39 @@ def test_where_there_is_no_other_side_it_says_so(addon, settings, sheets):
     assert [name for name, *_ in listed(settings)] == ["ear"]
 
 
+def refusal(**options):
+    with pytest.raises(RuntimeError) as caught:
+        bpy.ops.pointmorph.mirror_features(**options)
+    return str(caught.value)
+
+
+def test_each_refusal_has_its_own_words(addon, settings, sheets, capfd):
+    put(addon, sheets, "nose", 0.0, 0.2)
+    assert bpy.ops.pointmorph.mirror_features() == {"CANCELLED"}
+    assert bpy.ops.pointmorph.mirror_features(all_features=True) == {"CANCELLED"}
+    row = row_at(coordinates(sheets[1].data.vertices), 0.4, 0.2)
+    addon("scene.feature_marks").mark(sheets[1], "nose", [row])
+    assert 'one in the middle of "Hill" only' in refusal()
+    assert [name for name, *_ in listed(settings)] == ["nose"]
+
+    group = sheets[0].vertex_groups["pm.nose"]
+    group.remove(list(range(len(sheets[0].data.vertices))))
+    assert 'expected points that it marks on "Hill"' in refusal()
+    said = capfd.readouterr().out
+    assert 'Nothing to mirror: "nose" lies in the middle' in said
+    assert "Nothing to mirror: every feature with a side in its name" in said
+
+
+def test_a_mark_that_is_replaced_is_told_of(addon, settings, sheets, capfd):
+    for name, x in (("ear.R", -0.2), ("ear.L", 0.5)):
+        put(addon, sheets, name, x, 0.3)
+    wanted = [place(obj, "ear.L") * (-1, 1, 1) for obj in sheets]
+    assert bpy.ops.pointmorph.mirror_features() == {"FINISHED"}
+    for obj, mirrored in zip(sheets, wanted, strict=True):
+        assert np.linalg.norm(place(obj, "ear.R") - mirrored) < 0.06
+    assert '"ear.R" was marked on "Hill" and "Dune" before' in capfd.readouterr().out
+
+
 def test_choices_go_with_the_objects(addon, settings, sheets):
     put(addon, sheets, "ear", 0.5, 0.3)
     settings.features["ear"].kind, settings.features["ear"].weight = "REGION", 2.5

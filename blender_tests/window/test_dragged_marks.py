@@ -10,6 +10,7 @@ FOLLOWER = "addon('core.live_follower').current"
 SHOWN = "bpy.data.objects['Hill to Dune']"
 PLACES = f"[round(v, 5) for p in {SHOWN}.data.shape_keys.key_blocks['Morph'].points for v in p.co]"
 DRAGGED = "addon('view.markers').dragged"
+UPDATE = "addon('operators.clicks')._waiting._update"
 
 
 @pytest.fixture(name="side")
@@ -73,7 +74,7 @@ def glide(window, row, wanted, steps):
 
 def test_the_morph_follows_a_mark(window, side):
     row = morph_with_marks(window, side)
-    window.wait(f"{FOLLOWER} is not None and {FOLLOWER}.live is not None")
+    assert window.ask(f"{FOLLOWER} is None")  # until a mark is taken hold of
     before, marked = window.ask(PLACES), rows_of(window)
     wanted = row + 6 * max(1, side // 60) * (side - 3 + 1)
     window.screenshot("drag_before")
@@ -81,7 +82,7 @@ def test_the_morph_follows_a_mark(window, side):
     # Esc takes it all back.
     hold(window, row)
     go(window, row, wanted)
-    window.wait(f"{FOLLOWER}.updates and not {FOLLOWER}.waits")
+    window.wait(f"{FOLLOWER} is not None and {FOLLOWER}.updates and not {FOLLOWER}.waits")
     window.wait(f"{PLACES} != {before!r}")
     assert window.ask(DRAGGED)[:2] == ["Dune", "mark 0"]
     window.screenshot("drag_follows")
@@ -97,7 +98,7 @@ def test_the_morph_follows_a_mark(window, side):
     begun = time.monotonic()
     glide(window, row, wanted, steps=60)
     seconds = time.monotonic() - begun
-    window.wait(f"not {FOLLOWER}.waits")
+    window.wait(f"{FOLLOWER}.updates and not {FOLLOWER}.waits")
     count = window.ask(f"len({FOLLOWER}.updates)")
     taken = sorted(window.ask(f"[u[1] for u in {FOLLOWER}.updates]"))
     print(
@@ -147,4 +148,62 @@ def test_a_mark_without_a_morph_is_dragged_too(window):
     # A click on a mark leaves it where it is.
     click_vertex(window, "Dune", 88)
     assert rows_of(window)["Dune", "pm.feature 1"] == [88]
+    window.press("Escape", over=VIEWPORT)
+
+
+def test_a_drag_while_the_last_is_computed(window, side):
+    row = morph_with_marks(window, side)
+    step = max(1, side // 60) * (side - 3 + 1)
+    hold(window, row)
+    go(window, row, row + 6 * step)
+    window.wait(f"{FOLLOWER} is not None and {FOLLOWER}.updates and not {FOLLOWER}.waits")
+    window._xdotool("mouseup", 1)
+    (at,) = rows_of(window)["Dune", "pm.mark 0"]
+    assert at != row
+
+    # Taken back, the one before is computed after all.
+    hold(window, at)
+    go(window, at, row + 3 * step)
+    window.press("Escape", over=window.ask(f"pixel('Dune', {row + 3 * step})"))
+    window._xdotool("mouseup", 1)
+    asked = "addon('core.background_job').earlier.request.features['mark 0'][1]"
+    window.wait(f"not ({RUNNING}) and not {UPDATE}.is_open and {asked} == {at}")
+    assert rows_of(window)["Dune", "pm.mark 0"] == [at]
+    computed = window.ask(PLACES)
+
+    # On the vertex where it was, nothing happens.
+    hold(window, at)
+    go(window, at, row + 3 * step)
+    go(window, row + 3 * step, at)
+    window.wait(f"not {FOLLOWER}.waits")
+    window._xdotool("mouseup", 1)
+    window.wait(f"{DRAGGED} is None")
+    assert not window.ask(f"{UPDATE}.is_open")
+    assert window.ask(PLACES) == computed
+
+    # Without the add-on's operator, nothing is left of it.
+    hold(window, at)
+    go(window, at, row + 3 * step)
+    window.wait(f"{PLACES} != {computed!r}")
+    window.run("addon('operators.clicks').registration.stop()")
+    window._xdotool("mouseup", 1)
+    assert window.ask(PLACES) == computed
+    assert window.ask(f"{FOLLOWER} is None and {DRAGGED} is None")
+    assert window.ask("addon('core.background_job').earlier.live is None")
+
+
+def test_a_click_beside_a_mark_completes_a_feature(window):
+    add_bare_pair(window, 90)
+    window.press_button("click_features")
+    click_vertex(window, "Hill", 4040)
+    click_vertex(window, "Dune", 3800)
+    click_vertex(window, "Hill", 2020)
+    there, beside = (window.ask(f"pixel('Dune', {row})") for row in (3800, 3801))
+    assert 0 < max(abs(a - b) for a, b in zip(there, beside, strict=True)) < 8
+    click_vertex(window, "Dune", 3801)
+    assert rows_of(window)["Dune", "pm.feature 2"] == [3801]
+    assert rows_of(window)["Dune", "pm.feature 1"] == [3800]
+    # With all marked on both, a click there takes hold of the mark, and leaves it.
+    click_vertex(window, "Dune", 3801)
+    assert len(rows_of(window)) == 4
     window.press("Escape", over=VIEWPORT)

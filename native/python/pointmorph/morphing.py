@@ -583,13 +583,14 @@ class Morph:
         many of the last ones are `specks`, stray points). About cuts: `loop` (given or suggested)
         and `tips` (rows of unmarked tips that were matched).
 
-        If few or no features say how the shapes relate: `confidence` (0 to 1: how likely the map
-        is to be right; None for an update of a map that was given, see `LiveMorph`), `margin` (cost of the second best map relative to this one; None without
-        one), `rivals` (other maps: `ratio` of the costs; `swap`, which is ends, sides, turned or
-        places; `distance`, the largest between two images, in √area; `places`, source rows where
-        the maps differ; and a feature that would tell them apart, from `source` to `target` in
-        this map and to `rival_target` in the other) and `proposals` (pairs of places to mark:
-        `source`, `target`, `confidence`, `is_tip`).
+        If few or no features say how the shapes relate: `confidence` (0 to 1: how likely the map is
+        to be right; None for an update of a map that was given, see `LiveMorph`), `margin` (cost of
+        the second best map relative to this one; None without one), `rivals` (other maps: `ratio`
+        of the costs; `swap`, which is ends, sides, turned or places; `distance`, the largest
+        between two images, in √area; `places`, source rows where the maps differ; and a feature
+        that would tell them apart, from `source` to `target` in this map and to `rival_target` in
+        the other) and `proposals` (pairs of places to mark: `source`, `target`, `confidence`,
+        `is_tip`).
         """
         quality = self.quality
         mesh = {"mesh": asdict(self.mesh_quality)} if self.has_mesh else {}
