@@ -21,6 +21,7 @@ from . import feature_list
 from .arrays import SHAPE_TYPES
 from .frame_settings import frame_settings
 from .registration import Registration
+from .transfer_settings import transfer_settings
 
 _LARGEST_INT = 2**31 - 1
 
@@ -233,12 +234,6 @@ TEXTURE_SIZES = [
 ]
 
 
-TRANSFER_TO = [
-    ("RESULT", "Result", "The mesh that morphs, or the points"),
-    ("SOURCE", "Source", "The source itself, which stays as it is otherwise"),
-]
-
-
 class PointmorphShape(bpy.types.PropertyGroup):
     """A shape on the way from source to target."""
 
@@ -344,42 +339,6 @@ class PointmorphScene(bpy.types.PropertyGroup):
     suggest_places: bpy.props.BoolProperty(
         name="Places Between", description="Also suggest places between the tips", default=False
     )
-    transfer_colors: bpy.props.BoolProperty(
-        name="Colors", description="Transfer color attributes", default=True
-    )
-    transfer_weights: bpy.props.BoolProperty(
-        name="Weights", description="Transfer vertex groups, except features", default=True
-    )
-    transfer_uvs: bpy.props.BoolProperty(
-        name="UV Maps",
-        description="Transfer UV maps. A face that lies across a seam of the target goes with the "
-        "side that its middle is on",
-        default=False,
-    )
-    transfer_keys: bpy.props.BoolProperty(
-        name="Shape Keys",
-        description="Transfer shape keys, turned and scaled as the map does the surface",
-        default=True,
-    )
-    transfer_hair: bpy.props.BoolProperty(
-        name="Hair",
-        description="Transfer hair curves that are attached to the target's surface",
-        default=True,
-    )
-    transfer_back: bpy.props.BoolProperty(
-        name="Weights to Target",
-        description="Also give the target the source's vertex groups, except features",
-        default=False,
-    )
-    transfer_onto: bpy.props.EnumProperty(
-        name="To", description="What gets it", items=TRANSFER_TO, default="RESULT"
-    )
-    transfer_prefix: bpy.props.StringProperty(
-        name="Prefix",
-        description="Put before the names of what is transferred. Empty to keep the names, as a "
-        "rig expects them",
-        default="target.",
-    )
     bake_as: bpy.props.EnumProperty(
         name="Bake As",
         description="What to bake the morph as",
@@ -409,6 +368,7 @@ class PointmorphScene(bpy.types.PropertyGroup):
 
 PointmorphScene.__annotations__.update(
     {f"frames_{name}": value for name, value in frame_settings().items()}
+    | {f"transfer_{name}": value for name, value in transfer_settings().items()}
 )
 PointmorphScene.__annotations__.update(_settings(PointmorphScene.__annotations__))
 

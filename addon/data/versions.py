@@ -58,6 +58,31 @@ def set_input(modifier, name, value):
         modifier[identifier] = value
 
 
+def input_attribute(modifier, name):
+    """The name of the attribute that an input of a modifier's group takes, or None where it has a
+    value."""
+    identifier = group_inputs(modifier.node_group)[name].identifier
+    if hasattr(modifier, "properties"):
+        found = getattr(modifier.properties.inputs, identifier)
+        return found.attribute_name if getattr(found, "type", "VALUE") == "ATTRIBUTE" else None
+    return (
+        modifier.get(f"{identifier}_attribute_name")
+        if modifier.get(f"{identifier}_use_attribute")
+        else None
+    )
+
+
+def set_input_attribute(modifier, name, attribute):
+    """Makes an input of a modifier's group take an attribute."""
+    identifier = group_inputs(modifier.node_group)[name].identifier
+    if hasattr(modifier, "properties"):
+        found = getattr(modifier.properties.inputs, identifier)
+        found.type, found.attribute_name = "ATTRIBUTE", attribute
+    else:
+        modifier[f"{identifier}_use_attribute"] = True
+        modifier[f"{identifier}_attribute_name"] = attribute
+
+
 def choice_of(modifier, name, choices):
     """The word that an input with a menu has: one of `choices`, all of them in order."""
     value = input_value(modifier, name)

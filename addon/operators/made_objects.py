@@ -5,9 +5,9 @@ import pointmorph
 
 from ..data import creation
 from ..data.feature_list import sync_features
-from ..data.properties import TRANSFER_TO
 from ..data.references import find, reference_to
 from ..data.registration import Registration
+from ..data.transfer_settings import transfer_settings
 from ..scene import (
     attribute_transfer,
     morph_object,
@@ -231,50 +231,6 @@ class POINTMORPH_OT_transfer_attributes(Explained, Computing, bpy.types.Operator
     def reason(context):
         return busy_reason() or made_reason(context)
 
-    colors: bpy.props.BoolProperty(
-        name="Colors",
-        description="Color attributes. A morphing mesh blends to them as it morphs",
-        default=True,
-    )
-    weights: bpy.props.BoolProperty(
-        name="Weights", description="Vertex groups, except features", default=True
-    )
-    uvs: bpy.props.BoolProperty(
-        name="UV Maps",
-        description="UV maps. A face that lies across a seam goes with the side that its middle "
-        "is on. The points of a morph get them as point attributes",
-        default=False,
-    )
-    keys: bpy.props.BoolProperty(
-        name="Shape Keys",
-        description="Shape keys, turned and scaled as the map does the surface. A morphing mesh "
-        "has them as the source at the start, and as the target at the end",
-        default=True,
-    )
-    hair: bpy.props.BoolProperty(
-        name="Hair",
-        description="Hair curves that are attached to the target's surface. On a morphing mesh "
-        "they follow it",
-        default=True,
-    )
-    back: bpy.props.BoolProperty(
-        name="Weights to Target",
-        description="Also give the target the source's vertex groups, except features",
-        default=False,
-    )
-    onto: bpy.props.EnumProperty(
-        name="To",
-        description="What gets it",
-        items=TRANSFER_TO,
-        default="RESULT",
-    )
-    prefix: bpy.props.StringProperty(
-        name="Prefix",
-        description="Put before the names of the target's attributes, so that the source "
-        "keeps its own. Those of the source begin with source. on the target",
-        default="target.",
-    )
-
     def _begin_steps(self, context):
         obj = made_object(context)
         self._name, self._made = obj.name, reference_to(obj)
@@ -299,9 +255,15 @@ class POINTMORPH_OT_transfer_attributes(Explained, Computing, bpy.types.Operator
             raise pointmorph.CloudError(
                 self._name, "the object to transfer to", "none", "Undo the deletion."
             )
-        for line in attribute_transfer.write(context, obj, self._wanted, outcome):
+        done, remarks = attribute_transfer.write(context, obj, self._wanted, outcome)
+        for line in done:
             self.report({"INFO"}, line)
+        for line in remarks:
+            self.report({"WARNING"}, line)
         return {"FINISHED"}
+
+
+POINTMORPH_OT_transfer_attributes.__annotations__.update(transfer_settings())
 
 
 registration = Registration(

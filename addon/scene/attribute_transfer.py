@@ -3,7 +3,7 @@ the source's weights to the target."""
 
 import json
 from contextlib import contextmanager
-from dataclasses import astuple, dataclass, field
+from dataclasses import astuple, dataclass, field, replace
 
 import bpy
 import numpy as np
@@ -22,6 +22,14 @@ _READ = "Pointmorph target, while it is read"
 _OWN = "pointmorph_transferred"
 """On a source, names of what it got, as JSON: its copies have it, too."""
 _NOTES = {False: "transferred", True: "transferred_to_source"}
+_KINDS = {
+    "colors": "color attribute",
+    "weights": "vertex group",
+    "uvs": "UV map",
+    "keys": "shape key",
+    "hair": "hair object",
+}
+"""By what is wanted, what it is called in words."""
 
 
 @dataclass(frozen=True)
@@ -71,18 +79,35 @@ class Found:
 
 
 def again(context, obj):
-    """Brings over what was brought over before, from the target as it is now. Returns what went
-    wrong, in words."""
-    before = recipes.recipe_of(obj).get(_NOTES[False])
-    if before is None:
+    """Brings over what was brought over before, from the target as it is now; to the object alone,
+    not to the target. Returns what went wrong, in words."""
+    words, wrong = [], []
+    for wanted in _all_wanted(obj):
+        try:
+            carry = finish(read_steps(context, obj, wanted))
+            found = carry(lambda stage, fraction: True)
+            for said in write(context, obj, wanted, found):
+                words += said
+        except pointmorph.PointmorphError as error:
+            wrong.append(f"Transferred attributes are still those of the old morph. {error}")
+    if words:
+        note = recipes.recipe_of(obj)[_NOTES[False]]
+        recipes.note(obj, _NOTES[False], {**note, "words": words})
+    return wrong
+
+
+def _all_wanted(obj):
+    """What was brought over to an object, by prefix: a list of Wanted."""
+    note = recipes.recipe_of(obj).get(_NOTES[False])
+    if note is None:
         return []
-    wanted = Wanted(*before["options"])
-    try:
-        carry = finish(read_steps(context, obj, wanted))
-        write(context, obj, wanted, carry(lambda stage, fraction: True))
-    except pointmorph.PointmorphError as error:
-        return [f"Transferred attributes are still those of the old morph. {error}"]
-    return []
+    if "kinds" not in note:  # of an earlier version
+        return [replace(Wanted(*note["options"]), back=False)]
+    return [
+        Wanted(prefix=prefix, **{what: bool(names.get(kind)) for what, kind in _KINDS.items()})
+        for prefix, names in note["kinds"].items()
+        if any(names.values())
+    ]
 
 
 def words_of(obj):
@@ -94,6 +119,18 @@ def words_of(obj):
 def names_of(obj):
     """Names of what was transferred to an object."""
     return recipes.recipe_of(obj).get(_NOTES[False], {}).get("names", ())
+
+
+def _existing(obj, kinds):
+    """Of names by kind, those that an object still has."""
+    keys = obj.data.shape_keys
+    there = dict.fromkeys(_KINDS.values(), obj.data.attributes)
+    there["vertex group"] = obj.vertex_groups
+    there["shape key"] = keys.key_blocks if keys is not None else ()
+    hair = kinds.get("hair object", ())
+    there["hair object"] = hair if hair_transfer.made_on(obj) else ()  # it may be renamed
+    found = {kind: [n for n in names if n in there[kind]] for kind, names in kinds.items()}
+    return {kind: names for kind, names in found.items() if names}
 
 
 # --- Reading --------------------------------------------------------------------------------------
@@ -134,7 +171,7 @@ def _read_target_steps(context, obj, target, wanted):
     yield
     with _as_shown(context, target) as mesh:
         yield
-        return (yield from _read_mesh_steps(obj, target, mesh, wanted))
+        return (yield from _read_mesh_steps(context, obj, (target, mesh), wanted))
 
 
 @contextmanager
@@ -158,7 +195,8 @@ def _as_shown(context, target):
             bpy.data.meshes.remove(mesh)
 
 
-def _read_mesh_steps(obj, target, mesh, wanted):
+def _read_mesh_steps(context, obj, shapes, wanted):
+    target, mesh = shapes
     rows = morph_object.stage_rows(obj)[-1] if morph_object.is_result(obj) else None
     count = int(rows.max()) + 1 if rows is not None else recipes.recipe_of(obj)["points"][-1]
     if len(mesh.vertices) != count:
@@ -174,13 +212,13 @@ def _read_mesh_steps(obj, target, mesh, wanted):
     shown = map_ends.read_giver(obj, mesh)
     yield
     found = Found()
-    yield from _read_attributes_steps(found, target, mesh, wanted)
+    yield from _read_attributes_steps(found, obj, target, mesh, wanted)
     if wanted.uvs or (not by_pairs and _needs_uvs(obj, target, wanted)):
         _read_uvs(found, mesh, as_points=by_pairs or receiver.triangles is None)
         yield
     own = shown
     if wanted.keys or wanted.hair or wanted.back:
-        own = map_ends.read_unmodified_giver(obj, target, shown)
+        own = map_ends.read_unmodified_giver(context, obj, target, shown)
         yield from _read_more_steps(found, obj, target, wanted, by_pairs)
     if len(mesh.vertices) != count:
         raise pointmorph.CloudError(
@@ -209,7 +247,7 @@ def _needs_uvs(obj, target, wanted):
     return not receiver.data.uv_layers
 
 
-def _read_attributes_steps(found, target, mesh, wanted):
+def _read_attributes_steps(found, obj, target, mesh, wanted):
     """Colors and weights, which vertices have; active colors first."""
     if wanted.colors:
         active = mesh.color_attributes.active_color
@@ -217,16 +255,26 @@ def _read_attributes_steps(found, target, mesh, wanted):
             found.rows.append(("color attribute", item.name, arrays.vertex_colors(mesh, item)))
             yield
     if wanted.weights:
-        weights = yield from _weights_steps(target, mesh, wanted.back_prefix)
+        without = _transferred_back(obj)
+        weights = yield from _weights_steps(target, mesh, wanted.back_prefix, without)
         found.rows += [("vertex group", name, values) for name, values in weights]
 
 
-def _weights_steps(obj, mesh, without):
-    """(name, (N, 1) weights) of vertex groups, but for features and what was transferred here."""
+def _transferred_back(obj):
+    """Names of vertex groups that the target of an object got from the source."""
+    recipe = recipes.recipe_of(obj)
+    return {name for note in _NOTES.values() for name in recipe.get(note, {}).get("back", ())}
+
+
+def _weights_steps(obj, mesh, prefix, without):
+    """(name, (N, 1) weights) of vertex groups, but for features and what was transferred here: what
+    begins with `prefix`, and the names `without`."""
     groups = {
         group.index: group.name
         for group in obj.vertex_groups
-        if not group.name.startswith(PREFIX) and not (without and group.name.startswith(without))
+        if not group.name.startswith(PREFIX)
+        and not (prefix and group.name.startswith(prefix))
+        and group.name not in without
     }
     result = []
     weights = yield from arrays.vertex_group_steps(mesh, groups)
@@ -263,7 +311,8 @@ def _read_more_steps(found, obj, target, wanted, by_pairs):
     if wanted.back:
         map_ends.target_of(obj)
         source = map_ends.source_of(obj)
-        found.back = yield from _weights_steps(source, source.data, wanted.prefix)
+        without = set(json.loads(source.get(_OWN, "[]")))
+        found.back = yield from _weights_steps(source, source.data, wanted.prefix, without)
 
 
 # --- Along the map --------------------------------------------------------------------------------
@@ -356,8 +405,8 @@ def write(context, obj, wanted, found):
 
     Returns
     -------
-    list of str
-        What was done, in sentences.
+    (list of str, list of str)
+        What was done, and what couldn't be, in sentences.
 
     Raises
     ------
@@ -382,15 +431,16 @@ def write(context, obj, wanted, found):
         else:
             arrays.write_attribute(receiver.data, prefix + name, values)
         made.setdefault(kind, []).append(prefix + name)
-    names = [name for of_kind in made.values() for name in of_kind]
+    ends = []  # names of second keys
     for key in found.keys:
-        names += key_transfer.write(receiver, prefix + key.name, key)
+        ends += key_transfer.write(receiver, prefix + key.name, key)[1:]
         made.setdefault("shape key", []).append(prefix + key.name)
     for hair in found.hair:
-        name = prefix + hair.name
-        if not hair_transfer.write(context, receiver, name, hair, not wanted.onto_source):
-            remarks.append(f'"{name}" isn\'t attached: "{receiver.name}" has no UV map')
-        made.setdefault("hair object", []).append(name)
+        ends_of = receiver, obj.pointmorph.target
+        one = hair_transfer.write(context, ends_of, prefix, hair, not wanted.onto_source)
+        if not one.data.surface_uv_map:
+            remarks.append(f'"{one.name}" isn\'t attached: "{receiver.name}" has no UV map')
+        made.setdefault("hair object", []).append(one.name)
     if obj.pointmorph.keeps_faces and wanted.colors and not wanted.onto_source:
         first = next((name for kind, name, _ in found.rows if kind == "color attribute"), None)
         if first is not None:
@@ -402,26 +452,57 @@ def write(context, obj, wanted, found):
     if back:
         words.append(listed(f'To "{target.name}"', {"vertex group": back}))
     receiver.update_tag()
-    words += remarks
+    made.setdefault("shape key", []).extend(ends)
+    _remember(obj, receiver, wanted, made, (back, words + remarks))
+    return words, remarks
+
+
+def _remember(obj, receiver, wanted, made, told):
+    """Notes what an object has of a target by now: what was just made, and of what was made before,
+    what is still there."""
+    name = _NOTES[wanted.onto_source]
+    note = recipes.recipe_of(obj).get(name, {})
+    back, words = told
+    kinds = {prefix: _existing(receiver, names) for prefix, names in note.get("kinds", {}).items()}
+    own = kinds.setdefault(wanted.prefix, {})
+    for kind, names in made.items():
+        own[kind] = list(dict.fromkeys([*own.get(kind, ()), *names]))
+    names = list(
+        dict.fromkeys(
+            one
+            for of_kind in kinds.values()
+            for kind, names in of_kind.items()
+            if kind != _KINDS["hair"]
+            for one in names
+        )
+    )
+    back = list(dict.fromkeys([*note.get("back", ()), *back]))
     options = list(astuple(wanted))
-    kept = {"names": names, "back": back, "options": options, "words": words}
-    recipes.note(obj, _NOTES[wanted.onto_source], kept)
+    kept = {"names": names, "kinds": kinds, "back": back, "options": options, "words": words}
+    recipes.note(obj, name, kept)
     if wanted.onto_source:
-        receiver[_OWN] = json.dumps(names)
-    return words
+        before = json.loads(receiver.get(_OWN, "[]"))
+        receiver[_OWN] = json.dumps(list(dict.fromkeys([*before, *names])))
 
 
 def _check_counts(receiver, target, found):
+    if receiver.mode == "EDIT":
+        raise pointmorph.CloudError(
+            receiver.name, "an object in Object Mode", "Edit Mode", "Switch to Object Mode (Tab)."
+        )
     vertices, corners = len(receiver.data.vertices), len(receiver.data.loops)
-    moved = [key.offsets for key in found.keys]
     fits = all(
         len(values) == (corners if kind == "UV map" and corners else vertices)
         for kind, _, values in found.rows
     )
-    fits = fits and all(len(offsets) == vertices for offsets in moved)
-    if not fits or any(len(values) != len(target.data.vertices) for _, values in found.back):
+    fits = fits and all(len(key.offsets) == vertices for key in found.keys)
+    fits = fits and all(len(values) == len(target.data.vertices) for _, values in found.back)
+    loops = [hair.loops for hair in found.hair if hair.loops is not None and len(hair.loops)]
+    fits = fits and all(rows.max() < corners for rows in loops)
+    changed = next((hair for hair in found.hair if not hair_transfer.is_as_read(hair)), None)
+    if changed is not None or not fits:
         raise pointmorph.CloudError(
-            receiver.name,
+            receiver.name if changed is None else changed.name,
             "an object that doesn't change",
             "changes while it was being read",
             "Try again.",
@@ -436,7 +517,8 @@ def _check_names(receiver, target, wanted, found, note):
     taken -= known
     taken_keys = {key.name for key in keys.key_blocks} if keys is not None else set()
     taken_keys -= known
-    back = {group.name for group in target.vertex_groups} - set(note.get("back", ()))
+    back = {group.name for group in target.vertex_groups} if found.back else set()
+    back -= set(note.get("back", ()))
     wishes = [(receiver, kind, wanted.prefix + name, taken) for kind, name, _ in found.rows]
     wishes += [(receiver, "shape key", wanted.prefix + key.name, taken_keys) for key in found.keys]
     wishes += [(target, "vertex group", wanted.back_prefix + name, back) for name, _ in found.back]

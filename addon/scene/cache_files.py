@@ -24,7 +24,7 @@ OF = "pointmorph_frames_of"
 """On an object that shows frames: the morph object that they are of."""
 _OWN_NAME = re.compile(rf"_{NAME}(_\d+)?\.pc2$")
 
-_changed = []  # while a file is being saved: (reference to an object, path before)
+_changed = []  # while a file is being saved: (an object, its file before, as it had it in words)
 _moved = {}  # in this session: where the files of frames went that were temporary
 
 
@@ -38,7 +38,12 @@ def path_of(obj):
     cache = obj.modifiers.get(MODIFIER)
     if cache is None or cache.type != "MESH_CACHE" or not cache.filepath:
         return None
-    return Path(bpy.path.abspath(cache.filepath, library=obj.library))
+    return _absolute(cache, obj)
+
+
+def _absolute(cache, obj):
+    path = bpy.path.abspath(cache.filepath, library=obj.library)
+    return Path(os.path.normpath(path))  # as it is compared with others
 
 
 def relative(path):
@@ -90,7 +95,7 @@ def _before_saving(path, *_):
             continue
         for player in players:
             cache = player.modifiers[MODIFIER]
-            _changed.append((player, cache.filepath))
+            _changed.append((player, old, cache.filepath))
             if bpy.data.filepath:
                 cache.filepath = relative(new)  # Blender makes it relative to the new folder
             else:
@@ -140,9 +145,8 @@ def _after_saving(path, *_):
     if not bpy.data.filepath or Path(bpy.data.filepath) != Path(path):
         _take_back()
         return
-    for player, before in _changed:
-        old = Path(before)
-        if not before.startswith("//") and _is_in_temporary(old):
+    for player, old, _ in _changed:
+        if _is_in_temporary(old):
             _moved[old] = path_of(player)
             with contextlib.suppress(OSError):
                 old.unlink(missing_ok=True)
@@ -152,7 +156,7 @@ def _after_saving(path, *_):
 
 def _take_back(*_):
     """Objects show the files that they did before saving."""
-    for player, before in _changed:
+    for player, _, before in _changed:
         player.modifiers[MODIFIER].filepath = before
     _changed.clear()
 
@@ -163,7 +167,7 @@ def _remove_unused(folder):
     for obj in bpy.data.objects:
         for modifier in obj.modifiers if obj.users else ():
             if modifier.type == "MESH_CACHE":
-                shown.add(Path(bpy.path.abspath(modifier.filepath, library=obj.library)).name)
+                shown.add(_absolute(modifier, obj).name)
     with contextlib.suppress(OSError):
         for path in list(folder.iterdir()):
             if _OWN_NAME.search(path.name) and path.name not in shown:

@@ -6,7 +6,7 @@ import bpy
 import numpy as np
 
 from ..core import transforms
-from ..data import arrays, creation, nodes
+from ..data import arrays, creation, nodes, versions
 from ..data.references import find, reference_to
 
 MODIFIER = "Surface Deform"
@@ -108,20 +108,39 @@ def carried(hair, carrier, receiver):
     return CarriedHair(hair.name, hair.reference, points, scales, loops, shares)
 
 
-def write(context, obj, name, hair, moves):
-    """Gives an object the hair `name`, in place of such that was carried onto it before.
+def made_on(obj):
+    """The hair objects that an object has from a target."""
+    return [one for one in on_surface(obj) if _ORIGIN in one]
+
+
+def is_as_read(hair):
+    """Whether what a CarriedHair is from is still there, with as many strands and points."""
+    origin = find(bpy.data.objects, hair.reference)
+    if origin is None or origin.type != "CURVES":
+        return False
+    counts = len(origin.data.points), len(origin.data.curves)
+    return counts == (len(hair.points), len(hair.shares))
+
+
+def write(context, ends, prefix, hair, moves):
+    """Gives an object a copy of hair, in place of such that was carried onto it before.
 
     Parameters
     ----------
+    ends : (Object, Object)
+        That object, and the one that the hair is from.
+    prefix : str
+        What a new object's name has before that of the hair.
     hair : CarriedHair
     moves : bool
         Whether the hair must move along with the surface as that morphs.
 
     Returns
     -------
-    bool
-        Whether it is attached to a place of the surface's UV map; False where there is none.
+    Object
+        Its hair is attached to a place of the surface's UV map, if there is one.
     """
+    obj, target = ends
     origin = find(bpy.data.objects, hair.reference)
     curves = origin.data.copy()
     arrays.move_curve_points(curves, hair.points)
@@ -132,31 +151,63 @@ def write(context, obj, name, hair, moves):
     if layer is not None and hair.loops is not None:
         uvs = arrays.corner_uvs(layer)[hair.loops]
         arrays.write_surface_uvs(curves, np.einsum("sk,skc->sc", hair.shares, uvs))
-    made = next((one for one in on_surface(obj) if one.get(_ORIGIN) == origin.name), None)
+    # Those of an earlier version know a name.
+    made = next((one for one in made_on(obj) if one[_ORIGIN] in (origin, origin.name)), None)
     if made is None:
-        made = origin.copy()
-        made.data = curves
-        made.parent = obj
-        made.parent_type = "OBJECT"
-        made.matrix_parent_inverse.identity()
-        made.matrix_basis.identity()
-        made.animation_data_clear()
-        made.hide_render = False
+        made = _copied(origin, curves, obj)
+        made.name = prefix + hair.name
         creation.link(context, made)
         made.hide_set(False)
     else:
         old, made.data = made.data, curves
         if not old.users:
             bpy.data.hair_curves.remove(old)
-    made[_ORIGIN] = origin.name
-    made.name = curves.name = name
+    made[_ORIGIN] = origin
+    curves.name = made.name
+    layers = {item.name for item in target.data.uv_layers} if target is not None else set()
+    _turn_to(made, target, obj, (layers, curves.surface_uv_map))
     if moves and layer is not None:
         obj.add_rest_position_attribute = True
         if not _deforms(made):
             modifier = made.modifiers.new(MODIFIER, "NODES")
             modifier.node_group = nodes.shared_group(MODIFIER, _deform_group)
             nodes.put_first(made, modifier)
-    return layer is not None
+    return made
+
+
+def _copied(origin, curves, obj):
+    """A copy of a hair object with other curves, which lies where `obj` does."""
+    made = origin.copy()
+    made.data = curves
+    made.animation_data_clear()
+    made.constraints.clear()
+    made.parent = obj
+    made.parent_type = "OBJECT"
+    made.matrix_parent_inverse.identity()
+    made.delta_location = made.delta_rotation_euler = (0.0, 0.0, 0.0)
+    made.delta_rotation_quaternion = (1.0, 0.0, 0.0, 0.0)
+    made.delta_scale = (1.0, 1.0, 1.0)
+    made.matrix_basis.identity()
+    made.hide_render = False
+    return made
+
+
+def _turn_to(made, target, obj, uv_maps):
+    """Inputs of modifiers that are about the target's surface are about another object's: `uv_maps`
+    are the names of the target's and that of the object's."""
+    before, after = uv_maps
+    for modifier in made.modifiers:
+        if modifier.type != "NODES" or modifier.node_group is None:
+            continue
+        for name, item in versions.plain_inputs(modifier.node_group).items():
+            value = versions.input_value(modifier, name)
+            if item.socket_type == "NodeSocketObject" and target is not None and value == target:
+                versions.set_input(modifier, name, obj)
+            elif item.socket_type == "NodeSocketString" and after and value in before:
+                versions.set_input(modifier, name, after)
+            elif after and versions.input_attribute(modifier, name) in before:
+                versions.set_input_attribute(modifier, name, after)
+    made.update_tag()
 
 
 def _deforms(obj):

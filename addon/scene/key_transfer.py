@@ -98,7 +98,7 @@ def write(obj, name, key):
     if obj.data.shape_keys is None:
         obj.shape_key_add(name="Basis", from_mix=False)
     block = _put(obj, name, key.offsets)
-    block.slider_max, block.slider_min = key.slider[::-1]
+    _give_range(block, *key.slider)
     end_name = f"{name} at the end"
     if key.at_end is None:
         old = obj.data.shape_keys.key_blocks.get(end_name)
@@ -106,7 +106,8 @@ def write(obj, name, key):
             obj.shape_key_remove(old)
         return [name]
     end = _put(obj, end_name, key.at_end)
-    end.slider_max, end.slider_min = key.slider[::-1]
+    # Its value is a share of the first one's, which begins at 0.
+    _give_range(end, min(key.slider[0], 0.0), max(key.slider[1], 0.0))
     end.driver_remove("value")
     driver = end.driver_add("value").driver
     driver.type = "SCRIPTED"
@@ -120,6 +121,11 @@ def write(obj, name, key):
     # Simple enough for Blender to compute without Python, also where scripts may not run.
     driver.expression = f"value * t / {len(obj.pointmorph.via) + 1}"
     return [name, end_name]
+
+
+def _give_range(block, low, high):
+    block.slider_min = -10.0  # the least that there is, since no end can pass the other
+    block.slider_max, block.slider_min = high, low
 
 
 def _put(obj, name, offsets):

@@ -5,10 +5,31 @@ from dataclasses import dataclass
 
 import numpy as np
 import pointmorph
+import pointmorph.meshes
 
 from ..core import transforms
 from ..data import arrays
 from . import morph_object, morph_paths, recipes
+
+_DEFORMING = {
+    "ARMATURE",
+    "CAST",
+    "CURVE",
+    "DISPLACE",
+    "HOOK",
+    "LAPLACIANDEFORM",
+    "LATTICE",
+    "MESH_DEFORM",
+    "SHRINKWRAP",
+    "SIMPLE_DEFORM",
+    "SMOOTH",
+    "CORRECTIVE_SMOOTH",
+    "LAPLACIANSMOOTH",
+    "SURFACE_DEFORM",
+    "WARP",
+    "WAVE",
+}
+"""Modifiers that leave a mesh its vertices, and that a scene can do without for a moment."""
 
 
 @dataclass(frozen=True)
@@ -143,13 +164,60 @@ def read_giver(obj, mesh):
     return _giver(mesh, positions)
 
 
-def read_unmodified_giver(obj, target, shown):
+def read_unmodified_giver(context, obj, target, shown):
     """The same with the vertices that the target's shape keys and vertex groups have: `shown` where
-    these are as many, else those of the mesh without modifiers."""
+    these are as many, else those of the mesh as what deforms it leaves them.
+
+    Raises
+    ------
+    CloudError
+        When these lie elsewhere than what the viewport shows.
+    """
     if len(target.data.vertices) == len(shown.positions):
         return shown
-    positions = transforms.move_positions(target_matrix(obj), arrays.basis_positions(target.data))
-    return _giver(target.data, positions)
+    positions = transforms.move_positions(target_matrix(obj), _deformed(context, target))
+    giver = _giver(target.data, positions)
+    _check_together(target, giver, shown)
+    return giver
+
+
+def _deformed(context, target):
+    """(N, 3): vertices of a mesh in its pose, without the modifiers that change their number."""
+    added = [m for m in target.modifiers if m.show_viewport and m.type not in _DEFORMING]
+    if len(added) == sum(m.show_viewport for m in target.modifiers):
+        return arrays.basis_positions(target.data)
+    try:
+        for modifier in added:
+            modifier.show_viewport = False
+        target.update_tag()
+        mesh = target.evaluated_get(context.evaluated_depsgraph_get()).data
+        if len(mesh.vertices) != len(target.data.vertices):
+            return arrays.basis_positions(target.data)
+        return arrays.vertex_positions(mesh).copy()
+    finally:
+        for modifier in added:
+            modifier.show_viewport = True
+        target.update_tag()
+        context.view_layer.update()
+
+
+def _check_together(target, giver, shown):
+    """Shape keys and hair are found by where they are."""
+    if giver.triangles is None or shown.triangles is None or not len(giver.triangles):
+        return
+    sides = giver.positions[giver.triangles] - giver.positions[np.roll(giver.triangles, 1, axis=1)]
+    closest = pointmorph.meshes.ClosestPlaces(shown.positions, shown.triangles)
+    triangles, shares = closest.of(giver.positions)
+    places = np.einsum("nk,nkc->nc", shares, shown.positions[shown.triangles[triangles]])
+    away = np.linalg.norm(places - giver.positions, axis=1)
+    if np.median(away) > np.median(np.linalg.norm(sides, axis=2)):
+        raise pointmorph.CloudError(
+            target.name,
+            "a mesh that lies where the viewport shows it, since its modifiers add vertices",
+            "one that they move elsewhere",
+            "Turn off the modifiers that move it, morph again, and turn them on after the "
+            "transfer; or transfer without Shape Keys, Hair and Weights to Target.",
+        )
 
 
 def _giver(mesh, positions):

@@ -39,7 +39,7 @@ def bake(obj, **options):
 
 
 def cache_of(player):
-    return Path(bpy.path.abspath(player.modifiers["Mesh Cache"].filepath))
+    return Path(os.path.normpath(bpy.path.abspath(player.modifiers["Mesh Cache"].filepath)))
 
 
 def shown(player, frame, subframe=0.0):
@@ -215,7 +215,7 @@ def test_frames_that_cannot_move_stay(addon, torn, tmp_path, monkeypatch, capfd)
     assert "no room" in capfd.readouterr().out
     assert cache_of(player) == old
     assert_same(shown(player, 5), wanted[4])
-    assert files_in(tmp_path / "blendcache_shot") == []
+    assert not (tmp_path / "blendcache_shot").exists()
     monkeypatch.undo()
     bpy.ops.wm.save_mainfile()
     assert cache_of(player).parent == tmp_path / "blendcache_shot"
@@ -257,8 +257,6 @@ def test_a_second_bake_keeps_what_the_user_did(addon, torn):
     assert bake(torn) == player
     assert player.matrix_world == where
     assert inputs.input_value(player.modifiers["Points"], "Surface")
-    player.matrix_world = torn.matrix_world
-    bpy.context.view_layer.update()
 
 
 def test_frames_follow_a_morph_that_was_moved(torn):
@@ -276,6 +274,19 @@ def test_each_scene_has_frames_of_its_own(torn):
     bpy.context.scene.collection.objects.unlink(player)
     bpy.data.scenes.new("Other").collection.objects.link(player)
     assert bake(torn) != player
+
+
+def test_one_kind_of_frames_is_shown_at_a_time(addon, torn, monkeypatch):
+    """Those with faces in files of Blender, or those of points."""
+    surfaces = addon("operators.bakes").pointmorph.surfaces
+    if not surfaces.is_available():
+        pytest.skip("without packages that make faces")
+    points = bake(torn, step=8)
+    faces = bake(torn, step=8, faces=True)
+    assert faces != points
+    assert (points.hide_get(), points.hide_render) == (True, True)
+    assert bake(torn, step=8) == points
+    assert (points.hide_get(), faces.hide_get(), faces.hide_render) == (False, True, True)
 
 
 def test_nodes_of_an_earlier_version_are_replaced(torn):

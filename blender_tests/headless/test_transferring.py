@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from mathutils import Matrix
 from scenes import (
+    add_attribute,
     add_group,
     add_mesh,
     coordinates,
@@ -106,10 +107,7 @@ def test_a_smile_is_turned_and_scaled(turned):
         found = coordinates(shown(copy).vertices)
         there = from_source(target, own + smile(own))
         wanted = (1 - t) * (own + smile(own)) + t * there
-        if t != 0.5:
-            np.testing.assert_allclose(found, wanted, atol=1e-5)
-        else:
-            assert np.isfinite(found).all()
+        np.testing.assert_allclose(found, wanted, atol=1e-5)
     assert 'the shape key "target.Smile"' in words(copy)
 
 
@@ -133,6 +131,43 @@ def test_once_more_takes_the_same_keys(turned):
     assert keys["target.Smile"].value == 2.0
     moved = key(copy, "target.Smile") - key(copy, "Basis")
     assert moved[:, 2].min() > 0.9
+
+
+def test_a_second_key_may_be_0(turned):
+    """It's a share of the first one's value, whatever range this has."""
+    _, target, copy = turned
+    block = add_key(target, "Smile", smile(coordinates(target.data.vertices)))
+    block.slider_max, block.slider_min = 0.9, 0.3
+    transfer(copy)
+    keys = copy.data.shape_keys.key_blocks
+    first, end = keys["target.Smile"], keys["target.Smile at the end"]
+    np.testing.assert_allclose((first.slider_min, first.slider_max), (0.3, 0.9), rtol=1e-6)
+    np.testing.assert_allclose((end.slider_min, end.slider_max), (0.0, 0.9), rtol=1e-6)
+
+
+def test_one_after_the_other_and_all_again(turned):
+    """Colors and keys, then keys, then colors; a recompute repeats all, in each prefix."""
+    _, target, copy = turned
+    add_attribute(target.data, "Red", "FLOAT_COLOR", np.tile([1, 0, 0, 1], (144, 1)))
+    add_group(target, "bone", {0: 1.0})
+    add_key(target, "Smile", smile(coordinates(target.data.vertices)))
+    nothing = {"colors": False, "weights": False, "keys": False, "hair": False}
+    for wanted in (("colors", "keys"), ("keys",), ("colors",)):
+        assert transfer(copy, **{**nothing, **dict.fromkeys(wanted, True)}) == {"FINISHED"}
+    assert transfer(copy, **{**nothing, "weights": True, "prefix": "new."}) == {"FINISHED"}
+    copy.vertex_groups.remove(copy.vertex_groups["new.bone"])
+    copy.data.attributes.remove(copy.data.attributes["target.Red"])
+    before = key(copy, "target.Smile")
+    for point in target.data.shape_keys.key_blocks["Smile"].data:
+        point.co.y += 0.5
+    bpy.ops.pointmorph.recompute()
+    assert "target.Red" in copy.data.attributes
+    assert "new.bone" in copy.vertex_groups
+    assert "target.bone" not in copy.vertex_groups
+    assert np.linalg.norm(key(copy, "target.Smile") - before, axis=1).min() > 0.2
+    said = words(copy)
+    assert "target.Red" in said
+    assert "new.bone" in said
 
 
 def test_keys_on_the_source_itself(turned):
@@ -186,6 +221,68 @@ def test_keys_of_a_target_that_is_subdivided(settings):
     moved = key(copy, "target.Up") - key(copy, "Basis")
     assert np.median(np.abs(np.linalg.norm(moved, axis=1) - 0.5)) < 0.1
     assert np.median(moved[:, 2]) > 0.35
+
+
+@pytest.mark.parametrize("kind", ["SIMPLE_DEFORM", "ARMATURE", "NODES"])
+def test_keys_of_a_target_that_is_posed_and_subdivided(settings, kind):
+    """The cage goes where what deforms it takes it; what can't be told from other modifiers is
+    refused."""
+    settings.show_as = "MESH"
+    _, target = pair(14, 10)
+    pose(target, kind)
+    target.modifiers.new("Finer", "SUBSURF").levels = 1
+    places = coordinates(target.data.vertices)
+    near = (np.linalg.norm(places - places[44], axis=1) < 0.3).astype(float)
+    add_key(target, "Up", near[:, None] * [[0, 0, 0.5]])
+    bpy.context.view_layer.update()
+    posed = coordinates(shown(target).vertices)
+    copy = morph()
+    if kind == "NODES":
+        select(copy)
+        said = error_of(bpy.ops.pointmorph.transfer_attributes)
+        assert "Dune: expected a mesh that lies where the viewport shows it" in said
+        assert transfer(copy, onto="RESULT", keys=False, hair=False, weights=False, colors=False,
+                        uvs=True) == {"FINISHED"}  # fmt: skip
+        return
+    transfer(copy)
+    assert [m.show_viewport for m in target.modifiers] == [True, True]
+    assert np.array_equal(coordinates(shown(target).vertices), posed)
+    moved = np.linalg.norm(key(copy, "target.Up") - key(copy, "Basis"), axis=1)
+    landing = key(copy, "Morph") + np.array(copy.location)
+    middle = landing[moved > 0.5 * moved.max()].mean(axis=0)
+    target.modifiers["Finer"].show_viewport = False
+    there = coordinates(shown(target).vertices)[44]
+    assert np.linalg.norm(middle - there) < 0.2
+
+
+def pose(obj, kind):
+    """Moves a mesh by far with a modifier of that kind."""
+    if kind == "NODES":
+        obj.data.uv_layers.new(name="Skin")
+        group = bpy.data.node_groups.new("Lift", "GeometryNodeTree")
+        for way in ("INPUT", "OUTPUT"):
+            group.interface.new_socket("G", in_out=way, socket_type="NodeSocketGeometry")
+        ends = [group.nodes.new(f"NodeGroup{way}") for way in ("Input", "Output")]
+        move = group.nodes.new("GeometryNodeTransform")
+        move.inputs["Translation"].default_value = (0, 0, 3)
+        group.links.new(ends[0].outputs[0], move.inputs[0])
+        group.links.new(move.outputs[0], ends[1].inputs[0])
+        obj.modifiers.new("Lift", "NODES").node_group = group
+    elif kind == "SIMPLE_DEFORM":
+        bend = obj.modifiers.new("Bend", "SIMPLE_DEFORM")
+        bend.deform_method, bend.deform_axis, bend.angle = "BEND", "Y", 2.5
+    else:
+        bones = bpy.data.objects.new("Rig", bpy.data.armatures.new("Rig"))
+        bpy.context.scene.collection.objects.link(bones)
+        select(bones)
+        bpy.ops.object.mode_set(mode="EDIT")
+        bone = bones.data.edit_bones.new("all")
+        bone.head, bone.tail = (-1, 0, 0), (-1, 1, 0)
+        bpy.ops.object.mode_set(mode="OBJECT")
+        bones.pose.bones["all"].rotation_mode = "XYZ"
+        bones.pose.bones["all"].rotation_euler = (0, 1.2, 0)
+        add_group(obj, "all", dict.fromkeys(range(len(obj.data.vertices)), 1.0))
+        obj.modifiers.new("Rig", "ARMATURE").object = bones
 
 
 def test_recompute_transfers_keys_again(turned, capfd):
@@ -307,6 +404,24 @@ def test_weights_of_the_source_on_the_target(turned, by_pairs):
     assert not [g.name for g in obj.vertex_groups if "source.bone" in g.name]
 
 
+@pytest.mark.parametrize("prefix", ["", "target.", "x."])
+def test_weights_to_and_fro_twice(turned, prefix):
+    source, target, copy = turned
+    add_group(source, "leg", {0: 1.0})
+    add_group(target, "arm", {0: 1.0})
+    copy.vertex_groups.clear()
+    for _ in range(2):
+        assert transfer(copy, back=True, prefix=prefix) == {"FINISHED"}
+        back = prefix.replace("target", "source") + "leg"
+        assert [group.name for group in target.vertex_groups][5:] == ["arm", back]
+        assert [group.name for group in copy.vertex_groups] == [f"{prefix}arm"]
+    # Only who asks for it changes the target.
+    target.vertex_groups.remove(target.vertex_groups[back])
+    bpy.ops.pointmorph.recompute()
+    assert back not in target.vertex_groups
+    assert f"{prefix}arm" in copy.vertex_groups
+
+
 # --- Hair -----------------------------------------------------------------------------------------
 
 
@@ -392,6 +507,95 @@ def test_hair_once_more_and_on_the_source(turned):
     assert (other.data.surface, len(other.modifiers)) == (source, 0)
     assert np.abs(strand_points(other.data) - local).max() < 0.1
     assert np.allclose(other.matrix_world, source.matrix_world)
+
+
+def surface_nodes():
+    """A group of nodes about a surface, as Blender's own for hair are."""
+    group = bpy.data.node_groups.new("Trim", "GeometryNodeTree")
+    for name, kind in (("G", "Geometry"), ("Surface", "Object"), ("UV", "Vector"),
+                       ("Name", "String"), ("Size", "Float")):  # fmt: skip
+        group.interface.new_socket(name, in_out="INPUT", socket_type=f"NodeSocket{kind}")
+    group.interface.new_socket("G", in_out="OUTPUT", socket_type="NodeSocketGeometry")
+    ends = [group.nodes.new(f"NodeGroup{way}") for way in ("Input", "Output")]
+    group.links.new(ends[0].outputs[0], ends[1].inputs[0])
+    return group
+
+
+def test_hair_of_the_target_is_about_the_other_surface_then(addon, turned):
+    """Modifiers, constraints and deltas of the hair that were about the target."""
+    _, target, copy = turned
+    unwrap(target, "Skin")
+    unwrap(copy)
+    hair, _ = add_hair(target)
+    modifier = hair.modifiers.new("Trim", "NODES")
+    modifier.node_group = surface_nodes()
+    inputs = addon("data.versions")
+    inputs.set_input(modifier, "Surface", target)
+    inputs.set_input(modifier, "Name", "Skin")
+    inputs.set_input_attribute(modifier, "UV", "Skin")
+    hair.constraints.new("COPY_LOCATION").target = target
+    hair.delta_location = (0, 0, 5)
+    hair.delta_scale = (2, 2, 2)
+    before = hair.matrix_world.copy()
+    bpy.context.view_layer.update()
+    hair.constraints[0].influence = 0.0
+    hair.matrix_world = before
+    bpy.context.view_layer.update()
+    transfer(copy)
+    made = bpy.data.objects["target.Fur"]
+    own = made.modifiers["Trim"]
+    assert inputs.input_value(own, "Surface") == copy
+    assert inputs.input_value(own, "Name") == "UVMap"
+    assert inputs.input_attribute(own, "UV") == "UVMap"
+    assert inputs.input_attribute(own, "Size") is None
+    assert inputs.input_value(modifier, "Surface") == target
+    assert inputs.input_attribute(modifier, "UV") == "Skin"
+    assert len(made.constraints) == 0
+    bpy.context.view_layer.update()
+    assert np.allclose(made.matrix_world, copy.matrix_world)
+
+
+def test_hair_is_known_by_what_it_is(turned):
+    """Not by names: the copy may be renamed, and so may the target's."""
+    _, target, copy = turned
+    unwrap(copy)
+    unwrap(target)
+    hair, _ = add_hair(target)
+    transfer(copy)
+    made = bpy.data.objects["target.Fur"]
+    made.name, hair.name = "Mine", "Pelt"
+    transfer(copy)
+    assert made.name == "Mine"
+    assert "target.Pelt" not in bpy.data.objects
+    assert '"Mine"' in words(copy)
+    bpy.data.objects.new("target.Other", None)
+    other, _ = add_hair(target)
+    other.name = "Other"
+    transfer(copy)
+    assert '"target.Other.001"' in words(copy)
+
+
+@pytest.mark.parametrize("how", ["gone", "fewer"])
+def test_hair_that_changes_meanwhile(addon, turned, how, monkeypatch):
+    """Nothing is written then."""
+    _, target, copy = turned
+    unwrap(copy)
+    add_group(target, "bone", {0: 1.0})
+    hair, _ = add_hair(target)
+    module = addon("scene.attribute_transfer")
+    write = module.write
+
+    def late(*arguments):
+        if how == "gone":
+            bpy.data.objects.remove(hair)
+        else:
+            hair.data = bpy.data.hair_curves.new("Bald")
+        return write(*arguments)
+
+    monkeypatch.setattr(module, "write", late)
+    with pytest.raises(RuntimeError, match="Fur: expected an object that doesn't change"):
+        transfer(copy)
+    assert "target.bone" not in copy.vertex_groups
 
 
 def test_hair_needs_a_uv_map(turned):

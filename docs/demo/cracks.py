@@ -67,8 +67,10 @@ def morphed(scene: bpy.types.Scene) -> bpy.types.Object:
 def player(morph: bpy.types.Object, resample: bool) -> bpy.types.Object:
     bpy.context.view_layer.objects.active = morph
     bpy.ops.pointmorph.bake_frames(frame_start=1, frame_end=FRAMES, resample=resample)
-    made = bpy.context.view_layer.objects.active
-    del made["pointmorph_frames_of"]  # the next bake doesn't replace it
+    baked = bpy.context.view_layer.objects.active
+    made = baked.copy()  # the next bake doesn't replace it
+    bpy.context.scene.collection.objects.link(made)
+    baked.hide_render = True
     scenery.show_as_solid(made)
     versions.set_input(made.modifiers["Points"], "Radius Scale", DISC)
     return made
