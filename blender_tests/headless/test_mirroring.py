@@ -1,9 +1,11 @@
 """Features mirrored across the X axis of both objects; choices that go with the objects."""
 
+from types import SimpleNamespace
+
 import bpy
 import numpy as np
 import pytest
-from mathutils import Vector
+from mathutils import Matrix, Vector
 from scenes import add_mesh, coordinates, groups, listed, mark, members, pair, patch, row_at
 
 
@@ -182,6 +184,21 @@ def test_a_click_takes_a_vertex_of_the_face_under_it(addon, settings):
         obj, Vector((0.2, 0.25, 5)), Vector((0, 0, -1)), depsgraph
     )
     assert row == 2
+
+
+@pytest.mark.parametrize("is_perspective", [False, True])
+def test_what_lies_behind_a_face_is_covered(addon, settings, is_perspective):
+    front = [(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)]
+    behind = [(0.1, 0.1, -0.5), (3, 0.1, -0.5), (0.2, 0.3, -0.5)]
+    settings.source = add_mesh("Sheets", front + behind, [(0, 1, 2), (0, 2, 3), (4, 5, 6)])
+    settings.target = add_mesh("Other", [(0, 0, -9), (1, 0, -9), (0, 1, -9)], [(0, 1, 2)])
+    bpy.context.view_layer.update()
+    from_above = Matrix.Translation((0, 0, -5))
+    view = SimpleNamespace(view_matrix=from_above, is_perspective=is_perspective)
+    area = SimpleNamespace(spaces=SimpleNamespace(active=None))
+    is_covered = addon("view.click_targets").is_covered
+    found = [is_covered(bpy.context, area, view, Vector(place)) for place in front + behind]
+    assert found == [False, False, False, False, True, False, True]
 
 
 def test_suggestions_leave_marked_places_alone(addon, settings):
