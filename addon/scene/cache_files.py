@@ -15,6 +15,8 @@ import bpy
 import pointmorph
 import pointmorph.files
 
+from ..core import background_job
+from ..data import areas
 from ..data.registration import Registration
 from . import frame_files, frame_players
 
@@ -91,7 +93,11 @@ def _before_saving(path, *_):
         try:
             new = _copied(old, folder)
         except (OSError, pointmorph.PointmorphError) as error:
-            print(f"Pointmorph: frames stay in {old}, because {folder} can't take them: {error}")
+            said = (
+                f"Frames stay in {old}, because {folder} can't take them: {error}. Free some space"
+            )
+            background_job.problem = ("MORPH", f"{said} and save again")
+            areas.redraw_sidebars()
             continue
         for player in players:
             cache = player.modifiers[MODIFIER]

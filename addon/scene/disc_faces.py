@@ -13,6 +13,7 @@ from ..data import arrays, attribute_names, nodes, versions
 
 NAME = "Pointmorph Discs"
 CORNERS = 6
+_FACE = "disc_face"
 ROW = "disc_row"  # of a corner: the number of its disc
 ACROSS, ALONG = "disc_across", "disc_along"  # and its place in it, three times the same number
 COUNT = "Count"
@@ -40,7 +41,7 @@ def remove_unused():
     for group in groups:
         if not group.users:
             one = _one_disc(group)
-            bpy.data.batch_remove([group, one, one.data])
+            bpy.data.batch_remove([group] if one is None else [group, one, one.data])
 
 
 def _is_of(obj, group):
@@ -55,7 +56,10 @@ def _is_of(obj, group):
 
 def shared_group(created):
     """The group of nodes that makes `Count` discs."""
-    return nodes.shared_group(NAME, lambda name: _group(name, created))
+    group = nodes.shared_group(NAME, lambda name: _group(name, created))
+    if _one_disc(group) is None:  # somebody deleted it
+        _info(group).inputs["Object"].default_value = _new_one(created)
+    return group
 
 
 def _group(name, created):
@@ -64,8 +68,7 @@ def _group(name, created):
     nodes.new_output(group, "NodeSocketGeometry", "Geometry")
     build = nodes.Builder(group)
     count = build.node("NodeGroupInput").outputs[COUNT]
-    one = bpy.data.objects.new("Pointmorph Disc", _new_mesh(created))
-    created(one)
+    one = _new_one(created)
     first = build.node("GeometryNodeObjectInfo", {"Object": one}, transform_space="ORIGINAL")
     first = first.outputs["Geometry"]
     others = build.node(
@@ -77,17 +80,27 @@ def _group(name, created):
     all_discs = build.node("GeometryNodeJoinGeometry")
     for part in (others.outputs["Geometry"], first):
         build.tree.links.new(part, all_discs.inputs[0])
+    # The number of the face, since a number of nodes isn't whole beyond 2^24 corners.
     index = build.node("GeometryNodeInputIndex").outputs["Index"]
-    row = build.math("DIVIDE", index, float(CORNERS))
-    shown = build.stored(all_discs.outputs[0], ROW, "INT", build.math("FLOOR", row))
-    build.node("NodeGroupOutput", {"Geometry": shown})
+    shown = build.stored(all_discs.outputs[0], _FACE, "INT", index, domain="FACE")
+    shown = build.stored(shown, ROW, "INT", build.attribute(_FACE, "INT"))
+    build.node("NodeGroupOutput", {"Geometry": build.without(shown, _FACE)})
     return group
 
 
 def _one_disc(group):
-    """The object that `Count` copies are made of."""
-    info = next(node for node in group.nodes if node.bl_idname == "GeometryNodeObjectInfo")
-    return info.inputs["Object"].default_value
+    """The object that `Count` copies are made of; None if it was deleted."""
+    return _info(group).inputs["Object"].default_value
+
+
+def _info(group):
+    return next(node for node in group.nodes if node.bl_idname == "GeometryNodeObjectInfo")
+
+
+def _new_one(created):
+    one = bpy.data.objects.new("Pointmorph Disc", _new_mesh(created))
+    created(one)
+    return one
 
 
 def _new_mesh(created):

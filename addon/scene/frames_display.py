@@ -128,10 +128,9 @@ def _cached_group(name, material, created):
     radius = build.attribute(attribute_names.RADIUS, "FLOAT")
     radius = build.math("MULTIPLY", radius, inputs["Radius Scale"])
     normal = build.attribute(attribute_names.NORMAL, "FLOAT_VECTOR")
-    # Only what has faces needs to know which colors are active.
-    drawn = build.math("MAXIMUM", inputs[point_shapes.DISCS], inputs[point_shapes.SPHERES])
+    # Spheres ask it which colors are active; discs know that by themselves.
     in_own = nodes.in_mesh_of(build, own, geometry)
-    either = nodes.switch(build, "GEOMETRY", drawn, geometry, in_own)
+    either = nodes.switch(build, "GEOMETRY", inputs[point_shapes.SPHERES], geometry, in_own)
     splats = point_shapes.splats(build, inputs, either, radius, _KEPT, created)
     faces = surface_nodes.surface(build, inputs, geometry, normal, radius)
     faces = nodes.in_mesh_of(build, own, faces)

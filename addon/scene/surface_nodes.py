@@ -18,7 +18,8 @@ def new_inputs(group):
         group,
         "NodeSocketBool",
         SURFACE,
-        "Show a surface through the points instead of points. Its faces are others in each frame",
+        "Show a surface through the points instead of points. It has different faces in every "
+        "frame",
     )
     nodes.new_input(
         group,

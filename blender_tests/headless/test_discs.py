@@ -111,6 +111,26 @@ def test_there_are_as_many_once_the_morph_is_computed_again(discs, faces_of, set
         assert len(shown(obj)[0]) == len(discs.data.vertices)
 
 
+def test_discs_are_made_again_when_the_one_they_are_made_of_is_gone(discs, faces_of):
+    expected = surface_of(discs)
+    bpy.data.objects.remove(bpy.data.objects["Pointmorph Disc"])
+    assert bpy.ops.pointmorph.show_as(kind="POINTS") == {"FINISHED"}
+    assert bpy.ops.pointmorph.show_as(kind="DISCS") == {"FINISHED"}
+    np.testing.assert_array_equal(surface_of(discs), expected)
+    other = bpy.data.objects["Pointmorph Disc"]
+    bpy.data.objects.remove(other)
+    again = morph(new_result=True)
+    assert len(surface_of(again)) == len(expected)
+
+
+def test_each_corner_knows_its_disc(discs, faces_of):
+    """As faces do, whose numbers are whole ones."""
+    mesh = faces_of(discs).evaluated_get(bpy.context.evaluated_depsgraph_get()).data
+    rows = read(mesh.attributes["disc_row"].data, "value", 1, np.int32)
+    np.testing.assert_array_equal(rows.ravel(), np.repeat(np.arange(len(mesh.polygons)), 6))
+    assert "disc_face" not in mesh.attributes
+
+
 def test_the_wrong_number_of_faces_is_not_taken(discs, faces_of, addon):
     expected = surface_of(discs)
     addon("data.versions").set_input(faces_of(discs).modifiers[0], "Count", 5)

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pointmorph.errors import CloudError
-from pointmorph.meshes import ClosestPlaces, nearest_rows
+from pointmorph.meshes import ClosestPlaces, check_places, check_range, nearest_rows
 
 Floats = npt.NDArray[np.float64]
 Rows = npt.NDArray[np.int64]
@@ -43,7 +43,8 @@ class Carrier:
     Raises
     ------
     CloudError
-        If rows don't fit each other; so do the methods.
+        If rows don't fit each other, if they aren't rows of what they belong to, or if a place
+        isn't finite; so do the methods.
 
     Examples
     --------
@@ -68,12 +69,12 @@ class Carrier:
         faces: npt.ArrayLike | None = None,
         onto_faces: npt.ArrayLike | None = None,
     ) -> None:
-        self._positions = np.asarray(positions, np.float64)
-        self._images = np.asarray(images, np.float64)
-        self._onto = np.asarray(onto, np.float64)
-        self._faces = _triangles(faces)
-        self._onto_faces = _triangles(onto_faces)
+        self._positions = _places("positions", positions)
+        self._images = _places("images", images)
+        self._onto = _places("onto", onto)
         _check_rows("images", self._images, len(self._positions))
+        self._faces = _triangles(faces, "faces", len(self._positions))
+        self._onto_faces = _triangles(onto_faces, "onto_faces", len(self._onto))
 
     @cached_property
     def frames(self) -> Floats:
@@ -84,15 +85,13 @@ class Carrier:
 
     def values(self, values: npt.ArrayLike) -> Floats:
         """(N, K), from (M, K): values of the giver's points, at the places of the taker's."""
-        given = np.asarray(values, np.float64)
-        _check_rows("values", given, len(self._onto))
+        given = _table("values", values, len(self._onto))
         members, shares = self._around
         return _mean(given, members, shares)
 
     def returned(self, values: npt.ArrayLike) -> Floats:
         """(M, K), from (N, K): the other way, values of the taker's points to the giver's."""
-        given = np.asarray(values, np.float64)
-        _check_rows("values", given, len(self._positions))
+        given = _table("values", values, len(self._positions))
         members, shares = _around(self._images, self._faces, self._onto)[1:]
         return _mean(given, members, shares)
 
@@ -102,7 +101,9 @@ class Carrier:
         Each offset is turned and stretched by the differential of the map, so that the corner of a
         mouth goes up along the cheek, wherever the cheek lies.
         """
-        moved: Floats = np.einsum("nij,nj->ni", self._frames_back, self.values(offsets))
+        given = _places("offsets", offsets)
+        _check_rows("offsets", given, len(self._onto))
+        moved: Floats = np.einsum("nij,nj->ni", self._frames_back, self.values(given))
         return moved
 
     def strands(self, points: npt.ArrayLike, roots: npt.ArrayLike) -> Strands:
@@ -116,8 +117,16 @@ class Carrier:
         roots : (P,) array_like of int
             For each point, the row of the first one of its strand.
         """
-        given = np.asarray(points, np.float64)
-        first, strand = np.unique(np.asarray(roots, np.int64), return_inverse=True)
+        given = _places("points", points)
+        rows = _rows("roots", roots, len(given))
+        if len(rows) != len(given):
+            raise CloudError(
+                "roots",
+                f"{len(given)}, one for each point",
+                f"{len(rows)}",
+                "Pass the row of the first point of its strand for each point.",
+            )
+        first, strand = np.unique(rows, return_inverse=True)
         strand = strand.reshape(-1)
         triangle, members, shares = _around(self._images, self._faces, given[first])
         base = _mean(self._images, members, shares)
@@ -159,8 +168,27 @@ class Carrier:
             raise CloudError(
                 "corner values", "a shape with faces", "one without", "Use values() for points."
             )
-        given = np.asarray(values, np.float64)[np.asarray(triangle_corners, np.int64)]
-        vertices, faces = np.asarray(vertices, np.int64), np.asarray(faces, np.int64)
+        by_corner = _table("values", values)
+        corners_of = np.asarray(triangle_corners)
+        _check_rows("triangle_corners", corners_of, len(self._onto_faces))
+        if corners_of.shape[1] != 3:
+            raise CloudError(
+                "triangle_corners",
+                "a table with 3 columns",
+                f"the shape {corners_of.shape}",
+                "Pass the corners of each triangle.",
+            )
+        check_range("triangle_corners", corners_of, len(by_corner))
+        given = by_corner[corners_of]
+        vertices = _rows("vertices", vertices, len(self._positions))
+        faces = _rows("faces", faces, None)
+        if len(vertices) != len(faces):
+            raise CloudError(
+                "faces",
+                f"{len(vertices)}, one for each corner",
+                f"{len(faces)}",
+                "Pass a vertex and a face for each corner.",
+            )
         count = int(faces.max(initial=-1)) + 1
         sizes = np.maximum(np.bincount(faces, minlength=count), 1)
         places = self._images[vertices]
@@ -494,15 +522,48 @@ def _mean(values: Floats, members: Rows, shares: Floats) -> Floats:
     return mean
 
 
-def _triangles(faces: Any) -> Rows | None:
+def _places(name: str, places: npt.ArrayLike) -> Floats:
+    """(N, 3), of at least one."""
+    found: Floats = check_places(name, places)
+    if not len(found):
+        raise CloudError(name, "at least one point", "none", "Pass points.")
+    return found
+
+
+def _table(name: str, values: npt.ArrayLike, count: int | None = None) -> Floats:
+    """(N, K), of `count` rows where that is known."""
+    try:
+        found = np.asarray(values, np.float64)
+    except (TypeError, ValueError) as error:
+        raise CloudError(name, "a table of numbers", str(error), "Pass numbers.") from error
+    _check_rows(name, found, len(found) if count is None and found.ndim else count or 0)
+    return found
+
+
+def _rows(name: str, rows: npt.ArrayLike, count: int | None) -> Rows:
+    """(N,), each a row of a table with `count`, where that is known."""
+    found = np.asarray(rows)
+    if found.ndim != 1:
+        raise CloudError(
+            name, "a list of numbers", f"the shape {found.shape}", "Pass one number for each."
+        )
+    if not found.size:
+        return found.astype(np.int64)
+    check_range(name, found, count or np.iinfo(np.int64).max)
+    return found.astype(np.int64)
+
+
+def _triangles(faces: Any, name: str = "faces", count: int | None = None) -> Rows | None:
     if faces is None or not len(faces):
         return None
-    rows = np.asarray(faces, np.int64)
+    rows = np.asarray(faces)
     if rows.ndim != 2 or rows.shape[1] != 3:
         raise CloudError(
-            "faces", "triangles, (F, 3)", f"the shape {rows.shape}", "Cut polygons: see fans()."
+            name, "triangles, (F, 3)", f"the shape {rows.shape}", "Cut polygons: see fans()."
         )
-    return rows
+    if count is not None:
+        check_range(name, rows, count)
+    return rows.astype(np.int64)
 
 
 def _check_rows(name: str, rows: npt.NDArray[Any], count: int) -> None:

@@ -12,6 +12,7 @@ from pointmorph._pointmorph import ClosestPlaces as _ClosestPlaces
 from pointmorph._pointmorph import nearest_neighbors
 from pointmorph._pointmorph import nearest_rows as nearest_rows
 from pointmorph.clouds import Faces
+from pointmorph.errors import CloudError
 
 
 def boundary_loops(faces: Faces, vertex_count: int) -> list[npt.NDArray[np.int64]]:
@@ -181,6 +182,40 @@ def vertex_normals(
     return np.where(lengths > 0.0, normals / np.where(lengths > 0.0, lengths, 1.0), [0.0, 0.0, 1.0])
 
 
+def check_places(name: str, places: npt.ArrayLike) -> npt.NDArray[np.float64]:
+    """Places as an array (N, 3). Raises CloudError unless they are that, and finite."""
+    rows = np.asarray(places, np.float64)
+    if rows.ndim == 1 and len(rows) in (0, 3):
+        rows = rows.reshape(-1, 3)
+    if rows.ndim != 2 or rows.shape[1] != 3:
+        raise CloudError(
+            name, "a table with 3 columns", f"the shape {rows.shape}", "Pass x, y and z of each."
+        )
+    finite = np.isfinite(rows).all(axis=1)
+    if not finite.all():
+        row = int(np.argmin(finite))
+        raise CloudError(
+            name,
+            "finite numbers",
+            f"{rows[row].tolist()} in row {row}",
+            "Remove such points, or give them a place.",
+        )
+    return rows
+
+
+def check_range(name: str, rows: npt.NDArray[Any], count: int) -> None:
+    """Raises CloudError unless all are rows of a table with so many."""
+    if not np.issubdtype(rows.dtype, np.integer):
+        raise CloudError(name, "whole numbers", f"{rows.dtype}", "Pass numbers of rows, from 0.")
+    if rows.size and (rows.min() < 0 or rows.max() >= count):
+        raise CloudError(
+            name,
+            f"rows 0 to {count - 1}",
+            f"{rows.min()} to {rows.max()}",
+            "Pass numbers of rows, from 0.",
+        )
+
+
 class ClosestPlaces:
     """The closest place of a surface for each of many places.
 
@@ -191,8 +226,9 @@ class ClosestPlaces:
 
     Raises
     ------
-    ValueError
-        Without triangles, or where their rows aren't those of positions.
+    CloudError
+        Without triangles, where their rows aren't those of positions, or if one of these isn't
+        finite.
 
     Examples
     --------
@@ -207,15 +243,17 @@ class ClosestPlaces:
     def __init__(
         self, positions: npt.NDArray[Any], triangles: npt.NDArray[np.integer[Any]]
     ) -> None:
-        triangles = np.asarray(triangles)
-        if len(triangles) == 0:
-            raise ValueError("expected triangles, found none")
-        if triangles.min() < 0 or triangles.max() >= len(positions):
-            raise ValueError(
-                f"expected triangles of rows 0 to {len(positions) - 1}, found "
-                f"{triangles.min()} to {triangles.max()}"
+        corners = check_places("positions", positions)
+        rows = np.asarray(triangles)
+        if rows.ndim != 2 or rows.shape[1] != 3 or not len(rows):
+            raise CloudError(
+                "triangles",
+                "at least one, in a table with 3 columns",
+                f"the shape {rows.shape}",
+                "Cut polygons: see carrying.fans().",
             )
-        self._search = _ClosestPlaces(np.asarray(positions), triangles)
+        check_range("triangles", rows, len(corners))
+        self._search = _ClosestPlaces(corners, rows)
 
     def of(
         self, places: npt.ArrayLike, progress: Callable[[str, float], bool] | None = None
@@ -238,13 +276,10 @@ class ClosestPlaces:
 
         Raises
         ------
-        ValueError
+        CloudError
             A place isn't finite.
         Cancelled
             `progress` returned False.
         """
-        wanted = np.asarray(places, np.float64).reshape(-1, 3)
-        if not np.isfinite(wanted).all():
-            row = np.flatnonzero(~np.isfinite(wanted).all(axis=1))[0]
-            raise ValueError(f"expected finite places, found {wanted[row].tolist()} in row {row}")
+        wanted = check_places("places", places)
         return self._search.of(wanted, progress)

@@ -16,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 import pointmorph
 import pytest
+from pointmorph.errors import CloudError
 from pointmorph.meshes import ClosestPlaces, nearest_rows
 
 CORE = Path(__file__).resolve().parents[3] / "addon" / "core"
@@ -288,11 +289,17 @@ def test_closest_places_of_odd_surfaces() -> None:
     found, shares = ClosestPlaces(flat, one).of([[1.0, 2.0, 3.0]])
     assert found.tolist() == [0]
     assert shares.sum() == pytest.approx(1.0)
-    with pytest.raises(ValueError, match="expected triangles, found none"):
+    with pytest.raises(CloudError, match="triangles: expected at least one"):
         ClosestPlaces(flat, np.empty((0, 3), np.int64))
-    with pytest.raises(ValueError, match="rows 0 to 2, found 0 to 3"):
+    with pytest.raises(CloudError, match="rows 0 to 2, found 0 to 3"):
         ClosestPlaces(flat, np.array([[0, 1, 3]]))
-    with pytest.raises(ValueError, match="in row 1"):
+    with pytest.raises(CloudError, match="triangles: expected whole numbers"):
+        ClosestPlaces(flat, one + 0.5)
+    with pytest.raises(CloudError, match="positions: expected finite numbers"):
+        ClosestPlaces(flat + np.inf, one)
+    with pytest.raises(CloudError, match="places: expected a table with 3 columns"):
+        ClosestPlaces(flat, one).of([[0.0, 0], [0, 1]])
+    with pytest.raises(CloudError, match="in row 1"):
         ClosestPlaces(flat, one).of([[0.0, 0, 0], [0, np.nan, 0]])
     assert ClosestPlaces(flat, one).of(np.empty((0, 3)))[0].size == 0
 

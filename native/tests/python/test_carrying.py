@@ -260,6 +260,56 @@ def test_errors_name_what_does_not_fit() -> None:
         Carrier(points, points, points, faces).corner_values(points, *by_corner(faces))
 
 
+WRONG_CALLS = {
+    "positions: expected finite numbers": lambda p, f: Carrier(p * np.nan, p, p, f, f),
+    "images: expected finite numbers": lambda p, f: Carrier(p, p * np.inf, p, f, f),
+    "onto: expected a table with 3 columns": lambda p, f: Carrier(p, p, p[:, :2], f, f),
+    "onto: expected at least one point": lambda p, f: Carrier(p, p, p[:0], f),
+    "^faces: expected rows 0 to 35, found 0 to 36": lambda p, f: Carrier(p, p, p, _one_off(f), f),
+    "onto_faces: expected rows 0 to 35": lambda p, f: Carrier(p, p, p, f, _one_off(f)),
+    "^faces: expected whole numbers": lambda p, f: Carrier(p, p, p, f + 0.5, f),
+    "offsets: expected a table with 3 columns": lambda p, f: _whole(p, f).displacements(p[:, :2]),
+    "offsets: expected a table with 36 rows": lambda p, f: _whole(p, f).displacements(p[:5]),
+    "values: expected a table of numbers": lambda p, f: _whole(p, f).values([["red"]] * 36),
+    "values: expected a table with 36 rows": lambda p, f: _whole(p, f).returned(p[0]),
+    "points: expected a table with 3 columns": lambda p, f: _whole(p, f).strands(p[:, :2], [0]),
+    "roots: expected 36, one for each point": lambda p, f: _whole(p, f).strands(p, [0, 0]),
+    "roots: expected rows 0 to 35": lambda p, f: _whole(p, f).strands(p, np.full(36, 36)),
+    "roots: expected a list": lambda p, f: _whole(p, f).strands(p, np.zeros((36, 1), int)),
+    "triangle_corners: expected a table with": lambda p, f: _corners(p, f, corners=f[:3]),
+    "triangle_corners: expected rows": lambda p, f: _corners(p, f, corners=_one_off(f) * 9),
+    "vertices: expected rows 0 to 35": lambda p, f: _corners(p, f, vertices=_one_off(f).ravel()),
+    "^faces: expected [0-9]+, one for each corner": lambda p, f: _corners(p, f, faces=[0]),
+    "^faces: expected rows": lambda p, f: _corners(p, f, faces=np.full(f.size, -1)),
+}
+
+
+def _whole(points: Any, faces: Any) -> Carrier:
+    return Carrier(points, points, points, faces, faces)
+
+
+def _one_off(faces: Any) -> Any:
+    """With a row that there isn't."""
+    result = faces.copy()
+    result[-1, -1] = 36
+    return result
+
+
+def _corners(points: Any, triangles: Any, **wrong: Any) -> Any:
+    corners, vertices, owners = by_corner(triangles)
+    given = {"corners": corners, "vertices": vertices, "faces": owners, **wrong}
+    values = points[triangles.ravel()]
+    return _whole(points, triangles).corner_values(
+        values, given["corners"], given["vertices"], given["faces"]
+    )
+
+
+@pytest.mark.parametrize("said", WRONG_CALLS)
+def test_wrong_arguments_are_named(said: str) -> None:
+    with pytest.raises(pointmorph.CloudError, match=said):
+        WRONG_CALLS[said](*bumpy(6))
+
+
 # --- Morphs ---------------------------------------------------------------------------------------
 
 
