@@ -12,6 +12,7 @@ import numpy as np
 from ..data import arrays, attribute_names, nodes, versions
 
 NAME = "Pointmorph Discs"
+_ONE, _ALL = ".Pointmorph Disc", ".Pointmorph Discs"  # lists to choose from leave these out
 CORNERS = 6
 _FACE = "disc_face"
 ROW = "disc_row"  # of a corner: the number of its disc
@@ -25,7 +26,7 @@ def of(count, created):
     for obj in bpy.data.objects:
         if _is_of(obj, group) and versions.input_value(obj.modifiers[0], COUNT) == count:
             return obj
-    obj = bpy.data.objects.new(NAME, _one_disc(group).data)
+    obj = bpy.data.objects.new(_ALL, _one_disc(group).data)
     created(obj)
     modifier = obj.modifiers.new(NAME, "NODES")
     modifier.node_group = group
@@ -98,7 +99,7 @@ def _info(group):
 
 
 def _new_one(created):
-    one = bpy.data.objects.new("Pointmorph Disc", _new_mesh(created))
+    one = bpy.data.objects.new(_ONE, _new_mesh(created))
     created(one)
     return one
 
@@ -107,7 +108,7 @@ def _new_mesh(created):
     """One disc of radius 1 that faces up."""
     angles = 2.0 * np.pi * np.arange(CORNERS) / CORNERS
     places = np.stack([np.cos(angles), np.sin(angles), np.zeros(CORNERS)], axis=1)
-    mesh = bpy.data.meshes.new("Pointmorph Disc")
+    mesh = bpy.data.meshes.new(_ONE)
     created(mesh)
     mesh.from_pydata(places.tolist(), [], [list(range(CORNERS))])
     arrays.activate_colors(mesh, attribute_names.COLOR)

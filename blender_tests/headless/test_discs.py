@@ -88,7 +88,7 @@ def test_faces_are_there_while_discs_are_shown_and_shared(discs, faces_of):
     assert name not in bpy.context.scene.objects
     assert bpy.ops.pointmorph.show_as(kind="POINTS") == {"FINISHED"}
     assert faces_of(discs) is None
-    assert data_blocks() == before - {f"objects: {name}"}
+    assert data_blocks() == before - {f"{kind}: {name}" for kind in ("objects", "all_ids")}
     assert bpy.ops.pointmorph.show_as(kind="DISCS") == {"FINISHED"}
     assert data_blocks() == before
     again = morph(new_result=True)
@@ -113,11 +113,11 @@ def test_there_are_as_many_once_the_morph_is_computed_again(discs, faces_of, set
 
 def test_discs_are_made_again_when_the_one_they_are_made_of_is_gone(discs, faces_of):
     expected = surface_of(discs)
-    bpy.data.objects.remove(bpy.data.objects["Pointmorph Disc"])
+    bpy.data.objects.remove(bpy.data.objects[".Pointmorph Disc"])
     assert bpy.ops.pointmorph.show_as(kind="POINTS") == {"FINISHED"}
     assert bpy.ops.pointmorph.show_as(kind="DISCS") == {"FINISHED"}
     np.testing.assert_array_equal(surface_of(discs), expected)
-    other = bpy.data.objects["Pointmorph Disc"]
+    other = bpy.data.objects[".Pointmorph Disc"]
     bpy.data.objects.remove(other)
     again = morph(new_result=True)
     assert len(surface_of(again)) == len(expected)
