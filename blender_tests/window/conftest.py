@@ -136,11 +136,11 @@ class Window:
         """A click; `holding` is a key that is down meanwhile."""
         self.redraw()
         self._xdotool("mousemove", *position)
-        button = ("mousedown", 1, "mouseup", 1)
         if holding:
-            self._xdotool("keydown", holding, *button, "keyup", holding)
-        else:
-            self._xdotool(*button)
+            self._xdotool("keydown", holding)
+        self._xdotool("mousedown", 1, "mouseup", 1)
+        if holding:  # Blender looks only then whether it is down
+            self._xdotool("keyup", holding)
 
     def drag(self, start, end, steps=8):
         self.redraw()
