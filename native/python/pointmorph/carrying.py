@@ -86,14 +86,12 @@ class Carrier:
     def values(self, values: npt.ArrayLike) -> Floats:
         """(N, K), from (M, K): values of the giver's points, at the places of the taker's."""
         given = _table("values", values, len(self._onto))
-        members, shares = self._around
-        return _mean(given, members, shares)
+        return _mean(given, *self._landed[1:])
 
     def returned(self, values: npt.ArrayLike) -> Floats:
         """(M, K), from (N, K): the other way, values of the taker's points to the giver's."""
         given = _table("values", values, len(self._positions))
-        members, shares = _around(self._images, self._faces, self._onto)[1:]
-        return _mean(given, members, shares)
+        return _mean(given, *self._returned[1:])
 
     def displacements(self, offsets: npt.ArrayLike) -> Floats:
         """(N, 3), from (M, 3): how the taker's points move, so that it changes as the giver does.
@@ -128,12 +126,13 @@ class Carrier:
             )
         first, strand = np.unique(rows, return_inverse=True)
         strand = strand.reshape(-1)
-        triangle, members, shares = _around(self._images, self._faces, given[first])
+        triangle, members, shares = self._image.around(given[first])
         base = _mean(self._images, members, shares)
         start = _mean(self._positions, members, shares)
         turns = np.einsum("nk,nkij->nij", shares, self._frames_back[members])
         moved = start[strand] + np.einsum("nij,nj->ni", turns[strand], given - base[strand])
-        return Strands(moved, triangle, shares, np.cbrt(np.abs(np.linalg.det(turns))))
+        triangles = None if self._faces is None else triangle
+        return Strands(moved, triangles, shares, np.cbrt(np.abs(np.linalg.det(turns))))
 
     def corner_values(
         self,
@@ -194,13 +193,12 @@ class Carrier:
         places = self._images[vertices]
         sums = [np.bincount(faces, column, count) for column in places.T]
         middles = np.stack(sums, axis=1) / sizes[:, None]
-        closest = ClosestPlaces(self._onto, self._onto_faces)
-        hits, shares = closest.of(self._images)
+        hits, _, shares = self._landed
         found = np.einsum("nk,nkc->nc", shares[vertices], given[hits[vertices]])
         corners_there = self._onto[self._onto_faces]
         reached = np.einsum("nk,nkc->nc", shares, corners_there[hits])
         off = np.linalg.norm(reached - self._images, axis=1)
-        starts, shares = closest.of(middles)
+        starts, _, shares = self._giver.around(middles)
         inside = np.einsum("nk,nkc->nc", shares, given[starts])
         # A value that differs more than it may do that far away belongs to another side.
         steepest = _steepest(corners_there, given)
@@ -226,8 +224,23 @@ class Carrier:
         return found, np.array(across, np.int64)
 
     @cached_property
-    def _around(self) -> tuple[Rows, Floats]:
-        return _around(self._onto, self._onto_faces, self._images)[1:]
+    def _giver(self) -> _Surface:
+        return _Surface(self._onto, self._onto_faces)
+
+    @cached_property
+    def _image(self) -> _Surface:
+        """The taker where the map takes it."""
+        return _Surface(self._images, self._faces)
+
+    @cached_property
+    def _landed(self) -> tuple[Rows, Rows, Floats]:
+        """What is around the taker's points on the giver."""
+        return self._giver.around(self._images)
+
+    @cached_property
+    def _returned(self) -> tuple[Rows, Rows, Floats]:
+        """What is around the giver's points on the taker."""
+        return self._image.around(self._onto)
 
     @cached_property
     def _frames_back(self) -> Floats:
@@ -501,19 +514,25 @@ def _joined(positions: Floats, triangles: Rows, values: Floats) -> Rows:
     return result.reshape(-1, 3)
 
 
-def _around(
-    positions: Floats, triangles: Rows | None, places: Floats
-) -> tuple[Rows | None, Rows, Floats]:
-    """For each place, the triangle of a shape that is the closest, or None without any; the rows
-    of the points around it; their shares, which sum to 1."""
-    if triangles is not None:
-        triangle, shares = ClosestPlaces(positions, triangles).of(places)
-        return triangle, triangles[triangle], shares
-    members = nearest_rows(positions, places, min(_AROUND, len(positions))).astype(np.int64)
-    distances = np.linalg.norm(positions[members] - places[:, None], axis=2)
-    scale = max(float(np.ptp(positions, axis=0).max()), 1e-30)
-    shares = 1.0 / np.maximum(distances, 1e-9 * scale) ** 2
-    return None, members, shares / shares.sum(axis=1, keepdims=True)
+class _Surface:
+    """What places are near to on a shape; with faces or without."""
+
+    def __init__(self, positions: Floats, triangles: Rows | None) -> None:
+        self._positions, self._triangles = positions, triangles
+        self._search = None if triangles is None else ClosestPlaces(positions, triangles)
+
+    def around(self, places: Floats) -> tuple[Rows, Rows, Floats]:
+        """For each place, the triangle that is the closest, or without any the nearest point; the
+        rows of the points around it; their shares, which sum to 1."""
+        if self._triangles is not None and self._search is not None:
+            triangle, shares = self._search.of(places)
+            return triangle, self._triangles[triangle], shares
+        positions = self._positions
+        members = nearest_rows(positions, places, min(_AROUND, len(positions))).astype(np.int64)
+        distances = np.linalg.norm(positions[members] - places[:, None], axis=2)
+        scale = max(float(np.ptp(positions, axis=0).max()), 1e-30)
+        shares = 1.0 / np.maximum(distances, 1e-9 * scale) ** 2
+        return members[:, 0], members, shares / shares.sum(axis=1, keepdims=True)
 
 
 def _mean(values: Floats, members: Rows, shares: Floats) -> Floats:
