@@ -92,8 +92,10 @@ earlier = None
 def remember(request, outcome):
     """Keeps what was found for the next time."""
     global earlier
-    kept = computation.Earlier(request, outcome.maps, outcome.landing)
-    earlier = kept if earlier is None else earlier.followed_by(request, outcome)
+    if earlier is None:
+        earlier = computation.Earlier(request, outcome.maps, outcome.landing)
+    else:
+        earlier = earlier.followed_by(request, outcome)
 
 
 def start(place=""):

@@ -200,11 +200,7 @@ class POINTMORPH_OT_click_features(Explained, bpy.types.Operator):
                 self._complete(context, drag)
             self._say(context)
             return
-        others = marked_points.marks_of(obj, wait=True).items()
-        if any(
-            other != drag.name and known is not None and known.count == 1 and known.row == drag.row
-            for other, known in others
-        ):
+        if _other_at(obj, drag.row, drag.name) is not None:
             self.report({"WARNING"}, "Another feature is there already: drag it to another vertex")
             self._let_go(context, keeps=False)
             return
@@ -262,11 +258,10 @@ class POINTMORPH_OT_click_features(Explained, bpy.types.Operator):
             return
         obj, row = hit
         name, _ = asked_for(settings, self.name)
-        for other, known in marked_points.marks_of(obj, wait=True).items():
-            if other != name and known is not None and known.count == 1 and known.row == row:
-                there = f'"{other}" is already there: click another vertex'
-                self.report({"WARNING"}, there)
-                return
+        other = _other_at(obj, row, name)
+        if other is not None:
+            self.report({"WARNING"}, f'"{other}" is already there: click another vertex')
+            return
         mark(obj, name, [row])
         sync_features(context.scene)
         settings.active_feature = settings.features.find(name)
@@ -296,6 +291,14 @@ class POINTMORPH_OT_click_features(Explained, bpy.types.Operator):
             markers.hint = text
             areas.redraw_viewports()
         context.workspace.status_text_set(f"{text}     Ctrl Z: Undo     Esc: Finish")
+
+
+def _other_at(obj, row, name):
+    """The feature other than `name` that is this vertex alone, or None."""
+    for other, known in marked_points.marks_of(obj, wait=True).items():
+        if other != name and known is not None and known.count == 1 and known.row == row:
+            return other
+    return None
 
 
 def _clear_words(context):

@@ -486,10 +486,7 @@ def _remember(obj, receiver, wanted, made, told):
 
 
 def _check_counts(receiver, target, found):
-    if receiver.mode == "EDIT":
-        raise pointmorph.CloudError(
-            receiver.name, "an object in Object Mode", "Edit Mode", "Switch to Object Mode (Tab)."
-        )
+    map_ends.check_mode(receiver)
     vertices, corners = len(receiver.data.vertices), len(receiver.data.loops)
     fits = all(
         len(values) == (corners if kind == "UV map" and corners else vertices)

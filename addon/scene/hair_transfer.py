@@ -170,7 +170,9 @@ def write(context, ends, prefix, hair, moves):
         obj.add_rest_position_attribute = True
         if not _deforms(made):
             modifier = made.modifiers.new(MODIFIER, "NODES")
-            modifier.node_group = nodes.shared_group(MODIFIER, _deform_group)
+            with creation.all_or_nothing() as created:
+                group = nodes.shared_group(MODIFIER, lambda name: _deform_group(name, created))
+            modifier.node_group = group
             nodes.put_first(made, modifier)
     return made
 
@@ -225,8 +227,8 @@ def _deforms(obj):
     return False
 
 
-def _deform_group(name):
-    group = bpy.data.node_groups.new(name, "GeometryNodeTree")
+def _deform_group(name, created):
+    group = nodes.new_group(name, created)
     nodes.new_input(group, "NodeSocketGeometry", "Geometry")
     nodes.new_output(group, "NodeSocketGeometry", "Geometry")
     build = nodes.Builder(group)

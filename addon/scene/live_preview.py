@@ -68,8 +68,7 @@ class LivePreview:
 
     def put_back(self, objects):
         """Shows what was shown before."""
-        if self.is_shown(objects):
-            self._write(objects, self._before)
+        self.lift(objects)
         self._before = None
 
     def lift(self, objects):

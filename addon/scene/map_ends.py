@@ -99,9 +99,14 @@ def _check_changeable(obj, shape, what):
             "one that is linked from another",
             "Make it local (Object > Relations > Make Local).",
         )
-    if shape.mode == "EDIT":
+    check_mode(shape)
+
+
+def check_mode(obj):
+    """Raises CloudError in Edit Mode, where an object's own data aren't what is edited."""
+    if obj.mode == "EDIT":
         raise pointmorph.CloudError(
-            shape.name, "an object in Object Mode", "Edit Mode", "Switch to Object Mode (Tab)."
+            obj.name, "an object in Object Mode", "Edit Mode", "Switch to Object Mode (Tab)."
         )
 
 
