@@ -3,7 +3,7 @@ the source's weights to the target."""
 
 import json
 from contextlib import contextmanager
-from dataclasses import astuple, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 
 import bpy
 import numpy as np
@@ -37,7 +37,7 @@ class Wanted:
     """What is brought over, and what goes before its names.
 
     `back` is for the source's weights, on the target. `onto_source` is for the source itself
-    instead of what shows the morph. A recipe keeps the fields in this order.
+    instead of what shows the morph. Recipes of earlier versions have the fields in this order.
     """
 
     colors: bool
@@ -477,9 +477,7 @@ def _remember(obj, receiver, wanted, made, told):
         )
     )
     back = list(dict.fromkeys([*note.get("back", ()), *back]))
-    options = list(astuple(wanted))
-    kept = {"names": names, "kinds": kinds, "back": back, "options": options, "words": words}
-    recipes.note(obj, name, kept)
+    recipes.note(obj, name, {"names": names, "kinds": kinds, "back": back, "words": words})
     if wanted.onto_source:
         before = json.loads(receiver.get(_OWN, "[]"))
         receiver[_OWN] = json.dumps(list(dict.fromkeys([*before, *names])))
