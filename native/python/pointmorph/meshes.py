@@ -216,6 +216,26 @@ def check_range(name: str, rows: npt.NDArray[Any], count: int) -> None:
         )
 
 
+def check_triangles(
+    faces: Any, name: str = "faces", count: int | None = None
+) -> npt.NDArray[np.int64] | None:
+    """Triangles as an array (F, 3), or None where there are none. Raises CloudError unless they are
+    that, of a table with `count` rows where that is given."""
+    if faces is None or not len(faces):
+        return None
+    rows = np.asarray(faces)
+    if rows.ndim != 2 or rows.shape[1] != 3:
+        raise CloudError(
+            name,
+            "triangles, (F, 3)",
+            f"the shape {rows.shape}",
+            "Cut polygons: see carrying.fans().",
+        )
+    if count is not None:
+        check_range(name, rows, count)
+    return rows.astype(np.int64)
+
+
 class ClosestPlaces:
     """The closest place of a surface for each of many places.
 

@@ -11,7 +11,8 @@ import pointmorph
 import pytest
 from conftest import SHARED
 from pointmorph import formats
-from pointmorph.carrying import Carrier, fans, local_frames
+from pointmorph.carrying import Carrier, fans
+from pointmorph.local_frames import local_frames
 from shapes import CUBE, SQUARES, ball, grid, grid_faces
 
 Array = npt.NDArray[Any]
