@@ -27,6 +27,7 @@ def shared_group(name, make):
         if group.library is None and group.get(_MARK) == mark:
             return group
     group = make(name)
+    arrange(group)
     group[_MARK] = mark
     return group
 
@@ -163,28 +164,36 @@ def enabled(sockets, name):
     return next(socket for socket in sockets if socket.enabled and socket.name == name)
 
 
+def arrange(tree):
+    """Puts the nodes in rows, in the order in which they were made."""
+    places = [(i % 8 * 200.0, i // 8 * -320.0) for i in range(len(tree.nodes))]
+    tree.nodes.foreach_set("location", [value for place in places for value in place])
+
+
 class Builder:
-    """Adds nodes to a tree from left to right."""
+    """Adds nodes to a tree.
+
+    Blender goes through the whole tree whenever something in it is set, so nothing is set to what
+    it is already.
+    """
 
     def __init__(self, tree):
         self.tree = tree
-        self._column = 0
 
     def node(self, kind, inputs=None, **settings):
         """A new node with its settings made first, because they decide which sockets it has."""
         node = self.tree.nodes.new(kind)
         for key, value in settings.items():
-            setattr(node, key, value)
+            if getattr(node, key) != value:
+                setattr(node, key, value)
         for name, value in (inputs or {}).items():
             self._feed(enabled(node.inputs, name), value)
-        node.location = (self._column % 8 * 200, -(self._column // 8) * 320)
-        self._column += 1
         return node
 
     def _feed(self, socket, value):
         if isinstance(value, bpy.types.NodeSocket):
             self.tree.links.new(value, socket)
-        else:
+        elif socket.default_value != value:
             socket.default_value = value
 
     def group(self, group, inputs):

@@ -30,6 +30,7 @@ def material(created):
     is_back = build.node("ShaderNodeNewGeometry").outputs["Backfacing"]
     solid = build.mixed_shaders(is_back, surface.outputs[0], _back(build, color.outputs))
     tree.links.new(solid, output.inputs["Surface"])
+    nodes.arrange(tree)
     surface.location, output.location = (1600, 400), (1900, 0)
     return material
 

@@ -1,6 +1,6 @@
 """The add-on, installed once, and an empty scene for every test."""
 
-import copy
+import hashlib
 import importlib
 import os
 import pickle
@@ -39,28 +39,53 @@ def addon(module):
     return lambda name: importlib.import_module(f"{module}.{name}")
 
 
-@pytest.fixture(autouse=True)
-def settings(module):
-    """`scene.pointmorph` of an empty scene, where a morph is shown as its points, which go
-    straight: so a test knows where they are."""
+@pytest.fixture(scope="session")
+def known_nodes(addon, tmp_path_factory):
+    """A file with the groups of nodes that most results have, as the add-on makes them."""
+    path = str(tmp_path_factory.mktemp("nodes") / "nodes.blend")
     bpy.ops.wm.read_homefile(use_empty=True)
+    scenes.pair()
+    scenes.morph()
+    for make in ("cached_group", "rows_group"):
+        getattr(addon("scene.frames_display"), make)(created=lambda block: None)
+    bpy.data.libraries.write(path, set(bpy.data.node_groups))
+    return path
+
+
+@pytest.fixture(autouse=True)
+def settings(request, known_nodes):
+    """`scene.pointmorph` of an empty scene, where a morph is shown as its points, which go
+    straight: so a test knows where they are.
+
+    As after an earlier morph, the file has the groups of nodes, which take most of a small morph's
+    time; not where a test is marked `makes_nodes`.
+    """
+    bpy.ops.wm.read_homefile(use_empty=True)
+    if not request.node.get_closest_marker("makes_nodes"):
+        with bpy.data.libraries.load(known_nodes) as (there, loaded):
+            loaded.node_groups = there.node_groups
     bpy.context.scene.pointmorph.show_as = "POINTS"
     bpy.context.scene.pointmorph.path = "linear"
     return bpy.context.scene.pointmorph
 
 
 @pytest.fixture(scope="session")
-def remembering(addon):
-    """`computation.compute`, which computes nothing twice."""
+def remembering(addon, tmp_path_factory):
+    """`computation.compute`, which computes nothing twice; nor what another Blender has left in
+    the folder that POINTMORPH_COMPUTED names."""
     compute = addon("core.computation").compute
-    known = {}
+    folder = os.environ.get("POINTMORPH_COMPUTED")
+    folder = Path(folder) if folder else tmp_path_factory.mktemp("computed")
 
     def remembered(request, progress, earlier=None):
         before = earlier and (earlier.request.without_looks(), earlier.maps)
-        asked = pickle.dumps((request.without_looks(), before))
-        if asked not in known:
-            known[asked] = compute(request, progress, earlier)
-        return copy.deepcopy(known[asked])
+        asked = pickle.dumps((sys.version_info[:2], request.without_looks(), before))
+        known = folder / hashlib.sha256(asked).hexdigest()
+        if not known.exists():
+            new = known.with_suffix(f".{os.getpid()}")
+            new.write_bytes(pickle.dumps(compute(request, progress, earlier)))
+            new.replace(known)
+        return pickle.loads(known.read_bytes())
 
     return remembered
 

@@ -143,6 +143,7 @@ def test_a_morph_object_as_a_shape_keeps_its_colours(painted, addon):
     assert set(np.unique(colors[:, 2])) == {0.0}
 
 
+@pytest.mark.makes_nodes
 def test_a_material_of_an_earlier_version_is_mended(settings):
     """An Attribute node that feeds an alpha makes Blender 5.2.3 end when it exports USD."""
     material = bpy.data.materials.new("Pointmorph Points")

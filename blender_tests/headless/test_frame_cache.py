@@ -66,6 +66,7 @@ def test_what_is_shown_has_the_bits_of_the_file(torn):
     assert_same(shown(player, 99), frames[8])
 
 
+@pytest.mark.makes_nodes
 def test_nothing_of_the_frames_is_in_the_blend_file(torn, tmp_path):
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "shot.blend"))
     torn = bpy.data.objects["Whole to Torn"]

@@ -3,6 +3,7 @@
 import bpy
 import numpy as np
 import pointmorph
+import pytest
 import scenes
 
 
@@ -66,6 +67,7 @@ def test_what_cannot_be_previewed_is_not(addon, settings):
     assert addon("core.preview").compute(broken, lambda stage, fraction: True) is None
 
 
+@pytest.mark.makes_nodes
 def test_it_comes_and_goes_without_a_trace(addon, settings):
     previewing = addon("scene.preview_object")
     source, whole = request(addon, settings)

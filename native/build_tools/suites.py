@@ -115,7 +115,13 @@ def bpy(version: str) -> Outcome:
     whole = version in (min(BLENDERS), max(BLENDERS))
     selection = [] if whole else ["-m", "interface and not logic"]
     runner = ["blender_tests/run.py", *selection, "--junitxml="]
-    return in_blender(f"bpy-{version}", python, *runner, PYTHONPATH=path)
+    environment = {"PYTHONPATH": path, "POINTMORPH_COMPUTED": str(computed())}
+    return in_blender(f"bpy-{version}", python, *runner, **environment)
+
+
+def computed() -> Path:
+    """Where Blenders of one Python leave for each other what the library has computed."""
+    return paths.BUILD / "computed"
 
 
 def window() -> Outcome:
@@ -212,6 +218,8 @@ def test(names: list[str], jobs: int) -> int:
 def run_suites(suites: Mapping[str, Suite], jobs: int) -> int:
     """Runs suites whose needs are met, and tells what came of them."""
     say("Testing (what each suite says is in build/logs)")
+    shutil.rmtree(computed(), ignore_errors=True)
+    computed().mkdir(parents=True)
     # Each suite has its share of the cores: with more threads than that they wait for one another.
     # Tests of what threads do choose their number themselves.
     share = max(1, (os.cpu_count() or 1) // min(jobs, len(suites)))

@@ -8,8 +8,10 @@ import subprocess
 import sys
 import threading
 import zipfile
+from collections import defaultdict
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
 
 from . import paths
@@ -24,7 +26,8 @@ from .running import SetupError, child_environment, digest, is_fresh, run, say, 
 from .system import project, refuse_missing, set_up_system
 from .targets import LINUX, MACOS, Platform, number
 
-_building = threading.Lock()
+_building: defaultdict[Path, threading.Lock] = defaultdict(threading.Lock)
+"""For each of CMake's folders, who builds in it."""
 
 
 def set_up_all(
@@ -80,7 +83,10 @@ def set_up_wheels(platform: Platform = LINUX) -> list[Path]:
     """A wheel for every Python that a supported Blender has on a platform."""
     if platform is LINUX:
         set_up_wheel()
-    return [wheel_of(platform, python) for python in platform.pythons]
+    wheel_of(platform, platform.pythons[0])
+    # Of a module, half of the time goes into headers that one core reads.
+    with ThreadPoolExecutor() as pool:
+        return list(pool.map(partial(wheel_of, platform), platform.pythons))
 
 
 def build_folder(platform: Platform, python: str | None = None) -> Path:
@@ -155,13 +161,14 @@ def wheel_of(platform: Platform, python: str) -> Path:
     key = digest(sys.version, repr(platform), python, *(paths.ROOT / part for part in parts))
     folder = paths.BUILD / "wheels" / f"{platform.name}-cp{number(python)}"
     stamp = folder / "stamp"
+    building = _building[build_folder(platform, python)]
 
     def is_built() -> bool:
         there = any(folder.glob("*.whl")) and (not first or _library(platform).exists())
         return there and is_fresh(stamp, key)
 
     # Who finds it built doesn't wait for what else is compiled.
-    with contextlib.nullcontext() if is_built() else _building:
+    with contextlib.nullcontext() if is_built() else building:
         if not is_built():
             with step(f"wheel for {platform.name}, Python {python}"):
                 shutil.rmtree(folder, ignore_errors=True)
@@ -217,7 +224,7 @@ def build_native(targets: Iterable[str], *settings: str, platform: Platform = LI
     The `settings` stay until others are given.
     """
     build = build_folder(platform)
-    with _building:
+    with _building[build]:
         run("native", "cmake", "-S", paths.ROOT, "-B", build, "-G", "Ninja", *settings)
         run("native", "cmake", "--build", build, "--target", *targets)
     return build
