@@ -131,7 +131,7 @@ def _cached_group(name, material, created):
     # Spheres ask it which colors are active; discs know that by themselves.
     in_own = nodes.in_mesh_of(build, own, geometry)
     either = nodes.switch(build, "GEOMETRY", inputs[point_shapes.SPHERES], geometry, in_own)
-    splats = point_shapes.splats(build, inputs, either, radius, _KEPT, created)
+    splats = point_shapes.splats(build, inputs, either, radius, _KEPT, created, spare=True)
     faces = surface_nodes.surface(build, inputs, geometry, normal, radius)
     faces = nodes.in_mesh_of(build, own, faces)
     shown = nodes.switch(build, "GEOMETRY", inputs[surface_nodes.SURFACE], splats, faces)

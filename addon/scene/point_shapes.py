@@ -43,13 +43,16 @@ def new_splat_inputs(group):
     )
 
 
-def splats(build, inputs, geometry, radius, kept, created):
+def splats(build, inputs, geometry, radius, kept, created, spare=False):
     """What stands for the vertices of `geometry`: points, spheres, or discs in the surface.
 
     Parameters
     ----------
     kept : dict of str to (str, str)
         Point attributes, besides colors, that discs have: type and domain there, by name.
+    spare : bool
+        Whether there may be more discs made ahead than points: those lie in the last point, and
+        have no extent.
     """
     points = build.node("GeometryNodeMeshToPoints", {"Mesh": geometry, "Radius": radius})
     ball = build.node("GeometryNodeMeshIcoSphere", {"Radius": 1.0, "Subdivisions": 1})
@@ -57,11 +60,11 @@ def splats(build, inputs, geometry, radius, kept, created):
     build.tree.links.new(ball.outputs["Mesh"], smooth.inputs[0])  # by another name since Blender 5
     spheres = _realized(build, geometry, smooth.outputs[0], {"Scale": radius})
     either = nodes.switch(build, "GEOMETRY", inputs[SPHERES], points.outputs[0], spheres)
-    discs = _discs(build, inputs, geometry, radius, kept, created)
+    discs = _discs(build, inputs, geometry, radius, kept, created, spare)
     return nodes.switch(build, "GEOMETRY", inputs[DISCS], either, discs)
 
 
-def _discs(build, inputs, geometry, radius, kept, created):
+def _discs(build, inputs, geometry, radius, kept, created, spare):
     """Discs in the surface at the points of `geometry`. What can be is computed by point, since
     discs have six times as many vertices."""
 
@@ -79,9 +82,9 @@ def _discs(build, inputs, geometry, radius, kept, created):
     along = vector("CROSS_PRODUCT", normal, across)
     position = build.node("GeometryNodeInputPosition").outputs["Position"]
 
-    shown = _faces(build, inputs, geometry, created)
+    shown = _faces(build, inputs, geometry, created, spare)
     row = build.attribute(disc_faces.ROW, "INT")
-    place = build.sampled(geometry, "FLOAT_VECTOR", position, row)
+    place = build.sampled(geometry, "FLOAT_VECTOR", position, row, clamp=spare)
     for axis, name in ((across, disc_faces.ACROSS), (along, disc_faces.ALONG)):
         share = build.attribute(name, "FLOAT_VECTOR")
         place = vector(
@@ -97,13 +100,19 @@ def _discs(build, inputs, geometry, radius, kept, created):
     return shown
 
 
-def _faces(build, inputs, geometry, created):
-    """As many discs as there are points: those that were made ahead, if they are as many."""
+def _faces(build, inputs, geometry, created, spare):
+    """As many discs as there are points: those that were made ahead, if they are as many, or with
+    `spare` enough."""
     count = build.count(geometry, "Point")
     known = build.node(
         "GeometryNodeObjectInfo", {"Object": inputs[FACES]}, transform_space="ORIGINAL"
     ).outputs["Geometry"]
-    fit = build.math("COMPARE", build.count(known, "Face"), count, 0.5)
+    there = build.count(known, "Face")
+    if spare:
+        enough = build.math("LESS_THAN", count, build.math("ADD", there, 0.5))
+        fit = build.math("MULTIPLY", enough, build.math("GREATER_THAN", count, 0.5))
+    else:
+        fit = build.math("COMPARE", there, count, 0.5)
     made = build.group(disc_faces.shared_group(created), {disc_faces.COUNT: count})
     return nodes.switch(build, "GEOMETRY", fit, made, known)
 
