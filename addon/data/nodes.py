@@ -103,10 +103,10 @@ def drive_switch(node, obj, modifier, name):
     driver.expression = "min(kind, 1)"
 
 
-def drive_count(obj, modifier, name, other, of, switch, count):
-    """Makes an input of a modifier a number while a switch of another object's modifier is on, and
-    0 while it is off."""
-    path = versions.input_path(modifier, name)
+def drive_count(obj, name, other, switch, count):
+    """Makes an input of an object's first modifier a number while a property of another object, by
+    its path, is on, and 0 while it is off."""
+    path = versions.input_path(obj.modifiers[0], name)
     obj.driver_remove(path)
     driver = obj.driver_add(path).driver
     driver.type = "SCRIPTED"
@@ -114,7 +114,7 @@ def drive_count(obj, modifier, name, other, of, switch, count):
     variable.name = "on"
     variable.type = "SINGLE_PROP"
     variable.targets[0].id = other
-    variable.targets[0].data_path = versions.input_path(of, switch)
+    variable.targets[0].data_path = switch
     # Simple enough for Blender to compute without Python, also where scripts may not run.
     driver.expression = f"on * {count}"
 

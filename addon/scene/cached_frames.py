@@ -103,7 +103,8 @@ def _set_up(player, plan, rows, created):
             versions.set_input(modifier, key, value)
     points = player.modifiers[points_display.MODIFIER]
     known = versions.input_value(points, point_shapes.FACES)
-    faces = disc_faces.at_most(known, rows, player, points, point_shapes.DISCS, created)
+    switch = versions.input_path(points, point_shapes.DISCS)
+    faces = disc_faces.at_most(known, rows, player, switch, created)
     versions.set_input(points, point_shapes.FACES, faces)
     disc_faces.remove_unused()
     for place, name in enumerate((_ROWS, cache_files.MODIFIER, points_display.MODIFIER)):

@@ -32,13 +32,13 @@ def of(count, created):
     return obj
 
 
-def at_most(known, count, player, modifier, switch, created):
-    """The object that shows so many discs while `switch`, an input of a modifier of `player`, is on,
+def at_most(known, count, player, switch, created):
+    """The object that shows so many discs while `switch`, the path of a property of `player`, is on,
     and none while it is off: `known`, if it is one, or a new one."""
     group = shared_group(created)
     if known is None or not _is_of(known, group) or known.animation_data is None:
         known = _new(group, created)
-    nodes.drive_count(known, known.modifiers[0], COUNT, player, modifier, switch, count)
+    nodes.drive_count(known, COUNT, player, switch, count)
     return known
 
 
