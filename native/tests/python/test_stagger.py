@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 import pointmorph
 import pytest
-from pointmorph import formats, sequences
+from pointmorph import formats, moving_shapes, sequences
 from pointmorph.chains import StaggeredChain
 from shapes import grid, grid_faces
 from test_cli import run, xyz
@@ -94,14 +94,16 @@ def test_restored_morphs_and_sequences_know_the_delays() -> None:
     assert len(prints) == 2
 
 
-def restored(bumps: tuple[float, float], delay: npt.ArrayLike, **settings: object):
-    """Between two sheets with bumps of these heights, row by row, bent by a quarter turn."""
-    turned = [np.eye(3), TURN]
+FLAT, HIGH, LOW = (0.0, np.eye(3)), (0.8, TURN), (0.3, np.eye(3))
+
+
+def restored(ends, delay: npt.ArrayLike | None, **settings: object):
+    """Between two sheets, row by row: the height of a bump and a turn of each."""
     clouds = []
-    for side, bump in enumerate(bumps):
-        places = grid(SIDE, bump) @ turned[side]
-        normals = np.tile(turned[side][2], (SIDE * SIDE, 1))
-        radii = np.full(SIDE * SIDE, 0.1 + side)
+    for bump, turn in ends:
+        places = grid(SIDE, bump) @ turn
+        normals = np.tile(turn[2], (SIDE * SIDE, 1))
+        radii = np.full(SIDE * SIDE, 0.1 + bump)
         clouds.append(pointmorph.Cloud(places, normals, radii=radii, delay=delay))
     rows = np.arange(SIDE * SIDE)
     maps = clouds[1].positions, clouds[0].positions
@@ -110,7 +112,10 @@ def restored(bumps: tuple[float, float], delay: npt.ArrayLike, **settings: objec
 
 def test_each_point_of_a_chain_goes_through_all_of_it_in_its_own_time() -> None:
     delays = np.linspace(0, 1, SIDE * SIDE)
-    parts = [restored((0.0, 0.8), delays, path="rigid"), restored((0.8, 0.3), None, path="rigid")]
+    parts = [
+        restored((FLAT, HIGH), delays, path="rigid"),
+        restored((HIGH, LOW), None, path="rigid"),
+    ]
     settings = {"path": "rigid", "stagger": "delay", "stagger_overlap": 0.4}
     chain = StaggeredChain(parts, settings)
     for t in (0.4, 0.5, 0.6):
@@ -125,10 +130,17 @@ def test_each_point_of_a_chain_goes_through_all_of_it_in_its_own_time() -> None:
         np.testing.assert_array_equal(fuller.positions[: len(delays)], here.positions)
     for t, part in ((0, parts[0]), (1, parts[1])):
         np.testing.assert_array_equal(chain.frame(t).positions, part.frame(t).positions)
+    # The same of shapes that could move, and don't.
+    shapes = parts[0].source, parts[0].target, parts[1].target
+    still = [moving_shapes.ShapeState(shape.positions, shape.normals) for shape in shapes]
+    moving = moving_shapes.MovingSequence(chain, [0.0, 0.4, 1.0], [still] * 3, settings)
+    np.testing.assert_allclose(
+        moving.frame(1).positions, chain.resampled_frame(0.4).positions, atol=1e-6
+    )
 
 
 def test_a_chain_of_other_points_is_refused() -> None:
-    parts = [restored((0.0, 0.8), None), restored((0.8, 0.3), None)]
+    parts = [restored((FLAT, HIGH), None), restored((HIGH, LOW), None)]
     rows = np.arange(SIDE * SIDE)[::-1]
     other = pointmorph.restore(
         parts[1].source, parts[1].target, np.column_stack([rows, rows]), stagger="none"
