@@ -6,6 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 import pointmorph
+import pointmorph.chains
 import pointmorph.formats
 import pointmorph.moving_shapes
 import pointmorph.sequences
@@ -70,13 +71,6 @@ def stagger(held, settings, timing):
     timing : stagger.Timing
         Of the pairs.
     """
-    if len(held.pairs) > 1:
-        raise pointmorph.CloudError(
-            held.shapes[0]["name"],
-            "a morph of two shapes, to bake frames of it while it is staggered",
-            f"a chain of {len(held.shapes)}",
-            "Bake shape keys, or turn Stagger off.",
-        )
     held.shapes[0]["delay"] = timing.by_row(held.pairs[0][:, 0]).delays
     settings.update(
         stagger="delay",
@@ -100,8 +94,15 @@ def sequence_of(held, plan, settings, poses=None):
     """
     clouds = [pointmorph.Cloud(**shape) for shape in held.shapes]
     ways = zip(pairwise(clouds), held.pairs, held.maps, strict=True)
-    morphs = [pointmorph.restore(*ends, pairs, maps, **settings) for ends, pairs, maps in ways]
-    morph = morphs[0] if len(morphs) == 1 else chained_morph.ChainedMorph(morphs)
+    # A chain is staggered as a whole.
+    own = settings if len(held.pairs) == 1 else {**settings, "stagger": "none"}
+    morphs = [pointmorph.restore(*ends, pairs, maps, **own) for ends, pairs, maps in ways]
+    if len(morphs) == 1:
+        morph = morphs[0]
+    elif clouds[0].delay is None:
+        morph = chained_morph.ChainedMorph(morphs)
+    else:
+        morph = pointmorph.chains.StaggeredChain(morphs, settings)
     numbers = {"first": plan.first, "step": plan.step}
     if poses is not None:
         return pointmorph.moving_shapes.MovingSequence(

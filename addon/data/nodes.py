@@ -104,6 +104,22 @@ def drive_switch(node, obj, modifier, name):
     driver.expression = "min(kind, 1)"
 
 
+def drive_count(obj, name, other, switch, count):
+    """Makes an input of an object's first modifier a number while a property of another object, by
+    its path, is on, and 0 while it is off."""
+    path = versions.input_path(obj.modifiers[0], name)
+    obj.driver_remove(path)
+    driver = obj.driver_add(path).driver
+    driver.type = "SCRIPTED"
+    variable = driver.variables.new()
+    variable.name = "on"
+    variable.type = "SINGLE_PROP"
+    variable.targets[0].id = other
+    variable.targets[0].data_path = switch
+    # Simple enough for Blender to compute without Python, also where scripts may not run.
+    driver.expression = f"on * {count}"
+
+
 def _drive_share(curve, key, divisor):
     curve.driver.type = "AVERAGE" if divisor == 1 else "SCRIPTED"
     drive(curve.driver, key)
@@ -241,10 +257,13 @@ class Builder:
         fields = {"Geometry": geometry, "Name": name}
         return self.node("GeometryNodeRemoveAttribute", fields).outputs["Geometry"]
 
-    def sampled(self, geometry, kind, value, index):
-        """What a field gives at the points of `geometry` that are asked for."""
+    def sampled(self, geometry, kind, value, index, clamp=False):
+        """What a field gives at the points of `geometry` that are asked for; beyond the last one
+        0, or with `clamp` what it gives there."""
         fields = {"Geometry": geometry, "Value": value, "Index": index}
-        node = self.node("GeometryNodeSampleIndex", fields, data_type=kind, domain="POINT")
+        node = self.node(
+            "GeometryNodeSampleIndex", fields, data_type=kind, domain="POINT", clamp=clamp
+        )
         return enabled(node.outputs, "Value")
 
     def count(self, geometry, what):

@@ -7,7 +7,15 @@ import bpy
 
 from ..core import frame_cache
 from ..data import arrays, attribute_names, creation, nodes, versions
-from . import cache_files, frame_players, frames_display, points_display, surface_nodes
+from . import (
+    cache_files,
+    disc_faces,
+    frame_players,
+    frames_display,
+    point_shapes,
+    points_display,
+    surface_nodes,
+)
 
 _ROWS = "Cache Rows"
 _SURFACE_ASKED = "pointmorph_surface"
@@ -93,6 +101,12 @@ def _set_up(player, plan, rows, created):
             nodes.swap_group(player, modifier, group(created))
         for key, value in inputs.items():
             versions.set_input(modifier, key, value)
+    points = player.modifiers[points_display.MODIFIER]
+    known = versions.input_value(points, point_shapes.FACES)
+    switch = versions.input_path(points, point_shapes.DISCS)
+    faces = disc_faces.at_most(known, rows, player, switch, created)
+    versions.set_input(points, point_shapes.FACES, faces)
+    disc_faces.remove_unused()
     for place, name in enumerate((_ROWS, cache_files.MODIFIER, points_display.MODIFIER)):
         player.modifiers.move(player.modifiers.find(name), place)
     arrays.activate_colors(player.data, attribute_names.COLOR)

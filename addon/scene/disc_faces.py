@@ -24,13 +24,28 @@ def of(count, created):
     """The object that shows so many discs."""
     group = shared_group(created)
     for obj in bpy.data.objects:
-        if _is_of(obj, group) and versions.input_value(obj.modifiers[0], COUNT) == count:
+        is_free = _is_of(obj, group) and obj.animation_data is None
+        if is_free and versions.input_value(obj.modifiers[0], COUNT) == count:
             return obj
+    obj = _new(group, created)
+    versions.set_input(obj.modifiers[0], COUNT, count)
+    return obj
+
+
+def at_most(known, count, player, switch, created):
+    """The object that shows so many discs while `switch`, a property of `player` by its path, is
+    on, and none while it is off: `known`, if it is one, or a new one."""
+    group = shared_group(created)
+    if known is None or not _is_of(known, group) or known.animation_data is None:
+        known = _new(group, created)
+    nodes.drive_count(known, COUNT, player, switch, count)
+    return known
+
+
+def _new(group, created):
     obj = bpy.data.objects.new(_ALL, _one_disc(group).data)
     created(obj)
-    modifier = obj.modifiers.new(NAME, "NODES")
-    modifier.node_group = group
-    versions.set_input(modifier, COUNT, count)
+    obj.modifiers.new(NAME, "NODES").node_group = group
     return obj
 
 

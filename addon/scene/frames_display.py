@@ -1,5 +1,7 @@
 """How baked frames look in the scene: geometry nodes that show the mesh of the present frame."""
 
+from dataclasses import replace
+
 import bpy
 
 from ..core import frame_cache
@@ -10,7 +12,7 @@ FRAMES_NAME = "Pointmorph Frames"
 CACHED_NAME = "Pointmorph Cached Frames"
 ROWS_NAME = "Pointmorph Cache Rows"
 ROWS, VERTICES = "Rows", "Vertices"  # inputs of these
-_KEPT = {attribute_names.VELOCITY: ("FLOAT_VECTOR", "POINT")}
+_DISCS = point_shapes.Discs({attribute_names.VELOCITY: ("FLOAT_VECTOR", "POINT")})
 
 
 def add_frames_modifier(obj, collection, plan, created):
@@ -65,7 +67,7 @@ def _frames_group(name, created):
     geometry = _per_second(build, inputs["Frame Rate"], _present_mesh(build, inputs))
     radius = build.attribute(attribute_names.RADIUS, "FLOAT")
     radius = build.math("MULTIPLY", radius, inputs["Radius Scale"])
-    shown = point_shapes.splats(build, inputs, geometry, radius, _KEPT, created)
+    shown = point_shapes.splats(build, inputs, geometry, radius, _DISCS, created)
     # Blender 5.2 names what nodes show after the mesh that comes first, and puts each name under a
     # path of its own in files: Alembic would get an object for each frame, and USD would end
     # Blender.
@@ -131,7 +133,9 @@ def _cached_group(name, material, created):
     # Spheres ask it which colors are active; discs know that by themselves.
     in_own = nodes.in_mesh_of(build, own, geometry)
     either = nodes.switch(build, "GEOMETRY", inputs[point_shapes.SPHERES], geometry, in_own)
-    splats = point_shapes.splats(build, inputs, either, radius, _KEPT, created)
+    splats = point_shapes.splats(
+        build, inputs, either, radius, replace(_DISCS, spare=True), created
+    )
     faces = surface_nodes.surface(build, inputs, geometry, normal, radius)
     faces = nodes.in_mesh_of(build, own, faces)
     shown = nodes.switch(build, "GEOMETRY", inputs[surface_nodes.SURFACE], splats, faces)

@@ -1,6 +1,7 @@
-"""What a mark that is dragged makes of the mesh that shows the morph, before it is computed."""
+"""What a mark that is dragged makes of what shows the morph, before it is computed: of the mesh, or
+of the points, also as discs."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pointmorph
@@ -10,27 +11,58 @@ from ..core.computation import Shape
 from ..core.features import Marks, match
 from ..data import arrays
 from ..data.feature_list import feature_choices, feature_names
-from . import feature_marks, marked_points, morph_object
+from . import feature_marks, marked_points, morph_object, presentation
 
 _SAME = 1e-5  # of the extent: what float32 and a way through matrices leave of a place
 
 
+@dataclass(frozen=True)
+class _Ends:
+    """Where the vertices that are seen end by the map, in the morph's frame: `places`. Each is that
+    of a point of the source, which `rows` names; None for one after the other. `back` is a matrix
+    from that frame to the object's own."""
+
+    places: np.ndarray
+    rows: np.ndarray | None
+    back: np.ndarray
+
+    def shifted(self, shifts):
+        """Where they are, in the object's own space, once source points end so far from there."""
+        places = self.places + (shifts if self.rows is None else shifts[self.rows])
+        return transforms.move_positions(self.back, places)
+
+
+def _ends_of(result, shown, earlier):
+    """The _Ends of what shows a morph object; None where the map isn't its own."""
+    source, target = earlier.request.source, earlier.request.target
+    if shown != result:
+        back = np.linalg.inv(morph_object.source_matrix_of(result))
+        fits = len(shown.data.vertices) == len(earlier.landing)
+        return _Ends(earlier.landing, None, back) if fits else None
+    rows, ends = morph_object.stage_rows(result)
+    if rows.max() + 1 != len(source.positions) or ends.max() + 1 != len(target.positions):
+        return None
+    return _Ends(target.positions[ends], rows, np.eye(4))
+
+
 class LivePreview:
-    """The mesh that shows a morph, so that it can follow a feature and be put back. Only what it
-    has written itself is ever put back: a morph that was computed meanwhile stays.
+    """What shows a morph, so that it can follow a feature and be put back. Only what it has written
+    itself is ever put back: a morph that was computed meanwhile stays.
 
     Parameters
     ----------
-    result : Object
-        The morph object of pairs.
+    name : str
+        Of the object that is seen.
+    ends : _Ends
+        Of its vertices.
     follower : live_follower.LiveFollower
     features : dict
         Those that are marked now.
     """
 
-    def __init__(self, result, follower, features):
-        self.name = morph_object.shown_of(result).name
-        self._back = np.linalg.inv(morph_object.source_matrix_of(result))
+    def __init__(self, name, ends, follower, features):
+        self.name = name
+        self._ends = ends
         self._follower = follower
         self._features = features
         self._before = self._written = None
@@ -48,14 +80,13 @@ class LivePreview:
         if answer is None:
             return False
         present = _places(objects, self.name)
-        if present is None or len(present) != len(answer.shifts):
+        if present is None or len(present) != len(self._ends.places):
             return False
         if self._before is None:
             self._before = present
         elif not np.array_equal(present, self._written):
             return False
-        places = self._follower.earlier.landing + answer.shifts
-        self._written = transforms.move_positions(self._back, places).astype(np.float32)
+        self._written = self._ends.shifted(answer.shifts).astype(np.float32)
         self._write(objects, self._written)
         return True
 
@@ -149,18 +180,20 @@ def present_features(settings):
 
 def begin(objects, scene, result, name, pending=None):
     """A LivePreview of what a point feature makes of the morph that was computed last; None where
-    that isn't what the morph object shows with the source's faces, or other marks belong to it.
+    that isn't what the morph object shows, or other marks belong to it.
 
     `pending` is a LivePreview that is shown, or None: the morph of its marks is yet to be computed.
     """
     earlier, settings = background_job.earlier, scene.pointmorph
     if result is None or earlier is None or not _is_of(earlier, settings, result):
         return None
-    shown, landing = morph_object.shown_of(result), earlier.landing
-    back = np.linalg.inv(morph_object.source_matrix_of(result))
+    shown = presentation.seen_of(result)
+    ends = _ends_of(result, shown, earlier)
     places = _places(objects, shown.name)
+    if ends is None or places is None:
+        return None
     awaited = pending is not None and pending.name == shown.name and pending.is_shown(objects)
-    if places is None or not (awaited or _are_same(places, transforms.apply(back, landing))):
+    if not (awaited or _are_same(places, transforms.apply(ends.back, ends.places))):
         return None
     features = present_features(settings)
     if features is None or not (awaited or features == earlier.request.features):
@@ -172,19 +205,16 @@ def begin(objects, scene, result, name, pending=None):
     follower = live_follower.follow(earlier)
     if follower is None or follower.problem is not None:
         return None
-    return LivePreview(result, follower, features)
+    return LivePreview(shown.name, ends, follower, features)
 
 
 def _is_of(earlier, settings, result):
-    """Whether a morph object shows this map of the picked objects with the source's faces."""
-    shown = morph_object.shown_of(result)
+    """Whether a morph object shows a map of the picked objects that can be bent."""
     return (
         earlier.landing is not None
         and earlier.can_be_bent
-        and shown != result
         and not result.pointmorph.via
-        and shown.mode == "OBJECT"
-        and len(shown.data.vertices) == len(earlier.landing)
+        and presentation.seen_of(result).mode == "OBJECT"
         and all(
             shape.name == obj.name and len(shape.positions) == marked_points.size_of(obj)
             for shape, obj in (

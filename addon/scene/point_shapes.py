@@ -1,5 +1,7 @@
 """The part of the geometry nodes that turns vertices into points, spheres or discs."""
 
+from dataclasses import dataclass
+
 from ..data import attribute_names, nodes
 from . import disc_faces
 
@@ -43,25 +45,37 @@ def new_splat_inputs(group):
     )
 
 
-def splats(build, inputs, geometry, radius, kept, created):
-    """What stands for the vertices of `geometry`: points, spheres, or discs in the surface.
+@dataclass(frozen=True)
+class Discs:
+    """What discs are like.
 
-    Parameters
+    Attributes
     ----------
     kept : dict of str to (str, str)
-        Point attributes, besides colors, that discs have: type and domain there, by name.
+        Point attributes, besides colors, that they have: type and domain there, by name.
+    spare : bool
+        Whether more may have been made ahead than there are points: those lie in the last point,
+        and have no extent.
     """
+
+    kept: dict
+    spare: bool = False
+
+
+def splats(build, inputs, geometry, radius, discs, created):
+    """What stands for the vertices of `geometry`: points, spheres, or discs in the surface, which
+    are as the `Discs` say."""
     points = build.node("GeometryNodeMeshToPoints", {"Mesh": geometry, "Radius": radius})
     ball = build.node("GeometryNodeMeshIcoSphere", {"Radius": 1.0, "Subdivisions": 1})
     smooth = build.node("GeometryNodeSetShadeSmooth")
     build.tree.links.new(ball.outputs["Mesh"], smooth.inputs[0])  # by another name since Blender 5
     spheres = _realized(build, geometry, smooth.outputs[0], {"Scale": radius})
     either = nodes.switch(build, "GEOMETRY", inputs[SPHERES], points.outputs[0], spheres)
-    discs = _discs(build, inputs, geometry, radius, kept, created)
-    return nodes.switch(build, "GEOMETRY", inputs[DISCS], either, discs)
+    shown = _discs(build, inputs, geometry, radius, discs, created)
+    return nodes.switch(build, "GEOMETRY", inputs[DISCS], either, shown)
 
 
-def _discs(build, inputs, geometry, radius, kept, created):
+def _discs(build, inputs, geometry, radius, discs, created):
     """Discs in the surface at the points of `geometry`. What can be is computed by point, since
     discs have six times as many vertices."""
 
@@ -79,9 +93,9 @@ def _discs(build, inputs, geometry, radius, kept, created):
     along = vector("CROSS_PRODUCT", normal, across)
     position = build.node("GeometryNodeInputPosition").outputs["Position"]
 
-    shown = _faces(build, inputs, geometry, created)
+    shown = _faces(build, inputs, geometry, created, discs.spare)
     row = build.attribute(disc_faces.ROW, "INT")
-    place = build.sampled(geometry, "FLOAT_VECTOR", position, row)
+    place = build.sampled(geometry, "FLOAT_VECTOR", position, row, clamp=discs.spare)
     for axis, name in ((across, disc_faces.ACROSS), (along, disc_faces.ALONG)):
         share = build.attribute(name, "FLOAT_VECTOR")
         place = vector(
@@ -89,7 +103,10 @@ def _discs(build, inputs, geometry, radius, kept, created):
         )
     shown = build.moved(shown, Position=place)
     index = build.node("GeometryNodeInputIndex").outputs["Index"]
-    for name, (kind, domain) in {attribute_names.COLOR: ("FLOAT_COLOR", "POINT"), **kept}.items():
+    for name, (kind, domain) in {
+        attribute_names.COLOR: ("FLOAT_COLOR", "POINT"),
+        **discs.kept,
+    }.items():
         value = at(name, row if domain == "POINT" else index, kind)
         shown = build.stored(shown, name, kind, value, domain)
     for name in (disc_faces.ROW, disc_faces.ACROSS, disc_faces.ALONG):
@@ -97,13 +114,19 @@ def _discs(build, inputs, geometry, radius, kept, created):
     return shown
 
 
-def _faces(build, inputs, geometry, created):
-    """As many discs as there are points: those that were made ahead, if they are as many."""
+def _faces(build, inputs, geometry, created, spare):
+    """As many discs as there are points: those that were made ahead, if they are as many, or with
+    `spare` enough."""
     count = build.count(geometry, "Point")
     known = build.node(
         "GeometryNodeObjectInfo", {"Object": inputs[FACES]}, transform_space="ORIGINAL"
     ).outputs["Geometry"]
-    fit = build.math("COMPARE", build.count(known, "Face"), count, 0.5)
+    there = build.count(known, "Face")
+    if spare:
+        enough = build.math("LESS_THAN", count, build.math("ADD", there, 0.5))
+        fit = build.math("MULTIPLY", enough, build.math("GREATER_THAN", count, 0.5))
+    else:
+        fit = build.math("COMPARE", there, count, 0.5)
     made = build.group(disc_faces.shared_group(created), {disc_faces.COUNT: count})
     return nodes.switch(build, "GEOMETRY", fit, made, known)
 

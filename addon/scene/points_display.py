@@ -154,8 +154,8 @@ def _group(name, stages, material, created):
     geometry = build.stored(geometry, attribute_names.NORMAL, "FLOAT_VECTOR", unit_normal)
 
     own = (attribute_names.DELAY, attribute_names.TIME, attribute_names.AHEAD)
-    kept = dict.fromkeys(own, ("FLOAT", "FACE"))
-    shown = point_shapes.splats(build, inputs, geometry, radius, kept, created)
+    discs = point_shapes.Discs(dict.fromkeys(own, ("FLOAT", "FACE")))
+    shown = point_shapes.splats(build, inputs, geometry, radius, discs, created)
     finished = build.node("GeometryNodeSetMaterial", {"Geometry": shown, "Material": material})
     build.node("NodeGroupOutput", {"Geometry": finished.outputs["Geometry"]})
     return group

@@ -75,6 +75,11 @@ def kind_of(obj):
     return DISCS if points_display.shows_discs(obj) else POINTS
 
 
+def seen_of(obj):
+    """What shows a morph object of points now: the mesh that was made for it, or itself."""
+    return morph_object.shown_of(obj) if kind_of(obj) == MESH else obj
+
+
 def show_as(context, obj, kind):
     """Shows a morph object of points as such, as discs, or by the source's faces; returns what is
     seen.

@@ -349,6 +349,51 @@ def test_a_file_that_is_saved_later_takes_its_frames_along(torn, tmp_path, capfd
         assert_same(shown(bpy.data.objects["Whole to Torn Frames"], 5), wanted[4])
 
 
+def test_discs_are_made_ahead_for_all_frames(addon, torn, capfd):
+    """While they are shown; those that a frame doesn't need have no extent."""
+    player = bake(torn)
+    frames = baked_frames(player)
+    versions, modifier = addon("data.versions"), player.modifiers["Points"]
+    faces = versions.input_value(modifier, "Faces of Discs")
+
+    def seen(obj):
+        return obj.evaluated_get(bpy.context.evaluated_depsgraph_get()).data
+
+    def discs_at(number):
+        bpy.context.scene.frame_set(number)
+        mesh = seen(player)
+        places = coordinates(mesh.vertices).reshape(-1, 6, 3)
+        return places, attribute(mesh, "Color").reshape(-1, 6, 4), attribute(mesh, "velocity")
+
+    assert len(seen(faces).polygons) <= 1
+    versions.set_input(modifier, "Discs", True)
+    player.update_tag()
+    bpy.context.view_layer.update()
+    most = max(len(frame["id"]) for frame in frames)
+    assert len(seen(faces).polygons) == most
+    for number in (9, 1, 5, 6):
+        ahead = discs_at(number)
+        count = len(frames[number - 1]["id"])
+        assert len(ahead[0]) == most
+        place = frames[number - 1]["position"]
+        np.testing.assert_allclose(ahead[0][:count].mean(axis=1), place, atol=1e-6)
+        assert np.abs(ahead[0][count:] - place[-1]).max(initial=0.0) == 0.0
+        versions.set_input(modifier, "Faces of Discs", None)
+        player.update_tag()
+        for values, known in zip(discs_at(number), ahead, strict=True):
+            np.testing.assert_array_equal(values, known[: len(values)])
+        versions.set_input(modifier, "Faces of Discs", faces)
+        player.update_tag()
+    again = bake(torn)
+    assert again == player
+    assert versions.input_value(modifier, "Faces of Discs") == faces
+    versions.set_input(modifier, "Discs", False)
+    player.update_tag()
+    bpy.context.view_layer.update()
+    assert len(seen(faces).polygons) <= 1
+    assert "ycle" not in capfd.readouterr().err
+
+
 def test_a_file_that_is_gone_shows_nothing(torn):
     player = bake(torn)
     cache_of(player).unlink()

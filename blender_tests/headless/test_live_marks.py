@@ -1,4 +1,4 @@
-"""The mesh follows a mark, before the morph is computed."""
+"""What shows a morph follows a mark, before the morph is computed."""
 
 import threading
 import time
@@ -7,7 +7,7 @@ from dataclasses import replace
 import bpy
 import numpy as np
 import pytest
-from scenes import coordinates, mark, morph, pair, row_at
+from scenes import attribute, coordinates, mark, morph, pair, row_at
 
 
 @pytest.fixture
@@ -105,6 +105,34 @@ def test_the_mesh_follows_and_goes_back(addon, settings, live):
     assert np.allclose(ends(shown), before, atol=1e-5)
     preview.put_back(bpy.data.objects)
     assert np.array_equal(ends(shown), before)
+
+
+@pytest.mark.parametrize("kind", ["POINTS", "DISCS"])
+def test_points_and_discs_follow_and_go_back(addon, settings, live, kind):
+    shown, result = live
+    bpy.ops.pointmorph.show_as(kind=kind)
+    mesh, before = ends(shown), ends(result)
+    preview = begin(addon, result)
+    target = coordinates(settings.target.data.vertices)
+    source = row_at(coordinates(settings.source.data.vertices), -0.6, -0.6)
+    row = row_at(target, -0.4, -0.5)
+    preview.ask("corner", 1, row)
+    wait_for(preview)
+    rows = attribute(result.data, "source_row")
+    move = target[row] - target[target_row(settings, -0.6, -0.6)]
+    np.testing.assert_allclose(
+        (ends(result) - before)[rows == source],
+        np.tile(move, ((rows == source).sum(), 1)),
+        atol=1e-4,
+    )
+    moved = np.linalg.norm(ends(result) - before, axis=1)
+    far = np.linalg.norm(before[:, :2] - before[rows == source][0, :2], axis=1) > 1.2
+    assert moved[far].max() < 0.2 * np.linalg.norm(move)
+    assert np.array_equal(ends(shown), mesh)  # it isn't seen
+    preview.put_back(bpy.data.objects)
+    assert np.array_equal(ends(result), before)
+    bpy.ops.pointmorph.show_as(kind="MESH")
+    assert begin(addon, result).name == shown.name
 
 
 def test_the_next_morph_uses_what_was_made_to_follow(addon, settings, live):

@@ -290,7 +290,10 @@ MorphInput input_of(const py::dict& source, const py::dict& target, const py::li
     return input;
 }
 
-std::unique_ptr<Morph> make_morph(const py::dict& source, const py::dict& target,
+// Shared with the chains that it is part of.
+using MorphClass = py::class_<Morph, std::shared_ptr<Morph>>;
+
+std::shared_ptr<Morph> make_morph(const py::dict& source, const py::dict& target,
                                   const py::list& features,
                                   std::vector<std::vector<std::string>> loops,
                                   const MorphOptions& options, const py::object& source_start,
@@ -298,11 +301,11 @@ std::unique_ptr<Morph> make_morph(const py::dict& source, const py::dict& target
     MorphInput input = input_of(source, target, features, std::move(loops));
     input.start = {from_numpy<Positions>(source_start), from_numpy<Positions>(target_start)};
     return without_gil(callback, [&](Progress& progress) {
-        return std::make_unique<Morph>(std::move(input), options, progress);
+        return std::make_shared<Morph>(std::move(input), options, progress);
     });
 }
 
-std::unique_ptr<Morph> restore_morph(const py::dict& source, const py::dict& target,
+std::shared_ptr<Morph> restore_morph(const py::dict& source, const py::dict& target,
                                      const py::array_t<std::int64_t, py::array::c_style>& rows,
                                      const py::object& source_images,
                                      const py::object& target_images, const MorphOptions& options) {
@@ -312,7 +315,7 @@ std::unique_ptr<Morph> restore_morph(const py::dict& source, const py::dict& tar
         pairs[to_size(i)] = {static_cast<Index>(view(i, 0)), static_cast<Index>(view(i, 1))};
     RefinementStart images{from_numpy<Positions>(source_images),
                            from_numpy<Positions>(target_images)};
-    return std::make_unique<Morph>(cloud_of(source), cloud_of(target), std::move(pairs),
+    return std::make_shared<Morph>(cloud_of(source), cloud_of(target), std::move(pairs),
                                    std::move(images), options, from_numpy<Values>(source["delay"]));
 }
 
@@ -326,11 +329,18 @@ std::unique_ptr<LiveMorph> make_live(const py::dict& source, const py::dict& tar
     });
 }
 
-std::unique_ptr<Morph> updated(const LiveMorph& live, const py::list& features,
+std::shared_ptr<Morph> chained_morph(const std::vector<std::shared_ptr<Morph>>& legs,
+                                     const MorphOptions& options, const py::object& delays) {
+    return std::make_shared<Morph>(
+        std::vector<std::shared_ptr<const Morph>>(legs.begin(), legs.end()), options,
+        from_numpy<Values>(delays));
+}
+
+std::shared_ptr<Morph> updated(const LiveMorph& live, const py::list& features,
                                const py::object& callback) {
     std::vector<Feature> changed = features_of(features);
     return without_gil(callback, [&](Progress& progress) {
-        return std::unique_ptr<Morph>(new Morph(live.updated(std::move(changed), progress)));
+        return std::shared_ptr<Morph>(new Morph(live.updated(std::move(changed), progress)));
     });
 }
 
@@ -358,7 +368,7 @@ py::tuple traced_network(const py::dict& source, const py::dict& target, const p
 }
 
 /// What a morph is asked for: arrays of its whole, and figures.
-void define_queries(py::class_<Morph>& morph) {
+void define_queries(MorphClass& morph) {
     morph.def("pairs", [](const Morph& m) { return array_of(m.pairs()); })
         .def("source_domain",
              [](const Morph& m) { return to_numpy(DomainPoints(m.source_domain())); })
@@ -384,6 +394,8 @@ void define_queries(py::class_<Morph>& morph) {
                      callback, [&](Progress& progress) { return m.wrapped(t, progress); }));
              })
         .def("has_target_mesh", &Morph::has_target_mesh)
+        .def("vertex_times", [](const Morph& m, bool of_source,
+                                double t) { return to_numpy(m.vertex_times(of_source, t)); })
         .def("denser",
              [](const Morph& m, bool of_source, double tolerance, Index most_vertices,
                 const py::object& callback) {
@@ -421,7 +433,7 @@ void define_queries(py::class_<Morph>& morph) {
         });
 }
 
-void define_frames(py::class_<Morph>& morph) {
+void define_frames(MorphClass& morph) {
     morph
         .def("inserted",
              [](const Morph& m, const py::object& callback) {
@@ -473,8 +485,10 @@ void bind_morph(py::module_& module) {
                "of each point.",
                py::arg("source"), py::arg("target"), py::arg("features"), py::arg("loops"),
                py::arg("options"), py::arg("progress"));
-    py::class_<Morph> morph(module, "Morph");
-    morph.def(py::init(&make_morph)).def_static("restore", &restore_morph);
+    MorphClass morph(module, "Morph");
+    morph.def(py::init(&make_morph))
+        .def_static("restore", &restore_morph)
+        .def_static("chained", &chained_morph);
     define_queries(morph);
     define_frames(morph);
     define_live(module);

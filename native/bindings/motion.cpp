@@ -2,6 +2,7 @@
 
 #include "bindings.hpp"
 #include "pointmorph/frames/mesh_motion.hpp"
+#include "pointmorph/frames/stagger.hpp"
 #include "pointmorph/morph/options.hpp"
 
 namespace pointmorph::bindings {
@@ -66,6 +67,23 @@ void bind_motion(py::module_& module) {
                 positions = m.motion.at(t, *progress);
             }
             return to_numpy(std::move(positions));
+        });
+    py::class_<PointwisePath>(module, "PointwisePath")
+        .def(py::init([](const py::array& start, const py::array& end, const py::function& at) {
+            return std::make_unique<PointwisePath>(
+                OrientedPoints{from_numpy<Positions>(start), {}},
+                OrientedPoints{from_numpy<Positions>(end), {}}, [&](double t) {
+                    return OrientedPoints{from_numpy<Positions>(at(t)), {}};
+                });
+        }))
+        .def("at", [](const PointwisePath& path, const py::array& times) {
+            const auto own = from_numpy<Values>(times);
+            OrientedPoints cloud;
+            {
+                const py::gil_scoped_release release;
+                cloud = path.at(own);
+            }
+            return to_numpy(std::move(cloud.positions));
         });
     py::class_<Motion>(module, "Motion")
         .def(py::init(make))

@@ -25,6 +25,7 @@ from pointmorph import (
     surfaces,
 )
 from pointmorph.clouds import Cloud, FloatArray
+from pointmorph.denser_meshes import DenserMesh
 from pointmorph.errors import FeatureError, FileError, OptionError, PointmorphError
 from pointmorph.features import Feature, feature_from_json, weights_from_json
 from pointmorph.stages import stage_label
@@ -272,8 +273,6 @@ def _morph(chosen: argparse.Namespace) -> None:
     own = _own_mesh(chosen, shapes) if chosen.mesh in _SIDES else None
     if chosen.denser is not None and own is None:
         raise OptionError("denser", "--mesh source or target", f"--mesh {chosen.mesh}", "Add it.")
-    if chosen.denser is not None and chosen.stagger not in (None, "none"):
-        raise OptionError("denser", "no --stagger", f"--stagger {chosen.stagger}", "Leave one out.")
     files.make_folder(chosen.out)
 
     with _bars() as progress:
@@ -457,13 +456,22 @@ def _write_meshes(
         moving = own.denser.motion(chosen.path or "auto", progress)
     for number, t in enumerate(times):
         path = chosen.out / f"mesh_{number:04d}{own.suffix}"
-        if moving is not None:
-            positions = moving.at(t if is_source else 1.0 - t)
+        if own.denser is not None and moving is not None:
+            positions = moving.at(_own_times(result, own.denser, t, is_source), progress)
         elif is_source:
             positions = result.wrapped(t, progress)
         else:
             positions = result.wrapped_target(t, progress)
         own.write(path, positions)
+
+
+def _own_times(
+    result: morphing.Morph, denser: DenserMesh, t: float, is_source: bool
+) -> float | FloatArray:
+    """How far the vertices of a denser mesh have gone at t: each by itself in a staggered morph."""
+    times = result.vertex_times(t, "source" if is_source else "target")
+    share = denser.extended(times) if np.ptp(times) else t
+    return share if is_source else 1.0 - share
 
 
 def _by_point(values: FloatArray, rows: npt.NDArray[np.int64], count: int) -> FloatArray:

@@ -372,6 +372,24 @@ class Morph:
         wrapped: FloatArray = self._native.wrapped_target(float(t), progress)
         return wrapped.astype(self.target.positions.dtype, copy=False)
 
+    def vertex_times(self, t: float, side: str = "source") -> npt.NDArray[np.float64]:
+        """How far each vertex of the source's or the target's mesh has gone at t.
+
+        Parameters
+        ----------
+        t : float
+            0 to 1.
+        side : str
+            source or target.
+
+        Returns
+        -------
+        (N,) array
+            0 (still the source) to 1 (the target already): t itself unless the setting `stagger`
+            lets some go first.
+        """
+        return self._native.vertex_times(side != "target", float(t))
+
     def denser(
         self,
         side: str = "source",

@@ -78,6 +78,7 @@ class Motion:
                     "Remove those points.",
                 )
         self._ends = arrays[0], arrays[2]
+        self._pointwise: _pointmorph.PointwisePath | None = None
         self._at: Callable[[float, Progress | None], FloatArray] | None = None
         polygons = None if faces is None else Cloud(arrays[0], faces=faces).faces
         if path != "linear" and polygons is not None:
@@ -87,13 +88,14 @@ class Motion:
             cloud = _pointmorph.Motion(arrays[0], arrays[1], arrays[2], path, progress)
             self._at = lambda t, _: cloud.at(t)[0]
 
-    def at(self, t: float, progress: Progress | None = None) -> FloatArray:
+    def at(self, t: float | FloatArray, progress: Progress | None = None) -> FloatArray:
         """The positions at t.
 
         Parameters
         ----------
-        t : float
-            0 to 1; the positions are exact at both ends.
+        t : float or (N,) array
+            0 to 1; the positions are exact at both ends. An array gives each point a time of its
+            own.
         progress : callable, optional
             As for `pointmorph.morph`; asked where faces take long.
 
@@ -107,8 +109,23 @@ class Motion:
             If t lies outside of [0, 1].
         """
         start, end = self._ends
-        if not 0 <= t <= 1:
-            raise OptionError("t", "a number from 0 to 1", str(t), "Clamp it.")
+        times = np.asarray(t, np.float64)
+        if times.shape not in ((), (len(start),)) or not ((times >= 0) & (times <= 1)).all():
+            expected = f"a number from 0 to 1, or {len(start)} of them"
+            raise OptionError("t", expected, str(t), "Clamp it.")
+        if times.ndim == 0:
+            return self._at_once(float(times), progress)
+        if self._at is None:
+            share = times[:, None]
+            return np.where(share < 1, start + share * (end - start), end)
+        if self._pointwise is None:
+            self._pointwise = _pointmorph.PointwisePath(
+                start, end, lambda own: self._at_once(own, progress)
+            )
+        return self._pointwise.at(times)
+
+    def _at_once(self, t: float, progress: Progress | None) -> FloatArray:
+        start, end = self._ends
         if t in (0, 1):
             return (end if t else start).copy()
-        return start + t * (end - start) if self._at is None else self._at(float(t), progress)
+        return start + t * (end - start) if self._at is None else self._at(t, progress)

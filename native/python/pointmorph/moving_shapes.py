@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pointmorph import _pointmorph, sequences, surfaces
+from pointmorph.chains import StaggeredChain
 from pointmorph.clouds import Cloud, FloatArray
 from pointmorph.errors import CloudError
 from pointmorph.morphing import Frame, Morph, ResampledFrame, is_straight, restore
@@ -72,6 +73,8 @@ class MovingSequence(sequences.FrameSequence):
         super().__init__(morph, times, **numbering)
         self._states = states
         self._settings = settings
+        # A chain is staggered as a whole.
+        self._own = settings if len(morph.parts) == 1 else {**settings, "stagger": "none"}
         self._shapes = [morph.parts[0].source, *(part.target for part in morph.parts)]
         for number, frame in zip(self.numbers, states, strict=True):
             for shape, state in zip(self._shapes, frame, strict=True):
@@ -161,16 +164,21 @@ class MovingSequence(sequences.FrameSequence):
     def surface(
         self, k: int, frame: Frame, stopped: Callable[[], bool] = lambda: False
     ) -> surfaces.Surface:
-        number, t = self._part(k)
-        return surfaces.Surfaces(self._morph_in(k, number)).through(frame, t, stopped)
+        morph, t = self._part(k)
+        return surfaces.Surfaces(morph).through(frame, t, stopped)
 
-    def _part(self, k: int) -> tuple[int, float]:
-        """The number of the morph that frame k belongs to, and t in it."""
-        return sequences.part_at(self.times[k], len(self.morph.parts))
+    def _part(self, k: int) -> tuple[Morph, float]:
+        """The morph that frame k belongs to, with its shapes as they are then, and t in it."""
+        count = len(self.morph.parts)
+        if isinstance(self.morph, StaggeredChain):
+            parts = [self._morph_in(k, number) for number in range(count)]
+            return StaggeredChain(parts, self._settings), self.times[k]
+        number, t = sequences.part_at(self.times[k], count)
+        return self._morph_in(k, number), t
 
     def _find_pairs(self, k: int) -> Frame:
-        number, t = self._part(k)
-        return self._morph_in(k, number).frame(t)
+        morph, t = self._part(k)
+        return morph.frame(t)
 
     def _velocities(self, k: int) -> FloatArray:
         """(M, 3): of the pairs, per frame, from the frame before to the frame after."""
@@ -202,12 +210,12 @@ class MovingSequence(sequences.FrameSequence):
                 )
             )
         maps = None
-        if not is_straight(**self._settings):
+        if not is_straight(**self._own):
             maps = (
                 self._moved_images(part.source_to_target, part.target, states[1]),
                 self._moved_images(part.target_to_source, part.source, states[0]),
             )
-        return restore(clouds[0], clouds[1], part.pairs, maps, **self._settings)
+        return restore(clouds[0], clouds[1], part.pairs, maps, **self._own)
 
     def _growth(self, number: int, state: ShapeState) -> _Doubles:
         """(N,): distance of each point from its neighbors, relative to that at rest."""

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <chrono>
 #include <numeric>
+#include <ranges>
 #include <utility>
 
 #include "morph/found_map.hpp"
@@ -285,6 +286,25 @@ Morph::Morph(Cloud source, Cloud target, Pairing pairs, RefinementStart images,
                                       &IndexPair::target);
     target_images_ = mean_of_partners(target_.size(), pairs_, &IndexPair::target, source_.positions,
                                       &IndexPair::source);
+}
+
+Morph::Morph(std::vector<std::shared_ptr<const Morph>> legs, const MorphOptions& options,
+             const Values& delays)
+    : Morph(legs.front()->source_, legs.back()->target_, pairs_through(legs), {}, options, delays) {
+    legs_ = std::move(legs);
+}
+
+Pairing Morph::pairs_through(const std::vector<std::shared_ptr<const Morph>>& legs) {
+    Pairing pairs = legs.front()->pairs_;
+    for (const auto& leg : legs | std::views::drop(1)) {
+        const bool fits =
+            std::ranges::equal(pairs, leg->pairs_, {}, &IndexPair::target, &IndexPair::source);
+        if (!fits)
+            throw CloudError(leg->source_.name, "pairs that go on from those of the morph before",
+                             "others", "Give morphs of the same points, in order.");
+        for (std::size_t i = 0; i < pairs.size(); ++i) pairs[i].target = leg->pairs_[i].target;
+    }
+    return pairs;
 }
 
 }  // namespace pointmorph

@@ -153,7 +153,7 @@ Positions Morph::along_path(bool is_source, double share, Progress& progress) co
     return result;
 }
 
-/// The same, each vertex at its own time; one of the target at the mean time of its pairs.
+/// The same, each vertex at its own time.
 Positions Morph::staggered(bool is_source, double share, Progress& progress) const {
     Wrapped& wrapped = is_source ? caches_->wrapped_source : caches_->wrapped_target;
     const Positions& starts = is_source ? source_.positions : target_.positions;
@@ -162,21 +162,27 @@ Positions Morph::staggered(bool is_source, double share, Progress& progress) con
             OrientedPoints{starts, {}}, OrientedPoints{*wrapped.ends, {}}, [&](double at) {
                 return OrientedPoints{along_path(is_source, at, progress), {}};
             });
-    Values shares(starts.rows());
-    if (is_source) {
-        for (Eigen::Index i = 0; i < shares.size(); ++i)
-            shares[i] = local_time(share, delays_[i], options_.stagger);
-    } else {
-        const Values times = pair_times(1.0 - share);
-        shares.setZero();
-        Values count = Values::Zero(shares.size());
-        for (std::size_t i = 0; i < pairs_.size(); ++i) {
-            shares[pairs_[i].target] += 1.0 - times[static_cast<Eigen::Index>(i)];
-            count[pairs_[i].target] += 1.0;
-        }
-        shares = shares.array() / count.array();
+    const Values times = vertex_times(is_source, is_source ? share : 1.0 - share);
+    return wrapped.pointwise->at(is_source ? times : Values(1.0 - times.array())).positions;
+}
+
+/// One of the target is at the mean time of its pairs.
+Values Morph::vertex_times(bool of_source, double t) const {
+    if (delays_.size() == 0)
+        return Values::Constant(of_source ? source_.size() : target_.size(), t);
+    Values times = Values::Zero(of_source ? source_.size() : target_.size());
+    if (of_source) {
+        for (Eigen::Index i = 0; i < times.size(); ++i)
+            times[i] = local_time(t, delays_[i], options_.stagger);
+        return times;
     }
-    return wrapped.pointwise->at(shares).positions;
+    const Values by_pair = pair_times(t);
+    Values count = Values::Zero(times.size());
+    for (std::size_t i = 0; i < pairs_.size(); ++i) {
+        times[pairs_[i].target] += by_pair[static_cast<Eigen::Index>(i)];
+        count[pairs_[i].target] += 1.0;
+    }
+    return times.array() / count.array();
 }
 
 /// The time of each pair while that of the whole is t.
@@ -223,7 +229,8 @@ template const StraightPath<float>& Morph::straight_path<float>() const;
 template const StraightPath<double>& Morph::straight_path<double>() const;
 
 void Morph::lay_out_paths(Progress& progress) const {
-    if (options_.path_kind() == PathKind::kLinear) return;
+    for (const auto& leg : legs_) leg->lay_out_paths(progress);
+    if (options_.path_kind() == PathKind::kLinear || !legs_.empty()) return;
     const ThreadCount threads(options_.threads);
     const std::scoped_lock lock(caches_->paths_mutex);
     if (caches_->source_motion) return;
@@ -243,8 +250,12 @@ template <class Scalar>
 void Morph::frame(double t, const FrameView<Scalar>& out) const {
     const ThreadCount threads(options_.threads);
     const bool at_end = t == 0.0 || t == 1.0;
+    if (!legs_.empty() && t > 0.0 && t < 1.0) {
+        chained_frame<Scalar>(t, out);
+        return;
+    }
     if (delays_.size() > 0 && t > 0.0 && t < 1.0) {
-        staggered_frame<Scalar>(t, out);
+        frame_at<Scalar>(pair_times(t), out);
         return;
     }
     straight_path<Scalar>().frame(t, out);
@@ -258,10 +269,9 @@ void Morph::frame(double t, const FrameView<Scalar>& out) const {
          out.positions, out.normals);
 }
 
-/// With pairs that aren't at the same time, between the ends.
+/// With pairs that needn't be at the same time.
 template <class Scalar>
-void Morph::staggered_frame(double t, const FrameView<Scalar>& out) const {
-    const Values times = pair_times(t);
+void Morph::frame_at(const Values& times, const FrameView<Scalar>& out) const {
     straight_path<Scalar>().frame({times.data(), to_size(times.size())}, out);
     if (options_.path_kind() == PathKind::kLinear) return;
     if (out.positions.empty() && out.normals.empty()) return;
@@ -274,6 +284,35 @@ void Morph::staggered_frame(double t, const FrameView<Scalar>& out) const {
     };
     put(cloud.positions, out.positions);
     put(cloud.normals, out.normals);
+}
+
+/// Of several morphs in a row, between the ends: each pair is in one of them.
+template <class Scalar>
+void Morph::chained_frame(double t, const FrameView<Scalar>& out) const {
+    const auto rows = static_cast<Eigen::Index>(pairs_.size());
+    const auto count = static_cast<double>(legs_.size());
+    const Values along =
+        count * (delays_.size() > 0 ? pair_times(t) : Values(Values::Constant(rows, t)));
+    std::vector<Scalar> positions(out.positions.size()), normals(out.normals.size()),
+        colors(out.colors.size()), radii(out.radii.size());
+    for (std::size_t leg = 0; leg < legs_.size(); ++leg) {
+        const Values times = (along.array() - static_cast<double>(leg)).min(1.0).max(0.0);
+        const auto is_in = [&](Eigen::Index pair) {
+            return std::min(static_cast<std::size_t>(along[pair]), legs_.size() - 1) == leg;
+        };
+        legs_[leg]->frame_at<Scalar>(times, {positions, normals, colors, radii});
+        const auto put = [&](const std::vector<Scalar>& from, std::span<Scalar> to) {
+            const std::size_t width = from.size() / pairs_.size();
+            for (Eigen::Index pair = 0; pair < rows; ++pair)
+                if (is_in(pair))
+                    std::copy_n(from.data() + width * to_size(pair), width,
+                                to.data() + width * to_size(pair));
+        };
+        put(positions, out.positions);
+        put(normals, out.normals);
+        put(colors, out.colors);
+        put(radii, out.radii);
+    }
 }
 
 /// The pairs' way, for times of their own; laid out when first asked for.
@@ -327,7 +366,8 @@ Positions Morph::velocities(double t) const {
     Positions before(rows, 3), after(rows, 3);
     // On straight paths the whole way; else a piece short enough, but not the ends themselves,
     // whose own numbers differ from the path's by rounding.
-    const bool straight = options_.path_kind() == PathKind::kLinear && delays_.size() == 0;
+    const bool straight =
+        options_.path_kind() == PathKind::kLinear && delays_.size() == 0 && legs_.empty();
     constexpr double kStep = 1e-3, kInside = 1e-6;
     const double first = straight ? 0.0 : std::max(t - kStep, kInside);
     const double last = straight ? 1.0 : std::min(t + kStep, 1.0 - kInside);

@@ -9,7 +9,8 @@ import numpy as np
 import numpy.typing as npt
 import pointmorph
 import pytest
-from pointmorph import formats, sequences
+from pointmorph import formats, moving_shapes, sequences
+from pointmorph.chains import StaggeredChain
 from shapes import grid, grid_faces
 from test_cli import run, xyz
 from test_morphing import features
@@ -93,6 +94,61 @@ def test_restored_morphs_and_sequences_know_the_delays() -> None:
     assert len(prints) == 2
 
 
+FLAT, HIGH, LOW = (0.0, np.eye(3)), (0.8, TURN), (0.3, np.eye(3))
+
+
+def restored(ends, delay: npt.ArrayLike | None, **settings: object):
+    """Between two sheets, row by row: the height of a bump and a turn of each."""
+    clouds = []
+    for bump, turn in ends:
+        places = grid(SIDE, bump) @ turn
+        normals = np.tile(turn[2], (SIDE * SIDE, 1))
+        radii = np.full(SIDE * SIDE, 0.1 + bump)
+        clouds.append(pointmorph.Cloud(places, normals, radii=radii, delay=delay))
+    rows = np.arange(SIDE * SIDE)
+    maps = clouds[1].positions, clouds[0].positions
+    return pointmorph.restore(*clouds, np.column_stack([rows, rows]), maps, **settings)
+
+
+def test_each_point_of_a_chain_goes_through_all_of_it_in_its_own_time() -> None:
+    delays = np.linspace(0, 1, SIDE * SIDE)
+    parts = [
+        restored((FLAT, HIGH), delays, path="rigid"),
+        restored((HIGH, LOW), None, path="rigid"),
+    ]
+    settings = {"path": "rigid", "stagger": "delay", "stagger_overlap": 0.4}
+    chain = StaggeredChain(parts, settings)
+    for t in (0.4, 0.5, 0.6):
+        own = 2.0 * times(t, delays, 0.4, 1.0)
+        assert own.min() < 0.9 < 1.1 < own.max()
+        here, fuller = chain.frame(t), chain.resampled_frame(t)
+        for row in range(0, len(delays), 23):
+            number, along = sequences.part_at(own[row] / 2.0, 2)
+            there = parts[number].frame(along)
+            np.testing.assert_allclose(here.positions[row], there.positions[row], atol=1e-4)
+            np.testing.assert_allclose(here.radii[row], there.radii[row], atol=1e-9)
+        np.testing.assert_array_equal(fuller.positions[: len(delays)], here.positions)
+    for t, part in ((0, parts[0]), (1, parts[1])):
+        np.testing.assert_array_equal(chain.frame(t).positions, part.frame(t).positions)
+    # The same of shapes that could move, and don't.
+    shapes = parts[0].source, parts[0].target, parts[1].target
+    still = [moving_shapes.ShapeState(shape.positions, shape.normals) for shape in shapes]
+    moving = moving_shapes.MovingSequence(chain, [0.0, 0.4, 1.0], [still] * 3, settings)
+    np.testing.assert_allclose(
+        moving.frame(1).positions, chain.resampled_frame(0.4).positions, atol=1e-6
+    )
+
+
+def test_a_chain_of_other_points_is_refused() -> None:
+    parts = [restored((FLAT, HIGH), None), restored((HIGH, LOW), None)]
+    rows = np.arange(SIDE * SIDE)[::-1]
+    other = pointmorph.restore(
+        parts[1].source, parts[1].target, np.column_stack([rows, rows]), stagger="none"
+    )
+    with pytest.raises(pointmorph.CloudError, match="go on from"):
+        StaggeredChain([parts[0], other], {})
+
+
 @pytest.mark.parametrize("delay", [None, [0.5, 0.5], np.full(SIDE * SIDE, 1.5)])
 def test_delays_that_do_not_fit_are_refused(delay: npt.ArrayLike | None) -> None:
     with pytest.raises(pointmorph.CloudError, match="delay"):
@@ -101,17 +157,19 @@ def test_delays_that_do_not_fit_are_refused(delay: npt.ArrayLike | None) -> None
 
 def test_the_command_line_takes_delays_from_files(tmp_path: Path) -> None:
     positions = grid(SIDE, 0.8)
-    for name, turn in (("a", np.eye(3)), ("b", TURN)):
-        lines = "".join(f"v {x} {y} {z}\n" for x, y, z in positions @ turn)
-        lines += "".join(f"f {i + 1} {j + 1} {k + 1}\n" for i, j, k in grid_faces(SIDE))
+    finer = 2 * SIDE - 1
+    for name, side, turn in (("a", SIDE, np.eye(3)), ("b", finer, TURN)):
+        lines = "".join(f"v {x} {y} {z}\n" for x, y, z in grid(side, 0.8) @ turn)
+        lines += "".join(f"f {i + 1} {j + 1} {k + 1}\n" for i, j, k in grid_faces(side))
         (tmp_path / f"{name}.obj").write_text(lines)
     last = list(range(SIDE))
-    marks = {name: [a, a] for name, (a, _) in features(SIDE, SIDE).items()}
+    marks = {name: list(rows) for name, rows in features(SIDE, finer).items()}
     content = {"features": {**marks, "corner": [0, 0]}, "delay": {"source": last}}
     (tmp_path / "marks.json").write_text(json.dumps(content))
     call = [
         "morph", tmp_path / "a.obj", tmp_path / "b.obj", "--features", tmp_path / "marks.json",
         "--frames", 3, "--out", tmp_path / "out", "--mesh", "source",
+        "--denser", 0.0005,
     ]  # fmt: skip
     done = run(*call, "--stagger", "delay", "--stagger-overlap", 0.4)
     assert done.returncode == 0, done.stderr
@@ -122,8 +180,13 @@ def test_the_command_line_takes_delays_from_files(tmp_path: Path) -> None:
     # At ½ the first have gone for longer than they take; the last haven't begun (0.6).
     np.testing.assert_array_equal(half[late], starts[late])
     np.testing.assert_array_equal(half[~late], ends[~late])
-    mesh = formats.read(tmp_path / "out" / "mesh_0001.obj").positions
-    np.testing.assert_allclose(mesh[:SIDE], positions[:SIDE], atol=1e-6)
-    wrong = run(*call, "--stagger", "delay", "--denser")
-    assert wrong.returncode == 2
-    assert "no --stagger" in wrong.stderr
+    first, mesh, end = (formats.read(tmp_path / "out" / f"mesh_000{n}.obj") for n in range(3))
+    np.testing.assert_allclose(mesh.positions[:SIDE], positions[:SIDE], atol=1e-6)
+    # A vertex between one that waits and one that has gone is on its way.
+    assert len(mesh.positions) > SIDE * SIDE
+    there = np.isclose(mesh.positions, end.positions, atol=1e-6).all(axis=1)
+    waits = np.isclose(mesh.positions, first.positions, atol=1e-6).all(axis=1)
+    assert there[SIDE : SIDE * SIDE].all()
+    between = ~(there | waits)
+    assert between.any()
+    assert not between[: SIDE * SIDE].any()

@@ -48,6 +48,11 @@ public:
     /// There is no domain, and nothing to report. `delays` as in MorphInput. Throws CloudError.
     Morph(Cloud source, Cloud target, Pairing pairs, RefinementStart images,
           const MorphOptions& options, const Values& delays = {});
+    /// Morphs in a row as one, for its frames: each begins at the shape where the one before ends,
+    /// and row i of the pairs of all is the same point. With `options.stagger`, each point goes
+    /// through all of them in a time of its own. Throws CloudError.
+    Morph(std::vector<std::shared_ptr<const Morph>> legs, const MorphOptions& options,
+          const Values& delays);
     ~Morph();
 
     /// The morph of these clouds for other features, from where this one is; see LiveMorph, which
@@ -83,6 +88,9 @@ public:
     /// where they end on the source.
     bool has_target_mesh() const noexcept;
     Positions wrapped_target(double t, Progress& progress) const;
+    /// How far each vertex of the source's mesh, or of the target's, has gone from source to target
+    /// at t, 0 to 1: t itself unless `options().stagger` says otherwise.
+    Values vertex_times(bool of_source, double t) const;
     /// The mesh of the source, or of the target, with more triangles where the other shape has what
     /// it can't show, wrapped onto that; takes a few times as long as wrapped(). Throws CloudError
     /// unless there is such a mesh.
@@ -131,6 +139,7 @@ private:
     /// From scratch instead of by an update; `why` in words.
     Morph(MorphInput input, const MorphOptions& options, Progress& progress,
           const std::string& why);
+    static Pairing pairs_through(const std::vector<std::shared_ptr<const Morph>>& legs);
     MorphInput input() const;  // with the maps as its start
     std::vector<std::string> warnings_of_shapes() const;
     void conclude(Progress& progress, std::chrono::steady_clock::time_point began);
@@ -143,7 +152,9 @@ private:
     Positions velocities(double t) const;
     Values pair_times(double t) const;
     template <class Scalar>
-    void staggered_frame(double t, const FrameView<Scalar>& out) const;
+    void frame_at(const Values& times, const FrameView<Scalar>& out) const;
+    template <class Scalar>
+    void chained_frame(double t, const FrameView<Scalar>& out) const;
     const PointwisePath& pointwise_path() const;
     Positions along_path(bool is_source, double share, Progress& progress) const;
     Positions staggered(bool is_source, double share, Progress& progress) const;
@@ -160,6 +171,7 @@ private:
     Parts source_parts_, target_parts_;  ///< as they were given
     Pairing pairs_;
     Values delays_;  ///< of the source's points; empty where all go together
+    std::vector<std::shared_ptr<const Morph>> legs_;  ///< empty unless it is several in a row
     DomainPoints source_domain_, target_domain_;
     Positions source_images_, target_images_;  ///< empty where the domain gives them
     BoundaryLoop source_boundary_, target_boundary_;
