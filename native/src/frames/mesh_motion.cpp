@@ -9,6 +9,7 @@
 
 #include "mesh/elastic_sheet.hpp"
 #include "mesh/mesh_edges.hpp"
+#include "mesh/untangling.hpp"
 #include "pointmorph/base/parallel.hpp"
 #include "pointmorph/cloud/similarity.hpp"
 
@@ -114,7 +115,8 @@ void make_turns_agree(const Triangles& triangles, std::vector<Move>& moves) {
 struct MeshMotion::Bend {
     const Mesh& mesh;
     ElasticSheet sheet;
-    std::vector<Move> moves;  ///< of the triangles
+    std::vector<Move> moves;      ///< of the triangles
+    std::vector<char> is_folded;  ///< those that lie against their surroundings at an end
     using Matrix = Eigen::SparseMatrix<double, Eigen::ColMajor, Index>;
     /// Of the Laplacian with a place of each part held; none where it would take long.
     std::unique_ptr<Eigen::SimplicialLDLT<Matrix>> solver;
@@ -132,6 +134,7 @@ struct MeshMotion::Bend {
             }
         });
         make_turns_agree(mesh.triangles, moves);
+        find_folded(ends, progress);
         // What a surface of a million places takes would be a gigabyte.
         constexpr Index kMost = 400000;
         if (mesh.positions.rows() <= kMost) factorize(progress);
@@ -159,12 +162,107 @@ struct MeshMotion::Bend {
         progress.report(1.0);
     }
 
+    /// A triangle at t as its own stretch has it: sides from the first corner, in its plane.
+    Matrix2 sides_at(Index f, double t) const {
+        const Matrix3 now =
+            ((1.0 - t) * Matrix3::Identity() + t * moves[to_size(f)].stretch) * rest_frame(mesh, f);
+        const Vector3 u = now.col(0), v = now.col(1);
+        Matrix2 sides;
+        sides << u.norm(), u.dot(v) / u.norm(), 0.0, u.cross(v).norm() / u.norm();
+        return sides;
+    }
+
+    /// Of vertices: where the triangles around would have them face.
+    Normals planes(const std::vector<Vector3>& facing, Progress& progress) const {
+        const Index count = sheet.laplacian().size();
+        Normals result = Normals::Zero(count, 3);
+        parallel_for(count, progress, [&](Index begin, Index end) {
+            for (Index v = begin; v < end; ++v) {
+                for (const Index c : sheet.around(v))
+                    result.row(v) += facing[to_size(c / 3)].transpose();
+                if (const double length = result.row(v).norm(); length > 0.0)
+                    result.row(v) /= length;
+            }
+        });
+        return result;
+    }
+
+    /// Which triangles agree less with the planes at their corners than by this cosine.
+    std::vector<char> against(const Normals& planes, const Positions& x, double least,
+                              Progress& progress) const {
+        std::vector<char> result(moves.size(), 0);
+        parallel_for(static_cast<Index>(moves.size()), progress, [&](Index begin, Index end) {
+            for (Index f = begin; f < end; ++f) {
+                const Vector3 normal = facing_of(sheet.places(x, f));
+                Vector3 plane = Vector3::Zero();
+                for (Index k = 0; k < 3; ++k) plane += planes.row(mesh.triangles(f, k)).transpose();
+                result[to_size(f)] =
+                    normal.dot(plane) < least * normal.norm() * plane.norm() ? 1 : 0;
+            }
+        });
+        return result;
+    }
+
+    /// Twice the area of a triangle, towards where it faces.
+    static Vector3 facing_of(const ElasticSheet::Corners& corners) {
+        return (corners.col(1) - corners.col(0)).cross(Vector3(corners.col(2) - corners.col(0)));
+    }
+
+    /// Triangles that lie against their surroundings at one of the ends.
+    void find_folded(const Positions& ends, Progress& progress) {
+        is_folded.assign(moves.size(), 0);
+        for (const Positions* x : {&mesh.positions, &ends}) {
+            const std::vector<char> now =
+                against(planes(facings_at(*x), progress), *x, 0.0, progress);
+            for (std::size_t f = 0; f < now.size(); ++f) is_folded[f] |= now[f];
+        }
+    }
+
+    /// Where triangles face at `x`.
+    std::vector<Vector3> facings_at(const Positions& x) const {
+        std::vector<Vector3> result(moves.size());
+        for (Index f = 0; f < static_cast<Index>(result.size()); ++f)
+            result[to_size(f)] = facing_of(sheet.places(x, f));
+        return result;
+    }
+
+    /// Turns triangles back that lie against where those around would face, and then those that lie
+    /// against where they do; but for what does so at one of the ends.
+    void turn_back(double t, const std::vector<Vector3>& facing, Positions& x,
+                   Progress& progress) const {
+        WrapPartners onto{x, planes(facing, progress)};
+        std::vector<char> is_turned;
+        const auto find = [&] {
+            constexpr double kLeast = 0.1;
+            is_turned = against(onto.normals, x, kLeast, progress);
+            for (std::size_t f = 0; f < is_turned.size(); ++f)
+                is_turned[f] = is_turned[f] && !is_folded[f];
+            return std::ranges::count(is_turned, 1) > 0;
+        };
+        UntangleOptions options;
+        options.plane_length *= std::sqrt(mesh.area());
+        options.concerns = [&](Index f) { return is_turned[to_size(f)] != 0; };
+        options.sides = [&](Index f) { return sides_at(f, t); };
+        const std::vector<char> none(to_size(x.rows()), 0);
+        constexpr int kRounds = 3;
+        for (int round = 0; round < kRounds && find(); ++round)
+            untangle(mesh, sheet, onto, none, options, x, progress);
+        for (int round = 0; round < kRounds; ++round) {
+            onto = {x, planes(facings_at(x), progress)};
+            if (!find()) return;
+            untangle(mesh, sheet, onto, none, options, x, progress);
+        }
+    }
+
     /// Places at t; each part about where `around` has it.
     Positions at(double t, const Positions& around, Progress& progress) const {
+        std::vector<Vector3> facing(moves.size());  // where each triangle's own move has it face
         const Positions right = sheet.forces_towards(
             [&](Index f) {
-                return ElasticSheet::Corners(moves[to_size(f)].at(t) *
-                                             sheet.places(mesh.positions, f));
+                const ElasticSheet::Corners corners =
+                    moves[to_size(f)].at(t) * sheet.places(mesh.positions, f);
+                facing[to_size(f)] = facing_of(corners);
+                return corners;
             },
             progress);
         Positions x = around;
@@ -176,6 +274,7 @@ struct MeshMotion::Bend {
             solve(sheet.laplacian(), none, right, {.most_iterations = 300, .tolerance = 1e-5}, x,
                   progress);
         }
+        turn_back(t, facing, x, progress);
         Positions shifts = Positions::Zero(mesh.part_areas.size(), 3);
         Values counts = Values::Zero(mesh.part_areas.size());
         for (Index p = 0; p < x.rows(); ++p) {

@@ -47,17 +47,19 @@ Vector3 product(const Laplacian& laplacian, const std::vector<Matrix3>& blocks, 
 int solve(const Laplacian& laplacian, const std::vector<Matrix3>& blocks, const Positions& right,
           const SolveOptions& options, Positions& x, Progress& progress) {
     const Index count = laplacian.size();
-    std::vector<Matrix3> inverses(to_size(count));
+    // Which way to go may be told less exactly than how far.
+    std::vector<Eigen::Matrix3f> inverses(to_size(count));
     Positions residual(count, 3), step(count, 3), image(count, 3);
     double squared = sum_over(count, progress, [&](Index i) {
         const Matrix3 diagonal =
             blocks[to_size(i)] + laplacian.sums[to_size(i)] * Matrix3::Identity();
         const bool is_free = diagonal.trace() > 0.0;
-        inverses[to_size(i)] = is_free ? Matrix3(diagonal.inverse()) : Matrix3(Matrix3::Zero());
+        inverses[to_size(i)] =
+            is_free ? Eigen::Matrix3f(diagonal.inverse().cast<float>()) : Eigen::Matrix3f::Zero();
         const Vector3 r = is_free ? Vector3(row(right, i) - product(laplacian, blocks, x, i))
                                   : Vector3(Vector3::Zero());
         residual.row(i) = r.transpose();
-        step.row(i) = (inverses[to_size(i)] * r).transpose();
+        step.row(i) = (inverses[to_size(i)].cast<double>() * r).transpose();
         return r.dot(row(step, i));
     });
     const double enough = options.tolerance * options.tolerance * squared;
@@ -74,7 +76,7 @@ int solve(const Laplacian& laplacian, const std::vector<Matrix3>& blocks, const 
             x.row(i) += length * step.row(i);
             residual.row(i) -= length * image.row(i);
             const Vector3 r = row(residual, i);
-            return r.dot(inverses[to_size(i)] * r);
+            return r.dot(inverses[to_size(i)].cast<double>() * r);
         });
         const double share = next / squared;
         squared = next;
@@ -84,7 +86,8 @@ int solve(const Laplacian& laplacian, const std::vector<Matrix3>& blocks, const 
             [&](Index begin, Index end) {
                 for (Index i = begin; i < end; ++i)
                     step.row(i) =
-                        (inverses[to_size(i)] * row(residual, i)).transpose() + share * step.row(i);
+                        (inverses[to_size(i)].cast<double>() * row(residual, i)).transpose() +
+                        share * step.row(i);
             },
             0.0, 0.0, kChunk);
     }

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <numeric>
+#include <utility>
 
 namespace pointmorph {
 
@@ -61,7 +62,8 @@ TriangleTree::TriangleTree(const Positions& positions, const Triangles& triangle
 
 Index TriangleTree::split(Index begin, Index end, const Positions& middles) {
     const auto node = static_cast<Index>(nodes_.size());
-    nodes_.push_back({Box{}, begin, end, -1});
+    const Index lowest = *std::min_element(order_.begin() + begin, order_.begin() + end);
+    nodes_.push_back({Box{}, begin, end, -1, lowest});
     if (end - begin <= kLeaf) return node;
     Vector3 low = middles.row(order_[to_size(begin)]).transpose(), high = low;
     for (Index k = begin; k < end; ++k) {
@@ -132,14 +134,22 @@ SurfacePoint TriangleTree::closest(const Vector3& place, double within, Index gu
     while (depth > 0) {
         const Index n = stack[--depth];
         const Node& node = nodes_[to_size(n)];
-        if (node.box.squared_distance(place) > best.squared_distance) continue;
+        const double least = node.box.squared_distance(place);
+        if (least > best.squared_distance) continue;
+        // All of its triangles are one point that is as near.
+        if (least == best.squared_distance && best.triangle >= 0 && node.lowest >= best.triangle &&
+            node.box.low == node.box.high)
+            continue;
         if (node.right < 0) {
             for (Index k = node.begin; k < node.end; ++k) consider(order_[to_size(k)]);
             continue;
         }
         const Index left = n + 1, right = node.right;
-        const bool left_first = nodes_[to_size(left)].box.squared_distance(place) <=
-                                nodes_[to_size(right)].box.squared_distance(place);
+        const auto key = [&](Index child) {
+            const Node& side = nodes_[to_size(child)];
+            return std::pair(side.box.squared_distance(place), side.lowest);
+        };
+        const bool left_first = key(left) < key(right);
         stack[depth++] = left_first ? right : left;
         stack[depth++] = left_first ? left : right;
     }

@@ -63,8 +63,7 @@ ElasticSheet::ElasticSheet(const Positions& rest, const Triangles& triangles)
       rest_(to_size(triangles.rows())),
       areas_(Values::Zero(rest.rows())),
       offsets_(to_size(rest.rows()) + 1, 0),
-      corners_(to_size(triangles.size())),
-      turns_(to_size(rest.rows()), Matrix3::Identity()) {
+      corners_(to_size(triangles.size())) {
     const auto count = static_cast<Index>(rest.rows());
     std::vector<std::array<Index, 2>> ends;
     std::vector<double> weights;
@@ -76,7 +75,6 @@ ElasticSheet::ElasticSheet(const Positions& rest, const Triangles& triangles)
         const Vector3 second = u.cross(v).cross(u).normalized();
         t.frame << first.transpose(), second.transpose();
         t.sides << t.frame * u, t.frame * v;
-        t.inverse = t.sides.inverse();
         t.metric_sides = t.sides;
         for (int k = 0; k < 3; ++k) {
             const int next = (k + 1) % 3, across = (k + 2) % 3;
@@ -157,30 +155,34 @@ void ElasticSheet::set_metric(const Positions& x, int sweeps, Progress& progress
     // they keep to it where it bends.
     const auto faces = static_cast<Index>(rest_.size());
     const auto count = static_cast<Index>(x.rows());
-    std::vector<Matrix3> of_faces(to_size(faces)), now(to_size(count), Matrix3::Zero());
+    std::vector<Matrix3> now(to_size(count), Matrix3::Zero());
     const double most = 2.0 * std::log(kLargestStretch);
     parallel_for(faces, progress, [&](Index begin, Index end) {
         for (Index f = begin; f < end; ++f) {
-            const Triangle& t = rest_[to_size(f)];
+            Triangle& t = rest_[to_size(f)];
             const Corners p = places(x, f);
             Eigen::Matrix<double, 3, 2> sides;
             sides << p.col(1) - p.col(0), p.col(2) - p.col(0);
-            const Eigen::Matrix<double, 3, 2> jacobian = sides * t.inverse;
-            const Matrix2 log =
+            const Eigen::Matrix<double, 3, 2> jacobian = sides * t.sides.inverse();
+            // Kept there until the metric is known.
+            t.metric_sides =
                 of_eigenvalues(Matrix2(jacobian.transpose() * jacobian), [&](double value) {
                     return std::clamp(std::log(std::max(value, 1e-30)), -most, most);
                 });
-            const Vector3 normal = t.frame.row(0).cross(t.frame.row(1)).transpose();
-            of_faces[to_size(f)] = t.frame.transpose() * log * t.frame +
-                                   0.5 * log.trace() * normal * normal.transpose();
         }
     });
+    const auto in_space = [&](Index f) -> Matrix3 {
+        const Triangle& t = rest_[to_size(f)];
+        const Vector3 normal = t.frame.row(0).cross(t.frame.row(1)).transpose();
+        return t.frame.transpose() * t.metric_sides * t.frame +
+               0.5 * t.metric_sides.trace() * normal * normal.transpose();
+    };
     const auto face_area = [&](Index f) { return std::abs(rest_[to_size(f)].sides.determinant()); };
     parallel_for(count, progress, [&](Index begin, Index end) {
         for (Index v = begin; v < end; ++v) {
             double sum = 0.0;
             for (const Index c : around(v)) {
-                now[to_size(v)] += face_area(c / 3) * of_faces[to_size(c / 3)];
+                now[to_size(v)] += face_area(c / 3) * in_space(c / 3);
                 sum += face_area(c / 3);
             }
             if (sum > 0.0) now[to_size(v)] /= sum;
@@ -237,15 +239,16 @@ void ElasticSheet::turn_vertices(const Positions& x, Progress& progress) {
             of_faces[to_size(f)] = cross;
         }
     });
+    const bool have_turned = !turns_.empty();
+    turns_.resize(to_size(x.rows()), Matrix3::Identity());
     parallel_for(static_cast<Index>(x.rows()), progress, [&](Index begin, Index end) {
         for (Index v = begin; v < end; ++v) {
             Matrix3 cross = Matrix3::Zero();
             for (const Index c : around(v)) cross += of_faces[to_size(c / 3)];
-            turns_[to_size(v)] = have_turned_ ? rotation_near(cross, turns_[to_size(v)])
-                                              : best_rotation(cross).rotation;
+            turns_[to_size(v)] = have_turned ? rotation_near(cross, turns_[to_size(v)])
+                                             : best_rotation(cross).rotation;
         }
     });
-    have_turned_ = true;
 }
 
 /// The triangle that it would be, in the plane across `normal`, turned there to where it is.

@@ -62,7 +62,6 @@ private:
     struct Triangle {
         Eigen::Matrix<double, 2, 3> frame;  ///< rows: axes in its plane at rest
         Matrix2 sides;                      ///< columns: to the second and third corner, in these
-        Matrix2 inverse;                    ///< of the sides
         Vector3 weights;                    ///< of the sides from corner k to the next
         Matrix2 metric_sides;               ///< the sides, stretched by the metric
     };
@@ -75,19 +74,18 @@ private:
     Values areas_;
     Laplacian laplacian_;
     std::vector<Index> offsets_, corners_;
-    std::vector<Matrix3> turns_;  ///< of the vertices; kept as a start
-    bool have_turned_ = false;
+    std::vector<Matrix3> turns_;  ///< of the vertices, once they have turned; kept as a start
 };
 
 template <class Would>
 Positions ElasticSheet::forces_towards(Would&& would, Progress& progress) const {
     const auto faces = static_cast<Index>(rest_.size());
-    std::vector<Corners> of_faces(to_size(faces));
+    // On the second and third corner; the first is pulled against both.
+    std::vector<Eigen::Matrix<double, 3, 2>> of_faces(to_size(faces));
     parallel_for(faces, progress, [&](Index begin, Index end) {
         for (Index f = begin; f < end; ++f) {
             const Corners corners = would(f);
-            Corners& force = of_faces[to_size(f)];
-            force.setZero();
+            Corners force = Corners::Zero();
             for (int k = 0; k < 3; ++k) {
                 const int next = (k + 1) % 3;
                 const Vector3 pull =
@@ -95,14 +93,20 @@ Positions ElasticSheet::forces_towards(Would&& would, Progress& progress) const 
                 force.col(next) += pull;
                 force.col(k) -= pull;
             }
+            of_faces[to_size(f)] = force.rightCols<2>();
         }
     });
     const auto count = laplacian_.size();
     Positions result = Positions::Zero(count, 3);
     parallel_for(count, progress, [&](Index begin, Index end) {
         for (Index v = begin; v < end; ++v)
-            for (const Index c : around(v))
-                result.row(v) += of_faces[to_size(c / 3)].col(c % 3).transpose();
+            for (const Index c : around(v)) {
+                const auto& force = of_faces[to_size(c / 3)];
+                if (c % 3 > 0)
+                    result.row(v) += force.col(c % 3 - 1).transpose();
+                else
+                    result.row(v) -= (force.col(0) + force.col(1)).transpose();
+            }
     });
     return result;
 }

@@ -6,6 +6,7 @@
 #include <numbers>
 #include <numeric>
 
+#include "mesh/mesh_edges.hpp"
 #include "pointmorph/cloud/sampling.hpp"
 
 namespace pointmorph {
@@ -16,11 +17,17 @@ namespace {
 struct Candidates {
     std::vector<Index> triangles;
     std::vector<Eigen::RowVector3d> weights;
+    std::vector<Eigen::RowVector3d> facing;  ///< 0 where the triangle tells
 
     Index size() const { return static_cast<Index>(triangles.size()); }
-    void add(Index triangle, const Eigen::RowVector3d& w) {
+    void add(Index triangle, const Eigen::RowVector3d& w,
+             const Eigen::RowVector3d& normal = Eigen::RowVector3d::Zero()) {
         triangles.push_back(triangle);
         weights.push_back(w);
+        facing.push_back(normal);
+    }
+    void add(const Candidates& other, Index i) {
+        add(other.triangles[to_size(i)], other.weights[to_size(i)], other.facing[to_size(i)]);
     }
 };
 
@@ -84,7 +91,8 @@ std::vector<BorderSide> sides_along(const Mesh& mesh, const std::vector<Index>& 
     return sides;
 }
 
-/// What a part of the mesh is sampled from: kept places, points along borders, then random ones.
+/// What a part of the mesh is sampled from: kept places, points along borders and sharp edges, then
+/// random ones.
 struct PartCandidates {
     Candidates places;
     Index fixed = 0;            ///< the first of them, which stay
@@ -144,6 +152,7 @@ private:
         for (std::size_t b = 0; b < mesh_.borders.size(); ++b)
             if (mesh_.parts[to_size(mesh_.borders[b].front())] == part)
                 add_border(b, spacing, from);
+        if (options_.even) add_sharp_edges(part, spacing, from.places);
         from.fixed = from.places.size();
         const Index count = std::max(even, from.fixed);
         if (!options_.even) {
@@ -152,8 +161,7 @@ private:
                 result.kept[to_size(from.kept[k])] = first + static_cast<Index>(k);
             for (const Index row : from.border) result.border.push_back(first + row);
             add_random(from.places, mesh_, triangles_[to_size(part)], count - from.fixed);
-            for (Index i = 0; i < from.places.size(); ++i)
-                chosen.add(from.places.triangles[to_size(i)], from.places.weights[to_size(i)]);
+            for (Index i = 0; i < from.places.size(); ++i) chosen.add(from.places, i);
             result.parts.insert(result.parts.end(), to_size(count), part);
             return;
         }
@@ -163,13 +171,15 @@ private:
         Normals normals(from.places.size(), 3);
         for (Index i = 0; i < from.places.size(); ++i) {
             positions.row(i) = position(from.places, i);
-            normals.row(i) = mesh_.normals.row(from.places.triangles[to_size(i)]);
+            const Eigen::RowVector3d& facing = from.places.facing[to_size(i)];
+            normals.row(i) = facing.isZero() ? mesh_.normals.row(from.places.triangles[to_size(i)])
+                                             : Eigen::RowVector3d(facing);
         }
         std::vector<Index> keep(to_size(from.fixed));
         std::iota(keep.begin(), keep.end(), 0);
         const Index first = chosen.size();
         for (const Index row : blue_noise(positions, normals, count, keep, progress))
-            chosen.add(from.places.triangles[to_size(row)], from.places.weights[to_size(row)]);
+            chosen.add(from.places, row);
         for (std::size_t k = 0; k < from.kept.size(); ++k)
             result.kept[to_size(from.kept[k])] = first + static_cast<Index>(k);
         for (const Index row : from.border) result.border.push_back(first + row);
@@ -182,7 +192,7 @@ private:
             if (mesh_.parts[to_size(place)] != part) continue;
             Eigen::RowVector3d at = Eigen::RowVector3d::Zero();
             at[some_.corner[to_size(place)]] = 1.0;
-            from.places.add(some_.triangle[to_size(place)], at);
+            from.places.add(some_.triangle[to_size(place)], at, mesh_.place_normals.row(place));
             from.kept.push_back(static_cast<Index>(k));
         }
     }
@@ -214,6 +224,41 @@ private:
         if (which == 0) from.border = std::move(along);
     }
 
+    /// Points along edges at which the surface bends so much that samples on both sides don't pass
+    /// for neighbors: they face halfway between, and join them. Where edges are shorter than the
+    /// distance between samples, the surface bends little by little.
+    void add_sharp_edges(Index part, double spacing, Candidates& places) const {
+        constexpr double kSharp = 0.25;  // cosine of the bend
+        const auto length = [&](Index f, Index k) {
+            return (mesh_.positions.row(mesh_.triangles(f, (k + 1) % 3)) -
+                    mesh_.positions.row(mesh_.triangles(f, k)))
+                .norm();
+        };
+        std::vector<Index> sides;
+        for (const Index f : triangles_[to_size(part)])
+            for (Index k = 0; k < 3; ++k)
+                if (length(f, k) > 2.0 * spacing) sides.push_back(3 * f + k);
+        if (sides.empty()) return;
+        const MeshEdges edges(mesh_.triangles);
+        for (const Index side : sides) {
+            const Index f = side / 3, k = side % 3;
+            const auto both = edges[edges.edge_of(f, k)];
+            if (both.size() != 2 || both[0].triangle != f || both[0].k != k) continue;
+            const auto normal = mesh_.normals.row(f);
+            const auto other = mesh_.normals.row(both[1].triangle);
+            const Eigen::RowVector3d facing = normal + other;
+            constexpr double kNone = 1e-3;
+            if (normal.dot(other) > kSharp || facing.norm() < kNone) continue;
+            const auto steps = static_cast<Index>(std::lround(length(f, k) / spacing));
+            for (Index i = 1; i < steps; ++i) {
+                Eigen::RowVector3d at = Eigen::RowVector3d::Zero();
+                at[(k + 1) % 3] = static_cast<double>(i) / static_cast<double>(steps);
+                at[k] = 1.0 - at[(k + 1) % 3];
+                places.add(f, at, facing.normalized());
+            }
+        }
+    }
+
     Eigen::RowVector3d position(const Candidates& places, Index i) const {
         const auto t = mesh_.triangles.row(places.triangles[to_size(i)]);
         const auto& w = places.weights[to_size(i)];
@@ -223,6 +268,7 @@ private:
 
     /// Smooth where the normals around are near that of the face.
     Eigen::RowVector3d normal(const Candidates& places, Index i) const {
+        if (!places.facing[to_size(i)].isZero()) return places.facing[to_size(i)];
         const double least = std::cos(options_.crease * std::numbers::pi / 180.0);
         const Index f = places.triangles[to_size(i)];
         const Eigen::RowVector3d own = mesh_.normals.row(f);

@@ -40,7 +40,7 @@ struct Patch {
 class Energy {
 public:
     Energy(const Mesh& mesh, const ElasticSheet& sheet, const WrapPartners& planes,
-           const Patch& patch, std::vector<Index>& number, double plane_length)
+           const Patch& patch, std::vector<Index>& number, const UntangleOptions& options)
         : mesh_(mesh), planes_(planes), patch_(patch), number_(number) {
         for (const Index f : patch.faces) {
             const Vector3 normal = plane_at(mesh, planes, f);
@@ -49,11 +49,12 @@ public:
                 normal.norm() > 1e-9 ? Vector3(normal.normalized()) : Vector3(Vector3::UnitZ());
             const Vector3 first = n.unitOrthogonal();
             face.axes << first.transpose(), n.cross(first).transpose();
-            const Matrix2 sides = sheet.metric_sides(f);
+            const Matrix2 sides = options.sides ? options.sides(f) : sheet.metric_sides(f);
             face.inverse = sides.inverse();
             face.area = 0.5 * std::abs(sides.determinant());
             faces_.push_back(face);
         }
+        const double plane_length = options.plane_length;
         weights_ = Values::Zero(static_cast<Eigen::Index>(patch.vertices.size()));
         for (std::size_t i = 0; i < patch.faces.size(); ++i)
             for (Index k = 0; k < 3; ++k) {
@@ -244,7 +245,9 @@ Index untangle(const Mesh& mesh, const ElasticSheet& sheet, const WrapPartners& 
                Progress& progress) {
     std::vector<Index> bad;
     for (Index f = 0; f < mesh.triangles.rows(); ++f)
-        if (agreement(mesh, planes, x, f) < options.least_agreement) bad.push_back(f);
+        if ((!options.concerns || options.concerns(f)) &&
+            agreement(mesh, planes, x, f) < options.least_agreement)
+            bad.push_back(f);
     if (bad.empty()) return 0;
     const std::vector<Patch> patches = patches_around(mesh, sheet, bad, is_fixed, options.rings);
     parallel_for(
@@ -256,7 +259,7 @@ Index untangle(const Mesh& mesh, const ElasticSheet& sheet, const WrapPartners& 
                 if (patch.vertices.empty()) continue;
                 for (std::size_t v = 0; v < patch.vertices.size(); ++v)
                     number[to_size(patch.vertices[v])] = static_cast<Index>(v);
-                const Energy energy(mesh, sheet, planes, patch, number, options.plane_length);
+                const Energy energy(mesh, sheet, planes, patch, number, options);
                 double least = energy.least_determinant(x);
                 for (int round = 0; round < options.most_rounds; ++round) {
                     constexpr double kHard = 1e-3;

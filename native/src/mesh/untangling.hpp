@@ -2,6 +2,7 @@
 // callers of the library.
 #pragma once
 
+#include <functional>
 #include <vector>
 
 #include "mesh/elastic_sheet.hpp"
@@ -19,11 +20,16 @@ struct UntangleOptions {
     double plane_length = 0.003;  ///< distance from the plane that counts as much as a stretch
     int most_rounds = 8;
     int most_steps = 40;  ///< in each round
+    /// Which faces are to be turned back; all where there is none.
+    std::function<bool(Index)> concerns = {};
+    /// What each face would be: its sides from the first corner, in a plane; what the sheet's
+    /// metric has it be where there is none.
+    std::function<Matrix2(Index)> sides = {};
 };
 
 /// Moves vertices around faces that lie against `planes`, in these, until none does or nothing gets
-/// better: the energy of each face, against what the sheet's metric would have it be, grows beyond
-/// limits as the face collapses (Garanzha et al., Foldover-Free Maps in 50 Lines of Code, 2021, in
+/// better: the energy of each face, against what it would be, grows beyond limits as the face
+/// collapses (Garanzha et al., Foldover-Free Maps in 50 Lines of Code, 2021, in
 /// the tangent planes). `is_fixed` vertices stay. Returns the number of faces that still lie
 /// against the planes.
 Index untangle(const Mesh& mesh, const ElasticSheet& sheet, const WrapPartners& planes,

@@ -68,22 +68,10 @@ std::vector<Index> parts_kept_to(const Mesh& mesh, const Positions& start, const
 }  // namespace
 
 struct WrapSamples::Tree {
-    Positions positions;
-    Normals normals;
-    KdTree<6>::Points places;
+    KdTree<6>::Points places;  ///< and normals times their weight
     KdTree<6> search;
 
-    Tree(Positions p, Normals n, double weight)
-        : positions(std::move(p)),
-          normals(std::move(n)),
-          places(joined(positions, normals, weight)),
-          search(places) {}
-
-    static KdTree<6>::Points joined(const Positions& p, const Normals& n, double weight) {
-        KdTree<6>::Points rows(p.rows(), 6);
-        rows << p, weight * n;
-        return rows;
-    }
+    explicit Tree(KdTree<6>::Points points) : places(std::move(points)), search(places) {}
 };
 
 WrapSamples::WrapSamples(const Mesh& mesh, const Positions& start, const WrapTarget& target,
@@ -98,17 +86,22 @@ void WrapSamples::make_trees(Kind kind, Progress& progress) {
     const OrientedPoints& samples = kind == kCoarse ? target_.coarse : target_.fine;
     const std::vector<Index>& labels = kind == kCoarse ? target_.coarse_parts : target_.fine_parts;
     const double weight = kind == kCoarse ? kCoarseNormals : kFineNormals;
-    const Positions positions = samples.positions * scale_;
-    const Normals normals = kind == kCoarse ? smoothed(samples, progress) : samples.normals;
+    Normals smooth;
+    if (kind == kCoarse) smooth = smoothed(samples, progress);
+    const Normals& normals = kind == kCoarse ? smooth : samples.normals;
     const Index parts = labels.empty() ? 1 : 1 + *std::ranges::max_element(labels);
     trees_[kind].resize(to_size(parts) + 1);
     for (Index part = -1; part < parts; ++part) {
         if (std::ranges::find(target_parts_, part) == target_parts_.end()) continue;
-        std::vector<Index> rows;
-        for (Index i = 0; i < positions.rows(); ++i)
-            if (part < 0 || labels[to_size(i)] == part) rows.push_back(i);
-        trees_[kind][to_size(part + 1)] =
-            std::make_unique<Tree>(gather(positions, rows), gather(normals, rows), weight);
+        const auto is_inside = [&](Index i) { return part < 0 || labels[to_size(i)] == part; };
+        const auto all = static_cast<Index>(samples.positions.rows());
+        Index count = all;
+        if (part >= 0) count = static_cast<Index>(std::ranges::count(labels, part));
+        KdTree<6>::Points places(count, 6);
+        for (Index i = 0, row = 0; i < all; ++i)
+            if (is_inside(i))
+                places.row(row++) << scale_ * samples.positions.row(i), weight * normals.row(i);
+        trees_[kind][to_size(part + 1)] = std::make_unique<Tree>(std::move(places));
     }
     last_[kind].assign(mesh_.parts.size(), -1);
 }
@@ -142,8 +135,8 @@ WrapPartners WrapSamples::partners(const Positions& x, const Normals& normals, K
                 if (radius > 0.0)
                     samples.search.nearest_within(query.data(), radius, {&nearest, 1},
                                                   {&squared, 1});
-                result.positions.row(v) = samples.positions.row(nearest);
-                result.normals.row(v) = samples.normals.row(nearest);
+                result.positions.row(v) = samples.places.row(nearest).head<3>();
+                result.normals.row(v) = samples.places.row(nearest).tail<3>() / weight;
             }
         },
         0.0, 0.0, 128);

@@ -20,9 +20,12 @@ namespace pointmorph {
 
 namespace {
 
-/// Down to this length the sheet keeps to its own bends, and looks for its partners among the
-/// coarse samples; below, it takes on those of the target.
-constexpr double kOwnBends = 0.09, kTargetBends = 0.027;
+/// Down to the first of these lengths the sheet keeps to its own bends; from the second on, it has
+/// taken on those of the target. Earlier, what is folded more finely, such as an ear, would be
+/// flattened, and wouldn't come back.
+constexpr double kOwnBends = 0.07, kTargetBends = 0.02;
+/// Down to this length it looks for its partners among the coarse samples.
+constexpr double kCoarsePartners = 0.06;
 /// Samples farther from the mesh pull, with at most the weight that they have at this length.
 constexpr double kUncovered = 0.006;
 
@@ -114,12 +117,29 @@ private:
     }
 
     void step(double length, Progress& progress) {
+        Positions right;
+        std::vector<Matrix3> blocks(to_size(x_.rows()), Matrix3::Zero());
+        add_partners(length, blocks, right, progress);
+        add_pulls(blocks, right);
+        hold_fixed(blocks, right);
+        borders_.draw(x_, length, blocks, right);
+        constexpr double kMark = 1e4;
+        for (const WrapMark& mark : marks_) {
+            blocks[to_size(mark.place)] += kMark * Matrix3::Identity();
+            right.row(mark.place) += kMark * mark.target.transpose();
+        }
+        solve(sheet_.laplacian(), blocks, right, {}, x_, progress);
+        rigid_.keep(x_);
+    }
+
+    /// What the sheet would be, and what its vertices are drawn to.
+    void add_partners(double length, std::vector<Matrix3>& blocks, Positions& right,
+                      Progress& progress) {
         const double flat = flatness(length);
-        const auto kind = flat < 1.0 ? WrapSamples::kCoarse : WrapSamples::kFine;
+        const auto kind = length > kCoarsePartners ? WrapSamples::kCoarse : WrapSamples::kFine;
         const Normals normals = sheet_.normals(x_, progress);
         const WrapPartners partners = samples_.partners(x_, normals, kind, progress);
-        Positions right = sheet_.forces(x_, partners.normals, flat, progress);
-        std::vector<Matrix3> blocks(to_size(x_.rows()), Matrix3::Zero());
+        right = sheet_.forces(x_, partners.normals, flat, progress);
         constexpr double kFull = 0.5;  // cosine between normals at which a partner counts in full
         parallel_for(static_cast<Index>(x_.rows()), progress, [&](Index begin, Index end) {
             for (Index v = begin; v < end; ++v) {
@@ -132,16 +152,6 @@ private:
                                 partners.normals.row(v);
             }
         });
-        add_pulls(blocks, right);
-        hold_fixed(blocks, right);
-        borders_.draw(x_, length, blocks, right);
-        constexpr double kMark = 1e4;
-        for (const WrapMark& mark : marks_) {
-            blocks[to_size(mark.place)] += kMark * Matrix3::Identity();
-            right.row(mark.place) += kMark * mark.target.transpose();
-        }
-        solve(sheet_.laplacian(), blocks, right, {}, x_, progress);
-        rigid_.keep(x_);
     }
 
     void hold_fixed(std::vector<Matrix3>& blocks, Positions& right) const {

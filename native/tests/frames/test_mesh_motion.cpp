@@ -5,6 +5,7 @@
 #include <Eigen/Geometry>
 #include <functional>
 #include <numbers>
+#include <random>
 
 #include "mesh/mesh_edges.hpp"
 #include "mesh_shapes.hpp"
@@ -181,6 +182,62 @@ TEST(MeshMotion, AnEggThatBendsAndTwistsGetsNoCrease) {
     for (int k = 0; k < kTimes; ++k) {
         const double t = k / (kTimes - 1.0);
         EXPECT_EQ(creased(trip.mesh, trip.motion.at(t)), 0) << t;
+    }
+}
+
+/// Smooth noise, some waves of this size.
+Positions waved(const Positions& places, double size, unsigned seed) {
+    std::mt19937_64 random(seed);
+    std::normal_distribution<double> normal;
+    Positions result = places;
+    for (int wave = 0; wave < 8; ++wave) {
+        const Vector3 way(normal(random), normal(random), normal(random));
+        const Vector3 along = 4.0 * Vector3(normal(random), normal(random), normal(random));
+        const double phase = 3.0 * normal(random);
+        for (Index v = 0; v < places.rows(); ++v)
+            result.row(v) += size * std::sin(along.dot(places.row(v)) + phase) * way.transpose();
+    }
+    return result;
+}
+
+/// Which faces lie against those around them.
+std::vector<char> lie_against(const Mesh& mesh, const Positions& vertices) {
+    const Normals faces = faces_at(mesh, vertices);
+    Normals around = Normals::Zero(mesh.positions.rows(), 3);
+    for (Index f = 0; f < faces.rows(); ++f)
+        for (Index k = 0; k < 3; ++k) around.row(mesh.triangles(f, k)) += faces.row(f);
+    around.rowwise().normalize();
+    std::vector<char> result;
+    for (Index f = 0; f < faces.rows(); ++f) {
+        Eigen::RowVector3d sum = Eigen::RowVector3d::Zero();
+        for (Index k = 0; k < 3; ++k) sum += around.row(mesh.triangles(f, k));
+        result.push_back(faces.row(f).dot(sum) < 0.0);
+    }
+    return result;
+}
+
+/// Faces that lie against those around them on the way, and do at neither end.
+Index turned_on_the_way(const Trip& trip) {
+    const std::vector<char> first = lie_against(trip.mesh, trip.cloud.positions);
+    const std::vector<char> last = lie_against(trip.mesh, trip.ends);
+    Index count = 0;
+    for (int k = 1; k < kTimes; ++k) {
+        const auto now = lie_against(trip.mesh, trip.motion.at(k / static_cast<double>(kTimes)));
+        for (std::size_t f = 0; f < now.size(); ++f) count += now[f] && !first[f] && !last[f];
+    }
+    return count;
+}
+
+TEST(MeshMotion, TurnsNoFaceOverOfMeshesBentAtRandom) {
+    SKIP_WHERE_WATCHED();
+    Cloud ball = mesh_shapes::icosphere(4);
+    for (const unsigned seed : {3u, 4u}) {
+        ball.positions = waved(mesh_shapes::icosphere(4).positions, 0.02, 10 * seed);
+        const Positions ends = mapped(waved(ball.positions, 0.04, seed), [&](const Vector3& p) {
+            return bent(twisted(p, 0.4 * seed), 1.0);
+        });
+        const Trip trip(ball, ends, PathKind::kRigid);
+        EXPECT_EQ(turned_on_the_way(trip), 0) << seed;
     }
 }
 

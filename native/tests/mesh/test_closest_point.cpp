@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <ctime>
 #include <random>
 
 #include "mesh_shapes.hpp"
@@ -65,6 +66,25 @@ TEST(ClosestPoint, AgreesWithBruteForce) {
             EXPECT_EQ(tree.closest(p, 10.0, 7).squared_distance, expected.squared_distance);
         }
     }
+}
+
+/// Processor time for the closest points to some places.
+double time_on(const Mesh& mesh, const Positions& positions) {
+    const TriangleTree tree(positions, mesh.triangles);
+    const std::vector<Vector3> places = random_places(400, 1.2);
+    const std::clock_t begin = std::clock();
+    for (const Vector3& p : places) EXPECT_GE(tree.closest(p).triangle, 0);
+    return static_cast<double>(std::clock() - begin);
+}
+
+TEST(ClosestPoint, TakesNoLongerWhereAllHasCollapsed) {
+    const Mesh mesh = make_mesh(mesh_shapes::icosphere(6));
+    const Positions collapsed =
+        Vector3(0.1, 0.2, 0.3).transpose().replicate(mesh.positions.rows(), 1);
+    const TriangleTree tree(collapsed, mesh.triangles);
+    EXPECT_EQ(tree.closest({1, 0, 0}).triangle, 0);
+    // With every triangle asked, it is some hundred times as long.
+    EXPECT_LT(time_on(mesh, collapsed), 10.0 * time_on(mesh, mesh.positions));
 }
 
 TEST(ClosestPoint, LooksNoFartherThanAsked) {

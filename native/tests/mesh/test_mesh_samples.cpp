@@ -56,8 +56,34 @@ TEST(MeshSamples, HaveSmoothNormalsButAtCreases) {
         EXPECT_LT((round.normals.row(i) - round.positions.row(i).normalized()).norm(), 0.05);
     const Mesh box = make_mesh(mesh_shapes::cube());
     const MeshSamples sharp = sampled(box, 1000);
-    for (Index i = 0; i < sharp.size(); ++i)
+    for (Index i = 0; i < sharp.size(); ++i) {
+        if (sharp.weights.row(i).minCoeff() == 0.0) continue;  // on an edge
         EXPECT_NEAR(sharp.normals.row(i).cwiseAbs().maxCoeff(), 1.0, 1e-12);
+    }
+}
+
+/// Normals on different faces are perpendicular or oppose each other: only samples in between tell
+/// that the faces meet.
+TEST(MeshSamples, JoinFacesAlongSharpEdges) {
+    const Mesh box = make_mesh(mesh_shapes::cube());
+    const std::vector<Index> kept{7};
+    const MeshSamples samples = sampled(box, 1500, kept);
+    const double spacing = std::sqrt(box.area() / 1500);
+    const double edge = box.positions.maxCoeff();
+    const Vector3 corner = samples.normals.row(samples.kept[0]).transpose();
+    EXPECT_NEAR(corner.cwiseAbs().minCoeff(), std::sqrt(1.0 / 3.0), 1e-9);
+    Index along = 0;
+    for (Index i = 0; i < samples.size(); ++i) {
+        const Eigen::Array3d at = samples.positions.row(i).transpose().array() / edge;
+        if ((at.abs() > 1.0 - 1e-9).count() != 2) continue;
+        ++along;
+        for (Index k = 0; k < 3; ++k) {
+            const bool is_across = std::abs(at[k]) > 1.0 - 1e-9;
+            EXPECT_NEAR(samples.normals(i, k),
+                        is_across ? std::copysign(std::sqrt(0.5), at[k]) : 0.0, 1e-9);
+        }
+    }
+    EXPECT_NEAR(along * spacing, 12 * 2.0 * edge, 12 * 2.0 * spacing);
 }
 
 TEST(MeshSamples, KeepPlacesInTheirOrder) {

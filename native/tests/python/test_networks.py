@@ -7,6 +7,7 @@ import numpy as np
 import pointmorph
 import pytest
 from pointmorph import cli
+from shapes import CUBE, SQUARES
 
 
 def torus(tube: float, turns: int, across: int) -> pointmorph.Cloud:
@@ -45,21 +46,37 @@ def test_loops_are_the_first_curves() -> None:
     assert [set(ends) for ends in morph.report["curves"][:6]] == first
 
 
-def test_meshes_of_few_vertices_are_cut_on_their_faces() -> None:
-    octahedron = np.concatenate([np.eye(3), -np.eye(3)])
-    faces = [[a, b, c] for a in (0, 3) for b in (1, 4) for c in (2, 5)]
-    faces = [f if np.linalg.det(octahedron[f]) > 0 else f[::-1] for f in faces]
-    source, target = (pointmorph.Cloud(size * octahedron, faces=faces) for size in (1.0, 2.0))
-    network = pointmorph.trace_network(source, target, {str(k): (k, k) for k in range(6)})
-    assert 6 - len(network.curves) + len(network.patches) == 2
+OCTAHEDRON = np.concatenate([np.eye(3), -np.eye(3)])
+EIGHT = [[a, b, c] for a in (0, 3) for b in (1, 4) for c in (2, 5)]
+TETRAHEDRON = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]], float)
+FOUR = [[0, 1, 2], [0, 1, 3], [0, 2, 3], [1, 2, 3]]
+
+
+@pytest.mark.parametrize(
+    ("vertices", "faces"),
+    [(OCTAHEDRON, EIGHT), (CUBE, SQUARES), (TETRAHEDRON, FOUR)],
+    ids=["octahedron", "cube", "tetrahedron"],
+)
+def test_meshes_of_few_vertices_are_cut_on_their_faces(
+    vertices: np.ndarray, faces: list[list[int]]
+) -> None:
+    count = len(vertices)
+    faces = [list(f) if np.linalg.det(vertices[f[:3]]) > 0 else list(f)[::-1] for f in faces]
+    source, target = (pointmorph.Cloud(size * vertices, faces=faces) for size in (1.0, 2.0))
+    network = pointmorph.trace_network(source, target, {str(k): (k, k) for k in range(count)})
+    corners = {end for curve in network.curves for end in (curve.start, curve.end)}
+    assert len(corners) - len(network.curves) + len(network.patches) == 2
+    assert {str(k) for k in range(count)} <= corners
+    planes = np.array([np.cross(*(vertices[f[1:3]] - vertices[f[0]])) for f in faces])
+    planes /= (planes * vertices[[f[0] for f in faces]]).sum(axis=1)[:, None]
     for curve in network.curves:
-        for points, cloud in ((curve.source, source), (curve.target, target)):
-            ends = cloud.positions[[int(curve.start), int(curve.end)]]
-            np.testing.assert_allclose(points[[0, -1]], ends, atol=1e-9)
-            size = cloud.positions.max()
+        for points, size in ((curve.source, 1.0), (curve.target, 2.0)):
+            for point, end in ((points[0], curve.start), (points[-1], curve.end)):
+                if end.isdigit():
+                    np.testing.assert_allclose(point, size * vertices[int(end)], atol=1e-9)
             assert len(points) > 10
-            assert np.abs(np.abs(points).sum(axis=1) - size).max() < 0.1 * size  # on its faces
-    assert list(network.source) == list(network.target) == 6 * [-1]
+            assert np.abs((points @ planes.T).max(axis=1) / size - 1).max() < 0.1  # on its faces
+    assert list(network.source) == list(network.target) == count * [-1]
 
 
 def test_names_and_loops_dont_mix() -> None:

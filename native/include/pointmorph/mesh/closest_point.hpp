@@ -68,6 +68,7 @@ private:
         Box box;
         Index begin, end;  ///< in `order_`
         Index right;       ///< −1 for a leaf
+        Index lowest;      ///< of its triangles
     };
     std::vector<Node> nodes_;
 };
