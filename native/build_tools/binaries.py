@@ -24,9 +24,13 @@ lief.logging.disable()
 _ANYWHERE = -2
 _WEAK = lief.MachO.DyldBindingInfo.CLASS.WEAK
 
+# Functions whose results have other bits in one glibc than in another, or may have. The library has
+# its own, or does without; exp, log, pow, sin and cos have been the same since 2.28.
+_CHANGING = {"acos", "asin", "atan", "atan2", "cbrt", "hypot", "log2", "sincos", "tan"}
+
 
 def problems_of(platform: Platform, wheel: Path) -> list[str]:
-    """Why the module in a wheel wouldn't be loaded where the wheel says."""
+    """Why the module in a wheel wouldn't do where the wheel says."""
     with zipfile.ZipFile(wheel) as content:
         names = [name for name in content.namelist() if name.endswith((".so", ".pyd"))]
         found = [f"{wheel.name} has {len(names)} modules, expected one"] if len(names) != 1 else []
@@ -65,6 +69,8 @@ def _of_linux(platform: Platform, binary: lief.ELF.Binary) -> list[str]:
         version = re.fullmatch(r"GLIBC_(\d+)\.(\d+)(\.\d+)?", name)
         if version and (int(version[1]), int(version[2])) > most:
             found.append(f"it needs {name}")
+    called = {str(symbol.name) for symbol in binary.imported_symbols}
+    found += [f"the bits of {name} depend on the system" for name in sorted(called & _CHANGING)]
     return found
 
 
@@ -121,4 +127,4 @@ def is_signed(module: bytes, offset: int) -> bool:
 
 if __name__ == "__main__":
     if reasons := problems_of(PLATFORMS[sys.argv[1]], Path(sys.argv[2])):
-        sys.exit(f"{sys.argv[2]} won't be loaded on {sys.argv[1]}: {'; '.join(reasons)}.")
+        sys.exit(f"{sys.argv[2]} isn't fit for {sys.argv[1]}: {'; '.join(reasons)}.")

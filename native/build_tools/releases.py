@@ -6,6 +6,8 @@ import hashlib
 import re
 import shutil
 import subprocess
+import tarfile
+import tempfile
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -80,10 +82,18 @@ def _git(*words: str) -> str:
 
 
 def source_package(folder: Path) -> Path:
-    """The sources, as pip takes them."""
-    with step("source package"):
+    """The sources of this commit, as pip takes them.
+
+    They are packed elsewhere: packing follows links, and on Wine's disk, in `build`, one leads to
+    the root of this system.
+    """
+    with step("source package"), tempfile.TemporaryDirectory() as name:
+        archive, sources = Path(name) / "sources.tar", Path(name) / "pointmorph"
+        _git("archive", "--format=tar", f"--output={archive}", "HEAD")
+        with tarfile.open(archive) as content:
+            content.extractall(sources, filter="data")
         build = (paths.PYTHON, "-m", "build", "--sdist", "--no-isolation")
-        run("release", *build, "--outdir", folder, paths.ROOT)
+        run("release", *build, "--outdir", folder, sources)
     [path] = folder.glob("*.tar.gz")
     return path
 

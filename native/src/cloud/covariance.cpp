@@ -1,6 +1,7 @@
 #include "pointmorph/cloud/covariance.hpp"
 
 #include <Eigen/Eigenvalues>
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
@@ -8,6 +9,7 @@
 #include <numeric>
 #include <utility>
 
+#include "base/angle.hpp"
 #include "cloud/moments.hpp"
 #include "pointmorph/base/parallel.hpp"
 
@@ -26,6 +28,54 @@ bool are_eigenvectors(const Matrix3& matrix, const Matrix3& axes, const Vector3&
            std::abs(axes.col(0).dot(axes.col(2))) <= kTolerance;
 }
 
+struct Eigensystem {
+    Vector3 values;
+    Matrix3 vectors;
+};
+
+/// A unit vector that a symmetric matrix of rank 2 takes to zero, and a column, at right angles.
+std::pair<Vector3, Vector3> kernel(const Matrix3& matrix) {
+    Eigen::Index largest = 0;
+    matrix.diagonal().cwiseAbs().maxCoeff(&largest);
+    const Vector3 column = matrix.col(largest);
+    const Vector3 one = column.cross(matrix.col((largest + 1) % 3));
+    const Vector3 other = column.cross(matrix.col((largest + 2) % 3));
+    const bool is_longer = one.squaredNorm() > other.squaredNorm();
+    return {(is_longer ? one : other).normalized(), column};
+}
+
+/// Eigenvalues, ascending, and the vectors of the first and last, in closed form (Smith,
+/// Eigenvalues of a symmetric 3 × 3 matrix, 1961). Eigen's own asks the system's library for an
+/// arctangent, whose bits differ between systems.
+Eigensystem closed_form(const Matrix3& matrix) {
+    Eigensystem result{Vector3::Constant(matrix.trace() / 3.0), Matrix3::Identity()};
+    Matrix3 rest = matrix;
+    rest.diagonal() -= result.values;
+    const double scale = rest.cwiseAbs().maxCoeff();
+    if (!(scale > 0.0)) return result;
+    rest /= scale;
+    const double third = rest.squaredNorm() / 6.0, half = 0.5 * rest.determinant();
+    const double sine = std::sqrt(std::max(0.0, third * third * third - half * half));
+    const double angle = angle_of(sine, half) / 3.0, radius = std::sqrt(third);
+    const double along = radius * std::cos(angle);
+    const double across = std::sqrt(3.0) * radius * std::sin(angle);
+    const Vector3 values(-along - across, across - along, 2.0 * along);
+    result.values += scale * values;
+
+    // First the vector of the value that is farther from the middle one.
+    const double to_first = values[1] - values[0], to_last = values[2] - values[1];
+    const int far = to_last > to_first ? 2 : 0, near = 2 - far;
+    const auto without = [&](int i) -> Matrix3 { return rest - values[i] * Matrix3::Identity(); };
+    const auto [axis, at_right_angles] = kernel(without(far));
+    result.vectors.col(far) = axis;
+    constexpr double kSame = 2.0 * std::numeric_limits<double>::epsilon();
+    const bool is_double = std::min(to_first, to_last) <= kSame * std::max(to_first, to_last);
+    result.vectors.col(near) =
+        is_double ? Vector3((at_right_angles - axis * axis.dot(at_right_angles)).normalized())
+                  : kernel(without(near)).first;
+    return result;
+}
+
 }  // namespace
 
 PrincipalAxes principal_axes(const Matrix3& covariance) {
@@ -35,10 +85,10 @@ PrincipalAxes principal_axes(const Matrix3& covariance) {
     const Matrix3 unit = covariance / scale;  // residuals of tiny matrices would underflow
     // The closed form is several times faster, but loses half of the digits where two eigenvalues
     // almost agree.
-    Eigen::SelfAdjointEigenSolver<Matrix3> solver;
-    solver.computeDirect(unit);
-    if (!are_eigenvectors(unit, solver.eigenvectors(), solver.eigenvalues())) solver.compute(unit);
-    result.axes = solver.eigenvectors();
+    const Eigensystem found = closed_form(unit);
+    result.axes = are_eigenvectors(unit, found.vectors, found.values)
+                      ? found.vectors
+                      : Matrix3(Eigen::SelfAdjointEigenSolver<Matrix3>(unit).eigenvectors());
     result.axes.col(1) = result.axes.col(2).cross(result.axes.col(0));
     // Rayleigh quotients have twice the digits of the vectors.
     for (int i = 0; i < 3; ++i)

@@ -9,6 +9,7 @@
 #include <string>
 #include <vector>
 
+#include "base/angle.hpp"
 #include "pointmorph/base/error.hpp"
 #include "pointmorph/base/parallel.hpp"
 
@@ -338,7 +339,7 @@ double best_rotation(const DiskPoints& source, const DiskPoints& target,
         sine += u[0] * v[1] - u[1] * v[0];
         size += u.norm() * v.norm();
     }
-    return std::hypot(cosine, sine) > kRounding * size ? std::atan2(sine, cosine) : 0.0;
+    return Eigen::Vector2d(cosine, sine).norm() > kRounding * size ? angle_of(sine, cosine) : 0.0;
 }
 
 Alignment align_features(DiskPoints& source, DiskPoints& target,

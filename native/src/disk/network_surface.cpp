@@ -9,6 +9,7 @@
 #include <string>
 #include <utility>
 
+#include "base/angle.hpp"
 #include "pointmorph/base/error.hpp"
 #include "pointmorph/base/parallel.hpp"
 #include "pointmorph/cloud/cloud.hpp"
@@ -125,7 +126,7 @@ std::vector<Sector> NetworkSurface::sectors(Index corner) const {
 double NetworkSurface::angle(Index corner, const Eigen::RowVector3d& place) const {
     const Vector3 offset = (place - coarse_.positions.row(corner)).transpose();
     const auto& [x, y] = frames_[to_size(corner)];
-    return modulo(std::atan2(offset.dot(y), offset.dot(x)));
+    return modulo(angle_of(offset.dot(y), offset.dot(x)));
 }
 
 double NetworkSurface::leaving_angle(Index corner, const SurfaceCurve& curve, bool from_end) const {

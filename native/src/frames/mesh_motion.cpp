@@ -7,6 +7,7 @@
 #include <queue>
 #include <utility>
 
+#include "base/angle.hpp"
 #include "mesh/elastic_sheet.hpp"
 #include "mesh/mesh_edges.hpp"
 #include "mesh/untangling.hpp"
@@ -45,7 +46,7 @@ Vector3 turn_near(const Vector3& turn, const Vector3& other) {
 }
 
 Vector3 turn_of(const Matrix3& rotation) {
-    const Eigen::AngleAxisd turn(rotation);
+    const Eigen::AngleAxisd turn = angle_axis(rotation);
     return turn.angle() * turn.axis();
 }
 

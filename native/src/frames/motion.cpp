@@ -4,6 +4,7 @@
 #include <Eigen/LU>
 #include <cmath>
 
+#include "base/angle.hpp"
 #include "pointmorph/base/parallel.hpp"
 #include "pointmorph/cloud/cloud.hpp"
 #include "pointmorph/registration/coarse_shape.hpp"
@@ -14,7 +15,7 @@ namespace pointmorph {
 namespace {
 
 Matrix3 share_of(const Matrix3& rotation, double t) {
-    const Eigen::AngleAxisd whole(rotation);
+    const Eigen::AngleAxisd whole = angle_axis(rotation);
     return Eigen::AngleAxisd(t * whole.angle(), whole.axis()).toRotationMatrix();
 }
 

@@ -27,7 +27,7 @@ constexpr double kFoldDistortion = 2.0;
 /// Singular values of J restricted to the plane of two orthonormal vectors, larger first.
 std::array<double, 2> singular_values(const Vector3& along_a, const Vector3& along_b) {
     const double aa = along_a.squaredNorm(), bb = along_b.squaredNorm(), ab = along_a.dot(along_b);
-    const double larger = (aa + bb + std::hypot(aa - bb, 2.0 * ab)) / 2.0;
+    const double larger = (aa + bb + Eigen::Vector2d(aa - bb, 2.0 * ab).norm()) / 2.0;
     const double area = along_a.cross(along_b).norm();
     const double first = std::sqrt(larger);
     return {first, first > 0.0 ? area / first : 0.0};

@@ -29,7 +29,7 @@ double half_cotangent(const Vector3& u, const Vector3& v) {
 template <class Function>
 Matrix2 of_eigenvalues(const Matrix2& m, Function&& function) {
     const double mean = 0.5 * (m(0, 0) + m(1, 1)), half = 0.5 * (m(0, 0) - m(1, 1));
-    const double radius = std::hypot(half, m(0, 1));
+    const double radius = Eigen::Vector2d(half, m(0, 1)).norm();
     const double high = function(mean + radius), low = function(mean - radius);
     if (!(radius > 0.0)) return high * Matrix2::Identity();
     const Matrix2 deviation = (m - mean * Matrix2::Identity()) / radius;
@@ -266,7 +266,7 @@ ElasticSheet::Corners ElasticSheet::in_plane(const Corners& now, const Triangle&
         along += t.weights[k] * would.dot(is);
         across += t.weights[k] * (would[0] * is[1] - would[1] * is[0]);
     }
-    const double length = std::hypot(along, across);
+    const double length = Eigen::Vector2d(along, across).norm();
     const double cosine = length > 0.0 ? along / length : 1.0;
     const double sine = length > 0.0 ? across / length : 0.0;
     Eigen::Matrix<double, 3, 2> axes;

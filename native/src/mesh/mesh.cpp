@@ -7,6 +7,7 @@
 #include <numeric>
 #include <utility>
 
+#include "base/angle.hpp"
 #include "mesh/mesh_edges.hpp"
 #include "pointmorph/cloud/oriented_points.hpp"
 
@@ -191,7 +192,7 @@ void find_normals(Mesh& mesh) {
             const Eigen::RowVector3d p = mesh.positions.row(t[k]);
             const Vector3 u = (mesh.positions.row(t[(k + 1) % 3]) - p).transpose();
             const Vector3 v = (mesh.positions.row(t[(k + 2) % 3]) - p).transpose();
-            const double angle = std::atan2(u.cross(v).norm(), u.dot(v));
+            const double angle = angle_of(u.cross(v).norm(), u.dot(v));
             mesh.place_normals.row(t[k]) += angle * mesh.normals.row(f);
         }
     }

@@ -77,7 +77,7 @@ public:
         if (gradient) gradient->setZero(patch_.unknowns());
         for (std::size_t i = 0; i < faces_.size(); ++i) {
             const Matrix2 j = jacobian(i, x);
-            const double d = j.determinant(), root = std::hypot(soft, d);
+            const double d = j.determinant(), root = Eigen::Vector2d(soft, d).norm();
             const double chi = d > 0.0 ? 0.5 * (d + root) : 0.5 * soft * soft / (root - d);
             const double bend = j.squaredNorm() + kArea * (d * d + 1.0);
             sum += faces_[i].area * bend / chi;

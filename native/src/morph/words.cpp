@@ -7,6 +7,7 @@
 #include <cstdio>
 #include <numbers>
 
+#include "base/angle.hpp"
 #include "pointmorph/base/error.hpp"
 #include "pointmorph/cloud/similarity.hpp"
 #include "pointmorph/measures/quality.hpp"
@@ -201,7 +202,7 @@ std::vector<std::string> straight_path_warnings(const Cloud& source, const Cloud
         to.row(i) = target.positions.row(pairs[to_size(i)].target);
     }
     const Similarity whole = fit_similarity(from, to);
-    const double degrees = Eigen::AngleAxisd(whole.rotation).angle() * 180.0 / std::numbers::pi;
+    const double degrees = angle_axis(whole.rotation).angle() * 180.0 / std::numbers::pi;
     if (degrees < kFewDegrees) return {};
     const auto size = [](const Positions& rows) {
         return (rows.rowwise() - rows.colwise().mean()).norm();

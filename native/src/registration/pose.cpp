@@ -6,6 +6,7 @@
 #include <iterator>
 #include <utility>
 
+#include "base/angle.hpp"
 #include "pointmorph/registration/anchored_start.hpp"
 #include "pointmorph/registration/candidate_poses.hpp"
 #include "pointmorph/registration/extremities.hpp"
@@ -17,7 +18,7 @@ namespace pointmorph {
 namespace {
 
 bool is_as_given(const Similarity& implied_alignment, const PoseOptions& options) {
-    return Eigen::AngleAxisd(implied_alignment.rotation).angle() < options.as_given_angle;
+    return angle_axis(implied_alignment.rotation).angle() < options.as_given_angle;
 }
 
 /// What the search works on: the shapes thinned, with their extremities and symmetries.

@@ -58,7 +58,8 @@ public:
             bend.diagonal().array() -= gradient.dot(place);
             // The sum of a matrix and a multiple of 1 that has no eigenvalue below a small one.
             const double middle = 0.5 * bend.trace();
-            const double spread = std::hypot(0.5 * (bend(0, 0) - bend(1, 1)), bend(0, 1));
+            const double spread =
+                Eigen::Vector2d(0.5 * (bend(0, 0) - bend(1, 1)), bend(0, 1)).norm();
             const double least = 1e-3 * (std::abs(middle) + spread);
             if (middle - spread < least) bend.diagonal().array() += least - (middle - spread);
             const Eigen::Vector2d way = -bend.inverse() * slope;

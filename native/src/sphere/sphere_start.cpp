@@ -8,6 +8,8 @@
 #include <numbers>
 #include <utility>
 
+#include "base/angle.hpp"
+
 namespace pointmorph {
 
 namespace {
@@ -100,7 +102,7 @@ public:
         std::vector<std::pair<double, Index>> circle;
         each_edge(cells.graph, pole, [&](Index b, std::size_t) {
             const Vector3 offset = (nodes.row(b) - nodes.row(pole)).transpose();
-            circle.emplace_back(std::atan2(offset.dot(up.cross(right)), offset.dot(right)), b);
+            circle.emplace_back(angle_of(offset.dot(up.cross(right)), offset.dot(right)), b);
         });
         std::ranges::sort(circle);
         unknown_[to_size(pole)] = -1;

@@ -5,6 +5,7 @@
 #include <cassert>
 #include <cmath>
 #include <limits>
+#include <numbers>
 #include <numeric>
 #include <optional>
 #include <string>
@@ -280,7 +281,7 @@ void match_all(const Cluster<Dim>& root, Index max_size, Partners& partners, Pro
         (whole ? subtrees : level).push_back(cluster);
     };
     sort_in(root);
-    const double step = 0.5 / std::log2(2.0 + root.size() / kSubtree);
+    const double step = 0.5 * std::numbers::ln2 / std::log(2.0 + root.size() / kSubtree);
     for (double done = 0.0; !level.empty(); done = std::min(0.5, done + step)) {
         halves.resize(level.size());
         parallel_for(

@@ -97,3 +97,22 @@ def test_collects_files_with_checksums_and_notes(
     sums = (project / "dist" / "SHA256SUMS").read_text().splitlines()
     assert sums[1] == f"{hashlib.sha256(b'zip').hexdigest()}  pointmorph-1.2.3.zip"
     subprocess.run(["sha256sum", "--check", "SHA256SUMS"], cwd=project / "dist", check=True)
+
+
+def test_packs_the_commit_and_follows_no_link(
+    project: Path, tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (project / ".gitignore").write_text("build/\n")
+    commit(project)
+    (project / "build").mkdir()
+    (project / "build" / "z:").symlink_to("/")  # as Wine has it
+    folder = tmp_path_factory.mktemp("made")
+    packed: list[str] = []
+
+    def pack(log: str, *command: str | Path) -> None:
+        packed.extend(path.name for path in Path(command[-1]).rglob("*"))
+        (folder / "pointmorph-1.2.3.tar.gz").touch()
+
+    monkeypatch.setattr(releases, "run", pack)
+    assert releases.source_package(folder) == folder / "pointmorph-1.2.3.tar.gz"
+    assert sorted(packed) == [".gitignore", "CHANGELOG.md", "CMakeLists.txt"]
