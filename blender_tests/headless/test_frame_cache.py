@@ -437,7 +437,9 @@ def test_a_blender_without_the_add_on_plays_it(torn, tmp_path):
     for path in list(tmp_path.iterdir()):
         if path != folder:
             path.rename(folder / path.name)
-    environment = {**os.environ, "PYTHONPATH": str(Path(bpy.__file__).parents[5])}
+    # On Windows, numpy isn't beside this Blender.
+    folders = [str(Path(bpy.__file__).parents[5]), str(Path(np.__file__).parents[1])]
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(folders)}
     said = subprocess.run(
         [sys.executable, "-c", PLAY, str(folder / "shot.blend")],
         capture_output=True,
