@@ -380,3 +380,11 @@ def write_pixels(image, values):
     image.pixels.foreach_set(np.ascontiguousarray(values, np.float32).reshape(-1))
     image.update()
     image.pack()
+
+
+# --- Nodes ----------------------------------------------------------------------------------------
+
+
+def place_nodes(tree, places):
+    """(N, 2): where the nodes lie. One by one, Blender would go through the tree for each."""
+    _write(tree.nodes, "location", places)

@@ -6,7 +6,7 @@ import zlib
 
 import bpy
 
-from . import attribute_names, versions
+from . import arrays, attribute_names, versions
 
 _MARK = "pointmorph_version"
 
@@ -182,8 +182,7 @@ def enabled(sockets, name):
 
 def arrange(tree):
     """Puts the nodes in rows, in the order in which they were made."""
-    places = [(i % 8 * 200.0, i // 8 * -320.0) for i in range(len(tree.nodes))]
-    tree.nodes.foreach_set("location", [value for place in places for value in place])
+    arrays.place_nodes(tree, [(i % 8 * 200, i // 8 * -320) for i in range(len(tree.nodes))])
 
 
 class Builder:
