@@ -387,8 +387,15 @@ class Morph:
         (N,) array
             0 (still the source) to 1 (the target already): t itself unless the setting `stagger`
             lets some go first.
+
+        Raises
+        ------
+        OptionError
+            If there is no such side.
         """
-        return self._native.vertex_times(side != "target", float(t))
+        if side not in ("source", "target"):
+            raise OptionError("side", "source or target", repr(side), "Choose one of them.")
+        return self._native.vertex_times(side == "source", float(t))
 
     def denser(
         self,

@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <numbers>
 #include <numeric>
+#include <optional>
 
 #include "mesh/mesh_edges.hpp"
 #include "pointmorph/cloud/sampling.hpp"
@@ -122,12 +123,13 @@ public:
         result.kept.assign(kept_.size(), -1);
         Candidates chosen;
         const double total = mesh_.area();
+        std::optional<MeshEdges> edges;
         double done = 0.0;
         for (Index part = 0; part < parts; ++part) {
             const double share = mesh_.part_areas[part] / total;
             const Progress::Part of_progress(progress, std::min(done, 1.0),
                                              std::min(done + share, 1.0));
-            add_part(part, chosen, result, progress);
+            add_part(part, edges, chosen, result, progress);
             done += share;
         }
         finish(chosen, result);
@@ -143,7 +145,9 @@ private:
         return static_cast<Index>(std::lround(std::max({even, least, 1.0})));
     }
 
-    void add_part(Index part, Candidates& chosen, MeshSamples& result, Progress& progress) const {
+    /// `edges` are those of the whole mesh, found when first needed.
+    void add_part(Index part, std::optional<MeshEdges>& edges, Candidates& chosen,
+                  MeshSamples& result, Progress& progress) const {
         constexpr Index kCandidates = 4;  // a sample
         const Index even = count_of(part);
         PartCandidates from;
@@ -152,7 +156,7 @@ private:
         for (std::size_t b = 0; b < mesh_.borders.size(); ++b)
             if (mesh_.parts[to_size(mesh_.borders[b].front())] == part)
                 add_border(b, spacing, from);
-        if (options_.even) add_sharp_edges(part, spacing, from.places);
+        if (options_.even) add_sharp_edges(part, spacing, edges, from.places);
         from.fixed = from.places.size();
         const Index count = std::max(even, from.fixed);
         if (!options_.even) {
@@ -227,7 +231,8 @@ private:
     /// Points along edges at which the surface bends so much that samples on both sides don't pass
     /// for neighbors: they face halfway between, and join them. Where edges are shorter than the
     /// distance between samples, the surface bends little by little.
-    void add_sharp_edges(Index part, double spacing, Candidates& places) const {
+    void add_sharp_edges(Index part, double spacing, std::optional<MeshEdges>& edges,
+                         Candidates& places) const {
         constexpr double kSharp = 0.25;  // cosine of the bend
         const auto length = [&](Index f, Index k) {
             return (mesh_.positions.row(mesh_.triangles(f, (k + 1) % 3)) -
@@ -239,11 +244,13 @@ private:
             for (Index k = 0; k < 3; ++k)
                 if (length(f, k) > 2.0 * spacing) sides.push_back(3 * f + k);
         if (sides.empty()) return;
-        const MeshEdges edges(mesh_.triangles);
+        if (!edges) edges.emplace(mesh_.triangles);
         for (const Index side : sides) {
             const Index f = side / 3, k = side % 3;
-            const auto both = edges[edges.edge_of(f, k)];
+            const auto both = (*edges)[edges->edge_of(f, k)];
             if (both.size() != 2 || both[0].triangle != f || both[0].k != k) continue;
+            // Faces wound against each other tell no bend.
+            if (start_of(mesh_.triangles, both[0]) != end_of(mesh_.triangles, both[1])) continue;
             const auto normal = mesh_.normals.row(f);
             const auto other = mesh_.normals.row(both[1].triangle);
             const Eigen::RowVector3d facing = normal + other;
