@@ -470,7 +470,7 @@ def _own_times(
 ) -> float | FloatArray:
     """How far the vertices of a denser mesh have gone at t: each by itself in a staggered morph."""
     times = result.vertex_times(t, "source" if is_source else "target")
-    share = denser.extended(times) if np.ptp(times) else t
+    share = denser.extended(times) if np.ptp(times) else float(times[0])
     return share if is_source else 1.0 - share
 
 
