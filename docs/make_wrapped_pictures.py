@@ -1,7 +1,7 @@
 """Draws real models wrapped onto one another, beside what the map alone makes of their vertices.
 
 make_wrapped_pictures.py PAIRS, where PAIRS is a folder with a folder a pair: source.ply,
-target.ply. Draws the pairs of `VIEWS` that are there and may be shown.
+target.ply. Draws the pairs of `VIEWS`, or those that are named.
 """
 
 from __future__ import annotations

@@ -34,7 +34,7 @@ def of(count, created):
 
 def at_most(known, count, player, switch, created):
     """The object that shows so many discs while `switch`, a property of `player` by its path, is
-    on, and none while it is off: `known`, if it is one, or a new one."""
+    on, and one at most while it is off: `known`, if it is such an object, or a new one."""
     group = shared_group(created)
     if known is None or not _is_of(known, group) or known.animation_data is None:
         known = _new(group, created)

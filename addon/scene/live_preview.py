@@ -39,8 +39,12 @@ def _ends_of(result, shown, earlier):
         back = np.linalg.inv(morph_object.source_matrix_of(result))
         fits = len(shown.data.vertices) == len(earlier.landing)
         return _Ends(earlier.landing, None, back) if fits else None
-    rows, ends = morph_object.stage_rows(result)
-    if rows.max() + 1 != len(source.positions) or ends.max() + 1 != len(target.positions):
+    try:
+        rows, ends = morph_object.stage_rows(result)
+    except pointmorph.CloudError:  # somebody took a key or an attribute away
+        return None
+    sizes = (len(source.positions), len(target.positions))
+    if not len(rows) or (rows.max() + 1, ends.max() + 1) != sizes:
         return None
     return _Ends(target.positions[ends], rows, np.eye(4))
 
@@ -91,7 +95,7 @@ class LivePreview:
         return True
 
     def is_shown(self, objects):
-        """Whether the mesh is as this has made it."""
+        """Whether what is seen is as this has made it."""
         if self._before is None:
             return False
         present = _places(objects, self.name)

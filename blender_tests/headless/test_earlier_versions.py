@@ -26,6 +26,7 @@ def change_target(target):
         vertex.co.z += 0.2
 
 
+@pytest.mark.makes_nodes
 def test_its_nodes_are_not_taken_for_those_of_this_one(settings, addon):
     for name in GROUPS:
         earlier_group(name)

@@ -55,6 +55,7 @@ def assert_same(found, wanted):
         np.testing.assert_array_equal(values, known, err_msg=name)
 
 
+@pytest.mark.makes_nodes
 def test_what_is_shown_has_the_bits_of_the_file(torn):
     player = bake(torn)
     frames = baked_frames(player)
@@ -391,7 +392,8 @@ def test_discs_are_made_ahead_for_all_frames(addon, torn, capfd):
     player.update_tag()
     bpy.context.view_layer.update()
     assert len(seen(faces).polygons) <= 1
-    assert "ycle" not in capfd.readouterr().err
+    # Some versions print it, others log it.
+    assert "Dependency cycle" not in "".join(capfd.readouterr())
 
 
 def test_a_file_that_is_gone_shows_nothing(torn):

@@ -167,6 +167,7 @@ def test_it_shows_points_with_colors_and_radii_at_the_key(settings, t):
     assert materials == ["Pointmorph Points"]
 
 
+@pytest.mark.makes_nodes
 def test_discs_instead_of_points(addon, settings):
     pair()
     obj = morph()
@@ -390,6 +391,7 @@ def test_a_loop_on_an_open_patch(settings):
     assert "loop" in refused().lower()
 
 
+@pytest.mark.makes_nodes
 def test_an_error_while_the_object_is_made_leaves_nothing(addon, settings, monkeypatch):
     pair()
     bpy.context.view_layer.update()

@@ -169,6 +169,7 @@ def test_materials_can_read_how_far_each_point_is(shown, choose):
     assert not any(a.name.startswith("morph_") for a in mesh.attributes)
 
 
+@pytest.mark.makes_nodes
 def test_on_a_rigid_path(shown, choose, settings, addon):
     """Each vertex is where it is on the path at its own time."""
     settings.path = "rigid"
