@@ -26,7 +26,11 @@ _WEAK = lief.MachO.DyldBindingInfo.CLASS.WEAK
 
 # Functions whose results have other bits in one glibc than in another, or may have. The library has
 # its own, or does without; exp, log, pow, sin and cos have been the same since 2.28.
-_CHANGING = {"acos", "asin", "atan", "atan2", "cbrt", "hypot", "log2", "sincos", "tan"}
+_CHANGING = {
+    f"{name}{kind}"
+    for name in ("acos", "asin", "atan", "atan2", "cbrt", "hypot", "log2", "sincos", "tan")
+    for kind in ("", "f", "l")
+}
 
 
 def problems_of(platform: Platform, wheel: Path) -> list[str]:

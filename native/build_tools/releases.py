@@ -6,7 +6,6 @@ import hashlib
 import re
 import shutil
 import subprocess
-import tarfile
 import tempfile
 from collections.abc import Iterable
 from pathlib import Path
@@ -90,8 +89,7 @@ def source_package(folder: Path) -> Path:
     with step("source package"), tempfile.TemporaryDirectory() as name:
         archive, sources = Path(name) / "sources.tar", Path(name) / "pointmorph"
         _git("archive", "--format=tar", f"--output={archive}", "HEAD")
-        with tarfile.open(archive) as content:
-            content.extractall(sources, filter="data")
+        shutil.unpack_archive(archive, sources)
         build = (paths.PYTHON, "-m", "build", "--sdist", "--no-isolation")
         run("release", *build, "--outdir", folder, sources)
     [path] = folder.glob("*.tar.gz")

@@ -26,7 +26,7 @@ from .running import SetupError, child_environment, digest, is_fresh, run, say, 
 from .system import project, refuse_missing, set_up_system
 from .targets import LINUX, MACOS, Platform, number
 
-_building: defaultdict[Path, threading.Lock] = defaultdict(threading.Lock)
+_building: defaultdict[str, threading.Lock] = defaultdict(threading.Lock)
 """For each of CMake's folders, who builds in it."""
 
 
@@ -161,7 +161,7 @@ def wheel_of(platform: Platform, python: str) -> Path:
     key = digest(sys.version, repr(platform), python, *(paths.ROOT / part for part in parts))
     folder = paths.BUILD / "wheels" / f"{platform.name}-cp{number(python)}"
     stamp = folder / "stamp"
-    building = _building[build_folder(platform, python)]
+    building = _building[str(build_folder(platform, python))]
 
     def is_built() -> bool:
         there = any(folder.glob("*.whl")) and (not first or _library(platform).exists())
@@ -224,7 +224,7 @@ def build_native(targets: Iterable[str], *settings: str, platform: Platform = LI
     The `settings` stay until others are given.
     """
     build = build_folder(platform)
-    with _building[build]:
+    with _building[str(build)]:
         run("native", "cmake", "-S", paths.ROOT, "-B", build, "-G", "Ninja", *settings)
         run("native", "cmake", "--build", build, "--target", *targets)
     return build

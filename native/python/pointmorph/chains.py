@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from pointmorph import _pointmorph
+from pointmorph.errors import CloudError
 from pointmorph.morphing import Morph, native_options
 
 
@@ -24,10 +25,12 @@ class StaggeredChain(Morph):
     Raises
     ------
     CloudError
-        If the pairs don't go on from one morph to the next.
+        If there is no morph, or the pairs don't go on from one to the next.
     """
 
     def __init__(self, parts: Sequence[Morph], settings: Mapping[str, Any]) -> None:
+        if not parts:
+            raise CloudError("chain", "at least one morph", "none", "Give morphs in order.")
         source, target = parts[0].source, parts[-1].target
         native = _pointmorph.Morph.chained(
             [part._native for part in parts],

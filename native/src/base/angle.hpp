@@ -6,6 +6,7 @@
 #include <array>
 #include <cmath>
 #include <cstddef>
+#include <limits>
 #include <numbers>
 
 #include "pointmorph/base/types.hpp"
@@ -37,10 +38,12 @@ inline double arctangent(double tangent) {
     return kArctangents[static_cast<std::size_t>(eighths)] + (rest - rest * sum);
 }
 
-/// The angle, in radians from −π to π, from the x axis to a point at finite coordinates; 0 at the
-/// origin. Off by at most two units in the last place.
+/// The angle, in radians from −π to π, from the x axis to a point; at the origin that of its signs,
+/// as std::atan2 has it. Off by at most two units in the last place. NaN where a coordinate is
+/// infinite or NaN, or both are too large to be added.
 inline double angle_of(double y, double x) {
     const double along = std::abs(x), across = std::abs(y), larger = std::max(along, across);
+    if (!std::isfinite(along + across)) return std::numeric_limits<double>::quiet_NaN();
     double angle = larger > 0.0 ? arctangent(std::min(along, across) / larger) : 0.0;
     if (across > along) angle = std::numbers::pi / 2.0 - angle;
     if (std::signbit(x)) angle = std::numbers::pi - angle;

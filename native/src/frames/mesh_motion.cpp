@@ -114,10 +114,16 @@ void make_turns_agree(const Triangles& triangles, std::vector<Move>& moves) {
 
 /// In the lengths of the mesh, without the similarity.
 struct MeshMotion::Bend {
+    /// Triangles that agree less with their surroundings than by this cosine begin to be turned
+    /// back.
+    static constexpr double kSteep = 0.1;
+
     const Mesh& mesh;
     ElasticSheet sheet;
-    std::vector<Move> moves;      ///< of the triangles
-    std::vector<char> is_folded;  ///< those that lie against their surroundings at an end
+    std::vector<Move> moves;  ///< of the triangles
+    /// Of the triangles: those that agree less with their surroundings on the way are turned back.
+    /// Never at an end.
+    std::vector<double> least;
     using Matrix = Eigen::SparseMatrix<double, Eigen::ColMajor, Index>;
     /// Of the Laplacian with a place of each part held; none where it would take long.
     std::unique_ptr<Eigen::SimplicialLDLT<Matrix>> solver;
@@ -135,7 +141,7 @@ struct MeshMotion::Bend {
             }
         });
         make_turns_agree(mesh.triangles, moves);
-        find_folded(ends, progress);
+        find_least(ends, progress);
         // What a surface of a million places takes would be a gigabyte.
         constexpr Index kMost = 400000;
         if (mesh.positions.rows() <= kMost) factorize(progress);
@@ -188,17 +194,17 @@ struct MeshMotion::Bend {
         return result;
     }
 
-    /// Which triangles agree less with the planes at their corners than by this cosine.
-    std::vector<char> against(const Normals& planes, const Positions& x, double least,
-                              Progress& progress) const {
-        std::vector<char> result(moves.size(), 0);
+    /// Of the triangles: the cosine between each and the planes at its corners; 1 without an area.
+    std::vector<double> agreements(const Normals& planes, const Positions& x,
+                                   Progress& progress) const {
+        std::vector<double> result(moves.size(), 1.0);
         parallel_for(static_cast<Index>(moves.size()), progress, [&](Index begin, Index end) {
             for (Index f = begin; f < end; ++f) {
                 const Vector3 normal = facing_of(sheet.places(x, f));
                 Vector3 plane = Vector3::Zero();
                 for (Index k = 0; k < 3; ++k) plane += planes.row(mesh.triangles(f, k)).transpose();
-                result[to_size(f)] =
-                    normal.dot(plane) < least * normal.norm() * plane.norm() ? 1 : 0;
+                if (const double length = normal.norm() * plane.norm(); length > 0.0)
+                    result[to_size(f)] = normal.dot(plane) / length;
             }
         });
         return result;
@@ -209,13 +215,15 @@ struct MeshMotion::Bend {
         return (corners.col(1) - corners.col(0)).cross(Vector3(corners.col(2) - corners.col(0)));
     }
 
-    /// Triangles that lie against their surroundings at one of the ends.
-    void find_folded(const Positions& ends, Progress& progress) {
-        is_folded.assign(moves.size(), 0);
+    /// What lies against its surroundings at an end may do so on the way.
+    void find_least(const Positions& ends, Progress& progress) {
+        constexpr double kNever = -2.0, kRounding = 1e-6;
+        least.assign(moves.size(), kSteep);
         for (const Positions* x : {&mesh.positions, &ends}) {
-            const std::vector<char> now =
-                against(planes(facings_at(*x), progress), *x, 0.0, progress);
-            for (std::size_t f = 0; f < now.size(); ++f) is_folded[f] |= now[f];
+            const std::vector<double> now =
+                agreements(planes(facings_at(*x), progress), *x, progress);
+            for (std::size_t f = 0; f < now.size(); ++f)
+                least[f] = std::min(least[f], now[f] < kRounding ? kNever : now[f] - kRounding);
         }
     }
 
@@ -232,18 +240,21 @@ struct MeshMotion::Bend {
     void turn_back(double t, const std::vector<Vector3>& facing, Positions& x,
                    Progress& progress) const {
         WrapPartners onto{x, planes(facing, progress)};
-        std::vector<char> is_turned;
+        std::vector<double> now;
         const auto find = [&] {
-            constexpr double kLeast = 0.1;
-            is_turned = against(onto.normals, x, kLeast, progress);
-            for (std::size_t f = 0; f < is_turned.size(); ++f)
-                is_turned[f] = is_turned[f] && !is_folded[f];
-            return std::ranges::count(is_turned, 1) > 0;
+            now = agreements(onto.normals, x, progress);
+            return std::ranges::mismatch(now, least, std::greater_equal<>{}).in1 != now.end();
         };
         UntangleOptions options;
         options.plane_length *= std::sqrt(mesh.area());
-        options.concerns = [&](Index f) { return is_turned[to_size(f)] != 0; };
+        options.concerns = [&](Index f) { return now[to_size(f)] < least[to_size(f)]; };
         options.sides = [&](Index f) { return sides_at(f, t); };
+        options.is_exact = true;
+        // Nothing jumps when a triangle begins to be turned back: in full once it lies against.
+        options.share = [&](Index f) {
+            const double steep = least[to_size(f)];
+            return std::clamp((steep - now[to_size(f)]) / steep, 0.0, 1.0);
+        };
         const std::vector<char> none(to_size(x.rows()), 0);
         constexpr int kRounds = 3;
         for (int round = 0; round < kRounds && find(); ++round)

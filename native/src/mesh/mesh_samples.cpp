@@ -156,7 +156,7 @@ private:
         for (std::size_t b = 0; b < mesh_.borders.size(); ++b)
             if (mesh_.parts[to_size(mesh_.borders[b].front())] == part)
                 add_border(b, spacing, from);
-        if (options_.even) add_sharp_edges(part, spacing, edges, from.places);
+        if (options_.even) add_sharp_edges(part, even, spacing, edges, from.places);
         from.fixed = from.places.size();
         const Index count = std::max(even, from.fixed);
         if (!options_.even) {
@@ -230,8 +230,10 @@ private:
 
     /// Points along edges at which the surface bends so much that samples on both sides don't pass
     /// for neighbors: they face halfway between, and join them. Where edges are shorter than the
-    /// distance between samples, the surface bends little by little.
-    void add_sharp_edges(Index part, double spacing, std::optional<MeshEdges>& edges,
+    /// distance between samples, the surface bends little by little. At most a third of the
+    /// samples: where edges lie closer than samples, as those of wires do, most belong on the
+    /// faces.
+    void add_sharp_edges(Index part, Index count, double spacing, std::optional<MeshEdges>& edges,
                          Candidates& places) const {
         constexpr double kSharp = 0.25;  // cosine of the bend
         const auto length = [&](Index f, Index k) {
@@ -245,6 +247,8 @@ private:
                 if (length(f, k) > 2.0 * spacing) sides.push_back(3 * f + k);
         if (sides.empty()) return;
         if (!edges) edges.emplace(mesh_.triangles);
+        std::vector<std::pair<Index, Eigen::RowVector3d>> sharp;  // sides, and where they face
+        double total = 0.0;
         for (const Index side : sides) {
             const Index f = side / 3, k = side % 3;
             const auto both = (*edges)[edges->edge_of(f, k)];
@@ -256,12 +260,18 @@ private:
             const Eigen::RowVector3d facing = normal + other;
             constexpr double kNone = 1e-3;
             if (normal.dot(other) > kSharp || facing.norm() < kNone) continue;
-            const auto steps = static_cast<Index>(std::lround(length(f, k) / spacing));
+            sharp.emplace_back(side, facing.normalized());
+            total += length(f, k);
+        }
+        const double apart = std::max(spacing, 3.0 * total / static_cast<double>(count));
+        for (const auto& [side, facing] : sharp) {
+            const Index f = side / 3, k = side % 3;
+            const auto steps = static_cast<Index>(std::lround(length(f, k) / apart));
             for (Index i = 1; i < steps; ++i) {
                 Eigen::RowVector3d at = Eigen::RowVector3d::Zero();
                 at[(k + 1) % 3] = static_cast<double>(i) / static_cast<double>(steps);
                 at[k] = 1.0 - at[(k + 1) % 3];
-                places.add(f, at, facing.normalized());
+                places.add(f, at, facing);
             }
         }
     }

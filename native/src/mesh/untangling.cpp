@@ -147,7 +147,8 @@ void put(const Patch& patch, const Eigen::VectorXd& unknowns, Positions& x) {
 }
 
 /// Nocedal's L-BFGS, with steps that make the energy smaller.
-void descend(const Energy& energy, const Patch& patch, double soft, int most_steps, Positions& x) {
+void descend(const Energy& energy, const Patch& patch, double soft, int most_steps,
+             double tolerance, Positions& x) {
     constexpr std::size_t kRemembered = 8;
     const Index count = patch.unknowns();
     Eigen::VectorXd at(count), gradient(count), next_gradient(count);
@@ -192,7 +193,7 @@ void descend(const Energy& energy, const Patch& patch, double soft, int most_ste
         at = there;
         gradient = next_gradient;
         now = then;
-        if (gained < 1e-6 * now) break;
+        if (gained < tolerance * now) break;
     }
     put(patch, at, x);
 }
@@ -238,6 +239,15 @@ std::vector<Patch> patches_around(const Mesh& mesh, const ElasticSheet& sheet,
     return patches;
 }
 
+double share_of(const Patch& patch, const std::vector<char>& is_bad,
+                const UntangleOptions& options) {
+    if (!options.share) return 1.0;
+    double share = 0.0;
+    for (const Index f : patch.faces)
+        if (is_bad[to_size(f)]) share = std::max(share, options.share(f));
+    return share;
+}
+
 }  // namespace
 
 Index untangle(const Mesh& mesh, const ElasticSheet& sheet, const WrapPartners& planes,
@@ -249,6 +259,8 @@ Index untangle(const Mesh& mesh, const ElasticSheet& sheet, const WrapPartners& 
             agreement(mesh, planes, x, f) < options.least_agreement)
             bad.push_back(f);
     if (bad.empty()) return 0;
+    std::vector<char> is_bad(to_size(mesh.triangles.rows()), 0);
+    for (const Index f : bad) is_bad[to_size(f)] = 1;
     const std::vector<Patch> patches = patches_around(mesh, sheet, bad, is_fixed, options.rings);
     parallel_for(
         static_cast<Index>(patches.size()), progress,
@@ -259,17 +271,27 @@ Index untangle(const Mesh& mesh, const ElasticSheet& sheet, const WrapPartners& 
                 if (patch.vertices.empty()) continue;
                 for (std::size_t v = 0; v < patch.vertices.size(); ++v)
                     number[to_size(patch.vertices[v])] = static_cast<Index>(v);
+                const double share = share_of(patch, is_bad, options);
+                const Positions before_all =
+                    share < 1.0 ? Positions(x(patch.vertices, Eigen::all)) : Positions();
                 const Energy energy(mesh, sheet, planes, patch, number, options);
                 double least = energy.least_determinant(x);
+                constexpr double kHard = 1e-3, kRough = 1e-6, kExact = 1e-13;
                 for (int round = 0; round < options.most_rounds; ++round) {
-                    constexpr double kHard = 1e-3;
                     const double below = std::min(least, 0.0);
                     descend(energy, patch, std::sqrt(kHard * kHard + 0.04 * below * below),
-                            options.most_steps, x);
+                            options.most_steps, kRough, x);
                     const double before = std::exchange(least, energy.least_determinant(x));
                     if (least > 0.0 || (round > 2 && least <= before)) break;
                 }
-                for (const Index v : patch.vertices) number[to_size(v)] = -1;
+                if (options.is_exact) descend(energy, patch, kHard, 1000, kExact, x);
+                for (std::size_t v = 0; v < patch.vertices.size(); ++v) {
+                    const Index vertex = patch.vertices[v];
+                    number[to_size(vertex)] = -1;
+                    if (share < 1.0)
+                        x.row(vertex) = (1.0 - share) * before_all.row(static_cast<Index>(v)) +
+                                        share * x.row(vertex);
+                }
             }
         },
         0.0, 1.0, 1);

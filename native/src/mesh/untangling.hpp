@@ -25,6 +25,11 @@ struct UntangleOptions {
     /// What each face would be: its sides from the first corner, in a plane; what the sheet's
     /// metric has it be where there is none.
     std::function<Matrix2(Index)> sides = {};
+    /// Whether the least energy is found to many digits, as for places that are to change smoothly.
+    bool is_exact = false;
+    /// How far a face that is to be turned back takes its surroundings along, 0 to 1; all the way
+    /// where there is none. Of several near each other, the one that takes them farthest counts.
+    std::function<double(Index)> share = {};
 };
 
 /// Moves vertices around faces that lie against `planes`, in these, until none does or nothing gets

@@ -52,6 +52,14 @@ Positions mean_of_partners(Index rows, const Pairing& pairs, Index IndexPair::*s
     return Positions(mean.array().colwise() / count.array());
 }
 
+const std::vector<std::shared_ptr<const Morph>>& checked(
+    const std::vector<std::shared_ptr<const Morph>>& legs) {
+    if (legs.empty() || std::ranges::find(legs, nullptr) != legs.end())
+        throw CloudError("chain", "at least one morph, and no empty one", "none",
+                         "Give morphs of the same points, in order.");
+    return legs;
+}
+
 }  // namespace
 
 Morph::~Morph() = default;
@@ -290,7 +298,8 @@ Morph::Morph(Cloud source, Cloud target, Pairing pairs, RefinementStart images,
 
 Morph::Morph(std::vector<std::shared_ptr<const Morph>> legs, const MorphOptions& options,
              const Values& delays)
-    : Morph(legs.front()->source_, legs.back()->target_, pairs_through(legs), {}, options, delays) {
+    : Morph(checked(legs).front()->source_, checked(legs).back()->target_,
+            pairs_through(checked(legs)), {}, options, delays) {
     legs_ = std::move(legs);
 }
 

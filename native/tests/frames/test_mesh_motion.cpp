@@ -228,16 +228,38 @@ Index turned_on_the_way(const Trip& trip) {
     return count;
 }
 
+/// A bumpy ball, and the same twisted and bent.
+struct BentAtRandom {
+    Cloud ball = mesh_shapes::icosphere(4);
+    Positions ends;
+
+    explicit BentAtRandom(unsigned seed) {
+        ball.positions = waved(ball.positions, 0.02, 10 * seed);
+        ends = mapped(waved(ball.positions, 0.04, seed),
+                      [&](const Vector3& p) { return bent(twisted(p, 0.4 * seed), 1.0); });
+    }
+};
+
 TEST(MeshMotion, TurnsNoFaceOverOfMeshesBentAtRandom) {
     SKIP_WHERE_WATCHED();
-    Cloud ball = mesh_shapes::icosphere(4);
     for (const unsigned seed : {3u, 4u}) {
-        ball.positions = waved(mesh_shapes::icosphere(4).positions, 0.02, 10 * seed);
-        const Positions ends = mapped(waved(ball.positions, 0.04, seed), [&](const Vector3& p) {
-            return bent(twisted(p, 0.4 * seed), 1.0);
-        });
-        const Trip trip(ball, ends, PathKind::kRigid);
-        EXPECT_EQ(turned_on_the_way(trip), 0) << seed;
+        const BentAtRandom shapes(seed);
+        EXPECT_EQ(turned_on_the_way(Trip(shapes.ball, shapes.ends, PathKind::kRigid)), 0) << seed;
+    }
+}
+
+TEST(MeshMotion, IsAtItsEndsAndDoesNotJumpWhereFacesAreTurnedBack) {
+    SKIP_WHERE_WATCHED();
+    const BentAtRandom shapes(4);
+    const Trip trip(shapes.ball, shapes.ends, PathKind::kRigid);
+    EXPECT_LT(distance(trip.motion.at(0.0), shapes.ball.positions), 1e-9);
+    EXPECT_LT(distance(trip.motion.at(1.0), shapes.ends), 1e-9);
+    const double whole = (shapes.ends - shapes.ball.positions).rowwise().norm().maxCoeff();
+    constexpr double kStep = 1e-5;
+    for (int k = 1; k < 40; ++k) {
+        const double t = k / 40.0;
+        const Positions step = trip.motion.at(t + kStep) - trip.motion.at(t);
+        EXPECT_LT(step.rowwise().norm().maxCoeff(), 20.0 * kStep * whole) << t;
     }
 }
 

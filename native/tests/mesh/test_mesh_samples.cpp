@@ -62,6 +62,21 @@ TEST(MeshSamples, HaveSmoothNormalsButAtCreases) {
     }
 }
 
+TEST(MeshSamples, OfABeamThinnerThanTheirDistanceMostLieOnFaces) {
+    Cloud beam = mesh_shapes::cube();
+    beam.positions.col(0) *= 100.0;
+    const Mesh mesh = make_mesh(beam);
+    const MeshSamples samples = sampled(mesh, 200);  // 2 apart, as wide as the beam
+    EXPECT_EQ(samples.size(), 200);
+    Index on_faces = 0;
+    for (Index i = 0; i < samples.size(); ++i) {
+        const Eigen::Array3d normal = samples.normals.row(i).transpose().array().abs();
+        on_faces += normal.maxCoeff() > 0.99 ? 1 : 0;
+    }
+    EXPECT_GT(on_faces, 120);
+    EXPECT_LT(on_faces, 190);
+}
+
 /// Normals on different faces are perpendicular or oppose each other: only samples in between tell
 /// that the faces meet.
 TEST(MeshSamples, JoinFacesAlongSharpEdges) {

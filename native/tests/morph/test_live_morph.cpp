@@ -22,6 +22,7 @@ namespace {
 
 /// Points of the two eggs: fewer where every access is watched.
 const Index kSource = is_watched() ? 900 : 3000, kTarget = is_watched() ? 800 : 2500;
+const Index kFewer = is_watched() ? 700 : 1500, kFewest = is_watched() ? 600 : 1200;
 
 /// Two eggs without a loop; six marks.
 MorphInput eggs(Index source_count = kSource, Index target_count = kTarget) {
@@ -113,13 +114,13 @@ TEST(LiveMorph, MarksComeAndGo) {
 TEST(LiveMorph, SameBitsForAnyNumberOfThreads) {
     SKIP_WHERE_WATCHED();
     Progress progress;
-    const MorphInput input = eggs(1500, 1200);
+    const MorphInput input = eggs(kFewer, kFewest);
     const std::vector<Feature> changed = with_top_at(input.features, input.target, 0.0);
     std::optional<Positions> images, roughly;
     for (const int threads : {1, 2, 5}) {
         MorphOptions options;
         options.threads = threads;
-        const Morph morph(eggs(1500, 1200), options, progress);
+        const Morph morph(eggs(kFewer, kFewest), options, progress);
         const LiveMorph live(morph, progress);
         const Positions found = live.updated(changed, progress).source_to_target(progress);
         if (!images) {
@@ -132,6 +133,7 @@ TEST(LiveMorph, SameBitsForAnyNumberOfThreads) {
 }
 
 TEST(LiveMorph, VerticesOfMeshesFollow) {
+    SKIP_WHERE_WATCHED();
     Progress progress;
     MorphInput input;
     input.source = input.target = mesh_shapes::icosphere(4);
@@ -203,7 +205,7 @@ TEST(LiveMorph, OtherMethodsAndMissingMapsAreRefusedInWords) {
     options.domain = Domain::kDisk;
     EXPECT_THROW(LiveMorph(eggs(), options, progress), OptionError);
     EXPECT_THROW(LiveMorph(eggs(), {}, progress), CloudError);
-    const LiveMorph live(Morph(eggs(1500, 1200), {}, progress), progress);
+    const LiveMorph live(Morph(eggs(kFewer, kFewest), {}, progress), progress);
     EXPECT_THROW(live.updated({point_feature("beyond", 99999, 0)}, progress), FeatureError);
     EXPECT_THROW(live.source_to_target({point_feature("beyond", 99999, 0)}, progress),
                  FeatureError);
@@ -211,8 +213,8 @@ TEST(LiveMorph, OtherMethodsAndMissingMapsAreRefusedInWords) {
 
 TEST(LiveMorph, MarksNextToEachOtherMeetInAnyOrder) {
     Progress progress;
-    const MorphInput input = eggs(1500, 1200);
-    const LiveMorph live(Morph(eggs(1500, 1200), {}, progress), progress);
+    const MorphInput input = eggs(kFewer, kFewest);
+    const LiveMorph live(Morph(eggs(kFewer, kFewest), {}, progress), progress);
     std::vector<Feature> changed = with_top_at(input.features, input.target, 0.3);
     // Two spacings beside the top, and left behind by it.
     const Index beside = row_near(input.source, 0.15, 0.1, 1.0);
@@ -257,9 +259,9 @@ TEST(LiveMorph, EstimatedNormalsOfGivenMapsAreReversedAsTheMorphDoes) {
 TEST(LiveMorph, WhatIsKnownOfTheMapIsKept) {
     SKIP_WHERE_WATCHED();
     Progress progress;
-    MorphInput input = eggs(1500, 1200);
+    MorphInput input = eggs(kFewer, kFewest);
     const std::vector<Feature> marks = std::exchange(input.features, {});
-    const Morph sure(eggs(1500, 1200), {}, progress);
+    const Morph sure(eggs(kFewer, kFewest), {}, progress);
     input.source.normals = -sure.source().normals;
     const Morph morph(MorphInput(input), {}, progress);
     const MorphReport& before = morph.report();
@@ -294,9 +296,9 @@ TEST(LiveMorph, WhatIsKnownOfTheMapIsKept) {
 
 TEST(LiveMorph, CanBeCanceledAnywhereAndAskedAgain) {
     Progress progress;
-    const MorphInput input = eggs(1500, 1200);
+    const MorphInput input = eggs(kFewer, kFewest);
     const std::vector<Feature> changed = with_top_at(input.features, input.target, 0.0);
-    const LiveMorph live(Morph(eggs(1500, 1200), {}, progress), progress);
+    const LiveMorph live(Morph(eggs(kFewer, kFewest), {}, progress), progress);
     const Positions roughly = live.source_to_target(changed, progress);
     const Positions whole = live.updated(changed, progress).source_to_target(progress);
     int canceled = 0;

@@ -43,6 +43,11 @@ def test_the_path_that_is_taken_when_nobody_says(method: str, path: str) -> None
     assert warned == (path == "linear")
 
 
+def test_a_chain_of_nothing_is_refused() -> None:
+    with pytest.raises(pointmorph.CloudError, match="at least one morph"):
+        StaggeredChain([], {})
+
+
 def test_the_last_go_when_the_first_are_there() -> None:
     delays = np.linspace(0, 1, SIDE * SIDE)
     given = morph(delays, stagger="delay", stagger_overlap=0.2, path="linear")

@@ -48,9 +48,9 @@ public:
     /// There is no domain, and nothing to report. `delays` as in MorphInput. Throws CloudError.
     Morph(Cloud source, Cloud target, Pairing pairs, RefinementStart images,
           const MorphOptions& options, const Values& delays = {});
-    /// Morphs in a row, at least one, as one, for its frames: each begins at the shape where the one
-    /// before ends, and row i of the pairs of all is the same point. With `options.stagger`, each
-    /// point goes through all of them in a time of its own. Throws CloudError.
+    /// Morphs in a row, at least one, as one, for its frames: each begins at the shape where the
+    /// one before ends, and row i of the pairs of all is the same point. With `options.stagger`,
+    /// each point goes through all of them in a time of its own. Throws CloudError.
     Morph(std::vector<std::shared_ptr<const Morph>> legs, const MorphOptions& options,
           const Values& delays);
     ~Morph();
