@@ -13,6 +13,7 @@ import numpy.typing as npt
 
 from pointmorph.clouds import Cloud, FloatArray
 from pointmorph.errors import FileError
+from pointmorph.file_checks import check_claims
 from pointmorph.files import reachable, read_ply, whole_file, write_bytes
 from pointmorph.meshes import boundary_loops, parts
 
@@ -99,7 +100,9 @@ def read(path: str | os.PathLike[str]) -> Shape:
         found = "a folder" if opened.is_dir() else "no such file"
         raise FileError(str(path), "a file", found, "Check the path.")
     try:
-        return _format(suffix).read(opened)
+        check_claims(opened, suffix)
+        shape = _format(suffix).read(opened)
+        _check_faces(shape)
     except FileError:
         raise
     except Exception as error:  # the readers raise whatever their parsing meets
@@ -107,6 +110,16 @@ def read(path: str | os.PathLike[str]) -> Shape:
         raise FileError(
             str(path), f"a readable {suffix} file", detail, "Export the file again."
         ) from error
+    return shape
+
+
+def _check_faces(shape: Shape) -> None:
+    """Raises ValueError if faces have corners in rows that there aren't."""
+    faces, count = shape.faces, len(shape.positions)
+    if faces is not None and len(faces) and not 0 <= faces.min() <= faces.max() < count:
+        raise ValueError(
+            f"faces with rows {faces.min()} to {faces.max()} of a table with {count} vertices"
+        )
 
 
 def write_ply(

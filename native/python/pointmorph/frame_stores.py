@@ -52,6 +52,7 @@ class FrameStore:
         content = f"{'surfaces' if faces else 'points'} {sequence.fingerprint}"
         try:
             folder.mkdir(exist_ok=True)
+            files.remove_leftovers(folder)
             if not manifest_matches(folder, content):
                 for stale in self._files():
                     stale.unlink()
@@ -106,6 +107,7 @@ class FrameStore:
 
     def remove(self) -> None:
         """Deletes the frames, and the folder unless it holds other files."""
+        files.remove_leftovers(self.folder)
         with contextlib.suppress(OSError):
             for path in self._files():
                 path.unlink()
@@ -116,8 +118,7 @@ class FrameStore:
         return [self.folder / f"frame_{number:04d}.npz" for number in self._sequence.numbers]
 
     def _files(self) -> list[Path]:
-        """Including unfinished files of a process that was killed."""
-        return [*self.folder.glob("frame_*.npz"), *self.folder.glob(".*.part")]
+        return list(self.folder.glob("frame_*.npz"))
 
     @staticmethod
     def _write(path: Path, frame: Frame | Surface) -> None:

@@ -280,6 +280,7 @@ def write_sequence(
         surfaces.check_available()
     paths = [folder / f"frame_{number:04d}.ply" for number in sequence.numbers]
     meshes = [folder / f"mesh_{number:04d}.{mesh}" for number in sequence.numbers]
+    files.remove_leftovers(folder)
     known = resume and manifest_matches(folder, sequence.fingerprint)
     wanted = {*paths, *(meshes if mesh is not None else ())}
     for stale in [*folder.glob("frame_*.ply"), *_meshes(folder)]:

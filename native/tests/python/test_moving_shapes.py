@@ -160,7 +160,7 @@ def test_a_store_goes_on_bit_for_bit_and_another_sequence_starts_over(
 def test_a_store_removes_what_is_its_own(torn: pointmorph.Morph, tmp_path: Path) -> None:
     store = frame_stores.FrameStore(tmp_path / "a", sequences.FrameSequence(torn, TIMES[:2]))
     store.fill()
-    (tmp_path / "a" / ".frame_0001.npz.x.part").touch()
+    (tmp_path / "a" / ".frame_0001.npz.0.pointmorph-part").touch()
     (tmp_path / "a" / "mine.txt").touch()
     store.remove()
     assert [path.name for path in (tmp_path / "a").iterdir()] == ["mine.txt"]
