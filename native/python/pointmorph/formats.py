@@ -102,7 +102,7 @@ def read(path: str | os.PathLike[str]) -> Shape:
     try:
         check_claims(opened, suffix)
         shape = _format(suffix).read(opened)
-        _check_faces(shape)
+        _check_tables(shape)
     except FileError:
         raise
     except Exception as error:  # the readers raise whatever their parsing meets
@@ -113,9 +113,19 @@ def read(path: str | os.PathLike[str]) -> Shape:
     return shape
 
 
-def _check_faces(shape: Shape) -> None:
-    """Raises ValueError if faces have corners in rows that there aren't."""
-    faces, count = shape.faces, len(shape.positions)
+def _check_tables(shape: Shape) -> None:
+    """Raises ValueError unless there is a row of the right width for each vertex, and corners of
+    faces are rows that there are."""
+    count = len(shape.positions)
+    tables = (
+        ("x y z", shape.positions, 3),
+        ("normals", shape.normals, 3),
+        ("colors", shape.colors, 4),
+    )
+    for name, values, width in tables:
+        if values is not None and values.shape != (count, width):
+            raise ValueError(f"{name} in a table of {values.shape} for {count} vertices")
+    faces = shape.faces
     if faces is not None and len(faces) and not 0 <= faces.min() <= faces.max() < count:
         raise ValueError(
             f"faces with rows {faces.min()} to {faces.max()} of a table with {count} vertices"

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import contextlib
+import zipfile
+import zlib
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -19,6 +21,9 @@ from pointmorph.sequences import (
     write_manifest,
 )
 from pointmorph.surfaces import Surface
+
+# What NumPy raises when a frame isn't as it was written.
+_DAMAGED = (OSError, EOFError, ValueError, KeyError, zipfile.BadZipFile, zlib.error)
 
 
 class FrameStore:
@@ -90,7 +95,7 @@ class FrameStore:
             try:
                 with np.load(path) as file:
                     arrays = {name: file[name] for name in file.files}
-            except (OSError, ValueError) as error:
+            except _DAMAGED as error:
                 raise _unusable(path, error) from error
             yield Surface(**arrays) if self._faces else ResampledFrame(**arrays)
 
@@ -101,7 +106,7 @@ class FrameStore:
             try:
                 with np.load(path) as file:
                     found.append(len(file["colors" if self._faces else "radii"]))
-            except (OSError, ValueError) as error:
+            except _DAMAGED as error:
                 raise _unusable(path, error) from error
         return found
 
