@@ -41,8 +41,9 @@ _MOVING = {
     "SURFACE_DEFORM",
     "WAVE",
 }
+TRANSFERRED = "transferred"
 # What a recipe says about the object itself.
-_OWN = ("keys", "transferred", "transferred_to_source", "keyed", "textures")
+_OWN = ("keys", TRANSFERRED, "transferred_to_source", "keyed", "textures")
 
 
 # --- What the shapes are now ----------------------------------------------------------------------
@@ -251,6 +252,11 @@ def note(obj, name, value):
 def recipe_of(obj):
     """The recipe of a morph object; empty for one of an earlier version."""
     return _parsed(obj.pointmorph.recipe) or {}
+
+
+def names_transferred(obj):
+    """Names of what was transferred to an object from its target."""
+    return recipe_of(obj).get(TRANSFERRED, {}).get("names", ())
 
 
 def settings_of(obj):
