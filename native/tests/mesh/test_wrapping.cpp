@@ -343,8 +343,10 @@ TEST(Wrapping, MendsCreasesWithWhatIsAround) {
     Progress progress;
     mend(ball.mesh, ball.sheet, ball.target, ball.is_fixed, tree, ball.x, progress);
     EXPECT_EQ(ball.creased(), 0);
-    for (Index v = 0; v < ball.x.rows(); ++v)
-        if (before(v, 2) < 0.0) EXPECT_EQ(ball.x.row(v), before.row(v));
+    for (Index v = 0; v < ball.x.rows(); ++v) {
+        if (before(v, 2) >= 0.0) continue;
+        EXPECT_EQ(ball.x.row(v), before.row(v));
+    }
 }
 
 TEST(Wrapping, MendsOnlyWhatStaysCovered) {
