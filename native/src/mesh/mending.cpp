@@ -190,7 +190,8 @@ private:
         constexpr double kBarelyMore = 1.05;
         for (std::size_t p = 0; p < patches.size(); ++p) {
             const bool is_better = creases_.around(x_, patches[p].faces) < creased[p];
-            const bool covers = then[p] <= std::max(kBarelyMore * far[p], target_.reach);
+            const bool covers = then[p] <= std::max(kBarelyMore * far[p], target_.reach) &&
+                                moved(patches[p], before) <= target_.farthest;
             for (const Index v : patches[p].vertices) {
                 if (!is_better || !covers)
                     x_.row(v) = before.row(v);
@@ -198,6 +199,14 @@ private:
                     off_.push_back(v);
             }
         }
+    }
+
+    /// The farthest way of a vertex.
+    double moved(const MeshPatch& patch, const Positions& before) const {
+        double most = 0.0;
+        for (const Index v : patch.vertices)
+            most = std::max(most, (x_.row(v) - before.row(v)).norm());
+        return most;
     }
 
     void land(const MeshPatch& patch) {

@@ -16,8 +16,9 @@ namespace pointmorph {
 struct MendTarget {
     /// Where a place that faces so would lie on the surface.
     std::function<Vector3(Index vertex, const Vector3& place, const Vector3& normal)> landed;
-    Positions samples;    ///< of the surface, evenly spread
-    double reach = 0.01;  ///< as far from the faces, samples may be: nothing is taken away there
+    Positions samples;       ///< of the surface, evenly spread
+    double reach = 0.008;    ///< as far from the faces, samples may be: nothing is taken away there
+    double farthest = 0.02;  ///< no vertex is moved by more at once
 };
 
 /// Where the mesh bends by more than 90° along edges that the source doesn't bend so, the vertices

@@ -319,7 +319,7 @@ struct Crumpled {
             return Vector3(radius * place.normalized());
         };
         target.samples = mesh.positions;
-        target.reach = 0.1;
+        target.reach = target.farthest = 1.0;
     }
     Index creased() const {
         Index count = 0;
