@@ -111,13 +111,11 @@ public:
         : mesh_(mesh), sheet_(sheet), target_(target), creases_(mesh), tree_(tree), x_(x) {}
 
     Index all(const std::vector<char>& is_fixed, Progress& progress) {
-        for (const int rings : {1, 2, 3, 5, 8})
-            for (const bool lands : {true, false}) {
-                const auto creased = creases_.all(x_);
-                if (creased.empty()) return 0;
-                mend(patches(creased, is_fixed, rings), lands, progress);
-            }
-        land_where_smooth(progress);
+        for (const int rings : {1, 2}) {
+            const auto creased = creases_.all(x_);
+            if (creased.empty()) return 0;
+            mend(patches(creased, is_fixed, rings), progress);
+        }
         return static_cast<Index>(creases_.all(x_).size());
     }
 
@@ -165,7 +163,7 @@ private:
         return result;
     }
 
-    void mend(const std::vector<MeshPatch>& patches, bool lands, Progress& progress) {
+    void mend(const std::vector<MeshPatch>& patches, Progress& progress) {
         const Positions before = x_;
         std::vector<Index> creased(patches.size());
         for (std::size_t p = 0; p < patches.size(); ++p)
@@ -181,7 +179,7 @@ private:
                     const MeshPatch& patch = patches[to_size(p)];
                     if (patch.vertices.empty()) continue;
                     span_membrane(sheet_, patch, number, x_);
-                    if (lands) land(patch);
+                    land(patch);
                 }
             },
             0.0, 0.0, 1);
@@ -193,10 +191,7 @@ private:
             const bool covers = then[p] <= std::max(kBarelyMore * far[p], target_.reach) &&
                                 moved(patches[p], before) <= target_.farthest;
             for (const Index v : patches[p].vertices) {
-                if (!is_better || !covers)
-                    x_.row(v) = before.row(v);
-                else if (!lands)
-                    off_.push_back(v);
+                if (!is_better || !covers) x_.row(v) = before.row(v);
             }
         }
     }
@@ -218,30 +213,12 @@ private:
             x_.row(patch.vertices[i]) = landed[i].transpose();
     }
 
-    /// What was left off the surface goes there after all, vertex by vertex, where nothing around
-    /// comes near a crease by it.
-    void land_where_smooth(Progress& progress) {
-        std::ranges::sort(off_);
-        off_.erase(std::ranges::unique(off_).begin(), off_.end());
-        for (const Index v : off_) {
-            progress.report(0.0);
-            std::vector<Index> faces;
-            for (const Index c : sheet_.around(v)) faces.push_back(c / 3);
-            const Eigen::RowVector3d before = x_.row(v);
-            const Index creased = creases_.around(x_, faces);
-            x_.row(v) = target_.landed(v, x_.row(v).transpose(), normal_at(sheet_, creases_, x_, v))
-                            .transpose();
-            if (creases_.around(x_, faces) > creased) x_.row(v) = before;
-        }
-    }
-
     const Mesh& mesh_;
     const ElasticSheet& sheet_;
     const MendTarget& target_;
     Creases creases_;
     TriangleTree& tree_;
     Positions& x_;
-    std::vector<Index> off_;  ///< vertices that were left off the surface
 };
 
 }  // namespace

@@ -22,10 +22,10 @@ struct MendTarget {
 };
 
 /// Where the mesh bends by more than 90° along edges that the source doesn't bend so, the vertices
-/// around become a membrane between those farther off, put onto the surface or not: in patches of
-/// one ring of faces to eight, each as long as it then has fewer such edges, and covers the surface
-/// as before. What the surface lacks, such as the inside of a mouth, ends as a smooth skin. `tree`
-/// is one of the mesh's triangles, at `x`. Fixed vertices stay. Returns the edges that are left.
+/// around become a membrane between those farther off, put onto the surface: in patches of one or
+/// two rings of faces, each only if it then has fewer such edges, and covers the surface as before.
+/// Larger patches would take small features away, such as lips. `tree` is one of the mesh's
+/// triangles, at `x`. Fixed vertices stay. Returns the edges that are left.
 Index mend(const Mesh& mesh, const ElasticSheet& sheet, const MendTarget& target,
            const std::vector<char>& is_fixed, TriangleTree& tree, Positions& x, Progress& progress);
 
