@@ -25,6 +25,7 @@ import numpy.typing as npt
 
 from pointmorph import files
 from pointmorph.errors import FileError
+from pointmorph.file_checks import parsed_json
 
 Array = npt.NDArray[Any]
 _format: Any = np.lib.format
@@ -157,7 +158,7 @@ class ArrayFile:
             content = archive.read("header.npy")
             size = len(content) - len(_preamble((len(content),), _BYTES))
             self._expect(content, _preamble((size,), _BYTES), "header")
-            self.header: dict[str, Any] = json.loads(content[-size:])
+            self.header: dict[str, Any] = parsed_json(content[-size:])
             listed = self.header["arrays"]
             entries = {entry.filename: entry for entry in archive.infolist()}
             if set(entries) != {f"{name}.npy" for name in ("header", *listed)}:

@@ -13,6 +13,7 @@ import numpy.typing as npt
 
 from pointmorph.clouds import Cloud, FloatArray
 from pointmorph.errors import FileError
+from pointmorph.file_checks import check_claims
 from pointmorph.files import reachable, read_ply, whole_file, write_bytes
 from pointmorph.meshes import boundary_loops, parts
 
@@ -99,7 +100,9 @@ def read(path: str | os.PathLike[str]) -> Shape:
         found = "a folder" if opened.is_dir() else "no such file"
         raise FileError(str(path), "a file", found, "Check the path.")
     try:
-        return _format(suffix).read(opened)
+        check_claims(opened, suffix)
+        shape = _format(suffix).read(opened)
+        _check_tables(shape)
     except FileError:
         raise
     except Exception as error:  # the readers raise whatever their parsing meets
@@ -107,6 +110,26 @@ def read(path: str | os.PathLike[str]) -> Shape:
         raise FileError(
             str(path), f"a readable {suffix} file", detail, "Export the file again."
         ) from error
+    return shape
+
+
+def _check_tables(shape: Shape) -> None:
+    """Raises ValueError unless there is a row of the right width for each vertex, and corners of
+    faces are rows that there are."""
+    count = len(shape.positions)
+    tables = (
+        ("x y z", shape.positions, 3),
+        ("normals", shape.normals, 3),
+        ("colors", shape.colors, 4),
+    )
+    for name, values, width in tables:
+        if values is not None and values.shape != (count, width):
+            raise ValueError(f"{name} in a table of {values.shape} for {count} vertices")
+    faces = shape.faces
+    if faces is not None and len(faces) and not 0 <= faces.min() <= faces.max() < count:
+        raise ValueError(
+            f"faces with rows {faces.min()} to {faces.max()} of a table with {count} vertices"
+        )
 
 
 def write_ply(

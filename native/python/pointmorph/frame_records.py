@@ -16,6 +16,7 @@ from typing import Any
 
 from pointmorph import files
 from pointmorph.errors import FileError
+from pointmorph.file_checks import parsed_json
 
 FOLDER = "records"
 
@@ -95,7 +96,7 @@ class FrameRecords:
 
     def _read(self, number: int) -> dict[str, Any] | None:
         with contextlib.suppress(OSError, ValueError, KeyError, TypeError):
-            record = json.loads(self._path(number).read_text(encoding="utf-8"))
+            record = parsed_json(self._path(number).read_text(encoding="utf-8"))
             if record["of"] == self.of and isinstance(record["files"], dict):
                 return {"files": record["files"], "points": int(record["points"])}
         return None

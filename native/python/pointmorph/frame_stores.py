@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import contextlib
 import json
+import zipfile
+import zlib
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -11,11 +13,14 @@ import numpy as np
 
 from pointmorph import files
 from pointmorph.errors import FileError
+from pointmorph.file_checks import parsed_json
 from pointmorph.morphing import Frame, Progress, ResampledFrame
 from pointmorph.sequences import FrameSequence, in_order
 from pointmorph.surfaces import Surface
 
 MANIFEST = "frames.json"
+# What NumPy raises when a frame isn't as it was written.
+_DAMAGED = (OSError, EOFError, ValueError, KeyError, zipfile.BadZipFile, zlib.error)
 
 
 class FrameStore:
@@ -49,6 +54,7 @@ class FrameStore:
         content = f"{'surfaces' if faces else 'points'} {sequence.fingerprint}"
         try:
             folder.mkdir(exist_ok=True)
+            files.remove_leftovers(folder)
             if not _manifest_matches(folder, content):
                 for stale in self._files():
                     stale.unlink()
@@ -86,7 +92,7 @@ class FrameStore:
             try:
                 with np.load(path) as file:
                     arrays = {name: file[name] for name in file.files}
-            except (OSError, ValueError) as error:
+            except _DAMAGED as error:
                 raise _unusable(path, error) from error
             yield Surface(**arrays) if self._faces else ResampledFrame(**arrays)
 
@@ -97,12 +103,13 @@ class FrameStore:
             try:
                 with np.load(path) as file:
                     found.append(len(file["colors" if self._faces else "radii"]))
-            except (OSError, ValueError) as error:
+            except _DAMAGED as error:
                 raise _unusable(path, error) from error
         return found
 
     def remove(self) -> None:
         """Deletes the frames, and the folder unless it holds other files."""
+        files.remove_leftovers(self.folder)
         with contextlib.suppress(OSError):
             for path in self._files():
                 path.unlink()
@@ -113,8 +120,7 @@ class FrameStore:
         return [self.folder / f"frame_{number:04d}.npz" for number in self._sequence.numbers]
 
     def _files(self) -> list[Path]:
-        """Including unfinished files of a process that was killed."""
-        return [*self.folder.glob("frame_*.npz"), *self.folder.glob(".*.part")]
+        return list(self.folder.glob("frame_*.npz"))
 
     @staticmethod
     def _write(path: Path, frame: Frame | Surface) -> None:
@@ -131,7 +137,7 @@ def _write_manifest(folder: Path, content: str) -> None:
 def _manifest_matches(folder: Path, content: str) -> bool:
     """Whether the frames in a folder belong to what `_write_manifest` recorded there."""
     try:
-        recorded = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
+        recorded = parsed_json((folder / MANIFEST).read_text(encoding="utf-8"))
         return bool(recorded["of"] == content)
     except (OSError, ValueError, KeyError, TypeError):
         return False

@@ -18,7 +18,7 @@ from typing import Any, Protocol, TypedDict, TypeVar, Unpack
 import numpy as np
 import numpy.typing as npt
 
-from pointmorph import __version__, formats, surfaces
+from pointmorph import __version__, files, formats, surfaces
 from pointmorph.errors import Cancelled
 from pointmorph.frame_records import FrameRecords
 from pointmorph.morphing import Frame, Morph, Progress, ResampledFrame
@@ -311,6 +311,7 @@ def write_sequence(
 ) -> list[int]:
     """Writes the frames of a sequence, as `write_frames` does."""
     run = FrameRun(sequence, folder, mesh)
+    files.remove_leftovers(folder)
     known = resume and all(run.records.mentions(number) for number in sequence.numbers)
     run.remove_others(keep_known=resume)
     if not known:

@@ -84,7 +84,7 @@ def test_what_is_broken_or_of_another_run_is_made_anew(saved: Path, tmp_path: Pa
         file.write(b"x")
     (tmp_path / "mesh_0002.obj").unlink()
     (tmp_path / "records" / "frame_0003.json").write_text("{}")
-    (tmp_path / ".frame_0003.ply.abc.part").write_text("of a killed process")
+    (tmp_path / ".frame_0003.ply.0.pointmorph-part").write_text("of a killed process")
     checked = frames(saved, tmp_path, "--check")
     assert checked.returncode == 3
     assert checked.stdout.splitlines() == [
@@ -120,7 +120,7 @@ def test_a_run_that_is_killed_goes_on_where_it_was(
     if how != signal.SIGKILL:
         assert "again" in errors
         assert "Traceback" not in errors
-        assert not [path for path in tmp_path.rglob("*") if path.name.endswith(".part")]
+        assert not [path for path in tmp_path.rglob("*") if path.name.endswith("-part")]
     done = {path.stem for path in records.glob("*.json")}
     assert 0 < len(done) < 400
     before = {name: (tmp_path / f"{name}.ply").stat().st_mtime_ns for name in done}
