@@ -29,7 +29,8 @@ public:
     /// half of what Scalar can hold: their differences might not be finite.
     StraightPath(const Cloud& source, const Cloud& target, std::span<const IndexPair> pairs);
     /// From ends that are laid out already, in a file that is mapped into memory for instance: all
-    /// spans of both, for as many pairs, or neither's colors: white. Refers to them. Throws OptionError for other sizes.
+    /// spans of both, for as many pairs, or neither's colors: white. Refers to them. Throws
+    /// OptionError for other sizes.
     StraightPath(const FrameView<const Scalar>& source, const FrameView<const Scalar>& target);
     StraightPath(StraightPath&&) noexcept = default;
 
