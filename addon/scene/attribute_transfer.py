@@ -14,7 +14,7 @@ from ..core.features import PREFIX
 from ..core.stepping import finish
 from ..core.transfer_words import listed
 from ..data import arrays, attribute_names, creation, nodes, versions
-from . import hair_transfer, key_transfer, map_ends, morph_object, recipes
+from . import hair_transfer, key_transfer, map_ends, morph_object, points_display, recipes
 from .shape_reader import is_plain, present_steps, update
 
 NAME = "Pointmorph Colors"
@@ -22,7 +22,7 @@ MODIFIER = "Colors"
 _READ = "Pointmorph target, while it is read"
 _OWN = "pointmorph_transferred"
 """On a source, names of what it got, as JSON: its copies have it, too."""
-_NOTES = {False: "transferred", True: "transferred_to_source"}
+_NOTES = {False: recipes.TRANSFERRED, True: "transferred_to_source"}
 _KINDS = {
     "colors": "color attribute",
     "weights": "vertex group",
@@ -115,11 +115,6 @@ def words_of(obj):
     """What was transferred to an object, or to its source, at last: a list of sentences."""
     recipe = recipes.recipe_of(obj)
     return [line for note in _NOTES.values() for line in recipe.get(note, {}).get("words", ())]
-
-
-def names_of(obj):
-    """Names of what was transferred to an object."""
-    return recipes.recipe_of(obj).get(_NOTES[False], {}).get("names", ())
 
 
 def _own_names(receiver):
@@ -488,6 +483,8 @@ def _remember(obj, receiver, wanted, made, told):
     if wanted.onto_source:
         before = _own_names(receiver)
         receiver[_OWN] = json.dumps(list(dict.fromkeys([*before, *names])))
+    elif morph_object.is_result(obj):
+        points_display.keep_transferred(obj, morph_object.stages(obj))
 
 
 def _check_counts(receiver, target, found):

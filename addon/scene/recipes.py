@@ -40,8 +40,9 @@ _MOVING = {
     "SURFACE_DEFORM",
     "WAVE",
 }
+TRANSFERRED = "transferred"
 # What a recipe says about the object itself.
-_OWN = ("keys", "transferred", "transferred_to_source", "keyed", "textures")
+_OWN = ("keys", TRANSFERRED, "transferred_to_source", "keyed", "textures")
 
 
 # --- What the shapes are now ----------------------------------------------------------------------
@@ -255,6 +256,11 @@ def recipe_of(obj):
     """The recipe of a morph object; empty for one of an earlier version, or where the file holds
     something else in its place."""
     return remembered.recipe(obj.pointmorph.recipe, len(obj.pointmorph.via) + 1) or {}
+
+
+def names_transferred(obj):
+    """Names of what was transferred to an object from its target."""
+    return recipe_of(obj).get(TRANSFERRED, {}).get("names", ())
 
 
 def settings_of(obj):
