@@ -76,19 +76,19 @@ def point_attribute(geometry, name, *types):
     return attribute
 
 
-def write_attribute(geometry, name, values):
-    """A point attribute of the type that the array's own type and width tell, in place of one of
-    that name."""
+def write_attribute(geometry, name, values, domain="POINT"):
+    """An attribute of the type that the array's own type and width tell, in place of one of that
+    name."""
     width = 1 if values.ndim == 1 else values.shape[1]
     whole = np.issubdtype(values.dtype, np.integer)
     kinds = {1: "FLOAT", 2: "FLOAT2", 3: "FLOAT_VECTOR", 4: "FLOAT_COLOR"}
     kind = "INT" if whole else kinds[width]
     attribute = geometry.attributes.get(name)
-    if attribute is not None and (attribute.data_type, attribute.domain) != (kind, "POINT"):
+    if attribute is not None and (attribute.data_type, attribute.domain) != (kind, domain):
         geometry.attributes.remove(attribute)
         attribute = None
     if attribute is None:
-        attribute = geometry.attributes.new(name, kind, "POINT")
+        attribute = geometry.attributes.new(name, kind, domain)
     _write(attribute.data, _VALUES[kind][0], values, np.int32 if whole else np.float32)
 
 
@@ -349,15 +349,6 @@ def scale_radii(curves, scales):
     attribute = point_attribute(curves, "radius", "FLOAT")
     if attribute is not None:
         _write(attribute.data, "value", read_attribute(attribute) * scales)
-
-
-def write_surface_uvs(curves, uvs):
-    """Where curves are attached: a place in the surface's UV map for each, (S, 2)."""
-    name = "surface_uv_coordinate"
-    attribute = curves.attributes.get(name)
-    if attribute is None:
-        attribute = curves.attributes.new(name, "FLOAT2", "CURVE")
-    _write(attribute.data, "vector", uvs)
 
 
 # --- Images ---------------------------------------------------------------------------------------

@@ -1,5 +1,8 @@
 """Blender's images as textures."""
 
+import pathlib
+import tempfile
+
 import bpy
 import numpy as np
 
@@ -58,24 +61,38 @@ def _read_plain(image):
 
 
 def _read_tiles(image):
-    """Tiles are read from their files: pixels of the image itself are those of one tile."""
-    tiles, missing = {}, []
+    """Pixels of the image itself are those of one tile: all are read from their files, or from what
+    was packed of these."""
     path = image.filepath_raw or image.filepath
-    for tile in image.tiles:
-        texture = None
-        if "<UDIM>" in path and not image.packed_files:
-            texture = _read_file(path.replace("<UDIM>", str(tile.number)), image)
-        elif len(image.tiles) == 1:
-            texture = _read_plain(image)
-        if texture is None:
-            missing.append(str(tile.number))
-        else:
-            tiles[tile.number] = texture
+    tiles, missing = {}, []
+    with tempfile.TemporaryDirectory() as folder:
+        packed = _unpacked(image, folder)
+        for tile in image.tiles:
+            texture = None
+            if image.packed_files:
+                texture = _read_file(packed.get(tile.number, ""), image)
+            elif "<UDIM>" in path:
+                texture = _read_file(path.replace("<UDIM>", str(tile.number)), image)
+            if texture is None and len(image.tiles) == 1:
+                texture = _read_plain(image)
+            if texture is None:
+                missing.append(str(tile.number))
+            else:
+                tiles[tile.number] = texture
     if not tiles:
-        why = "is packed: unpack it first" if image.packed_files else "is missing"
-        return None, f'the UDIM image "{image.name}" {why}'
+        return None, f'the UDIM image "{image.name}" is missing'
     said = f'tiles {", ".join(missing)} of the image "{image.name}" are missing' if missing else ""
     return Texture(image.name, None, tiles=tiles), said
+
+
+def _unpacked(image, folder):
+    """By number, paths of files in a folder with what is packed of an image's tiles."""
+    found = {}
+    for item in image.packed_files:
+        name = pathlib.PurePath(bpy.path.basename(item.filepath))
+        found[item.tile_number] = str(pathlib.Path(folder, f"{item.tile_number}{name.suffix}"))
+        pathlib.Path(found[item.tile_number]).write_bytes(item.packed_file.data)
+    return found
 
 
 def _read_file(path, like):

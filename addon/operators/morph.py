@@ -20,7 +20,16 @@ from ..scene import (
     staleness,
 )
 from ..scene.feature_marks import say_what_was_found
-from .polls import Explained, busy_reason, morph_reason, picked_result, present, say_looks
+from .polls import (
+    Explained,
+    busy_reason,
+    morph_reason,
+    morphs_selected,
+    pick_selected,
+    picked_result,
+    present,
+    say_looks,
+)
 from .recompute import Recomputing
 
 
@@ -45,6 +54,8 @@ class _Morphing(Recomputing):
 
     def _begin_steps(self, context):
         self._first_look = queue.SimpleQueue()
+        if morphs_selected(context):
+            pick_selected(context)
         sync_features(context.scene)
         shapes = staleness.picked_shapes(context.scene)
         there = None if self.new_result else picked_result(context)
@@ -125,8 +136,9 @@ def _mode_reason(context):
 
 
 class POINTMORPH_OT_morph(Explained, _Morphing, bpy.types.Operator):
-    """Compute the morph from source to target. If these objects have one, it is computed again in
-    place; Alt-click makes another. Blender stays usable meanwhile, and Esc cancels"""
+    """Compute the morph from source to target. If none are chosen, the selected objects are: the
+    active one, which was selected last, is the target. If these objects have a morph, it is
+    computed again in place; Alt-click makes another. Blender stays usable, and Esc cancels"""
 
     bl_idname = "pointmorph.morph"
     bl_label = "Morph"

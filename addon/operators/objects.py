@@ -3,11 +3,10 @@
 import bpy
 import pointmorph
 
-from ..data.arrays import SHAPE_TYPES
 from ..data.feature_list import sync_features
 from ..data.registration import Registration
 from ..scene import as_shown
-from .polls import Explained, fail
+from .polls import SELECT, Explained, fail, pick_selected, selected_shapes
 
 
 class POINTMORPH_OT_pick_selected(Explained, bpy.types.Operator):
@@ -20,22 +19,10 @@ class POINTMORPH_OT_pick_selected(Explained, bpy.types.Operator):
 
     @staticmethod
     def reason(context):
-        shapes = [obj for obj in context.selected_objects if obj.type in SHAPE_TYPES]
-        if len(shapes) == len(context.selected_objects) >= 2:
-            return None
-        return "Select two or more meshes or point clouds, the target last"
+        return None if selected_shapes(context) else SELECT
 
     def execute(self, context):
-        settings = context.scene.pointmorph
-        shapes = sorted(context.selected_objects, key=lambda obj: obj.name)
-        active = context.view_layer.objects.active
-        if active in shapes:
-            shapes.remove(active)
-            shapes.append(active)
-        settings.source, settings.target = shapes[0], shapes[-1]
-        settings.via.clear()
-        for shape in shapes[1:-1]:
-            settings.via.add().object = shape
+        pick_selected(context)
         return {"FINISHED"}
 
 

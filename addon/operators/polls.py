@@ -6,11 +6,13 @@ import pointmorph
 
 from ..core import background_job
 from ..data import chains
+from ..data.arrays import SHAPE_TYPES
 from ..scene import blended_textures, morph_object, object_looks, presentation, staleness
 from ..scene.shape_reader import is_in
 from . import shading
 
 NO_RESULT = "Morph first, or make a morph object the active object"
+SELECT = "Select two or more meshes or point clouds, the target last"
 
 _PLACES = (
     (pointmorph.FeatureError, "FEATURES"),
@@ -71,11 +73,43 @@ def shapes_reason(context):
     return None
 
 
+def selected_shapes(context):
+    """The selected objects in the order in which they are morphed, the active one last; empty
+    where they are fewer than two, or others among them."""
+    shapes = sorted(context.selected_objects, key=lambda obj: obj.name)
+    if len(shapes) < 2 or any(obj.type not in SHAPE_TYPES for obj in shapes):
+        return []
+    active = context.view_layer.objects.active
+    if active in shapes:
+        shapes.remove(active)
+        shapes.append(active)
+    return shapes
+
+
+def pick_selected(context):
+    """Makes the selected objects source, target, and what lies in between."""
+    settings = context.scene.pointmorph
+    source, *via, target = selected_shapes(context)
+    settings.source, settings.target = source, target
+    settings.via.clear()
+    for shape in via:
+        settings.via.add().object = shape
+
+
+def morphs_selected(context):
+    """Whether nothing is picked, so that a morph is one of the selected objects."""
+    return not any(staleness.picked_shapes(context.scene))
+
+
 def morph_reason(context):
-    """Why there can be no morph of what is picked, the shapes in between included; None when there
-    can."""
+    """Why there can be no morph of what is picked, the shapes in between included, or selected
+    where nothing is; None when there can."""
     shapes = staleness.picked_shapes(context.scene)
-    if len(shapes) == 2 or shapes[0] is None or shapes[-1] is None:
+    if morphs_selected(context):
+        shapes = selected_shapes(context)
+        if not shapes:
+            return SELECT
+    elif len(shapes) == 2 or shapes[0] is None or shapes[-1] is None:
         return shapes_reason(context)
     if None in shapes:
         return "Choose an object for the source, the target and every shape in between"

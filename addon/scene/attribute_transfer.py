@@ -9,11 +9,12 @@ import bpy
 import numpy as np
 import pointmorph
 
+from ..core import remembered
 from ..core.features import PREFIX
 from ..core.stepping import finish
 from ..core.transfer_words import listed
 from ..data import arrays, attribute_names, creation, nodes, versions
-from . import hair_transfer, key_transfer, map_ends, morph_object, recipes
+from . import hair_transfer, key_transfer, map_ends, morph_object, points_display, recipes
 from .shape_reader import is_plain, present_steps, update
 
 NAME = "Pointmorph Colors"
@@ -21,7 +22,7 @@ MODIFIER = "Colors"
 _READ = "Pointmorph target, while it is read"
 _OWN = "pointmorph_transferred"
 """On a source, names of what it got, as JSON: its copies have it, too."""
-_NOTES = {False: "transferred", True: "transferred_to_source"}
+_NOTES = {False: recipes.TRANSFERRED, True: "transferred_to_source"}
 _KINDS = {
     "colors": "color attribute",
     "weights": "vertex group",
@@ -116,9 +117,10 @@ def words_of(obj):
     return [line for note in _NOTES.values() for line in recipe.get(note, {}).get("words", ())]
 
 
-def names_of(obj):
-    """Names of what was transferred to an object."""
-    return recipes.recipe_of(obj).get(_NOTES[False], {}).get("names", ())
+def _own_names(receiver):
+    """Names of what was transferred to an object that morphs were made from."""
+    kept = receiver.get(_OWN)
+    return (remembered.names(kept) if isinstance(kept, str) else None) or []
 
 
 def _existing(obj, kinds):
@@ -311,7 +313,7 @@ def _read_more_steps(found, obj, target, wanted, by_pairs):
     if wanted.back:
         map_ends.target_of(obj)
         source = map_ends.source_of(obj)
-        without = set(json.loads(source.get(_OWN, "[]")))
+        without = set(_own_names(source))
         found.back = yield from _weights_steps(source, source.data, wanted.prefix, without)
 
 
@@ -479,8 +481,10 @@ def _remember(obj, receiver, wanted, made, told):
     back = list(dict.fromkeys([*note.get("back", ()), *back]))
     recipes.note(obj, name, {"names": names, "kinds": kinds, "back": back, "words": words})
     if wanted.onto_source:
-        before = json.loads(receiver.get(_OWN, "[]"))
+        before = _own_names(receiver)
         receiver[_OWN] = json.dumps(list(dict.fromkeys([*before, *names])))
+    elif morph_object.is_result(obj):
+        points_display.keep_transferred(obj, morph_object.stages(obj))
 
 
 def _check_counts(receiver, target, found):
@@ -508,7 +512,7 @@ def _check_names(receiver, target, wanted, found, note):
     keys = receiver.data.shape_keys
     taken = {group.name for group in receiver.vertex_groups}
     taken |= {attribute.name for attribute in receiver.data.attributes}
-    known = {*note.get("names", ()), *json.loads(receiver.get(_OWN, "[]"))}
+    known = {*note.get("names", ()), *_own_names(receiver)}
     taken -= known
     taken_keys = {key.name for key in keys.key_blocks} if keys is not None else set()
     taken_keys -= known

@@ -70,6 +70,36 @@ def show_surface(player, faces):
         player.update_tag()
 
 
+def separate_copies(scene, depsgraph):
+    """Gives copies of objects that show frames, which were made just now, discs of their own: they
+    are turned on and off by themselves."""
+    for update in depsgraph.updates:
+        player = update.id.original
+        if not isinstance(player, bpy.types.Object) or cache_files.OF not in player:
+            continue
+        points = player.modifiers.get(points_display.MODIFIER)
+        group = points.node_group if points is not None and points.type == "NODES" else None
+        if group is None or not player.is_editable:
+            continue
+        if point_shapes.FACES not in versions.group_inputs(group):  # of an earlier version
+            continue
+        faces = versions.input_value(points, point_shapes.FACES)
+        if faces is not None and not disc_faces.is_switched_by(faces, player):
+            with creation.all_or_nothing() as created:
+                rows = versions.input_value(points, frames_display.ROWS)
+                _give_faces(player, rows, created)
+
+
+def _give_faces(player, rows, created):
+    """The faces of discs for an object with so many points in a frame at most, made ahead."""
+    points = player.modifiers[points_display.MODIFIER]
+    known = versions.input_value(points, point_shapes.FACES)
+    switch = versions.input_path(points, point_shapes.DISCS)
+    faces = disc_faces.at_most(known, rows, player, switch, created)
+    versions.set_input(points, point_shapes.FACES, faces)
+    disc_faces.remove_unused()
+
+
 def _set_up(player, plan, rows, created):
     """Gives an object the modifiers that it needs, in this order and before all others."""
     cache = player.modifiers.get(cache_files.MODIFIER)
@@ -101,12 +131,7 @@ def _set_up(player, plan, rows, created):
             nodes.swap_group(player, modifier, group(created))
         for key, value in inputs.items():
             versions.set_input(modifier, key, value)
-    points = player.modifiers[points_display.MODIFIER]
-    known = versions.input_value(points, point_shapes.FACES)
-    switch = versions.input_path(points, point_shapes.DISCS)
-    faces = disc_faces.at_most(known, rows, player, switch, created)
-    versions.set_input(points, point_shapes.FACES, faces)
-    disc_faces.remove_unused()
+    _give_faces(player, rows, created)
     for place, name in enumerate((_ROWS, cache_files.MODIFIER, points_display.MODIFIER)):
         player.modifiers.move(player.modifiers.find(name), place)
     arrays.activate_colors(player.data, attribute_names.COLOR)

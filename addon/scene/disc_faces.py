@@ -34,12 +34,22 @@ def of(count, created):
 
 def at_most(known, count, player, switch, created):
     """The object that shows so many discs while `switch`, a property of `player` by its path, is
-    on, and one at most while it is off: `known`, if it is such an object, or a new one."""
+    on, and one at most while it is off: `known`, if it is such an object of this player, or a new
+    one."""
     group = shared_group(created)
-    if known is None or not _is_of(known, group) or known.animation_data is None:
+    if known is None or not _is_of(known, group) or not is_switched_by(known, player):
         known = _new(group, created)
     nodes.drive_count(known, COUNT, player, switch, count)
     return known
+
+
+def is_switched_by(faces, player):
+    """Whether it is this player, and not one that it is a copy of, that decides how many discs an
+    object shows."""
+    data = faces.animation_data
+    curves = () if data is None else data.drivers
+    targets = [t for c in curves for v in c.driver.variables for t in v.targets]
+    return any(target.id == player for target in targets)
 
 
 def _new(group, created):

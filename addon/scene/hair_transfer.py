@@ -1,4 +1,8 @@
-"""Hair curves on a target's surface, on a mesh that morphs into it or on the source."""
+"""Hair curves on a target's surface, on a mesh that morphs into it or on the source.
+
+On a mesh that morphs, Blender's own nodes turn the strands with the surface, and nodes of the
+add-on's before these let them grow to the size that they have on the target.
+"""
 
 from dataclasses import dataclass
 
@@ -8,8 +12,13 @@ import numpy as np
 from ..core import transforms
 from ..data import arrays, creation, nodes, versions
 from ..data.references import find, reference_to
+from . import morph_object
 
 MODIFIER = "Surface Deform"
+GROWTH_MODIFIER = "Size"
+_GROWTH_NAME = "Pointmorph Hair Size"
+_GROWTH = "hair_growth"
+_SURFACE_UVS = "surface_uv_coordinate"
 _ORIGIN = "pointmorph_hair_of"
 _DEFORM = "GeometryNodeDeformCurvesOnSurface"
 
@@ -40,6 +49,8 @@ class CarriedHair:
     points : (P, 3) array
     scales : (P,) array
         How much larger they are.
+    growth : (S,) array
+        How much larger each strand is once the mesh has become the target.
     loops : (S, 3) array of int, or None
         Corners of the mesh's faces around each root.
     shares : (S, 3) array
@@ -50,6 +61,7 @@ class CarriedHair:
     reference: int
     points: np.ndarray
     scales: np.ndarray
+    growth: np.ndarray
     loops: np.ndarray | None
     shares: np.ndarray
 
@@ -98,6 +110,8 @@ def carried(hair, carrier, receiver):
     empty = counts == 0
     shares = np.zeros((len(counts), strands.shares.shape[1]))
     shares[~empty] = strands.shares
+    growth = np.ones(len(counts))
+    growth[~empty] = 1.0 / strands.scales
     loops = None
     if strands.triangles is not None:
         loops = np.zeros((len(counts), 3), np.int64)
@@ -105,7 +119,7 @@ def carried(hair, carrier, receiver):
     own = abs(np.linalg.det(receiver.own[:3, :3])) ** (1 / 3)
     scales = np.repeat(strands.scales, counts[~empty]) * hair.scale * own
     points = transforms.apply(receiver.own, strands.points)
-    return CarriedHair(hair.name, hair.reference, points, scales, loops, shares)
+    return CarriedHair(hair.name, hair.reference, points, scales, growth, loops, shares)
 
 
 def made_on(obj):
@@ -150,7 +164,8 @@ def write(context, ends, prefix, hair, moves):
     curves.surface_uv_map = "" if layer is None else layer.name
     if layer is not None and hair.loops is not None:
         uvs = arrays.corner_uvs(layer)[hair.loops]
-        arrays.write_surface_uvs(curves, np.einsum("sk,skc->sc", hair.shares, uvs))
+        places = np.einsum("sk,skc->sc", hair.shares, uvs).astype(np.float32)
+        arrays.write_attribute(curves, _SURFACE_UVS, places, "CURVE")
     # Those of an earlier version know a name.
     made = next((one for one in made_on(obj) if one[_ORIGIN] in (origin, origin.name)), None)
     if made is None:
@@ -166,15 +181,33 @@ def write(context, ends, prefix, hair, moves):
     curves.name = made.name
     layers = {item.name for item in target.data.uv_layers} if target is not None else set()
     _turn_to(made, target, obj, (layers, curves.surface_uv_map))
-    if moves and layer is not None:
+    if moves:
+        arrays.write_attribute(curves, _GROWTH, hair.growth.astype(np.float32), "CURVE")
+        with creation.all_or_nothing() as created:
+            _add_modifiers(made, obj, layer is not None, created)
+    return made
+
+
+def _add_modifiers(made, obj, is_attached, created):
+    """Makes hair grow and, if it's attached, turn with the mesh that it is on."""
+    if is_attached:
         obj.add_rest_position_attribute = True
         if not _deforms(made):
             modifier = made.modifiers.new(MODIFIER, "NODES")
-            with creation.all_or_nothing() as created:
-                group = nodes.shared_group(MODIFIER, lambda name: _deform_group(name, created))
-            modifier.node_group = group
+            modifier.node_group = nodes.shared_group(
+                MODIFIER, lambda name: _deform_group(name, created)
+            )
             nodes.put_first(made, modifier)
-    return made
+    group = nodes.shared_group(_GROWTH_NAME, lambda name: _growth_group(name, created))
+    known = made.modifiers.get(GROWTH_MODIFIER)
+    if known is not None and known.type == "NODES" and known.node_group is not None:
+        nodes.swap_group(made, known, group)
+        return
+    modifier = made.modifiers.new(GROWTH_MODIFIER, "NODES")
+    modifier.node_group = group
+    nodes.put_first(made, modifier)
+    shapes = len(obj.pointmorph.via) + 2
+    nodes.drive_input(made, modifier, "t", morph_object.t_key(obj), shapes - 1)
 
 
 def _copied(origin, curves, obj):
@@ -235,4 +268,31 @@ def _deform_group(name, created):
     inputs = build.node("NodeGroupInput").outputs
     deformed = build.node(_DEFORM, {"Curves": inputs["Geometry"]})
     build.node("NodeGroupOutput", {"Geometry": deformed.outputs["Curves"]})
+    return group
+
+
+def _growth_group(name, created):
+    """Scales each strand about its root, by its growth at t = 1."""
+    group = nodes.new_group(name, created)
+    nodes.new_input(group, "NodeSocketGeometry", "Geometry")
+    nodes.new_t_input(group, 2)
+    nodes.new_output(group, "NodeSocketGeometry", "Geometry")
+    build = nodes.Builder(group)
+    inputs = build.node("NodeGroupInput").outputs
+    strand = build.node("GeometryNodeCurveOfPoint").outputs["Curve Index"]
+    first = build.node("GeometryNodePointsOfCurve", {"Curve Index": strand}).outputs["Point Index"]
+    place = build.node("GeometryNodeInputPosition").outputs["Position"]
+    root = build.node(
+        "GeometryNodeFieldAtIndex", {"Value": place, "Index": first}, data_type="FLOAT_VECTOR"
+    )
+    root = nodes.enabled(root.outputs, "Value")
+    more = build.math("SUBTRACT", build.attribute(_GROWTH, "FLOAT"), 1.0)
+    more = build.math("MULTIPLY", more, inputs["t"])
+    arm = build.math("SUBTRACT", place, root, kind="ShaderNodeVectorMath")
+    grown = build.moved(inputs["Geometry"], Offset=build.scaled(arm, more))
+    radius = build.attribute("radius", "FLOAT")
+    thicker = build.math("MULTIPLY_ADD", radius, more, radius)
+    fields = {"Selection": build.has_attribute("radius", "FLOAT"), "Radius": thicker}
+    finished = build.node("GeometryNodeSetCurveRadius", {"Curve": grown, **fields})
+    build.node("NodeGroupOutput", {"Geometry": finished.outputs[0]})
     return group

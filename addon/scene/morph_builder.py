@@ -1,6 +1,5 @@
 """Makes a morph object, all of it or nothing, and gives it other pairs in place."""
 
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -9,7 +8,7 @@ import bmesh
 import bpy
 import numpy as np
 
-from ..core import path_stages
+from ..core import path_stages, remembered
 from ..data import arrays, attribute_names, creation, nodes
 from . import morph_object, morph_paths, path_display, points_display, recipes
 
@@ -192,7 +191,7 @@ def rebuild(obj, outcome, settings):
         points_display.renew(obj, created, morph_object.stages(obj))
 
     lost = []
-    baked = json.loads(obj.pointmorph.baked or "{}")
+    baked = remembered.baked(obj.pointmorph.baked) or {}
     for name, move in moves.items():
         key = obj.data.shape_keys.key_blocks[name]
         t, path, *is_staggered = baked.get(name, (None, None))

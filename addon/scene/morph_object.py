@@ -15,6 +15,8 @@ from ..data import arrays, versions
 from . import path_display, recipes
 
 KEY = "Morph"
+_ATTRIBUTES = {"row": "INT", "normal": "FLOAT_VECTOR", "color": "FLOAT_COLOR", "radius": "FLOAT"}
+"""What the pairs have of each shape, by the end of its name."""
 
 
 def is_result(obj):
@@ -75,17 +77,26 @@ def check_whole(obj):
     """Raises CloudError when a morph object lacks what it was made with."""
     stage_keys(obj)
     for stage in stages(obj):
-        for what in ("row", "normal", "color", "radius"):
-            if f"{stage}_{what}" not in obj.data.attributes:
+        for what, kind in _ATTRIBUTES.items():
+            name = f"{stage}_{what}"
+            if arrays.point_attribute(obj.data, name, kind) is None:
+                found = "another type" if name in obj.data.attributes else "none of that name"
                 raise pointmorph.CloudError(
-                    obj.name, f"the attribute {stage}_{what}", "none of that name", "Morph again."
+                    obj.name, f"the attribute {name}", found, "Morph again."
                 )
 
 
 def stage_rows(obj):
     """(M,) int32 for every shape in order: its point in each pair."""
     check_whole(obj)
-    return [arrays.read_rows(obj.data, f"{stage}_row") for stage in stages(obj)]
+    found = [arrays.read_rows(obj.data, f"{stage}_row") for stage in stages(obj)]
+    for stage, rows in zip(stages(obj), found, strict=True):
+        # As every point is in a pair, there are no fewer pairs than points.
+        if not len(rows) or not 0 <= rows.min() <= rows.max() < len(rows):
+            raise pointmorph.CloudError(
+                obj.name, f"rows of points as {stage}_row", "others", "Morph again."
+            )
+    return found
 
 
 def read_stage(obj, stage, key, row):

@@ -111,7 +111,7 @@ def remake_mesh(copy, obj):
         for read in (arrays.mesh_edges, arrays.mesh_corners)
     )
     lost = []
-    again = attribute_transfer.names_of(copy)
+    again = recipes.names_transferred(copy)
     if not same:
         lost += _lost_groups(copy, source)
         _replace_geometry(copy, source)
@@ -208,7 +208,7 @@ def _check_mode(copy):
 
 def _lost_groups(copy, source):
     """Which vertex groups go with the vertices, in words: those that were painted on the copy."""
-    again = attribute_transfer.names_of(copy)
+    again = recipes.names_transferred(copy)
     return [
         f'The vertex group "{group.name}" of "{copy.name}" is gone: the vertices are others now'
         for group in copy.vertex_groups

@@ -10,6 +10,8 @@ SPHERES = "Spheres"
 FACES = "Faces of Discs"
 _TILTED = (0.36, 0.48, 0.8)  # no axis, since many normals are
 _UP = (0.0, 0.0, 1e-12)  # too little to change a normal that there is
+_READ_AS = {"FLOAT2": "FLOAT_VECTOR"}
+"""What nodes read attributes as that they write as such, but can't read so."""
 
 
 def new_splat_inputs(group):
@@ -52,7 +54,7 @@ class Discs:
     Attributes
     ----------
     kept : dict of str to (str, str)
-        Point attributes, besides colors, that they have: type and domain there, by name.
+        Point attributes, besides their colors, that they have: type and domain there, by name.
     spare : bool
         Whether more may have been made ahead than there are points: those lie in the last point,
         and have no extent.
@@ -107,7 +109,7 @@ def _discs(build, inputs, geometry, radius, discs, created):
         attribute_names.COLOR: ("FLOAT_COLOR", "POINT"),
         **discs.kept,
     }.items():
-        value = at(name, row if domain == "POINT" else index, kind)
+        value = at(name, row if domain == "POINT" else index, _READ_AS.get(kind, kind))
         shown = build.stored(shown, name, kind, value, domain)
     for name in (disc_faces.ROW, disc_faces.ACROSS, disc_faces.ALONG):
         shown = build.without(shown, name)

@@ -3,10 +3,12 @@
 The group of nodes and the material are made once a file and shared by all morph objects.
 """
 
+from types import MappingProxyType
+
 import bpy
 
 from ..data import attribute_names, creation, nodes, versions
-from . import disc_faces, path_display, point_shapes, points_material
+from . import disc_faces, path_display, point_shapes, points_material, recipes
 
 NAME = "Pointmorph Points"
 MODIFIER = "Points"
@@ -30,10 +32,33 @@ def renew(obj, created, stages):
     """Gives a morph object that an earlier version made the nodes of this one; see above."""
     modifier = points_modifier(obj)
     if modifier is not None:
-        nodes.swap_group(obj, modifier, _shared(stages, created))
+        nodes.swap_group(obj, modifier, _shared(stages, created, _transferred(obj)))
     for user in bpy.data.objects:
         if user.data == obj.data:
             _give_faces(user)
+
+
+def keep_transferred(obj, stages):
+    """Makes discs have what was transferred to the points; see above."""
+    kept = _transferred(obj)
+    with creation.all_or_nothing() as created:
+        for user in bpy.data.objects:
+            modifier = points_modifier(user) if user.data == obj.data else None
+            if _knows_discs(modifier):
+                nodes.swap_group(user, modifier, _shared(stages, created, kept))
+
+
+def _transferred(obj):
+    """What was transferred to the points of an object, as `point_shapes.Discs` keep it."""
+    attributes, kept = obj.data.attributes, {}
+    for name in recipes.names_transferred(obj):
+        if name in obj.vertex_groups:
+            kept[name] = ("FLOAT", "FACE")
+        elif name in attributes:
+            kind = attributes[name].data_type
+            # Only what corners have can be the colors of a viewport.
+            kept[name] = (kind, "POINT" if kind.endswith("COLOR") else "FACE")
+    return kept
 
 
 def remove_unused():
@@ -109,14 +134,18 @@ def points_modifier(obj):
     return modifier if known else None
 
 
-def _shared(stages, created):
+def _shared(stages, created, kept=MappingProxyType({})):
     def make(name):
-        return _group(name, stages, points_material.material(created), created)
+        return _group(name, stages, kept, created)
 
-    return nodes.shared_group(NAME if len(stages) == 2 else f"{NAME} {len(stages)}", make)
+    name = NAME if len(stages) == 2 else f"{NAME} {len(stages)}"
+    if kept:
+        name += " with " + ", ".join(f"{key} ({kind})" for key, (kind, _) in kept.items())
+    return nodes.shared_group(name, make)
 
 
-def _group(name, stages, material, created):
+def _group(name, stages, kept, created):
+    material = points_material.material(created)
     group = nodes.new_group(name, created)
     nodes.new_input(group, "NodeSocketGeometry", "Geometry")
     nodes.new_t_input(group, len(stages))
@@ -154,7 +183,7 @@ def _group(name, stages, material, created):
     geometry = build.stored(geometry, attribute_names.NORMAL, "FLOAT_VECTOR", unit_normal)
 
     own = (attribute_names.DELAY, attribute_names.TIME, attribute_names.AHEAD)
-    discs = point_shapes.Discs(dict.fromkeys(own, ("FLOAT", "FACE")))
+    discs = point_shapes.Discs({**dict.fromkeys(own, ("FLOAT", "FACE")), **kept})
     shown = point_shapes.splats(build, inputs, geometry, radius, discs, created)
     finished = build.node("GeometryNodeSetMaterial", {"Geometry": shown, "Material": material})
     build.node("NodeGroupOutput", {"Geometry": finished.outputs["Geometry"]})

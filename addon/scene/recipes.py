@@ -7,13 +7,12 @@ about: the settings, what the features were, and of every shape a fingerprint of
 import hashlib
 import json
 from dataclasses import asdict, astuple, fields
-from functools import lru_cache
 
 import bpy
 import numpy as np
 import pointmorph
 
-from ..core import packing, transforms
+from ..core import remembered, transforms
 from ..core.features import PREFIX, Choice
 from ..core.quality_words import with_present_names
 from ..core.settings import by_hand, scene_options
@@ -41,8 +40,9 @@ _MOVING = {
     "SURFACE_DEFORM",
     "WAVE",
 }
+TRANSFERRED = "transferred"
 # What a recipe says about the object itself.
-_OWN = ("keys", "transferred", "transferred_to_source", "keyed", "textures")
+_OWN = ("keys", TRANSFERRED, "transferred_to_source", "keyed", "textures")
 
 
 # --- What the shapes are now ----------------------------------------------------------------------
@@ -228,11 +228,15 @@ def remember(obj, recipe, outcome):
 
 def faces_of(obj):
     """The triangles of every shape of a morph object, in order; None where it had none, or an
-    earlier version made it."""
+    earlier version made it. Raises CloudError where the file has something else in their place."""
     if not obj.pointmorph.faces:
         return [None] * (len(obj.pointmorph.via) + 2)
-    packed = json.loads(obj.pointmorph.faces)
-    return [None if text is None else packing.unpack(text).reshape(-1, 3) for text in packed]
+    found = remembered.faces(obj.pointmorph.faces, recipe_of(obj).get("points", []))
+    if found is None:
+        raise pointmorph.CloudError(
+            obj.name, "the faces it was made from", "something else in the file", "Morph again."
+        )
+    return found
 
 
 def share_recipe(copy, obj):
@@ -249,8 +253,14 @@ def note(obj, name, value):
 
 
 def recipe_of(obj):
-    """The recipe of a morph object; empty for one of an earlier version."""
-    return _parsed(obj.pointmorph.recipe) or {}
+    """The recipe of a morph object; empty for one of an earlier version, or where the file holds
+    something else in its place."""
+    return remembered.recipe(obj.pointmorph.recipe, len(obj.pointmorph.via) + 1) or {}
+
+
+def names_transferred(obj):
+    """Names of what was transferred to an object from its target."""
+    return recipe_of(obj).get(TRANSFERRED, {}).get("names", ())
 
 
 def settings_of(obj):
@@ -281,8 +291,7 @@ def put_settings(settings, recipe):
 
 def report_of(obj):
     """What a morph object remembers of `Morph.report`; None when it's of an earlier version."""
-    report = _parsed(obj.pointmorph.report)
-    return report if report and "quality" in report else None
+    return remembered.report(obj.pointmorph.report)
 
 
 def present_words(obj, text):
@@ -295,12 +304,3 @@ def present_words(obj, text):
         if shape is not None
     }
     return with_present_names(text, names)
-
-
-@lru_cache(maxsize=32)  # the panel asks at every redraw
-def _parsed(text):
-    """What JSON says, to be read only; None where it isn't JSON."""
-    try:
-        return json.loads(text)
-    except ValueError:
-        return None

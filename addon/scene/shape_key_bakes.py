@@ -4,7 +4,7 @@ import json
 
 import pointmorph
 
-from ..core import transforms
+from ..core import remembered, transforms
 from ..data import arrays
 from . import morph_builder, morph_object, morph_paths, recipes, stagger
 
@@ -33,7 +33,7 @@ def bake_pairs(context, obj, steps, path):
     timing = stagger.timing_of(context, obj)
     way = morph_paths.way(obj, _meant(obj, path), timing)
     names = _add_keys(obj, way, steps, morph_object.stage_names(obj)[1:])
-    baked = json.loads(obj.pointmorph.baked or "{}")
+    baked = dict(remembered.baked(obj.pointmorph.baked) or {})
     # All points are at each shape at once, staggered or not.
     baked.update({name: [t, path, timing is not None and t % 1 != 0] for name, t in names.items()})
     obj.pointmorph.baked = json.dumps(baked)

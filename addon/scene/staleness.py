@@ -42,6 +42,8 @@ def state(obj, prints=None):
         return "", []
     recipe = recipes.recipe_of(obj)
     if not recipes.is_known(recipe):
+        if obj.pointmorph.recipe:
+            return UNKNOWN, ["what it was made with can't be read"]
         return UNKNOWN, ["made by an earlier version, which stored no settings"]
     shapes = recipes.shapes_of(obj)
     gone = [

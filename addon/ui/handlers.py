@@ -6,7 +6,7 @@ from ..core import background_job
 from ..data.feature_list import sync_features
 from ..data.registration import Registration
 from ..operators import polls
-from ..scene import preview_object, stagger
+from ..scene import cached_frames, preview_object, stagger
 from ..view import cut_curves
 
 _OTHER_STATES = ("load_post", "undo_post", "redo_post")
@@ -30,6 +30,7 @@ registration = Registration(
     handlers=(
         ("depsgraph_update_post", _sync),
         ("depsgraph_update_post", stagger.share_changes),
+        ("depsgraph_update_post", cached_frames.separate_copies),
         *((event, _sync) for event in _OTHER_STATES),
         *((event, _start_anew) for event in _OTHER_STATES),
         *((event, polls.forget_results) for event in _OTHER_STATES),

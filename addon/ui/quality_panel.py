@@ -23,7 +23,8 @@ def draw_verdict(layout, context, obj):
     mesh = report.get("mesh")
     meaning = f'Open "Quality" for what is behind it. {mesh["verdict"] if mesh else ""}'
     row = layout.row()
-    explained(row, line, recipes.present_words(obj, meaning), _GRADE_ICONS[grade])
+    words = row.column()  # takes what room there is, so that the button is at the edge
+    explained(words, line, recipes.present_words(obj, meaning), _GRADE_ICONS[grade])
     for kind, places in _places(report):
         if places:
             button = row.operator("pointmorph.go_to_place", text="", icon="PIVOT_CURSOR")

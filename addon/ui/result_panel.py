@@ -115,6 +115,13 @@ def draw_textures(layout, context):
     button.size = settings.texture_size
 
 
+def _named(layout, name):
+    """What stands beside a name; as wide as those of source and target."""
+    row = layout.split(factor=0.22)
+    row.label(text=name)
+    return row.row(align=True)
+
+
 def draw_transfer(layout, context, obj):
     """What the target has, for the mesh or the source, and what was done at last."""
     settings = context.scene.pointmorph
@@ -125,9 +132,9 @@ def draw_transfer(layout, context, obj):
         for name in names:
             row.prop(settings, f"transfer_{name}", toggle=True)
             setattr(button, name, getattr(settings, f"transfer_{name}"))
-    row = column.row(align=True)
-    row.prop(settings, "transfer_onto", expand=True)
-    column.prop(settings, "transfer_prefix")
+    column.separator()
+    _named(column, "Onto").prop(settings, "transfer_onto", expand=True)
+    _named(column, "Prefix").prop(settings, "transfer_prefix", text="")
     column.prop(settings, "transfer_back")
     button.onto = settings.transfer_onto
     button.prefix = settings.transfer_prefix

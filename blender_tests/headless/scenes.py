@@ -157,6 +157,7 @@ def attribute(geometry, name):
     kinds = {
         "INT": ("value", 1, np.int32),
         "FLOAT": ("value", 1, np.float32),
+        "FLOAT2": ("vector", 2, np.float32),
         "FLOAT_VECTOR": ("vector", 3, np.float32),
         "FLOAT_COLOR": ("color", 4, np.float32),
         "BYTE_COLOR": ("color", 4, np.float32),
@@ -304,10 +305,23 @@ def members(obj, index):
 _READ = """
 import sys
 import bpy, numpy as np
-path, out, *names = sys.argv[sys.argv.index("--") + 1 :]
+path, out, turned_on, *names = sys.argv[sys.argv.index("--") + 1 :]
 bpy.ops.wm.open_mainfile(filepath=path)
 assert not hasattr(bpy.types.Scene, "pointmorph")
 found = {}
+
+def turn_on(modifier, name):
+    items = modifier.node_group.interface.items_tree
+    identifier = next(item for item in items if item.name == name).identifier
+    if hasattr(modifier, "properties"):
+        getattr(modifier.properties.inputs, identifier).value = True
+    else:
+        modifier[identifier] = True
+
+if turned_on:
+    for name in names:
+        turn_on(bpy.data.objects[name].modifiers["Points"], turned_on)
+        bpy.data.objects[name].update_tag()
 
 def add(name, points):
     values = np.empty(len(points) * 3, np.float32)
@@ -326,13 +340,13 @@ np.savez(out, **found)
 """
 
 
-def played(path, *names):
+def played(path, *names, turned_on=""):
     """What a fresh Blender without the add-on shows of objects in a file, by name and frame: 1, 7,
-    13 and 20."""
+    13 and 20; after an input of their modifier *Points* was turned on there."""
     out = path.with_suffix(".npz")
     start = [sys.executable, "-c", _READ]
     if bpy.app.binary_path:
         start = [bpy.app.binary_path, "--background", "--factory-startup", "--python-expr", _READ]
-    subprocess.run([*start, "--", str(path), str(out), *names], check=True, timeout=120)
+    subprocess.run([*start, "--", str(path), str(out), turned_on, *names], check=True, timeout=120)
     with np.load(out) as found:
         return {name: found[name] for name in found.files}

@@ -3,11 +3,15 @@
 import bpy
 import numpy as np
 import pytest
+from painted_scenes import flat_uvs
 from scenes import (
     add_attribute,
+    add_group,
     animate,
     attribute,
+    coordinates,
     data_blocks,
+    groups,
     morph,
     pair,
     played,
@@ -149,11 +153,43 @@ def test_materials_can_read_how_far_each_point_is(discs, addon):
     assert attribute(mesh, "morph_delay").max() == pytest.approx(1.0)
 
 
-def test_they_play_without_the_add_on(discs, tmp_path):
+def test_they_have_what_was_transferred(discs, settings):
+    target = settings.target
+    height = coordinates(target.data.vertices)[:, 2]
+    add_group(target, "High", dict(enumerate(height.tolist())))
+    add_attribute(target.data, "Warm", "FLOAT_COLOR", np.tile((0.2, 0.4, 0.6, 1), (len(height), 1)))
+    flat_uvs(target, "Skin")
+    select(discs)
+    assert bpy.ops.pointmorph.transfer_attributes(uvs=True, prefix="t.") == {"FINISHED"}
+
+    def check():
+        mesh = discs.evaluated_get(bpy.context.evaluated_depsgraph_get()).data
+        weights = groups(discs)["t.High"]
+        landed = [weights.get(row, 0.0) for row in range(len(discs.data.vertices))]
+        assert np.ptp(landed) > 0.1
+        for name, values in (("t.High", landed), ("t.Skin", attribute(discs.data, "t.Skin"))):
+            assert mesh.attributes[name].domain == "FACE"
+            np.testing.assert_allclose(attribute(mesh, name), values, atol=1e-6)
+        assert "t.Warm" in mesh.color_attributes
+        found = attribute(mesh, "t.Warm")
+        np.testing.assert_allclose(found, np.tile((0.2, 0.4, 0.6, 1), (len(found), 1)), atol=1e-6)
+        shown(discs)  # in their own colors
+
+    check()
+    recompute(discs)
+    check()
+
+
+@pytest.mark.parametrize("turned_on", ["", "Discs"])
+def test_they_play_without_the_add_on(discs, tmp_path, turned_on):
+    """Also where they are turned on there."""
     animate(discs)
+    if turned_on:
+        assert bpy.ops.pointmorph.show_as(kind="POINTS") == {"FINISHED"}
     path = tmp_path / "discs.blend"
     bpy.ops.wm.save_as_mainfile(filepath=str(path), copy=True)
-    found = played(path, discs.name)
+    found = played(path, discs.name, turned_on=turned_on)
+    assert bpy.ops.pointmorph.show_as(kind="DISCS") == {"FINISHED"}
     for frame in (1, 7, 13, 20):
         bpy.context.scene.frame_set(frame)
         expected = surface_of(discs)

@@ -16,8 +16,10 @@ from scenes import (
     data_blocks,
     morph,
     pair,
+    played,
     select,
     shown_cloud,
+    surface_of,
     torn_pair,
 )
 
@@ -394,6 +396,46 @@ def test_discs_are_made_ahead_for_all_frames(addon, torn, capfd):
     assert len(seen(faces).polygons) <= 1
     # Some versions print it, others log it.
     assert "Dependency cycle" not in "".join(capfd.readouterr())
+
+
+def test_discs_of_a_copy_are_its_own(addon, torn):
+    """They can be on while those of the first one are off, and are made ahead all the same."""
+    player = bake(torn)
+    select(player)
+    bpy.ops.object.duplicate()
+    twin = bpy.context.view_layer.objects.active
+    versions = addon("data.versions")
+    faces = [
+        versions.input_value(one.modifiers["Points"], "Faces of Discs") for one in (player, twin)
+    ]
+    assert faces[0] != faces[1]
+    versions.set_input(twin.modifiers["Points"], "Discs", True)
+    twin.update_tag()
+    bpy.context.view_layer.update()
+    depsgraph = bpy.context.evaluated_depsgraph_get()
+    made = [len(one.evaluated_get(depsgraph).data.polygons) for one in faces]
+    assert made == [1, max(len(frame["id"]) for frame in baked_frames(player))]
+    # Another bake is of one of them, and leaves the other its own.
+    bake(torn, resample=False)
+    after = [
+        versions.input_value(one.modifiers["Points"], "Faces of Discs") for one in (player, twin)
+    ]
+    assert after == faces
+
+
+def test_discs_are_turned_on_without_the_add_on(addon, torn, tmp_path):
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "shot.blend"))
+    player = bake(bpy.data.objects["Whole to Torn"])
+    path = tmp_path / "off.blend"
+    bpy.ops.wm.save_as_mainfile(filepath=str(path), copy=True)
+    addon("data.versions").set_input(player.modifiers["Points"], "Discs", True)
+    player.update_tag()
+    found = played(path, player.name, turned_on="Discs")
+    for frame in (1, 7):
+        bpy.context.scene.frame_set(frame)
+        expected = surface_of(player)
+        assert len(expected) > 100
+        np.testing.assert_array_equal(found[f"{player.name} {frame}"], expected)
 
 
 def test_a_file_that_is_gone_shows_nothing(torn):

@@ -184,7 +184,8 @@ def test_where_colors_come_from_is_said(textured, capfd):
     assert 'Colors: "Hill" from the image "blue"; "Dune" from the image "ramp"' in said
 
 
-def test_tiles_of_a_udim_image(addon, settings, tmp_path):
+@pytest.mark.parametrize("packed", [False, True])
+def test_tiles_of_a_udim_image(addon, settings, tmp_path, packed):
     for number, value in ((1001, (1, 0, 0, 1)), (1002, (0, 1, 0, 1))):
         image = new_image(f"t{number}", [[value] * 2] * 2, packed=False)
         image.filepath_raw, image.file_format = str(tmp_path / f"t.{number}.png"), "PNG"
@@ -194,6 +195,10 @@ def test_tiles_of_a_udim_image(addon, settings, tmp_path):
     image.filepath = str(tmp_path / "t.<UDIM>.png")
     if not any(tile.number == 1002 for tile in image.tiles):
         image.tiles.new(1002)
+    if packed:
+        image.pack()
+        for number in (1001, 1002):
+            (tmp_path / f"t.{number}.png").unlink()
     obj = add_mesh("Sheet", *patch(9))
     flat_uvs(obj, low=0.01, high=1.99)
     uvs = obj.data.uv_layers[0].data

@@ -325,6 +325,23 @@ def test_undo_is_one_step(settings):
     assert data_blocks() == after
 
 
+@pytest.mark.parametrize("last", ["Hill", "Dune"])
+def test_selected_objects_are_morphed_where_none_are_chosen(settings, last):
+    """Unless one of both is: who chose it means it."""
+    shapes = pair()
+    settings.source = settings.target = None
+    select(bpy.data.objects[last])
+    assert "Select two or more" in refused()
+    for obj in shapes:
+        obj.select_set(True)
+    first = next(obj.name for obj in shapes if obj.name != last)
+    settings.source = shapes[0]
+    assert "Choose a target first" in refused()
+    settings.source = None
+    assert morph().name == f"{first} to {last}"
+    assert (settings.source.name, settings.target.name) == (first, last)
+
+
 # --- Errors ---------------------------------------------------------------------------------------
 
 
@@ -333,7 +350,7 @@ def refused():
 
 
 def test_nothing_picked(settings):
-    assert "Choose a source first" in refused()
+    assert "Select two or more meshes or point clouds, the target last" in refused()
     settings.source = add_mesh("Hill", *patch(8))
     assert "Choose a target first" in refused()
 

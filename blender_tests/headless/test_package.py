@@ -1,9 +1,11 @@
 """The packaged add-on in a Blender that has nothing else: no package of the developers' Python."""
 
+import json
 import os
 import shutil
 import subprocess
 import sys
+import zipfile
 from pathlib import Path
 
 import bpy
@@ -49,6 +51,18 @@ def share(source, place):
         shutil.copytree(source, place)
     else:
         shutil.copy(source, place)
+
+
+@pytest.mark.logic
+@pytest.mark.skipif("POINTMORPH_ZIP" not in os.environ, reason="about the packaged add-on")
+def test_it_says_what_it_is_made_of():
+    with zipfile.ZipFile(os.environ["POINTMORPH_ZIP"]) as package:
+        names = package.namelist()
+        bill = json.loads(package.read("materials.cdx.json"))
+    wheels = [Path(name).name.split("-")[0] for name in names if name.endswith(".whl")]
+    listed = {one["name"] for one in bill["components"]}
+    assert set(wheels) - {"pointmorph"} <= listed
+    assert {"LICENSE", "licenses/MPL-2.0.txt", "licenses/nanoflann.txt"} <= set(names)
 
 
 @pytest.mark.skipif("POINTMORPH_ZIP" not in os.environ, reason="about the packaged add-on")

@@ -479,14 +479,17 @@ def test_hair_goes_with_the_mesh(settings, turned, source_has_uvs):
     there = from_source(target, local)
     for t, wanted in ((0.0, local), (1.0, there)):
         copy.data.shape_keys.key_blocks["Morph"].value = t
-        found = strand_points(shown(made))
-        # Deform follows turns, not sizes.
+        grown = shown(made)
+        found = strand_points(grown)
         roots = np.abs(found[::4] - wanted[::4]).max()
         assert roots < 0.01
         along, known = found[3::4] - found[::4], wanted[3::4] - wanted[::4]
-        cosine = (along * known).sum(axis=1)
-        cosine /= np.linalg.norm(along, axis=1) * np.linalg.norm(known, axis=1)
+        lengths = np.linalg.norm(along, axis=1), np.linalg.norm(known, axis=1)
+        np.testing.assert_allclose(*lengths, rtol=0.02)
+        cosine = (along * known).sum(axis=1) / (lengths[0] * lengths[1])
         assert cosine.min() > 0.98
+        radius = read(grown.attributes["radius"].data, "value", 1)
+        np.testing.assert_allclose(radius, 0.0025 * (1.0 + t), rtol=0.02)
 
 
 def test_hair_once_more_and_on_the_source(turned):

@@ -7,10 +7,9 @@ import shutil
 from collections.abc import Sequence
 from pathlib import Path
 
-from . import paths
-from .python_environment import MAIN_BLENDER
+from . import materials, paths
+from .python_environment import MAIN_BLENDER, pins
 from .running import SetupError, digest, is_fresh, run, step
-from .system import project
 from .targets import LINUX, Platform
 from .wheels import set_up_wheels
 
@@ -24,14 +23,14 @@ def edit(path: Path, pattern: str, replacement: str) -> None:
 
 def others_wheels() -> list[Path]:
     """Wheels of other packages that the library needs in Blender; they run on any system."""
-    wanted = project()["dependency-groups"]["extension"]
+    pin = pins()["plyfile"]
     folder = paths.BUILD / "wheels" / "others"
-    stamp, key = folder / "stamp", digest(*wanted)
+    stamp, key = folder / "stamp", str(pin)
     if not is_fresh(stamp, key):
         with step("wheels of other packages"):
             shutil.rmtree(folder, ignore_errors=True)
-            options = ("--no-deps", "--only-binary=:all:", "--dest", folder)
-            run("package", paths.PYTHON, "-m", "pip", "download", "--no-input", *options, *wanted)
+            pip = (paths.PYTHON, "-m", "pip", "download", "--no-input", "--dest", folder)
+            run("package", *pip, *pin.options())
             stamp.write_text(key)
     return sorted(folder.glob("*-none-any.whl"))
 
@@ -52,8 +51,8 @@ def package(platforms: Sequence[Platform] = (LINUX,)) -> Path:
     wheels += others_wheels()
     folder = _folder(platforms)
     extension = folder / f"pointmorph-{version}.zip"
-    parts = [paths.ROOT / part for part in ("addon", "docs", "LICENSE")]
-    key = digest(*parts, Path(__file__), *wheels)
+    parts = [paths.ROOT / part for part in ("addon", "docs", "LICENSE", "native/licenses")]
+    key = digest(*parts, Path(__file__), Path(materials.__file__), *wheels)
     stamp = folder / "stamp"
     if is_fresh(stamp, key):
         return extension
@@ -62,6 +61,7 @@ def package(platforms: Sequence[Platform] = (LINUX,)) -> Path:
         stage = folder / "stage"
         shutil.copytree(paths.ROOT / "addon", stage, ignore=shutil.ignore_patterns("__pycache__"))
         shutil.copy(paths.ROOT / "LICENSE", stage)
+        materials.put(stage, version, platforms)
         run("package", paths.PYTHON, paths.ROOT / "docs" / "make_html.py", stage / "docs")
         manifest = stage / "blender_manifest.toml"
         edit(manifest, r'^version = ".*"$', f'version = "{version}"')

@@ -65,10 +65,12 @@ class Environment:
     ) -> None:
         """Makes it with the Python `base` and installs `requirements`, where that wasn't done.
 
-        `part` names what is installed by itself.
+        Those that are names in the table of what is shipped are installed from the very files that
+        it names. `part` names what is installed by itself.
         """
         requirements = list(requirements)
-        key = digest(self.version, str(base), *requirements)
+        pinned = [name for name in requirements if name in pins()]
+        key = digest(self.version, str(base), *requirements, *(str(pins()[n]) for n in pinned))
         stamp, unfinished = self.folder / f"{part}.stamp", self.folder / "unfinished"
         if is_fresh(stamp, key) and not unfinished.exists():
             return
@@ -77,9 +79,32 @@ class Environment:
             run("venv", base, "-m", "venv", "--clear", self.folder)
         with step(title):
             unfinished.touch()
-            self.pip_install(*requirements)
+            for name in pinned:
+                self.pip_install(*pins()[name].options())
+            self.pip_install(*(name for name in requirements if name not in pinned))
             unfinished.unlink()
         stamp.write_text(key)
+
+
+@dataclass(frozen=True)
+class Pin:
+    """The one file of a package of which parts are given to others."""
+
+    name: str
+    version: str
+    hash: str
+
+    def options(self) -> list[str | Path]:
+        """Words for pip, which refuses any other file."""
+        path = paths.BUILD / "pins" / f"{self.name}.txt"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(f"{self.name}=={self.version} --hash={self.hash}\n")
+        return ["--no-deps", "--require-hashes", "--only-binary=:all:", "-r", path]
+
+
+def pins() -> dict[str, Pin]:
+    """What parts of are given to others, from pyproject.toml."""
+    return {name: Pin(name, *words.split()) for name, words in table("shipped").items()}
 
 
 def main_environment() -> Environment:
@@ -94,7 +119,7 @@ def table(name: str) -> dict[str, Any]:
 
 def set_up_building(extra: Iterable[str]) -> None:
     """Makes .venv and fills it with what building the library needs, and with `extra`."""
-    requirements = [*project()["dependency-groups"]["build"], *extra]
+    requirements = ["pybind11", *project()["dependency-groups"]["build"], *extra]
     title = "Python packages to build with"
     main_environment().fill(sys.executable, requirements, title, "building")
 

@@ -18,12 +18,12 @@ from . import paths
 from .python_environment import (
     fetch_cpython,
     main_environment,
+    pins,
     set_up_building,
     set_up_python,
-    table,
 )
 from .running import SetupError, child_environment, digest, is_fresh, run, say, step
-from .system import project, refuse_missing, set_up_system
+from .system import refuse_missing, set_up_system
 from .targets import LINUX, MACOS, Platform, number
 
 _building: defaultdict[str, threading.Lock] = defaultdict(threading.Lock)
@@ -130,12 +130,12 @@ def _settings(platform: Platform, python: str) -> dict[str, str]:
 def _set_up_zig() -> None:
     """The compiler for macOS, where its toolchain file looks for it."""
     folder = paths.BUILD / "zig"
-    [package] = project()["dependency-groups"]["macos"]
-    if not is_fresh(stamp := folder / "stamp", package):
+    pin = pins()["ziglang"]
+    if not is_fresh(stamp := folder / "stamp", str(pin)):
         with step("zig (about 100 MB to fetch)"):
             shutil.rmtree(folder, ignore_errors=True)
-            main_environment().pip_install("--no-deps", "--target", folder, package)
-            stamp.write_text(package)
+            main_environment().pip_install("--target", folder, *pin.options())
+            stamp.write_text(str(pin))
 
 
 def _library(platform: Platform) -> Path:
@@ -157,7 +157,8 @@ def wheel_of(platform: Platform, python: str) -> Path:
     if not first:
         wheel_of(platform, platform.pythons[0])
     parts = ["CMakeLists.txt", "pyproject.toml", "LICENSE", "native/cmake"]
-    parts += [f"native/{part}" for part in ("bindings", "include", "portable", "python", "src")]
+    own = ("bindings", "include", "licenses", "portable", "python", "src")
+    parts += [f"native/{part}" for part in own]
     key = digest(sys.version, repr(platform), python, *(paths.ROOT / part for part in parts))
     folder = paths.BUILD / "wheels" / f"{platform.name}-cp{number(python)}"
     stamp = folder / "stamp"
@@ -201,20 +202,19 @@ def _build(platform: Platform, python: str, folder: Path) -> None:
 def _older_openmp() -> Path:
     """The folder of an OpenMP runtime that older systems load. Debian's needs its own glibc."""
     folder = paths.BUILD / "openmp"
-    [source] = table("openmp")["package"]
+    pin = pins()["scikit-learn"]
     stamp = folder / "stamp"
-    if not is_fresh(stamp, source):
+    if not is_fresh(stamp, str(pin)):
         with step("OpenMP for older systems (about 13 MB to fetch)"):
             shutil.rmtree(folder, ignore_errors=True)
             pip = (paths.PYTHON, "-m", "pip", "download", "--no-input", "--progress-bar", "off")
-            options = ("--no-deps", "--only-binary=:all:", "--dest", folder)
-            run("wheel", *pip, *options, source)
+            run("wheel", *pip, "--dest", folder, *pin.options())
             [archive] = folder.glob("*.whl")
             with zipfile.ZipFile(archive) as content:
                 [name] = [name for name in content.namelist() if "/libgomp-" in name]
                 (folder / "libgomp.so.1").write_bytes(content.read(name))
             archive.unlink()
-            stamp.write_text(source)
+            stamp.write_text(str(pin))
     return folder
 
 

@@ -28,6 +28,7 @@ from pointmorph.clouds import Cloud, FloatArray
 from pointmorph.denser_meshes import DenserMesh
 from pointmorph.errors import FeatureError, FileError, OptionError, PointmorphError
 from pointmorph.features import Feature, feature_from_json, weights_from_json
+from pointmorph.file_checks import parsed_json
 from pointmorph.stages import stage_label
 
 FAILED, WRONG_CALL, INTERRUPTED = 1, 2, 130
@@ -342,7 +343,7 @@ _SHAPE = '{"features": {"nose": [source row, target row], …}, "loop": ["nose",
 
 def _read_json(path: Path) -> dict[str, Any]:
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
+        content = parsed_json(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise FileError(
             str(path), "a readable file", error.strerror or str(error), "Check the path."

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import contextlib
+import zipfile
+import zlib
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -19,6 +21,9 @@ from pointmorph.sequences import (
     write_manifest,
 )
 from pointmorph.surfaces import Surface
+
+# What NumPy raises when a frame isn't as it was written.
+_DAMAGED = (OSError, EOFError, ValueError, KeyError, zipfile.BadZipFile, zlib.error)
 
 
 class FrameStore:
@@ -52,6 +57,7 @@ class FrameStore:
         content = f"{'surfaces' if faces else 'points'} {sequence.fingerprint}"
         try:
             folder.mkdir(exist_ok=True)
+            files.remove_leftovers(folder)
             if not manifest_matches(folder, content):
                 for stale in self._files():
                     stale.unlink()
@@ -89,7 +95,7 @@ class FrameStore:
             try:
                 with np.load(path) as file:
                     arrays = {name: file[name] for name in file.files}
-            except (OSError, ValueError) as error:
+            except _DAMAGED as error:
                 raise _unusable(path, error) from error
             yield Surface(**arrays) if self._faces else ResampledFrame(**arrays)
 
@@ -100,12 +106,13 @@ class FrameStore:
             try:
                 with np.load(path) as file:
                     found.append(len(file["colors" if self._faces else "radii"]))
-            except (OSError, ValueError) as error:
+            except _DAMAGED as error:
                 raise _unusable(path, error) from error
         return found
 
     def remove(self) -> None:
         """Deletes the frames, and the folder unless it holds other files."""
+        files.remove_leftovers(self.folder)
         with contextlib.suppress(OSError):
             for path in self._files():
                 path.unlink()
@@ -116,8 +123,7 @@ class FrameStore:
         return [self.folder / f"frame_{number:04d}.npz" for number in self._sequence.numbers]
 
     def _files(self) -> list[Path]:
-        """Including unfinished files of a process that was killed."""
-        return [*self.folder.glob("frame_*.npz"), *self.folder.glob(".*.part")]
+        return list(self.folder.glob("frame_*.npz"))
 
     @staticmethod
     def _write(path: Path, frame: Frame | Surface) -> None:

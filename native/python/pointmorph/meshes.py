@@ -31,6 +31,11 @@ def boundary_loops(faces: Faces, vertex_count: int) -> list[npt.NDArray[np.int64
         Rows along each loop. Loops are simple: where several boundaries meet in one vertex, they
         are split there. Edges that are part of no loop are left out.
 
+    Raises
+    ------
+    CloudError
+        If a face has a row that there isn't.
+
     Examples
     --------
     >>> from pointmorph.meshes import boundary_loops
@@ -38,6 +43,7 @@ def boundary_loops(faces: Faces, vertex_count: int) -> list[npt.NDArray[np.int64
     [[0, 1, 2, 3]]
     """
     edges = face_edges(faces)
+    check_range("faces", edges, vertex_count)
     if len(edges) == 0:
         return []
     edges.sort(axis=1)
@@ -85,6 +91,11 @@ def parts(faces: Faces, positions: npt.NDArray[Any]) -> npt.NDArray[np.int64]:
     (N,) array of int64
         The same label for all vertices of a part.
 
+    Raises
+    ------
+    CloudError
+        If a face has a row that there isn't.
+
     Examples
     --------
     >>> import numpy as np
@@ -97,7 +108,9 @@ def parts(faces: Faces, positions: npt.NDArray[Any]) -> npt.NDArray[np.int64]:
         return np.empty(0, np.int64)
     _, first, place = np.unique(positions, axis=0, return_index=True, return_inverse=True)
     same = first[place.reshape(-1)]
-    edges = np.concatenate([face_edges(faces), np.stack([np.arange(count), same], axis=-1)])
+    joined = face_edges(faces)
+    check_range("faces", joined, count)
+    edges = np.concatenate([joined, np.stack([np.arange(count), same], axis=-1)])
     labels = np.arange(count)
     while True:
         lower = labels.copy()
@@ -112,7 +125,7 @@ def parts(faces: Faces, positions: npt.NDArray[Any]) -> npt.NDArray[np.int64]:
             break
         labels = merged
     used = np.zeros(count, bool)
-    used[face_edges(faces).reshape(-1)] = True
+    used[joined.reshape(-1)] = True
     used = np.isin(labels, labels[used])
     if used.any() and not used.all() and np.isfinite(positions).all():
         _spread(labels, used, positions)

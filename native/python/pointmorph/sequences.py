@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import json
+import re
 import threading
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
@@ -19,7 +20,8 @@ import numpy as np
 import numpy.typing as npt
 
 from pointmorph import __version__, files, formats, surfaces
-from pointmorph.errors import Cancelled
+from pointmorph.errors import Cancelled, FileError
+from pointmorph.file_checks import parsed_json
 from pointmorph.morphing import Frame, Morph, Progress, ResampledFrame
 
 MANIFEST = "frames.json"
@@ -280,6 +282,7 @@ def write_sequence(
         surfaces.check_available()
     paths = [folder / f"frame_{number:04d}.ply" for number in sequence.numbers]
     meshes = [folder / f"mesh_{number:04d}.{mesh}" for number in sequence.numbers]
+    files.remove_leftovers(folder)
     known = resume and manifest_matches(folder, sequence.fingerprint)
     wanted = {*paths, *(meshes if mesh is not None else ())}
     for stale in [*folder.glob("frame_*.ply"), *_meshes(folder)]:
@@ -320,16 +323,19 @@ def write_manifest(folder: Path, content: str) -> None:
 def manifest_matches(folder: Path, content: str) -> bool:
     """Whether the frames in a folder belong to what `write_manifest` recorded there."""
     try:
-        recorded = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
+        recorded = parsed_json((folder / MANIFEST).read_text(encoding="utf-8"))
         return bool(recorded["of"] == content)
     except (OSError, ValueError, KeyError, TypeError):
         return False
 
 
 def _count(path: Path) -> int:
-    """The number of points of a frame, from its header."""
+    """The number of points of a frame, from its header. Raises FileError."""
     with path.open("rb") as file:
-        for line in file:
-            if line.startswith(b"element vertex"):
-                return int(line.split()[-1])
-    return 0
+        found = re.search(rb"^element vertex (\d{1,10})\s*$", file.read(4096), re.MULTILINE)
+    if found is None:
+        raise FileError(
+            str(path), "a frame that an earlier run wrote", "another file", "Remove it, or choose "
+            "another folder.",
+        )  # fmt: skip
+    return int(found[1])

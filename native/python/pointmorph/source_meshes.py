@@ -15,9 +15,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from pointmorph import formats
+from pointmorph import formats, ply
 from pointmorph.clouds import FloatArray
 from pointmorph.denser_meshes import DenserMesh
+from pointmorph.errors import FileError
 from pointmorph.files import read_ply, write_bytes
 from pointmorph.meshes import vertex_normals
 
@@ -89,14 +90,18 @@ Normals = npt.NDArray[np.float64]
 def _moved_ply(
     path: Path, positions: FloatArray, normals: Normals, denser: DenserMesh | None
 ) -> bytes:
+    columns = dict(zip(("x", "y", "z"), positions.T, strict=True))
+    columns.update(zip(("nx", "ny", "nz"), normals.T, strict=True))
+    quick = ply.with_columns(path, "vertex", columns) if denser is None else None
+    if quick is not None:
+        return quick
     data = read_ply(path)
     if denser is not None:
         data = _denser_ply(data, denser)
     rows = data["vertex"].data
-    for axis, name in enumerate(("x", "y", "z")):
-        rows[name] = positions[:, axis]
-        if "n" + name in (rows.dtype.names or ()):
-            rows["n" + name] = normals[:, axis]
+    for name in rows.dtype.names or ():
+        if name in columns:
+            rows[name] = columns[name]
     content = io.BytesIO()
     data.write(content)
     return content.getvalue()
@@ -138,10 +143,16 @@ def _moved_obj(
     path: Path, positions: FloatArray, _normals: Normals, denser: DenserMesh | None
 ) -> bytes:
     """Normals are left out: whoever reads the file makes them from the faces."""
+    own = len(positions) - (0 if denser is None else len(denser.ends))
+    found = sum(words[:1] == ["v"] for _, words in _lines_of(path))
+    if found != own:
+        raise FileError(
+            str(path), f"a line for each of {own} vertices", f"{found}", "Export the file again."
+        )
     lines = (
         _moved_lines(path, positions) if denser is None else _denser_obj(path, positions, denser)
     )
-    return "".join(lines).encode()
+    return "".join(lines).encode("utf-8", "surrogateescape")  # whatever bytes names have
 
 
 def _lines_of(path: Path) -> Iterator[tuple[str, list[str]]]:
@@ -158,7 +169,7 @@ def _moved_lines(path: Path, positions: FloatArray) -> Iterator[str]:
     row = 0
     for line, words in _lines_of(path):
         if not words or words[0] not in ("v", "vn", "f"):
-            yield line.encode("utf-8", "replace").decode()
+            yield line
         elif words[0] == "v":
             yield _vertex_line(positions[row], words[4:])
             row += 1
@@ -197,7 +208,7 @@ def _denser_obj(path: Path, positions: FloatArray, denser: DenserMesh) -> Iterat
     polygon = 0
     for line, words in lines:
         if not words or words[0] not in ("v", "vt", "vn", "f"):
-            yield line.encode("utf-8", "replace").decode()
+            yield line
         elif words[0] == "f":
             for piece in pieces[polygon]:
                 yield " ".join(["f", *piece]) + "\n"

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import os
 import stat
+import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -136,6 +138,66 @@ def test_written_files_have_the_usual_rights(tmp_path: Path) -> None:
     assert stat.S_IMODE((tmp_path / "a").stat().st_mode) == stat.S_IMODE(
         (tmp_path / "b").stat().st_mode
     )
+
+
+WRITER = """
+import sys, time
+from pointmorph import files
+with files.whole_file(sys.argv[1]) as file:
+    file.write(b"half")
+    file.flush()
+    print("writing", flush=True)
+    time.sleep(20)
+"""
+
+
+def writing(path: Path) -> subprocess.Popen[bytes]:
+    """A process that is in the middle of writing a file."""
+    process = subprocess.Popen([sys.executable, "-c", WRITER, path], stdout=subprocess.PIPE)
+    assert process.stdout is not None
+    assert process.stdout.readline().split() == [b"writing"]
+    return process
+
+
+def test_what_a_killed_process_left_goes_with_the_next_run(tmp_path: Path) -> None:
+    if sys.platform == "win32":
+        pytest.skip("there it is taken for one that is being written for a while")
+    with writing(tmp_path / "a.ply") as alive, writing(tmp_path / "b.ply") as killed:
+        (tmp_path / ".mine.part").touch()
+        assert len(os.listdir(tmp_path)) == 3
+        killed.kill()
+        killed.wait()
+        files.make_folder(tmp_path)
+        kept = {".a.ply.0.pointmorph-part", ".mine.part"}
+        assert set(os.listdir(tmp_path)) == kept
+        files.write_bytes(tmp_path / "a.ply", b"whole")  # also while another one writes it
+        assert set(os.listdir(tmp_path)) == kept | {"a.ply"}
+        alive.kill()
+        alive.wait()
+        files.write_bytes(tmp_path / "a.ply", b"new")
+        assert set(os.listdir(tmp_path)) == {"a.ply", ".mine.part"}
+        assert (tmp_path / "a.ply").read_bytes() == b"new"
+
+
+def test_threads_write_one_file_side_by_side(tmp_path: Path) -> None:
+    def write(letter: str) -> None:
+        for _ in range(8):
+            files.write_bytes(tmp_path / "a", letter.encode() * 100_000)
+
+    with ThreadPoolExecutor(4) as pool:
+        list(pool.map(write, "abcd"))
+    assert os.listdir(tmp_path) == ["a"]
+    assert len(set((tmp_path / "a").read_bytes())) == 1
+
+
+def test_a_link_with_the_name_of_a_part_leads_nowhere(tmp_path: Path) -> None:
+    (tmp_path / "other").write_bytes(b"mine")
+    try:
+        (tmp_path / ".a.0.pointmorph-part").symlink_to(tmp_path / "other")
+    except OSError:
+        pytest.skip("no links here")
+    files.write_bytes(tmp_path / "a", b"x")
+    assert (tmp_path / "other").read_bytes() == b"mine"
 
 
 def test_long_names_are_prefixed_on_windows() -> None:

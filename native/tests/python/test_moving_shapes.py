@@ -157,10 +157,23 @@ def test_a_store_goes_on_bit_for_bit_and_another_sequence_starts_over(
         assert len(list((tmp_path / "broken").glob("*.npz"))) == len(TIMES)
 
 
+def test_a_frame_that_was_damaged_is_named(torn: pointmorph.Morph, tmp_path: Path) -> None:
+    store = frame_stores.FrameStore(tmp_path / "a", sequences.FrameSequence(torn, TIMES[:2]))
+    store.fill()
+    path = tmp_path / "a" / "frame_0001.npz"
+    whole = path.read_bytes()
+    for damaged in (b"", whole[: len(whole) // 2], b"x" + whole[1:], whole[:-30]):
+        path.write_bytes(damaged)
+        with pytest.raises(pointmorph.FileError, match="frame_0001"):
+            list(store.frames())
+        with pytest.raises(pointmorph.FileError, match="frame_0001"):
+            store.counts()
+
+
 def test_a_store_removes_what_is_its_own(torn: pointmorph.Morph, tmp_path: Path) -> None:
     store = frame_stores.FrameStore(tmp_path / "a", sequences.FrameSequence(torn, TIMES[:2]))
     store.fill()
-    (tmp_path / "a" / ".frame_0001.npz.x.part").touch()
+    (tmp_path / "a" / ".frame_0001.npz.0.pointmorph-part").touch()
     (tmp_path / "a" / "mine.txt").touch()
     store.remove()
     assert [path.name for path in (tmp_path / "a").iterdir()] == ["mine.txt"]
