@@ -183,13 +183,26 @@ void try_finals(const PoseSearch& search, const PoseEffort& effort,
     std::ranges::stable_sort(finals, {}, &Candidate::cost);
 }
 
-/// Adds what the shapes' own symmetries make of the best map: it fits as well.
+/// Adds what the shapes' own symmetries make of the best map: it fits as well. They take the places
+/// of other finalists of its pose cluster.
 void add_symmetric(const PoseSearch& search, std::span<const SelfMotion> motions,
                    std::vector<Candidate>& maps, Progress& progress) {
-    const auto most = to_size(search.options.finalists + search.options.other_clusters);
-    for (Candidate& map : with_motions(search, maps.front(),
-                                       motions.first(std::min(most, motions.size())), progress))
-        maps.push_back(std::move(map));
+    const auto finalists = to_size(search.options.finalists);
+    const std::size_t added =
+        std::min(finalists + to_size(search.options.other_clusters), motions.size());
+    std::vector<Candidate> symmetric =
+        with_motions(search, maps.front(), motions.first(added), progress);
+    std::size_t left = finalists > added + 1 ? finalists - added - 1 : 0;
+    std::vector<Candidate> kept;
+    for (Candidate& map : maps)
+        if (kept.empty() || added == 0 || difference(map, kept.front()) > kOtherCluster) {
+            kept.push_back(std::move(map));
+        } else if (left > 0) {
+            kept.push_back(std::move(map));
+            --left;
+        }
+    maps = std::move(kept);
+    for (Candidate& map : symmetric) maps.push_back(std::move(map));
     std::ranges::stable_sort(maps, {}, &Candidate::cost);
 }
 

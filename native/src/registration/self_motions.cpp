@@ -105,8 +105,8 @@ DistinctPoses distinct_poses(const std::vector<Similarity>& poses, const SelfMot
     constexpr double kSame = 0.05;  // mean distance between motions that are the same, in √area
     std::vector<std::size_t> order(poses.size());
     std::iota(order.begin(), order.end(), std::size_t{0});
-    std::ranges::stable_sort(
-        order, {}, [&](std::size_t k) { return angle_axis(poses[k].rotation).angle(); });
+    std::ranges::stable_sort(order, {},
+                             [&](std::size_t k) { return angle_axis(poses[k].rotation).angle(); });
 
     DistinctPoses result;
     std::vector<std::size_t> kept;
@@ -155,8 +155,7 @@ Candidate followed_by_motion(const Candidate& map, const CoarseShape& source,
         composed(composed(map.alignment, self.motion), map.alignment.inverse());
     to.source_points = moved(from.source_points, motion);
     to.source = moved(from.source, motion);
-    to.target_points =
-        preceded(from.target_points, moved(target, map.alignment), motion.inverse());
+    to.target_points = preceded(from.target_points, moved(target, map.alignment), motion.inverse());
     to.target = at_nodes(to.target_points, target.levels.back());
     return result;
 }

@@ -40,7 +40,7 @@ struct SelfMotion {
 /// Poses of which none is another one followed or preceded by a motion of a shape onto itself; of
 /// those that are, the one that rotates the target least.
 struct DistinctPoses {
-    std::vector<Similarity> poses;   ///< in the order given
+    std::vector<Similarity> poses;    ///< in the order given
     std::vector<SelfMotion> motions;  ///< those that were met; none twice
 };
 DistinctPoses distinct_poses(const std::vector<Similarity>& poses, const SelfMotions& source,

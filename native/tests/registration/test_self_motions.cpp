@@ -86,31 +86,30 @@ TEST(SelfMotions, AMapFollowedByOneArrivesWhereThatTakesItsImages) {
     };
     map.registration.source = still(source);
     map.registration.target = still(there);
-    map.registration.source_points = deformed(source.positions, source.normals,
-                                              source.levels.back(), map.registration.source);
+    map.registration.source_points =
+        deformed(source.positions, source.normals, source.levels.back(), map.registration.source);
     map.registration.target_points =
         deformed(there.positions, there.normals, there.levels.back(), map.registration.target);
 
     for (int axis = 0; axis < 3; ++axis) {
         const Similarity turn = half_turn(axis);
-        const SelfMotion motions[] = {
-            {turn, true}, {composed(composed(move, turn), move.inverse()), false}};
+        const SelfMotion motions[] = {{turn, true},
+                                      {composed(composed(move, turn), move.inverse()), false}};
         for (const SelfMotion& motion : motions) {
-            const Registration other =
-                followed_by_motion(map, source, target, motion).registration;
+            const Registration other = followed_by_motion(map, source, target, motion).registration;
             const Positions turned = turn.apply(source.positions);
             EXPECT_LT((other.source_points.positions - turned).cwiseAbs().maxCoeff(), 1e-9);
             EXPECT_LT((other.target_points.positions - turned).cwiseAbs().maxCoeff(), 1e-9);
             // Its deformations are those of the same map.
             for (const auto& [shape, deformation] :
                  {std::pair(&source, &other.source), std::pair(&there, &other.target)})
-                EXPECT_LT((deformed(shape->positions, shape->normals, shape->levels.back(),
-                                    *deformation)
-                               .positions -
-                           turned)
-                              .cwiseAbs()
-                              .maxCoeff(),
-                          1e-6);
+                EXPECT_LT(
+                    (deformed(shape->positions, shape->normals, shape->levels.back(), *deformation)
+                         .positions -
+                     turned)
+                        .cwiseAbs()
+                        .maxCoeff(),
+                    1e-6);
         }
     }
 }
