@@ -11,7 +11,7 @@ import numpy as np
 import pointmorph
 import pytest
 from pointmorph import array_files, sequences
-from pointmorph.chains import StaggeredChain
+from pointmorph.chains import Chain
 from shapes import grid, grid_faces
 
 SIDE = 19
@@ -259,7 +259,7 @@ def test_a_chain_is_not_one_morph(tmp_path: Path) -> None:
     rows = np.arange(81)
     part = pointmorph.restore(flat, flat, np.column_stack([rows, rows]))
     with pytest.raises(pointmorph.OptionError, match="each of its parts"):
-        StaggeredChain([part, part], {}).save(tmp_path / "chain.morph")
+        Chain([part, part], {}).save(tmp_path / "chain.morph")
     assert not list(tmp_path.iterdir())
 
 
