@@ -59,13 +59,13 @@ def save(
     Raises
     ------
     OptionError
-        If it's a chain of several morphs.
+        If it's a chain of morphs.
     FileError
         If the file can't be written.
     Cancelled
         If `progress` returned False.
     """
-    if len(morph.parts) > 1:
+    if morph.parts != (morph,):
         raise OptionError(
             "morph", "one morph", f"a chain of {len(morph.parts)}", "Save each of its parts."
         )
