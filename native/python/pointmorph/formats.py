@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,10 +11,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from pointmorph import ply
+from pointmorph.carrying import fans
 from pointmorph.clouds import Cloud, FloatArray
 from pointmorph.errors import FileError
 from pointmorph.file_checks import check_claims
-from pointmorph.files import reachable, read_ply, whole_file, write_bytes
+from pointmorph.files import reachable, whole_file, write_bytes
 from pointmorph.meshes import boundary_loops, parts
 
 
@@ -261,8 +263,9 @@ def _ply_vertices(
     for axis, name in enumerate(("x", "y", "z")):
         vertices[name] = positions[:, axis]
         vertices["n" + name] = normals[:, axis]
+    whole = _bytes(colors)
     for channel, name in enumerate(("red", "green", "blue", "alpha")):
-        vertices[name] = _bytes(colors)[:, channel]
+        vertices[name] = whole[:, channel]
     if radii is not None:
         vertices["radius"] = radii
     if ids is not None:
@@ -283,67 +286,50 @@ def _write_ply(
     vertices: npt.NDArray[Any],
     faces: npt.NDArray[np.int32] | None = None,
 ) -> None:
-    from plyfile import PlyData, PlyElement
-
-    elements = [PlyElement.describe(vertices, "vertex")]
-    if faces is not None:
-        rows = np.empty(len(faces), [("vertex_indices", "i4", (3,))])
-        rows["vertex_indices"] = faces
-        elements.append(PlyElement.describe(rows, "face"))
     with whole_file(path) as file:
-        PlyData(elements, byte_order="<").write(file)
+        ply.write(file, vertices, faces)
 
 
 def _read_ply(path: Path) -> Shape:
-    data = read_ply(path)
-    if "vertex" not in data:
+    tables = ply.read(path)
+    if "vertex" not in tables:
         raise FileError(str(path), "vertices", "none", "Export the file again, with its points.")
-    rows = data["vertex"].data
-    names = rows.dtype.names or ()
+    columns = tables["vertex"].columns
 
-    def columns(*wanted: str) -> npt.NDArray[Any] | None:
-        if not all(name in names for name in wanted):
+    def stacked(*wanted: str) -> npt.NDArray[Any] | None:
+        if not all(name in columns for name in wanted):
             return None
-        stacked: npt.NDArray[Any] = np.stack([rows[name] for name in wanted], axis=-1)
-        return stacked
+        result: npt.NDArray[Any] = np.stack([columns[name] for name in wanted], axis=-1)
+        return result
 
-    positions = columns("x", "y", "z")
+    positions = stacked("x", "y", "z")
     if positions is None:
-        raise FileError(str(path), "x, y and z", ", ".join(names), "Export the file again.")
+        raise FileError(str(path), "x, y and z", ", ".join(columns), "Export the file again.")
 
     def column(name: str) -> FloatArray | None:
-        return _floats(np.ascontiguousarray(rows[name])) if name in names else None
+        return _floats(columns[name]) if name in columns else None
 
     return Shape(
         path.stem,
         _floats(positions),
-        _optional_floats(columns("nx", "ny", "nz")),
-        _colors(columns("red", "green", "blue", "alpha"), columns("red", "green", "blue")),
+        _optional_floats(stacked("nx", "ny", "nz")),
+        _colors(stacked("red", "green", "blue", "alpha"), stacked("red", "green", "blue")),
         column("radius"),
-        _ply_faces(data),
+        _ply_faces(tables),
         column("rigid"),
         column("fixed"),
         column("delay"),
     )
 
 
-def _ply_faces(data: Any) -> npt.NDArray[np.int64] | None:
-    if "face" not in data or len(data["face"].data) == 0:
+def _ply_faces(tables: Mapping[str, ply.Element]) -> npt.NDArray[np.int64] | None:
+    if "face" not in tables or tables["face"].count == 0:
         return None
-    element = data["face"]
-    lists = [p.name for p in element.properties if hasattr(p, "len_dtype")]
+    lists = tables["face"].lists
     wanted = next((n for n in ("vertex_indices", "vertex_index") if n in lists), None)
-    return None if wanted is None else _triangles(list(element.data[wanted]))
-
-
-def _triangles(polygons: list[Any]) -> npt.NDArray[np.int64]:
-    """Polygons as fans of triangles."""
-    sizes = np.fromiter((len(p) for p in polygons), np.int64, len(polygons))
-    if np.all(sizes == 3):
-        triangles: npt.NDArray[np.int64] = np.stack(polygons).astype(np.int64)
-        return triangles
-    fans = [(p[0], p[k], p[k + 1]) for p in polygons for k in range(1, len(p) - 1)]
-    return np.asarray(fans, np.int64).reshape(-1, 3)
+    if wanted is None:
+        return None
+    return fans(lists[wanted].offsets, lists[wanted].values)[0]
 
 
 def _read_text(path: Path) -> Shape:

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from pointmorph import formats
+from pointmorph import formats, ply
 from pointmorph.clouds import FloatArray
 from pointmorph.denser_meshes import DenserMesh
 from pointmorph.errors import FileError
@@ -90,14 +90,18 @@ Normals = npt.NDArray[np.float64]
 def _moved_ply(
     path: Path, positions: FloatArray, normals: Normals, denser: DenserMesh | None
 ) -> bytes:
+    columns = dict(zip(("x", "y", "z"), positions.T, strict=True))
+    columns.update(zip(("nx", "ny", "nz"), normals.T, strict=True))
+    quick = ply.with_columns(path, "vertex", columns) if denser is None else None
+    if quick is not None:
+        return quick
     data = read_ply(path)
     if denser is not None:
         data = _denser_ply(data, denser)
     rows = data["vertex"].data
-    for axis, name in enumerate(("x", "y", "z")):
-        rows[name] = positions[:, axis]
-        if "n" + name in (rows.dtype.names or ()):
-            rows["n" + name] = normals[:, axis]
+    for name in rows.dtype.names or ():
+        if name in columns:
+            rows[name] = columns[name]
     content = io.BytesIO()
     data.write(content)
     return content.getvalue()

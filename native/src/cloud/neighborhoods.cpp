@@ -6,6 +6,7 @@
 #include <numeric>
 
 #include "pointmorph/base/parallel.hpp"
+#include "pointmorph/cloud/cloud.hpp"
 
 namespace pointmorph {
 
@@ -30,6 +31,13 @@ Neighborhoods nearest_neighbors(const KdTree<3>& tree, Index k, Progress& progre
             std::copy_n(found.begin(), width, result.indices.begin() + result.offsets[to_size(i)]);
         }
     });
+    return result;
+}
+
+OrderedNeighbors ordered_neighbors(const Positions& positions, Index k, Progress& progress) {
+    OrderedNeighbors result{spatial_order(positions), {}};
+    const Positions ordered = normalization(positions).apply(gather(positions, result.order));
+    result.nearest = nearest_neighbors(KdTree<3>(ordered), k, progress);
     return result;
 }
 

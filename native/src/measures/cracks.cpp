@@ -1,91 +1,179 @@
 #include "pointmorph/measures/cracks.hpp"
 
 #include <algorithm>
+#include <array>
+#include <atomic>
+#include <cmath>
+#include <map>
 #include <numeric>
+#include <optional>
 
 #include "pointmorph/base/parallel.hpp"
+#include "pointmorph/cloud/cloud.hpp"
 #include "pointmorph/cloud/kd_tree.hpp"
-#include "pointmorph/cloud/neighborhoods.hpp"
 
 namespace pointmorph {
 
 namespace {
 
-constexpr Index kNearest = 6;
+constexpr std::size_t kNearest = 6;
 constexpr double kOpen = 2.0;  // spacings
 
-/// Edges of one cloud as rows of the pairing, and every point's spacing.
-struct Edges {
-    std::vector<std::pair<Index, Index>> pairs;
-    Values spacing;
+/// Two neighbors of one cloud, each as the first pair that it is in.
+struct Edge {
+    std::array<Index, 2> pairs;
+    std::array<double, 2> source_spacing, target_spacing;  ///< of each end's points
 };
 
-template <class RowOf>
-Edges edges_of(const Positions& positions, std::span<const IndexPair> pairs, RowOf row_of,
-               Index max_edges, Progress& progress) {
-    const auto nearest = nearest_neighbors(KdTree<3>(positions), kNearest, progress);
-    std::vector<Index> pair_of(to_size(positions.rows()), -1);
-    for (std::size_t i = pairs.size(); i-- > 0;)
-        pair_of[to_size(row_of(pairs[i]))] = static_cast<Index>(i);
+/// Spacing of every point, in the order of the neighborhoods, and where each row is in it.
+struct Spacing {
+    explicit Spacing(const Positions& positions, const OrderedNeighbors& neighbors)
+        : number(inverse_order(neighbors.order)),
+          values(local_spacing(gather(positions, neighbors.order), neighbors.nearest,
+                               static_cast<Index>(kNearest))) {}
 
-    Edges edges;
-    edges.spacing = local_spacing(positions, nearest);
-    const auto all = static_cast<std::int64_t>(nearest.indices.size());
-    const std::int64_t step = std::max<std::int64_t>(1, all / std::max<Index>(max_edges, 1));
-    std::int64_t next = 0, edge = 0;
-    for (Index i = 0; i < nearest.size(); ++i)
-        for (const Index j : nearest[i])
-            if (edge++ == next) {
-                edges.pairs.emplace_back(pair_of[to_size(i)], pair_of[to_size(j)]);
-                next += step;
-            }
+    double operator[](Index row) const { return values[number[to_size(row)]]; }
+
+    std::vector<Index> number;
+    Values values;
+};
+
+/// Edges of a cloud, evenly over its points.
+std::vector<Edge> edges_of(const OrderedNeighbors& near, std::span<const IndexPair> pairs,
+                           Index IndexPair::*side, Index max_edges) {
+    std::vector<Index> pair_of(near.order.size(), -1);
+    for (std::size_t i = pairs.size(); i-- > 0;)
+        pair_of[to_size(pairs[i].*side)] = static_cast<Index>(i);
+
+    const auto points = static_cast<std::int64_t>(near.order.size());
+    const auto width = std::min<std::int64_t>(kNearest, points - 1);
+    const std::int64_t count = std::min<std::int64_t>(width * points, max_edges);
+    std::vector<Edge> edges(to_size(std::max<std::int64_t>(count, 0)));
+    for (std::int64_t e = 0; e < count; ++e) {
+        const auto number = static_cast<Index>(e * points / count);
+        const Index other = near.nearest[number][to_size(e % width)];
+        const auto pair = [&](Index k) { return pair_of[to_size(near.order[to_size(k)])]; };
+        edges[to_size(e)].pairs = {pair(number), pair(other)};
+    }
     return edges;
 }
 
-double open_share(const Edges& edges, const KdTree<3>& frame, std::span<const double> spacing,
-                  Progress& progress) {
-    std::vector<char> open(edges.pairs.size());
-    parallel_for(static_cast<Index>(open.size()), progress, [&](Index begin, Index end) {
-        for (Index e = begin; e < end; ++e) {
-            const auto [a, b] = edges.pairs[to_size(e)];
-            const Vector3 middle = (frame.points().row(a) + frame.points().row(b)) / 2.0;
-            Index nearest = 0;
-            double squared_distance = 0.0;
-            frame.nearest(middle.data(), {&nearest, 1}, {&squared_distance, 1});
-            const double limit = kOpen / 2.0 * (spacing[to_size(a)] + spacing[to_size(b)]);
-            open[to_size(e)] = squared_distance > limit * limit;
+/// The in-between cloud at one time.
+struct Frame {
+    const Positions& source;
+    const Positions& target;
+    std::span<const IndexPair> pairs;
+    double t;
+
+    Eigen::RowVector3d at(Index pair) const {
+        const auto [s, d] = pairs[to_size(pair)];
+        return (1.0 - t) * source.row(s) + t * target.row(d);
+    }
+};
+
+/// Places from which every point of a frame may be farther than a limit, each its own.
+struct Gaps {
+    std::vector<Eigen::RowVector3d> middles;
+    std::vector<double> limits;
+};
+
+/// How many of the gaps no point of the frame closes.
+std::int64_t count_open(const Gaps& gaps, const Frame& frame, Progress& progress) {
+    // Gaps of about the same limit share a tree, so that a wide one doesn't widen the search for
+    // all.
+    std::map<int, std::vector<std::size_t>> groups;
+    for (std::size_t g = 0; g < gaps.limits.size(); ++g)
+        if (gaps.limits[g] > 0.0) groups[std::ilogb(gaps.limits[g])].push_back(g);
+    std::vector<std::atomic<bool>> closed(gaps.limits.size());
+    for (const auto& [exponent, members] : groups) {
+        Positions middles(static_cast<Eigen::Index>(members.size()), 3);
+        for (std::size_t k = 0; k < members.size(); ++k)
+            middles.row(static_cast<Eigen::Index>(k)) = gaps.middles[members[k]];
+        const KdTree<3> tree(middles);
+        const double reach = std::ldexp(1.0, exponent + 1);
+        parallel_for(
+            static_cast<Index>(frame.pairs.size()), progress,
+            [&](Index begin, Index end) {
+                std::vector<std::pair<Index, double>> near;
+                for (Index i = begin; i < end; ++i) {
+                    tree.within(frame.at(i).data(), reach, near);
+                    for (const auto& [k, squared_distance] : near) {
+                        const std::size_t g = members[to_size(k)];
+                        if (squared_distance <= gaps.limits[g] * gaps.limits[g])
+                            closed[g].store(true, std::memory_order_relaxed);
+                    }
+                }
+            },
+            0.0, 1.0, 4096);
+    }
+    return std::ranges::count_if(closed, [](const auto& is) { return !is.load(); });
+}
+
+double open_share(std::span<const Edge> edges, const Frame& frame, Progress& progress) {
+    if (edges.empty()) return 0.0;
+    // Its own ends close most edges.
+    std::vector<char> is_short(edges.size());
+    const auto gap = [&](const Edge& edge) {
+        double limit = 0.0;
+        for (std::size_t end = 0; end < 2; ++end)
+            limit +=
+                kOpen / 2.0 *
+                ((1.0 - frame.t) * edge.source_spacing[end] + frame.t * edge.target_spacing[end]);
+        const Eigen::RowVector3d middle = (frame.at(edge.pairs[0]) + frame.at(edge.pairs[1])) / 2.0;
+        return std::pair(middle, limit);
+    };
+    parallel_for(static_cast<Index>(edges.size()), progress, [&](Index begin, Index end) {
+        for (auto e = to_size(begin); e < to_size(end); ++e) {
+            const auto [middle, limit] = gap(edges[e]);
+            is_short[e] = (frame.at(edges[e].pairs[0]) - middle).squaredNorm() <= limit * limit;
         }
     });
-    return open.empty() ? 0.0
-                        : static_cast<double>(std::accumulate(open.begin(), open.end(), 0L)) /
-                              static_cast<double>(open.size());
+    Gaps gaps;
+    for (std::size_t e = 0; e < edges.size(); ++e) {
+        if (is_short[e]) continue;
+        const auto [middle, limit] = gap(edges[e]);
+        gaps.middles.push_back(middle);
+        gaps.limits.push_back(limit);
+    }
+    return static_cast<double>(count_open(gaps, frame, progress)) /
+           static_cast<double>(edges.size());
 }
 
 }  // namespace
 
-std::vector<Cracks> find_cracks(const Positions& source, const Positions& target,
+std::vector<Cracks> find_cracks(const CrackSide& source, const CrackSide& target,
                                 std::span<const IndexPair> pairs, std::span<const double> times,
                                 Progress& progress, Index max_edges) {
-    const auto source_edges = edges_of(
-        source, pairs, [](const IndexPair& p) { return p.source; }, max_edges, progress);
-    const auto target_edges = edges_of(
-        target, pairs, [](const IndexPair& p) { return p.target; }, max_edges, progress);
+    std::array<std::optional<OrderedNeighbors>, 2> found;
+    const auto neighbors = [&](const CrackSide& side,
+                               std::optional<OrderedNeighbors>& own) -> const OrderedNeighbors* {
+        if (side.neighbors) return side.neighbors;
+        return &own.emplace(
+            ordered_neighbors(side.positions, static_cast<Index>(kNearest), progress));
+    };
+    const std::array near{neighbors(source, found[0]), neighbors(target, found[1])};
+    std::array<std::optional<Spacing>, 2> spacing;
+    std::array<std::vector<Edge>, 2> edges;
+    on_both(progress, [&](bool is_source, Progress&) {
+        const std::size_t k = is_source ? 0 : 1;
+        spacing[k].emplace(is_source ? source.positions : target.positions, *near[k]);
+        edges[k] = edges_of(*near[k], pairs, is_source ? &IndexPair::source : &IndexPair::target,
+                            max_edges);
+    });
+    on_both(progress, [&](bool is_source, Progress&) {
+        for (Edge& edge : edges[is_source ? 0 : 1])
+            for (std::size_t end = 0; end < 2; ++end) {
+                const auto [s, d] = pairs[to_size(edge.pairs[end])];
+                edge.source_spacing[end] = (*spacing[0])[s];
+                edge.target_spacing[end] = (*spacing[1])[d];
+            }
+    });
 
     std::vector<Cracks> cracks;
-    Positions frame(static_cast<Eigen::Index>(pairs.size()), 3);
-    std::vector<double> spacing(pairs.size());
     for (const double t : times) {
-        parallel_for(static_cast<Index>(pairs.size()), progress, [&](Index begin, Index end) {
-            for (Index i = begin; i < end; ++i) {
-                const auto [s, d] = pairs[to_size(i)];
-                frame.row(i) = (1.0 - t) * source.row(s) + t * target.row(d);
-                spacing[to_size(i)] =
-                    (1.0 - t) * source_edges.spacing[s] + t * target_edges.spacing[d];
-            }
-        });
-        const KdTree<3> tree(frame);
-        cracks.push_back({t, std::max(open_share(source_edges, tree, spacing, progress),
-                                      open_share(target_edges, tree, spacing, progress))});
+        const Frame frame{source.positions, target.positions, pairs, t};
+        cracks.push_back({t, std::max(open_share(edges[0], frame, progress),
+                                      open_share(edges[1], frame, progress))});
     }
     return cracks;
 }

@@ -4,6 +4,8 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <limits>
+#include <numbers>
 #include <numeric>
 #include <span>
 
@@ -14,13 +16,13 @@ namespace pointmorph {
 
 namespace {
 
-constexpr Index kNeighbors = 16;
 constexpr double kSameSide = 0.5;  // cosine between normals
 constexpr Index kFewest = 6;       // neighbors that a Jacobian is fitted to
 constexpr double kOnALine = 1e-4;  // determinant over squared trace
 constexpr double kCollapsed = 0.05;
-constexpr Index kFeet = 4;             // nearest points among which the foot of an image is sought
-constexpr double kReach = 2.0;         // spacings
+constexpr Index kFeet = 4;      // nearest points among which the foot of an image is sought
+constexpr double kReach = 2.0;  // spacings
+constexpr std::size_t kAreaNeighbors = 12;
 constexpr Index kMostCenters = 60000;  // points whose edges are kept for the percentile
 constexpr double kFoldDistortion = 2.0;
 
@@ -33,40 +35,44 @@ std::array<double, 2> singular_values(const Vector3& along_a, const Vector3& alo
     return {first, first > 0.0 ? area / first : 0.0};
 }
 
-/// The row of each point's partner that lies nearest to its image; −1 where it has none.
-template <class RowOf, class PartnerOf>
-std::vector<Index> nearest_partners(std::span<const IndexPair> pairs, const Positions& images,
-                                    const MeasuredCloud& other, RowOf row_of,
-                                    PartnerOf partner_of) {
-    std::vector<Index> partner(to_size(static_cast<Index>(images.rows())), -1);
-    const auto distance = [&](Index row, Index to) {
-        return (images.row(row) - other.positions.row(to)).squaredNorm();
+/// Where each point's partner that lies nearest to its image is; −1 where it has none.
+std::vector<Index> nearest_partners(std::span<const IndexPair> pairs, const MeasuredCloud& cloud,
+                                    const Positions& images, const MeasuredCloud& other,
+                                    Index IndexPair::*row, Index IndexPair::*partner) {
+    std::vector<Index> nearest(to_size(cloud.size()), -1);
+    const auto distance = [&](Index i, Index to) {
+        return (images.row(i) - other.positions.row(to)).squaredNorm();
     };
     for (const IndexPair& pair : pairs) {
-        const Index row = row_of(pair), to = partner_of(pair);
-        Index& best = partner[to_size(row)];
-        if (best < 0 || distance(row, to) < distance(row, best)) best = to;
+        const Index i = cloud.sorted[to_size(pair.*row)];
+        const Index to = other.sorted[to_size(pair.*partner)];
+        Index& best = nearest[to_size(i)];
+        if (best < 0 || distance(i, to) < distance(i, best)) best = to;
     }
-    return partner;
+    return nearest;
 }
 
-/// The row of `other` nearest to an image on the partner's side of the surface, −1 for any side;
+/// The point of `other` nearest to an image on the partner's side of the surface, −1 for any side;
 /// the nearest of all where none of the first few lies on that side.
 Index foot_of(const MeasuredCloud& other, const Eigen::RowVector3d& image, Index partner) {
+    constexpr double kBarelyMore = 1.0 + 1e-12, kLeast = 1e-150;  // a square that isn't 0
     std::array<Index, kFeet> feet{};
     std::array<double, kFeet> squared_distances{};
-    const auto nearest = [&](std::size_t wanted) {
+    const auto nearest = [&](std::size_t wanted, double radius) {
         const std::span<Index> found(feet.data(), wanted);
-        const Index count =
-            other.tree.nearest(image.data(), found, {squared_distances.data(), wanted});
+        const Index count = other.tree.nearest_within(image.data(), radius, found,
+                                                      {squared_distances.data(), wanted});
         return found.first(to_size(count));
     };
+    if (partner < 0) return nearest(1, std::numeric_limits<double>::infinity()).front();
     const auto same_side = [&](Index j) {
-        return partner < 0 || other.normals.row(j).dot(other.normals.row(partner)) > 0;
+        return other.normals.row(j).dot(other.normals.row(partner)) > 0;
     };
-    const Index first = nearest(1).front();
+    // Nothing farther than the partner can be the nearest.
+    const double distance = (other.positions.row(partner) - image).norm();
+    const Index first = nearest(1, std::max(kBarelyMore * distance, kLeast)).front();
     if (same_side(first)) return first;
-    const auto several = nearest(kFeet);
+    const auto several = nearest(kFeet, std::numeric_limits<double>::infinity());
     const auto foot = std::ranges::find_if(several, same_side);
     return foot == several.end() ? first : *foot;
 }
@@ -87,7 +93,7 @@ void fit_jacobian(const MeasuredCloud& cloud, const MeasuredCloud& other, Index 
     Index used = 0;
     Matrix3& jacobian = map.jacobian[to_size(i)];
     jacobian.setZero();
-    for (const Index j : cloud.nearest[i]) {
+    for (const Index j : cloud.near(i)) {
         if (!cloud.same_side(i, j)) continue;
         const Vector3 step_here = cloud.positions.row(j) - cloud.positions.row(i);
         const Vector3 step_there = map.images.row(j) - map.images.row(i);
@@ -95,7 +101,7 @@ void fit_jacobian(const MeasuredCloud& cloud, const MeasuredCloud& other, Index 
         if (!(length > 0.0)) continue;
         const double stretch = scale * step_there.norm() / length;
         energy += stretch * stretch;
-        if (i % step == 0) map.edges[to_size(i / step * kNeighbors + used)] = stretch;
+        if (i % step == 0) map.edges[to_size(i / step * kMeasuredNeighbors + used)] = stretch;
         ++used;
         const double x = step_here.dot(a), y = step_here.dot(b);
         aa += x * x;
@@ -123,7 +129,7 @@ void measure(const MeasuredCloud& cloud, const MeasuredCloud& other,
     const Index step = edge_step(count);
     map.jacobian.resize(to_size(count));
     map.foot.resize(to_size(count));
-    map.edges.assign(to_size((count + step - 1) / step * kNeighbors), -1.0);
+    map.edges.assign(to_size((count + step - 1) / step * kMeasuredNeighbors), -1.0);
     map.energy.setConstant(count, -1.0);
     map.points.stretch.setOnes(count, 2);
     map.points.measured.assign(to_size(count), 0);
@@ -152,20 +158,40 @@ void go_there_and_back(const MeasuredCloud& cloud, const MeasuredCloud& other,
     });
 }
 
-/// Which points of `cloud` the images of the other's points come near.
+/// Which points of `cloud` the images of the other's points come near. `partners`: one of the
+/// other's points for each, or −1.
 void find_reached(const MeasuredCloud& cloud, const MeasuredCloud& other,
-                  const MeasuredMap& reverse, MeasuredMap& map, Progress& progress) {
-    const KdTree<3> images(reverse.images);
-    const double scale = cloud.root_area / other.root_area;
-    map.points.reached.resize(to_size(cloud.size()));
+                  std::span<const Index> partners, const MeasuredMap& reverse, MeasuredMap& map,
+                  Progress& progress) {
+    std::vector<std::uint8_t>& reached = map.points.reached;
+    reached.resize(to_size(cloud.size()));
+    // Most by the image of the partner, or of the point that their own image is next to: the
+    // nearest image can't be farther.
     parallel_for(cloud.size(), progress, [&](Index begin, Index end) {
         for (Index i = begin; i < end; ++i) {
+            const double limit = kReach * cloud.spacing[i];
+            const auto is_near = [&](Index j) {
+                return j >= 0 && (reverse.images.row(j) - cloud.positions.row(i)).squaredNorm() <=
+                                     limit * limit;
+            };
+            reached[to_size(i)] = is_near(partners[to_size(i)]) || is_near(map.foot[to_size(i)]);
+        }
+    });
+    std::vector<Index> open;
+    for (Index i = 0; i < cloud.size(); ++i)
+        if (!reached[to_size(i)]) open.push_back(i);
+    if (open.empty()) return;
+    const KdTree<3> images(reverse.images);
+    const double scale = cloud.root_area / other.root_area;
+    parallel_for(static_cast<Index>(open.size()), progress, [&](Index begin, Index end) {
+        for (Index k = begin; k < end; ++k) {
+            const Index i = open[to_size(k)];
             Index nearest = 0;
             double squared_distance = 0.0;
             images.nearest(cloud.positions.row(i).data(), {&nearest, 1}, {&squared_distance, 1});
             const double limit =
                 kReach * std::max(cloud.spacing[i], scale * other.spacing[nearest]);
-            map.points.reached[to_size(i)] = squared_distance <= limit * limit;
+            reached[to_size(i)] = squared_distance <= limit * limit;
         }
     });
 }
@@ -223,17 +249,32 @@ void find_distortion(MeasuredMap& map, Progress& progress) {
         });
 }
 
+/// As estimated_area(), but from all points, so that it doesn't depend on their order.
+double whole_area(const Positions& positions, const Neighborhoods& nearest) {
+    double area = 0.0;
+    for (Index i = 0; i < nearest.size(); ++i) {
+        const auto near =
+            nearest[i].first(std::min<std::size_t>(kAreaNeighbors, nearest[i].size()));
+        if (near.empty()) continue;
+        area += std::numbers::pi * (positions.row(near.back()) - positions.row(i)).squaredNorm() /
+                static_cast<double>(near.size());
+    }
+    if (area > 0.0) return area;
+    return (positions.colwise().maxCoeff() - positions.colwise().minCoeff()).squaredNorm();
+}
+
 }  // namespace
 
-MeasuredCloud::MeasuredCloud(const Cloud& cloud, Progress& progress)
-    : unit(normalization(cloud.positions)),
-      positions(unit.apply(cloud.positions)),
-      normals(cloud.normals.rowwise().normalized()),
+MeasuredCloud::MeasuredCloud(const Cloud& cloud, const OrderedNeighbors& known)
+    : neighbors(known),
+      sorted(inverse_order(known.order)),
+      unit(normalization(cloud.positions)),
+      positions(unit.apply(gather(cloud.positions, known.order))),
+      normals(gather(cloud.normals, known.order).rowwise().normalized()),
+      root_area(std::sqrt(whole_area(positions, known.nearest))),
+      spacing(local_spacing(positions, known.nearest)),
       tree(positions) {
-    const double area = estimated_area(tree);
-    root_area = area > 0.0 ? std::sqrt(area) : 1.0;
-    nearest = nearest_neighbors(tree, kNeighbors, progress);
-    spacing = local_spacing(positions, nearest);
+    if (!(root_area > 0.0)) root_area = 1.0;
 }
 
 bool MeasuredCloud::same_side(Index i, Index j) const {
@@ -242,14 +283,20 @@ bool MeasuredCloud::same_side(Index i, Index j) const {
 
 MeasuredMaps measure_maps(const MeasuredCloud& source, const MeasuredCloud& target,
                           const TwoWayMap& map, Progress& progress) {
-    const auto source_of = [](const IndexPair& pair) { return pair.source; };
-    const auto target_of = [](const IndexPair& pair) { return pair.target; };
     MeasuredMaps maps;
     auto& [there, back] = maps;
-    there.images = target.unit.apply(map.source_images);
-    back.images = source.unit.apply(map.target_images);
-    const auto on_target = nearest_partners(map.pairs, there.images, target, source_of, target_of);
-    const auto on_source = nearest_partners(map.pairs, back.images, source, target_of, source_of);
+    std::vector<Index> on_target, on_source;
+    on_both(progress, [&](bool is_source, Progress&) {
+        const MeasuredCloud &here = is_source ? source : target,
+                            &other = is_source ? target : source;
+        Positions& images = (is_source ? there : back).images;
+        images = other.unit.apply(
+            gather(is_source ? map.source_images : map.target_images, here.neighbors.order));
+        const auto row = is_source ? &IndexPair::source : &IndexPair::target;
+        const auto partner = is_source ? &IndexPair::target : &IndexPair::source;
+        (is_source ? on_target : on_source) =
+            nearest_partners(map.pairs, here, images, other, row, partner);
+    });
     // Every pass fills something that the next ones need of both maps.
     const auto both = [&](double first, double last, auto&& pass) {
         const Progress::Part part(progress, first, last);
@@ -269,10 +316,11 @@ MeasuredMaps measure_maps(const MeasuredCloud& source, const MeasuredCloud& targ
         go_there_and_back(here, other, theirs, ours, progress);
     });
     both(0.6, 0.9, [&](Here here, Here other, Map ours, Map theirs) {
-        find_reached(here, other, theirs, ours, progress);
+        find_reached(here, other, &here == &source ? on_target : on_source, theirs, ours, progress);
     });
-    sum_up(back.points, there);
-    sum_up(there.points, back);
+    on_both(progress, [&](bool is_source, Progress&) {
+        sum_up((is_source ? back : there).points, is_source ? there : back);
+    });
     both(0.9, 1.0, [&](Here, Here, Map ours, Map) { find_distortion(ours, progress); });
     return maps;
 }

@@ -1,7 +1,9 @@
 // The maps between two clouds, measured point by point. Internal.
 #pragma once
 
+#include <algorithm>
 #include <array>
+#include <span>
 #include <vector>
 
 #include "pointmorph/base/progress.hpp"
@@ -17,30 +19,41 @@ namespace pointmorph {
 inline constexpr double kBad = 1.0;
 /// A round trip of this length, in √area, is bad.
 inline constexpr double kBadRoundTrip = 0.05;
+/// As many of a point's nearest say how the map stretches there.
+inline constexpr Index kMeasuredNeighbors = 16;
 /// Larger stretch counts as this much.
 inline constexpr double kStrongest = 20.0;
 
-/// One cloud, in the unit ball, with what is measured on it.
+/// One cloud, in the unit ball and in spatial order, with what is measured on it.
 struct MeasuredCloud {
-    MeasuredCloud(const Cloud& cloud, Progress& progress);
+    /// `neighbors` must outlive it: kMeasuredNeighbors or more a point, where there are that many.
+    MeasuredCloud(const Cloud& cloud, const OrderedNeighbors& neighbors);
     MeasuredCloud(MeasuredCloud&&) = delete;  // the tree refers to the positions
 
     Index size() const { return static_cast<Index>(positions.rows()); }
     Vector3 position(Index i) const { return positions.row(i); }
     Vector3 normal(Index i) const { return normals.row(i); }
+    /// The nearest points, ascending by distance.
+    std::span<const Index> near(Index i) const {
+        const auto all = neighbors.nearest[i];
+        return all.first(std::min(all.size(), to_size(kMeasuredNeighbors)));
+    }
     /// Whether two points lie on the same side of the surface, by their normals.
     bool same_side(Index i, Index j) const;
+    /// The row of the cloud.
+    Index given(Index i) const { return neighbors.order[to_size(i)]; }
 
+    const OrderedNeighbors& neighbors;
+    std::vector<Index> sorted;  ///< where each row of the cloud is here
     Normalization unit;
     Positions positions;
     Normals normals;
-    KdTree<3> tree;
     double root_area;  ///< √area
-    Neighborhoods nearest;
     Values spacing;
+    KdTree<3> tree;
 };
 
-/// The map from one cloud to the other.
+/// The map from one cloud to the other, in spatial order.
 struct MeasuredMap {
     Positions images;
     std::vector<Matrix3> jacobian;  ///< takes displacements in the tangent plane to the image's

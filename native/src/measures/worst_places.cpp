@@ -48,8 +48,8 @@ std::vector<Spot> find_spots(const MeasuredCloud& cloud, const MeasuredMap& map,
     parallel_for(cloud.size(), progress, [&](Index begin, Index end) {
         for (Index i = begin; i < end; ++i) {
             double sum = points.distortion[i];
-            for (const Index j : cloud.nearest[i]) sum += points.distortion[j];
-            smooth[i] = sum / static_cast<double>(cloud.nearest[i].size() + 1);
+            for (const Index j : cloud.near(i)) sum += points.distortion[j];
+            smooth[i] = sum / static_cast<double>(cloud.near(i).size() + 1);
         }
     });
     std::vector<Index> candidates;

@@ -52,6 +52,15 @@ Positions mean_of_partners(Index rows, const Pairing& pairs, Index IndexPair::*s
     return Positions(mean.array().colwise() / count.array());
 }
 
+/// What was found of a cloud with that many points; none where some stood for several, or for
+/// none, and where fewer neighbors were looked up than are measured with.
+std::optional<OrderedNeighbors> known_neighbors(PreparedShape shape, Index points) {
+    const bool enough = shape.size() == points && static_cast<Index>(shape.nearest[0].size()) >=
+                                                      std::min(kNeighborsToMeasure, points - 1);
+    if (!enough) return std::nullopt;
+    return OrderedNeighbors{std::move(shape.given_rows), std::move(shape.nearest)};
+}
+
 const std::vector<std::shared_ptr<const Morph>>& checked(
     const std::vector<std::shared_ptr<const Morph>>& legs) {
     if (legs.empty() || std::ranges::find(legs, nullptr) != legs.end())
@@ -213,6 +222,8 @@ void Morph::take(Correspondence found) {
     report_.source_topology = without_labels(std::move(source.topology));
     report_.target_topology = without_labels(std::move(target.topology));
     report_.pairs = static_cast<Index>(pairs_.size());
+    caches_->source_neighbors = known_neighbors(std::move(source), source_.size());
+    caches_->target_neighbors = known_neighbors(std::move(target), target_.size());
 }
 
 /// From samples of faces to the vertices: all that has rows or images. `offsets`, where there are
@@ -222,10 +233,12 @@ void Morph::carry(MorphInput input, const RefinementStart& offsets, Progress& pr
     const MeshSides& meshes = meshes_->sides();
     // Gives the vertex of each row that the map was found with.
     const auto carry_side = [&](const std::optional<MeshSide>& mesh, Cloud& given, Cloud& cloud,
-                                Positions& images, SampleValues& domain, BoundaryLoop& boundary) {
+                                Positions& images, SampleValues& domain, BoundaryLoop& boundary,
+                                std::optional<OrderedNeighbors>& neighbors) {
         std::vector<Index> vertices(to_size(cloud.size()));
         std::iota(vertices.begin(), vertices.end(), 0);
         if (!mesh) return vertices;
+        neighbors.reset();
         vertices = mesh->vertices_of_samples();
         cloud = mesh->completed(std::move(given));
         images = mesh->images(images, progress);
@@ -233,10 +246,12 @@ void Morph::carry(MorphInput input, const RefinementStart& offsets, Progress& pr
         boundary = rows_along(vertices, boundary);
         return vertices;
     };
-    const std::vector<Index> source_vertices = carry_side(
-        meshes.source, input.source, source_, source_images_, source_domain_, source_boundary_);
-    const std::vector<Index> target_vertices = carry_side(
-        meshes.target, input.target, target_, target_images_, target_domain_, target_boundary_);
+    const std::vector<Index> source_vertices =
+        carry_side(meshes.source, input.source, source_, source_images_, source_domain_,
+                   source_boundary_, caches_->source_neighbors);
+    const std::vector<Index> target_vertices =
+        carry_side(meshes.target, input.target, target_, target_images_, target_domain_,
+                   target_boundary_, caches_->target_neighbors);
     const std::vector<IndexPair> pinned = pinned_pairs(input.features);
     if (offsets.source_images.rows() > 0) {
         source_images_ += offsets.source_images;

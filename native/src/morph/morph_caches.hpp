@@ -4,12 +4,16 @@
 #include <mutex>
 #include <optional>
 
+#include "pointmorph/cloud/neighborhoods.hpp"
 #include "pointmorph/frames/mesh_motion.hpp"
 #include "pointmorph/frames/motion.hpp"
 #include "pointmorph/frames/stagger.hpp"
 #include "pointmorph/morph/morph.hpp"
 
 namespace pointmorph {
+
+/// Of each point, for quality and cracks.
+inline constexpr Index kNeighborsToMeasure = 16;
 
 /// A mesh of one side and its way to the other.
 struct Morph::Wrapped {
@@ -31,6 +35,10 @@ struct Morph::Caches {
 
     std::mutex resampling_mutex;
     std::optional<Resampling> resampling;
+
+    /// What is near which point: as the map has found it, or made.
+    std::mutex neighbors_mutex;
+    std::optional<OrderedNeighbors> source_neighbors, target_neighbors;
 
     std::mutex quality_mutex;
     std::optional<Quality> quality;

@@ -452,10 +452,22 @@ void Morph::insert_points(ResampledFrame<Scalar>& frame, double t, Progress& pro
 template ResampledFrame<float> Morph::resampled_frame<float>(double, Progress&) const;
 template ResampledFrame<double> Morph::resampled_frame<double>(double, Progress&) const;
 
+/// The caller has set the number of threads.
+const OrderedNeighbors& Morph::neighbors(bool of_source, Progress& progress) const {
+    const std::scoped_lock lock(caches_->neighbors_mutex);
+    auto& neighbors = of_source ? caches_->source_neighbors : caches_->target_neighbors;
+    if (!neighbors)
+        neighbors = ordered_neighbors((of_source ? source_ : target_).positions,
+                                      kNeighborsToMeasure, progress);
+    return *neighbors;
+}
+
 std::vector<Cracks> Morph::cracks(std::span<const double> times, Progress& progress) const {
     const ThreadCount threads(options_.threads);
     progress.enter("cracks");
-    auto result = find_cracks(source_.positions, target_.positions, pairs_, times, progress);
+    auto result =
+        find_cracks({source_.positions, &neighbors(true, progress)},
+                    {target_.positions, &neighbors(false, progress)}, pairs_, times, progress);
     progress.finish();
     return result;
 }
@@ -468,7 +480,8 @@ const Quality& Morph::quality(Progress& progress) const {
         const Positions target_images = target_to_source(progress);
         const ThreadCount threads(options_.threads);
         progress.enter("quality");
-        quality = measure_quality({source_, target_, source_images, target_images, pairs_},
+        quality = measure_quality({source_, target_, source_images, target_images, pairs_,
+                                   &neighbors(true, progress), &neighbors(false, progress)},
                                   features_, progress);
         progress.finish();
     }

@@ -7,6 +7,7 @@
 #include "measures/mapped.hpp"
 #include "pointmorph/base/error.hpp"
 #include "pointmorph/base/parallel.hpp"
+#include "pointmorph/cloud/neighborhoods.hpp"
 #include "shapes.hpp"
 
 namespace pointmorph {
@@ -318,6 +319,54 @@ TEST(Quality, DuplicatesAndLinesGiveNumbersToo) {
     EXPECT_EQ(quality.source.measured[0], 0);
     EXPECT_EQ(quality.source.measured[425], 0);
     EXPECT_TRUE(std::isfinite(quality.source_to_target.dirichlet));
+}
+
+TEST(Quality, IsTheSameWithKnownNeighborsAndInAnyOrderOfThePoints) {
+    const Case one = plane(fold, stay);
+    const Quality found = one.measure();
+    Progress progress;
+    const auto near_source = ordered_neighbors(one.source.positions, 24, progress);
+    const auto near_target = ordered_neighbors(one.target.positions, 16, progress);
+    TwoWayMap map = one.map();
+    map.source_neighbors = &near_source;
+    map.target_neighbors = &near_target;
+    const Quality known = measure_quality(map, {}, progress);
+    EXPECT_EQ(known.source.distortion, found.source.distortion);
+    EXPECT_EQ(known.target.reached, found.target.reached);
+
+    const auto order = shapes::permutation(one.source.size(), 3);
+    const auto moved = [&](const Cloud& cloud) {
+        return Cloud{
+            cloud.name, gather(cloud.positions, order), gather(cloud.normals, order), {}, {}};
+    };
+    const Case shuffled =
+        of_same_rows(moved(one.source), moved(one.target), gather(one.source_images, order),
+                     gather(one.target_images, order));
+    const Quality again = shuffled.measure();
+    EXPECT_EQ(again.source.flipped, gather(found.source.flipped, order));
+    EXPECT_EQ(again.source.reached, gather(found.source.reached, order));
+    EXPECT_LT((again.source.stretch - gather(found.source.stretch, order)).cwiseAbs().maxCoeff(),
+              1e-9);
+}
+
+TEST(Quality, ReachedIsAsBruteForceSays) {
+    const Case one =
+        plane([](const Vector3& p) { return Vector3(0.7 * p.x(), p.y(), p.z()); }, stay);
+    const Quality quality = one.measure();
+    Progress progress;
+    const Positions& p = one.source.positions;
+    const Values spacing = local_spacing(p, nearest_neighbors(KdTree<3>(p), 16, progress));
+    Index reached = 0;
+    for (Index i = 0; i < p.rows(); ++i) {
+        Index nearest = 0;
+        const double distance =
+            (one.source_images.rowwise() - p.row(i)).rowwise().norm().minCoeff(&nearest);
+        const bool near = distance <= 2.0 * std::max(spacing[i], spacing[nearest]);
+        EXPECT_EQ(quality.target.reached[to_size(i)], near ? 1 : 0) << i;
+        reached += near;
+    }
+    EXPECT_LT(reached, p.rows());
+    EXPECT_GT(reached, 0);
 }
 
 TEST(Quality, CanBeStopped) {

@@ -28,6 +28,13 @@ struct Neighborhoods {
 /// has no more than k + 1. A coincident point counts as a neighbor.
 Neighborhoods nearest_neighbors(const KdTree<3>& tree, Index k, Progress& progress);
 
+/// A cloud's spatial_order(), and in this order the nearest points of every point.
+struct OrderedNeighbors {
+    std::vector<Index> order;  ///< rows of the cloud
+    Neighborhoods nearest;     ///< numbers in the order; ascending by distance
+};
+OrderedNeighbors ordered_neighbors(const Positions& positions, Index k, Progress& progress);
+
 /// The paper's N_i = {j : 0 < ‖x_j − x_i‖ < r} for every point, ascending by distance: points at
 /// the very same place are no neighbors. `radius` > 0 is a plain distance.
 Neighborhoods radius_neighbors(const KdTree<3>& tree, double radius, Progress& progress);

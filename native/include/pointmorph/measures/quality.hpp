@@ -11,6 +11,7 @@
 #include "pointmorph/base/progress.hpp"
 #include "pointmorph/base/types.hpp"
 #include "pointmorph/cloud/cloud.hpp"
+#include "pointmorph/cloud/neighborhoods.hpp"
 #include "pointmorph/surface/features.hpp"
 #include "pointmorph/surface/pairing.hpp"
 
@@ -91,6 +92,9 @@ struct TwoWayMap {
     const Positions& source_images;    ///< #source by 3, in the target's coordinates
     const Positions& target_images;    ///< #target by 3, in the source's coordinates
     std::span<const IndexPair> pairs;  ///< tell both sides of a thin part apart
+    /// 16 or more a point, where they are known.
+    const OrderedNeighbors* source_neighbors = nullptr;
+    const OrderedNeighbors* target_neighbors = nullptr;
 };
 
 /// `features` are measured, and give the advice its words. The result doesn't depend on the scale,

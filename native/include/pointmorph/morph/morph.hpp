@@ -10,6 +10,7 @@
 #include "pointmorph/base/progress.hpp"
 #include "pointmorph/base/types.hpp"
 #include "pointmorph/cloud/cloud.hpp"
+#include "pointmorph/cloud/neighborhoods.hpp"
 #include "pointmorph/frames/path.hpp"
 #include "pointmorph/frames/resampling.hpp"
 #include "pointmorph/measures/cracks.hpp"
@@ -147,6 +148,7 @@ private:
     void find_map(MorphInput input, Progress& progress);
     void take(Correspondence found);
     void carry(MorphInput input, const RefinementStart& offsets, Progress& progress);
+    const OrderedNeighbors& neighbors(bool of_source, Progress& progress) const;
     Positions through_domain(const Positions& images, const DomainPoints& from,
                              const DomainPoints& to, const Cloud& other, Progress& progress) const;
     Positions velocities(double t) const;
