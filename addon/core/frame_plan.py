@@ -11,8 +11,6 @@ import pointmorph.formats
 import pointmorph.moving_shapes
 import pointmorph.sequences
 
-from . import chained_morph
-
 
 @dataclass(frozen=True)
 class Easing:
@@ -99,10 +97,9 @@ def sequence_of(held, plan, settings, poses=None):
     morphs = [pointmorph.restore(*ends, pairs, maps, **own) for ends, pairs, maps in ways]
     if len(morphs) == 1:
         morph = morphs[0]
-    elif clouds[0].delay is None:
-        morph = chained_morph.ChainedMorph(morphs)
     else:
-        morph = pointmorph.chains.StaggeredChain(morphs, settings)
+        whole = own if clouds[0].delay is None else settings
+        morph = pointmorph.chains.Chain(morphs, whole)
     numbers = {"first": plan.first, "step": plan.step}
     if poses is not None:
         return pointmorph.moving_shapes.MovingSequence(

@@ -22,12 +22,13 @@ def draw_verdict(layout, context, obj):
     grade, line = quality_words.verdict(report)
     mesh = report.get("mesh")
     meaning = f'Open "Quality" for what is behind it. {mesh["verdict"] if mesh else ""}'
-    row = layout.row()
-    words = row.column()  # takes what room there is, so that the button is at the edge
-    explained(words, line, recipes.present_words(obj, meaning), _GRADE_ICONS[grade])
+    row = layout.split(factor=0.86)
+    explained(row, line, recipes.present_words(obj, meaning), _GRADE_ICONS[grade])
     for kind, places in _places(report):
         if places:
-            button = row.operator("pointmorph.go_to_place", text="", icon="PIVOT_CURSOR")
+            edge = row.row()
+            edge.alignment = "RIGHT"
+            button = edge.operator("pointmorph.go_to_place", text="", icon="PIVOT_CURSOR")
             button.kind, button.index = kind, 0
             return
 

@@ -17,7 +17,9 @@ sys.path[:0] = [str(HERE.parent), str(HERE)]
 import installing
 from steps import RUNNING, VIEWPORT
 
-SIZE = (1280, 1000)
+SIZE = (720, 800)
+"""Pixels of the screen. Without a graphics card, drawing takes as long as there are many."""
+
 PATIENCE = 300.0
 """Seconds after which what is waited for won't come: no measure of how long it should take."""
 PROGRAMS = ("Xvfb", "xdotool", "import")
@@ -33,7 +35,8 @@ class Window:
 
     _places, _tabs = {}, []  # they lie at much the same place in the next Blender
 
-    def __init__(self, display, environment, output, folder, has_addon=True):
+    def __init__(self, screen, environment, output, folder, has_addon=True):
+        display, size = screen
         self._environment = {**environment, "DISPLAY": display}
         self._output = output
         path = str(folder / "control")
@@ -43,7 +46,7 @@ class Window:
         server.settimeout(1)
         self._log = (folder / "log.txt").open("w+")
         self.process = subprocess.Popen(
-            [BLENDER, "--window-geometry", "0", "0", *map(str, SIZE), "-P", HERE / "control.py"],
+            [BLENDER, "--window-geometry", "0", "0", *map(str, size), "-P", HERE / "control.py"],
             env={**self._environment, "POINTMORPH_CONTROL": path},
             stdout=self._log,
             stderr=subprocess.STDOUT,
@@ -59,7 +62,10 @@ class Window:
     def start(self):
         """An empty scene; what the tests call things in Blender."""
         self.run(START)
-        self.redraw()
+        self.redraw()  # an area that was never drawn can't be closed
+        if self.ask("is_small and len(window.screen.areas) > 1"):
+            self.run(CLOSE_OTHER_AREAS)
+            self.redraw()
 
     def _accepted(self, server):
         """The connection that Blender makes once it is up."""
@@ -104,20 +110,21 @@ class Window:
     def wait(self, expression):
         """Until a Python expression is true in Blender; long enough for a busy machine."""
         end = time.monotonic() + PATIENCE
+        pause = 0.001
         while not (value := self.ask(expression)):
             assert time.monotonic() < end, f"{expression} stayed {value!r}\n{self.log}"
-            time.sleep(0.02)
+            time.sleep(pause)
+            pause = min(2 * pause, 0.02)
 
     def redraw(self):
-        """Until Blender has drawn its window anew: buttons are where they are drawn."""
-        self.run("redraw()")
-        self.wait("drawn")
+        """Until Blender has drawn viewport and sidebar anew."""
+        self.run("redraw(viewport, sidebar)")
+        self.wait("is_drawn()")
 
     def rest(self):
         """Until panels lie where they stay: they glide there when one above them has grown."""
-        self.redraw()  # now at the latest they begin
-        time.sleep(0.35)  # a glide takes 0.3 s, however few pictures of it are drawn
-        self.redraw()
+        self.run("redraw(sidebar); asked = []")  # now at the latest they begin
+        self.wait("is_drawn() and rests()")
 
     def settle(self, turns=3):
         """Until Blender has handled the events that were sent.
@@ -134,7 +141,7 @@ class Window:
 
     def click(self, position, holding=None):
         """A click; `holding` is a key that is down meanwhile."""
-        self.redraw()
+        self._redraw_at(position)
         self._xdotool("mousemove", *position)
         if holding:
             self._xdotool("keydown", holding)
@@ -142,8 +149,14 @@ class Window:
         if holding:  # Blender looks only then whether it is down
             self._xdotool("keyup", holding)
 
+    def _redraw_at(self, position):
+        """Until what lies at a position is drawn as it is: buttons are where they are drawn."""
+        x, y = position
+        self.run(f"redraw(region_at({x}, {y}))")
+        self.wait("is_drawn()")
+
     def drag(self, start, end, steps=8):
-        self.redraw()
+        self._redraw_at(start)
         self._xdotool("mousemove", *start)
         self._xdotool("mousedown", 1)
         for step in range(1, steps + 1):
@@ -161,7 +174,7 @@ class Window:
     def leave_sidebar(self):
         """Moves the mouse over the viewport."""
         self._xdotool("mousemove", *VIEWPORT)
-        self.redraw()
+        self.rest()
 
     def sidebar(self):
         """Left, top, right and bottom of the sidebar without its tabs."""
@@ -185,7 +198,7 @@ class Window:
                 return
             self.click((right + 12, y))
             self._tabs[:] = [y]
-            self.redraw()
+            self.rest()
         self.screenshot("no_tab")
         raise AssertionError("no tab of the sidebar shows the add-on")
 
@@ -218,7 +231,6 @@ class Window:
 
         Begins at the row `near`; ends where `what` is a part of the call or path.
         """
-        self.redraw()
         self.run(f"hover_down({x}, {top}, {bottom}, {what!r}, {near})")
         self.wait("hovering is None")
         return [(y, call) for y, call in self.ask("calls")]
@@ -226,7 +238,7 @@ class Window:
     def _scroll(self, over, button, turns):
         self._xdotool("mousemove", *over)
         self._xdotool("click", "--repeat", turns, "--delay", 5, button)
-        self.redraw()
+        self.rest()
 
     def press_button(self, what):
         """Clicks on a button of the sidebar; see `find`."""
@@ -257,13 +269,13 @@ class Window:
 
     def _panels(self):
         self.run("panels.clear()")
-        self.redraw()
+        self.rest()
         return set(self.ask("sorted(panels)"))
 
     def screenshot(self, name):
         """A picture of the window in the output folder; returns its path."""
         self.redraw()
-        self.redraw()
+        self.rest()
         return self.picture(name)
 
     def picture(self, name):
@@ -289,10 +301,10 @@ class Window:
         self._log.close()
 
 
-# An empty scene with the settings' defaults, a sidebar in the 3D viewport, names that tests use.
+# An empty scene with the settings' defaults, a 3D viewport with a sidebar (alone and side by side
+# where the window is small), names that tests use.
 START = """
-import scenes
-drawn = 0
+import scenes, time
 if bpy.context.object and bpy.context.object.mode == "EDIT":
     bpy.ops.object.mode_set(mode="OBJECT")
 for kind in (
@@ -307,12 +319,17 @@ bpy.context.scene.pointmorph.show_as = "POINTS"
 bpy.context.scene.frame_start, bpy.context.scene.frame_end = 1, 250
 bpy.context.scene.frame_set(1)
 window = bpy.context.window_manager.windows[0]
+is_small = window.width < 1000
 area = next(area for area in window.screen.areas if area.type == "VIEW_3D")
 area.spaces[0].shading.type = "SOLID"
 area.spaces[0].shading.color_type = "MATERIAL"
 area.spaces[0].overlay.show_floor = False  # every pixel costs time without a graphics card
 area.spaces[0].overlay.show_axis_x = area.spaces[0].overlay.show_axis_y = False
+area.spaces[0].overlay.show_outline_selected = not is_small
 area.spaces[0].show_region_ui = True
+area.spaces[0].show_region_toolbar = area.spaces[0].show_region_tool_header = not is_small
+area.spaces[0].show_gizmo_navigate = not is_small
+bpy.context.preferences.system.use_region_overlap = not is_small
 area.spaces[0].show_object_viewport_mesh = True
 area.spaces[0].show_object_viewport_pointcloud = True
 viewport = next(region for region in area.regions if region.type == "WINDOW")
@@ -329,14 +346,32 @@ def addon(name):
 def session():
     return addon("core.background_job")
 
-def _count():
-    global drawn
-    drawn += 1
+waited_for, drawn_at, turns = set(), 0.0, 0
 
-def redraw():
-    global drawn
-    drawn = 0
-    area.tag_redraw()
+def redraw(*regions):
+    waited_for.update(region.type for region in regions)
+    for region in regions:
+        region.tag_redraw()
+
+def is_drawn():
+    return not waited_for
+
+def _note_drawn():
+    global drawn_at, turns
+    waited_for.discard(bpy.context.region.type)
+    if bpy.context.region.type == "UI":
+        drawn_at, turns = time.monotonic(), 0
+
+def rests():
+    # A panel that glides, 0.3 s long, is drawn again and again; so it is where progress is shown.
+    global turns
+    turns, now = turns + 1, time.monotonic()
+    asked.append(now)
+    return turns > 5 and now - drawn_at > 0.06 or len(asked) > 15 and now - asked[0] > 0.35
+
+def region_at(x, y):
+    top = window.height - sidebar.y - sidebar.height
+    return sidebar if x >= sidebar.x and y >= top else viewport
 
 panels = set()
 
@@ -405,7 +440,16 @@ class WhereIsTheMouse(bpy.types.Operator):
 
 if "counting" not in globals():
     bpy.utils.register_class(WhereIsTheMouse)
-    counting = bpy.types.SpaceView3D.draw_handler_add(_count, (), "WINDOW", "POST_PIXEL")
+    counting = [
+        bpy.types.SpaceView3D.draw_handler_add(lambda: _note_drawn(), (), kind, "POST_PIXEL")
+        for kind in ("WINDOW", "UI")
+    ]
+"""
+
+CLOSE_OTHER_AREAS = """
+for other in [other for other in window.screen.areas if other.type != "VIEW_3D"]:
+    with bpy.context.temp_override(window=window, area=other):
+        bpy.ops.screen.area_close()
 """
 
 
@@ -449,12 +493,17 @@ def environment(tmp_path_factory):
 
 
 @pytest.fixture(scope="session")
-def display():
-    """A screen without a screen."""
+def size():
+    """Pixels of the screen: with a width of 1000, there is room for all of Blender's areas."""
+    return SIZE
+
+
+@pytest.fixture(scope="session")
+def screen(size):
+    """A screen without a screen: its name, and its size."""
     read_end, write_end = os.pipe()
-    size = "x".join(map(str, SIZE))
     server = subprocess.Popen(
-        ["Xvfb", "-displayfd", str(write_end), "-screen", "0", f"{size}x24", "+extension", "GLX"],
+        ["Xvfb", "-displayfd", str(write_end), "-screen", "0", "{}x{}x24".format(*size)],
         pass_fds=[write_end],
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
@@ -462,7 +511,7 @@ def display():
     os.close(write_end)
     with os.fdopen(read_end) as pipe:
         number = pipe.readline().strip()
-    yield f":{number}"
+    yield f":{number}", size
     server.terminate()
     server.wait()
 
@@ -487,12 +536,12 @@ def _shared():
 
 
 @pytest.fixture
-def window(request, _shared, display, environment, output, tmp_path_factory):
+def window(request, _shared, screen, environment, output, tmp_path_factory):
     """Blender with an empty scene."""
     if _shared:
         window = _shared.pop()
     else:
-        window = Window(display, environment, output, tmp_path_factory.mktemp("shared"))
+        window = Window(screen, environment, output, tmp_path_factory.mktemp("shared"))
     # What a failure leaves, a dialog or a panel that is folded, is not for the next test: Blender
     # is handed on only after a test that passed.
     try:
@@ -500,7 +549,7 @@ def window(request, _shared, display, environment, output, tmp_path_factory):
         window.leave_sidebar()
         # The report of an error may stay until the mouse has been over it.
         window.press("Escape", over=VIEWPORT)
-        window.run(START)
+        window.start()
         yield window
         if not request.node.stash[_FAILED] and window.process.poll() is None:
             window.wait(f"not ({RUNNING})")
@@ -511,12 +560,12 @@ def window(request, _shared, display, environment, output, tmp_path_factory):
 
 
 @pytest.fixture
-def new_users_window(_shared, display, output, tmp_path):
+def new_users_window(_shared, screen, output, tmp_path):
     """Blender as it is when it was just installed."""
     while _shared:  # two at a time would slow each other down
         _shared.pop().kill()
     environment = user_environment(tmp_path / "user")
-    window = Window(display, environment, output, tmp_path, has_addon=False)
+    window = Window(screen, environment, output, tmp_path, has_addon=False)
     yield window
     window.kill()
 
@@ -527,5 +576,4 @@ def changed_window(request, window):
     yield window
     if not request.node.stash[_FAILED] and window.process.poll() is None:
         window.run("bpy.ops.wm.read_homefile(use_empty=True)")
-        window.run(START)
-        window.redraw()
+        window.start()

@@ -7,11 +7,17 @@ from pathlib import Path
 
 import pytest
 from PIL import Image
-from steps import MORPH, RUNNING, finished
+from steps import MORPH, RUNNING, VIEWPORT, finished
 
 IMAGES = Path(__file__).resolve().parents[2] / "docs" / "manual" / "images"
 WIDTH = 720
 DEMO = "Hound to Giraffe"
+
+
+@pytest.fixture(scope="session")
+def size():
+    """Room for Blender's whole window, as users have it."""
+    return 1280, 1000
 
 
 @pytest.fixture
@@ -83,7 +89,7 @@ for obj in (bpy.data.objects["Hound"], bpy.data.objects["Giraffe"]):
     demo.press_button("click_features")
     demo.settle()
     take(demo, "clicking")
-    demo.press("Escape", over=(400, 700))
+    demo.press("Escape", over=VIEWPORT)
 
 
 def test_result(demo):

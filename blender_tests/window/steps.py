@@ -9,7 +9,9 @@ Tests that also write down how long Blender was held up take this size: 347 make
 koala_spot_big has.
 """
 
-VIEWPORT = (400, 700)
+VIEWPORT = (200, 600)
+"""A place in the viewport where nothing lies that takes clicks."""
+
 MORPH = "pointmorph.morph("
 KEY = "key_blocks["
 BAKE_SOURCE = "bake_shape_keys(kind='SOURCE'"

@@ -29,8 +29,6 @@ for obj in bpy.data.objects: obj.select_set(True)
 with in_viewport():
     bpy.ops.view3d.view_axis(type="FRONT")
     bpy.ops.view3d.view_selected()
-    area.spaces[0].region_3d.view_distance *= 0.9
-    area.spaces[0].region_3d.view_location.x += 0.62  # the sidebar lies over the view
 for obj in bpy.data.objects: obj.select_set(False)
 bpy.context.view_layer.objects.active = None
 features = json.load(open(f"{{folder}}/pair.json"))["features"]

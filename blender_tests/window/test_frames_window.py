@@ -225,7 +225,7 @@ for name in ("Hill", "Dune"):
 
 def colored(path):
     """How many pixels of the viewport are red, and green."""
-    program = ("convert", str(path), "-crop", "700x700+60+100", "-depth", "8", "rgb:-")
+    program = ("convert", str(path), "-crop", "400x680+10+90", "-depth", "8", "rgb:-")
     pixels = subprocess.run(program, capture_output=True, check=True).stdout
     values = np.frombuffer(pixels, np.uint8).reshape(-1, 3).astype(int)
     red, green, _ = values.T

@@ -296,15 +296,15 @@ def rows_of(window):
 
 
 def add_bare_pair(window, side, faces=True):
-    """Two sheets beside each other, seen from above, without a mark."""
+    """Two sheets, one above the other in the view from above, without a mark."""
     window.run(PIXEL)
     window.run(
         f"""
 scenes.pair({side}, {side - 3})
-for name, x in (("Hill", -1.2), ("Dune", 1.2)):
+for name, y in (("Hill", 1.2), ("Dune", -1.2)):
     obj = bpy.data.objects[name]
     obj.vertex_groups.clear()
-    obj.location.x = x
+    obj.location.y = y
     obj.rotation_euler.z = 0.3
     if not {faces}:
         positions = [tuple(v.co) for v in obj.data.vertices]
@@ -314,8 +314,7 @@ for name, x in (("Hill", -1.2), ("Dune", 1.2)):
 scenes.select(bpy.data.objects["Hill"])
 with in_viewport(): bpy.ops.view3d.view_axis(type="TOP")
 with in_viewport(): bpy.ops.view3d.view_all()
-area.spaces[0].region_3d.view_distance *= 1.4
-area.spaces[0].region_3d.view_location.x += 0.9  # from under the sidebar
+area.spaces[0].region_3d.view_distance *= 0.55
 bpy.ops.ed.undo_push(message="A pair of sheets")
 """
     )

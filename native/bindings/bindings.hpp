@@ -12,6 +12,7 @@
 #include "pointmorph/base/progress.hpp"
 #include "pointmorph/base/types.hpp"
 #include "pointmorph/cloud/cloud.hpp"
+#include "pointmorph/frames/resampling.hpp"
 
 namespace pointmorph::bindings {
 
@@ -24,12 +25,18 @@ void bind_sampling(py::module_& module);
 void bind_morph(py::module_& module);
 void bind_decomposition(py::module_& module);
 void bind_motion(py::module_& module);
+void bind_stored_frames(py::module_& module);
 
 /// From the dictionary that pointmorph.Cloud makes of itself.
 Cloud cloud_of(const py::dict& fields);
 
 /// From the pair (offsets, corners), or None.
 Polygons polygons_of(const py::object& faces);
+
+/// As arrays, for files.
+py::dict arrays_of(const ResamplingPlan& plan);
+/// From what that made of it. The Python side has checked the shapes.
+ResamplingPlan resampling_plan_of(const py::dict& fields);
 
 /// A progress whose callback takes the GIL, lets Python handle signals (Ctrl-C) and then calls
 /// `callback(stage, fraction)`, which returns False to ask for the end; None is silent.

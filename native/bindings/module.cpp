@@ -11,4 +11,5 @@ PYBIND11_MODULE(_pointmorph, module) {
     bind_morph(module);
     bind_decomposition(module);
     bind_motion(module);
+    bind_stored_frames(module);
 }

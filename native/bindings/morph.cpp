@@ -307,16 +307,23 @@ std::shared_ptr<Morph> make_morph(const py::dict& source, const py::dict& target
 
 std::shared_ptr<Morph> restore_morph(const py::dict& source, const py::dict& target,
                                      const py::array_t<std::int64_t, py::array::c_style>& rows,
-                                     const py::object& source_images,
-                                     const py::object& target_images, const MorphOptions& options) {
+                                     const py::dict& kept, const MorphOptions& options) {
     Pairing pairs(to_size(rows.shape(0)));
     const auto view = rows.unchecked<2>();
     for (py::ssize_t i = 0; i < view.shape(0); ++i)
         pairs[to_size(i)] = {static_cast<Index>(view(i, 0)), static_cast<Index>(view(i, 1))};
-    RefinementStart images{from_numpy<Positions>(source_images),
-                           from_numpy<Positions>(target_images)};
-    return std::make_shared<Morph>(cloud_of(source), cloud_of(target), std::move(pairs),
-                                   std::move(images), options, from_numpy<Values>(source["delay"]));
+    const auto positions = [&](const char* name) { return from_numpy<Positions>(kept[name]); };
+    KeptMorph remains{.source = cloud_of(source),
+                      .target = cloud_of(target),
+                      .pairs = std::move(pairs),
+                      .images = {positions("source_images"), positions("target_images")},
+                      .delays = from_numpy<Values>(source["delay"]),
+                      .source_ends = positions("source_ends"),
+                      .target_ends = positions("target_ends")};
+    if (!kept["resampling"].is_none())
+        remains.resampling = resampling_plan_of(kept["resampling"].cast<py::dict>());
+    const py::gil_scoped_release release;
+    return std::make_shared<Morph>(std::move(remains), options);
 }
 
 std::unique_ptr<LiveMorph> make_live(const py::dict& source, const py::dict& target,
@@ -433,8 +440,23 @@ void define_queries(MorphClass& morph) {
         });
 }
 
+py::dict arrays_of(const Cloud& cloud) {
+    return py::dict(py::arg("positions") = to_numpy(Positions(cloud.positions)),
+                    py::arg("normals") = to_numpy(Normals(cloud.normals)),
+                    py::arg("colors") = to_numpy(Colors(cloud.colors)),
+                    py::arg("radii") = to_numpy(Values(cloud.radii)));
+}
+
 void define_frames(MorphClass& morph) {
-    morph
+    morph.def("completed_source", [](const Morph& m) { return arrays_of(m.source()); })
+        .def("completed_target", [](const Morph& m) { return arrays_of(m.target()); })
+        .def("resampling_plan",
+             [](const Morph& m, const py::object& callback) {
+                 return bindings::arrays_of(
+                     without_gil(callback, [&](Progress& progress) -> const ResamplingPlan& {
+                         return m.resampling(progress).plan();
+                     }));
+             })
         .def("inserted",
              [](const Morph& m, const py::object& callback) {
                  return without_gil(callback, [&](Progress& progress) {

@@ -36,6 +36,9 @@ if BLENDER is None:
     can_be_made = os.geteuid() == 0 and shutil.which("apt-get") is not None
     WINDOW_PACKAGES = ("other-debian",) if can_be_made else ()
 
+# In the oldest and the newest Blender everything is tested.
+WHOLE = (min(BLENDERS), max(BLENDERS))
+
 packaging = threading.Lock()
 
 
@@ -110,10 +113,9 @@ def in_blender(suite: str, *command: str | Path, **environment: str) -> Outcome:
 
 
 def bpy(version: str) -> Outcome:
-    """Everything in the oldest and the newest Blender; in those between, what Blender offers."""
+    """Everything in the oldest and the newest Blender; in the others, what Blender offers."""
     python, path = set_up_bpy(version)
-    whole = version in (min(BLENDERS), max(BLENDERS))
-    selection = [] if whole else ["-m", "interface and not logic"]
+    selection = [] if version in WHOLE else ["-m", "interface and not logic"]
     runner = ["blender_tests/run.py", *selection, "--junitxml="]
     environment = {"PYTHONPATH": path, "POINTMORPH_COMPUTED": str(computed())}
     return in_blender(f"bpy-{version}", python, *runner, **environment)
@@ -173,16 +175,21 @@ def fetch_debian() -> None:
         other_debian.set_up_first(WINDOW_DEBIANS)
 
 
-# In the order in which they are started: long ones early, so that none is left over at the end.
+def in_bpy(*versions: str) -> dict[str, Suite]:
+    return {
+        f"bpy-{version}": Suite(partial(bpy, version), ("cpython",), partial(set_up_bpy, version))
+        for version in versions
+    }
+
+
+# In the order in which they are started: the longest first, so that no core idles at the end.
 SUITES: dict[str, Suite] = {
     "sanitizers": Suite(sanitizers, ("cpp-test",)),
-    "window": Suite(window, ("cpython", *WINDOW_PACKAGES), fetch_debian),
-    "cpp": Suite(cpp, ("cpp-test",)),
     "python": Suite(python),
-    **{
-        f"bpy-{version}": Suite(partial(bpy, version), ("cpython",), partial(set_up_bpy, version))
-        for version in BLENDERS
-    },
+    "window": Suite(window, ("cpython", *WINDOW_PACKAGES), fetch_debian),
+    **in_bpy(*WHOLE),
+    "cpp": Suite(cpp, ("cpp-test",)),
+    **in_bpy(*(version for version in reversed(BLENDERS) if version not in WHOLE)),
     "checks": Suite(checks),
 }
 

@@ -59,6 +59,7 @@ from pointmorph.quality import (
     quality_summary,
 )
 from pointmorph.stages import stage_label
+from pointmorph.stored_morphs import StoredMorph, open_morph
 
 __all__ = [
     "Cancelled",
@@ -90,11 +91,13 @@ __all__ = [
     "Proposal",
     "Quality",
     "ResampledFrame",
+    "StoredMorph",
     "TopologyError",
     "__version__",
     "decompose",
     "feature_summary",
     "morph",
+    "open_morph",
     "options",
     "propose_features",
     "propose_loop",

@@ -1,17 +1,24 @@
-"""Morphs in a row whose points each go through all of them in a time of their own."""
+"""Morphs in a row as one."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
+
+import numpy as np
 
 from pointmorph import _pointmorph
 from pointmorph.errors import CloudError
-from pointmorph.morphing import Morph, native_options
+from pointmorph.morphing import Frame, Morph, Progress, ResampledFrame, native_options
+from pointmorph.sequences import part_at
 
 
-class StaggeredChain(Morph):
-    """Morphs one after the other as one, staggered over the whole; for its frames.
+class Chain(Morph):
+    """Morphs one after the other as one, with equal shares of t from 0 to 1; for its frames.
+
+    Where the settings stagger it, each point goes through all of it in a time of its own. New
+    points are then those of the whole; otherwise each morph has its own.
 
     Parameters
     ----------
@@ -32,10 +39,11 @@ class StaggeredChain(Morph):
         if not parts:
             raise CloudError("chain", "at least one morph", "none", "Give morphs in order.")
         source, target = parts[0].source, parts[-1].target
+        self.is_staggered = settings.get("stagger", "none") != "none"
         native = _pointmorph.Morph.chained(
             [part._native for part in parts],
             native_options(settings),
-            source._fields()["delay"],
+            source._fields()["delay"] if self.is_staggered else None,
         )
         super().__init__(native, source, target)
         self._parts = tuple(parts)
@@ -43,3 +51,25 @@ class StaggeredChain(Morph):
     @property
     def parts(self) -> tuple[Morph, ...]:
         return self._parts
+
+    def frame(self, t: float, out: Frame | None = None, progress: Progress | None = None) -> Frame:
+        if self.is_staggered:
+            return super().frame(t, out, progress)
+        number, along = part_at(t, len(self._parts))
+        return self._parts[number].frame(along, out, progress)
+
+    def resampled_frame(self, t: float, progress: Progress | None = None) -> ResampledFrame:
+        if self.is_staggered:
+            return super().resampled_frame(t, progress)
+        number, along = part_at(t, len(self._parts))
+        frame = self._parts[number].resampled_frame(along, progress)
+        # New points of one morph aren't those of another.
+        before = sum(part.inserted(progress) for part in self._parts[:number])
+        ids = np.where(frame.ids < len(self.pairs), frame.ids, frame.ids + before)
+        velocities = frame.velocities * frame.velocities.dtype.type(len(self._parts))
+        return replace(frame, ids=ids.astype(np.int32), velocities=velocities)
+
+    def inserted(self, progress: Progress | None = None) -> int:
+        if self.is_staggered:
+            return super().inserted(progress)
+        return sum(part.inserted(progress) for part in self._parts)

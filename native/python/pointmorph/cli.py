@@ -1,12 +1,11 @@
-"""The command line: ``pointmorph morph …`` and ``pointmorph propose …``."""
+"""The command line: ``pointmorph morph …`` and other commands."""
 
 from __future__ import annotations
 
 import argparse
-import contextlib
 import json
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -22,16 +21,17 @@ from pointmorph import (
     sampling,
     sequences,
     source_meshes,
+    stored_commands,
     surfaces,
+    terminal,
 )
+from pointmorph.arguments import distance, frame_count, positive
 from pointmorph.clouds import Cloud, FloatArray
-from pointmorph.denser_meshes import DenserMesh
 from pointmorph.errors import FeatureError, FileError, OptionError, PointmorphError
 from pointmorph.features import Feature, feature_from_json, weights_from_json
 from pointmorph.file_checks import parsed_json
-from pointmorph.stages import stage_label
+from pointmorph.own_meshes import OwnMeshWriter
 
-FAILED, WRONG_CALL, INTERRUPTED = 1, 2, 130
 _SIDES = ("source", "target")
 
 
@@ -41,26 +41,28 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Returns
     -------
     int
-        The exit status: 0, 1 (the run failed), 2 (wrong usage) or 130 (Ctrl-C).
+        The exit status: 0, 1 (the run failed), 2 (wrong usage), 3 (part of it failed or is
+        missing), 130 (Ctrl-C) or 143 (ended from outside).
     """
-    parser = _parser()
-    chosen = parser.parse_args(arguments)
+    words = list(sys.argv[1:] if arguments is None else arguments)
+    chosen = _parser().parse_args(words)
+    chosen.words = words
     try:
-        chosen.run(chosen)
+        with terminal.orderly_end():
+            status: int | None = chosen.run(chosen)
+            return status or 0
     except OptionError as error:
-        return _fail(str(error), WRONG_CALL)
+        return terminal.fail(str(error), terminal.WRONG_CALL)
     except PointmorphError as error:
-        return _fail(str(error), FAILED)
+        return terminal.fail(str(error), terminal.FAILED)
     except MemoryError:
-        return _fail("Out of memory. Use fewer points: --samples N.", FAILED)
+        return terminal.fail("Out of memory. Use fewer points: --samples N.", terminal.FAILED)
+    except terminal.Terminated:
+        return terminal.fail("Ended from outside. Run the same command again.", terminal.TERMINATED)
     except KeyboardInterrupt:
-        return _fail("Interrupted. Run the same command again to start over.", INTERRUPTED)
-    return 0
-
-
-def _fail(message: str, status: int) -> int:
-    print(f"pointmorph: {message}", file=sys.stderr)
-    return status
+        return terminal.fail(
+            "Interrupted. Run the same command again to start over.", terminal.INTERRUPTED
+        )
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -76,11 +78,17 @@ def _parser() -> argparse.ArgumentParser:
         description="Writes pairs.npy, source.ply, target.ply, frame_0000.ply … and report.json.",
     )
     morph.set_defaults(run=_morph)
-    morph.add_argument("--out", required=True, metavar="DIR", type=Path, help="output folder")
+    morph.add_argument("--out", metavar="DIR", type=Path, help="output folder")
+    morph.add_argument(
+        "--save",
+        metavar="FILE",
+        type=Path,
+        help="keep the morph as one file, of which the frames command makes frames on any machine",
+    )
     morph.add_argument(
         "--frames",
         metavar="N",
-        type=_frame_count,
+        type=frame_count,
         default=0,
         help="number of frames to write, both ends included: 0 or at least 2 (default: 0)",
     )
@@ -102,7 +110,7 @@ def _parser() -> argparse.ArgumentParser:
         "--denser",
         metavar="DISTANCE",
         nargs="?",
-        type=_distance,
+        type=distance,
         const=0.002,
         help="with --mesh source or target: cut faces into triangles where they would lie farther "
         "than this from the other model, in √area, once they are wrapped onto it (without a "
@@ -120,6 +128,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     for command in (morph, propose):
         _add_common(command)
+    stored_commands.add(commands)
     return parser
 
 
@@ -143,7 +152,7 @@ def _add_common(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "--samples",
         metavar="N",
-        type=_positive,
+        type=positive,
         help="morph N points sampled from each model's faces, and write these (default: the "
         "vertices are written, although the match is found on samples)",
     )
@@ -169,27 +178,6 @@ def _add_option(group: argparse._ArgumentGroup, option: morphing.Option) -> None
     else:
         reader = int if option.kind == "int" else float
         group.add_argument(*names, dest=option.name, metavar="VALUE", type=reader, help=text)
-
-
-def _frame_count(text: str) -> int:
-    count = int(text)
-    if count < 0 or count == 1:
-        raise argparse.ArgumentTypeError("expected 0 or at least 2")
-    return count
-
-
-def _distance(text: str) -> float:
-    distance = float(text)
-    if not 1e-4 <= distance <= 1:
-        raise argparse.ArgumentTypeError("expected a number from 0.0001 to 1")
-    return distance
-
-
-def _positive(text: str) -> int:
-    count = int(text)
-    if count < 1:
-        raise argparse.ArgumentTypeError("expected at least 1")
-    return count
 
 
 def _settings(chosen: argparse.Namespace) -> dict[str, Any]:
@@ -224,7 +212,7 @@ def _propose(chosen: argparse.Namespace) -> None:
     given, _ = read_features(chosen.features) if chosen.features else ({}, [])
     content = _read_json(chosen.features) if chosen.features else {}
     shapes = _read_shapes(chosen)
-    with _bars() as progress:
+    with terminal.bars() as progress:
         clouds, features = _clouds(chosen, shapes, given, progress)
         proposals = morphing.propose_features(
             clouds[0], clouds[1], features, progress=progress, **_settings(chosen)
@@ -274,29 +262,38 @@ def _morph(chosen: argparse.Namespace) -> None:
     own = _own_mesh(chosen, shapes) if chosen.mesh in _SIDES else None
     if chosen.denser is not None and own is None:
         raise OptionError("denser", "--mesh source or target", f"--mesh {chosen.mesh}", "Add it.")
-    files.make_folder(chosen.out)
+    if chosen.out is None and chosen.save is None:
+        raise OptionError("out", "--out DIR or --save FILE", "neither", "Add one of them, or both.")
+    if chosen.out is not None:
+        files.make_folder(chosen.out)
 
-    with _bars() as progress:
+    with terminal.bars() as progress:
         clouds, features = _clouds(chosen, shapes, features, progress)
         result = morphing.morph(
             clouds[0], clouds[1], features, loop=loop, progress=progress, **_settings(chosen)
         )
-        counts = _write(chosen, result, own, progress)
+        counts, mesh = _write(chosen, result, own, progress)
         result.measure_quality(progress)
         if result.has_mesh:
             result.measure_mesh_quality(progress)
-    report = dict(result.report)
+        report = dict(result.report)
+        if chosen.save is not None:
+            origin = _origin(chosen)
+            result.save(chosen.save, resample=chosen.resample, origin=origin, progress=progress)
     if chosen.resample:
         report["resampled"] = {"inserted": result.inserted(), "frames": counts}
-    if own is not None and own.denser is not None:
-        denser = own.denser
+    if mesh is not None and mesh.denser is not None:
+        denser = mesh.denser
         report["denser"] = {"vertices": len(denser.positions), "faces": len(denser.faces)}
     for warning in report["warnings"]:
         print(f"pointmorph: warning: {warning}", file=sys.stderr)
-    files.write_bytes(chosen.out / "report.json", (json.dumps(report, indent=1) + "\n").encode())
+    if chosen.out is not None:
+        text = json.dumps(report, indent=1) + "\n"
+        files.write_bytes(chosen.out / "report.json", text.encode())
+    written = " and ".join(str(path) for path in (chosen.out, chosen.save) if path is not None)
     print(
         f"{report['pairs']} pairs from {len(clouds[0])} and {len(clouds[1])} points "
-        f"in {report['seconds']:.2f} s, written to {chosen.out}"
+        f"in {report['seconds']:.2f} s, written to {written}"
     )
     print(f"  {report['choice']}")
     for name, value in quality.quality_summary(report):
@@ -408,16 +405,29 @@ def _own_mesh(
     return source_meshes.SourceMesh(getattr(chosen, chosen.mesh), shape)
 
 
+def _origin(chosen: argparse.Namespace) -> dict[str, Any]:
+    """Where a morph comes from, for its file."""
+    return {
+        "command": chosen.words,
+        "samples": chosen.samples,
+        **{side: stored_commands.origin_of(getattr(chosen, side)) for side in _SIDES},
+        "features": _read_json(chosen.features) if chosen.features else {},
+    }
+
+
 def _write(
     chosen: argparse.Namespace,
     result: morphing.Morph,
     own: source_meshes.SourceMesh | None,
     progress: morphing.Progress,
-) -> list[int]:
-    """Writes pairs, both clouds and the frames, and returns the number of points of each frame.
+) -> tuple[list[int], OwnMeshWriter | None]:
+    """Writes pairs, both clouds and the frames, and returns the number of points of each frame,
+    and what wrote the mesh of one side.
 
     Frames left by an earlier, longer run are removed.
     """
+    if chosen.out is None:
+        return [], None
     folder: Path = chosen.out
     with files.whole_file(folder / "pairs.npy") as file:
         np.save(file, result.pairs)
@@ -432,47 +442,14 @@ def _write(
         positions = cloud.positions.astype(frame.positions.dtype, copy=False)
         formats.write_ply(folder / f"{name}.ply", positions, normals, colors, radii)
 
-    times = [number / (chosen.frames - 1) for number in range(chosen.frames)]
-    through = chosen.mesh if own is None else None
+    times = sequences.even_times(chosen.frames)
+    mesh = None if own is None else OwnMeshWriter(result, own, chosen.mesh, times)
+    if mesh is not None:
+        mesh.prepare(chosen.denser, progress)
     counts = sequences.write_frames(
-        result, folder, times, resample=chosen.resample, mesh=through, progress=progress
+        result, folder, times, resample=chosen.resample, mesh=mesh or chosen.mesh, progress=progress
     )
-    if own is not None:
-        _write_meshes(chosen, result, own, times, progress)
-    return counts
-
-
-def _write_meshes(
-    chosen: argparse.Namespace,
-    result: morphing.Morph,
-    own: source_meshes.SourceMesh,
-    times: Sequence[float],
-    progress: morphing.Progress,
-) -> None:
-    """The mesh of one side for each time, denser where that was asked for."""
-    is_source = chosen.mesh == "source"
-    moving = None
-    if chosen.denser is not None:
-        own.denser = result.denser(chosen.mesh, tolerance=chosen.denser, progress=progress)
-        moving = own.denser.motion(chosen.path or "auto", progress)
-    for number, t in enumerate(times):
-        path = chosen.out / f"mesh_{number:04d}{own.suffix}"
-        if own.denser is not None and moving is not None:
-            positions = moving.at(_own_times(result, own.denser, t, is_source), progress)
-        elif is_source:
-            positions = result.wrapped(t, progress)
-        else:
-            positions = result.wrapped_target(t, progress)
-        own.write(path, positions)
-
-
-def _own_times(
-    result: morphing.Morph, denser: DenserMesh, t: float, is_source: bool
-) -> float | FloatArray:
-    """How far the vertices of a denser mesh have gone at t: each by itself in a staggered morph."""
-    times = result.vertex_times(t, "source" if is_source else "target")
-    share = denser.extended(times) if np.ptp(times) else float(times[0])
-    return share if is_source else 1.0 - share
+    return counts, mesh
 
 
 def _by_point(values: FloatArray, rows: npt.NDArray[np.int64], count: int) -> FloatArray:
@@ -480,35 +457,3 @@ def _by_point(values: FloatArray, rows: npt.NDArray[np.int64], count: int) -> Fl
     result: FloatArray = np.empty((count, *values.shape[1:]), values.dtype)
     result[rows] = values
     return result
-
-
-@contextlib.contextmanager
-def _bars() -> Iterator[morphing.Progress]:
-    """A progress function: one bar per stage on a terminal, nothing in a pipe."""
-    from tqdm import tqdm
-
-    bars: dict[str, Any] = {}
-
-    def progress(stage: str, fraction: float) -> bool:
-        if stage not in bars:
-            finish()
-            bars[stage] = tqdm(
-                total=100,
-                desc=f"{stage_label(stage):<24}",
-                disable=None,
-                leave=False,
-                bar_format="{desc} {bar:40} {percentage:3.0f}%",
-            )
-        bar = bars[stage]
-        bar.update(max(0.0, round(100 * fraction) - bar.n))
-        return True
-
-    def finish() -> None:
-        for bar in bars.values():
-            bar.close()
-        bars.clear()
-
-    try:
-        yield progress
-    finally:
-        finish()

@@ -41,10 +41,20 @@ def read_ply(path: str | os.PathLike[str]) -> Any:
     """What a PLY file holds, as plyfile's PlyData.
 
     On Windows it's read at once: a file that is mapped can't be replaced or removed there.
-    """
-    from plyfile import PlyData
 
-    return PlyData.read(str(reachable(path)), mmap=sys.platform != "win32")
+    Raises
+    ------
+    FileError
+        If it can't be read. plyfile is stricter than `ply`, which reads shapes.
+    """
+    from plyfile import PlyData, PlyParseError
+
+    try:
+        return PlyData.read(str(reachable(path)), mmap=sys.platform != "win32")
+    except (OSError, PlyParseError, ValueError) as error:
+        raise FileError(
+            str(path), "a PLY file in order", str(error), "Export the file again."
+        ) from error
 
 
 def make_folder(folder: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import json
 import zipfile
 import zlib
 from collections.abc import Callable, Iterator
@@ -12,16 +13,12 @@ import numpy as np
 
 from pointmorph import files
 from pointmorph.errors import FileError
+from pointmorph.file_checks import parsed_json
 from pointmorph.morphing import Frame, Progress, ResampledFrame
-from pointmorph.sequences import (
-    MANIFEST,
-    FrameSequence,
-    in_order,
-    manifest_matches,
-    write_manifest,
-)
+from pointmorph.sequences import FrameSequence, in_order
 from pointmorph.surfaces import Surface
 
+MANIFEST = "frames.json"
 # What NumPy raises when a frame isn't as it was written.
 _DAMAGED = (OSError, EOFError, ValueError, KeyError, zipfile.BadZipFile, zlib.error)
 
@@ -58,10 +55,10 @@ class FrameStore:
         try:
             folder.mkdir(exist_ok=True)
             files.remove_leftovers(folder)
-            if not manifest_matches(folder, content):
+            if not _manifest_matches(folder, content):
                 for stale in self._files():
                     stale.unlink()
-                write_manifest(folder, content)
+                _write_manifest(folder, content)
         except OSError as error:
             raise _unusable(folder, error) from error
 
@@ -130,6 +127,20 @@ class FrameStore:
         arrays = {name: value for name, value in vars(frame).items() if value is not None}
         with files.whole_file(path) as file:
             np.savez(file, **arrays)
+
+
+def _write_manifest(folder: Path, content: str) -> None:
+    """Records what the frames in a folder belong to. Raises FileError."""
+    files.write_bytes(folder / MANIFEST, json.dumps({"of": content}).encode())
+
+
+def _manifest_matches(folder: Path, content: str) -> bool:
+    """Whether the frames in a folder belong to what `_write_manifest` recorded there."""
+    try:
+        recorded = parsed_json((folder / MANIFEST).read_text(encoding="utf-8"))
+        return bool(recorded["of"] == content)
+    except (OSError, ValueError, KeyError, TypeError):
+        return False
 
 
 def _unusable(path: Path, error: Exception) -> FileError:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import os
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING, Any
@@ -229,12 +230,78 @@ class Morph:
                     f"shape {array.shape} and {array.dtype}",
                     "Pass an earlier frame of this morph, or what empty_frame() returned.",
                 )
+        self._write_frame(float(t), arrays, progress)
+        return out
+
+    def _write_frame(
+        self, t: float, arrays: tuple[FloatArray, ...], progress: Progress | None
+    ) -> None:
+        """Writes the frame at t into positions, normals, colors and radii."""
         native = self._native
         write = native.frame_float32 if self._dtype is np.float32 else native.frame_float64
         if 0.0 < t < 1.0:
             native.lay_out_paths(progress)
-        write(float(t), *arrays)
-        return out
+        write(t, *arrays)
+
+    def _lay_out_paths(self, progress: Progress | None) -> None:
+        """Finds what all frames share; otherwise the first one does."""
+        self._native.lay_out_paths(progress)
+
+    def _content(self) -> Iterator[npt.NDArray[Any]]:
+        """All that frames depend on besides the settings."""
+        yield self.pairs
+        yield from (self.source_to_target, self.target_to_source)
+        if self.source.delay is not None:
+            yield self.source.delay
+        for t in (0.0, 1.0):
+            yield from vars(self.frame(t)).values()
+
+    def _settings(self) -> dict[str, Any]:
+        """The settings that results depend on."""
+        settings: dict[str, Any] = self._native.report()["options"]
+        settings.pop("threads")
+        return settings
+
+    def _known_report(self) -> dict[str, Any]:
+        """The report with as much as has been measured already."""
+        known: dict[str, Any] | None = vars(self).get("report")
+        return self._native.report() if known is None else known
+
+    def save(
+        self,
+        path: str | os.PathLike[str],
+        *,
+        resample: bool = False,
+        origin: Mapping[str, Any] | None = None,
+        progress: Progress | None = None,
+    ) -> None:
+        """Writes the morph as one file, whole or not at all, for `pointmorph.open_morph`.
+
+        Parameters
+        ----------
+        path : path
+            Its suffix is usually .morph.
+        resample : bool
+            Also keep which points resampled frames get, which takes as long as some of these
+            frames. Without it, whoever opens the file and asks for a resampled frame finds out
+            again.
+        origin : mapping, optional
+            Where the morph comes from, as JSON; kept as it is.
+        progress : callable, optional
+            As for `morph`.
+
+        Raises
+        ------
+        OptionError
+            If it's a chain of several morphs.
+        FileError
+            If the file can't be written.
+        Cancelled
+            If `progress` returned False.
+        """
+        from pointmorph.stored_morphs import save
+
+        save(self, path, resample=resample, origin=origin, progress=progress)
 
     def resampled_frame(self, t: float, progress: Progress | None = None) -> ResampledFrame:
         """The in-between cloud at t, with new points where it would have cracks.
@@ -823,12 +890,16 @@ def restore(
             "Pass the pairs of a morph.",
         )
     rows = np.clip(rows, -1, 2**31 - 1)
+    images = start_arrays(maps)
+    kept: dict[str, Any] = {
+        "source_images": images[0],
+        "target_images": images[1],
+        "source_ends": None,
+        "target_ends": None,
+        "resampling": None,
+    }
     native = _pointmorph.Morph.restore(
-        source._fields(),
-        target._fields(),
-        rows,
-        *start_arrays(maps),
-        native_options(settings),
+        source._fields(), target._fields(), rows, kept, native_options(settings)
     )
     return Morph(native, source, target)
 

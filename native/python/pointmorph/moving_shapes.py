@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pointmorph import _pointmorph, sequences, surfaces
-from pointmorph.chains import StaggeredChain
+from pointmorph.chains import Chain
 from pointmorph.clouds import Cloud, FloatArray
 from pointmorph.errors import CloudError
 from pointmorph.morphing import Frame, Morph, ResampledFrame, is_straight, restore
@@ -170,9 +170,9 @@ class MovingSequence(sequences.FrameSequence):
     def _part(self, k: int) -> tuple[Morph, float]:
         """The morph that frame k belongs to, with its shapes as they are then, and t in it."""
         count = len(self.morph.parts)
-        if isinstance(self.morph, StaggeredChain):
+        if isinstance(self.morph, Chain) and self.morph.is_staggered:
             parts = [self._morph_in(k, number) for number in range(count)]
-            return StaggeredChain(parts, self._settings), self.times[k]
+            return Chain(parts, self._settings), self.times[k]
         number, t = sequences.part_at(self.times[k], count)
         return self._morph_in(k, number), t
 

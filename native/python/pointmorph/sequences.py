@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import json
-import re
 import threading
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
@@ -14,17 +13,16 @@ from concurrent.futures import TimeoutError as FutureTimeout
 from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, TypedDict, TypeVar, Unpack
+from typing import Any, Protocol, TypedDict, TypeVar, Unpack
 
 import numpy as np
 import numpy.typing as npt
 
 from pointmorph import __version__, files, formats, surfaces
-from pointmorph.errors import Cancelled, FileError
-from pointmorph.file_checks import parsed_json
+from pointmorph.errors import Cancelled
+from pointmorph.frame_records import FrameRecords
 from pointmorph.morphing import Frame, Morph, Progress, ResampledFrame
 
-MANIFEST = "frames.json"
 _AT_ONCE = 2
 _POLL = 0.05  # seconds
 
@@ -97,6 +95,11 @@ def part_at(t: float, count: int) -> tuple[int, float]:
     return number, along - number
 
 
+def even_times(count: int) -> list[float]:
+    """t of `count` frames from 0 to 1, both ends included."""
+    return [number / (count - 1) for number in range(count)]
+
+
 class Numbering(TypedDict, total=False):
     """The keyword arguments of `FrameSequence`, which explains them."""
 
@@ -147,8 +150,7 @@ class FrameSequence:
         digest = hashlib.sha256()
         for array in self._arrays():
             digest.update(np.ascontiguousarray(array).tobytes())
-        options = self.morph._native.report()["options"]
-        options.pop("threads")
+        options = self.morph._settings()
         numbers = self.numbers
         made = [type(self).__name__, self.times, numbers.start, numbers.step, self._resample]
         digest.update(json.dumps([__version__, *made, options], sort_keys=True).encode())
@@ -157,12 +159,7 @@ class FrameSequence:
     def _arrays(self) -> Iterator[npt.NDArray[Any]]:
         """All arrays that the frames depend on."""
         for part in self.morph.parts:
-            yield np.asarray(part.pairs)
-            yield from (part.source_to_target, part.target_to_source)
-            if part.source.delay is not None:
-                yield part.source.delay
-            for t in (0.0, 1.0):
-                yield from vars(part.frame(t)).values()
+            yield from part._content()
 
     def prepare(self, progress: Progress | None = None) -> None:
         """Computes what all frames share; otherwise the first call of `frame` does.
@@ -173,7 +170,7 @@ class FrameSequence:
             If `progress` returned False.
         """
         for part in self.morph.parts:
-            part._native.lay_out_paths(progress)
+            part._lay_out_paths(progress)
         if self._resample:
             self.morph.inserted(progress)
 
@@ -219,12 +216,47 @@ class FrameSequence:
         return self._surfaces.through(frame, self.times[k], stopped)
 
 
+class MeshWriter(Protocol):
+    """Writes a mesh beside each frame of a sequence."""
+
+    suffix: str
+    """Of its files."""
+
+    def write(self, path: Path, k: int, frame: Frame, stopped: Callable[[], bool]) -> None:
+        """Writes the mesh of frame k, which has these points; on any thread."""
+
+
+class SurfaceWriter:
+    """Writes the surface through the points of each frame, with velocities per frame if the format
+    holds them.
+
+    Parameters
+    ----------
+    sequence : FrameSequence
+    kind : str
+        "ply" or another of `formats.WRITTEN_MESH_SUFFIXES` without the dot.
+
+    Raises
+    ------
+    OptionError
+        If pymeshlab or scipy is missing.
+    """
+
+    def __init__(self, sequence: FrameSequence, kind: str) -> None:
+        surfaces.check_available()
+        self.suffix = f".{kind}"
+        self._sequence = sequence
+
+    def write(self, path: Path, k: int, frame: Frame, stopped: Callable[[], bool]) -> None:
+        formats.write_mesh(path, **vars(self._sequence.surface(k, frame, stopped)))
+
+
 def write_frames(
     morph: Morph,
     folder: Path,
     times: Sequence[float],
     *,
-    mesh: str | None = None,
+    mesh: str | MeshWriter | None = None,
     resume: bool = False,
     progress: Progress | None = None,
     **numbering: Unpack[Numbering],
@@ -238,13 +270,13 @@ def write_frames(
         Must exist.
     times : sequence of float
         t of each frame, 0 to 1.
-    mesh : str, optional
+    mesh : str or MeshWriter, optional
         "ply" or another of `formats.WRITTEN_MESH_SUFFIXES` without the dot: for each frame, also
         write the surface through its points, `mesh_0000.ply` …, with velocities per frame if the
-        format holds them.
+        format holds them. Or what else writes these files.
     resume : bool
-        Keep the frames that an interrupted run of the very same morph left. `frames.json` says
-        what a folder's frames belong to.
+        Keep the frames of the very same morph that are there and whole. The folder `records` says,
+        with checksums, which these are.
     progress : callable, optional
         As for `pointmorph.morph`; the stage is "frames".
     **numbering
@@ -273,37 +305,117 @@ def write_sequence(
     sequence: FrameSequence,
     folder: Path,
     *,
-    mesh: str | None = None,
+    mesh: str | MeshWriter | None = None,
     resume: bool = False,
     progress: Progress | None = None,
 ) -> list[int]:
     """Writes the frames of a sequence, as `write_frames` does."""
-    if mesh is not None:
-        surfaces.check_available()
-    paths = [folder / f"frame_{number:04d}.ply" for number in sequence.numbers]
-    meshes = [folder / f"mesh_{number:04d}.{mesh}" for number in sequence.numbers]
+    run = FrameRun(sequence, folder, mesh)
     files.remove_leftovers(folder)
-    known = resume and manifest_matches(folder, sequence.fingerprint)
-    wanted = {*paths, *(meshes if mesh is not None else ())}
-    for stale in [*folder.glob("frame_*.ply"), *_meshes(folder)]:
-        if stale not in wanted or (resume and not known):
-            stale.unlink()
-    if resume and not known:
-        write_manifest(folder, sequence.fingerprint)
-    sequence.prepare(progress)
+    known = resume and all(run.records.mentions(number) for number in sequence.numbers)
+    run.remove_others(keep_known=resume)
+    if not known:
+        sequence.prepare(progress)
+    return run.make(range(len(sequence.times)), resume=resume, progress=progress)
 
-    def write(k: int, stopped: Callable[[], bool]) -> int:
-        has_frame = known and paths[k].exists()
-        if has_frame and (mesh is None or meshes[k].exists()):
-            return _count(paths[k])
-        frame = sequence.frame(k, stopped)
-        if not has_frame:
-            formats.write_ply(paths[k], **vars(frame))
-        if mesh is not None:
-            formats.write_mesh(meshes[k], **vars(sequence.surface(k, frame, stopped)))
-        return len(frame.radii)
 
-    return list(in_order(write, len(paths), progress))
+class FrameRun:
+    """The files of a sequence's frames in a folder: any of them, by any process, in any order.
+
+    Parameters
+    ----------
+    sequence : FrameSequence
+    folder : path
+        Must exist.
+    mesh : str or MeshWriter, optional
+        As for `write_frames`.
+
+    Attributes
+    ----------
+    records : FrameRecords
+        Which frames are done.
+    """
+
+    def __init__(
+        self, sequence: FrameSequence, folder: Path, mesh: str | MeshWriter | None = None
+    ) -> None:
+        self._sequence = sequence
+        self._folder = folder
+        self._mesh = SurfaceWriter(sequence, mesh) if isinstance(mesh, str) else mesh
+
+    @cached_property
+    def records(self) -> FrameRecords:
+        return FrameRecords(self._folder, self._sequence.fingerprint)
+
+    def names(self, k: int) -> list[str]:
+        """The files of frame k."""
+        number = self._sequence.numbers[k]
+        names = [f"frame_{number:04d}.ply"]
+        return names if self._mesh is None else [*names, f"mesh_{number:04d}{self._mesh.suffix}"]
+
+    def missing(self, which: Sequence[int]) -> list[int]:
+        """Those of the frames `which` that aren't there, or aren't as they were written."""
+        numbers = self._sequence.numbers
+        return [
+            k for k in which
+            if self.records.whole(numbers[k], self.names(k))[0] != set(self.names(k))
+        ]  # fmt: skip
+
+    def remove_others(self, *, keep_known: bool) -> None:
+        """Removes frames that aren't of this sequence; with `keep_known` also those that have its
+        numbers but aren't on its records."""
+        numbers = self._sequence.numbers
+        own = {name: numbers[k] for k in range(len(numbers)) for name in self.names(k)}
+        for path in [*self._folder.glob("frame_*.ply"), *_meshes(self._folder)]:
+            known = path.name in own
+            if not known or (keep_known and not self.records.mentions(own[path.name])):
+                path.unlink()
+        FrameRecords(self._folder, "").forget_others(numbers if keep_known else range(0))
+
+    def make(
+        self, which: Sequence[int], *, resume: bool = True, progress: Progress | None = None
+    ) -> list[int]:
+        """Makes the frames `which`, and returns their numbers of points.
+
+        Parameters
+        ----------
+        which : sequence of int
+            Of the sequence, counted from 0.
+        resume : bool
+            Keep what is done and whole, and put on record what is made.
+        progress : callable, optional
+            As for `pointmorph.morph`; the stage is "frames".
+
+        Raises
+        ------
+        FileError
+            If a file can't be written.
+        Cancelled
+            If `progress` returned False. Complete frames stay.
+        """
+
+        def write(n: int, stopped: Callable[[], bool]) -> int:
+            return self._write(which[n], resume, stopped)
+
+        return list(in_order(write, len(which), progress))
+
+    def _write(self, k: int, resume: bool, stopped: Callable[[], bool]) -> int:
+        number, names = self._sequence.numbers[k], self.names(k)
+        done: set[str] = set()
+        if resume:
+            done, points = self.records.whole(number, names)
+            if done == set(names):
+                return points
+            self.records.forget(number)
+        frame = self._sequence.frame(k, stopped)
+        if names[0] not in done:
+            formats.write_ply(self._folder / names[0], **vars(frame))
+        if self._mesh is not None:
+            self._mesh.write(self._folder / names[1], k, frame, stopped)
+        points = len(frame.radii)
+        if resume:
+            self.records.write(number, names, self._sequence.times[k], points)
+        return points
 
 
 def _meshes(folder: Path) -> list[Path]:
@@ -313,29 +425,3 @@ def _meshes(folder: Path) -> list[Path]:
         for suffix in formats.WRITTEN_MESH_SUFFIXES
         for path in folder.glob(f"mesh_[0-9]*{suffix}")
     ]
-
-
-def write_manifest(folder: Path, content: str) -> None:
-    """Records what the frames in a folder belong to. Raises FileError."""
-    files.write_bytes(folder / MANIFEST, json.dumps({"of": content}).encode())
-
-
-def manifest_matches(folder: Path, content: str) -> bool:
-    """Whether the frames in a folder belong to what `write_manifest` recorded there."""
-    try:
-        recorded = parsed_json((folder / MANIFEST).read_text(encoding="utf-8"))
-        return bool(recorded["of"] == content)
-    except (OSError, ValueError, KeyError, TypeError):
-        return False
-
-
-def _count(path: Path) -> int:
-    """The number of points of a frame, from its header. Raises FileError."""
-    with path.open("rb") as file:
-        found = re.search(rb"^element vertex (\d{1,10})\s*$", file.read(4096), re.MULTILINE)
-    if found is None:
-        raise FileError(
-            str(path), "a frame that an earlier run wrote", "another file", "Remove it, or choose "
-            "another folder.",
-        )  # fmt: skip
-    return int(found[1])

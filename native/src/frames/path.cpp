@@ -24,14 +24,33 @@ namespace {
 
 struct Attribute {
     const char* name;
-    std::size_t width;   ///< numbers a pair
-    std::size_t offset;  ///< of its part, in numbers a pair
+    std::size_t width;  ///< numbers a pair
 };
-constexpr Attribute kPositions{"positions", 3, 0};
-constexpr Attribute kNormals{"normals", 3, 3};
-constexpr Attribute kColors{"colors", 4, 6};
-constexpr Attribute kRadii{"radii", 1, 10};
-constexpr std::size_t kNumbersAPair = 11;
+constexpr Attribute kPositions{"positions", 3};
+constexpr Attribute kNormals{"normals", 3};
+constexpr Attribute kColors{"colors", 4};
+constexpr Attribute kRadii{"radii", 1};
+/// What a point has where neither cloud has colors.
+template <class Scalar>
+constexpr Scalar kWhite = 1;
+
+/// One attribute of both ends and of the result.
+template <class Scalar>
+struct Way {
+    const Attribute& attribute;
+    std::span<const Scalar> from, to;
+    std::span<Scalar> out;
+};
+
+/// Does something with every attribute; `normals` with those.
+template <class Scalar>
+void for_each(const FrameView<const Scalar>& from, const FrameView<const Scalar>& to,
+              const FrameView<Scalar>& out, auto&& plain, auto&& normals) {
+    plain(Way<Scalar>{kPositions, from.positions, to.positions, out.positions});
+    normals(Way<Scalar>{kNormals, from.normals, to.normals, out.normals});
+    plain(Way<Scalar>{kColors, from.colors, to.colors, out.colors});
+    plain(Way<Scalar>{kRadii, from.radii, to.radii, out.radii});
+}
 
 /// Pairs that a thread takes at once: large enough to be worth it, small enough for the caches.
 constexpr Index kChunk = 4096;
@@ -62,6 +81,13 @@ inline void finish_writing() {
 #ifdef POINTMORPH_STREAMING_STORES
     _mm_sfence();
 #endif
+}
+
+template <class Scalar>
+void fill_white(std::array<Scalar, 4 * kBlock>& block, Scalar* out, std::size_t count) {
+    block.fill(kWhite<Scalar>);
+    for (std::size_t i = 0; i < count; i += block.size())
+        write(block.data(), out + i, std::min(block.size(), count - i));
 }
 
 /// One end of an interval at the share of the way from it to the other: base + share (other −
@@ -120,11 +146,17 @@ void blend_normals(const Scalar* POINTMORPH_RESTRICT base, const Scalar* POINTMO
             blend_normal_carefully(base + 3 * i, other + 3 * i, share, out + 3 * i);
 }
 
+/// All positions, then all normals, radii and, if there are any, colors.
+template <class Scalar>
+FrameView<Scalar> laid_out(std::span<Scalar> numbers, std::size_t count) {
+    return {numbers.subspan(0, 3 * count), numbers.subspan(3 * count, 3 * count),
+            numbers.subspan(7 * count), numbers.subspan(6 * count, count)};
+}
+
 template <class Scalar>
 void fill(const Cloud& cloud, std::span<const IndexPair> pairs, Index IndexPair::*side,
-          std::vector<Scalar>& ends) {
+          const FrameView<Scalar>& ends) {
     const std::size_t count = pairs.size();
-    ends.resize(kNumbersAPair * count);
     std::atomic<bool> too_large{false};
     Progress silent;
     parallel_for(static_cast<Index>(count), silent, [&](Index begin, Index end) {
@@ -132,19 +164,19 @@ void fill(const Cloud& cloud, std::span<const IndexPair> pairs, Index IndexPair:
         for (auto i = to_size(begin); i < to_size(end); ++i) {
             const Index row = pairs[i].*side;
             assert(row >= 0 && row < cloud.size());
-            const auto put = [&](const Attribute& attribute, std::size_t column, double value) {
+            const auto put = [&](Scalar& number, double value) {
                 fits = fits && std::abs(value) <= std::numeric_limits<Scalar>::max() / 2;
-                ends[attribute.offset * count + attribute.width * i + column] =
-                    static_cast<Scalar>(value);
+                number = static_cast<Scalar>(value);
             };
             for (std::size_t d = 0; d < 3; ++d) {
-                put(kPositions, d, cloud.positions(row, static_cast<int>(d)));
-                put(kNormals, d, cloud.normals(row, static_cast<int>(d)));
+                put(ends.positions[3 * i + d], cloud.positions(row, static_cast<int>(d)));
+                put(ends.normals[3 * i + d], cloud.normals(row, static_cast<int>(d)));
             }
-            for (std::size_t d = 0; d < 4; ++d)
-                put(kColors, d,
-                    cloud.colors.rows() > 0 ? cloud.colors(row, static_cast<int>(d)) : 1.0F);
-            put(kRadii, 0, cloud.radii[row]);
+            for (std::size_t d = 0; d < 4 && !ends.colors.empty(); ++d)
+                put(ends.colors[4 * i + d], cloud.colors.rows() > 0
+                                                ? cloud.colors(row, static_cast<int>(d))
+                                                : kWhite<float>);
+            put(ends.radii[i], cloud.radii[row]);
         }
         if (!fits) too_large = true;
     });
@@ -176,8 +208,33 @@ StraightPath<Scalar>::StraightPath(const Cloud& source, const Cloud& target,
     : size_(static_cast<Index>(pairs.size())) {
     check_complete(source);
     check_complete(target);
-    fill(source, pairs, &IndexPair::source, source_);
-    fill(target, pairs, &IndexPair::target, target_);
+    const bool has_colors = source.colors.rows() > 0 || target.colors.rows() > 0;
+    const std::size_t count = pairs.size(), numbers = (has_colors ? 11 : 7) * count;
+    own_.resize(2 * numbers);
+    const auto from = laid_out(std::span(own_).first(numbers), count);
+    const auto to = laid_out(std::span(own_).last(numbers), count);
+    fill(source, pairs, &IndexPair::source, from);
+    fill(target, pairs, &IndexPair::target, to);
+    source_ = {from.positions, from.normals, from.colors, from.radii};
+    target_ = {to.positions, to.normals, to.colors, to.radii};
+}
+
+template <class Scalar>
+StraightPath<Scalar>::StraightPath(const FrameView<const Scalar>& source,
+                                   const FrameView<const Scalar>& target)
+    : size_(static_cast<Index>(source.radii.size())), source_(source), target_(target) {
+    const auto check = [this](const Attribute& attribute, std::span<const Scalar> span) {
+        if (span.size() != attribute.width * to_size(size_))
+            throw OptionError(std::string("path ") + attribute.name,
+                              std::to_string(attribute.width * to_size(size_)) + " numbers",
+                              std::to_string(span.size()), "Give both ends of every pair.");
+    };
+    for (const FrameView<const Scalar>* end : {&source_, &target_}) {
+        check(kPositions, end->positions);
+        check(kNormals, end->normals);
+        check(kRadii, end->radii);
+        if (!source_.colors.empty() || !target_.colors.empty()) check(kColors, end->colors);
+    }
 }
 
 template <class Scalar>
@@ -200,33 +257,37 @@ template <class Scalar>
 void StraightPath<Scalar>::frame(std::span<const double> times,
                                  const FrameView<Scalar>& out) const {
     check(out);
-    const auto count = to_size(size_);
     Progress silent;
     parallel_for(size_, silent, [&](Index begin, Index end) {
         for (auto i = to_size(begin); i < to_size(end); ++i) {
             const bool near_source = times[i] < 0.5;
-            const auto& from = near_source ? source_ : target_;
-            const auto& to = near_source ? target_ : source_;
             const auto share = static_cast<Scalar>(near_source ? times[i] : 1.0 - times[i]);
-            const auto each = [&](const Attribute& attribute, std::span<Scalar> span, auto&& form) {
-                if (span.empty()) return;
-                const std::size_t row = attribute.width * i, at = attribute.offset * count + row;
-                form(from.data() + at, to.data() + at, span.data() + row, attribute.width);
+            const auto row = [&](const Way<Scalar>& way, auto&& form) {
+                if (way.out.empty()) return;
+                const std::size_t at = way.attribute.width * i;
+                if (way.from.empty()) {
+                    std::fill_n(way.out.data() + at, way.attribute.width, kWhite<Scalar>);
+                    return;
+                }
+                form(way.from.data() + at, way.to.data() + at, way.out.data() + at,
+                     way.attribute.width);
             };
-            const auto plain = [&](const Scalar* base, const Scalar* other, Scalar* result,
-                                   std::size_t numbers) {
-                blend(base, other, share, result, numbers);
-            };
-            each(kPositions, out.positions, plain);
-            each(kNormals, out.normals,
-                 [&](const Scalar* base, const Scalar* other, Scalar* result, std::size_t) {
-                     if (share == Scalar(0))
-                         std::copy_n(base, 3, result);
-                     else
-                         blend_normal_carefully(base, other, share, result);
-                 });
-            each(kColors, out.colors, plain);
-            each(kRadii, out.radii, plain);
+            for_each(
+                near_source ? source_ : target_, near_source ? target_ : source_, out,
+                [&](const Way<Scalar>& way) {
+                    row(way,
+                        [&](const Scalar* base, const Scalar* other, Scalar* result,
+                            std::size_t numbers) { blend(base, other, share, result, numbers); });
+                },
+                [&](const Way<Scalar>& way) {
+                    row(way,
+                        [&](const Scalar* base, const Scalar* other, Scalar* result, std::size_t) {
+                            if (share == Scalar(0))
+                                std::copy_n(base, 3, result);
+                            else
+                                blend_normal_carefully(base, other, share, result);
+                        });
+                });
         }
     });
 }
@@ -236,13 +297,12 @@ void StraightPath<Scalar>::frame(double t, const FrameView<Scalar>& out) const {
     if (!(t >= 0.0 && t <= 1.0))
         throw OptionError("t", "a number from 0 to 1", std::to_string(t), "Clamp it.");
     check(out);
-    const auto count = to_size(size_);
 
     // From the nearer end: the error is that of one rounding at either end, and the two halves
     // mirror one another.
     const bool near_source = t < 0.5;
-    const Scalar* base = near_source ? source_.data() : target_.data();
-    const Scalar* other = near_source ? target_.data() : source_.data();
+    const FrameView<const Scalar>& base = near_source ? source_ : target_;
+    const FrameView<const Scalar>& other = near_source ? target_ : source_;
     const auto share = static_cast<Scalar>(near_source ? t : 1.0 - t);
     const bool at_end = t == 0.0 || t == 1.0;
 
@@ -253,33 +313,35 @@ void StraightPath<Scalar>::frame(double t, const FrameView<Scalar>& out) const {
             const auto begin = to_size(first);
             const auto rows = to_size(last - first);
             alignas(64) std::array<Scalar, 4 * kBlock> block;
-            const auto each = [&](const Attribute& attribute, std::span<Scalar> span, auto&& form) {
-                if (span.empty()) return;
-                const std::size_t start = attribute.width * begin;
-                const Scalar* from = base + attribute.offset * count + start;
-                const Scalar* to = other + attribute.offset * count + start;
-                if (at_end)
-                    std::copy_n(from, attribute.width * rows, span.data() + start);
+            const auto in_blocks = [&](const Way<Scalar>& way, auto&& form) {
+                if (way.out.empty()) return;
+                const std::size_t width = way.attribute.width, start = width * begin;
+                const Scalar *from = way.from.data() + start, *to = way.to.data() + start;
+                Scalar* out_rows = way.out.data() + start;
+                if (way.from.empty())
+                    fill_white(block, out_rows, width * rows);
+                else if (at_end)
+                    std::copy_n(from, width * rows, out_rows);
                 else
-                    for (std::size_t i = 0; i < attribute.width * rows;
-                         i += attribute.width * kBlock) {
-                        const std::size_t numbers =
-                            std::min(attribute.width * kBlock, attribute.width * rows - i);
+                    for (std::size_t i = 0; i < width * rows; i += width * kBlock) {
+                        const std::size_t numbers = std::min(width * kBlock, width * rows - i);
                         form(from + i, to + i, block.data(), numbers);
-                        write(block.data(), span.data() + start + i, numbers);
+                        write(block.data(), out_rows + i, numbers);
                     }
             };
-            const auto plain = [&](const Scalar* from, const Scalar* to, Scalar* result,
-                                   std::size_t numbers) {
-                blend(from, to, share, result, numbers);
-            };
-            each(kPositions, out.positions, plain);
-            each(kNormals, out.normals,
-                 [&](const Scalar* from, const Scalar* to, Scalar* result, std::size_t numbers) {
-                     blend_normals(from, to, share, result, numbers / 3);
-                 });
-            each(kColors, out.colors, plain);
-            each(kRadii, out.radii, plain);
+            for_each(
+                base, other, out,
+                [&](const Way<Scalar>& way) {
+                    in_blocks(
+                        way, [&](const Scalar* from, const Scalar* to, Scalar* result,
+                                 std::size_t numbers) { blend(from, to, share, result, numbers); });
+                },
+                [&](const Way<Scalar>& way) {
+                    in_blocks(way, [&](const Scalar* from, const Scalar* to, Scalar* result,
+                                       std::size_t numbers) {
+                        blend_normals(from, to, share, result, numbers / 3);
+                    });
+                });
             finish_writing();
         },
         0.0, 1.0, kChunk);

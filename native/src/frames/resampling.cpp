@@ -58,36 +58,53 @@ Resampling::Resampling(const Cloud& source, const Cloud& target, std::span<const
     const EndSamples to = end_samples(
         target, standing_for(pairs, &IndexPair::target, &IndexPair::source, target, source),
         progress, kFirst, kBoth);
-    source_size_ = from.size;
-    target_size_ = to.size;
+    plan_.source_size = from.size;
+    plan_.target_size = to.size;
     const auto count = static_cast<Index>(pairs.size());
-    for (Values* values : {&source_spacing_, &target_spacing_, &source_density_, &target_density_})
+    for (Values* values : {&plan_.source_spacing, &plan_.target_spacing, &plan_.source_density,
+                           &plan_.target_density})
         values->resize(count);
     for (Index i = 0; i < count; ++i) {
         const auto [s, d] = pairs[to_size(i)];
-        source_spacing_[i] = from.spacing[s] * from.unit.scale;
-        target_spacing_[i] = to.spacing[d] * to.unit.scale;
-        source_density_[i] = from.density[s];
-        target_density_[i] = to.density[d];
+        plan_.source_spacing[i] = from.spacing[s] * from.unit.scale;
+        plan_.target_spacing[i] = to.spacing[d] * to.unit.scale;
+        plan_.source_density[i] = from.density[s];
+        plan_.target_density[i] = to.density[d];
     }
     if (options.omega == 0.0 && !options.crowding) return;
 
     const Progress::Part part(progress, kBoth, 1.0);
     Lifetimes lifetimes(*this, pairs, from, to);
     lifetimes.pass(frame_at, progress);
-    points_ = lifetimes.points();
-    hidden_ = lifetimes.hidden();
+    plan_.points = lifetimes.points();
+    plan_.hidden = lifetimes.hidden();
+}
+
+Resampling::Resampling(ResamplingPlan plan, Index pairs, const ResamplingOptions& options)
+    : options_(options), plan_(std::move(plan)) {
+    const auto refuse = [](const std::string& found) {
+        throw CloudError("resampling", "a plan for these pairs", found,
+                         "Take the plan of the very same morph.");
+    };
+    for (const Values* values : {&plan_.source_spacing, &plan_.target_spacing,
+                                 &plan_.source_density, &plan_.target_density})
+        if (values->size() != pairs) refuse("one for " + std::to_string(values->size()) + " pairs");
+    const auto check = [&](Index pair) {
+        if (pair < 0 || pair >= pairs) refuse("pair " + std::to_string(pair));
+    };
+    for (const InsertedPoint& point : plan_.points) std::ranges::for_each(point.pairs, check);
+    for (const HiddenPair& hidden : plan_.hidden) check(hidden.pair);
 }
 
 double Resampling::unit_area(double t) const {
-    const double size = (1.0 - t) * source_size_ + t * target_size_;
+    const double size = (1.0 - t) * plan_.source_size + t * plan_.target_size;
     return size * size;
 }
 
 Resampling::Alive Resampling::at(double t, const OrientedPoints& frame, Progress& progress) const {
     Alive alive;
-    for (std::size_t i = 0; i < points_.size(); ++i)
-        if (points_[i].lifetime.share(t) > 0.0) alive.ids.push_back(static_cast<Index>(i));
+    for (std::size_t i = 0; i < plan_.points.size(); ++i)
+        if (plan_.points[i].lifetime.share(t) > 0.0) alive.ids.push_back(static_cast<Index>(i));
     const auto count = static_cast<Index>(alive.ids.size());
     alive.share.resize(count);
     alive.positions.resize(count, 3);
@@ -105,7 +122,7 @@ Resampling::Alive Resampling::at(double t, const OrientedPoints& frame, Progress
         [&](Index begin, Index end) {
             MlsProjection project(tree, frame.normals, mls);
             for (Index i = begin; i < end; ++i) {
-                const InsertedPoint& point = points_[to_size(alive.ids[to_size(i)])];
+                const InsertedPoint& point = plan_.points[to_size(alive.ids[to_size(i)])];
                 Vector3 place = blend(positions, point);
                 Vector3 normal = gap_triangle_normal(positions, frame.normals, point);
                 const double wanted =
@@ -129,8 +146,8 @@ Resampling::Alive Resampling::at(double t, const OrientedPoints& frame, Progress
 }
 
 Values Resampling::pair_shares(double t) const {
-    Values shares = Values::Ones(source_spacing_.size());
-    for (const HiddenPair& hidden : hidden_)
+    Values shares = Values::Ones(plan_.source_spacing.size());
+    for (const HiddenPair& hidden : plan_.hidden)
         shares[hidden.pair] = std::min(shares[hidden.pair], 1.0 - hidden.lifetime.share(t));
     return shares;
 }

@@ -286,14 +286,13 @@ void Morph::meet_smoothly(std::span<const IndexPair> pinned) {
             {pinned, &IndexPair::target, &IndexPair::source}, meshes.target->spacing());
 }
 
-Morph::Morph(Cloud source, Cloud target, Pairing pairs, RefinementStart images,
-             const MorphOptions& options, const Values& delays)
+Morph::Morph(KeptMorph kept, const MorphOptions& options)
     : options_(options),
-      source_(std::move(source)),
-      target_(std::move(target)),
-      pairs_(std::move(pairs)),
-      source_images_(std::move(images.source_images)),
-      target_images_(std::move(images.target_images)),
+      source_(std::move(kept.source)),
+      target_(std::move(kept.target)),
+      pairs_(std::move(kept.pairs)),
+      source_images_(std::move(kept.images.source_images)),
+      target_images_(std::move(kept.images.target_images)),
       caches_(std::make_unique<Caches>()) {
     for (const Cloud* cloud : {&source_, &target_}) {
         validate(*cloud, 0);
@@ -303,7 +302,12 @@ Morph::Morph(Cloud source, Cloud target, Pairing pairs, RefinementStart images,
     }
     check_pairs(pairs_, source_, target_);
     check_start({source_images_, target_images_}, source_.size(), target_.size());
-    delays_ = pointmorph::delays(source_.positions, delays, options.stagger);
+    delays_ = delays(source_.positions, kept.delays, options.stagger);
+    if (kept.resampling)
+        caches_->resampling.emplace(std::move(*kept.resampling), static_cast<Index>(pairs_.size()),
+                                    options.resampling);
+    caches_->wrapped_source.keep(source_, std::move(kept.source_ends));
+    caches_->wrapped_target.keep(target_, std::move(kept.target_ends));
     if (source_images_.rows() > 0) return;
     source_images_ = mean_of_partners(source_.size(), pairs_, &IndexPair::source, target_.positions,
                                       &IndexPair::target);
@@ -313,8 +317,11 @@ Morph::Morph(Cloud source, Cloud target, Pairing pairs, RefinementStart images,
 
 Morph::Morph(std::vector<std::shared_ptr<const Morph>> legs, const MorphOptions& options,
              const Values& delays)
-    : Morph(checked(legs).front()->source_, checked(legs).back()->target_,
-            pairs_through(checked(legs)), {}, options, delays) {
+    : Morph(KeptMorph{.source = checked(legs).front()->source_,
+                      .target = checked(legs).back()->target_,
+                      .pairs = pairs_through(checked(legs)),
+                      .delays = delays},
+            options) {
     legs_ = std::move(legs);
 }
 

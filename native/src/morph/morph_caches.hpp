@@ -17,9 +17,14 @@ inline constexpr Index kNeighborsToMeasure = 16;
 
 /// A mesh of one side and its way to the other.
 struct Morph::Wrapped {
+    std::optional<Mesh> kept;       ///< of a morph that was found earlier
     std::optional<Positions> ends;  ///< of its vertices
     std::optional<MeshMotion> motion;
     std::optional<PointwisePath> pointwise;
+
+    /// From an earlier morph: the mesh of a cloud and where its vertices end, or no rows. Throws
+    /// CloudError.
+    void keep(const Cloud& cloud, Positions vertex_ends);
 };
 
 /// Each is guarded by the mutex above it.

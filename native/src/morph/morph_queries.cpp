@@ -78,12 +78,28 @@ Positions Morph::through_domain(const Positions& images, const DomainPoints& fro
     return result;
 }
 
+bool Morph::has_mesh_of(bool is_source) const noexcept {
+    if ((is_source ? caches_->wrapped_source : caches_->wrapped_target).kept) return true;
+    return meshes_ && (is_source ? meshes_->sides().source : meshes_->sides().target).has_value();
+}
+
 bool Morph::has_mesh() const noexcept {
-    return meshes_ && meshes_->sides().source.has_value();
+    return has_mesh_of(true);
 }
 
 bool Morph::has_target_mesh() const noexcept {
-    return meshes_ && meshes_->sides().target.has_value();
+    return has_mesh_of(false);
+}
+
+void Morph::Wrapped::keep(const Cloud& cloud, Positions vertex_ends) {
+    if (vertex_ends.rows() == 0) return;
+    if (vertex_ends.rows() != cloud.size() || cloud.faces.size() == 0 || !vertex_ends.allFinite())
+        throw CloudError(cloud.name, "faces, and a finite place for every vertex",
+                         std::to_string(cloud.faces.size()) + " faces and " +
+                             std::to_string(vertex_ends.rows()) + " places",
+                         "Take what wrapped() of the morph gave.");
+    kept = make_mesh(cloud);
+    ends = std::move(vertex_ends);
 }
 
 /// A side whose mesh is wrapped, and the other one.
@@ -95,7 +111,11 @@ struct Morph::WrappedSides {
 
 Morph::WrappedSides Morph::wrapped_sides(bool is_source) const {
     const Cloud &from = is_source ? source_ : target_, &to = is_source ? target_ : source_;
-    if (!(is_source ? has_mesh() : has_target_mesh()))
+    if ((is_source ? caches_->wrapped_source : caches_->wrapped_target).kept)
+        throw CloudError(from.name, "a morph with all that it was found with",
+                         "what its frames need, from a file or an earlier morph",
+                         "Compute the morph again.");
+    if (!has_mesh_of(is_source))
         throw CloudError(from.name, "faces to wrap onto " + to.name, "none",
                          "Give the faces of the mesh, and take method auto.");
     const auto& [shared, source_images, target_images, source_holds, target_holds] = *meshes_;
@@ -112,22 +132,27 @@ Morph::WrappedSides Morph::wrapped_sides(bool is_source) const {
         std::move(pinned)};
 }
 
+const Mesh& Morph::own_mesh(bool is_source) const {
+    const Wrapped& wrapped = is_source ? caches_->wrapped_source : caches_->wrapped_target;
+    return wrapped.kept ? *wrapped.kept : wrapped_sides(is_source).source.mesh.mesh();
+}
+
 /// Where the vertices of one side are once they have gone so much of the way to the other.
 Positions Morph::on_the_way(bool is_source, double share, Progress& progress) const {
     if (!(share >= 0.0 && share <= 1.0))
         throw OptionError("t", "a number from 0 to 1",
                           std::to_string(is_source ? share : 1.0 - share), "Clamp it.");
-    const WrappedSides sides = wrapped_sides(is_source);
     const std::scoped_lock lock(caches_->wrapping_mutex);
     const ThreadCount threads(options_.threads);
     Wrapped& wrapped = is_source ? caches_->wrapped_source : caches_->wrapped_target;
     if (!wrapped.ends) {
+        const WrappedSides sides = wrapped_sides(is_source);
         progress.enter("wrapping");
         wrapped.ends =
             wrapped_vertices(sides.source, sides.target, sides.pinned, options_.wrapping, progress);
         progress.finish();
     }
-    const Positions &starts = sides.source.cloud.positions, &ends = *wrapped.ends;
+    const Positions &starts = (is_source ? source_ : target_).positions, &ends = *wrapped.ends;
     if (share == 0.0) return starts;
     if (share == 1.0) return ends;
     return delays_.size() > 0 ? staggered(is_source, share, progress)
@@ -137,16 +162,16 @@ Positions Morph::on_the_way(bool is_source, double share, Progress& progress) co
 /// All vertices of a wrapped mesh at once, between its ends. The caller holds wrapping_mutex.
 Positions Morph::along_path(bool is_source, double share, Progress& progress) const {
     Wrapped& wrapped = is_source ? caches_->wrapped_source : caches_->wrapped_target;
-    const WrappedSides sides = wrapped_sides(is_source);
-    const Positions &starts = sides.source.cloud.positions, &ends = *wrapped.ends;
+    const Cloud& cloud = is_source ? source_ : target_;
+    const Positions &starts = cloud.positions, &ends = *wrapped.ends;
     if (options_.path_kind() == PathKind::kLinear) return (1.0 - share) * starts + share * ends;
     progress.enter("motion");
     if (!wrapped.motion) {
         const GradualSimilarity similarity{fit_similarity(starts, ends),
                                            starts.colwise().mean().transpose()};
-        const Normals normals = sides.source.cloud.normals.rowwise().normalized();
-        wrapped.motion.emplace(sides.source.mesh.mesh(), OrientedView{starts, normals}, ends,
-                               similarity, options_.path_kind(), progress);
+        const Normals normals = cloud.normals.rowwise().normalized();
+        wrapped.motion.emplace(own_mesh(is_source), OrientedView{starts, normals}, ends, similarity,
+                               options_.path_kind(), progress);
     }
     Positions result = wrapped.motion->at(share, progress);
     progress.finish();
@@ -492,13 +517,14 @@ const MeshQuality& Morph::mesh_quality(Progress& progress) const {
     const std::scoped_lock lock(caches_->mesh_quality_mutex);
     auto& quality = caches_->mesh_quality;
     if (!quality) {
+        const WrappedSides sides = wrapped_sides(true);
         const Positions ends = wrapped(1.0, progress);
         const ThreadCount threads(options_.threads);
         progress.enter("mesh quality");
-        const auto& other = meshes_->sides().target;
-        quality =
-            measure_mesh_quality({source_, meshes_->sides().source->mesh(), ends},
-                                 {target_, other ? &other->mesh() : nullptr}, features_, progress);
+        quality = measure_mesh_quality(
+            {source_, sides.source.mesh.mesh(), ends},
+            {target_, sides.target.mesh ? &sides.target.mesh->mesh() : nullptr}, features_,
+            progress);
         progress.finish();
     }
     return *quality;

@@ -7,11 +7,13 @@
 #include <utility>
 
 #include "base/angle.hpp"
+#include "pointmorph/base/parallel.hpp"
 #include "pointmorph/registration/anchored_start.hpp"
 #include "pointmorph/registration/candidate_poses.hpp"
 #include "pointmorph/registration/extremities.hpp"
 #include "registration/extremity_variants.hpp"
 #include "registration/pose_trials.hpp"
+#include "registration/self_motions.hpp"
 
 namespace pointmorph {
 
@@ -38,33 +40,49 @@ PoseSearch prepared_search(const CoarsePair& shapes, const PoseOptions& options,
                       options,
                       registration};
     if (!(options.symmetry.weight > 0.0)) return search;
-    const auto symmetry = [&](const ThinnedShape& shape, const Eigen::MatrixXd& its_distances) {
-        return reflection_symmetry(shape.thin, its_distances, options, registration, progress);
+    const auto symmetry = [&](const ThinnedShape& shape, const Eigen::MatrixXd& its_distances,
+                              Progress& its) {
+        return reflection_symmetry(shape.thin, its_distances, options, registration, its);
     };
-    search.symmetries = {
-        in_part(progress, 0.0, 0.5, [&] { return symmetry(search.source, search.distances[0]); }),
-        in_part(progress, 0.5, 1.0, [&] { return symmetry(search.target, search.distances[1]); })};
+    on_both(progress, [&](bool is_source, Progress& its) {
+        const std::size_t k = is_source ? 0 : 1;
+        search.symmetries[k] =
+            symmetry(is_source ? search.source : search.target, search.distances[k], its);
+    });
     return search;
 }
 
+/// What first_trials() has found.
+struct FirstTrials {
+    std::vector<Trial> trials;        ///< sorted
+    std::vector<SelfMotion> motions;  ///< under which the shapes look the same
+};
+
 /// Maps from every candidate pose; then from where the best of them lie, and tilted from there.
-std::vector<Trial> first_trials(const PoseSearch& search, const CoarsePair& shapes,
-                                Progress& progress) {
+/// What the shapes' own symmetries make of one that is tried isn't tried.
+FirstTrials first_trials(const PoseSearch& search, const CoarsePair& shapes, Progress& progress) {
     const PoseOptions& options = search.options;
-    std::vector<Trial> trials;
+    const SelfMotions source(shapes.source, search.source.full_rows),
+        target(shapes.target, search.target.full_rows);
+    DistinctPoses distinct{candidate_poses(shapes, options), {}};
+    if (!search.has_marks()) distinct = distinct_poses(distinct.poses, source, target);
+    FirstTrials first{{}, std::move(distinct.motions)};
     std::vector<TrialStart> starts;
-    for (const Similarity& pose : candidate_poses(shapes, options)) starts.push_back({pose, {}});
-    in_part(progress, 0.0, 0.5, [&] { try_starts(search, starts, trials, progress); });
+    for (const Similarity& pose : distinct.poses) starts.push_back({pose, {}});
+    in_part(progress, 0.0, 0.5, [&] { try_starts(search, starts, first.trials, progress); });
 
     starts.clear();
     for (const PoseCluster& cluster :
-         pose_clusters(trials, options.effort.promising, options.other_clusters)) {
+         pose_clusters(first.trials, options.effort.promising, options.other_clusters)) {
         for (const Trial* trial : cluster) starts.push_back({implied_pose(search, *trial), {}});
+        const Similarity pose = implied_pose(search, *cluster.front());
         for (const Similarity& tilt : tilts(shapes.source, options.tilt))
-            starts.push_back({composed(tilt, implied_pose(search, *cluster.front())), {}});
+            if (search.has_marks() ||
+                !(source.keep(tilt) || target.keep(composed(pose.inverse(), composed(tilt, pose)))))
+                starts.push_back({composed(tilt, pose), {}});
     }
-    in_part(progress, 0.5, 1.0, [&] { try_starts(search, starts, trials, progress); });
-    return trials;
+    in_part(progress, 0.5, 1.0, [&] { try_starts(search, starts, first.trials, progress); });
+    return first;
 }
 
 /// Of sorted trials the best `count`, the best of those that leave the shapes as given, and up to
@@ -165,6 +183,29 @@ void try_finals(const PoseSearch& search, const PoseEffort& effort,
     std::ranges::stable_sort(finals, {}, &Candidate::cost);
 }
 
+/// Adds what the shapes' own symmetries make of the best map: it fits as well. They take the places
+/// of other finalists of its pose cluster.
+void add_symmetric(const PoseSearch& search, std::span<const SelfMotion> motions,
+                   std::vector<Candidate>& maps, Progress& progress) {
+    const auto finalists = to_size(search.options.finalists);
+    const std::size_t added =
+        std::min(finalists + to_size(search.options.other_clusters), motions.size());
+    std::vector<Candidate> symmetric =
+        with_motions(search, maps.front(), motions.first(added), progress);
+    std::size_t left = finalists > added + 1 ? finalists - added - 1 : 0;
+    std::vector<Candidate> kept;
+    for (Candidate& map : maps)
+        if (kept.empty() || added == 0 || difference(map, kept.front()) > kOtherCluster) {
+            kept.push_back(std::move(map));
+        } else if (left > 0) {
+            kept.push_back(std::move(map));
+            --left;
+        }
+    maps = std::move(kept);
+    for (Candidate& map : symmetric) maps.push_back(std::move(map));
+    std::ranges::stable_sort(maps, {}, &Candidate::cost);
+}
+
 bool looks_wrong(const PoseSearch& search, const Candidate& map) {
     return map.misfit.opposed > search.options.most_opposed ||
            map.torn > search.registration.most_torn;
@@ -228,7 +269,7 @@ Pose find_pose(const CoarsePair& shapes, const PoseOptions& options,
     const PoseSearch search = in_part(progress, 0.0, 0.1, [&] {
         return prepared_search(shapes, options, registration, progress);
     });
-    std::vector<Trial> trials =
+    auto [trials, motions] =
         in_part(progress, 0.1, 0.4, [&] { return first_trials(search, shapes, progress); });
     std::vector<ExtremityMatches> tried;
     std::vector<Trial> contenders;
@@ -241,6 +282,7 @@ Pose find_pose(const CoarsePair& shapes, const PoseOptions& options,
     };
     try_with(options.effort, 0.4, 0.65, 0.8);
     if (looks_wrong(search, finals.front())) try_with(options.second_effort, 0.8, 0.95, 1.0);
+    add_symmetric(search, motions, finals, progress);
     prefer_as_given(finals, shapes.source, options);
     keep_distinct(finals, options.distinct);
     Pose pose = rated(std::move(finals), trials.size() > 1

@@ -1,11 +1,15 @@
 #include "pointmorph/registration/pose_symmetry.hpp"
 
 #include <algorithm>
+#include <numeric>
+#include <utility>
+#include <vector>
 
 #include "pointmorph/cloud/kd_tree.hpp"
 #include "pointmorph/registration/candidate_poses.hpp"
 #include "pointmorph/registration/pose.hpp"
 #include "registration/pose_trials.hpp"
+#include "registration/self_motions.hpp"
 
 namespace pointmorph {
 
@@ -51,6 +55,42 @@ double far_share(const Positions& a, const Positions& b, const Values& weights, 
     return weights.dot(squared.cwiseMin(1.0)) / weights.sum();
 }
 
+/// Whether some other side of a shape looks like the one in front: it has two reflections then, or
+/// none.
+bool turns_onto_itself(const CoarseShape& shape, const PoseOptions& options) {
+    std::vector<Index> rows(to_size(shape.size()));
+    std::iota(rows.begin(), rows.end(), 0);
+    const SelfMotions motions(shape, rows);
+    return std::ranges::any_of(candidate_poses({shape, shape}, options), [&](const Similarity& m) {
+        return motions.distance(m) > kOtherCluster && motions.keep(m);
+    });
+}
+
+/// Of the poses of a shape's mirror image, the few that lay it best onto the shape as they stand;
+/// where its axes are told apart there are no more.
+std::vector<Similarity> likeliest(const CoarseShape& shape, const CoarseShape& image,
+                                  std::vector<Similarity> poses) {
+    constexpr std::size_t kMost = 8;
+    if (poses.size() <= kMost) return poses;
+    const KdTree<3> tree(shape.positions);
+    std::vector<std::pair<double, std::size_t>> order;
+    for (std::size_t k = 0; k < poses.size(); ++k) {
+        const Positions there = poses[k].apply(image.positions);
+        double sum = 0.0;
+        for (Eigen::Index i = 0; i < there.rows(); ++i) {
+            Index nearest;
+            double squared;
+            tree.nearest(there.row(i).data(), {&nearest, 1}, {&squared, 1});
+            sum += squared;
+        }
+        order.emplace_back(sum, k);
+    }
+    std::ranges::sort(order);
+    std::vector<Similarity> result;
+    for (std::size_t k = 0; k < kMost; ++k) result.push_back(poses[order[k].second]);
+    return result;
+}
+
 }  // namespace
 
 Symmetry reflection_symmetry(const CoarseShape& shape, const Eigen::MatrixXd& distances,
@@ -62,14 +102,15 @@ Symmetry reflection_symmetry(const CoarseShape& shape, const Eigen::MatrixXd& di
     plain.guides = {};
     plain.labels = {};
     plain.pulls = {};
-    const CoarseShape image = mirrored(plain);
     PoseOptions its = options;
     its.spread_ratio = kAlike;
+    if (turns_onto_itself(plain, its)) return {};
+    const CoarseShape image = mirrored(plain);
     const PoseSearch search{
         {plain, plain, {}}, {image, image, {}}, {distances, distances}, {}, {}, its, registration};
 
     std::vector<TrialStart> starts;
-    for (const Similarity& pose : candidate_poses({plain, image}, its))
+    for (const Similarity& pose : likeliest(plain, image, candidate_poses({plain, image}, its)))
         starts.push_back({pose, {}});
     std::vector<Trial> trials;
     in_part(progress, 0.0, 0.7, [&] { try_starts(search, starts, trials, progress); });

@@ -126,7 +126,7 @@ Trial ended(const PoseSearch& search, const Trial& led) {
 
 /// `make` of all of them, side by side.
 template <class Made, class Given, class Make>
-std::vector<Made> each(const std::vector<Given>& given, Make&& make, Progress& progress) {
+std::vector<Made> each(const Given& given, Make&& make, Progress& progress) {
     std::vector<Made> made(given.size());
     parallel_for(
         static_cast<Index>(given.size()), progress,
@@ -140,6 +140,22 @@ std::vector<Made> each(const std::vector<Given>& given, Make&& make, Progress& p
 void keep_best(std::vector<Trial>& trials, double distinct) {
     std::ranges::stable_sort(trials, {}, &Trial::energy);
     keep_distinct(trials, distinct);
+}
+
+/// Says what a map of the finest level costs.
+void rate(const PoseSearch& search, Candidate& map) {
+    Progress silent;
+    const CoarseShape there = moved(search.target.full, map.alignment);
+    const CoarsePair shapes{search.source.full, there, search.features};
+    const Registration& its = map.registration;
+    map.misfit = registration_misfit(shapes, static_cast<Index>(there.levels.size()) - 1, its,
+                                     search.distances, search.registration, silent);
+    const Positions images = gather(its.source_points.positions, search.source.full_rows);
+    map.energy = map.misfit.energy() *
+                 dearer_by_asymmetry(search, map.alignment.inverse().apply(images),
+                                     gather(its.target_points.positions, search.target.full_rows));
+    map.torn = torn_share(shapes, its, search.registration, silent);
+    map.cost = map.energy * (1.0 + search.options.tear_weight * map.torn);
 }
 
 /// The finest level, from a trial's map.
@@ -159,17 +175,7 @@ Candidate to_the_finest(const PoseSearch& search, const Trial& trial) {
                      .registration = register_shapes(
                          shapes, {coarse.source_points.positions, coarse.target_points.positions},
                          search.registration, silent, 1)};
-    const auto finest = static_cast<Index>(source.levels.size()) - 1;
-    result.misfit = registration_misfit(shapes, finest, result.registration, search.distances,
-                                        search.registration, silent);
-    const Registration& map = result.registration;
-    const Positions images = gather(map.source_points.positions, search.source.full_rows);
-    result.energy =
-        result.misfit.energy() *
-        dearer_by_asymmetry(search, trial.alignment.inverse().apply(images),
-                            gather(map.target_points.positions, search.target.full_rows));
-    result.torn = torn_share(shapes, map, search.registration, silent);
-    result.cost = result.energy * (1.0 + search.options.tear_weight * result.torn);
+    rate(search, result);
     return result;
 }
 
@@ -260,6 +266,26 @@ std::vector<Trial> relaxed(const PoseSearch& search, const std::vector<Trial>& t
         progress);
     keep_best(result, search.options.distinct);
     return result;
+}
+
+std::vector<Candidate> with_motions(const PoseSearch& search, const Candidate& map,
+                                    std::span<const SelfMotion> motions, Progress& progress) {
+    // Each point takes the image of the nearest one to where the motion brings it, which costs a
+    // little; where the samples are the same on both shapes, the map itself costs much less.
+    constexpr double kLittle = 1.25;
+    return each<Candidate>(
+        motions,
+        [&](const SelfMotion& motion) {
+            Candidate other =
+                followed_by_motion(map, search.source.full, search.target.full, motion);
+            rate(search, other);
+            if (other.cost < kLittle * map.cost) {
+                other.energy = map.energy;
+                other.cost = map.cost;
+            }
+            return other;
+        },
+        progress);
 }
 
 std::vector<Candidate> continued(const PoseSearch& search, const std::vector<Trial>& trials,

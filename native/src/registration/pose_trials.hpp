@@ -18,6 +18,7 @@
 #include "pointmorph/registration/extremities.hpp"
 #include "pointmorph/registration/pose.hpp"
 #include "pointmorph/registration/registration.hpp"
+#include "registration/self_motions.hpp"
 
 namespace pointmorph {
 
@@ -48,6 +49,11 @@ struct PoseSearch {
     std::span<const IndexPair> features;
     const PoseOptions& options;
     const RegistrationOptions& registration;
+
+    /// Whether something is marked, so that what looks alike needn't be alike.
+    bool has_marks() const {
+        return !features.empty() || source.full.guides.size() > 0 || source.full.labels.rows() > 0;
+    }
 };
 
 /// Extremities that may belong together: places in the lists of both shapes; sorted.
@@ -128,6 +134,10 @@ std::vector<Trial> relaxed(const PoseSearch& search, const std::vector<Trial>& t
 /// All of them to the finest level.
 std::vector<Candidate> continued(const PoseSearch& search, const std::vector<Trial>& trials,
                                  Progress& progress);
+
+/// A map of the finest level with each of the motions, and what that costs.
+std::vector<Candidate> with_motions(const PoseSearch& search, const Candidate& map,
+                                    std::span<const SelfMotion> motions, Progress& progress);
 
 /// Nodes of the coarsest level that belong together: the features', then those of extremities, but
 /// of none that sits on another anchor.

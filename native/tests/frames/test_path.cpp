@@ -317,6 +317,50 @@ TEST(Path, RefusesWhatDoesNotFit) {
     EXPECT_NO_THROW(StraightPath<double>(huge, cloud, pairs));
 }
 
+TEST(Path, EndsThatLieElsewhereGiveTheSameBits) {
+    const Cloud source = random_cloud<float>(3000, 1), target = random_cloud<float>(2000, 2);
+    const std::vector<IndexPair> pairs = random_pairs(2000, 5000, 3);
+    const StraightPath<float> path(source, target, pairs);
+    const Frame<float> start = frame_at(path, 0.0), end = frame_at(path, 1.0);
+    const auto view = [](const Frame<float>& frame) -> FrameView<const float> {
+        return {frame.positions, frame.normals, frame.colors, frame.radii};
+    };
+    const StraightPath<float> borrowed(view(start), view(end));
+    for (const double t : {0.0, 0.3, 0.8, 1.0})
+        EXPECT_TRUE(frame_at(borrowed, t) == frame_at(path, t)) << t;
+    std::vector<double> times;
+    for (std::size_t i = 0; i < pairs.size(); ++i) times.push_back(static_cast<double>(i) / 5000);
+    Frame<float> here(path.size()), there(path.size());
+    path.frame(times, here.view());
+    borrowed.frame(times, there.view());
+    EXPECT_TRUE(here == there);
+
+    FrameView<const float> incomplete = view(end);
+    incomplete.colors = {};
+    EXPECT_THROW(StraightPath<float>(view(start), incomplete), OptionError);
+}
+
+TEST(Path, WhereNeitherHasColorsAllIsWhite) {
+    Cloud source = random_cloud<double>(3000, 1), target = random_cloud<double>(2000, 2);
+    source.colors.resize(0, 4);
+    const std::vector<IndexPair> pairs = random_pairs(2000, 5000, 3);
+    target.colors.setOnes();
+    const StraightPath<double> explicitly(source, target, pairs);
+    target.colors.resize(0, 4);
+    const StraightPath<double> path(source, target, pairs);
+    for (const double t : {0.0, 0.3, 1.0})
+        EXPECT_TRUE(frame_at(path, t) == frame_at(explicitly, t)) << t;
+    const std::vector<double> times(pairs.size(), 0.7);
+    Frame<double> here(path.size()), there(path.size());
+    path.frame(times, here.view());
+    explicitly.frame(times, there.view());
+    EXPECT_TRUE(here == there);
+    const Frame<double> start = frame_at(path, 0.0), end = frame_at(path, 1.0);
+    const StraightPath<double> borrowed({start.positions, start.normals, {}, start.radii},
+                                        {end.positions, end.normals, {}, end.radii});
+    EXPECT_TRUE(frame_at(borrowed, 0.6) == frame_at(path, 0.6));
+}
+
 TEST(Example, Path) {
     const Cloud source = random_cloud<float>(50, 1), target = random_cloud<float>(40, 2);
     const std::vector<IndexPair> pairs = random_pairs(40, 60, 3);

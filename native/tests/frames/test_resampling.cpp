@@ -417,6 +417,34 @@ TEST(Resampling, CrowdedPointsHideAndLeaveNoGap) {
         EXPECT_LT(distance_to(tree, frame.positions.row(i).transpose()), 0.8 * 2.0 / 39);
 }
 
+TEST(Resampling, GoesOnFromAPlanWithTheSameBits) {
+    const Given given = torn_plane(40);
+    const auto count = static_cast<Index>(given.pairs.size());
+    ResamplingOptions options;
+    options.crowding = 2.0;
+    const Resampling first = given.resampled(options);
+    const Resampling again(first.plan(), count, options);
+    ASSERT_FALSE(first.points().empty());
+    for (const double t : {0.2, 0.5, 0.9}) {
+        Progress progress;
+        const auto here = first.at(t, given.at(t), progress);
+        const auto there = again.at(t, given.at(t), progress);
+        EXPECT_EQ(here.ids, there.ids);
+        EXPECT_EQ(here.positions, there.positions);
+        EXPECT_EQ(here.normals, there.normals);
+        EXPECT_EQ(here.share, there.share);
+        EXPECT_EQ(first.pair_shares(t), again.pair_shares(t));
+    }
+
+    EXPECT_THROW(Resampling(first.plan(), count + 1, options), CloudError);
+    ResamplingPlan wrong = first.plan();
+    wrong.points.front().pairs[1] = count;
+    EXPECT_THROW(Resampling(wrong, count, options), CloudError);
+    wrong = first.plan();
+    wrong.hidden.push_back({-1, {}});
+    EXPECT_THROW(Resampling(wrong, count, options), CloudError);
+}
+
 TEST(Resampling, OmegaZeroInsertsNothing) {
     ResamplingOptions options;
     options.omega = 0.0;

@@ -17,7 +17,13 @@ def test_valid_files_are_read(tmp_path: Path) -> None:
         assert damage.use(path) == "read", path
 
 
+PLY = (
+    b"ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\n"
+    b"property float z\n%selement face 1\nproperty list uchar int vertex_indices\nend_header\n"
+)
 FINDS = {
+    "name.ply": PLY % b'property float {"a":\n' + b"0 0 0 1\n1 0 0 1\n0 1 0 1\n3 0 1 2\n",
+    "lines.ply": PLY % b"" + b"0 0\n0 1 0 0\n0 1 0\n3 0 1 2\n",
     "short.obj": b"v 0\nv 1\nv 2\nf 1 2 3\n",
     "latin.obj": b"o \xf8\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n",
     "torn.obj": b"v 0 0 0\nv 1 0 \\\n0\nv 0 1 0\n v 1 1 1 \\\nv 2 2 2\nf 1 2 3\n",

@@ -37,7 +37,9 @@ def test_links_lead_somewhere(page: Path) -> None:
             assert ((ROOT / page).parent / target).exists(), target
 
 
-@pytest.mark.parametrize("page", ["README.md", "docs/python.md", "docs/resampling.md"])
+@pytest.mark.parametrize(
+    "page", ["README.md", "docs/python.md", "docs/resampling.md", "docs/morph_file.md"]
+)
 def test_python_examples_run(page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     source, target = ball(600), 2.0 * ball(700)

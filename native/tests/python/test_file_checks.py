@@ -37,7 +37,7 @@ HEADER = "ply\nformat {} 1.0\nelement vertex {}\n" + "".join(
 def test_a_ply_file_has_room_for_its_points(tmp_path: Path, kind: str, count: int) -> None:
     path = tmp_path / "a.ply"
     path.write_bytes((HEADER.format(kind, count) + "end_header\n").encode() + b"0 0 0\n" * 2)
-    refused(path, "vertex" if kind != "ascii" or count != 3 else "end-of-file")
+    refused(path, "vertex" if kind != "ascii" or count != 3 else "early end")
 
 
 @pytest.mark.parametrize(

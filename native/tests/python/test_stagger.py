@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ import numpy.typing as npt
 import pointmorph
 import pytest
 from pointmorph import formats, moving_shapes, sequences
-from pointmorph.chains import StaggeredChain
+from pointmorph.chains import Chain
 from shapes import grid, grid_faces
 from test_cli import run, xyz
 from test_morphing import features
@@ -45,7 +46,7 @@ def test_the_path_that_is_taken_when_nobody_says(method: str, path: str) -> None
 
 def test_a_chain_of_nothing_is_refused() -> None:
     with pytest.raises(pointmorph.CloudError, match="at least one morph"):
-        StaggeredChain([], {})
+        Chain([], {})
 
 
 def test_the_last_go_when_the_first_are_there() -> None:
@@ -124,7 +125,7 @@ def test_each_point_of_a_chain_goes_through_all_of_it_in_its_own_time() -> None:
         restored((HIGH, LOW), None, path="rigid"),
     ]
     settings = {"path": "rigid", "stagger": "delay", "stagger_overlap": 0.4}
-    chain = StaggeredChain(parts, settings)
+    chain = Chain(parts, settings)
     for t in (0.4, 0.5, 0.6):
         own = 2.0 * times(t, delays, 0.4, 1.0)
         assert own.min() < 0.9 < 1.1 < own.max()
@@ -146,6 +147,35 @@ def test_each_point_of_a_chain_goes_through_all_of_it_in_its_own_time() -> None:
     )
 
 
+def test_a_chain_that_is_not_staggered_shows_one_morph_after_the_other() -> None:
+    """Halves of a sheet drift apart and come back, with new points on both ways."""
+    flat = grid(24, 0.0)
+    apart = flat + np.where(flat[:, :1] > flat[:, 0].mean(), [[0.4, 0, 0]], 0)
+    up, rows = np.tile([0.0, 0, 1], (len(flat), 1)), np.arange(len(flat))
+    clouds = [
+        pointmorph.Cloud(places, up, radii=np.full(len(flat), 0.04))
+        for places in (flat, apart, flat)
+    ]
+    parts = [
+        pointmorph.restore(
+            *ends, np.column_stack([rows, rows]), (ends[1].positions, ends[0].positions),
+            path="linear",
+        )
+        for ends in pairwise(clouds)
+    ]  # fmt: skip
+    chain = Chain(parts, {"path": "linear"})
+    assert chain.inserted() == sum(part.inserted() for part in parts)
+    seen = []
+    for t, part, along in ((0.25, parts[0], 0.5), (0.75, parts[1], 0.5)):
+        np.testing.assert_array_equal(chain.frame(t).positions, part.frame(along).positions)
+        fuller, own = chain.resampled_frame(t), part.resampled_frame(along)
+        np.testing.assert_array_equal(fuller.positions, own.positions)
+        np.testing.assert_array_equal(fuller.velocities, 2 * own.velocities)
+        seen.append(set(fuller.ids[fuller.ids >= len(chain.pairs)]))
+        assert 0 < max(seen[-1]) < len(chain.pairs) + chain.inserted()
+    assert seen[0].isdisjoint(seen[1])
+
+
 def test_a_chain_of_other_points_is_refused() -> None:
     parts = [restored((FLAT, HIGH), None), restored((HIGH, LOW), None)]
     rows = np.arange(SIDE * SIDE)[::-1]
@@ -153,7 +183,17 @@ def test_a_chain_of_other_points_is_refused() -> None:
         parts[1].source, parts[1].target, np.column_stack([rows, rows]), stagger="none"
     )
     with pytest.raises(pointmorph.CloudError, match="go on from"):
-        StaggeredChain([parts[0], other], {})
+        Chain([parts[0], other], {})
+
+
+@pytest.mark.parametrize("path", ["linear", "rigid"])
+def test_with_an_overlap_of_one_all_go_together(path: str) -> None:
+    delays = np.linspace(0, 1, SIDE * SIDE)
+    together = morph(delays, path=path, stagger="delay", stagger_overlap=1.0, stagger_falloff=0.0)
+    plain = morph(delays, path=path)
+    for t in (0.2, 0.5, 0.9):
+        np.testing.assert_allclose(together.frame(t).positions, plain.frame(t).positions, atol=1e-4)
+        np.testing.assert_allclose(together.wrapped(t), plain.wrapped(t), atol=1e-4)
 
 
 @pytest.mark.parametrize("delay", [None, [0.5, 0.5], np.full(SIDE * SIDE, 1.5)])
@@ -197,3 +237,13 @@ def test_the_command_line_takes_delays_from_files(tmp_path: Path) -> None:
     between = ~(there | waits)
     assert between.any()
     assert not between[: SIDE * SIDE].any()
+
+    # Where all overlap, all are halfway in the middle.
+    done = run(*call, "--stagger", "delay", "--stagger-overlap", 1)
+    assert done.returncode == 0, done.stderr
+    together = xyz(tmp_path / "out" / "frame_0001.ply")
+    assert run(*call).returncode == 0
+    plain = xyz(tmp_path / "out" / "frame_0001.ply")
+    np.testing.assert_allclose(together, plain, atol=1e-4)
+    moves = np.linalg.norm(ends - starts, axis=1) > 0.1
+    assert (np.linalg.norm(together - starts, axis=1) > 0.01)[moves].all()

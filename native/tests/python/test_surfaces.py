@@ -179,10 +179,10 @@ def test_a_mesh_that_is_missing_is_written_when_a_run_goes_on(tmp_path: Path) ->
     morph = pointmorph.morph(pointmorph.Cloud(grid(11)), pointmorph.Cloud(grid(11, 0.8)))
     for _ in range(2):
         sequences.write_frames(morph, tmp_path, [0.0, 1.0], mesh="obj", resume=True)
-        times = {path: path.stat().st_mtime_ns for path in tmp_path.iterdir()}
+        times = {path: path.stat().st_mtime_ns for path in tmp_path.glob("*.*")}
         (tmp_path / "mesh_0001.obj").unlink()
     sequences.write_frames(morph, tmp_path, [0.0, 1.0], mesh="obj", resume=True)
-    again = {path: path.stat().st_mtime_ns for path in tmp_path.iterdir()}
+    again = {path: path.stat().st_mtime_ns for path in tmp_path.glob("*.*")}
     assert [path.name for path in again if again[path] != times[path]] == ["mesh_0001.obj"]
 
 

@@ -16,6 +16,7 @@
 #include "pointmorph/cloud/kd_tree.hpp"
 #include "real_meshes.hpp"
 #include "shapes.hpp"
+#include "watched.hpp"
 
 namespace pointmorph {
 namespace {
@@ -403,6 +404,7 @@ Normals estimated_normals(const Positions& p) {
 }
 
 TEST(BoundaryOfRealMeshes, IsThatOfTheFaces) {
+    SKIP_WHERE_WATCHED();
     struct Case {
         const char* name;
         std::size_t loops;
@@ -430,6 +432,7 @@ TEST(BoundaryOfRealMeshes, IsThatOfTheFaces) {
 }
 
 TEST(BoundaryOfRealMeshes, NoneWhereFacesCloseThem) {
+    SKIP_WHERE_WATCHED();
     for (const char* name :
          {"koala_spot/source.ply", "koala_spot/target.ply", "man_woman/source.ply",
           "man_woman/target.ply", "torus_kitten/source.ply", "torus_kitten/target.ply"}) {

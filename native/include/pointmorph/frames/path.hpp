@@ -28,6 +28,11 @@ public:
     /// missing: white, opaque. Throws CloudError for missing attributes and for numbers beyond
     /// half of what Scalar can hold: their differences might not be finite.
     StraightPath(const Cloud& source, const Cloud& target, std::span<const IndexPair> pairs);
+    /// From ends that are laid out already, in a file that is mapped into memory for instance: all
+    /// spans of both, for as many pairs, or neither's colors: white. Refers to them. Throws
+    /// OptionError for other sizes.
+    StraightPath(const FrameView<const Scalar>& source, const FrameView<const Scalar>& target);
+    StraightPath(StraightPath&&) noexcept = default;
 
     Index size() const noexcept { return size_; }
 
@@ -46,8 +51,8 @@ private:
     void check(const FrameView<Scalar>& out) const;  // throws OptionError
 
     Index size_;
-    // All positions, then all normals, colors and radii, each laid out as in a FrameView.
-    std::vector<Scalar> source_, target_;
+    std::vector<Scalar> own_;  ///< what the spans refer to unless it is another's
+    FrameView<const Scalar> source_, target_;
 };
 
 extern template class StraightPath<float>;

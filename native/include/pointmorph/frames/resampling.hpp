@@ -50,6 +50,16 @@ struct HiddenPair {
     Lifetime lifetime;
 };
 
+/// What is decided once for the whole morph.
+struct ResamplingPlan {
+    /// All points that are ever inserted; ids are their indices.
+    std::vector<InsertedPoint> points;
+    std::vector<HiddenPair> hidden;
+    /// At both ends, by pair; densities per share of the surface.
+    Values source_spacing{}, target_spacing{}, source_density{}, target_density{};
+    double source_size = 1.0, target_size = 1.0;  ///< √area
+};
+
 /// Decides once for the whole morph which points are inserted; then says where they are at any t.
 ///
 /// At fixed times the cloud is compared with the density that both ends ask for (wanted_density()).
@@ -65,12 +75,14 @@ public:
     /// least one of the `pairs`. Throws OptionError, Cancelled.
     Resampling(const Cloud& source, const Cloud& target, std::span<const IndexPair> pairs,
                const FrameAt& frame_at, const ResamplingOptions& options, Progress& progress);
+    /// From the plan of an earlier one for as many pairs. Throws CloudError if it doesn't fit them.
+    Resampling(ResamplingPlan plan, Index pairs, const ResamplingOptions& options);
 
     const ResamplingOptions& options() const noexcept { return options_; }
 
-    /// All points that are ever inserted; ids are their indices.
-    const std::vector<InsertedPoint>& points() const noexcept { return points_; }
-    const std::vector<HiddenPair>& hidden() const noexcept { return hidden_; }
+    const ResamplingPlan& plan() const noexcept { return plan_; }
+    const std::vector<InsertedPoint>& points() const noexcept { return plan_.points; }
+    const std::vector<HiddenPair>& hidden() const noexcept { return plan_.hidden; }
 
     /// The points that are there at some t.
     struct Alive {
@@ -89,7 +101,7 @@ public:
     /// The distance of samples at t, blended from both ends like radii. (The paper blends
     /// densities.)
     double spacing(Index pair, double t) const {
-        return (1.0 - t) * source_spacing_[pair] + t * target_spacing_[pair];
+        return (1.0 - t) * plan_.source_spacing[pair] + t * plan_.target_spacing[pair];
     }
 
     static constexpr Index kDensityNeighbors = 8;
@@ -99,17 +111,13 @@ public:
     /// become sparse by that: ρ' and ρ'' times the area of source and target, ρ times the area at
     /// t, whose root is taken to change evenly.
     double wanted_density(Index pair, double t) const {
-        return (1.0 - t) * source_density_[pair] + t * target_density_[pair];
+        return (1.0 - t) * plan_.source_density[pair] + t * plan_.target_density[pair];
     }
     double unit_area(double t) const;
 
 private:
     ResamplingOptions options_;
-    Values source_spacing_, target_spacing_;        ///< by pair
-    Values source_density_, target_density_;        ///< by pair, per share of the surface
-    double source_size_ = 1.0, target_size_ = 1.0;  ///< √area
-    std::vector<InsertedPoint> points_;
-    std::vector<HiddenPair> hidden_;
+    ResamplingPlan plan_;
 };
 
 }  // namespace pointmorph

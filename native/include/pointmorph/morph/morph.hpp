@@ -3,6 +3,7 @@
 
 #include <chrono>
 #include <memory>
+#include <optional>
 #include <span>
 #include <string>
 #include <vector>
@@ -16,10 +17,12 @@
 #include "pointmorph/measures/cracks.hpp"
 #include "pointmorph/measures/mesh_quality.hpp"
 #include "pointmorph/measures/quality.hpp"
+#include "pointmorph/mesh/mesh.hpp"
 #include "pointmorph/morph/denser_mesh.hpp"
 #include "pointmorph/morph/morph_input.hpp"
 #include "pointmorph/morph/morph_options.hpp"
 #include "pointmorph/morph/report.hpp"
+#include "pointmorph/registration/refinement.hpp"
 #include "pointmorph/surface/pairing.hpp"
 
 namespace pointmorph {
@@ -34,6 +37,18 @@ struct ResampledFrame {
     std::vector<Index> ids;
 };
 
+/// What a morph leaves: its frames can be made of it again, with the same bits.
+struct KeptMorph {
+    Cloud source, target;  ///< with normals and radii; those of Morph::source() and target()
+    Pairing pairs;
+    /// Where all points go, rows as in the clouds; empty: at their partners' mean.
+    RefinementStart images{};
+    Values delays{};  ///< as in MorphInput
+    /// Where the vertices of meshes end, wrapped(1) and wrapped_target(0); empty: no such mesh.
+    Positions source_ends{}, target_ends{};
+    std::optional<ResamplingPlan> resampling{};  ///< none: found when first asked for
+};
+
 struct Correspondence;
 struct FoundMap;
 struct MeshMorph;
@@ -44,11 +59,9 @@ class Morph {
 public:
     /// Throws the errors of all stages, and Cancelled.
     Morph(MorphInput input, const MorphOptions& options, Progress& progress);
-    /// A morph that was found earlier, from what it left: both clouds with normals and radii, its
-    /// pairs, and where all points go (rows as in the clouds; empty: at their partners' mean).
-    /// There is no domain, and nothing to report. `delays` as in MorphInput. Throws CloudError.
-    Morph(Cloud source, Cloud target, Pairing pairs, RefinementStart images,
-          const MorphOptions& options, const Values& delays = {});
+    /// A morph that was found earlier, for its frames. There is no domain, and nothing to report.
+    /// Throws CloudError.
+    Morph(KeptMorph kept, const MorphOptions& options);
     /// Morphs in a row, at least one, as one, for its frames: each begins at the shape where the
     /// one before ends, and row i of the pairs of all is the same point. With `options.stagger`,
     /// each point goes through all of them in a time of its own. Throws CloudError.
@@ -158,11 +171,13 @@ private:
     template <class Scalar>
     void chained_frame(double t, const FrameView<Scalar>& out) const;
     const PointwisePath& pointwise_path() const;
+    bool has_mesh_of(bool is_source) const noexcept;
     Positions along_path(bool is_source, double share, Progress& progress) const;
     Positions staggered(bool is_source, double share, Progress& progress) const;
     struct Wrapped;
     struct WrappedSides;
     WrappedSides wrapped_sides(bool is_source) const;  // throws CloudError
+    const Mesh& own_mesh(bool is_source) const;
     Positions on_the_way(bool is_source, double share, Progress& progress) const;
     template <class Scalar>
     void insert_points(ResampledFrame<Scalar>& frame, double t, Progress& progress) const;
