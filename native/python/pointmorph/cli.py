@@ -14,6 +14,8 @@ import numpy.typing as npt
 
 from pointmorph import (
     __version__,
+    batch_command,
+    farm_command,
     files,
     formats,
     morphing,
@@ -128,7 +130,8 @@ def _parser() -> argparse.ArgumentParser:
     )
     for command in (morph, propose):
         _add_common(command)
-    stored_commands.add(commands)
+    for module in (stored_commands, batch_command, farm_command):
+        module.add(commands)
     return parser
 
 
