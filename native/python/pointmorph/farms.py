@@ -6,6 +6,7 @@ Both get the same tasks: calls of ``pointmorph batch`` for one pair each (`batch
 from __future__ import annotations
 
 import json
+import os
 import shlex
 import shutil
 import subprocess
@@ -159,11 +160,11 @@ def _slurm(words: Sequence[str]) -> str:
 # --- Open Job Description -------------------------------------------------------------------------
 
 
-def openjd_template(batch: Batch, chunk: int) -> dict[str, Any]:
+def openjd_template(batch: Batch, chunk: int, home: Path) -> dict[str, Any]:
     """The batch as a job template of Open Job Description, version 2023-09.
 
     Its parameters are the file of jobs, the output folder, and the command that starts Python where
-    pointmorph is installed.
+    pointmorph is installed. Default paths are relative to `home`, where the template is going to be.
     """
     last = len(batch.jobs) - 1
     pairs = {"name": "Pair", "type": "INT", "range": f"0-{last}"}
@@ -188,8 +189,10 @@ def openjd_template(batch: Batch, chunk: int) -> dict[str, Any]:
         "specificationVersion": "jobtemplate-2023-09",
         "name": f"Pointmorph {batch.path.stem}",
         "parameterDefinitions": [
-            _path("Jobs", "FILE", "IN", str(batch.path.absolute()), "What to morph"),
-            _path("Out", "DIRECTORY", "OUT", str(batch.out), "Where everything goes"),
+            _path("Jobs", "FILE", "IN", os.path.relpath(batch.path, home), "What to morph"),
+            _path(
+                "Out", "DIRECTORY", "OUT", os.path.relpath(batch.out, home), "Where everything goes"
+            ),
             {
                 "name": "Python",
                 "type": "STRING",
@@ -230,5 +233,5 @@ def write_openjd(batch: Batch, chunk: int, path: Path) -> None:
     """Writes the template as JSON. Raises FileError."""
     if path.suffix.lower() != ".json":
         raise FileError(str(path), "a name that ends in .json", path.suffix or "none", "Rename it.")
-    text = json.dumps(openjd_template(batch, chunk), indent=1) + "\n"
+    text = json.dumps(openjd_template(batch, chunk, path.absolute().parent), indent=1) + "\n"
     files.write_bytes(path, text.encode())
