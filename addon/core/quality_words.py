@@ -3,10 +3,10 @@
 import re
 
 FIGURES = {
-    "Covered": "Share of the points of either shape that some point of the other arrives at. 100 % "
+    "Covered": "Share of the points of either shape that a point of the other maps to. 100 % "
     "is best",
-    "Stretch": "How much the map stretches at its worst one percent of points. 1 is none",
-    "Angle distortion": "How much angles change at half of the points. 1 is not at all",
+    "Stretch": "How much the map stretches at its worst one percent of points. 1 means no stretch",
+    "Angle distortion": "How much angles change at half of the points. 1 means no change",
     "Folded": "Share of the points where the map turns the surface over. 0 % is best",
     "Collapsed": "Share of the points that are squeezed to a line. 0 % is best",
     "Round-trip error": "How far a point ends from where it was, there and back, as a share of the "
@@ -14,20 +14,20 @@ FIGURES = {
     "Cracks": "Share of the surface where gaps open on the way, which baked frames fill with new "
     "points",
     "Feature error": "How far features are from each other before they are made to meet, in "
-    "distances from point to point",
+    "point spacings",
     "Faces folded": "Share of the area of the source's faces that lie against the target. 0 % is "
-    "best, and up to 0.02 % nobody sees",
+    "best, and up to 0.02 % isn't visible",
     "Edges creased": "Share of the edges that bend by more than 90° at the end. Up to 0.12 % "
-    "nobody sees",
+    "isn't visible",
     "Target missed": "How far the target is from the source's faces at its worst one percent, as a "
-    "share of its size. Up to 0.5 % nobody sees",
+    "share of its size. Up to 0.5 % isn't visible",
     "Off the target": "How far the source's vertices lie off the target on average, as a share of "
-    "its size. Up to 0.01 % nobody sees",
+    "its size. Up to 0.01 % isn't visible",
 }
 """What the figures of `pointmorph.quality_summary` mean, by name."""
 
 OF_FEATURES = (
-    "How far this feature ends from its counterpart, in distances from point to point, and of a "
+    "How far this feature ends from its counterpart, in point spacings, and of a "
     "region how much of it is inside the other"
 )
 GRADES = ("good", "fair", "poor")

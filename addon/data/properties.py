@@ -319,13 +319,13 @@ class PointmorphScene(bpy.types.PropertyGroup):
     )
     texture_roughness: bpy.props.BoolProperty(
         name="Roughness",
-        description="Also draw the target's roughness and metalness. Without it, the whole mesh "
-        "has those of most of the target",
+        description="Also draw the target's roughness and metalness. Otherwise, the whole mesh "
+        "uses the values of most of the target",
         default=False,
     )
     texture_normal: bpy.props.BoolProperty(
         name="Normal",
-        description="Also draw a normal map of the target's details. A new morph does without",
+        description="Also draw a normal map of the target's details. Off for a new morph",
         default=False,
     )
     suggest_confidence: bpy.props.FloatProperty(

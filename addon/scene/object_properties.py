@@ -113,8 +113,8 @@ class PointmorphObject(bpy.types.PropertyGroup):
     )
     key_start: bpy.props.IntProperty(
         name="Start",
-        description="Frame in which Key Morph shows the first shape. The current one, until you "
-        "set it. The end goes along",
+        description="Frame in which Key Morph shows the first shape. Until you set it, the current "
+        "frame; the end frame moves with it",
         get=_key_start,
         set=_set_key_start,
     )
@@ -135,7 +135,7 @@ class PointmorphObject(bpy.types.PropertyGroup):
     )
     has_key_frames: bpy.props.BoolProperty(
         name="Has Key Frames",
-        description="Start and end were set: they don't go along with the current frame",
+        description="Start and end were set, so that they no longer follow the current frame",
         options={"HIDDEN"},
     )
     shading_before: bpy.props.StringProperty(

@@ -6,13 +6,13 @@ from ..data import curves, nodes, versions
 from . import morph_object, recipes
 
 EASINGS = (
-    ("LINEAR", "Linear", "At the same speed all the way"),
+    ("LINEAR", "Linear", "Constant speed"),
     ("SINE", "Sinusoidal", "Start and end gently"),
     ("QUAD", "Quadratic", "Start and end more gently"),
     ("CUBIC", "Cubic", "Start and end slowly"),
     ("QUART", "Quartic", "Start and end slower still"),
     ("QUINT", "Quintic", "Start and end very slowly"),
-    ("EXPO", "Exponential", "Do nearly all of it halfway"),
+    ("EXPO", "Exponential", "Nearly all of the change happens around the middle"),
     ("CIRC", "Circular", "Like Exponential, with softer ends"),
     ("BEZIER", "Bezier", "A curve with handles, to be shaped in the Graph Editor"),
 )

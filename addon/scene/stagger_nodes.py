@@ -38,7 +38,7 @@ def new_inputs(group, of_points):
     new(
         "NodeSocketFloat",
         "Overlap",
-        "Share of the time that each point takes. 1: all go together. Small: one after the other",
+        "Share of the time that each point takes. 1: all move together. Small: one after the other",
         default_value=0.5,
         **share,
     )
@@ -49,22 +49,22 @@ def new_inputs(group, of_points):
         default_value=1.0,
         **share,
     )
-    new("NodeSocketBool", "Reverse", "What would go last goes first")
+    new("NodeSocketBool", "Reverse", "Reverses the order: the last parts go first")
     new(
         "NodeSocketVector",
         "Direction",
-        "Height: what lies farther in this direction of the world goes later",
+        "Height: parts farther in this direction, in world space, go later",
         default_value=(0.0, 0.0, 1.0),
     )
     new(
         "NodeSocketFloat",
         "Size",
-        "Noise: about how large the parts are that go together",
+        "Noise: approximate size of the patches that move together",
         default_value=0.5,
         min_value=1e-6,
     )
     new("NodeSocketInt", "Seed", "Noise: another number gives another pattern")
-    new("NodeSocketObject", "Object", "Object: what is farther from its origin goes later")
+    new("NodeSocketObject", "Object", "Object: parts farther from its origin go later")
     new("NodeSocketString", GROUP_NAME, "Vertex Group: weight 0 goes first, weight 1 last")
     if of_points:
         new(

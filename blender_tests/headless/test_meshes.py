@@ -243,8 +243,11 @@ def test_a_result_of_an_earlier_version(settings):
 @pytest.mark.parametrize("numbers", [[], [5], [0, 2**31 - 1, -(2**31), 7], range(1000)])
 def test_packed_numbers_come_back(addon, numbers):
     packing = addon("core.packing")
-    found = packing.unpack(packing.pack(np.array(numbers, np.int32)))
-    assert np.array_equal(found, np.array(numbers, np.int32))
+    packed = packing.pack(np.array(numbers, np.int32))
+    assert np.array_equal(packing.unpack(packed, len(numbers)), np.array(numbers, np.int32))
+    if len(numbers) > 0:
+        with pytest.raises(ValueError, match="more than"):
+            packing.unpack(packed, len(numbers) - 1)
 
 
 def test_the_map_starts_anew_where_faces_differ(addon, settings):

@@ -242,7 +242,14 @@ class Window:
 
     def press_button(self, what):
         """Clicks on a button of the sidebar; see `find`."""
-        self.click(self.find(what))
+        place = self.find(what)
+        for _ in range(10):
+            # What a timer shows, such as that a result is stale, may have moved it meanwhile.
+            self._redraw_at(place)
+            if what in self.under(place):
+                break
+            place = self.find(what)
+        self.click(place)
 
     def open_panel(self, name):
         """Unfolds a panel of the sidebar by a click on its header; `name` is its class."""

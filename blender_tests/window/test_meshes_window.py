@@ -59,6 +59,7 @@ def test_two_clicks_make_a_mesh_that_becomes_the_target(window, kinds):
     assert window.ask(more) == before
     window.press("ctrl+shift+z", over=VIEWPORT)
     assert window.ask(more) > 2 * before
+    window.wait(f"{result}.pointmorph.state == 'STALE'")
     window.press_button("pointmorph.recompute(")
     window.wait(f"not ({RUNNING}) and {result}.pointmorph.state == 'CURRENT'")
     assert window.ask(f"len({mesh}.data.vertices) == {more}")

@@ -18,8 +18,10 @@ namespace {
 /// Triangles with the tree that refers to them.
 class ClosestPlaces {
 public:
-    ClosestPlaces(const Positions& positions, Triangles triangles)
-        : triangles_(std::move(triangles)), tree_(positions, triangles_) {}
+    ClosestPlaces(Positions positions, Triangles triangles)
+        : positions_(std::move(positions)),
+          triangles_(std::move(triangles)),
+          tree_(positions_, triangles_) {}
     ClosestPlaces(const ClosestPlaces&) = delete;
 
     /// The triangle for each place, and the shares of its corners.
@@ -42,16 +44,17 @@ public:
     }
 
 private:
+    Positions positions_;
     Triangles triangles_;
     TriangleTree tree_;
 };
 
 void bind_closest_places(py::module_& module) {
     const auto make = [](const py::array& positions, const py::array& triangles) {
-        const auto p = from_numpy<Positions>(positions);
+        auto p = from_numpy<Positions>(positions);
         auto corners = from_numpy<Triangles>(triangles);
         const py::gil_scoped_release release;
-        return std::make_unique<ClosestPlaces>(p, std::move(corners));
+        return std::make_unique<ClosestPlaces>(std::move(p), std::move(corners));
     };
     const auto of = [](const ClosestPlaces& self, const py::array& places,
                        const py::object& callback) {

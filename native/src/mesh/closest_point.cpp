@@ -9,7 +9,7 @@ namespace pointmorph {
 
 namespace {
 
-constexpr Index kLeaf = 4;
+constexpr Index kLeaf = 8;
 
 SurfacePoint at(const Vector3& p, const Vector3& a, const Vector3& b, const Vector3& c,
                 const Vector3& weights) {
@@ -49,7 +49,7 @@ SurfacePoint closest_on_triangle(const Vector3& p, const Vector3& a, const Vecto
 }
 
 TriangleTree::TriangleTree(const Positions& positions, const Triangles& triangles)
-    : triangles_(&triangles), positions_(positions), order_(to_size(triangles.rows())) {
+    : triangles_(&triangles), positions_(&positions), order_(to_size(triangles.rows())) {
     std::iota(order_.begin(), order_.end(), 0);
     Positions middles(triangles.rows(), 3);
     for (Eigen::Index f = 0; f < triangles.rows(); ++f)
@@ -88,7 +88,7 @@ TriangleTree::Box TriangleTree::box_of(Index begin, Index end) const {
     Box box{Vector3::Constant(kInfinity), Vector3::Constant(-kInfinity)};
     for (Index k = begin; k < end; ++k)
         for (Index c = 0; c < 3; ++c) {
-            const Vector3 p = positions_.row((*triangles_)(order_[to_size(k)], c)).transpose();
+            const Vector3 p = positions_->row((*triangles_)(order_[to_size(k)], c)).transpose();
             box.low = box.low.cwiseMin(p);
             box.high = box.high.cwiseMax(p);
         }
@@ -96,7 +96,7 @@ TriangleTree::Box TriangleTree::box_of(Index begin, Index end) const {
 }
 
 void TriangleTree::move(const Positions& positions) {
-    positions_ = positions;
+    positions_ = &positions;
     for (std::size_t n = nodes_.size(); n-- > 0;) {
         Node& node = nodes_[n];
         if (node.right < 0) {
@@ -110,7 +110,7 @@ void TriangleTree::move(const Positions& positions) {
 
 SurfacePoint TriangleTree::on(Index triangle, const Vector3& place) const {
     const auto corner = [&](Index k) -> Vector3 {
-        return positions_.row((*triangles_)(triangle, k)).transpose();
+        return positions_->row((*triangles_)(triangle, k)).transpose();
     };
     SurfacePoint point = closest_on_triangle(place, corner(0), corner(1), corner(2));
     point.triangle = triangle;

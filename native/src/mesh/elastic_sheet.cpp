@@ -58,31 +58,21 @@ Matrix3 rotation_near(const Matrix3& linear, Matrix3 rotation) {
 
 }  // namespace
 
-ElasticSheet::ElasticSheet(const Positions& rest, const Triangles& triangles)
-    : triangles_(&triangles),
-      rest_(to_size(triangles.rows())),
-      areas_(Values::Zero(rest.rows())),
+ElasticSheet::ElasticSheet(const Positions& rest, const Triangles& triangles, double scale)
+    : rest_(&rest),
+      triangles_(&triangles),
+      scale_(scale),
+      kept_(to_size(triangles.rows())),
       offsets_(to_size(rest.rows()) + 1, 0),
       corners_(to_size(triangles.size())) {
-    const auto count = static_cast<Index>(rest.rows());
-    std::vector<std::array<Index, 2>> ends;
-    std::vector<double> weights;
     for (Index f = 0; f < triangles.rows(); ++f) {
-        Triangle& t = rest_[to_size(f)];
+        Triangle& t = kept_[to_size(f)];
+        t.metric << 1.0f, 0.0f, 1.0f;
         const Corners p = places(rest, f);
-        const Vector3 u = p.col(1) - p.col(0), v = p.col(2) - p.col(0);
-        const Vector3 first = u.normalized();
-        const Vector3 second = u.cross(v).cross(u).normalized();
-        t.frame << first.transpose(), second.transpose();
-        t.sides << t.frame * u, t.frame * v;
-        t.metric_sides = t.sides;
         for (int k = 0; k < 3; ++k) {
             const int next = (k + 1) % 3, across = (k + 2) % 3;
-            t.weights[k] = half_cotangent(p.col(k) - p.col(across), p.col(next) - p.col(across));
-            ends.push_back({triangles(f, k), triangles(f, next)});
-            ends.push_back({triangles(f, next), triangles(f, k)});
-            weights.insert(weights.end(), 2, t.weights[k]);
-            areas_[triangles(f, k)] += u.cross(v).norm() / 6.0;
+            t.weights[k] = static_cast<float>(
+                half_cotangent(p.col(k) - p.col(across), p.col(next) - p.col(across)));
             ++offsets_[to_size(triangles(f, k)) + 1];
         }
     }
@@ -90,39 +80,57 @@ ElasticSheet::ElasticSheet(const Positions& rest, const Triangles& triangles)
     std::vector<Index> next(offsets_.begin(), offsets_.end() - 1);
     for (Index c = 0; c < triangles.size(); ++c)
         corners_[to_size(next[to_size(triangles(c / 3, c % 3))]++)] = c;
+    find_laplacian();
+}
 
-    // By the end they start from, then each few by the other one.
-    std::vector<Index> firsts(to_size(count) + 1, 0);
-    for (const auto& [from, to] : ends) ++firsts[to_size(from) + 1];
-    for (std::size_t v = 1; v < firsts.size(); ++v) firsts[v] += firsts[v - 1];
-    std::vector<Index> order(ends.size());
-    std::vector<Index> free(firsts.begin(), firsts.end() - 1);
-    for (std::size_t e = 0; e < ends.size(); ++e)
-        order[to_size(free[to_size(ends[e][0])]++)] = static_cast<Index>(e);
+void ElasticSheet::find_laplacian() {
+    struct Side {
+        Index to, triangle;
+        double weight;
+    };
+    std::vector<Side> sides;
+    const auto count = static_cast<Index>(rest_->rows());
+    laplacian_.offsets.reserve(to_size(count) + 1);
     laplacian_.sums.assign(to_size(count), 0.0);
     for (Index v = 0; v < count; ++v) {
-        const auto first = order.begin() + firsts[to_size(v)];
-        const auto last = order.begin() + firsts[to_size(v) + 1];
-        std::sort(first, last, [&](Index e, Index g) {
-            return std::pair(ends[to_size(e)][1], e) < std::pair(ends[to_size(g)][1], g);
-        });
-        for (auto at = first; at != last; ++at) {
-            const Index to = ends[to_size(*at)][1];
-            const double weight = weights[to_size(*at)];
-            if (at != first && ends[to_size(*(at - 1))][1] == to) {
-                laplacian_.weights.back() += weight;
+        sides.clear();
+        for (const Index c : around(v)) {
+            const Index f = c / 3, k = c % 3;
+            const auto& weights = kept_[to_size(f)].weights;
+            sides.push_back({(*triangles_)(f, (k + 1) % 3), f, weights[k]});
+            sides.push_back({(*triangles_)(f, (k + 2) % 3), f, weights[(k + 2) % 3]});
+        }
+        // Of both ends of an edge, weights are added up in the same order.
+        std::ranges::sort(sides, {}, [](const Side& s) { return std::pair(s.to, s.triangle); });
+        for (std::size_t i = 0; i < sides.size(); ++i) {
+            if (i > 0 && sides[i].to == sides[i - 1].to) {
+                laplacian_.weights.back() += sides[i].weight;
             } else {
-                laplacian_.neighbors.push_back(to);
-                laplacian_.weights.push_back(weight);
+                laplacian_.neighbors.push_back(sides[i].to);
+                laplacian_.weights.push_back(sides[i].weight);
             }
-            laplacian_.sums[to_size(v)] += weight;
+            laplacian_.sums[to_size(v)] += sides[i].weight;
         }
         laplacian_.offsets.push_back(static_cast<Index>(laplacian_.neighbors.size()));
     }
-    rest_normals_ = Normals::Zero(count, 3);
-    rest_normals_.col(2).setOnes();
-    Progress silent;
-    rest_normals_ = normals(rest, silent);
+    laplacian_.neighbors.shrink_to_fit();
+    laplacian_.weights.shrink_to_fit();
+}
+
+ElasticSheet::Rest ElasticSheet::at_rest(Index f) const {
+    const Corners p = places(*rest_, f);
+    const Vector3 u = scale_ * (p.col(1) - p.col(0)), v = scale_ * (p.col(2) - p.col(0));
+    Rest rest;
+    rest.frame << u.normalized().transpose(), u.cross(v).cross(u).normalized().transpose();
+    rest.sides << rest.frame * u, rest.frame * v;
+    return rest;
+}
+
+Matrix2 ElasticSheet::stretch(Index f) const {
+    const auto& m = kept_[to_size(f)].metric;
+    Matrix2 result;
+    result << m[0], m[1], m[1], m[2];
+    return result;
 }
 
 ElasticSheet::Corners ElasticSheet::places(const Positions& x, Index f) const {
@@ -133,103 +141,124 @@ ElasticSheet::Corners ElasticSheet::places(const Positions& x, Index f) const {
 
 Normals ElasticSheet::normals(const Positions& x, Progress& progress) const {
     Normals result(x.rows(), 3);
+    const auto sum_around = [&](const Positions& places_now, Index v) {
+        Vector3 sum = Vector3::Zero();
+        for (const Index c : around(v)) {
+            const Corners p = places(places_now, c / 3);
+            sum += (p.col(1) - p.col(0)).cross(p.col(2) - p.col(0));
+        }
+        return sum;
+    };
     parallel_for(static_cast<Index>(x.rows()), progress, [&](Index begin, Index end) {
         for (Index v = begin; v < end; ++v) {
-            Vector3 sum = Vector3::Zero();
-            for (const Index c : around(v)) {
-                const Corners p = places(x, c / 3);
-                sum += (p.col(1) - p.col(0)).cross(p.col(2) - p.col(0));
-            }
+            Vector3 sum = sum_around(x, v);
+            if (!(sum.norm() > 0.0)) sum = sum_around(*rest_, v);
             const double length = sum.norm();
-            if (length > 0.0)
-                result.row(v) = (sum / length).transpose();
-            else
-                result.row(v) = rest_normals_.row(v);
+            result.row(v) =
+                (length > 0.0 ? Vector3(sum / length) : Vector3(Vector3::UnitZ())).transpose();
         }
     });
     return result;
 }
 
-void ElasticSheet::set_metric(const Positions& x, int sweeps, Progress& progress) {
-    // Logarithms of JᵀJ as tensors in space, isotropic parts across the surface as well, so that
-    // they keep to it where it bends.
-    const auto faces = static_cast<Index>(rest_.size());
-    const auto count = static_cast<Index>(x.rows());
-    std::vector<Matrix3> now(to_size(count), Matrix3::Zero());
+/// Of each triangle, instead of its metric: the logarithm of JᵀJ.
+void ElasticSheet::set_log_stretch(const Positions& x, Progress& progress) {
     const double most = 2.0 * std::log(kLargestStretch);
-    parallel_for(faces, progress, [&](Index begin, Index end) {
+    parallel_for(static_cast<Index>(kept_.size()), progress, [&](Index begin, Index end) {
         for (Index f = begin; f < end; ++f) {
-            Triangle& t = rest_[to_size(f)];
             const Corners p = places(x, f);
             Eigen::Matrix<double, 3, 2> sides;
             sides << p.col(1) - p.col(0), p.col(2) - p.col(0);
-            const Eigen::Matrix<double, 3, 2> jacobian = sides * t.sides.inverse();
-            // Kept there until the metric is known.
-            t.metric_sides =
+            const Eigen::Matrix<double, 3, 2> jacobian = sides * at_rest(f).sides.inverse();
+            const Matrix2 log =
                 of_eigenvalues(Matrix2(jacobian.transpose() * jacobian), [&](double value) {
                     return std::clamp(std::log(std::max(value, 1e-30)), -most, most);
                 });
+            kept_[to_size(f)].metric =
+                Eigen::Vector3d(log(0, 0), log(0, 1), log(1, 1)).cast<float>();
         }
     });
-    const auto in_space = [&](Index f) -> Matrix3 {
-        const Triangle& t = rest_[to_size(f)];
-        const Vector3 normal = t.frame.row(0).cross(t.frame.row(1)).transpose();
-        return t.frame.transpose() * t.metric_sides * t.frame +
-               0.5 * t.metric_sides.trace() * normal * normal.transpose();
-    };
-    const auto face_area = [&](Index f) { return std::abs(rest_[to_size(f)].sides.determinant()); };
+}
+
+/// Of the vertices: as tensors in space, isotropic parts across the surface as well, so that they
+/// keep to it where it bends.
+std::vector<ElasticSheet::Tensor> ElasticSheet::smoothed_log(int sweeps, Progress& progress) const {
+    const auto count = static_cast<Index>(rest_->rows());
+    std::vector<Tensor> now(to_size(count), Tensor::Zero());
     parallel_for(count, progress, [&](Index begin, Index end) {
         for (Index v = begin; v < end; ++v) {
-            double sum = 0.0;
+            Matrix3 sum = Matrix3::Zero();
+            double areas = 0.0;
             for (const Index c : around(v)) {
-                now[to_size(v)] += face_area(c / 3) * in_space(c / 3);
-                sum += face_area(c / 3);
+                const Rest rest = at_rest(c / 3);
+                const Matrix2 log = stretch(c / 3);
+                const Vector3 normal = rest.frame.row(0).cross(rest.frame.row(1)).transpose();
+                const double area = std::abs(rest.sides.determinant());
+                sum += area * (rest.frame.transpose() * log * rest.frame +
+                               0.5 * log.trace() * normal * normal.transpose());
+                areas += area;
             }
-            if (sum > 0.0) now[to_size(v)] /= sum;
+            if (!(areas > 0.0)) continue;
+            sum /= areas;
+            Eigen::Matrix<double, 6, 1> upper;
+            upper << sum(0, 0), sum(0, 1), sum(0, 2), sum(1, 1), sum(1, 2), sum(2, 2);
+            now[to_size(v)] = upper.cast<float>();
         }
     });
-    std::vector<Matrix3> next(now.size());
+    std::vector<Tensor> next(now.size());
     for (int sweep = 0; sweep < sweeps; ++sweep) {
         parallel_for(count, progress, [&](Index begin, Index end) {
             for (Index v = begin; v < end; ++v) {
-                Matrix3 sum = Matrix3::Zero();
+                Tensor sum = Tensor::Zero();
                 const Index first = laplacian_.offsets[to_size(v)];
                 const Index last = laplacian_.offsets[to_size(v) + 1];
                 for (Index k = first; k < last; ++k)
                     sum += now[to_size(laplacian_.neighbors[to_size(k)])];
-                next[to_size(v)] = last > first
-                                       ? Matrix3(0.5 * now[to_size(v)] + 0.5 / (last - first) * sum)
-                                       : now[to_size(v)];
+                const auto share = 0.5f / static_cast<float>(std::max<Index>(last - first, 1));
+                next[to_size(v)] =
+                    last > first ? Tensor(0.5f * now[to_size(v)] + share * sum) : now[to_size(v)];
             }
         });
         now.swap(next);
     }
-    parallel_for(faces, progress, [&](Index begin, Index end) {
+    return now;
+}
+
+void ElasticSheet::set_metric(const Positions& x, int sweeps, Progress& progress) {
+    set_log_stretch(x, progress);
+    const std::vector<Tensor> logs = smoothed_log(sweeps, progress);
+    parallel_for(static_cast<Index>(kept_.size()), progress, [&](Index begin, Index end) {
         for (Index f = begin; f < end; ++f) {
-            Triangle& t = rest_[to_size(f)];
-            Matrix3 mean = Matrix3::Zero();
-            for (Index k = 0; k < 3; ++k) mean += now[to_size((*triangles_)(f, k))] / 3.0;
-            const Matrix2 log = t.frame * mean * t.frame.transpose();
-            t.metric_sides =
-                of_eigenvalues(log, [](double value) { return std::exp(0.5 * value); }) * t.sides;
+            Eigen::Matrix<double, 6, 1> mean = Eigen::Matrix<double, 6, 1>::Zero();
+            for (Index k = 0; k < 3; ++k)
+                mean += logs[to_size((*triangles_)(f, k))].cast<double>() / 3.0;
+            Matrix3 tensor;
+            tensor << mean[0], mean[1], mean[2], mean[1], mean[3], mean[4], mean[2], mean[4],
+                mean[5];
+            const auto frame = at_rest(f).frame;
+            const Matrix2 stretch =
+                of_eigenvalues(Matrix2(frame * tensor * frame.transpose()),
+                               [](double value) { return std::exp(0.5 * value); });
+            kept_[to_size(f)].metric =
+                Eigen::Vector3d(stretch(0, 0), stretch(0, 1), stretch(1, 1)).cast<float>();
         }
     });
 }
 
 double ElasticSheet::area_ratio(Index triangle) const {
-    const Triangle& t = rest_[to_size(triangle)];
-    return t.metric_sides.determinant() / t.sides.determinant();
+    return stretch(triangle).determinant();
 }
 
 void ElasticSheet::turn_vertices(const Positions& x, Progress& progress) {
-    const auto faces = static_cast<Index>(rest_.size());
+    const auto faces = static_cast<Index>(kept_.size());
     std::vector<Matrix3> of_faces(to_size(faces));
     parallel_for(faces, progress, [&](Index begin, Index end) {
         for (Index f = begin; f < end; ++f) {
-            const Triangle& t = rest_[to_size(f)];
+            const Triangle& t = kept_[to_size(f)];
             const Corners p = places(x, f);
             Corners q = Corners::Zero();
-            q.rightCols<2>() = t.frame.transpose() * t.metric_sides;
+            const Rest rest = at_rest(f);
+            q.rightCols<2>() = rest.frame.transpose() * (stretch(f) * rest.sides);
             Matrix3 cross = Matrix3::Zero();
             for (int k = 0; k < 3; ++k) {
                 const int next = (k + 1) % 3;
@@ -252,11 +281,12 @@ void ElasticSheet::turn_vertices(const Positions& x, Progress& progress) {
 }
 
 /// The triangle that it would be, in the plane across `normal`, turned there to where it is.
-ElasticSheet::Corners ElasticSheet::in_plane(const Corners& now, const Triangle& t,
+ElasticSheet::Corners ElasticSheet::in_plane(const Corners& now, Index f,
                                              const Vector3& normal) const {
+    const Triangle& t = kept_[to_size(f)];
     const Vector3 first = normal.unitOrthogonal(), second = normal.cross(first);
     Eigen::Matrix<double, 2, 3> flat = Eigen::Matrix<double, 2, 3>::Zero();
-    flat.rightCols<2>() = t.metric_sides;
+    flat.rightCols<2>() = metric_sides(f);
     double along = 0.0, across = 0.0;
     for (int k = 0; k < 3; ++k) {
         const int next = (k + 1) % 3;
@@ -278,12 +308,12 @@ Positions ElasticSheet::forces(const Positions& x, const Normals& normals, doubl
                                Progress& progress) {
     if (flat < 1.0) turn_vertices(x, progress);
     const auto would = [&](Index f) {
-        const Triangle& t = rest_[to_size(f)];
         Corners corners = Corners::Zero();
         if (flat < 1.0) {
             Matrix3 turn = Matrix3::Zero();
             for (Index k = 0; k < 3; ++k) turn += turns_[to_size((*triangles_)(f, k))] / 3.0;
-            corners.rightCols<2>() = turn * t.frame.transpose() * t.metric_sides;
+            const Rest rest = at_rest(f);
+            corners.rightCols<2>() = turn * rest.frame.transpose() * (stretch(f) * rest.sides);
         }
         if (flat > 0.0) {
             Vector3 normal = Vector3::Zero();
@@ -292,7 +322,7 @@ Positions ElasticSheet::forces(const Positions& x, const Normals& normals, doubl
             constexpr double kCancelled = 1e-6;
             const Corners now = places(x, f);
             corners = (1.0 - flat) * corners +
-                      flat * (length > kCancelled ? in_plane(now, t, normal / length) : now);
+                      flat * (length > kCancelled ? in_plane(now, f, normal / length) : now);
         }
         return corners;
     };

@@ -22,13 +22,12 @@ using Matrix2 = Eigen::Matrix2d;
 /// rims; Sorkine and Alexa 2007, Chao et al. 2010), or laid into a plane and turned in that.
 class ElasticSheet {
 public:
-    /// `rest` has a row a place, in lengths in which the surface has about unit area. Keeps a
-    /// reference to `triangles`.
-    ElasticSheet(const Positions& rest, const Triangles& triangles);
+    /// `rest` has a row a place; times `scale`, the surface has about unit area. Keeps references
+    /// to both.
+    ElasticSheet(const Positions& rest, const Triangles& triangles, double scale = 1.0);
+    ElasticSheet(Positions&&, const Triangles&, double = 1.0) = delete;
 
     const Laplacian& laplacian() const { return laplacian_; }
-    /// A third of the area around each vertex, at rest.
-    const Values& areas() const { return areas_; }
     /// Triangles around each vertex, as 3 f + corner.
     std::span<const Index> around(Index vertex) const {
         return {corners_.data() + offsets_[to_size(vertex)],
@@ -38,8 +37,8 @@ public:
     /// Takes the metric from the present places, averaged over `sweeps` rings of vertices.
     void set_metric(const Positions& x, int sweeps, Progress& progress);
     /// The triangle as the metric would have it: its sides from the first corner, in a plane.
-    const Matrix2& metric_sides(Index triangle) const {
-        return rest_[to_size(triangle)].metric_sides;
+    Matrix2 metric_sides(Index triangle) const {
+        return stretch(triangle) * at_rest(triangle).sides;
     }
     /// Of each triangle: by how much the metric makes the area larger.
     double area_ratio(Index triangle) const;
@@ -59,19 +58,33 @@ public:
     Normals normals(const Positions& x, Progress& progress) const;
 
 private:
-    struct Triangle {
-        Eigen::Matrix<double, 2, 3> frame;  ///< rows: axes in its plane at rest
-        Matrix2 sides;                      ///< columns: to the second and third corner, in these
-        Vector3 weights;                    ///< of the sides from corner k to the next
-        Matrix2 metric_sides;               ///< the sides, stretched by the metric
+    /// Axes in the triangle's plane, the first along its first side, and its sides from the first
+    /// corner in these.
+    struct Rest {
+        Eigen::Matrix<double, 2, 3> frame;  ///< rows
+        Matrix2 sides;                      ///< columns
     };
-    void turn_vertices(const Positions& x, Progress& progress);
-    Corners in_plane(const Corners& now, const Triangle& t, const Vector3& normal) const;
+    /// What is kept of each triangle, in single precision: there are many. The rest is found anew
+    /// from `rest_`.
+    struct Triangle {
+        Eigen::Vector3f weights;  ///< of the sides from corner k to the next
+        Eigen::Vector3f metric;   ///< the stretch in the triangle's axes: xx, xy, yy
+    };
+    /// A symmetric matrix in space, or its logarithm: xx, xy, xz, yy, yz, zz.
+    using Tensor = Eigen::Matrix<float, 6, 1>;
 
+    Rest at_rest(Index f) const;
+    Matrix2 stretch(Index f) const;
+    void set_log_stretch(const Positions& x, Progress& progress);
+    std::vector<Tensor> smoothed_log(int sweeps, Progress& progress) const;
+    void find_laplacian();
+    void turn_vertices(const Positions& x, Progress& progress);
+    Corners in_plane(const Corners& now, Index f, const Vector3& normal) const;
+
+    const Positions* rest_;
     const Triangles* triangles_;
-    std::vector<Triangle> rest_;
-    Normals rest_normals_;  ///< of the vertices
-    Values areas_;
+    double scale_;
+    std::vector<Triangle> kept_;
     Laplacian laplacian_;
     std::vector<Index> offsets_, corners_;
     std::vector<Matrix3> turns_;  ///< of the vertices, once they have turned; kept as a start
@@ -79,7 +92,7 @@ private:
 
 template <class Would>
 Positions ElasticSheet::forces_towards(Would&& would, Progress& progress) const {
-    const auto faces = static_cast<Index>(rest_.size());
+    const auto faces = static_cast<Index>(kept_.size());
     // On the second and third corner; the first is pulled against both.
     std::vector<Eigen::Matrix<double, 3, 2>> of_faces(to_size(faces));
     parallel_for(faces, progress, [&](Index begin, Index end) {
@@ -89,7 +102,7 @@ Positions ElasticSheet::forces_towards(Would&& would, Progress& progress) const 
             for (int k = 0; k < 3; ++k) {
                 const int next = (k + 1) % 3;
                 const Vector3 pull =
-                    rest_[to_size(f)].weights[k] * (corners.col(next) - corners.col(k));
+                    kept_[to_size(f)].weights[k] * (corners.col(next) - corners.col(k));
                 force.col(next) += pull;
                 force.col(k) -= pull;
             }

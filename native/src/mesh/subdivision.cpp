@@ -11,6 +11,11 @@ namespace pointmorph {
 
 namespace {
 
+double edge_length(const Positions& positions, const Triangles& triangles, MeshEdges::Side side) {
+    return (positions.row(start_of(triangles, side)) - positions.row(end_of(triangles, side)))
+        .norm();
+}
+
 /// The pieces of a triangle, some sides of which have a middle (at `p` or −1).
 void cut(const Positions& p, Index triangle, const std::array<Index, 6>& rows,
          std::vector<Piece>& out) {
@@ -77,22 +82,27 @@ Triangles triangles_of(std::span<const Piece> pieces, const Triangles& corners,
     return result;
 }
 
+bool has_long_edges(const Mesh& mesh, const SubdivisionOptions& options) {
+    const double longest = options.longest * std::sqrt(mesh.area());
+    for (Index f = 0; f < mesh.triangles.rows(); ++f)
+        for (Index k = 0; k < 3; ++k)
+            if (edge_length(mesh.positions, mesh.triangles, {f, k}) > longest) return true;
+    return false;
+}
+
 Subdivision subdivided(const Mesh& mesh, const SubdivisionOptions& options) {
     const double longest = options.longest * std::sqrt(mesh.area());
     Positions positions = mesh.positions;
     Triangles triangles = mesh.triangles;
-    std::vector<std::array<Index, 2>> ends;
+    std::vector<EdgeEnds> ends;
     for (;;) {
         const MeshEdges edges(triangles);
         std::vector<Index> middles(to_size(edges.size()), -1);
         const auto before = static_cast<Index>(positions.rows());
         Index count = before;
         for (Index e = 0; e < edges.size(); ++e) {
-            const MeshEdges::Side side = edges[e].front();
-            const double length =
-                (positions.row(start_of(triangles, side)) - positions.row(end_of(triangles, side)))
-                    .norm();
-            if (length > longest) middles[to_size(e)] = count++;
+            if (edge_length(positions, triangles, edges[e].front()) > longest)
+                middles[to_size(e)] = count++;
         }
         if (count == before || count > options.most_places) break;
         positions.conservativeResize(count, 3);

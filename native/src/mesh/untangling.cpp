@@ -7,6 +7,7 @@
 #include <limits>
 #include <utility>
 
+#include "mesh/mesh_patches.hpp"
 #include "pointmorph/base/parallel.hpp"
 
 namespace pointmorph {
@@ -28,19 +29,11 @@ double agreement(const Mesh& mesh, const WrapPartners& planes, const Positions& 
     return length > 0.0 ? face.dot(plane) / length : 0.0;
 }
 
-/// Some faces and the vertices among them that may move.
-struct Patch {
-    std::vector<Index> faces;
-    std::vector<Index> vertices;
-
-    Index unknowns() const { return 3 * static_cast<Index>(vertices.size()); }
-};
-
 /// What is to be least, of the places of a patch's vertices.
 class Energy {
 public:
     Energy(const Mesh& mesh, const ElasticSheet& sheet, const WrapPartners& planes,
-           const Patch& patch, std::vector<Index>& number, const UntangleOptions& options)
+           const MeshPatch& patch, std::vector<Index>& number, const UntangleOptions& options)
         : mesh_(mesh), planes_(planes), patch_(patch), number_(number) {
         for (const Index f : patch.faces) {
             const Vector3 normal = plane_at(mesh, planes, f);
@@ -74,7 +67,7 @@ public:
     /// The energy and, where asked for, its gradient; `soft` lets faces pass through zero.
     double operator()(const Positions& x, double soft, Eigen::VectorXd* gradient) const {
         double sum = 0.0;
-        if (gradient) gradient->setZero(patch_.unknowns());
+        if (gradient) gradient->setZero(static_cast<Eigen::Index>(3 * patch_.vertices.size()));
         for (std::size_t i = 0; i < faces_.size(); ++i) {
             const Matrix2 j = jacobian(i, x);
             const double d = j.determinant(), root = Eigen::Vector2d(soft, d).norm();
@@ -133,24 +126,24 @@ private:
 
     const Mesh& mesh_;
     const WrapPartners& planes_;
-    const Patch& patch_;
+    const MeshPatch& patch_;
     const std::vector<Index>& number_;  ///< of the patch's vertices; −1 for all others
     std::vector<Face> faces_;
     Values weights_;
 };
 
 /// A patch's vertices, moved.
-void put(const Patch& patch, const Eigen::VectorXd& unknowns, Positions& x) {
+void put(const MeshPatch& patch, const Eigen::VectorXd& unknowns, Positions& x) {
     for (std::size_t v = 0; v < patch.vertices.size(); ++v)
         x.row(patch.vertices[v]) =
             unknowns.segment<3>(3 * static_cast<Eigen::Index>(v)).transpose();
 }
 
 /// Nocedal's L-BFGS, with steps that make the energy smaller.
-void descend(const Energy& energy, const Patch& patch, double soft, int most_steps,
+void descend(const Energy& energy, const MeshPatch& patch, double soft, int most_steps,
              double tolerance, Positions& x) {
     constexpr std::size_t kRemembered = 8;
-    const Index count = patch.unknowns();
+    const auto count = static_cast<Index>(3 * patch.vertices.size());
     Eigen::VectorXd at(count), gradient(count), next_gradient(count);
     for (std::size_t v = 0; v < patch.vertices.size(); ++v)
         at.segment<3>(3 * static_cast<Eigen::Index>(v)) = x.row(patch.vertices[v]).transpose();
@@ -198,48 +191,7 @@ void descend(const Energy& energy, const Patch& patch, double soft, int most_ste
     put(patch, at, x);
 }
 
-/// Faces around those given, connected ones together.
-std::vector<Patch> patches_around(const Mesh& mesh, const ElasticSheet& sheet,
-                                  const std::vector<Index>& bad, const std::vector<char>& is_fixed,
-                                  int rings) {
-    std::vector<char> inside(to_size(mesh.triangles.rows()), 0);
-    std::vector<Index> front = bad;
-    for (const Index f : bad) inside[to_size(f)] = 1;
-    for (int ring = 0; ring < rings; ++ring) {
-        std::vector<Index> next;
-        for (const Index f : front)
-            for (Index k = 0; k < 3; ++k)
-                for (const Index c : sheet.around(mesh.triangles(f, k)))
-                    if (!std::exchange(inside[to_size(c / 3)], 1)) next.push_back(c / 3);
-        front = std::move(next);
-    }
-    std::vector<Patch> patches;
-    std::vector<char> seen(to_size(mesh.positions.rows()), 0);
-    for (const Index seed : bad) {
-        if (inside[to_size(seed)] != 1) continue;
-        Patch& patch = patches.emplace_back();
-        patch.faces.push_back(seed);
-        inside[to_size(seed)] = 2;
-        for (std::size_t next = 0; next < patch.faces.size(); ++next)
-            for (Index k = 0; k < 3; ++k) {
-                const Index v = mesh.triangles(patch.faces[next], k);
-                bool is_inner = true;
-                for (const Index c : sheet.around(v)) {
-                    is_inner = is_inner && inside[to_size(c / 3)] != 0;
-                    if (inside[to_size(c / 3)] != 1) continue;
-                    inside[to_size(c / 3)] = 2;
-                    patch.faces.push_back(c / 3);
-                }
-                if (is_inner && !is_fixed[to_size(v)] && !std::exchange(seen[to_size(v)], 1))
-                    patch.vertices.push_back(v);
-            }
-        std::ranges::sort(patch.faces);
-        std::ranges::sort(patch.vertices);
-    }
-    return patches;
-}
-
-double share_of(const Patch& patch, const std::vector<char>& is_bad,
+double share_of(const MeshPatch& patch, const std::vector<char>& is_bad,
                 const UntangleOptions& options) {
     if (!options.share) return 1.0;
     double share = 0.0;
@@ -261,13 +213,14 @@ Index untangle(const Mesh& mesh, const ElasticSheet& sheet, const WrapPartners& 
     if (bad.empty()) return 0;
     std::vector<char> is_bad(to_size(mesh.triangles.rows()), 0);
     for (const Index f : bad) is_bad[to_size(f)] = 1;
-    const std::vector<Patch> patches = patches_around(mesh, sheet, bad, is_fixed, options.rings);
+    const std::vector<MeshPatch> patches =
+        patches_around(mesh, sheet, bad, is_fixed, options.rings);
     parallel_for(
         static_cast<Index>(patches.size()), progress,
         [&](Index begin, Index end) {
             std::vector<Index> number(to_size(x.rows()), -1);
             for (Index p = begin; p < end; ++p) {
-                const Patch& patch = patches[to_size(p)];
+                const MeshPatch& patch = patches[to_size(p)];
                 if (patch.vertices.empty()) continue;
                 for (std::size_t v = 0; v < patch.vertices.size(); ++v)
                     number[to_size(patch.vertices[v])] = static_cast<Index>(v);

@@ -13,7 +13,7 @@ namespace pointmorph {
 
 namespace {
 
-KdTree<6>::Points with_normals(const OrientedPoints& points, double weight) {
+KdTree<6>::Points with_normals(const OrientedView& points, double weight) {
     KdTree<6>::Points rows(points.positions.rows(), 6);
     rows << points.positions, weight * points.normals;
     return rows;
@@ -22,37 +22,86 @@ KdTree<6>::Points with_normals(const OrientedPoints& points, double weight) {
 /// How much of the fit is left to the similarity: a share of the samples' spread.
 constexpr double kOpen = 0.02;
 
+constexpr double kNormals = 2.0;  // spacings that opposite directions count, halved
+
+/// The samples that tell about vertices.
+class NearSamples {
+public:
+    NearSamples(const OrientedView& samples, double spacing)
+        : samples_(samples.positions),
+          weight_(kNormals * spacing),
+          places_(with_normals(samples, weight_)),
+          tree_(places_) {}
+
+    /// Their rows, the nearest first, and weights, whose sum is 1; returns the vertex less the
+    /// weighted mean of the samples.
+    Eigen::RowVector3d find(const OrientedView& vertices, Index vertex, std::span<Index> rows,
+                            std::span<double> weights) const {
+        Eigen::Matrix<double, 1, 6> query;
+        query << vertices.positions.row(vertex), weight_ * vertices.normals.row(vertex);
+        tree_.nearest(query.data(), rows, weights);
+        const double farthest = weights.back() * (1.0 + 1e-9);
+        Eigen::RowVector3d mean = Eigen::RowVector3d::Zero();
+        double sum = 0.0;
+        for (std::size_t k = 0; k < rows.size(); ++k) {
+            const double fade = farthest > 0.0 ? 1.0 - weights[k] / farthest : 1.0;
+            weights[k] = fade * fade;
+            sum += fade * fade;
+            mean += fade * fade * samples_.row(rows[k]);
+        }
+        for (double& weight : weights) weight /= sum;
+        return vertices.positions.row(vertex) - mean / sum;
+    }
+
+private:
+    const Positions& samples_;
+    double weight_;
+    KdTree<6>::Points places_;
+    KdTree<6> tree_;
+};
+
+/// Where the samples around a vertex, which is `offset` from their weighted mean, take it.
+Vector3 image_of(const Eigen::RowVector3d& offset, std::span<const Index> rows,
+                 std::span<const double> weights, const Positions& samples,
+                 const Positions& images) {
+    Vector3 from = Vector3::Zero(), to = Vector3::Zero();
+    for (std::size_t k = 0; k < rows.size(); ++k) {
+        from += weights[k] * samples.row(rows[k]).transpose();
+        to += weights[k] * images.row(rows[k]).transpose();
+    }
+    Matrix3 spread = Matrix3::Zero(), cross = Matrix3::Zero();
+    for (std::size_t k = 0; k < rows.size(); ++k) {
+        const Vector3 d = samples.row(rows[k]).transpose() - from;
+        const Vector3 y = images.row(rows[k]).transpose() - to;
+        spread += weights[k] * d * d.transpose();
+        cross += weights[k] * y * d.transpose();
+    }
+    const double extent = spread.trace();
+    if (!(extent > 0.0)) return to;
+    const BestRotation turn = best_rotation(cross);
+    const Matrix3 similar = turn.trace / extent * turn.rotation;
+    const Matrix3 open = kOpen * extent * Matrix3::Identity();
+    const Matrix3 linear = (cross + kOpen * extent * similar) * (spread + open).inverse();
+    return to + linear * offset.transpose();
+}
+
 }  // namespace
 
 VertexImages::VertexImages(const OrientedPoints& vertices, const OrientedPoints& samples,
                            double spacing, Progress& progress)
     : samples_(samples.positions), offsets_(vertices.positions.rows(), 3) {
-    constexpr double kNormals = 2.0;  // spacings that opposite directions count, halved
     const auto count = static_cast<Index>(vertices.positions.rows());
     neighbors_ = std::min(kNeighbors, static_cast<Index>(samples.positions.rows()));
     rows_.resize(to_size(count * neighbors_));
     weights_.resize(count * neighbors_);
     at_one_.assign(to_size(count), 0);
-    const KdTree<6>::Points places = with_normals(samples, kNormals * spacing);
-    const KdTree<6>::Points queries = with_normals(vertices, kNormals * spacing);
-    const KdTree<6> tree(places);
+    const NearSamples near(oriented(samples), spacing);
+    const OrientedView places = oriented(vertices);
     parallel_for(count, progress, [&](Index begin, Index end) {
-        std::array<double, kNeighbors> squared{};
         for (Index v = begin; v < end; ++v) {
             const auto first = v * neighbors_;
-            tree.nearest(queries.row(v).data(), {rows_.data() + first, to_size(neighbors_)},
-                         {squared.data(), to_size(neighbors_)});
-            const double farthest = squared[to_size(neighbors_ - 1)] * (1.0 + 1e-9);
-            Eigen::RowVector3d mean = Eigen::RowVector3d::Zero();
-            double sum = 0.0;
-            for (Index k = 0; k < neighbors_; ++k) {
-                const double fade = farthest > 0.0 ? 1.0 - squared[to_size(k)] / farthest : 1.0;
-                weights_[first + k] = fade * fade;
-                sum += fade * fade;
-                mean += fade * fade * samples_.row(rows_[to_size(first + k)]);
-            }
-            weights_.segment(first, neighbors_) /= sum;
-            offsets_.row(v) = vertices.positions.row(v) - mean / sum;
+            offsets_.row(v) = near.find(places, v, {rows_.data() + first, to_size(neighbors_)},
+                                        {weights_.data() + first, to_size(neighbors_)});
             at_one_[to_size(v)] = vertices.positions.row(v) == samples_.row(rows_[to_size(first)]);
         }
     });
@@ -63,33 +112,37 @@ Positions VertexImages::positions(const Positions& images, Progress& progress) c
     parallel_for(size(), progress, [&](Index begin, Index end) {
         for (Index v = begin; v < end; ++v) {
             const auto around = rows(v);
-            if (at_one_[to_size(v)]) {
+            if (at_one_[to_size(v)])
                 result.row(v) = images.row(around.front());
-                continue;
-            }
-            const auto weight = [&](Index k) { return weights_[v * neighbors_ + k]; };
-            Vector3 from = Vector3::Zero(), to = Vector3::Zero();
-            for (Index k = 0; k < neighbors_; ++k) {
-                from += weight(k) * samples_.row(around[to_size(k)]).transpose();
-                to += weight(k) * images.row(around[to_size(k)]).transpose();
-            }
-            Matrix3 spread = Matrix3::Zero(), cross = Matrix3::Zero();
-            for (Index k = 0; k < neighbors_; ++k) {
-                const Vector3 d = samples_.row(around[to_size(k)]).transpose() - from;
-                const Vector3 y = images.row(around[to_size(k)]).transpose() - to;
-                spread += weight(k) * d * d.transpose();
-                cross += weight(k) * y * d.transpose();
-            }
-            const double extent = spread.trace();
-            if (!(extent > 0.0)) {
-                result.row(v) = to.transpose();
-                continue;
-            }
-            const BestRotation turn = best_rotation(cross);
-            const Matrix3 similar = turn.trace / extent * turn.rotation;
-            const Matrix3 open = kOpen * extent * Matrix3::Identity();
-            const Matrix3 linear = (cross + kOpen * extent * similar) * (spread + open).inverse();
-            result.row(v) = (to + linear * offsets_.row(v).transpose()).transpose();
+            else
+                result.row(v) =
+                    image_of(offsets_.row(v), around,
+                             {weights_.data() + v * neighbors_, around.size()}, samples_, images)
+                        .transpose();
+        }
+    });
+    return result;
+}
+
+Positions carried_positions(const OrientedView& vertices, const OrientedView& samples,
+                            const Positions& images, double spacing, Progress& progress) {
+    const auto count = static_cast<Index>(vertices.positions.rows());
+    const auto around =
+        to_size(std::min<Eigen::Index>(VertexImages::kNeighbors, samples.positions.rows()));
+    const NearSamples near(samples, spacing);
+    Positions result(count, 3);
+    parallel_for(count, progress, [&](Index begin, Index end) {
+        std::array<Index, VertexImages::kNeighbors> all_rows{};
+        std::array<double, VertexImages::kNeighbors> all_weights{};
+        const std::span rows(all_rows.data(), around);
+        const std::span weights(all_weights.data(), around);
+        for (Index v = begin; v < end; ++v) {
+            const Eigen::RowVector3d offset = near.find(vertices, v, rows, weights);
+            if (vertices.positions.row(v) == samples.positions.row(rows.front()))
+                result.row(v) = images.row(rows.front());
+            else
+                result.row(v) =
+                    image_of(offset, rows, weights, samples.positions, images).transpose();
         }
     });
     return result;

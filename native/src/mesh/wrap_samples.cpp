@@ -67,56 +67,58 @@ std::vector<Index> parts_kept_to(const Mesh& mesh, const Positions& start, const
 
 }  // namespace
 
-struct WrapSamples::Tree {
+struct WrapTrees::Tree {
     KdTree<6>::Points places;  ///< and normals times their weight
     KdTree<6> search;
 
     explicit Tree(KdTree<6>::Points points) : places(std::move(points)), search(places) {}
 };
 
-WrapSamples::WrapSamples(const Mesh& mesh, const Positions& start, const WrapTarget& target,
-                         double scale)
-    : mesh_(mesh), target_(target), scale_(scale) {
-    target_parts_ =
-        parts_kept_to(mesh, start, target.coarse.positions * scale, target.coarse_parts);
+WrapTrees::WrapTrees(const WrapTarget& target, double scale) : target_(target), scale_(scale) {}
+
+WrapTrees::~WrapTrees() = default;
+
+double WrapTrees::weight(Kind kind) {
+    return kind == kCoarse ? kCoarseNormals : kFineNormals;
 }
 
-/// When first asked for: fine samples are many.
-void WrapSamples::make_trees(Kind kind, Progress& progress) {
+const WrapTrees::Tree& WrapTrees::of_part(Kind kind, Index part, Progress& progress) {
+    auto& trees = trees_[kind];
+    if (trees.size() < to_size(part) + 2) trees.resize(to_size(part) + 2);
+    auto& tree = trees[to_size(part + 1)];
+    if (tree) return *tree;
     const OrientedPoints& samples = kind == kCoarse ? target_.coarse : target_.fine;
     const std::vector<Index>& labels = kind == kCoarse ? target_.coarse_parts : target_.fine_parts;
-    const double weight = kind == kCoarse ? kCoarseNormals : kFineNormals;
     Normals smooth;
     if (kind == kCoarse) smooth = smoothed(samples, progress);
     const Normals& normals = kind == kCoarse ? smooth : samples.normals;
-    const Index parts = labels.empty() ? 1 : 1 + *std::ranges::max_element(labels);
-    trees_[kind].resize(to_size(parts) + 1);
-    for (Index part = -1; part < parts; ++part) {
-        if (std::ranges::find(target_parts_, part) == target_parts_.end()) continue;
-        const auto is_inside = [&](Index i) { return part < 0 || labels[to_size(i)] == part; };
-        const auto all = static_cast<Index>(samples.positions.rows());
-        Index count = all;
-        if (part >= 0) count = static_cast<Index>(std::ranges::count(labels, part));
-        KdTree<6>::Points places(count, 6);
-        for (Index i = 0, row = 0; i < all; ++i)
-            if (is_inside(i))
-                places.row(row++) << scale_ * samples.positions.row(i), weight * normals.row(i);
-        trees_[kind][to_size(part + 1)] = std::make_unique<Tree>(std::move(places));
-    }
-    last_[kind].assign(mesh_.parts.size(), -1);
+    const auto all = static_cast<Index>(samples.positions.rows());
+    const Index count = part < 0 ? all : static_cast<Index>(std::ranges::count(labels, part));
+    KdTree<6>::Points places(count, 6);
+    for (Index i = 0, row = 0; i < all; ++i)
+        if (part < 0 || labels[to_size(i)] == part)
+            places.row(row++) << scale_ * samples.positions.row(i), weight(kind) * normals.row(i);
+    progress.report(0.0);
+    tree = std::make_unique<Tree>(std::move(places));
+    return *tree;
 }
 
-WrapSamples::~WrapSamples() = default;
-
-const WrapSamples::Tree& WrapSamples::tree(Kind kind, Index part) const {
-    return *trees_[kind][to_size(target_parts_[to_size(part)] + 1)];
+WrapSamples::WrapSamples(const Mesh& mesh, const Positions& start,
+                         const std::vector<SurfacePoint>& on_mesh, WrapTrees& trees)
+    : mesh_(mesh), on_mesh_(on_mesh), trees_(trees) {
+    const WrapTarget& target = trees.target();
+    target_parts_ =
+        parts_kept_to(mesh, start, target.coarse.positions * trees.scale(), target.coarse_parts);
 }
 
 WrapPartners WrapSamples::partners(const Positions& x, const Normals& normals, Kind kind,
                                    Progress& progress) {
-    const double weight = kind == kCoarse ? kCoarseNormals : kFineNormals;
+    const double weight = WrapTrees::weight(kind);
     constexpr double kBarelyMore = 1.0 + 1e-9;
-    if (trees_[kind].empty()) make_trees(kind, progress);
+    std::vector<const WrapTrees::Tree*> of_parts;
+    for (const Index part : target_parts_)
+        of_parts.push_back(&trees_.of_part(kind, part, progress));
+    last_[kind].resize(mesh_.parts.size(), -1);
     WrapPartners result{x, normals};
     parallel_for(
         static_cast<Index>(x.rows()), progress,
@@ -124,7 +126,7 @@ WrapPartners WrapSamples::partners(const Positions& x, const Normals& normals, K
             Eigen::Matrix<double, 1, 6> query;
             for (Index v = begin; v < end; ++v) {
                 if (mesh_.parts[to_size(v)] < 0) continue;
-                const Tree& samples = tree(kind, mesh_.parts[to_size(v)]);
+                const WrapTrees::Tree& samples = *of_parts[to_size(mesh_.parts[to_size(v)])];
                 query << x.row(v), weight * normals.row(v);
                 Index& nearest = last_[kind][to_size(v)];
                 double radius = std::numeric_limits<double>::infinity(), squared = 0.0;
@@ -143,9 +145,22 @@ WrapPartners WrapSamples::partners(const Positions& x, const Normals& normals, K
     return result;
 }
 
+std::pair<Vector3, Vector3> WrapSamples::partner(Index vertex, const Vector3& place,
+                                                 const Vector3& normal) const {
+    const Index part = target_parts_[to_size(mesh_.parts[to_size(vertex)])];
+    const WrapTrees::Tree& samples = trees_.made(WrapTrees::kFine, part);
+    Eigen::Matrix<double, 1, 6> query;
+    query << place.transpose(), kFineNormals * normal.transpose();
+    Index nearest = 0;
+    double squared = 0.0;
+    samples.search.nearest(query.data(), {&nearest, 1}, {&squared, 1});
+    return {samples.places.row(nearest).head<3>().transpose(),
+            samples.places.row(nearest).tail<3>().transpose() / kFineNormals};
+}
+
 std::vector<Index> WrapSamples::uncovered(const TriangleTree& mesh, double distance,
                                           Progress& progress) const {
-    const auto count = static_cast<Index>(target_.on_mesh.size());
+    const auto count = static_cast<Index>(on_mesh_.size());
     std::vector<char> is_far(to_size(count), 0);
     parallel_for(
         count, progress,
@@ -155,7 +170,7 @@ std::vector<Index> WrapSamples::uncovered(const TriangleTree& mesh, double dista
                 if (face < 0) continue;
                 const Index part =
                     target_parts_[to_size(mesh_.parts[to_size(mesh_.triangles(face, 0))])];
-                if (part >= 0 && part != target_.coarse_parts[to_size(s)]) continue;
+                if (part >= 0 && part != trees_.target().coarse_parts[to_size(s)]) continue;
                 is_far[to_size(s)] = mesh.closest(position(s), distance, face).triangle < 0;
             }
         },
@@ -166,16 +181,12 @@ std::vector<Index> WrapSamples::uncovered(const TriangleTree& mesh, double dista
     return result;
 }
 
-const SurfacePoint& WrapSamples::on_mesh(Index sample) const {
-    return target_.on_mesh[to_size(sample)];
-}
-
 Vector3 WrapSamples::position(Index sample) const {
-    return scale_ * target_.coarse.positions.row(sample).transpose();
+    return trees_.scale() * trees_.target().coarse.positions.row(sample).transpose();
 }
 
 double WrapSamples::share() const {
-    return 1.0 / static_cast<double>(target_.coarse.positions.rows());
+    return 1.0 / static_cast<double>(trees_.target().coarse.positions.rows());
 }
 
 }  // namespace pointmorph

@@ -3,6 +3,7 @@
 #pragma once
 
 #include <memory>
+#include <utility>
 #include <vector>
 
 #include "pointmorph/base/progress.hpp"
@@ -18,21 +19,51 @@ struct WrapPartners {
     Normals normals;
 };
 
-class WrapSamples {
+/// Trees of the samples of a target, for all meshes that are wrapped onto it.
+class WrapTrees {
 public:
-    /// kCoarse: among coarse samples, with smooth normals that count much; kFine: among fine ones,
-    /// whose normals only tell both sides of a sheet apart.
+    /// kCoarse: coarse samples, with smooth normals that count much; kFine: fine ones, whose
+    /// normals only tell both sides of a sheet apart.
     enum Kind { kCoarse, kFine };
 
-    /// `start` decides which part of the target each part of the mesh keeps to. Lengths of the
-    /// target are multiplied by `scale`, to be in √area.
-    WrapSamples(const Mesh& mesh, const Positions& start, const WrapTarget& target, double scale);
-    ~WrapSamples();
+    /// Lengths of the target are multiplied by `scale`, to be in √area. Keeps a reference.
+    WrapTrees(const WrapTarget& target, double scale);
+    ~WrapTrees();
+
+    struct Tree;
+    /// Of one part of the target; −1: of all of it. Made when first asked for; not in parallel.
+    const Tree& of_part(Kind kind, Index part, Progress& progress);
+    /// What of_part() has made.
+    const Tree& made(Kind kind, Index part) const { return *trees_[kind][to_size(part + 1)]; }
+    static double weight(Kind kind);  ///< of normals
+
+    const WrapTarget& target() const { return target_; }
+    double scale() const { return scale_; }
+
+private:
+    const WrapTarget& target_;
+    double scale_;
+    std::vector<std::unique_ptr<Tree>> trees_[2];  ///< of all, then by part
+};
+
+class WrapSamples {
+public:
+    using Kind = WrapTrees::Kind;
+
+    /// `start` decides which part of the target each part of the mesh keeps to. `on_mesh`: where
+    /// each coarse sample lies on it, as in WrapTarget. Keeps references.
+    WrapSamples(const Mesh& mesh, const Positions& start, const std::vector<SurfacePoint>& on_mesh,
+                WrapTrees& trees);
 
     /// The closest in position and normal, from the part of the target that the vertex keeps to.
     /// Remembers them, to be faster the next time.
     WrapPartners partners(const Positions& x, const Normals& normals, Kind kind,
                           Progress& progress);
+
+    /// The partner among fine samples of one vertex of the mesh at a place, facing so: its place
+    /// and normal. After partners() of all of them.
+    std::pair<Vector3, Vector3> partner(Index vertex, const Vector3& place,
+                                        const Vector3& normal) const;
 
     /// Coarse samples that are farther than `distance` from every face, and have a place on the
     /// mesh on a part that keeps to theirs; ascending.
@@ -40,21 +71,17 @@ public:
                                  Progress& progress) const;
 
     /// Of the coarse samples.
-    const SurfacePoint& on_mesh(Index sample) const;
+    const SurfacePoint& on_mesh(Index sample) const { return on_mesh_[to_size(sample)]; }
+    Index size() const { return static_cast<Index>(on_mesh_.size()); }
     Vector3 position(Index sample) const;
     double share() const;  ///< of the area, of each sample
 
 private:
-    struct Tree;
-    const Tree& tree(Kind kind, Index part) const;
-    void make_trees(Kind kind, Progress& progress);
-
     const Mesh& mesh_;
-    const WrapTarget& target_;
-    double scale_;
-    std::vector<Index> target_parts_;              ///< of each part of the mesh; −1: all
-    std::vector<std::unique_ptr<Tree>> trees_[2];  ///< by part of the target, then all of it
-    std::vector<Index> last_[2];                   ///< partners, rows of the trees; −1: none yet
+    const std::vector<SurfacePoint>& on_mesh_;
+    WrapTrees& trees_;
+    std::vector<Index> target_parts_;  ///< of each part of the mesh; −1: all
+    std::vector<Index> last_[2];       ///< partners, rows of the trees; −1: none yet
 };
 
 }  // namespace pointmorph

@@ -2,12 +2,14 @@
 
 #include <algorithm>
 #include <cmath>
+#include <optional>
 #include <span>
 #include <vector>
 
 #include "mesh/block_system.hpp"
 #include "mesh/coarse_mesh.hpp"
 #include "mesh/elastic_sheet.hpp"
+#include "mesh/mending.hpp"
 #include "mesh/rigid_regions.hpp"
 #include "mesh/untangling.hpp"
 #include "mesh/wrap_borders.hpp"
@@ -39,19 +41,44 @@ std::vector<Positions> scaled(std::vector<Positions> lines, double scale) {
     return lines;
 }
 
+/// The target's own faces, in √area.
+struct Faces {
+    const Mesh& mesh;
+    Positions corners;
+    TriangleTree tree;
+
+    Faces(const Mesh& surface, double scale)
+        : mesh(surface), corners(surface.positions * scale), tree(corners, surface.triangles) {}
+    Faces(const Faces&) = delete;
+
+    /// The rest of the way to them for a place on the plane at its partner, which is what the
+    /// surface bends between samples: along the normal of the closest face, where that faces as the
+    /// partner does. Not onto the closest point, which would fold faces at edges and borders.
+    Vector3 way(const Vector3& place, const Vector3& facing) const {
+        constexpr double kFar = 0.002, kAgree = 0.5;
+        const SurfacePoint point = tree.closest(place, kFar);
+        if (point.triangle < 0) return Vector3::Zero();
+        const Vector3 normal = mesh.normals.row(point.triangle).transpose();
+        if (normal.dot(facing) < kAgree) return Vector3::Zero();
+        const Vector3 on = corners.row(mesh.triangles(point.triangle, 0)).transpose();
+        return (on - place).dot(normal) * normal;
+    }
+};
+
 /// Lengths in √area of both surfaces.
 class Wrapping {
 public:
-    Wrapping(const Mesh& mesh, const Positions& start, const WrapTarget& target,
-             const WrapHolds& holds, const WrapOptions& options)
+    /// `on_mesh` as in WrapTarget, on this mesh.
+    Wrapping(const Mesh& mesh, const Positions& start, WrapTrees& trees,
+             const std::vector<SurfacePoint>& on_mesh, const WrapHolds& holds,
+             const WrapOptions& options)
         : mesh_(mesh),
           options_(options),
-          surface_(target.mesh),
-          scale_(1.0 / std::sqrt(target.area)),
+          scale_(trees.scale()),
           x_(start * scale_),
-          sheet_(mesh.positions / std::sqrt(mesh.area()), mesh.triangles),
-          samples_(mesh, x_, target, scale_),
-          borders_(mesh, x_, scaled(target.borders, scale_)),
+          sheet_(mesh.positions, mesh.triangles, 1.0 / std::sqrt(mesh.area())),
+          samples_(mesh, x_, on_mesh, trees),
+          borders_(mesh, x_, scaled(trees.target().borders, scale_)),
           tree_(x_, mesh.triangles),
           rigid_(mesh, holds.rigid),
           fixed_(holds.fixed),
@@ -73,12 +100,16 @@ public:
         }
     }
 
-    /// Turns back what lies against the target, and puts all onto it.
-    void finish(Progress& progress) {
-        sides_ = samples_.partners(x_, sheet_.normals(x_, progress), WrapSamples::kFine, progress)
-                     .normals;
+    /// Turns back what lies against the target, puts all onto it, and onto the faces of `surface`
+    /// where there is one, and smooths what is creased.
+    void finish(const Mesh* surface, Progress& progress) {
+        sides_ =
+            samples_.partners(x_, sheet_.normals(x_, progress), WrapTrees::kFine, progress).normals;
         turn_back(progress);
-        land(progress);
+        std::optional<Faces> faces;
+        if (surface) faces.emplace(*surface, scale_);
+        land(faces ? &*faces : nullptr, progress);
+        smooth_creases(faces ? &*faces : nullptr, progress);
     }
 
     /// In the lengths of the target.
@@ -118,7 +149,7 @@ private:
 
     void step(double length, Progress& progress) {
         Positions right;
-        std::vector<Matrix3> blocks(to_size(x_.rows()), Matrix3::Zero());
+        std::vector<Matrix3> blocks;
         add_partners(length, blocks, right, progress);
         add_pulls(blocks, right);
         hold_fixed(blocks, right);
@@ -136,10 +167,11 @@ private:
     void add_partners(double length, std::vector<Matrix3>& blocks, Positions& right,
                       Progress& progress) {
         const double flat = flatness(length);
-        const auto kind = length > kCoarsePartners ? WrapSamples::kCoarse : WrapSamples::kFine;
+        const auto kind = length > kCoarsePartners ? WrapTrees::kCoarse : WrapTrees::kFine;
         const Normals normals = sheet_.normals(x_, progress);
         const WrapPartners partners = samples_.partners(x_, normals, kind, progress);
         right = sheet_.forces(x_, partners.normals, flat, progress);
+        blocks.assign(to_size(x_.rows()), Matrix3::Zero());
         constexpr double kFull = 0.5;  // cosine between normals at which a partner counts in full
         parallel_for(static_cast<Index>(x_.rows()), progress, [&](Index begin, Index end) {
             for (Index v = begin; v < end; ++v) {
@@ -176,18 +208,23 @@ private:
         }
     }
 
+    /// Marks, and what is held more than this.
+    std::vector<char> fixed(double most) const {
+        std::vector<char> result(to_size(x_.rows()), 0);
+        for (const WrapMark& mark : marks_) result[to_size(mark.place)] = 1;
+        for (Index v = 0; v < x_.rows(); ++v)
+            if (held(v) > most) result[to_size(v)] = 1;
+        return result;
+    }
+
     /// Turns faces that lie against the target. Which side of a sheet a vertex is on, its partner
     /// knows: its own faces may lie against it.
     void turn_back(Progress& progress) {
-        std::vector<char> is_fixed(to_size(x_.rows()), 0);
-        for (const WrapMark& mark : marks_) is_fixed[to_size(mark.place)] = 1;
         constexpr double kHeld = 0.5;
-        for (Index v = 0; v < x_.rows(); ++v)
-            if (held(v) > kHeld) is_fixed[to_size(v)] = 1;
+        const std::vector<char> is_fixed = fixed(kHeld);
         sheet_.set_metric(x_, 8, progress);
         for (Index round = 0; round < options_.untangling; ++round) {
-            const WrapPartners partners =
-                samples_.partners(x_, sides_, WrapSamples::kFine, progress);
+            const WrapPartners partners = samples_.partners(x_, sides_, WrapTrees::kFine, progress);
             sides_ = partners.normals;
             const Index before = left_;
             left_ = untangle(mesh_, sheet_, partners, is_fixed, {}, x_, progress);
@@ -195,15 +232,31 @@ private:
         }
     }
 
+    void smooth_creases(const Faces* faces, Progress& progress) {
+        std::vector<char> is_fixed = fixed(0.0);
+        for (const std::vector<Index>& border : mesh_.borders)
+            for (const Index v : border) is_fixed[to_size(v)] = 1;
+        MendTarget target;
+        target.landed = [&](Index v, const Vector3& place, const Vector3& facing) -> Vector3 {
+            const auto [at, normal] = samples_.partner(v, place, facing);
+            const Vector3 on = place + landing(v) * (at - place).dot(normal) * normal;
+            return faces ? Vector3(on + landing(v) * faces->way(on, normal)) : on;
+        };
+        target.samples.resize(samples_.size(), 3);
+        for (Index s = 0; s < samples_.size(); ++s)
+            target.samples.row(s) = samples_.position(s).transpose();
+        mend(mesh_, sheet_, target, is_fixed, tree_, x_, progress);
+    }
+
     /// Onto the planes of the closest samples, and marks onto their targets.
-    void land(Progress& progress) {
-        const WrapPartners partners = samples_.partners(x_, sides_, WrapSamples::kFine, progress);
+    void land(const Faces* faces, Progress& progress) {
+        const WrapPartners partners = samples_.partners(x_, sides_, WrapTrees::kFine, progress);
         for (Index v = 0; v < x_.rows(); ++v) {
             if (sheet_.around(v).empty()) continue;
             const Eigen::RowVector3d normal = partners.normals.row(v);
             x_.row(v) += landing(v) * (partners.positions.row(v) - x_.row(v)).dot(normal) * normal;
         }
-        if (surface_) onto_faces(partners, progress);
+        if (faces) onto_faces(*faces, partners, progress);
         if (options_.conform == 1.0) borders_.land(x_);
         rigid_.keep(x_);
         for (Eigen::Index v = 0; v < fixed_.rows(); ++v)
@@ -211,23 +264,13 @@ private:
         for (const WrapMark& mark : marks_) x_.row(mark.place) = mark.target.transpose();
     }
 
-    /// The rest of the way, which is what the surface bends between samples: along the normal of
-    /// the closest face, where that faces as the partner does. Not onto the closest point, which
-    /// would fold faces at edges and borders.
-    void onto_faces(const WrapPartners& partners, Progress& progress) {
-        constexpr double kFar = 0.002, kAgree = 0.5;
-        const TriangleTree tree(surface_->positions * scale_, surface_->triangles);
+    void onto_faces(const Faces& faces, const WrapPartners& partners, Progress& progress) {
         parallel_for(static_cast<Index>(x_.rows()), progress, [&](Index begin, Index end) {
             for (Index v = begin; v < end; ++v) {
                 if (sheet_.around(v).empty()) continue;
                 const Vector3 place = x_.row(v).transpose();
-                const SurfacePoint point = tree.closest(place, kFar);
-                if (point.triangle < 0) continue;
-                const Vector3 normal = surface_->normals.row(point.triangle).transpose();
-                if (normal.dot(partners.normals.row(v).transpose()) < kAgree) continue;
-                const Index corner = surface_->triangles(point.triangle, 0);
-                const Vector3 on = scale_ * surface_->positions.row(corner).transpose();
-                x_.row(v) += landing(v) * ((on - place).dot(normal) * normal).transpose();
+                const Vector3 normal = partners.normals.row(v).transpose();
+                x_.row(v) += landing(v) * faces.way(place, normal).transpose();
             }
         });
     }
@@ -246,7 +289,6 @@ private:
 
     const Mesh& mesh_;
     const WrapOptions& options_;
-    const Mesh* surface_;  ///< the target's faces, where it has some
     double scale_;
     Positions x_;
     ElasticSheet sheet_;
@@ -282,7 +324,7 @@ struct Level {
 };
 
 /// Where the places are once a coarse mesh has given way in place of all.
-Positions after_coarse_mesh(const Mesh& mesh, const Positions& start, const WrapTarget& target,
+Positions after_coarse_mesh(const Mesh& mesh, const Positions& start, WrapTrees& trees,
                             const WrapHolds& holds, const Level& level, Progress& progress) {
     std::vector<Index> kept;
     for (const WrapMark& mark : holds.marks) kept.push_back(mark.place);
@@ -295,14 +337,13 @@ Positions after_coarse_mesh(const Mesh& mesh, const Positions& start, const Wrap
         const auto row = std::ranges::lower_bound(coarse.rows, mark.place) - coarse.rows.begin();
         coarse_marks.push_back({static_cast<Index>(row), mark.target});
     }
-    WrapTarget onto = target;
-    onto.mesh = nullptr;
     const TriangleTree tree(coarse.mesh.positions, coarse.mesh.triangles);
+    std::vector<SurfacePoint> on_coarse = trees.target().on_mesh;
     parallel_for(
-        static_cast<Index>(onto.on_mesh.size()), progress,
+        static_cast<Index>(on_coarse.size()), progress,
         [&](Index begin, Index end) {
             for (Index s = begin; s < end; ++s) {
-                SurfacePoint& point = onto.on_mesh[to_size(s)];
+                SurfacePoint& point = on_coarse[to_size(s)];
                 if (point.triangle >= 0)
                     point = tree.closest(place_of(point, mesh.triangles, mesh.positions));
             }
@@ -314,14 +355,14 @@ Positions after_coarse_mesh(const Mesh& mesh, const Positions& start, const Wrap
         coarse_holds.fixed = gather(holds.fixed, coarse.rows);
         coarse_holds.places = gather(holds.places, coarse.rows);
     }
-    Wrapping wrapping(coarse.mesh, gather(start, coarse.rows), onto, coarse_holds, level.options);
+    Wrapping wrapping(coarse.mesh, gather(start, coarse.rows), trees, on_coarse, coarse_holds,
+                      level.options);
     wrapping.settle(level.lengths, progress);
     const double spacing =
         std::sqrt(mesh.area() / static_cast<double>(coarse.mesh.positions.rows()));
-    const VertexImages carried({mesh.positions, mesh.place_normals},
-                               {coarse.mesh.positions, coarse.mesh.place_normals}, spacing,
-                               progress);
-    Positions result = carried.positions(wrapping.places(), progress);
+    Positions result = carried_positions({mesh.positions, mesh.place_normals},
+                                         {coarse.mesh.positions, coarse.mesh.place_normals},
+                                         wrapping.places(), spacing, progress);
     // Small parts have too few places to be carried by: they are where the map took them.
     constexpr int kEnough = 24;
     std::vector<int> places_of_part(to_size(mesh.part_areas.size()), 0);
@@ -346,6 +387,7 @@ Positions wrap(const Mesh& mesh, const Positions& start, const WrapTarget& targe
     if (fits || mesh.triangles.rows() == 0) return start;
 
     const std::vector<double> lengths = all_lengths(options);
+    WrapTrees trees(target, 1.0 / std::sqrt(target.area));
     Positions x = start;
     std::size_t done = 0;
     const auto share = [&](std::size_t count) {
@@ -361,13 +403,13 @@ Positions wrap(const Mesh& mesh, const Positions& start, const WrapTarget& targe
         if (end == done) continue;
         const Progress::Part part(progress, share(done), share(end));
         const Level level{places, std::span(lengths).subspan(done, end - done), options};
-        x = after_coarse_mesh(mesh, x, target, holds, level, progress);
+        x = after_coarse_mesh(mesh, x, trees, holds, level, progress);
         done = end;
     }
     const Progress::Part part(progress, share(done), 1.0);
-    Wrapping wrapping(mesh, x, target, holds, options);
+    Wrapping wrapping(mesh, x, trees, target.on_mesh, holds, options);
     wrapping.settle(std::span(lengths).subspan(done), progress);
-    wrapping.finish(progress);
+    wrapping.finish(target.mesh, progress);
     Positions result = wrapping.places();
     for (Eigen::Index v = 0; v < holds.fixed.rows(); ++v)
         if (holds.fixed[v] == 1.0) result.row(v) = holds.places.row(v);

@@ -217,7 +217,7 @@ DenserMesh denser_mesh(const WrapSource& source, const WrapSide& target,
         const Progress::Part part(progress, round / count, (round + 1) / count);
         Subdivision divided = subdivided(growing.mesh(), {});
         divided.ends.insert(divided.ends.begin(), growing.ends().begin(), growing.ends().end());
-        const Positions all = onto.wrapped(divided, wrapping, progress);
+        const Positions all = onto.wrapped(divided.mesh, divided.ends, wrapping, progress);
         x = all.topRows(growing.mesh().positions.rows());
         if (round == options.rounds) break;
         const TriangleTree tree(divided.mesh.positions, divided.mesh.triangles);

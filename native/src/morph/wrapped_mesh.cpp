@@ -43,9 +43,9 @@ Positions starts(const Mesh& mesh, const WrapSource& source, const Normalization
     if (places.rows() > own.positions.rows()) {
         const MeshSamples& samples = source.mesh.samples();
         const double spacing = std::sqrt(own.area() / samples.size());
-        const VertexImages carried({mesh.positions, mesh.place_normals},
-                                   {samples.positions, samples.normals}, spacing, progress);
-        places = carried.positions(unit.apply(source.sample_images), progress);
+        places = carried_positions({mesh.positions, mesh.place_normals},
+                                   {samples.positions, samples.normals},
+                                   unit.apply(source.sample_images), spacing, progress);
     }
     for (std::size_t v = mesh.places.size(); v-- > 0;)
         places.row(mesh.places[v]) = images.row(static_cast<Eigen::Index>(v));
@@ -85,18 +85,19 @@ Values at_places(const Values& of_vertices, const Mesh& mesh, Index places) {
     return result;
 }
 
-WrapHolds holds_of(const WrapSource& source, const Subdivision& divided, const Normalization& unit,
-                   std::span<const WrapMark> marks) {
+WrapHolds holds_of(const WrapSource& source, std::span<const EdgeEnds> ends,
+                   const Normalization& unit, std::span<const WrapMark> marks) {
     const Mesh& own = source.mesh.mesh();
     const auto places = static_cast<Index>(own.positions.rows());
     WrapHolds holds{.marks = marks};
-    const auto extended = [&](const Values& of_vertices) {
+    const auto at_all = [&](const Values& of_vertices) {
         const Values values = at_places(of_vertices, own, places);
-        return values.rows() > 0 ? divided.extended(values) : values;
+        return values.rows() > 0 ? extended(values, ends) : values;
     };
-    holds.rigid = extended(source.holds.rigid);
-    holds.fixed = extended(source.holds.fixed);
-    if (holds.fixed.rows() > 0) holds.places = unit.apply(own.unit.restore(divided.mesh.positions));
+    holds.rigid = at_all(source.holds.rigid);
+    holds.fixed = at_all(source.holds.fixed);
+    if (holds.fixed.rows() > 0)
+        holds.places = unit.apply(own.unit.restore(extended(own.positions, ends)));
     return holds;
 }
 
@@ -117,9 +118,8 @@ WrapOnto::WrapOnto(const WrapSource& source, const WrapSide& target,
       unit_(target.mesh ? target.mesh->mesh().unit : normalization(target.cloud.positions)),
       target_(target_of(target, unit_, progress)) {}
 
-Positions WrapOnto::wrapped(const Subdivision& divided, const WrapOptions& options,
-                            Progress& progress) {
-    const Mesh& mesh = divided.mesh;
+Positions WrapOnto::wrapped(const Mesh& mesh, std::span<const EdgeEnds> ends,
+                            const WrapOptions& options, Progress& progress) {
     target_.on_mesh = places_on(mesh, mesh.unit.apply(other_.images), progress);
     const Positions start = starts(mesh, source_, unit_, progress);
     std::vector<WrapMark> marks;
@@ -127,7 +127,7 @@ Positions WrapOnto::wrapped(const Subdivision& divided, const WrapOptions& optio
         const Positions at = unit_.apply(other_.cloud.positions.row(pair.target));
         marks.push_back({mesh.places[to_size(pair.source)], at.row(0).transpose()});
     }
-    return wrap(mesh, start, target_, holds_of(source_, divided, unit_, marks), options, progress);
+    return wrap(mesh, start, target_, holds_of(source_, ends, unit_, marks), options, progress);
 }
 
 Positions WrapOnto::restored(const Positions& vertices) const {
@@ -144,9 +144,15 @@ Positions wrapped_vertices(const WrapSource& source, const WrapSide& target,
                            Progress& progress) {
     if (is_same_mesh(source, target)) return source.images;
     WrapOnto onto(source, target, pinned, progress);
-    const Subdivision divided = subdivided(source.mesh.mesh(), {});
-    const Positions places = onto.wrapped(divided, options, progress);
-    return onto.restored(gather(places, source.mesh.mesh().places));
+    const Mesh& mesh = source.mesh.mesh();
+    Positions places;
+    if (has_long_edges(mesh, {})) {
+        const Subdivision divided = subdivided(mesh, {});
+        places = onto.wrapped(divided.mesh, divided.ends, options, progress);
+    } else {
+        places = onto.wrapped(mesh, {}, options, progress);
+    }
+    return onto.restored(gather(places, mesh.places));
 }
 
 }  // namespace pointmorph

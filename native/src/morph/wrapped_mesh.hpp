@@ -42,8 +42,10 @@ public:
     /// In lengths of the unit ball.
     const WrapTarget& target() const { return target_; }
 
-    /// Where the places of the mesh end, with more of them in between, in these lengths.
-    Positions wrapped(const Subdivision& divided, const WrapOptions& options, Progress& progress);
+    /// Where the places of the shape's mesh end, in these lengths. `mesh` may have more places, as
+    /// in Subdivision.
+    Positions wrapped(const Mesh& mesh, std::span<const EdgeEnds> ends, const WrapOptions& options,
+                      Progress& progress);
 
     /// Places of vertices in the target's own lengths; those that are pinned or fixed exactly.
     Positions restored(const Positions& vertices) const;

@@ -109,7 +109,8 @@ TEST(ClosestPoint, FollowsMovedCorners) {
 
 TEST(ClosestPoint, TakesTrianglesThatCoincideAndNone) {
     const Triangles none(0, 3);
-    EXPECT_EQ(TriangleTree(Positions(0, 3), none).closest({0, 0, 0}).triangle, -1);
+    const Positions nowhere(0, 3);
+    EXPECT_EQ(TriangleTree(nowhere, none).closest({0, 0, 0}).triangle, -1);
     Positions p(3, 3);
     p << 0, 0, 0, 1, 0, 0, 0, 1, 0;
     const Triangles same = Eigen::RowVector3i(0, 1, 2).replicate(100, 1);

@@ -41,6 +41,8 @@ TEST(Subdivision, FollowsBorders) {
 
 TEST(Subdivision, LeavesWhatIsFineAndEndsInTime) {
     const Mesh mesh = make_mesh(mesh_shapes::icosphere(3));
+    EXPECT_FALSE(has_long_edges(mesh, {.longest = 1.0}));
+    EXPECT_TRUE(has_long_edges(mesh, {.longest = 0.01}));
     EXPECT_EQ(subdivided(mesh, {.longest = 1.0}).mesh.triangles, mesh.triangles);
     EXPECT_LE(subdivided(mesh, {.longest = 1e-6, .most_places = 5000}).mesh.positions.rows(), 5000);
 }
@@ -49,14 +51,14 @@ TEST(Subdivision, CarriesValues) {
     const Mesh mesh = make_mesh(mesh_shapes::grid(3));
     const Subdivision finer = subdivided(mesh, {.longest = 0.1});
     EXPECT_EQ(finer.ends.size(), to_size(finer.mesh.positions.rows() - mesh.positions.rows()));
-    EXPECT_EQ(finer.extended(mesh.positions), finer.mesh.positions);
+    EXPECT_EQ(extended(mesh.positions, finer.ends), finer.mesh.positions);
 }
 
 TEST(Example, Subdivision) {
     const Mesh mesh = make_mesh(mesh_shapes::cube());
     // --- example
     const Subdivision finer = subdivided(mesh, {.longest = 0.1});
-    const Positions places = finer.extended(mesh.positions);
+    const Positions places = extended(mesh.positions, finer.ends);
     // --- end of the example
     EXPECT_LE(longest_edge(finer.mesh), 0.1 * std::sqrt(mesh.area()));
     EXPECT_EQ(places, finer.mesh.positions);

@@ -5,6 +5,9 @@
 #include <Eigen/Geometry>
 #include <random>
 
+#include "mesh/elastic_sheet.hpp"
+#include "mesh/mending.hpp"
+#include "mesh/mesh_edges.hpp"
 #include "mesh_shapes.hpp"
 #include "pointmorph/base/error.hpp"
 #include "pointmorph/base/parallel.hpp"
@@ -295,6 +298,73 @@ TEST(Wrapping, RandomMeshesWithRandomMapsGainNoTurnedFace) {
         EXPECT_LE(turned_over(source, found, target), turned_over(source, start, target)) << seed;
         EXPECT_EQ(turned_over(source, found, target), 0) << seed;
     }
+}
+
+/// A ball, part of whose vertices lie anywhere around.
+struct Crumpled {
+    Mesh mesh = make_mesh(mesh_shapes::icosphere(4));
+    ElasticSheet sheet{mesh.positions, mesh.triangles};
+    Positions x = mesh.positions;
+    MendTarget target;
+    std::vector<char> is_fixed = std::vector<char>(to_size(x.rows()), 0);
+
+    Crumpled() {
+        std::mt19937_64 random(5);
+        std::normal_distribution<double> normal(0.0, 0.06);
+        for (Index v = 0; v < x.rows(); ++v)
+            if (x(v, 2) > 0.9 * x.row(v).norm())
+                x.row(v) += Eigen::RowVector3d(normal(random), normal(random), normal(random));
+        const double radius = mesh.positions.row(0).norm();
+        target.landed = [radius](Index, const Vector3& place, const Vector3&) {
+            return Vector3(radius * place.normalized());
+        };
+        target.samples = mesh.positions;
+        target.reach = target.farthest = 1.0;
+    }
+    Index creased() const {
+        Index count = 0;
+        const MeshEdges edges(mesh.triangles);
+        for (Index e = 0; e < edges.size(); ++e) {
+            const auto facing = [&](std::size_t side) {
+                const ElasticSheet::Corners p = sheet.places(x, edges[e][side].triangle);
+                return Vector3((p.col(1) - p.col(0)).cross(Vector3(p.col(2) - p.col(0))));
+            };
+            count += facing(0).dot(facing(1)) < 0.0;
+        }
+        return count;
+    }
+};
+
+TEST(Wrapping, MendsCreasesWithWhatIsAround) {
+    Crumpled ball;
+    ASSERT_GT(ball.creased(), 20);
+    const Positions before = ball.x;
+    TriangleTree tree(ball.x, ball.mesh.triangles);
+    Progress progress;
+    mend(ball.mesh, ball.sheet, ball.target, ball.is_fixed, tree, ball.x, progress);
+    EXPECT_EQ(ball.creased(), 0);
+    for (Index v = 0; v < ball.x.rows(); ++v) {
+        if (before(v, 2) >= 0.0) continue;
+        EXPECT_EQ(ball.x.row(v), before.row(v));
+    }
+}
+
+TEST(Wrapping, MendsOnlyWhatStaysCovered) {
+    // A spike of the target that nothing else reaches.
+    Crumpled ball;
+    ball.target.reach = 0.0;
+    ball.target.samples = ball.x;
+    const Positions before = ball.x;
+    TriangleTree tree(ball.x, ball.mesh.triangles);
+    Progress progress;
+    const Index creased = ball.creased();
+    mend(ball.mesh, ball.sheet, ball.target, ball.is_fixed, tree, ball.x, progress);
+    EXPECT_EQ(ball.x, before);
+    std::ranges::fill(ball.is_fixed, 1);
+    ball.target.reach = 1.0;
+    mend(ball.mesh, ball.sheet, ball.target, ball.is_fixed, tree, ball.x, progress);
+    EXPECT_EQ(ball.x, before);
+    EXPECT_EQ(ball.creased(), creased);
 }
 
 TEST(Wrapping, CanBeCancelled) {

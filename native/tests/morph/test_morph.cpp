@@ -481,9 +481,13 @@ TEST(Morph, GivenDelaysAreThoseOfTheSource) {
     const Arrays found(morph, 0.5), start(plain, 0.0), end(plain, 1.0);
     Progress progress;
     MorphOptions options = morph.options();
-    const Morph again(morph.source(), morph.target(), morph.pairs(),
-                      {morph.source_to_target(progress), morph.target_to_source(progress)}, options,
-                      given);
+    const Morph again(
+        {.source = morph.source(),
+         .target = morph.target(),
+         .pairs = morph.pairs(),
+         .images = {morph.source_to_target(progress), morph.target_to_source(progress)},
+         .delays = given},
+        options);
     EXPECT_EQ(Arrays(again, 0.5), found);
     for (std::size_t i = 0; i < morph.pairs().size(); ++i) {
         const double late = given[morph.pairs()[i].source];

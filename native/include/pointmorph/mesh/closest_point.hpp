@@ -32,13 +32,16 @@ SurfacePoint closest_on_triangle(const Vector3& p, const Vector3& a, const Vecto
 /// A tree of boxes over triangles. Queries are const and may run in parallel.
 class TriangleTree {
 public:
-    /// Keeps a reference to `triangles`, which must outlive it; their corners are rows of
+    /// Keeps references to both, which must outlive it; the corners of `triangles` are rows of
     /// `positions`.
     TriangleTree(const Positions& positions, const Triangles& triangles);
     TriangleTree(const Positions&, Triangles&&) = delete;
+    TriangleTree(Positions&&, const Triangles&) = delete;
 
-    /// The same triangles with their corners elsewhere.
+    /// The same triangles with their corners elsewhere; of these it keeps a reference. To be called
+    /// as well once positions have changed where they are.
     void move(const Positions& positions);
+    void move(Positions&&) = delete;
 
     /// The nearest point that is nearer than `within` (plain distance), on the lowest of several
     /// triangles. `guess` is a triangle that may be near, or −1: the result is the same, but for
@@ -61,7 +64,7 @@ private:
     SurfacePoint on(Index triangle, const Vector3& place) const;
 
     const Triangles* triangles_;
-    Positions positions_;
+    const Positions* positions_;
     std::vector<Index> order_;  ///< triangles, leaf by leaf
     /// Children of a node come after it: the left one next to it.
     struct Node {

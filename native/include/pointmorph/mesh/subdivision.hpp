@@ -31,24 +31,30 @@ std::vector<Piece> pieces_of(const Positions& positions, const Triangles& triang
 Triangles triangles_of(std::span<const Piece> pieces, const Triangles& corners,
                        const Triangles& middles);
 
+/// The places at both ends of an edge.
+using EdgeEnds = std::array<Index, 2>;
+
 /// A mesh with more places. The first are those of the mesh that it came from, and `places` its
 /// own.
 struct Subdivision {
     Mesh mesh;
-    std::vector<std::array<Index, 2>>
-        ends;  ///< of the edge that each further place is in the middle of
-
-    /// Values at all places from values at those of the mesh that it came from, one row a place.
-    template <class Array>
-    Array extended(const Array& values) const {
-        Array result(mesh.positions.rows(), values.cols());
-        result.topRows(values.rows()) = values;
-        for (std::size_t k = 0; k < ends.size(); ++k)
-            result.row(values.rows() + static_cast<Eigen::Index>(k)) =
-                0.5 * (result.row(ends[k][0]) + result.row(ends[k][1]));
-        return result;
-    }
+    std::vector<EdgeEnds> ends;  ///< of the edge that each further place is in the middle of
 };
+
+/// Values at all places of a subdivision from values at those of the mesh that it came from, one
+/// row a place.
+template <class Array>
+Array extended(const Array& values, std::span<const EdgeEnds> ends) {
+    Array result(values.rows() + static_cast<Eigen::Index>(ends.size()), values.cols());
+    result.topRows(values.rows()) = values;
+    for (std::size_t k = 0; k < ends.size(); ++k)
+        result.row(values.rows() + static_cast<Eigen::Index>(k)) =
+            0.5 * (result.row(ends[k][0]) + result.row(ends[k][1]));
+    return result;
+}
+
+/// Whether there is an edge that subdivided() would halve.
+bool has_long_edges(const Mesh& mesh, const SubdivisionOptions& options);
 
 /// The same surface, with every edge halved that is too long, again and again: no gaps open, and
 /// triangles keep their shape or are cut in two or three.

@@ -36,9 +36,9 @@ public:
     /// The sample that tells most about each vertex.
     std::vector<Index> nearest() const;
 
-private:
     static constexpr Index kNeighbors = 12;
 
+private:
     std::span<const Index> rows(Index vertex) const {
         return {rows_.data() + to_size(vertex * neighbors_), to_size(neighbors_)};
     }
@@ -50,5 +50,9 @@ private:
     Positions offsets_;         ///< #vertices by 3: from the weighted mean of the samples
     std::vector<char> at_one_;  ///< whether the vertex is where its nearest sample is
 };
+
+/// VertexImages(…).positions(images), for a single map: nothing is kept of it.
+Positions carried_positions(const OrientedView& vertices, const OrientedView& samples,
+                            const Positions& images, double spacing, Progress& progress);
 
 }  // namespace pointmorph

@@ -1,0 +1,232 @@
+#include "mesh/mending.hpp"
+
+#include <Eigen/Geometry>
+#include <Eigen/SparseCholesky>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <utility>
+
+#include "mesh/mesh_edges.hpp"
+#include "mesh/mesh_patches.hpp"
+#include "pointmorph/base/parallel.hpp"
+
+namespace pointmorph {
+
+namespace {
+
+/// Bends of the mesh at its edges between two faces.
+class Creases {
+public:
+    explicit Creases(const Mesh& mesh) : mesh_(mesh), edges_(mesh.triangles) {
+        for (Index e = 0; e < edges_.size(); ++e) {
+            const auto sides = edges_[e];
+            if (sides.size() != 2) continue;
+            constexpr double kOwn = 0.0;
+            const auto normal = mesh.normals.row(sides[0].triangle);
+            if (normal.dot(mesh.normals.row(sides[1].triangle)) < kOwn) continue;
+            of_.push_back({sides[0].triangle, sides[1].triangle});
+        }
+    }
+
+    Vector3 facing(const Positions& x, Index f) const {
+        const auto t = mesh_.triangles.row(f);
+        const Vector3 u = (x.row(t[1]) - x.row(t[0])).transpose();
+        const Vector3 v = (x.row(t[2]) - x.row(t[0])).transpose();
+        return u.cross(v);
+    }
+    bool is_creased(const Positions& x, Index f, Index g) const {
+        return facing(x, f).dot(facing(x, g)) < 0.0;
+    }
+    /// Pairs of faces at creased edges, ascending.
+    std::vector<std::array<Index, 2>> all(const Positions& x) const {
+        std::vector<std::array<Index, 2>> result;
+        for (const auto& [f, g] : of_)
+            if (is_creased(x, f, g)) result.push_back({f, g});
+        return result;
+    }
+    /// Creased edges of some faces; those between two of them count twice.
+    Index around(const Positions& x, std::span<const Index> faces) const {
+        Index count = 0;
+        for (const Index f : faces)
+            for (Index k = 0; k < 3; ++k) {
+                const auto sides = edges_[edges_.edge_of(f, k)];
+                if (sides.size() != 2) continue;
+                const Index g = sides[0].triangle == f ? sides[1].triangle : sides[0].triangle;
+                if (mesh_.normals.row(f).dot(mesh_.normals.row(g)) >= 0.0)
+                    count += is_creased(x, f, g);
+            }
+        return count;
+    }
+
+private:
+    const Mesh& mesh_;
+    MeshEdges edges_;
+    std::vector<std::array<Index, 2>> of_;  ///< faces at edges that the mesh doesn't crease
+};
+
+/// Puts the vertices of a patch where the sheet's weights balance between those around them.
+void span_membrane(const ElasticSheet& sheet, const MeshPatch& patch, std::vector<Index>& number,
+                   Positions& x) {
+    using Matrix = Eigen::SparseMatrix<double, Eigen::ColMajor, Index>;
+    const auto count = static_cast<Index>(patch.vertices.size());
+    for (Index i = 0; i < count; ++i) number[to_size(patch.vertices[to_size(i)])] = i;
+    const Laplacian& laplacian = sheet.laplacian();
+    std::vector<Eigen::Triplet<double, Index>> entries;
+    Positions right = Positions::Zero(count, 3);
+    for (Index i = 0; i < count; ++i) {
+        const Index v = patch.vertices[to_size(i)];
+        entries.emplace_back(i, i, laplacian.sums[to_size(v)]);
+        for (Index k = laplacian.offsets[to_size(v)]; k < laplacian.offsets[to_size(v) + 1]; ++k) {
+            const Index to = laplacian.neighbors[to_size(k)];
+            const double weight = laplacian.weights[to_size(k)];
+            if (number[to_size(to)] >= 0)
+                entries.emplace_back(i, number[to_size(to)], -weight);
+            else
+                right.row(i) += weight * x.row(to);
+        }
+    }
+    for (const Index v : patch.vertices) number[to_size(v)] = -1;
+    Matrix matrix(count, count);
+    matrix.setFromTriplets(entries.begin(), entries.end());
+    const Eigen::SimplicialLDLT<Matrix> solver(matrix);
+    // A patch that nothing holds has no place of its own.
+    if (solver.info() != Eigen::Success) return;
+    const Eigen::MatrixXd solution = solver.solve(Eigen::MatrixXd(right));
+    if (!solution.allFinite()) return;
+    for (Index i = 0; i < count; ++i) x.row(patch.vertices[to_size(i)]) = solution.row(i);
+}
+
+Vector3 normal_at(const ElasticSheet& sheet, const Creases& creases, const Positions& x, Index v) {
+    Vector3 sum = Vector3::Zero();
+    for (const Index c : sheet.around(v)) sum += creases.facing(x, c / 3);
+    const double length = sum.norm();
+    return length > 0.0 ? Vector3(sum / length) : Vector3(Vector3::UnitZ());
+}
+
+class Mending {
+public:
+    Mending(const Mesh& mesh, const ElasticSheet& sheet, const MendTarget& target,
+            TriangleTree& tree, Positions& x)
+        : mesh_(mesh), sheet_(sheet), target_(target), creases_(mesh), tree_(tree), x_(x) {}
+
+    Index all(const std::vector<char>& is_fixed, Progress& progress) {
+        for (const int rings : {1, 2}) {
+            const auto creased = creases_.all(x_);
+            if (creased.empty()) return 0;
+            mend(patches(creased, is_fixed, rings), progress);
+        }
+        return static_cast<Index>(creases_.all(x_).size());
+    }
+
+private:
+    std::vector<MeshPatch> patches(const std::vector<std::array<Index, 2>>& creased,
+                                   const std::vector<char>& is_fixed, int rings) const {
+        std::vector<Index> faces;
+        for (const auto& [f, g] : creased) faces.insert(faces.end(), {f, g});
+        std::ranges::sort(faces);
+        faces.erase(std::ranges::unique(faces).begin(), faces.end());
+        return patches_around(mesh_, sheet_, faces, is_fixed, rings);
+    }
+
+    /// Of each patch: the farthest of the samples for which it has the nearest face. `nearest` of
+    /// each sample is found where it is empty.
+    std::vector<double> farthest(const std::vector<MeshPatch>& patches, std::vector<Index>& nearest,
+                                 Progress& progress) const {
+        const auto count = static_cast<Index>(target_.samples.rows());
+        std::vector<Index> patch_of(to_size(mesh_.triangles.rows()), -1);
+        for (std::size_t p = 0; p < patches.size(); ++p)
+            for (const Index f : patches[p].faces) patch_of[to_size(f)] = static_cast<Index>(p);
+        const bool is_first = nearest.empty();
+        nearest.resize(to_size(count), -1);
+        std::vector<double> distances(to_size(count), 0.0);
+        parallel_for(
+            count, progress,
+            [&](Index begin, Index end) {
+                for (Index s = begin; s < end; ++s) {
+                    Index& face = nearest[to_size(s)];
+                    if (!is_first && (face < 0 || patch_of[to_size(face)] < 0)) continue;
+                    const SurfacePoint point =
+                        tree_.closest(target_.samples.row(s).transpose(), 0.1, face);
+                    if (is_first) face = point.triangle;
+                    distances[to_size(s)] = std::sqrt(point.squared_distance);
+                }
+            },
+            0.0, 0.0, 128);
+        std::vector<double> result(patches.size(), 0.0);
+        for (Index s = 0; s < count; ++s) {
+            const Index face = nearest[to_size(s)];
+            if (face < 0 || patch_of[to_size(face)] < 0) continue;
+            double& most = result[to_size(patch_of[to_size(face)])];
+            most = std::max(most, distances[to_size(s)]);
+        }
+        return result;
+    }
+
+    void mend(const std::vector<MeshPatch>& patches, Progress& progress) {
+        const Positions before = x_;
+        std::vector<Index> creased(patches.size());
+        for (std::size_t p = 0; p < patches.size(); ++p)
+            creased[p] = creases_.around(x_, patches[p].faces);
+        tree_.move(x_);
+        std::vector<Index> nearest;
+        const std::vector<double> far = farthest(patches, nearest, progress);
+        parallel_for(
+            static_cast<Index>(patches.size()), progress,
+            [&](Index begin, Index end) {
+                std::vector<Index> number(to_size(x_.rows()), -1);
+                for (Index p = begin; p < end; ++p) {
+                    const MeshPatch& patch = patches[to_size(p)];
+                    if (patch.vertices.empty()) continue;
+                    span_membrane(sheet_, patch, number, x_);
+                    land(patch);
+                }
+            },
+            0.0, 0.0, 1);
+        tree_.move(x_);
+        const std::vector<double> then = farthest(patches, nearest, progress);
+        constexpr double kBarelyMore = 1.05;
+        for (std::size_t p = 0; p < patches.size(); ++p) {
+            const bool is_better = creases_.around(x_, patches[p].faces) < creased[p];
+            const bool covers = then[p] <= std::max(kBarelyMore * far[p], target_.reach) &&
+                                moved(patches[p], before) <= target_.farthest;
+            for (const Index v : patches[p].vertices) {
+                if (!is_better || !covers) x_.row(v) = before.row(v);
+            }
+        }
+    }
+
+    /// The farthest way of a vertex.
+    double moved(const MeshPatch& patch, const Positions& before) const {
+        double most = 0.0;
+        for (const Index v : patch.vertices)
+            most = std::max(most, (x_.row(v) - before.row(v)).norm());
+        return most;
+    }
+
+    void land(const MeshPatch& patch) {
+        std::vector<Vector3> landed;
+        for (const Index v : patch.vertices)
+            landed.push_back(
+                target_.landed(v, x_.row(v).transpose(), normal_at(sheet_, creases_, x_, v)));
+        for (std::size_t i = 0; i < patch.vertices.size(); ++i)
+            x_.row(patch.vertices[i]) = landed[i].transpose();
+    }
+
+    const Mesh& mesh_;
+    const ElasticSheet& sheet_;
+    const MendTarget& target_;
+    Creases creases_;
+    TriangleTree& tree_;
+    Positions& x_;
+};
+
+}  // namespace
+
+Index mend(const Mesh& mesh, const ElasticSheet& sheet, const MendTarget& target,
+           const std::vector<char>& is_fixed, TriangleTree& tree, Positions& x,
+           Progress& progress) {
+    return Mending(mesh, sheet, target, tree, x).all(is_fixed, progress);
+}
+
+}  // namespace pointmorph
