@@ -7,12 +7,12 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from pointmorph import batch_reports, batch_tasks, files, terminal
+from pointmorph import batch_reports, files, terminal
 from pointmorph.arguments import part_of, positive
 from pointmorph.batch_jobs import Batch, PairJob, read_batch
 from pointmorph.batch_runs import FAILED, KEPT, PENDING, BatchRun, PairOutcome
-from pointmorph.batch_tasks import Part
-from pointmorph.errors import OptionError
+from pointmorph.batch_tasks import Part, find_map, make_frames, steps_to_do
+from pointmorph.errors import FileError, OptionError
 
 
 def add(commands: Any) -> None:
@@ -49,9 +49,6 @@ def add(commands: Any) -> None:
         help="only part K of N equal parts of each pair's frames, counted from 0",
     )
     only.add_argument(
-        "--render", metavar="K/N", type=_part, help="only render that part of the frames"
-    )
-    only.add_argument(
         "--report", action="store_true", help="morph nothing: report what is done and what isn't"
     )
 
@@ -71,10 +68,10 @@ def _batch(chosen: argparse.Namespace) -> int:
             "range", f"some of the pairs 0 to {len(batch.jobs) - 1}", "none", "Correct A:B."
         )
     files.make_folder(batch.out)
-    if chosen.part or chosen.render or (chosen.maps and len(jobs) == 1):
-        return _tasks(chosen, batch, jobs)
     if chosen.report:
-        return _tell(batch, [_found(job) for job in jobs])
+        return _tell(batch, [_found(job) for job in batch.jobs])
+    if chosen.part or (chosen.maps and len(jobs) == 1):
+        return _tasks(chosen.part, jobs)
     run = BatchRun(jobs, chosen.jobs, with_frames=not chosen.maps)
     ended = 0
 
@@ -90,31 +87,28 @@ def _batch(chosen: argparse.Namespace) -> int:
     return _tell(batch, run.outcomes)
 
 
-def _tasks(chosen: argparse.Namespace, batch: Batch, jobs: Sequence[PairJob]) -> int:
-    """Of each pair the same; the worst of the exit statuses."""
-    worst = 0
-    for job in jobs:
-        status = _task(chosen, batch, job)
-        if status in (terminal.INTERRUPTED, terminal.TERMINATED):
-            return status
-        worst = max(worst, abs(status))
-    return worst
-
-
-def _task(chosen: argparse.Namespace, batch: Batch, job: PairJob) -> int:
-    """A part of the batch in this very process, which an engine may end."""
+def _tasks(part: Part | None, jobs: Sequence[PairJob]) -> int:
+    """The maps, or a part of the frames, in this very process, which an engine may end; the worst
+    of the exit statuses."""
     from pointmorph.cli import main
 
-    if chosen.render:
-        return batch_tasks.render(batch, job, chosen.render)
-    if chosen.part:
-        return batch_tasks.make_frames(job, chosen.part, main)
-    files.make_folder(job.folder)
-    return batch_tasks.find_map(job, main)
+    statuses = []
+    for job in jobs:
+        status = make_frames(job, part, main) if part else find_map(job, main)
+        if status in (terminal.INTERRUPTED, terminal.TERMINATED):
+            return status
+        statuses.append(status)
+    return max(statuses)
 
 
 def _found(job: PairJob) -> PairOutcome:
-    return PairOutcome(job, KEPT if job.is_matched() else PENDING)
+    """What is there of a pair."""
+    try:
+        missing = steps_to_do(job)
+    except FileError as error:
+        return PairOutcome(job, FAILED, message=str(error))
+    words = f"the {' and the '.join(missing)} to do" if missing else ""
+    return PairOutcome(job, PENDING if missing else KEPT, message=words)
 
 
 def _tell(batch: Batch, outcomes: list[PairOutcome]) -> int:

@@ -13,10 +13,12 @@ from typing import Any
 
 from pointmorph import __version__, formats
 from pointmorph.errors import FileError
+from pointmorph.file_checks import parsed_json
 from pointmorph.frame_records import file_checksum
 from pointmorph.morphing import options
 
 MORPH, REPORT, RECORD, LOG, FRAMES = "pair.morph", "report.json", "job.json", "log.txt", "frames"
+PICTURES = "pictures"
 _COMMON = {
     "frames": int, "resample": bool, "mesh": str, "samples": int, "settings": dict, "features": str
 }  # fmt: skip
@@ -70,17 +72,9 @@ class PairJob:
         content = [__version__, sums, self.samples, self.resample, dict(self.settings)]
         return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
-    def is_matched(self) -> bool:
-        """Whether its map has been found by an earlier run, and is whole."""
-        try:
-            record = json.loads((self.folder / RECORD).read_text(encoding="utf-8"))
-            return bool(
-                record["of"] == self.identity()
-                and record["morph"] == file_checksum(self.morph_file)
-                and (self.folder / REPORT).is_file()
-            )
-        except (OSError, ValueError, KeyError, TypeError, FileError):
-            return False
+    def bytes(self) -> int:
+        """The size of both models' files."""
+        return sum(p.stat().st_size for p in (self.source, self.target) if p.is_file())
 
 
 @dataclass(frozen=True)
@@ -92,8 +86,6 @@ class Batch:
     jobs: tuple[PairJob, ...]
     up: str
     """which axis is up in pictures: y or z"""
-    render: Mapping[str, Any] | None = None
-    """what a farm does with the frames of each pair"""
 
 
 def read_batch(path: Path, out: Path | None = None) -> Batch:
@@ -114,7 +106,7 @@ def read_batch(path: Path, out: Path | None = None) -> Batch:
     content = _content(path)
     home = path.absolute().parent
     folder = out if out is not None else home / _value(path, content, "out", str, "batch")
-    unknown = set(content) - {*_COMMON, *_GROUPS, "out", "up", "render"}
+    unknown = set(content) - {*_COMMON, *_GROUPS, "out", "up"}
     if unknown:
         raise _wrong(path, f"the keys {_listed(_GROUPS)}, {_listed(_COMMON)}", _listed(unknown))
     common = _common(path, content)
@@ -126,14 +118,14 @@ def read_batch(path: Path, out: Path | None = None) -> Batch:
     up = _value(path, content, "up", str, "z")
     if up not in ("y", "z"):
         raise _wrong(path, "y or z as up", repr(up))
-    taken: set[str] = set()
+    taken = {PICTURES, "farm"}  # folders beside those of the pairs
     jobs = [_job(path, home, folder.absolute(), {**common, **own}, taken) for own in entries]
-    return Batch(path, folder.absolute(), tuple(jobs), up, content.get("render"))
+    return Batch(path, folder.absolute(), tuple(jobs), up)
 
 
 def _content(path: Path) -> dict[str, Any]:
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
+        content = parsed_json(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise FileError(
             str(path), "a readable file", error.strerror or str(error), "Check the path."
@@ -245,10 +237,24 @@ def _job(path: Path, home: Path, out: Path, entry: Mapping[str, Any], taken: set
         for side in ("source", "target"):
             marks = marks.replace(f"{{{side}}}", given[side].stem)
         given["features"] = home / marks
-    known = {option.name for option in options()} - {"threads"}
     settings = {name.replace("-", "_"): value for name, value in given.get("settings", {}).items()}
-    if set(settings) - known:
-        raise _wrong(path, "settings as docs/options.md lists them", _listed(set(settings) - known))
-    if given.get("frames", 0) < 0 or given.get("frames", 0) == 1:
-        raise _wrong(path, "0 or at least 2 frames", str(given["frames"]))
+    _check(path, {**given, "settings": settings})
     return PairJob(**{**given, "name": unique, "folder": out / unique, "settings": settings})
+
+
+def _check(path: Path, entry: Mapping[str, Any]) -> None:
+    """Raises FileError for what no morph could be made with."""
+    known = {option.name for option in options()} - {"threads"}
+    unknown = set(entry["settings"]) - known
+    if unknown:
+        raise _wrong(path, "settings as docs/options.md lists them", _listed(unknown))
+    for name, value in entry["settings"].items():
+        if not isinstance(value, str | int | float) or isinstance(value, bool):
+            raise _wrong(path, f"a number or a word as {name}", repr(value))
+    if entry.get("frames", 0) < 0 or entry.get("frames", 0) == 1:
+        raise _wrong(path, "0 or at least 2 frames", str(entry["frames"]))
+    if entry.get("samples", 1) < 1:
+        raise _wrong(path, "at least 1 as samples", str(entry["samples"]))
+    meshes = ("source", "target", *(suffix[1:] for suffix in formats.WRITTEN_MESH_SUFFIXES))
+    if entry.get("mesh", "source") not in meshes:
+        raise _wrong(path, f"{_listed(meshes)} as mesh", repr(entry["mesh"]))

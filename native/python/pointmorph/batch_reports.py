@@ -9,12 +9,12 @@ from pathlib import Path
 from typing import Any
 
 from pointmorph import files, thumbnails
-from pointmorph.batch_jobs import MORPH, REPORT, Batch
+from pointmorph.batch_jobs import MORPH, PICTURES, REPORT, Batch
 from pointmorph.batch_runs import DONE, FAILED, KEPT, PairOutcome
-from pointmorph.errors import FileError, PointmorphError
+from pointmorph.errors import PointmorphError
 from pointmorph.stored_morphs import open_morph
 
-PAGE, TABLE, PICTURES = "index.html", "batch.json", "pictures"
+PAGE, TABLE = "index.html", "batch.json"
 _COLUMNS = ("pair", "state", "seconds", "pairs", "covered", "folded", "mesh")
 
 _STYLE = """
@@ -115,11 +115,10 @@ def _draw(outcome: PairOutcome, path: Path, up: str) -> bool:
     try:
         if path.is_file() and path.stat().st_mtime_ns > file.stat().st_mtime_ns:
             return True
-        files.write_bytes(path, thumbnails.png(thumbnails.film(open_morph(file), up=up)))
-    except (FileError, OSError):
-        raise
-    except PointmorphError:
+        film = thumbnails.film(open_morph(file), up=up)
+    except (PointmorphError, OSError):
         return False
+    files.write_bytes(path, thumbnails.png(film))
     return True
 
 

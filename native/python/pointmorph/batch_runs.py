@@ -10,12 +10,12 @@ import sys
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 
 from pointmorph import files
-from pointmorph.batch_jobs import LOG, RECORD, REPORT, PairJob
+from pointmorph.batch_jobs import LOG, REPORT, PairJob
+from pointmorph.batch_tasks import FRAMES_STEP, MAP_STEP, put_on_record, steps_to_do
 from pointmorph.errors import FileError
-from pointmorph.frame_records import file_checksum
+from pointmorph.free_memory import free_memory, taken_by
 
 DONE, KEPT, FAILED, PENDING = "done", "kept", "failed", "pending"
 
@@ -23,7 +23,7 @@ _POLL = 0.05  # seconds
 _PATIENCE = 20.0  # seconds for a process to end by itself
 # Memory of a morph until one has been measured: at the least, and for each byte of its files.
 _LEAST, _PER_BYTE = 300 << 20, 400.0
-_SPARE = 0.9  # share of the memory that is there
+_SPARE = 0.9  # share of the free memory that is given to morphs
 
 
 @dataclass
@@ -41,37 +41,29 @@ class PairOutcome:
 @dataclass
 class _Running:
     outcome: PairOutcome
-    commands: list[list[str]]
+    steps: list[str]
     memory: int
     """bytes that it is expected to take"""
-    identity: str
+    identity: str = ""
     started: float = field(default_factory=time.monotonic)
     process: subprocess.Popen[bytes] | None = None
 
-
-def free_memory() -> int | None:
-    """Bytes that programs can still get; None where the system doesn't say."""
-    with contextlib.suppress(OSError, ValueError):
-        for line in Path("/proc/meminfo").read_text(encoding="ascii").splitlines():
-            if line.startswith("MemAvailable:"):
-                return int(line.split()[1]) << 10
-    return None
-
-
-def put_on_record(job: PairJob, identity: str) -> None:
-    """Records that the map of a pair is found. Raises FileError."""
-    record = {"of": identity, "morph": file_checksum(job.morph_file)}
-    files.write_bytes(job.folder / RECORD, (json.dumps(record) + "\n").encode())
+    def to_come(self) -> int:
+        """Bytes that it hasn't taken yet."""
+        return max(0, self.memory - (taken_by(self.process.pid) if self.process else 0))
 
 
 class BatchRun:
     """Runs the pairs of a batch, each in a process of its own, and keeps what is done.
 
+    The first pair runs alone: from what it takes, the memory that others need is estimated.
+
     Parameters
     ----------
     jobs : sequence of PairJob
     most : int, optional
-        Processes side by side; otherwise as many as there are cores and memory for.
+        Processes side by side; otherwise as many as there are cores. Never more than there is
+        memory for.
     with_frames : bool
         Also make the frames.
     """
@@ -80,11 +72,11 @@ class BatchRun:
         self, jobs: Sequence[PairJob], most: int | None = None, *, with_frames: bool = True
     ) -> None:
         self.outcomes = [PairOutcome(job) for job in jobs]
-        self._cores = os.cpu_count() or 1
+        self._cores = _cores()
         self._most = most or self._cores
         self._with_frames = with_frames
         self._per_byte = _PER_BYTE
-        self._measured = False
+        self._is_measured = False
         self._alone: list[PairOutcome] = []
         """Pairs that ran out of memory beside others."""
 
@@ -100,99 +92,85 @@ class BatchRun:
         running: list[_Running] = []
         try:
             while waiting or running:
-                started = bool(waiting) and self._start(waiting[0], running)
-                if started:
-                    waiting.pop(0)
-                for one in [r for r in running if self._advance(r)]:
+                needed = self._expected(waiting[0].job) if waiting else 0
+                starts = bool(waiting) and self._may_start(waiting[0], needed, running)
+                if starts:
+                    running.append(self._prepared(waiting.pop(0), needed))
+                for one in [r for r in running if self._has_ended(r)]:
                     running.remove(one)
-                    if self._is_short_of_memory(one) and one.outcome not in self._alone:
+                    if _is_short_of_memory(one.outcome) and one.outcome not in self._alone:
                         self._alone.append(one.outcome)
                         waiting.append(one.outcome)
                     else:
                         tell(one.outcome)
-                if not started:
+                if not starts:
                     time.sleep(_POLL)
         finally:
             _end([one.process for one in running if one.process is not None])
 
-    def _start(self, outcome: PairOutcome, running: list[_Running]) -> bool:
-        """Whether a pair could be started: now, or at once when nothing else runs."""
-        needed = self._expected(outcome.job)
-        if running:
-            if any(one in self._alone for one in (outcome, *(r.outcome for r in running))):
-                return False
-            free = free_memory()
-            # What runs may not have taken yet what it is going to.
-            promised = sum(one.memory for one in running if time.monotonic() - one.started < 30.0)
-            fits = free is None or needed + promised <= _SPARE * free
-            if len(running) >= self._most or not fits or not self._measured:
-                return False
-        running.append(self._prepared(outcome, needed))
-        return True
+    def _may_start(self, outcome: PairOutcome, needed: int, running: Sequence[_Running]) -> bool:
+        """Whether a pair can run beside what runs; alone, any can."""
+        if not running:
+            return True
+        if not self._is_measured or len(running) >= self._most:
+            return False
+        if any(one in self._alone for one in (outcome, *(r.outcome for r in running))):
+            return False
+        free = free_memory()
+        return free is None or needed + sum(r.to_come() for r in running) <= _SPARE * free
 
     def _prepared(self, outcome: PairOutcome, memory: int) -> _Running:
+        """A pair with the steps that it still needs."""
         job = outcome.job
-        commands: list[list[str]] = []
-        identity = ""
+        one = _Running(outcome, [], memory)
+        outcome.state, outcome.message = KEPT, ""
         try:
             files.make_folder(job.folder)
             (job.folder / LOG).write_bytes(b"")
-            identity = job.identity()
-            if not job.is_matched():
-                (job.folder / RECORD).unlink(missing_ok=True)
-                commands.append(job.morph_words())
-            if self._with_frames and job.frames:
-                commands.append(job.frames_words())
-            outcome.state = DONE if ["morph"] in [words[:1] for words in commands] else KEPT
+            one.identity = job.identity()
+            one.steps = steps_to_do(job, with_frames=self._with_frames)
+            if one.steps:
+                outcome.state = DONE
         except (FileError, OSError) as error:
             outcome.state, outcome.message = FAILED, str(error)
-            commands = []
-        return _Running(outcome, commands, memory, identity)
+        return one
 
-    def _advance(self, one: _Running) -> bool:
-        """Sees to a pair's commands, one after the other; whether it has ended."""
+    def _has_ended(self, one: _Running) -> bool:
+        """Sees to a pair's steps, one after the other; whether the last one has ended."""
         process = one.process
         if process is None:
-            if one.outcome.state == FAILED or not one.commands:
-                return self._ended(one)
-            one.process = self._popen(one)
-            return False
+            if one.steps:
+                one.process = self._process(one)
+                return False
+            one.outcome.seconds = time.monotonic() - one.started
+            self._is_measured = True
+            return True
         if process.poll() is None:
             return False
-        command = one.commands.pop(0)
+        step = one.steps.pop(0)
         one.process = None
         if process.returncode != 0:
-            one.commands.clear()
+            one.steps.clear()
             one.outcome.state = FAILED
             one.outcome.message = _last_words(one.outcome.job, process.returncode)
-        elif command[0] == "morph":
+        elif step == MAP_STEP:
             self._learn(one)
         return False
 
-    def _ended(self, one: _Running) -> bool:
-        one.outcome.seconds = time.monotonic() - one.started
-        self._measured = True
-        return True
-
-    @staticmethod
-    def _is_short_of_memory(one: _Running) -> bool:
-        return one.outcome.state == FAILED and any(
-            words in one.outcome.message for words in ("Out of memory", "memory ran out")
-        )
-
-    def _popen(self, one: _Running) -> subprocess.Popen[bytes]:
+    def _process(self, one: _Running) -> subprocess.Popen[bytes]:
+        job = one.outcome.job
+        words = job.frames_words() if one.steps[0] == FRAMES_STEP else job.morph_words()
         share = max(1, self._cores // min(self._most, len(self.outcomes)))
         environment = {**os.environ}
         environment.setdefault("OMP_NUM_THREADS", str(share))
-        command = [sys.executable, "-m", "pointmorph", *one.commands[0]]
-        with (one.outcome.job.folder / LOG).open("ab") as log:
+        with (job.folder / LOG).open("ab") as log:
             return subprocess.Popen(
-                command,
+                [sys.executable, "-m", "pointmorph", *words],
                 stdin=subprocess.DEVNULL,
                 stdout=log,
                 stderr=log,
                 env=environment,
-                start_new_session=True,  # Ctrl-C comes from here alone
+                start_new_session=True,  # a Ctrl-C is passed on by this process alone
             )
 
     def _learn(self, one: _Running) -> None:
@@ -200,21 +178,30 @@ class BatchRun:
         job = one.outcome.job
         try:
             put_on_record(job, one.identity)
-            peak = json.loads((job.folder / REPORT).read_text(encoding="utf-8"))
-            taken = int(peak["peak_memory_bytes"]) - _LEAST
-        except (OSError, ValueError, KeyError, FileError) as error:
+            report = json.loads((job.folder / REPORT).read_text(encoding="utf-8"))
+            taken = int(report["peak_memory_bytes"]) - _LEAST
+        except (OSError, ValueError, KeyError, TypeError, FileError) as error:
+            one.steps.clear()
             one.outcome.state, one.outcome.message = FAILED, str(error)
             return
-        rate = taken / max(_bytes(job), 1)
-        self._per_byte = max(rate, self._per_byte if self._measured else 0.0)
-        self._measured = True
+        rate = max(taken, 0) / max(job.bytes(), 1)
+        self._per_byte = max(rate, self._per_byte if self._is_measured else 0.0)
+        self._is_measured = True
 
     def _expected(self, job: PairJob) -> int:
-        return _LEAST + int(self._per_byte * _bytes(job))
+        return _LEAST + int(self._per_byte * job.bytes())
 
 
-def _bytes(job: PairJob) -> int:
-    return sum(p.stat().st_size for p in (job.source, job.target) if p.is_file())
+def _cores() -> int:
+    """Those that this process may run on."""
+    if sys.platform == "linux":
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+def _is_short_of_memory(outcome: PairOutcome) -> bool:
+    words = ("Out of memory", "memory ran out")
+    return outcome.state == FAILED and any(w in outcome.message for w in words)
 
 
 def _last_words(job: PairJob, status: int) -> str:
