@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from pointmorph import (
     __version__,
+    batch_command,
     files,
     formats,
     morphing,
@@ -130,7 +131,8 @@ def _parser() -> argparse.ArgumentParser:
     )
     for command in (morph, propose):
         _add_common(command)
-    stored_commands.add(commands)
+    for module in (stored_commands, batch_command):
+        module.add(commands)
     return parser
 
 
