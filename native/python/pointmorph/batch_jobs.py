@@ -15,7 +15,7 @@ from pointmorph import __version__, formats
 from pointmorph.errors import FileError
 from pointmorph.file_checks import parsed_json
 from pointmorph.frame_records import file_checksum
-from pointmorph.morphing import options
+from pointmorph.option_table import options
 
 MORPH, REPORT, RECORD, LOG, FRAMES = "pair.morph", "report.json", "job.json", "log.txt", "frames"
 PICTURES, RENDERS = "pictures", "renders"

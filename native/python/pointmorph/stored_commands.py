@@ -9,10 +9,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from pointmorph import files, formats, morphing, quality, terminal
+from pointmorph import files, formats, quality, terminal
 from pointmorph.arguments import part_of, positive, some_frames
 from pointmorph.errors import FileError, OptionError
 from pointmorph.frame_records import file_checksum
+from pointmorph.option_table import options
 from pointmorph.own_meshes import OwnMeshWriter
 from pointmorph.sequences import FrameRun, FrameSequence, MeshWriter, even_times
 from pointmorph.source_meshes import SourceMesh
@@ -216,6 +217,6 @@ def _one_of(*present: tuple[str, bool]) -> str:
 
 
 def _changed_settings(morph: StoredMorph) -> str:
-    defaults = {option.name: option.default for option in morphing.options()}
+    defaults = {option.name: option.default for option in options()}
     settings = morph._settings().items()
     return ", ".join(f"{name} {value}" for name, value in settings if defaults[name] != value)
