@@ -8,6 +8,8 @@ from pathlib import Path
 from test_stored_commands import write_obj
 
 FRAMES = 300
+TRIES = 5
+"""To end a task in the middle."""
 
 
 def write_models(folder: Path, **content: object) -> Path:

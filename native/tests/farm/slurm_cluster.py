@@ -9,7 +9,6 @@ import shutil
 import socket
 import subprocess
 import time
-from collections.abc import Iterator
 from pathlib import Path
 
 PROGRAMS = ("munged", "slurmctld", "slurmd", "sbatch", "squeue", "scontrol", "scancel")
@@ -60,7 +59,7 @@ def why_not() -> str | None:
 class Cluster:
     """A running Slurm. Its commands find it by `environment`."""
 
-    def __init__(self, folder: Path, cpus: int) -> None:
+    def __init__(self, folder: Path, cpus: int = 4) -> None:
         self.folder = folder
         self._daemons: list[subprocess.Popen[bytes]] = []
         sbin = f"{os.environ['PATH']}:/usr/sbin:/sbin"
@@ -77,6 +76,7 @@ class Cluster:
         (folder / "slurm.conf").write_text(configuration)
 
     def start(self) -> None:
+        """Raises TimeoutError, with the ends of all logs, if it doesn't."""
         munge = ["--force", "--foreground", f"--key-file={self.folder / 'munge.key'}"]
         munge += [f"--{kind}={self.folder / 'munge'}.{suffix}" for kind, suffix in
                   (("socket", "socket"), ("pid-file", "pid"), ("seed-file", "seed"),
@@ -135,14 +135,3 @@ def _free_ports(count: int) -> list[int]:
         for one in sockets:
             one.bind(("127.0.0.1", 0))
         return [one.getsockname()[1] for one in sockets]
-
-
-@contextlib.contextmanager
-def running_cluster(folder: Path, cpus: int = 4) -> Iterator[Cluster]:
-    """A Slurm that runs meanwhile, in an empty folder."""
-    cluster = Cluster(folder, cpus)
-    try:
-        cluster.start()
-        yield cluster
-    finally:
-        cluster.stop()
