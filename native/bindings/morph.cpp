@@ -202,6 +202,18 @@ py::dict dict_of(const Quality& quality) {
                     py::arg("worst") = worst);
 }
 
+py::dict dict_of(const LocalConfidence& confidence) {
+    py::list doubtful;
+    for (const DoubtfulPlace& place : confidence.doubtful)
+        doubtful.append(py::dict(py::arg("source") = place.source, py::arg("target") = place.target,
+                                 py::arg("confidence") = place.confidence,
+                                 py::arg("share") = place.share, py::arg("advice") = place.advice));
+    return py::dict(py::arg("source") = to_numpy(Values(confidence.source)),
+                    py::arg("target") = to_numpy(Values(confidence.target)),
+                    py::arg("doubtful") = doubtful, py::arg("right") = confidence.right,
+                    py::arg("warning") = confidence.warning);
+}
+
 py::dict dict_of(const MeshQuality& quality) {
     const MeshFigures& figures = quality.figures;
     py::list worst;
@@ -432,6 +444,13 @@ void define_queries(MorphClass& morph) {
                  return dict_of(without_gil(callback, [&](Progress& progress) -> const Quality& {
                      return m.quality(progress);
                  }));
+             })
+        .def("local_confidence",
+             [](const Morph& m, const py::object& callback) {
+                 return dict_of(
+                     without_gil(callback, [&](Progress& progress) -> const LocalConfidence& {
+                         return m.local_confidence(progress);
+                     }));
              })
         .def("mesh_quality", [](const Morph& m, const py::object& callback) {
             return dict_of(without_gil(callback, [&](Progress& progress) -> const MeshQuality& {

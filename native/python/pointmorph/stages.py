@@ -14,6 +14,7 @@ _LABELS = {
     "carrying": "Transferring",
     "cloud": "Preparing points",
     "coarse shapes": "Simplifying shapes",
+    "confidence": "Finding what is in doubt",
     "covariance": "Estimating normals",
     "cracks": "Measuring cracks",
     "decomposition": "Cutting shapes",

@@ -48,6 +48,9 @@ struct Morph::Caches {
     std::mutex quality_mutex;
     std::optional<Quality> quality;
 
+    std::mutex local_confidence_mutex;
+    std::optional<LocalConfidence> local_confidence;
+
     std::mutex mesh_quality_mutex;
     std::optional<MeshQuality> mesh_quality;
 };

@@ -513,6 +513,33 @@ const Quality& Morph::quality(Progress& progress) const {
     return *quality;
 }
 
+const LocalConfidence& Morph::local_confidence(Progress& progress) const {
+    if (report_.method.empty())
+        throw CloudError(source_.name, "a map that was found here",
+                         "one that was kept, without the others that it was chosen from",
+                         "Morph again.");
+    const Quality& quality = this->quality(progress);
+    const std::scoped_lock lock(caches_->local_confidence_mutex);
+    auto& confidence = caches_->local_confidence;
+    if (!confidence) {
+        const Positions source_images = source_to_target(progress);
+        const Positions target_images = target_to_source(progress);
+        const ThreadCount threads(options_.threads);
+        progress.enter("confidence");
+        const TwoWayMap map{source_,
+                            target_,
+                            source_images,
+                            target_images,
+                            pairs_,
+                            &neighbors(true, progress),
+                            &neighbors(false, progress)};
+        confidence =
+            measure_local_confidence({map, quality, report_.diagnostics}, features_, progress);
+        progress.finish();
+    }
+    return *confidence;
+}
+
 const MeshQuality& Morph::mesh_quality(Progress& progress) const {
     const std::scoped_lock lock(caches_->mesh_quality_mutex);
     auto& quality = caches_->mesh_quality;

@@ -222,11 +222,11 @@ Correspondence find_correspondence(PreparedShapes shapes, MorphInput given,
         shapes = looked_at_closely(std::move(shapes), given, options, progress);
     const RouteInput input{shapes.source, shapes.target, features};
     const Domain domain = chosen_domain(shapes, given, options);
-    std::vector<std::string> warnings;
+    std::string suggested, ignored;
     if (domain == Domain::kCut && given.loop.empty()) {
         progress.enter("decomposition");
         given.loop = loop_through(input, options.decomposition, progress);
-        warnings.push_back(loop_was_suggested(given.loop));
+        suggested = loop_was_suggested(given.loop);
     }
     if (const auto purpose = needs_closed(domain, given))
         require_closed(*purpose, shapes, given, options, progress);
@@ -236,7 +236,7 @@ Correspondence find_correspondence(PreparedShapes shapes, MorphInput given,
     } else {
         result = match_in_domain(domain, input, given, options, progress);
         if (given.start.source_images.rows() > 0)
-            warnings.push_back(earlier_map_was_ignored(result.domain));
+            ignored = earlier_map_was_ignored(result.domain);
         reverse_normals(shapes, result);
         if (options.method == Method::kAuto)
             result =
@@ -246,7 +246,8 @@ Correspondence find_correspondence(PreparedShapes shapes, MorphInput given,
     }
     if (result.domain == "product") reverse_normals(shapes, result);
     result.facts.loop = std::move(given.loop);
-    result.warnings.insert(result.warnings.begin(), warnings.begin(), warnings.end());
+    for (const std::string& warning : {ignored, suggested})
+        if (!warning.empty()) result.warnings.insert(result.warnings.begin(), warning);
     return {std::move(shapes), std::move(result)};
 }
 

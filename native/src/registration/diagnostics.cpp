@@ -17,6 +17,7 @@ Diagnostics Diagnostics::with_rows(std::span<const Index> source_rows,
         on_source(proposal.source);
         on_target(proposal.target);
     }
+    result.alternatives = alternatives.with_rows(source_rows, target_rows);
     return result;
 }
 

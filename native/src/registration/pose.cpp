@@ -8,6 +8,7 @@
 
 #include "base/angle.hpp"
 #include "pointmorph/base/parallel.hpp"
+#include "pointmorph/cloud/subset.hpp"
 #include "pointmorph/registration/anchored_start.hpp"
 #include "pointmorph/registration/candidate_poses.hpp"
 #include "pointmorph/registration/extremities.hpp"
@@ -226,6 +227,53 @@ void prefer_as_given(std::vector<Candidate>& finals, const CoarseShape& source,
     if (given != finals.end()) std::rotate(finals.begin(), given, given + 1);
 }
 
+/// A map by its images of the coarsest level's nodes, with both shapes at rest.
+struct NodeImages {
+    double cost;
+    Positions source, target;
+};
+
+/// How far maps lie from `best`; `least` is what their costs are compared with.
+OtherMaps differences(const NodeImages& best, std::span<const NodeImages> maps, double least) {
+    const auto count = static_cast<Eigen::Index>(maps.size());
+    OtherMaps others{Values(count), Eigen::MatrixXd(count, best.source.rows()),
+                     Eigen::MatrixXd(count, best.target.rows())};
+    for (Eigen::Index k = 0; k < count; ++k) {
+        const NodeImages& map = maps[static_cast<std::size_t>(k)];
+        others.ratios[k] = map.cost / least;
+        others.source.row(k) = (map.source - best.source).rowwise().norm().transpose();
+        others.target.row(k) = (map.target - best.target).rowwise().norm().transpose();
+    }
+    return others;
+}
+
+/// How all other maps differ from the first of `maps`. `trials` are sorted.
+Alternatives alternatives_to_first(const CoarsePair& shapes, std::span<const Candidate> maps,
+                                   std::span<const Trial> trials) {
+    constexpr double kWorstTrial = 1.3;  // what is worse counts next to nothing
+    Alternatives result;
+    result.source_rows = shapes.source.levels.front().node_rows;
+    result.target_rows = shapes.target.levels.front().node_rows;
+    std::vector<NodeImages> finished, tried;
+    for (const Candidate& map : maps) {
+        const Registration& found = map.registration;
+        finished.push_back({map.cost,
+                            map.alignment.inverse().apply(
+                                gather(found.source_points.positions, result.source_rows)),
+                            gather(found.target_points.positions, result.target_rows)});
+    }
+    for (const Trial& trial : trials) {
+        if (trial.energy > kWorstTrial * trials.front().energy) break;
+        tried.push_back({trial.energy,
+                         trial.alignment.inverse().apply(trial.registration.source.positions),
+                         trial.registration.target.positions});
+    }
+    const NodeImages& best = finished.front();
+    result.finished = differences(best, std::span(finished).subspan(1), best.cost);
+    result.trials = differences(best, tried, tried.empty() ? 1.0 : tried.front().cost);
+    return result;
+}
+
 /// The first of the maps, with its rivals, margin and confidence.
 Pose rated(std::vector<Candidate> maps, double margin_of_trials) {
     Pose pose;
@@ -284,10 +332,12 @@ Pose find_pose(const CoarsePair& shapes, const PoseOptions& options,
     if (looks_wrong(search, finals.front())) try_with(options.second_effort, 0.8, 0.95, 1.0);
     add_symmetric(search, motions, finals, progress);
     prefer_as_given(finals, shapes.source, options);
+    Alternatives alternatives = alternatives_to_first(shapes, finals, trials);
     keep_distinct(finals, options.distinct);
     Pose pose = rated(std::move(finals), trials.size() > 1
                                              ? std::max(1.0, trials[1].energy / trials[0].energy)
                                              : std::numeric_limits<double>::infinity());
+    pose.alternatives = std::move(alternatives);
     pose.source_extremities = in_full(search.source);
     pose.target_extremities = in_full(search.target);
     return pose;

@@ -27,6 +27,7 @@ FoundMap found_by(Pose pose, std::vector<Rival> rivals) {
     found.diagnostics.starts = {{"pose", pose.best.torn, pose.best.misfit.energy()}};
     found.diagnostics.margin = pose.margin;
     found.diagnostics.confidence = pose.confidence;
+    found.diagnostics.alternatives = std::move(pose.alternatives);
     found.diagnostics.rivals = std::move(rivals);
     found.registration = std::move(pose.best.registration);
     found.source_extremities = std::move(pose.source_extremities);

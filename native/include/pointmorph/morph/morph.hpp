@@ -15,6 +15,7 @@
 #include "pointmorph/frames/path.hpp"
 #include "pointmorph/frames/resampling.hpp"
 #include "pointmorph/measures/cracks.hpp"
+#include "pointmorph/measures/local_confidence.hpp"
 #include "pointmorph/measures/mesh_quality.hpp"
 #include "pointmorph/measures/quality.hpp"
 #include "pointmorph/mesh/mesh.hpp"
@@ -139,6 +140,9 @@ public:
 
     /// See measure_quality(); made when first asked for.
     const Quality& quality(Progress& progress) const;
+    /// See measure_local_confidence(), which takes quality(); made when first asked for. Throws
+    /// CloudError for a morph that was restored.
+    const LocalConfidence& local_confidence(Progress& progress) const;
     /// How good wrapped(1) looks; see measure_mesh_quality(). Made when first asked for. Throws
     /// CloudError unless has_mesh().
     const MeshQuality& mesh_quality(Progress& progress) const;

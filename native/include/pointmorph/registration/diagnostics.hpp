@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "pointmorph/base/types.hpp"
+#include "pointmorph/registration/alternatives.hpp"
 #include "pointmorph/registration/proposals.hpp"
 #include "pointmorph/registration/restarts.hpp"
 
@@ -26,6 +27,9 @@ struct Diagnostics {
     /// mark. Empty where the pose was known and none were asked for.
     std::vector<Rival> rivals;
     std::vector<Proposal> proposals;
+    /// All other maps that the search came upon, for how sure each place is. Empty where the pose
+    /// was known.
+    Alternatives alternatives;
     /// What the registration was started from, and which of these was taken.
     std::vector<Restart> starts;
     std::size_t start_taken = 0;

@@ -8,6 +8,7 @@
 #include "pointmorph/base/progress.hpp"
 #include "pointmorph/base/types.hpp"
 #include "pointmorph/cloud/similarity.hpp"
+#include "pointmorph/registration/alternatives.hpp"
 #include "pointmorph/registration/coarse_shape.hpp"
 #include "pointmorph/registration/extremities.hpp"
 #include "pointmorph/registration/misfit.hpp"
@@ -113,6 +114,8 @@ struct Pose {
     double margin = std::numeric_limits<double>::infinity();
     /// See pose_confidence().
     double confidence = 1.0;
+    /// All other maps but the worst, distinct or not. Coarse rows of the coarsest level's nodes.
+    Alternatives alternatives;
     std::vector<Extremity> source_extremities, target_extremities;  ///< coarse rows
 };
 

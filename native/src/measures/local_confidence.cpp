@@ -1,0 +1,535 @@
+#include "pointmorph/measures/local_confidence.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstdint>
+#include <limits>
+#include <optional>
+#include <utility>
+
+#include "measures/place_words.hpp"
+#include "pointmorph/base/parallel.hpp"
+#include "pointmorph/cloud/kd_tree.hpp"
+#include "pointmorph/cloud/neighborhoods.hpp"
+#include "pointmorph/cloud/subset.hpp"
+
+namespace pointmorph {
+
+namespace {
+
+// Lengths are in √area.
+constexpr Index kNeighbors = 6;        // that tell how far apart points are
+constexpr Index kNodes = 1500;         // of each cloud, where confidence is found
+constexpr double kSamples = 6000.0;    // about as many points of a cloud stand for all of it
+constexpr Index kTogetherFrom = 4000;  // points, of which several are carried to together
+constexpr double kGrowthNear = 0.05;   // around a node, where growth is averaged …
+constexpr double kStrainNear = 0.12;   // … and strain
+constexpr double kBendNear = 0.1;      // a ball whose centroid tells tips, edges and planes apart
+constexpr double kSideWeight = 0.1;    // of unit normals, to tell both sides of thin parts apart
+constexpr double kDoubtful = 0.5;      // less confidence is worth a word
+constexpr double kDoubtsApart = 0.2;   // at least, of doubtful places
+constexpr double kSmallestDoubt = 0.002;
+constexpr std::size_t kMostDoubts = 5;
+
+using SidedPoints = KdTree<6>::Points;
+using SidedPoint = Eigen::Matrix<double, 1, 6>;
+
+/// Values at some places, blended at others.
+struct Blend {
+    std::array<Index, 4> rows{};
+    std::array<double, 4> weights{};
+    std::size_t count = 0;
+
+    template <class At>
+    double of(At&& at) const {
+        double sum = 0.0;
+        for (std::size_t k = 0; k < count; ++k) sum += weights[k] * at(rows[k]);
+        return sum;
+    }
+};
+
+/// By inverse squared distances, which `weights` hold so far.
+void balance(Blend& blend) {
+    constexpr double kCloser = 1e-12;  // than which it makes no difference
+    double sum = 0.0;
+    for (std::size_t k = 0; k < blend.count; ++k) {
+        blend.weights[k] = 1.0 / std::max(blend.weights[k], kCloser);
+        sum += blend.weights[k];
+    }
+    for (std::size_t k = 0; k < blend.count; ++k) blend.weights[k] /= sum;
+}
+
+Blend blend(const KdTree<6>& tree, const SidedPoint& point) {
+    Blend result;
+    result.count = to_size(tree.nearest(point.data(), result.rows, result.weights));
+    balance(result);
+    return result;
+}
+
+/// The same number for the same row everywhere, in [0, 1).
+double drawn(Index row) {
+    auto x = static_cast<std::uint64_t>(row) + 0x9e3779b97f4a7c15ULL;  // splitmix64
+    x = (x ^ (x >> 30)) * 0xbf58476d1ce4e5b9ULL;
+    x = (x ^ (x >> 27)) * 0x94d049bb133111ebULL;
+    return static_cast<double>((x ^ (x >> 31)) >> 11) * 0x1.0p-53;
+}
+
+/// One cloud at unit area, and evenly spread points of it.
+struct JudgedSurface {
+    JudgedSurface(const Cloud& given, const OrderedNeighbors& neighbors, Progress& progress)
+        : cloud(given), order(neighbors.order), unit(normalization(given.positions)) {
+        positions = unit.apply(given.positions);
+        const Values spacing = local_spacing(gather(positions, neighbors.order), neighbors.nearest);
+        const double area = spacing.squaredNorm();
+        scale = area > 0.0 ? 1.0 / std::sqrt(area) : 1.0;
+        samples = drawn_samples(spacing, area);
+        const Positions sampled = gather(positions, samples);
+        const Normals normals = gather(cloud.normals, samples).rowwise().normalized();
+        const KdTree<3> tree(sampled);
+        rows = gather(samples, poisson_disk_subset(tree, normals, {}, kNodes, progress).rows);
+        nodes = sided(rows);
+        places = nodes.leftCols<3>();
+    }
+
+    /// More of them where points are far apart, but some everywhere; ascending.
+    std::vector<Index> drawn_samples(const Values& spacing, double area) const {
+        const double each = 1.0 / static_cast<double>(size());
+        std::vector<Index> result;
+        for (Index i = 0; i < size(); ++i) {
+            const double share = area > 0.0 ? spacing[i] * spacing[i] / area : each;
+            const Index row = order[to_size(i)];
+            if (drawn(row) < kSamples * (share + each) / 2.0) result.push_back(row);
+        }
+        if (result.empty()) result.push_back(0);
+        std::ranges::sort(result);
+        return result;
+    }
+
+    Index size() const { return static_cast<Index>(positions.rows()); }
+    Index count() const { return static_cast<Index>(rows.size()); }
+    /// Places of this cloud's coordinates, at unit area.
+    Positions at_unit_area(const Positions& given) const { return scale * unit.apply(given); }
+    SidedPoint sided(Index row) const {
+        SidedPoint result;
+        result << scale * positions.row(row), kSideWeight * cloud.normals.row(row).normalized();
+        return result;
+    }
+    SidedPoints sided(std::span<const Index> some) const {
+        SidedPoints result(static_cast<Eigen::Index>(some.size()), 6);
+        for (std::size_t k = 0; k < some.size(); ++k)
+            result.row(static_cast<Eigen::Index>(k)) = sided(some[k]);
+        return result;
+    }
+    Eigen::RowVector3d node_normal(Index node) const {
+        return nodes.row(node).tail<3>() / kSideWeight;
+    }
+    bool same_side(Index node, Index other) const {
+        return nodes.row(node).tail<3>().dot(nodes.row(other).tail<3>()) > 0.0;
+    }
+
+    const Cloud& cloud;
+    const std::vector<Index>& order;  ///< its spatial order
+    Normalization unit;
+    Positions positions;
+    double scale = 1.0;
+    std::vector<Index> samples;  ///< rows that stand for all
+    std::vector<Index> rows;     ///< of the nodes, which are some of the samples
+    SidedPoints nodes;
+    Positions places;  ///< of the nodes
+};
+
+/// Both clouds' nodes, to look up.
+struct NodeTrees {
+    explicit NodeTrees(const JudgedSurface& surface)
+        : by_place(surface.places), by_side(surface.nodes) {}
+    KdTree<3> by_place;
+    KdTree<6> by_side;
+};
+
+/// One direction of the map.
+struct JudgedWay {
+    const JudgedSurface &here, &there;
+    const NodeTrees &trees_here, &trees_there;
+    const PointQuality& quality;
+    const MapFigures& figures;
+    Positions images;         ///< of the nodes, at unit area
+    std::vector<Index> feet;  ///< the node of the other cloud next to each, on its side
+    const std::vector<Index>& rows_of_others;
+    Eigen::MatrixXd OtherMaps::*others;
+};
+
+/// Means over the points of each node, of what is measured at points.
+struct NodeMeans {
+    Values strain;  ///< √((ln² s₁ + ln² s₂) / 2) of the stretches
+    Values growth;  ///< ln(s₁ s₂)
+};
+
+NodeMeans means_at_nodes(const JudgedWay& map) {
+    constexpr double kMost = 20.0;
+    const Index nodes = map.here.count();
+    NodeMeans means{Values::Zero(nodes), Values::Zero(nodes)};
+    Values count = Values::Zero(nodes);
+    for (const Index row : map.here.samples) {
+        const auto point = map.here.sided(row);
+        Index k = 0;
+        double squared_distance = 0.0;
+        map.trees_here.by_side.nearest(point.data(), {&k, 1}, {&squared_distance, 1});
+        const auto logarithm = [&](Eigen::Index column) {
+            return std::log(std::clamp(map.quality.stretch(row, column), 1.0 / kMost, kMost));
+        };
+        const double a = logarithm(0), b = logarithm(1);
+        means.strain[k] += std::sqrt((a * a + b * b) / 2.0);
+        means.growth[k] += a + b;
+        count[k] += 1.0;
+    }
+    means.strain.array() /= count.array().max(1.0);
+    means.growth.array() /= count.array().max(1.0);
+    return means;
+}
+
+/// Nodes and their squared distances, ascending.
+using Found = std::vector<std::pair<Index, double>>;
+
+std::span<const std::pair<Index, double>> within(const Found& found, double radius) {
+    const auto end =
+        std::ranges::lower_bound(found, radius * radius, {}, &std::pair<Index, double>::second);
+    return {found.begin(), end};
+}
+
+/// The mean over the nodes around one, on its side of the surface.
+double mean_around(const JudgedSurface& surface, Index node, const Values& values,
+                   std::span<const std::pair<Index, double>> around) {
+    double sum = 0.0;
+    Index count = 0;
+    for (const auto& [other, squared_distance] : around) {
+        if (!surface.same_side(node, other)) continue;
+        sum += values[other];
+        ++count;
+    }
+    return count > 0 ? sum / count : values[node];
+}
+
+/// How far the centroid of what lies in a ball is from its center along a normal, in radii: 0 in a
+/// plane, less than 0 where the surface bulges.
+double bend(const JudgedSurface& surface, const Eigen::RowVector3d& center,
+            const Eigen::RowVector3d& normal, std::span<const std::pair<Index, double>> inside) {
+    if (inside.empty()) return 0.0;
+    double sum = 0.0;
+    for (const auto& [row, squared_distance] : inside)
+        sum += (surface.places.row(row) - center).dot(normal);
+    return sum / static_cast<double>(inside.size()) / kBendNear;
+}
+
+/// The other maps' weights: 1 where one costs as little; 0 where a mark speaks against it.
+Values weights_of(const OtherMaps& others, double exponent, const JudgedWay& way,
+                  std::span<const Blend> marks) {
+    constexpr double kLeast = 0.5;
+    Values weights = others.ratios.array().max(kLeast).pow(-exponent);
+    const Eigen::MatrixXd& distances = others.*way.others;
+    for (const Blend& mark : marks)
+        for (Eigen::Index k = 0; k < weights.size(); ++k)
+            if (mark.of([&](Index row) { return distances(k, row); }) > kRightPlace)
+                weights[k] = 0.0;
+    return weights;
+}
+
+/// All other maps, with their weights.
+struct WeighedMaps {
+    const Alternatives& maps;
+    Values finished, trials;
+};
+
+WeighedMaps weighed(const Alternatives& maps, const JudgedWay& there,
+                    std::span<const Feature> features) {
+    constexpr double kFinishedCost = 40.0, kTrialCost = 20.0;
+    if (!maps.searched()) return {maps, {}, {}};
+    const SidedPoints places = there.here.sided(there.rows_of_others);
+    const KdTree<6> tree(places);
+    std::vector<Blend> marks;
+    for (const Feature& feature : features)
+        if (feature.kind == FeatureKind::kPoint)
+            marks.push_back(blend(tree, there.here.sided(feature.source.rows.front())));
+    return {maps, weights_of(maps.finished, kFinishedCost, there, marks),
+            weights_of(maps.trials, kTrialCost, there, marks)};
+}
+
+/// How much other maps that may be right as well differ at a place.
+double disagreement(const Blend& at, const Eigen::MatrixXd& distances, const Values& weights) {
+    constexpr double kFar = 0.15;
+    double sum = 0.0;
+    for (Eigen::Index k = 0; k < weights.size(); ++k) {
+        const double distance = at.of([&](Index row) { return distances(k, row); });
+        sum += weights[k] * std::pow(std::min(distance / kFar, 1.0), 1.5);
+    }
+    return std::log1p(sum);
+}
+
+/// At the nodes.
+Values confidence_at_nodes(const JudgedWay& way, const NodeMeans& means, const WeighedMaps& others,
+                           Progress& progress) {
+    // Fitted; see docs/stages/measures/local_confidence.md.
+    constexpr double kPlain = -0.42, kRoundTrip = 0.91, kStrain = 4.7, kGrowth = 0.75, kBend = 2.7,
+                     kFinished = 1.0, kTrials = 0.73, kNoSearch = 0.66;
+    constexpr double kNoRoundTrip = 0.003, kLongRoundTrip = 0.5;
+    const bool searched = others.maps.searched();
+    const double round_trip = std::min(way.figures.round_trip_mean, kLongRoundTrip);
+    const double everywhere =
+        kPlain + kRoundTrip * std::log(round_trip + kNoRoundTrip) + (searched ? 0.0 : kNoSearch);
+    const SidedPoints places = searched ? way.here.sided(way.rows_of_others) : way.here.nodes;
+    const KdTree<6> places_tree(places);
+    Values confidence(way.here.count());
+    const auto judge = [&](Index k, Found& near, Found& near_image) {
+        const Eigen::RowVector3d place = way.here.places.row(k), image = way.images.row(k);
+        way.trees_here.by_place.within(place.data(), kStrainNear, near);
+        way.trees_there.by_place.within(image.data(), kBendNear, near_image);
+        const double bends =
+            bend(way.here, place, way.here.node_normal(k), within(near, kBendNear)) -
+            bend(way.there, image, way.there.node_normal(way.feet[to_size(k)]), near_image);
+        double doubt = everywhere + kBend * std::abs(bends) +
+                       kStrain * mean_around(way.here, k, means.strain, near) +
+                       kGrowth * mean_around(way.here, k, means.growth, within(near, kGrowthNear));
+        if (searched) {
+            const Blend at = blend(places_tree, way.here.nodes.row(k));
+            doubt +=
+                kFinished * disagreement(at, others.maps.finished.*way.others, others.finished) +
+                kTrials * disagreement(at, others.maps.trials.*way.others, others.trials);
+        }
+        confidence[k] = 1.0 / (1.0 + std::exp(doubt));
+    };
+    parallel_for(
+        way.here.count(), progress,
+        [&](Index begin, Index end) {
+            Found near, near_image;
+            for (Index k = begin; k < end; ++k) judge(k, near, near_image);
+        },
+        0.0, 1.0, 64);
+    return confidence;
+}
+
+// --- Places
+
+/// A doubtful place, as seen from one of the clouds.
+struct DoubtfulSpot {
+    bool on_source;
+    Index row;
+    double confidence, share, doubt;
+};
+
+void add_spots(const JudgedSurface& surface, const KdTree<3>& tree, const Values& confidence,
+               bool on_source, std::vector<DoubtfulSpot>& spots) {
+    std::vector<Index> candidates;
+    for (Index k = 0; k < surface.count(); ++k)
+        if (confidence[k] < kDoubtful) candidates.push_back(k);
+    std::ranges::stable_sort(candidates, {}, [&](Index k) { return confidence[k]; });
+    std::vector<Index> taken;
+    std::vector<std::pair<Index, double>> around;
+    for (const Index k : candidates) {
+        if (std::ranges::any_of(taken, [&](Index other) {
+                return (surface.places.row(k) - surface.places.row(other)).norm() < kDoubtsApart;
+            }))
+            continue;
+        taken.push_back(k);
+        tree.within(surface.places.row(k).data(), kDoubtsApart / 2.0, around);
+        DoubtfulSpot spot{on_source, surface.rows[to_size(k)], 0.0, 0.0, 0.0};
+        Index count = 0;
+        for (const auto& [l, squared_distance] : around) {
+            if (!(confidence[l] < kDoubtful)) continue;
+            spot.confidence += confidence[l];
+            ++count;
+        }
+        spot.confidence /= count;
+        spot.share = static_cast<double>(count) / surface.count();
+        spot.doubt = spot.share * (kDoubtful - spot.confidence);
+        if (spot.share >= kSmallestDoubt) spots.push_back(spot);
+    }
+}
+
+/// The row of the other cloud that a row's image is nearest to, of those that it is paired with.
+Index partner_of(const TwoWayMap& map, bool on_source, Index row) {
+    const Positions& images = on_source ? map.source_images : map.target_images;
+    const Positions& other = on_source ? map.target.positions : map.source.positions;
+    Index best = -1;
+    double least = std::numeric_limits<double>::infinity();
+    for (const IndexPair& pair : map.pairs) {
+        if ((on_source ? pair.source : pair.target) != row) continue;
+        const Index partner = on_source ? pair.target : pair.source;
+        const double squared = (other.row(partner) - images.row(row)).squaredNorm();
+        if (squared >= least) continue;
+        least = squared;
+        best = partner;
+    }
+    return best;
+}
+
+std::string advice_about(const DoubtfulSpot& spot, const PlaceWords& words,
+                         const DoubtfulPlace& place, const TwoWayMap& map) {
+    const std::string& here = (spot.on_source ? map.source : map.target).name;
+    return sentence(words.where + " the map may be wrong (" + percent(place.confidence) +
+                    " sure, " + percent(place.share) + " of " + here + "): " + words.remedy +
+                    ", say point " + std::to_string(place.source) + " of " + map.source.name +
+                    ", which is on point " + std::to_string(place.target) + " of " +
+                    map.target.name + " now");
+}
+
+std::vector<DoubtfulPlace> doubtful_places(const JudgedSurface& source, const JudgedSurface& target,
+                                           const TwoWayMap& map, std::vector<DoubtfulSpot> spots,
+                                           std::span<const Feature> features) {
+    std::ranges::stable_sort(spots, std::ranges::greater{}, &DoubtfulSpot::doubt);
+    const std::vector<MarkedPoint> marked = marked_points(features);
+    std::vector<DoubtfulPlace> places;
+    for (const DoubtfulSpot& spot : spots) {
+        if (places.size() == kMostDoubts) break;
+        const Index partner = partner_of(map, spot.on_source, spot.row);
+        if (partner < 0) continue;
+        DoubtfulPlace place{spot.on_source ? spot.row : partner,
+                            spot.on_source ? partner : spot.row,
+                            spot.confidence,
+                            spot.share,
+                            {}};
+        const bool is_apart = std::ranges::none_of(places, [&](const DoubtfulPlace& other) {
+            const auto distance = [](const JudgedSurface& surface, Index a, Index b) {
+                return surface.scale * (surface.positions.row(a) - surface.positions.row(b)).norm();
+            };
+            return distance(source, place.source, other.source) < kDoubtsApart &&
+                   distance(target, place.target, other.target) < kDoubtsApart;
+        });
+        if (!is_apart) continue;
+        const PlaceWords words = words_for({source.positions, 1.0 / source.scale, map.source.name},
+                                           place.source, marked);
+        place.advice = advice_about(spot, words, place, map);
+        places.push_back(std::move(place));
+    }
+    return places;
+}
+
+std::string warning_about(const LocalConfidence& found, const TwoWayMap& map) {
+    std::string text = "Of the map from " + map.source.name + " to " + map.target.name + " only " +
+                       percent(found.right) + " is likely right: mark more features on both models";
+    if (!found.doubtful.empty()) {
+        const DoubtfulPlace& place = found.doubtful.front();
+        text += ", first at point " + std::to_string(place.source) + " of " + map.source.name +
+                " and where it belongs on " + map.target.name;
+    }
+    return text + ". If they have nothing in common, no map between them is right.";
+}
+
+/// From the nodes to all points. Those that follow one another in the cloud's spatial order lie
+/// close together: the nodes near one of them are near to all.
+Values carried(const JudgedSurface& surface, const NodeTrees& trees, const Values& at_nodes,
+               Progress& progress) {
+    constexpr Index kNear = 16;
+    constexpr double kCloser = 1e-9;  // squared, than which it makes no difference
+    using Each = Eigen::Array<double, kNear, 1>;
+    const Index together = 1 + surface.size() / kTogetherFrom;
+    const Index groups = (surface.size() + together - 1) / together;
+    Values result(surface.size());
+    const auto carry = [&](Index group) {
+        const Index begin = group * together, end = std::min(begin + together, surface.size());
+        std::array<Index, kNear> near{};
+        std::array<double, kNear> squared_distances{};
+        const Eigen::RowVector3d middle =
+            surface.scale * surface.positions.row(surface.order[to_size((begin + end) / 2)]);
+        const Index count = trees.by_place.nearest(middle.data(), near, squared_distances);
+        Eigen::Array<double, kNear, 6> nodes;
+        Each values = Each::Zero(), is_there = Each::Zero();
+        nodes.setZero();
+        for (Index k = 0; k < count; ++k) {
+            nodes.row(k) = surface.nodes.row(near[to_size(k)]);
+            values[k] = at_nodes[near[to_size(k)]];
+            is_there[k] = 1.0;
+        }
+        for (Index i = begin; i < end; ++i) {
+            const Index row = surface.order[to_size(i)];
+            const SidedPoint point = surface.sided(row);
+            Each squared = Each::Constant(kCloser);
+            for (Eigen::Index d = 0; d < 6; ++d) squared += (nodes.col(d) - point[d]).square();
+            const Each weights = is_there / squared.square();
+            result[row] = (weights * values).sum() / weights.sum();
+        }
+    };
+    parallel_for(groups, progress, [&](Index begin, Index end) {
+        for (Index group = begin; group < end; ++group) carry(group);
+    });
+    return result;
+}
+
+/// The node nearest to each image, on the side where it belongs: that of a partner.
+std::vector<Index> feet_of(const Positions& images, const JudgedSurface& surface,
+                           const NodeTrees& trees, std::span<const Index> partners) {
+    const Positions normals = surface.nodes.rightCols<3>() / kSideWeight;
+    std::vector<Index> feet(to_size(static_cast<Index>(images.rows())));
+    for (std::size_t k = 0; k < feet.size(); ++k)
+        feet[k] =
+            nearest_on_sheet(trees.by_place, normals, images.row(static_cast<Eigen::Index>(k)),
+                             surface.cloud.normals.row(partners[k]));
+    return feet;
+}
+
+/// A partner of each node.
+std::vector<Index> partners_of(const JudgedSurface& surface, const TwoWayMap& map, bool on_source) {
+    std::vector<Index> partner(to_size(surface.size()), 0);
+    for (const IndexPair& pair : map.pairs)
+        partner[to_size(on_source ? pair.source : pair.target)] =
+            on_source ? pair.target : pair.source;
+    return gather(partner, surface.rows);
+}
+
+}  // namespace
+
+LocalConfidence measure_local_confidence(const JudgedMap& judged, std::span<const Feature> features,
+                                         Progress& progress) {
+    const auto& [map, quality, diagnostics] = judged;
+    const Alternatives& others = diagnostics.alternatives;
+    std::array<std::optional<OrderedNeighbors>, 2> found;
+    const auto surface = [&](const Cloud& cloud, const OrderedNeighbors* known,
+                             std::optional<OrderedNeighbors>& own, double first, double last) {
+        const Progress::Part part(progress, first, last);
+        if (!known) known = &own.emplace(ordered_neighbors(cloud.positions, kNeighbors, progress));
+        return JudgedSurface(cloud, *known, progress);
+    };
+    const JudgedSurface source = surface(map.source, map.source_neighbors, found[0], 0.0, 0.3),
+                        target = surface(map.target, map.target_neighbors, found[1], 0.3, 0.6);
+    const NodeTrees of_source(source), of_target(target);
+    JudgedWay there{source,
+                    target,
+                    of_source,
+                    of_target,
+                    quality.source,
+                    quality.source_to_target,
+                    target.at_unit_area(gather(map.source_images, source.rows)),
+                    {},
+                    others.source_rows,
+                    &OtherMaps::source};
+    JudgedWay back{target,
+                   source,
+                   of_target,
+                   of_source,
+                   quality.target,
+                   quality.target_to_source,
+                   source.at_unit_area(gather(map.target_images, target.rows)),
+                   {},
+                   others.target_rows,
+                   &OtherMaps::target};
+    there.feet = feet_of(there.images, target, of_target, partners_of(source, map, true));
+    back.feet = feet_of(back.images, source, of_source, partners_of(target, map, false));
+    const WeighedMaps weighed_others = weighed(others, there, features);
+
+    LocalConfidence result;
+    std::vector<DoubtfulSpot> spots;
+    const auto judge = [&](const JudgedWay& way, bool on_source, Values& confidence) {
+        const Progress::Part part(progress, on_source ? 0.6 : 0.8, on_source ? 0.8 : 1.0);
+        const Values at_nodes =
+            confidence_at_nodes(way, means_at_nodes(way), weighed_others, progress);
+        confidence = carried(way.here, way.trees_here, at_nodes, progress);
+        result.right = std::min(result.right, at_nodes.mean());  // nodes are even
+        add_spots(way.here, way.trees_here.by_place, at_nodes, on_source, spots);
+    };
+    judge(there, true, result.source);
+    judge(back, false, result.target);
+    result.doubtful = doubtful_places(source, target, map, std::move(spots), features);
+    if (result.right < kMostlyRight) result.warning = warning_about(result, map);
+    return result;
+}
+
+}  // namespace pointmorph
