@@ -127,6 +127,8 @@ class Outcome:
     Of a chain, `between` are the shapes on the way, `stops` where every source vertex is on each of
     them, and `via_maps` where their own points land on the next shape and on the one before.
 
+    `confidence` is (M,): how likely each pair is right, 0 to 1; None where nobody knows.
+
     `drawn` is the target's look on the source's faces, where that was asked for.
     """
 
@@ -142,6 +144,7 @@ class Outcome:
     stops: tuple = ()
     via_maps: tuple = ()
     drawn: Drawn | None = None
+    confidence: np.ndarray | None = None
 
     @property
     def ends(self):
@@ -245,6 +248,7 @@ def compute(request, progress, earlier=None):
         rows = morph.pairs[:, t].astype(np.int32)
         ends.append(End(rows, frame.positions, frame.normals, frame.colors, frame.radii))
     quality = morph.measure_quality(progress)
+    confidence = morph.measure_confidence(progress).of_pairs(morph.pairs)
     if morph.has_mesh:
         morph.measure_mesh_quality(progress)  # for the report, which asks nobody whether to go on
     distortion = np.maximum(
@@ -263,6 +267,7 @@ def compute(request, progress, earlier=None):
         maps,
         tuple(_packed(shape.triangles) for shape in (request.source, request.target)),
         (_way(morph, request, ends, landing, progress),),
+        confidence=confidence,
     )
 
 

@@ -4,6 +4,8 @@ import re
 from dataclasses import dataclass
 
 FIGURES = {
+    "Likely right": "Share of the points that are likely mapped to where they belong. Below 80 % "
+    "more features are needed",
     "Covered": "Share of the points of either shape that a point of the other maps to. 100 % "
     "is best",
     "Stretch": "How much the map stretches at its worst one percent of points. 1 means no stretch",
@@ -62,7 +64,8 @@ def verdict(report):
     mesh = report.get("mesh") or {"grade": "good", "worst": []}
     of_map, said = _judged_map(report)
     grade = max(of_map, mesh["grade"], key=GRADES.index)
-    places = _counted(len(report["worst"]) + len(mesh["worst"]))
+    doubtful = report.get("doubtful", [])
+    places = _counted(len(report["worst"]) + len(mesh["worst"]) + len(doubtful))
     without = "no bad places" if grade == "good" else "see below"
     line = f"{places} to look at" if places else without
     if "verdict" in mesh:
@@ -83,7 +86,13 @@ def _judged_map(report):
         found.append(f"Match: {_percent(flipped)} of the points are folded over")
     if covered < 0.95:
         found.append(f"Match: {_percent(1.0 - covered)} of the points are left out")
-    grade = "poor" if found else "fair" if report["worst"] else "good"
+    right = report.get("likely_right", 1.0)
+    if right < 0.8:
+        found.append(f"Match: only {_percent(right)} is likely right")
+    doubtful = report.get("doubtful", [])
+    grade = "poor" if found else "fair" if report["worst"] or doubtful else "good"
+    if doubtful:
+        found.append(f"Match: {_counted(len(doubtful))} more likely wrong than right")
     if report["worst"]:
         found.append(f"Match: {_counted(len(report['worst']))} with much distortion")
     return grade, found

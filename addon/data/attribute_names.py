@@ -14,6 +14,7 @@ AHEAD = "morph_ahead"  # that share less what the whole has gone
 TURN = "morph_normal"  # what the path adds to the normals of points
 # How bad the map is at a pair: 0 is perfect, over 1 is bad.
 DISTORTION = "distortion"
+CONFIDENCE = "confidence"  # how likely it is right: 0 to 1
 
 
 def on_way(way, number):

@@ -85,6 +85,13 @@ def join(requests, outcomes, progress=None):
         ],
         axis=0,
     )
+    confidence = np.min(
+        [
+            _of_pairs(table, outcome.confidence, rows[:, number : number + 2])
+            for number, (table, outcome) in enumerate(zip(tables, outcomes, strict=True))
+        ],
+        axis=0,
+    )
     maps = outcomes[0].maps[0], outcomes[-1].maps[1]
     return Outcome(
         ends[0],
@@ -98,6 +105,7 @@ def join(requests, outcomes, progress=None):
         tuple(ends[1:-1]),
         tuple(stops[:-1]),
         tuple((onward.maps[0], before.maps[1]) for before, onward in pairwise(outcomes)),
+        confidence=confidence,
     )
 
 
@@ -218,14 +226,16 @@ def _report(requests, outcomes, rows):
             for key, value in report[part].items()
         }
 
-    worst = []
+    worst, doubtful = [], []
     for number, (name, report) in enumerate(reports.items()):
         source = dict(zip(rows[:, number].tolist(), rows[:, 0].tolist(), strict=True))
-        worst += [
-            {**place, "source": source[place["source"]], "advice": f"{name}: {place['advice']}"}
-            for place in report["worst"]
-        ]
+        for part, found in (("worst", worst), ("doubtful", doubtful)):
+            found += [
+                {**place, "source": source[place["source"]], "advice": f"{name}: {place['advice']}"}
+                for place in report[part]
+            ]
     worst.sort(key=lambda place: -place["distortion"])
+    doubtful.sort(key=lambda place: place["confidence"])
     # What the source's faces look like, which are wrapped onto the second shape.
     mesh = outcomes[0].report.get("mesh")
     if mesh is not None:
@@ -242,4 +252,6 @@ def _report(requests, outcomes, rows):
         "features": gathered("features"),
         "feature_residual": max(report["feature_residual"] for report in reports.values()),
         "worst": worst[:5],
+        "likely_right": min(report["likely_right"] for report in reports.values()),
+        "doubtful": doubtful[:5],
     }

@@ -4,35 +4,35 @@ import bpy
 import numpy as np
 
 from ..core import transforms
+from ..data import attribute_names
 from ..data.registration import Registration
 from ..scene import morph_object, placement, points_display, presentation, recipes
 from .polls import NO_RESULT, Explained, active_result
 
 
-class POINTMORPH_OT_show_distortion(Explained, bpy.types.Operator):
-    """Color the points by distortion: blue is good, yellow is bad, red is folded. Press again to
-    show their own colors"""
+class _Shows(Explained):
+    """Colors the points by an attribute, and by their own colors when it is pressed again."""
 
-    bl_idname = "pointmorph.show_distortion"
-    bl_label = "Show Distortion"
-    bl_options = {"REGISTER", "UNDO"}
+    attribute = ""
 
-    @staticmethod
-    def reason(context):
+    @classmethod
+    def reason(cls, context):
         obj = active_result(context)
         if obj is None:
             return NO_RESULT
-        if not points_display.can_show_distortion(obj):
-            return "This morph has no distortion values: morph again"
+        if not points_display.can_show(obj, cls.attribute):
+            return f"This morph has no {cls.attribute} values: morph again"
         return None
 
     def execute(self, context):
         obj = active_result(context)
-        show = not points_display.shows_distortion(obj)
-        points_display.show_distortion(obj, show)
-        if show:  # colors the points
+        on = not points_display.shows(obj, self.attribute)
+        if not any(points_display.shows(obj, attribute) for attribute in points_display.SHOW):
+            obj.pointmorph.shading_before = ""
+        points_display.show(obj, self.attribute if on else None)
+        if on:  # colors the points
             presentation.show_points(context, obj)
-        self._shade(context, obj.pointmorph, show)
+        self._shade(context, obj.pointmorph, on)
         return {"FINISHED"}
 
     @staticmethod
@@ -42,18 +42,41 @@ class POINTMORPH_OT_show_distortion(Explained, bpy.types.Operator):
         if space is None or space.type != "VIEW_3D":
             return
         if show:
-            plain = space.shading.type in {"WIREFRAME", "SOLID"}
-            remembered.shading_before = space.shading.type if plain else ""
-            if plain:
+            if space.shading.type in {"WIREFRAME", "SOLID"}:
+                remembered.shading_before = space.shading.type
                 space.shading.type = "MATERIAL"
         elif remembered.shading_before and space.shading.type == "MATERIAL":
             space.shading.type = remembered.shading_before
 
 
+class POINTMORPH_OT_show_distortion(_Shows, bpy.types.Operator):
+    """Color the points by distortion: blue is good, yellow is bad, red is folded. Press again to
+    show their own colors"""
+
+    bl_idname = "pointmorph.show_distortion"
+    bl_label = "Show Distortion"
+    bl_options = {"REGISTER", "UNDO"}
+
+    attribute = attribute_names.DISTORTION
+
+
+class POINTMORPH_OT_show_confidence(_Shows, bpy.types.Operator):
+    """Color the points by how likely the map is right: blue is sure, yellow is a toss-up, red is
+    most likely wrong. Press again to show their own colors"""
+
+    bl_idname = "pointmorph.show_confidence"
+    bl_label = "Show Confidence"
+    bl_options = {"REGISTER", "UNDO"}
+
+    attribute = attribute_names.CONFIDENCE
+
+
 def _places(report, kind):
-    """The bad places of the map, or of the source's faces at the end."""
+    """The bad places of the map, or of the source's faces at the end, or those in doubt."""
     if report is None:
         return []
+    if kind == "DOUBT":
+        return report.get("doubtful", [])
     return report["worst"] if kind == "MAP" else report.get("mesh", {}).get("worst", [])
 
 
@@ -73,6 +96,7 @@ class POINTMORPH_OT_go_to_place(Explained, bpy.types.Operator):
         items=[
             ("MAP", "Map", "Where the points of the morph are badly matched"),
             ("MESH", "Mesh", "Where the source's own faces look bad at the end"),
+            ("DOUBT", "Doubt", "Where the map is more likely wrong than right"),
         ],
         default="MAP",
     )
@@ -83,7 +107,7 @@ class POINTMORPH_OT_go_to_place(Explained, bpy.types.Operator):
         if obj is None:
             return NO_RESULT
         report = recipes.report_of(obj)
-        if _places(report, "MAP") or _places(report, "MESH"):
+        if any(_places(report, kind) for kind in ("MAP", "MESH", "DOUBT")):
             return None
         return "This morph has no bad places"
 
@@ -125,6 +149,7 @@ class POINTMORPH_OT_explain(bpy.types.Operator):
 registration = Registration(
     classes=(
         POINTMORPH_OT_show_distortion,
+        POINTMORPH_OT_show_confidence,
         POINTMORPH_OT_go_to_place,
         POINTMORPH_OT_explain,
     ),

@@ -92,6 +92,8 @@ def write_pairs(obj, outcome):
         for name, way in zip(("onward", "back"), ways, strict=True):
             arrays.write_attribute(mesh, f"{stage}_{name}", way[end.rows])
     arrays.write_attribute(mesh, attribute_names.DISTORTION, outcome.distortion)
+    if outcome.confidence is not None:
+        arrays.write_attribute(mesh, attribute_names.CONFIDENCE, outcome.confidence)
     _write_ways(mesh, outcome)
 
 

@@ -12,9 +12,23 @@ from . import disc_faces, path_display, point_shapes, points_material, recipes
 
 NAME = "Pointmorph Points"
 MODIFIER = "Points"
-SHOW_DISTORTION = "Show Distortion"
-_RAMP = ((0.0, (0.05, 0.25, 0.9)), (0.5, (1.0, 0.85, 0.1)), (1.0, (0.9, 0.02, 0.02)))
-_RAMP_END = 2.0  # the distortion of a fold
+# What points can be colored by: the group's input that says so, by the attribute.
+SHOW = {
+    attribute_names.DISTORTION: "Show Distortion",
+    attribute_names.CONFIDENCE: "Show Confidence",
+}
+_MEANINGS = {
+    attribute_names.DISTORTION: "Color the points by how bad the map is there: blue is good, "
+    "yellow is bad, red is folded",
+    attribute_names.CONFIDENCE: "Color the points by how likely the map is right there: blue is "
+    "sure, yellow is a toss-up, red is most likely wrong",
+}
+_BLUE, _YELLOW, _RED = (0.05, 0.25, 0.9), (1.0, 0.85, 0.1), (0.9, 0.02, 0.02)
+# Colors at nothing, half-way and all of a value.
+_RAMPS = {
+    attribute_names.DISTORTION: (2.0, (_BLUE, _YELLOW, _RED)),  # that of a fold
+    attribute_names.CONFIDENCE: (1.0, (_RED, _YELLOW, _BLUE)),
+}
 
 
 def add_points_modifier(obj, key, created, stages=("source", "target")):
@@ -71,29 +85,29 @@ def remove_unused():
         bpy.data.materials.remove(material)
 
 
-def can_show_distortion(obj):
-    """Whether a morph object has the attribute and its nodes know what to do with it."""
+def can_show(obj, attribute):
+    """Whether a morph object has the attribute and its nodes know how to color points by it."""
     modifier = points_modifier(obj)
     return (
         modifier is not None
-        and SHOW_DISTORTION in versions.group_inputs(modifier.node_group)
-        and attribute_names.DISTORTION in obj.data.attributes
+        and SHOW[attribute] in versions.group_inputs(modifier.node_group)
+        and attribute in obj.data.attributes
     )
 
 
-def shows_distortion(obj):
-    """Whether the points have the colors of their distortion now."""
-    return can_show_distortion(obj) and bool(
-        versions.input_value(points_modifier(obj), SHOW_DISTORTION)
+def shows(obj, attribute):
+    """Whether the points have the colors of this attribute now."""
+    return can_show(obj, attribute) and bool(
+        versions.input_value(points_modifier(obj), SHOW[attribute])
     )
 
 
-def show_distortion(obj, show):
-    """Colors the points by distortion, blue over yellow to red, or as they were."""
-    if show == shows_distortion(obj):
-        return
-    versions.set_input(points_modifier(obj), SHOW_DISTORTION, show)
-    obj.update_tag()
+def show(obj, wanted):
+    """Colors the points by an attribute of SHOW, or as they were if that is None."""
+    for attribute, name in SHOW.items():
+        if can_show(obj, attribute) and (attribute == wanted) != shows(obj, attribute):
+            versions.set_input(points_modifier(obj), name, attribute == wanted)
+            obj.update_tag()
 
 
 def shows_discs(obj):
@@ -150,12 +164,8 @@ def _group(name, stages, kept, created):
     nodes.new_input(group, "NodeSocketGeometry", "Geometry")
     nodes.new_t_input(group, len(stages))
     point_shapes.new_splat_inputs(group)
-    nodes.new_input(
-        group,
-        "NodeSocketBool",
-        SHOW_DISTORTION,
-        "Color the points by how bad the map is there: blue is good, yellow is bad, red is folded",
-    )
+    for attribute, name in SHOW.items():
+        nodes.new_input(group, "NodeSocketBool", name, _MEANINGS[attribute])
     nodes.new_output(group, "NodeSocketGeometry", "Geometry")
 
     build = nodes.Builder(group)
@@ -167,9 +177,8 @@ def _group(name, stages, kept, created):
 
     colors = [build.attribute(f"{side}_color", "FLOAT_COLOR") for side in stages]
     color = nodes.mix_colors(build, colors, factors)
-    color = _or_distortion(
-        build, inputs, color, build.attribute(attribute_names.DISTORTION, "FLOAT")
-    )
+    for attribute in SHOW:
+        color = _or_color_of(build, inputs, color, attribute)
 
     normals = [build.attribute(f"{side}_normal", "FLOAT_VECTOR") for side in stages]
     turn = build.attribute(attribute_names.TURN, "FLOAT_VECTOR")
@@ -190,14 +199,15 @@ def _group(name, stages, kept, created):
     return group
 
 
-def _or_distortion(build, inputs, color, distortion):
-    """`color`, or while the group's input says so that of the distortion."""
-    share = build.math("DIVIDE", distortion, _RAMP_END)
+def _or_color_of(build, inputs, color, attribute):
+    """`color`, or while the group's input says so that of the attribute."""
+    most, colors = _RAMPS[attribute]
+    share = build.math("DIVIDE", build.attribute(attribute, "FLOAT"), most)
     ramp = build.node("ShaderNodeValToRGB")
     build.tree.links.new(share, ramp.inputs[0])
     elements = ramp.color_ramp.elements
     elements.new(0.5)
-    for element, (position, rgb) in zip(elements, _RAMP, strict=True):
+    for element, position, rgb in zip(elements, (0.0, 0.5, 1.0), colors, strict=True):
         element.position = position
         element.color = (*rgb, 1.0)
-    return nodes.switch(build, "RGBA", inputs[SHOW_DISTORTION], color, ramp.outputs["Color"])
+    return nodes.switch(build, "RGBA", inputs[SHOW[attribute]], color, ramp.outputs["Color"])

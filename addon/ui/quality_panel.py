@@ -5,12 +5,17 @@ import bpy
 import pointmorph
 
 from ..core import quality_words
+from ..data import attribute_names
 from ..data.registration import Registration
 from ..operators import polls
 from ..scene import points_display, recipes
 from .panel import Panel, explained, has_points, say
 
-_LEGEND = (("Good", "COLORSET_04_VEC"), ("Bad", "COLORSET_09_VEC"), ("Folded", "COLORSET_01_VEC"))
+_ICONS = ("COLORSET_04_VEC", "COLORSET_09_VEC", "COLORSET_01_VEC")  # blue, yellow, red
+_LEGENDS = {
+    attribute_names.DISTORTION: ("Good", "Bad", "Folded"),
+    attribute_names.CONFIDENCE: ("Sure", "In doubt", "Likely wrong"),
+}
 _GRADE_ICONS = {"good": "CHECKMARK", "fair": "INFO", "poor": "ERROR"}
 
 
@@ -34,7 +39,11 @@ def draw_verdict(layout, context, obj):
 
 
 def _places(report):
-    return ("MAP", report["worst"]), ("MESH", report.get("mesh", {}).get("worst", []))
+    return (
+        ("MAP", report["worst"]),
+        ("MESH", report.get("mesh", {}).get("worst", [])),
+        ("DOUBT", report.get("doubtful", [])),
+    )
 
 
 class POINTMORPH_PT_quality(Panel, bpy.types.Panel):
@@ -68,13 +77,15 @@ class POINTMORPH_PT_quality(Panel, bpy.types.Panel):
 
 
 def _draw_colors(layout, obj):
-    """The button that colors the points, and what its colors mean."""
-    shown = points_display.shows_distortion(obj)
-    layout.operator("pointmorph.show_distortion", icon="COLOR", depress=shown)
-    if shown:
-        row = layout.row()
-        for text, icon in _LEGEND:
-            row.label(text=text, icon=icon)
+    """The buttons that color the points, and what the colors mean."""
+    buttons = layout.column(align=True)
+    for attribute, words in _LEGENDS.items():
+        shown = points_display.shows(obj, attribute)
+        buttons.operator(f"pointmorph.show_{attribute}", icon="COLOR", depress=shown)
+        if shown:
+            row = layout.row()
+            for text, icon in zip(words, _ICONS, strict=True):
+                row.label(text=text, icon=icon)
 
 
 def _draw_reasons(layout, context, obj, verdict):

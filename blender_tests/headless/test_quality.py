@@ -79,11 +79,11 @@ def test_one_click_colors_by_distortion_and_another_restores(addon, settings):
     np.testing.assert_allclose(before, np.tile((0.1, 0.2, 0.3, 1.0), (len(before), 1)), rtol=1e-5)
     modifier = obj.modifiers[display.MODIFIER]
     versions = addon("data.versions")
-    names = ("Discs", "Spheres", "Radius Scale", display.SHOW_DISTORTION)
+    names = ("Discs", "Spheres", "Radius Scale", *display.SHOW.values())
     inputs = {name: versions.input_value(modifier, name) for name in names}
 
     assert bpy.ops.pointmorph.show_distortion() == {"FINISHED"}
-    assert display.shows_distortion(obj)
+    assert display.shows(obj, "distortion")
     colors = shown_colors(addon, obj)
     distortion = attribute(obj.data, "distortion")
     blue, yellow = np.array([0.05, 0.25, 0.9]), np.array([1.0, 0.85, 0.1])
@@ -97,7 +97,7 @@ def test_one_click_colors_by_distortion_and_another_restores(addon, settings):
     assert colors[worst, 0] > colors[best, 0]
 
     assert bpy.ops.pointmorph.show_distortion() == {"FINISHED"}
-    assert not display.shows_distortion(obj)
+    assert not display.shows(obj, "distortion")
     np.testing.assert_array_equal(shown_colors(addon, obj), before)
     for name, value in inputs.items():
         assert versions.input_value(modifier, name) == value, name
@@ -157,19 +157,56 @@ def test_the_cursor_goes_to_the_worst_place(settings):
         np.testing.assert_allclose(bpy.context.scene.cursor.location, expected, atol=1e-5)
 
 
+def test_confidence_is_kept_with_the_pairs_and_colors_them(addon, settings):
+    bad_pair()
+    obj = morph()
+    display = addon("scene.points_display")
+    confidence = attribute(obj.data, "confidence")
+    assert ((confidence > 0) & (confidence < 1)).all()
+    report = json.loads(obj.pointmorph.report)
+    assert 0 < report["likely_right"] < 1
+
+    assert bpy.ops.pointmorph.show_distortion() == {"FINISHED"}
+    assert bpy.ops.pointmorph.show_confidence() == {"FINISHED"}
+    assert display.shows(obj, "confidence")
+    assert not display.shows(obj, "distortion")
+    colors = shown_colors(addon, obj)[:, :3]
+    red, yellow, blue = np.array([(0.9, 0.02, 0.02), (1.0, 0.85, 0.1), (0.05, 0.25, 0.9)])
+    share = 2 * confidence[:, None]
+    low, high = red + share * (yellow - red), yellow + (share - 1) * (blue - yellow)
+    expected = np.where(share < 1, low, high)
+    np.testing.assert_allclose(colors, expected, atol=0.01)
+    assert bpy.ops.pointmorph.show_confidence() == {"FINISHED"}
+    assert not display.shows(obj, "confidence")
+
+
+def test_a_place_in_doubt_is_gone_to_and_named(settings):
+    source, _ = bad_pair()
+    obj = morph()
+    report = json.loads(obj.pointmorph.report)
+    advice = f"Toward +X of {source.name} the map may be wrong: mark a feature there."
+    place = {"source": 7, "target": 5, "confidence": 0.2, "share": 0.1, "advice": advice}
+    obj.pointmorph.report = json.dumps({**report, "doubtful": [place]})
+    assert bpy.ops.pointmorph.go_to_place(kind="DOUBT") == {"FINISHED"}
+    there = source.matrix_world @ source.data.vertices[7].co
+    np.testing.assert_allclose(bpy.context.scene.cursor.location, there, atol=1e-5)
+
+
 def test_reasons_why_not(settings):
     source, _ = pair()
-    for operator in ("show_distortion", "go_to_place"):
+    for operator in ("show_distortion", "show_confidence", "go_to_place"):
         with pytest.raises(RuntimeError, match="Morph first"):
             getattr(bpy.ops.pointmorph, operator)()
     obj = morph()
     report = json.loads(obj.pointmorph.report)
-    obj.pointmorph.report = json.dumps({**report, "worst": [], "mesh": {"worst": []}})
+    none = {"worst": [], "mesh": {"worst": []}, "doubtful": []}
+    obj.pointmorph.report = json.dumps({**report, **none})
     with pytest.raises(RuntimeError, match="no bad places"):
         bpy.ops.pointmorph.go_to_place()
     obj.pointmorph.report = ""  # of an earlier version
-    obj.data.attributes.remove(obj.data.attributes["distortion"])
-    for operator in ("show_distortion", "go_to_place"):
+    for name in ("distortion", "confidence"):
+        obj.data.attributes.remove(obj.data.attributes[name])
+    for operator in ("show_distortion", "show_confidence", "go_to_place"):
         with pytest.raises(RuntimeError):
             getattr(bpy.ops.pointmorph, operator)()
     select(source)
@@ -206,7 +243,8 @@ def test_the_panel_draws(addon, settings):
     drawn.clear()
     draw(panel, context)
     assert [arguments for name, arguments, _ in drawn if name == "operator"] == [
-        ("pointmorph.show_distortion",)
+        ("pointmorph.show_distortion",),
+        ("pointmorph.show_confidence",),
     ]
 
 
@@ -221,7 +259,8 @@ def test_there_is_one_verdict_with_its_reasons(addon, settings):
     verdict = addon("core.quality_words").verdict
     pair(30, 26)
     report = report_of(morph())
-    report["worst"], mesh = [], report["mesh"]
+    report["worst"], report["doubtful"], mesh = [], [], report["mesh"]
+    report["likely_right"] = 0.97
     mesh |= {"grade": "good", "worst": [], "verdict": "Good: the faces of A lie smoothly on B."}
     found = verdict(report)
     assert (found.grade, found.line) == ("good", "Good: no bad places")
@@ -239,14 +278,15 @@ def test_the_worse_of_match_and_faces_is_the_verdict(addon, settings):
     bad_pair()
     obj = morph()
     report = report_of(obj)
-    places = len(report["worst"]) + len(report["mesh"]["worst"])
+    places = len(report["worst"]) + len(report["mesh"]["worst"]) + len(report["doubtful"])
     assert words.verdict(report).line.endswith(f"{places} places to look at")
     for figures, reason in (
         ({"flipped": 0.034}, "Match: 3.4 % of the points are folded over"),
         ({"flipped": 0.0, "coverage": 0.91}, "Match: 9 % of the points are left out"),
+        ({"flipped": 0.0, "coverage": 1.0}, "Match: only 72 % is likely right"),
     ):
         for grade in words.GRADES:
-            report = report_of(obj, **figures)
+            report = {**report_of(obj, **figures), "likely_right": 0.72}
             report["mesh"] |= {"grade": grade, "verdict": f"{grade.capitalize()}: so it is."}
             found = words.verdict(report)
             assert found.grade == "poor"

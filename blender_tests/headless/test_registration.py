@@ -46,6 +46,7 @@ OPERATORS = (
     "show_cut",
     "swap_objects",
     "show_as",
+    "show_confidence",
     "show_distortion",
     "show_shapes",
     "go_to_place",

@@ -96,7 +96,7 @@ def test_distortion_is_one_click_and_its_end_another(window):
     for shown in (True, False):
         window.press_button(SHOW_DISTORTION)
         assert window.ask("shadings[-1]") == ["VIEW_3D", shown]
-        assert window.ask(f"addon('scene.points_display').shows_distortion({RESULT})") == shown
+        assert window.ask(f"addon('scene.points_display').shows({RESULT}, 'distortion')") == shown
     window.run("while undo: undo.pop()()")
     window.close_panel("POINTMORPH_PT_quality")
 

@@ -19,6 +19,7 @@ with passive_wait_policy():
     from pointmorph._pointmorph import __version__
 from pointmorph.carrying import Carrier
 from pointmorph.clouds import Cloud
+from pointmorph.confidence import Confidence, DoubtfulPlace
 from pointmorph.cuts import Cut, decompose, propose_loop
 from pointmorph.denser_meshes import DenserMesh
 from pointmorph.errors import (
@@ -57,9 +58,11 @@ __all__ = [
     "Carrier",
     "Cloud",
     "CloudError",
+    "Confidence",
     "ConvergenceError",
     "Cut",
     "DenserMesh",
+    "DoubtfulPlace",
     "Feature",
     "FeatureError",
     "FeatureResidual",

@@ -66,7 +66,9 @@ def _figures(outcome: PairOutcome) -> dict[str, Any]:
             "mesh": (report.get("mesh") or {}).get("grade"),
             "verdict": (report.get("mesh") or {}).get("verdict"),
             "warnings": report["warnings"],
-            "advice": [place["advice"] for place in report["worst"]],
+            "advice": [
+                place["advice"] for place in (*report["worst"], *report.get("doubtful", ()))
+            ],
         }
     except (OSError, ValueError, KeyError, TypeError):
         return {}

@@ -29,6 +29,7 @@ from pointmorph import (
 )
 from pointmorph.arguments import distance, frame_count, positive
 from pointmorph.clouds import Cloud, FloatArray
+from pointmorph.confidence import Confidence
 from pointmorph.errors import FeatureError, FileError, OptionError, PointmorphError
 from pointmorph.features import Feature, feature_from_json, weights_from_json
 from pointmorph.file_checks import parsed_json
@@ -277,8 +278,8 @@ def _morph(chosen: argparse.Namespace) -> None:
         result = morphing.morph(
             clouds[0], clouds[1], features, loop=loop, progress=progress, **_settings(chosen)
         )
-        counts, mesh = _write(chosen, result, own, progress)
-        result.measure_quality(progress)
+        confidence = result.measure_confidence(progress)
+        counts, mesh = _write(chosen, result, confidence, own, progress)
         if result.has_mesh:
             result.measure_mesh_quality(progress)
         report = dict(result.report)
@@ -305,7 +306,7 @@ def _morph(chosen: argparse.Namespace) -> None:
         print(f"  {name:<18}{value}")
     for name, value in quality.feature_summary(report):
         print(f"  {name}: {value}")
-    for place in report["worst"]:
+    for place in (*report["worst"], *report["doubtful"]):
         print(f"  {place['advice']}")
     if mesh := report.get("mesh"):
         print(f"  {mesh['verdict']}")
@@ -423,6 +424,7 @@ def _origin(chosen: argparse.Namespace) -> dict[str, Any]:
 def _write(
     chosen: argparse.Namespace,
     result: morphing.Morph,
+    confidence: Confidence,
     own: source_meshes.SourceMesh | None,
     progress: Progress,
 ) -> tuple[list[int], OwnMeshWriter | None]:
@@ -445,7 +447,10 @@ def _write(
             for values in (frame.normals, frame.colors, frame.radii)
         )
         positions = cloud.positions.astype(frame.positions.dtype, copy=False)
-        formats.write_ply(folder / f"{name}.ply", positions, normals, colors, radii)
+        sure = getattr(confidence, name)
+        formats.write_ply(
+            folder / f"{name}.ply", positions, normals, colors, radii, confidence=sure
+        )
 
     times = sequences.even_times(chosen.frames)
     mesh = None if own is None else OwnMeshWriter(result, own, chosen.mesh, times)

@@ -142,8 +142,10 @@ def write_ply(
     radii: FloatArray,
     ids: npt.NDArray[np.int32] | None = None,
     velocities: FloatArray | None = None,
+    confidence: npt.NDArray[np.float32] | None = None,
 ) -> None:
-    """Writes a cloud as binary .ply: x y z nx ny nz red green blue alpha radius [id] [vx vy vz].
+    """Writes a cloud as binary .ply: x y z nx ny nz red green blue alpha radius and, where given,
+    id, vx vy vz, confidence.
 
     Parameters
     ----------
@@ -156,13 +158,14 @@ def write_ply(
     radii : (N,) array
     ids : (N,) array of int32, optional
     velocities : (N, 3) array, optional
+    confidence : (N,) array of float32, optional
 
     Raises
     ------
     FileError
         If the file can't be written.
     """
-    vertices = _ply_vertices(positions, normals, colors, radii, ids, velocities)
+    vertices = _ply_vertices(positions, normals, colors, radii, ids, velocities, confidence)
     _write_ply(path, vertices)
 
 
@@ -249,6 +252,7 @@ def _ply_vertices(
     radii: FloatArray | None = None,
     ids: npt.NDArray[np.int32] | None = None,
     velocities: FloatArray | None = None,
+    confidence: npt.NDArray[np.float32] | None = None,
 ) -> npt.NDArray[Any]:
     number = "f8" if positions.dtype == np.float64 else "f4"
     fields = [(name, number) for name in ("x", "y", "z", "nx", "ny", "nz")]
@@ -259,6 +263,8 @@ def _ply_vertices(
         fields.append(("id", "i4"))
     if velocities is not None:
         fields += [(name, number) for name in ("vx", "vy", "vz")]
+    if confidence is not None:
+        fields.append(("confidence", "f4"))
     vertices = np.empty(len(positions), fields)
     for axis, name in enumerate(("x", "y", "z")):
         vertices[name] = positions[:, axis]
@@ -273,6 +279,8 @@ def _ply_vertices(
     if velocities is not None:
         for axis, name in enumerate(("vx", "vy", "vz")):
             vertices[name] = velocities[:, axis]
+    if confidence is not None:
+        vertices["confidence"] = confidence
     return vertices
 
 

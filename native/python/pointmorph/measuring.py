@@ -7,6 +7,10 @@ from dataclasses import asdict
 from functools import cached_property
 from typing import Any
 
+import numpy as np
+import numpy.typing as npt
+
+from pointmorph.confidence import Confidence
 from pointmorph.morph_meshes import AsMeshes
 from pointmorph.quality import (
     FeatureResidual,
@@ -63,6 +67,52 @@ class Measured(AsMeshes):
         """
         return self.measure_quality()
 
+    @property
+    def has_confidence(self) -> bool:
+        """Whether there is a `confidence`: it takes what the map was found with, which a morph
+        doesn't have that was restored from its pairs or opened from an older file."""
+        return bool(self._native.report()["method"])
+
+    def measure_confidence(self, progress: Progress | None = None) -> Confidence:
+        """How likely each point is mapped to where it belongs, and what to mark where it isn't.
+
+        Takes `quality`, and little more time. Rows are those of the clouds.
+
+        Parameters
+        ----------
+        progress : callable, optional
+            As for `morph`.
+
+        Raises
+        ------
+        CloudError
+            Unless `has_confidence`.
+        Cancelled
+            If `progress` returned False.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import pointmorph
+        >>> x, y = np.meshgrid(np.linspace(-1, 1, 30), np.linspace(-1, 1, 30))
+        >>> plane = np.stack([x, y, 0 * x], axis=-1).reshape(-1, 3)
+        >>> corner = {"corner": (0, 0), "edge": (29, 29)}
+        >>> result = pointmorph.morph(pointmorph.Cloud(plane), pointmorph.Cloud(plane), corner)
+        >>> bool(result.measure_confidence().source.min() > 0.9)
+        True
+        """
+        measured = self._native.local_confidence(progress)
+        source, target = (measured[side].astype(np.float32) for side in ("source", "target"))
+        return Confidence.of(source, target, measured)
+
+    @cached_property
+    def confidence(self) -> npt.NDArray[np.float32]:
+        """(P,) float32, 0 to 1: how likely each pair is right; the lower of both its ends.
+
+        Measured on first access; see `measure_confidence`.
+        """
+        return self.measure_confidence().of_pairs(self.pairs)
+
     def measure_mesh_quality(self, progress: Progress | None = None) -> MeshQuality:
         """Measures what `mesh_quality` returns, with progress and cancelling."""
         measured = self._native.mesh_quality(progress)
@@ -96,8 +146,9 @@ class Measured(AsMeshes):
         `points`, `pairs`, `feature_residual` (the largest of hard points, in spacings of the common
         domain), `features` (by name, as in `Quality.features`), `cracks`, `quality` (`MapFigures`
         in both directions), `worst` (as in `Quality.worst`), `warnings`, `method`, `domain`,
-        `options`, and figures of the solvers. If the source has faces (`has_mesh`), `mesh` is a
-        dictionary of its `MeshQuality`.
+        `options`, and figures of the solvers. If `has_confidence`, `likely_right` and `doubtful`
+        are `right` and `doubtful` of `Confidence`. If the source has faces (`has_mesh`), `mesh` is
+        a dictionary of its `MeshQuality`.
 
         `update` is "updated" for a morph that was updated, or why it was computed from scratch
         instead; empty for others.
@@ -118,9 +169,16 @@ class Measured(AsMeshes):
         `is_tip`).
         """
         quality = self.quality
+        report = self._native.report()
+        if self.has_confidence:
+            confidence = self.measure_confidence()
+            report["likely_right"] = confidence.right
+            report["doubtful"] = [asdict(place) for place in confidence.doubtful]
+            if confidence.warning:
+                report["warnings"].append(confidence.warning)
         mesh = {"mesh": asdict(self.mesh_quality)} if self.has_mesh else {}
         return {
-            **self._native.report(),
+            **report,
             "peak_memory_bytes": peak_memory_bytes(),
             "cracks": self.cracks(),
             "quality": {

@@ -153,10 +153,10 @@ class MeshQuality:
 def quality_summary(report: Mapping[str, Any]) -> list[tuple[str, str]]:
     """The quality in a report, to show: names and values, the worse of both directions.
 
-    Covered, folded, collapsed: shares of the points. Stretch: its 99th percentile. Angle
-    distortion: the median conformal distortion, 1 if angles are preserved. Round-trip error: the
-    mean, of √area. Cracks: the largest share. Feature error: before features are met exactly. If
-    the source has faces, also the figures of `MeshQuality`.
+    Likely right: see `Confidence.right`. Covered, folded, collapsed: shares of the points. Stretch:
+    its 99th percentile. Angle distortion: the median conformal distortion, 1 if angles are
+    preserved. Round-trip error: the mean, of √area. Cracks: the largest share. Feature error:
+    before features are met exactly. If the source has faces, also the figures of `MeshQuality`.
 
     Parameters
     ----------
@@ -172,7 +172,10 @@ def quality_summary(report: Mapping[str, Any]) -> list[tuple[str, str]]:
     def worst(figure: str) -> float:
         return max(float(way[figure]) for way in both)
 
-    rows = [
+    rows = []
+    if "likely_right" in report:
+        rows.append(("Likely right", _percent(report["likely_right"])))
+    rows += [
         ("Covered", _percent(min(way["coverage"] for way in both))),
         ("Stretch", f"{worst('stretch_p99'):.2f}"),
         ("Angle distortion", f"{worst('conformal_median'):.2f}"),

@@ -18,7 +18,8 @@ import numpy as np
 from pointmorph import __version__, _pointmorph, array_files
 from pointmorph.array_files import Array, ArrayFile
 from pointmorph.clouds import Cloud
-from pointmorph.errors import FileError, OptionError
+from pointmorph.confidence import Confidence
+from pointmorph.errors import CloudError, FileError, OptionError
 from pointmorph.morphing import Morph
 from pointmorph.option_table import is_straight, native_options
 from pointmorph.stages import Progress
@@ -31,7 +32,7 @@ _PLAN = {
     "pairs": 3, "weights": 3, "times": 4, "hidden": None, "hidden_times": 4,
     "spacing": 2, "density": 2, "sizes": None,
 }  # fmt: skip
-_OPTIONAL = {"colors": 4, "delay": None, "ends": 3}
+_OPTIONAL = {"colors": 4, "delay": None, "ends": 3, "confidence": None}
 _FLOATS = (np.float32, np.float64)
 
 
@@ -43,6 +44,7 @@ def write(
         raise OptionError(
             "morph", "one morph", f"a chain of {len(morph.parts)}", "Save each of its parts."
         )
+    confidence = morph.measure_confidence(progress) if morph.has_confidence else None
     header = {
         "format": FORMAT,
         "version": VERSION,
@@ -52,7 +54,12 @@ def write(
         "report": morph._known_report(),
         "origin": origin,
     }
-    array_files.write(path, header, dict(_arrays(morph, resample, progress)))
+    arrays = dict(_arrays(morph, resample, progress))
+    if confidence is not None:
+        header["confidence"] = confidence.words()
+        for side in _SIDES:
+            arrays[f"{side}/confidence"] = getattr(confidence, side)
+    array_files.write(path, header, arrays)
 
 
 def _arrays(morph: Morph, resample: bool, progress: Progress | None) -> Iterator[tuple[str, Array]]:
@@ -139,7 +146,7 @@ class StoredMorph(Morph):
     Frames, resampled frames, wrapped meshes, `vertex_times`, `quality`, `cracks`, `carrier` and
     `updated` work as for any `Morph`; `report` is that of the saved one. What it doesn't have is
     what the map was found with: `denser` and `mesh_quality` raise CloudError, and domains and
-    boundaries are empty.
+    boundaries are empty. Its confidence was measured when it was saved.
 
     Attributes
     ----------
@@ -189,6 +196,23 @@ class StoredMorph(Morph):
     def has_plan(self) -> bool:
         """Whether the file says which points resampled frames get."""
         return "resampling/pairs" in self._file.arrays
+
+    @property
+    def has_confidence(self) -> bool:
+        """Whether the file has it; those of earlier versions don't."""
+        return all(f"{side}/confidence" in self._file.arrays for side in _SIDES)
+
+    def measure_confidence(self, progress: Progress | None = None) -> Confidence:
+        """That of the morph when it was saved; see `Morph.measure_confidence`."""
+        if not self.has_confidence:
+            raise CloudError(
+                str(self._file.path), "the confidence of its points", "none", "Morph again."
+            )
+        source, target = (self._file.arrays[f"{side}/confidence"] for side in _SIDES)
+        try:
+            return Confidence.of(source, target, self.header["confidence"])
+        except (KeyError, TypeError) as error:
+            raise self._file.refused("a confidence that isn't whole") from error
 
     @property
     def identity(self) -> str:

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from plyfile import PlyData
-from pointmorph import formats
+from pointmorph import formats, ply
 from shapes import around, ball, grid, grid_faces
 
 PAIR = ["morph", "plane.off", "bump.off"]
@@ -72,6 +72,11 @@ def test_a_whole_morph_and_back_from_its_files(pair: Path) -> None:
     source, target = xyz(out / "source.ply"), xyz(out / "target.ply")
     assert len(source) == A * A
     assert len(target) == B * B
+    for name in ("source", "target"):
+        sure = ply.read(out / f"{name}.ply")["vertex"].columns["confidence"]
+        assert sure.dtype == np.float32
+        assert (sure > 0.5).all()  # a bump that both corners and the middle hold
+        assert (sure <= 1).all()
     assert set(pairs[:, 0]) == set(range(len(source)))
     assert set(pairs[:, 1]) == set(range(len(target)))
     np.testing.assert_array_equal(xyz(out / "frame_0000.ply"), source[pairs[:, 0]])
@@ -80,7 +85,7 @@ def test_a_whole_morph_and_back_from_its_files(pair: Path) -> None:
     for key in (
         "stages", "seconds", "peak_memory_bytes", "pairs", "feature_residual", "cracks",
         "warnings", "options", "quality", "worst", "margin", "confidence", "rivals", "proposals",
-        "starts",
+        "starts", "likely_right", "doubtful",
     ):  # fmt: skip
         assert key in report
     for name in ("Covered", "Stretch", "Folded", "Round-trip error"):
