@@ -235,8 +235,7 @@ Correspondence find_correspondence(PreparedShapes shapes, MorphInput given,
         result = refined(input, earlier_map(shapes, given), domain, options, progress);
     } else {
         result = match_in_domain(domain, input, given, options, progress);
-        if (given.start.source_images.rows() > 0)
-            ignored = earlier_map_was_ignored(result.domain);
+        if (given.start.source_images.rows() > 0) ignored = earlier_map_was_ignored(result.domain);
         reverse_normals(shapes, result);
         if (options.method == Method::kAuto)
             result =
