@@ -118,6 +118,7 @@ def read_own_steps(context, obj, as_shown, with_relief=False, bakes=False):
             )
         finally:
             evaluated.to_mesh_clear()
+    check_keys(obj)
     positions = arrays.basis_positions(obj.data)
     shape = yield from _read_mesh(obj, obj.data, positions, with_relief, pictures)
     if len(obj.data.vertices) != len(shape.positions):
@@ -158,6 +159,19 @@ def is_plain(obj):
     """Whether the viewport shows a mesh as it is, for all that one can tell without looking."""
     by_parent = obj.parent is not None and obj.parent_type != "OBJECT"
     return not (obj.modifiers or obj.data.shape_keys or obj.mode == "EDIT" or by_parent)
+
+
+def check_keys(obj):
+    """Raises CloudError where a script has given the mesh other vertices than its shape keys."""
+    keys, count = obj.data.shape_keys, len(obj.data.vertices)
+    wrong = [key for key in keys.key_blocks if len(key.data) != count] if keys else []
+    if wrong:
+        raise pointmorph.CloudError(
+            obj.name,
+            f"shape keys for its {count} vertices",
+            f'{len(wrong[0].data)} in "{wrong[0].name}"',
+            "Enter and leave Edit Mode, or remove these shape keys.",
+        )
 
 
 def _read_mesh(obj, mesh, positions, with_relief, pictures):
