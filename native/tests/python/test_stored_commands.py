@@ -15,7 +15,7 @@ from pathlib import Path
 
 import pointmorph
 import pytest
-from pointmorph import cli
+from pointmorph import cli, files
 from shapes import grid, grid_faces
 from test_cli import COMMAND
 
@@ -101,6 +101,15 @@ def test_what_is_broken_or_of_another_run_is_made_anew(saved: Path, tmp_path: Pa
     # Another number of frames is another run.
     other = run("frames", saved / "pair.morph", "--frames", 3, "--out", tmp_path, "--check")
     assert other.returncode == 3
+
+
+def test_a_folder_with_a_long_name_holds_frames_and_their_records(
+    saved: Path, tmp_path: Path
+) -> None:
+    folder = tmp_path.joinpath(*["ä " + "x" * 50] * 5)
+    assert frames(saved, folder).stdout.startswith("5 frames made")
+    assert frames(saved, folder).stdout.startswith("0 frames made, 5 were done")
+    assert same_files(saved, files.reachable(folder))
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows ends processes without asking them")
