@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import shutil
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterable, Mapping
@@ -17,6 +19,7 @@ from .packaging import package
 from .python_environment import BLENDERS, set_up_bpy
 from .reports import Outcome, judge, tell
 from .running import SetupError, child_environment, end_of, processor_seconds, run, say, show
+from .system import set_up_system
 from .wheels import build_native, set_up, set_up_all, set_up_wheel, set_up_wheels
 
 # What the C++ tests need besides what the wheel does.
@@ -26,6 +29,9 @@ CPP_TEST_SETTINGS = (
     "-DPOINTMORPH_SANITIZE=address,undefined",
 )
 
+# A newer Debian, and daemons.
+CAN_BE_MADE = os.geteuid() == 0 and shutil.which("apt-get") is not None
+
 # The user's own Blender for tests with a window.
 BLENDER = os.environ.get("POINTMORPH_BLENDER")
 # Else a Debian's: sid has the newest, trixie 4.3. Of several, the first that can be made.
@@ -33,8 +39,7 @@ WINDOW_DEBIANS = os.environ.get("POINTMORPH_WINDOW_DEBIAN", "sid,trixie").split(
 WINDOW_PACKAGES: tuple[str, ...] = ("window",)
 if BLENDER is None:
     # Where it can't be made, those tests are skipped, and say why.
-    can_be_made = os.geteuid() == 0 and shutil.which("apt-get") is not None
-    WINDOW_PACKAGES = ("other-debian",) if can_be_made else ()
+    WINDOW_PACKAGES = ("other-debian",) if CAN_BE_MADE else ()
 
 # In the oldest and the newest Blender everything is tested.
 WHOLE = (min(BLENDERS), max(BLENDERS))
@@ -105,6 +110,19 @@ def python() -> Outcome:
     return run_suite("python", paths.PYTHON, "-m", "pytest", "--junitxml=")
 
 
+def farm() -> Outcome:
+    """Farms' engines, run for real; where Slurm can't be installed, its tests are skipped."""
+    with contextlib.suppress(SetupError):
+        fetch_slurm()
+    return run_suite("farm", paths.PYTHON, "-m", "pytest", "native/tests/farm", "--junitxml=")
+
+
+def fetch_slurm() -> None:
+    """Slurm's daemons, which need root."""
+    if CAN_BE_MADE:
+        set_up_system(["farm"])
+
+
 def in_blender(suite: str, *command: str | Path, **environment: str) -> Outcome:
     """The add-on's tests in a Blender, with the add-on packaged and installed as users do it."""
     with packaging:
@@ -168,6 +186,8 @@ class Suite:
     """Groups of Debian's packages that it needs."""
     fetch: Callable[[], object] | None = None
     """Gets what else it needs; `run` does it as well where it wasn't done."""
+    waits: bool = False
+    """Whether it waits for half of its time, as a user does: another suite runs meanwhile."""
 
 
 def fetch_debian() -> None:
@@ -184,11 +204,12 @@ def in_bpy(*versions: str) -> dict[str, Suite]:
 
 # In the order in which they are started: the longest first, so that no core idles at the end.
 SUITES: dict[str, Suite] = {
+    "window": Suite(window, ("cpython", *WINDOW_PACKAGES), fetch_debian, waits=True),
     "sanitizers": Suite(sanitizers, ("cpp-test",)),
     "python": Suite(python),
-    "window": Suite(window, ("cpython", *WINDOW_PACKAGES), fetch_debian),
     **in_bpy(*WHOLE),
     "cpp": Suite(cpp, ("cpp-test",)),
+    "farm": Suite(farm, (), fetch_slurm),
     **in_bpy(*(version for version in reversed(BLENDERS) if version not in WHOLE)),
     "checks": Suite(checks),
 }
@@ -199,11 +220,20 @@ def set_up_tests(names: Iterable[str]) -> list[SetupError]:
     chosen = [SUITES[name] for name in names]
     groups = [group for suite in chosen for group in suite.debian]
     fetches = [suite.fetch for suite in chosen if suite.fetch is not None]
-    return set_up_all(groups, set_up_wheels if fetches else set_up_wheel, fetches)
+    # Blenders have Pythons of several versions.
+    return set_up_all(groups, set_up_wheels if "cpython" in groups else set_up_wheel, fetches)
+
+
+def stand_back() -> None:
+    """What this thread starts from now on leaves cores to those who wait for a window."""
+    if sys.platform == "linux":  # where threads have a priority of their own
+        os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), 5)
 
 
 def timed(name: str, suite: Suite) -> Outcome:
     start, before = time.monotonic(), processor_seconds()
+    if not suite.waits:
+        stand_back()
     (paths.LOGS / f"{name}.log").unlink(missing_ok=True)
     say(f"  {name} ...")
     try:
@@ -231,7 +261,8 @@ def run_suites(suites: Mapping[str, Suite], jobs: int) -> int:
     # Tests of what threads do choose their number themselves.
     share = max(1, (os.cpu_count() or 1) // min(jobs, len(suites)))
     os.environ.setdefault("OMP_NUM_THREADS", str(share))
-    with ThreadPoolExecutor(jobs) as pool:
+    more = sum(suite.waits for suite in suites.values()) if jobs > 1 else 0
+    with ThreadPoolExecutor(jobs + more) as pool:
         try:
             outcomes = dict(zip(suites, pool.map(timed, suites, suites.values()), strict=True))
         except KeyboardInterrupt:

@@ -11,7 +11,7 @@ from pointmorph import batch_reports, files, terminal
 from pointmorph.arguments import part_of, positive
 from pointmorph.batch_jobs import Batch, PairJob, read_batch
 from pointmorph.batch_runs import FAILED, KEPT, PENDING, BatchRun, PairOutcome
-from pointmorph.batch_tasks import Part, find_map, make_frames, steps_to_do
+from pointmorph.batch_tasks import Part, find_map, make_frames, render, steps_to_do
 from pointmorph.errors import FileError, OptionError
 
 
@@ -49,6 +49,9 @@ def add(commands: Any) -> None:
         help="only part K of N equal parts of each pair's frames, counted from 0",
     )
     only.add_argument(
+        "--render", metavar="K/N", type=_part, help="only render that part of the frames"
+    )
+    only.add_argument(
         "--report", action="store_true", help="morph nothing: report what is done and what isn't"
     )
 
@@ -70,8 +73,8 @@ def _batch(chosen: argparse.Namespace) -> int:
     files.make_folder(batch.out)
     if chosen.report:
         return _tell(batch, [_found(job) for job in batch.jobs])
-    if chosen.part or (chosen.maps and len(jobs) == 1):
-        return _tasks(chosen.part, jobs)
+    if chosen.part or chosen.render or (chosen.maps and len(jobs) == 1):
+        return _tasks(chosen, batch, jobs)
     run = BatchRun(jobs, chosen.jobs, with_frames=not chosen.maps)
     ended = 0
 
@@ -87,18 +90,23 @@ def _batch(chosen: argparse.Namespace) -> int:
     return _tell(batch, run.outcomes)
 
 
-def _tasks(part: Part | None, jobs: Sequence[PairJob]) -> int:
-    """The maps, or a part of the frames, in this very process, which an engine may end; the worst
-    of the exit statuses."""
+def _tasks(chosen: argparse.Namespace, batch: Batch, jobs: Sequence[PairJob]) -> int:
+    """Maps, a part of the frames or of the renders in this very process, which an engine may end;
+    the worst of the exit statuses."""
     from pointmorph.cli import main
 
-    statuses = []
+    worst = 0
     for job in jobs:
-        status = make_frames(job, part, main) if part else find_map(job, main)
+        if chosen.render:
+            status = render(batch, job, chosen.render)
+        elif chosen.part:
+            status = make_frames(job, chosen.part, main)
+        else:
+            status = find_map(job, main)
         if status in (terminal.INTERRUPTED, terminal.TERMINATED):
             return status
-        statuses.append(status)
-    return max(statuses)
+        worst = max(worst, abs(status))
+    return worst
 
 
 def _found(job: PairJob) -> PairOutcome:

@@ -18,7 +18,7 @@ from pointmorph.frame_records import file_checksum
 from pointmorph.option_table import options
 
 MORPH, REPORT, RECORD, LOG, FRAMES = "pair.morph", "report.json", "job.json", "log.txt", "frames"
-PICTURES = "pictures"
+PICTURES, RENDERS = "pictures", "renders"
 _COMMON = {
     "frames": int, "resample": bool, "mesh": str, "samples": int, "settings": dict, "features": str
 }  # fmt: skip
@@ -86,6 +86,8 @@ class Batch:
     jobs: tuple[PairJob, ...]
     up: str
     """which axis is up in pictures: y or z"""
+    render: tuple[str, ...] = ()
+    """the command that renders frames of a pair; docs/farm.md has its placeholders"""
 
 
 def read_batch(path: Path, out: Path | None = None) -> Batch:
@@ -106,7 +108,7 @@ def read_batch(path: Path, out: Path | None = None) -> Batch:
     content = _content(path)
     home = path.absolute().parent
     folder = out if out is not None else home / _value(path, content, "out", str, "batch")
-    unknown = set(content) - {*_COMMON, *_GROUPS, "out", "up"}
+    unknown = set(content) - {*_COMMON, *_GROUPS, "out", "up", "render"}
     if unknown:
         raise _wrong(path, f"the keys {_listed(_GROUPS)}, {_listed(_COMMON)}", _listed(unknown))
     common = _common(path, content)
@@ -120,7 +122,10 @@ def read_batch(path: Path, out: Path | None = None) -> Batch:
         raise _wrong(path, "y or z as up", repr(up))
     taken = {PICTURES, "farm"}  # folders beside those of the pairs
     jobs = [_job(path, home, folder.absolute(), {**common, **own}, taken) for own in entries]
-    return Batch(path, folder.absolute(), tuple(jobs), up)
+    render = _value(path, content, "render", list, [])
+    if not all(isinstance(word, str) for word in render):
+        raise _wrong(path, 'a command as render, such as ["blender", "-b"]', repr(render))
+    return Batch(path, folder.absolute(), tuple(jobs), up, tuple(render))
 
 
 def _content(path: Path) -> dict[str, Any]:

@@ -6,12 +6,14 @@ time and run again.
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Sequence
+import subprocess
+import sys
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 from pointmorph import files
-from pointmorph.batch_jobs import FRAMES, RECORD, REPORT, PairJob
-from pointmorph.errors import FileError, PointmorphError
+from pointmorph.batch_jobs import FRAMES, RECORD, RENDERS, REPORT, Batch, PairJob
+from pointmorph.errors import FileError, OptionError, PointmorphError
 from pointmorph.frame_records import file_checksum
 from pointmorph.sequences import even_times
 from pointmorph.stored_commands import missing_frames
@@ -101,8 +103,70 @@ def make_frames(job: PairJob, part: Part, command: Command) -> int:
     which = part.of(job.frames)
     if which.start == which.stop:
         return 0
+    _require_map(job)
+    return command(job.frames_words(which))
+
+
+def _require_map(job: PairJob) -> None:
     if not job.morph_file.is_file():
         raise FileError(
             str(job.morph_file), "the map of the pair", "no file", "Find it first: batch --maps."
         )
-    return command(job.frames_words(which))
+
+
+def render(batch: Batch, job: PairJob, part: Part) -> int:
+    """Has the file's own command render a part of a pair's frames; its exit status.
+
+    Raises
+    ------
+    OptionError, FileError
+        If the file has no command to render, the pair no frames, or the command isn't found.
+    """
+    if not batch.render:
+        raise OptionError(
+            "render",
+            f"a command that renders, in {batch.path}",
+            "none",
+            'Add "render" to the file; docs/farm.md has an example.',
+        )
+    which = part.of(job.frames)
+    if which.start == which.stop:
+        return 0
+    _require_map(job)
+    places = {
+        "python": sys.executable,
+        "home": str(batch.path.absolute().parent),
+        "pair": job.name,
+        "morph": str(job.morph_file),
+        "frames": str(job.folder / FRAMES),
+        "out": str(job.folder / RENDERS),
+        "first": str(which.start),
+        "last": str(which.stop - 1),
+    }
+    words = [_filled(word, places) for word in batch.render]
+    try:
+        return subprocess.run(words, stdin=subprocess.DEVNULL, check=False).returncode
+    except OSError as error:
+        raise FileError(
+            words[0], "a program that can be run", error.strerror or str(error),
+            f"Correct render in {batch.path}.",
+        ) from error  # fmt: skip
+
+
+def _filled(word: str, places: Mapping[str, str]) -> str:
+    for name, value in places.items():
+        word = word.replace(f"{{{name}}}", value)
+    return word
+
+
+def part_count(batch: Batch, chunk: int) -> int:
+    """Into how many parts each pair's frames are split for so many frames in one at the most."""
+    most = max(job.frames for job in batch.jobs)
+    return max(1, -(-most // chunk))
+
+
+def command_line(batch: Batch, *selection: str) -> list[str]:
+    """A call for some of the batch, with absolute paths."""
+    path = batch.path.absolute()
+    return [sys.executable, "-m", "pointmorph", "batch", str(path), "--out", str(batch.out),
+            *selection]  # fmt: skip

@@ -15,6 +15,7 @@ import numpy.typing as npt
 from pointmorph import (
     __version__,
     batch_command,
+    farm_command,
     files,
     formats,
     morphing,
@@ -131,7 +132,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     for command in (morph, propose):
         _add_common(command)
-    for module in (stored_commands, batch_command):
+    for module in (stored_commands, batch_command, farm_command):
         module.add(commands)
     return parser
 
