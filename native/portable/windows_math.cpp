@@ -1,7 +1,8 @@
 // exp and pow with the same bits on every thread, on Windows.
 //
-// mingw-w64 computes them on the x87 unit, whose precision is a setting of each thread: 53 bits where
-// Windows begins a thread, 64 where its own runtime does. The linker sends calls here (--wrap).
+// mingw-w64 computes them on the x87 unit, whose precision is a setting of each thread: 53 bits
+// where Windows begins a thread, 64 where its own runtime does. The linker sends calls here
+// (--wrap).
 
 namespace {
 
