@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "mesh/block_system.hpp"
+#include "mesh/carried_parts.hpp"
 #include "mesh/coarse_mesh.hpp"
 #include "mesh/elastic_sheet.hpp"
 #include "mesh/mending.hpp"
@@ -387,7 +388,7 @@ Positions after_coarse_mesh(const Mesh& mesh, const Positions& start, const Grou
     return result;
 }
 
-/// wrap() of a mesh that doesn't fit yet.
+/// wrap() of all parts alike.
 Positions all_wrapped(const Mesh& mesh, const Positions& start, const Ground& ground,
                       const WrapHolds& holds, const WrapOptions& options, Progress& progress) {
     const std::vector<double> lengths = all_lengths(options);
@@ -431,7 +432,18 @@ Positions wrap(const Mesh& mesh, const Positions& start, const WrapTarget& targe
     if (fits || mesh.triangles.rows() == 0) return start;
 
     WrapTrees trees(target, 1.0 / std::sqrt(target.area));
-    return all_wrapped(mesh, start, {trees, target.on_mesh}, holds, options, progress);
+    std::vector<Index> carried;
+    if (mesh.part_areas.size() > 1)
+        carried = parts_without_counterpart(
+            mesh, parts_kept_to(mesh, start, target.coarse.positions, target.coarse_parts),
+            target.on_mesh, holds);
+    if (carried.empty())
+        return all_wrapped(mesh, start, {trees, target.on_mesh}, holds, options, progress);
+    std::vector<SurfacePoint> on_mesh = target.on_mesh;
+    const Mesh rest = without_parts(mesh, carried, on_mesh, progress);
+    Positions result = all_wrapped(rest, start, {trees, on_mesh}, holds, options, progress);
+    carry_parts(mesh, rest, carried, result, progress);
+    return result;
 }
 
 }  // namespace pointmorph
