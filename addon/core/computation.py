@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pointmorph
 import pointmorph.formats
-import pointmorph.morphing
+import pointmorph.option_table
 
 from . import packing, path_stages, transforms
 from .features import Marks
@@ -277,7 +277,7 @@ def with_look(requests, outcome, options, progress):
 
 
 def _way(morph, request, ends, landing, progress):
-    if pointmorph.morphing.is_straight(**request.settings):
+    if pointmorph.option_table.is_straight(**request.settings):
         return None
     frames = {t: morph.frame(t, progress=progress) for t in path_stages.TIMES}
     positions, normals = (

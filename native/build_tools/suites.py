@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import shutil
 import threading
@@ -17,6 +18,7 @@ from .packaging import package
 from .python_environment import BLENDERS, set_up_bpy
 from .reports import Outcome, judge, tell
 from .running import SetupError, child_environment, end_of, processor_seconds, run, say, show
+from .system import set_up_system
 from .wheels import build_native, set_up, set_up_all, set_up_wheel, set_up_wheels
 
 # What the C++ tests need besides what the wheel does.
@@ -26,6 +28,9 @@ CPP_TEST_SETTINGS = (
     "-DPOINTMORPH_SANITIZE=address,undefined",
 )
 
+# A newer Debian, and daemons.
+CAN_BE_MADE = os.geteuid() == 0 and shutil.which("apt-get") is not None
+
 # The user's own Blender for tests with a window.
 BLENDER = os.environ.get("POINTMORPH_BLENDER")
 # Else a Debian's: sid has the newest, trixie 4.3. Of several, the first that can be made.
@@ -33,8 +38,7 @@ WINDOW_DEBIANS = os.environ.get("POINTMORPH_WINDOW_DEBIAN", "sid,trixie").split(
 WINDOW_PACKAGES: tuple[str, ...] = ("window",)
 if BLENDER is None:
     # Where it can't be made, those tests are skipped, and say why.
-    can_be_made = os.geteuid() == 0 and shutil.which("apt-get") is not None
-    WINDOW_PACKAGES = ("other-debian",) if can_be_made else ()
+    WINDOW_PACKAGES = ("other-debian",) if CAN_BE_MADE else ()
 
 # In the oldest and the newest Blender everything is tested.
 WHOLE = (min(BLENDERS), max(BLENDERS))
@@ -103,6 +107,19 @@ def sanitizers() -> Outcome:
 
 def python() -> Outcome:
     return run_suite("python", paths.PYTHON, "-m", "pytest", "--junitxml=")
+
+
+def farm() -> Outcome:
+    """Farms' engines, run for real; where Slurm can't be installed, its tests are skipped."""
+    with contextlib.suppress(SetupError):
+        fetch_slurm()
+    return run_suite("farm", paths.PYTHON, "-m", "pytest", "native/tests/farm", "--junitxml=")
+
+
+def fetch_slurm() -> None:
+    """Slurm's daemons, which need root."""
+    if CAN_BE_MADE:
+        set_up_system(["farm"])
 
 
 def in_blender(suite: str, *command: str | Path, **environment: str) -> Outcome:
@@ -189,6 +206,7 @@ SUITES: dict[str, Suite] = {
     "window": Suite(window, ("cpython", *WINDOW_PACKAGES), fetch_debian),
     **in_bpy(*WHOLE),
     "cpp": Suite(cpp, ("cpp-test",)),
+    "farm": Suite(farm, (), fetch_slurm),
     **in_bpy(*(version for version in reversed(BLENDERS) if version not in WHOLE)),
     "checks": Suite(checks),
 }
@@ -199,7 +217,8 @@ def set_up_tests(names: Iterable[str]) -> list[SetupError]:
     chosen = [SUITES[name] for name in names]
     groups = [group for suite in chosen for group in suite.debian]
     fetches = [suite.fetch for suite in chosen if suite.fetch is not None]
-    return set_up_all(groups, set_up_wheels if fetches else set_up_wheel, fetches)
+    # Blenders have Pythons of several versions.
+    return set_up_all(groups, set_up_wheels if "cpython" in groups else set_up_wheel, fetches)
 
 
 def timed(name: str, suite: Suite) -> Outcome:

@@ -32,21 +32,12 @@ from pointmorph.errors import (
     TopologyError,
 )
 from pointmorph.features import Feature
+from pointmorph.frames import Frame, ResampledFrame
 from pointmorph.live import LiveMorph
-from pointmorph.morphing import (
-    Frame,
-    Morph,
-    Option,
-    Progress,
-    Proposal,
-    ResampledFrame,
-    morph,
-    options,
-    propose_features,
-    restore,
-)
+from pointmorph.morphing import Morph, Proposal, morph, propose_features, restore
 from pointmorph.motion import Motion
 from pointmorph.networks import Network, NetworkCurve, trace_network
+from pointmorph.option_table import Option, options
 from pointmorph.quality import (
     FeatureResidual,
     MapFigures,
@@ -58,7 +49,7 @@ from pointmorph.quality import (
     feature_summary,
     quality_summary,
 )
-from pointmorph.stages import stage_label
+from pointmorph.stages import Progress, stage_label
 from pointmorph.stored_morphs import StoredMorph, open_morph
 
 __all__ = [

@@ -10,8 +10,11 @@ import numpy as np
 
 from pointmorph import _pointmorph
 from pointmorph.errors import CloudError
-from pointmorph.morphing import Frame, Morph, Progress, ResampledFrame, native_options
+from pointmorph.frames import Frame, ResampledFrame
+from pointmorph.morphing import Morph
+from pointmorph.option_table import native_options
 from pointmorph.sequences import part_at
+from pointmorph.stages import Progress
 
 
 class Chain(Morph):

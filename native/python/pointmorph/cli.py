@@ -14,6 +14,8 @@ import numpy.typing as npt
 
 from pointmorph import (
     __version__,
+    batch_command,
+    farm_command,
     files,
     formats,
     morphing,
@@ -30,7 +32,9 @@ from pointmorph.clouds import Cloud, FloatArray
 from pointmorph.errors import FeatureError, FileError, OptionError, PointmorphError
 from pointmorph.features import Feature, feature_from_json, weights_from_json
 from pointmorph.file_checks import parsed_json
+from pointmorph.option_table import Option, options
 from pointmorph.own_meshes import OwnMeshWriter
+from pointmorph.stages import Progress
 
 _SIDES = ("source", "target")
 
@@ -128,7 +132,8 @@ def _parser() -> argparse.ArgumentParser:
     )
     for command in (morph, propose):
         _add_common(command)
-    stored_commands.add(commands)
+    for module in (stored_commands, batch_command, farm_command):
+        module.add(commands)
     return parser
 
 
@@ -157,11 +162,11 @@ def _add_common(command: argparse.ArgumentParser) -> None:
         "vertices are written, although the match is found on samples)",
     )
     settings = command.add_argument_group("settings")
-    for option in morphing.options():
+    for option in options():
         _add_option(settings, option)
 
 
-def _add_option(group: argparse._ArgumentGroup, option: morphing.Option) -> None:
+def _add_option(group: argparse._ArgumentGroup, option: Option) -> None:
     default = (
         "automatic"
         if option.default is None
@@ -183,7 +188,7 @@ def _add_option(group: argparse._ArgumentGroup, option: morphing.Option) -> None
 def _settings(chosen: argparse.Namespace) -> dict[str, Any]:
     return {
         option.name: getattr(chosen, option.name)
-        for option in morphing.options()
+        for option in options()
         if getattr(chosen, option.name) is not None
     }
 
@@ -199,7 +204,7 @@ def _clouds(
     chosen: argparse.Namespace,
     shapes: Sequence[formats.Shape],
     features: dict[str, Feature],
-    progress: morphing.Progress,
+    progress: Progress,
 ) -> tuple[list[Cloud], dict[str, Feature]]:
     """The clouds to morph, sampled if the user wants that, and features with their rows."""
     if chosen.samples is None:
@@ -419,7 +424,7 @@ def _write(
     chosen: argparse.Namespace,
     result: morphing.Morph,
     own: source_meshes.SourceMesh | None,
-    progress: morphing.Progress,
+    progress: Progress,
 ) -> tuple[list[int], OwnMeshWriter | None]:
     """Writes pairs, both clouds and the frames, and returns the number of points of each frame,
     and what wrote the mesh of one side.

@@ -12,8 +12,8 @@ import numpy.typing as npt
 from pointmorph.clouds import FloatArray
 
 if TYPE_CHECKING:
-    from pointmorph.morphing import Progress
     from pointmorph.motion import Motion
+    from pointmorph.stages import Progress
 
 
 @dataclass(frozen=True)

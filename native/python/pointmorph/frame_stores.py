@@ -14,8 +14,9 @@ import numpy as np
 from pointmorph import files
 from pointmorph.errors import FileError
 from pointmorph.file_checks import parsed_json
-from pointmorph.morphing import Frame, Progress, ResampledFrame
+from pointmorph.frames import Frame, ResampledFrame
 from pointmorph.sequences import FrameSequence, in_order
+from pointmorph.stages import Progress
 from pointmorph.surfaces import Surface
 
 MANIFEST = "frames.json"

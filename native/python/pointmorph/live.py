@@ -11,7 +11,9 @@ import numpy.typing as npt
 from pointmorph import _pointmorph
 from pointmorph.clouds import Cloud, FloatArray
 from pointmorph.features import Feature, native_features
-from pointmorph.morphing import Morph, Progress, native_options, start_arrays
+from pointmorph.morphing import Morph, start_arrays
+from pointmorph.option_table import native_options
+from pointmorph.stages import Progress
 
 Features = Mapping[str, tuple[int, int] | Feature]
 

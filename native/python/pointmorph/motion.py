@@ -10,7 +10,8 @@ import numpy.typing as npt
 from pointmorph import _pointmorph
 from pointmorph.clouds import Cloud, Faces, FloatArray
 from pointmorph.errors import CloudError, OptionError
-from pointmorph.morphing import Progress, options
+from pointmorph.option_table import options
+from pointmorph.stages import Progress
 
 
 class Motion:

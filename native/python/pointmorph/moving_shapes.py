@@ -14,7 +14,9 @@ from pointmorph import _pointmorph, sequences, surfaces
 from pointmorph.chains import Chain
 from pointmorph.clouds import Cloud, FloatArray
 from pointmorph.errors import CloudError
-from pointmorph.morphing import Frame, Morph, ResampledFrame, is_straight, restore
+from pointmorph.frames import Frame, ResampledFrame
+from pointmorph.morphing import Morph, restore
+from pointmorph.option_table import is_straight
 
 _NEIGHBORS = 8
 _CACHED = 4  # frames whose pairs are kept, because the frames next to them need these, too

@@ -12,7 +12,9 @@ import numpy.typing as npt
 from pointmorph import _pointmorph
 from pointmorph.clouds import Cloud, FloatArray
 from pointmorph.features import Feature, native_features
-from pointmorph.morphing import Progress, native_loops, native_options
+from pointmorph.morphing import native_loops
+from pointmorph.option_table import native_options
+from pointmorph.stages import Progress
 
 
 @dataclass(frozen=True)

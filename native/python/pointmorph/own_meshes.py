@@ -9,9 +9,11 @@ import numpy as np
 
 from pointmorph.clouds import FloatArray
 from pointmorph.denser_meshes import DenserMesh
-from pointmorph.morphing import Frame, Morph, Progress
+from pointmorph.frames import Frame
+from pointmorph.morphing import Morph
 from pointmorph.motion import Motion
 from pointmorph.source_meshes import SourceMesh
+from pointmorph.stages import Progress
 
 
 class OwnMeshWriter:

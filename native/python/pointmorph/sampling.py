@@ -15,7 +15,7 @@ from pointmorph.errors import CloudError, OptionError
 from pointmorph.features import Feature
 from pointmorph.formats import Shape
 from pointmorph.meshes import boundary_loops, vertex_normals
-from pointmorph.morphing import Progress
+from pointmorph.stages import Progress
 
 CANDIDATES = 4
 """Random candidates per sample: more make the samples more even, and are slower."""

@@ -21,7 +21,9 @@ import numpy.typing as npt
 from pointmorph import __version__, files, formats, surfaces
 from pointmorph.errors import Cancelled
 from pointmorph.frame_records import FrameRecords
-from pointmorph.morphing import Frame, Morph, Progress, ResampledFrame
+from pointmorph.frames import Frame, ResampledFrame
+from pointmorph.morphing import Morph
+from pointmorph.stages import Progress
 
 _AT_ONCE = 2
 _POLL = 0.05  # seconds

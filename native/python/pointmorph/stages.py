@@ -1,5 +1,13 @@
 """The stages of a computation, in words to show while they run."""
 
+from __future__ import annotations
+
+from collections.abc import Callable
+
+Progress = Callable[[str, float], bool | None]
+"""Called with the name of a stage and the fraction of it that is done; returns False to cancel.
+`pointmorph.stage_label` gives the stage in words."""
+
 _LABELS = {
     "alignment": "Aligning features",
     "boundary": "Finding boundaries",

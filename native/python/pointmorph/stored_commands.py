@@ -5,13 +5,15 @@ from __future__ import annotations
 import argparse
 import json
 import os
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from pointmorph import files, formats, morphing, quality, terminal
+from pointmorph import files, formats, quality, terminal
 from pointmorph.arguments import part_of, positive, some_frames
 from pointmorph.errors import FileError, OptionError
 from pointmorph.frame_records import file_checksum
+from pointmorph.option_table import options
 from pointmorph.own_meshes import OwnMeshWriter
 from pointmorph.sequences import FrameRun, FrameSequence, MeshWriter, even_times
 from pointmorph.source_meshes import SourceMesh
@@ -94,7 +96,8 @@ def _frames(chosen: argparse.Namespace) -> int:
             "range", f"some of the frames 0 to {chosen.frames - 1}", "none", "Correct A:B."
         )
     sequence = FrameSequence(morph, even_times(chosen.frames), resample=chosen.resample)
-    run = FrameRun(sequence, chosen.out, _mesh_writer(chosen, morph, sequence))
+    model = getattr(chosen, chosen.mesh) if chosen.mesh in _SIDES else None
+    run = FrameRun(sequence, chosen.out, _mesh_writer(chosen.mesh, model, morph, sequence))
     missing = run.missing(which)
     if chosen.check:
         for k in missing:
@@ -111,14 +114,27 @@ def _frames(chosen: argparse.Namespace) -> int:
     return 0
 
 
+def missing_frames(
+    morph: StoredMorph, folder: Path, times: Sequence[float], resample: bool, mesh: str | None
+) -> list[int]:
+    """Which frames of a run of the command aren't in the folder, or are broken.
+
+    Raises
+    ------
+    OptionError, FileError
+        As the command itself: if the morph can't have these meshes, for instance.
+    """
+    sequence = FrameSequence(morph, times, resample=resample)
+    run = FrameRun(sequence, folder, _mesh_writer(mesh, None, morph, sequence))
+    return run.missing(range(len(times)))
+
+
 def _mesh_writer(
-    chosen: argparse.Namespace, morph: StoredMorph, sequence: FrameSequence
+    side: str | None, model: Path | None, morph: StoredMorph, sequence: FrameSequence
 ) -> str | MeshWriter | None:
     """What writes the mesh beside each frame. Raises OptionError."""
-    if chosen.mesh not in _SIDES:
-        format: str | None = chosen.mesh
-        return format
-    side = str(chosen.mesh)
+    if side not in _SIDES:
+        return side
     if not (morph.has_mesh if side == "source" else morph.has_target_mesh):
         raise OptionError(
             "mesh",
@@ -126,7 +142,7 @@ def _mesh_writer(
             "one without",
             f"Leave out --mesh, or choose a format of meshes instead of {side}.",
         )
-    mesh = SourceMesh(*_model(getattr(chosen, side), side, morph))
+    mesh = SourceMesh(*_model(model, side, morph))
     return OwnMeshWriter(morph, mesh, side, sequence.times)
 
 
@@ -201,6 +217,6 @@ def _one_of(*present: tuple[str, bool]) -> str:
 
 
 def _changed_settings(morph: StoredMorph) -> str:
-    defaults = {option.name: option.default for option in morphing.options()}
+    defaults = {option.name: option.default for option in options()}
     settings = morph._settings().items()
     return ", ".join(f"{name} {value}" for name, value in settings if defaults[name] != value)

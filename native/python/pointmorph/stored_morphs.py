@@ -8,7 +8,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -19,7 +19,9 @@ from pointmorph import __version__, _pointmorph, array_files
 from pointmorph.array_files import Array, ArrayFile
 from pointmorph.clouds import Cloud
 from pointmorph.errors import FileError, OptionError
-from pointmorph.morphing import Morph, Progress, is_straight, native_options
+from pointmorph.morphing import Morph
+from pointmorph.option_table import is_straight, native_options
+from pointmorph.stages import Progress
 
 FORMAT, VERSION = "pointmorph morph", 1
 SUFFIX = ".morph"
@@ -33,38 +35,10 @@ _OPTIONAL = {"colors": 4, "delay": None, "ends": 3}
 _FLOATS = (np.float32, np.float64)
 
 
-def save(
-    morph: Morph,
-    path: str | os.PathLike[str],
-    *,
-    resample: bool = False,
-    origin: Mapping[str, Any] | None = None,
-    progress: Progress | None = None,
+def write(
+    morph: Morph, path: Path, resample: bool, origin: dict[str, Any], progress: Progress | None
 ) -> None:
-    """Writes a morph as one file: all that its frames need, with the same bits. See `Morph.save`.
-
-    Parameters
-    ----------
-    morph : Morph
-    path : path
-        Written whole or not at all.
-    resample : bool
-        Also keep which points resampled frames get, which takes as long as some of these frames.
-        Without it, whoever opens the file and asks for a resampled frame finds out again.
-    origin : mapping, optional
-        Where it comes from, as JSON; kept as it is.
-    progress : callable, optional
-        As for `pointmorph.morph`.
-
-    Raises
-    ------
-    OptionError
-        If it's a chain of morphs.
-    FileError
-        If the file can't be written.
-    Cancelled
-        If `progress` returned False.
-    """
+    """Writes all that a morph's frames need: what `Morph.save` does."""
     if morph.parts != (morph,):
         raise OptionError(
             "morph", "one morph", f"a chain of {len(morph.parts)}", "Save each of its parts."
@@ -76,9 +50,9 @@ def save(
         "names": [morph.source.name, morph.target.name],
         "options": {name: value for name, value in morph._settings().items() if value is not None},
         "report": morph._known_report(),
-        "origin": dict(origin or {}),
+        "origin": origin,
     }
-    array_files.write(Path(path), header, dict(_arrays(morph, resample, progress)))
+    array_files.write(path, header, dict(_arrays(morph, resample, progress)))
 
 
 def _arrays(morph: Morph, resample: bool, progress: Progress | None) -> Iterator[tuple[str, Array]]:
@@ -179,7 +153,6 @@ class StoredMorph(Morph):
         self.header = file.header
         _check_header(file)
         _check_arrays(file)
-        self._live = None
         self.pairs = file.arrays["pairs"]
         self.source, self.target = (_cloud(file, side) for side in (0, 1))
         self._dtype = file.arrays["frame_0/positions"].dtype.type

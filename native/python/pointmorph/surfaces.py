@@ -22,8 +22,9 @@ import numpy.typing as npt
 
 from pointmorph.clouds import FloatArray
 from pointmorph.errors import Cancelled, CloudError, ConvergenceError, OptionError
+from pointmorph.frames import Frame, ResampledFrame
 from pointmorph.meshes import vertex_normals
-from pointmorph.morphing import Frame, Morph, ResampledFrame
+from pointmorph.morphing import Morph
 
 _NEIGHBORS = 8
 _DEEPEST, _SHALLOWEST = 10, 4

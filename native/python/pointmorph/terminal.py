@@ -10,8 +10,7 @@ from collections.abc import Iterator
 from types import FrameType
 from typing import Any
 
-from pointmorph.morphing import Progress
-from pointmorph.stages import stage_label
+from pointmorph.stages import Progress, stage_label
 
 FAILED, WRONG_CALL, INCOMPLETE, INTERRUPTED, TERMINATED = 1, 2, 3, 130, 143
 

@@ -1,0 +1,448 @@
+"""``pointmorph batch``: many pairs by one file of jobs."""
+
+from __future__ import annotations
+
+import json
+import signal
+import subprocess
+import sys
+import time
+import zlib
+from collections.abc import Callable
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pointmorph
+import pytest
+from pointmorph import batch_jobs, batch_runs, free_memory, thumbnails
+from pointmorph.batch_jobs import PairJob, read_batch
+from pointmorph.batch_runs import DONE, FAILED, KEPT, BatchRun, PairOutcome
+from pointmorph.batch_tasks import Part
+from shapes import ball
+from test_cli import COMMAND
+from test_stored_commands import run, write_obj
+
+QUICK = {"method": "paper"}
+
+
+def write_jobs(into: Path, **content: object) -> Path:
+    path = into / "jobs.json"
+    path.write_text(json.dumps(content))
+    return path
+
+
+def models(folder: Path, *names: str) -> None:
+    """Small models, each with another number of vertices."""
+    folder.mkdir(exist_ok=True)
+    for number, name in enumerate(names):
+        write_obj(folder / f"{name}.obj", 7 + 2 * number, 0.3 * number)
+
+
+def times_of(folder: Path) -> dict[Path, int]:
+    """When all that a run has made of pairs was written, but for what a program said."""
+    paths = [*folder.rglob("*.ply"), *folder.rglob("*.morph"), *folder.rglob("*.png")]
+    return {path: path.stat().st_mtime_ns for path in paths}
+
+
+def states(out: Path) -> dict[str, str]:
+    rows = json.loads((out / "batch.json").read_text())["pairs"]
+    return {row["pair"]: row["state"] for row in rows}
+
+
+def arrays_of(path: Path) -> object:
+    """Checksums of all arrays; what a file says about itself has times in it."""
+    return pointmorph.open_morph(path).header["arrays"]
+
+
+# --- The file of jobs -----------------------------------------------------------------------------
+
+
+def test_pairs_a_template_and_a_folder_in_one_file(tmp_path: Path) -> None:
+    models(tmp_path / "heads", "a", "b", "c")
+    models(tmp_path, "base")
+    (tmp_path / "heads" / "notes.md").write_text("no model")
+    path = write_jobs(
+        tmp_path, frames=4, settings={"method": "paper"}, out="made",
+        pairs=[{"source": "base.obj", "target": "heads/a.obj", "name": "../a b", "frames": 0},
+               {"source": "base.obj", "target": "heads/a.obj"}],
+        template={"source": "base.obj", "targets": "heads/*", "features": "{source}-{target}.json"},
+        folder={"path": "heads", "both_ways": True, "settings": {"wrap-conform": 0.5}},
+    )  # fmt: skip
+    batch = read_batch(path)
+    names = [job.name for job in batch.jobs]
+    # A name can't lead out of the folder, and none is taken twice.
+    assert names[:3] == ["_a_b", "base_to_a", "base_to_a_2"]
+    assert names[3:5] == ["base_to_b", "base_to_c"]
+    assert sorted(names[5:]) == [f"{x}_to_{y}" for x in "abc" for y in "abc" if x != y]
+    assert all(job.folder == tmp_path / "made" / job.name for job in batch.jobs)
+    assert [job.frames for job in batch.jobs] == [0, *[4] * 10]
+    assert batch.jobs[3].features == tmp_path / "base-b.json"
+    # What an entry says goes before what the file says.
+    assert batch.jobs[0].settings == {"method": "paper"}
+    assert batch.jobs[5].settings == {"wrap_conform": 0.5}
+    words = batch.jobs[5].morph_words()
+    assert words[words.index("--wrap-conform") + 1] == "0.5"
+    # Without both ways, each pair once.
+    path = write_jobs(tmp_path, folder="heads")
+    assert [j.name for j in read_batch(path).jobs] == ["a_to_b", "a_to_c", "b_to_c"]
+
+
+def test_the_page_has_every_key_and_its_example_is_read(tmp_path: Path) -> None:
+    text = (Path(__file__).parents[3] / "docs" / "batch.md").read_text(encoding="utf-8")
+    for key in (*batch_jobs._COMMON, *batch_jobs._GROUPS, "out", "up"):
+        assert f"| `{key}` |" in text
+    models(tmp_path / "heads", "a", "b")
+    example = text.partition("```json\n")[2].partition("```")[0]
+    batch = read_batch(write_jobs(tmp_path, **json.loads(example)))
+    assert [job.target.name for job in batch.jobs] == ["a.obj", "b.obj", "lion.ply"]
+    assert batch.out == tmp_path / "morphed"
+
+
+@pytest.mark.parametrize(
+    ("text", "found"),
+    [
+        ("", "expected JSON"),
+        ('{"pairs": [', "expected JSON"),
+        ("[" * 100_000, "too deep"),
+        ("[]", "expected an object"),
+        ("{}", "at least one pair"),
+        ('{"pairs": {}}', "type list as pairs"),
+        ('{"pairs": [3]}', "an object with"),
+        ('{"pairs": [{"source": "a.obj"}]}', "a source and a target"),
+        ('{"pairs": [{"source": "a.obj", "target": "b.obj", "weight": 1}]}', "an object with"),
+        ('{"template": {"source": "a.obj"}}', "a source, and targets"),
+        ('{"template": {"source": "a.obj", "targets": "*.stl"}}', "models like *.stl"),
+        ('{"folder": "."}', "at least two models"),
+        ('{"folder": "nowhere"}', "at least two models"),
+        ('{"pair": []}', 'found "pair"'),
+        ('{"pairs": [{"source": "a.obj", "target": "b.obj"}], "up": "x"}', "y or z"),
+        ('{"pairs": [{"source": "a.obj", "target": "b.obj", "frames": 1}]}', "at least 2 frames"),
+        ('{"pairs": [{"source": "a.obj", "target": "b.obj", "frames": true}]}', "type int"),
+        ('{"pairs": [{"source": "a.obj", "target": "b.obj", "samples": 0}]}', "at least 1"),
+        ('{"pairs": [{"source": "a.obj", "target": "b.obj", "mesh": "dwg"}]}', "as mesh"),
+        ('{"pairs": [{"source": "a.obj", "target": "b.obj"}], "settings": {"x": 1}}', "options.md"),
+        (
+            '{"pairs": [{"source": "a.obj", "target": "b.obj", "settings": {"method": []}}]}',
+            "a number or a word",
+        ),
+    ],
+)
+def test_a_damaged_file_of_jobs_is_refused_in_words(tmp_path: Path, text: str, found: str) -> None:
+    models(tmp_path, "a")
+    path = tmp_path / "jobs.json"
+    path.write_text(text)
+    done = run("batch", path)
+    assert done.returncode == 1
+    assert str(path) in done.stderr
+    assert found in done.stderr
+    assert "Traceback" not in done.stderr
+    assert not (tmp_path / "batch").exists()
+
+
+def test_wrong_calls(tmp_path: Path) -> None:
+    models(tmp_path, "a", "b")
+    path = write_jobs(tmp_path, folder=".")
+    for options, words in (
+        (["--range", "1:"], "some of the pairs 0 to 0"),
+        (["--part", "2/2"], "expected K/N"),
+        (["--jobs", "0"], "at least 1"),
+        (["--maps", "--report"], "not allowed with"),
+    ):
+        done = run("batch", path, *options)
+        assert done.returncode == 2
+        assert words in done.stderr
+    missing = run("batch", tmp_path / "none.json")
+    assert missing.returncode == 1
+    assert "none.json: expected a readable file" in missing.stderr
+
+
+# --- Runs -----------------------------------------------------------------------------------------
+
+
+class _Page(HTMLParser):
+    """Words and pictures of a page; every element has to be closed."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.words, self.pictures, self._open = "", [], []
+        self.feed(text)
+        assert not self._open
+
+    def handle_starttag(self, tag: str, attributes: list[tuple[str, str | None]]) -> None:
+        if tag == "img":
+            self.pictures.append(dict(attributes)["src"])
+        elif tag not in ("meta", "br"):
+            self._open.append(tag)
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self._open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        self.words += data
+
+
+def test_a_batch_with_a_pair_that_fails_is_completed_later(tmp_path: Path) -> None:
+    models(tmp_path / "models", "a", "b")
+    (tmp_path / "models" / "c<i>.obj").write_text("v 0 0\n")
+    path = write_jobs(
+        tmp_path, frames=3, settings=QUICK,
+        template={"source": "models/a.obj", "targets": ["models/c*.obj", "models/b.obj"]},
+    )  # fmt: skip
+    out = tmp_path / "batch"
+    first = run("batch", path, "--jobs", 2)
+    assert first.returncode == 3, first.stderr
+    assert states(out) == {"a_to_c_i_": FAILED, "a_to_b": DONE}
+    assert "1 morphed, 0 were done, 1 failed" in first.stdout
+    page = _Page((out / "index.html").read_text(encoding="utf-8"))
+    assert page.pictures == ["pictures/a_to_b.png"]
+    failure = json.loads((out / "batch.json").read_text())["pairs"][0]
+    for text in (page.words, first.stdout):
+        assert failure["message"] in text
+    assert "c<i>.obj" in failure["message"]
+    # The same bits as by the command for one pair.
+    single = run("morph", tmp_path / "models" / "a.obj", tmp_path / "models" / "b.obj", "--out",
+                 tmp_path / "one", "--frames", 3, "--method", "paper")  # fmt: skip
+    assert single.returncode == 0, single.stderr
+    for k in range(3):
+        made = (out / "a_to_b" / "frames" / f"frame_000{k}.ply").read_bytes()
+        assert made == (tmp_path / "one" / f"frame_000{k}.ply").read_bytes()
+
+    # Mended, the pair that failed is morphed; the other isn't touched.
+    before = times_of(out)
+    write_obj(tmp_path / "models" / "c<i>.obj", 9, 0.6)
+    second = run("batch", path)
+    assert second.returncode == 0, second.stderr
+    assert states(out) == {"a_to_c_i_": DONE, "a_to_b": KEPT}
+    assert before.items() <= times_of(out).items()
+    # A damaged frame and a damaged map are noticed, and made anew as they were.
+    frame, map_ = out / "a_to_b" / "frames" / "frame_0001.ply", out / "a_to_c_i_" / "pair.morph"
+    contents = frame.read_bytes(), arrays_of(map_)
+    for file in (frame, map_):
+        changed = bytearray(file.read_bytes())
+        changed[-7] ^= 1
+        file.write_bytes(changed)
+    report = run("batch", path, "--report")
+    assert report.returncode == 1
+    assert "a_to_b: the frames to do" in report.stdout
+    assert "a_to_c_i_: the map and the frames to do" in report.stdout
+    kept = times_of(out / "a_to_b")
+    third = run("batch", path)
+    assert third.returncode == 0, third.stderr
+    assert (frame.read_bytes(), arrays_of(map_)) == contents
+    assert {p for p, at in times_of(out / "a_to_b").items() if kept[p] != at} == {frame}
+    assert run("batch", path, "--report").returncode == 0
+
+
+def test_tasks_of_an_engine_make_what_a_run_makes(tmp_path: Path) -> None:
+    models(tmp_path, "a", "b", "c")
+    path = write_jobs(tmp_path, folder=".", frames=5, resample=True, settings=QUICK)
+    early = run("batch", path, "--out", tmp_path / "tasks", "--range", "1", "--part", "0/2")
+    assert early.returncode == 1
+    assert "batch --maps" in early.stderr
+    for options in (["--maps"], ["--maps"], ["--part", "1/2"], ["--part", "0/2"]):
+        done = run("batch", path, "--out", tmp_path / "tasks", "--range", "1", *options)
+        assert done.returncode == 0, done.stderr
+    report = run("batch", path, "--out", tmp_path / "tasks", "--report")
+    assert report.returncode == 3
+    assert states(tmp_path / "tasks") == {"a_to_b": "pending", "a_to_c": KEPT, "b_to_c": "pending"}
+    whole = run("batch", path, "--out", tmp_path / "run", "--range", "1:2")
+    assert whole.returncode == 0, whole.stderr
+    assert not (tmp_path / "run" / "batch.json").exists()
+    made = sorted((tmp_path / "run" / "a_to_c").rglob("*.ply"))
+    assert len(made) == 5 + 2
+    for file in made:
+        assert file.read_bytes() == (tmp_path / "tasks" / file.relative_to(tmp_path / "run")
+                                     ).read_bytes()  # fmt: skip
+
+
+def test_parts_share_out_all_frames() -> None:
+    for total in range(20):
+        for count in range(1, 9):
+            parts = [range(total)[Part(k, count).of(total)] for k in range(count)]
+            assert [k for part in parts for k in part] == list(range(total))
+            assert max(map(len, parts)) - min(map(len, parts)) <= 1
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows ends processes without asking them")
+def test_a_batch_that_is_ended_leaves_nothing_half_written(tmp_path: Path) -> None:
+    models(tmp_path, "a", "b")
+    path = write_jobs(tmp_path, folder=".", frames=2000, settings=QUICK)
+    job = subprocess.Popen(
+        [*COMMAND, "batch", str(path)], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
+    )
+    frames = tmp_path / "batch" / "a_to_b" / "frames"
+    while job.poll() is None and not list(frames.glob("frame_00*.ply")):
+        time.sleep(0.01)
+    job.send_signal(signal.SIGTERM)
+    _, errors = job.communicate(timeout=60)
+    assert job.returncode == 143
+    assert "Traceback" not in errors
+    left = [path for path in tmp_path.rglob("*") if path.name.endswith("-part")]
+    assert not left
+    count = len(list(frames.glob("frame_*.ply")))
+    assert 0 < count < 2000
+    # The map is kept.
+    path = write_jobs(tmp_path, folder=".", frames=0, settings=QUICK)
+    assert run("batch", path).returncode == 0
+    assert states(tmp_path / "batch") == {"a_to_b": KEPT}
+
+
+# --- Memory ---------------------------------------------------------------------------------------
+
+
+class _Process:
+    """A program that takes a while and some memory, or fails when it gets too little."""
+
+    def __init__(self, ends_after: int, status: int) -> None:
+        self.pid, self.returncode = 0, status
+        self._polls = ends_after
+
+    def poll(self) -> int | None:
+        self._polls -= 1
+        return None if self._polls > 0 else self.returncode
+
+
+def simulated(
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
+    memory: list[int],
+    most: int,
+    status: Callable[[str, int], int],
+) -> tuple[list[PairOutcome], list[list[str]], list[str]]:
+    """Runs pairs that take so much memory where 1000 bytes are free; what runs beside what, and in
+    which order they ended."""
+    jobs = [
+        PairJob(f"pair{k}", tmp_path, tmp_path, tmp_path / f"pair{k}") for k in range(len(memory))
+    ]
+    beside: list[list[str]] = []
+    batch = BatchRun(jobs, most)
+    running: dict[str, _Process] = {}
+
+    def start(one: batch_runs._Running) -> _Process:
+        for name in [name for name, p in running.items() if p._polls <= 0]:
+            del running[name]
+        name = one.outcome.job.name
+        running[name] = _Process(3 + len(beside) % 4, status(name, len(running)))
+        beside.append(list(running))
+        return running[name]
+
+    monkeypatch.setattr(PairJob, "identity", lambda job: "")
+    monkeypatch.setattr(batch_runs, "steps_to_do", lambda job, with_frames: ["frames"])
+    monkeypatch.setattr(batch_runs, "free_memory", lambda: 1000)
+    monkeypatch.setattr(batch_runs, "_POLL", 0.0)
+    monkeypatch.setattr(batch, "_expected", lambda job: memory[int(job.name.removeprefix("pair"))])
+    monkeypatch.setattr(batch, "_process", start)
+    told: list[str] = []
+    batch.run(lambda outcome: told.append(outcome.job.name))
+    assert sorted(told) == sorted(job.name for job in jobs)
+    return batch.outcomes, beside, told
+
+
+def test_no_more_run_side_by_side_than_memory_and_cores_allow(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    random = np.random.default_rng(3)
+    memory = [int(m) for m in random.integers(50, 600, 60)]
+    memory[20] = 5000  # more than there is: it runs alone
+    outcomes, beside, _ = simulated(monkeypatch, tmp_path, memory, 4, lambda *_: 0)
+    assert all(outcome.state == DONE for outcome in outcomes)
+    for names in beside:
+        together = sum(memory[int(name.removeprefix("pair"))] for name in names)
+        assert len(names) == 1 or (together <= 900 and len(names) <= 4)
+    assert max(map(len, beside)) > 2
+    assert ["pair20"] in beside
+
+
+def test_a_pair_that_runs_out_of_memory_beside_others_is_tried_alone(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    def status(name: str, beside: int) -> int:
+        if name == "pair4":
+            return -9
+        return -9 if name == "pair2" and beside > 0 else 0
+
+    outcomes, beside, told = simulated(monkeypatch, tmp_path, [100] * 8, 3, status)
+    assert [o.state for o in outcomes] == [FAILED if k == 4 else DONE for k in range(8)]
+    assert "signal 9" in outcomes[4].message
+    assert {"pair2", "pair4"} == set(told[-2:])
+    assert ["pair2"] in beside
+    assert ["pair4"] in beside
+
+
+def test_free_memory_is_no_more_than_a_container_may_take(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    if sys.platform != "linux":
+        pytest.skip("only Linux has control groups")
+    monkeypatch.setattr(free_memory, "_GROUP", tmp_path)
+    whole = free_memory.free_memory()
+    assert whole is not None
+    assert whole > 1 << 20
+    for limit, free in (("max\n", None), (f"{10 << 20}\n", 8 << 20), ("5\n", 0)):
+        (tmp_path / "memory.max").write_text(limit)
+        (tmp_path / "memory.current").write_text(f"{3 << 20}\n")
+        (tmp_path / "memory.stat").write_text(f"anon 5\ninactive_file {1 << 20}\n")
+        assert free_memory._free_in_group() == free
+        assert free is None or free_memory.free_memory() == free
+    assert free_memory.taken_by(1 << 30) == 0
+
+
+# --- Pictures -------------------------------------------------------------------------------------
+
+
+def unpacked(png: bytes) -> np.ndarray:
+    """The pixels of a PNG file of the kind that is written here."""
+    assert png.startswith(b"\x89PNG\r\n\x1a\n")
+    parts, at = {}, 8
+    while at < len(png):
+        size = int.from_bytes(png[at : at + 4], "big")
+        body = png[at + 4 : at + 8 + size]
+        assert zlib.crc32(body) == int.from_bytes(png[at + 8 + size : at + 12 + size], "big")
+        parts[body[:4]] = body[4:]
+        at += 12 + size
+    width, height = (int.from_bytes(parts[b"IHDR"][k : k + 4], "big") for k in (0, 4))
+    rows = np.frombuffer(zlib.decompress(parts[b"IDAT"]), np.uint8).reshape(height, -1)
+    assert (rows[:, 0] == 0).all()
+    return rows[:, 1:].reshape(height, width, 3)
+
+
+def test_a_ball_looks_like_a_disc_lit_from_above(tmp_path: Path) -> None:
+    points = ball(20_000)
+    radii = np.full(len(points), (4 * np.pi / len(points)) ** 0.5)
+    picture = thumbnails.draw(points, points, radii, size=100)
+    assert (unpacked(thumbnails.png(picture)) == picture).all()
+    y, x = np.mgrid[:100, :100]
+    away = np.hypot(x - 49.5, y - 49.5)
+    drawn = (picture != picture[0, 0]).any(axis=2)
+    assert drawn[away < 43].all()
+    assert not drawn[away > 48].any()
+    assert picture[15, 50].sum() > 1.3 * picture[85, 50].sum()
+
+
+def test_what_is_in_front_hides_what_is_behind() -> None:
+    # Of two plates, the one that is nearer to the viewer, at -y, is darker.
+    side = np.linspace(-1, 1, 60)
+    x, z = (a.ravel() for a in np.meshgrid(side, side))
+    plates = [np.stack([x, np.full_like(x, y), z], axis=1) for y in (-0.01, 0.01)]
+    normals = [np.tile(n, (len(x), 1)) for n in ((0.0, 0.0, -0.2), (0.3, -0.9, 0.4))]
+    radii = np.full(2 * len(x), 0.05)
+    colors = set()
+    for order in (1, -1):
+        picture = thumbnails.draw(
+            np.concatenate(plates[::order]), np.concatenate(normals[::order]), radii, size=64
+        )
+        colors.add(picture[32, 32].tobytes())
+    alone = thumbnails.draw(plates[0], normals[0], radii[: len(x)], size=64)
+    assert colors == {alone[32, 32].tobytes()}
+
+
+def test_a_film_goes_from_the_source_to_the_target() -> None:
+    source, target = ball(900), ball(1100) * (1.0, 1.0, 0.4)
+    morph = pointmorph.morph(pointmorph.Cloud(source), pointmorph.Cloud(target))
+    film = thumbnails.film(morph, size=60)
+    assert film.shape == (60, 240, 3)
+    drawn = (film != film[0, 0]).any(axis=2)
+    areas = [int(drawn[:, k * 60 : k * 60 + 60].sum()) for k in range(4)]
+    assert areas[0] > areas[1] > areas[2]
+    assert abs(areas[2] - areas[3]) < 0.1 * areas[3]
