@@ -78,6 +78,12 @@ def compare(source: str, target: str, features: str, *options: str) -> int:
     return show(paths.PYTHON, script, source, target, "--features", features, *output, *options)
 
 
+def site() -> int:
+    """The documentation as a site; a warning is an error."""
+    wheels.set_up()
+    return show(paths.PYTHON, "-m", "mkdocs", "build", "--strict")
+
+
 def packages(platforms: list[targets.Platform]) -> list[Path]:
     """The wheels for some platforms, and the extension's zips."""
     wheels.set_up(*{group: None for platform in platforms for group in platform.debian})
@@ -126,6 +132,7 @@ def arguments_of(words: list[str]) -> argparse.Namespace:
         help="compare with other methods on this pair; options of compare_peers.py may follow",
     )
     commands.add_parser("pictures", help="the manual's pictures, taken anew from the real window")
+    commands.add_parser("site", help="the documentation as a site, in build/site")
     packing = commands.add_parser("package", help="the extension, as a zip file")
     which = packing.add_mutually_exclusive_group()
     names = list(targets.PLATFORMS)
@@ -155,6 +162,8 @@ def do(arguments: argparse.Namespace) -> int:
         return bench() if arguments.peers is None else compare(*arguments.peers)
     if arguments.command == "pictures":
         return suites.take_pictures()
+    if arguments.command == "site":
+        return site()
     if arguments.command == "setup":
         errors = suites.set_up_tests(suites.SUITES)
         for error in errors:

@@ -168,20 +168,15 @@ def draw(canvas, model, options, progress):
         return plain
     _tell(progress, 0.0)
     skin = canvas.skin
-    uvs, found, size, remarks = _laid_out(canvas, options.size)
-    own = None
-    if uvs is None:
-        uvs = skin.uvs[skin.corners]
-    else:
-        own = np.zeros((int(skin.corners.max()) + 1, 2), np.float32)
-        own[skin.corners] = uvs
+    own, found, owners, remarks = _laid_out(canvas, options.size)
+    uvs = (skin.uvs if own is None else own)[skin.corners]
     _tell(progress, 0.1)
     values = _values(canvas, model, options, found, progress)
     if "normal" in values:
         normals = _corner_normals(canvas.places, canvas.triangles, skin.is_smooth)
         frames = frames_of_corners(canvas.places, canvas.triangles, normals, uvs)
         values["normal"] = to_tangent_space(frames, found.triangles, found.shares, values["normal"])
-    images = _images(values, found, size)
+    images = _images(values, found, owners)
     _tell(progress, 1.0)
     surfaces = model.look.used() if model.look is not None else []
     return Drawn(
@@ -240,16 +235,31 @@ def _typical(look, name, default):
 
 
 def _laid_out(canvas, size):
-    """UVs of the triangles if they get some of their own, else None; the Texels, the image's size,
-    and why, in words."""
+    """UVs of the corners if they get some of their own, else None; the Texels; the face that each
+    pixel belongs to, -1 for any; and why, in words."""
     skin = canvas.skin
     reason = "the source has none"
     if skin.uvs is not None:
         reason, found = texels.are_usable(skin.uvs[skin.corners], size)
         if reason is None:
-            return None, found, size, []
-    uvs, found, size = texels.lay_out(canvas.places[canvas.triangles], size)
-    return uvs, found, size, [f"The images have a UV map of their own, because {reason}"]
+            return None, found, np.full((size, size), -1, np.int32), []
+    counts = _corner_counts(skin.corners)
+    vertices = np.zeros(counts.sum(), np.int64)
+    vertices[skin.corners] = canvas.triangles
+    uvs, owners = texels.lay_out(counts, texels.extents(canvas.places[vertices], counts), size)
+    found, _ = texels.cover(uvs[skin.corners], len(owners))
+    remark = f"The images have a UV map of their own, because {reason}"
+    return uvs, found, owners, [remark]
+
+
+def _corner_counts(triangles):
+    """How many corners each face has, from the corners of its triangles: faces are in order, and
+    each corner shares a triangle with the next one of its face."""
+    low, high = triangles.min(axis=1), triangles.max(axis=1)
+    count = int(high.max()) + 1
+    inside = np.bincount(low, minlength=count) - np.bincount(high, minlength=count)
+    ends = np.flatnonzero(np.cumsum(inside) == 0)
+    return np.diff(ends, prepend=-1)
 
 
 def _values(canvas, model, options, found, progress):
@@ -339,16 +349,16 @@ def _as_coarse(model, count):
     return replace(look, surfaces=surfaces)
 
 
-def _images(values, found, size):
+def _images(values, found, owners):
     """By name, the images of values at texels; (H, W) for numbers."""
-    known = np.zeros(size * size, bool)
+    known = np.zeros(owners.size, bool)
     known[found.rows] = True
-    known = known.reshape(size, size)
     images = {}
     for name, part in values.items():
-        image = np.zeros((size * size, part.shape[1]), np.float32)
+        image = np.zeros((owners.size, part.shape[1]), np.float32)
         image[found.rows] = part
-        image = texels.filled(image.reshape(size, size, -1), known)
+        image = image.reshape(*owners.shape, -1)
+        image = texels.filled(image, known.reshape(owners.shape), owners)
         images[name] = image[..., 0] if part.shape[1] == 1 else image
     return images
 

@@ -74,6 +74,9 @@ class ImageColor:
     closest : bool
     shows_alpha : bool
         Without it colors are weighted with alpha, as renderers do where nothing uses that.
+    shrinks : bool
+        Whether the texture may be taken at a smaller size: not where neighbors on it aren't
+        neighbors on the mesh.
     """
 
     texture: textures.Texture
@@ -82,6 +85,7 @@ class ImageColor:
     extension: str = textures.REPEAT
     closest: bool = False
     shows_alpha: bool = False
+    shrinks: bool = True
 
     def at(self, samples):
         uvs = samples.uvs(self.uv)
@@ -333,7 +337,7 @@ def reduced(expression, texels):
     """
     if isinstance(expression, Applied):
         return replace(expression, parts=[reduced(part, texels) for part in expression.parts])
-    if isinstance(expression, ImageColor) and not expression.closest:
+    if isinstance(expression, ImageColor) and expression.shrinks and not expression.closest:
         times = int(np.floor(np.log2(max(texels(expression), 1.0)) + 0.3))
         return replace(expression, texture=expression.texture.reduced(times))
     return expression

@@ -1,6 +1,7 @@
 """The quality of a morph in one line, and what its figures mean."""
 
 import re
+from dataclasses import dataclass
 
 FIGURES = {
     "Covered": "Share of the points of either shape that a point of the other maps to. 100 % "
@@ -32,39 +33,76 @@ OF_FEATURES = (
 )
 GRADES = ("good", "fair", "poor")
 _SIDES = (("L", "R"), ("left", "right"), ("Left", "Right"))
+_MESH_VERDICT = re.compile(r"(?:(?P<way>.*): )?(?:Good|Fair|Poor): (?P<reasons>.*?)\.?", re.DOTALL)
 _PLACE = re.compile(r'(At|Near) "[^"]*"|Between "[^"]*" and "[^"]*"|.{2,40}? of (?=\S)')
 
 
-def verdict(report):
+@dataclass(frozen=True)
+class Verdict:
     """How good a morph is.
 
-    Parameters
+    Attributes
     ----------
-    report : dict
-        See `pointmorph.Morph.report`.
-
-    Returns
-    -------
-    str
-        One of GRADES.
-    str
+    grade : str
+        One of GRADES: that of the match of the points, or of the source's faces at the end,
+        whichever is worse.
+    line : str
         The same in a line.
+    reasons : tuple of str
+        Why, a line each.
     """
+
+    grade: str
+    line: str
+    reasons: tuple
+
+
+def verdict(report):
+    """The Verdict on a morph, from `pointmorph.Morph.report`."""
     mesh = report.get("mesh") or {"grade": "good", "worst": []}
-    grade = max(_grade_of_map(report), mesh["grade"], key=GRADES.index)
-    count = len(report["worst"]) + len(mesh["worst"])
-    if not count:
-        said = "no bad places" if grade == "good" else "see the figures"
-    else:
-        said = "1 place to look at" if count == 1 else f"{count} places to look at"
-    return grade, f"{grade.capitalize()}: {said}"
+    of_map, said = _judged_map(report)
+    grade = max(of_map, mesh["grade"], key=GRADES.index)
+    places = _counted(len(report["worst"]) + len(mesh["worst"]))
+    without = "no bad places" if grade == "good" else "see below"
+    line = f"{places} to look at" if places else without
+    if "verdict" in mesh:
+        said += _said_of_mesh(mesh)
+    return Verdict(grade, f"{grade.capitalize()}: {line}", tuple(said))
 
 
-def _grade_of_map(report):
+def _counted(places):
+    return "1 place" if places == 1 else f"{places} places" if places else ""
+
+
+def _judged_map(report):
+    """A grade and its reasons."""
     ways = report["quality"].values()
-    if max(way["flipped"] for way in ways) > 0.02 or min(way["coverage"] for way in ways) < 0.95:
-        return "poor"
-    return "fair" if report["worst"] else "good"
+    flipped, covered = max(way["flipped"] for way in ways), min(way["coverage"] for way in ways)
+    found = []
+    if flipped > 0.02:
+        found.append(f"Match: {_percent(flipped)} of the points are folded over")
+    if covered < 0.95:
+        found.append(f"Match: {_percent(1.0 - covered)} of the points are left out")
+    grade = "poor" if found else "fair" if report["worst"] else "good"
+    if report["worst"]:
+        found.append(f"Match: {_counted(len(report['worst']))} with much distortion")
+    return grade, found
+
+
+def _said_of_mesh(mesh):
+    """What the library's verdict on the source's faces says, without a grade of its own."""
+    found = _MESH_VERDICT.fullmatch(mesh["verdict"])
+    if found is None:
+        return []
+    way = f" ({found['way']})" if found["way"] else ""
+    reasons = found["reasons"].split("; ")
+    if mesh["worst"]:
+        reasons.append(f"{_counted(len(mesh['worst']))} with faults")
+    return [f"Faces{way}: {text.replace('the faces of', 'those of', 1)}" for text in reasons]
+
+
+def _percent(share):
+    return f"{100 * share:.2g} %" if share < 0.995 else "100 %"
 
 
 def place_name(advice):

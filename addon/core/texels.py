@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 LARGEST = 4096
-_LEAST_CELL = 4  # pixels, for two triangles
+_LEAST_CELL = 4  # pixels
 _OVERLAP = 0.02  # of the pixels
 
 
@@ -122,51 +122,63 @@ def _proper(shares):
 # --- A layout of its own --------------------------------------------------------------------------
 
 
-def lay_out(corners, size):
-    """A place of its own on an image for every triangle, larger for larger ones: two of them on a
-    square whose side is a power of two. Each has a border, so that neighbors don't shine through.
+def extents(positions, counts):
+    """(F,): how long faces of so many corners are, whose positions are (C, K)."""
+    starts = np.cumsum(counts) - counts
+    sizes = np.maximum.reduceat(positions, starts) - np.minimum.reduceat(positions, starts)
+    return np.linalg.norm(sizes, axis=1)
+
+
+def lay_out(counts, lengths, size):
+    """A place of its own on an image for every face, larger for larger ones: a square whose side is
+    a power of two, in which nothing of its neighbors is seen.
 
     Parameters
     ----------
-    corners : (F, 3, 3) array
+    counts : (F,) array of int
+        How many corners each face has.
+    lengths : (F,) array
+        How long each is.
     size : int
-        A power of two. The image gets larger where there are too many triangles for it.
+        A power of two. The image gets larger where there are too many faces for it.
 
     Returns
     -------
-    (F, 3, 2) array of float32
-        UVs.
-    Texels
-        All pixels of the squares: what lies in a border has the closest place of its triangle.
-    int
-        The image's size.
+    (C, 2) array of float32
+        The UVs of the faces' corners, which make a convex polygon of each.
+    (H, W) array of int32
+        The face that each pixel belongs to; -1 for none.
     """
-    sides = np.linalg.norm(np.roll(corners, -1, 1) - np.roll(corners, -2, 1), axis=2)
-    order = np.argsort(-sides.max(axis=1), kind="stable")
-    lengths = sides.max(axis=1)[order[::2]]
-    while size < LARGEST and len(lengths) * _LEAST_CELL**2 > size**2:
+    while size < LARGEST and len(counts) * _LEAST_CELL**2 > size**2:
         size *= 2
-    levels = _levels(lengths, size)
-    places = _unwound(np.cumsum(4**levels) - 4**levels)
-    square = np.arange(len(order)) // 2
-    upper = np.arange(len(order)) % 2 == 1
-    # The right angle is opposite the longest side.
-    turned = (sides[order].argmax(axis=1)[:, None] + np.arange(3)) % 3
-    cells = (2**levels)[square].astype(np.float64)
-    border, legs = _measures(cells)
-    local = np.tile(border[:, None, None], (1, 3, 2))
-    local[:, 1, 0] += legs
-    local[:, 2, 1] += legs
-    local[upper] = cells[upper, None, None] - local[upper]
-    uvs = np.empty((len(order), 3, 2))
-    uvs[order[:, None], turned] = (places[square][:, None] + local) / size
-    texels = _cell_texels(order, turned, levels, places, size)
-    return uvs.astype(np.float32), texels, size
+    order = np.argsort(-lengths, kind="stable")
+    levels = np.empty(len(counts), np.int64)
+    levels[order] = _levels(lengths[order], size)
+    places = np.empty((len(counts), 2), np.int64)
+    areas = 4 ** levels[order]
+    places[order] = _unwound(np.cumsum(areas) - areas)
+    cells = (2**levels).astype(np.float64)
+    face = np.repeat(np.arange(len(counts)), counts)
+    number = np.arange(len(face)) - np.repeat(np.cumsum(counts) - counts, counts)
+    angle = 2.0 * np.pi * (number + 0.5) / np.maximum(counts, 4)[face]
+    round_ = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    # Three corners are those of half a square.
+    local = np.where((counts[face] <= 4)[:, None], np.sign(round_), round_)
+    reach = 0.5 * cells - np.minimum(0.25 * cells, 1.0)
+    middle = places + 0.5 * cells[:, None]
+    uvs = (middle[face] + reach[face, None] * local) / size
+    return uvs.astype(np.float32), _owners(levels, places, size)
 
 
-def _measures(cells):
-    """Of squares of that many pixels: the border, and the shorter sides of its triangles."""
-    return np.where(cells < 8, 0.5, 1.0), np.maximum(cells - 4, cells / 4)
+def _owners(levels, places, size):
+    """(H, W): the square that each pixel lies in, of squares at these places."""
+    owners = np.full((size, size), -1, np.int32)
+    for level in np.unique(levels).tolist():
+        squares = np.flatnonzero(levels == level)
+        steps = np.arange(2**level)
+        rows = places[squares, 1][:, None, None] + steps[:, None]
+        owners[rows, places[squares, 0][:, None, None] + steps] = squares[:, None, None]
+    return owners
 
 
 def _levels(lengths, size):
@@ -196,39 +208,10 @@ def _unwound(numbers):
     return places
 
 
-def _cell_texels(order, turned, levels, places, size):
-    """The Texels of `lay_out`."""
-    found = []
-    count = len(order)
-    for level in np.unique(levels).tolist():
-        cell = 2**level
-        squares = np.flatnonzero(levels == level)
-        y, x = (part.reshape(-1) for part in np.mgrid[:cell, :cell])
-        upper = (x + y + 1 > cell).astype(np.int64)
-        order_within = np.argsort(upper, kind="stable")  # one triangle after the other
-        y, x, upper = y[order_within], x[order_within], upper[order_within]
-        border, leg = (float(part) for part in _measures(np.float64(cell)))
-        mirrored = (
-            np.where(upper, cell - x - 0.5, x + 0.5),
-            np.where(upper, cell - y - 0.5, y + 0.5),
-        )
-        second, third = (np.maximum((part - border) / leg, 0.0) for part in mirrored)
-        shares = _proper(np.stack([1.0 - second - third, second, third], axis=1))
-        member = (2 * squares[:, None] + upper).reshape(-1)
-        rows = (places[squares, 1][:, None] + y) * size + places[squares, 0][:, None] + x
-        shown = member < count  # the last may be alone on its square
-        member = member[shown]
-        spread = np.empty((len(member), 3), np.float32)
-        shares = np.tile(shares, (len(squares), 1))[shown]
-        np.put_along_axis(spread, turned[member], shares, axis=1)
-        found.append((rows.reshape(-1)[shown], order[member], spread))
-    return Texels(*(np.concatenate(parts) for parts in zip(*found, strict=True)))
-
-
 # --- Filling --------------------------------------------------------------------------------------
 
 
-def filled(values, known):
+def filled(values, known, owners):
     """An image whose unknown pixels have the colors of those around, so that seams don't show.
 
     Parameters
@@ -236,36 +219,40 @@ def filled(values, known):
     values : (H, W, K) array of float32
         H and W are powers of two.
     known : (H, W) array of bool
+    owners : (H, W) array of int
+        The face that each pixel belongs to, at whose border nothing of others is to be seen: see
+        `lay_out`. The same everywhere for a layout in which faces lie side by side.
     """
-    values, known = values * known[..., None], known.astype(np.float32)
-    for _ in range(2):
-        values, known = _dilated(values, known)
-    return _pulled(values, known)
+    height, width, depth = values.shape
+    ring = ((1, 1), (1, 1))
+    weights = np.pad(known, ring).astype(np.float32).reshape(-1)
+    colors = np.pad(values * known[..., None], (*ring, (0, 0))).reshape(-1, depth)
+    of_pixels = np.pad(owners, ring, constant_values=-2).reshape(-1)
+    unknown = np.flatnonzero((weights == 0.0) & (of_pixels > -2))
+    for _ in range(3):  # as far as a corner's pixels are from what is known
+        unknown = _dilate(colors, weights, of_pixels, unknown, width + 2)
+    inner = (slice(1, -1), slice(1, -1))
+    colors = colors.reshape(height + 2, width + 2, depth)[inner]
+    return _pulled(colors, weights.reshape(height + 2, width + 2)[inner])
 
 
-def _dilated(values, known):
-    """One pixel farther."""
-    around = np.zeros_like(known)
-    steps = [(down, right) for down in (-1, 0, 1) for right in (-1, 0, 1)]
-    height, width = known.shape
-    for down, right in steps:
-        to = _overlap(height, down), _overlap(width, right)
-        around[to] += known[_overlap(height, -down), _overlap(width, -right)]
-    rows, columns = np.nonzero((known == 0.0) & (around > 0.0))
-    sums = np.zeros((len(rows), values.shape[2]), np.float32)
-    for down, right in steps:
-        y, x = rows + down, columns + right
-        inside = (y >= 0) & (y < height) & (x >= 0) & (x < width)
-        y, x = y[inside], x[inside]
-        sums[inside] += values[y, x] * known[y, x][:, None]
-    values, known = values.copy(), known.copy()
-    values[rows, columns] = sums / around[rows, columns][:, None]
-    known[rows, columns] = 1.0
-    return values, known
-
-
-def _overlap(length, shift):
-    return slice(max(shift, 0), length + min(shift, 0))
+def _dilate(colors, weights, owners, unknown, width):
+    """Gives unknown pixels the mean of those around that are known and of the same owner, in place;
+    returns those that stay unknown."""
+    sums = np.zeros((len(unknown), colors.shape[1]), np.float32)
+    counts = np.zeros(len(unknown), np.float32)
+    for step in (down * width + right for down in (-1, 0, 1) for right in (-1, 0, 1)):
+        if step == 0:
+            continue
+        there = unknown + step
+        near = np.flatnonzero((weights[there] > 0.0) & (owners[there] == owners[unknown]))
+        sums[near] += colors[there[near]]
+        counts[near] += 1.0
+    found = counts > 0.0
+    rows = unknown[found]
+    colors[rows] = sums[found] / counts[found, None]
+    weights[rows] = 1.0
+    return unknown[~found]
 
 
 def _pulled(values, known):

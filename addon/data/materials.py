@@ -2,7 +2,8 @@
 
 import math
 import zlib
-from dataclasses import replace
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from mathutils import Euler, Matrix
@@ -11,8 +12,32 @@ from ..core import looks
 from ..core.looks import Applied, Constant, ImageColor, Relief, Surface
 from . import images, versions
 
-_CLEAR = ("BSDF_TRANSPARENT", "HOLDOUT")
+CLEAR = ("BSDF_TRANSPARENT", "HOLDOUT")
+"""Types of shaders without a color."""
 _STEPS = 257  # of a color ramp
+
+
+@dataclass(frozen=True)
+class Pictures:
+    """Where a Reader gets what isn't in the nodes themselves.
+
+    Attributes
+    ----------
+    image : function
+        See `images.read`.
+    nodes : function
+        From a material whose base color can't be read from its nodes to an expression of
+        `core.looks` in its place, or None.
+    uvs : dict of str to (C, 2) array
+        UV maps that such expressions take, besides those of the mesh.
+    why_not : str
+        Why there are no such expressions, for the user.
+    """
+
+    image: Callable = images.read
+    nodes: Callable = lambda material: None
+    uvs: dict = field(default_factory=dict)
+    why_not: str = ""
 
 
 class Reader:
@@ -27,8 +52,7 @@ class Reader:
     active_color : str
     with_relief : bool
         Whether normal maps are read.
-    read_image : function
-        See `images.read`.
+    pictures : Pictures
 
     Attributes
     ----------
@@ -38,21 +62,21 @@ class Reader:
         What the surfaces that were read ask for.
     """
 
-    def __init__(self, uv, uvs, colors, active_color, with_relief, read_image=images.read):
+    def __init__(self, uv, uvs, colors, active_color, with_relief, pictures):
         self._uv, self._uvs, self._colors = uv, set(uvs), set(colors)
         self._active_color = active_color
         self._with_relief = with_relief
-        self._read_image = read_image
+        self._pictures = pictures
         self._textures = {}
         self.remarks = []
         self.used_uvs, self.used_colors = set(), set()
         self._from = []
-        self._unread = []
+        self._unread, self._unread_color = [], []
 
     def surface(self, material):
         """The Surface of a material, and whether its color comes from somewhere: an image, an
         attribute, nodes."""
-        self._from, self._unread = [], []
+        self._from, self._unread, self._unread_color = [], [], []
         tree = material.node_tree if versions.uses_nodes(material) else None
         found = None
         if tree is not None:
@@ -60,26 +84,33 @@ class Reader:
             if output is not None and output.inputs["Surface"].is_linked:
                 found = self._shader(*_origin(output.inputs["Surface"], ()))
         if found is None:
-            color = _constant(material.diffuse_color)
             numbers = (_number(x) for x in (1.0, material.roughness, material.metallic))
-            found = Surface(color, *numbers)
+            found = Surface(_constant(material.diffuse_color), *numbers)
             if tree is not None:
                 self.remarks.append(
                     f'The shader of the material "{material.name}" can\'t be read: its viewport '
                     "color is used instead"
                 )
+        elif found.color is None:
+            found = replace(found, color=self._color_of_nodes(material))
         is_own = bool(self._from)
         if self._unread:
             words = ", ".join(dict.fromkeys(self._unread))
-            instead = ""
-            if found.color is None:
-                found = replace(found, color=_constant(material.diffuse_color))
-                instead = ": its viewport color is used instead"
-            self.remarks.append(
-                f'Nodes of the material "{material.name}" can\'t be read ({words}){instead}'
-            )
+            self.remarks.append(f'Nodes of the material "{material.name}" can\'t be read ({words})')
         source = " and ".join(dict.fromkeys(self._from)) or f'the material "{material.name}"'
         return replace(found, source=source), is_own
+
+    def _color_of_nodes(self, material):
+        """What stands for a color that can't be read from the nodes one by one."""
+        found = self._pictures.nodes(material)
+        if found is not None:
+            self._from = [f'the nodes of the material "{material.name}"']
+            return found
+        words = ", ".join(dict.fromkeys(self._unread_color))
+        said = f'Nodes of the material "{material.name}" can\'t be read ({words})'
+        why_not = f". {self._pictures.why_not}" if self._pictures.why_not else ""
+        self.remarks.append(f"{said}: its viewport color is used instead{why_not}")
+        return _constant(material.diffuse_color)
 
     # --- Shaders ----------------------------------------------------------------------------------
 
@@ -92,7 +123,7 @@ class Reader:
             return self._mixed_shaders(node, path)
         inputs = node.inputs
         name = next((n for n in ("Base Color", "Color") if n in inputs), None)
-        if name is None or node.type in _CLEAR:
+        if name is None or node.type in CLEAR:
             return None
         if node.type == "EMISSION":
             return Surface(self._color(inputs[name], path), is_lit=False)
@@ -112,7 +143,7 @@ class Reader:
         origins = [_origin(socket, path) for socket in shaders]
         kinds = [None if output is None else output.node.type for output, _ in origins]
         solid = [
-            None if kind is None or kind in _CLEAR else self._shader(*origin)
+            None if kind is None or kind in CLEAR else self._shader(*origin)
             for kind, origin in zip(kinds, origins, strict=True)
         ]
         known = [surface for surface in solid if surface is not None]
@@ -125,7 +156,7 @@ class Reader:
             if factor is None or factor.node.type != "LIGHT_PATH":
                 share = self._value(node.inputs[0], path)
         if len(known) == 1:
-            if share is None or not set(kinds) & set(_CLEAR):
+            if share is None or not set(kinds) & set(CLEAR):
                 return known[0]
             if solid[0] is not None:
                 share = _applied("rest", lambda x: 1.0 - x, share)
@@ -133,6 +164,8 @@ class Reader:
             return replace(known[0], alpha=alpha)
         if share is None:
             return known[0]
+        if any(surface.color is None for surface in known):
+            known = [replace(surface, color=None) for surface in known]
         mixed = {
             name: _applied(
                 "blend MIX", looks.BLENDS["MIX"], share, *(getattr(s, name) for s in known)
@@ -168,6 +201,8 @@ class Reader:
         found = self._value(socket, path, as_number=False)
         found_in, self._from = self._from, noted
         if len(self._unread) > before:
+            self._unread_color += self._unread[before:]
+            del self._unread[before:]
             return None
         self._from += found_in
         return found
@@ -213,7 +248,7 @@ class Reader:
             return None
         key = node.image.session_uid
         if key not in self._textures:
-            texture, said = self._read_image(node.image)
+            texture, said = self._pictures.image(node.image)
             self._textures[key] = texture
             if said:
                 self.remarks.append(f"{said[0].upper()}{said[1:]}")

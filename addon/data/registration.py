@@ -28,6 +28,8 @@ class Registration:
         What is drawn in 3D viewports, and when: "POST_VIEW" or "POST_PIXEL". Only with a window.
     menus : tuple of (type, function)
         The menu, and what adds to it.
+    commands : tuple of (str, function)
+        The name after ``blender --command``, and what is called with the words after that.
     """
 
     stop: Callable[[], object] = lambda: None
@@ -36,9 +38,11 @@ class Registration:
     handlers: tuple = ()
     drawings: tuple = ()
     menus: tuple = ()
+    commands: tuple = ()
 
 
 _drawn = []  # what draw_handler_remove() wants
+_commands = []  # what unregister_cli_command() wants
 
 
 def register(registrations):
@@ -55,6 +59,8 @@ def register(registrations):
             _drawn.append(bpy.types.SpaceView3D.draw_handler_add(function, (), "WINDOW", when))
         for menu, function in one.menus:
             menu.append(function)
+        for name, function in one.commands:
+            _commands.append(bpy.utils.register_cli_command(name, function))
 
 
 def unregister(registrations):
@@ -62,6 +68,8 @@ def unregister(registrations):
         one.stop()
     while _drawn:
         bpy.types.SpaceView3D.draw_handler_remove(_drawn.pop(), "WINDOW")
+    while _commands:
+        bpy.utils.unregister_cli_command(_commands.pop())
     for one in reversed(registrations):
         for menu, function in reversed(one.menus):
             menu.remove(function)

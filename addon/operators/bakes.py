@@ -28,7 +28,7 @@ from ..scene import (
     stagger,
 )
 from .modal_operator import Computing
-from .polls import Explained, activate, active_result, busy_reason, fail, result_reason
+from .polls import Explained, activate, active_result, busy_reason, fail, note_done, result_reason
 
 
 def path_choice(description):
@@ -100,6 +100,7 @@ class POINTMORPH_OT_bake_shape_keys(Explained, bpy.types.Operator):
                 changed = obj
         except pointmorph.PointmorphError as error:
             return fail(self, error)
+        note_done(self)
         self.report({"INFO"}, f'Shape keys added to "{changed.name}": {self.steps}')
         return {"FINISHED"}
 

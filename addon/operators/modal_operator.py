@@ -11,7 +11,7 @@ from ..core.stepping import finish, go_on
 from ..data import areas
 from ..data.references import find, reference_to
 from ..data.registration import Registration
-from .polls import fail, fail_unexpectedly
+from .polls import fail, fail_unexpectedly, note_done
 
 _TURN = 0.04  # seconds of work at a time
 _REST = 0.01  # seconds at least between two turns
@@ -59,7 +59,7 @@ class Computing:
                 elif background_job.current.begun and not background_job.current.done:
                     self._meanwhile(context)
                 else:
-                    return self._finish(context, self._end(context).result())
+                    return self._finish_noted(context, self._end(context).result())
         except pointmorph.Cancelled:
             self.cancel(context)
             self.report({"INFO"}, self.stopped)
@@ -112,6 +112,13 @@ class Computing:
         if background_job.current is not None:
             self._end(context)
 
+    def _finish_noted(self, context, outcome):
+        """`_finish`, and a note of it for the command that does it again."""
+        result = self._finish(context, outcome)
+        if result == {"FINISHED"}:
+            note_done(self)
+        return result
+
     def _meanwhile(self, context):
         """Called now and then while it computes."""
 
@@ -123,7 +130,7 @@ class Computing:
         try:
             # A function of Python's, so that Ctrl-C works.
             compute = finish(self._begin_steps(context))
-            return self._finish(context, compute(lambda stage, fraction: True))
+            return self._finish_noted(context, compute(lambda stage, fraction: True))
         except pointmorph.PointmorphError as error:
             return fail(self, error)
 

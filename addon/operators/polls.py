@@ -4,7 +4,7 @@ from itertools import pairwise
 
 import pointmorph
 
-from ..core import background_job
+from ..core import background_job, done_steps
 from ..data import chains
 from ..data.arrays import SHAPE_TYPES
 from ..scene import blended_textures, morph_object, object_looks, presentation, staleness
@@ -40,6 +40,19 @@ def fail_unexpectedly(operator, error):
     background_job.problem = ("MORPH", said)
     operator.report({"ERROR"}, said)
     return {"CANCELLED"}
+
+
+def note_done(operator):
+    """Notes what an operator has done, with the options that it was given."""
+    options = {}
+    for known in operator.properties.bl_rna.properties:
+        name = known.identifier
+        if name == "rna_type" or not operator.properties.is_property_set(name):
+            continue
+        value = getattr(operator, name)
+        if value != known.default:
+            options[name] = value
+    done_steps.note(type(operator).__name__.removeprefix("POINTMORPH_OT_"), options)
 
 
 class Explained:

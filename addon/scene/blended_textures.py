@@ -74,7 +74,7 @@ def read_steps(context, obj, options):
 def _read_steps(context, obj, target, options):
     update(context, target)
     yield
-    shape = yield from read_own_steps(context, target, True, options.normal)
+    shape = yield from read_own_steps(context, target, True, options.normal, True)
     recipe = recipes.recipe_of(obj)
     if len(shape.positions) != recipe["points"][-1]:
         raise pointmorph.CloudError(
@@ -92,7 +92,7 @@ def _read_steps(context, obj, target, options):
             "Add one, so that there is something to blend to.",
         )
     yield
-    skin = object_looks.read_skin(obj, obj.data, with_look=False)
+    skin = object_looks.read_skin(obj, obj.data)
     triangles = arrays.mesh_triangles(obj.data)
     yield
     canvas = Canvas(triangles, skin, places_at_end(obj))

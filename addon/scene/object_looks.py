@@ -8,13 +8,14 @@ import numpy as np
 from ..core import looks
 from ..core.look_transfer import Skin
 from ..core.looks import PLAIN, AttributeColor, Look
-from ..data import arrays, images
-from ..data.materials import Reader
+from ..data import arrays, bare_colors, images
+from ..data.materials import Pictures, Reader
 
 
-def read_skin(obj, mesh, with_relief=False, with_look=True):
+def read_skin(obj, mesh, with_relief=False, pictures=None):
     """The Skin of an object's mesh, be it its own or the one that the viewport shows; None without
-    faces. Normals and normal maps are read `with_relief`.
+    faces. Normals and normal maps are read `with_relief`. It has a look where there are `pictures`,
+    a `materials.Pictures`.
 
     A face's color comes from its material, if that has an image or an attribute there; else from
     the active color attribute; else it is the material's plain color.
@@ -24,7 +25,7 @@ def read_skin(obj, mesh, with_relief=False, with_look=True):
     layer = render_layer(mesh)
     return Skin(
         arrays.triangle_loops(mesh),
-        _read_look(obj, mesh, with_relief) if with_look else None,
+        None if pictures is None else _read_look(obj, mesh, with_relief, pictures),
         None if layer is None else arrays.corner_uvs(layer),
         _name_of(layer),
         arrays.smooth_faces(mesh)[arrays.triangle_faces(mesh)],
@@ -59,6 +60,38 @@ def materials_of(obj, mesh):
     return found
 
 
+def unread_materials(obj, mesh):
+    """The materials of an object's faces whose base color can't be read from their nodes."""
+    found = []
+    reader = _reader(mesh, False, Pictures(images.without_pixels, found.append))
+    for material in _used(materials_of(obj, mesh), mesh):
+        if material is not None:
+            reader.surface(material)
+    return found
+
+
+def _used(materials, mesh):
+    """Those that faces have."""
+    if not materials:
+        return []
+    slots = np.unique(arrays.material_indices(mesh).clip(0, len(materials) - 1))
+    return list(dict.fromkeys(materials[slot] for slot in slots.tolist()))
+
+
+def described_nodes(material):
+    """What the nodes of a material compute, in words: the same for the same."""
+    tree = material.node_tree
+    return "" if tree is None else bare_colors.described(tree)
+
+
+def _named_nodes(material):
+    """In place of the color that nodes compute: their description."""
+    return looks.Applied(f"nodes {zlib.crc32(described_nodes(material).encode()):08x}", None, ())
+
+
+_WITHOUT_PIXELS = Pictures(images.without_pixels, _named_nodes)
+
+
 def described_steps(obj):
     """What tells whether an object's look has changed, besides its active color attribute and what
     is painted on images: a list of texts and arrays, None where there's no look, or where it moves
@@ -67,7 +100,7 @@ def described_steps(obj):
     moving = [m for m in materials_of(obj, mesh) if m is not None and _is_animated(m)]
     if not mesh.polygons or moving:
         return None
-    look = _read_look(obj, mesh, False, images.without_pixels)
+    look = _read_look(obj, mesh, False, _WITHOUT_PIXELS)
     yield
     if look is None:
         return None
@@ -82,7 +115,7 @@ def described_steps(obj):
 
 def material_print(obj, material):
     """What tells whether a material looks the same on an object's mesh as before: a short text."""
-    surface, _ = _reader(obj.data, False, images.without_pixels).surface(material)
+    surface, _ = _reader(obj.data, False, _WITHOUT_PIXELS).surface(material)
     return f"{zlib.crc32(' '.join(_words_of(surface)).encode()):08x}"
 
 
@@ -99,13 +132,13 @@ def _is_animated(material):
     )
 
 
-def _read_look(obj, mesh, with_relief, read_image=images.read):
+def _read_look(obj, mesh, with_relief, pictures):
     """The Look of an object's mesh; None where it has neither materials nor colors."""
     materials = materials_of(obj, mesh)
     active = arrays.active_colors(mesh)
     if not any(materials) and active is None:
         return None
-    reader = _reader(mesh, with_relief, read_image)
+    reader = _reader(mesh, with_relief, pictures)
     slots = arrays.material_indices(mesh).clip(0, max(len(materials) - 1, 0))
     used, numbers = np.unique(slots, return_inverse=True)
     surfaces = []
@@ -120,7 +153,7 @@ def _read_look(obj, mesh, with_relief, read_image=images.read):
     return Look(
         tuple(surfaces),
         np.repeat(numbers.reshape(-1), arrays.corner_counts(mesh)),
-        {name: arrays.corner_uvs(mesh.uv_layers[name]) for name in reader.used_uvs},
+        {name: arrays.corner_uvs(mesh.uv_layers[name]) for name in reader.used_uvs} | pictures.uvs,
         {
             name: arrays.corner_colors(mesh, mesh.color_attributes[name])
             for name in reader.used_colors
@@ -129,14 +162,14 @@ def _read_look(obj, mesh, with_relief, read_image=images.read):
     )
 
 
-def _reader(mesh, with_relief, read_image):
+def _reader(mesh, with_relief, pictures):
     return Reader(
         _name_of(render_layer(mesh)),
         [layer.name for layer in mesh.uv_layers],
         [item.name for item in mesh.color_attributes],
         _name_of(arrays.active_colors(mesh)),
         with_relief,
-        read_image,
+        pictures,
     )
 
 

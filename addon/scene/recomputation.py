@@ -85,7 +85,8 @@ def _read_plan_steps(context, shapes, choices, loop, values, with_relief):
     for number, shape in enumerate(shapes):
         yield
         relief = with_relief and number == len(shapes) - 1
-        read.append((yield from read_shape_steps(context, shape, origin, number > 0, relief)))
+        steps = read_shape_steps(context, shape, origin, number > 0, relief, True)
+        read.append((yield from steps))
     requests = []
     for source, target in pairwise(read):
         yield

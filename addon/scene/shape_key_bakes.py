@@ -6,7 +6,7 @@ import pointmorph
 
 from ..core import remembered, transforms
 from ..data import arrays
-from . import morph_builder, morph_object, morph_paths, recipes, stagger
+from . import morph_builder, morph_object, morph_paths, recipes, shape_reader, stagger
 
 
 def _check_at_rest(obj):
@@ -51,7 +51,8 @@ def bake_source(context, obj, steps, path):
     Raises
     ------
     CloudError
-        See `source_ways`; and when the source is linked from another file.
+        See `source_ways`; and when the source is linked from another file, or has other vertices
+        than its shape keys.
     """
     _check_at_rest(obj)
     source, places, normals, back = morph_paths.source_ways(obj)
@@ -62,6 +63,7 @@ def bake_source(context, obj, steps, path):
             "one linked from another file",
             "Make it local (Object > Relations > Make Local), or bake on the morph object instead.",
         )
+    shape_reader.check_keys(source)
     timing = stagger.timing_of(context, obj)
     if timing is not None:
         timing = timing.by_row(morph_object.stage_rows(obj)[0])

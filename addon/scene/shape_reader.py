@@ -10,7 +10,8 @@ from ..core.settings import settings_values
 from ..core.stepping import finish
 from ..data import arrays
 from ..data.feature_list import feature_choices, feature_groups
-from . import object_looks
+from ..data.materials import Pictures
+from . import baked_colors, object_looks
 
 
 def read_request(context):
@@ -55,7 +56,7 @@ def update(context, *objects):
     context.view_layer.update()
 
 
-def read_shape_steps(context, obj, origin, as_shown, with_relief=False):
+def read_shape_steps(context, obj, origin, as_shown, with_relief=False, bakes=False):
     """A generator that yields often and returns an object in the frame with the world's axes and
     this origin; `update` must come before.
 
@@ -63,18 +64,25 @@ def read_shape_steps(context, obj, origin, as_shown, with_relief=False):
     ----------
     as_shown : bool
         With modifiers and shape keys, as in the viewport. A point cloud always is.
-    with_relief : bool
+    with_relief, bakes : bool
         See `read_own_steps`.
     """
     matrix = transforms.relative_to(obj.matrix_world, origin)
-    shape = yield from read_own_steps(context, obj, as_shown, with_relief)
+    shape = yield from read_own_steps(context, obj, as_shown, with_relief, bakes)
     transforms.check_invertible(obj.name, matrix)
     return shape.moved(matrix)
 
 
-def read_own_steps(context, obj, as_shown, with_relief=False):
-    """The same in the object's own space; with normals at faces' corners and normal maps if they
-    are wanted."""
+def read_own_steps(context, obj, as_shown, with_relief=False, bakes=False):
+    """The same in the object's own space.
+
+    Parameters
+    ----------
+    with_relief : bool
+        With normals at faces' corners, and normal maps.
+    bakes : bool
+        Whether colors that can't be read otherwise are baked.
+    """
     if obj.type not in arrays.SHAPE_TYPES:
         raise pointmorph.CloudError(
             obj.name,
@@ -93,15 +101,26 @@ def read_own_steps(context, obj, as_shown, with_relief=False):
         )
     if obj.type == "POINTCLOUD":
         return _read_cloud(obj, evaluated.data)
-    if as_shown and not is_plain(obj):
+    changes = as_shown and not is_plain(obj)
+    pictures = Pictures()
+    if bakes:
+        yield
+        pictures = baked_colors.needed(context, obj, evaluated if changes else None)
+        yield
+    if changes:
+        depsgraph = context.evaluated_depsgraph_get()
+        evaluated = obj.evaluated_get(depsgraph)
         # Lives until the scene is evaluated again, so this is one step.
         mesh = evaluated.to_mesh(preserve_all_data_layers=True, depsgraph=depsgraph)
         try:
-            return finish(_read_mesh(obj, mesh, arrays.vertex_positions(mesh), with_relief))
+            return finish(
+                _read_mesh(obj, mesh, arrays.vertex_positions(mesh), with_relief, pictures)
+            )
         finally:
             evaluated.to_mesh_clear()
+    check_keys(obj)
     positions = arrays.basis_positions(obj.data)
-    shape = yield from _read_mesh(obj, obj.data, positions, with_relief)
+    shape = yield from _read_mesh(obj, obj.data, positions, with_relief, pictures)
     if len(obj.data.vertices) != len(shape.positions):
         raise pointmorph.CloudError(
             obj.name,
@@ -142,7 +161,20 @@ def is_plain(obj):
     return not (obj.modifiers or obj.data.shape_keys or obj.mode == "EDIT" or by_parent)
 
 
-def _read_mesh(obj, mesh, positions, with_relief):
+def check_keys(obj):
+    """Raises CloudError where a script has given the mesh other vertices than its shape keys."""
+    keys, count = obj.data.shape_keys, len(obj.data.vertices)
+    wrong = [key for key in keys.key_blocks if len(key.data) != count] if keys else []
+    if wrong:
+        raise pointmorph.CloudError(
+            obj.name,
+            f"shape keys for its {count} vertices",
+            f'{len(wrong[0].data)} in "{wrong[0].name}"',
+            "Enter and leave Edit Mode, or remove these shape keys.",
+        )
+
+
+def _read_mesh(obj, mesh, positions, with_relief, pictures):
     """A generator that yields often and returns a Shape."""
     groups = feature_groups(obj)
     yield
@@ -151,7 +183,7 @@ def _read_mesh(obj, mesh, positions, with_relief):
     # Without faces Blender makes normals up.
     normals = _own_normals(mesh) if triangles is None else arrays.mesh_normals(mesh)
     yield
-    skin = object_looks.read_skin(obj, mesh, with_relief)
+    skin = object_looks.read_skin(obj, mesh, with_relief, pictures)
     yield
     colors, radii = object_looks.vertex_colors(mesh, skin), _radii(mesh)
     yield

@@ -2,7 +2,7 @@
 
 import bpy
 
-from ..core import background_job
+from ..core import background_job, done_steps
 from ..data.feature_list import sync_features
 from ..data.registration import Registration
 from ..operators import polls
@@ -26,8 +26,13 @@ def _start_anew(*_):
     preview_object.remove_left_over()
 
 
+def _forget_steps(*_):
+    done_steps.forget()
+
+
 registration = Registration(
     handlers=(
+        ("load_post", _forget_steps),
         ("depsgraph_update_post", _sync),
         ("depsgraph_update_post", stagger.share_changes),
         ("depsgraph_update_post", cached_frames.separate_copies),

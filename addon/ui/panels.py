@@ -28,6 +28,7 @@ class POINTMORPH_PT_morph(Panel, bpy.types.Panel):
 
     def draw_header_preset(self, context):
         self.layout.emboss = "NONE"
+        self.layout.operator("pointmorph.copy_command", text="", icon="CONSOLE")
         self.layout.operator("pointmorph.manual", text="", icon="HELP")
 
     def draw(self, context):

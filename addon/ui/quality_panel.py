@@ -19,11 +19,11 @@ def draw_verdict(layout, context, obj):
     report = recipes.report_of(obj)
     if report is None:
         return
-    grade, line = quality_words.verdict(report)
-    mesh = report.get("mesh")
-    meaning = f'Open "Quality" for what is behind it. {mesh["verdict"] if mesh else ""}'
+    verdict = quality_words.verdict(report)
+    reasons = "".join(f"\n{reason}" for reason in verdict.reasons)
+    meaning = recipes.present_words(obj, f'"Quality" has the places and all figures.{reasons}')
     row = layout.split(factor=0.86)
-    explained(row, line, recipes.present_words(obj, meaning), _GRADE_ICONS[grade])
+    explained(row, verdict.line, meaning, _GRADE_ICONS[verdict.grade])
     for kind, places in _places(report):
         if places:
             edge = row.row()
@@ -54,10 +54,7 @@ class POINTMORPH_PT_quality(Panel, bpy.types.Panel):
         report = recipes.report_of(obj)
         if report is None:
             return
-        mesh = report.get("mesh")
-        if mesh is not None:
-            verdict = recipes.present_words(obj, mesh["verdict"])
-            say(layout, context, verdict, _GRADE_ICONS[mesh["grade"]])
+        _draw_reasons(layout, context, obj, quality_words.verdict(report))
         _draw_missing_marks(layout, context, report)
         for kind, places in _places(report):
             _draw_places(layout, context, obj, kind, places)
@@ -80,8 +77,16 @@ def _draw_colors(layout, obj):
             row.label(text=text, icon=icon)
 
 
+def _draw_reasons(layout, context, obj, verdict):
+    """The verdict, and why."""
+    column = layout.column(align=True)
+    column.label(text=verdict.line, icon=_GRADE_ICONS[verdict.grade])
+    for reason in verdict.reasons:
+        say(column, context, recipes.present_words(obj, reason), "DOT")
+
+
 def _draw_missing_marks(layout, context, report):
-    if quality_words.verdict(report)[0] == "good":
+    if quality_words.verdict(report).grade == "good":
         return
     names = [item.name for item in context.scene.pointmorph.features if item.use]
     for there, missing in quality_words.missing_marks(names):

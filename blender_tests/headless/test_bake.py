@@ -216,6 +216,24 @@ def test_the_morph_object_is_found_when_something_else_is_active(morphed):
     assert names(source) == ["Basis", "Dune"]
 
 
+def test_keys_of_other_vertices_than_the_mesh_has_are_said(settings):
+    source, _ = pair()
+    source.shape_key_add(name="Basis")
+    source.data.clear_geometry()  # a script that leaves the keys behind
+    positions, faces = patch(13)
+    source.data.from_pydata(positions.tolist(), [], faces.tolist())
+    source.vertex_groups.clear()
+    mark(source, "peak", 0, 0)
+    mark(source, "slope", 0.5, 0.3)
+    assert "shape keys for its 169 vertices" in error_of(bpy.ops.pointmorph.morph)
+    source.shape_key_clear()
+    select(morph())
+    source.shape_key_add(name="Basis")
+    source.data.clear_geometry()
+    source.data.from_pydata(patch(12)[0].tolist(), [], [])
+    error_of(bpy.ops.pointmorph.bake_shape_keys)
+
+
 def test_keys_can_be_undone(morphed):
     bpy.ops.ed.undo_push(message="before")
     bpy.ops.pointmorph.bake_shape_keys("EXEC_DEFAULT", True, kind="SOURCE", steps=3)

@@ -53,8 +53,20 @@ def test_curves_and_regions_are_thinned_too(addon, settings):
             old = before.positions[full.rows(end)]
             new = shape.positions[few.rows(end)]
             assert all((old == place).all(axis=1).any() for place in new)
-    outcome = addon("core.preview").compute(whole, lambda stage, fraction: True)
+    told = []
+
+    def tell(stage, fraction):
+        told.append((stage, fraction))
+        return True
+
+    outcome = addon("core.preview").compute(whole, tell)
     assert outcome is not None
+    # A single stage, which moves and never goes back.
+    assert {stage for stage, _ in told} == {"preview"}
+    fractions = np.array([fraction for _, fraction in told])
+    assert (np.diff(fractions) >= 0.0).all()
+    assert 0.8 < fractions[-1] <= 1.0
+    assert len(np.unique(fractions.round(2))) > 10
     assert len(outcome.source.rows) < len(whole.source.positions)
 
 

@@ -217,20 +217,42 @@ def report_of(obj, **figures):
     return report
 
 
-def test_the_verdict_is_one_line(addon, settings):
-    words = addon("core.quality_words")
+def test_there_is_one_verdict_with_its_reasons(addon, settings):
+    verdict = addon("core.quality_words").verdict
     pair(30, 26)
     report = report_of(morph())
-    report["worst"], report["mesh"]["grade"], report["mesh"]["worst"] = [], "good", []
-    assert words.verdict(report) == ("good", "Good: no bad places")
-    report["mesh"]["grade"] = "fair"
-    assert words.verdict(report) == ("fair", "Fair: see the figures")
+    report["worst"], mesh = [], report["mesh"]
+    mesh |= {"grade": "good", "worst": [], "verdict": "Good: the faces of A lie smoothly on B."}
+    found = verdict(report)
+    assert (found.grade, found.line) == ("good", "Good: no bad places")
+    assert found.reasons == ("Faces: those of A lie smoothly on B",)
+    words = "0.3 % of the edges are creased; the vertices lie off B by 0.02 % of its size"
+    mesh |= {"grade": "fair", "verdict": f"A to B: Fair: {words}."}
+    found = verdict(report)
+    assert (found.grade, found.line) == ("fair", "Fair: see below")
+    assert found.reasons == tuple(f"Faces (A to B): {part}" for part in words.split("; "))
+
+
+def test_the_worse_of_match_and_faces_is_the_verdict(addon, settings):
+    """And no reason has a grade of its own beside it."""
+    words = addon("core.quality_words")
     bad_pair()
     obj = morph()
     report = report_of(obj)
     places = len(report["worst"]) + len(report["mesh"]["worst"])
-    assert words.verdict(report)[1].endswith(f"{places} places to look at")
-    assert words.verdict(report_of(obj, flipped=0.03))[0] == "poor"
+    assert words.verdict(report).line.endswith(f"{places} places to look at")
+    for figures, reason in (
+        ({"flipped": 0.034}, "Match: 3.4 % of the points are folded over"),
+        ({"flipped": 0.0, "coverage": 0.91}, "Match: 9 % of the points are left out"),
+    ):
+        for grade in words.GRADES:
+            report = report_of(obj, **figures)
+            report["mesh"] |= {"grade": grade, "verdict": f"{grade.capitalize()}: so it is."}
+            found = words.verdict(report)
+            assert found.grade == "poor"
+            assert {reason, "Faces: so it is"} <= set(found.reasons)
+            said = " ".join(found.reasons).lower()
+            assert not any(f"{other}:" in said for other in words.GRADES)
 
 
 def test_every_figure_is_explained(addon, settings):

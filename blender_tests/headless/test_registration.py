@@ -22,6 +22,7 @@ OPERATORS = (
     "morph_chain",
     "recompute",
     "transfer_attributes",
+    "bake_collection",
     "bake_frames",
     "bake_shape_keys",
     "add_demo",
@@ -29,6 +30,7 @@ OPERATORS = (
     "check_features",
     "clear_loop",
     "click_features",
+    "copy_command",
     "jump_to_feature",
     "key_morph",
     "manual",
@@ -51,7 +53,7 @@ OPERATORS = (
     "use_as_shown",
 )
 # Each click is undone by itself; the others change nothing in the file.
-UNDO_STEPS_OF_THEIR_OWN = ("click_features", "explain", "manual", "show_cut")
+UNDO_STEPS_OF_THEIR_OWN = ("click_features", "copy_command", "explain", "manual", "show_cut")
 
 
 def registered():

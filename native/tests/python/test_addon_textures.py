@@ -179,39 +179,41 @@ def test_overlaps_and_what_lies_outside_are_seen() -> None:
     assert "larger" in texels.are_usable(np.nan * uvs[triangles], 64)[0]
 
 
-@pytest.mark.parametrize("count", [1, 2, 7, 128, 3000])
-def test_a_layout_has_room_for_every_triangle(count: int) -> None:
+@pytest.mark.parametrize("count", [1, 700, 40_000])
+def test_every_face_has_a_place_of_its_own(count: int) -> None:
+    """Painted face by face, each shows its own color up to its corners, and nothing else."""
     rng = np.random.default_rng(count)
-    corners = rng.normal(size=(count, 3, 3)) * rng.uniform(0.05, 5, (count, 1, 1))
-    uvs, found, size = texels.lay_out(corners, 256)
-    assert uvs.min() > 0.0
-    assert uvs.max() < 1.0
-    assert len(np.unique(found.rows)) == len(found.rows)
-    assert set(found.triangles.tolist()) == set(range(count))
-    # Where a pixel lies in its triangle, it is drawn with that very place.
-    places = np.einsum("tk,tkc->tc", found.shares, uvs[found.triangles]) * size - 0.5
-    inside = found.shares.min(axis=1) > 1e-4
-    pixels = np.column_stack([found.rows % size, found.rows // size])
-    np.testing.assert_allclose(places[inside], pixels[inside], atol=1e-3)
-    # And all that is mixed in at a border belongs to the triangle, too.
-    owner = np.full(size * size, -1)
-    owner[found.rows] = found.triangles
-    edges = np.concatenate([uvs, 0.5 * (uvs + np.roll(uvs, 1, axis=1))], axis=1) * size - 0.5
-    for dx in (0, 1):
-        for dy in (0, 1):
-            first = np.floor(edges)
-            x, y = (first[..., k].astype(int) + d for k, d in enumerate((dx, dy)))
-            weights = np.abs(1 - np.array([dx, dy]) - (edges - first)).prod(axis=-1)
-            at = y.clip(0, size - 1) * size + x.clip(0, size - 1)
-            own = owner[at] == np.arange(count)[:, None]
-            assert (own | (weights < 1e-3)).all()
+    counts = rng.choice([3, 3, 4, 4, 4, 5, 9], count)
+    uvs, owners = texels.lay_out(counts, rng.pareto(2.0, count) + 0.01, 256)
+    size = len(owners)
+    starts = np.cumsum(counts) - counts
+    triangles = np.concatenate(
+        [
+            np.array([[s, s + k, s + k + 1] for k in range(1, c - 1)])
+            for s, c in zip(starts, counts, strict=True)
+        ]
+    )
+    of_triangle = np.repeat(np.arange(count), counts - 2)
+    found, drawn = texels.cover(uvs[triangles], size)
+    assert drawn == len(found.rows)  # no pixel is in two faces
+    values = np.zeros((size * size, 1), np.float32)
+    known = np.zeros(size * size, bool)
+    values[found.rows, 0], known[found.rows] = of_triangle[found.triangles], True
+    assert (np.bincount(of_triangle[found.triangles], minlength=count) > 0).all()
+    image = texels.filled(values.reshape(size, size, 1), known.reshape(size, size), owners)
+    rgba = np.repeat(image, 4, axis=2)
+    texture = textures.Texture("faces", rgba, is_solid=True)
+    face = np.repeat(np.arange(count), counts)
+    middles = (np.add.reduceat(uvs, starts) / counts[:, None])[face]
+    for places in (uvs, 0.5 * (uvs + middles)):
+        np.testing.assert_allclose(textures.sample(texture, places)[:, 0], face, atol=0.01)
 
 
-def test_a_layout_grows_where_there_are_too_many_triangles() -> None:
-    corners = np.random.default_rng(0).normal(size=(40_000, 3, 3))
-    _, found, size = texels.lay_out(corners, 256)
-    assert size == 1024
-    assert len(np.unique(found.rows)) == len(found.rows)
+def test_larger_faces_have_larger_places() -> None:
+    uvs, owners = texels.lay_out(np.full(64, 4), np.repeat([1.0, 4.0], [32, 32]), 1024)
+    sides = np.ptp(uvs.reshape(64, 4, 2), axis=1) * len(owners)
+    assert (sides[32:] > 3.5 * sides[:32]).all()
+    assert sides.min() > 20
 
 
 def test_filling_goes_on_from_what_is_there() -> None:
@@ -219,9 +221,34 @@ def test_filling_goes_on_from_what_is_there() -> None:
     known = np.zeros((32, 32), bool)
     known[8:16, 4:20] = True
     values[8:16, 4:20] = (0.25, 0.75)
-    filled = texels.filled(values, known)
+    owners = np.zeros(known.shape, np.int32)
+    filled = texels.filled(values, known, owners)
     np.testing.assert_allclose(filled, np.broadcast_to((0.25, 0.75), (32, 32, 2)), atol=1e-6)
-    assert (texels.filled(values, np.zeros((32, 32), bool)) == 0).all()
+    assert (texels.filled(values, np.zeros((32, 32), bool), owners) == 0).all()
+
+
+def test_faces_of_any_shape_are_drawn_on_without_uvs() -> None:
+    """Squares and triangles side by side: each place shows the color that the model has there."""
+    positions, triangles, _ = grid(9)
+    half = len(triangles) // 2  # the first triangle of every square; then the second ones
+    corners = np.zeros_like(triangles)
+    square, apart = np.arange(half) % 3 > 0, 0
+    for row in range(half):
+        corners[row] = apart + np.arange(3)
+        corners[half + row] = apart + (np.array([0, 2, 3]) if square[row] else np.array([3, 4, 5]))
+        apart += 4 if square[row] else 6
+    skin = look_transfer.Skin(corners, None, None, "", np.zeros(len(triangles), bool))
+    colors = np.column_stack([positions[:, :2], np.zeros(len(positions)), np.ones(len(positions))])
+    model = look_transfer.Model(positions, None, None, colors.astype(np.float32))
+    canvas = look_transfer.Canvas(triangles, skin, positions.astype(np.float32))
+    drawn = look_transfer.draw(canvas, model, look_transfer.Options(256), go_on)
+    shares = np.random.default_rng(0).dirichlet((1, 1, 1), len(triangles))
+    uvs = np.einsum("tk,tkc->tc", shares, drawn.uvs[corners])
+    wanted = np.einsum("tk,tkc->tc", shares, positions[triangles])
+    texture = textures.Texture("", np.asarray(drawn.color, np.float32), is_solid=True)
+    found = textures.sample(texture, uvs)
+    # The colors between the model's points are no finer than these lie apart.
+    np.testing.assert_allclose(found[:, :2], wanted[:, :2], atol=0.04)
 
 
 # --- The closest place ----------------------------------------------------------------------------

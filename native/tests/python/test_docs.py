@@ -25,6 +25,13 @@ def test_settings_page_is_up_to_date() -> None:
     )
 
 
+def test_reliability_page_is_up_to_date() -> None:
+    page = runpy.run_path(str(ROOT / "docs" / "make_reliability.py"))["page"]()
+    assert (ROOT / "docs" / "reliability.md").read_text(encoding="utf-8") == page, (
+        "run: python docs/make_reliability.py"
+    )
+
+
 @pytest.mark.parametrize(
     "page", sorted(p.relative_to(ROOT) for p in [ROOT / "README.md", *ROOT.glob("docs/**/*.md")]),
     ids=str,

@@ -1,0 +1,173 @@
+"""Materials that glow with their base color and do nothing else: to be baked, and described."""
+
+import bpy
+
+from . import versions
+from .materials import CLEAR
+
+_MIXES = ("MIX_SHADER", "ADD_SHADER")
+# What nodes say that has to do with how they are shown, not with what they compute.
+_FOR_SHOW = {"name", "label", "width", "height", "parent", "select", "hide", "show_options"}
+_FOR_SHOW |= {"show_preview", "show_texture", "location", "location_absolute", "color", "color_tag"}
+_FOR_SHOW |= {"use_custom_color", "warning_propagation"}
+
+
+def bare(material, created):
+    """A copy of a material whose shaders are replaced by a glow in their color.
+
+    Parameters
+    ----------
+    created : function
+        Called with every data-block made.
+    """
+    copy = material.copy()
+    created(copy)
+    tree = copy.node_tree
+    _strip(tree, created)
+    output = tree.get_output_node("CYCLES")
+    for name in ("Volume", "Displacement"):
+        for link in output.inputs[name].links:
+            tree.links.remove(link)
+    return copy
+
+
+def black(created):
+    """A material for faces that aren't looked at."""
+    material = bpy.data.materials.new("Pointmorph Black")
+    created(material)
+    tree = versions.node_tree(material)
+    tree.nodes.clear()
+    output = tree.nodes.new("ShaderNodeOutputMaterial")
+    glow = tree.nodes.new("ShaderNodeEmission")
+    glow.inputs["Color"].default_value = (0.0, 0.0, 0.0, 1.0)
+    tree.links.new(glow.outputs[0], output.inputs["Surface"])
+    return material
+
+
+def _strip(tree, created):
+    for node in list(tree.nodes):
+        shaders = [output for output in node.outputs if output.type == "SHADER"]
+        if node.type == "GROUP" and node.node_tree is not None and shaders:
+            node.node_tree = node.node_tree.copy()
+            created(node.node_tree)
+            _strip(node.node_tree, created)
+        elif node.type in _MIXES:
+            _leave_out_clear(tree, node)
+        elif shaders and node.type not in CLEAR:
+            _replace(tree, node, shaders[0])
+
+
+def _replace(tree, node, shader):
+    """Puts a glow of its color in a shader's place."""
+    name = next((n for n in ("Base Color", "Color") if n in node.inputs), None)
+    if name is None or not shader.is_linked:
+        return
+    glow = tree.nodes.new("ShaderNodeEmission")
+    color = node.inputs[name]
+    if color.is_linked:
+        tree.links.new(color.links[0].from_socket, glow.inputs["Color"])
+    else:
+        glow.inputs["Color"].default_value = color.default_value
+    for place in [link.to_socket for link in shader.links]:
+        tree.links.new(glow.outputs[0], place)
+
+
+def _leave_out_clear(tree, node):
+    """Of two mixed shaders, takes the one with a color where the other is transparent, or where the
+    mix depends on the light's path; of a sum, the first."""
+    sides = [socket for socket in node.inputs if socket.type == "SHADER"]
+    colored = [side.is_linked and side.links[0].from_node.type not in CLEAR for side in sides]
+    factor = node.inputs[0]
+    is_sum = node.type == "ADD_SHADER"
+    by_path = factor.is_linked and factor.links[0].from_node.type == "LIGHT_PATH" and not is_sum
+    if all(colored) and not (is_sum or by_path):
+        return
+    kept = colored.index(True) if any(colored) else 0
+    if is_sum:
+        for link in sides[1 - kept].links:
+            tree.links.remove(link)
+        return
+    for link in factor.links:
+        tree.links.remove(link)
+    factor.default_value = float(kept)
+
+
+def has_images(tree):
+    """Whether nodes of a tree, or of groups in it, show images."""
+    return any(
+        getattr(node, "image", None) is not None
+        or (node.type == "GROUP" and node.node_tree is not None and has_images(node.node_tree))
+        for node in tree.nodes
+    )
+
+
+# --- What nodes say -------------------------------------------------------------------------------
+
+
+def described(tree):
+    """What the nodes of a tree compute, in words: the same for the same."""
+    numbers = {node.name: number for number, node in enumerate(tree.nodes)}
+    words = [_described_node(node) for node in tree.nodes]
+    for link in tree.links:
+        ends = (
+            f"{numbers[node.name]}.{socket.identifier}"
+            for node, socket in ((link.from_node, link.from_socket), (link.to_node, link.to_socket))
+        )
+        words.append(" > ".join(ends) + (" muted" if link.is_muted else ""))
+    return "\n".join(words)
+
+
+def _described_node(node):
+    words = [node.bl_idname]
+    words += _described_properties(node)
+    for socket in node.inputs:
+        value = getattr(socket, "default_value", None)
+        if value is not None and not socket.is_linked:
+            words.append(f"{socket.identifier} {_value(value)}")
+    if node.type in ("RGB", "VALUE", "NORMAL"):
+        words.append(_value(node.outputs[0].default_value))
+    return " ".join(words)
+
+
+def _described_properties(item):
+    found = []
+    for known in item.bl_rna.properties:
+        name = known.identifier
+        if name in _FOR_SHOW or name.startswith("bl_") or name == "rna_type":
+            continue
+        if known.type == "POINTER":
+            found += _described_pointer(name, getattr(item, name))
+        elif known.type not in ("COLLECTION", "STRING") and not known.is_readonly:
+            found.append(f"{name} {_value(getattr(item, name))}")
+        elif known.type == "STRING" and not known.is_readonly:
+            found.append(f"{name} {getattr(item, name)!r}")
+    return found
+
+
+def _described_pointer(name, found):
+    if found is None:
+        return []
+    if isinstance(found, bpy.types.NodeTree):
+        return [f"{name} [{described(found)}]"]
+    if isinstance(found, bpy.types.ID):
+        return [f"{name} {found.name!r}"]
+    if isinstance(found, bpy.types.ColorRamp):
+        ends = [f"{_value(e.position)} {_value(e.color)}" for e in found.elements]
+        return [name, *_described_properties(found), *ends]
+    if isinstance(found, bpy.types.CurveMapping):
+        points = [f"{_value(p.location)} {p.handle_type}" for c in found.curves for p in c.points]
+        return [name, *points]
+    return []
+
+
+def _value(value):
+    if isinstance(value, (str, bool, int)):
+        return str(value)
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    try:
+        return " ".join(f"{float(x):.6g}" for x in value)
+    except TypeError:
+        return getattr(value, "name", "")
+    except ValueError:  # a set of words
+        return " ".join(sorted(value))

@@ -1,0 +1,103 @@
+"""One template to many targets: a shape key for each mesh of a collection."""
+
+import bpy
+import pointmorph
+
+from ..data.references import find, reference_to
+from ..data.registration import Registration
+from ..scene import collection_keys, morph_object
+from .modal_operator import Computing
+from .polls import Explained, busy_reason
+
+
+class POINTMORPH_OT_bake_collection(Explained, Computing, bpy.types.Operator):
+    """Give the active mesh a shape key for each mesh of a collection, with a slider of its own, by
+    the settings of the Pointmorph panel. Features that both meshes have are matched. Keys made
+    before are made anew, with their drivers and animation"""
+
+    bl_idname = "pointmorph.bake_collection"
+    bl_label = "Morph into Collection"
+    bl_options = {"UNDO"}
+    stopped = "Canceled: no shape keys were added"
+    _is_dialog = False
+
+    collection: bpy.props.StringProperty(
+        name="Collection",
+        description="Collection whose meshes become shape keys",
+        options={"SKIP_SAVE"},
+    )
+    in_place: bpy.props.BoolProperty(
+        name="In Place",
+        description="Take each mesh as if its origin lay on that of the active one. Otherwise, "
+        "the mesh moves to where the others are",
+        default=True,
+    )
+
+    @staticmethod
+    def reason(context):
+        template = context.view_layer.objects.active
+        if template is None or template.type != "MESH" or morph_object.is_made(template):
+            return "Make the mesh that is to get the shape keys the active object"
+        if template.data.library is not None:
+            return f'"{template.name}" is linked from another file: make it local first'
+        if template.mode != "OBJECT":
+            return f'Switch "{template.name}" to Object Mode first (Tab)'
+        return busy_reason()
+
+    def invoke(self, context, event):
+        if self.collection or bpy.app.background:
+            return super().invoke(context, event)
+        self._is_dialog = True
+        return context.window_manager.invoke_props_dialog(self)
+
+    def draw(self, context):
+        self.layout.prop_search(self, "collection", bpy.data, "collections")
+        self.layout.prop(self, "in_place")
+
+    def execute(self, context):
+        if not self._is_dialog or not self.collection:
+            return super().execute(context)
+        # In the window's background, and with an undo step of its own.
+        bpy.ops.pointmorph.bake_collection(
+            "INVOKE_DEFAULT", collection=self.collection, in_place=self.in_place
+        )
+        return {"CANCELLED"}
+
+    def _begin_steps(self, context):
+        template = context.view_layer.objects.active
+        self._template, self._name = reference_to(template), template.name
+        collection = bpy.data.collections.get(self.collection)
+        targets = [] if collection is None else collection_keys.targets_of(collection, template)
+        if not targets:
+            raise pointmorph.CloudError(
+                self.collection or "collection",
+                f'a collection with meshes besides "{template.name}"',
+                "none" if collection is None else "no mesh in it",
+                "Choose another collection.",
+            )
+        return (yield from collection_keys.read_steps(context, template, targets, self.in_place))
+
+    def _finish(self, context, outcome):
+        template = find(context.scene.objects, self._template)
+        if template is None:
+            raise pointmorph.CloudError(
+                self._name, "the mesh that gets the shape keys", "none", "Undo the deletion."
+            )
+        if not outcome.places:
+            raise next(iter(outcome.problems.values()))
+        names = collection_keys.write(template, outcome)
+        for name, error in outcome.problems.items():
+            self.report({"WARNING"}, f'Left out "{name}". {error}')
+        self.report({"INFO"}, f'Shape keys added to "{template.name}": {len(names)}')
+        return {"FINISHED"}
+
+
+def _add_to_menu(self, context):
+    self.layout.separator()
+    self.layout.operator("pointmorph.bake_collection", icon="OUTLINER_COLLECTION")
+
+
+registration = Registration(
+    classes=(POINTMORPH_OT_bake_collection,),
+    menus=((bpy.types.MESH_MT_shape_key_context_menu, _add_to_menu),),
+)

@@ -1,0 +1,105 @@
+"""A shape key on one mesh for each mesh of a collection."""
+
+import bpy
+import numpy as np
+import pytest
+from mathutils import Euler
+from scenes import add_mesh, data_blocks, error_of, key, mark, morph, patch, pick, select
+
+
+def bake(**options):
+    return bpy.ops.pointmorph.bake_collection(collection="Heads", **options)
+
+
+def keys(obj):
+    return obj.data.shape_keys.key_blocks
+
+
+@pytest.fixture
+def template(settings):
+    """The active mesh; the collection Heads has three others, and itself."""
+    settings.domain = "disk"
+    heads = bpy.data.collections.new("Heads")
+    bpy.context.scene.collection.children.link(heads)
+    made = [add_mesh("Base", *patch(9))]
+    for number, name in enumerate(("Dune", 'Hill "2"', "Ridge")):
+        made.append(add_mesh(name, *patch(7 + number, bump=0.3 * number, turn=number)))
+        made[-1].location = (3 * number + 2, 1, 0)
+    for obj in made:
+        mark(obj, "peak", 0, 0)
+        mark(obj, "slope", 0.5, 0.3)
+        bpy.context.scene.collection.objects.unlink(obj)
+        heads.objects.link(obj)
+    made[0].location, made[0].rotation_euler = (1, 2, 3), Euler((0.2, 0, 0.5))
+    made[0].scale = (1, 1, 2)
+    select(made[0])
+    return made[0]
+
+
+@pytest.mark.parametrize("in_place", [True, False])
+def test_each_mesh_becomes_the_key_that_its_morph_bakes(template, in_place):
+    assert bake(in_place=in_place) == {"FINISHED"}
+    assert keys(template).keys() == ["Basis", "Dune", "Hill _2_", "Ridge"]
+    assert [k.value for k in keys(template)][1:] == [0, 0, 0]
+    found = [key(template, name) for name in keys(template).keys()[1:]]
+    for name, positions in zip(("Dune", 'Hill "2"', "Ridge"), found, strict=True):
+        target = bpy.data.objects[name]
+        if in_place:
+            target.location = template.location
+        pick(template, target)
+        morph()
+        bpy.ops.pointmorph.bake_shape_keys(kind="SOURCE")
+        np.testing.assert_allclose(positions, key(template, keys(template)[-1].name), atol=1e-6)
+
+
+def test_baked_anew_keys_keep_their_sliders_and_drivers(template):
+    template.shape_key_add(name="Basis")
+    own = template.shape_key_add(name="Dune")  # the user's, before
+    before = key(template, "Dune")
+    bake()
+    assert keys(template).keys() == ["Basis", "Dune", "Dune.001", "Hill _2_", "Ridge"]
+    slider = keys(template)["Dune.001"]
+    slider.value = 0.25
+    keys(template)["Ridge"].driver_add("value").driver.expression = "0.5"
+    ridge = key(template, "Ridge")
+    bpy.data.objects["Ridge"].data.transform(
+        ((1, 0, 0, 0), (0, 1, 0, 0), (0, 0, 3, 0), (0, 0, 0, 1))
+    )
+    bake()
+    assert keys(template).keys()[:2] == ["Basis", "Dune"]
+    assert np.array_equal(key(template, own.name), before)
+    assert slider.value == 0.25
+    assert len(template.data.shape_keys.animation_data.drivers) == 1
+    assert not np.allclose(key(template, "Ridge"), ridge, atol=0.01)
+    assert not np.allclose(key(template, "Dune.001"), before, atol=0.01)
+
+
+def test_a_mesh_that_cannot_be_had_is_left_out(template):
+    flat = add_mesh("Apart", [(0, 0, 0), (1, 0, 0)])
+    empty = add_mesh("Empty", [])
+    for obj in (flat, empty):
+        bpy.data.collections["Heads"].objects.link(obj)
+    assert bake() == {"FINISHED"}
+    assert keys(template).keys() == ["Basis", "Dune", "Hill _2_", "Ridge"]
+
+
+def test_features_that_only_one_has_are_not_used(template):
+    mark(template, "ear", -0.5, -0.3)
+    mark(bpy.data.objects["Dune"], "tail", 0.5, -0.5)
+    assert bake() == {"FINISHED"}
+    assert len(keys(template)) == 4
+
+
+def test_nothing_changes_where_nothing_can_be_done(template):
+    heads = bpy.data.collections["Heads"]
+    for obj in list(heads.objects)[1:]:
+        heads.objects.unlink(obj)
+    assert "no mesh in it" in error_of(bpy.ops.pointmorph.bake_collection, collection="Heads")
+    assert "Choose another" in error_of(bpy.ops.pointmorph.bake_collection, collection="None")
+    heads.objects.link(add_mesh("Empty", []))
+    before = data_blocks()
+    assert "Empty" in error_of(bpy.ops.pointmorph.bake_collection, collection="Heads")
+    assert data_blocks() == before
+    assert template.data.shape_keys is None
+    bpy.context.view_layer.objects.active = None
+    assert "active object" in error_of(bpy.ops.pointmorph.bake_collection, collection="Heads")

@@ -1,0 +1,237 @@
+"""Base colors that only nodes know, such as those of procedural textures."""
+
+import bpy
+import numpy as np
+import pytest
+from painted_scenes import flat_uvs, image_of, linear, material, new_image, sheets
+from scenes import add_mesh, coordinates, data_blocks, morph, patch
+
+pytestmark = pytest.mark.interface
+
+
+def read_shape(addon, obj, as_shown=False, bakes=True):
+    """What a morph takes from an object."""
+    bpy.context.view_layer.update()
+    steps = addon("scene.shape_reader").read_own_steps(bpy.context, obj, as_shown, False, bakes)
+    return addon("core.stepping").finish(steps)
+
+
+def with_nodes(made, kind, output, coordinates, inputs=None):
+    """Puts a texture into a material's base color, at a kind of coordinates; returns its node."""
+    tree = made.node_tree
+    node, places = tree.nodes.new(kind), tree.nodes.new("ShaderNodeTexCoord")
+    tree.links.new(places.outputs[coordinates], node.inputs["Vector"])
+    for name, value in (inputs or {}).items():
+        node.inputs[name].default_value = value
+    tree.links.new(node.outputs[output], tree.nodes["Principled BSDF"].inputs["Base Color"])
+    return node
+
+
+def showing(made, coordinates):
+    """Makes coordinates a material's base color."""
+    tree = made.node_tree
+    places = tree.nodes.new("ShaderNodeTexCoord")
+    scale = tree.nodes.new("ShaderNodeVectorMath")  # a node that isn't read one by one
+    scale.operation = "MULTIPLY_ADD"
+    scale.inputs[1].default_value, scale.inputs[2].default_value = (0.25,) * 3, (0.5,) * 3
+    tree.links.new(places.outputs[coordinates], scale.inputs[0])
+    tree.links.new(scale.outputs[0], tree.nodes["Principled BSDF"].inputs["Base Color"])
+    return made
+
+
+RED, BLUE = (0.7, 0.1, 0.05, 1.0), (0.02, 0.2, 0.9, 1.0)
+
+
+def checked(name, fields=4.0):
+    made = material(name)
+    colors = {"Color1": RED, "Color2": BLUE, "Scale": fields}
+    with_nodes(made, "ShaderNodeTexChecker", "Color", "UV", colors)
+    return made
+
+
+def field_colors(uvs, fields=4):
+    """What a checker shows at UVs, and where they lie well inside a field."""
+    inside = (np.abs(uvs * fields % 1 - 0.5) < 0.4).all(axis=1)
+    is_red = np.floor(uvs * fields).astype(int).sum(axis=1) % 2 == 1
+    return np.where(is_red[:, None], RED, BLUE), inside
+
+
+def test_points_have_the_colors_of_a_checker(addon, settings):
+    obj = add_mesh("Sheet", *patch(26))
+    flat_uvs(obj)
+    obj.data.materials.append(checked("Checks"))
+    shape = read_shape(addon, obj)
+    uvs = (coordinates(obj.data.vertices)[:, :2] + 1) / 2
+    wanted, inside = field_colors(uvs)
+    assert inside.mean() > 0.3
+    np.testing.assert_allclose(shape.colors[inside], wanted[inside], atol=6e-3)
+    assert shape.skin.look.sources == ['the nodes of the material "Checks"']
+    assert shape.skin.look.remarks == ()
+
+
+def test_the_target_of_a_mesh_shows_a_checker(settings):
+    """Drawn on an image in the source's UV layout, by a morph that nobody had to prepare."""
+    source, target = sheets(settings)
+    source.data.materials.append(material("Plain", (0.1, 0.1, 0.1, 1)))
+    target.data.materials.append(checked("Checks", 2.0))
+    settings.texture_size = "256"
+    before = data_blocks()
+    image = image_of(morph())
+    assert not any("Bake" in name or "Checks." in name for name in data_blocks() - before)
+    colors = linear(image[..., :3]).reshape(-1, 3)
+    near = [np.abs(colors - color[:3]).max(axis=1) < 0.02 for color in (RED, BLUE)]
+    assert min(part.mean() for part in near) > 0.4
+    assert sum(part.mean() for part in near) > 0.93
+
+
+@pytest.mark.parametrize("kind", ["Generated", "Object"])
+def test_coordinates_are_those_of_the_object_that_is_morphed(addon, settings, kind):
+    """Not of the copy that is baked, also where modifiers move and make vertices."""
+    obj = add_object("Box", *box_with_polygons())
+    obj.location, obj.scale = (3, -2, 1), (0.5, 2.0, 1.0)
+    obj.data.materials.append(showing(material("Where"), kind))
+    places = coordinates(obj.data.vertices)
+    moved = obj.modifiers.new("Move", "DISPLACE")
+    moved.direction, moved.strength = "X", 0.3
+    shape = read_shape(addon, obj, as_shown=True)
+    assert np.abs(shape.positions - places).max() > 0.1
+    wanted = shape.positions
+    if kind == "Generated":
+        wanted = (places - places.min(axis=0)) / np.ptp(places, axis=0)
+    np.testing.assert_allclose((shape.colors[:, :3] - 0.5) / 0.25, wanted, atol=0.03)
+
+
+def add_object(name, vertices, faces):
+    mesh = bpy.data.meshes.new(name)
+    mesh.from_pydata(vertices.tolist(), [], faces)
+    obj = bpy.data.objects.new(name, mesh)
+    bpy.context.scene.collection.objects.link(obj)
+    return obj
+
+
+def box_with_polygons():
+    """Triangles, squares and a polygon of many corners: a box with a roof."""
+    rim = [(np.cos(a), np.sin(a), 0.4) for a in np.linspace(0, 2 * np.pi, 7)[:-1]]
+    low = [(x, y, -0.5) for x, y, _ in rim]
+    vertices = [*rim, *low, (0, 0, 0.9)]
+    faces = [tuple(range(11, 5, -1))]
+    faces += [(k, 6 + k, 6 + (k + 1) % 6, (k + 1) % 6) for k in range(6)]
+    faces += [(k, (k + 1) % 6, 12) for k in range(6)]
+    return np.array(vertices), faces
+
+
+def test_faces_that_modifiers_make_are_baked_as_well(addon, settings):
+    obj = add_mesh("Half", *patch(9))
+    obj.data.materials.append(showing(material("Where"), "Object"))
+    mirror = obj.modifiers.new("Mirror", "MIRROR")
+    mirror.use_axis = (False, False, True)
+    obj.location.z = 1.0
+    subdivision = obj.modifiers.new("More", "SUBSURF")
+    subdivision.levels, subdivision.render_levels = 1, 3  # baked as in the viewport
+    shape = read_shape(addon, obj, as_shown=True)
+    assert len(shape.positions) > 400
+    found = (shape.colors[:, :3] - 0.5) / 0.25
+    np.testing.assert_allclose(found, shape.positions, atol=0.03)
+
+
+def test_shaders_in_groups_and_beside_transparent_ones(addon, settings):
+    obj = add_mesh("Sheet", *patch(26))
+    flat_uvs(obj)
+    made = checked("Checks")
+    tree = made.node_tree
+    inner = bpy.data.node_groups.new("Inner", "ShaderNodeTree")
+    inner.interface.new_socket("Color", in_out="INPUT", socket_type="NodeSocketColor")
+    inner.interface.new_socket("Shader", in_out="OUTPUT", socket_type="NodeSocketShader")
+    diffuse = inner.nodes.new("ShaderNodeBsdfDiffuse")
+    inner.links.new(inner.nodes.new("NodeGroupInput").outputs[0], diffuse.inputs["Color"])
+    inner.links.new(diffuse.outputs[0], inner.nodes.new("NodeGroupOutput").inputs[0])
+    group = tree.nodes.new("ShaderNodeGroup")
+    group.node_tree = inner
+    checks = next(node for node in tree.nodes if node.type == "TEX_CHECKER")
+    tree.links.new(checks.outputs["Color"], group.inputs[0])
+    mix, clear = (tree.nodes.new(f"ShaderNode{kind}") for kind in ("MixShader", "BsdfTransparent"))
+    tree.links.new(clear.outputs[0], mix.inputs[1])
+    tree.links.new(group.outputs[0], mix.inputs[2])
+    tree.links.new(checks.outputs[1], mix.inputs[0])
+    output = next(n for n in tree.nodes if n.type == "OUTPUT_MATERIAL")
+    tree.links.new(mix.outputs[0], output.inputs["Surface"])
+    obj.data.materials.append(made)
+    before, words = data_blocks(), [len(tree.nodes), len(tree.links), len(inner.nodes)]
+    shape = read_shape(addon, obj)
+    assert data_blocks() == before
+    assert [len(tree.nodes), len(tree.links), len(inner.nodes)] == words
+    wanted, inside = field_colors((coordinates(obj.data.vertices)[:, :2] + 1) / 2)
+    np.testing.assert_allclose(shape.colors[inside, :3], wanted[inside, :3], atol=6e-3)
+    [remark] = shape.skin.look.remarks  # that of the mix: alpha is the same everywhere
+    assert "Checker Texture" in remark
+    assert "viewport color" not in remark
+
+
+def test_slots_that_can_be_read_are_read(addon, settings):
+    obj = add_mesh("Sheet", *patch(26))
+    flat_uvs(obj)
+    obj.data.materials.append(checked("Checks"))
+    obj.data.materials.append(None)
+    obj.data.materials.append(material("Image", image=new_image("red", [[(1, 0, 0, 1)] * 2] * 2)))
+    x = np.array([face.center.x for face in obj.data.polygons])
+    obj.data.polygons.foreach_set("material_index", np.where(x > 0, 2, 0).astype(np.int32))
+    shape = read_shape(addon, obj)
+    places = coordinates(obj.data.vertices)
+    wanted, inside = field_colors((places[:, :2] + 1) / 2)
+    left, right = inside & (places[:, 0] < -0.1), places[:, 0] > 0.1
+    np.testing.assert_allclose(shape.colors[left], wanted[left], atol=6e-3)
+    np.testing.assert_allclose(shape.colors[right], [[1, 0, 0, 1]] * right.sum(), atol=1e-6)
+
+
+def test_a_change_of_the_nodes_is_seen(settings):
+    source, target = sheets(settings)
+    source.data.materials.append(material("Plain"))
+    made = checked("Checks", 2.0)
+    target.data.materials.append(made)
+    settings.show_as = "POINTS"
+    obj = morph()
+    assert obj.pointmorph.state == "CURRENT"
+    node = next(node for node in made.node_tree.nodes if node.type == "TEX_CHECKER")
+    node.location = (50, 50)
+    assert obj.pointmorph.state == "CURRENT"
+    node.inputs["Scale"].default_value = 3.0
+    assert obj.pointmorph.state == "STALE"
+    assert 'the look of "Dune" has changed' in obj.pointmorph.stale
+
+
+def test_the_same_is_baked_once(addon, settings, monkeypatch):
+    baked_colors = addon("scene.baked_colors")
+    runs = []
+    bake = baked_colors._bake
+    monkeypatch.setattr(baked_colors, "_bake", lambda *args: runs.append(1) or bake(*args))
+    monkeypatch.setattr(baked_colors, "_known", {})
+    obj = add_mesh("Sheet", *patch(9))
+    flat_uvs(obj)
+    obj.data.materials.append(checked("Checks"))
+    first = read_shape(addon, obj).colors
+    np.testing.assert_array_equal(read_shape(addon, obj).colors, first)
+    assert len(runs) == 1
+    read_shape(addon, obj, bakes=False)
+    assert len(runs) == 1
+    node = next(n for n in obj.data.materials[0].node_tree.nodes if n.type == "TEX_CHECKER")
+    node.inputs["Color1"].default_value = (0, 0, 0, 1)
+    assert not np.array_equal(read_shape(addon, obj).colors, first)
+    assert len(runs) == 2
+
+
+def test_without_cycles_it_is_said_what_to_do(addon, settings, capfd, monkeypatch):
+    baked_colors = addon("scene.baked_colors")
+    monkeypatch.setattr(baked_colors, "RENDERER", "NO_CYCLES")
+    source, target = sheets(settings)
+    source.data.materials.append(material("Plain"))
+    target.data.materials.append(checked("Checks"))
+    target.data.materials[0].diffuse_color = (0.5, 0.25, 0.1, 1)
+    before = data_blocks()
+    settings.show_as = "POINTS"
+    obj = morph()
+    said = capfd.readouterr().out
+    assert 'Nodes of the material "Checks" can\'t be read (Checker Texture)' in said
+    assert "its viewport color is used instead" in said
+    assert "Enable it (Edit > Preferences > Add-ons" in said
+    assert not any("Bake" in name or "Checks." in name for name in data_blocks() - before)
+    assert obj.pointmorph.state == "CURRENT"

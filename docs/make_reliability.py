@@ -1,0 +1,88 @@
+"""Writes docs/reliability.md from the reports of the long runs in docs/reliability.
+
+python docs/make_reliability.py
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+HERE = Path(__file__).resolve().parent
+PAGE = HERE / "reliability.md"
+
+BEGINNING = """\
+# Reliability
+
+What was tried to make Pointmorph break, how often, and what came of it. The scripts in
+`native/tests/long_runs` try it; `docs/make_reliability.py` makes this page of their reports. Each
+run of the tests repeats a small part: `test_properties.py`, `test_damaged_files.py`,
+`test_stored_commands.py`, `test_memory.py` and, in Blender, `test_random_walk.py`.
+
+## What holds
+
+- *Any two shapes, any settings.* There is a morph, or words that say what was expected, what was
+  found and what to do. In a morph every point has a pair, every number is finite, and the ends are
+  the two shapes to the last bit. Threads, repeats and the unit of length change no bit.
+- *Any damaged file.* It is read, or refused in words.
+- *Any end.* A run that is killed, interrupted, out of disk or out of memory leaves every file whole
+  or not there. The next run removes what a killed one has left half-written, and writes the same
+  bytes as a run that was never stopped.
+- *Any order of operations in Blender.* No traceback, nothing that runs on, and a file that is the
+  same after it was saved and opened.
+- *Any length of time.* Memory doesn't grow from morph to morph or from frame to frame. A morph of N
+  points takes at most 64 MB + 2,000 N bytes, with its frames or its wrapped mesh.
+
+What can't be promised is listed at the [end](#what-isnt-tried).
+
+## What was tried
+"""
+
+ENDING = """
+## What isn't tried
+
+- Power failures: files are forced onto the disk before they get their names, but no power was cut.
+- Network drives, which may know no locks: there, leftovers of a killed run may stay.
+- Linux's out-of-memory killer can end any program; what it leaves is what `kill -9` leaves.
+- Ctrl-C within the first moments, while Python still loads the modules, ends the run with Python's
+  own traceback. Nothing was written by then.
+- macOS: built, not run.
+"""
+
+MENDED = {
+    "Damaged files of every format": [
+        "PLY files with a name that no table can have, or with lines of different lengths",
+        "OBJ files with less than three coordinates or with lines that go on and never end",
+    ],
+    "Random walks through Blender": [
+        "Baking onto a mesh that a script had given other vertices than its shape keys",
+    ],
+}
+"""What earlier runs found, by the title of a run. Each is a test."""
+
+
+def number(value: float | str) -> str:
+    return f"{value:,}" if isinstance(value, int) else str(value)
+
+
+def section(report: dict) -> str:
+    tried = "\n".join(f"| {what} | {number(count)} |" for what, count in report["tried"].items())
+    minutes = max(round(report["processor_seconds"] / 60), 1)
+    found = report["finds"]
+    result = "\n".join(f"- {find}" for find in found) if found else "Nothing broke."
+    mended = "".join(f"- {what}\n" for what in MENDED.get(report["title"], []))
+    if mended:
+        mended = f"\nEarlier runs found, and these are mended:\n\n{mended}"
+    return (
+        f"\n### {report['title']}\n\n{report['date']}, {minutes} minutes of processor time, "
+        f"Python {report['python']}\n\n| tried | |\n|---|--:|\n{tried}\n\n{result}\n{mended}"
+    )
+
+
+def page() -> str:
+    paths = sorted((HERE / "reliability").glob("*.json"))
+    return BEGINNING + "".join(section(json.loads(path.read_text())) for path in paths) + ENDING
+
+
+if __name__ == "__main__":
+    PAGE.write_text(page())
