@@ -19,7 +19,11 @@ DOCS = Path(__file__).resolve().parent
 ROOT = DOCS.parent
 PACKAGE = ROOT / "native" / "python" / "pointmorph"
 
-_PAGES = {"index.md": ROOT / "README.md", "changelog.md": ROOT / "CHANGELOG.md"}
+_PAGES = {
+    "index.md": ROOT / "README.md",
+    "changelog.md": ROOT / "CHANGELOG.md",
+    "contributing.md": ROOT / "CONTRIBUTING.md",
+}
 _LANGUAGES = {
     ".hpp": "cpp",
     ".cpp": "cpp",
@@ -27,6 +31,7 @@ _LANGUAGES = {
     ".json": "json",
     ".toml": "toml",
     ".yml": "yaml",
+    ".txt": "cmake",
 }
 _CODE = re.compile(r"^(```+).*?^\1", re.MULTILINE | re.DOTALL)
 _LINK = re.compile(r"(?<=\]\()([^)\s#]+)(#[^)\s]*)?(?=\))")

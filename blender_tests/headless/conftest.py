@@ -15,6 +15,7 @@ sys.path.insert(0, str(Path(__file__).parent))  # for `scenes`
 import installing
 import painted_scenes
 import scenes
+import transferring_scenes
 
 # Before pytest imports the tests, and with them `pointmorph`: a packaged add-on brings its own.
 MODULE = installing.install()
@@ -107,6 +108,12 @@ def morphed(settings):
 def textured(settings):
     """Source and target: one blue, the other with a ramp."""
     return painted_scenes.blue_and_ramp(settings)
+
+
+@pytest.fixture
+def turned(settings):
+    """Source, target and a mesh that goes exactly from one to the other, turned and enlarged."""
+    return transferring_scenes.turned_pair(settings)
 
 
 @pytest.fixture(scope="session")

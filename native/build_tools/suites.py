@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 import shutil
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterable, Mapping
@@ -185,6 +186,8 @@ class Suite:
     """Groups of Debian's packages that it needs."""
     fetch: Callable[[], object] | None = None
     """Gets what else it needs; `run` does it as well where it wasn't done."""
+    waits: bool = False
+    """Whether it waits for half of its time, as a user does: another suite runs meanwhile."""
 
 
 def fetch_debian() -> None:
@@ -201,9 +204,9 @@ def in_bpy(*versions: str) -> dict[str, Suite]:
 
 # In the order in which they are started: the longest first, so that no core idles at the end.
 SUITES: dict[str, Suite] = {
+    "window": Suite(window, ("cpython", *WINDOW_PACKAGES), fetch_debian, waits=True),
     "sanitizers": Suite(sanitizers, ("cpp-test",)),
     "python": Suite(python),
-    "window": Suite(window, ("cpython", *WINDOW_PACKAGES), fetch_debian),
     **in_bpy(*WHOLE),
     "cpp": Suite(cpp, ("cpp-test",)),
     "farm": Suite(farm, (), fetch_slurm),
@@ -221,8 +224,16 @@ def set_up_tests(names: Iterable[str]) -> list[SetupError]:
     return set_up_all(groups, set_up_wheels if "cpython" in groups else set_up_wheel, fetches)
 
 
+def stand_back() -> None:
+    """What this thread starts from now on leaves cores to those who wait for a window."""
+    if sys.platform == "linux":  # where threads have a priority of their own
+        os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), 5)
+
+
 def timed(name: str, suite: Suite) -> Outcome:
     start, before = time.monotonic(), processor_seconds()
+    if not suite.waits:
+        stand_back()
     (paths.LOGS / f"{name}.log").unlink(missing_ok=True)
     say(f"  {name} ...")
     try:
@@ -250,7 +261,8 @@ def run_suites(suites: Mapping[str, Suite], jobs: int) -> int:
     # Tests of what threads do choose their number themselves.
     share = max(1, (os.cpu_count() or 1) // min(jobs, len(suites)))
     os.environ.setdefault("OMP_NUM_THREADS", str(share))
-    with ThreadPoolExecutor(jobs) as pool:
+    more = sum(suite.waits for suite in suites.values()) if jobs > 1 else 0
+    with ThreadPoolExecutor(jobs + more) as pool:
         try:
             outcomes = dict(zip(suites, pool.map(timed, suites, suites.values()), strict=True))
         except KeyboardInterrupt:

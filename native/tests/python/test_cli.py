@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import io
 import json
 import os
 import signal
@@ -13,7 +15,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from plyfile import PlyData
-from pointmorph import formats
+from pointmorph import cli, formats, terminal
 from shapes import around, ball, grid, grid_faces
 
 PAIR = ["morph", "plane.off", "bump.off"]
@@ -21,8 +23,23 @@ A, B = 17, 13  # points along a side of the plane and of the bump
 COMMAND = [sys.executable, "-m", "pointmorph"]
 
 
-def run(*arguments: object) -> subprocess.CompletedProcess[str]:
+def run_apart(*arguments: object) -> subprocess.CompletedProcess[str]:
+    """Runs the command line as a user does, in a process of its own."""
     return subprocess.run([*COMMAND, *map(str, arguments)], capture_output=True, text=True)
+
+
+def run(*arguments: object) -> subprocess.CompletedProcess[str]:
+    """Runs it here: a process of its own imports for longer than small morphs take."""
+    words = list(map(str, arguments))
+    out, err = io.StringIO(), io.StringIO()
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+        try:
+            status = cli.main(words)
+        except SystemExit as end:  # how argparse refuses
+            status = int(end.code or 0)
+    if status in (terminal.INTERRUPTED, terminal.TERMINATED):
+        pytest.exit("ended from outside")  # the command line took the signal that was for pytest
+    return subprocess.CompletedProcess(words, status, out.getvalue(), err.getvalue())
 
 
 def write_off(path: Path, side: int, height: float) -> None:
@@ -57,7 +74,7 @@ def xyz(path: Path) -> np.ndarray:
 
 def test_a_whole_morph_and_back_from_its_files(pair: Path) -> None:
     out = pair / "out"
-    done = run(
+    done = run_apart(
         "morph", pair / "plane.off", pair / "bump.off", "--out", out,
         "--features", pair / "features.json", "--frames", 3,
     )  # fmt: skip

