@@ -75,9 +75,9 @@ def test_follow_mesh_and_chain_from_the_viewport(window):
     assert window.ask("'Hill to Fell to Dune' not in bpy.data.objects")
 
 
-def test_three_clicks_animate_two_objects_and_more_change_it(window):
-    """Use Selected, Morph, Key Morph. Another click on Morph keeps the keys; Alt-click makes a
-    second result."""
+def test_two_clicks_animate_two_objects_and_more_change_it(window):
+    """Of two selected objects: Morph, Key Morph. Another click on Morph keeps the keys; Alt-click
+    makes a second result."""
     add_pair(window, 30)
     window.run(
         """
@@ -92,7 +92,6 @@ bpy.ops.ed.undo_push(message="Two objects")
 """
     )
     window.screenshot("clicks_0_two_objects")
-    window.press_button("pick_selected")
     window.press_button(MORPH)
     window.wait(DONE)
     window.press_button("key_morph")
@@ -101,10 +100,9 @@ bpy.ops.ed.undo_push(message="Two objects")
     )
     keys = f"[tuple(point.co) for point in {curve}.keyframe_points]"
     assert window.ask(keys) == [[1, 0], [49, 1]]
-    for frame, name in ((13, "a"), (25, "b"), (49, "c")):
-        window.run(f"scene.frame_set({frame})")
-        window.leave_sidebar()
-        window.screenshot(f"clicks_1{name}_keyed")
+    window.run("scene.frame_set(25)")
+    window.leave_sidebar()
+    window.screenshot("clicks_1_keyed")
     window.run("scene.frame_set(1)")
     window.run("for v in bpy.data.objects['Hill'].data.vertices: v.co.z += 0.3")
     window.run("bpy.ops.ed.undo_push(message='An edit')")

@@ -14,16 +14,18 @@
 #include "morph/morphs.hpp"
 #include "pointmorph/base/error.hpp"
 #include "pointmorph/morph/morph.hpp"
+#include "registration/watched_options.hpp"
 #include "watched.hpp"
 
 namespace pointmorph {
 namespace {
 
-Morph morph_of(Cloud source, Cloud target, std::vector<Feature> features = {}) {
+Morph morph_of(Cloud source, Cloud target, std::vector<Feature> features = {},
+               const MorphOptions& options = {}) {
     Progress progress;
     MorphInput input{
         .source = std::move(source), .target = std::move(target), .features = std::move(features)};
-    return {std::move(input), {}, progress};
+    return {std::move(input), options, progress};
 }
 
 /// Positions of all vertices on their own model.
@@ -106,7 +108,9 @@ TEST(DenserMesh, SeamsStayClosed) {
         const Index partner = row_near(ball, corner.x(), corner.y(), corner.z());
         corners.push_back(point_feature(std::to_string(row), row, partner));
     }
-    const Morph morph = morph_of(cube, ball, corners);
+    MorphOptions options;
+    options.refinement = lighter_where_watched();
+    const Morph morph = morph_of(cube, ball, corners, options);
     Progress progress;
     const DenserMesh mesh = morph.denser(true, {.tolerance = 0.05, .rounds = 1}, progress);
     const Positions rest = at_rest(mesh, cube.positions);

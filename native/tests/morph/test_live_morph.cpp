@@ -15,6 +15,7 @@
 #include "mesh_shapes.hpp"
 #include "morph/morphs.hpp"
 #include "pointmorph/base/error.hpp"
+#include "registration/watched_options.hpp"
 #include "watched.hpp"
 
 namespace pointmorph {
@@ -31,13 +32,19 @@ MorphInput eggs(Index source_count = kSource, Index target_count = kTarget) {
     return input;
 }
 
+MorphOptions lighter() {
+    MorphOptions options;
+    options.refinement = lighter_where_watched();
+    return options;
+}
+
 /// A morph of eggs, and what it takes to follow their marks.
 struct Followed {
     Morph morph;
     LiveMorph live;
 
     Followed(Index source_count, Index target_count, Progress progress = {})
-        : morph(eggs(source_count, target_count), {}, progress), live(morph, progress) {}
+        : morph(eggs(source_count, target_count), lighter(), progress), live(morph, progress) {}
 };
 
 // Computed once: no test changes them.
@@ -95,7 +102,8 @@ TEST(LiveMorph, AMovedMarkMeetsAndTheRestIsAsFromScratch) {
                 << f.name;
     MorphInput again = eggs();
     again.features = changed;
-    const Positions scratch = Morph(std::move(again), {}, progress).source_to_target(progress);
+    const Positions scratch =
+        Morph(std::move(again), lighter(), progress).source_to_target(progress);
     const double area_root = 4.2;  // of an ellipsoid with these axes, about
     EXPECT_LT(distance_of_maps(images, scratch), 0.015 * area_root);
     EXPECT_LT(distance_of_maps(roughly, scratch), 0.02 * area_root);

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import doctest
 import importlib
+import json
 import pkgutil
 import re
 import runpy
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pointmorph
@@ -64,6 +66,26 @@ def test_python_examples_run(page: str, tmp_path: Path, monkeypatch: pytest.Monk
     assert examples
     for example in examples:  # each may use what those before it made
         exec(compile(example, page, "exec"), names)
+
+
+def test_the_notebook_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    matplotlib = pytest.importorskip("matplotlib")
+    matplotlib.use("agg")
+    path = ROOT / "docs" / "examples" / "two_files_to_a_picture.ipynb"
+    notebook = json.loads(path.read_text(encoding="utf-8"))
+    monkeypatch.chdir(tmp_path)
+    names: dict[str, Any] = {}
+    for cell in notebook["cells"]:
+        if cell["cell_type"] == "code":
+            assert cell["outputs"] == []  # what it prints and shows isn't kept
+            exec(compile("".join(cell["source"]), path.name, "exec"), names)
+    names["figure"].savefig("way.png", dpi=40)
+    picture = matplotlib.image.imread("way.png")[:, :, :3]
+    # Each of the five shows something.
+    for part in np.array_split(picture, 5, axis=1):
+        assert (part.min(axis=2) < 0.9).mean() > 0.05
+    assert (tmp_path / "egg.morph").is_file()
+    assert names["morph"].wrapped(1.0).shape == names["egg"].vertices.shape
 
 
 @pytest.mark.parametrize(

@@ -5,6 +5,7 @@
 #include "checks.hpp"
 #include "joined_shapes.hpp"
 #include "pointmorph/morph/morph.hpp"
+#include "registration/watched_options.hpp"
 #include "shapes.hpp"
 #include "watched.hpp"
 
@@ -71,8 +72,10 @@ TEST(Components, OfAMorphKeepToThemselves) {
     input.source = {"one", creature(2.0, 0.2, 0.9), {}, {}, {}};
     input.target = {
         "two", (creature(2.3, 0.15, 1.1) * 3.0 * shapes::rotation(5).transpose()), {}, {}, {}};
+    MorphOptions options;
+    options.refinement = lighter_where_watched();
     Progress progress;
-    const Morph morph(std::move(input), {}, progress);
+    const Morph morph(std::move(input), options, progress);
     const auto component = [](Index row) { return row < kBody ? 0 : row < kBody + kEye ? 1 : 2; };
     for (const auto& [s, t] : morph.pairs())
         EXPECT_EQ(component(s) == 0, component(t) == 0) << s << " with " << t;

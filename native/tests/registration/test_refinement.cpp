@@ -10,6 +10,7 @@
 #include "pointmorph/base/error.hpp"
 #include "pointmorph/base/parallel.hpp"
 #include "pointmorph/cloud/neighborhoods.hpp"
+#include "registration/watched_options.hpp"
 #include "shapes.hpp"
 #include "watched.hpp"
 
@@ -91,7 +92,8 @@ struct Animals {
     RefinementCloud target_cloud() const { return {target.positions, target.normals}; }
 
     Refinement refined(Progress& progress) const {
-        return refine(source_cloud(), target_cloud(), as_features(features), {}, progress);
+        return refine(source_cloud(), target_cloud(), as_features(features),
+                      lighter_where_watched(), progress);
     }
 
     /// Mean distance of the source's images from where their direction lies on the target, in
@@ -209,8 +211,8 @@ TEST(Refinement, StartsFromAnEarlierMap) {
     const Refinement first = animals.refined(progress);
     const RefinementStart start{first.source_images, first.target_images};
     const auto again = [&](std::span<const IndexPair> features, Progress& watched) {
-        return refine(animals.source_cloud(), animals.target_cloud(), as_features(features), {},
-                      watched, &start);
+        return refine(animals.source_cloud(), animals.target_cloud(), as_features(features),
+                      lighter_where_watched(), watched, &start);
     };
     Progress watched;
     const Refinement r = again(std::span(animals.features).first(1), watched);
@@ -250,8 +252,9 @@ TEST(Refinement, AnEarlierMapThatContradictsTheFeaturesIsNotUsed) {
     RefinementStart exchanged{fresh.source_images, fresh.target_images};  // head for tail
     exchanged.source_images.leftCols(2) *= -1.0;
     exchanged.target_images.leftCols(2) *= -1.0;
-    const Refinement r = refine(animals.source_cloud(), animals.target_cloud(),
-                                as_features(animals.features), {}, progress, &exchanged);
+    const Refinement r =
+        refine(animals.source_cloud(), animals.target_cloud(), as_features(animals.features),
+               lighter_where_watched(), progress, &exchanged);
     EXPECT_EQ(r.source_images, fresh.source_images);
     EXPECT_EQ(r.pairs, fresh.pairs);
 }
