@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 import subprocess
 from collections.abc import Sequence
@@ -149,9 +150,10 @@ def _nanoflann() -> str:
 
 
 def _compiler(program: str) -> str:
-    said = subprocess.run(
-        [program, "-dumpfullversion"], capture_output=True, text=True, check=False
-    )
-    if said.returncode != 0:
+    # Debian's for Windows says 12-posix when it is asked for its version.
+    words = [program, "-dM", "-E", "-x", "c++", os.devnull]
+    said = subprocess.run(words, capture_output=True, text=True, check=False)
+    found = dict(re.findall(r"#define __GNUC_?(_|MINOR__|PATCHLEVEL__) (\d+)", said.stdout))
+    if len(found) != 3:
         raise SetupError(f"{program} doesn't say its version.")
-    return said.stdout.strip()
+    return ".".join(found[name] for name in ("_", "MINOR__", "PATCHLEVEL__"))

@@ -10,6 +10,7 @@ import threading
 import time
 from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -227,7 +228,8 @@ def set_up_tests(names: Iterable[str]) -> list[SetupError]:
 def stand_back() -> None:
     """What this thread starts from now on leaves cores to those who wait for a window."""
     if sys.platform == "linux":  # where threads have a priority of their own
-        os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), 5)
+        with suppress(OSError):  # a sandbox may not know priorities
+            os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), 5)
 
 
 def timed(name: str, suite: Suite) -> Outcome:

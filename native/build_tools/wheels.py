@@ -188,7 +188,8 @@ def _build(platform: Platform, python: str, folder: Path) -> None:
     [wheel] = raw.glob("*.whl")
     if platform is LINUX:
         # Takes in what another machine may lack: OpenMP.
-        repair = (paths.PYTHON, "-m", "auditwheel", "repair", "--only-plat", "--plat", platform.tag)
+        auditwheel = (paths.PYTHON, "-m", "auditwheel", "repair", "-z", "9")
+        repair = (*auditwheel, "--only-plat", "--plat", platform.tag)
         environment = child_environment(LD_LIBRARY_PATH=str(_older_openmp()))
         run("wheel", *repair, "-w", folder, wheel, environment=environment)
     else:

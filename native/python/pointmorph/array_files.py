@@ -17,6 +17,7 @@ import struct
 import zipfile
 import zlib
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import IO, Any
 
@@ -128,7 +129,13 @@ class ArrayFile:
         try:
             with files.reachable(self.path).open("rb") as file:
                 self._map = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
-                self.arrays: Mapping[str, Array] = dict(self._read(file))
+                try:
+                    self.arrays: Mapping[str, Array] = dict(self._read(file))
+                except _BROKEN:
+                    # Until then, Windows lets nobody make the file again.
+                    with suppress(BufferError):
+                        self._map.close()
+                    raise
         except _BROKEN as error:
             raise self.refused(_in_words(error)) from error
 

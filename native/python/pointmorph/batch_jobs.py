@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from pointmorph import __version__, formats
+from pointmorph import __version__, files, formats
 from pointmorph.errors import FileError
 from pointmorph.file_checks import parsed_json
 from pointmorph.frame_records import file_checksum
@@ -244,7 +244,8 @@ def _job(path: Path, home: Path, out: Path, entry: Mapping[str, Any], taken: set
         given["features"] = home / marks
     settings = {name.replace("-", "_"): value for name, value in given.get("settings", {}).items()}
     _check(path, {**given, "settings": settings})
-    return PairJob(**{**given, "name": unique, "folder": out / unique, "settings": settings})
+    folder = files.reachable(out / unique)
+    return PairJob(**{**given, "name": unique, "folder": folder, "settings": settings})
 
 
 def _check(path: Path, entry: Mapping[str, Any]) -> None:

@@ -79,15 +79,16 @@ class FrameRecords:
 
     def forget_others(self, numbers: range) -> None:
         """Takes frames with other numbers off the records."""
-        for path in (self.folder / FOLDER).glob("frame_*.json"):
+        folder = files.reachable(self.folder / FOLDER)
+        for path in folder.glob("frame_*.json"):
             number = path.stem.removeprefix("frame_")
             if not number.isdigit() or int(number) not in numbers:
                 path.unlink(missing_ok=True)
         with contextlib.suppress(OSError):
-            (self.folder / FOLDER).rmdir()
+            folder.rmdir()
 
     def _path(self, number: int) -> Path:
-        return self.folder / FOLDER / f"frame_{number:04d}.json"
+        return files.reachable(self.folder / FOLDER / f"frame_{number:04d}.json")
 
     def _is_whole(self, record: dict[str, Any], name: str) -> bool:
         with contextlib.suppress(FileError):

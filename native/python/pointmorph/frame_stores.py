@@ -49,7 +49,7 @@ class FrameStore:
     """
 
     def __init__(self, folder: Path, sequence: FrameSequence, *, faces: bool = False) -> None:
-        self.folder = folder
+        self.folder = folder = files.reachable(folder)
         self._sequence = sequence
         self._faces = faces
         content = f"{'surfaces' if faces else 'points'} {sequence.fingerprint}"

@@ -342,7 +342,7 @@ class FrameRun:
         self, sequence: FrameSequence, folder: Path, mesh: str | MeshWriter | None = None
     ) -> None:
         self._sequence = sequence
-        self._folder = folder
+        self._folder = files.reachable(folder)
         self._mesh = SurfaceWriter(sequence, mesh) if isinstance(mesh, str) else mesh
 
     @cached_property

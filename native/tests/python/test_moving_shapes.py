@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import numpy as np
@@ -173,7 +174,9 @@ def test_a_frame_that_was_damaged_is_named(torn: pointmorph.Morph, tmp_path: Pat
 def test_a_store_removes_what_is_its_own(torn: pointmorph.Morph, tmp_path: Path) -> None:
     store = frame_stores.FrameStore(tmp_path / "a", sequences.FrameSequence(torn, TIMES[:2]))
     store.fill()
-    (tmp_path / "a" / ".frame_0001.npz.0.pointmorph-part").touch()
+    left = tmp_path / "a" / ".frame_0001.npz.0.pointmorph-part"
+    left.touch()
+    os.utime(left, (0, 0))  # Windows can't tell a new one from a file that is being written
     (tmp_path / "a" / "mine.txt").touch()
     store.remove()
     assert [path.name for path in (tmp_path / "a").iterdir()] == ["mine.txt"]

@@ -15,7 +15,12 @@ MODULES = {
 CALLS = {"__import__", "compile", "eval", "exec", "popen", "system"}
 # Each with the reason.
 KNOWN = {
+    ("batch_runs.py", "subprocess"): "Python itself, for each pair of a batch",
+    ("batch_tasks.py", "subprocess"): "the same",
+    ("commands.py", "subprocess"): "list2cmdline alone, which is about text",
     ("file_checks.py", "urllib"): "unquote alone, which is about text",
+    ("free_memory.py", "ctypes"): "asks Windows how much memory is free",
+    ("slurm_jobs.py", "subprocess"): "sbatch and its like, where the user asks for Slurm",
     ("surfaces.py", "subprocess"): "Python itself, for surfaces through points",
     ("_wait_policy.py", "ctypes"): "the environment on Windows, before OpenMP reads it",
 }

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import pointmorph
 import pytest
-from pointmorph import cli
+from pointmorph import cli, files
 from shapes import grid, grid_faces
 from test_cli import COMMAND
 
@@ -84,7 +84,9 @@ def test_what_is_broken_or_of_another_run_is_made_anew(saved: Path, tmp_path: Pa
         file.write(b"x")
     (tmp_path / "mesh_0002.obj").unlink()
     (tmp_path / "records" / "frame_0003.json").write_text("{}")
-    (tmp_path / ".frame_0003.ply.0.pointmorph-part").write_text("of a killed process")
+    left = tmp_path / ".frame_0003.ply.0.pointmorph-part"
+    left.write_text("of a killed process")
+    os.utime(left, (0, 0))  # Windows can't tell a new one from a file that is being written
     checked = frames(saved, tmp_path, "--check")
     assert checked.returncode == 3
     assert checked.stdout.splitlines() == [
@@ -101,10 +103,19 @@ def test_what_is_broken_or_of_another_run_is_made_anew(saved: Path, tmp_path: Pa
     assert other.returncode == 3
 
 
+def test_a_folder_with_a_long_name_holds_frames_and_their_records(
+    saved: Path, tmp_path: Path
+) -> None:
+    folder = tmp_path.joinpath(*["ä " + "x" * 50] * 5)
+    assert frames(saved, folder).stdout.startswith("5 frames made")
+    assert frames(saved, folder).stdout.startswith("0 frames made, 5 were done")
+    assert same_files(saved, files.reachable(folder))
+
+
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows ends processes without asking them")
-@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGTERM, signal.SIGINT])
+@pytest.mark.parametrize(("how", "status"), [("SIGKILL", -9), ("SIGTERM", 143), ("SIGINT", 130)])
 def test_a_run_that_is_killed_goes_on_where_it_was(
-    saved: Path, tmp_path: Path, how: signal.Signals
+    saved: Path, tmp_path: Path, how: str, status: int
 ) -> None:
     options = ["--frames", "400", "--out", str(tmp_path)]
     job = subprocess.Popen(
@@ -114,10 +125,10 @@ def test_a_run_that_is_killed_goes_on_where_it_was(
     records = tmp_path / "records"
     while job.poll() is None and not list(records.glob("frame_00*.json")):
         time.sleep(0.01)
-    job.send_signal(how)
+    job.send_signal(signal.Signals[how])
     _, errors = job.communicate(timeout=60)
-    assert job.returncode == {signal.SIGKILL: -9, signal.SIGTERM: 143, signal.SIGINT: 130}[how]
-    if how != signal.SIGKILL:
+    assert job.returncode == status
+    if how != "SIGKILL":
         assert "again" in errors
         assert "Traceback" not in errors
         assert not [path for path in tmp_path.rglob("*") if path.name.endswith("-part")]
