@@ -97,7 +97,11 @@ def _said_of_mesh(mesh):
     way = f" ({found['way']})" if found["way"] else ""
     reasons = found["reasons"].split("; ")
     if mesh["worst"]:
-        reasons.append(f"{_counted(len(mesh['worst']))} with faults")
+        places = _counted(len(mesh["worst"]))
+        if mesh["grade"] == "good":
+            reasons[-1] += f", but for {places}"
+        else:
+            reasons.append(f"{places} with faults")
     return [f"Faces{way}: {text.replace('the faces of', 'those of', 1)}" for text in reasons]
 
 

@@ -226,6 +226,9 @@ def test_there_is_one_verdict_with_its_reasons(addon, settings):
     found = verdict(report)
     assert (found.grade, found.line) == ("good", "Good: no bad places")
     assert found.reasons == ("Faces: those of A lie smoothly on B",)
+    mesh["worst"] = [{}, {}]
+    assert verdict(report).reasons == ("Faces: those of A lie smoothly on B, but for 2 places",)
+    mesh["worst"] = []
     words = "0.3 % of the edges are creased; the vertices lie off B by 0.02 % of its size"
     mesh |= {"grade": "fair", "verdict": f"A to B: Fair: {words}."}
     found = verdict(report)
@@ -247,7 +250,8 @@ def test_the_worse_of_match_and_faces_is_the_verdict(addon, settings):
     ):
         for grade in words.GRADES:
             report = report_of(obj, **figures)
-            report["mesh"] |= {"grade": grade, "verdict": f"{grade.capitalize()}: so it is."}
+            said = f"{grade.capitalize()}: so it is."
+            report["mesh"] |= {"grade": grade, "verdict": said, "worst": []}
             found = words.verdict(report)
             assert found.grade == "poor"
             assert {reason, "Faces: so it is"} <= set(found.reasons)

@@ -40,8 +40,9 @@ with in_viewport():
     view.view_rotation = Euler((1.35, 0, -0.6)).to_quaternion()
     for obj in bpy.data.objects: obj.select_set(True)
     bpy.ops.view3d.view_selected()
-    view.view_distance *= 0.95
-    view.view_location += view.view_rotation @ Vector((0.7, 0, 0))
+    # The sidebar covers a third of the viewport.
+    view.view_distance *= 1.15
+    view.view_location += view.view_rotation @ Vector((1.2, 0, 0))
 scenes.select(bpy.data.objects["Hound"])
 """
     )
