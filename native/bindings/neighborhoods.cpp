@@ -18,10 +18,10 @@ namespace {
 /// Triangles with the tree that refers to them.
 class ClosestPlaces {
 public:
-    ClosestPlaces(Positions positions, Triangles triangles)
+    ClosestPlaces(Positions positions, Triangles triangles, Progress& progress)
         : positions_(std::move(positions)),
           triangles_(std::move(triangles)),
-          tree_(positions_, triangles_) {}
+          tree_(positions_, triangles_, progress) {}
     ClosestPlaces(const ClosestPlaces&) = delete;
 
     /// The triangle for each place, and the shares of its corners.
@@ -54,7 +54,8 @@ void bind_closest_places(py::module_& module) {
         auto p = from_numpy<Positions>(positions);
         auto corners = from_numpy<Triangles>(triangles);
         const py::gil_scoped_release release;
-        return std::make_unique<ClosestPlaces>(std::move(p), std::move(corners));
+        Progress silent;
+        return std::make_unique<ClosestPlaces>(std::move(p), std::move(corners), silent);
     };
     const auto of = [](const ClosestPlaces& self, const py::array& places,
                        const py::object& callback) {

@@ -129,7 +129,9 @@ struct MeshMotion::Bend {
     std::unique_ptr<Eigen::SimplicialLDLT<Matrix>> solver;
 
     Bend(const Mesh& rest, const Positions& ends, Progress& progress)
-        : mesh(rest), sheet(rest.positions, rest.triangles), moves(to_size(rest.triangles.rows())) {
+        : mesh(rest),
+          sheet(rest.positions, rest.triangles, progress),
+          moves(to_size(rest.triangles.rows())) {
         const Normals end_normals = sheet.normals(ends, progress);
         parallel_for(static_cast<Index>(moves.size()), progress, [&](Index begin, Index end) {
             for (Index f = begin; f < end; ++f) {
@@ -282,7 +284,7 @@ struct MeshMotion::Bend {
             const Eigen::MatrixX3d solution = solver->solve(Eigen::MatrixX3d(right));
             x = solution;
         } else {
-            const std::vector<Matrix3> none(to_size(x.rows()), Matrix3::Zero());
+            const std::vector<SymmetricBlock> none(to_size(x.rows()));
             solve(sheet.laplacian(), none, right, {.most_iterations = 300, .tolerance = 1e-5}, x,
                   progress);
         }

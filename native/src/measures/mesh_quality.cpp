@@ -94,7 +94,7 @@ public:
         points_ /= std::sqrt(area > 0.0 ? area : 1.0);
         point_tree_ = KdTree<3>(points_);
         if (mesh_) {
-            tree_.emplace(points_, triangles_);
+            tree_.emplace(points_, triangles_, progress);
             bends_ = find_bends(triangles_, area_normals(points_, triangles_));
         }
         find_samples(progress);
@@ -263,7 +263,7 @@ private:
     void find_uncovered(Progress& progress) {
         const Positions& samples = target_.samples();
         const auto count = static_cast<Index>(samples.rows());
-        const TriangleTree tree(x_, mesh_.triangles);
+        const TriangleTree tree(x_, mesh_.triangles, progress);
         std::vector<SurfacePoint> feet(to_size(count));
         parallel_for(
             count, progress,

@@ -29,12 +29,26 @@ double sum_over(Index count, Progress& progress, Body&& body) {
     return sum;
 }
 
+/// Of a block on the diagonal, in single precision: which way to go may be told less exactly than
+/// how far.
+struct Inverse {
+    Eigen::Matrix<float, 6, 1> values = Eigen::Matrix<float, 6, 1>::Zero();
+
+    Inverse() = default;
+    explicit Inverse(const Matrix3& m) {
+        Eigen::Matrix<double, 6, 1> upper;
+        upper << m(0, 0), m(0, 1), m(0, 2), m(1, 1), m(1, 2), m(2, 2);
+        values = upper.cast<float>();
+    }
+    Vector3 operator*(const Vector3& v) const { return SymmetricBlock{values.cast<double>()} * v; }
+};
+
 Vector3 row(const Positions& rows, Index i) {
     return {rows(i, 0), rows(i, 1), rows(i, 2)};
 }
 
-Vector3 product(const Laplacian& laplacian, const std::vector<Matrix3>& blocks, const Positions& x,
-                Index i) {
+Vector3 product(const Laplacian& laplacian, const std::vector<SymmetricBlock>& blocks,
+                const Positions& x, Index i) {
     const Vector3 own = row(x, i);
     Vector3 result = blocks[to_size(i)] * own + laplacian.sums[to_size(i)] * own;
     for (Index k = laplacian.offsets[to_size(i)]; k < laplacian.offsets[to_size(i) + 1]; ++k)
@@ -44,22 +58,21 @@ Vector3 product(const Laplacian& laplacian, const std::vector<Matrix3>& blocks, 
 
 }  // namespace
 
-int solve(const Laplacian& laplacian, const std::vector<Matrix3>& blocks, const Positions& right,
+int solve(const Laplacian& laplacian, const std::vector<SymmetricBlock>& blocks, Positions right,
           const SolveOptions& options, Positions& x, Progress& progress) {
     const Index count = laplacian.size();
-    // Which way to go may be told less exactly than how far.
-    std::vector<Eigen::Matrix3f> inverses(to_size(count));
-    Positions residual(count, 3), step(count, 3), image(count, 3);
+    std::vector<Inverse> inverses(to_size(count));
+    Positions& residual = right;
+    Positions step(count, 3), image(count, 3);
     double squared = sum_over(count, progress, [&](Index i) {
-        const Matrix3 diagonal =
-            blocks[to_size(i)] + laplacian.sums[to_size(i)] * Matrix3::Identity();
-        const bool is_free = diagonal.trace() > 0.0;
-        inverses[to_size(i)] =
-            is_free ? Eigen::Matrix3f(diagonal.inverse().cast<float>()) : Eigen::Matrix3f::Zero();
+        SymmetricBlock diagonal = blocks[to_size(i)];
+        diagonal.add_isotropic(laplacian.sums[to_size(i)]);
+        const bool is_free = diagonal.full().trace() > 0.0;
+        if (is_free) inverses[to_size(i)] = Inverse(diagonal.full().inverse());
         const Vector3 r = is_free ? Vector3(row(right, i) - product(laplacian, blocks, x, i))
                                   : Vector3(Vector3::Zero());
         residual.row(i) = r.transpose();
-        step.row(i) = (inverses[to_size(i)].cast<double>() * r).transpose();
+        step.row(i) = (inverses[to_size(i)] * r).transpose();
         return r.dot(row(step, i));
     });
     const double enough = options.tolerance * options.tolerance * squared;
@@ -76,7 +89,7 @@ int solve(const Laplacian& laplacian, const std::vector<Matrix3>& blocks, const 
             x.row(i) += length * step.row(i);
             residual.row(i) -= length * image.row(i);
             const Vector3 r = row(residual, i);
-            return r.dot(inverses[to_size(i)].cast<double>() * r);
+            return r.dot(inverses[to_size(i)] * r);
         });
         const double share = next / squared;
         squared = next;
@@ -86,8 +99,7 @@ int solve(const Laplacian& laplacian, const std::vector<Matrix3>& blocks, const 
             [&](Index begin, Index end) {
                 for (Index i = begin; i < end; ++i)
                     step.row(i) =
-                        (inverses[to_size(i)].cast<double>() * row(residual, i)).transpose() +
-                        share * step.row(i);
+                        (inverses[to_size(i)] * row(residual, i)).transpose() + share * step.row(i);
             },
             0.0, 0.0, kChunk);
     }

@@ -5,6 +5,8 @@
 #include <numeric>
 #include <utility>
 
+#include "pointmorph/base/parallel.hpp"
+
 namespace pointmorph {
 
 namespace {
@@ -14,6 +16,12 @@ constexpr Index kLeaf = 8;
 SurfacePoint at(const Vector3& p, const Vector3& a, const Vector3& b, const Vector3& c,
                 const Vector3& weights) {
     return {0, weights, (weights[0] * a + weights[1] * b + weights[2] * c - p).squaredNorm()};
+}
+
+/// Of a tree over so many triangles.
+Index nodes_of(Index triangles) {
+    return triangles <= kLeaf ? 1
+                              : 1 + nodes_of(triangles / 2) + nodes_of(triangles - triangles / 2);
 }
 
 /// Of the edge from corner i to corner j, where its line passes the place.
@@ -48,27 +56,54 @@ SurfacePoint closest_on_triangle(const Vector3& p, const Vector3& a, const Vecto
     return at(p, a, b, c, {va / sum, vb / sum, vc / sum});
 }
 
-TriangleTree::TriangleTree(const Positions& positions, const Triangles& triangles)
+TriangleTree::TriangleTree(const Positions& positions, const Triangles& triangles,
+                           Progress& progress)
     : triangles_(&triangles), positions_(&positions), order_(to_size(triangles.rows())) {
+    const auto count = static_cast<Index>(triangles.rows());
+    if (count == 0) return;
     std::iota(order_.begin(), order_.end(), 0);
-    Positions middles(triangles.rows(), 3);
-    for (Eigen::Index f = 0; f < triangles.rows(); ++f)
-        middles.row(f) = (positions.row(triangles(f, 0)) + positions.row(triangles(f, 1)) +
-                          positions.row(triangles(f, 2))) /
-                         3.0;
-    if (!order_.empty()) split(0, static_cast<Index>(order_.size()), middles);
-    move(positions);
+    Positions middles(count, 3);
+    parallel_for(count, progress, [&](Index begin, Index end) {
+        for (Index f = begin; f < end; ++f)
+            middles.row(f) = (positions.row(triangles(f, 0)) + positions.row(triangles(f, 1)) +
+                              positions.row(triangles(f, 2))) /
+                             3.0;
+    });
+    nodes_.resize(to_size(nodes_of(count)));
+    // The first few levels one after the other, each branch by itself; then what is left of each.
+    constexpr std::size_t kBranches = 64;
+    std::vector<Branch> branches{{0, 0, count}};
+    const auto at_each = [&](auto&& body) {
+        parallel_for(
+            static_cast<Index>(branches.size()), progress,
+            [&](Index begin, Index end) {
+                for (Index b = begin; b < end; ++b) body(to_size(b));
+            },
+            0.0, 0.0, 1);
+    };
+    const auto can_split = [](const Branch& b) { return b.end - b.begin > kLeaf; };
+    while (branches.size() < kBranches && can_split(branches.front())) {
+        std::vector<Branch> next(2 * branches.size());
+        at_each([&](std::size_t b) {
+            const auto both = halved(branches[b], middles);
+            std::ranges::copy(both, next.begin() + static_cast<std::ptrdiff_t>(2 * b));
+        });
+        branches = std::move(next);
+    }
+    at_each([&](std::size_t b) { split(branches[b], middles); });
+    move(positions, progress);
 }
 
-Index TriangleTree::split(Index begin, Index end, const Positions& middles) {
-    const auto node = static_cast<Index>(nodes_.size());
-    const Index lowest = *std::min_element(order_.begin() + begin, order_.begin() + end);
-    nodes_.push_back({Box{}, begin, end, -1, lowest});
-    if (end - begin <= kLeaf) return node;
+/// Makes the root of a branch, which has more than a leaf's triangles.
+std::array<TriangleTree::Branch, 2> TriangleTree::halved(const Branch& branch,
+                                                         const Positions& middles) {
+    const auto [node, begin, end] = branch;
     Vector3 low = middles.row(order_[to_size(begin)]).transpose(), high = low;
+    Index lowest = order_[to_size(begin)];
     for (Index k = begin; k < end; ++k) {
         low = low.cwiseMin(middles.row(order_[to_size(k)]).transpose());
         high = high.cwiseMax(middles.row(order_[to_size(k)]).transpose());
+        lowest = std::min(lowest, order_[to_size(k)]);
     }
     Eigen::Index axis = 0;
     (high - low).maxCoeff(&axis);
@@ -77,10 +112,19 @@ Index TriangleTree::split(Index begin, Index end, const Positions& middles) {
                      [&](Index f, Index g) {
                          return std::pair(middles(f, axis), f) < std::pair(middles(g, axis), g);
                      });
-    split(begin, middle, middles);
-    const Index right = split(middle, end, middles);
-    nodes_[to_size(node)].right = right;
-    return node;
+    const Index right = node + 1 + nodes_of(middle - begin);
+    nodes_[to_size(node)] = {Box{}, begin, end, right, lowest};
+    return {Branch{node + 1, begin, middle}, Branch{right, middle, end}};
+}
+
+void TriangleTree::split(const Branch& branch, const Positions& middles) {
+    const auto [node, begin, end] = branch;
+    if (end - begin <= kLeaf) {
+        const Index lowest = *std::min_element(order_.begin() + begin, order_.begin() + end);
+        nodes_[to_size(node)] = {Box{}, begin, end, -1, lowest};
+        return;
+    }
+    for (const Branch& half : halved(branch, middles)) split(half, middles);
 }
 
 TriangleTree::Box TriangleTree::box_of(Index begin, Index end) const {
@@ -95,14 +139,18 @@ TriangleTree::Box TriangleTree::box_of(Index begin, Index end) const {
     return box;
 }
 
-void TriangleTree::move(const Positions& positions) {
+void TriangleTree::move(const Positions& positions, Progress& progress) {
     positions_ = &positions;
+    const auto count = static_cast<Index>(nodes_.size());
+    parallel_for(count, progress, [&](Index begin, Index end) {
+        for (Index n = begin; n < end; ++n) {
+            Node& node = nodes_[to_size(n)];
+            if (node.right < 0) node.box = box_of(node.begin, node.end);
+        }
+    });
     for (std::size_t n = nodes_.size(); n-- > 0;) {
         Node& node = nodes_[n];
-        if (node.right < 0) {
-            node.box = box_of(node.begin, node.end);
-            continue;
-        }
+        if (node.right < 0) continue;
         const Box &left = nodes_[n + 1].box, &right = nodes_[to_size(node.right)].box;
         node.box = {left.low.cwiseMin(right.low), left.high.cwiseMax(right.high)};
     }

@@ -58,41 +58,42 @@ Matrix3 rotation_near(const Matrix3& linear, Matrix3 rotation) {
 
 }  // namespace
 
-ElasticSheet::ElasticSheet(const Positions& rest, const Triangles& triangles, double scale)
+ElasticSheet::ElasticSheet(const Positions& rest, const Triangles& triangles, Progress& progress,
+                           double scale)
     : rest_(&rest),
       triangles_(&triangles),
       scale_(scale),
       kept_(to_size(triangles.rows())),
       offsets_(to_size(rest.rows()) + 1, 0),
       corners_(to_size(triangles.size())) {
-    for (Index f = 0; f < triangles.rows(); ++f) {
-        Triangle& t = kept_[to_size(f)];
-        t.metric << 1.0f, 0.0f, 1.0f;
-        const Corners p = places(rest, f);
-        for (int k = 0; k < 3; ++k) {
-            const int next = (k + 1) % 3, across = (k + 2) % 3;
-            t.weights[k] = static_cast<float>(
-                half_cotangent(p.col(k) - p.col(across), p.col(next) - p.col(across)));
-            ++offsets_[to_size(triangles(f, k)) + 1];
+    parallel_for(static_cast<Index>(triangles.rows()), progress, [&](Index begin, Index end) {
+        for (Index f = begin; f < end; ++f) {
+            Triangle& t = kept_[to_size(f)];
+            t.metric << 1.0f, 0.0f, 1.0f;
+            const Corners p = places(rest, f);
+            for (int k = 0; k < 3; ++k) {
+                const int next = (k + 1) % 3, across = (k + 2) % 3;
+                t.weights[k] = static_cast<float>(
+                    half_cotangent(p.col(k) - p.col(across), p.col(next) - p.col(across)));
+            }
         }
-    }
+    });
+    for (Index c = 0; c < triangles.size(); ++c) ++offsets_[to_size(triangles(c / 3, c % 3)) + 1];
     for (std::size_t v = 1; v < offsets_.size(); ++v) offsets_[v] += offsets_[v - 1];
     std::vector<Index> next(offsets_.begin(), offsets_.end() - 1);
     for (Index c = 0; c < triangles.size(); ++c)
         corners_[to_size(next[to_size(triangles(c / 3, c % 3))]++)] = c;
-    find_laplacian();
+    find_laplacian(progress);
 }
 
-void ElasticSheet::find_laplacian() {
+void ElasticSheet::find_laplacian(Progress& progress) {
     struct Side {
         Index to, triangle;
         double weight;
     };
-    std::vector<Side> sides;
     const auto count = static_cast<Index>(rest_->rows());
-    laplacian_.offsets.reserve(to_size(count) + 1);
-    laplacian_.sums.assign(to_size(count), 0.0);
-    for (Index v = 0; v < count; ++v) {
+    /// Both sides of each corner at a vertex; of both ends of an edge in the same order.
+    const auto find_sides = [&](Index v, std::vector<Side>& sides) {
         sides.clear();
         for (const Index c : around(v)) {
             const Index f = c / 3, k = c % 3;
@@ -100,21 +101,42 @@ void ElasticSheet::find_laplacian() {
             sides.push_back({(*triangles_)(f, (k + 1) % 3), f, weights[k]});
             sides.push_back({(*triangles_)(f, (k + 2) % 3), f, weights[(k + 2) % 3]});
         }
-        // Of both ends of an edge, weights are added up in the same order.
         std::ranges::sort(sides, {}, [](const Side& s) { return std::pair(s.to, s.triangle); });
-        for (std::size_t i = 0; i < sides.size(); ++i) {
-            if (i > 0 && sides[i].to == sides[i - 1].to) {
-                laplacian_.weights.back() += sides[i].weight;
-            } else {
-                laplacian_.neighbors.push_back(sides[i].to);
-                laplacian_.weights.push_back(sides[i].weight);
+    };
+    const auto is_new = [](const std::vector<Side>& sides, std::size_t i) {
+        return i == 0 || sides[i].to != sides[i - 1].to;
+    };
+    laplacian_.offsets.assign(to_size(count) + 1, 0);
+    laplacian_.sums.assign(to_size(count), 0.0);
+    parallel_for(count, progress, [&](Index begin, Index end) {
+        std::vector<Side> sides;
+        for (Index v = begin; v < end; ++v) {
+            find_sides(v, sides);
+            for (std::size_t i = 0; i < sides.size(); ++i) {
+                laplacian_.offsets[to_size(v) + 1] += is_new(sides, i);
+                laplacian_.sums[to_size(v)] += sides[i].weight;
             }
-            laplacian_.sums[to_size(v)] += sides[i].weight;
         }
-        laplacian_.offsets.push_back(static_cast<Index>(laplacian_.neighbors.size()));
-    }
-    laplacian_.neighbors.shrink_to_fit();
-    laplacian_.weights.shrink_to_fit();
+    });
+    for (std::size_t v = 1; v < laplacian_.offsets.size(); ++v)
+        laplacian_.offsets[v] += laplacian_.offsets[v - 1];
+    laplacian_.neighbors.resize(to_size(laplacian_.offsets.back()));
+    laplacian_.weights.resize(laplacian_.neighbors.size());
+    parallel_for(count, progress, [&](Index begin, Index end) {
+        std::vector<Side> sides;
+        for (Index v = begin; v < end; ++v) {
+            find_sides(v, sides);
+            std::size_t at = to_size(laplacian_.offsets[to_size(v)]);
+            for (std::size_t i = 0; i < sides.size(); ++i) {
+                if (is_new(sides, i)) {
+                    laplacian_.neighbors[at] = sides[i].to;
+                    laplacian_.weights[at++] = sides[i].weight;
+                } else {
+                    laplacian_.weights[at - 1] += sides[i].weight;
+                }
+            }
+        }
+    });
 }
 
 ElasticSheet::Rest ElasticSheet::at_rest(Index f) const {
@@ -326,7 +348,7 @@ Positions ElasticSheet::forces(const Positions& x, const Normals& normals, doubl
         }
         return corners;
     };
-    return forces_towards(would, progress);
+    return forces_towards<float>(would, progress);
 }
 
 }  // namespace pointmorph

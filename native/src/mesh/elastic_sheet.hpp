@@ -24,8 +24,9 @@ class ElasticSheet {
 public:
     /// `rest` has a row a place; times `scale`, the surface has about unit area. Keeps references
     /// to both.
-    ElasticSheet(const Positions& rest, const Triangles& triangles, double scale = 1.0);
-    ElasticSheet(Positions&&, const Triangles&, double = 1.0) = delete;
+    ElasticSheet(const Positions& rest, const Triangles& triangles, Progress& progress,
+                 double scale = 1.0);
+    ElasticSheet(Positions&&, const Triangles&, Progress&, double = 1.0) = delete;
 
     const Laplacian& laplacian() const { return laplacian_; }
     /// Triangles around each vertex, as 3 f + corner.
@@ -47,8 +48,9 @@ public:
     /// the planes across `normals` (a unit row a vertex, averaged over corners), 0 to 1.
     Positions forces(const Positions& x, const Normals& normals, double flat, Progress& progress);
 
-    /// Right side L y where triangle f would have its corners in the columns of `would(f)`.
-    template <class Would>
+    /// Right side L y where triangle f would have its corners in the columns of `would(f)`. Forces
+    /// of triangles are kept as numbers of the type `Kept` for a while.
+    template <class Kept = double, class Would>
     Positions forces_towards(Would&& would, Progress& progress) const;
 
     using Corners = Eigen::Matrix<double, 3, 3>;  ///< a corner a column
@@ -77,7 +79,7 @@ private:
     Matrix2 stretch(Index f) const;
     void set_log_stretch(const Positions& x, Progress& progress);
     std::vector<Tensor> smoothed_log(int sweeps, Progress& progress) const;
-    void find_laplacian();
+    void find_laplacian(Progress& progress);
     void turn_vertices(const Positions& x, Progress& progress);
     Corners in_plane(const Corners& now, Index f, const Vector3& normal) const;
 
@@ -90,11 +92,11 @@ private:
     std::vector<Matrix3> turns_;  ///< of the vertices, once they have turned; kept as a start
 };
 
-template <class Would>
+template <class Kept, class Would>
 Positions ElasticSheet::forces_towards(Would&& would, Progress& progress) const {
     const auto faces = static_cast<Index>(kept_.size());
     // On the second and third corner; the first is pulled against both.
-    std::vector<Eigen::Matrix<double, 3, 2>> of_faces(to_size(faces));
+    std::vector<Eigen::Matrix<Kept, 3, 2>> of_faces(to_size(faces));
     parallel_for(faces, progress, [&](Index begin, Index end) {
         for (Index f = begin; f < end; ++f) {
             const Corners corners = would(f);
@@ -106,7 +108,7 @@ Positions ElasticSheet::forces_towards(Would&& would, Progress& progress) const 
                 force.col(next) += pull;
                 force.col(k) -= pull;
             }
-            of_faces[to_size(f)] = force.rightCols<2>();
+            of_faces[to_size(f)] = force.rightCols<2>().template cast<Kept>();
         }
     });
     const auto count = laplacian_.size();
@@ -114,7 +116,8 @@ Positions ElasticSheet::forces_towards(Would&& would, Progress& progress) const 
     parallel_for(count, progress, [&](Index begin, Index end) {
         for (Index v = begin; v < end; ++v)
             for (const Index c : around(v)) {
-                const auto& force = of_faces[to_size(c / 3)];
+                const Eigen::Matrix<double, 3, 2> force =
+                    of_faces[to_size(c / 3)].template cast<double>();
                 if (c % 3 > 0)
                     result.row(v) += force.col(c % 3 - 1).transpose();
                 else

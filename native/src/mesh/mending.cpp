@@ -3,11 +3,10 @@
 #include <Eigen/Geometry>
 #include <Eigen/SparseCholesky>
 #include <algorithm>
-#include <array>
 #include <cmath>
+#include <span>
 #include <utility>
 
-#include "mesh/mesh_edges.hpp"
 #include "mesh/mesh_patches.hpp"
 #include "pointmorph/base/parallel.hpp"
 
@@ -18,16 +17,7 @@ namespace {
 /// Bends of the mesh at its edges between two faces.
 class Creases {
 public:
-    explicit Creases(const Mesh& mesh) : mesh_(mesh), edges_(mesh.triangles) {
-        for (Index e = 0; e < edges_.size(); ++e) {
-            const auto sides = edges_[e];
-            if (sides.size() != 2) continue;
-            constexpr double kOwn = 0.0;
-            const auto normal = mesh.normals.row(sides[0].triangle);
-            if (normal.dot(mesh.normals.row(sides[1].triangle)) < kOwn) continue;
-            of_.push_back({sides[0].triangle, sides[1].triangle});
-        }
-    }
+    Creases(const Mesh& mesh, const ElasticSheet& sheet) : mesh_(mesh), sheet_(sheet) {}
 
     Vector3 facing(const Positions& x, Index f) const {
         const auto t = mesh_.triangles.row(f);
@@ -35,34 +25,39 @@ public:
         const Vector3 v = (x.row(t[2]) - x.row(t[0])).transpose();
         return u.cross(v);
     }
-    bool is_creased(const Positions& x, Index f, Index g) const {
-        return facing(x, f).dot(facing(x, g)) < 0.0;
+    /// How many sides of a face are creased, where the mesh itself doesn't crease them.
+    Index of_face(const Positions& x, Index f) const {
+        Index count = 0;
+        for (Index k = 0; k < 3; ++k) {
+            const Index g = across(f, k);
+            if (g >= 0 && mesh_.normals.row(f).dot(mesh_.normals.row(g)) >= 0.0)
+                count += facing(x, f).dot(facing(x, g)) < 0.0;
+        }
+        return count;
     }
-    /// Pairs of faces at creased edges, ascending.
-    std::vector<std::array<Index, 2>> all(const Positions& x) const {
-        std::vector<std::array<Index, 2>> result;
-        for (const auto& [f, g] : of_)
-            if (is_creased(x, f, g)) result.push_back({f, g});
-        return result;
-    }
-    /// Creased edges of some faces; those between two of them count twice.
+    /// Of some faces; edges between two of them count twice.
     Index around(const Positions& x, std::span<const Index> faces) const {
         Index count = 0;
-        for (const Index f : faces)
-            for (Index k = 0; k < 3; ++k) {
-                const auto sides = edges_[edges_.edge_of(f, k)];
-                if (sides.size() != 2) continue;
-                const Index g = sides[0].triangle == f ? sides[1].triangle : sides[0].triangle;
-                if (mesh_.normals.row(f).dot(mesh_.normals.row(g)) >= 0.0)
-                    count += is_creased(x, f, g);
-            }
+        for (const Index f : faces) count += of_face(x, f);
         return count;
     }
 
 private:
+    /// The face on the other side of an edge; −1 unless there are two.
+    Index across(Index f, Index k) const {
+        const Index end = mesh_.triangles(f, (k + 1) % 3);
+        Index result = -1;
+        for (const Index c : sheet_.around(mesh_.triangles(f, k))) {
+            const auto other = mesh_.triangles.row(c / 3);
+            if (c / 3 == f || (other.array() != end).all()) continue;
+            if (result >= 0) return -1;
+            result = c / 3;
+        }
+        return result;
+    }
+
     const Mesh& mesh_;
-    MeshEdges edges_;
-    std::vector<std::array<Index, 2>> of_;  ///< faces at edges that the mesh doesn't crease
+    const ElasticSheet& sheet_;
 };
 
 /// Puts the vertices of a patch where the sheet's weights balance between those around them.
@@ -108,27 +103,17 @@ class Mending {
 public:
     Mending(const Mesh& mesh, const ElasticSheet& sheet, const MendTarget& target,
             TriangleTree& tree, Positions& x)
-        : mesh_(mesh), sheet_(sheet), target_(target), creases_(mesh), tree_(tree), x_(x) {}
+        : mesh_(mesh), sheet_(sheet), target_(target), creases_(mesh, sheet), tree_(tree), x_(x) {}
 
-    Index all(const std::vector<char>& is_fixed, Progress& progress) {
+    void all(const std::vector<char>& is_fixed, Progress& progress) {
         for (const int rings : {1, 2}) {
-            const auto creased = creases_.all(x_);
-            if (creased.empty()) return 0;
-            mend(patches(creased, is_fixed, rings), progress);
+            const std::vector<Index> faces = creased_faces(mesh_, sheet_, x_, progress);
+            if (faces.empty()) return;
+            mend(patches_around(mesh_, sheet_, faces, is_fixed, rings), progress);
         }
-        return static_cast<Index>(creases_.all(x_).size());
     }
 
 private:
-    std::vector<MeshPatch> patches(const std::vector<std::array<Index, 2>>& creased,
-                                   const std::vector<char>& is_fixed, int rings) const {
-        std::vector<Index> faces;
-        for (const auto& [f, g] : creased) faces.insert(faces.end(), {f, g});
-        std::ranges::sort(faces);
-        faces.erase(std::ranges::unique(faces).begin(), faces.end());
-        return patches_around(mesh_, sheet_, faces, is_fixed, rings);
-    }
-
     /// Of each patch: the farthest of the samples for which it has the nearest face. `nearest` of
     /// each sample is found where it is empty.
     std::vector<double> farthest(const std::vector<MeshPatch>& patches, std::vector<Index>& nearest,
@@ -168,7 +153,7 @@ private:
         std::vector<Index> creased(patches.size());
         for (std::size_t p = 0; p < patches.size(); ++p)
             creased[p] = creases_.around(x_, patches[p].faces);
-        tree_.move(x_);
+        tree_.move(x_, progress);
         std::vector<Index> nearest;
         const std::vector<double> far = farthest(patches, nearest, progress);
         parallel_for(
@@ -183,7 +168,7 @@ private:
                 }
             },
             0.0, 0.0, 1);
-        tree_.move(x_);
+        tree_.move(x_, progress);
         const std::vector<double> then = farthest(patches, nearest, progress);
         constexpr double kBarelyMore = 1.05;
         for (std::size_t p = 0; p < patches.size(); ++p) {
@@ -223,10 +208,23 @@ private:
 
 }  // namespace
 
-Index mend(const Mesh& mesh, const ElasticSheet& sheet, const MendTarget& target,
-           const std::vector<char>& is_fixed, TriangleTree& tree, Positions& x,
-           Progress& progress) {
-    return Mending(mesh, sheet, target, tree, x).all(is_fixed, progress);
+std::vector<Index> creased_faces(const Mesh& mesh, const ElasticSheet& sheet, const Positions& x,
+                                 Progress& progress) {
+    const Creases creases(mesh, sheet);
+    const auto count = static_cast<Index>(mesh.triangles.rows());
+    std::vector<char> is_creased(to_size(count), 0);
+    parallel_for(count, progress, [&](Index begin, Index end) {
+        for (Index f = begin; f < end; ++f) is_creased[to_size(f)] = creases.of_face(x, f) > 0;
+    });
+    std::vector<Index> faces;
+    for (Index f = 0; f < count; ++f)
+        if (is_creased[to_size(f)]) faces.push_back(f);
+    return faces;
+}
+
+void mend(const Mesh& mesh, const ElasticSheet& sheet, const MendTarget& target,
+          const std::vector<char>& is_fixed, TriangleTree& tree, Positions& x, Progress& progress) {
+    Mending(mesh, sheet, target, tree, x).all(is_fixed, progress);
 }
 
 }  // namespace pointmorph

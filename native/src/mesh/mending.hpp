@@ -21,12 +21,15 @@ struct MendTarget {
     double farthest = 0.02;  ///< no vertex is moved by more at once
 };
 
-/// Where the mesh bends by more than 90° along edges that the source doesn't bend so, the vertices
-/// around become a membrane between those farther off, put onto the surface: in patches of one or
-/// two rings of faces, each only if it then has fewer such edges, and covers the surface as before.
-/// Larger patches would take small features away, such as lips. `tree` is one of the mesh's
-/// triangles, at `x`. Fixed vertices stay. Returns the edges that are left.
-Index mend(const Mesh& mesh, const ElasticSheet& sheet, const MendTarget& target,
-           const std::vector<char>& is_fixed, TriangleTree& tree, Positions& x, Progress& progress);
+/// Faces at edges of two where the mesh bends by more than 90° and the source doesn't; ascending.
+std::vector<Index> creased_faces(const Mesh& mesh, const ElasticSheet& sheet, const Positions& x,
+                                 Progress& progress);
+
+/// The vertices around creased faces become a membrane between those farther off, put onto the
+/// surface: in patches of one or two rings of faces, each only if it then has fewer such edges, and
+/// covers the surface as before. Larger patches would take small features away, such as lips.
+/// `tree` is one of the mesh's triangles, at `x`. Fixed vertices stay.
+void mend(const Mesh& mesh, const ElasticSheet& sheet, const MendTarget& target,
+          const std::vector<char>& is_fixed, TriangleTree& tree, Positions& x, Progress& progress);
 
 }  // namespace pointmorph

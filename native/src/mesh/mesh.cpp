@@ -88,9 +88,9 @@ void reverse(Mesh& mesh, Index f) {
 }
 
 /// Turns triangles so that neighbors over edges of two triangles agree, most of the area as given.
-void make_agree(Mesh& mesh) {
+/// Returns whether any had to be turned.
+bool make_agree(const MeshEdges& edges, Mesh& mesh) {
     const Triangles& triangles = mesh.triangles;
-    const MeshEdges edges(triangles);
     const auto count = static_cast<Index>(triangles.rows());
     std::vector<signed char> sign(to_size(count), 0);
     std::vector<Index> patch;
@@ -116,8 +116,13 @@ void make_agree(Mesh& mesh) {
         if (turned > kept)
             for (const Index f : patch) sign[to_size(f)] = -sign[to_size(f)];
     }
-    for (Index f = 0; f < count; ++f)
-        if (sign[to_size(f)] < 0) reverse(mesh, f);
+    bool has_turned = false;
+    for (Index f = 0; f < count; ++f) {
+        if (sign[to_size(f)] > 0) continue;
+        reverse(mesh, f);
+        has_turned = true;
+    }
+    return has_turned;
 }
 
 void find_areas(Mesh& mesh) {
@@ -164,8 +169,7 @@ void find_parts(Mesh& mesh) {
 }
 
 /// Whether the largest part is closed and its faces show their inside.
-bool shows_inside(const Mesh& mesh) {
-    const MeshEdges edges(mesh.triangles);
+bool shows_inside(const MeshEdges& edges, const Mesh& mesh) {
     for (Index e = 0; e < edges.size(); ++e)
         if (mesh.parts[to_size(start_of(mesh.triangles, edges[e].front()))] == 0 &&
             edges[e].size() != 2)
@@ -219,8 +223,7 @@ double length_of(const Positions& positions, std::span<const Index> loop) {
 }
 
 /// Simple loops: where borders meet in a place, they are parted there.
-void find_borders(Mesh& mesh) {
-    const MeshEdges edges(mesh.triangles);
+void find_borders(const MeshEdges& edges, Mesh& mesh) {
     std::vector<std::vector<Index>> next(to_size(mesh.positions.rows()));
     std::vector<Index> starts;
     for (Index e = 0; e < edges.size(); ++e) {
@@ -329,25 +332,39 @@ Mesh mesh_of(const Normalization& unit, Positions positions, Triangles triangles
     find_areas(mesh);
     find_parts(mesh);
     find_normals(mesh);
-    find_borders(mesh);
+    find_borders(MeshEdges(mesh.triangles), mesh);
+    return mesh;
+}
+
+Mesh make_mesh(const Cloud& cloud, Progress& progress) {
+    const auto ask = [&] { progress.report(0.0); };
+    Mesh mesh;
+    mesh.unit = normalization(cloud.positions);
+    weld(cloud.positions, mesh);
+    ask();
+    take_triangles(cloud.faces, mesh);
+    ask();
+    find_areas(mesh);
+    MeshEdges edges(mesh.triangles);
+    ask();
+    if (make_agree(edges, mesh)) edges = MeshEdges(mesh.triangles);
+    ask();
+    find_parts(mesh);
+    if (mesh.triangles.rows() > 0 && shows_inside(edges, mesh)) {
+        for (Index f = 0; f < mesh.triangles.rows(); ++f) reverse(mesh, f);
+        mesh.turned_outwards = true;
+        edges = MeshEdges(mesh.triangles);
+    }
+    ask();
+    find_normals(mesh);
+    ask();
+    find_borders(edges, mesh);
     return mesh;
 }
 
 Mesh make_mesh(const Cloud& cloud) {
-    Mesh mesh;
-    mesh.unit = normalization(cloud.positions);
-    weld(cloud.positions, mesh);
-    take_triangles(cloud.faces, mesh);
-    find_areas(mesh);
-    make_agree(mesh);
-    find_parts(mesh);
-    if (mesh.triangles.rows() > 0 && shows_inside(mesh)) {
-        for (Index f = 0; f < mesh.triangles.rows(); ++f) reverse(mesh, f);
-        mesh.turned_outwards = true;
-    }
-    find_normals(mesh);
-    find_borders(mesh);
-    return mesh;
+    Progress silent;
+    return make_mesh(cloud, silent);
 }
 
 }  // namespace pointmorph

@@ -8,6 +8,7 @@
 #include <optional>
 
 #include "mesh/mesh_edges.hpp"
+#include "pointmorph/base/parallel.hpp"
 #include "pointmorph/cloud/sampling.hpp"
 
 namespace pointmorph {
@@ -30,6 +31,16 @@ struct Candidates {
     void add(const Candidates& other, Index i) {
         add(other.triangles[to_size(i)], other.weights[to_size(i)], other.facing[to_size(i)]);
     }
+    void add(const Candidates& other) {
+        triangles.insert(triangles.end(), other.triangles.begin(), other.triangles.end());
+        weights.insert(weights.end(), other.weights.begin(), other.weights.end());
+        facing.insert(facing.end(), other.facing.begin(), other.facing.end());
+    }
+    void resize(Index count) {
+        triangles.resize(to_size(count));
+        weights.resize(to_size(count));
+        facing.resize(to_size(count), Eigen::RowVector3d::Zero());
+    }
 };
 
 /// Uniform in [0, 1), the same for the same number everywhere (Steele et al., SplitMix, 2014).
@@ -42,19 +53,28 @@ double random_number(std::uint64_t number) {
 
 /// Random points, uniform by area, one in each of `count` equal shares of it.
 void add_random(Candidates& candidates, const Mesh& mesh, std::span<const Index> triangles,
-                Index count) {
+                Index count, Progress& progress) {
     std::vector<double> ends;
     double sum = 0.0;
     for (const Index f : triangles) ends.push_back(sum += mesh.areas[f]);
-    for (Index i = 0; i < count; ++i) {
+    const Index first = candidates.size();
+    candidates.resize(first + count);
+    const auto one = [&](Index i) {
         const auto number = 3 * static_cast<std::uint64_t>(i);
         const double place = (i + random_number(number)) / count * sum;
         const auto k = std::min(to_size(std::ranges::upper_bound(ends, place) - ends.begin()),
                                 ends.size() - 1);
         const double root = std::sqrt(random_number(number + 1));
         const double other = random_number(number + 2);
-        candidates.add(triangles[k], {1.0 - root, root * (1.0 - other), root * other});
-    }
+        candidates.triangles[to_size(first + i)] = triangles[k];
+        candidates.weights[to_size(first + i)] = {1.0 - root, root * (1.0 - other), root * other};
+    };
+    parallel_for(
+        count, progress,
+        [&](Index begin, Index end) {
+            for (Index i = begin; i < end; ++i) one(i);
+        },
+        0.0, 0.0);
 }
 
 /// A triangle at each place, and its corner there.
@@ -132,7 +152,7 @@ public:
             add_part(part, edges, chosen, result, progress);
             done += share;
         }
-        finish(chosen, result);
+        finish(chosen, result, progress);
         return result;
     }
 
@@ -164,21 +184,27 @@ private:
             for (std::size_t k = 0; k < from.kept.size(); ++k)
                 result.kept[to_size(from.kept[k])] = first + static_cast<Index>(k);
             for (const Index row : from.border) result.border.push_back(first + row);
-            add_random(from.places, mesh_, triangles_[to_size(part)], count - from.fixed);
-            for (Index i = 0; i < from.places.size(); ++i) chosen.add(from.places, i);
+            add_random(from.places, mesh_, triangles_[to_size(part)], count - from.fixed, progress);
+            chosen.add(from.places);
             result.parts.insert(result.parts.end(), to_size(count), part);
             return;
         }
-        add_random(from.places, mesh_, triangles_[to_size(part)], kCandidates * count);
+        add_random(from.places, mesh_, triangles_[to_size(part)], kCandidates * count, progress);
 
         Positions positions(from.places.size(), 3);
         Normals normals(from.places.size(), 3);
-        for (Index i = 0; i < from.places.size(); ++i) {
-            positions.row(i) = position(from.places, i);
-            const Eigen::RowVector3d& facing = from.places.facing[to_size(i)];
-            normals.row(i) = facing.isZero() ? mesh_.normals.row(from.places.triangles[to_size(i)])
-                                             : Eigen::RowVector3d(facing);
-        }
+        parallel_for(
+            from.places.size(), progress,
+            [&](Index begin, Index end) {
+                for (Index i = begin; i < end; ++i) {
+                    positions.row(i) = position(from.places, i);
+                    const Eigen::RowVector3d& facing = from.places.facing[to_size(i)];
+                    normals.row(i) = facing.isZero()
+                                         ? mesh_.normals.row(from.places.triangles[to_size(i)])
+                                         : Eigen::RowVector3d(facing);
+                }
+            },
+            0.0, 0.0);
         std::vector<Index> keep(to_size(from.fixed));
         std::iota(keep.begin(), keep.end(), 0);
         const Index first = chosen.size();
@@ -297,16 +323,18 @@ private:
         return sum.normalized();
     }
 
-    void finish(const Candidates& chosen, MeshSamples& result) const {
+    void finish(const Candidates& chosen, MeshSamples& result, Progress& progress) const {
         result.triangles = chosen.triangles;
         result.positions.resize(chosen.size(), 3);
         result.normals.resize(chosen.size(), 3);
         result.weights.resize(chosen.size(), 3);
-        for (Index i = 0; i < chosen.size(); ++i) {
-            result.positions.row(i) = position(chosen, i);
-            result.normals.row(i) = normal(chosen, i);
-            result.weights.row(i) = chosen.weights[to_size(i)];
-        }
+        parallel_for(chosen.size(), progress, [&](Index begin, Index end) {
+            for (Index i = begin; i < end; ++i) {
+                result.positions.row(i) = position(chosen, i);
+                result.normals.row(i) = normal(chosen, i);
+                result.weights.row(i) = chosen.weights[to_size(i)];
+            }
+        });
     }
 
     const Mesh& mesh_;

@@ -75,7 +75,7 @@ WrapBorders::WrapBorders(const Mesh& mesh, const Positions& start,
     }
 }
 
-void WrapBorders::draw(const Positions& x, double length, std::vector<Matrix3>& blocks,
+void WrapBorders::draw(const Positions& x, double length, std::vector<SymmetricBlock>& blocks,
                        Positions& right) const {
     for (const auto& [places, line] : matched_)
         for (std::size_t k = 0; k < places.size(); ++k) {
@@ -85,9 +85,10 @@ void WrapBorders::draw(const Positions& x, double length, std::vector<Matrix3>& 
                        (x.row(places[(k + places.size() - 1) % places.size()]) - x.row(p)).norm());
             const Index row = line->nearest(x.row(p));
             const Vector3 along = line->directions.row(row).transpose();
-            const Matrix3 across =
-                share / length * (Matrix3::Identity() - along * along.transpose());
-            blocks[to_size(p)] += across;
+            SymmetricBlock across;
+            across.add_isotropic(share / length);
+            across.add_along(along, -share / length);
+            blocks[to_size(p)].values += across.values;
             right.row(p) += (across * line->points.row(row).transpose()).transpose();
         }
 }

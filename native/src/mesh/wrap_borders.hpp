@@ -18,7 +18,7 @@ public:
     WrapBorders(const Mesh& mesh, const Positions& start, const std::vector<Positions>& borders);
 
     /// Draws places on borders to the lines that they go with, not along them, over `length`.
-    void draw(const Positions& x, double length, std::vector<Matrix3>& blocks,
+    void draw(const Positions& x, double length, std::vector<SymmetricBlock>& blocks,
               Positions& right) const;
 
     /// Puts places on borders onto their lines.

@@ -38,8 +38,8 @@ Normals smoothed(const OrientedPoints& points, Progress& progress) {
     return now;
 }
 
-/// The part of the target whose samples lie nearest to most of each part of the mesh; −1 where
-/// none has most.
+}  // namespace
+
 std::vector<Index> parts_kept_to(const Mesh& mesh, const Positions& start, const Positions& samples,
                                  const std::vector<Index>& parts) {
     constexpr double kMost = 0.6;
@@ -64,8 +64,6 @@ std::vector<Index> parts_kept_to(const Mesh& mesh, const Positions& start, const
     }
     return result;
 }
-
-}  // namespace
 
 struct WrapTrees::Tree {
     KdTree<6>::Points places;  ///< and normals times their weight

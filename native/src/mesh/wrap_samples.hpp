@@ -19,6 +19,11 @@ struct WrapPartners {
     Normals normals;
 };
 
+/// The part of the target whose samples lie nearest to most of each part of the mesh, which is at
+/// `start`; −1 where none has most. `parts` says which part each of the samples belongs to.
+std::vector<Index> parts_kept_to(const Mesh& mesh, const Positions& start, const Positions& samples,
+                                 const std::vector<Index>& parts);
+
 /// Trees of the samples of a target, for all meshes that are wrapped onto it.
 class WrapTrees {
 public:

@@ -4,9 +4,11 @@
 #include <cmath>
 #include <optional>
 #include <span>
+#include <utility>
 #include <vector>
 
 #include "mesh/block_system.hpp"
+#include "mesh/carried_parts.hpp"
 #include "mesh/coarse_mesh.hpp"
 #include "mesh/elastic_sheet.hpp"
 #include "mesh/mending.hpp"
@@ -47,8 +49,10 @@ struct Faces {
     Positions corners;
     TriangleTree tree;
 
-    Faces(const Mesh& surface, double scale)
-        : mesh(surface), corners(surface.positions * scale), tree(corners, surface.triangles) {}
+    Faces(const Mesh& surface, double scale, Progress& progress)
+        : mesh(surface),
+          corners(surface.positions * scale),
+          tree(corners, surface.triangles, progress) {}
     Faces(const Faces&) = delete;
 
     /// The rest of the way to them for a place on the plane at its partner, which is what the
@@ -65,21 +69,26 @@ struct Faces {
     }
 };
 
+/// What a mesh is wrapped onto, with `on_mesh` of WrapTarget for this mesh.
+struct Ground {
+    WrapTrees& trees;
+    const std::vector<SurfacePoint>& on_mesh;
+};
+
 /// Lengths in √area of both surfaces.
 class Wrapping {
 public:
-    /// `on_mesh` as in WrapTarget, on this mesh.
-    Wrapping(const Mesh& mesh, const Positions& start, WrapTrees& trees,
-             const std::vector<SurfacePoint>& on_mesh, const WrapHolds& holds,
-             const WrapOptions& options)
+    /// `start` in √area.
+    Wrapping(const Mesh& mesh, Positions start, const Ground& ground, const WrapHolds& holds,
+             const WrapOptions& options, Progress& progress)
         : mesh_(mesh),
           options_(options),
-          scale_(trees.scale()),
-          x_(start * scale_),
-          sheet_(mesh.positions, mesh.triangles, 1.0 / std::sqrt(mesh.area())),
-          samples_(mesh, x_, on_mesh, trees),
-          borders_(mesh, x_, scaled(trees.target().borders, scale_)),
-          tree_(x_, mesh.triangles),
+          scale_(ground.trees.scale()),
+          x_(std::move(start)),
+          sheet_(mesh.positions, mesh.triangles, progress, 1.0 / std::sqrt(mesh.area())),
+          samples_(mesh, x_, ground.on_mesh, ground.trees),
+          borders_(mesh, x_, scaled(ground.trees.target().borders, scale_)),
+          tree_(x_, mesh.triangles, progress),
           rigid_(mesh, holds.rigid),
           fixed_(holds.fixed),
           held_(holds.places * scale_) {
@@ -107,20 +116,20 @@ public:
             samples_.partners(x_, sheet_.normals(x_, progress), WrapTrees::kFine, progress).normals;
         turn_back(progress);
         std::optional<Faces> faces;
-        if (surface) faces.emplace(*surface, scale_);
+        if (surface) faces.emplace(*surface, scale_, progress);
         land(faces ? &*faces : nullptr, progress);
         smooth_creases(faces ? &*faces : nullptr, progress);
     }
 
-    /// In the lengths of the target.
-    Positions places() const { return x_ / scale_; }
+    /// In √area.
+    Positions places() && { return std::move(x_); }
 
 private:
     void settle(double length, Progress& progress) {
         const double rings = length / spacing_;
         const int sweeps = static_cast<int>(std::clamp(0.3 * rings * rings, 3.0, 60.0));
         sheet_.set_metric(x_, sweeps, progress);
-        find_areas();
+        find_areas(progress);
         find_pulls(length, progress);
         // Much shorter than the sides of triangles, a length only brings vertices to the surface.
         constexpr double kShort = 0.3;
@@ -129,18 +138,19 @@ private:
     }
 
     /// Areas around vertices as the metric would have them.
-    void find_areas() {
+    void find_areas(Progress& progress) {
         areas_ = Values::Zero(x_.rows());
         const double all = mesh_.area();
-        for (Index f = 0; f < mesh_.triangles.rows(); ++f) {
-            const double area = mesh_.areas[f] / all * sheet_.area_ratio(f);
-            for (Index k = 0; k < 3; ++k) areas_[mesh_.triangles(f, k)] += area / 3.0;
-        }
+        parallel_for(static_cast<Index>(x_.rows()), progress, [&](Index begin, Index end) {
+            for (Index v = begin; v < end; ++v)
+                for (const Index c : sheet_.around(v))
+                    areas_[v] += mesh_.areas[c / 3] / all * sheet_.area_ratio(c / 3) / 3.0;
+        });
     }
 
     /// Coarse samples that no face reaches.
     void find_pulls(double length, Progress& progress) {
-        tree_.move(x_);
+        tree_.move(x_, progress);
         pulls_.clear();
         const double reach = std::max(length, kUncovered);
         for (const Index s : samples_.uncovered(tree_, kUncovered, progress))
@@ -149,29 +159,29 @@ private:
 
     void step(double length, Progress& progress) {
         Positions right;
-        std::vector<Matrix3> blocks;
+        std::vector<SymmetricBlock> blocks;
         add_partners(length, blocks, right, progress);
         add_pulls(blocks, right);
         hold_fixed(blocks, right);
         borders_.draw(x_, length, blocks, right);
         constexpr double kMark = 1e4;
         for (const WrapMark& mark : marks_) {
-            blocks[to_size(mark.place)] += kMark * Matrix3::Identity();
+            blocks[to_size(mark.place)].add_isotropic(kMark);
             right.row(mark.place) += kMark * mark.target.transpose();
         }
-        solve(sheet_.laplacian(), blocks, right, {}, x_, progress);
+        solve(sheet_.laplacian(), blocks, std::move(right), {}, x_, progress);
         rigid_.keep(x_);
     }
 
     /// What the sheet would be, and what its vertices are drawn to.
-    void add_partners(double length, std::vector<Matrix3>& blocks, Positions& right,
+    void add_partners(double length, std::vector<SymmetricBlock>& blocks, Positions& right,
                       Progress& progress) {
         const double flat = flatness(length);
         const auto kind = length > kCoarsePartners ? WrapTrees::kCoarse : WrapTrees::kFine;
         const Normals normals = sheet_.normals(x_, progress);
         const WrapPartners partners = samples_.partners(x_, normals, kind, progress);
         right = sheet_.forces(x_, partners.normals, flat, progress);
-        blocks.assign(to_size(x_.rows()), Matrix3::Zero());
+        blocks.assign(to_size(x_.rows()), {});
         constexpr double kFull = 0.5;  // cosine between normals at which a partner counts in full
         parallel_for(static_cast<Index>(x_.rows()), progress, [&](Index begin, Index end) {
             for (Index v = begin; v < end; ++v) {
@@ -179,30 +189,30 @@ private:
                 const double agreement =
                     std::clamp(normals.row(v).dot(partners.normals.row(v)) / kFull, 0.0, 1.0);
                 const double weight = options_.conform * agreement * areas_[v] / (length * length);
-                blocks[to_size(v)] += weight * normal * normal.transpose();
+                blocks[to_size(v)].add_along(normal, weight);
                 right.row(v) += weight * partners.positions.row(v).dot(partners.normals.row(v)) *
                                 partners.normals.row(v);
             }
         });
     }
 
-    void hold_fixed(std::vector<Matrix3>& blocks, Positions& right) const {
+    void hold_fixed(std::vector<SymmetricBlock>& blocks, Positions& right) const {
         constexpr double kFixed = 1e3;
         for (Eigen::Index v = 0; v < fixed_.rows(); ++v) {
             if (!(fixed_[v] > 0.0)) continue;
-            blocks[to_size(v)] += kFixed * fixed_[v] * Matrix3::Identity();
+            blocks[to_size(v)].add_isotropic(kFixed * fixed_[v]);
             right.row(v) += kFixed * fixed_[v] * held_.row(v);
         }
     }
 
-    void add_pulls(std::vector<Matrix3>& blocks, Positions& right) const {
+    void add_pulls(std::vector<SymmetricBlock>& blocks, Positions& right) const {
         for (const auto& [sample, weight] : pulls_) {
             const SurfacePoint& point = samples_.on_mesh(sample);
             const auto corners = mesh_.triangles.row(point.triangle);
             const Vector3 way = samples_.position(sample) - place_of(point, mesh_.triangles, x_);
             for (Index k = 0; k < 3; ++k) {
                 const double share = options_.conform * weight * point.weights[k];
-                blocks[to_size(corners[k])] += share * Matrix3::Identity();
+                blocks[to_size(corners[k])].add_isotropic(share);
                 right.row(corners[k]) += share * (x_.row(corners[k]) + way.transpose());
             }
         }
@@ -233,6 +243,7 @@ private:
     }
 
     void smooth_creases(const Faces* faces, Progress& progress) {
+        if (creased_faces(mesh_, sheet_, x_, progress).empty()) return;
         std::vector<char> is_fixed = fixed(0.0);
         for (const std::vector<Index>& border : mesh_.borders)
             for (const Index v : border) is_fixed[to_size(v)] = 1;
@@ -323,8 +334,8 @@ struct Level {
     const WrapOptions& options;
 };
 
-/// Where the places are once a coarse mesh has given way in place of all.
-Positions after_coarse_mesh(const Mesh& mesh, const Positions& start, WrapTrees& trees,
+/// Where the places are once a coarse mesh has given way in place of all, in √area.
+Positions after_coarse_mesh(const Mesh& mesh, const Positions& start, const Ground& ground,
                             const WrapHolds& holds, const Level& level, Progress& progress) {
     std::vector<Index> kept;
     for (const WrapMark& mark : holds.marks) kept.push_back(mark.place);
@@ -337,8 +348,8 @@ Positions after_coarse_mesh(const Mesh& mesh, const Positions& start, WrapTrees&
         const auto row = std::ranges::lower_bound(coarse.rows, mark.place) - coarse.rows.begin();
         coarse_marks.push_back({static_cast<Index>(row), mark.target});
     }
-    const TriangleTree tree(coarse.mesh.positions, coarse.mesh.triangles);
-    std::vector<SurfacePoint> on_coarse = trees.target().on_mesh;
+    const TriangleTree tree(coarse.mesh.positions, coarse.mesh.triangles, progress);
+    std::vector<SurfacePoint> on_coarse = ground.on_mesh;
     parallel_for(
         static_cast<Index>(on_coarse.size()), progress,
         [&](Index begin, Index end) {
@@ -355,14 +366,14 @@ Positions after_coarse_mesh(const Mesh& mesh, const Positions& start, WrapTrees&
         coarse_holds.fixed = gather(holds.fixed, coarse.rows);
         coarse_holds.places = gather(holds.places, coarse.rows);
     }
-    Wrapping wrapping(coarse.mesh, gather(start, coarse.rows), trees, on_coarse, coarse_holds,
-                      level.options);
+    Wrapping wrapping(coarse.mesh, gather(start, coarse.rows), {ground.trees, on_coarse},
+                      coarse_holds, level.options, progress);
     wrapping.settle(level.lengths, progress);
     const double spacing =
         std::sqrt(mesh.area() / static_cast<double>(coarse.mesh.positions.rows()));
     Positions result = carried_positions({mesh.positions, mesh.place_normals},
                                          {coarse.mesh.positions, coarse.mesh.place_normals},
-                                         wrapping.places(), spacing, progress);
+                                         std::move(wrapping).places(), spacing, progress);
     // Small parts have too few places to be carried by: they are where the map took them.
     constexpr int kEnough = 24;
     std::vector<int> places_of_part(to_size(mesh.part_areas.size()), 0);
@@ -377,18 +388,11 @@ Positions after_coarse_mesh(const Mesh& mesh, const Positions& start, WrapTrees&
     return result;
 }
 
-}  // namespace
-
-Positions wrap(const Mesh& mesh, const Positions& start, const WrapTarget& target,
-               const WrapHolds& holds, const WrapOptions& options, Progress& progress) {
-    const bool fits = target.mesh && target.mesh->triangles.rows() == mesh.triangles.rows() &&
-                      target.mesh->positions.rows() == start.rows() &&
-                      target.mesh->triangles == mesh.triangles && target.mesh->positions == start;
-    if (fits || mesh.triangles.rows() == 0) return start;
-
+/// wrap() of all parts alike.
+Positions all_wrapped(const Mesh& mesh, const Positions& start, const Ground& ground,
+                      const WrapHolds& holds, const WrapOptions& options, Progress& progress) {
     const std::vector<double> lengths = all_lengths(options);
-    WrapTrees trees(target, 1.0 / std::sqrt(target.area));
-    Positions x = start;
+    Positions x = start * ground.trees.scale();
     std::size_t done = 0;
     const auto share = [&](std::size_t count) {
         return static_cast<double>(count) / static_cast<double>(lengths.size());
@@ -403,17 +407,42 @@ Positions wrap(const Mesh& mesh, const Positions& start, const WrapTarget& targe
         if (end == done) continue;
         const Progress::Part part(progress, share(done), share(end));
         const Level level{places, std::span(lengths).subspan(done, end - done), options};
-        x = after_coarse_mesh(mesh, x, trees, holds, level, progress);
+        x = after_coarse_mesh(mesh, x, ground, holds, level, progress);
         done = end;
     }
     const Progress::Part part(progress, share(done), 1.0);
-    Wrapping wrapping(mesh, x, trees, target.on_mesh, holds, options);
+    Wrapping wrapping(mesh, std::move(x), ground, holds, options, progress);
     wrapping.settle(std::span(lengths).subspan(done), progress);
-    wrapping.finish(target.mesh, progress);
-    Positions result = wrapping.places();
+    wrapping.finish(ground.trees.target().mesh, progress);
+    Positions result = std::move(wrapping).places();
+    result /= ground.trees.scale();
     for (Eigen::Index v = 0; v < holds.fixed.rows(); ++v)
         if (holds.fixed[v] == 1.0) result.row(v) = holds.places.row(v);
     for (const WrapMark& mark : holds.marks) result.row(mark.place) = mark.target.transpose();
+    return result;
+}
+
+}  // namespace
+
+Positions wrap(const Mesh& mesh, const Positions& start, const WrapTarget& target,
+               const WrapHolds& holds, const WrapOptions& options, Progress& progress) {
+    const bool fits = target.mesh && target.mesh->triangles.rows() == mesh.triangles.rows() &&
+                      target.mesh->positions.rows() == start.rows() &&
+                      target.mesh->triangles == mesh.triangles && target.mesh->positions == start;
+    if (fits || mesh.triangles.rows() == 0) return start;
+
+    WrapTrees trees(target, 1.0 / std::sqrt(target.area));
+    std::vector<Index> carried;
+    if (mesh.part_areas.size() > 1)
+        carried = parts_without_counterpart(
+            mesh, parts_kept_to(mesh, start, target.coarse.positions, target.coarse_parts),
+            target.on_mesh, holds);
+    if (carried.empty())
+        return all_wrapped(mesh, start, {trees, target.on_mesh}, holds, options, progress);
+    std::vector<SurfacePoint> on_mesh = target.on_mesh;
+    const Mesh rest = without_parts(mesh, carried, on_mesh, progress);
+    Positions result = all_wrapped(rest, start, {trees, on_mesh}, holds, options, progress);
+    carry_parts(mesh, rest, carried, result, progress);
     return result;
 }
 

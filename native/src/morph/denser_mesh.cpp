@@ -126,9 +126,9 @@ private:
 /// The surface that a mesh should show, in lengths of the target's unit.
 class Shown {
 public:
-    explicit Shown(const WrapTarget& target) : target_(target) {
+    Shown(const WrapTarget& target, Progress& progress) : target_(target) {
         if (target.mesh)
-            tree_.emplace(target.mesh->positions, target.mesh->triangles);
+            tree_.emplace(target.mesh->positions, target.mesh->triangles, progress);
         else
             points_.emplace(target.fine.positions);
     }
@@ -187,7 +187,7 @@ std::vector<char> edges_to_halve(const Mesh& mesh, const Positions& x, const Wra
             }
         },
         0.5, 1.0, 128);
-    const TriangleTree tree(x, mesh.triangles);
+    const TriangleTree tree(x, mesh.triangles, progress);
     for (Eigen::Index s = 0; s < target.coarse.positions.rows(); ++s) {
         const SurfacePoint point = tree.closest(target.coarse.positions.row(s).transpose());
         if (point.squared_distance > tolerance * tolerance) is_off[to_size(point.triangle)] = 1;
@@ -208,7 +208,7 @@ DenserMesh denser_mesh(const WrapSource& source, const WrapSide& target,
     if (is_same_mesh(source, target))
         return {source.mesh.mesh().vertices, source.mesh.mesh().polygons, {}, source.images};
     WrapOnto onto(source, target, pinned, progress);
-    const Shown shown(onto.target());
+    const Shown shown(onto.target(), progress);
     const double tolerance = options.tolerance * std::sqrt(onto.target().area);
     GrowingMesh growing(source.mesh.mesh());
     Positions x;
@@ -220,7 +220,7 @@ DenserMesh denser_mesh(const WrapSource& source, const WrapSide& target,
         const Positions all = onto.wrapped(divided.mesh, divided.ends, wrapping, progress);
         x = all.topRows(growing.mesh().positions.rows());
         if (round == options.rounds) break;
-        const TriangleTree tree(divided.mesh.positions, divided.mesh.triangles);
+        const TriangleTree tree(divided.mesh.positions, divided.mesh.triangles, progress);
         constexpr int kMost = 8;
         bool has_grown = false;
         for (int again = 0; again < kMost; ++again) {

@@ -183,7 +183,7 @@ std::optional<MeshSide> mesh_side(const Cloud& cloud, std::span<const Feature> f
                                   Marked Feature::*side, const MorphOptions& options,
                                   Progress& progress) {
     if (!is_sampled(cloud, options)) return {};
-    Mesh mesh = make_mesh(cloud);
+    Mesh mesh = make_mesh(cloud, progress);
     if (mesh.triangles.rows() == 0) return {};
     return MeshSide(cloud, std::move(mesh), features, side, progress);
 }

@@ -14,7 +14,7 @@ namespace {
 
 /// Many samples of a mesh, that tangent planes at them stand for it.
 MeshSamples fine_samples(const Mesh& mesh, Progress& progress) {
-    constexpr Index kLeast = 60000, kMost = 400000;
+    constexpr Index kLeast = 60000, kMost = 200000;
     const auto places = static_cast<Index>(mesh.positions.rows());
     const Index count = std::clamp(std::min(places, kMost / 3) * 3, kLeast, kMost);
     return sample_mesh(mesh, {}, {.count = count, .even = false}, progress);
@@ -22,7 +22,7 @@ MeshSamples fine_samples(const Mesh& mesh, Progress& progress) {
 
 /// Places on the mesh for points near it, in its lengths.
 std::vector<SurfacePoint> places_on(const Mesh& mesh, const Positions& points, Progress& progress) {
-    const TriangleTree tree(mesh.positions, mesh.triangles);
+    const TriangleTree tree(mesh.positions, mesh.triangles, progress);
     std::vector<SurfacePoint> places(to_size(points.rows()));
     parallel_for(
         static_cast<Index>(points.rows()), progress,

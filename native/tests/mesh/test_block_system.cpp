@@ -37,7 +37,7 @@ Laplacian graph(Index count, std::mt19937_64& random) {
 
 struct System {
     Laplacian laplacian;
-    std::vector<Matrix3> blocks;
+    std::vector<SymmetricBlock> blocks;
     Positions right, start;
 
     explicit System(Index count) {
@@ -48,7 +48,8 @@ struct System {
         start = Positions::NullaryExpr(count, 3, [&] { return normal(random); });
         for (Index i = 0; i < count; ++i) {
             const Vector3 n(normal(random), normal(random), normal(random));
-            blocks.push_back(i + 1 < count ? Matrix3(n * n.transpose()) : Matrix3::Zero());
+            blocks.emplace_back();
+            if (i + 1 < count) blocks.back().add_along(n, 1.0);
         }
     }
 
@@ -57,7 +58,7 @@ struct System {
         Eigen::MatrixXd all = Eigen::MatrixXd::Zero(3 * count, 3 * count);
         for (Index i = 0; i < count; ++i) {
             all.block<3, 3>(3 * i, 3 * i) =
-                blocks[to_size(i)] + laplacian.sums[to_size(i)] * Matrix3::Identity();
+                blocks[to_size(i)].full() + laplacian.sums[to_size(i)] * Matrix3::Identity();
             for (Index k = laplacian.offsets[to_size(i)]; k < laplacian.offsets[to_size(i) + 1];
                  ++k)
                 all.block<3, 3>(3 * i, 3 * laplacian.neighbors[to_size(k)]) =
@@ -73,6 +74,16 @@ struct System {
         return x;
     }
 };
+
+TEST(BlockSystem, BlocksAreSymmetricMatrices) {
+    const Vector3 n(0.3, -1.2, 2.0), v(-0.7, 0.4, 1.1);
+    SymmetricBlock block;
+    block.add_along(n, 1.5);
+    block.add_isotropic(0.25);
+    const Matrix3 expected = 1.5 * n * n.transpose() + 0.25 * Matrix3::Identity();
+    EXPECT_LT((block.full() - expected).norm(), 1e-15);
+    EXPECT_LT((block * v - expected * v).norm(), 1e-14);
+}
 
 TEST(BlockSystem, IsSolvedAsByAFactorization) {
     const System system(60);

@@ -54,10 +54,11 @@ TEST(ClosestPoint, OnATriangleIsTheLeastOfMany) {
 }
 
 TEST(ClosestPoint, AgreesWithBruteForce) {
+    Progress progress;
     for (const Cloud& cloud :
          {mesh_shapes::cube(), mesh_shapes::icosphere(3), mesh_shapes::cylinder(40)}) {
         const Mesh mesh = make_mesh(cloud);
-        const TriangleTree tree(mesh.positions, mesh.triangles);
+        const TriangleTree tree(mesh.positions, mesh.triangles, progress);
         for (const Vector3& p : random_places(300, 1.2)) {
             const SurfacePoint expected = by_brute_force(mesh, p);
             const SurfacePoint found = tree.closest(p);
@@ -70,7 +71,8 @@ TEST(ClosestPoint, AgreesWithBruteForce) {
 
 /// Processor time for the closest points to some places.
 double time_on(const Mesh& mesh, const Positions& positions) {
-    const TriangleTree tree(positions, mesh.triangles);
+    Progress progress;
+    const TriangleTree tree(positions, mesh.triangles, progress);
     const std::vector<Vector3> places = random_places(4000, 1.2);  // long beside ticks of 1 ms
     const std::clock_t begin = std::clock();
     for (const Vector3& p : places) EXPECT_GE(tree.closest(p).triangle, 0);
@@ -78,18 +80,20 @@ double time_on(const Mesh& mesh, const Positions& positions) {
 }
 
 TEST(ClosestPoint, TakesNoLongerWhereAllHasCollapsed) {
+    Progress progress;
     const Mesh mesh = make_mesh(mesh_shapes::icosphere(6));
     const Positions collapsed =
         Vector3(0.1, 0.2, 0.3).transpose().replicate(mesh.positions.rows(), 1);
-    const TriangleTree tree(collapsed, mesh.triangles);
+    const TriangleTree tree(collapsed, mesh.triangles, progress);
     EXPECT_EQ(tree.closest({1, 0, 0}).triangle, 0);
     // With every triangle asked, it is some hundred times as long.
     EXPECT_LT(time_on(mesh, collapsed), 10.0 * time_on(mesh, mesh.positions));
 }
 
 TEST(ClosestPoint, LooksNoFartherThanAsked) {
+    Progress progress;
     const Mesh mesh = make_mesh(mesh_shapes::icosphere(2));
-    const TriangleTree tree(mesh.positions, mesh.triangles);
+    const TriangleTree tree(mesh.positions, mesh.triangles, progress);
     const Vector3 outside(3, 0, 0);
     const double distance = std::sqrt(tree.closest(outside).squared_distance);
     EXPECT_EQ(tree.closest(outside, 0.99 * distance).triangle, -1);
@@ -97,33 +101,36 @@ TEST(ClosestPoint, LooksNoFartherThanAsked) {
 }
 
 TEST(ClosestPoint, FollowsMovedCorners) {
+    Progress progress;
     const Mesh mesh = make_mesh(mesh_shapes::icosphere(3));
-    TriangleTree tree(mesh.positions, mesh.triangles);
+    TriangleTree tree(mesh.positions, mesh.triangles, progress);
     Mesh moved = mesh;
     moved.positions.col(0) *= 2.0;
     moved.positions.col(1).array() += 0.3;
-    tree.move(moved.positions);
+    tree.move(moved.positions, progress);
     for (const Vector3& p : random_places(200, 2.0))
         EXPECT_EQ(tree.closest(p).squared_distance, by_brute_force(moved, p).squared_distance);
 }
 
 TEST(ClosestPoint, TakesTrianglesThatCoincideAndNone) {
+    Progress progress;
     const Triangles none(0, 3);
     const Positions nowhere(0, 3);
-    EXPECT_EQ(TriangleTree(nowhere, none).closest({0, 0, 0}).triangle, -1);
+    EXPECT_EQ(TriangleTree(nowhere, none, progress).closest({0, 0, 0}).triangle, -1);
     Positions p(3, 3);
     p << 0, 0, 0, 1, 0, 0, 0, 1, 0;
     const Triangles same = Eigen::RowVector3i(0, 1, 2).replicate(100, 1);
-    const TriangleTree tree(p, same);
+    const TriangleTree tree(p, same, progress);
     EXPECT_EQ(tree.closest({0.2, 0.2, 1}).triangle, 0);
     EXPECT_EQ(tree.closest({0.2, 0.2, 1}).squared_distance, 1.0);
 }
 
 TEST(Example, ClosestPoint) {
+    Progress progress;
     const Mesh mesh = make_mesh(mesh_shapes::icosphere(3));
     const Vector3 place(0.1, 0.2, 2.0);
     // --- example
-    const TriangleTree tree(mesh.positions, mesh.triangles);
+    const TriangleTree tree(mesh.positions, mesh.triangles, progress);
     const SurfacePoint point = tree.closest(place);
     const Vector3 on_mesh = place_of(point, mesh.triangles, mesh.positions);
     // --- end of the example

@@ -26,22 +26,25 @@ double pull(ElasticSheet& sheet, const Positions& x, double flat) {
 }
 
 TEST(ElasticSheet, IsAtRestWhereItIsTurnedOnly) {
+    Progress progress;
     const Mesh mesh = make_mesh(mesh_shapes::icosphere(2));
-    ElasticSheet sheet(mesh.positions, mesh.triangles);
+    ElasticSheet sheet(mesh.positions, mesh.triangles, progress);
     const Matrix3 turn = Eigen::AngleAxisd(2.5, Vector3(1, 2, 3).normalized()).toRotationMatrix();
-    EXPECT_LT(pull(sheet, mesh.positions, 0.0), 1e-9);
-    ElasticSheet again(mesh.positions, mesh.triangles);
-    EXPECT_LT(pull(again, mesh.positions * turn.transpose(), 0.0), 1e-9);
+    // Forces of triangles, of about a tenth here, are kept in single precision.
+    constexpr double kNone = 1e-6;
+    EXPECT_LT(pull(sheet, mesh.positions, 0.0), kNone);
+    ElasticSheet again(mesh.positions, mesh.triangles, progress);
+    EXPECT_LT(pull(again, mesh.positions * turn.transpose(), 0.0), kNone);
 }
 
 TEST(ElasticSheet, TakesOnASmoothStretch) {
+    Progress progress;
     const Mesh mesh = make_mesh(mesh_shapes::grid(12));
-    ElasticSheet sheet(mesh.positions, mesh.triangles);
+    ElasticSheet sheet(mesh.positions, mesh.triangles, progress);
     Positions x = mesh.positions;
     x.col(0) *= 2.0;
     x.col(1) *= 0.7;
     EXPECT_GT(pull(sheet, x, 0.0), 0.1);
-    Progress progress;
     sheet.set_metric(x, 5, progress);
     // The metric is kept in single precision.
     for (const double flat : {0.0, 0.5, 1.0}) EXPECT_LT(pull(sheet, x, flat), 1e-5) << flat;
@@ -49,19 +52,19 @@ TEST(ElasticSheet, TakesOnASmoothStretch) {
 }
 
 TEST(ElasticSheet, KeepsItsTrianglesInThePlaneWhereItIsFlat) {
+    Progress progress;
     const Mesh mesh = make_mesh(mesh_shapes::terrain(
         8, [](double x, double y) { return 0.2 * std::sin(3 * x) * std::cos(3 * y); }));
-    ElasticSheet sheet(mesh.positions, mesh.triangles);
-    Progress progress;
+    ElasticSheet sheet(mesh.positions, mesh.triangles, progress);
     Normals up = Normals::Zero(mesh.positions.rows(), 3);
     up.col(2).setOnes();
     EXPECT_LT(sheet.forces(mesh.positions, up, 1.0, progress).col(2).norm(), 1e-12);
 }
 
 TEST(ElasticSheet, KnowsNormals) {
-    const Mesh mesh = make_mesh(mesh_shapes::cylinder(24));
-    const ElasticSheet sheet(mesh.positions, mesh.triangles);
     Progress progress;
+    const Mesh mesh = make_mesh(mesh_shapes::cylinder(24));
+    const ElasticSheet sheet(mesh.positions, mesh.triangles, progress);
     const Normals normals = sheet.normals(mesh.positions, progress);
     for (Index v = 0; v < normals.rows(); ++v) {
         EXPECT_NEAR(normals.row(v).norm(), 1.0, 1e-12);

@@ -11,7 +11,8 @@ namespace {
 
 struct Sheet {
     Mesh mesh = make_mesh(mesh_shapes::grid(14));
-    ElasticSheet sheet{mesh.positions, mesh.triangles};
+    Progress progress;
+    ElasticSheet sheet{mesh.positions, mesh.triangles, progress};
     WrapPartners planes{mesh.positions, Normals::Zero(mesh.positions.rows(), 3)};
     std::vector<char> is_fixed = std::vector<char>(to_size(mesh.positions.rows()), 0);
 

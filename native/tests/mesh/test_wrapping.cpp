@@ -31,7 +31,7 @@ WrapTarget target_of(const Mesh& target, const Mesh& source, Inverse&& inverse) 
     result.fine = {fine.positions, fine.normals};
     result.fine_parts = fine.parts;
     result.area = target.area();
-    const TriangleTree tree(source.positions, source.triangles);
+    const TriangleTree tree(source.positions, source.triangles, progress);
     for (Index s = 0; s < coarse.size(); ++s)
         result.on_mesh.push_back(
             tree.closest(Vector3(inverse(Vector3(coarse.positions.row(s).transpose())))));
@@ -56,7 +56,8 @@ Positions shaken(const Positions& places, double size, unsigned seed) {
 
 /// Faces that lie against the surface of `target` there, both with as many triangles.
 Index turned_over(const Mesh& mesh, const Positions& x, const Mesh& target) {
-    const TriangleTree tree(target.positions, target.triangles);
+    Progress progress;
+    const TriangleTree tree(target.positions, target.triangles, progress);
     Index count = 0;
     for (Index f = 0; f < mesh.triangles.rows(); ++f) {
         const auto corner = [&](Index k) -> Vector3 {
@@ -264,7 +265,7 @@ TEST(Wrapping, ConformsAsFirmlyAsItIsAskedTo) {
         Progress progress;
         const Positions found = wrap(bent.source, start, bent.onto, {},
                                      {.first_length = 0.03, .conform = conform}, progress);
-        const TriangleTree tree(bent.target.positions, bent.target.triangles);
+        const TriangleTree tree(bent.target.positions, bent.target.triangles, progress);
         double sum = 0.0;
         for (Index v = 0; v < found.rows(); ++v)
             sum += std::sqrt(tree.closest(found.row(v).transpose()).squared_distance);
@@ -303,7 +304,8 @@ TEST(Wrapping, RandomMeshesWithRandomMapsGainNoTurnedFace) {
 /// A ball, part of whose vertices lie anywhere around.
 struct Crumpled {
     Mesh mesh = make_mesh(mesh_shapes::icosphere(4));
-    ElasticSheet sheet{mesh.positions, mesh.triangles};
+    Progress progress;
+    ElasticSheet sheet{mesh.positions, mesh.triangles, progress};
     Positions x = mesh.positions;
     MendTarget target;
     std::vector<char> is_fixed = std::vector<char>(to_size(x.rows()), 0);
@@ -339,8 +341,8 @@ TEST(Wrapping, MendsCreasesWithWhatIsAround) {
     Crumpled ball;
     ASSERT_GT(ball.creased(), 20);
     const Positions before = ball.x;
-    TriangleTree tree(ball.x, ball.mesh.triangles);
     Progress progress;
+    TriangleTree tree(ball.x, ball.mesh.triangles, progress);
     mend(ball.mesh, ball.sheet, ball.target, ball.is_fixed, tree, ball.x, progress);
     EXPECT_EQ(ball.creased(), 0);
     for (Index v = 0; v < ball.x.rows(); ++v) {
@@ -355,8 +357,8 @@ TEST(Wrapping, MendsOnlyWhatStaysCovered) {
     ball.target.reach = 0.0;
     ball.target.samples = ball.x;
     const Positions before = ball.x;
-    TriangleTree tree(ball.x, ball.mesh.triangles);
     Progress progress;
+    TriangleTree tree(ball.x, ball.mesh.triangles, progress);
     const Index creased = ball.creased();
     mend(ball.mesh, ball.sheet, ball.target, ball.is_fixed, tree, ball.x, progress);
     EXPECT_EQ(ball.x, before);

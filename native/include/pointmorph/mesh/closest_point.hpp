@@ -1,9 +1,11 @@
 // Stage `closest_point`: the point of some triangles that lies nearest to a place.
 #pragma once
 
+#include <array>
 #include <limits>
 #include <vector>
 
+#include "pointmorph/base/progress.hpp"
 #include "pointmorph/base/types.hpp"
 #include "pointmorph/mesh/mesh.hpp"
 
@@ -34,14 +36,14 @@ class TriangleTree {
 public:
     /// Keeps references to both, which must outlive it; the corners of `triangles` are rows of
     /// `positions`.
-    TriangleTree(const Positions& positions, const Triangles& triangles);
-    TriangleTree(const Positions&, Triangles&&) = delete;
-    TriangleTree(Positions&&, const Triangles&) = delete;
+    TriangleTree(const Positions& positions, const Triangles& triangles, Progress& progress);
+    TriangleTree(const Positions&, Triangles&&, Progress&) = delete;
+    TriangleTree(Positions&&, const Triangles&, Progress&) = delete;
 
     /// The same triangles with their corners elsewhere; of these it keeps a reference. To be called
     /// as well once positions have changed where they are.
-    void move(const Positions& positions);
-    void move(Positions&&) = delete;
+    void move(const Positions& positions, Progress& progress);
+    void move(Positions&&, Progress&) = delete;
 
     /// The nearest point that is nearer than `within` (plain distance), on the lowest of several
     /// triangles. `guess` is a triangle that may be near, or −1: the result is the same, but for
@@ -59,14 +61,21 @@ private:
         }
     };
 
-    Index split(Index begin, Index end, const Positions& middles);
+    /// Of a subtree: where it is rooted, and which triangles it holds.
+    struct Branch {
+        Index node;
+        Index begin, end;  ///< in `order_`
+    };
+    void split(const Branch& branch, const Positions& middles);
+    std::array<Branch, 2> halved(const Branch& branch, const Positions& middles);
     Box box_of(Index begin, Index end) const;
     SurfacePoint on(Index triangle, const Vector3& place) const;
 
     const Triangles* triangles_;
     const Positions* positions_;
     std::vector<Index> order_;  ///< triangles, leaf by leaf
-    /// Children of a node come after it: the left one next to it.
+    /// Children of a node come after it: the left one next to it, the right one after all of the
+    /// left one's.
     struct Node {
         Box box;
         Index begin, end;  ///< in `order_`

@@ -6,6 +6,7 @@
 #include <span>
 #include <vector>
 
+#include "pointmorph/base/progress.hpp"
 #include "pointmorph/base/types.hpp"
 #include "pointmorph/cloud/cloud.hpp"
 
@@ -44,6 +45,7 @@ struct Mesh {
 /// where the largest part is closed and has a negative volume. Faces with fewer than three places,
 /// or without an area, are left out: there may be no triangles at all. `cloud` is valid; see
 /// validate().
+Mesh make_mesh(const Cloud& cloud, Progress& progress);
 Mesh make_mesh(const Cloud& cloud);
 
 /// The surface of given triangles as they are: parts, borders, normals. `places`, `polygons` and

@@ -64,8 +64,10 @@ struct WrapHolds {
 /// ElasticSheet) is drawn to the tangent planes of the closest samples that face as it does, of the
 /// part that most of its own part lies on; where no face reaches, the point that the inverse map
 /// names is pulled there. Places that are fixed in full end where they are held, to the bit, and so
-/// do marks, which come first. A start that is the target's own mesh is the result, to the bit.
-/// Turns, scales and moves with the target. The same bits for any number of threads.
+/// do marks, which come first. Small parts for which the target has nothing, such as eyeballs, keep
+/// their shape and go along with what is around them. A start that is the target's own mesh is the
+/// result, to the bit. Turns, scales and moves with the target. The same bits for any number of
+/// threads.
 Positions wrap(const Mesh& mesh, const Positions& start, const WrapTarget& target,
                const WrapHolds& holds, const WrapOptions& options, Progress& progress);
 
