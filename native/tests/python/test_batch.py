@@ -184,7 +184,7 @@ class _Page(HTMLParser):
 
 def test_a_batch_with_a_pair_that_fails_is_completed_later(tmp_path: Path) -> None:
     models(tmp_path / "models", "a", "b")
-    (tmp_path / "models" / "c<i>.obj").write_text("v 0 0\n")
+    (tmp_path / "models" / "c&amp;.obj").write_text("v 0 0\n")
     path = write_jobs(
         tmp_path, frames=3, settings=QUICK,
         template={"source": "models/a.obj", "targets": ["models/c*.obj", "models/b.obj"]},
@@ -192,14 +192,14 @@ def test_a_batch_with_a_pair_that_fails_is_completed_later(tmp_path: Path) -> No
     out = tmp_path / "batch"
     first = run("batch", path, "--jobs", 2)
     assert first.returncode == 3, first.stderr
-    assert states(out) == {"a_to_c_i_": FAILED, "a_to_b": DONE}
+    assert states(out) == {"a_to_c_amp_": FAILED, "a_to_b": DONE}
     assert "1 morphed, 0 were done, 1 failed" in first.stdout
     page = _Page((out / "index.html").read_text(encoding="utf-8"))
     assert page.pictures == ["pictures/a_to_b.png"]
     failure = json.loads((out / "batch.json").read_text())["pairs"][0]
     for text in (page.words, first.stdout):
         assert failure["message"] in text
-    assert "c<i>.obj" in failure["message"]
+    assert "c&amp;.obj" in failure["message"]
     # The same bits as by the command for one pair.
     single = run("morph", tmp_path / "models" / "a.obj", tmp_path / "models" / "b.obj", "--out",
                  tmp_path / "one", "--frames", 3, "--method", "paper")  # fmt: skip
@@ -210,13 +210,13 @@ def test_a_batch_with_a_pair_that_fails_is_completed_later(tmp_path: Path) -> No
 
     # Mended, the pair that failed is morphed; the other isn't touched.
     before = times_of(out)
-    write_obj(tmp_path / "models" / "c<i>.obj", 9, 0.6)
+    write_obj(tmp_path / "models" / "c&amp;.obj", 9, 0.6)
     second = run("batch", path)
     assert second.returncode == 0, second.stderr
-    assert states(out) == {"a_to_c_i_": DONE, "a_to_b": KEPT}
+    assert states(out) == {"a_to_c_amp_": DONE, "a_to_b": KEPT}
     assert before.items() <= times_of(out).items()
     # A damaged frame and a damaged map are noticed, and made anew as they were.
-    frame, map_ = out / "a_to_b" / "frames" / "frame_0001.ply", out / "a_to_c_i_" / "pair.morph"
+    frame, map_ = out / "a_to_b" / "frames" / "frame_0001.ply", out / "a_to_c_amp_" / "pair.morph"
     contents = frame.read_bytes(), arrays_of(map_)
     for file in (frame, map_):
         changed = bytearray(file.read_bytes())
@@ -225,7 +225,7 @@ def test_a_batch_with_a_pair_that_fails_is_completed_later(tmp_path: Path) -> No
     report = run("batch", path, "--report")
     assert report.returncode == 1
     assert "a_to_b: the frames to do" in report.stdout
-    assert "a_to_c_i_: the map and the frames to do" in report.stdout
+    assert "a_to_c_amp_: the map and the frames to do" in report.stdout
     kept = times_of(out / "a_to_b")
     third = run("batch", path)
     assert third.returncode == 0, third.stderr
