@@ -5,6 +5,7 @@
 #include <memory>
 #include <vector>
 
+#include "mesh/block_system.hpp"
 #include "pointmorph/base/types.hpp"
 #include "pointmorph/cloud/kd_tree.hpp"
 #include "pointmorph/mesh/mesh.hpp"
