@@ -14,7 +14,7 @@ from .panel import Panel, explained, has_points, say
 _ICONS = ("COLORSET_04_VEC", "COLORSET_09_VEC", "COLORSET_01_VEC")  # blue, yellow, red
 _LEGENDS = {
     attribute_names.DISTORTION: ("Good", "Bad", "Folded"),
-    attribute_names.CONFIDENCE: ("Sure", "In doubt", "Likely wrong"),
+    attribute_names.CONFIDENCE: ("Sure", "Unsure", "Doubtful"),
 }
 _GRADE_ICONS = {"good": "CHECKMARK", "fair": "INFO", "poor": "ERROR"}
 

@@ -260,6 +260,8 @@ class Window:
         rows = self._hover_down(left + 60, top + 8, bottom - 4)
         free = [y for y, call in rows if not call]
         for y in free[::-1]:
+            if self.under((left + 60, y)):
+                continue  # a panel that was opened or closed has moved a button here
             self.click((left + 60, y))
             after = self._panels()
             if name in after:
