@@ -54,6 +54,9 @@ MENDED = {
         "PLY files with a name that no table can have, or with lines of different lengths",
         "OBJ files with less than three coordinates or with lines that go on and never end",
     ],
+    "Stopped at any moment": [
+        "A signal at the very moment at which a file was begun left an empty part of it behind",
+    ],
     "Random walks through Blender": [
         "Baking onto a mesh that a script had given other vertices than its shape keys",
     ],

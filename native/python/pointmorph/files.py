@@ -92,34 +92,33 @@ def whole_file(path: str | os.PathLike[str]) -> Iterator[IO[bytes]]:
     """
     path = Path(path)
     destination = reachable(path)
+    file, named = None, False
     try:
         part, file = _new_part(destination)
+        yield file
+        file.flush()
+        os.fsync(file.fileno())
+        if sys.platform == "win32":  # where nothing that is open gets another name
+            file.close()
+        else:
+            os.chmod(part, 0o666 & ~_umask())
+        replace(part, destination)
+        named = True
     except OSError as error:
         raise _unwritable(path, error) from error
-    named = False
-    try:
-        try:
-            yield file
-            file.flush()
-            os.fsync(file.fileno())
-            if sys.platform == "win32":  # where nothing that is open gets another name
-                file.close()
-            else:
-                os.chmod(part, 0o666 & ~_umask())
-            replace(part, destination)
-            named = True
-        except OSError as error:
-            raise _unwritable(path, error) from error
     finally:
         # What fails here was said before: a full disk, a folder that is gone.
-        with suppress(OSError):
-            if not named and sys.platform != "win32":  # before another process takes the lock
-                os.unlink(part)
-        with suppress(OSError):
-            file.close()
-        with suppress(OSError):
-            if not named and sys.platform == "win32":
-                os.unlink(part)
+        if file is None:  # Ctrl-C may have come when it was made, but not yet known here
+            _remove_parts(destination)
+        else:
+            with suppress(OSError):
+                if not named and sys.platform != "win32":  # before another process takes the lock
+                    os.unlink(part)
+            with suppress(OSError):
+                file.close()
+            with suppress(OSError):
+                if not named and sys.platform == "win32":
+                    os.unlink(part)
 
 
 def remove_leftovers(folder: str | os.PathLike[str]) -> None:
@@ -141,15 +140,33 @@ def _new_part(destination: Path) -> tuple[Path, IO[bytes]]:
     """
     number = 0
     while True:
-        part = destination.with_name(f".{destination.name}.{number}{_PART}")
+        part = _part(destination, number)
+        file: IO[bytes] | None = None
         try:
-            file = open(part, "xb")  # noqa: SIM115  (whole_file closes it)
-        except FileExistsError:
-            number += not _remove_if_left(part)
-            continue
-        if not _locked(file, wait=True) or _is_named(part, file):
-            return part, file
-        file.close()  # it was taken for a leftover in between
+            try:
+                file = open(part, "xb")  # noqa: SIM115  (whole_file closes it)
+            except FileExistsError:
+                number += not _remove_if_left(part)
+                continue
+            if not _locked(file, wait=True) or _is_named(part, file):
+                return part, file
+            file.close()  # it was taken for a leftover in between
+        except BaseException:
+            if file is not None:
+                file.close()
+            raise
+
+
+def _part(destination: Path, number: int) -> Path:
+    return destination.with_name(f".{destination.name}.{number}{_PART}")
+
+
+def _remove_parts(destination: Path) -> None:
+    """Removes what nothing is writing of the parts of a file."""
+    number = 0
+    while (part := _part(destination, number)).exists():
+        _remove_if_left(part)
+        number += 1
 
 
 def _remove_if_left(part: Path) -> bool:

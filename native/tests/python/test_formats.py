@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import gc
 import os
+import random
+import signal
 import stat
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -125,6 +129,27 @@ def test_a_full_disk_is_said(tmp_path: Path) -> None:
 
     with pytest.raises(pointmorph.FileError, match="space"):
         write()
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no timers of this kind")
+def test_an_interrupt_at_any_moment_leaves_nothing(tmp_path: Path) -> None:
+    def interrupt(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    chance = random.Random(1)
+    before = signal.signal(signal.SIGALRM, interrupt)
+    try:
+        for _ in range(1000):
+            with suppress(KeyboardInterrupt):
+                signal.setitimer(signal.ITIMER_REAL, chance.uniform(1e-6, 4e-4))
+                for number in range(1000):
+                    files.write_bytes(tmp_path / f"{number % 5}", b"whole")
+            gc.collect(0)  # an exception may hold the file until now
+            assert not [path.name for path in tmp_path.glob(".*")]
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        signal.signal(signal.SIGALRM, before)
+    assert {path.read_bytes() for path in tmp_path.iterdir()} == {b"whole"}
 
 
 def test_a_missing_folder_is_said(tmp_path: Path) -> None:
