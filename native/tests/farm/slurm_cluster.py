@@ -40,7 +40,7 @@ SlurmdParameters=config_overrides
 MailProg=/bin/true
 MpiDefault=none
 JobRequeue=1
-KillWait=8
+KillWait=30
 ReturnToService=2
 NodeName={host} NodeAddr=127.0.0.1 CPUs={cpus} State=UNKNOWN
 PartitionName=all Nodes=ALL Default=YES MaxTime=INFINITE State=UP
