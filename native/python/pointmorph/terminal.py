@@ -27,13 +27,16 @@ def orderly_end() -> Iterator[None]:
         return
 
     def end(number: int, frame: FrameType | None) -> None:
+        # Engines ask the processes of a job twice. What is being cleaned up must not be disturbed.
+        signal.signal(signal.SIGTERM, signal.SIG_IGN)
         raise Terminated
 
     before = signal.signal(signal.SIGTERM, end)
     try:
         yield
     finally:
-        signal.signal(signal.SIGTERM, before)
+        if signal.getsignal(signal.SIGTERM) == end:
+            signal.signal(signal.SIGTERM, before)
 
 
 def fail(message: str, status: int) -> int:
