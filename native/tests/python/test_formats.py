@@ -144,7 +144,8 @@ def test_an_interrupt_at_any_moment_leaves_nothing(tmp_path: Path) -> None:
                 signal.setitimer(signal.ITIMER_REAL, chance.uniform(1e-6, 4e-4))
                 for number in range(1000):
                     files.write_bytes(tmp_path / f"{number % 5}", b"whole")
-            gc.collect(0)  # an exception may hold the file until now
+            if list(tmp_path.glob(".*")):
+                gc.collect()  # an exception may hold the file until now
             assert not [path.name for path in tmp_path.glob(".*")]
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0)
