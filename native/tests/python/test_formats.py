@@ -136,6 +136,7 @@ def test_an_interrupt_at_any_moment_leaves_nothing(tmp_path: Path) -> None:
     def interrupt(*_: object) -> None:
         raise KeyboardInterrupt
 
+    files.write_bytes(tmp_path / "0", b"whole")
     chance = random.Random(1)
     before = signal.signal(signal.SIGALRM, interrupt)
     try:
