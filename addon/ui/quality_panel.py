@@ -63,8 +63,10 @@ class POINTMORPH_PT_quality(Panel, bpy.types.Panel):
         report = recipes.report_of(obj)
         if report is None:
             return
-        _draw_reasons(layout, context, obj, quality_words.verdict(report))
-        _draw_missing_marks(layout, context, report)
+        verdict = quality_words.verdict(report)
+        _draw_reasons(layout, context, obj, verdict)
+        if verdict.grade != "good":
+            _draw_missing_marks(layout, context)
         for kind, places in _places(report):
             _draw_places(layout, context, obj, kind, places)
         if any(place.get("flaw") == "uncovered" for place in _places(report)[1][1]):
@@ -96,9 +98,7 @@ def _draw_reasons(layout, context, obj, verdict):
         say(column, context, recipes.present_words(obj, reason), "DOT")
 
 
-def _draw_missing_marks(layout, context, report):
-    if quality_words.verdict(report).grade == "good":
-        return
+def _draw_missing_marks(layout, context):
     names = [item.name for item in context.scene.pointmorph.features if item.use]
     for there, missing in quality_words.missing_marks(names):
         say(layout, context, f'Mark "{missing}": only "{there}" is marked', "INFO")

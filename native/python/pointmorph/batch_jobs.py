@@ -13,7 +13,7 @@ from typing import Any
 
 from pointmorph import __version__, files, formats
 from pointmorph.errors import FileError
-from pointmorph.file_checks import parsed_json
+from pointmorph.file_checks import json_object
 from pointmorph.frame_records import file_checksum
 from pointmorph.option_table import options
 
@@ -105,7 +105,7 @@ def read_batch(path: Path, out: Path | None = None) -> Batch:
     FileError
         Saying what is wrong with the file.
     """
-    content = _content(path)
+    content = json_object(path, "an object with pairs, template or folder", syntax="JSON")
     home = path.absolute().parent
     folder = out if out is not None else home / _value(path, content, "out", str, "batch")
     unknown = set(content) - {*_COMMON, *_GROUPS, "out", "up", "render"}
@@ -126,20 +126,6 @@ def read_batch(path: Path, out: Path | None = None) -> Batch:
     if not all(isinstance(word, str) for word in render):
         raise _wrong(path, 'a command as render, such as ["blender", "-b"]', repr(render))
     return Batch(path, folder.absolute(), tuple(jobs), up, tuple(render))
-
-
-def _content(path: Path) -> dict[str, Any]:
-    try:
-        content = parsed_json(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise FileError(
-            str(path), "a readable file", error.strerror or str(error), "Check the path."
-        ) from error
-    except ValueError as error:
-        raise _wrong(path, "JSON", str(error)) from error
-    if not isinstance(content, dict):
-        raise _wrong(path, "an object with pairs, template or folder", "something else")
-    return content
 
 
 def _wrong(path: Path, expected: str, found: str) -> FileError:

@@ -32,7 +32,7 @@ from pointmorph.clouds import Cloud, FloatArray
 from pointmorph.confidence import Confidence
 from pointmorph.errors import FeatureError, FileError, OptionError, PointmorphError
 from pointmorph.features import Feature, feature_from_json, weights_from_json
-from pointmorph.file_checks import parsed_json
+from pointmorph.file_checks import json_object
 from pointmorph.option_table import Option, options
 from pointmorph.own_meshes import OwnMeshWriter
 from pointmorph.stages import Progress
@@ -216,7 +216,7 @@ def _clouds(
 
 def _propose(chosen: argparse.Namespace) -> None:
     given, _ = read_features(chosen.features) if chosen.features else ({}, [])
-    content = _read_json(chosen.features) if chosen.features else {}
+    content = json_object(chosen.features, _FEATURES) if chosen.features else {}
     shapes = _read_shapes(chosen)
     with terminal.bars() as progress:
         clouds, features = _clouds(chosen, shapes, given, progress)
@@ -317,7 +317,7 @@ def _morph(chosen: argparse.Namespace) -> None:
 def _read_weights(path: Path, shapes: Sequence[formats.Shape]) -> None:
     """Takes what vertices keep when their mesh is wrapped, and when they go, from a features file
     into the shapes."""
-    content = _read_json(path)
+    content = json_object(path, _FEATURES)
     for name in ("rigid", "fixed", "delay"):
         for side, shape in zip(_SIDES, shapes, strict=True):
             if name not in content:
@@ -341,25 +341,11 @@ def check_rows(shapes: Sequence[formats.Shape], features: Mapping[str, Feature])
                     )
 
 
-_SHAPE = '{"features": {"nose": [source row, target row], …}, "loop": ["nose", …]}'
-
-
-def _read_json(path: Path) -> dict[str, Any]:
-    try:
-        content = parsed_json(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise FileError(
-            str(path), "a readable file", error.strerror or str(error), "Check the path."
-        ) from error
-    except ValueError as error:
-        raise _not_features(path, str(error)) from error
-    if not isinstance(content, dict):
-        raise _not_features(path, "something else")
-    return content
+_FEATURES = 'JSON like {"features": {"nose": [source row, target row], …}, "loop": ["nose", …]}'
 
 
 def _not_features(path: Path, found: str) -> FileError:
-    return FileError(str(path), f"JSON like {_SHAPE}", found, "Correct the file.")
+    return FileError(str(path), _FEATURES, found, "Correct the file.")
 
 
 def read_features(
@@ -372,7 +358,7 @@ def read_features(
     FileError, FeatureError
         Saying what is wrong with the file, or with which feature.
     """
-    content = _read_json(path)
+    content = json_object(path, _FEATURES)
     features, loop = content.get(key, {}), content.get("loop", [])
     if not isinstance(features, dict):
         raise _not_features(path, "something else")
@@ -417,7 +403,7 @@ def _origin(chosen: argparse.Namespace) -> dict[str, Any]:
         "command": chosen.words,
         "samples": chosen.samples,
         **{side: stored_commands.origin_of(getattr(chosen, side)) for side in _SIDES},
-        "features": _read_json(chosen.features) if chosen.features else {},
+        "features": json_object(chosen.features, _FEATURES) if chosen.features else {},
     }
 
 

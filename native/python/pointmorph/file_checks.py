@@ -68,6 +68,22 @@ def parsed_json(text: str | bytes) -> Any:
         raise ValueError("lists within lists, too deep to be read") from None
 
 
+def json_object(path: Path, expected: str, syntax: str = "") -> dict[str, Any]:
+    """What a JSON file holds. Raises FileError if that isn't an object like `expected`, or not even
+    what `syntax` says (default: the same)."""
+    try:
+        content = parsed_json(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise FileError(
+            str(path), "a readable file", error.strerror or str(error), "Check the path."
+        ) from error
+    except ValueError as error:
+        raise FileError(str(path), syntax or expected, str(error), "Correct the file.") from error
+    if not isinstance(content, dict):
+        raise FileError(str(path), expected, "something else", "Correct the file.")
+    return content
+
+
 def _refuse(path: Path, expected: str, found: str) -> FileError:
     return FileError(str(path), expected, found, "Export the file again.")
 
