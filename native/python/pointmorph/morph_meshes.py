@@ -135,8 +135,7 @@ class AsMeshes(AsFrames):
         OptionError
             If there is no such side.
         """
-        if side not in ("source", "target"):
-            raise OptionError("side", "source or target", repr(side), "Choose one of them.")
+        _check_side(side)
         return self._native.vertex_times(side == "source", float(t))
 
     def denser(
@@ -185,8 +184,7 @@ class AsMeshes(AsFrames):
         >>> bool(np.allclose(mesh.extended(flat), mesh.positions))
         True
         """
-        if side not in ("source", "target"):
-            raise OptionError("side", "source or target", repr(side), "Choose one of them.")
+        _check_side(side)
         if not 1e-4 <= tolerance <= 1:
             raise OptionError(
                 "tolerance", "a number from 0.0001 to 1", f"{tolerance}", "Try 0.002."
@@ -231,8 +229,7 @@ class AsMeshes(AsFrames):
         >>> bool(np.allclose(result.carrier().displacements(up), 0.5 * up))
         True
         """
-        if side not in ("source", "target"):
-            raise OptionError("side", "source or target", repr(side), "Choose one of them.")
+        _check_side(side)
         if side == "source":
             taker, giver = self.source, self.target
             meshed = self.has_mesh
@@ -245,3 +242,9 @@ class AsMeshes(AsFrames):
             None if cloud.faces is None else fans(*cloud.faces)[0] for cloud in (taker, giver)
         )
         return Carrier(taker.positions, images, giver.positions, own, others)
+
+
+def _check_side(side: str) -> None:
+    """Raises OptionError unless it is one of the two."""
+    if side not in ("source", "target"):
+        raise OptionError("side", "source or target", repr(side), "Choose one of them.")
