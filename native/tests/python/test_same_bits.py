@@ -23,4 +23,5 @@ def test_both_engines_give_the_same_bits(tmp_path: Path) -> None:
         run(digests, tmp_path / "patch", POINTMORPH_THREADS=engine, OMP_NUM_THREADS="3")
         found.append(json.loads(digests.read_text()))
     assert found[0] == found[1]
-    assert set(found[0]) == {"patch", "patch, bare points"}
+    assert set(found[0]) == {"patch", "patch, bare points", "patch, double precision"}
+    assert "wrapped" in found[0]["patch, double precision"]
