@@ -11,15 +11,15 @@
 namespace pointmorph {
 namespace {
 
-constexpr double kInfinity = std::numeric_limits<double>::infinity();
-constexpr double kNone = std::numeric_limits<double>::quiet_NaN();
+constexpr double kInfinite = std::numeric_limits<double>::infinity();
+constexpr double kNotANumber = std::numeric_limits<double>::quiet_NaN();
 
 /// Whether a number is another or one of its `places` neighbors on either side.
-bool is_near(double found, double expected, int places) {
+bool is_within(double found, double expected, int places) {
     double least = expected, most = expected;
     for (int place = 0; place < places; ++place) {
-        least = std::nextafter(least, -kInfinity);
-        most = std::nextafter(most, kInfinity);
+        least = std::nextafter(least, -kInfinite);
+        most = std::nextafter(most, kInfinite);
     }
     return least <= found && found <= most;
 }
@@ -30,18 +30,18 @@ TEST(Elementary, IsThatOfTheSystemsLibraryButForTheLastPlace) {
     for (int i = 0; i < 100000; ++i) {
         const double a = uniform(random), b = uniform(random);
         for (const double x : {a, 1e-3 * a, 30.0 * a, 744.0 * a}) {
-            ASSERT_TRUE(is_near(exponential(x), std::exp(x), 1)) << x;
-            ASSERT_TRUE(is_near(sine_of(x), std::sin(x), 1)) << x;
-            ASSERT_TRUE(is_near(cosine_of(x), std::cos(x), 1)) << x;
+            ASSERT_TRUE(is_within(exponential(x), std::exp(x), 1)) << x;
+            ASSERT_TRUE(is_within(sine_of(x), std::sin(x), 1)) << x;
+            ASSERT_TRUE(is_within(cosine_of(x), std::cos(x), 1)) << x;
         }
         for (const double x : {1.0 + 0.5 * a, 1.0 + 1e-6 * a, std::exp2(1000.0 * a), 5e-324}) {
-            ASSERT_TRUE(is_near(logarithm(x), std::log(x), 1)) << x;
-            ASSERT_TRUE(is_near(power(x, b), std::pow(x, b), 1)) << x << ", " << b;
+            ASSERT_TRUE(is_within(logarithm(x), std::log(x), 1)) << x;
+            ASSERT_TRUE(is_within(power(x, b), std::pow(x, b), 1)) << x << ", " << b;
         }
-        ASSERT_TRUE(is_near(power(std::exp2(2.0 * a), 300.0 * b),
-                            std::pow(std::exp2(2.0 * a), 300.0 * b), 1));
+        ASSERT_TRUE(is_within(power(std::exp2(2.0 * a), 300.0 * b),
+                              std::pow(std::exp2(2.0 * a), 300.0 * b), 1));
         const double x = std::exp2(60.0 * a);
-        ASSERT_TRUE(is_near(logarithm_after_one(x), std::log1p(x), 3)) << x;
+        ASSERT_TRUE(is_within(logarithm_after_one(x), std::log1p(x), 3)) << x;
         ASSERT_NEAR(sine_of(1e6 * a), std::sin(1e6 * a), 1e-15);
     }
 }
@@ -64,11 +64,11 @@ TEST(Elementary, IsExactWhereTheResultIs) {
 }
 
 TEST(Elementary, SpecialValuesAreTheSystems) {
-    const double all[] = {0.0,   -0.0, 1.0,   -1.0,      0.5,        -0.5,  2.0,  3.0,  -3.0,
-                          1e300, 800., -800., kInfinity, -kInfinity, kNone, 1e20, -1e20};
+    const double all[] = {0.0,   -0.0, 1.0,   -1.0,      0.5,        -0.5,        2.0,  3.0,  -3.0,
+                          1e300, 800., -800., kInfinite, -kInfinite, kNotANumber, 1e20, -1e20};
     const auto same = [](double a, double b) {
         return std::isnan(a) ? std::isnan(b)
-                             : std::signbit(a) == std::signbit(b) && is_near(a, b, 1);
+                             : std::signbit(a) == std::signbit(b) && is_within(a, b, 1);
     };
     for (const double x : all) {
         EXPECT_TRUE(same(exponential(x), std::exp(x))) << x;
