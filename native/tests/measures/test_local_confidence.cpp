@@ -17,7 +17,7 @@ namespace pointmorph {
 namespace {
 
 /// Two clouds whose rows are pairs, a map between them, and what is known of it.
-struct Judged {
+struct Case {
     Cloud source, target;
     Positions source_images, target_images;
     Pairing pairs;
@@ -33,8 +33,8 @@ struct Judged {
     }
 };
 
-Judged of_same_rows(Cloud source, Cloud target) {
-    Judged result{std::move(source), std::move(target), {}, {}, {}, {}};
+Case of_same_rows(Cloud source, Cloud target) {
+    Case result{std::move(source), std::move(target), {}, {}, {}, {}};
     result.source_images = result.target.positions;
     result.target_images = result.source.positions;
     for (Index i = 0; i < result.source.size(); ++i) result.pairs.push_back({i, i});
@@ -46,13 +46,13 @@ Cloud ball(const std::string& name, Index count) {
     return {name, p, p, {}, {}};
 }
 
-Judged itself(Index count = 3000) {
+Case itself(Index count = 3000) {
     return of_same_rows(ball("Ball", count), ball("Moon", count));
 }
 
 /// From [−1, 1]² to what is left of it where all beyond x = ½ has been cut off: that is squeezed
 /// onto the border.
-Judged cut() {
+Case cut() {
     const Positions sheet = shapes::grid(61);
     const auto there = [](const Vector3& p) {
         return Vector3(p.x() < 0.5 ? p.x() : 0.5 + 0.02 * (p.x() - 0.5), p.y(), 0.0);
@@ -62,7 +62,7 @@ Judged cut() {
 }
 
 /// Another map that costs as little, and takes one half of the source `distance` elsewhere.
-Alternatives other_half(const Judged& one, double distance, double ratio) {
+Alternatives other_half(const Case& one, double distance, double ratio) {
     Alternatives others;
     for (Index i = 0; i < one.source.size(); i += 20) {
         others.source_rows.push_back(i);
@@ -105,7 +105,7 @@ TEST(LocalConfidence, AShapeOntoItselfIsSureEverywhere) {
 }
 
 TEST(LocalConfidence, AMapThatTearsAllApartIsWarnedOf) {
-    Judged one = itself(1500);
+    Case one = itself(1500);
     const auto order = shapes::permutation(one.source.size(), 3);
     one.source_images = gather(one.target.positions, order);
     one.target_images = gather(one.source.positions, order);
@@ -115,7 +115,7 @@ TEST(LocalConfidence, AMapThatTearsAllApartIsWarnedOf) {
 }
 
 TEST(LocalConfidence, WhatLiesAroundAPartThatWasCutAwayIsInDoubtAndNamed) {
-    const Judged one = cut();
+    const Case one = cut();
     const LocalConfidence found = one.measure();
     const double away =
         mean_where(one.source, found.source, [](const Vector3& p) { return p.x() < 0.2; });
@@ -137,7 +137,7 @@ TEST(LocalConfidence, WhatLiesAroundAPartThatWasCutAwayIsInDoubtAndNamed) {
 }
 
 TEST(LocalConfidence, FallsWhereAnotherMapThatFitsAsWellGoesElsewhere) {
-    Judged one = itself();
+    Case one = itself();
     const Values alone = one.measure().source;
     const auto right = [](const Vector3& p) { return p.x() > 0.3; };
     const auto left = [](const Vector3& p) { return p.x() < -0.3; };
@@ -157,7 +157,7 @@ TEST(LocalConfidence, FallsWhereAnotherMapThatFitsAsWellGoesElsewhere) {
 }
 
 TEST(LocalConfidence, AMarkSettlesWhatItSpeaksAgainst) {
-    Judged one = itself();
+    Case one = itself();
     one.diagnostics.alternatives = other_half(one, 0.3, 1.0);
     const Index front = 0, end = [&] {
         Index row;
@@ -178,7 +178,7 @@ TEST(LocalConfidence, AMarkSettlesWhatItSpeaksAgainst) {
 
 TEST(LocalConfidence, IsTheSameToTheBitForAnyNumberOfThreadsAndWithKnownNeighbors) {
     SKIP_WHERE_WATCHED();
-    Judged one = cut();
+    Case one = cut();
     one.diagnostics.alternatives = other_half(one, 0.3, 1.0);
     const LocalConfidence found = one.measure();
     for (const int count : {1, 3}) {
@@ -207,7 +207,7 @@ TEST(LocalConfidence, DoesNotDependOnScalePlaceAndOrientation) {
     SKIP_WHERE_WATCHED();
     // Each point by itself, and several together: those that lie together in space.
     for (const auto& [count, tolerance] : {std::pair(2500, 1e-6), std::pair(20000, 0.05)}) {
-        Judged one = itself(count);
+        Case one = itself(count);
         one.target.positions.col(0) *= 1.5;
         one.source_images = one.target.positions;
         one.diagnostics.alternatives = other_half(one, 0.3, 1.0);
@@ -216,7 +216,7 @@ TEST(LocalConfidence, DoesNotDependOnScalePlaceAndOrientation) {
         const auto move = [&](const Positions& p) -> Positions {
             return (1e-3 * p * turn.transpose()).rowwise() + Eigen::RowVector3d(3.0, 4.0, 5.0);
         };
-        Judged moved = one;
+        Case moved = one;
         moved.target.positions = move(one.target.positions);
         moved.target.normals = one.target.normals * turn.transpose();
         moved.source_images = move(one.source_images);
@@ -249,7 +249,7 @@ TEST(LocalConfidence, IsAProbabilityForAnyCloud) {
 }
 
 TEST(LocalConfidence, CanBeStopped) {
-    const Judged one = itself(500);
+    const Case one = itself(500);
     Progress silent;
     const TwoWayMap map = one.map();
     const Quality quality = measure_quality(map, {}, silent);
@@ -263,7 +263,7 @@ TEST(LocalConfidence, CanBeStopped) {
 }
 
 TEST(Example, LocalConfidence) {
-    const Judged sheet = cut();
+    const Case sheet = cut();
     const TwoWayMap map = sheet.map();
     const Diagnostics& diagnostics = sheet.diagnostics;
     const std::vector<Feature> features;
