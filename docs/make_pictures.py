@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 import pointmorph
-import pointmorph.sampling
+import pointmorph.meshes
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection, PolyCollection
@@ -23,7 +23,7 @@ from matplotlib.patches import Circle, Rectangle
 from matplotlib.path import Path as Outline
 from matplotlib.tri import Triangulation
 from PIL import Image
-from pointmorph.formats import Shape
+from pointmorph.meshes import Shape
 from scipy.interpolate import LinearNDInterpolator
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import dijkstra
@@ -398,7 +398,7 @@ def lod() -> Figure:
 def sampling() -> Figure:
     random = np.random.default_rng(1)
     candidates = np.column_stack([random.uniform(-1, 1, (2400, 2)), np.zeros(2400)])
-    cloud, _ = pointmorph.sampling.sample(Shape("candidates", candidates), 600)
+    cloud, _ = pointmorph.meshes.sample(Shape("candidates", candidates), 600)
     panels = figure(2, 400, ("2400 random candidates", "600 of them"))
     for axes, points, color in zip(
         panels, (candidates, cloud.positions), (PALE, BLUE), strict=True
@@ -412,7 +412,7 @@ def sampling() -> Figure:
 def boundary() -> Figure:
     random = np.random.default_rng(4)
     square = np.column_stack([random.uniform(-1.2, 1.2, (9000, 2)), np.zeros(9000)])
-    even = pointmorph.sampling.sample(Shape("square", square), 1500)[0].positions
+    even = pointmorph.meshes.sample(Shape("square", square), 1500)[0].positions
     angle = np.arctan2(even[:, 1], even[:, 0])
     points = even[np.hypot(even[:, 0], even[:, 1]) < 0.82 + 0.25 * np.cos(3 * angle - 0.6)]
     up = np.tile([0.0, 0.0, 1.0], (len(points), 1))
