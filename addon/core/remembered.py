@@ -121,6 +121,13 @@ def names(text):
     return found if _are_texts(found) else None
 
 
+@lru_cache(maxsize=32)
+def given_names(text):
+    """The names that things got, by those that were wished for."""
+    found = _parsed(text)
+    return found if _by_name(_is_text)(found) else None
+
+
 def _parsed(text):
     try:
         return parsed_json(text)

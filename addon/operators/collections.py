@@ -3,6 +3,7 @@
 import bpy
 import pointmorph
 
+from ..core.transfer_words import listed
 from ..data.references import find, reference_to
 from ..data.registration import Registration
 from ..scene import collection_keys, morph_object
@@ -32,6 +33,18 @@ class POINTMORPH_OT_bake_collection(Explained, Computing, bpy.types.Operator):
         "the mesh moves to where the others are",
         default=True,
     )
+    keys: bpy.props.BoolProperty(
+        name="Their Shape Keys",
+        description="Also the shape keys of each mesh, as MESH.KEY, turned and scaled as the map "
+        "does the surface. They go with the slider of their mesh: at 1, they move the active mesh "
+        "exactly as theirs",
+        default=False,
+    )
+    weights: bpy.props.BoolProperty(
+        name="Their Weights",
+        description="Also the vertex groups of each mesh, as MESH.GROUP, except features",
+        default=False,
+    )
 
     @staticmethod
     def reason(context):
@@ -52,14 +65,19 @@ class POINTMORPH_OT_bake_collection(Explained, Computing, bpy.types.Operator):
 
     def draw(self, context):
         self.layout.prop_search(self, "collection", bpy.data, "collections")
-        self.layout.prop(self, "in_place")
+        for name in ("in_place", "keys", "weights"):
+            self.layout.prop(self, name)
 
     def execute(self, context):
         if not self._is_dialog or not self.collection:
             return super().execute(context)
         # In the window's background, and with an undo step of its own.
         bpy.ops.pointmorph.bake_collection(
-            "INVOKE_DEFAULT", collection=self.collection, in_place=self.in_place
+            "INVOKE_DEFAULT",
+            collection=self.collection,
+            in_place=self.in_place,
+            keys=self.keys,
+            weights=self.weights,
         )
         return {"CANCELLED"}
 
@@ -75,7 +93,8 @@ class POINTMORPH_OT_bake_collection(Explained, Computing, bpy.types.Operator):
                 "none" if collection is None else "no mesh in it",
                 "Choose another collection.",
             )
-        return (yield from collection_keys.read_steps(context, template, targets, self.in_place))
+        wanted = collection_keys.Wanted(self.in_place, self.keys, self.weights)
+        return (yield from collection_keys.read_steps(context, template, targets, wanted))
 
     def _finish(self, context, outcome):
         template = find(context.scene.objects, self._template)
@@ -83,13 +102,23 @@ class POINTMORPH_OT_bake_collection(Explained, Computing, bpy.types.Operator):
             raise pointmorph.CloudError(
                 self._name, "the mesh that gets the shape keys", "none", "Undo the deletion."
             )
-        if not outcome.places:
+        if not outcome.landed:
             raise next(iter(outcome.problems.values()))
-        names = collection_keys.write(template, outcome)
+        given = collection_keys.write(template, outcome)
         for name, error in outcome.problems.items():
             self.report({"WARNING"}, f'Left out "{name}". {error}')
-        self.report({"INFO"}, f'Shape keys added to "{template.name}": {len(names)}')
+        for name, error in outcome.without.items():
+            self.report({"WARNING"}, f'Left out what "{name}" has of its own. {error}')
+        self.report({"INFO"}, f'Shape keys added to "{template.name}": {len(given.targets)}')
+        if self.keys or self.weights:
+            self.report({"INFO"}, _words_of_own(given))
         return {"FINISHED"}
+
+
+def _words_of_own(given):
+    made = {"shape key": given.keys, "vertex group": given.groups}
+    made = {kind: names for kind, names in made.items() if names}
+    return listed("Of their own", made) if made else "The meshes have nothing of their own to add"
 
 
 def _add_to_menu(self, context):

@@ -10,11 +10,18 @@ import numpy as np
 import pointmorph
 
 from ..core import remembered
-from ..core.features import PREFIX
 from ..core.stepping import finish
 from ..core.transfer_words import listed
 from ..data import arrays, attribute_names, creation, nodes, versions
-from . import hair_transfer, key_transfer, map_ends, morph_object, points_display, recipes
+from . import (
+    hair_transfer,
+    key_transfer,
+    map_ends,
+    morph_object,
+    points_display,
+    recipes,
+    vertex_groups,
+)
 from .shape_reader import is_plain, present_steps, update
 
 NAME = "Pointmorph Colors"
@@ -220,7 +227,8 @@ def _read_mesh_steps(context, obj, shapes, wanted):
         yield
     own = shown
     if wanted.keys or wanted.hair or wanted.back:
-        own = map_ends.read_unmodified_giver(context, obj, target, shown)
+        matrix = map_ends.target_matrix(obj)
+        own = map_ends.read_unmodified_giver(context, matrix, target, shown)
         yield from _read_more_steps(found, obj, target, wanted, by_pairs)
     if len(mesh.vertices) != count:
         raise pointmorph.CloudError(
@@ -258,7 +266,7 @@ def _read_attributes_steps(found, obj, target, mesh, wanted):
             yield
     if wanted.weights:
         without = _transferred_back(obj)
-        weights = yield from _weights_steps(target, mesh, wanted.back_prefix, without)
+        weights = yield from vertex_groups.read_steps(target, mesh, wanted.back_prefix, without)
         found.rows += [("vertex group", name, values) for name, values in weights]
 
 
@@ -266,25 +274,6 @@ def _transferred_back(obj):
     """Names of vertex groups that the target of an object got from the source."""
     recipe = recipes.recipe_of(obj)
     return {name for note in _NOTES.values() for name in recipe.get(note, {}).get("back", ())}
-
-
-def _weights_steps(obj, mesh, prefix, without):
-    """(name, (N, 1) weights) of vertex groups, but for features and what was transferred here: what
-    begins with `prefix`, and the names `without`."""
-    groups = {
-        group.index: group.name
-        for group in obj.vertex_groups
-        if not group.name.startswith(PREFIX)
-        and not (prefix and group.name.startswith(prefix))
-        and group.name not in without
-    }
-    result = []
-    weights = yield from arrays.vertex_group_steps(mesh, groups)
-    for name, (members, values) in weights.items():
-        whole = np.zeros((len(mesh.vertices), 1), np.float32)
-        whole[members, 0] = values
-        result.append((name, whole))
-    return result
 
 
 def _read_uvs(found, mesh, as_points):
@@ -314,7 +303,9 @@ def _read_more_steps(found, obj, target, wanted, by_pairs):
         map_ends.target_of(obj)
         source = map_ends.source_of(obj)
         without = set(_own_names(source))
-        found.back = yield from _weights_steps(source, source.data, wanted.prefix, without)
+        found.back = yield from vertex_groups.read_steps(
+            source, source.data, wanted.prefix, without
+        )
 
 
 # --- Along the map --------------------------------------------------------------------------------
@@ -425,7 +416,7 @@ def write(context, obj, wanted, found):
     made = {}  # names by kind
     for kind, name, values in found.rows:
         if kind == "vertex group":
-            _write_group(receiver, prefix + name, values[:, 0])
+            vertex_groups.write(receiver, prefix + name, values[:, 0])
         elif kind == "UV map" and len(receiver.data.polygons):
             if not _write_uvs(receiver.data, prefix + name, values):
                 remarks.append(f'"{receiver.name}" has no room for the UV map "{prefix + name}"')
@@ -434,8 +425,11 @@ def write(context, obj, wanted, found):
             arrays.write_attribute(receiver.data, prefix + name, values)
         made.setdefault(kind, []).append(prefix + name)
     ends = []  # names of second keys
+    t = None
+    if found.keys and not wanted.onto_source:
+        t = morph_object.t_key(obj), len(obj.pointmorph.via) + 1
     for key in found.keys:
-        ends += key_transfer.write(receiver, prefix + key.name, key)[1:]
+        ends += key_transfer.write(receiver, prefix + key.name, key, t)[1:]
         made.setdefault("shape key", []).append(prefix + key.name)
     for hair in found.hair:
         ends_of = receiver, obj.pointmorph.target
@@ -450,7 +444,7 @@ def write(context, obj, wanted, found):
     words = [listed(f'To "{receiver.name}"', made)] if made else []
     back = [wanted.back_prefix + name for name, _ in found.back]
     for name, values in found.back:
-        _write_group(target, wanted.back_prefix + name, values[:, 0])
+        vertex_groups.write(target, wanted.back_prefix + name, values[:, 0])
     if back:
         words.append(listed(f'To "{target.name}"', {"vertex group": back}))
     receiver.update_tag()
@@ -536,18 +530,6 @@ def _write_uvs(mesh, name, uvs):
     if attribute is not None and attribute.domain != "CORNER":  # of an earlier version
         mesh.attributes.remove(attribute)
     return arrays.write_uvs(mesh, name, uvs) is not None
-
-
-def _write_group(obj, name, weights):
-    """A vertex group in place of one of that name; by way of an attribute, which takes a hundredth
-    of the time that a call for each vertex does."""
-    group = obj.vertex_groups.get(name)
-    if group is not None:
-        obj.vertex_groups.remove(group)
-    arrays.write_attribute(obj.data, name, weights)
-    obj.data.attributes.active = obj.data.attributes[name]
-    with bpy.context.temp_override(object=obj, active_object=obj):
-        bpy.ops.geometry.attribute_convert(mode="VERTEX_GROUP")
 
 
 def _blend_colors(obj, name):

@@ -7,8 +7,10 @@ import numpy as np
 
 from ..core import transforms
 from ..data import arrays, nodes
-from . import morph_builder, morph_object
+from . import morph_builder
 
+AT_END = " at the end"
+"""After a key's name, of the second one that it takes."""
 _SMALL = 1e-6  # of the size of a shape: what moves less doesn't move
 
 
@@ -87,8 +89,14 @@ def carried(key, carrier, own, ends_as_target):
     return Key(key.name, offsets, key.slider, at_end)
 
 
-def write(obj, name, key):
+def write(obj, name, key, t):
     """Gives an object the shape key `name`, in place of one of that name.
+
+    Parameters
+    ----------
+    t : (ShapeKey, int) or None
+        Whose value says how far the object is on its way to the target, and what it is there; None
+        where `key` has no `at_end`.
 
     Returns
     -------
@@ -99,7 +107,7 @@ def write(obj, name, key):
         obj.shape_key_add(name="Basis", from_mix=False)
     block = _put(obj, name, key.offsets)
     _give_range(block, *key.slider)
-    end_name = f"{name} at the end"
+    end_name = name + AT_END
     if key.at_end is None:
         old = obj.data.shape_keys.key_blocks.get(end_name)
         if old is not None:
@@ -111,7 +119,8 @@ def write(obj, name, key):
     end.driver_remove("value")
     driver = end.driver_add("value").driver
     driver.type = "SCRIPTED"
-    nodes.drive(driver, morph_object.t_key(obj))
+    slider, last = t
+    nodes.drive(driver, slider)
     variable = driver.variables.new()
     variable.name = "value"
     variable.type = "SINGLE_PROP"
@@ -119,7 +128,7 @@ def write(obj, name, key):
     variable.targets[0].id = obj.data.shape_keys
     variable.targets[0].data_path = block.path_from_id("value")
     # Simple enough for Blender to compute without Python, also where scripts may not run.
-    driver.expression = f"value * t / {len(obj.pointmorph.via) + 1}"
+    driver.expression = f"value * t / {last}"
     return [name, end_name]
 
 

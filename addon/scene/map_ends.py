@@ -166,12 +166,17 @@ def read_giver(obj, mesh):
         positions = arrays.by_row(rows, arrays.key_positions(morph_object.stage_keys(pairs)[-1]))
     else:
         positions = transforms.move_positions(target_matrix(obj), arrays.vertex_positions(mesh))
-    return _giver(mesh, positions)
+    return giver_of(mesh, positions)
 
 
-def read_unmodified_giver(context, obj, target, shown):
+def read_unmodified_giver(context, matrix, target, shown):
     """The same with the vertices that the target's shape keys and vertex groups have: `shown` where
     these are as many, else those of the mesh as what deforms it leaves them.
+
+    Parameters
+    ----------
+    matrix : (4, 4) array
+        From the target's own space to the morph's frame.
 
     Raises
     ------
@@ -180,8 +185,8 @@ def read_unmodified_giver(context, obj, target, shown):
     """
     if len(target.data.vertices) == len(shown.positions):
         return shown
-    positions = transforms.move_positions(target_matrix(obj), _deformed(context, target))
-    giver = _giver(target.data, positions)
+    positions = transforms.move_positions(matrix, _deformed(context, target))
+    giver = giver_of(target.data, positions)
     _check_together(target, giver, shown)
     return giver
 
@@ -225,7 +230,8 @@ def _check_together(target, giver, shown):
         )
 
 
-def _giver(mesh, positions):
+def giver_of(mesh, positions):
+    """A mesh whose vertices lie at `positions`, in the morph's frame."""
     triangles = arrays.mesh_triangles(mesh)
     return Giver(positions, triangles, None if triangles is None else arrays.triangle_loops(mesh))
 

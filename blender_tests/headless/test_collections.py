@@ -4,7 +4,19 @@ import bpy
 import numpy as np
 import pytest
 from mathutils import Euler
-from scenes import add_mesh, data_blocks, error_of, key, mark, morph, patch, pick, select
+from scenes import (
+    add_group,
+    add_mesh,
+    coordinates,
+    data_blocks,
+    error_of,
+    key,
+    mark,
+    morph,
+    patch,
+    pick,
+    select,
+)
 
 
 def bake(**options):
@@ -65,13 +77,98 @@ def test_baked_anew_keys_keep_their_sliders_and_drivers(template):
     bpy.data.objects["Ridge"].data.transform(
         ((1, 0, 0, 0), (0, 1, 0, 0), (0, 0, 3, 0), (0, 0, 0, 1))
     )
+    second = key(template, "Dune.001")
+    bpy.data.objects["Dune"].data.transform(
+        ((1, 0, 0, 0), (0, 1, 0, 0), (0, 0, 2, 0), (0, 0, 0, 1))
+    )
     bake()
-    assert keys(template).keys()[:2] == ["Basis", "Dune"]
+    assert keys(template).keys() == ["Basis", "Dune", "Dune.001", "Hill _2_", "Ridge"]
     assert np.array_equal(key(template, own.name), before)
     assert slider.value == 0.25
     assert len(template.data.shape_keys.animation_data.drivers) == 1
     assert not np.allclose(key(template, "Ridge"), ridge, atol=0.01)
-    assert not np.allclose(key(template, "Dune.001"), before, atol=0.01)
+    assert not np.allclose(key(template, "Dune.001"), second, atol=0.01)
+
+
+def lifted(obj, name, height, where=lambda co: True):
+    """Gives an object a shape key that lifts some of its vertices."""
+    if obj.data.shape_keys is None:
+        obj.shape_key_add(name="Basis")
+    block = obj.shape_key_add(name=name)
+    block.value = 0.0
+    for point in block.points:
+        if where(point.co):
+            point.co.z += height
+    return block
+
+
+def at(obj, **values):
+    """(N, 3): the vertices as shown with these sliders, the others at 0."""
+    for block in keys(obj)[1:]:
+        if not block.name.endswith("at the end"):
+            block.value = values.get(block.name.replace(".", "_"), 0.0)
+    bpy.context.view_layer.update()
+    depsgraph = bpy.context.evaluated_depsgraph_get()
+    return coordinates(obj.evaluated_get(depsgraph).data.vertices)
+
+
+def test_the_meshes_own_keys_and_weights_come_along(template):
+    bpy.context.preferences.filepaths.use_scripts_auto_execute = True
+    dune, ridge = bpy.data.objects["Dune"], bpy.data.objects["Ridge"]
+    dune.scale = (1, 1, 0.5)
+    lifted(dune, "Up", 0.4)
+    lifted(dune, 'Left "corner"', 0.8, lambda co: co.x < 0)
+    lifted(dune, "Nothing", 0.0)
+    lifted(ridge, "Up", 1.0).vertex_group = "half"
+    add_group(ridge, "half", dict.fromkeys(range(len(ridge.data.vertices)), 0.5))
+    add_group(template, "Ridge.half", {0: 1.0})  # the user's, before
+    assert bake(keys=True, weights=True) == {"FINISHED"}
+    names = ["Dune", "Dune.Up", "Dune.Left _corner_", "Hill _2_", "Ridge", "Ridge.Up"]
+    made = [name for name in keys(template).keys()[1:] if not name.endswith("at the end")]
+    assert made == names
+    # Once the template is the target, it moves as the target does.
+    turn = np.linalg.inv(np.array(template.matrix_world)[:3, :3]).T
+    for name, offset in (("Dune", [0, 0, 0.2]), ("Ridge", [0, 0, 0.5])):
+        moved = at(template, **{name: 1.0, f"{name}_Up": 1.0}) - at(template, **{name: 1.0})
+        np.testing.assert_allclose(moved, np.tile(offset @ turn, (81, 1)), atol=2e-3)
+    # As it is itself, across its own surface: a sheet as large, less bumpy.
+    moved = at(template, Dune_Up=1.0) - at(template)
+    assert moved[:, 2].min() > 0
+    left = at(template, **{"Dune_Left _corner_": 1.0}) - at(template)
+    sides = [left[coordinates(template.data.vertices)[:, 0] * side > 0.3] for side in (-1, 1)]
+    assert np.linalg.norm(sides[0], axis=1).mean() > 5 * np.linalg.norm(sides[1], axis=1).mean()
+    assert template.vertex_groups.keys()[-2:] == ["Ridge.half", "Ridge.half.001"]
+    group = template.vertex_groups["Ridge.half.001"]
+    weights = [group.weight(row) for row in range(81)]
+    np.testing.assert_allclose(weights, 0.5, atol=1e-6)
+
+    keys(template)["Dune.Up"].value = 0.25
+    before = key(template, "Ridge.Up")
+    keys(ridge)["Up"].points[40].co.z += 0.5
+    bake(keys=True, weights=True)
+    made = [name for name in keys(template).keys()[1:] if not name.endswith("at the end")]
+    assert made == names
+    assert keys(template)["Dune.Up"].value == 0.25
+    assert not np.allclose(key(template, "Ridge.Up"), before, atol=0.01)
+    assert template.vertex_groups.keys()[-2:] == ["Ridge.half", "Ridge.half.001"]
+
+
+def test_names_that_would_be_the_same_are_made_apart(template):
+    heads = bpy.data.collections["Heads"]
+    dune = bpy.data.objects["Dune"]
+    for obj in list(heads.objects)[2:]:
+        heads.objects.unlink(obj)
+    lifted(dune, "Up", 0.4)
+    lifted(dune, "U" * 60, 0.2)
+    twin = dune.copy()
+    twin.name = "Dune.Up"
+    twin.data = dune.data.copy()
+    heads.objects.link(twin)
+    for _ in range(2):
+        assert bake(keys=True) == {"FINISHED"}
+        made = [name for name in keys(template).keys()[1:] if not name.endswith("at the end")]
+        assert len(made) == 6
+        assert {"Dune", "Dune.Up", "Dune.Up.001", "Dune.Up.Up"} <= set(made)
 
 
 def test_a_mesh_that_cannot_be_had_is_left_out(template):
