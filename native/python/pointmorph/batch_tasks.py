@@ -6,6 +6,7 @@ time and run again.
 from __future__ import annotations
 
 import json
+import math
 import subprocess
 import sys
 from collections.abc import Callable, Mapping, Sequence
@@ -20,6 +21,13 @@ from pointmorph.stored_commands import missing_frames
 from pointmorph.stored_morphs import open_morph
 
 MAP_STEP, FRAMES_STEP = "map", "frames"
+RENDERS_IN_TASK = 24
+
+_TASK_SECONDS = 30.0
+"""What a task of frames is to take: a hundred times as long as it takes to start one."""
+_BYTES_PER_POINT = 40.0
+_LEAST_SECONDS, _PLAIN, _RESAMPLED = 1e-3, 4e-7, 1.5e-6
+"""What a frame takes on one core, roughly: at the least, and for each point."""
 
 Command = Callable[[Sequence[str]], int]
 """Runs a command line in this process, and returns its exit status."""
@@ -163,6 +171,18 @@ def part_count(batch: Batch, chunk: int) -> int:
     """Into how many parts each pair's frames are split for so many frames in one at the most."""
     most = max(job.frames for job in batch.jobs)
     return max(1, -(-most // chunk))
+
+
+def frames_in_task(batch: Batch) -> int:
+    """So many frames that a task of them takes long, next to the start of a process: it is chosen
+    by the size of the models' files, since nothing has been read yet."""
+    longest = max(_frame_seconds(job) for job in batch.jobs)
+    return max(1, math.ceil(_TASK_SECONDS / longest))
+
+
+def _frame_seconds(job: PairJob) -> float:
+    points = job.samples or max(1.0, job.bytes() / _BYTES_PER_POINT)
+    return _LEAST_SECONDS + points * (_RESAMPLED if job.resample else _PLAIN)
 
 
 def command_line(batch: Batch, *selection: str) -> list[str]:

@@ -8,10 +8,9 @@ from typing import Any
 
 from pointmorph.arguments import positive
 from pointmorph.batch_jobs import read_batch
+from pointmorph.batch_tasks import RENDERS_IN_TASK
 from pointmorph.openjd_jobs import write_openjd
 from pointmorph.slurm_jobs import SlurmRun
-
-_CHUNK = 24
 
 
 def add(commands: Any) -> None:
@@ -51,8 +50,8 @@ def add(commands: Any) -> None:
             "--chunk",
             metavar="N",
             type=positive,
-            default=_CHUNK,
-            help=f"frames in a task at the most (default: {_CHUNK})",
+            help="frames in a task at the most (default: such that it takes about half a minute; "
+            f"{RENDERS_IN_TASK} where they are rendered)",
         )
 
 

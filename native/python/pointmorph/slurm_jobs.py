@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 
 from pointmorph import files
 from pointmorph.batch_jobs import Batch
-from pointmorph.batch_tasks import command_line, part_count
+from pointmorph.batch_tasks import RENDERS_IN_TASK, command_line, frames_in_task, part_count
 from pointmorph.errors import OptionError
 
 FOLDER = "farm"
@@ -46,14 +46,14 @@ class SlurmRun:
     Parameters
     ----------
     batch : Batch
-    chunk : int
-        Frames in a task.
+    chunk : int or None
+        Frames in a task at the most, if another number than the usual ones.
     options : sequence of str
         For sbatch, such as --mem=4G.
     """
 
     batch: Batch
-    chunk: int
+    chunk: int | None
     options: Sequence[str] = ()
     submitted: list[str] = field(default_factory=list)
     """Slurm's numbers of all array jobs"""
@@ -87,14 +87,17 @@ class SlurmRun:
             command_line(self.batch, "--range", str(number), "--maps")
             for number in range(len(jobs))
         ])  # fmt: skip
-        parts = part_count(self.batch, self.chunk)
+        kinds = {"part": self.chunk or frames_in_task(self.batch)}
+        if self.batch.render:
+            kinds["render"] = self.chunk or RENDERS_IN_TASK
         last = [array for array, _ in maps]
         for number, job in enumerate(jobs):
             if not job.frames:
                 continue
             array, place = maps[number // _MOST_IN_ARRAY][0], number % _MOST_IN_ARRAY
             after = f"afterok:{array}_{place}"
-            for kind in ("part", *(["render"] if self.batch.render else [])):
+            for kind, frames in kinds.items():
+                parts = part_count(self.batch, frames)
                 tasks = [
                     command_line(self.batch, "--range", str(number), f"--{kind}", f"{k}/{parts}")
                     for k in range(parts)

@@ -18,7 +18,7 @@ import pytest
 from pointmorph import batch_jobs, batch_runs, free_memory, thumbnails
 from pointmorph.batch_jobs import PairJob, read_batch
 from pointmorph.batch_runs import DONE, FAILED, KEPT, BatchRun, PairOutcome
-from pointmorph.batch_tasks import Part
+from pointmorph.batch_tasks import Part, frames_in_task
 from shapes import ball
 from test_cli import COMMAND
 from test_stored_commands import run, write_obj
@@ -265,6 +265,19 @@ def test_parts_share_out_all_frames() -> None:
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows ends processes without asking them")
+def test_a_task_has_the_more_frames_the_sooner_one_is_made(tmp_path: Path) -> None:
+    write_obj(tmp_path / "a.obj", 9, 0.0)
+    write_obj(tmp_path / "b.obj", 9, 0.5)
+    found = []
+    for more in ({}, {"samples": 100_000}, {"samples": 100_000, "resample": True}):
+        pairs = [{"source": "a.obj", "target": "b.obj"}]
+        path = tmp_path / "jobs.json"
+        path.write_text(json.dumps({"pairs": pairs, "frames": 240, **more}))
+        found.append(frames_in_task(read_batch(path, None)))
+    assert found[0] > 240  # the frames of small models are one task
+    assert found[0] > found[1] > found[2] > 100
+
+
 def test_a_batch_that_is_ended_leaves_nothing_half_written(tmp_path: Path) -> None:
     models(tmp_path, "a", "b")
     path = write_jobs(tmp_path, folder=".", frames=2000, settings=QUICK)
