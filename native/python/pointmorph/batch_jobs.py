@@ -18,7 +18,7 @@ from pointmorph.frame_records import file_checksum
 from pointmorph.option_table import options
 
 MORPH, REPORT, RECORD, LOG, FRAMES = "pair.morph", "report.json", "job.json", "log.txt", "frames"
-PICTURES, RENDERS = "pictures", "renders"
+PICTURES, RENDERS, RENDERED = "pictures", "renders", "rendered"
 _COMMON = {
     "frames": int, "resample": bool, "mesh": str, "samples": int, "settings": dict, "features": str
 }  # fmt: skip

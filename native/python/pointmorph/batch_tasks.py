@@ -13,14 +13,14 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 from pointmorph import files
-from pointmorph.batch_jobs import FRAMES, RECORD, RENDERS, REPORT, Batch, PairJob
+from pointmorph.batch_jobs import FRAMES, RECORD, RENDERED, RENDERS, REPORT, Batch, PairJob
 from pointmorph.errors import FileError, OptionError, PointmorphError
 from pointmorph.frame_records import file_checksum
 from pointmorph.sequences import even_times
 from pointmorph.stored_commands import missing_frames
 from pointmorph.stored_morphs import open_morph
 
-MAP_STEP, FRAMES_STEP = "map", "frames"
+MAP_STEP, FRAMES_STEP, RENDERS_STEP = "map", "frames", "renders"
 RENDERS_IN_TASK = 24
 
 _TASK_SECONDS = 30.0
@@ -153,12 +153,32 @@ def render(batch: Batch, job: PairJob, part: Part) -> int:
     }
     words = [_filled(word, places) for word in batch.render]
     try:
-        return subprocess.run(words, stdin=subprocess.DEVNULL, check=False).returncode
+        status = subprocess.run(words, stdin=subprocess.DEVNULL, check=False).returncode
     except OSError as error:
         raise FileError(
             words[0], "a program that can be run", error.strerror or str(error),
             f"Correct render in {batch.path}.",
         ) from error  # fmt: skip
+    if status == 0:
+        record = {"of": file_checksum(job.morph_file), "frames": [which.start, which.stop]}
+        files.make_folder(job.folder / RENDERED)
+        path = job.folder / RENDERED / f"{which.start}_{which.stop}.json"
+        files.write_bytes(path, (json.dumps(record) + "\n").encode())
+    return status
+
+
+def has_renders(job: PairJob) -> bool:
+    """Whether the command that renders has ended well for all frames of this very map."""
+    rendered: set[int] = set()
+    try:
+        morph = file_checksum(job.morph_file)
+        for path in sorted((job.folder / RENDERED).glob("*.json")):
+            record = json.loads(path.read_text(encoding="utf-8"))
+            if record["of"] == morph:
+                rendered.update(range(*record["frames"]))
+    except (OSError, ValueError, KeyError, TypeError, FileError):
+        return False
+    return rendered >= set(range(job.frames))
 
 
 def _filled(word: str, places: Mapping[str, str]) -> str:
@@ -171,6 +191,11 @@ def part_count(batch: Batch, chunk: int) -> int:
     """Into how many parts each pair's frames are split for so many frames in one at the most."""
     most = max(job.frames for job in batch.jobs)
     return max(1, -(-most // chunk))
+
+
+def report_words(batch: Batch) -> list[str]:
+    """How `pointmorph batch` is asked what a farm has done."""
+    return ["--report", "--renders"] if batch.render else ["--report"]
 
 
 def frames_in_task(batch: Batch) -> int:

@@ -8,7 +8,7 @@ from typing import Any
 
 from pointmorph.arguments import positive
 from pointmorph.batch_jobs import read_batch
-from pointmorph.batch_tasks import RENDERS_IN_TASK
+from pointmorph.batch_tasks import RENDERS_IN_TASK, report_words
 from pointmorph.openjd_jobs import write_openjd
 from pointmorph.slurm_jobs import SlurmRun
 
@@ -66,7 +66,7 @@ def _slurm(chosen: argparse.Namespace) -> int:
     run.wait()
     from pointmorph.cli import main
 
-    return main(["batch", str(batch.path), "--out", str(batch.out), "--report"])
+    return main(["batch", str(batch.path), "--out", str(batch.out), *report_words(batch)])
 
 
 def _openjd(chosen: argparse.Namespace) -> int:

@@ -10,7 +10,12 @@ from typing import Any
 
 from pointmorph import files
 from pointmorph.batch_jobs import Batch
-from pointmorph.batch_tasks import RENDERS_IN_TASK, frames_in_task, part_count
+from pointmorph.batch_tasks import (
+    RENDERS_IN_TASK,
+    frames_in_task,
+    part_count,
+    report_words,
+)
 from pointmorph.errors import FileError
 
 
@@ -38,7 +43,7 @@ def openjd_template(batch: Batch, chunk: int | None, home: Path) -> dict[str, An
         add_parts("Frames", "--part", chunk or frames_in_task(batch))
         if batch.render:
             add_parts("Renders", "--render", chunk or RENDERS_IN_TASK)
-    steps.append(_step("Report", [steps[-1]["name"]], [], ["--report"]))
+    steps.append(_step("Report", [steps[-1]["name"]], [], report_words(batch)))
     return {
         "specificationVersion": "jobtemplate-2023-09",
         "name": f"Pointmorph {batch.path.stem}",

@@ -11,7 +11,13 @@ from dataclasses import dataclass, field
 
 from pointmorph import files
 from pointmorph.batch_jobs import Batch
-from pointmorph.batch_tasks import RENDERS_IN_TASK, command_line, frames_in_task, part_count
+from pointmorph.batch_tasks import (
+    RENDERS_IN_TASK,
+    command_line,
+    frames_in_task,
+    part_count,
+    report_words,
+)
 from pointmorph.errors import OptionError
 
 FOLDER = "farm"
@@ -105,7 +111,7 @@ class SlurmRun:
                 arrays = self._arrays(f"{kind}s_{number}", tasks, after)
                 after = ":".join(["afterok", *(one for one, _ in arrays)])
                 last += [one for one, _ in arrays]
-        report = command_line(self.batch, "--report")
+        report = command_line(self.batch, *report_words(self.batch))
         self._arrays("report", [report], ":".join(["afterany", *last]))
 
     def _arrays(

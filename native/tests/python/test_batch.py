@@ -18,7 +18,7 @@ import pytest
 from pointmorph import batch_jobs, batch_runs, free_memory, thumbnails
 from pointmorph.batch_jobs import PairJob, read_batch
 from pointmorph.batch_runs import DONE, FAILED, KEPT, BatchRun, PairOutcome
-from pointmorph.batch_tasks import Part, frames_in_task
+from pointmorph.batch_tasks import Part, frames_in_task, has_renders, render
 from shapes import ball
 from test_cli import COMMAND
 from test_stored_commands import run, write_obj
@@ -254,6 +254,34 @@ def test_tasks_of_an_engine_make_what_a_run_makes(tmp_path: Path) -> None:
     for file in made:
         assert file.read_bytes() == (tmp_path / "tasks" / file.relative_to(tmp_path / "run")
                                      ).read_bytes()  # fmt: skip
+
+
+def test_what_is_not_rendered_is_not_done(tmp_path: Path) -> None:
+    models(tmp_path, "a", "b")
+    fails = tmp_path / "fails"
+    command = [sys.executable, "-c", "import os, sys; sys.exit(os.path.exists(sys.argv[1]))"]
+    pairs = [{"source": "a.obj", "target": "b.obj"}]
+    path = write_jobs(
+        tmp_path, pairs=pairs, frames=4, settings=QUICK, render=[*command, str(fails)]
+    )
+    batch = read_batch(path, tmp_path / "out")
+    [job] = batch.jobs
+    assert run("batch", path, "--out", batch.out).returncode == 0  # it renders nothing itself
+    assert render(batch, job, Part(0, 2)) == 0
+    fails.touch()
+    assert render(batch, job, Part(1, 2)) == 1
+    report = run("batch", path, "--out", batch.out, "--report", "--renders")
+    assert report.returncode == 1
+    assert "a_to_b: the renders to do" in report.stdout
+    fails.unlink()
+    assert render(batch, job, Part(1, 2)) == 0
+    assert has_renders(job)
+    # Those of another map are of no use.
+    job.morph_file.write_bytes(job.morph_file.read_bytes() + b" ")
+    assert not has_renders(job)
+    wrong = run("batch", path, "--out", batch.out, "--renders")
+    assert wrong.returncode == 2
+    assert "--report" in wrong.stderr
 
 
 def test_parts_share_out_all_frames() -> None:
