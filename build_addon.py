@@ -45,6 +45,17 @@ def find_python() -> str | None:
     )
 
 
+def set_up(tests: bool) -> int:
+    """What the commands need; with `tests`, also what only suites of tests do."""
+    if not tests:
+        wheels.set_up()
+        return 0
+    errors = suites.set_up_tests(suites.SUITES)
+    for error in errors:
+        say(str(error))
+    return 1 if errors else 0
+
+
 def demo(files: list[str], everything: bool) -> int:
     wheels.set_up()
     script = ROOT / "docs" / "demo" / "demo.py"
@@ -110,7 +121,12 @@ def arguments_of(words: list[str]) -> argparse.Namespace:
     """The command line, checked; a wrong one ends with status 2."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
-    commands.add_parser("setup", help="all that the other commands need, in .venv and build")
+    setups = commands.add_parser("setup", help="what the other commands need, in .venv and build")
+    setups.add_argument(
+        "--tests",
+        action="store_true",
+        help="also what tests alone need and else fetch: more Blenders, a newer Debian, Slurm",
+    )
     demos = commands.add_parser("demo", help="morph real models, or one's own, in a real Blender")
     demos.add_argument("files", nargs="*", metavar="SOURCE TARGET [FEATURES]")
     demos.add_argument("--all", action="store_true", help="all pairs of models, not only the first")
@@ -165,10 +181,7 @@ def do(arguments: argparse.Namespace) -> int:
     if arguments.command == "site":
         return site()
     if arguments.command == "setup":
-        errors = suites.set_up_tests(suites.SUITES)
-        for error in errors:
-            say(str(error))
-        return 1 if errors else 0
+        return set_up(arguments.tests)
     if arguments.command == "release":
         return list_files(release())
     chosen = list(targets.PLATFORMS) if arguments.all else [arguments.platform]

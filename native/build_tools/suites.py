@@ -186,7 +186,7 @@ class Suite:
     debian: tuple[str, ...] = ()
     """Groups of Debian's packages that it needs."""
     fetch: Callable[[], object] | None = None
-    """Gets what else it needs; `run` does it as well where it wasn't done."""
+    """Gets what else it needs, where that is wanted beforehand; `run` does it where it wasn't."""
     waits: bool = False
     """Whether it waits for half of its time, as a user does: another suite runs meanwhile."""
 
@@ -216,11 +216,15 @@ SUITES: dict[str, Suite] = {
 }
 
 
+def groups_of(names: Iterable[str]) -> list[str]:
+    """The groups of Debian's packages that suites need."""
+    return [group for name in names for group in SUITES[name].debian]
+
+
 def set_up_tests(names: Iterable[str]) -> list[SetupError]:
     """Gets all that suites need, side by side, while the library is compiled; what went wrong."""
-    chosen = [SUITES[name] for name in names]
-    groups = [group for suite in chosen for group in suite.debian]
-    fetches = [suite.fetch for suite in chosen if suite.fetch is not None]
+    groups = groups_of(names)
+    fetches = [fetch for name in names if (fetch := SUITES[name].fetch) is not None]
     # Blenders have Pythons of several versions.
     return set_up_all(groups, set_up_wheels if "cpython" in groups else set_up_wheel, fetches)
 
@@ -249,8 +253,12 @@ def timed(name: str, suite: Suite) -> Outcome:
 
 
 def test(names: list[str], jobs: int) -> int:
-    """Runs suites, several at a time, and all of them even when one fails."""
-    set_up_tests(names)  # a suite whose needs can't be met tries again, and fails by itself
+    """Runs suites, several at a time, and all of them even when one fails.
+
+    What only one of them needs, it gets itself, while others compute.
+    """
+    # A suite whose needs can't be met tries again, and fails by itself.
+    set_up_all(groups_of(names), set_up_wheel, [])
     return run_suites({name: SUITES[name] for name in names}, jobs)
 
 

@@ -5,12 +5,12 @@
 #include <Eigen/Geometry>
 #include <functional>
 #include <numbers>
-#include <random>
 
 #include "mesh/mesh_edges.hpp"
 #include "mesh_shapes.hpp"
 #include "pointmorph/base/error.hpp"
 #include "pointmorph/base/parallel.hpp"
+#include "shaken_shapes.hpp"
 #include "watched.hpp"
 
 namespace pointmorph {
@@ -185,21 +185,6 @@ TEST(MeshMotion, AnEggThatBendsAndTwistsGetsNoCrease) {
     }
 }
 
-/// Smooth noise, some waves of this size.
-Positions waved(const Positions& places, double size, unsigned seed) {
-    std::mt19937_64 random(seed);
-    std::normal_distribution<double> normal;
-    Positions result = places;
-    for (int wave = 0; wave < 8; ++wave) {
-        const Vector3 way(normal(random), normal(random), normal(random));
-        const Vector3 along = 4.0 * Vector3(normal(random), normal(random), normal(random));
-        const double phase = 3.0 * normal(random);
-        for (Index v = 0; v < places.rows(); ++v)
-            result.row(v) += size * std::sin(along.dot(places.row(v)) + phase) * way.transpose();
-    }
-    return result;
-}
-
 /// Which faces lie against those around them.
 std::vector<char> lie_against(const Mesh& mesh, const Positions& vertices) {
     const Normals faces = faces_at(mesh, vertices);
@@ -234,8 +219,8 @@ struct BentAtRandom {
     Positions ends;
 
     explicit BentAtRandom(unsigned seed) {
-        ball.positions = waved(ball.positions, 0.02, 10 * seed);
-        ends = mapped(waved(ball.positions, 0.04, seed),
+        ball.positions = shapes::waved(ball.positions, 0.02, 10 * seed, 8, 4.0);
+        ends = mapped(shapes::waved(ball.positions, 0.04, seed, 8, 4.0),
                       [&](const Vector3& p) { return bent(twisted(p, 0.4 * seed), 1.0); });
     }
 };

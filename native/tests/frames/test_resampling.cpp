@@ -6,11 +6,11 @@
 #include <cmath>
 #include <functional>
 #include <limits>
-#include <random>
 
 #include "pointmorph/base/error.hpp"
 #include "pointmorph/base/parallel.hpp"
 #include "pointmorph/cloud/kd_tree.hpp"
+#include "shaken_shapes.hpp"
 #include "shapes.hpp"
 #include "watched.hpp"
 
@@ -53,26 +53,13 @@ Given same_points(const Positions& from, const Normals& from_normals, const Posi
     return given;
 }
 
-Normals up(Eigen::Index rows) {
-    return Eigen::RowVector3d(0, 0, 1).replicate(rows, 1);
-}
-
-Positions shaken_grid(Index side) {
-    Positions points = shapes::grid(side);
-    std::mt19937_64 random(2);
-    std::uniform_real_distribution<double> shake(-0.2 / side, 0.2 / side);
-    for (Index i = 0; i < points.rows(); ++i)
-        points.row(i).head<2>() += Eigen::RowVector2d(shake(random), shake(random));
-    return points;
-}
-
 /// A plane whose right half moves away: half of the crack is open at t = ½. The source is whole.
 Given torn_plane(Index side = 40, double gap = 0.6) {
-    const Positions plane = shaken_grid(side);
+    const Positions plane = shapes::shaken_grid(side, 0.2);
     Positions torn = plane;
     for (Index i = 0; i < torn.rows(); ++i)
         if (torn(i, 0) > 0) torn(i, 0) += gap;
-    return same_points(plane, up(plane.rows()), torn, up(plane.rows()));
+    return same_points(plane, shapes::up(plane.rows()), torn, shapes::up(plane.rows()));
 }
 
 Positions with_pairs(const OrientedPoints& frame, const Resampling::Alive& alive) {
@@ -161,7 +148,8 @@ TEST(Resampling, NewPointsLieOnTheTrueSurface) {
 }
 
 TEST(Resampling, PlaneToBumpStaysOnTheSurface) {
-    const Positions plane = shaken_grid(100);
+    SKIP_WHERE_WATCHED();
+    const Positions plane = shapes::shaken_grid(100, 0.2);
     Positions bump = plane;
     Normals normals(plane.rows(), 3);
     const auto height = [](double x, double y) { return 0.5 * std::exp(-4 * (x * x + y * y)); };
@@ -170,7 +158,7 @@ TEST(Resampling, PlaneToBumpStaysOnTheSurface) {
         bump(i, 2) = z;
         normals.row(i) = Vector3(8 * x * z, 8 * y * z, 1).normalized();
     }
-    const Given given = same_points(plane, up(plane.rows()), bump, normals);
+    const Given given = same_points(plane, shapes::up(plane.rows()), bump, normals);
     const Resampling resampling = given.resampled(everywhere());
     Progress progress;
     const double t = 0.5;
@@ -225,14 +213,14 @@ TEST(Resampling, CracksAreFilledAndNothingElse) {
 /// A plane whose halves are apart on the source, moved and turned by `place` and `normal` there.
 Given parted_plane(const std::function<Vector3(const Vector3&)>& place,
                    const std::function<Vector3(const Vector3&)>& normal) {
-    const Positions plane = shaken_grid(40);
+    const Positions plane = shapes::shaken_grid(40, 0.2);
     Positions parted(plane.rows(), 3);
     Normals normals(plane.rows(), 3);
     for (Index i = 0; i < plane.rows(); ++i) {
         parted.row(i) = place(plane.row(i).transpose());
         normals.row(i) = normal(plane.row(i).transpose());
     }
-    return same_points(parted, normals, plane, up(plane.rows()));
+    return same_points(parted, normals, plane, shapes::up(plane.rows()));
 }
 
 TEST(Resampling, ACrackBetweenSidesThatFaceEachOtherIsFilled) {
@@ -278,7 +266,7 @@ TEST(Resampling, ATriangleThatWouldShowItsBackFaceIsNotFilled) {
 }
 
 TEST(Resampling, AHoleThatBothModelsHaveStaysOpen) {
-    const Positions plane = shaken_grid(50);
+    const Positions plane = shapes::shaken_grid(50, 0.2);
     std::vector<Index> kept;
     for (Index i = 0; i < plane.rows(); ++i)
         if (plane.row(i).norm() > 0.25) kept.push_back(i);
@@ -286,7 +274,7 @@ TEST(Resampling, AHoleThatBothModelsHaveStaysOpen) {
     Positions torn = ring;  // and a crack through it
     for (Index i = 0; i < torn.rows(); ++i)
         if (torn(i, 0) > 0) torn(i, 0) += 0.4;
-    const Given given = same_points(ring, up(ring.rows()), torn, up(ring.rows()));
+    const Given given = same_points(ring, shapes::up(ring.rows()), torn, shapes::up(ring.rows()));
     const Resampling resampling = given.resampled();
     ASSERT_GT(resampling.points().size(), 50U);
     Progress progress;
@@ -386,10 +374,10 @@ TEST(Resampling, BothSidesOfAThinPlateAreFilled) {
 
 TEST(Resampling, CrowdedPointsHideAndLeaveNoGap) {
     // A map that draws a disc of the plane together, halfway only; straight there and back.
-    const Positions plane = shaken_grid(40);
-    Given given = same_points(plane, up(plane.rows()), plane, up(plane.rows()));
+    const Positions plane = shapes::shaken_grid(40, 0.2);
+    Given given = same_points(plane, shapes::up(plane.rows()), plane, shapes::up(plane.rows()));
     const auto crowded = [&](double t) {
-        OrientedPoints cloud{plane, up(plane.rows())};
+        OrientedPoints cloud{plane, shapes::up(plane.rows())};
         const double pull = 4.0 * t * (1.0 - t);
         for (Index i = 0; i < plane.rows(); ++i) {
             const double r = plane.row(i).norm();
@@ -497,17 +485,18 @@ TEST(Resampling, ProgressNeverFallsAndCanEndAtAnyReport) {
 }
 
 TEST(Resampling, CoincidentPointsDoNoHarm) {
-    const Positions plane = shaken_grid(20);
+    const Positions plane = shapes::shaken_grid(20, 0.2);
     Positions doubled(800, 3);
     doubled << plane, plane;
     Positions apart = doubled;
     apart.bottomRows(400).col(0).array() += 0.5;
-    const Given given = same_points(doubled, up(800), apart, up(800));
+    const Given given = same_points(doubled, shapes::up(800), apart, shapes::up(800));
     const Resampling resampling = given.resampled();
     Progress progress;
     EXPECT_TRUE(resampling.at(0.5, given.at(0.5), progress).positions.allFinite());
     const Given folded = same_points(
-        plane, up(400), Positions::Zero(400, 3).rowwise() + Eigen::RowVector3d(0, 0, 1), up(400));
+        plane, shapes::up(400), Positions::Zero(400, 3).rowwise() + Eigen::RowVector3d(0, 0, 1),
+        shapes::up(400));
     EXPECT_TRUE(folded.resampled().at(0.5, folded.at(0.5), progress).positions.allFinite());
 }
 

@@ -6,6 +6,7 @@
 #include <random>
 
 #include "mesh_shapes.hpp"
+#include "watched.hpp"
 
 namespace pointmorph {
 namespace {
@@ -80,6 +81,7 @@ double time_on(const Mesh& mesh, const Positions& positions) {
 }
 
 TEST(ClosestPoint, TakesNoLongerWhereAllHasCollapsed) {
+    SKIP_WHERE_WATCHED();
     Progress progress;
     const Mesh mesh = make_mesh(mesh_shapes::icosphere(6));
     const Positions collapsed =

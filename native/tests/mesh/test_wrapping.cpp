@@ -13,6 +13,7 @@
 #include "pointmorph/base/parallel.hpp"
 #include "pointmorph/cloud/similarity.hpp"
 #include "pointmorph/mesh/mesh_samples.hpp"
+#include "shaken_shapes.hpp"
 #include "watched.hpp"
 
 namespace pointmorph {
@@ -40,18 +41,7 @@ WrapTarget target_of(const Mesh& target, const Mesh& source, Inverse&& inverse) 
 
 /// Smooth noise of about this size.
 Positions shaken(const Positions& places, double size, unsigned seed) {
-    std::mt19937_64 random(seed);
-    std::normal_distribution<double> normal;
-    Positions result = places;
-    for (int wave = 0; wave < 6; ++wave) {
-        const Vector3 way(normal(random), normal(random), normal(random));
-        const Vector3 along = 2.5 * Vector3(normal(random), normal(random), normal(random));
-        const double phase = 3.0 * normal(random);
-        for (Index v = 0; v < places.rows(); ++v)
-            result.row(v) +=
-                size / 3.0 * std::sin(along.dot(places.row(v)) + phase) * way.transpose();
-    }
-    return result;
+    return shapes::waved(places, size / 3.0, seed, 6, 2.5);
 }
 
 /// Faces that lie against the surface of `target` there, both with as many triangles.
@@ -173,8 +163,10 @@ TEST(Wrapping, TurnsScalesAndMovesWithTheTarget) {
     const Positions start = shaken(bent.truth, 0.03, 5);
     Progress progress;
     const WrapOptions options{.first_length = 0.02};
-    const Positions here = wrap(bent.source, start, bent.onto, {}, options, progress);
     const Positions found = wrap(bent.source, moved(start), there, {}, options, progress);
+    EXPECT_TRUE(found.allFinite());
+    if (is_watched()) return;
+    const Positions here = wrap(bent.source, start, bent.onto, {}, options, progress);
     EXPECT_LT(mean_distance(found, moved(here)), 0.02 * bent.spacing());
 }
 
@@ -251,6 +243,7 @@ TEST(Wrapping, RigidRegionsKeepTheirShape) {
     const Positions rest = gather(bent.source.positions, rows), ends = gather(found, rows);
     const Similarity fit = fit_similarity(rest, ends);
     EXPECT_LT((fit.apply(rest) - ends).cwiseAbs().maxCoeff(), 1e-9);
+    if (is_watched()) return;
     const Positions soft =
         wrap(bent.source, start, bent.onto, {}, {.first_length = 0.03}, progress);
     const Positions given_way = gather(soft, rows);
@@ -271,10 +264,12 @@ TEST(Wrapping, ConformsAsFirmlyAsItIsAskedTo) {
             sum += std::sqrt(tree.closest(found.row(v).transpose()).squared_distance);
         return sum / static_cast<double>(found.rows());
     };
-    const double full = off(1.0), little = off(0.01), none = off(0.0);
+    const double none = off(0.0);
+    EXPECT_GT(none, 0.05);
+    if (is_watched()) return;
+    const double full = off(1.0), little = off(0.01);
     EXPECT_LT(full, 1e-3);
     EXPECT_GT(little, full);
-    EXPECT_GT(none, 0.05);
     EXPECT_GT(none, little);
 }
 

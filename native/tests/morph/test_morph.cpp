@@ -10,6 +10,7 @@
 #include "checks.hpp"
 #include "morph/morphs.hpp"
 #include "pointmorph/base/error.hpp"
+#include "registration/watched_options.hpp"
 #include "shapes.hpp"
 #include "watched.hpp"
 
@@ -267,6 +268,7 @@ TEST(Morph, PointsAtOnePlaceGoTogether) {
         if (method == Method::kPaper && is_watched()) continue;  // joins them in the same way
         MorphOptions options;
         options.method = method;
+        options.refinement = lighter_where_watched();
         const MorphInput once = two_eggs(900, 800);
         MorphInput thrice = two_eggs(900, 800);
         thrice.source.positions =

@@ -149,7 +149,7 @@ def test_all_suites_run_and_the_last_line_is_the_sum(
 
     known = {"first": suites.Suite(breaks), "second": suites.Suite(skips)}
     monkeypatch.setattr(suites, "SUITES", known)
-    monkeypatch.setattr(suites, "set_up_tests", lambda names: [])
+    monkeypatch.setattr(suites, "set_up_all", lambda groups, install, fetches: [])
     assert suites.test(list(known), 1) == 1
     said = capsys.readouterr().out.splitlines()
     assert said[-1] == "3 passed, 1 failed, 2 skipped"
@@ -536,6 +536,20 @@ def test_platforms_are_chosen(entry: ModuleType) -> None:
 
 def test_continuous_integration_runs_the_same_command() -> None:
     assert "python3 build_addon.py test" in (ROOT / ".ci" / "run").read_text()
+
+
+def test_what_tests_alone_need_is_set_up_on_request(
+    entry: ModuleType, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made: list[str] = []
+    monkeypatch.setattr(wheels, "set_up", lambda: made.append("commands"))
+    monkeypatch.setattr(suites, "set_up_tests", lambda names: made.extend(names) or [])
+    monkeypatch.setattr(sys, "argv", ["build_addon.py", "setup"])
+    assert entry.main() == 0
+    assert made == ["commands"]
+    monkeypatch.setattr(sys, "argv", ["build_addon.py", "setup", "--tests"])
+    assert entry.main() == 0
+    assert made[1:] == list(suites.SUITES)
 
 
 def test_the_comparison_gets_the_pair_and_its_options(

