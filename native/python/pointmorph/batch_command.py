@@ -133,7 +133,8 @@ def _found(job: PairJob, with_renders: bool) -> PairOutcome:
             missing.append(RENDERS_STEP)
     except FileError as error:
         return PairOutcome(job, FAILED, message=str(error))
-    words = f"the {' and the '.join(missing)} to do" if missing else ""
+    *others, last = [f"the {step}" for step in missing] or [""]
+    words = f"{' and '.join(filter(None, [', '.join(others), last]))} to do" if missing else ""
     return PairOutcome(job, PENDING if missing else KEPT, message=words)
 
 
