@@ -1,6 +1,8 @@
 """``blender --command pointmorph``, and the line that the panel copies."""
 
+import re
 import shlex
+from pathlib import Path
 
 import bpy
 import numpy as np
@@ -101,3 +103,50 @@ def test_wrong_calls_change_nothing(settings, commands, tmp_path, capsys, words,
 def test_a_file_that_is_not_there(commands, tmp_path, capsys):
     assert commands.run([str(tmp_path / "none.blend")]) == 1
     assert "none.blend" in capsys.readouterr().err
+
+
+# --- What the documentation says ------------------------------------------------------------------
+
+DOCS = Path(__file__).resolve().parents[2]
+EXPRESSION = re.compile(r'```\n(blender -b .*?"\n.*?")\n```', re.DOTALL)
+COMMAND = re.compile(r"^blender --command pointmorph scene.*$", re.MULTILINE)
+
+
+def in_a_folder(monkeypatch, tmp_path, names):
+    """Two sheets of these names, in `scene.blend` of the folder where a shell would be."""
+    for obj, name in zip(pair(), names, strict=True):
+        obj.name = name
+    bpy.context.scene.pointmorph.source = bpy.context.scene.pointmorph.target = None
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "scene.blend"))
+    monkeypatch.chdir(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("page", "names"),
+    [("README.md", ("Venus", "Mannequin")), ("docs/manual/headless.md", ("Hound", "Giraffe"))],
+)
+def test_the_expression_of_a_page(settings, monkeypatch, tmp_path, page, names):
+    [text] = EXPRESSION.findall((DOCS / page).read_text(encoding="utf-8"))
+    _, background, file, option, script = shlex.split(text)
+    assert (background, option) == ("-b", "--python-expr")
+    in_a_folder(monkeypatch, tmp_path, names)
+    bpy.ops.wm.read_homefile(use_empty=True)
+    # As Blender does with these words.
+    bpy.ops.wm.open_mainfile(filepath=file)
+    exec(compile(script, page, "exec"), {"__name__": "__main__"})
+    bpy.ops.wm.open_mainfile(filepath=file)
+    if page == "README.md":
+        assert keys(names[0]) == ["Basis", names[1]]
+    else:
+        assert bpy.data.objects[" to ".join(names)].pointmorph.report
+        assert len(list((tmp_path / "frames").glob("frame_*.ply"))) == 48
+
+
+def test_the_command_of_the_manual(settings, commands, monkeypatch, tmp_path):
+    [line] = COMMAND.findall((DOCS / "docs" / "manual" / "headless.md").read_text(encoding="utf-8"))
+    in_a_folder(monkeypatch, tmp_path, ("Hound", "Giraffe"))
+    assert commands.run(shlex.split(line)[3:]) == 0
+    bpy.ops.wm.open_mainfile(filepath="scene.blend")
+    assert bpy.context.scene.pointmorph.path == "rigid"
+    assert bpy.data.objects["Hound to Giraffe"].pointmorph.report
+    assert len(list((tmp_path / "frames").glob("frame_*.ply"))) > 1

@@ -119,6 +119,10 @@ def test_what_is_wrong_is_said_before_a_template_is_written(tmp_path: Path) -> N
         assert words in done.stderr
         assert not (tmp_path / name).exists()
     jobs = write_models(tmp_path)
+    (tmp_path / "below").mkdir()
+    done = run("farm", "openjd", jobs, "--template", tmp_path / "below" / "t.json")
+    assert done.returncode == 1
+    assert "Put the template above" in done.stderr
     done = run("batch", jobs, "--render", "0/2")
     assert done.returncode == 2
     assert "a command that renders" in done.stderr

@@ -118,7 +118,7 @@ def test_a_task_that_is_killed_is_run_again_and_all_is_as_without_slurm(
     said, errors = farm.communicate(timeout=300)
     # The other pair can't be morphed, and says why; what waits for its map is never run.
     assert farm.returncode == 3, errors
-    assert "a_to_c: the map and the frames to do" in said
+    assert "a_to_c: the map, the frames and the renders to do" in said
     assert states(out) == {"a_to_b": "kept", "a_to_c": "pending"}
     assert "c.obj: expected" in (out / "farm" / "logs" / "maps_1.log").read_text()
     assert not cluster.ask("squeue", "-h")

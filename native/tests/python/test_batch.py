@@ -18,7 +18,7 @@ import pytest
 from pointmorph.batch import free_memory, jobs, runs, thumbnails
 from pointmorph.batch.jobs import PairJob, read_batch
 from pointmorph.batch.runs import DONE, FAILED, KEPT, BatchRun, PairOutcome
-from pointmorph.batch.tasks import Part
+from pointmorph.batch.tasks import Part, frames_in_task, has_renders, render
 from shapes import ball
 from test_cli import COMMAND
 from test_stored_commands import run, write_obj
@@ -256,6 +256,34 @@ def test_tasks_of_an_engine_make_what_a_run_makes(tmp_path: Path) -> None:
                                      ).read_bytes()  # fmt: skip
 
 
+def test_what_is_not_rendered_is_not_done(tmp_path: Path) -> None:
+    models(tmp_path, "a", "b")
+    fails = tmp_path / "fails"
+    command = [sys.executable, "-c", "import os, sys; sys.exit(os.path.exists(sys.argv[1]))"]
+    pairs = [{"source": "a.obj", "target": "b.obj"}]
+    path = write_jobs(
+        tmp_path, pairs=pairs, frames=4, settings=QUICK, render=[*command, str(fails)]
+    )
+    batch = read_batch(path, tmp_path / "out")
+    [job] = batch.jobs
+    assert run("batch", path, "--out", batch.out).returncode == 0  # it renders nothing itself
+    assert render(batch, job, Part(0, 2)) == 0
+    fails.touch()
+    assert render(batch, job, Part(1, 2)) == 1
+    report = run("batch", path, "--out", batch.out, "--report", "--renders")
+    assert report.returncode == 1
+    assert "a_to_b: the renders to do" in report.stdout
+    fails.unlink()
+    assert render(batch, job, Part(1, 2)) == 0
+    assert has_renders(job)
+    # Those of another map are of no use.
+    job.morph_file.write_bytes(job.morph_file.read_bytes() + b" ")
+    assert not has_renders(job)
+    wrong = run("batch", path, "--out", batch.out, "--renders")
+    assert wrong.returncode == 2
+    assert "--report" in wrong.stderr
+
+
 def test_parts_share_out_all_frames() -> None:
     for total in range(20):
         for count in range(1, 9):
@@ -265,6 +293,19 @@ def test_parts_share_out_all_frames() -> None:
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows ends processes without asking them")
+def test_a_task_has_the_more_frames_the_sooner_one_is_made(tmp_path: Path) -> None:
+    write_obj(tmp_path / "a.obj", 9, 0.0)
+    write_obj(tmp_path / "b.obj", 9, 0.5)
+    found = []
+    for more in ({}, {"samples": 100_000}, {"samples": 100_000, "resample": True}):
+        pairs = [{"source": "a.obj", "target": "b.obj"}]
+        path = tmp_path / "jobs.json"
+        path.write_text(json.dumps({"pairs": pairs, "frames": 240, **more}))
+        found.append(frames_in_task(read_batch(path, None)))
+    assert found[0] > 240  # the frames of small models are one task
+    assert found[0] > found[1] > found[2] > 100
+
+
 def test_a_batch_that_is_ended_leaves_nothing_half_written(tmp_path: Path) -> None:
     models(tmp_path, "a", "b")
     path = write_jobs(tmp_path, folder=".", frames=2000, settings=QUICK)

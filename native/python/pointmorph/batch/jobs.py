@@ -19,7 +19,7 @@ from pointmorph.storage.file_checks import json_object
 from pointmorph.storage.frame_records import file_checksum
 
 MORPH, REPORT, RECORD, LOG, FRAMES = "pair.morph", "report.json", "job.json", "log.txt", "frames"
-PICTURES, RENDERS = "pictures", "renders"
+PICTURES, RENDERS, RENDERED = "pictures", "renders", "rendered"
 _COMMON = {
     "frames": int, "resample": bool, "mesh": str, "samples": int, "settings": dict, "features": str
 }  # fmt: skip

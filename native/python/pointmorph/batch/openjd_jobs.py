@@ -10,33 +10,41 @@ from typing import Any
 
 from pointmorph.base.errors import FileError
 from pointmorph.batch.jobs import Batch
-from pointmorph.batch.tasks import part_count
+from pointmorph.batch.tasks import RENDERS_IN_TASK, frames_in_task, part_count, report_words
 from pointmorph.storage import files
 
 
-def openjd_template(batch: Batch, chunk: int, home: Path) -> dict[str, Any]:
+def openjd_template(batch: Batch, chunk: int | None, home: Path) -> dict[str, Any]:
     """The batch as a job template of Open Job Description, version 2023-09.
 
     Its parameters are the file of jobs, the output folder, and the command that starts Python where
     pointmorph is installed. Default paths are relative to `home`, where the template will be.
+
+    Raises
+    ------
+    FileError
+        If these aren't in that folder: runners refuse paths that lead out of it.
     """
-    count = part_count(batch, chunk)
-    pairs, parts = _numbers("Pair", len(batch.jobs)), _numbers("Part", count)
-    pair = ["--range", "{{Task.Param.Pair}}"]
-    part = f"{{{{Task.Param.Part}}}}/{count}"
+    pairs, pair = _numbers("Pair", len(batch.jobs)), ["--range", "{{Task.Param.Pair}}"]
     steps = [_step("Maps", [], [pairs], [*pair, "--maps"])]
+
+    def add_parts(name: str, option: str, frames: int) -> None:
+        count = part_count(batch, frames)
+        part = f"{{{{Task.Param.Part}}}}/{count}"
+        parameters = [pairs, _numbers("Part", count)]
+        steps.append(_step(name, [steps[-1]["name"]], parameters, [*pair, option, part]))
+
     if any(job.frames for job in batch.jobs):
-        steps.append(_step("Frames", ["Maps"], [pairs, parts], [*pair, "--part", part]))
+        add_parts("Frames", "--part", chunk or frames_in_task(batch))
         if batch.render:
-            steps.append(_step("Renders", ["Frames"], [pairs, parts], [*pair, "--render", part]))
-    steps.append(_step("Report", [steps[-1]["name"]], [], ["--report"]))
-    out = os.path.relpath(batch.out, home)
+            add_parts("Renders", "--render", chunk or RENDERS_IN_TASK)
+    steps.append(_step("Report", [steps[-1]["name"]], [], report_words(batch)))
     return {
         "specificationVersion": "jobtemplate-2023-09",
         "name": f"Pointmorph {batch.path.stem}",
         "parameterDefinitions": [
-            _path("Jobs", "FILE", "IN", os.path.relpath(batch.path, home), "What to morph"),
-            _path("Out", "DIRECTORY", "OUT", out, "Where everything goes"),
+            _path("Jobs", "FILE", "IN", _within(home, batch.path), "What to morph"),
+            _path("Out", "DIRECTORY", "OUT", _within(home, batch.out), "Where everything goes"),
             {
                 "name": "Python",
                 "type": "STRING",
@@ -46,6 +54,17 @@ def openjd_template(batch: Batch, chunk: int, home: Path) -> dict[str, Any]:
         ],
         "steps": steps,
     }
+
+
+def _within(home: Path, path: Path) -> str:
+    """A path relative to the folder that it is in. Raises FileError."""
+    whole = Path(os.path.abspath(path))
+    if not whole.is_relative_to(home):
+        raise FileError(
+            str(path), f"something in {home}, where the template is to be", "another folder",
+            "Put the template above the file of jobs and the output folder.",
+        )  # fmt: skip
+    return str(whole.relative_to(home))
 
 
 def _numbers(name: str, count: int) -> dict[str, Any]:
@@ -81,9 +100,13 @@ def _step(
     return step
 
 
-def write_openjd(batch: Batch, chunk: int, path: Path) -> None:
-    """Writes the template as JSON. Raises FileError."""
+def write_openjd(batch: Batch, chunk: int | None, path: Path) -> None:
+    """Writes the template as JSON; `chunk` is how many frames a task has at the most, if it is to
+    be another number than the usual ones. Raises FileError."""
     if path.suffix.lower() != ".json":
         raise FileError(str(path), "a name that ends in .json", path.suffix or "none", "Rename it.")
-    text = json.dumps(openjd_template(batch, chunk, path.absolute().parent), indent=1) + "\n"
+    text = (
+        json.dumps(openjd_template(batch, chunk, Path(os.path.abspath(path)).parent), indent=1)
+        + "\n"
+    )
     files.write_bytes(path, text.encode())

@@ -23,7 +23,7 @@ _STYLE = """
  table { border-collapse: collapse; width: 100% }
  th, td { text-align: left; padding: .4rem .7rem; border-bottom: 1px solid #ddd }
  th, td { vertical-align: top }
- td.n { text-align: right; font-variant-numeric: tabular-nums }
+ .n { text-align: right; white-space: nowrap; font-variant-numeric: tabular-nums }
  img { display: block; max-width: 100%; border-radius: 4px }
  .failed { color: #a11 } .pending { color: #777 }
 """
@@ -127,12 +127,12 @@ def _draw(outcome: PairOutcome, path: Path, up: str) -> bool:
 
 def _page(batch: Batch, outcomes: Sequence[PairOutcome], found: Sequence[dict[str, Any]]) -> str:
     title = html.escape(batch.path.stem)
-    heads = "".join(f"<th>{name}</th>" for name in (*_COLUMNS, "way"))
+    heads = "".join(f'<th class="{"n" if k > 1 else ""}">{c}</th>' for k, c in enumerate(_COLUMNS))
     body = "\n".join(_line(row) for row in found)
     return f"""<!doctype html>
 <html lang="en"><meta charset="utf-8"><title>{title}</title><style>{_STYLE}</style>
 <h1>{title}</h1><p>{html.escape(summary(outcomes))}.</p>
-<table><thead><tr>{heads}</tr></thead><tbody>
+<table><thead><tr>{heads}<th>way</th></tr></thead><tbody>
 {body}
 </tbody></table></html>
 """

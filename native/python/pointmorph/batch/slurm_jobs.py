@@ -11,7 +11,13 @@ from dataclasses import dataclass, field
 
 from pointmorph.base.errors import OptionError
 from pointmorph.batch.jobs import Batch
-from pointmorph.batch.tasks import command_line, part_count
+from pointmorph.batch.tasks import (
+    RENDERS_IN_TASK,
+    command_line,
+    frames_in_task,
+    part_count,
+    report_words,
+)
 from pointmorph.storage import files
 
 FOLDER = "farm"
@@ -46,14 +52,14 @@ class SlurmRun:
     Parameters
     ----------
     batch : Batch
-    chunk : int
-        Frames in a task.
+    chunk : int or None
+        Frames in a task at the most, if another number than the usual ones.
     options : sequence of str
         For sbatch, such as --mem=4G.
     """
 
     batch: Batch
-    chunk: int
+    chunk: int | None
     options: Sequence[str] = ()
     submitted: list[str] = field(default_factory=list)
     """Slurm's numbers of all array jobs"""
@@ -87,14 +93,17 @@ class SlurmRun:
             command_line(self.batch, "--range", str(number), "--maps")
             for number in range(len(jobs))
         ])  # fmt: skip
-        parts = part_count(self.batch, self.chunk)
+        kinds = {"part": self.chunk or frames_in_task(self.batch)}
+        if self.batch.render:
+            kinds["render"] = self.chunk or RENDERS_IN_TASK
         last = [array for array, _ in maps]
         for number, job in enumerate(jobs):
             if not job.frames:
                 continue
             array, place = maps[number // _MOST_IN_ARRAY][0], number % _MOST_IN_ARRAY
             after = f"afterok:{array}_{place}"
-            for kind in ("part", *(["render"] if self.batch.render else [])):
+            for kind, frames in kinds.items():
+                parts = part_count(self.batch, frames)
                 tasks = [
                     command_line(self.batch, "--range", str(number), f"--{kind}", f"{k}/{parts}")
                     for k in range(parts)
@@ -102,7 +111,7 @@ class SlurmRun:
                 arrays = self._arrays(f"{kind}s_{number}", tasks, after)
                 after = ":".join(["afterok", *(one for one, _ in arrays)])
                 last += [one for one, _ in arrays]
-        report = command_line(self.batch, "--report")
+        report = command_line(self.batch, *report_words(self.batch))
         self._arrays("report", [report], ":".join(["afterany", *last]))
 
     def _arrays(

@@ -6,20 +6,28 @@ time and run again.
 from __future__ import annotations
 
 import json
+import math
 import subprocess
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 from pointmorph.base.errors import FileError, OptionError, PointmorphError
-from pointmorph.batch.jobs import FRAMES, RECORD, RENDERS, REPORT, Batch, PairJob
+from pointmorph.batch.jobs import FRAMES, RECORD, RENDERED, RENDERS, REPORT, Batch, PairJob
 from pointmorph.morphs.stored_morphs import open_morph
 from pointmorph.sequences.frame_sequences import even_times
 from pointmorph.sequences.stored_frames import missing_frames
 from pointmorph.storage import files
 from pointmorph.storage.frame_records import file_checksum
 
-MAP_STEP, FRAMES_STEP = "map", "frames"
+MAP_STEP, FRAMES_STEP, RENDERS_STEP = "map", "frames", "renders"
+RENDERS_IN_TASK = 24
+
+_TASK_SECONDS = 30.0
+"""What a task of frames is to take: a hundred times as long as it takes to start one."""
+_BYTES_PER_POINT = 40.0
+_LEAST_SECONDS, _PLAIN, _RESAMPLED = 1e-3, 4e-7, 1.5e-6
+"""What a frame takes on one core, roughly: at the least, and for each point."""
 
 Command = Callable[[Sequence[str]], int]
 """Runs a command line in this process, and returns its exit status."""
@@ -145,12 +153,32 @@ def render(batch: Batch, job: PairJob, part: Part) -> int:
     }
     words = [_filled(word, places) for word in batch.render]
     try:
-        return subprocess.run(words, stdin=subprocess.DEVNULL, check=False).returncode
+        status = subprocess.run(words, stdin=subprocess.DEVNULL, check=False).returncode
     except OSError as error:
         raise FileError(
             words[0], "a program that can be run", error.strerror or str(error),
             f"Correct render in {batch.path}.",
         ) from error  # fmt: skip
+    if status == 0:
+        record = {"of": file_checksum(job.morph_file), "frames": [which.start, which.stop]}
+        files.make_folder(job.folder / RENDERED)
+        path = job.folder / RENDERED / f"{which.start}_{which.stop}.json"
+        files.write_bytes(path, (json.dumps(record) + "\n").encode())
+    return status
+
+
+def has_renders(job: PairJob) -> bool:
+    """Whether the command that renders has ended well for all frames of this very map."""
+    rendered: set[int] = set()
+    try:
+        morph = file_checksum(job.morph_file)
+        for path in sorted((job.folder / RENDERED).glob("*.json")):
+            record = json.loads(path.read_text(encoding="utf-8"))
+            if record["of"] == morph:
+                rendered.update(range(*record["frames"]))
+    except (OSError, ValueError, KeyError, TypeError, FileError):
+        return False
+    return rendered >= set(range(job.frames))
 
 
 def _filled(word: str, places: Mapping[str, str]) -> str:
@@ -163,6 +191,23 @@ def part_count(batch: Batch, chunk: int) -> int:
     """Into how many parts each pair's frames are split for so many frames in one at the most."""
     most = max(job.frames for job in batch.jobs)
     return max(1, -(-most // chunk))
+
+
+def report_words(batch: Batch) -> list[str]:
+    """How `pointmorph batch` is asked what a farm has done."""
+    return ["--report", "--renders"] if batch.render else ["--report"]
+
+
+def frames_in_task(batch: Batch) -> int:
+    """So many frames that a task of them takes long, next to the start of a process: it is chosen
+    by the size of the models' files, since nothing has been read yet."""
+    longest = max(_frame_seconds(job) for job in batch.jobs)
+    return max(1, math.ceil(_TASK_SECONDS / longest))
+
+
+def _frame_seconds(job: PairJob) -> float:
+    points = job.samples or max(1.0, job.bytes() / _BYTES_PER_POINT)
+    return _LEAST_SECONDS + points * (_RESAMPLED if job.resample else _PLAIN)
 
 
 def command_line(batch: Batch, *selection: str) -> list[str]:

@@ -11,7 +11,15 @@ from pointmorph.base.errors import FileError, OptionError
 from pointmorph.batch import reports
 from pointmorph.batch.jobs import Batch, PairJob, read_batch
 from pointmorph.batch.runs import FAILED, KEPT, PENDING, BatchRun, PairOutcome
-from pointmorph.batch.tasks import Part, find_map, make_frames, render, steps_to_do
+from pointmorph.batch.tasks import (
+    RENDERS_STEP,
+    Part,
+    find_map,
+    has_renders,
+    make_frames,
+    render,
+    steps_to_do,
+)
 from pointmorph.commands import terminal
 from pointmorph.commands.arguments import part_of, positive
 from pointmorph.storage import files
@@ -56,6 +64,9 @@ def add(commands: Any, main: Callable[[Sequence[str]], int]) -> None:
     only.add_argument(
         "--report", action="store_true", help="morph nothing: report what is done and what isn't"
     )
+    batch.add_argument(
+        "--renders", action="store_true", help="with --report: what isn't rendered isn't done"
+    )
 
 
 def _part(text: str) -> Part:
@@ -72,9 +83,14 @@ def _batch(chosen: argparse.Namespace) -> int:
         raise OptionError(
             "range", f"some of the pairs 0 to {len(batch.jobs) - 1}", "none", "Correct A:B."
         )
+    if chosen.renders and not (chosen.report and batch.render):
+        raise OptionError(
+            "renders", f"--report, and a command that renders in {batch.path}", "not both",
+            "Leave --renders out, or add what is missing.",
+        )  # fmt: skip
     files.make_folder(batch.out)
     if chosen.report:
-        return _tell(batch, [_found(job) for job in batch.jobs])
+        return _tell(batch, [_found(job, chosen.renders) for job in batch.jobs])
     if chosen.part or chosen.render or (chosen.maps and len(jobs) == 1):
         return _tasks(chosen, batch, jobs)
     run = BatchRun(jobs, chosen.jobs, with_frames=not chosen.maps)
@@ -109,13 +125,16 @@ def _tasks(chosen: argparse.Namespace, batch: Batch, jobs: Sequence[PairJob]) ->
     return worst
 
 
-def _found(job: PairJob) -> PairOutcome:
+def _found(job: PairJob, with_renders: bool) -> PairOutcome:
     """What is there of a pair."""
     try:
         missing = steps_to_do(job)
+        if with_renders and job.frames and not has_renders(job):
+            missing.append(RENDERS_STEP)
     except FileError as error:
         return PairOutcome(job, FAILED, message=str(error))
-    words = f"the {' and the '.join(missing)} to do" if missing else ""
+    *others, last = [f"the {step}" for step in missing] or [""]
+    words = f"{' and '.join(filter(None, [', '.join(others), last]))} to do" if missing else ""
     return PairOutcome(job, PENDING if missing else KEPT, message=words)
 
 

@@ -10,9 +10,8 @@ from typing import Any
 from pointmorph.batch.jobs import read_batch
 from pointmorph.batch.openjd_jobs import write_openjd
 from pointmorph.batch.slurm_jobs import SlurmRun
+from pointmorph.batch.tasks import RENDERS_IN_TASK, report_words
 from pointmorph.commands.arguments import positive
-
-_CHUNK = 24
 
 
 def add(commands: Any, main: Callable[[Sequence[str]], int]) -> None:
@@ -52,8 +51,8 @@ def add(commands: Any, main: Callable[[Sequence[str]], int]) -> None:
             "--chunk",
             metavar="N",
             type=positive,
-            default=_CHUNK,
-            help=f"frames in a task at the most (default: {_CHUNK})",
+            help="frames in a task at the most (default: such that it takes about half a minute; "
+            f"{RENDERS_IN_TASK} where they are rendered)",
         )
 
 
@@ -66,7 +65,8 @@ def _slurm(chosen: argparse.Namespace) -> int:
     if not chosen.wait:
         return 0
     run.wait()
-    status: int = chosen.main(["batch", str(batch.path), "--out", str(batch.out), "--report"])
+    words = ["batch", str(batch.path), "--out", str(batch.out), *report_words(batch)]
+    status: int = chosen.main(words)
     return status
 
 
