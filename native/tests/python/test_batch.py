@@ -284,6 +284,26 @@ def test_what_is_not_rendered_is_not_done(tmp_path: Path) -> None:
     assert "--report" in wrong.stderr
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no signals")
+@pytest.mark.parametrize(
+    ("ends", "status", "words"),
+    [("sys.exit(2)", 1, "status 2"), ("os.kill(os.getpid(), 9)", 128 + 9, "signal 9")],
+)
+def test_how_a_command_that_renders_has_failed(
+    tmp_path: Path, ends: str, status: int, words: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    models(tmp_path, "a", "b")
+    path = write_jobs(
+        tmp_path, folder=".", frames=4, render=[sys.executable, "-c", f"import os, sys; {ends}"]
+    )
+    batch = read_batch(path)
+    [job] = batch.jobs
+    job.folder.mkdir(parents=True)
+    job.morph_file.touch()
+    assert render(batch, job, Part(0, 1)) == status
+    assert f"a_to_b: the command that renders ended with {words}" in capsys.readouterr().err
+
+
 def test_parts_share_out_all_frames() -> None:
     for total in range(20):
         for count in range(1, 9):
@@ -292,7 +312,6 @@ def test_parts_share_out_all_frames() -> None:
             assert max(map(len, parts)) - min(map(len, parts)) <= 1
 
 
-@pytest.mark.skipif(sys.platform == "win32", reason="Windows ends processes without asking them")
 def test_a_task_has_the_more_frames_the_sooner_one_is_made(tmp_path: Path) -> None:
     write_obj(tmp_path / "a.obj", 9, 0.0)
     write_obj(tmp_path / "b.obj", 9, 0.5)
@@ -306,6 +325,7 @@ def test_a_task_has_the_more_frames_the_sooner_one_is_made(tmp_path: Path) -> No
     assert found[0] > found[1] > found[2] > 100
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows ends processes without asking them")
 def test_a_batch_that_is_ended_leaves_nothing_half_written(tmp_path: Path) -> None:
     models(tmp_path, "a", "b")
     path = write_jobs(tmp_path, folder=".", frames=2000, settings=QUICK)

@@ -123,7 +123,13 @@ def _require_map(job: PairJob) -> None:
 
 
 def render(batch: Batch, job: PairJob, part: Part) -> int:
-    """Has the file's own command render a part of a pair's frames; its exit status.
+    """Has the file's own command render a part of a pair's frames.
+
+    Returns
+    -------
+    int
+        The exit status: 0, 1 if the command failed, and where a signal has ended it, 128 and the
+        signal's number, as a shell says, so that an engine sees that it was killed.
 
     Raises
     ------
@@ -164,7 +170,10 @@ def render(batch: Batch, job: PairJob, part: Part) -> int:
         files.make_folder(job.folder / RENDERED)
         path = job.folder / RENDERED / f"{which.start}_{which.stop}.json"
         files.write_bytes(path, (json.dumps(record) + "\n").encode())
-    return status
+        return 0
+    ended = f"signal {-status}" if status < 0 else f"status {status}"
+    sys.stderr.write(f"pointmorph: {job.name}: the command that renders ended with {ended}\n")
+    return 128 - status if status < 0 else 1
 
 
 def has_renders(job: PairJob) -> bool:

@@ -121,7 +121,7 @@ def _tasks(chosen: argparse.Namespace, batch: Batch, jobs: Sequence[PairJob]) ->
             status = find_map(job, chosen.main)
         if status in (terminal.INTERRUPTED, terminal.TERMINATED):
             return status
-        worst = max(worst, abs(status))
+        worst = max(worst, status)
     return worst
 
 
