@@ -2,12 +2,14 @@
 
 import hashlib
 import importlib
+import io
 import os
 import pickle
 import sys
 from pathlib import Path
 
 import bpy
+import numpy as np
 import pytest
 
 sys.path.insert(0, str(Path(__file__).parent))  # for `scenes`
@@ -19,6 +21,9 @@ import transferring_scenes
 
 # Before pytest imports the tests, and with them `pointmorph`: a packaged add-on brings its own.
 MODULE = installing.install()
+
+PROTOCOL = 4
+"""Of what Blenders leave for each other: what numpy 1 and numpy 2 write with it, both can read."""
 
 
 def pytest_collection_modifyitems(items):
@@ -70,6 +75,22 @@ def settings(request, known_nodes):
     return bpy.context.scene.pointmorph
 
 
+class _Words(pickle.Pickler):
+    """Pickles arrays in words that are the same for any version of numpy."""
+
+    def reducer_override(self, obj):
+        if isinstance(obj, np.ndarray | np.generic) and not obj.dtype.hasobject:
+            return np.ndarray, (obj.shape, obj.dtype.str, obj.tobytes())
+        return NotImplemented
+
+
+def words_of(question):
+    """What is asked, in the same words for any Blender's Python."""
+    words = io.BytesIO()
+    _Words(words, PROTOCOL).dump(question)
+    return words.getvalue()
+
+
 @pytest.fixture(scope="session")
 def remembering(addon, tmp_path_factory):
     """`computation.compute`, which computes nothing twice; nor what another Blender has left in
@@ -80,11 +101,11 @@ def remembering(addon, tmp_path_factory):
 
     def remembered(request, progress, earlier=None):
         before = earlier and (earlier.request.without_looks(), earlier.maps)
-        asked = pickle.dumps((sys.version_info[:2], request.without_looks(), before))
+        asked = words_of((request.without_looks(), before))
         known = folder / hashlib.sha256(asked).hexdigest()
         if not known.exists():
             new = known.with_suffix(f".{os.getpid()}")
-            new.write_bytes(pickle.dumps(compute(request, progress, earlier)))
+            new.write_bytes(pickle.dumps(compute(request, progress, earlier), protocol=PROTOCOL))
             new.replace(known)
         return pickle.loads(known.read_bytes())
 

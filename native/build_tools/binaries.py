@@ -24,11 +24,14 @@ lief.logging.disable()
 _ANYWHERE = -2
 _WEAK = lief.MachO.DyldBindingInfo.CLASS.WEAK
 
-# Functions whose results have other bits in one glibc than in another, or may have. The library has
-# its own, or does without; exp, log, pow, sin and cos have been the same since 2.28.
+# Functions whose results have other bits in one C library than in another, or on another processor.
+# The library has its own, or does without.
 _CHANGING = {
     f"{name}{kind}"
-    for name in ("acos", "asin", "atan", "atan2", "cbrt", "hypot", "log2", "sincos", "tan")
+    for name in (
+        *("acos", "asin", "atan", "atan2", "cbrt", "cos", "exp", "exp2", "expm1", "hypot", "log"),
+        *("log10", "log1p", "log2", "pow", "sin", "sincos", "tan"),
+    )
     for kind in ("", "f", "l")
 }
 

@@ -141,7 +141,7 @@ def bpy(version: str) -> Outcome:
 
 
 def computed() -> Path:
-    """Where Blenders of one Python leave for each other what the library has computed."""
+    """Where Blenders leave for each other what the library has computed."""
     return paths.BUILD / "computed"
 
 
@@ -203,12 +203,14 @@ def in_bpy(*versions: str) -> dict[str, Suite]:
     }
 
 
-# In the order in which they are started: the longest first, so that no core idles at the end.
+# In the order in which they are started: the longest first, so that no core idles at the end, but
+# the newest Blender before the oldest, which takes over what the other has computed.
 SUITES: dict[str, Suite] = {
     "window": Suite(window, ("cpython", *WINDOW_PACKAGES), fetch_debian, waits=True),
     "sanitizers": Suite(sanitizers, ("cpp-test",)),
+    **in_bpy(max(BLENDERS)),
     "python": Suite(python),
-    **in_bpy(*WHOLE),
+    **in_bpy(min(BLENDERS)),
     "cpp": Suite(cpp, ("cpp-test",)),
     "farm": Suite(farm, (), fetch_slurm),
     **in_bpy(*(version for version in reversed(BLENDERS) if version not in WHOLE)),

@@ -4,8 +4,6 @@
 // how errors are told, or in the library that they lie in.
 #include <pthread.h>
 
-#include <cmath>
-
 #define OLDER(name, type, parameters, arguments)              \
     extern "C" type older_##name parameters;                  \
     __asm__(".symver older_" #name "," #name "@GLIBC_2.2.5"); \
@@ -13,9 +11,6 @@
         return older_##name arguments;                        \
     }
 
-OLDER(exp, double, (double x), (x))
-OLDER(log, double, (double x), (x))
-OLDER(pow, double, (double x, double y), (x, y))
 OLDER(pthread_attr_setstacksize, int, (pthread_attr_t * attributes, size_t size),
       (attributes, size))
 OLDER(pthread_create, int,
@@ -23,15 +18,6 @@ OLDER(pthread_create, int,
       (thread, attributes, run, argument))
 OLDER(pthread_join, int, (pthread_t thread, void** result), (thread, result))
 OLDER(pthread_once, int, (pthread_once_t * done, void (*run)()), (done, run))
-
-/// As sin and cos, one after the other: before glibc 2.36, some results of sincos had other bits.
-/// Through pointers, else the compiler would make one call of these two again.
-extern "C" void __wrap_sincos(double x, double* sine, double* cosine) {
-    static double (*volatile const sine_of)(double) = std::sin;
-    static double (*volatile const cosine_of)(double) = std::cos;
-    *sine = sine_of(x);
-    *cosine = cosine_of(x);
-}
 
 /// False, so that shared pointers count with atomic operations: glibc says since 2.32 whether they
 /// must.

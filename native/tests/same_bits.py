@@ -4,8 +4,9 @@
     python native/tests/same_bits.py DIGESTS FOLDER…    of the pairs in these folders, as JSON
 
 A pair is a folder with source.ply, target.ply and pair.json (`features`: rows of both files). Each
-is morphed as it is and as bare points, without faces and normals. The shapes are made once, not on
-each system: sine and cosine needn't have the same bits everywhere.
+is morphed as it is, as bare points, without faces and normals, and in double precision, which hides
+no last bit. The shapes are made once, not on each system: numpy's sine and cosine needn't have the
+same bits everywhere.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from __future__ import annotations
 import hashlib
 import json
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -37,18 +39,27 @@ def digests_of(morph: pointmorph.Morph) -> dict[str, str]:
         frame = morph.frame(t)
         result[f"frame {t}"] = digest(frame.positions, frame.normals, frame.colors, frame.radii)
     frame = morph.resampled_frame(0.5)
-    return {**result, "resampled": digest(frame.positions, frame.normals, frame.ids)}
+    result["resampled"] = digest(frame.positions, frame.normals, frame.ids)
+    if morph.has_mesh:
+        result["wrapped"] = digest(morph.wrapped(0.5), morph.wrapped(1.0))
+    return result
 
 
 def run(folder: Path) -> dict[str, dict[str, str]]:
-    """The digests of a pair, with everything that its files have and as bare points."""
+    """The digests of a pair: with everything that its files have, as bare points, and in double
+    precision."""
     features = json.loads((folder / "pair.json").read_text())["features"]
     features = {name: tuple(rows) for name, rows in features.items()}
-    whole = [formats.read(folder / f"{side}.ply").cloud() for side in ("source", "target")]
+    shapes = [formats.read(folder / f"{side}.ply") for side in ("source", "target")]
+    whole = [shape.cloud() for shape in shapes]
     bare = [pointmorph.Cloud(cloud.positions) for cloud in whole]
+    double = [
+        replace(shape, positions=shape.positions.astype(np.float64)).cloud() for shape in shapes
+    ]
+    kinds = {"": whole, ", bare points": bare, ", double precision": double}
     return {
-        folder.name: digests_of(pointmorph.morph(*whole, features)),
-        f"{folder.name}, bare points": digests_of(pointmorph.morph(*bare, features)),
+        folder.name + kind: digests_of(pointmorph.morph(*clouds, features))
+        for kind, clouds in kinds.items()
     }
 
 

@@ -104,7 +104,11 @@ def test_one_file_knows_openmp() -> None:
 
 
 def test_one_file_asks_for_the_compiler() -> None:
-    assert users_of(r"__attribute__|__restrict|__builtin|__GNUC__|_MSC_VER") == {"compiler.hpp"}
+    words = (
+        *("__attribute__", "__restrict", "__builtin", "__declspec", "__extension__", "__int128"),
+        *("__GNUC__", "__clang__", "_MSC_VER", "typeof__", r"\basm\b", r"\[\[gnu::"),
+    )
+    assert users_of("|".join(words)) == {"compiler.hpp"}
 
 
 # --- Size of functions
