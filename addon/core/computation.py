@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pointmorph
+import pointmorph.base.option_table
 import pointmorph.formats
-import pointmorph.option_table
 
 from . import packing, path_stages, transforms
 from .features import Marks
@@ -282,7 +282,7 @@ def with_look(requests, outcome, options, progress):
 
 
 def _way(morph, request, ends, landing, progress):
-    if pointmorph.option_table.is_straight(**request.settings):
+    if pointmorph.base.option_table.is_straight(**request.settings):
         return None
     frames = {t: morph.frame(t, progress=progress) for t in path_stages.TIMES}
     positions, normals = (

@@ -14,7 +14,7 @@ import struct
 
 import numpy as np
 import pointmorph
-from pointmorph import files
+from pointmorph.storage import files
 
 POSITION, NORMAL, VELOCITY, COLOR, REST = range(5)
 """What the vectors of a point are, in this order."""

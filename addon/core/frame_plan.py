@@ -6,9 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 import pointmorph
-import pointmorph.chains
 import pointmorph.formats
-import pointmorph.moving_shapes
 import pointmorph.sequences
 
 
@@ -99,10 +97,10 @@ def sequence_of(held, plan, settings, poses=None):
         morph = morphs[0]
     else:
         whole = own if clouds[0].delay is None else settings
-        morph = pointmorph.chains.Chain(morphs, whole)
+        morph = pointmorph.sequences.Chain(morphs, whole)
     numbers = {"first": plan.first, "step": plan.step}
     if poses is not None:
-        return pointmorph.moving_shapes.MovingSequence(
+        return pointmorph.sequences.MovingSequence(
             morph, plan.times(), poses, settings, **numbers, resample=plan.resample
         )
     kind = pointmorph.sequences.FrameSequence if plan.resample else _Pairs

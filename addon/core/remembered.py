@@ -10,7 +10,7 @@ from dataclasses import fields
 from functools import lru_cache
 
 import pointmorph
-from pointmorph.file_checks import parsed_json
+from pointmorph.storage.file_checks import parsed_json
 
 from . import packing, quality_words
 from .features import Choice

@@ -4,9 +4,7 @@ import contextlib
 
 import bpy
 import pointmorph
-import pointmorph.frame_stores
 import pointmorph.sequences
-import pointmorph.surfaces
 
 from ..core import frame_cache, frame_plan
 from ..core.settings import name_label, settings_values
@@ -147,7 +145,7 @@ class POINTMORPH_OT_bake_frames(Explained, Computing, bpy.types.Operator):
         self._by_nodes = self.faces and _makes_faces_by_nodes(target)
         faces = self.faces and not self._by_nodes
         target.check(faces)
-        if faces and not pointmorph.surfaces.is_available():
+        if faces and not pointmorph.sequences.surfaces.is_available():
             raise pointmorph.OptionError(
                 "faces",
                 "the packages pymeshlab and scipy, which make faces from points",
@@ -201,7 +199,7 @@ class POINTMORPH_OT_bake_frames(Explained, Computing, bpy.types.Operator):
 
         def work(progress):
             sequence = frame_plan.sequence_of(held, plan, settings, taken)
-            store = pointmorph.frame_stores.FrameStore(place, sequence, faces=plan.faces)
+            store = pointmorph.sequences.FrameStore(place, sequence, faces=plan.faces)
             store.fill(progress)
             if cached:
                 self._rows = frame_cache.write(path, name, store, progress)
@@ -292,7 +290,7 @@ class POINTMORPH_OT_bake_frames(Explained, Computing, bpy.types.Operator):
 def _makes_faces_by_nodes(target):
     """Whether a bake gets its faces from Blender's own nodes, since nothing better is there."""
     by_nodes = target is frame_formats.SCENE and bpy.app.build_options.openvdb
-    return by_nodes and not pointmorph.surfaces.is_available()
+    return by_nodes and not pointmorph.sequences.surfaces.is_available()
 
 
 POINTMORPH_OT_bake_frames.__annotations__.update(frame_settings())

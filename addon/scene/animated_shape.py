@@ -2,7 +2,7 @@
 
 import bpy
 import numpy as np
-from pointmorph.moving_shapes import ShapeState
+from pointmorph.sequences import ShapeState
 
 from ..core import transforms
 from ..data import arrays

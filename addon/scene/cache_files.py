@@ -13,7 +13,7 @@ from pathlib import Path
 
 import bpy
 import pointmorph
-import pointmorph.files
+import pointmorph.storage.files
 
 from ..core import background_job
 from ..data import areas
@@ -129,7 +129,7 @@ def _belongs_elsewhere(path, folder):
 def _copied(old, folder):
     """The same frames in a folder: by another name of the file where the disk has such, since
     nothing ever writes to it."""
-    pointmorph.files.make_folder(folder)
+    pointmorph.storage.files.make_folder(folder)
     new = _free(folder / re.sub(r"(_\d+)?\.pc2$", ".pc2", old.name))
     part = new.with_name(f".{new.name}.part")
     part.unlink(missing_ok=True)
@@ -138,7 +138,7 @@ def _copied(old, folder):
             os.link(old, part)
         except OSError:
             shutil.copyfile(old, part)
-        pointmorph.files.replace(part, new)
+        pointmorph.storage.files.replace(part, new)
     finally:
         part.unlink(missing_ok=True)
     return new

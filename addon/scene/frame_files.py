@@ -6,7 +6,7 @@ from pathlib import Path
 
 import bpy
 import pointmorph
-import pointmorph.files
+import pointmorph.storage.files
 
 from ..data import creation
 from . import frames_display
@@ -24,7 +24,7 @@ def make_folder(path):
             "Save the file, or choose another folder.",
         )
     folder = Path(bpy.path.abspath(path))
-    pointmorph.files.make_folder(folder)
+    pointmorph.storage.files.make_folder(folder)
     return folder
 
 
@@ -60,7 +60,7 @@ def cache_path(name):
     file = f"{bpy.path.clean_name(name)}.pc2"
     if bpy.data.filepath:
         folder = cache_folder(bpy.data.filepath)
-        pointmorph.files.make_folder(folder)
+        pointmorph.storage.files.make_folder(folder)
         return folder / file
     return Path(bpy.app.tempdir) / file
 
@@ -103,7 +103,7 @@ def export(context, player, plan, path, target):
                 "Choose another folder.",
             )
         with _let_go(path):
-            pointmorph.files.replace(temporary, path)
+            pointmorph.storage.files.replace(temporary, path)
     except (OSError, RuntimeError) as error:
         raise pointmorph.FileError(
             str(path), "a file that can be written", str(error).strip(), "Choose another folder."

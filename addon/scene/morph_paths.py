@@ -4,7 +4,7 @@ from itertools import pairwise
 
 import numpy as np
 import pointmorph
-import pointmorph.option_table
+import pointmorph.base.option_table
 
 from ..core import path_stages, transforms
 from ..data import arrays
@@ -15,7 +15,7 @@ def meant(path, settings):
     """The path that a setting stands for in a morph with these settings, a recipe's: automatic goes
     by its method."""
     method = settings.get("method", "auto")
-    return "linear" if pointmorph.option_table.is_straight(path=path, method=method) else path
+    return "linear" if pointmorph.base.option_table.is_straight(path=path, method=method) else path
 
 
 def way(obj, path, timing=None):

@@ -7,7 +7,7 @@ import bpy
 import numpy as np
 import pytest
 from mathutils import Vector
-from pointmorph import surfaces
+from pointmorph.sequences import surfaces
 from scenes import (
     add_attribute,
     add_mesh,

@@ -5,7 +5,7 @@ import math
 import bpy
 import numpy as np
 import pytest
-from pointmorph import surfaces
+from pointmorph.sequences import surfaces
 from scenes import add_attribute, add_object, coordinates, morph, pair
 
 pytestmark = pytest.mark.interface

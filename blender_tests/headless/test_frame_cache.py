@@ -282,7 +282,7 @@ def test_each_scene_has_frames_of_its_own(torn):
 
 def test_one_kind_of_frames_is_shown_at_a_time(addon, torn, monkeypatch):
     """Those with faces in files of Blender, or those of points."""
-    surfaces = addon("operators.bakes").pointmorph.surfaces
+    surfaces = addon("operators.bakes").pointmorph.sequences.surfaces
     if not surfaces.is_available():
         pytest.skip("without packages that make faces")
     points = bake(torn, step=8)
@@ -512,7 +512,7 @@ def test_faces_by_nodes(addon, settings, monkeypatch):
     """Where Blender's Python has no packages for it, its own nodes put faces through the points."""
     if not bpy.app.build_options.openvdb:
         pytest.skip("this Blender was built without volumes")
-    surfaces = addon("operators.bakes").pointmorph.surfaces
+    surfaces = addon("operators.bakes").pointmorph.sequences.surfaces
     monkeypatch.setattr(surfaces, "is_available", lambda: False)
     source, _ = pair(24, 20)
     player = bake(morph(), faces=True)
@@ -543,7 +543,7 @@ def test_faces_by_nodes(addon, settings, monkeypatch):
 
 
 def test_faces_by_nodes_go_to_no_file(addon, torn, tmp_path, monkeypatch):
-    surfaces = addon("operators.bakes").pointmorph.surfaces
+    surfaces = addon("operators.bakes").pointmorph.sequences.surfaces
     monkeypatch.setattr(surfaces, "is_available", lambda: False)
     select(torn)
     with pytest.raises(RuntimeError, match="packages pymeshlab and scipy"):

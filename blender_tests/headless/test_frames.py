@@ -5,7 +5,8 @@ import sys
 import bpy
 import numpy as np
 import pytest
-from pointmorph import formats, surfaces
+from pointmorph import formats
+from pointmorph.sequences import surfaces
 from scenes import (
     attribute,
     baked_frames,

@@ -4,7 +4,8 @@ import bpy
 import numpy as np
 import pytest
 from mathutils import Matrix
-from pointmorph import formats, surfaces
+from pointmorph import formats
+from pointmorph.sequences import surfaces
 from scenes import (
     add_mesh,
     attribute,

@@ -9,8 +9,7 @@ import bpy
 import numpy as np
 import numpy.typing as npt
 from mathutils import Vector
-from pointmorph.formats import Shape
-from pointmorph.meshes import boundary_loops
+from pointmorph.meshes import Shape, boundary_loops
 
 Features = dict[str, tuple[int, int]]
 

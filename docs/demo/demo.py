@@ -29,7 +29,12 @@ import pointmorph  # noqa: E402
 import scenery  # noqa: E402
 import studio  # noqa: E402
 from mathutils import Matrix  # noqa: E402
-from pointmorph import Cloud, PointmorphError, formats, sampling  # noqa: E402
+from pointmorph import (  # noqa: E402
+    Cloud,
+    PointmorphError,
+    formats,
+    meshes,
+)
 
 import addon  # noqa: E402
 
@@ -157,7 +162,7 @@ def sampled(
             )
     if shape.faces is None:
         return shape.cloud(), rows
-    cloud, kept = sampling.sample(shape, count, keep=list(rows.values()))
+    cloud, kept = meshes.sample(shape, count, keep=list(rows.values()))
     return cloud, dict(zip(rows, kept.tolist(), strict=True))
 
 

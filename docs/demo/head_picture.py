@@ -23,7 +23,7 @@ import numpy as np  # noqa: E402
 import paint  # noqa: E402
 import studio  # noqa: E402
 from mathutils import Matrix, Vector  # noqa: E402
-from pointmorph.formats import Shape  # noqa: E402
+from pointmorph.meshes import Shape  # noqa: E402
 
 import addon  # noqa: E402
 

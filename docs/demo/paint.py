@@ -9,8 +9,7 @@ import numpy as np
 import numpy.typing as npt
 import pointmorph
 from mathutils.kdtree import KDTree
-from pointmorph.formats import Shape
-from pointmorph.meshes import face_edges, vertex_normals
+from pointmorph.meshes import Shape, face_edges, vertex_normals
 
 FloatArray = npt.NDArray[np.float64]
 

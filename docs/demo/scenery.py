@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from mathutils import Matrix
 from pointmorph import Cloud
-from pointmorph.formats import Shape
+from pointmorph.meshes import Shape
 
 from addon.data import versions
 

@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 import pointmorph
-from pointmorph import formats, sampling
+from pointmorph import formats, meshes
 from pointmorph._pointmorph import nearest_neighbors
 
 SHARED = Path(__file__).resolve().parents[3] / "shared" / "data" / "nefertiti_demosthenes"
@@ -60,7 +60,7 @@ def clouds(sizes: tuple[int, int]) -> tuple[list[pointmorph.Cloud], dict[str, tu
     pair, features = shapes()
     result, rows = [], []
     for side, (shape, count) in enumerate(zip(pair, sizes, strict=True)):
-        cloud, kept = sampling.sample(shape, count, keep=[f[side] for f in features.values()])
+        cloud, kept = meshes.sample(shape, count, keep=[f[side] for f in features.values()])
         result.append(cloud)
         rows.append(kept.tolist())
     return result, dict(zip(features, zip(*rows, strict=True), strict=True))

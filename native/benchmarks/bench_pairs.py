@@ -23,7 +23,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pointmorph import files, formats
+from pointmorph import formats
+from pointmorph.storage import files
 
 HEADER = (
     "pair",

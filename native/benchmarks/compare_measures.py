@@ -12,9 +12,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import scipy.sparse as sp
-from pointmorph import Cloud, sampling
-from pointmorph.formats import Shape
-from pointmorph.meshes import vertex_normals
+from pointmorph import Cloud
+from pointmorph.meshes import Shape, sampling, vertex_normals
 from scipy.sparse import csgraph
 from scipy.spatial import cKDTree
 

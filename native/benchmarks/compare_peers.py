@@ -28,11 +28,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pointmorph.meshes
 from bench_morph import resident
 from compare_measures import Ints, Surface, Yardstick
 from compare_methods import METHODS, NotApplicableError, Pair
-from pointmorph import Cloud, Feature, FeatureError, PointmorphError, cli, formats, sampling
+from pointmorph import Cloud, Feature, FeatureError, PointmorphError, formats
 from pointmorph._pointmorph import nearest_neighbors
+from pointmorph.commands import cli
 from tabulate import tabulate
 
 Marks = dict[str, tuple[int, int]]
@@ -96,7 +98,7 @@ def read(files: tuple[Path, Path], marks: Path, points: int, hold_out: Iterable[
     clouds: list[Cloud]
     if points:
         count = min([points, *(len(s.positions) for s in shapes if s.faces is None)])
-        clouds, everything = sampling.sample_pair(shapes, everything, count)
+        clouds, everything = pointmorph.meshes.sample_pair(shapes, everything, count)
     else:
         clouds = [shape.cloud() for shape in shapes]
     pair = Pair(

@@ -17,8 +17,7 @@ import numpy as np
 import numpy.typing as npt
 from compare_measures import Floats, Ints, Surface, representatives, similarity
 from PIL import Image, ImageDraw, ImageFont
-from pointmorph import sampling
-from pointmorph.formats import Shape
+from pointmorph.meshes import Shape, sampling
 from scipy.spatial import cKDTree
 
 if TYPE_CHECKING:

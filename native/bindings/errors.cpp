@@ -9,7 +9,7 @@ namespace {
 
 void raise(const char* type, const Error& error) {
     const py::object raised =
-        py::module_::import("pointmorph.errors")
+        py::module_::import("pointmorph.base.errors")
             .attr(type)(error.subject(), error.expected(), error.found(), error.advice());
     PyErr_SetObject(reinterpret_cast<PyObject*>(Py_TYPE(raised.ptr())), raised.ptr());
 }
@@ -31,7 +31,7 @@ void bind_errors(py::module_&) {
         } catch (const ConvergenceError& error) {
             raise("ConvergenceError", error);
         } catch (const Cancelled& cancelled) {
-            const py::object type = py::module_::import("pointmorph.errors").attr("Cancelled");
+            const py::object type = py::module_::import("pointmorph.base.errors").attr("Cancelled");
             PyErr_SetString(type.ptr(), cancelled.what());
         }
     });

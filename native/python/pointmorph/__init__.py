@@ -13,16 +13,14 @@ clouds::
 Needs only numpy. File formats and the command line also need plyfile, trimesh and tqdm.
 """
 
+import sys as _sys
+
+from pointmorph._moved_modules import keep_old_names as _keep_old_names
 from pointmorph._wait_policy import passive_wait_policy
 
 with passive_wait_policy():
     from pointmorph._pointmorph import __version__
-from pointmorph.carrying import Carrier
-from pointmorph.clouds import Cloud
-from pointmorph.confidence import Confidence, DoubtfulPlace
-from pointmorph.cuts import Cut, decompose, propose_loop
-from pointmorph.denser_meshes import DenserMesh
-from pointmorph.errors import (
+from pointmorph.base.errors import (
     Cancelled,
     CloudError,
     ConvergenceError,
@@ -32,14 +30,18 @@ from pointmorph.errors import (
     PointmorphError,
     TopologyError,
 )
-from pointmorph.features import Feature
-from pointmorph.frames import Frame, ResampledFrame
-from pointmorph.live import LiveMorph
-from pointmorph.morphing import Morph, Proposal, morph, propose_features, restore
-from pointmorph.motion import Motion
-from pointmorph.networks import Network, NetworkCurve, trace_network
-from pointmorph.option_table import Option, options
-from pointmorph.quality import (
+from pointmorph.base.option_table import Option, options
+from pointmorph.base.stages import Progress, stage_label
+from pointmorph.morphs.carrying import Carrier
+from pointmorph.morphs.confidence import Confidence, DoubtfulPlace
+from pointmorph.morphs.cuts import Cut, decompose, propose_loop
+from pointmorph.morphs.denser_meshes import DenserMesh
+from pointmorph.morphs.frames import Frame, ResampledFrame
+from pointmorph.morphs.live import LiveMorph
+from pointmorph.morphs.morphing import Morph, Proposal, morph, propose_features, restore
+from pointmorph.morphs.motion import Motion
+from pointmorph.morphs.networks import Network, NetworkCurve, trace_network
+from pointmorph.morphs.quality import (
     FeatureResidual,
     MapFigures,
     MeshPlace,
@@ -50,8 +52,9 @@ from pointmorph.quality import (
     feature_summary,
     quality_summary,
 )
-from pointmorph.stages import Progress, stage_label
-from pointmorph.stored_morphs import StoredMorph, open_morph
+from pointmorph.morphs.stored_morphs import StoredMorph, open_morph
+from pointmorph.shapes.clouds import Cloud
+from pointmorph.shapes.features import Feature
 
 __all__ = [
     "Cancelled",
@@ -100,3 +103,5 @@ __all__ = [
     "stage_label",
     "trace_network",
 ]
+
+_keep_old_names(_sys.modules[__name__])

@@ -2,6 +2,6 @@
 
 import sys
 
-from pointmorph.cli import main
+from pointmorph.commands.cli import main
 
 sys.exit(main())

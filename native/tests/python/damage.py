@@ -12,8 +12,10 @@ from pathlib import Path
 
 import numpy as np
 import pointmorph
-from pointmorph import cli, formats, meshes, source_meshes
-from pointmorph.formats import Shape
+from pointmorph import formats, meshes
+from pointmorph.commands import cli
+from pointmorph.meshes import Shape
+from pointmorph.sequences import source_meshes
 from shapes import grid, grid_faces
 
 SIDE = 5

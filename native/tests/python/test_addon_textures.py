@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 import pointmorph
 import pytest
-from pointmorph.errors import CloudError
+from pointmorph.base.errors import CloudError
 from pointmorph.meshes import ClosestPlaces, nearest_rows
 
 CORE = Path(__file__).resolve().parents[3] / "addon" / "core"

@@ -15,10 +15,10 @@ from pathlib import Path
 import numpy as np
 import pointmorph
 import pytest
-from pointmorph import batch_jobs, batch_runs, free_memory, thumbnails
-from pointmorph.batch_jobs import PairJob, read_batch
-from pointmorph.batch_runs import DONE, FAILED, KEPT, BatchRun, PairOutcome
-from pointmorph.batch_tasks import Part
+from pointmorph.batch import free_memory, jobs, runs, thumbnails
+from pointmorph.batch.jobs import PairJob, read_batch
+from pointmorph.batch.runs import DONE, FAILED, KEPT, BatchRun, PairOutcome
+from pointmorph.batch.tasks import Part
 from shapes import ball
 from test_cli import COMMAND
 from test_stored_commands import run, write_obj
@@ -90,7 +90,7 @@ def test_pairs_a_template_and_a_folder_in_one_file(tmp_path: Path) -> None:
 
 def test_the_page_has_every_key_and_its_example_is_read(tmp_path: Path) -> None:
     text = (Path(__file__).parents[3] / "docs" / "batch.md").read_text(encoding="utf-8")
-    for key in (*batch_jobs._COMMON, *batch_jobs._GROUPS, "out", "up"):
+    for key in (*jobs._COMMON, *jobs._GROUPS, "out", "up"):
         assert f"| `{key}` |" in text
     models(tmp_path / "heads", "a", "b")
     example = text.partition("```json\n")[2].partition("```")[0]
@@ -319,7 +319,7 @@ def simulated(
     batch = BatchRun(jobs, most)
     running: dict[str, _Process] = {}
 
-    def start(one: batch_runs._Running) -> _Process:
+    def start(one: runs._Running) -> _Process:
         for name in [name for name, p in running.items() if p._polls <= 0]:
             del running[name]
         name = one.outcome.job.name
@@ -328,9 +328,9 @@ def simulated(
         return running[name]
 
     monkeypatch.setattr(PairJob, "identity", lambda job: "")
-    monkeypatch.setattr(batch_runs, "steps_to_do", lambda job, with_frames: ["frames"])
-    monkeypatch.setattr(batch_runs, "free_memory", lambda: 1000)
-    monkeypatch.setattr(batch_runs, "_POLL", 0.0)
+    monkeypatch.setattr(runs, "steps_to_do", lambda job, with_frames: ["frames"])
+    monkeypatch.setattr(runs, "free_memory", lambda: 1000)
+    monkeypatch.setattr(runs, "_POLL", 0.0)
     monkeypatch.setattr(batch, "_expected", lambda job: memory[int(job.name.removeprefix("pair"))])
     monkeypatch.setattr(batch, "_process", start)
     told: list[str] = []

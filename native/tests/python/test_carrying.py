@@ -11,8 +11,9 @@ import pointmorph
 import pytest
 from conftest import SHARED
 from pointmorph import formats
-from pointmorph.carrying import Carrier, fans
-from pointmorph.local_frames import local_frames
+from pointmorph.meshes import fans
+from pointmorph.meshes.local_frames import local_frames
+from pointmorph.morphs.carrying import Carrier
 from shapes import CUBE, SQUARES, ball, grid, grid_faces
 
 Array = npt.NDArray[Any]

@@ -15,7 +15,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from plyfile import PlyData
-from pointmorph import cli, formats, ply, terminal
+from pointmorph import formats
+from pointmorph.commands import cli, terminal
+from pointmorph.formats import ply
 from shapes import around, ball, grid, grid_faces
 
 PAIR = ["morph", "plane.off", "bump.off"]

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pointmorph
 import pytest
-from pointmorph import array_files
+from pointmorph.storage import array_files
 from shapes import grid
 
 SIDE = 25

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 import pointmorph
 import pytest
-from pointmorph import Feature, sampling
-from pointmorph.cli import read_features
-from pointmorph.features import feature_from_json
-from pointmorph.formats import Shape
+from pointmorph import Feature
+from pointmorph.commands.cli import read_features
+from pointmorph.meshes import Shape, sampling
+from pointmorph.shapes.features import feature_from_json
 from shapes import grid, grid_faces
 
 

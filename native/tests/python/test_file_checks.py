@@ -12,7 +12,8 @@ import numpy as np
 import pointmorph
 import pytest
 import trimesh.exchange.load  # here, not where memory is watched  # noqa: F401
-from pointmorph import cli, formats
+from pointmorph import formats
+from pointmorph.commands import cli
 from shapes import CUBE, SQUARES
 
 

@@ -17,7 +17,8 @@ import numpy as np
 import pointmorph
 import pytest
 from plyfile import PlyData
-from pointmorph import files, formats, meshes
+from pointmorph import formats, meshes
+from pointmorph.storage import files
 from shapes import grid, grid_faces
 
 
@@ -169,7 +170,7 @@ def test_written_files_have_the_usual_rights(tmp_path: Path) -> None:
 
 WRITER = """
 import sys, time
-from pointmorph import files
+from pointmorph.storage import files
 with files.whole_file(sys.argv[1]) as file:
     file.write(b"half")
     file.flush()

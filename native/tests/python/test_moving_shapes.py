@@ -9,8 +9,8 @@ import numpy as np
 import numpy.typing as npt
 import pointmorph
 import pytest
-from pointmorph import frame_stores, sequences
-from pointmorph.moving_shapes import MovingSequence, ShapeState
+from pointmorph import sequences
+from pointmorph.sequences import MovingSequence, ShapeState, frame_stores
 from shapes import grid
 
 TIMES = np.linspace(0.0, 1.0, 5).tolist()

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pointmorph
 import pytest
-from pointmorph import cli
+from pointmorph.commands import cli
 from shapes import CUBE, SQUARES
 
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from plyfile import PlyData, PlyElement
-from pointmorph import ply
+from pointmorph.formats import ply
 
 ORDERS = {"text": (True, "="), "little endian": (False, "<"), "big endian": (False, ">")}
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pointmorph
 import pytest
-from pointmorph.formats import Shape
-from pointmorph.sampling import sample
+from pointmorph.meshes import Shape, sample
 from shapes import grid, grid_faces
 
 

@@ -7,7 +7,7 @@ import re
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[3]
-SHIPPED = [*(ROOT / "addon").rglob("*.py"), *(ROOT / "native/python/pointmorph").glob("*.py")]
+SHIPPED = [*(ROOT / "addon").rglob("*.py"), *(ROOT / "native/python/pointmorph").rglob("*.py")]
 MODULES = {
     *("ctypes", "ftplib", "http", "marshal", "multiprocessing", "pickle", "requests", "shelve"),
     *("smtplib", "socket", "ssl", "subprocess", "telnetlib", "urllib", "xmlrpc"),
@@ -15,8 +15,8 @@ MODULES = {
 CALLS = {"__import__", "compile", "eval", "exec", "popen", "system"}
 # Each with the reason.
 KNOWN = {
-    ("batch_runs.py", "subprocess"): "Python itself, for each pair of a batch",
-    ("batch_tasks.py", "subprocess"): "the same",
+    ("runs.py", "subprocess"): "Python itself, for each pair of a batch",
+    ("tasks.py", "subprocess"): "the same",
     ("commands.py", "subprocess"): "list2cmdline alone, which is about text",
     ("file_checks.py", "urllib"): "unquote alone, which is about text",
     ("free_memory.py", "ctypes"): "asks Windows how much memory is free",

@@ -9,8 +9,8 @@ import pytest
 import trimesh
 from plyfile import PlyData, PlyElement
 from pointmorph import formats
-from pointmorph.denser_meshes import DenserMesh
-from pointmorph.source_meshes import SourceMesh
+from pointmorph.morphs.denser_meshes import DenserMesh
+from pointmorph.sequences import SourceMesh
 from shapes import grid, grid_faces
 
 SHIFT = np.array([1.0, 2.0, 3.0])

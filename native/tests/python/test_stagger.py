@@ -11,8 +11,8 @@ import numpy as np
 import numpy.typing as npt
 import pointmorph
 import pytest
-from pointmorph import formats, moving_shapes, sequences
-from pointmorph.chains import Chain
+from pointmorph import formats, sequences
+from pointmorph.sequences import Chain, moving_shapes
 from shapes import grid, grid_faces
 from test_cli import run, xyz
 from test_morphing import features

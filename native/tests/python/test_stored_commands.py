@@ -15,7 +15,8 @@ from pathlib import Path
 
 import pointmorph
 import pytest
-from pointmorph import cli, files
+from pointmorph.commands import cli
+from pointmorph.storage import files
 from shapes import grid, grid_faces
 from test_cli import COMMAND
 

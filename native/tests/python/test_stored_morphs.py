@@ -10,8 +10,9 @@ from pathlib import Path
 import numpy as np
 import pointmorph
 import pytest
-from pointmorph import array_files, sequences
-from pointmorph.chains import Chain
+from pointmorph import sequences
+from pointmorph.sequences import Chain
+from pointmorph.storage import array_files
 from shapes import grid, grid_faces
 
 SIDE = 19

@@ -350,7 +350,12 @@ def test_a_page_s_example_runs_as_a_test(page: Path) -> None:
 
 IMAGES = ROOT / "docs" / "images"
 SCRIPT = ROOT / "docs" / "make_pictures.py"
-DRAWN = re.findall(r"^@picture\ndef (\w+)", SCRIPT.read_text(encoding="utf-8"), re.MULTILINE)
+DRAWN = {
+    name: path.stem
+    for path in sorted((ROOT / "docs" / "stage_pictures").glob("*.py"))
+    for name in re.findall(r"^@picture\ndef (\w+)", path.read_text(encoding="utf-8"), re.MULTILINE)
+}
+"""The room of each picture."""
 
 
 def assert_fits_a_page(picture: Path) -> None:
@@ -371,7 +376,7 @@ def test_a_page_shows_the_picture_that_is_drawn_of_its_stage(page: Path) -> None
 
 def test_every_picture_is_of_a_stage() -> None:
     assert DRAWN
-    assert set(DRAWN) <= {page.stem for page in PAGES}
+    assert set(DRAWN.items()) <= {(page.stem, page.parent.name) for page in PAGES}
 
 
 def test_pictures_are_drawn_by_script(tmp_path: Path) -> None:

@@ -11,8 +11,9 @@ import numpy as np
 import pointmorph
 import pytest
 import trimesh
-from pointmorph import sequences, surfaces
-from pointmorph.files import read_ply
+from pointmorph import sequences
+from pointmorph.sequences import surfaces
+from pointmorph.storage.files import read_ply
 from scipy.spatial import cKDTree
 from shapes import around, ball, grid
 

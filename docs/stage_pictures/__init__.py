@@ -1,0 +1,1 @@
+"""The pictures of the stage pages, a module for each room of the library."""

@@ -1,0 +1,1 @@
+"""Many morphs at once, here or on a farm."""

@@ -1,0 +1,133 @@
+"""The command ``pointmorph batch``: many pairs."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+from pointmorph.base.errors import FileError, OptionError
+from pointmorph.batch import reports
+from pointmorph.batch.jobs import Batch, PairJob, read_batch
+from pointmorph.batch.runs import FAILED, KEPT, PENDING, BatchRun, PairOutcome
+from pointmorph.batch.tasks import Part, find_map, make_frames, render, steps_to_do
+from pointmorph.commands import terminal
+from pointmorph.commands.arguments import part_of, positive
+from pointmorph.storage import files
+
+
+def add(commands: Any, main: Callable[[Sequence[str]], int]) -> None:
+    """Adds the command to the parser's. It runs other commands by `main`."""
+    batch = commands.add_parser(
+        "batch",
+        allow_abbrev=False,
+        help="morph many pairs: a list, one template to many targets, or all pairs of a folder",
+        description="Pairs that are done are kept, and one that fails doesn't stop the others. "
+        "Exit status: 0 if all are done, 3 if some aren't, 1 if none is.",
+    )
+    batch.set_defaults(run=_batch, main=main)
+    batch.add_argument("file", metavar="JOBS.json", type=Path, help="what to morph")
+    batch.add_argument("--out", metavar="DIR", type=Path, help="output folder, if not the file's")
+    batch.add_argument(
+        "--jobs",
+        metavar="N",
+        type=positive,
+        help="processes side by side at most (default: as many as there are cores and memory for)",
+    )
+    batch.add_argument(
+        "--range",
+        metavar="A:B",
+        type=part_of,
+        default=slice(None),
+        help="only pairs A to B - 1, counted from 0, and no report; either may be left out",
+    )
+    only = batch.add_mutually_exclusive_group()
+    only.add_argument("--maps", action="store_true", help="only find the maps, make no frames")
+    only.add_argument(
+        "--part",
+        metavar="K/N",
+        type=_part,
+        help="only part K of N equal parts of each pair's frames, counted from 0",
+    )
+    only.add_argument(
+        "--render", metavar="K/N", type=_part, help="only render that part of the frames"
+    )
+    only.add_argument(
+        "--report", action="store_true", help="morph nothing: report what is done and what isn't"
+    )
+
+
+def _part(text: str) -> Part:
+    number, _, count = text.partition("/")
+    if not (number.isdecimal() and count.isdecimal() and int(number) < int(count)):
+        raise argparse.ArgumentTypeError("expected K/N, such as 0/8, with K less than N")
+    return Part(int(number), int(count))
+
+
+def _batch(chosen: argparse.Namespace) -> int:
+    batch = read_batch(chosen.file, chosen.out)
+    jobs = batch.jobs[chosen.range]
+    if not jobs:
+        raise OptionError(
+            "range", f"some of the pairs 0 to {len(batch.jobs) - 1}", "none", "Correct A:B."
+        )
+    files.make_folder(batch.out)
+    if chosen.report:
+        return _tell(batch, [_found(job) for job in batch.jobs])
+    if chosen.part or chosen.render or (chosen.maps and len(jobs) == 1):
+        return _tasks(chosen, batch, jobs)
+    run = BatchRun(jobs, chosen.jobs, with_frames=not chosen.maps)
+    ended = 0
+
+    def tell(outcome: PairOutcome) -> None:
+        nonlocal ended
+        ended += 1
+        words = f": {outcome.message}" if outcome.message else f", {outcome.seconds:.1f} s"
+        print(f"{ended}/{len(jobs)} {outcome.job.name}: {outcome.state}{words}", flush=True)
+
+    run.run(tell)
+    if len(jobs) < len(batch.jobs):
+        return _status(run.outcomes)
+    return _tell(batch, run.outcomes)
+
+
+def _tasks(chosen: argparse.Namespace, batch: Batch, jobs: Sequence[PairJob]) -> int:
+    """Maps, a part of the frames or of the renders in this very process, which an engine may end;
+    the worst of the exit statuses."""
+    worst = 0
+    for job in jobs:
+        if chosen.render:
+            status = render(batch, job, chosen.render)
+        elif chosen.part:
+            status = make_frames(job, chosen.part, chosen.main)
+        else:
+            status = find_map(job, chosen.main)
+        if status in (terminal.INTERRUPTED, terminal.TERMINATED):
+            return status
+        worst = max(worst, abs(status))
+    return worst
+
+
+def _found(job: PairJob) -> PairOutcome:
+    """What is there of a pair."""
+    try:
+        missing = steps_to_do(job)
+    except FileError as error:
+        return PairOutcome(job, FAILED, message=str(error))
+    words = f"the {' and the '.join(missing)} to do" if missing else ""
+    return PairOutcome(job, PENDING if missing else KEPT, message=words)
+
+
+def _tell(batch: Batch, outcomes: list[PairOutcome]) -> int:
+    for line in reports.table(reports.write(batch, outcomes)):
+        print(line)
+    print(f"{reports.summary(outcomes)}; see {batch.out / reports.PAGE}")
+    return _status(outcomes)
+
+
+def _status(outcomes: list[PairOutcome]) -> int:
+    missing = sum(outcome.state in (FAILED, PENDING) for outcome in outcomes)
+    if missing == 0:
+        return 0
+    return terminal.FAILED if missing == len(outcomes) else terminal.INCOMPLETE

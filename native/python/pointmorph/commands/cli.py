@@ -1,0 +1,444 @@
+"""The command line: ``pointmorph morph …`` and other commands."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from pointmorph import __version__, formats
+from pointmorph.base.errors import FeatureError, FileError, OptionError, PointmorphError
+from pointmorph.base.option_table import Option, options
+from pointmorph.base.stages import Progress
+from pointmorph.commands import batch_command, farm_command, stored_commands, terminal
+from pointmorph.commands.arguments import distance, frame_count, positive
+from pointmorph.meshes import sampling
+from pointmorph.morphs import morphing, quality
+from pointmorph.morphs.confidence import Confidence
+from pointmorph.sequences import frame_sequences, source_meshes, surfaces
+from pointmorph.sequences.own_meshes import OwnMeshWriter
+from pointmorph.shapes.clouds import SIDES, Cloud, FloatArray
+from pointmorph.shapes.features import Feature, feature_from_json, weights_from_json
+from pointmorph.storage import files
+from pointmorph.storage.file_checks import json_object
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Runs the command line.
+
+    Returns
+    -------
+    int
+        The exit status: 0, 1 (the run failed), 2 (wrong usage), 3 (part of it failed or is
+        missing), 130 (Ctrl-C) or 143 (ended from outside).
+    """
+    words = list(sys.argv[1:] if arguments is None else arguments)
+    chosen = _parser().parse_args(words)
+    chosen.words = words
+    try:
+        with terminal.orderly_end():
+            status: int | None = chosen.run(chosen)
+            return status or 0
+    except OptionError as error:
+        return terminal.fail(str(error), terminal.WRONG_CALL)
+    except PointmorphError as error:
+        return terminal.fail(str(error), terminal.FAILED)
+    except MemoryError:
+        return terminal.fail("Out of memory. Use fewer points: --samples N.", terminal.FAILED)
+    except terminal.Terminated:
+        return terminal.fail("Ended from outside. Run the same command again.", terminal.TERMINATED)
+    except KeyboardInterrupt:
+        return terminal.fail(
+            "Interrupted. Run the same command again to start over.", terminal.INTERRUPTED
+        )
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="pointmorph", description="Morphs one sampled shape into another.", allow_abbrev=False
+    )
+    parser.add_argument("--version", action="version", version=f"pointmorph {__version__}")
+    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    morph = commands.add_parser(
+        "morph",
+        allow_abbrev=False,
+        help="match the points of two files and write in-between clouds",
+        description="Writes pairs.npy, source.ply, target.ply, frame_0000.ply … and report.json.",
+    )
+    morph.set_defaults(run=_morph)
+    morph.add_argument("--out", metavar="DIR", type=Path, help="output folder")
+    morph.add_argument(
+        "--save",
+        metavar="FILE",
+        type=Path,
+        help="keep the morph as one file, of which the frames command makes frames on any machine",
+    )
+    morph.add_argument(
+        "--frames",
+        metavar="N",
+        type=frame_count,
+        default=0,
+        help="number of frames to write, both ends included: 0 or at least 2 (default: 0)",
+    )
+    morph.add_argument(
+        "--resample",
+        action="store_true",
+        help="fill cracks in frames with new points, and write ids and velocities",
+    )
+    morph.add_argument(
+        "--mesh",
+        choices=["source", "target", *(suffix[1:] for suffix in formats.WRITTEN_MESH_SUFFIXES)],
+        help="for each frame, also write a mesh, mesh_0000 … source: SOURCE itself with its "
+        "vertices moved, at the last frame wrapped onto TARGET; keeps the file's format, faces and "
+        "UVs (ply, obj, glb; others become ply). target: the same of TARGET, at the first frame "
+        "wrapped onto SOURCE. A format: the surface through the frame's points"
+        f"{_losses()}; needs pymeshlab and scipy",
+    )
+    morph.add_argument(
+        "--denser",
+        metavar="DISTANCE",
+        nargs="?",
+        type=distance,
+        const=0.002,
+        help="with --mesh source or target: cut faces into triangles where they would lie farther "
+        "than this from the other model, in √area, once they are wrapped onto it (without a "
+        "number: 0.002)",
+    )
+    propose = commands.add_parser(
+        "propose",
+        allow_abbrev=False,
+        help="suggest pairs of places to mark as features",
+        description="Writes a features file for the morph command, with confidences.",
+    )
+    propose.set_defaults(run=_propose)
+    propose.add_argument(
+        "--out", required=True, metavar="FILE", type=Path, help="features file to write"
+    )
+    for command in (morph, propose):
+        _add_common(command)
+    stored_commands.add(commands)
+    for module in (batch_command, farm_command):
+        module.add(commands, main)
+    return parser
+
+
+def _losses() -> str:
+    """What each format of meshes loses, for the help text."""
+    return "".join(
+        f"; {format.suffix[1:]} loses {format.loses}" for format in formats.FORMATS if format.loses
+    )
+
+
+def _add_common(command: argparse.ArgumentParser) -> None:
+    kinds = " ".join(formats.SUFFIXES)
+    command.add_argument("source", metavar="SOURCE", help=f"shape at t = 0: {kinds}")
+    command.add_argument("target", metavar="TARGET", help="shape at t = 1")
+    command.add_argument(
+        "--features",
+        metavar="FILE",
+        type=Path,
+        help='JSON: {"features": {"nose": [source row, target row], …}}; also curves and regions',
+    )
+    command.add_argument(
+        "--samples",
+        metavar="N",
+        type=positive,
+        help="morph N points sampled from each model's faces, and write these (default: the "
+        "vertices are written, although the match is found on samples)",
+    )
+    settings = command.add_argument_group("settings")
+    for option in options():
+        _add_option(settings, option)
+
+
+def _add_option(group: argparse._ArgumentGroup, option: Option) -> None:
+    default = (
+        "automatic"
+        if option.default is None
+        else f"{option.default:g}"
+        if isinstance(option.default, float)
+        else str(option.default)
+    )
+    names = list(dict.fromkeys([f"--{option.name.replace('_', '-')}", f"--{option.name}"]))
+    unit = f", in {option.unit}" if option.unit else ""
+    # argparse reads % as a format
+    text = f"{option.help}{unit} (default: {default})".replace("%", "%%")
+    if option.kind == "choice":
+        group.add_argument(*names, dest=option.name, choices=option.choices, help=text)
+    else:
+        reader = int if option.kind == "int" else float
+        group.add_argument(*names, dest=option.name, metavar="VALUE", type=reader, help=text)
+
+
+def _settings(chosen: argparse.Namespace) -> dict[str, Any]:
+    return {
+        option.name: getattr(chosen, option.name)
+        for option in options()
+        if getattr(chosen, option.name) is not None
+    }
+
+
+def _read_shapes(chosen: argparse.Namespace) -> list[formats.Shape]:
+    shapes = [formats.read(chosen.source), formats.read(chosen.target)]
+    if shapes[0].name == shapes[1].name:
+        shapes[0].name, shapes[1].name = str(chosen.source), str(chosen.target)
+    return shapes
+
+
+def _clouds(
+    chosen: argparse.Namespace,
+    shapes: Sequence[formats.Shape],
+    features: dict[str, Feature],
+    progress: Progress,
+) -> tuple[list[Cloud], dict[str, Feature]]:
+    """The clouds to morph, sampled if the user wants that, and features with their rows."""
+    if chosen.samples is None:
+        return [shape.cloud() for shape in shapes], features
+    check_rows(shapes, features)
+    return sampling.sample_pair(shapes, features, chosen.samples, progress)
+
+
+def _propose(chosen: argparse.Namespace) -> None:
+    given, _ = read_features(chosen.features) if chosen.features else ({}, [])
+    content = json_object(chosen.features, _FEATURES) if chosen.features else {}
+    shapes = _read_shapes(chosen)
+    with terminal.bars() as progress:
+        clouds, features = _clouds(chosen, shapes, given, progress)
+        proposals = morphing.propose_features(
+            clouds[0], clouds[1], features, progress=progress, **_settings(chosen)
+        )
+    # Points may lie in a region, but not on a curve or on another point.
+    taken = [
+        {row for f in given.values() if f.kind != "region" for row in f.rows(side)}
+        for side in (0, 1)
+    ]
+    found: dict[str, list[int]] = {}
+    confidence: dict[str, float] = {}
+    for proposal in proposals:
+        rows = [
+            _nearest_row(shape.positions, cloud.positions[row])
+            for shape, cloud, row in zip(
+                shapes, clouds, (proposal.source, proposal.target), strict=True
+            )
+        ]
+        if any(rows[side] in taken[side] for side in (0, 1)):
+            continue  # that vertex is taken
+        for side in (0, 1):
+            taken[side].add(rows[side])
+        name = proposal.name
+        while name in given:
+            name += "_"
+        found[name] = rows
+        confidence[name] = round(proposal.confidence, 3)
+    content["features"] = {**content.get("features", {}), **found}
+    content["confidence"] = confidence
+    files.write_bytes(chosen.out, (json.dumps(content, indent=1) + "\n").encode())
+    for name, rows in found.items():
+        print(f"  {name:<11}{rows[0]:>8}{rows[1]:>8}   {100 * confidence[name]:.0f} % sure")
+    print(f"{len(found)} suggestions, written to {chosen.out}")
+
+
+def _nearest_row(positions: FloatArray, place: FloatArray) -> int:
+    return int(np.argmin(((positions - place) ** 2).sum(axis=1)))
+
+
+def _morph(chosen: argparse.Namespace) -> None:
+    if chosen.mesh not in (None, *SIDES):
+        surfaces.check_available()
+    features, loop = read_features(chosen.features) if chosen.features else ({}, [])
+    shapes = _read_shapes(chosen)
+    if chosen.features:
+        _read_weights(chosen.features, shapes)
+    own = _own_mesh(chosen, shapes) if chosen.mesh in SIDES else None
+    if chosen.denser is not None and own is None:
+        raise OptionError("denser", "--mesh source or target", f"--mesh {chosen.mesh}", "Add it.")
+    if chosen.out is None and chosen.save is None:
+        raise OptionError("out", "--out DIR or --save FILE", "neither", "Add one of them, or both.")
+    if chosen.out is not None:
+        files.make_folder(chosen.out)
+
+    with terminal.bars() as progress:
+        clouds, features = _clouds(chosen, shapes, features, progress)
+        result = morphing.morph(
+            clouds[0], clouds[1], features, loop=loop, progress=progress, **_settings(chosen)
+        )
+        confidence = result.measure_confidence(progress)
+        counts, mesh = _write(chosen, result, confidence, own, progress)
+        if result.has_mesh:
+            result.measure_mesh_quality(progress)
+        report = dict(result.report)
+        if chosen.save is not None:
+            origin = _origin(chosen)
+            result.save(chosen.save, resample=chosen.resample, origin=origin, progress=progress)
+    if chosen.resample:
+        report["resampled"] = {"inserted": result.inserted(), "frames": counts}
+    if mesh is not None and mesh.denser is not None:
+        denser = mesh.denser
+        report["denser"] = {"vertices": len(denser.positions), "faces": len(denser.faces)}
+    for warning in report["warnings"]:
+        print(f"pointmorph: warning: {warning}", file=sys.stderr)
+    if chosen.out is not None:
+        text = json.dumps(report, indent=1) + "\n"
+        files.write_bytes(chosen.out / "report.json", text.encode())
+    written = " and ".join(str(path) for path in (chosen.out, chosen.save) if path is not None)
+    print(
+        f"{report['pairs']} pairs from {len(clouds[0])} and {len(clouds[1])} points "
+        f"in {report['seconds']:.2f} s, written to {written}"
+    )
+    print(f"  {report['choice']}")
+    for name, value in quality.quality_summary(report):
+        print(f"  {name:<18}{value}")
+    for name, value in quality.feature_summary(report):
+        print(f"  {name}: {value}")
+    for place in (*report["worst"], *report["doubtful"]):
+        print(f"  {place['advice']}")
+    if mesh := report.get("mesh"):
+        print(f"  {mesh['verdict']}")
+        for place in mesh["worst"]:
+            print(f"  {place['advice']}")
+
+
+def _read_weights(path: Path, shapes: Sequence[formats.Shape]) -> None:
+    """Takes what vertices keep when their mesh is wrapped, and when they go, from a features file
+    into the shapes."""
+    content = json_object(path, _FEATURES)
+    for name in ("rigid", "fixed", "delay"):
+        for side, shape in zip(SIDES, shapes, strict=True):
+            if name not in content:
+                continue
+            weights = weights_from_json(name, content[name], side, len(shape.positions))
+            if weights is not None:
+                setattr(shape, name, weights)
+
+
+def check_rows(shapes: Sequence[formats.Shape], features: Mapping[str, Feature]) -> None:
+    """Raises FeatureError if a feature has rows that its shape doesn't have."""
+    for side, shape in enumerate(shapes):
+        for name, feature in features.items():
+            for row in feature.rows(side):
+                if not 0 <= row < len(shape.positions):
+                    raise FeatureError(
+                        f'feature "{name}"',
+                        f"rows of {shape.name}, 0 to {len(shape.positions) - 1}",
+                        str(row),
+                        "Correct the row in the features file.",
+                    )
+
+
+_FEATURES = 'JSON like {"features": {"nose": [source row, target row], …}, "loop": ["nose", …]}'
+
+
+def _not_features(path: Path, found: str) -> FileError:
+    return FileError(str(path), _FEATURES, found, "Correct the file.")
+
+
+def read_features(
+    path: Path, key: str = "features"
+) -> tuple[dict[str, Feature], list[str] | list[list[str]]]:
+    """The features under `key` of a features file, by name, and its loop or loops.
+
+    Raises
+    ------
+    FileError, FeatureError
+        Saying what is wrong with the file, or with which feature.
+    """
+    content = json_object(path, _FEATURES)
+    features, loop = content.get(key, {}), content.get("loop", [])
+    if not isinstance(features, dict):
+        raise _not_features(path, "something else")
+    loops = loop if isinstance(loop, list) and loop and isinstance(loop[0], list) else [loop]
+    if not all(isinstance(one, list) and all(isinstance(n, str) for n in one) for one in loops):
+        raise FileError(
+            str(path),
+            "a list of feature names as loop, or several",
+            repr(loop),
+            "Correct the loop.",
+        )
+    return {name: feature_from_json(name, value) for name, value in features.items()}, loop
+
+
+def _own_mesh(
+    chosen: argparse.Namespace, shapes: Sequence[formats.Shape]
+) -> source_meshes.SourceMesh:
+    """The file of one side, to write again with its vertices moved. Raises OptionError."""
+    shape = shapes[SIDES.index(chosen.mesh)]
+    found = (
+        "no faces"
+        if shape.faces is None
+        else "--samples"
+        if chosen.samples is not None
+        else "--method paper"
+        if chosen.method == "paper"
+        else None
+    )
+    if found is not None:
+        raise OptionError(
+            "mesh",
+            f"the faces of {shape.name}, morphed with method auto and without --samples",
+            found,
+            f"Leave that out, or choose a format of meshes instead of {chosen.mesh}.",
+        )
+    return source_meshes.SourceMesh(getattr(chosen, chosen.mesh), shape)
+
+
+def _origin(chosen: argparse.Namespace) -> dict[str, Any]:
+    """Where a morph comes from, for its file."""
+    return {
+        "command": chosen.words,
+        "samples": chosen.samples,
+        **{side: stored_commands.origin_of(getattr(chosen, side)) for side in SIDES},
+        "features": json_object(chosen.features, _FEATURES) if chosen.features else {},
+    }
+
+
+def _write(
+    chosen: argparse.Namespace,
+    result: morphing.Morph,
+    confidence: Confidence,
+    own: source_meshes.SourceMesh | None,
+    progress: Progress,
+) -> tuple[list[int], OwnMeshWriter | None]:
+    """Writes pairs, both clouds and the frames, and returns the number of points of each frame,
+    and what wrote the mesh of one side.
+
+    Frames left by an earlier, longer run are removed.
+    """
+    if chosen.out is None:
+        return [], None
+    folder: Path = chosen.out
+    with files.whole_file(folder / "pairs.npy") as file:
+        np.save(file, result.pairs)
+    frame = result.empty_frame()
+    for side, (name, cloud) in enumerate((("source", result.source), ("target", result.target))):
+        result.frame(float(side), out=frame)
+        rows = result.pairs[:, side]
+        normals, colors, radii = (
+            _by_point(values, rows, len(cloud))
+            for values in (frame.normals, frame.colors, frame.radii)
+        )
+        positions = cloud.positions.astype(frame.positions.dtype, copy=False)
+        sure = getattr(confidence, name)
+        path = folder / f"{name}.ply"
+        formats.write_ply(path, positions, normals, colors, radii, confidence=sure)
+
+    times = frame_sequences.even_times(chosen.frames)
+    mesh = None if own is None else OwnMeshWriter(result, own, chosen.mesh, times)
+    if mesh is not None:
+        mesh.prepare(chosen.denser, progress)
+    counts = frame_sequences.write_frames(
+        result, folder, times, resample=chosen.resample, mesh=mesh or chosen.mesh, progress=progress
+    )
+    return counts, mesh
+
+
+def _by_point(values: FloatArray, rows: npt.NDArray[np.int64], count: int) -> FloatArray:
+    """From values per pair to values per point, where `rows` are the points of the pairs."""
+    result: FloatArray = np.empty((count, *values.shape[1:]), values.dtype)
+    result[rows] = values
+    return result

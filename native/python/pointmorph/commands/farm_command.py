@@ -1,0 +1,77 @@
+"""The command ``pointmorph farm``: a batch on many machines."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+from pointmorph.batch.jobs import read_batch
+from pointmorph.batch.openjd_jobs import write_openjd
+from pointmorph.batch.slurm_jobs import SlurmRun
+from pointmorph.commands.arguments import positive
+
+_CHUNK = 24
+
+
+def add(commands: Any, main: Callable[[Sequence[str]], int]) -> None:
+    """Adds the command to the parser's. It runs other commands by `main`."""
+    farm = commands.add_parser(
+        "farm",
+        allow_abbrev=False,
+        help="run a batch on many machines, with Slurm or any farm that takes Open Job Description",
+        description="Maps, frames and renders become tasks of their own, in that order.",
+    )
+    engines = farm.add_subparsers(dest="engine", required=True, metavar="ENGINE")
+    slurm = engines.add_parser(
+        "slurm", allow_abbrev=False, help="submit array jobs that wait for one another"
+    )
+    slurm.set_defaults(run=_slurm, main=main)
+    slurm.add_argument(
+        "--sbatch",
+        metavar="OPTION",
+        action="append",
+        default=[],
+        help="an option for sbatch, such as --sbatch=--mem=4G; can be repeated",
+    )
+    slurm.add_argument(
+        "--wait", action="store_true", help="wait until all is over, and say what became of it"
+    )
+    openjd = engines.add_parser(
+        "openjd", allow_abbrev=False, help="write a job template of Open Job Description"
+    )
+    openjd.set_defaults(run=_openjd)
+    openjd.add_argument(
+        "--template", required=True, metavar="FILE.json", type=Path, help="the template to write"
+    )
+    for engine in (slurm, openjd):
+        engine.add_argument("file", metavar="JOBS.json", type=Path, help="as for batch")
+        engine.add_argument("--out", metavar="DIR", type=Path, help="output folder")
+        engine.add_argument(
+            "--chunk",
+            metavar="N",
+            type=positive,
+            default=_CHUNK,
+            help=f"frames in a task at the most (default: {_CHUNK})",
+        )
+
+
+def _slurm(chosen: argparse.Namespace) -> int:
+    batch = read_batch(chosen.file, chosen.out)
+    run = SlurmRun(batch, chosen.chunk, chosen.sbatch)
+    run.submit()
+    print(f"{len(run.submitted)} array jobs submitted: {' '.join(run.submitted)}")
+    print(f"To cancel all of them: scancel {' '.join(run.submitted)}")
+    if not chosen.wait:
+        return 0
+    run.wait()
+    status: int = chosen.main(["batch", str(batch.path), "--out", str(batch.out), "--report"])
+    return status
+
+
+def _openjd(chosen: argparse.Namespace) -> int:
+    batch = read_batch(chosen.file, chosen.out)
+    write_openjd(batch, chosen.chunk, chosen.template)
+    print(f"{len(batch.jobs)} pairs, written to {chosen.template}")
+    return 0

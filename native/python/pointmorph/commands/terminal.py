@@ -1,0 +1,77 @@
+"""What all commands share: progress bars, exit statuses, and an orderly end."""
+
+from __future__ import annotations
+
+import contextlib
+import signal
+import sys
+import threading
+from collections.abc import Iterator
+from types import FrameType
+from typing import Any
+
+from pointmorph.base.stages import Progress, stage_label
+
+FAILED, WRONG_CALL, INCOMPLETE, INTERRUPTED, TERMINATED = 1, 2, 3, 130, 143
+
+
+class Terminated(KeyboardInterrupt):
+    """Somebody ended the process: a job's engine, for instance."""
+
+
+@contextlib.contextmanager
+def orderly_end() -> Iterator[None]:
+    """Meanwhile, SIGTERM ends what runs as Ctrl-C does, so that nothing is left half-written."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    def end(number: int, frame: FrameType | None) -> None:
+        # Engines ask the processes of a job twice. What is being cleaned up must not be disturbed.
+        signal.signal(signal.SIGTERM, signal.SIG_IGN)
+        raise Terminated
+
+    before = signal.signal(signal.SIGTERM, end)
+    try:
+        yield
+    finally:
+        if signal.getsignal(signal.SIGTERM) == end:
+            signal.signal(signal.SIGTERM, before)
+
+
+def fail(message: str, status: int) -> int:
+    """Says what is wrong on stderr; returns the status."""
+    print(f"pointmorph: {message}", file=sys.stderr)
+    return status
+
+
+@contextlib.contextmanager
+def bars() -> Iterator[Progress]:
+    """A progress function: one bar per stage on a terminal, nothing in a pipe."""
+    from tqdm import tqdm
+
+    shown: dict[str, Any] = {}
+
+    def progress(stage: str, fraction: float) -> bool:
+        if stage not in shown:
+            finish()
+            shown[stage] = tqdm(
+                total=100,
+                desc=f"{stage_label(stage):<24}",
+                disable=None,
+                leave=False,
+                bar_format="{desc} {bar:40} {percentage:3.0f}%",
+            )
+        bar = shown[stage]
+        bar.update(max(0.0, round(100 * fraction) - bar.n))
+        return True
+
+    def finish() -> None:
+        for bar in shown.values():
+            bar.close()
+        shown.clear()
+
+    try:
+        yield progress
+    finally:
+        finish()

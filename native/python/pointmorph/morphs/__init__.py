@@ -1,0 +1,1 @@
+"""A morph of two clouds, and all that can be asked of it."""

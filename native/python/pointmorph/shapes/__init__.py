@@ -1,0 +1,1 @@
+"""Sampled shapes and the features marked on them."""

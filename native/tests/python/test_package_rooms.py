@@ -1,0 +1,118 @@
+"""The package's modules lie in rooms: no import goes up, and what modules begin with imports
+nothing in a circle. Scripts find modules that have moved by their earlier names."""
+
+from __future__ import annotations
+
+import ast
+import re
+import subprocess
+import sys
+from graphlib import TopologicalSorter
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[3]
+PACKAGE = ROOT / "native" / "python" / "pointmorph"
+TOP = {"__init__", "__main__", "_moved_modules", "_wait_policy"}
+
+
+def table_of_rooms() -> dict[str, set[str]]:
+    """Rooms and their modules, lowest first, as docs/development.md lists them."""
+    page = (ROOT / "docs" / "development.md").read_text(encoding="utf-8")
+    table = page.partition("### The package's rooms")[2].partition("\n#")[0]
+    rows = re.findall(r"^\| `(\w+)` \| (.+?) \|", table, flags=re.MULTILINE)
+    return {room: set(re.findall(r"`(\w+)`", modules)) for room, modules in rows}
+
+
+ROOMS = table_of_rooms()
+ORDER = list(ROOMS)
+
+
+def imports(body: list[ast.stmt], *, within_functions: bool) -> set[tuple[str, str]]:
+    """Rooms and modules that a module imports; the module is empty where it is the room itself."""
+    nodes = [node for part in body for node in ast.walk(part)] if within_functions else body
+    found = set()
+    for node in nodes:
+        names = []
+        if isinstance(node, ast.Import):
+            names = [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom):
+            names = [f"{node.module}.{alias.name}" for alias in node.names]
+        for name in names:
+            parts = name.split(".")
+            if parts[0] == "pointmorph" and len(parts) > 1 and parts[1] in ROOMS:
+                module = parts[2] if len(parts) > 2 and parts[2] in ROOMS[parts[1]] else ""
+                found.add((parts[1], module))
+    return found
+
+
+def modules() -> dict[tuple[str, str], list[ast.stmt]]:
+    return {
+        (path.parent.name, path.stem.removeprefix("__init__")): ast.parse(
+            path.read_text("utf-8")
+        ).body
+        for path in sorted(PACKAGE.glob("*/*.py"))
+    }
+
+
+def test_every_module_stands_in_the_table() -> None:
+    rooms: dict[str, set[str]] = {}
+    for room, module in modules():
+        rooms.setdefault(room, set()).update({module} - {""})
+    assert rooms == ROOMS
+    assert {path.stem for path in PACKAGE.glob("*.py")} == TOP
+
+
+def test_no_import_goes_up() -> None:
+    edges = [
+        (module, imported)
+        for module, body in modules().items()
+        for imported in imports(body, within_functions=True)
+    ]
+    assert len(edges) > 150
+    assert [(a, b) for a, b in edges if ORDER.index(a[0]) < ORDER.index(b[0])] == []
+
+
+def test_nothing_is_imported_in_a_circle() -> None:
+    """Raises CycleError, which names the modules, where there is a circle."""
+    graph = {
+        module: {a for a in imports(body, within_functions=False) if a[0] != module[0] or a[1]}
+        for module, body in modules().items()
+    }
+    order = list(TopologicalSorter(graph).static_order())
+    assert len(order) == len(graph)
+
+
+def test_the_check_finds_what_it_looks_for() -> None:
+    body = ast.parse(
+        "from pointmorph.base import errors\ndef f():\n    import pointmorph.commands.cli"
+    ).body
+    assert imports(body, within_functions=True) == {("base", "errors"), ("commands", "cli")}
+    assert imports(body, within_functions=False) == {("base", "errors")}
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("frame_stores.FrameStore", "sequences.FrameStore"),
+        ("moving.Pose", "sequences.ShapeState"),
+        ("moving_shapes.MovingSequence", "sequences.MovingSequence"),
+        ("sampling.sample", "meshes.sample"),
+        ("source_meshes.SourceMesh", "sequences.SourceMesh"),
+        ("surfaces.Surfaces", "sequences.Surfaces"),
+    ],
+)
+def test_modules_are_found_by_their_earlier_names(old: str, new: str) -> None:
+    """In a Python of its own, in which no one has imported them yet."""
+    module, _, name = old.rpartition(".")
+    room, _, now = new.rpartition(".")
+    lines = [
+        f"from pointmorph.{module} import {name}",
+        f"from pointmorph import {module}, {room}",
+        f"assert {module}.{name} is {name} is {room}.{now}",
+    ]
+    program = ["-W", "always::DeprecationWarning", "-c", "\n".join(lines)]
+    done = subprocess.run([sys.executable, *program], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert f"pointmorph.{module} is now pointmorph.{room}" in done.stderr
