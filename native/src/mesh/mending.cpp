@@ -14,52 +14,6 @@ namespace pointmorph {
 
 namespace {
 
-/// Bends of the mesh at its edges between two faces.
-class Creases {
-public:
-    Creases(const Mesh& mesh, const ElasticSheet& sheet) : mesh_(mesh), sheet_(sheet) {}
-
-    Vector3 facing(const Positions& x, Index f) const {
-        const auto t = mesh_.triangles.row(f);
-        const Vector3 u = (x.row(t[1]) - x.row(t[0])).transpose();
-        const Vector3 v = (x.row(t[2]) - x.row(t[0])).transpose();
-        return u.cross(v);
-    }
-    /// How many sides of a face are creased, where the mesh itself doesn't crease them.
-    Index of_face(const Positions& x, Index f) const {
-        Index count = 0;
-        for (Index k = 0; k < 3; ++k) {
-            const Index g = across(f, k);
-            if (g >= 0 && mesh_.normals.row(f).dot(mesh_.normals.row(g)) >= 0.0)
-                count += facing(x, f).dot(facing(x, g)) < 0.0;
-        }
-        return count;
-    }
-    /// Of some faces; edges between two of them count twice.
-    Index around(const Positions& x, std::span<const Index> faces) const {
-        Index count = 0;
-        for (const Index f : faces) count += of_face(x, f);
-        return count;
-    }
-
-private:
-    /// The face on the other side of an edge; −1 unless there are two.
-    Index across(Index f, Index k) const {
-        const Index end = mesh_.triangles(f, (k + 1) % 3);
-        Index result = -1;
-        for (const Index c : sheet_.around(mesh_.triangles(f, k))) {
-            const auto other = mesh_.triangles.row(c / 3);
-            if (c / 3 == f || (other.array() != end).all()) continue;
-            if (result >= 0) return -1;
-            result = c / 3;
-        }
-        return result;
-    }
-
-    const Mesh& mesh_;
-    const ElasticSheet& sheet_;
-};
-
 /// Puts the vertices of a patch where the sheet's weights balance between those around them.
 void span_membrane(const ElasticSheet& sheet, const MeshPatch& patch, std::vector<Index>& number,
                    Positions& x) {
@@ -207,20 +161,6 @@ private:
 };
 
 }  // namespace
-
-std::vector<Index> creased_faces(const Mesh& mesh, const ElasticSheet& sheet, const Positions& x,
-                                 Progress& progress) {
-    const Creases creases(mesh, sheet);
-    const auto count = static_cast<Index>(mesh.triangles.rows());
-    std::vector<char> is_creased(to_size(count), 0);
-    parallel_for(count, progress, [&](Index begin, Index end) {
-        for (Index f = begin; f < end; ++f) is_creased[to_size(f)] = creases.of_face(x, f) > 0;
-    });
-    std::vector<Index> faces;
-    for (Index f = 0; f < count; ++f)
-        if (is_creased[to_size(f)]) faces.push_back(f);
-    return faces;
-}
 
 void mend(const Mesh& mesh, const ElasticSheet& sheet, const MendTarget& target,
           const std::vector<char>& is_fixed, TriangleTree& tree, Positions& x, Progress& progress) {

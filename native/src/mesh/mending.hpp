@@ -2,9 +2,9 @@
 #pragma once
 
 #include <functional>
-#include <span>
 #include <vector>
 
+#include "mesh/creases.hpp"
 #include "mesh/elastic_sheet.hpp"
 #include "pointmorph/base/progress.hpp"
 #include "pointmorph/mesh/closest_point.hpp"
@@ -20,10 +20,6 @@ struct MendTarget {
     double reach = 0.008;    ///< as far from the faces, samples may be: nothing is taken away there
     double farthest = 0.02;  ///< no vertex is moved by more at once
 };
-
-/// Faces at edges of two where the mesh bends by more than 90° and the source doesn't; ascending.
-std::vector<Index> creased_faces(const Mesh& mesh, const ElasticSheet& sheet, const Positions& x,
-                                 Progress& progress);
 
 /// The vertices around creased faces become a membrane between those farther off, put onto the
 /// surface: in patches of one or two rings of faces, each only if it then has fewer such edges, and

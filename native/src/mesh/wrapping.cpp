@@ -12,6 +12,7 @@
 #include "mesh/coarse_mesh.hpp"
 #include "mesh/elastic_sheet.hpp"
 #include "mesh/mending.hpp"
+#include "mesh/relaxing.hpp"
 #include "mesh/rigid_regions.hpp"
 #include "mesh/untangling.hpp"
 #include "mesh/wrap_borders.hpp"
@@ -110,7 +111,7 @@ public:
     }
 
     /// Turns back what lies against the target, puts all onto it, and onto the faces of `surface`
-    /// where there is one, and smooths what is creased.
+    /// where there is one, lets them slide, and smooths what is creased.
     void finish(const Mesh* surface, Progress& progress) {
         sides_ =
             samples_.partners(x_, sheet_.normals(x_, progress), WrapTrees::kFine, progress).normals;
@@ -118,6 +119,7 @@ public:
         std::optional<Faces> faces;
         if (surface) faces.emplace(*surface, scale_, progress);
         land(faces ? &*faces : nullptr, progress);
+        slide(faces ? &*faces : nullptr, progress);
         smooth_creases(faces ? &*faces : nullptr, progress);
     }
 
@@ -242,11 +244,33 @@ private:
         }
     }
 
+    /// fixed(), and the vertices of borders.
+    std::vector<char> fixed_and_borders() const {
+        std::vector<char> result = fixed(0.0);
+        for (const std::vector<Index>& border : mesh_.borders)
+            for (const Index v : border) result[to_size(v)] = 1;
+        return result;
+    }
+
+    /// Slides along the surface, each vertex at its distance from it.
+    void slide(const Faces* faces, Progress& progress) {
+        if (options_.relaxing == 0) return;
+        RelaxGround ground{.is_fixed = fixed_and_borders(),
+                           .landed = {},
+                           .sides = sides_,
+                           .is_onto = options_.conform == 1.0};
+        ground.landed = [&](Index v, const Vector3& place, const Vector3& facing) {
+            const auto [at, normal] = samples_.partner(v, place, facing);
+            const Vector3 on = place + (at - place).dot(normal) * normal;
+            return std::pair<Vector3, Vector3>(faces ? Vector3(on + faces->way(on, normal)) : on,
+                                               normal);
+        };
+        relax(mesh_, sheet_, ground, options_.relaxing, x_, progress);
+    }
+
     void smooth_creases(const Faces* faces, Progress& progress) {
         if (creased_faces(mesh_, sheet_, x_, progress).empty()) return;
-        std::vector<char> is_fixed = fixed(0.0);
-        for (const std::vector<Index>& border : mesh_.borders)
-            for (const Index v : border) is_fixed[to_size(v)] = 1;
+        const std::vector<char> is_fixed = fixed_and_borders();
         MendTarget target;
         target.landed = [&](Index v, const Vector3& place, const Vector3& facing) -> Vector3 {
             const auto [at, normal] = samples_.partner(v, place, facing);

@@ -306,6 +306,15 @@ const std::vector<Option> kTable{
             .help = "How firmly a mesh that is wrapped goes onto the other model. Lower it to keep "
                     "more of its own shape",
             .method = Method::kAuto}),
+    number(POINTMORPH_FIELD(wrapping.relaxing),
+           {.name = "wrap_relax",
+            .minimum = 0,
+            .maximum = 1000,
+            .unit = "iterations",
+            .help = "How often the vertices of a wrapped mesh slide along the other model, so "
+                    "that its faces keep more of their own proportions. Raise it for even faces, "
+                    "where details may lie elsewhere",
+            .method = Method::kAuto}),
     number(POINTMORPH_FIELD(resampling.omega),
            {.name = "omega",
             .minimum = 0,

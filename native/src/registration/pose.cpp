@@ -8,6 +8,7 @@
 
 #include "base/angle.hpp"
 #include "pointmorph/base/parallel.hpp"
+#include "pointmorph/cloud/cloud.hpp"
 #include "pointmorph/cloud/subset.hpp"
 #include "pointmorph/registration/anchored_start.hpp"
 #include "pointmorph/registration/candidate_poses.hpp"

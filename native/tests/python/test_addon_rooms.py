@@ -310,7 +310,7 @@ def test_the_panel_shows_what_the_method_uses(core: ModuleType) -> None:
     names = {option.name for option in pointmorph.options()}
     every = {name for name in names if not name.startswith("stagger")}
     assert shown("auto", "disk", *kinds) == every
-    assert shown("paper", "auto", *kinds) == every - {"wrap_conform"}  # it knows no faces
+    assert shown("paper", "auto", *kinds) == every - {"wrap_conform", "wrap_relax"}  # no faces
     assert {"influence", "solve"} <= every - shown("auto", "auto", *kinds)
     assert shown("auto", "auto", "path") == {"path"}
     apart = [shown("auto", "disk", kind) for kind in kinds]

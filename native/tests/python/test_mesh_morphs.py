@@ -296,6 +296,9 @@ def test_wrapping_has_settings() -> None:
     firm = pointmorph.morph(*ends).wrapped(1.0)
     loose = pointmorph.morph(*ends, wrap_conform=0.0).wrapped(1.0)
     assert not np.array_equal(firm, loose)
+    relaxed = pointmorph.morph(*ends, wrap_relax=10).wrapped(1.0)
+    assert np.isfinite(relaxed).all()
+    assert np.array_equal(pointmorph.morph(*ends, wrap_relax=0).wrapped(1.0), firm)
 
 
 def test_a_denser_mesh_carries_what_vertices_have() -> None:

@@ -1,0 +1,58 @@
+#include "mesh/creases.hpp"
+
+#include <Eigen/Geometry>
+
+#include "pointmorph/base/parallel.hpp"
+
+namespace pointmorph {
+
+Vector3 Creases::facing(const Positions& x, Index f) const {
+    const auto t = mesh_.triangles.row(f);
+    const Vector3 u = (x.row(t[1]) - x.row(t[0])).transpose();
+    const Vector3 v = (x.row(t[2]) - x.row(t[0])).transpose();
+    return u.cross(v);
+}
+
+Index Creases::of_face(const Positions& x, Index f) const {
+    Index count = 0;
+    for (Index k = 0; k < 3; ++k) {
+        const Index g = across(f, k);
+        if (g >= 0 && mesh_.normals.row(f).dot(mesh_.normals.row(g)) >= 0.0)
+            count += facing(x, f).dot(facing(x, g)) < 0.0;
+    }
+    return count;
+}
+
+Index Creases::around(const Positions& x, std::span<const Index> faces) const {
+    Index count = 0;
+    for (const Index f : faces) count += of_face(x, f);
+    return count;
+}
+
+Index Creases::across(Index f, Index k) const {
+    const Index end = mesh_.triangles(f, (k + 1) % 3);
+    Index result = -1;
+    for (const Index c : sheet_.around(mesh_.triangles(f, k))) {
+        const auto other = mesh_.triangles.row(c / 3);
+        if (c / 3 == f || (other.array() != end).all()) continue;
+        if (result >= 0) return -1;
+        result = c / 3;
+    }
+    return result;
+}
+
+std::vector<Index> creased_faces(const Mesh& mesh, const ElasticSheet& sheet, const Positions& x,
+                                 Progress& progress) {
+    const Creases creases(mesh, sheet);
+    const auto count = static_cast<Index>(mesh.triangles.rows());
+    std::vector<char> is_creased(to_size(count), 0);
+    parallel_for(count, progress, [&](Index begin, Index end) {
+        for (Index f = begin; f < end; ++f) is_creased[to_size(f)] = creases.of_face(x, f) > 0;
+    });
+    std::vector<Index> faces;
+    for (Index f = 0; f < count; ++f)
+        if (is_creased[to_size(f)]) faces.push_back(f);
+    return faces;
+}
+
+}  // namespace pointmorph
