@@ -125,7 +125,7 @@ def cpp() -> Outcome:
 
 def python() -> Outcome:
     """The Python tests, but for those of building."""
-    building = [f"test_{name}.py" for name in ("build_addon", "platforms", "releases")]
+    building = [f"test_{name}.py" for name in ("build_addon", "materials", "platforms", "releases")]
     ignored = [f"--ignore-glob=*{name}" for name in building]
     pytest = ("-m", "pytest", "-p", "no:cacheprovider", *ignored)
     command: tuple[str | Path, ...] = (python_program(), *pytest)

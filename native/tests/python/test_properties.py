@@ -140,3 +140,4 @@ def test_a_kept_morph_makes_the_same_frames(case: Case, t: float) -> None:
         for name in ("positions", "normals", "colors", "radii"):
             here, there = getattr(morph.frame(t), name), getattr(again.frame(t), name)
             np.testing.assert_array_equal(here, there)
+        del again  # Windows deletes no file that is open
