@@ -54,7 +54,7 @@ def write(path, name, store, progress):
     path : pathlib.Path
     name : str
         Of the object that is baked.
-    store : pointmorph.frame_stores.FrameStore
+    store : pointmorph.sequences.FrameStore
         Of points, all of them there.
     progress : callable
         As for `pointmorph.morph`.

@@ -119,6 +119,7 @@ def in_a_folder(monkeypatch, tmp_path, names):
     bpy.context.scene.pointmorph.source = bpy.context.scene.pointmorph.target = None
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "scene.blend"))
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("PWD", str(tmp_path))  # as a shell does; Blender 4.2 asks for it
 
 
 @pytest.mark.parametrize(

@@ -309,7 +309,7 @@ def test_nodes_of_an_earlier_version_are_replaced(torn):
 def test_too_many_points_are_refused_before_the_work(addon, torn, monkeypatch):
     cache = addon("core.frame_cache")
     monkeypatch.setattr(cache, "MOST", 10)
-    monkeypatch.setattr(addon("operators.bakes").pointmorph.frame_stores, "FrameStore", None)
+    monkeypatch.setattr(addon("operators.bakes").pointmorph.sequences, "FrameStore", None)
     select(torn)
     with pytest.raises(RuntimeError, match="Whole to Torn: expected at most 10 points"):
         bpy.ops.pointmorph.bake_frames(frame_start=1, frame_end=3)
