@@ -14,6 +14,7 @@ from typing import Any
 from pointmorph import __version__, formats
 from pointmorph.base.errors import FileError
 from pointmorph.base.option_table import options
+from pointmorph.shapes.clouds import SIDES
 from pointmorph.storage import files
 from pointmorph.storage.file_checks import json_object
 from pointmorph.storage.frame_records import file_checksum
@@ -162,7 +163,7 @@ def _entry(path: Path, content: Any, keys: Sequence[str]) -> dict[str, Any]:
 def _pairs(path: Path, home: Path, content: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
     for given in _value(path, content, "pairs", list, []):
         entry = _entry(path, given, ("source", "target", "name"))
-        for side in ("source", "target"):
+        for side in SIDES:
             if not isinstance(entry.get(side), str):
                 raise _wrong(path, "a source and a target in each of the pairs", repr(given))
         yield {
@@ -226,7 +227,7 @@ def _job(path: Path, home: Path, out: Path, entry: Mapping[str, Any], taken: set
     taken.add(unique.lower())
     if "features" in given:
         marks = given["features"]
-        for side in ("source", "target"):
+        for side in SIDES:
             marks = marks.replace(f"{{{side}}}", given[side].stem)
         given["features"] = home / marks
     settings = {name.replace("-", "_"): value for name, value in given.get("settings", {}).items()}

@@ -105,8 +105,5 @@ def write_openjd(batch: Batch, chunk: int | None, path: Path) -> None:
     be another number than the usual ones. Raises FileError."""
     if path.suffix.lower() != ".json":
         raise FileError(str(path), "a name that ends in .json", path.suffix or "none", "Rename it.")
-    text = (
-        json.dumps(openjd_template(batch, chunk, Path(os.path.abspath(path)).parent), indent=1)
-        + "\n"
-    )
-    files.write_bytes(path, text.encode())
+    template = openjd_template(batch, chunk, Path(os.path.abspath(path)).parent)
+    files.write_bytes(path, (json.dumps(template, indent=1) + "\n").encode())

@@ -14,7 +14,7 @@ from pointmorph.base.errors import CloudError, OptionError
 from pointmorph.base.stages import Progress
 from pointmorph.meshes.geometry import boundary_loops, vertex_normals
 from pointmorph.meshes.shape import Shape
-from pointmorph.shapes.clouds import Cloud
+from pointmorph.shapes.clouds import SIDES, Cloud
 from pointmorph.shapes.features import Feature
 
 CANDIDATES = 4
@@ -97,7 +97,7 @@ def sample_pair(
     """
     clouds: list[Cloud] = []
     marked: dict[str, dict[str, Any]] = {name: {} for name in features}
-    for side, (of, shape) in enumerate(zip(("source", "target"), shapes, strict=True)):
+    for side, (of, shape) in enumerate(zip(SIDES, shapes, strict=True)):
         keep: list[int] = []
         places: dict[str, slice] = {}
         for name, feature in features.items():

@@ -22,6 +22,7 @@ from pointmorph.morphs.quality import (
     PointQuality,
     Quality,
 )
+from pointmorph.shapes.clouds import SIDES
 
 CRACK_TIMES = (0.25, 0.5, 0.75)
 
@@ -102,7 +103,7 @@ class Measured(AsMeshes):
         True
         """
         measured = self._native.local_confidence(progress)
-        source, target = (measured[side].astype(np.float32) for side in ("source", "target"))
+        source, target = (measured[side].astype(np.float32) for side in SIDES)
         return Confidence.of(source, target, measured)
 
     @cached_property

@@ -14,7 +14,7 @@ from pointmorph.meshes.geometry import fans
 from pointmorph.morphs.carrying import Carrier
 from pointmorph.morphs.denser_meshes import DenserMesh
 from pointmorph.morphs.frames import AsFrames
-from pointmorph.shapes.clouds import FloatArray
+from pointmorph.shapes.clouds import SIDES, FloatArray
 
 
 class AsMeshes(AsFrames):
@@ -247,5 +247,5 @@ class AsMeshes(AsFrames):
 
 def _check_side(side: str) -> None:
     """Raises OptionError unless it is one of the two."""
-    if side not in ("source", "target"):
+    if side not in SIDES:
         raise OptionError("side", "source or target", repr(side), "Choose one of them.")

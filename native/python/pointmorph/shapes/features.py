@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pointmorph.base.errors import FeatureError
-from pointmorph.shapes.clouds import FloatArray
+from pointmorph.shapes.clouds import SIDES, FloatArray
 
 KINDS = ("point", "curve", "region")
 
@@ -62,7 +62,7 @@ class Feature:
     def __repr__(self) -> str:
         given = [f"source={self.source}", f"target={self.target}"]
         for name, field in self.__dataclass_fields__.items():
-            if name not in ("source", "target") and getattr(self, name) is not field.default:
+            if name not in SIDES and getattr(self, name) is not field.default:
                 given.append(f"{name}={getattr(self, name)!r}")
         return f"Feature({', '.join(given)})"
 
@@ -112,7 +112,7 @@ def feature_of(name: str, value: Any) -> Feature:
         flag = getattr(feature, key)
         if not isinstance(flag, bool | np.bool_ | None) or (key == "closed" and flag is None):
             raise _wrong(name, f"{key} to be true or false", f"{flag!r}", "Correct the value.")
-    for side, of in enumerate(("source", "target")):
+    for side, of in enumerate(SIDES):
         _check_rows(name, feature, side, of)
         _check_weights(name, feature, side, of)
     return feature
@@ -203,7 +203,7 @@ def feature_from_json(name: str, value: Any) -> Feature:
     fields: dict[str, Any] = {key: value[key] for key in known[3:] if key in value}
     if "hard" in fields and not isinstance(fields["hard"], bool):
         raise _wrong(name, "hard to be true or false", f"{fields['hard']!r}", "Correct the value.")
-    for side in ("source", "target"):
+    for side in SIDES:
         if side not in value:
             raise _wrong(name, f'a "{side}"', "none", f"Add its rows of the {side}.")
         marked = value[side]
