@@ -173,3 +173,117 @@ mesh.data.shape_keys.key_blocks["Morph"].value = 0.6
     )
     window.settle()
     take(window, "mesh")
+
+
+ANIMALS = """
+import bmesh
+from mathutils import Matrix, Vector
+
+def animal(name, fat, leg, ear, voxel):
+    parts = [((0, 0, 0), (1.2, 0.55 * fat, 0.5 * fat)), ((1.35, 0, 0.55), (0.45, 0.38, 0.38))]
+    parts += [((1.75, 0, 0.45), (0.3, 0.2, 0.18)), ((-1.4, 0, 0.2), (0.5, 0.1, 0.1))]
+    for side in (-1, 1):
+        parts += [((x, 0.3 * side, -0.3 - leg / 2), (0.17, 0.17, leg)) for x in (-0.8, 0.75)]
+        parts.append(((1.25, 0.22 * side, 0.95), (0.1, 0.1, ear)))
+    made = bmesh.new()
+    for center, radii in parts:
+        matrix = Matrix.LocRotScale(Vector(center), None, Vector(radii))
+        bmesh.ops.create_icosphere(made, subdivisions=3, radius=1.0, matrix=matrix)
+    mesh = bpy.data.meshes.new(name)
+    made.to_mesh(mesh)
+    obj = bpy.data.objects.new(name, mesh)
+    bpy.context.collection.objects.link(obj)
+    bpy.context.view_layer.objects.active = obj
+    remesh = obj.modifiers.new("In one piece", "REMESH")
+    remesh.mode, remesh.voxel_size = "VOXEL", voxel
+    bpy.ops.object.modifier_apply(modifier="In one piece")
+    return obj
+"""
+SHAPES = {
+    "Cube to Icosphere": """
+bpy.ops.mesh.primitive_cube_add()
+bpy.ops.mesh.primitive_ico_sphere_add(subdivisions=4)
+""",
+    "Cylinder to Sphere": """
+bpy.ops.mesh.primitive_cylinder_add()
+bpy.ops.mesh.primitive_uv_sphere_add()
+""",
+    "Cone to Suzanne": """
+bpy.ops.mesh.primitive_cone_add()
+bpy.ops.mesh.primitive_monkey_add()
+""",
+    "Fox to Hare": """
+fox = animal("Fox", 0.9, 0.6, 0.3, 0.06)
+few = fox.modifiers.new("Few", "DECIMATE")
+few.ratio = 500 / sum(len(face.vertices) - 2 for face in fox.data.polygons)
+bpy.ops.object.modifier_apply(modifier="Few")
+animal("Hare", 1.2, 0.8, 0.5, 0.02)
+""",
+}
+
+
+def test_shapes(changed_window):
+    """Blender's own shapes and two animals of 500 and some 50,000 faces: *Morph* is pressed, then
+    *Subdivide Source*, as the panel says. Left the source as it was, right the target, between
+    them the source's mesh at 1."""
+    window = changed_window
+    pictures = []
+    for name, make in SHAPES.items():
+        source, target = name.split(" to ")
+        window.run(
+            f"""
+for obj in list(bpy.data.objects): bpy.data.objects.remove(obj)
+from mathutils import Euler, Vector
+{ANIMALS if "animal" in make else ""}
+{make}
+area.spaces[0].overlay.wireframe_threshold = 1.0
+area.spaces[0].shading.type = "SOLID"
+bpy.data.objects["{source}"].show_wire = True
+bpy.data.objects["{target}"].show_wire = len(bpy.data.objects["{target}"].data.polygons) < 9999
+apart = 1.25 * max(bpy.data.objects["{target}"].dimensions)
+bpy.data.objects["{source}"].location.x = -apart
+bpy.data.objects["{target}"].location.x = apart
+bpy.context.view_layer.update()
+with in_viewport():
+    view = area.spaces[0].region_3d
+    view.view_perspective = "ORTHO"
+    view.view_rotation = Euler((1.25, 0, 0.3)).to_quaternion()
+    for obj in bpy.data.objects: obj.select_set(True)
+    bpy.ops.view3d.view_selected()
+    view.view_location += view.view_rotation @ Vector((0.55 * apart, 0, 0))
+plain = bpy.data.objects["{source}"].copy()
+plain.data = plain.data.copy()
+scenes.pick(bpy.data.objects["{source}"], bpy.data.objects["{target}"])
+bpy.context.scene.pointmorph.show_as = "MESH"
+"""
+        )
+        window.open_tab()
+        window.press_button(MORPH)
+        window.wait(finished(f"bpy.data.objects.get('{name}')"))
+        window.press_button("subdivide_source")
+        window.press_button("pointmorph.recompute(")
+        window.wait(f"not ({RUNNING}) and bpy.context.object.pointmorph.state == 'CURRENT'")
+        window.run(
+            f"""
+bpy.ops.pointmorph.show_shapes()
+bpy.data.objects["{source}"].hide_set(True)
+bpy.context.collection.objects.link(plain)
+for obj in bpy.data.objects: obj.select_set(False)
+mesh = bpy.data.objects["{name}"]
+mesh.show_wire = True
+mesh.location.x = -2 * (bpy.data.objects["{target}"].location.x)
+mesh.data.shape_keys.key_blocks["Morph"].value = 1
+"""
+        )
+        window.settle()
+        with Image.open(window.screenshot(name.split()[0].lower())) as picture:
+            _, top, right, bottom = window.sidebar()
+            cut = picture.convert("RGB").crop((60, top, right + 22, min(bottom, top + 560)))
+            pictures.append(
+                cut.resize((WIDTH, round(cut.height * WIDTH / cut.width)), Image.LANCZOS)
+            )
+    height = pictures[0].height
+    sheet = Image.new("RGB", (2 * WIDTH, 2 * height))
+    for k, picture in enumerate(pictures):
+        sheet.paste(picture, (k % 2 * WIDTH, k // 2 * height))
+    sheet.quantize(96, dither=Image.Dither.NONE).save(IMAGES / "shapes.png", optimize=True)
