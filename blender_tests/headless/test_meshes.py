@@ -3,17 +3,15 @@ large for it, that is said and mended."""
 
 import json
 
-import bmesh
 import bpy
 import numpy as np
 import pointmorph
 import pytest
-from mathutils import Matrix, Vector
 from mathutils.bvhtree import BVHTree
+from modeling import creature, primitive
 from scenes import (
     add_group,
     add_mesh,
-    add_object,
     add_point_cloud,
     attribute,
     baked_frames,
@@ -32,43 +30,6 @@ from scenes import (
 )
 
 TOO_FEW = "has too few vertices for"
-
-
-def primitive(kind, **options):
-    getattr(bpy.ops.mesh, f"primitive_{kind}_add")(**options)
-    return bpy.context.view_layer.objects.active
-
-
-def creature(name, fat, leg, ear, voxel, faces=None):
-    """An animal of ellipsoids in one piece; with so many faces, if they are to be few."""
-    parts = [((0, 0, 0), (1.2, 0.55 * fat, 0.5 * fat)), ((1.35, 0, 0.55), (0.45, 0.38, 0.38))]
-    parts += [((1.75, 0, 0.45), (0.3, 0.2, 0.18)), ((-1.4, 0, 0.2), (0.5, 0.1, 0.1))]
-    for side in (-1, 1):
-        parts += [((x, 0.3 * side, -0.3 - leg / 2), (0.17, 0.17, leg)) for x in (-0.8, 0.75)]
-        parts.append(((1.25, 0.22 * side, 0.95), (0.1, 0.1, ear)))
-    made = bmesh.new()
-    for center, radii in parts:
-        matrix = Matrix.LocRotScale(Vector(center), None, Vector(radii))
-        bmesh.ops.create_icosphere(made, subdivisions=3, radius=1.0, matrix=matrix)
-    mesh = bpy.data.meshes.new(name)
-    made.to_mesh(mesh)
-    made.free()
-    obj = add_object(name, mesh)
-    remesh = obj.modifiers.new("In one piece", "REMESH")
-    remesh.mode, remesh.voxel_size = "VOXEL", voxel
-    apply_modifiers(obj)
-    if faces is not None:
-        obj.modifiers.new("Few", "DECIMATE").ratio = faces / len(triangles(obj.data))
-        apply_modifiers(obj)
-    return obj
-
-
-def apply_modifiers(obj):
-    bpy.context.view_layer.update()
-    graph = bpy.context.evaluated_depsgraph_get()
-    obj.data, old = bpy.data.meshes.new_from_object(obj.evaluated_get(graph)), obj.data
-    obj.modifiers.clear()
-    bpy.data.meshes.remove(old)
 
 
 PAIRS = {

@@ -175,50 +175,11 @@ mesh.data.shape_keys.key_blocks["Morph"].value = 0.6
     take(window, "mesh")
 
 
-ANIMALS = """
-import bmesh
-from mathutils import Matrix, Vector
-
-def animal(name, fat, leg, ear, voxel):
-    parts = [((0, 0, 0), (1.2, 0.55 * fat, 0.5 * fat)), ((1.35, 0, 0.55), (0.45, 0.38, 0.38))]
-    parts += [((1.75, 0, 0.45), (0.3, 0.2, 0.18)), ((-1.4, 0, 0.2), (0.5, 0.1, 0.1))]
-    for side in (-1, 1):
-        parts += [((x, 0.3 * side, -0.3 - leg / 2), (0.17, 0.17, leg)) for x in (-0.8, 0.75)]
-        parts.append(((1.25, 0.22 * side, 0.95), (0.1, 0.1, ear)))
-    made = bmesh.new()
-    for center, radii in parts:
-        matrix = Matrix.LocRotScale(Vector(center), None, Vector(radii))
-        bmesh.ops.create_icosphere(made, subdivisions=3, radius=1.0, matrix=matrix)
-    mesh = bpy.data.meshes.new(name)
-    made.to_mesh(mesh)
-    obj = bpy.data.objects.new(name, mesh)
-    bpy.context.collection.objects.link(obj)
-    bpy.context.view_layer.objects.active = obj
-    remesh = obj.modifiers.new("In one piece", "REMESH")
-    remesh.mode, remesh.voxel_size = "VOXEL", voxel
-    bpy.ops.object.modifier_apply(modifier="In one piece")
-    return obj
-"""
 SHAPES = {
-    "Cube to Icosphere": """
-bpy.ops.mesh.primitive_cube_add()
-bpy.ops.mesh.primitive_ico_sphere_add(subdivisions=4)
-""",
-    "Cylinder to Sphere": """
-bpy.ops.mesh.primitive_cylinder_add()
-bpy.ops.mesh.primitive_uv_sphere_add()
-""",
-    "Cone to Suzanne": """
-bpy.ops.mesh.primitive_cone_add()
-bpy.ops.mesh.primitive_monkey_add()
-""",
-    "Fox to Hare": """
-fox = animal("Fox", 0.9, 0.6, 0.3, 0.06)
-few = fox.modifiers.new("Few", "DECIMATE")
-few.ratio = 500 / sum(len(face.vertices) - 2 for face in fox.data.polygons)
-bpy.ops.object.modifier_apply(modifier="Few")
-animal("Hare", 1.2, 0.8, 0.5, 0.02)
-""",
+    "Cube to Icosphere": "primitive('cube'), primitive('ico_sphere', subdivisions=4)",
+    "Cylinder to Sphere": "primitive('cylinder'), primitive('uv_sphere')",
+    "Cone to Suzanne": "primitive('cone'), primitive('monkey')",
+    "Fox to Hare": "creature('Fox', .9, .6, .3, .06, 500), creature('Hare', 1.2, .8, .5, .02)",
 }
 
 
@@ -234,15 +195,15 @@ def test_shapes(changed_window):
             f"""
 for obj in list(bpy.data.objects): bpy.data.objects.remove(obj)
 from mathutils import Euler, Vector
-{ANIMALS if "animal" in make else ""}
-{make}
+from modeling import creature, primitive
+source, target = {make}
 area.spaces[0].overlay.wireframe_threshold = 1.0
 area.spaces[0].shading.type = "SOLID"
-bpy.data.objects["{source}"].show_wire = True
-bpy.data.objects["{target}"].show_wire = len(bpy.data.objects["{target}"].data.polygons) < 9999
-apart = 1.25 * max(bpy.data.objects["{target}"].dimensions)
-bpy.data.objects["{source}"].location.x = -apart
-bpy.data.objects["{target}"].location.x = apart
+source.show_wire = True
+target.show_wire = len(target.data.polygons) < 9999
+apart = 1.25 * max(target.dimensions)
+source.location.x = -apart
+target.location.x = apart
 bpy.context.view_layer.update()
 with in_viewport():
     view = area.spaces[0].region_3d
@@ -251,9 +212,9 @@ with in_viewport():
     for obj in bpy.data.objects: obj.select_set(True)
     bpy.ops.view3d.view_selected()
     view.view_location += view.view_rotation @ Vector((0.55 * apart, 0, 0))
-plain = bpy.data.objects["{source}"].copy()
+plain = source.copy()
 plain.data = plain.data.copy()
-scenes.pick(bpy.data.objects["{source}"], bpy.data.objects["{target}"])
+scenes.pick(source, target)
 bpy.context.scene.pointmorph.show_as = "MESH"
 """
         )
