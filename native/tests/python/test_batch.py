@@ -18,7 +18,7 @@ import pytest
 from pointmorph.batch import free_memory, jobs, runs, thumbnails
 from pointmorph.batch.jobs import PairJob, read_batch
 from pointmorph.batch.runs import DONE, FAILED, KEPT, BatchRun, PairOutcome
-from pointmorph.batch.tasks import Part, frames_in_task, has_renders, render
+from pointmorph.batch.tasks import FarmStep, Part, farm_steps, frames_in_task, has_renders, render
 from shapes import ball
 from test_cli import COMMAND
 from test_stored_commands import run, write_obj
@@ -146,6 +146,7 @@ def test_wrong_calls(tmp_path: Path) -> None:
     for options, words in (
         (["--range", "1:"], "some of the pairs 0 to 0"),
         (["--part", "2/2"], "expected K/N"),
+        (["--range", "3/2"], "expected K/N"),
         (["--jobs", "0"], "at least 1"),
         (["--maps", "--report"], "not allowed with"),
     ):
@@ -256,6 +257,60 @@ def test_tasks_of_an_engine_make_what_a_run_makes(tmp_path: Path) -> None:
                                      ).read_bytes()  # fmt: skip
 
 
+def test_a_task_of_several_pairs_does_what_can_be_done(tmp_path: Path) -> None:
+    models(tmp_path, "a", "b", "d")
+    (tmp_path / "c.obj").write_text("v 0 0\n")
+    path = write_jobs(
+        tmp_path, template={"source": "a.obj", "targets": "*.obj"}, frames=3, settings=QUICK,
+        render=[sys.executable, "-c", "pass"],
+    )  # fmt: skip
+    out, word = tmp_path / "batch", "c.obj: expected"
+    for option, words in (
+        (["--maps"], word), (["--maps"], word), (["--part", "0/1"], "batch --maps"),
+        (["--render", "0/1"], "batch --maps"),
+    ):  # fmt: skip
+        done = run("batch", path, "--range", "0/1", *option)
+        assert done.returncode == 1
+        assert words in done.stderr
+        assert done.stdout.count("the map was there") in (0, 2)
+    run("batch", path, "--report", "--renders")
+    assert states(out) == {"a_to_b": KEPT, "a_to_c": "pending", "a_to_d": KEPT}
+    # What has become of frames since is noticed before they are rendered.
+    (out / "a_to_d" / "frames" / "frame_0001.ply").write_text("no frame")
+    again = run("batch", path, "--range", "1/2", "--render", "0/1")
+    assert again.returncode == 1
+    assert "a_to_d: " in again.stderr
+    assert "batch --part" in again.stderr
+    assert run("batch", path, "--range", "0/2", "--render", "0/1").returncode == 0
+    for option in ([], ["--maps"], ["--part", "0/1"]):  # of so many tasks some have no pair
+        assert run("batch", path, "--range", "0/9", *option).returncode == 0
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows ends processes in another way")
+def test_a_killed_task_of_several_pairs_loses_only_the_one_in_hand(tmp_path: Path) -> None:
+    names = [f"m{k}" for k in range(12)]
+    models(tmp_path, *names)
+    path = write_jobs(
+        tmp_path, template={"source": "m0.obj", "targets": "*.obj"}, settings=QUICK
+    )  # fmt: skip
+    out, words = tmp_path / "batch", ["batch", str(path), "--range", "0/1", "--maps"]
+    task = subprocess.Popen([*COMMAND, *words], stdout=subprocess.DEVNULL)
+    while task.poll() is None and len(list(out.glob("*/job.json"))) < 2:
+        time.sleep(0.01)
+    task.kill()
+    task.wait()
+    kept = times_of(out)
+    found = len(list(out.glob("*/job.json")))
+    assert found >= 2
+    again = run(*words)
+    assert again.returncode == 0, again.stderr
+    assert again.stdout.count("the map was there") == found
+    done = {path.parent for path in out.glob("*/job.json")}
+    assert len(done) == len(names) - 1
+    whole = [path for path, at in kept.items() if path.stat().st_mtime_ns == at]
+    assert len([path for path in whole if path.suffix == ".morph"]) >= found
+
+
 def test_what_is_not_rendered_is_not_done(tmp_path: Path) -> None:
     models(tmp_path, "a", "b")
     fails = tmp_path / "fails"
@@ -294,12 +349,13 @@ def test_how_a_command_that_renders_has_failed(
 ) -> None:
     models(tmp_path, "a", "b")
     path = write_jobs(
-        tmp_path, folder=".", frames=4, render=[sys.executable, "-c", f"import os, sys; {ends}"]
-    )
+        tmp_path, folder=".", frames=4, settings=QUICK,
+        render=[sys.executable, "-c", f"import os, sys; {ends}"],
+    )  # fmt: skip
     batch = read_batch(path)
     [job] = batch.jobs
-    job.folder.mkdir(parents=True)
-    job.morph_file.touch()
+    for option in (["--maps"], ["--part", "0/1"]):
+        assert run("batch", path, "--range", "0/1", *option).returncode == 0
     assert render(batch, job, Part(0, 1)) == status
     assert f"a_to_b: the command that renders ended with {words}" in capsys.readouterr().err
 
@@ -323,6 +379,28 @@ def test_a_task_has_the_more_frames_the_sooner_one_is_made(tmp_path: Path) -> No
         found.append(frames_in_task(read_batch(path, None)))
     assert found[0] > 240  # the frames of small models are one task
     assert found[0] > found[1] > found[2] > 100
+
+
+@pytest.mark.parametrize(
+    ("content", "chunk", "tasks"),
+    [
+        ({"frames": 4}, None, [("Maps", 2, None), ("Frames", 1, 1), ("Renders", 4, 1)]),
+        ({"frames": 4}, 9, [("Maps", 2, None), ("Frames", 10, 1), ("Renders", 10, 1)]),
+        ({"frames": 240}, 100, [("Maps", 2, None), ("Frames", 20, 3), ("Renders", 20, 3)]),
+        ({"frames": 4, "samples": 200_000}, 2,
+         [("Maps", 20, None), ("Frames", 20, 2), ("Renders", 20, 2)]),
+        ({}, None, [("Maps", 2, None)]),
+    ],
+)  # fmt: skip
+def test_tasks_have_several_pairs_where_these_take_little(
+    tmp_path: Path, content: dict[str, object], chunk: int | None, tasks: list[object]
+) -> None:
+    write_obj(tmp_path / "a.obj", 9, 0.0)
+    pairs = [{"source": "a.obj", "target": "a.obj"}] * 20
+    path = write_jobs(tmp_path, pairs=pairs, render=["true"], **content)
+    steps = farm_steps(read_batch(path), chunk)
+    assert [(step.name, step.groups, step.parts) for step in steps] == tasks
+    assert FarmStep("Frames", "--part", 7, 3).words(2, 1) == ["--range", "2/7", "--part", "1/3"]
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows ends processes without asking them")
