@@ -54,11 +54,12 @@ def test_a_template_is_run_as_it_is_after_a_kill_as_well(tmp_path: Path) -> None
     assert steps == ["Maps", "Frames", "Report"]
 
     maps = subprocess.run(
-        openjd("run", template, "--step", "Maps", "-tp", "Pair=0"), capture_output=True, text=True
+        openjd("run", template, "--step", "Maps", "-tp", "Pairs=0"), capture_output=True, text=True
     )
-    assert maps.returncode == 0, maps.stdout
+    assert maps.returncode != 0  # both pairs are one task, and one can't be morphed
+    assert (out / "a_to_b" / "pair.morph").exists()
     words = openjd("run", template, "--step", "Frames", "--tasks",
-                   json.dumps([{"Pair": "0", "Part": str(k)} for k in (0, 1)]))  # fmt: skip
+                   json.dumps([{"Pairs": "0", "Part": str(k)} for k in (0, 1)]))  # fmt: skip
     for _ in range(TRIES):  # one may be over before it can be killed
         shutil.rmtree(out / "a_to_b" / "frames", ignore_errors=True)
         job = subprocess.Popen(words, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
@@ -95,7 +96,7 @@ def test_blender_renders_the_frames_of_a_step(tmp_path: Path) -> None:
     check(template)
     done = run("batch", jobs, "--range", "0")
     assert done.returncode == 0, done.stderr
-    words = openjd("run", template, "--step", "Renders", "-tp", "Pair=0", "-tp", "Part=1")
+    words = openjd("run", template, "--step", "Renders", "-tp", "Pairs=0", "-tp", "Part=1")
     rendered = subprocess.run(words, capture_output=True, text=True)
     assert rendered.returncode == 0, rendered.stdout
     renders = tmp_path / "batch" / "a_to_b" / "renders"

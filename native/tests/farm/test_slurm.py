@@ -104,7 +104,7 @@ def test_a_task_that_is_killed_is_run_again_and_all_is_as_without_slurm(
     part = f"0/{FRAMES // CHUNK}"
     for attempt in range(TRIES):  # one may be over before it can be killed
         out = tmp_path / str(attempt)
-        log = out / "farm" / "logs" / "parts_0_0.log"
+        log = out / "farm" / "logs" / "frames_0_0.log"
         farm = submit(cluster, jobs, out, "--wait")
         until(lambda out=out: len(frames_of(out)) > 5)
         for process in processes("--part", part, str(out)):
@@ -116,11 +116,13 @@ def test_a_task_that_is_killed_is_run_again_and_all_is_as_without_slurm(
     assert was_killed(log)
     before = {path: path.stat().st_mtime_ns for path in frames_of(out)}
     said, errors = farm.communicate(timeout=300)
-    # The other pair can't be morphed, and says why; what waits for its map is never run.
+    # The other pair can't be morphed, and says why; its other tasks find no map.
     assert farm.returncode == 3, errors
     assert "a_to_c: the map, the frames and the renders to do" in said
     assert states(out) == {"a_to_b": "kept", "a_to_c": "pending"}
-    assert "c.obj: expected" in (out / "farm" / "logs" / "maps_1.log").read_text()
+    assert "c.obj: expected" in (out / "farm" / "logs" / "maps_0.log").read_text()
+    for name in ("frames", "renders"):
+        assert "Find it first" in (out / "farm" / "logs" / f"{name}_1_0.log").read_text()
     assert not cluster.ask("squeue", "-h")
     assert same_frames(out, jobs.parent / "local")
     assert 5 < len(before) < FRAMES

@@ -18,7 +18,7 @@ import pytest
 from pointmorph.batch import free_memory, jobs, runs, thumbnails
 from pointmorph.batch.jobs import PairJob, read_batch
 from pointmorph.batch.runs import DONE, FAILED, KEPT, BatchRun, PairOutcome
-from pointmorph.batch.tasks import Part, frames_in_task, has_renders, render
+from pointmorph.batch.tasks import FarmStep, Part, farm_steps, frames_in_task, has_renders, render
 from shapes import ball
 from test_cli import COMMAND
 from test_stored_commands import run, write_obj
@@ -146,6 +146,7 @@ def test_wrong_calls(tmp_path: Path) -> None:
     for options, words in (
         (["--range", "1:"], "some of the pairs 0 to 0"),
         (["--part", "2/2"], "expected K/N"),
+        (["--range", "3/2"], "expected K/N"),
         (["--jobs", "0"], "at least 1"),
         (["--maps", "--report"], "not allowed with"),
     ):
@@ -256,6 +257,60 @@ def test_tasks_of_an_engine_make_what_a_run_makes(tmp_path: Path) -> None:
                                      ).read_bytes()  # fmt: skip
 
 
+def test_a_task_of_several_pairs_does_what_can_be_done(tmp_path: Path) -> None:
+    models(tmp_path, "a", "b", "d")
+    (tmp_path / "c.obj").write_text("v 0 0\n")
+    path = write_jobs(
+        tmp_path, template={"source": "a.obj", "targets": "*.obj"}, frames=3, settings=QUICK,
+        render=[sys.executable, "-c", "pass"],
+    )  # fmt: skip
+    out, word = tmp_path / "batch", "c.obj: expected"
+    for option, words in (
+        (["--maps"], word), (["--maps"], word), (["--part", "0/1"], "batch --maps"),
+        (["--render", "0/1"], "batch --maps"),
+    ):  # fmt: skip
+        done = run("batch", path, "--range", "0/1", *option)
+        assert done.returncode == 1
+        assert words in done.stderr
+        assert done.stdout.count("the map was there") in (0, 2)
+    run("batch", path, "--report", "--renders")
+    assert states(out) == {"a_to_b": KEPT, "a_to_c": "pending", "a_to_d": KEPT}
+    # What has become of frames since is noticed before they are rendered.
+    (out / "a_to_d" / "frames" / "frame_0001.ply").write_text("no frame")
+    again = run("batch", path, "--range", "1/2", "--render", "0/1")
+    assert again.returncode == 1
+    assert "a_to_d: " in again.stderr
+    assert "batch --part" in again.stderr
+    assert run("batch", path, "--range", "0/2", "--render", "0/1").returncode == 0
+    for option in ([], ["--maps"], ["--part", "0/1"]):  # of so many tasks some have no pair
+        assert run("batch", path, "--range", "0/9", *option).returncode == 0
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows ends processes in another way")
+def test_a_killed_task_of_several_pairs_loses_only_the_one_in_hand(tmp_path: Path) -> None:
+    names = [f"m{k}" for k in range(12)]
+    models(tmp_path, *names)
+    path = write_jobs(
+        tmp_path, template={"source": "m0.obj", "targets": "*.obj"}, settings=QUICK
+    )  # fmt: skip
+    out, words = tmp_path / "batch", ["batch", str(path), "--range", "0/1", "--maps"]
+    task = subprocess.Popen([*COMMAND, *words], stdout=subprocess.DEVNULL)
+    while task.poll() is None and len(list(out.glob("*/job.json"))) < 2:
+        time.sleep(0.01)
+    task.kill()
+    task.wait()
+    kept = times_of(out)
+    found = len(list(out.glob("*/job.json")))
+    assert found >= 2
+    again = run(*words)
+    assert again.returncode == 0, again.stderr
+    assert again.stdout.count("the map was there") == found
+    done = {path.parent for path in out.glob("*/job.json")}
+    assert len(done) == len(names) - 1
+    whole = [path for path, at in kept.items() if path.stat().st_mtime_ns == at]
+    assert len([path for path in whole if path.suffix == ".morph"]) >= found
+
+
 def test_what_is_not_rendered_is_not_done(tmp_path: Path) -> None:
     models(tmp_path, "a", "b")
     fails = tmp_path / "fails"
@@ -294,12 +349,13 @@ def test_how_a_command_that_renders_has_failed(
 ) -> None:
     models(tmp_path, "a", "b")
     path = write_jobs(
-        tmp_path, folder=".", frames=4, render=[sys.executable, "-c", f"import os, sys; {ends}"]
-    )
+        tmp_path, folder=".", frames=4, settings=QUICK,
+        render=[sys.executable, "-c", f"import os, sys; {ends}"],
+    )  # fmt: skip
     batch = read_batch(path)
     [job] = batch.jobs
-    job.folder.mkdir(parents=True)
-    job.morph_file.touch()
+    for option in (["--maps"], ["--part", "0/1"]):
+        assert run("batch", path, "--range", "0/1", *option).returncode == 0
     assert render(batch, job, Part(0, 1)) == status
     assert f"a_to_b: the command that renders ended with {words}" in capsys.readouterr().err
 
@@ -323,6 +379,28 @@ def test_a_task_has_the_more_frames_the_sooner_one_is_made(tmp_path: Path) -> No
         found.append(frames_in_task(read_batch(path, None)))
     assert found[0] > 240  # the frames of small models are one task
     assert found[0] > found[1] > found[2] > 100
+
+
+@pytest.mark.parametrize(
+    ("content", "chunk", "tasks"),
+    [
+        ({"frames": 4}, None, [("Maps", 2, None), ("Frames", 1, 1), ("Renders", 4, 1)]),
+        ({"frames": 4}, 9, [("Maps", 2, None), ("Frames", 10, 1), ("Renders", 10, 1)]),
+        ({"frames": 240}, 100, [("Maps", 2, None), ("Frames", 20, 3), ("Renders", 20, 3)]),
+        ({"frames": 4, "samples": 200_000}, 2,
+         [("Maps", 20, None), ("Frames", 20, 2), ("Renders", 20, 2)]),
+        ({}, None, [("Maps", 2, None)]),
+    ],
+)  # fmt: skip
+def test_tasks_have_several_pairs_where_these_take_little(
+    tmp_path: Path, content: dict[str, object], chunk: int | None, tasks: list[object]
+) -> None:
+    write_obj(tmp_path / "a.obj", 9, 0.0)
+    pairs = [{"source": "a.obj", "target": "a.obj"}] * 20
+    path = write_jobs(tmp_path, pairs=pairs, render=["true"], **content)
+    steps = farm_steps(read_batch(path), chunk)
+    assert [(step.name, step.groups, step.parts) for step in steps] == tasks
+    assert FarmStep("Frames", "--part", 7, 3).words(2, 1) == ["--range", "2/7", "--part", "1/3"]
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows ends processes without asking them")
@@ -431,22 +509,86 @@ def test_a_pair_that_runs_out_of_memory_beside_others_is_tried_alone(
     assert ["pair4"] in beside
 
 
-def test_free_memory_is_no_more_than_a_container_may_take(
+def group(folder: Path, version: int, limit: str, used: int, of_files: int = 0) -> None:
+    """Makes up a control group's files, in MB."""
+    folder.mkdir(parents=True, exist_ok=True)
+    limits, name, files = free_memory._NAMES["cgroup" if version == 1 else "cgroup2"]
+    (folder / limits[0]).write_text(f"{int(limit) << 20}\n" if limit.isdecimal() else f"{limit}\n")
+    (folder / name).write_text(f"{used << 20}\n")
+    others = f"{'inactive_file' if version == 1 else 'total_inactive_file'} 7\n"
+    (folder / "memory.stat").write_text(f"anon 5\n{others}{files} {of_files << 20}\n")
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux has control groups")
+@pytest.mark.parametrize(
+    ("version", "root", "own", "groups", "free"),
+    [
+        (2, "/", "/", {"": ("10", 3, 1)}, 8),
+        (2, "/", "/", {"": ("max", 3, 1)}, None),
+        (2, "/", "/", {"": ("5", 8, 1)}, 0),
+        # As systemd makes them: the root has no limit, and the least of what is left counts.
+        (2, "/", "/a.slice/b.scope", {"a.slice/b.scope": ("9", 2)}, 7),
+        (2, "/", "/a.slice/b.scope", {"a.slice": ("9", 2), "a.slice/b.scope": ("max", 1)}, 7),
+        (2, "/", "/a.slice/b.scope", {"a.slice": ("9", 6, 1), "a.slice/b.scope": ("7", 1)}, 4),
+        (2, "/", "/a.slice/b.scope", {"c.slice": ("1", 0)}, None),
+        (1, "/", "/", {"": ("10", 3, 1)}, 8),
+        (1, "/", "/", {"": (str((1 << 43) - 1), 3)}, (1 << 43) - 4),  # without a limit
+        (1, "/", "/a/b", {"a": ("9", 2), "a/b": ("6", 1)}, 5),
+        # In a container that sees its own group at the mount.
+        (1, "/docker/1", "/docker/1", {"": ("9", 2)}, 7),
+        (1, "/docker/1", "/docker/1/a", {"": ("9", 2), "a": ("3", 1)}, 2),
+        (1, "/docker/1", "/", {"": ("9", 2)}, 7),
+    ],
+)
+def test_the_least_of_the_limits_of_control_groups_counts(
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
+    version: int,
+    root: str,
+    own: str,
+    groups: dict[str, tuple[str, int]],
+    free: int | None,
+) -> None:
+    mounts = {"cpu": "cgroup", "nsdelegate": "cgroup2"}
+    lines = ["1:name=systemd:/else:where", f"3:cpu,cpuacct:{own}", f"0::{own}"]
+    if version == 1:
+        mounts["memory"] = "cgroup"
+        lines.append(f"4:memory:{own}")
+    monkeypatch.setattr(free_memory, "_PROCESS", tmp_path)
+    assert free_memory._free_in_groups() is None
+    (tmp_path / "cgroup").write_text("\n".join(lines))
+    lines = ["21 1 8:1 / / rw,relatime - ext4 /dev/sda1 rw"]
+    for number, (option, kind) in enumerate(mounts.items(), 31):
+        place = f"{number} 21 0:{number} {root} {tmp_path / option} rw,nosuid shared:7"
+        lines.append(f"{place} - {kind} {kind} rw,{option}")
+    (tmp_path / "mountinfo").write_text("\n".join(lines))
+    (tmp_path / "nsdelegate").mkdir()
+    for name, content in groups.items():
+        group(tmp_path / ("memory" if version == 1 else "nsdelegate") / name, version, *content)
+    assert free_memory._free_in_groups() == (None if free is None else free << 20)
+
+
+def test_free_memory_is_no_more_than_a_container_may_take(monkeypatch: pytest.MonkeyPatch) -> None:
+    whole = free_memory.free_memory()
+    if sys.platform == "linux":
+        assert whole is not None
+        assert whole > 1 << 20
+        for left, free in ((5, 5), (0, 0), (1 << 60, None)):
+            monkeypatch.setattr(free_memory, "_free_in_groups", lambda left=left: left)
+            found = free_memory.free_memory()
+            assert found is not None
+            assert found == free if free is not None else 1 << 20 < found < left
+    assert free_memory.taken_by(1 << 30) == 0
+
+
+def test_a_soft_limit_of_a_control_group_counts(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    if sys.platform != "linux":
-        pytest.skip("only Linux has control groups")
-    monkeypatch.setattr(free_memory, "_GROUP", tmp_path)
-    whole = free_memory.free_memory()
-    assert whole is not None
-    assert whole > 1 << 20
-    for limit, free in (("max\n", None), (f"{10 << 20}\n", 8 << 20), ("5\n", 0)):
-        (tmp_path / "memory.max").write_text(limit)
-        (tmp_path / "memory.current").write_text(f"{3 << 20}\n")
-        (tmp_path / "memory.stat").write_text(f"anon 5\ninactive_file {1 << 20}\n")
-        assert free_memory._free_in_group() == free
-        assert free is None or free_memory.free_memory() == free
-    assert free_memory.taken_by(1 << 30) == 0
+    group(tmp_path, 2, "9", 2)
+    monkeypatch.setattr(free_memory, "_groups", lambda: iter([("cgroup2", tmp_path)]))
+    for high, free in (("max", 7 << 20), ("20000000", 7 << 20), ("3000000", 3000000 - (2 << 20))):
+        (tmp_path / "memory.high").write_text(f"{high}\n")
+        assert free_memory._free_in_groups() == free
 
 
 # --- Pictures -------------------------------------------------------------------------------------

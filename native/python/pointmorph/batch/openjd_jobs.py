@@ -10,7 +10,7 @@ from typing import Any
 
 from pointmorph.base.errors import FileError
 from pointmorph.batch.jobs import Batch
-from pointmorph.batch.tasks import RENDERS_IN_TASK, frames_in_task, part_count, report_words
+from pointmorph.batch.tasks import farm_steps, report_words
 from pointmorph.storage import files
 
 
@@ -25,20 +25,13 @@ def openjd_template(batch: Batch, chunk: int | None, home: Path) -> dict[str, An
     FileError
         If these aren't in that folder: runners refuse paths that lead out of it.
     """
-    pairs, pair = _numbers("Pair", len(batch.jobs)), ["--range", "{{Task.Param.Pair}}"]
-    steps = [_step("Maps", [], [pairs], [*pair, "--maps"])]
-
-    def add_parts(name: str, option: str, frames: int) -> None:
-        count = part_count(batch, frames)
-        part = f"{{{{Task.Param.Part}}}}/{count}"
-        parameters = [pairs, _numbers("Part", count)]
-        steps.append(_step(name, [steps[-1]["name"]], parameters, [*pair, option, part]))
-
-    if any(job.frames for job in batch.jobs):
-        add_parts("Frames", "--part", chunk or frames_in_task(batch))
-        if batch.render:
-            add_parts("Renders", "--render", chunk or RENDERS_IN_TASK)
-    steps.append(_step("Report", [steps[-1]["name"]], [], report_words(batch)))
+    group, part = "{{Task.Param.Pairs}}", "{{Task.Param.Part}}"
+    steps: list[dict[str, Any]] = []
+    for kind in farm_steps(batch, chunk):
+        parameters = [_numbers("Pairs", kind.groups)]
+        parameters += [] if kind.parts is None else [_numbers("Part", kind.parts)]
+        steps.append(_step(kind.name, steps[-1:], parameters, kind.words(group, part)))
+    steps.append(_step("Report", steps[-1:], [], report_words(batch)))
     return {
         "specificationVersion": "jobtemplate-2023-09",
         "name": f"Pointmorph {batch.path.stem}",
@@ -84,7 +77,10 @@ def _path(name: str, kind: str, flow: str, default: str, description: str) -> di
 
 
 def _step(
-    name: str, after: Sequence[str], parameters: Sequence[dict[str, Any]], selection: Sequence[str]
+    name: str,
+    after: Sequence[dict[str, Any]],
+    parameters: Sequence[dict[str, Any]],
+    selection: Sequence[str],
 ) -> dict[str, Any]:
     arguments = ["-m", "pointmorph", "batch", "{{Param.Jobs}}", "--out", "{{Param.Out}}"]
     run = {
@@ -96,7 +92,7 @@ def _step(
     if parameters:
         step["parameterSpace"] = {"taskParameterDefinitions": list(parameters)}
     if after:
-        step["dependencies"] = [{"dependsOn": one} for one in after]
+        step["dependencies"] = [{"dependsOn": one["name"]} for one in after]
     return step
 
 

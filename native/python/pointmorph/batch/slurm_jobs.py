@@ -11,13 +11,7 @@ from dataclasses import dataclass, field
 
 from pointmorph.base.errors import OptionError
 from pointmorph.batch.jobs import Batch
-from pointmorph.batch.tasks import (
-    RENDERS_IN_TASK,
-    command_line,
-    frames_in_task,
-    part_count,
-    report_words,
-)
+from pointmorph.batch.tasks import FarmStep, Part, command_line, farm_steps, report_words
 from pointmorph.storage import files
 
 FOLDER = "farm"
@@ -88,36 +82,42 @@ class SlurmRun:
             time.sleep(every)
 
     def _submit(self) -> None:
-        jobs = self.batch.jobs
-        maps = self._arrays("maps", [
-            command_line(self.batch, "--range", str(number), "--maps")
-            for number in range(len(jobs))
-        ])  # fmt: skip
-        kinds = {"part": self.chunk or frames_in_task(self.batch)}
-        if self.batch.render:
-            kinds["render"] = self.chunk or RENDERS_IN_TASK
-        last = [array for array, _ in maps]
-        for number, job in enumerate(jobs):
-            if not job.frames:
-                continue
-            array, place = maps[number // _MOST_IN_ARRAY][0], number % _MOST_IN_ARRAY
-            after = f"afterok:{array}_{place}"
-            for kind, frames in kinds.items():
-                parts = part_count(self.batch, frames)
-                tasks = [
-                    command_line(self.batch, "--range", str(number), f"--{kind}", f"{k}/{parts}")
-                    for k in range(parts)
-                ]
-                arrays = self._arrays(f"{kind}s_{number}", tasks, after)
-                after = ":".join(["afterok", *(one for one, _ in arrays)])
-                last += [one for one, _ in arrays]
+        maps, *others = farm_steps(self.batch, self.chunk)
+        words = [command_line(self.batch, *maps.words(k, 0)) for k in range(maps.groups)]
+        arrays = self._arrays("maps", words)
+        before = [
+            [f"{arrays[k // _MOST_IN_ARRAY]}_{k % _MOST_IN_ARRAY}"] for k in range(maps.groups)
+        ]
+        for step in others:
+            before = self._step(step, before)
         report = command_line(self.batch, *report_words(self.batch))
-        self._arrays("report", [report], ":".join(["afterany", *last]))
+        self._arrays("report", [report], self.submitted)
+
+    def _step(self, step: FarmStep, before: Sequence[Sequence[str]]) -> list[list[str]]:
+        """Submits the tasks of a step, each group after what its pairs need: `before` has what to
+        wait for, of each group of the step before. The same of this step.
+
+        They wait until that is over, not until it is all done: a pair that fails doesn't keep
+        others of its group from being made, and tasks refuse what isn't there."""
+        total = len(self.batch.jobs)
+        arrays: list[list[str]] = []
+        for number in range(step.groups):
+            pairs = Part(number, step.groups).of(total)
+            after: list[str] = []
+            for k, names in enumerate(before):
+                earlier = Part(k, len(before)).of(total)
+                if max(pairs.start, earlier.start) < min(pairs.stop, earlier.stop):
+                    after += names
+            tasks = [
+                command_line(self.batch, *step.words(number, k)) for k in range(step.parts or 1)
+            ]
+            arrays.append(self._arrays(f"{step.name.lower()}_{number}", tasks, after))
+        return arrays
 
     def _arrays(
-        self, name: str, tasks: Sequence[Sequence[str]], after: str | None = None
-    ) -> list[tuple[str, int]]:
-        """Submits tasks; of each array its number and how many tasks it has."""
+        self, name: str, tasks: Sequence[Sequence[str]], after: Sequence[str] = ()
+    ) -> list[str]:
+        """Submits tasks that begin once others are over; the numbers of their arrays."""
         folder = self.batch.out / FOLDER
         lines = "".join(f"{shlex.join(task)}\n" for task in tasks)
         files.write_bytes(folder / f"{name}.tasks", lines.encode())
@@ -134,10 +134,9 @@ class SlurmRun:
                 f"--job-name=pointmorph-{name}", f"--array=0-{count - 1}",
                 f"--output={folder / 'logs' / name}_%a.log", *self.options,
             ]  # fmt: skip
-            words += [f"--dependency={after}", "--kill-on-invalid-dep=yes"] if after else []
-            number = _sbatch([*words, str(path)])
-            self.submitted.append(number)
-            submitted.append((number, count))
+            words += [f"--dependency=afterany:{':'.join(after)}"] if after else []
+            submitted.append(_sbatch([*words, str(path)]))
+            self.submitted.append(submitted[-1])
         return submitted
 
 

@@ -1,6 +1,6 @@
-"""The steps of a pair: its map, then its frames. Also as jobs of their own, for engines that run
-many on many machines: each is a call of ``pointmorph batch`` for one pair, and can be ended at any
-time and run again.
+"""The steps of a pair: its map, then its frames. Also as tasks, for engines that run many on many
+machines: each is a call of ``pointmorph batch`` for some pairs or a part of one, and can be ended
+at any time and run again.
 """
 
 from __future__ import annotations
@@ -24,10 +24,14 @@ MAP_STEP, FRAMES_STEP, RENDERS_STEP = "map", "frames", "renders"
 RENDERS_IN_TASK = 24
 
 _TASK_SECONDS = 30.0
-"""What a task of frames is to take: a hundred times as long as it takes to start one."""
+"""What a task is to take: a hundred times as long as it takes to start one."""
 _BYTES_PER_POINT = 40.0
 _LEAST_SECONDS, _PLAIN, _RESAMPLED = 1e-3, 4e-7, 1.5e-6
 """What a frame takes on one core, roughly: at the least, and for each point."""
+_LEAST_MAP_SECONDS, _MAP = 2.0, 3e-4
+"""What a map takes on one core, in the same way."""
+_OPENING_SECONDS = 0.1
+"""What a task takes for each pair besides its frames."""
 
 Command = Callable[[Sequence[str]], int]
 """Runs a command line in this process, and returns its exit status."""
@@ -47,6 +51,27 @@ class Part:
         [slice(0, 2, None), slice(2, 4, None), slice(4, 7, None)]
         """
         return slice(total * self.number // self.count, total * (self.number + 1) // self.count)
+
+    def __str__(self) -> str:
+        return f"{self.number}/{self.count}"
+
+
+@dataclass(frozen=True)
+class FarmStep:
+    """Tasks of one kind. Each has one of `groups` equal parts of the pairs, and of the frames of
+    each of these one of `parts` equal parts."""
+
+    name: str
+    option: str
+    """of `pointmorph batch`"""
+    groups: int
+    parts: int | None = None
+    """None where it isn't about frames"""
+
+    def words(self, group: object, part: object) -> list[str]:
+        """How `pointmorph batch` is asked for a task, by its numbers."""
+        which = [] if self.parts is None else [f"{part}/{self.parts}"]
+        return ["--range", f"{group}/{self.groups}", self.option, *which]
 
 
 def steps_to_do(job: PairJob, *, with_frames: bool = True) -> list[str]:
@@ -71,11 +96,13 @@ def has_map(job: PairJob) -> bool:
         return False
 
 
-def _has_frames(job: PairJob) -> bool:
+def _has_frames(job: PairJob, which: slice = slice(None)) -> bool:
+    """Whether these frames of a pair are there, and of this very map."""
     try:
-        times = even_times(job.frames)
+        morph, times = open_morph(job.morph_file), even_times(job.frames)
+        numbers = range(job.frames)[which]
         return not missing_frames(
-            open_morph(job.morph_file), job.folder / FRAMES, times, job.resample, job.mesh
+            morph, job.folder / FRAMES, times, job.resample, job.mesh, numbers
         )
     except PointmorphError:  # the step itself says what is wrong
         return False
@@ -134,7 +161,8 @@ def render(batch: Batch, job: PairJob, part: Part) -> int:
     Raises
     ------
     OptionError, FileError
-        If the file has no command to render, the pair no frames, or the command isn't found.
+        If the file has no command to render, the pair's frames aren't there, or the command isn't
+        found.
     """
     if not batch.render:
         raise OptionError(
@@ -147,6 +175,11 @@ def render(batch: Batch, job: PairJob, part: Part) -> int:
     if which.start == which.stop:
         return 0
     _require_map(job)
+    if not _has_frames(job, which):
+        raise FileError(
+            str(job.folder / FRAMES), f"whole frames {which.start} to {which.stop - 1} of the pair",
+            "others", "Make them first: batch --part.",
+        )  # fmt: skip
     places = {
         "python": sys.executable,
         "home": str(batch.path.absolute().parent),
@@ -196,10 +229,33 @@ def _filled(word: str, places: Mapping[str, str]) -> str:
     return word
 
 
-def part_count(batch: Batch, chunk: int) -> int:
-    """Into how many parts each pair's frames are split for so many frames in one at the most."""
+def farm_steps(batch: Batch, chunk: int | None) -> list[FarmStep]:
+    """The tasks of a whole batch, step after step.
+
+    Parameters
+    ----------
+    batch : Batch
+    chunk : int, optional
+        Frames in a task at the most. Otherwise it has so many pairs or frames that it takes long,
+        next to the start of a process.
+    """
+    steps = [FarmStep("Maps", "--maps", _groups(batch, maps_in_task(batch)))]
     most = max(job.frames for job in batch.jobs)
-    return max(1, -(-most // chunk))
+    if most == 0:
+        return steps
+    kinds = [("Frames", "--part", frames_in_task(batch))]
+    if batch.render:
+        kinds.append(("Renders", "--render", RENDERS_IN_TASK))
+    for name, option, frames in kinds:
+        in_task = chunk or frames
+        pairs = min(in_task // most, math.floor(_TASK_SECONDS / _OPENING_SECONDS))
+        steps.append(FarmStep(name, option, _groups(batch, pairs), -(-most // in_task)))
+    return steps
+
+
+def _groups(batch: Batch, pairs: int) -> int:
+    """Into how many groups the pairs are split for so many of them in one at the most."""
+    return -(-len(batch.jobs) // max(1, pairs))
 
 
 def report_words(batch: Batch) -> list[str]:
@@ -210,13 +266,20 @@ def report_words(batch: Batch) -> list[str]:
 def frames_in_task(batch: Batch) -> int:
     """So many frames that a task of them takes long, next to the start of a process: it is chosen
     by the size of the models' files, since nothing has been read yet."""
-    longest = max(_frame_seconds(job) for job in batch.jobs)
-    return max(1, math.ceil(_TASK_SECONDS / longest))
+    rates = [_RESAMPLED if job.resample else _PLAIN for job in batch.jobs]
+    return _in_task(batch, _LEAST_SECONDS, rates)
 
 
-def _frame_seconds(job: PairJob) -> float:
-    points = job.samples or max(1.0, job.bytes() / _BYTES_PER_POINT)
-    return _LEAST_SECONDS + points * (_RESAMPLED if job.resample else _PLAIN)
+def maps_in_task(batch: Batch) -> int:
+    """The same of maps."""
+    return _in_task(batch, _LEAST_MAP_SECONDS, [_MAP] * len(batch.jobs))
+
+
+def _in_task(batch: Batch, least: float, rates: Sequence[float]) -> int:
+    """How many a task has, if one takes that many seconds at the least and for each point."""
+    points = [job.samples or max(1.0, job.bytes() / _BYTES_PER_POINT) for job in batch.jobs]
+    longest = max(count * rate for count, rate in zip(points, rates, strict=True))
+    return max(1, math.ceil(_TASK_SECONDS / (least + longest)))
 
 
 def command_line(batch: Batch, *selection: str) -> list[str]:

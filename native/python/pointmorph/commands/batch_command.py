@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from pointmorph.base.errors import FileError, OptionError
+from pointmorph.base.errors import FileError, OptionError, PointmorphError
 from pointmorph.batch import reports
 from pointmorph.batch.jobs import Batch, PairJob, read_batch
 from pointmorph.batch.runs import FAILED, KEPT, PENDING, BatchRun, PairOutcome
@@ -46,9 +46,10 @@ def add(commands: Any, main: Callable[[Sequence[str]], int]) -> None:
     batch.add_argument(
         "--range",
         metavar="A:B",
-        type=part_of,
+        type=_some_pairs,
         default=slice(None),
-        help="only pairs A to B - 1, counted from 0, and no report; either may be left out",
+        help="only pairs A to B - 1, counted from 0, and no report; either may be left out. K/N: "
+        "part K of N equal parts of the pairs",
     )
     only = batch.add_mutually_exclusive_group()
     only.add_argument("--maps", action="store_true", help="only find the maps, make no frames")
@@ -69,6 +70,10 @@ def add(commands: Any, main: Callable[[Sequence[str]], int]) -> None:
     )
 
 
+def _some_pairs(text: str) -> slice | Part:
+    return _part(text) if "/" in text else part_of(text)
+
+
 def _part(text: str) -> Part:
     number, _, count = text.partition("/")
     if not (number.isdecimal() and count.isdecimal() and int(number) < int(count)):
@@ -78,8 +83,9 @@ def _part(text: str) -> Part:
 
 def _batch(chosen: argparse.Namespace) -> int:
     batch = read_batch(chosen.file, chosen.out)
-    jobs = batch.jobs[chosen.range]
-    if not jobs:
+    is_task = isinstance(chosen.range, Part)
+    jobs = batch.jobs[chosen.range.of(len(batch.jobs)) if is_task else chosen.range]
+    if not jobs and not is_task:  # there can be more tasks than pairs
         raise OptionError(
             "range", f"some of the pairs 0 to {len(batch.jobs) - 1}", "none", "Correct A:B."
         )
@@ -91,7 +97,7 @@ def _batch(chosen: argparse.Namespace) -> int:
     files.make_folder(batch.out)
     if chosen.report:
         return _tell(batch, [_found(job, chosen.renders) for job in batch.jobs])
-    if chosen.part or chosen.render or (chosen.maps and len(jobs) == 1):
+    if chosen.part or chosen.render or (chosen.maps and (is_task or len(jobs) == 1)):
         return _tasks(chosen, batch, jobs)
     run = BatchRun(jobs, chosen.jobs, with_frames=not chosen.maps)
     ended = 0
@@ -110,15 +116,20 @@ def _batch(chosen: argparse.Namespace) -> int:
 
 def _tasks(chosen: argparse.Namespace, batch: Batch, jobs: Sequence[PairJob]) -> int:
     """Maps, a part of the frames or of the renders in this very process, which an engine may end;
-    the worst of the exit statuses."""
+    the worst of the exit statuses. A pair that fails doesn't keep others from being made."""
     worst = 0
     for job in jobs:
-        if chosen.render:
-            status = render(batch, job, chosen.render)
-        elif chosen.part:
-            status = make_frames(job, chosen.part, chosen.main)
-        else:
-            status = find_map(job, chosen.main)
+        try:
+            if chosen.render:
+                status = render(batch, job, chosen.render)
+            elif chosen.part:
+                status = make_frames(job, chosen.part, chosen.main)
+            else:
+                status = find_map(job, chosen.main)
+        except PointmorphError as error:
+            if len(jobs) == 1 or isinstance(error, OptionError):
+                raise
+            status = terminal.fail(f"{job.name}: {error}", terminal.FAILED)
         if status in (terminal.INTERRUPTED, terminal.TERMINATED):
             return status
         worst = max(worst, status)

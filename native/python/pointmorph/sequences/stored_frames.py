@@ -17,9 +17,14 @@ from pointmorph.storage.frame_records import file_checksum
 
 
 def missing_frames(
-    morph: StoredMorph, folder: Path, times: Sequence[float], resample: bool, mesh: str | None
+    morph: StoredMorph,
+    folder: Path,
+    times: Sequence[float],
+    resample: bool,
+    mesh: str | None,
+    which: Sequence[int],
 ) -> list[int]:
-    """Which frames of a run of the command aren't in the folder, or are broken.
+    """Which of these frames of a run of the command aren't in the folder, or are broken.
 
     Raises
     ------
@@ -28,7 +33,7 @@ def missing_frames(
     """
     sequence = FrameSequence(morph, times, resample=resample)
     run = FrameRun(sequence, folder, mesh_writer(mesh, None, morph, sequence))
-    return run.missing(range(len(times)))
+    return run.missing(which)
 
 
 def mesh_writer(
