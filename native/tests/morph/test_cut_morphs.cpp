@@ -8,6 +8,7 @@
 #include "checks.hpp"
 #include "morph/morphs.hpp"
 #include "pointmorph/base/error.hpp"
+#include "registration/watched_options.hpp"
 #include "shapes.hpp"
 #include "watched.hpp"
 
@@ -16,12 +17,13 @@ namespace {
 
 TEST(Morph, ClosedShapesAreCutAlongTheLoop) {
     Progress progress;
-    const Morph morph(two_eggs(3000, 2200), paper(), progress);
+    const Index from = is_watched() ? 1500 : 3000, to = is_watched() ? 1100 : 2200;
+    const Morph morph(two_eggs(from, to), paper(), progress);
     EXPECT_EQ(morph.report().domain, "cut");
     EXPECT_EQ(morph.source_domain().cols(), 3);
     EXPECT_LT((morph.source_domain().rowwise().norm().array() - 1.0).abs().maxCoeff(), 1e-9);
 
-    EXPECT_TRUE(checks::is_total(morph.pairs(), 3000, 2200));
+    EXPECT_TRUE(checks::is_total(morph.pairs(), from, to));
     double misfit = 0.0;
     for (const IndexPair& pair : morph.pairs()) {
         Eigen::RowVector3d expected = morph.source().positions.row(pair.source);
@@ -29,7 +31,7 @@ TEST(Morph, ClosedShapesAreCutAlongTheLoop) {
         misfit += (expected - morph.target().positions.row(pair.target)).norm();
     }
     EXPECT_LT(misfit / static_cast<double>(morph.pairs().size()), 0.25);
-    EXPECT_TRUE(checks::are_paired(two_eggs(3000, 2200).features, morph.pairs()));
+    EXPECT_TRUE(checks::are_paired(two_eggs(from, to).features, morph.pairs()));
     // No seam: next to the curve as gentle as elsewhere.
     const std::vector<double> middle{0.5};
     EXPECT_LT(morph.cracks(middle, progress).front().share, 0.002);
@@ -100,6 +102,7 @@ TEST(Morph, DomainCutProposesALoopAndSaysSo) {
 TEST(Morph, StartsFromTheCutWhenAskedTo) {
     Progress progress;
     MorphOptions options;
+    options.refinement = lighter_where_watched();
     options.domain = Domain::kCut;
     const Morph morph(two_eggs(800, 700), options, progress);
     EXPECT_EQ(morph.report().domain, "product");

@@ -22,8 +22,8 @@ namespace pointmorph {
 namespace {
 
 /// Points of the two eggs: fewer where every access is watched.
-const Index kSource = is_watched() ? 900 : 3000, kTarget = is_watched() ? 800 : 2500;
-const Index kFewer = is_watched() ? 700 : 1500, kFewest = is_watched() ? 600 : 1200;
+const Index kSource = is_watched() ? 700 : 3000, kTarget = is_watched() ? 600 : 2500;
+const Index kFewer = is_watched() ? 500 : 1500, kFewest = is_watched() ? 450 : 1200;
 
 /// Two eggs without a loop; six marks.
 MorphInput eggs(Index source_count = kSource, Index target_count = kTarget) {

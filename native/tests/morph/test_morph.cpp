@@ -23,6 +23,7 @@ protected:
     static MorphOptions options() {
         MorphOptions options;
         options.method = GetParam();
+        options.refinement = lighter_where_watched();
         return options;
     }
 };
@@ -325,6 +326,7 @@ TEST(Morph, InwardNormalsOfAClosedModelAreTurned) {
 TEST(Morph, StartsFromTheDiskWhenAskedTo) {
     MorphOptions options;
     options.domain = Domain::kDisk;
+    options.refinement = lighter_where_watched();
     const Morph morph = make(plane_cloud(41), hemisphere(2500), {}, options);
     EXPECT_EQ(morph.report().domain, "product");
     EXPECT_GT(morph.report().source_parameterization.unknowns, 0);
@@ -363,6 +365,7 @@ TEST(Morph, EveryPathEndsAtTheInputsAndKeepsToTheSurface) {
         if (kind == PathKind::kSimilarity && is_watched()) continue;  // the rigid one begins so
         MorphOptions options;
         options.path = kind;
+        options.refinement = lighter_where_watched();
         auto features = grid_features(29, 25);
         features.push_back(point_feature("corner", 0, 0));
         const Morph morph = make(source, target, features, options);
@@ -398,6 +401,7 @@ TEST(Morph, StraightPathsOfWhatIsTurnedAreWarnedOf) {
     auto features = grid_features(29, 25);
     features.push_back(point_feature("corner", 0, 0));
     MorphOptions options;
+    options.refinement = lighter_where_watched();
     if (!is_watched()) {
         EXPECT_FALSE(checks::mentions(
             make(bump_cloud(29), target, features, options).report().warnings, "straight"));

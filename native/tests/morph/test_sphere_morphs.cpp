@@ -8,6 +8,7 @@
 #include "checks.hpp"
 #include "morph/morphs.hpp"
 #include "pointmorph/base/error.hpp"
+#include "registration/watched_options.hpp"
 #include "shapes.hpp"
 #include "watched.hpp"
 
@@ -21,15 +22,16 @@ MorphOptions on_sphere() {
 }
 
 TEST(Morph, ClosedShapesMeetOnTheSphere) {
+    const Index from = is_watched() ? 1500 : 3000, to = is_watched() ? 1100 : 2200;
     Progress progress;
-    MorphInput input = two_eggs(3000, 2200);
+    MorphInput input = two_eggs(from, to);
     input.loop.clear();
     const std::vector<Feature> features = input.features;
     const Morph morph(std::move(input), on_sphere(), progress);
     EXPECT_EQ(morph.report().domain, "sphere");
     EXPECT_EQ(morph.report().feature_residual, 0.0);
     EXPECT_LT((morph.source_domain().rowwise().norm().array() - 1.0).abs().maxCoeff(), 1e-9);
-    EXPECT_TRUE(checks::is_total(morph.pairs(), 3000, 2200));
+    EXPECT_TRUE(checks::is_total(morph.pairs(), from, to));
     EXPECT_TRUE(checks::are_paired(features, morph.pairs()));
     const auto expected = [](Positions p, double below) {
         for (Index i = 0; i < p.rows(); ++i)
@@ -129,6 +131,7 @@ TEST(Morph, TheSphereSaysWhenItIsStretchedMuch) {
 TEST(Morph, StartsFromTheSphereWhenAskedTo) {
     Progress progress;
     MorphOptions options;
+    options.refinement = lighter_where_watched();
     options.domain = Domain::kSphere;
     MorphInput input = two_eggs(800, 700);
     input.loop.clear();

@@ -11,7 +11,9 @@
 #include "pointmorph/cloud/kd_tree.hpp"
 #include "pointmorph/cloud/subset.hpp"
 #include "pointmorph/registration/refinement.hpp"
+#include "registration/watched_options.hpp"
 #include "shapes.hpp"
+#include "watched.hpp"
 
 namespace pointmorph {
 
@@ -43,8 +45,10 @@ struct Belted {
     }
 
     Refinement refined(std::span<const Feature> features) const {
+        RefinementOptions options = lighter_where_watched();
+        if (is_watched()) options.coarse = {600, {60, 250}, {}};
         Progress progress;
-        return refine({positions[0], normals[0]}, {positions[1], normals[1]}, features, {},
+        return refine({positions[0], normals[0]}, {positions[1], normals[1]}, features, options,
                       progress);
     }
 

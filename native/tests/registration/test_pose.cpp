@@ -11,6 +11,7 @@
 #include "pointmorph/cloud/subset.hpp"
 #include "pointmorph/registration/pose_symmetry.hpp"
 #include "pointmorph/registration/proposals.hpp"
+#include "registration/watched_options.hpp"
 #include "shapes.hpp"
 #include "watched.hpp"
 
@@ -49,11 +50,11 @@ CoarseShape egg(Index count, double bump, unsigned seed, const Matrix3& turn,
 
 Pose found(const CoarseShape& source, const CoarseShape& target) {
     Progress progress;
-    return find_pose({source, target}, {}, {}, progress);
+    return find_pose({source, target}, lighter_where_watched().pose, {}, progress);
 }
 
 TEST(Pose, SymmetricShapesAreAmbiguousAndTheRivalsAreNamed) {
-    const Index count = is_watched() ? 1200 : 2500;
+    const Index count = is_watched() ? 900 : 2500;
     const CoarseShape source = egg(count, 0.0, 1, Matrix3::Identity());
     const CoarseShape target = egg(count - 300, 0.0, 2, shapes::rotation(7));
     const Pose pose = found(source, target);

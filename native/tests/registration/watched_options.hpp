@@ -6,10 +6,15 @@
 
 namespace pointmorph {
 
-/// The defaults, but with coarser shapes where sanitizers watch: the same code, run less often.
+/// The defaults, but with coarser shapes where sanitizers watch, and fewer poses that are followed
+/// further: the same code, run less often.
 inline RefinementOptions lighter_where_watched() {
     RefinementOptions options;
-    if (is_watched()) options.coarse = {600, {40, 150}, {}};
+    if (!is_watched()) return options;
+    options.coarse = {400, {30, 100}, {}};
+    options.pose.points = 300;
+    options.pose.semifinalists = 4;
+    options.pose.effort.variants = options.pose.second_effort.variants = 4;
     return options;
 }
 

@@ -41,11 +41,16 @@ struct Limbed {
         Progress progress;
         const KdTree<3> tree(positions);
         SphericalOptions options;
-        options.nodes = is_watched() ? 300 : 500;
+        options.nodes = is_watched() ? 200 : 500;
         mesh = spherical_mesh({positions, normals, nearest_neighbors(tree, 16, progress)}, ends,
                               options, progress);
     }
 };
+
+/// So many points, or half of them where every access is watched.
+Index watched_size(Index count) {
+    return is_watched() ? count / 2 : count;
+}
 
 std::vector<IndexPair> first_nodes(Index count) {
     std::vector<IndexPair> pairs;
@@ -73,7 +78,7 @@ void expect_valid(const SphericalMesh& mesh) {
 
 TEST(SphericalAlignment, FeaturesMeetToTheBitAndTheSameShapeFitsItself) {
     const Matrix3 turn = shapes::rotation(7);
-    Limbed source(4000, 1), target(3500, 2, turn);
+    Limbed source(watched_size(4000), 1), target(watched_size(3500), 2, turn);
     Progress progress;
     const auto features = first_nodes(4);
     const SphericalAlignment result =
@@ -105,7 +110,7 @@ TEST(SphericalAlignment, WithoutFeaturesTheTurnIsFound) {
     const Matrix3 turn = shapes::rotation(11);
     for (const Index marked : {0, 1}) {
         if (marked > 0 && is_watched()) break;  // found in the same way
-        Limbed source(3000, 1), target(3000, 2, turn);
+        Limbed source(watched_size(3000), 1), target(watched_size(3000), 2, turn);
         Progress progress;
         const SphericalAlignment result =
             align_on_sphere(source.mesh, target.mesh, first_nodes(marked), {}, progress);
@@ -153,7 +158,7 @@ TEST(SphericalAlignment, PlacesAreFoundWhereverTheSearchStarts) {
 }
 
 TEST(SphericalAlignment, CanBeCancelled) {
-    Limbed source(2000, 1), target(2000, 2);
+    Limbed source(watched_size(2000), 1), target(watched_size(2000), 2);
     int calls = 0;
     Progress progress([&](std::string_view, double) { return ++calls < 3; });
     progress.enter("spherical alignment");
