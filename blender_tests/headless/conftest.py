@@ -92,22 +92,32 @@ def words_of(question):
 
 
 @pytest.fixture(scope="session")
-def remembering(addon, tmp_path_factory):
-    """`computation.compute`, which computes nothing twice; nor what another Blender has left in
-    the folder that POINTMORPH_COMPUTED names."""
-    compute = addon("core.computation").compute
+def once(tmp_path_factory):
+    """`once(question, compute)`: what `compute()` returned the first time that this was asked, here
+    or in another Blender that shares the folder that POINTMORPH_COMPUTED names."""
     folder = os.environ.get("POINTMORPH_COMPUTED")
     folder = Path(folder) if folder else tmp_path_factory.mktemp("computed")
 
-    def remembered(request, progress, earlier=None):
-        before = earlier and (earlier.request.without_looks(), earlier.maps)
-        asked = words_of((request.without_looks(), before))
-        known = folder / hashlib.sha256(asked).hexdigest()
+    def answer(question, compute):
+        known = folder / hashlib.sha256(words_of(question)).hexdigest()
         if not known.exists():
             new = known.with_suffix(f".{os.getpid()}")
-            new.write_bytes(pickle.dumps(compute(request, progress, earlier), protocol=PROTOCOL))
+            new.write_bytes(pickle.dumps(compute(), protocol=PROTOCOL))
             new.replace(known)
         return pickle.loads(known.read_bytes())
+
+    return answer
+
+
+@pytest.fixture(scope="session")
+def remembering(addon, once):
+    """`computation.compute`, which computes nothing twice."""
+    compute = addon("core.computation").compute
+
+    def remembered(request, progress, earlier=None):
+        before = earlier and (earlier.request.without_looks(), earlier.maps)
+        question = request.without_looks(), before
+        return once(question, lambda: compute(request, progress, earlier))
 
     return remembered
 
@@ -117,6 +127,22 @@ def computed_once(request, addon, monkeypatch, remembering):
     """Tests share what the library computes, but those of the computing, marked `computes`."""
     if not request.node.get_closest_marker("computes"):
         monkeypatch.setattr(addon("data.chains"), "compute", remembering)
+
+
+@pytest.fixture(autouse=True)
+def faces_made_once(request, addon, monkeypatch, once):
+    """Tests share the faces through frames, each of which a process makes that first loads
+    MeshLab; but those of the making, marked `makes_faces`."""
+    if request.node.get_closest_marker("makes_faces"):
+        return
+    surfaces = addon("operators.bakes").pointmorph.sequences.surfaces
+    make = surfaces._reconstructed
+
+    def made(points, normals, depth, stopped):
+        question = "faces", points, normals, depth
+        return once(question, lambda: make(points, normals, depth, stopped))
+
+    monkeypatch.setattr(surfaces, "_reconstructed", made)
 
 
 @pytest.fixture

@@ -266,6 +266,7 @@ def check_faces(kind, read, expected):
         np.testing.assert_allclose(back, colors, atol=0.01 if kind == "ALEMBIC" else 1e-6)
 
 
+@pytest.mark.makes_faces
 def test_faces_beside_ply_points_and_without_the_library(torn, tmp_path, monkeypatch):
     if surfaces.is_available():
         bake(step=8, faces=True, format="PLY", directory=str(tmp_path))

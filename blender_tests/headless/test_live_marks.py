@@ -11,7 +11,7 @@ from scenes import attribute, coordinates, mark, morph, pair, row_at
 
 
 @pytest.fixture
-def live(addon, settings):
+def live(addon, settings, remembering):
     """A morph, and what follows it; as after a click on Morph in a window."""
     settings.show_as = "MESH"
     pair(24, 22, domain="auto")
@@ -19,12 +19,11 @@ def live(addon, settings):
         mark(obj, "corner", -0.6, -0.6)
         mark(obj, "side", -0.6, 0.5)
     addon("data.feature_list").sync_features(bpy.context.scene)
-    background_job, computation = addon("core.background_job"), addon("core.computation")
-    recipes = addon("operators.polls")
+    background_job, recipes = addon("core.background_job"), addon("operators.polls")
     shown = morph()
     result = recipes.picked_result(bpy.context)
     request = request_of(addon)
-    outcome = computation.compute(request, lambda stage, fraction: True)
+    outcome = remembering(request, lambda stage, fraction: True)
     background_job.earlier = None
     background_job.remember(request, outcome)
     yield shown, result
