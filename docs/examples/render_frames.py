@@ -3,13 +3,14 @@
     blender -b --python-exit-code 1 --python render_frames.py -- FRAMES OUT FIRST LAST
 
 Renders the frames FIRST to LAST of the folder FRAMES to OUT/0000.png …: meshes, if there are some
-beside the points (``--mesh``). Pictures that are there already are kept. After LAST, options:
-``--width PIXELS``, ``--samples N``, ``--up y``.
+beside the points (``--mesh``). Pictures that are there are kept, unless the frame, the options or
+this script have changed since. Options after LAST: ``--width PIXELS``, ``--samples N``, ``--up y``.
 """
 
 from __future__ import annotations
 
 import argparse
+import hashlib
 import itertools
 import math
 import os
@@ -26,10 +27,12 @@ def main(words: list[str]) -> None:
     scene = empty_scene(chosen.width, chosen.samples)
     material = colored_material()
     for number in range(chosen.first, chosen.last + 1):
-        picture = chosen.out / f"{number:04d}.png"
-        if picture.exists():
+        picture, frame = chosen.out / f"{number:04d}.png", frame_file(chosen.frames, number)
+        origin = origin_of(frame, [chosen.width, chosen.samples, chosen.up])
+        if picture.exists() and origin.encode() in picture.read_bytes():
             continue
-        shape = imported(chosen.frames, number, chosen.up)
+        scene.render.stamp_note_text = origin
+        shape = imported(frame, chosen.up)
         if not shape.data.polygons:
             show_points(shape, material)
         shape.data.materials.clear()
@@ -55,9 +58,25 @@ def read(words: list[str]) -> argparse.Namespace:
     return parser.parse_args(words)
 
 
+def frame_file(folder: Path, number: int) -> Path:
+    """The mesh of a frame, or its points."""
+    mesh = folder / f"mesh_{number:04d}.ply"
+    return mesh if mesh.exists() else folder / f"frame_{number:04d}.ply"
+
+
+def origin_of(frame: Path, options: list[object]) -> str:
+    """A checksum of all that a picture is made from; the picture has it as its note."""
+    parts = (frame.read_bytes(), Path(__file__).read_bytes(), repr(options).encode())
+    sums = b"".join(hashlib.sha256(part).digest() for part in parts)
+    return hashlib.sha256(sums).hexdigest()
+
+
 def empty_scene(width: int, samples: int) -> Any:
     bpy.ops.wm.read_factory_settings(use_empty=True)
     scene = bpy.context.scene
+    for name in dir(scene.render):  # what else Blender writes into a picture, the time for one
+        if name.startswith("use_stamp"):
+            setattr(scene.render, name, name == "use_stamp_note")
     scene.render.engine = "CYCLES"
     scene.cycles.samples = samples
     scene.render.resolution_x = scene.render.resolution_y = width
@@ -85,10 +104,7 @@ def colored_material() -> Any:
     return material
 
 
-def imported(folder: Path, number: int, up: str) -> Any:
-    """The mesh of a frame, or its points."""
-    mesh = folder / f"mesh_{number:04d}.ply"
-    path = mesh if mesh.exists() else folder / f"frame_{number:04d}.ply"
+def imported(path: Path, up: str) -> Any:
     forward = "NEGATIVE_Z" if up == "y" else "Y"
     bpy.ops.wm.ply_import(filepath=str(path), up_axis=up.upper(), forward_axis=forward)
     return bpy.context.object

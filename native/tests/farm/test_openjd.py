@@ -107,6 +107,18 @@ def test_blender_renders_the_frames_of_a_step(tmp_path: Path) -> None:
     assert picture.size == (48, 48)
     assert high - low > 60  # the shape before its background
 
+    def renewed(*options: str) -> list[str]:
+        """Which pictures another run of the script makes anew."""
+        before = {path: path.stat().st_mtime_ns for path in renders.iterdir()}
+        words = [sys.executable, script, "--", frames, renders, "1", "2", "--samples=1", *options]
+        subprocess.run(words, check=True, capture_output=True)
+        return sorted(path.name for path, at in before.items() if path.stat().st_mtime_ns != at)
+
+    frames = tmp_path / "batch" / "a_to_b" / "frames"
+    shutil.copy(frames / "frame_0000.ply", frames / "frame_0002.ply")
+    assert renewed("--width=48") == ["0002.png"]
+    assert renewed("--width=40") == ["0001.png", "0002.png"]
+
 
 def test_what_is_wrong_is_said_before_a_template_is_written(tmp_path: Path) -> None:
     for render, name, status, words in (
