@@ -1,15 +1,11 @@
 """The add-on, installed once, and an empty scene for every test."""
 
-import hashlib
 import importlib
-import io
 import os
-import pickle
 import sys
 from pathlib import Path
 
 import bpy
-import numpy as np
 import pytest
 
 sys.path.insert(0, str(Path(__file__).parent))  # for `scenes`
@@ -18,12 +14,10 @@ import installing
 import painted_scenes
 import scenes
 import transferring_scenes
+from remembering import Memory
 
 # Before pytest imports the tests, and with them `pointmorph`: a packaged add-on brings its own.
 MODULE = installing.install()
-
-PROTOCOL = 4
-"""Of what Blenders leave for each other: what numpy 1 and numpy 2 write with it, both can read."""
 
 
 def pytest_collection_modifyitems(items):
@@ -75,51 +69,16 @@ def settings(request, known_nodes):
     return bpy.context.scene.pointmorph
 
 
-class _Words(pickle.Pickler):
-    """Pickles arrays in words that are the same for any version of numpy."""
-
-    def reducer_override(self, obj):
-        if isinstance(obj, np.ndarray | np.generic) and not obj.dtype.hasobject:
-            return np.ndarray, (obj.shape, obj.dtype.str, obj.tobytes())
-        return NotImplemented
-
-
-def words_of(question):
-    """What is asked, in the same words for any Blender's Python."""
-    words = io.BytesIO()
-    _Words(words, PROTOCOL).dump(question)
-    return words.getvalue()
+@pytest.fixture(scope="session")
+def memory(tmp_path_factory):
+    """What tests leave for each other, here or in the folder that POINTMORPH_COMPUTED names."""
+    return Memory(os.environ.get("POINTMORPH_COMPUTED") or tmp_path_factory.mktemp("computed"))
 
 
 @pytest.fixture(scope="session")
-def once(tmp_path_factory):
-    """`once(question, compute)`: what `compute()` returned the first time that this was asked, here
-    or in another Blender that shares the folder that POINTMORPH_COMPUTED names."""
-    folder = os.environ.get("POINTMORPH_COMPUTED")
-    folder = Path(folder) if folder else tmp_path_factory.mktemp("computed")
-
-    def answer(question, compute):
-        known = folder / hashlib.sha256(words_of(question)).hexdigest()
-        if not known.exists():
-            new = known.with_suffix(f".{os.getpid()}")
-            new.write_bytes(pickle.dumps(compute(), protocol=PROTOCOL))
-            new.replace(known)
-        return pickle.loads(known.read_bytes())
-
-    return answer
-
-
-@pytest.fixture(scope="session")
-def remembering(addon, once):
+def remembering(addon, memory):
     """`computation.compute`, which computes nothing twice."""
-    compute = addon("core.computation").compute
-
-    def remembered(request, progress, earlier=None):
-        before = earlier and (earlier.request.without_looks(), earlier.maps)
-        question = request.without_looks(), before
-        return once(question, lambda: compute(request, progress, earlier))
-
-    return remembered
+    return memory.remembering(addon("core.computation").compute)
 
 
 @pytest.fixture(autouse=True)
@@ -130,7 +89,7 @@ def computed_once(request, addon, monkeypatch, remembering):
 
 
 @pytest.fixture(autouse=True)
-def faces_made_once(request, addon, monkeypatch, once):
+def faces_made_once(request, addon, monkeypatch, memory):
     """Tests share the faces through frames, each of which a process makes that first loads
     MeshLab; but those of the making, marked `makes_faces`."""
     if request.node.get_closest_marker("makes_faces"):
@@ -140,7 +99,7 @@ def faces_made_once(request, addon, monkeypatch, once):
 
     def made(points, normals, depth, stopped):
         question = "faces", points, normals, depth
-        return once(question, lambda: make(points, normals, depth, stopped))
+        return memory.answer(question, lambda: make(points, normals, depth, stopped))
 
     monkeypatch.setattr(surfaces, "_reconstructed", made)
 

@@ -67,6 +67,11 @@ class Window:
             self.run(CLOSE_OTHER_AREAS)
             self.redraw()
 
+    def remember(self, remembers):
+        """Whether a morph that some Blender's tests have computed isn't computed again, from here
+        on; but for one that starts from the last."""
+        self.run(f"remember({remembers})")
+
     def _accepted(self, server):
         """The connection that Blender makes once it is up."""
         end = time.monotonic() + PATIENCE
@@ -211,11 +216,13 @@ class Window:
                 return place
         left, top, right, bottom = self.sidebar()
         over = (left + right) // 2, top + 40  # below the panels, it would be the viewport
-        near = known[-1][1] if known else top
+        last, near = known[-1] if known else (right, top)
+        # Each row that the mouse is over is drawn anew: first those where it was in another test.
+        columns = sorted((right - 50, left + 60, right - 26), key=lambda x: x != last)
         for page in range(3):
             up, down = 4, 5  # buttons of the mouse
             self._scroll(over, *((down, 15) if page else (up, 40)))
-            for x in (right - 50, left + 60, right - 26):
+            for x in columns:
                 rows = self._hover_down(x, top + 8, bottom - 4, what, near)
                 for y, call in rows:
                     # Of a wide button, near its right end, from where it can be dragged both ways.
@@ -355,6 +362,18 @@ def addon(name):
 def session():
     return addon("core.background_job")
 
+def remember(remembers):
+    import os, remembering
+    chains, compute = addon("data.chains"), addon("core.computation").compute
+    remembered = remembering.Memory(os.environ["POINTMORPH_COMPUTED"]).remembering(compute)
+
+    def known(request, progress, earlier=None):
+        if earlier and earlier.start_for(request):
+            return compute(request, progress, earlier)
+        return remembered(request, progress)
+
+    chains.compute = known if remembers else compute
+
 waited_for, drawn_at, turns = set(), 0.0, 0
 
 def redraw(*regions):
@@ -403,7 +422,7 @@ def hover_down(x, top, bottom, what, near):
     # Moves the mouse from row to row, and notes in calls what lies there.
     global hovering, calls
     calls = []
-    rows = range(top, bottom, 12)  # rows are 20 high, some buttons less
+    rows = range(top, bottom, 15)  # rows are 20 high, some buttons less
     places = iter(sorted(rows, key=lambda y: abs(y - near)))
     hovering = next(places)
 
@@ -479,6 +498,7 @@ def user_environment(folder):
         pytest.skip(f"needs {', '.join(missing)}")
     environment = {**os.environ, **installing.user_folders(folder), "LIBGL_ALWAYS_SOFTWARE": "1"}
     environment["POINTMORPH_SCENES"] = str(HERE.parent / "headless")
+    environment.setdefault("POINTMORPH_COMPUTED", str(folder))
     return environment
 
 
@@ -559,6 +579,7 @@ def window(request, _shared, screen, environment, output, tmp_path_factory):
         # The report of an error may stay until the mouse has been over it.
         window.press("Escape", over=VIEWPORT)
         window.start()
+        window.remember(not request.node.get_closest_marker("computes"))
         yield window
         if not request.node.stash[_FAILED] and window.process.poll() is None:
             window.wait(f"not ({RUNNING})")

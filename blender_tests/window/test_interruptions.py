@@ -34,6 +34,7 @@ def test_an_unexpected_error_leaves_blender_as_it_was(window, module, name):
     window.wait(DONE)
 
 
+@pytest.mark.computes
 def test_the_scene_and_the_workspace_change_while_it_computes(changed_window):
     window = changed_window
     start_long(window)

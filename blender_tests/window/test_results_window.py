@@ -1,5 +1,6 @@
 """What only a window shows of morph objects that are made again: undo, and that Blender goes on."""
 
+import pytest
 from steps import DONE, MORPH, RESULT, RUNNING, VIEWPORT, add_pair, finished
 
 SECOND = 'bpy.data.objects.get("Hill to Dune.001")'
@@ -38,6 +39,7 @@ def test_a_recompute_is_one_step_to_undo_and_to_redo(window):
     assert window.ask(STATE) == "CURRENT"
 
 
+@pytest.mark.computes
 def test_a_recompute_that_is_stopped_leaves_everything(window):
     window.run("area.spaces[0].show_object_viewport_pointcloud = False")
     window.run("scenes.pair(120, 110); scenes.select(bpy.data.objects['Hill'])")

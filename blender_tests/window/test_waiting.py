@@ -2,6 +2,7 @@
 
 import json
 
+import pytest
 from steps import DONE, MORPH, SIDE, add_pair
 
 # Times what the add-on does between redraws, and the gaps between turns of Blender's main loop.
@@ -38,6 +39,7 @@ bpy.app.timers.register(beat)
 """
 
 
+@pytest.mark.computes
 def test_a_coarse_morph_shows_first_and_leaves_nothing(window, output):
     """Drawing many points without a graphics card takes seconds, so they are hidden."""
     window.run("area.spaces[0].show_object_viewport_mesh = False")

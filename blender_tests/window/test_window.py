@@ -185,6 +185,7 @@ bpy.context.scene.pointmorph.active_feature = 2
     window.screenshot("features_kept")
 
 
+@pytest.mark.computes
 def test_progress_and_a_second_start(window):
     start_long(window)
     window.screenshot("running")
@@ -206,6 +207,7 @@ except RuntimeError as error:
     ]
 
 
+@pytest.mark.computes
 def test_blender_stays_responsive(window):
     """It handles events while the library computes."""
     start_long(window)
@@ -219,6 +221,7 @@ def test_blender_stays_responsive(window):
     assert max(waits) < 0.5 * sum(waits)
 
 
+@pytest.mark.computes
 def test_escape_leaves_nothing(window):
     start_long(window)
     window.press("Escape", over=VIEWPORT)
@@ -231,6 +234,7 @@ def test_escape_leaves_nothing(window):
     window.wait(DONE)
 
 
+@pytest.mark.computes
 def test_undo_and_deletion_while_it_runs(window):
     start_long(window)
     # While the scene is still being read, undo would stop it: what was read is no longer true.
@@ -255,6 +259,7 @@ def test_an_error_in_the_library_is_told(window):
     assert window.process.poll() is None
 
 
+@pytest.mark.computes
 def test_another_file_while_it_runs(changed_window):
     start_long(changed_window)
     changed_window.run("bpy.ops.wm.read_homefile(use_empty=True)")
@@ -262,6 +267,7 @@ def test_another_file_while_it_runs(changed_window):
     assert changed_window.ask("bpy.context.workspace is not None")
 
 
+@pytest.mark.computes
 def test_disabling_while_it_runs(changed_window):
     start_long(changed_window)
     module = changed_window.ask("session().__package__").removesuffix(".core")
@@ -274,6 +280,7 @@ def test_disabling_while_it_runs(changed_window):
     assert changed_window.ask("bpy.context.scene.pointmorph.source is not None")
 
 
+@pytest.mark.computes
 def test_quitting_while_it_runs(changed_window):
     start_long(changed_window)
     assert changed_window.close() == 0

@@ -151,7 +151,8 @@ def window() -> Outcome:
     options = ("-m", "pytest", "--maxfail=3", "blender_tests/window")
     if BLENDER is None and (reason := other_debian.why_not()):
         return Outcome(skips=[f"{reason}; POINTMORPH_BLENDER can name a Blender instead"])
-    return in_blender("window", *with_window(*options), "--junitxml=")
+    environment = {"POINTMORPH_COMPUTED": str(computed())}
+    return in_blender("window", *with_window(*options), "--junitxml=", **environment)
 
 
 def with_window(*options: str | Path) -> list[str | Path]:
@@ -162,7 +163,7 @@ def with_window(*options: str | Path) -> list[str | Path]:
     data = paths.ROOT.parent / "shared" / "data"  # models that aren't in the project
     shared = [paths.ROOT, *([data] if data.is_dir() else [])]
     with packaging:
-        environment = {"POINTMORPH_ZIP": str(package())}
+        environment = {"POINTMORPH_ZIP": str(package()), "POINTMORPH_COMPUTED": str(computed())}
     # There nothing is taken over from here. Pictures are drawn on as many cores as the rest.
     if threads := os.environ.get("OMP_NUM_THREADS"):
         environment |= {"OMP_NUM_THREADS": threads, "LP_NUM_THREADS": threads}
