@@ -77,7 +77,7 @@ double distance_of(double share, const Positions& a, const Positions& b) {
 }
 
 Cloud bumpy() {
-    Cloud cloud = mesh_shapes::icosphere(is_watched() ? 3 : 4);
+    Cloud cloud = mesh_shapes::icosphere(4);
     for (Index v = 0; v < cloud.size(); ++v) {
         const auto p = cloud.positions.row(v);
         cloud.positions.row(v) *= 1.0 + 0.15 * std::sin(3.0 * p[0] + 1.0) * std::cos(2.0 * p[1]);
