@@ -299,8 +299,8 @@ def test_an_unwritable_folder_is_said(pair: Path) -> None:
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Ctrl-C can't be sent to one process there")
 def test_control_c_ends_at_once_and_leaves_no_half_file(tmp_path: Path) -> None:
-    write_off(tmp_path / "plane.off", 301, 0.0)
-    write_off(tmp_path / "bump.off", 301, 0.8)
+    write_off(tmp_path / "plane.off", 151, 0.0)
+    write_off(tmp_path / "bump.off", 151, 0.8)
     out = tmp_path / "out"
     process = subprocess.Popen(
         [*COMMAND, "morph", "plane.off", "bump.off", "--out", "out", "--frames", "500"],

@@ -21,12 +21,22 @@ SIDE = 21
 TURN = np.array([[1.0, 0, 0], [0, np.cos(2), np.sin(2)], [0, -np.sin(2), np.cos(2)]])
 
 
+def marks(side: int) -> dict[str, tuple[int, int]]:
+    """So many on grids with SIDE and `side` points a side that the pose needn't be searched for,
+    which takes longer than all the rest."""
+    corners = [
+        ((SIDE * SIDE - SIDE) * x + (SIDE - 1) * y, (side * side - side) * x + (side - 1) * y)
+        for x in (0, 1)
+        for y in (0, 1)
+    ]
+    return features(SIDE, side) | {f"corner {k}": rows for k, rows in enumerate(corners)}
+
+
 def morph(delay: npt.ArrayLike | None = None, **settings: object) -> pointmorph.Morph:
     """A bump turned by two radians, with the source's faces."""
     source = pointmorph.Cloud(grid(SIDE, 0.8), faces=grid_faces(SIDE), delay=delay)
     target = pointmorph.Cloud(grid(SIDE, 0.8) @ TURN)
-    marks = {name: (a, a) for name, (a, _) in features(SIDE, SIDE).items()} | {"corner": (0, 0)}
-    return pointmorph.morph(source, target, marks, **settings)  # type: ignore[arg-type]
+    return pointmorph.morph(source, target, marks(SIDE), **settings)  # type: ignore[arg-type]
 
 
 def times(t: float, delays: npt.NDArray[np.floating], overlap: float, falloff: float):
@@ -210,8 +220,7 @@ def test_the_command_line_takes_delays_from_files(tmp_path: Path) -> None:
         lines += "".join(f"f {i + 1} {j + 1} {k + 1}\n" for i, j, k in grid_faces(side))
         (tmp_path / f"{name}.obj").write_text(lines)
     last = list(range(SIDE))
-    marks = {name: list(rows) for name, rows in features(SIDE, finer).items()}
-    content = {"features": {**marks, "corner": [0, 0]}, "delay": {"source": last}}
+    content = {"features": marks(finer), "delay": {"source": last}}
     (tmp_path / "marks.json").write_text(json.dumps(content))
     call = [
         "morph", tmp_path / "a.obj", tmp_path / "b.obj", "--features", tmp_path / "marks.json",
