@@ -26,8 +26,9 @@ double __wrap_cos(double x) {
 
 /// Both at once, as GCC calls them.
 void __wrap_sincos(double x, double* sine, double* cosine) {
-    *sine = pointmorph::sine_of(x);
-    *cosine = pointmorph::cosine_of(x);
+    const pointmorph::QuarterTurns turns(x);
+    *sine = turns.sine();
+    *cosine = turns.cosine();
 }
 
 }  // extern "C"

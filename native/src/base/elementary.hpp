@@ -188,53 +188,60 @@ inline double power(double x, double y) {
 
 /// The quarter turns in an angle, and what is left, from −π/4 to π/4. Angles of more than a million
 /// are taken for what is left of them over double(2π).
-struct QuarterTurns {
-    explicit QuarterTurns(double angle) : rest{angle, 0.0} {
-        if (!(std::abs(angle) > 0.785)) return;
+class QuarterTurns {
+public:
+    explicit QuarterTurns(double angle) : rest_{angle, 0.0} {
+        if (std::isinf(angle)) rest_.head = std::numeric_limits<double>::quiet_NaN();
+        if (!(std::abs(rest_.head) > 0.785)) return;
         if (std::abs(angle) > 1e6) angle = std::fmod(angle, 0x1.921fb54442d18p+2);
         const double turns = nearest_whole(angle * 0x1.45f306dc9c883p-1);
         const TwoParts left =
             exact_sum(angle - turns * 0x1.921fb54400000p+0, -turns * 0x1.0b4611a600000p-34);
-        rest = exact_sum(left.head, left.tail - turns * 0x1.3198a2e037073p-69);
-        count = static_cast<std::int64_t>(turns) & 3;
+        rest_ = exact_sum(left.head, left.tail - turns * 0x1.3198a2e037073p-69);
+        count_ = static_cast<std::int64_t>(turns) & 3;
     }
 
     double sine() const {
-        constexpr std::array<double, 8> kFactors = {
-            1.0 / 355687428096000.0, -1.0 / 1307674368000.0, 1.0 / 6227020800.0, -1.0 / 39916800.0,
-            1.0 / 362880.0,          -1.0 / 5040.0,          1.0 / 120.0,        -1.0 / 6.0};
-        const double square = rest.head * rest.head;
-        double sum = 0.0;
-        for (const double factor : kFactors) sum = factor + square * sum;
-        return rest.head + (rest.head * square * sum + rest.tail * (1.0 - 0.5 * square));
+        const double size = count_ % 2 == 0 ? sine_of_rest() : cosine_of_rest();
+        return count_ < 2 ? size : -size;
     }
 
     double cosine() const {
+        const double size = count_ % 2 == 0 ? cosine_of_rest() : sine_of_rest();
+        return count_ == 0 || count_ == 3 ? size : -size;
+    }
+
+private:
+    double sine_of_rest() const {
+        constexpr std::array<double, 8> kFactors = {
+            1.0 / 355687428096000.0, -1.0 / 1307674368000.0, 1.0 / 6227020800.0, -1.0 / 39916800.0,
+            1.0 / 362880.0,          -1.0 / 5040.0,          1.0 / 120.0,        -1.0 / 6.0};
+        const double square = rest_.head * rest_.head;
+        double sum = 0.0;
+        for (const double factor : kFactors) sum = factor + square * sum;
+        return rest_.head + (rest_.head * square * sum + rest_.tail * (1.0 - 0.5 * square));
+    }
+
+    double cosine_of_rest() const {
         constexpr std::array<double, 7> kFactors = {
             1.0 / 20922789888000.0, -1.0 / 87178291200.0, 1.0 / 479001600.0, -1.0 / 3628800.0,
             1.0 / 40320.0,          -1.0 / 720.0,         1.0 / 24.0};
-        const double square = rest.head * rest.head, half = 0.5 * square, most = 1.0 - half;
+        const double square = rest_.head * rest_.head, half = 0.5 * square, most = 1.0 - half;
         double sum = 0.0;
         for (const double factor : kFactors) sum = factor + square * sum;
-        return most + (((1.0 - most) - half) + (square * square * sum - rest.head * rest.tail));
+        return most + (((1.0 - most) - half) + (square * square * sum - rest_.head * rest_.tail));
     }
 
-    TwoParts rest;
-    std::int64_t count = 0;
+    TwoParts rest_;
+    std::int64_t count_ = 0;
 };
 
 inline double sine_of(double angle) {
-    if (std::isinf(angle)) return std::numeric_limits<double>::quiet_NaN();
-    const QuarterTurns turns(angle);
-    const double size = turns.count % 2 == 0 ? turns.sine() : turns.cosine();
-    return turns.count < 2 ? size : -size;
+    return QuarterTurns(angle).sine();
 }
 
 inline double cosine_of(double angle) {
-    if (std::isinf(angle)) return std::numeric_limits<double>::quiet_NaN();
-    const QuarterTurns turns(angle);
-    const double size = turns.count % 2 == 0 ? turns.cosine() : turns.sine();
-    return turns.count == 0 || turns.count == 3 ? size : -size;
+    return QuarterTurns(angle).cosine();
 }
 
 }  // namespace pointmorph

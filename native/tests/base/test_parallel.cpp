@@ -336,6 +336,18 @@ TEST_P(ParallelFor, AForkedChildThatRunsNoLoopCanEnd) {
     }).join();
     EXPECT_EQ(status, 0);
 }
+#else
+TEST_P(ParallelFor, DeepRecursionFitsOnEveryThread) {
+    GTEST_SKIP() << "the program says how large a thread's stack is";
+}
+
+TEST_P(ParallelFor, AForkedChildRunsLoops) {
+    GTEST_SKIP() << "Windows forks no process";
+}
+
+TEST_P(ParallelFor, AForkedChildThatRunsNoLoopCanEnd) {
+    GTEST_SKIP() << "Windows forks no process";
+}
 #endif
 
 TEST(ParallelInvoke, CallsEachOnceAndRethrowsTheFirst) {
