@@ -189,18 +189,33 @@ class POINTMORPH_OT_make_mesh(_OnPairs, bpy.types.Operator):
 
 
 class POINTMORPH_OT_subdivide_source(Explained, bpy.types.Operator):
-    """Subdivide the source where its faces are too large to show the target. Its surface stays as
-    it is, and UV maps, weights, colors and shape keys go along. Recompute the morph afterwards"""
+    """Subdivide the source where its faces are too large to show the target, and recompute the
+    morph. The source's surface stays as it is, and UV maps, weights, colors and shape keys go
+    along"""
 
     bl_idname = "pointmorph.subdivide_source"
     bl_label = "Subdivide Source"
-    bl_options = {"REGISTER", "UNDO"}
+    bl_options = {"UNDO"}
+
+    recompute: bpy.props.BoolProperty(
+        name="Recompute",
+        description="Recompute the morph afterwards. In a window it is an undo step of its own, "
+        "and Esc cancels it alone",
+        default=True,
+        options={"SKIP_SAVE"},
+    )
 
     @staticmethod
     def reason(context):
         return busy_reason() or (NO_RESULT if active_result(context) is None else None)
 
+    def invoke(self, context, event):
+        return self.subdivide(context, "INVOKE_DEFAULT")
+
     def execute(self, context):
+        return self.subdivide(context, "EXEC_DEFAULT")
+
+    def subdivide(self, context, mode):
         obj = active_result(context)
         try:
             before, after = source_subdivision.subdivide(obj)
@@ -210,10 +225,16 @@ class POINTMORPH_OT_subdivide_source(Explained, bpy.types.Operator):
         if after == before:
             self.report({"INFO"}, f'"{source.name}" already has enough vertices')
             return {"CANCELLED"}
-        self.report(
-            {"INFO"},
-            f'"{source.name}" has {after:,} vertices instead of {before:,}: recompute the morph',
-        )
+        done = f'"{source.name}" has {after:,} vertices instead of {before:,}'
+        # What the morph holds of an object that is gone has no more vertices than before.
+        if self.recompute and made_reason(context) is None and None not in recipes.shapes_of(obj):
+            self.report({"INFO"}, done)
+            try:
+                bpy.ops.pointmorph.recompute(mode, name=obj.name)
+            except RuntimeError as error:  # the source is subdivided nevertheless
+                self.report({"ERROR"}, str(error).removeprefix("Error: ").strip())
+        else:
+            self.report({"INFO"}, f"{done}: recompute the morph")
         return {"FINISHED"}
 
 

@@ -24,6 +24,7 @@ from scenes import (
     patch,
     pick,
     read,
+    recompute,
     row_pairs,
     select,
     triangles,
@@ -83,6 +84,7 @@ def test_any_two_meshes_in_two_clicks(name):
 
     select(obj)
     assert bpy.ops.pointmorph.subdivide_source() == {"FINISHED"}
+    assert obj.pointmorph.state == "CURRENT"  # it has computed the morph again, too
     assert {len(face.vertices) for face in source.data.polygons} <= {3, 4}
     # The source looks the same: old vertices first, new ones on its faces.
     finer = coordinates(source.data.vertices)
@@ -90,9 +92,6 @@ def test_any_two_meshes_in_two_clicks(name):
     assert np.array_equal(finer[: len(start)], start)
     # Bent squares are smooth, where Blender shows two triangles.
     assert farthest(finer, start, form) < 2e-3
-    assert obj.pointmorph.state == "STALE"
-    assert bpy.ops.pointmorph.recompute() == {"FINISHED"}
-    assert obj.pointmorph.state == "CURRENT"
     mesh = next(item for item in bpy.data.objects if item.pointmorph.made_from == obj)
     wrapped = key(mesh, "Morph")
     assert len(wrapped) == len(finer)
@@ -143,7 +142,6 @@ def test_subdividing_carries_all_that_the_source_has(settings):
     assert np.ptp(finer, axis=0) == pytest.approx(np.ptp(uvs, axis=0), abs=1e-6)
     assert not [a.name for a in source.data.attributes if a.name.startswith(".") and "pl" in a.name]
     # It stays a point, which is met.
-    assert bpy.ops.pointmorph.recompute() == {"FINISHED"}
     rows = [next(iter(groups(shape)["pm.corner"])) for shape in (source, target)]
     assert tuple(rows) in {tuple(pair) for pair in row_pairs(obj).tolist()}
 
@@ -160,6 +158,43 @@ def test_subdividing_says_what_it_needs(settings):
     with pytest.raises(RuntimeError, match="Recompute the morph, or subdivide"):
         bpy.ops.pointmorph.subdivide_source()
     assert len(source.data.vertices) == 36
+
+
+def test_subdividing_alone_leaves_the_morph_to_be_recomputed(settings):
+    pick(primitive("cube"), primitive("ico_sphere", subdivisions=3))
+    obj = morph()
+    assert bpy.ops.pointmorph.subdivide_source(recompute=False) == {"FINISHED"}
+    assert len(settings.source.data.vertices) > 90
+    assert (obj.pointmorph.state, obj.pointmorph.too_fine) == ("STALE", "Icosphere")
+    recompute(obj)
+    assert (obj.pointmorph.state, obj.pointmorph.too_fine) == ("CURRENT", "")
+    # Enough of them: nothing is computed again.
+    before = obj.pointmorph.report
+    assert bpy.ops.pointmorph.subdivide_source() == {"CANCELLED"}
+    assert obj.pointmorph.report == before
+
+
+def test_what_can_not_be_recomputed_is_subdivided_alone(settings):
+    source, target = primitive("cube"), primitive("ico_sphere", subdivisions=3)
+    pick(source, target)
+    obj = morph()
+    bpy.data.objects.remove(target)
+    before = obj.pointmorph.report
+    select(obj)
+    assert bpy.ops.pointmorph.subdivide_source() == {"FINISHED"}
+    assert len(source.data.vertices) > 90
+    assert (obj.pointmorph.state, obj.pointmorph.report) == ("ORPHAN", before)
+
+
+def test_a_recompute_that_fails_leaves_the_source_subdivided(settings):
+    source, target = primitive("cube"), primitive("ico_sphere", subdivisions=3)
+    pick(source, target)
+    obj = morph()
+    add_group(source, "pm.corner", {0: 1.0})
+    with pytest.raises(RuntimeError, match='^Error: Icosphere: expected a vertex group "pm.corn'):
+        bpy.ops.pointmorph.subdivide_source()
+    assert len(source.data.vertices) > 90
+    assert obj.pointmorph.too_fine == "Icosphere"
 
 
 def test_faces_are_kept_for_when_the_objects_are_gone(addon, settings, tmp_path):
@@ -332,8 +367,6 @@ def test_the_mesh_that_is_shown_gets_more_vertices(settings):
     assert (shown.name, len(shown.data.vertices)) == ("Cube to Icosphere", 8)
     assert shown.pointmorph.made_from.pointmorph.too_fine == "Icosphere"
     assert bpy.ops.pointmorph.subdivide_source() == {"FINISHED"}
-    assert shown.pointmorph.state == "STALE"
-    assert bpy.ops.pointmorph.recompute() == {"FINISHED"}
     assert shown.pointmorph.state == "CURRENT"
     assert shown.pointmorph.made_from.pointmorph.too_fine == ""
     assert len(shown.data.vertices) == len(source.data.vertices) > 90

@@ -50,22 +50,45 @@ def test_two_clicks_make_a_mesh_that_becomes_the_target(window, kinds):
     window.settle()
     window.screenshot(f"{source}_mesh")
 
-    # It has too few vertices: the panel says so, and offers more.
+    # It has too few vertices: the panel says so, and one click gives it more and computes it again.
     before = window.ask(f"len(bpy.data.objects['{source}'].data.vertices)")
-    window.press_button("subdivide_source")
     more = f"len(bpy.data.objects['{source}'].data.vertices)"
-    assert window.ask(more) > 2 * before
-    window.press("ctrl+z", over=VIEWPORT)
-    assert window.ask(more) == before
-    window.press("ctrl+shift+z", over=VIEWPORT)
-    assert window.ask(more) > 2 * before
-    window.wait(f"{result}.pointmorph.state == 'STALE'")
-    window.press_button("pointmorph.recompute(")
+    window.press_button("subdivide_source")
     window.wait(f"not ({RUNNING}) and {result}.pointmorph.state == 'CURRENT'")
+    after = window.ask(more)
+    assert after > 2 * before
     assert window.ask(f"len({mesh}.data.vertices) == {more}")
     assert window.ask(f"{result}.pointmorph.too_fine") == ""
     window.settle()
     window.screenshot(f"{source}_finer")
+
+    # Two steps to undo: the morph, then the vertices.
+    seen = f"({more}, len({mesh}.data.vertices), {result}.pointmorph.too_fine)"
+    for key, expected in (
+        ("ctrl+z", [after, before, target]),
+        ("ctrl+z", [before, before, target]),
+        ("ctrl+shift+z", [after, before, target]),
+        ("ctrl+shift+z", [after, after, ""]),
+    ):
+        window.press(key, over=VIEWPORT)
+        assert window.ask(seen) == expected
+
+
+@pytest.mark.computes
+def test_escape_leaves_the_source_subdivided_and_the_morph_as_it_was(window):
+    add(window, ("cube", "ico_sphere"))
+    result = 'bpy.data.objects.get("Cube to Icosphere")'
+    window.press_button(MORPH)
+    window.wait(finished(result))
+    count = "len(bpy.data.objects['Cube'].data.vertices)"
+    window.run("with in_viewport(): bpy.ops.pointmorph.subdivide_source('INVOKE_DEFAULT')")
+    assert window.ask(RUNNING)
+    window.press("Escape", over=VIEWPORT)
+    window.wait(f"not ({RUNNING})")
+    assert window.ask(count) > 90
+    assert window.ask(f"{result}.pointmorph.too_fine") == "Icosphere"
+    window.wait(f"{result}.pointmorph.state == 'STALE'")
+    assert window.ask("session().problem is None")
 
 
 def test_one_click_shows_the_mesh_and_another_its_points(window):
