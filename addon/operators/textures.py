@@ -20,6 +20,7 @@ class POINTMORPH_OT_blend_textures(Explained, Computing, bpy.types.Operator):
     bl_idname = "pointmorph.blend_textures"
     bl_label = "Blend Textures"
     bl_options = {"UNDO"}
+    place = "TEXTURES"
     stopped = "Canceled: the textures are unchanged"
 
     size: bpy.props.EnumProperty(

@@ -56,7 +56,8 @@ def draw_problem(layout, context, place):
 def draw_progress(layout, place=None):
     """How far the job is that runs, in place of the button that started it; whether one runs.
 
-    `place` is that of the job: see `Computing`. None is for any.
+    Blender keeps a button as it is while the mouse is over it: one that is grayed meanwhile would
+    stay so afterwards. `place` is that of the job: see `Computing`. None is for any.
     """
     job = background_job.current
     if job is None or place not in (None, job.place):
@@ -67,3 +68,10 @@ def draw_progress(layout, place=None):
     row.progress(text=modal_operator.progress_text(), factor=job.fraction)
     column.label(text="Press Esc to cancel")
     return True
+
+
+def draw_subdivide(layout):
+    """The button, but while the morph is recomputed: see `draw_progress`."""
+    job = background_job.current
+    if job is None or job.place != "RESULT":
+        layout.operator("pointmorph.subdivide_source", icon="MOD_SUBSURF")

@@ -9,7 +9,7 @@ from ..data import attribute_names
 from ..data.registration import Registration
 from ..operators import polls
 from ..scene import points_display, recipes
-from .panel import Panel, explained, has_points, say
+from .panel import Panel, draw_subdivide, explained, has_points, say
 
 _ICONS = ("COLORSET_04_VEC", "COLORSET_09_VEC", "COLORSET_01_VEC")  # blue, yellow, red
 _LEGENDS = {
@@ -70,7 +70,7 @@ class POINTMORPH_PT_quality(Panel, bpy.types.Panel):
         for kind, places in _places(report):
             _draw_places(layout, context, obj, kind, places)
         if any(place.get("flaw") == "uncovered" for place in _places(report)[1][1]):
-            layout.operator("pointmorph.subdivide_source", icon="MOD_SUBSURF")
+            draw_subdivide(layout)
         box = layout.box().column(align=True)
         for name, value in pointmorph.quality_summary(report):
             _draw_figure(box, name, value, quality_words.FIGURES[name])

@@ -10,7 +10,7 @@ from ..data.registration import Registration
 from ..operators.made_objects import made_object, shown_object
 from ..scene import attribute_transfer, morph_object, presentation, recipes, staleness
 from ..view import staleness_watch
-from .panel import Panel, draw_progress, say
+from .panel import Panel, draw_progress, draw_subdivide, say
 from .quality_panel import draw_verdict
 
 
@@ -97,11 +97,13 @@ def draw_too_fine(layout, context, obj):
     if points is not None and points.pointmorph.too_fine:
         name = recipes.present_words(points, points.pointmorph.too_fine)
         say(layout, context, f'Too few vertices to show "{name}"', "INFO")
-        layout.operator("pointmorph.subdivide_source", icon="MOD_SUBSURF")
+        draw_subdivide(layout)
 
 
 def draw_textures(layout, context):
     """How the mesh's look goes over into the target's."""
+    if draw_progress(layout, "TEXTURES"):
+        return
     settings = context.scene.pointmorph
     column = layout.column(align=True)
     row = column.row(align=True)

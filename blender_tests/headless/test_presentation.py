@@ -16,6 +16,7 @@ from scenes import (
     patch,
     pick,
     select,
+    set_t,
     shown_points,
     surface_of,
 )
@@ -212,6 +213,21 @@ def test_a_chain_is_shown_by_the_source_s_faces(settings):
     last = points.data.shape_keys.key_blocks[-1]
     np.testing.assert_allclose(shown_points(points), coordinates(last.data), atol=1e-6)
     assert between.hide_get()
+
+
+@pytest.mark.parametrize("kind", ["MESH", "POINTS", "DISCS"])
+def test_the_morph_has_dimensions(settings, kind):
+    """Those of what it shows: Blender frames it by them, and its panel Item says them."""
+    source, target = pair(14, 12)
+    target.scale = (2, 3, 1)
+    settings.show_as = kind
+    obj = morph()
+    for t, shape in ((0.0, source), (1.0, target)):
+        set_t(obj, t)
+        bpy.context.view_layer.update()
+        extent, least = np.array(obj.dimensions), np.array(shape.dimensions)
+        assert (extent > 0.9 * least).all(), (t, extent, least)
+        assert (extent < least + 1.0).all(), (t, extent, least)  # balls stick out
 
 
 class Layout:
