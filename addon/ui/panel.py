@@ -56,8 +56,8 @@ def draw_problem(layout, context, place):
 def draw_progress(layout, place=None):
     """How far the job is that runs, in place of the button that started it; whether one runs.
 
-    Blender keeps a button as it is while the mouse is over it: one that is grayed meanwhile would
-    stay so afterwards. `place` is that of the job: see `Computing`. None is for any.
+    A button that is grayed meanwhile can stay so after an error until the mouse has left it.
+    `place` is that of the job: see `Computing`. None is for any.
     """
     job = background_job.current
     if job is None or place not in (None, job.place):

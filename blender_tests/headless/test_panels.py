@@ -70,8 +70,8 @@ def drawn(addon):
 
 @pytest.mark.parametrize("operator", PANELS)
 def test_progress_stands_where_the_button_was(addon, settings, drawn, operator):
-    """Blender keeps a button as it was drawn while the mouse is over it: one that is grayed while
-    it computes would stay so, though it could be pressed again after an error."""
+    """A button that is grayed while it computes can stay so after an error until the mouse has left
+    it, though it could be pressed again."""
     job = addon("core.background_job")
     pair()
     morph().pointmorph.too_fine = "Dune"

@@ -2,7 +2,6 @@
 
 import pytest
 from steps import DONE, MORPH, RESULT, RUNNING, VIEWPORT, add_pair
-from test_frames_window import BAKE, morphed
 from test_window import start_long
 
 BROKEN = """
@@ -33,23 +32,6 @@ def test_an_unexpected_error_leaves_blender_as_it_was(window, module, name):
     window.press("Escape", over=VIEWPORT)
     window.press_button(MORPH)
     window.wait(DONE)
-
-
-def test_a_bake_that_failed_is_tried_again_where_the_mouse_is(window):
-    """Blender keeps a button as it is while the mouse is over it, grayed for instance."""
-    failed = f"session().problem is not None and not ({RUNNING})"
-    morphed(window, 30)
-    window.run(BROKEN.format(module="core.frame_cache", name="write"))
-    place = window.find(BAKE)
-    window.click(place)
-    window.wait(failed)
-    window.press("Escape", over=place)  # Blender's own report lies over it
-    window.run("session().problem = None")
-    window.screenshot("bake_failed")
-    window.click(place)
-    window.wait(failed)
-    window.run("module.write = kept")
-    window.press("Escape", over=place)
 
 
 @pytest.mark.computes
