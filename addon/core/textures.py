@@ -21,9 +21,13 @@ def to_linear(values):
 def to_srgb(values):
     """Linear to sRGB, from 0 to 1."""
     values = np.clip(np.asarray(values, np.float32), 0.0, 1.0)
-    return np.where(
-        values <= 0.0031308, values * 12.92, 1.055 * values ** (1 / 2.4) - 0.055
-    ).astype(np.float32)
+    result = values ** (1 / 2.4)  # in place from here on: images are large
+    result *= 1.055
+    result -= 0.055
+    dark = values <= 0.0031308
+    values *= 12.92
+    np.copyto(result, values, where=dark)
+    return result
 
 
 _STEPS = np.arange(256, dtype=np.float32) / 255.0
@@ -55,14 +59,18 @@ class Texture:
 
     def linear(self, part=...):
         """(..., 4) float32: values, linear, color weighted with alpha."""
-        values = self.values[part]
+        return self.decoded(self.values[part])
+
+    def decoded(self, values):
+        """The same of some of `values`."""
         if values.dtype == np.uint8:
             table = _LINEAR_STEPS if self.is_srgb else _STEPS
-            colors = table[values]
-            colors[..., 3] = _STEPS[values[..., 3]]
+            colors = table.take(values)
+            if self.is_srgb:
+                colors[..., 3] = _STEPS.take(values[..., 3])
         else:
             colors = values.astype(np.float32)
-        if not self.is_solid:
+        if not self.is_solid and (colors[..., 3] != 1.0).any():
             colors[..., :3] *= colors[..., 3:]
         return colors
 
@@ -115,9 +123,10 @@ def sample(texture, uvs, extension=REPEAT, closest=False):
         def at(numbers):
             return pixels.take(numbers, axis=0)
     else:
+        pixels = texture.values.reshape(-1, texture.values.shape[2])
 
         def at(numbers):
-            return texture.linear(np.unravel_index(numbers, (height, width)))
+            return texture.decoded(pixels.take(numbers, axis=0))
 
     result = np.empty((len(uvs), 4), np.float32)
     for start in range(0, len(uvs), _PART):

@@ -15,6 +15,7 @@ _VALUES = {
     "FLOAT": ("value", 1),
     "INT": ("value", 1),
     "INT8": ("value", 1),
+    "INT32_2D": ("value", 2),
     "BOOLEAN": ("value", 1),
     "FLOAT2": ("vector", 2),
     "FLOAT_VECTOR": ("vector", 3),
@@ -31,6 +32,17 @@ def _read(collection, key, width, dtype=np.float32):
     return values if width == 1 else values.reshape(-1, width)
 
 
+def _read_kept(geometry, name, kind, elements, key):
+    """What `elements` have as `key`, from the attribute in which Blender keeps it: a hundred times
+    as quick. In Edit Mode attributes are empty."""
+    value, width = _VALUES[kind]
+    dtype = np.int32 if kind.startswith("INT") else np.float32
+    kept = geometry.attributes.get(name)
+    if kept is None or kept.data_type != kind or len(kept.data) != len(elements):
+        return _read(elements, key, width, dtype)
+    return _read(kept.data, value, width, dtype)
+
+
 def _write(collection, key, values, dtype=np.float32):
     collection.foreach_set(key, np.ascontiguousarray(values, dtype).reshape(-1))
 
@@ -45,7 +57,7 @@ def points_of(geometry):
 
 def positions_of(geometry):
     """(N, 3): of the vertices or points."""
-    return _read(points_of(geometry), "co", 3)
+    return _read_kept(geometry, "position", "FLOAT_VECTOR", points_of(geometry), "co")
 
 
 def read_attribute(attribute):
@@ -111,7 +123,7 @@ def by_row(rows, values):
 
 def vertex_positions(mesh):
     """(N, 3)"""
-    return _read(mesh.vertices, "co", 3)
+    return positions_of(mesh)
 
 
 def basis_positions(mesh):
@@ -122,12 +134,12 @@ def basis_positions(mesh):
 
 def mesh_edges(mesh):
     """(E, 2) int32"""
-    return _read(mesh.edges, "vertices", 2, np.int32)
+    return _read_kept(mesh, ".edge_verts", "INT32_2D", mesh.edges, "vertices")
 
 
 def mesh_corners(mesh):
     """(C,) int32: the vertex of every face's corner, faces in order."""
-    return _read(mesh.loops, "vertex_index", 1, np.int32)
+    return _read_kept(mesh, ".corner_vert", "INT", mesh.loops, "vertex_index")
 
 
 def corner_counts(mesh):
@@ -193,7 +205,9 @@ def corner_colors(mesh, attribute):
 
 def material_indices(mesh):
     """(F,) int32: the material slot of every face."""
-    return _read(mesh.polygons, "material_index", 1, np.int32)
+    if "material_index" not in mesh.attributes and not mesh.is_editmode:
+        return np.zeros(len(mesh.polygons), np.int32)
+    return _read_kept(mesh, "material_index", "INT", mesh.polygons, "material_index")
 
 
 def smooth_faces(mesh):
@@ -223,7 +237,7 @@ def write_uvs(mesh, name, uvs):
 
 def corner_uvs(layer):
     """(C, 2) from a UV layer."""
-    return _read(layer.data, "uv", 2)
+    return _read(layer.uv, "vector", 2)
 
 
 def first_of_corners(mesh, values):

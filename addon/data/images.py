@@ -9,6 +9,8 @@ import numpy as np
 from ..core.textures import Texture, to_srgb
 from . import arrays
 
+_LINES = 64  # that are encoded at once
+
 
 def read(image):
     """The Texture of an image, and what is to be said about it in words.
@@ -124,11 +126,12 @@ def write(name, values, created, is_color, known=None):
     """
     pixels = np.ones((*values.shape[:2], 4), np.float32)
     if values.ndim == 2:
-        pixels[..., :3] = values[..., None]
-    else:
-        pixels[..., : values.shape[2]] = values
-    if is_color:
-        pixels[..., :3] = to_srgb(pixels[..., :3])
+        values = values[..., None]
+    for start in range(0, len(values), _LINES):
+        part = slice(start, start + _LINES)
+        pixels[part, :, :3] = to_srgb(values[part, :, :3]) if is_color else values[part, :, :3]
+    if values.shape[2] == 4:
+        pixels[..., 3] = values[..., 3]
     size = values.shape[1], values.shape[0]
     image = known
     if image is None:

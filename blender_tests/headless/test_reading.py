@@ -302,3 +302,30 @@ def test_both_are_read_in_the_frame_of_the_source(addon, settings):
     np.testing.assert_allclose(
         request.target.positions, coordinates(target.data.vertices) + [0, 5, 0], atol=1e-6
     )
+
+
+@pytest.mark.parametrize("mode", ["OBJECT", "EDIT"])
+def test_arrays_are_what_blender_says_one_by_one(addon, mode):
+    """Whether Blender keeps an attribute for them, as it does for slots only where one isn't 0."""
+    arrays = addon("data.arrays")
+    obj = add_mesh("Sheet", *patch(5))
+    mesh = obj.data
+    layer = mesh.uv_layers.new(name="Layout")
+    for number, loop in enumerate(mesh.loops):
+        layer.data[number].uv = (0.1 * loop.vertex_index, 0.5)
+    assert not arrays.material_indices(mesh).any()
+    mesh.polygons[3].material_index = 2
+    select(obj)
+    bpy.ops.object.mode_set(mode=mode)
+    for found, said in (
+        (arrays.mesh_corners(mesh), [loop.vertex_index for loop in mesh.loops]),
+        (arrays.mesh_edges(mesh), [edge.vertices[:] for edge in mesh.edges]),
+        (arrays.vertex_positions(mesh), [vertex.co[:] for vertex in mesh.vertices]),
+        (arrays.material_indices(mesh), [face.material_index for face in mesh.polygons]),
+        (arrays.corner_uvs(mesh.uv_layers[0]), [item.uv[:] for item in mesh.uv_layers[0].data]),
+    ):
+        said = np.array(said)
+        assert found.dtype == (np.int32 if said.dtype.kind == "i" else np.float32)
+        assert np.array_equal(found.reshape(said.shape), said)
+    assert arrays.material_indices(mesh).tolist() == [0, 0, 0, 2, *12 * [0]]
+    bpy.ops.object.mode_set(mode="OBJECT")
