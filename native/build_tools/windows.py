@@ -29,6 +29,8 @@ PYTHON = "3.11"
 BLENDER = "4.2"
 # Real pairs beside the checkout, a closed and an open one.
 PAIRS = ("koala_spot", "face_nefertiti")
+# Of the Python tests, those of building, which is done on Linux.
+BUILDING = ("build_addon", "materials", "platforms", "releases")
 
 _setting_up = threading.Lock()
 
@@ -70,8 +72,8 @@ def run_suite(name: str, *command: str | Path, **environment: str) -> Outcome:
     return run_reporting(name, command_for, variables(**environment))
 
 
-def python_program() -> Path:
-    return fetch_cpython(PYTHON, WINDOWS.cpython[PYTHON]) / "python.exe"
+def python_program(python: str = PYTHON) -> Path:
+    return fetch_cpython(python, WINDOWS.cpython[python]) / "python.exe"
 
 
 def set_up() -> None:
@@ -85,18 +87,21 @@ def set_up() -> None:
                 run("wine", WINE, "wineboot", "--init", environment=ours)
                 run("wine", WINE_SERVER, "--wait", environment=ours)
                 (prefix / "made").touch()
-        requirements = project()["dependency-groups"]["windows"]
-        _install("packages", "packages for Windows", *requirements)
+        groups = project()["dependency-groups"]
+        for python in WINDOWS.pythons:
+            title = f"packages for Windows, Python {python}"
+            group = groups["windows" if python == PYTHON else "windows-bits"]
+            _install(f"packages-{python}", title, *group, python=python)
 
 
-def _install(name: str, title: str, *requirements: str | Path) -> Path:
-    """A folder with packages for the Python on Windows."""
+def _install(name: str, title: str, *requirements: str | Path, python: str = PYTHON) -> Path:
+    """A folder with packages for a Python on Windows."""
     folder = _folder() / name
     stamp, key = _folder() / f"{name}.stamp", digest(*requirements)
     if not is_fresh(stamp, key):
         with step(title):
             shutil.rmtree(folder, ignore_errors=True)
-            system = ("--platform", WINDOWS.tag, "--python-version", PYTHON)
+            system = ("--platform", WINDOWS.tag, "--python-version", python)
             pip = (paths.PYTHON, "-m", "pip", "install", "--no-input", "--progress-bar", "off")
             options = (*system, "--only-binary=:all:", "--no-compile", "--target", folder)
             run("pip-windows", *pip, *options, *requirements)
@@ -104,17 +109,18 @@ def _install(name: str, title: str, *requirements: str | Path) -> Path:
     return folder
 
 
-def python_path(*more: Path) -> str:
+def python_path(*more: Path, python: str = PYTHON) -> str:
     """The library as its wheel has it, and packages, as PYTHONPATH."""
-    wheel = wheel_of(WINDOWS, PYTHON)
-    folder, stamp = _folder() / "pointmorph", _folder() / "pointmorph.stamp"
+    wheel = wheel_of(WINDOWS, python)
+    folder = _folder() / f"pointmorph-{python}"
+    stamp = _folder() / f"pointmorph-{python}.stamp"
     with _setting_up:
         if not is_fresh(stamp, key := digest(wheel)):
             shutil.rmtree(folder, ignore_errors=True)
             with zipfile.ZipFile(wheel) as content:
                 content.extractall(folder)
             stamp.write_text(key)
-    return ";".join(map(path, (folder, _folder() / "packages", *more)))
+    return ";".join(map(path, (folder, _folder() / f"packages-{python}", *more)))
 
 
 def cpp() -> Outcome:
@@ -125,7 +131,7 @@ def cpp() -> Outcome:
 
 def python() -> Outcome:
     """The Python tests, but for those of building."""
-    building = [f"test_{name}.py" for name in ("build_addon", "materials", "platforms", "releases")]
+    building = [f"test_{name}.py" for name in BUILDING]
     ignored = [f"--ignore-glob=*{name}" for name in building]
     pytest = ("-m", "pytest", "-p", "no:cacheprovider", *ignored)
     command: tuple[str | Path, ...] = (python_program(), *pytest)
@@ -136,32 +142,37 @@ def python() -> Outcome:
 
 def bits() -> Outcome:
     """The same morphs with OpenMP here, with the pool of threads here, and there: all have the same
-    bits."""
+    bits. Later Pythons there, whose modules are linked with the same library, do the small pairs.
+    """
     script = paths.ROOT / "native" / "tests" / "same_bits.py"
     made = _folder() / "pairs"
     run("windows-bits", paths.PYTHON, script, "--make", made)
+    small = sorted(made.iterdir())
     data = paths.ROOT.parent / "shared" / "data"
-    pairs = sorted(made.iterdir()) + [data / name for name in PAIRS if (data / name).is_dir()]
+    pairs = small + [data / name for name in PAIRS if (data / name).is_dir()]
     folder = _folder() / "bits"
     folder.mkdir(parents=True, exist_ok=True)
-    linux, pool, there = (folder / f"{name}.json" for name in ("linux", "pool", "windows"))
+    linux, pool = (folder / f"{name}.json" for name in ("linux", "pool"))
     run("windows-bits", paths.PYTHON, script, linux, *pairs)
     ours = child_environment(POINTMORPH_THREADS="pool")
     run("windows-bits", paths.PYTHON, script, pool, *pairs, environment=ours)
-    command = words(python_program(), path(script), path(there), *map(path, pairs))
-    theirs = child_environment(**variables(PYTHONPATH=python_path()))
-    run("windows-bits", *command, environment=theirs)
-    outcome = Outcome()
-    for other in (pool, there):
-        outcome.add(compared(json.loads(linux.read_text()), json.loads(other.read_text())))
+    outcome, expected = Outcome(), json.loads(linux.read_text())
+    outcome.add(compared(expected, json.loads(pool.read_text())))
+    for python in WINDOWS.pythons:
+        there = folder / f"windows-{python}.json"
+        morphed = map(path, pairs if python == PYTHON else small)
+        command = words(python_program(python), path(script), path(there), *morphed)
+        theirs = child_environment(**variables(PYTHONPATH=python_path(python=python)))
+        run("windows-bits", *command, environment=theirs)
+        outcome.add(compared(expected, json.loads(there.read_text())))
     return outcome
 
 
 def compared(here: dict[str, dict[str, str]], there: dict[str, dict[str, str]]) -> Outcome:
-    """One test for each morph."""
+    """One test for each morph there."""
     outcome = Outcome()
-    for name, digests in here.items():
-        if other := [what for what in digests if there[name].get(what) != digests[what]]:
+    for name, found in there.items():
+        if other := [what for what, digest in here[name].items() if found.get(what) != digest]:
             outcome.failures.append(f"{name}: other bits than on Linux: {', '.join(other)}")
         else:
             outcome.passed += 1

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import re
 import struct
 import sys
 from dataclasses import replace
@@ -84,3 +85,25 @@ def test_other_bits_than_here_are_failures() -> None:
     outcome = windows.compared(here, {"a": here["a"], "b": {"pairs": "3", "map": "5"}})
     assert outcome.passed == 1
     assert outcome.failures == ["b: other bits than on Linux: map"]
+
+
+def test_what_wine_leaves_out_is_listed_with_its_reason() -> None:
+    root = Path(__file__).resolve().parents[3]
+    page = (root / "docs" / "development.md").read_text()
+    [listed] = re.findall(r"^What Wine leaves out.*?\n\n((?:\|.*\n)+)", page, flags=re.MULTILINE)
+    ignored = [f"test_{name}.py" for name in windows.BUILDING]
+    files = [root / "native" / "build_tools" / "windows.py"]
+    files += sorted((root / "native" / "tests").rglob("*.cpp"))
+    for folder in (root / "native" / "tests" / "python", root / "blender_tests" / "headless"):
+        files += [path for path in sorted(folder.glob("*.py")) if path.name not in ignored]
+    # How a test of pytest's, a line in one, a test of Google's and a suite say it.
+    ways = (
+        r'skipif\(sys\.platform (?:== "win32"|!= "linux"), reason="(.*)"\)',
+        r'if sys\.platform == "win32":\n\s+pytest\.skip\("(.*)"\)',
+        r'^TEST\w*\([^{]*\{\n    GTEST_SKIP\(\) << "(.*)";\n\}',
+        r'outcome\.skip\("(.*?)"',
+        r'POINTMORPH_NO_RENDERING="(.*)"',
+    )
+    text = "\n".join(path.read_text() for path in files)
+    said = {reason for way in ways for reason in re.findall(way, text, flags=re.MULTILINE)}
+    assert said == set(re.findall(r"\*(.*?)\*", listed))
