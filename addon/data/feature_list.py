@@ -46,15 +46,17 @@ def sync_features(scene):
         if features[index].marked_name not in names:
             _set_aside(settings, features[index])
             features.remove(index)
-    listed = {feature.marked_name: feature for feature in features}
+    listed = {feature.marked_name for feature in features}
     for name in names:
         if name not in listed:
-            added = listed[name] = features.add()
+            added = features.add()
             added.marked_name = added.name = name  # by which what is chosen is stored
             _take_back(settings, added, name)
-        _set(listed[name], "name", name)
-        _set(listed[name], "on_source", name in on_source)
-        _set(listed[name], "on_target", name in on_target)
+    for feature in features:  # only now: one that is added may move the others in memory
+        name = feature.marked_name
+        _set(feature, "name", name)
+        _set(feature, "on_source", name in on_source)
+        _set(feature, "on_target", name in on_target)
     if _standing(features) != before:
         background_job.problem = None
 

@@ -49,6 +49,33 @@ def test_the_list_follows_the_objects(settings):
     assert listed(settings) == [("slope", True, False)]
 
 
+@pytest.mark.interface
+def test_new_features_move_the_others_in_memory(addon, monkeypatch, settings):
+    """What was found before in a list that grows is no longer where it was: writing there crashes
+    Blender sooner or later."""
+    source, _target = pair()
+    source.vertex_groups.clear()
+    assert listed(settings) == [("peak", False, True), ("slope", False, True)]
+    for number in range(100):
+        source.vertex_groups.new(name=f"pm.{number}")
+    mark(source, "peak", 0.0, 0.0)  # behind the new ones
+    module = addon("data.feature_list")
+    written, plain = [], module._set
+
+    def watched(item, key, value):
+        written.append(item.as_pointer() in {one.as_pointer() for one in settings.features})
+        plain(item, key, value)
+
+    monkeypatch.setattr(module, "_set", watched)
+    assert listed(settings)[:3] == [
+        ("peak", True, True),
+        ("slope", False, True),
+        ("0", True, False),
+    ]
+    assert written
+    assert all(written)
+
+
 def test_what_was_chosen_for_features_waits_for_their_object(settings):
     source, target = pair()
     other = add_mesh("Other", *patch(8))
