@@ -21,6 +21,7 @@ class Job:
 
     def __init__(self, place=""):
         self.place = place
+        self.waits_for = None  # in words, while the scene is being read
         self.stage = ""
         self.fraction = 0.0
         self._compute = None

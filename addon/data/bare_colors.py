@@ -92,13 +92,15 @@ def _leave_out_clear(tree, node):
     factor.default_value = float(kept)
 
 
-def has_images(tree):
-    """Whether nodes of a tree, or of groups in it, show images."""
-    return any(
-        getattr(node, "image", None) is not None
-        or (node.type == "GROUP" and node.node_tree is not None and has_images(node.node_tree))
-        for node in tree.nodes
-    )
+def images_of(tree):
+    """The images that nodes of a tree, or of groups in it, show."""
+    found = []
+    for node in tree.nodes:
+        if getattr(node, "image", None) is not None:
+            found.append(node.image)
+        elif node.type == "GROUP" and node.node_tree is not None:
+            found += images_of(node.node_tree)
+    return found
 
 
 # --- What nodes say -------------------------------------------------------------------------------

@@ -103,7 +103,7 @@ class Computing:
     def _read_on(self):
         """Reads the scene a moment longer, and begins to compute when all is read."""
         try:
-            go_on(self._steps, _TURN)
+            background_job.current.waits_for = go_on(self._steps, _TURN)
         except StopIteration as done:
             background_job.current.begin(done.value)
 
@@ -144,6 +144,7 @@ class Computing:
 
     def _end(self, context):
         job = background_job.finish()
+        self._steps.close()
         context.window_manager.event_timer_remove(self._timer)
         for name in self._workspaces:
             if (workspace := bpy.data.workspaces.get(name)) is not None:
@@ -159,7 +160,7 @@ def progress_text():
     if job.cancelled:
         return "Canceling"
     if not job.begun:
-        return "Reading the scene"
+        return job.waits_for or "Reading the scene"
     return f"{pointmorph.stage_label(job.stage) or 'Starting'} {100 * job.fraction:.0f}%"
 
 

@@ -3,6 +3,8 @@ textures: Cycles computes them, in a scene of its own, on an image that has a pl
 face."""
 
 import hashlib
+import tempfile
+from pathlib import Path
 
 import bpy
 import numpy as np
@@ -11,11 +13,10 @@ import pointmorph
 from ..core import texels, textures
 from ..core.looks import ImageColor
 from ..core.textures import Texture
-from ..data import arrays, bare_colors
+from ..data import arrays, bare_colors, other_blender
 from ..data.materials import Pictures
-from . import object_looks
+from . import color_bake, object_looks
 
-RENDERER = "CYCLES"
 _UV = "Pointmorph Baked"
 _PIXELS = 16  # a face
 _KEPT = 4
@@ -24,9 +25,10 @@ _known = {}
 """By what it depends on, what was baked last: Texture and UVs."""
 
 
-def needed(context, obj, evaluated=None):
+def needed_steps(context, obj, evaluated=None):
     """Pictures to read an object's materials with, for which those are baked whose base color can't
-    be read otherwise.
+    be read otherwise. A generator that returns them, and yields words while another Blender bakes:
+    see `stepping`.
 
     Parameters
     ----------
@@ -38,15 +40,17 @@ def needed(context, obj, evaluated=None):
         return Pictures()
     made = []
     try:
-        return _baked(context, _copy(context, obj, evaluated, made.append), made.append)
+        copy = _copy(context, obj, evaluated, made.append)
+        return (yield from _baked_steps(context, copy, made))
     except pointmorph.CloudError as error:
         return Pictures(why_not=str(error))
     finally:
         _remove(made)
 
 
-def _baked(context, copy, created):
-    """Pictures with what was baked of a copy of an object."""
+def _baked_steps(context, copy, made):
+    """Pictures with what was baked of a copy of an object. Removes what was made before it
+    yields."""
     mesh = copy.data
     materials = object_looks.materials_of(copy, mesh)
     unread = object_looks.unread_materials(copy, mesh)
@@ -56,11 +60,16 @@ def _baked(context, copy, created):
         corners = arrays.vertex_positions(mesh)[arrays.mesh_corners(mesh)]
         uvs, owners = texels.lay_out(counts, texels.extents(corners, counts), _size(len(counts)))
         image = bpy.data.images.new(_UV, *owners.shape, alpha=True, float_buffer=True, is_data=True)
-        created(image)
+        made.append(image)
         image.generated_color = (0.0, 0.0, 0.0, 0.0)
-        _dress(copy, uvs, image, [one if one in unread else None for one in materials], created)
-        _bake(context, copy, created)
-        baked = arrays.image_pixels(image)
+        is_here = other_blender.command() is None or _has_unsaved_pixels(unread)
+        shown = [one if one in unread else None for one in materials]
+        _dress(copy, uvs, image, shown, made.append)
+        if is_here:
+            _bake(context, copy, made.append)
+            baked = arrays.image_pixels(image)
+        else:
+            baked = yield from _bake_elsewhere_steps(context, copy, made)
         # Not Blender's own margin: that mixes neighbors at the corners of faces.
         colors = texels.filled(baked, baked[..., 3] > 0.0, owners)
         values = (textures.to_srgb(colors) * 255.0 + 0.5).astype(np.uint8)
@@ -98,7 +107,14 @@ def _key(context, copy, materials):
 
 
 def _depends_on_pixels(materials):
-    return any(bare_colors.has_images(one.node_tree) for one in materials)
+    return any(bare_colors.images_of(one.node_tree) for one in materials)
+
+
+def _has_unsaved_pixels(materials):
+    """Whether images were painted on that a file doesn't have yet."""
+    return any(
+        image.is_dirty for one in materials for image in bare_colors.images_of(one.node_tree)
+    )
 
 
 # --- The copy that is baked -----------------------------------------------------------------------
@@ -170,11 +186,8 @@ def _dress(copy, uvs, image, materials, created):
 
 
 def _bake(context, copy, created):
-    """Cycles renders a copy's glow, in a scene with nothing else."""
-    scene = bpy.data.scenes.new("Pointmorph Bake")
-    created(scene)
     try:
-        scene.render.engine = RENDERER
+        color_bake.bake(context, copy, context.scene.frame_current, created)
     except TypeError:
         raise pointmorph.CloudError(
             "Cycles",
@@ -182,24 +195,27 @@ def _bake(context, copy, created):
             "it disabled",
             "Enable it (Edit > Preferences > Add-ons > Cycles Render Engine).",
         ) from None
-    scene.frame_current = context.scene.frame_current
-    cycles = scene.cycles
-    cycles.device, cycles.samples, cycles.seed = "CPU", 1, 0
-    cycles.use_adaptive_sampling = cycles.use_denoising = False
-    scene.collection.objects.link(copy)
-    layer = scene.view_layers[0]
-    layer.objects.active = copy
-    copy.hide_render = copy.hide_viewport = False
-    copy.select_set(True, view_layer=layer)
-    here = {"scene": scene, "view_layer": layer, "active_object": copy, "object": copy}
-    chosen = {"selected_objects": [copy], "selected_editable_objects": [copy]}
-    try:
-        with context.temp_override(**here, **chosen):
-            bpy.ops.object.bake(type="EMIT", margin=0, use_clear=False)
     except RuntimeError as error:
-        raise pointmorph.CloudError(
-            copy.name, "colors that Cycles bakes", str(error).strip(), "Bake them to an image."
-        ) from None
+        raise _not_baked(copy.name, str(error).strip()) from None
+
+
+def _bake_elsewhere_steps(context, copy, made):
+    """The pixels, which another Blender bakes. Yields what it waits for."""
+    name, frame = copy.name, str(context.scene.frame_current)
+    with tempfile.TemporaryDirectory(dir=bpy.app.tempdir, ignore_cleanup_errors=True) as folder:
+        asked, baked = (str(Path(folder, file)) for file in ("asked.blend", "baked.npy"))
+        bpy.data.libraries.write(asked, {copy}, path_remap="ABSOLUTE")
+        _remove(made)  # nothing of it is to be seen meanwhile
+        made.clear()
+        arguments = asked, name, frame, baked
+        words = yield from other_blender.run_steps(color_bake.__file__, *arguments)
+        if words is not None:
+            raise _not_baked(name, words)
+        return np.load(baked)
+
+
+def _not_baked(name, why):
+    return pointmorph.CloudError(name, "colors that Cycles bakes", why, "Bake them to an image.")
 
 
 def _remove(made):

@@ -105,7 +105,8 @@ def read_own_steps(context, obj, as_shown, with_relief=False, bakes=False):
     pictures = Pictures()
     if bakes:
         yield
-        pictures = baked_colors.needed(context, obj, evaluated if changes else None)
+        shown = evaluated if changes else None
+        pictures = yield from baked_colors.needed_steps(context, obj, shown)
         yield
     if changes:
         depsgraph = context.evaluated_depsgraph_get()
@@ -122,13 +123,14 @@ def read_own_steps(context, obj, as_shown, with_relief=False, bakes=False):
     positions = arrays.basis_positions(obj.data)
     shape = yield from _read_mesh(obj, obj.data, positions, with_relief, pictures)
     if len(obj.data.vertices) != len(shape.positions):
-        raise pointmorph.CloudError(
-            obj.name,
-            "a mesh that doesn't change",
-            "changes while it was being read",
-            "Try again.",
-        )
+        raise _changed(obj)
     return shape
+
+
+def _changed(obj):
+    return pointmorph.CloudError(
+        obj.name, "a mesh that doesn't change", "changes while it was being read", "Try again."
+    )
 
 
 def present_steps(context, objects, steps):
@@ -176,6 +178,8 @@ def check_keys(obj):
 
 def _read_mesh(obj, mesh, positions, with_relief, pictures):
     """A generator that yields often and returns a Shape."""
+    if any(len(uvs) != len(mesh.loops) for uvs in pictures.uvs.values()):
+        raise _changed(obj)  # while another Blender baked
     groups = feature_groups(obj)
     yield
     triangles = arrays.mesh_triangles(mesh)

@@ -1,5 +1,8 @@
 """Base colors that only nodes know, such as those of procedural textures."""
 
+import subprocess
+import sys
+
 import bpy
 import numpy as np
 import pytest
@@ -219,9 +222,93 @@ def test_the_same_is_baked_once(addon, settings, monkeypatch):
     assert len(runs) == 2
 
 
+@pytest.fixture
+def elsewhere(addon, monkeypatch):
+    """Has another Blender bake, as in a window; returns what is started there."""
+    other, started = addon("data.other_blender"), []
+    words = [sys.executable]
+    if bpy.app.binary_path:
+        monkeypatch.setattr(bpy.app, "background", False, raising=False)
+        words = other.command()
+    monkeypatch.setattr(other, "command", lambda: words)
+    monkeypatch.setattr(addon("scene.baked_colors"), "_known", {})
+    start = subprocess.Popen
+    monkeypatch.setattr(
+        other.subprocess,
+        "Popen",
+        lambda *args, **keys: started.append(start(*args, **keys)) or started[-1],
+    )
+    return started
+
+
+def checked_sheet():
+    obj = add_mesh("Sheet", *patch(9))
+    flat_uvs(obj)
+    obj.data.materials.append(checked("Checks"))
+    return obj
+
+
+def test_another_blender_bakes_the_same(addon, settings, elsewhere, request):
+    """Also in coordinates of another object, which the file must have, too."""
+    obj = checked_sheet()
+    nodes = obj.data.materials[0].node_tree.nodes
+    places = next(node for node in nodes if node.type == "TEX_COORD")
+    places.object = add_mesh("Projector", *patch(3))
+    places.object.location, places.object.scale = (0.3, 0.1, 0.05), (0.7, 0.5, 1.0)
+    checks = next(node for node in nodes if node.type == "TEX_CHECKER")
+    places.id_data.links.new(places.outputs["Object"], checks.inputs["Vector"])
+    bpy.context.view_layer.update()
+    before = data_blocks()
+    steps = addon("scene.shape_reader").read_own_steps(bpy.context, obj, False, False, True)
+    waited = 0
+    while True:
+        try:
+            if next(steps) is not None:
+                waited += 1
+                assert data_blocks() == before  # nothing of it is to be seen meanwhile
+        except StopIteration as end:
+            colors = end.value.colors
+            break
+    assert waited
+    assert [process.returncode for process in elsewhere] == [0]
+    request.getfixturevalue("monkeypatch").undo()
+    addon("scene.baked_colors")._known.clear()
+    assert np.array_equal(read_shape(addon, obj).colors, colors)
+
+
+def test_another_blender_is_stopped_when_nobody_waits_for_it(addon, settings, elsewhere):
+    obj = checked_sheet()
+    steps = addon("scene.shape_reader").read_own_steps(bpy.context, obj, False, False, True)
+    while next(steps) is None:
+        pass
+    [process] = elsewhere
+    assert process.poll() is None
+    steps.close()
+    assert process.poll() not in (None, 0)
+
+
+def test_what_another_blender_said_is_told(addon, settings, elsewhere, monkeypatch):
+    script = "import sys; print('no room left'); sys.exit(3)"
+    monkeypatch.setattr(
+        addon("data.other_blender"), "command", lambda: [sys.executable, "-c", script]
+    )
+    [remark] = read_shape(addon, checked_sheet()).skin.look.remarks
+    assert "no room left" in remark
+
+
+def test_what_was_painted_and_is_in_no_file_is_baked_here(addon, settings, elsewhere):
+    obj = checked_sheet()
+    tree = obj.data.materials[0].node_tree
+    image = tree.nodes.new("ShaderNodeTexImage")
+    image.image = new_image("Painted", np.ones((4, 4, 4), np.float32))
+    image.image.pixels[0] = 0.5
+    assert image.image.is_dirty
+    read_shape(addon, obj)
+    assert not elsewhere
+
+
 def test_without_cycles_it_is_said_what_to_do(addon, settings, capfd, monkeypatch):
-    baked_colors = addon("scene.baked_colors")
-    monkeypatch.setattr(baked_colors, "RENDERER", "NO_CYCLES")
+    monkeypatch.setattr(addon("scene.color_bake"), "RENDERER", "NO_CYCLES")
     source, target = sheets(settings)
     source.data.materials.append(material("Plain"))
     target.data.materials.append(checked("Checks"))

@@ -18,6 +18,7 @@ KNOWN = {
     ("runs.py", "subprocess"): "Python itself, for each pair of a batch",
     ("tasks.py", "subprocess"): "the same",
     ("commands.py", "subprocess"): "list2cmdline alone, which is about text",
+    ("other_blender.py", "subprocess"): "Blender itself, which bakes colors beside the window",
     ("file_checks.py", "urllib"): "unquote alone, which is about text",
     ("free_memory.py", "ctypes"): "asks Windows how much memory is free",
     ("slurm_jobs.py", "subprocess"): "sbatch and its like, where the user asks for Slurm",

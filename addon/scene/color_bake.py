@@ -1,0 +1,54 @@
+"""Cycles bakes an object's glow on the image that its materials show, in a scene of its own.
+
+As a script, this file does so in another Blender. Its arguments are a file with the object, its
+name, the frame, and the file where the pixels go.
+"""
+
+import sys
+
+import bpy
+import numpy as np
+
+RENDERER = "CYCLES"
+
+
+def bake(context, obj, frame, created):
+    """Bakes an object that no scene has. Raises TypeError where there is no Cycles, RuntimeError
+    where it can't bake.
+
+    Parameters
+    ----------
+    created : function
+        Called with the scene.
+    """
+    scene = bpy.data.scenes.new("Pointmorph Bake")
+    created(scene)
+    scene.render.engine = RENDERER
+    scene.frame_current = frame
+    cycles = scene.cycles
+    cycles.device, cycles.samples, cycles.seed = "CPU", 1, 0
+    cycles.use_adaptive_sampling = cycles.use_denoising = False
+    scene.collection.objects.link(obj)
+    layer = scene.view_layers[0]
+    layer.objects.active = obj
+    obj.hide_render = obj.hide_viewport = False
+    obj.select_set(True, view_layer=layer)
+    here = {"scene": scene, "view_layer": layer, "active_object": obj, "object": obj}
+    chosen = {"selected_objects": [obj], "selected_editable_objects": [obj]}
+    with context.temp_override(**here, **chosen):
+        bpy.ops.object.bake(type="EMIT", margin=0, use_clear=False)
+
+
+def main(asked, name, frame, baked):
+    with bpy.data.libraries.load(asked) as (_, loaded):
+        loaded.objects = [name]
+    [obj] = loaded.objects
+    bake(bpy.context, obj, int(frame), lambda scene: None)
+    image = obj.material_slots[0].material.node_tree.nodes.active.image
+    values = np.empty(len(image.pixels), np.float32)
+    image.pixels.foreach_get(values)
+    np.save(baked, values.reshape(image.size[1], image.size[0], -1))
+
+
+if __name__ == "__main__":
+    main(*sys.argv[-4:])
