@@ -55,4 +55,33 @@ std::vector<Index> creased_faces(const Mesh& mesh, const ElasticSheet& sheet, co
     return faces;
 }
 
+void take_back_creases(const Mesh& mesh, const ElasticSheet& sheet, const Positions& before,
+                       const std::vector<char>& stays, Positions& x, Progress& progress) {
+    const Creases creases(mesh, sheet);
+    const auto count = static_cast<Index>(mesh.triangles.rows());
+    // What is taken back can crease faces at the sides of those around it, which are looked at
+    // again.
+    std::vector<char> is_worse(to_size(count), 0), is_due(to_size(count), 1);
+    for (bool is_any = true; is_any;) {
+        is_any = false;
+        parallel_for(count, progress, [&](Index begin, Index end) {
+            for (Index f = begin; f < end; ++f)
+                is_worse[to_size(f)] =
+                    is_due[to_size(f)] && creases.of_face(x, f) > creases.of_face(before, f);
+        });
+        is_due.assign(to_size(count), 0);
+        for (Index f = 0; f < count; ++f) {
+            if (!is_worse[to_size(f)]) continue;
+            for (const Index v : mesh.triangles.row(f)) {
+                if ((!stays.empty() && stays[to_size(v)]) || x.row(v) == before.row(v)) continue;
+                x.row(v) = before.row(v);
+                is_any = true;
+                for (const Index c : sheet.around(v))
+                    for (const Index w : mesh.triangles.row(c / 3))
+                        for (const Index d : sheet.around(w)) is_due[to_size(d / 3)] = 1;
+            }
+        }
+    }
+}
+
 }  // namespace pointmorph

@@ -35,4 +35,9 @@ private:
 std::vector<Index> creased_faces(const Mesh& mesh, const ElasticSheet& sheet, const Positions& x,
                                  Progress& progress);
 
+/// Takes vertices of `x` back to where they were `before`, until no face has more creases than it
+/// had there. `stays` of a vertex: whether it isn't taken back; none where it is empty.
+void take_back_creases(const Mesh& mesh, const ElasticSheet& sheet, const Positions& before,
+                       const std::vector<char>& stays, Positions& x, Progress& progress);
+
 }  // namespace pointmorph

@@ -133,6 +133,8 @@ private:
                 if (!is_better || !covers) x_.row(v) = before.row(v);
             }
         }
+        // Patches side by side of which one is taken back.
+        take_back_creases(mesh_, sheet_, before, {}, x_, progress);
     }
 
     /// The farthest way of a vertex.

@@ -200,6 +200,21 @@ double share_of(const MeshPatch& patch, const std::vector<char>& is_bad,
     return share;
 }
 
+/// Takes patches back to where they were at `start` where more became worse than better.
+void take_back(const Mesh& mesh, const WrapPartners& planes, const std::vector<MeshPatch>& patches,
+               const Creases& creases, const Positions& start, Positions& x) {
+    const Positions end = x;
+    const auto cost = [&](const Positions& at, Index f) {
+        return creases.of_face(at, f) + (agreement(mesh, planes, at, f) < 0.0 ? 1 : 0);
+    };
+    for (const MeshPatch& patch : patches) {
+        Index more = 0;
+        for (const Index f : patch.faces) more += cost(end, f) - cost(start, f);
+        if (more <= 0) continue;
+        for (const Index v : patch.vertices) x.row(v) = start.row(v);
+    }
+}
+
 }  // namespace
 
 Index untangle(const Mesh& mesh, const ElasticSheet& sheet, const WrapPartners& planes,
@@ -215,6 +230,7 @@ Index untangle(const Mesh& mesh, const ElasticSheet& sheet, const WrapPartners& 
     for (const Index f : bad) is_bad[to_size(f)] = 1;
     const std::vector<MeshPatch> patches =
         patches_around(mesh, sheet, bad, is_fixed, options.rings);
+    const Positions start = options.creases ? x : Positions();
     parallel_for(
         static_cast<Index>(patches.size()), progress,
         [&](Index begin, Index end) {
@@ -248,6 +264,7 @@ Index untangle(const Mesh& mesh, const ElasticSheet& sheet, const WrapPartners& 
             }
         },
         0.0, 1.0, 1);
+    if (options.creases) take_back(mesh, planes, patches, *options.creases, start, x);
     return static_cast<Index>(std::ranges::count_if(
         bad, [&](Index f) { return agreement(mesh, planes, x, f) < options.least_agreement; }));
 }

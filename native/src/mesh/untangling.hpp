@@ -5,6 +5,7 @@
 #include <functional>
 #include <vector>
 
+#include "mesh/creases.hpp"
 #include "mesh/elastic_sheet.hpp"
 #include "mesh/wrap_samples.hpp"
 #include "pointmorph/base/progress.hpp"
@@ -30,6 +31,9 @@ struct UntangleOptions {
     /// How far a face that is to be turned back takes its surroundings along, 0 to 1; all the way
     /// where there is none. Of several near each other, the one that takes them farthest counts.
     std::function<double(Index)> share = {};
+    /// Surroundings in which more sides of faces would become creases than faces are turned back
+    /// stay as they were, where these are given.
+    const Creases* creases = nullptr;
 };
 
 /// Moves vertices around faces that lie against `planes`, in these, until none does or nothing gets

@@ -10,6 +10,7 @@
 #include "mesh/block_system.hpp"
 #include "mesh/carried_parts.hpp"
 #include "mesh/coarse_mesh.hpp"
+#include "mesh/creases.hpp"
 #include "mesh/elastic_sheet.hpp"
 #include "mesh/mending.hpp"
 #include "mesh/relaxing.hpp"
@@ -136,7 +137,15 @@ private:
         // Much shorter than the sides of triangles, a length only brings vertices to the surface.
         constexpr double kShort = 0.3;
         const Index iterations = length < kShort * spacing_ ? 1 : options_.iterations;
+        // Creases of long lengths are smoothed by shorter ones; those of the last ones stay.
+        constexpr double kLasts = 0.005;
+        const Positions before = length < kLasts ? x_ : Positions();
         for (Index i = 0; i < iterations; ++i) step(length, progress);
+        if (length < kLasts) take_back(before, {}, progress);
+    }
+
+    void take_back(const Positions& before, const std::vector<char>& stays, Progress& progress) {
+        if (options_.keep_uncreased) take_back_creases(mesh_, sheet_, before, stays, x_, progress);
     }
 
     /// Areas around vertices as the metric would have them.
@@ -229,17 +238,20 @@ private:
         return result;
     }
 
-    /// Turns faces that lie against the target. Which side of a sheet a vertex is on, its partner
-    /// knows: its own faces may lie against it.
+    /// Turns faces that lie against the target, where that doesn't crease more of them. Which side
+    /// of a sheet a vertex is on, its partner knows: its own faces may lie against it.
     void turn_back(Progress& progress) {
         constexpr double kHeld = 0.5;
         const std::vector<char> is_fixed = fixed(kHeld);
         sheet_.set_metric(x_, 8, progress);
+        const Creases creases(mesh_, sheet_);
         for (Index round = 0; round < options_.untangling; ++round) {
             const WrapPartners partners = samples_.partners(x_, sides_, WrapTrees::kFine, progress);
             sides_ = partners.normals;
             const Index before = left_;
-            left_ = untangle(mesh_, sheet_, partners, is_fixed, {}, x_, progress);
+            UntangleOptions untangling;
+            if (options_.keep_uncreased) untangling.creases = &creases;
+            left_ = untangle(mesh_, sheet_, partners, is_fixed, untangling, x_, progress);
             if (left_ == 0 || (round > 0 && left_ >= before)) break;
         }
     }
@@ -283,8 +295,10 @@ private:
         mend(mesh_, sheet_, target, is_fixed, tree_, x_, progress);
     }
 
-    /// Onto the planes of the closest samples, and marks onto their targets.
+    /// Onto the planes of the closest samples, and marks onto their targets. What that would crease
+    /// stays off the surface, unless it is held elsewhere.
     void land(const Faces* faces, Progress& progress) {
+        const Positions before = x_;
         const WrapPartners partners = samples_.partners(x_, sides_, WrapTrees::kFine, progress);
         for (Index v = 0; v < x_.rows(); ++v) {
             if (sheet_.around(v).empty()) continue;
@@ -297,6 +311,7 @@ private:
         for (Eigen::Index v = 0; v < fixed_.rows(); ++v)
             if (fixed_[v] > 0.0) x_.row(v) += fixed_[v] * (held_.row(v) - x_.row(v));
         for (const WrapMark& mark : marks_) x_.row(mark.place) = mark.target.transpose();
+        take_back(before, fixed(0.0), progress);
     }
 
     void onto_faces(const Faces& faces, const WrapPartners& partners, Progress& progress) {

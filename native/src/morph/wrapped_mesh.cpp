@@ -127,7 +127,11 @@ Positions WrapOnto::wrapped(const Mesh& mesh, std::span<const EdgeEnds> ends,
         const Positions at = unit_.apply(other_.cloud.positions.row(pair.target));
         marks.push_back({mesh.places[to_size(pair.source)], at.row(0).transpose()});
     }
-    return wrap(mesh, start, target_, holds_of(source_, ends, unit_, marks), options, progress);
+    WrapOptions wrapping = options;
+    // Places that were added aren't seen, and the shape's own have to be on the target.
+    const auto own = mesh.positions.rows() - static_cast<Eigen::Index>(ends.size());
+    wrapping.keep_uncreased = static_cast<Eigen::Index>(ends.size()) < own;
+    return wrap(mesh, start, target_, holds_of(source_, ends, unit_, marks), wrapping, progress);
 }
 
 Positions WrapOnto::restored(const Positions& vertices) const {

@@ -351,6 +351,23 @@ TEST(Wrapping, RandomMeshesWithRandomMapsGainNoTurnedFace) {
     }
 }
 
+TEST(Wrapping, HardlyCreasesOnAnUnevenSurface) {
+    const Mesh source = make_mesh(mesh_shapes::icosphere(5));
+    Cloud cloud = mesh_shapes::icosphere(4);
+    std::mt19937_64 random(1);
+    std::normal_distribution<double> normal(0.0, 0.06);
+    for (Index v = 0; v < cloud.size(); ++v) cloud.positions.row(v) *= 1.0 + normal(random);
+    const Mesh target = make_mesh(cloud);
+    const WrapTarget onto =
+        target_of(target, source, [](const Vector3& p) { return p.normalized(); });
+    Progress progress;
+    const Positions found = wrap(source, source.positions, onto, {}, {}, progress);
+    const ElasticSheet sheet(source.positions, source.triangles, progress);
+
+    // 16; where steps could crease faces, 156
+    EXPECT_LT(creased_faces(source, sheet, found, progress).size(), 40);
+}
+
 /// A ball, part of whose vertices lie anywhere around.
 struct Crumpled {
     Mesh mesh = make_mesh(mesh_shapes::icosphere(4));
@@ -386,6 +403,53 @@ struct Crumpled {
         return count;
     }
 };
+
+/// take_back_creases(), one face after the other, and all of them every time.
+Positions taken_back_slowly(const Crumpled& ball, const Positions& before,
+                            const std::vector<char>& stays, Positions x) {
+    const Creases creases(ball.mesh, ball.sheet);
+    for (bool is_any = true; is_any;) {
+        is_any = false;
+        std::vector<Index> worse;
+        for (Index f = 0; f < ball.mesh.triangles.rows(); ++f)
+            if (creases.of_face(x, f) > creases.of_face(before, f)) worse.push_back(f);
+        for (const Index f : worse)
+            for (const Index v : ball.mesh.triangles.row(f)) {
+                if (stays[to_size(v)] || x.row(v) == before.row(v)) continue;
+                x.row(v) = before.row(v);
+                is_any = true;
+            }
+    }
+    return x;
+}
+
+TEST(Creases, AreTakenBackUntilNoFaceHasMore) {
+    Crumpled ball;
+    const Creases creases(ball.mesh, ball.sheet);
+    // Creased already, but less.
+    const Positions before = 0.4 * ball.x + 0.6 * ball.mesh.positions;
+    std::vector<char> stays(to_size(ball.x.rows()), 0);
+    for (const bool some_stay : {false, true}) {
+        if (some_stay)
+            for (std::size_t v = 0; v < stays.size(); v += 7) stays[v] = 1;
+        Positions x = ball.x;
+        take_back_creases(ball.mesh, ball.sheet, before, stays, x, ball.progress);
+        EXPECT_EQ(x, taken_back_slowly(ball, before, stays, ball.x));
+        Index back = 0, moved = 0;
+        for (Index v = 0; v < x.rows(); ++v) {
+            const bool was_moved = ball.x.row(v) != before.row(v);
+            moved += was_moved;
+            back += was_moved && x.row(v) == before.row(v);
+            EXPECT_TRUE(x.row(v) == before.row(v) || x.row(v) == ball.x.row(v));
+            EXPECT_TRUE(!stays[to_size(v)] || x.row(v) == ball.x.row(v));
+        }
+        EXPECT_GT(back, 0);
+        EXPECT_LT(back, moved);
+        if (some_stay) continue;
+        for (Index f = 0; f < ball.mesh.triangles.rows(); ++f)
+            EXPECT_LE(creases.of_face(x, f), creases.of_face(before, f));
+    }
+}
 
 TEST(Wrapping, MendsCreasesWithWhatIsAround) {
     Crumpled ball;

@@ -31,6 +31,8 @@ struct WrapOptions {
     /// How firmly vertices go onto the target: 1 all the way, 0 only where the map and the faces
     /// around take them.
     double conform = 1.0;
+    /// Whether vertices stay off the target where going onto it would crease the mesh.
+    bool keep_uncreased = true;
 };
 
 /// The surface that a mesh is laid over. Rows of the arrays are samples; lengths are the caller's.
