@@ -15,10 +15,11 @@ Vector3 Creases::facing(const Positions& x, Index f) const {
 
 Index Creases::of_face(const Positions& x, Index f) const {
     Index count = 0;
+    const Vector3 own = facing(x, f);
     for (Index k = 0; k < 3; ++k) {
         const Index g = across(f, k);
         if (g >= 0 && mesh_.normals.row(f).dot(mesh_.normals.row(g)) >= 0.0)
-            count += facing(x, f).dot(facing(x, g)) < 0.0;
+            count += own.dot(facing(x, g)) < 0.0;
     }
     return count;
 }
@@ -65,9 +66,10 @@ void take_back_creases(const Mesh& mesh, const ElasticSheet& sheet, const Positi
     for (bool is_any = true; is_any;) {
         is_any = false;
         parallel_for(count, progress, [&](Index begin, Index end) {
-            for (Index f = begin; f < end; ++f)
-                is_worse[to_size(f)] =
-                    is_due[to_size(f)] && creases.of_face(x, f) > creases.of_face(before, f);
+            for (Index f = begin; f < end; ++f) {
+                const Index now = is_due[to_size(f)] ? creases.of_face(x, f) : 0;
+                is_worse[to_size(f)] = now > 0 && now > creases.of_face(before, f);
+            }
         });
         is_due.assign(to_size(count), 0);
         for (Index f = 0; f < count; ++f) {
