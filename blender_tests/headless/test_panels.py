@@ -1,10 +1,10 @@
 """What the sidebar draws while something is computed, and what it looks up at every redraw."""
 
 import inspect
-from types import SimpleNamespace
 
 import bpy
 import pytest
+from panel_drawing import Layout, drawing_context
 from scenes import morph, pair
 
 PANELS = {
@@ -19,23 +19,6 @@ PANELS = {
     "transfer_attributes": ("ui.result_panel", "POINTMORPH_PT_more"),
 }
 PLACES = {"subdivide_source": "RESULT"}  # it recomputes
-
-
-class Layout:
-    """Notes the operators, and the progress, that a panel draws."""
-
-    def __init__(self):
-        self.drawn = []
-
-    def operator(self, name, **_):
-        self.drawn.append(name.removeprefix("pointmorph."))
-        return SimpleNamespace()
-
-    def progress(self, **_):
-        self.drawn.append("progress")
-
-    def __getattr__(self, name):
-        return lambda *_, **__: self
 
 
 class Drawing:
@@ -54,15 +37,8 @@ def drawn(addon):
 
     def draw(operator):
         module, name = PANELS[operator]
-        context = SimpleNamespace(
-            view_layer=bpy.context.view_layer,
-            scene=bpy.context.scene,
-            selected_objects=bpy.context.selected_objects,
-            region=SimpleNamespace(width=300),
-            preferences=SimpleNamespace(system=SimpleNamespace(ui_scale=1.0)),
-        )
         drawing = Drawing(getattr(addon(module), name))
-        drawing.draw(context)
+        drawing.draw(drawing_context())
         return drawing.layout.drawn
 
     return draw

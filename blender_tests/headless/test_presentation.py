@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import bpy
 import numpy as np
 import pytest
+from panel_drawing import Layout, drawing_context
 from scenes import (
     add_mesh,
     attribute,
@@ -230,20 +231,6 @@ def test_the_morph_has_dimensions(settings, kind):
         assert (extent < least + 1.0).all(), (t, extent, least)  # balls stick out
 
 
-class Layout:
-    """Notes the operators that a panel draws."""
-
-    def __init__(self):
-        self.drawn = []
-
-    def operator(self, name, **_):
-        self.drawn.append(name.removeprefix("pointmorph."))
-        return SimpleNamespace()
-
-    def __getattr__(self, name):
-        return lambda *_, **__: self
-
-
 @pytest.mark.parametrize("kind", ["MESH", "POINTS", "DISCS"])
 def test_the_box_of_the_result_has_its_rows(painted, addon, kind):
     _, _, shown = painted
@@ -251,12 +238,7 @@ def test_the_box_of_the_result_has_its_rows(painted, addon, kind):
     points.pointmorph.too_fine = "Dune"
     bpy.ops.pointmorph.show_as(kind=kind)
     layout = Layout()
-    context = SimpleNamespace(
-        view_layer=bpy.context.view_layer,
-        scene=bpy.context.scene,
-        region=SimpleNamespace(width=300),
-        preferences=SimpleNamespace(system=SimpleNamespace(ui_scale=1.0)),
-    )
+    context = drawing_context()
     panel = addon("ui.result_panel").POINTMORPH_PT_result
     panel.draw(SimpleNamespace(layout=layout), context)
     expected = ["key_morph", *3 * ["show_as"], "show_shapes", "recompute", "explain"]

@@ -7,6 +7,7 @@ import bpy
 import numpy as np
 import pointmorph
 import pytest
+from panel_drawing import drawing_context
 from scenes import (
     add_attribute,
     attribute,
@@ -228,12 +229,7 @@ def test_the_panel_draws(addon, settings):
 
     panel = SimpleNamespace(layout=Layout())
     draw = addon("ui.quality_panel").POINTMORPH_PT_quality.draw
-    context = SimpleNamespace(
-        view_layer=bpy.context.view_layer,
-        scene=bpy.context.scene,
-        region=SimpleNamespace(width=300),
-        preferences=SimpleNamespace(system=SimpleNamespace(ui_scale=1.0)),
-    )
+    context = drawing_context()
     draw(panel, context)
     texts = [keywords.get("text", "") for _, _, keywords in drawn]
     assert {"Covered", "Stretch", "Folded", "Round-trip error"} <= set(texts)
