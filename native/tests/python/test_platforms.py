@@ -85,6 +85,8 @@ def test_other_bits_than_here_are_failures() -> None:
     outcome = windows.compared(here, {"a": here["a"], "b": {"pairs": "3", "map": "5"}})
     assert outcome.passed == 1
     assert outcome.failures == ["b: other bits than on Linux: map"]
+    outcome = windows.compared(here, {"a": here["a"]})
+    assert outcome.failures == ["b: other bits than on Linux: pairs, map"]
 
 
 def test_what_wine_leaves_out_is_listed_with_its_reason() -> None:
