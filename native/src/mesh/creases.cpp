@@ -56,27 +56,22 @@ std::vector<Index> creased_faces(const Mesh& mesh, const ElasticSheet& sheet, co
     return faces;
 }
 
-void take_back_creases(const Mesh& mesh, const ElasticSheet& sheet, const Positions& before,
-                       const std::vector<char>& stays, Positions& x, Progress& progress) {
-    const Creases creases(mesh, sheet);
+void take_back(const Mesh& mesh, const ElasticSheet& sheet,
+               const std::function<bool(Index)>& is_worse, const std::function<bool(Index)>& back,
+               Progress& progress) {
     const auto count = static_cast<Index>(mesh.triangles.rows());
-    // What is taken back can crease faces at the sides of those around it, which are looked at
-    // again.
-    std::vector<char> is_worse(to_size(count), 0), is_due(to_size(count), 1);
+    std::vector<char> is_bad(to_size(count), 0), is_due(to_size(count), 1);
     for (bool is_any = true; is_any;) {
         is_any = false;
         parallel_for(count, progress, [&](Index begin, Index end) {
-            for (Index f = begin; f < end; ++f) {
-                const Index now = is_due[to_size(f)] ? creases.of_face(x, f) : 0;
-                is_worse[to_size(f)] = now > 0 && now > creases.of_face(before, f);
-            }
+            for (Index f = begin; f < end; ++f)
+                is_bad[to_size(f)] = is_due[to_size(f)] && is_worse(f);
         });
         is_due.assign(to_size(count), 0);
         for (Index f = 0; f < count; ++f) {
-            if (!is_worse[to_size(f)]) continue;
+            if (!is_bad[to_size(f)]) continue;
             for (const Index v : mesh.triangles.row(f)) {
-                if ((!stays.empty() && stays[to_size(v)]) || x.row(v) == before.row(v)) continue;
-                x.row(v) = before.row(v);
+                if (!back(v)) continue;
                 is_any = true;
                 for (const Index c : sheet.around(v))
                     for (const Index w : mesh.triangles.row(c / 3))
@@ -84,6 +79,23 @@ void take_back_creases(const Mesh& mesh, const ElasticSheet& sheet, const Positi
             }
         }
     }
+}
+
+void take_back_creases(const Mesh& mesh, const ElasticSheet& sheet, const Positions& before,
+                       const std::vector<char>& stays, Positions& x, Progress& progress) {
+    const Creases creases(mesh, sheet);
+    take_back(
+        mesh, sheet,
+        [&](Index f) {
+            const Index now = creases.of_face(x, f);
+            return now > 0 && now > creases.of_face(before, f);
+        },
+        [&](Index v) {
+            if ((!stays.empty() && stays[to_size(v)]) || x.row(v) == before.row(v)) return false;
+            x.row(v) = before.row(v);
+            return true;
+        },
+        progress);
 }
 
 }  // namespace pointmorph

@@ -1,6 +1,7 @@
 // Edges at which a wrapped mesh bends and the source doesn't. Not for callers of the library.
 #pragma once
 
+#include <functional>
 #include <span>
 #include <vector>
 
@@ -34,6 +35,13 @@ private:
 /// Faces at creases; ascending.
 std::vector<Index> creased_faces(const Mesh& mesh, const ElasticSheet& sheet, const Positions& x,
                                  Progress& progress);
+
+/// Takes the vertices of faces back that are worse, until none is or none of its vertices can be.
+/// `is_worse` depends on a face and those at its sides, and is called in parallel; `back` says
+/// whether the vertex has moved.
+void take_back(const Mesh& mesh, const ElasticSheet& sheet,
+               const std::function<bool(Index face)>& is_worse,
+               const std::function<bool(Index vertex)>& back, Progress& progress);
 
 /// Takes vertices of `x` back to where they were `before`, until no face has more creases than it
 /// had there. `stays` of a vertex: whether it isn't taken back; none where it is empty.

@@ -76,22 +76,15 @@ private:
 
     /// Takes vertices back to where they were until no face is worse.
     void keep_back(Positions& next, Normals& sides, Progress& progress) const {
-        const auto faces = static_cast<Index>(mesh_.triangles.rows());
-        std::vector<char> is_bad(to_size(faces), 0);
-        for (bool is_any = true; is_any;) {
-            parallel_for(faces, progress, [&](Index begin, Index end) {
-                for (Index f = begin; f < end; ++f) is_bad[to_size(f)] = is_worse(f, next, sides);
-            });
-            is_any = false;
-            for (Index f = 0; f < faces; ++f) {
-                if (!is_bad[to_size(f)]) continue;
-                for (const Index v : mesh_.triangles.row(f)) {
-                    is_any = is_any || next.row(v) != x_.row(v) || sides.row(v) != sides_.row(v);
-                    next.row(v) = x_.row(v);
-                    sides.row(v) = sides_.row(v);
-                }
-            }
-        }
+        take_back(
+            mesh_, sheet_, [&](Index f) { return is_worse(f, next, sides); },
+            [&](Index v) {
+                if (next.row(v) == x_.row(v) && sides.row(v) == sides_.row(v)) return false;
+                next.row(v) = x_.row(v);
+                sides.row(v) = sides_.row(v);
+                return true;
+            },
+            progress);
     }
 
     const Mesh& mesh_;
