@@ -428,10 +428,10 @@ Positions after_coarse_mesh(const Mesh& mesh, const Positions& start, const Grou
 }
 
 /// wrap() of all parts alike.
-Positions all_wrapped(const Mesh& mesh, const Positions& start, const Ground& ground,
-                      const WrapHolds& holds, const WrapOptions& options, Progress& progress) {
+Positions all_wrapped(const Mesh& mesh, Positions x, const Ground& ground, const WrapHolds& holds,
+                      const WrapOptions& options, Progress& progress) {
     const std::vector<double> lengths = all_lengths(options);
-    Positions x = start * ground.trees.scale();
+    x *= ground.trees.scale();
     std::size_t done = 0;
     const auto share = [&](std::size_t count) {
         return static_cast<double>(count) / static_cast<double>(lengths.size());
@@ -463,8 +463,8 @@ Positions all_wrapped(const Mesh& mesh, const Positions& start, const Ground& gr
 
 }  // namespace
 
-Positions wrap(const Mesh& mesh, const Positions& start, const WrapTarget& target,
-               const WrapHolds& holds, const WrapOptions& options, Progress& progress) {
+Positions wrap(const Mesh& mesh, Positions start, const WrapTarget& target, const WrapHolds& holds,
+               const WrapOptions& options, Progress& progress) {
     const bool fits = target.mesh && target.mesh->triangles.rows() == mesh.triangles.rows() &&
                       target.mesh->positions.rows() == start.rows() &&
                       target.mesh->triangles == mesh.triangles && target.mesh->positions == start;
@@ -477,10 +477,12 @@ Positions wrap(const Mesh& mesh, const Positions& start, const WrapTarget& targe
             mesh, parts_kept_to(mesh, start, target.coarse.positions, target.coarse_parts),
             target.on_mesh, holds);
     if (carried.empty())
-        return all_wrapped(mesh, start, {trees, target.on_mesh}, holds, options, progress);
+        return all_wrapped(mesh, std::move(start), {trees, target.on_mesh}, holds, options,
+                           progress);
     std::vector<SurfacePoint> on_mesh = target.on_mesh;
     const Mesh rest = without_parts(mesh, carried, on_mesh, progress);
-    Positions result = all_wrapped(rest, start, {trees, on_mesh}, holds, options, progress);
+    Positions result =
+        all_wrapped(rest, std::move(start), {trees, on_mesh}, holds, options, progress);
     carry_parts(mesh, rest, carried, result, progress);
     return result;
 }

@@ -121,7 +121,7 @@ WrapOnto::WrapOnto(const WrapSource& source, const WrapSide& target,
 Positions WrapOnto::wrapped(const Mesh& mesh, std::span<const EdgeEnds> ends,
                             const WrapOptions& options, Progress& progress) {
     target_.on_mesh = places_on(mesh, mesh.unit.apply(other_.images), progress);
-    const Positions start = starts(mesh, source_, unit_, progress);
+    Positions start = starts(mesh, source_, unit_, progress);
     std::vector<WrapMark> marks;
     for (const IndexPair& pair : pinned_) {
         const Positions at = unit_.apply(other_.cloud.positions.row(pair.target));
@@ -131,7 +131,8 @@ Positions WrapOnto::wrapped(const Mesh& mesh, std::span<const EdgeEnds> ends,
     // Places that were added aren't seen, and the shape's own have to be on the target.
     const auto own = mesh.positions.rows() - static_cast<Eigen::Index>(ends.size());
     wrapping.keep_uncreased = static_cast<Eigen::Index>(ends.size()) < own;
-    return wrap(mesh, start, target_, holds_of(source_, ends, unit_, marks), wrapping, progress);
+    return wrap(mesh, std::move(start), target_, holds_of(source_, ends, unit_, marks), wrapping,
+                progress);
 }
 
 Positions WrapOnto::restored(const Positions& vertices) const {

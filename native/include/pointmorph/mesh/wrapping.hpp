@@ -73,7 +73,7 @@ struct WrapHolds {
 /// their shape and go along with what is around them. A start that is the target's own mesh is the
 /// result, to the bit. Turns, scales and moves with the target. The same bits for any number of
 /// threads.
-Positions wrap(const Mesh& mesh, const Positions& start, const WrapTarget& target,
-               const WrapHolds& holds, const WrapOptions& options, Progress& progress);
+Positions wrap(const Mesh& mesh, Positions start, const WrapTarget& target, const WrapHolds& holds,
+               const WrapOptions& options, Progress& progress);
 
 }  // namespace pointmorph
