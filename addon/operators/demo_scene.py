@@ -127,8 +127,8 @@ class POINTMORPH_OT_add_demo(Explained, bpy.types.Operator):
         return None if context.mode == "OBJECT" else "Switch to Object Mode first"
 
     def execute(self, context):
-        hound = _animal(0.75, 1.0, (0, -0.25, 0.35), 0.25, (0, 0.45, 0.45))
-        giraffe = _animal(1.9, 0.65, (0, -0.55, 1.7), 0.4, (0, 0.3, -0.7))
+        hound = _animal(0.8, 0.95, (0, -0.3, 0.6), 0.3, (0, 0.45, 0.3))
+        giraffe = _animal(1.6, 0.7, (0, -0.5, 1.3), 0.35, (0, 0.4, -0.5))
         source = _add(context, "Hound", *hound, 0.06, _dark_below)
         target = _add(context, "Giraffe", *giraffe, 0.075, _spotted)
         source.location.x, target.location.x = -1.4, 1.4
