@@ -88,20 +88,31 @@ def test_the_notebook_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
     assert names["morph"].wrapped(1.0).shape == names["egg"].vertices.shape
 
 
-@pytest.mark.parametrize(
-    "name",
-    [
-        "pointmorph",
-        *(
-            f"pointmorph.{module.name}"
-            for module in pkgutil.iter_modules(pointmorph.__path__)
-            if not module.name.startswith("_")
-        ),
-    ],
-)
+MODULES = [
+    "pointmorph",
+    *sorted(
+        module.name
+        for module in pkgutil.walk_packages(pointmorph.__path__, "pointmorph.")
+        if not any(part.startswith("_") for part in module.name.split("."))
+    ),
+]
+
+
+@pytest.mark.parametrize("name", MODULES)
 def test_examples_in_docstrings_run(name: str) -> None:
     result = doctest.testmod(importlib.import_module(name))
     assert result.failed == 0
+
+
+def test_most_examples_in_docstrings_are_found() -> None:
+    finder = doctest.DocTestFinder(exclude_empty=True)
+    found = [
+        example
+        for name in MODULES
+        for test in finder.find(importlib.import_module(name))
+        for example in test.examples
+    ]
+    assert len(found) > 100
 
 
 def test_the_command_line_page_names_every_format() -> None:

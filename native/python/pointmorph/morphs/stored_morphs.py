@@ -132,9 +132,8 @@ def open_morph(path: str | os.PathLike[str], *, threads: int | None = None) -> S
     >>> result = pointmorph.morph(pointmorph.Cloud(plane), pointmorph.Cloud(2 * plane))
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     result.save(f"{folder}/plane.morph")
-    ...     again = pointmorph.open_morph(f"{folder}/plane.morph")
-    ...     same = np.array_equal(again.frame(0.4).positions, result.frame(0.4).positions)
-    >>> bool(same)
+    ...     frame = pointmorph.open_morph(f"{folder}/plane.morph").frame(0.4)
+    >>> bool(np.array_equal(frame.positions, result.frame(0.4).positions))
     True
     """
     return StoredMorph(ArrayFile(path, "a morph, as pointmorph saves it"), threads)
