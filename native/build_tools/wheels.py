@@ -26,6 +26,9 @@ from .running import SetupError, child_environment, digest, is_fresh, run, say, 
 from .system import refuse_missing, set_up_system
 from .targets import LINUX, MACOS, Platform, number
 
+LARGEST_WHEEL = 2_000_000
+"""Bytes, as docs/release.md says."""
+
 _building: defaultdict[str, threading.Lock] = defaultdict(threading.Lock)
 """For each of CMake's folders, who builds in it."""
 
@@ -145,10 +148,22 @@ def _library(platform: Platform) -> Path:
 
 def _strictness(platform: Platform) -> str:
     """Warnings are errors with Debian 12's compiler; a newer one's don't stop a user."""
-    if platform.toolchain_file:
-        return "OFF"
+    return "ON" if not platform.toolchain_file and _is_debian_12s_compiler() else "OFF"
+
+
+def _is_debian_12s_compiler() -> bool:
     said = subprocess.run(["c++", "-dumpversion"], capture_output=True, text=True, check=False)
-    return "ON" if said.stdout.strip() == "12" else "OFF"
+    return said.stdout.strip() == "12"
+
+
+def refuse_large(wheel: Path) -> None:
+    size = wheel.stat().st_size
+    if size > LARGEST_WHEEL:
+        raise SetupError(
+            f"{wheel.name} has {size:,} bytes, {size - LARGEST_WHEEL:,} more than a wheel may "
+            "have. Leave code or words out, or raise LARGEST_WHEEL in native/build_tools/wheels.py "
+            "and what docs/release.md says of it."
+        )
 
 
 def wheel_of(platform: Platform, python: str) -> Path:
@@ -198,6 +213,9 @@ def _build(platform: Platform, python: str, folder: Path) -> None:
     environment = child_environment(PYTHONPATH=str(paths.ROOT / "native"))
     check = (paths.PYTHON, "-m", "build_tools.binaries", platform.name, wheel)
     run("wheel", *check, environment=environment)
+    # Other compilers make other sizes, which don't stop a user.
+    if platform.toolchain_file or _is_debian_12s_compiler():
+        refuse_large(wheel)
 
 
 def _older_openmp() -> Path:

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pointmorph._pointmorph
 import pytest
-from build_tools import binaries, python_environment, wheels, windows
+from build_tools import binaries, paths, python_environment, running, wheels, windows
 from build_tools.targets import LINUX, MACOS, PLATFORMS, WINDOWS, Platform
 
 
@@ -29,6 +29,31 @@ def test_every_blender_has_a_wheel(platform: Platform) -> None:
 def test_every_platform_has_folders_of_its_own() -> None:
     folders = [wheels.build_folder(p, python) for p in PLATFORMS.values() for python in p.pythons]
     assert len(set(folders)) == len(folders)
+
+
+@pytest.mark.parametrize("more", [0, 1])
+def test_a_wheel_that_is_too_large_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, more: int
+) -> None:
+    def run(log: str, *command: object, **_: object) -> None:
+        if "--wheel-dir" in command:
+            raw = tmp_path / "raw"
+            raw.mkdir()
+            with (raw / "x.whl").open("wb") as wheel:
+                wheel.truncate(wheels.LARGEST_WHEEL + more)
+
+    monkeypatch.setattr(wheels, "_settings", lambda platform, python: {})
+    monkeypatch.setattr(wheels, "run", run)
+    if not more:
+        wheels._build(WINDOWS, "3.13", tmp_path)
+        return
+    with pytest.raises(running.SetupError, match=r"x\.whl has 2,000,001 bytes, 1 more than"):
+        wheels._build(WINDOWS, "3.13", tmp_path)
+
+
+def test_the_page_says_how_large_a_wheel_may_be() -> None:
+    page = (paths.ROOT / "docs" / "release.md").read_text(encoding="utf-8")
+    assert f"at most {wheels.LARGEST_WHEEL:,} bytes" in page
 
 
 @pytest.fixture(scope="module")
