@@ -32,6 +32,8 @@ class Shape:
         Rows of the boundary where it's known without faces; None where they say it, or nothing.
     skin : look_transfer.Skin
         None for a shape without faces.
+    rigid, fixed : (N,) arrays of float32
+        How much a vertex keeps its shape or its place when the faces are wrapped, 0 to 1.
     """
 
     name: str
@@ -43,6 +45,8 @@ class Shape:
     marks: Marks
     boundary: Sequence | None = None
     skin: Skin | None = None
+    rigid: np.ndarray | None = None
+    fixed: np.ndarray | None = None
 
     def moved(self, matrix):
         """Taken through a (4, 4) matrix."""
@@ -64,7 +68,8 @@ class Shape:
         arrays = self.positions, self.normals, self.colors, self.radii
         if self.triangles is None:
             return pointmorph.Cloud(*arrays, name=self.name, boundary=self.boundary)
-        return pointmorph.formats.Shape(self.name, *arrays, self.triangles).cloud()
+        masks = {"rigid": self.rigid, "fixed": self.fixed}
+        return pointmorph.formats.Shape(self.name, *arrays, self.triangles, **masks).cloud()
 
 
 @dataclass(frozen=True)
@@ -213,7 +218,7 @@ def _same_look(one, other):
     """Whether shapes of the same positions and faces are the same in all that a morph returns."""
     return one.name == other.name and all(
         _same(getattr(one, what), getattr(other, what))
-        for what in ("normals", "colors", "radii", "boundary")
+        for what in ("normals", "colors", "radii", "boundary", "rigid", "fixed")
     )
 
 

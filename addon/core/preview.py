@@ -114,6 +114,8 @@ def _reduced(shape, rows):
         colors=of(shape.colors),
         radii=None,  # sized for a denser cloud
         triangles=None,
+        rigid=None,
+        fixed=None,
         marks=Marks(shape.marks.kind),
     )
 

@@ -189,11 +189,13 @@ def _is_shape(value):
         "shown": _is_text_or_none,
         "look": _is_text_or_none,
         "marks": _is_text,
+        "masks": _is_text,
         "matrix": lambda matrix: _are_numbers(matrix, 16),
         "carried": lambda carried: isinstance(carried, bool),
     }
-    # Earlier versions had no look.
-    return isinstance(value, dict) and value.keys() >= form.keys() - {"look"} and _fits(value, form)
+    # Earlier versions had neither look nor masks.
+    needed = form.keys() - {"look", "masks"}
+    return isinstance(value, dict) and value.keys() >= needed and _fits(value, form)
 
 
 def _is_choice(value):

@@ -40,6 +40,10 @@ def _set_key_end(self, value):
     self.has_key_frames = True
 
 
+def _tag(self, context):
+    self.id_data.update_tag(refresh={"DATA"})  # what was made from it may be out of date
+
+
 class PointmorphObject(bpy.types.PropertyGroup):
     """What a morph object was made from."""
 
@@ -58,6 +62,19 @@ class PointmorphObject(bpy.types.PropertyGroup):
         name="Choices",
         description="What was chosen for the features that are marked on this object",
         type=PointmorphChoice,
+    )
+    rigid_group: bpy.props.StringProperty(
+        name="Rigid",
+        description="Vertex group of the source whose parts keep their shape when the mesh morphs, "
+        "such as eyes, teeth or armor. They move, turn and grow as a whole. Weights below 1 let "
+        "them bend",
+        update=_tag,
+    )
+    fixed_group: bpy.props.StringProperty(
+        name="Fixed",
+        description="Vertex group of the source whose vertices stay where they are when the mesh "
+        "morphs. Weights below 1 let them go part of the way",
+        update=_tag,
     )
     is_preview: bpy.props.BoolProperty(
         name="Preview",

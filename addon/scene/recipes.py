@@ -18,6 +18,7 @@ from ..core.quality_words import with_present_names
 from ..core.settings import by_hand, scene_options
 from ..data import arrays
 from ..data.feature_list import feature_groups, set_loop
+from ..data.masks import KINDS
 from . import object_looks
 
 # Modifiers that move with something else than the object itself.
@@ -95,6 +96,20 @@ def _digest(*parts):
     return found.hexdigest()
 
 
+def _digest_by_name(found):
+    return _digest(*(part for name in sorted(found) for part in (name.encode(), *found[name])))
+
+
+def _mask_indices(obj):
+    """By kind, the index of the vertex group that is a mask, where the object has it."""
+    names = {kind: getattr(obj.pointmorph, f"{kind}_group") for kind in KINDS}
+    return {
+        kind: obj.vertex_groups[name].index
+        for kind, name in names.items()
+        if name in obj.vertex_groups
+    }
+
+
 def fingerprint_steps(obj, origin, as_shown):
     """What can be compared of a shape: a dict of a few short strings and numbers. A generator that
     yields often and returns it, because vertex groups take long.
@@ -120,13 +135,16 @@ def fingerprint_steps(obj, origin, as_shown):
         parts = [positions, arrays.mesh_edges(data)]
         yield
         parts.append(arrays.mesh_corners(data))
-        groups = feature_groups(obj)
+        groups, chosen = feature_groups(obj), {} if as_shown else _mask_indices(obj)
         yield
-        marks = yield from arrays.vertex_group_steps(data, groups)
+        wanted = {*groups, *chosen.values()}
+        weights = yield from arrays.vertex_group_steps(data, {index: index for index in wanted})
+        marks = {name: weights[index] for index, name in groups.items()}
+        masks = {kind: weights[index] for kind, index in chosen.items()}
         look = yield from object_looks.described_steps(obj)
     else:
         positions = arrays.cloud_positions(data)
-        color = None
+        color, masks = None, {}
         parts = [positions, *(arrays.read_attribute(a) for a in _of_points(data))]
         marks = {
             a.name: (arrays.read_attribute(a),)
@@ -145,9 +163,8 @@ def fingerprint_steps(obj, origin, as_shown):
         "data": _digest(*parts),
         "shown": shown,
         "look": None if look is None else _digest(*look),
-        "marks": _digest(
-            *(part for name in sorted(marks) for part in (name.encode(), *marks[name]))
-        ),
+        "marks": _digest_by_name(marks),
+        "masks": _digest_by_name(masks),
         "matrix": transforms.relative_to(obj.matrix_world, origin).reshape(-1).tolist(),
         "carried": _is_carried(obj),
     }

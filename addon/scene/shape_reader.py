@@ -10,6 +10,7 @@ from ..core.settings import settings_values
 from ..core.stepping import finish
 from ..data import arrays
 from ..data.feature_list import feature_choices, feature_groups
+from ..data.masks import mask, mask_groups
 from ..data.materials import Pictures
 from . import baked_colors, object_looks
 
@@ -101,6 +102,7 @@ def read_own_steps(context, obj, as_shown, with_relief=False, bakes=False):
         )
     if obj.type == "POINTCLOUD":
         return _read_cloud(obj, evaluated.data)
+    masks = {} if as_shown else mask_groups(obj)  # the source's alone
     changes = as_shown and not is_plain(obj)
     pictures = Pictures()
     if bakes:
@@ -115,13 +117,13 @@ def read_own_steps(context, obj, as_shown, with_relief=False, bakes=False):
         mesh = evaluated.to_mesh(preserve_all_data_layers=True, depsgraph=depsgraph)
         try:
             return finish(
-                _read_mesh(obj, mesh, arrays.vertex_positions(mesh), with_relief, pictures)
+                _read_mesh(obj, mesh, arrays.vertex_positions(mesh), with_relief, pictures, masks)
             )
         finally:
             evaluated.to_mesh_clear()
     check_keys(obj)
     positions = arrays.basis_positions(obj.data)
-    shape = yield from _read_mesh(obj, obj.data, positions, with_relief, pictures)
+    shape = yield from _read_mesh(obj, obj.data, positions, with_relief, pictures, masks)
     if len(obj.data.vertices) != len(shape.positions):
         raise _changed(obj)
     return shape
@@ -176,7 +178,7 @@ def check_keys(obj):
         )
 
 
-def _read_mesh(obj, mesh, positions, with_relief, pictures):
+def _read_mesh(obj, mesh, positions, with_relief, pictures, masks):
     """A generator that yields often and returns a Shape."""
     if any(len(uvs) != len(mesh.loops) for uvs in pictures.uvs.values()):
         raise _changed(obj)  # while another Blender baked
@@ -193,7 +195,8 @@ def _read_mesh(obj, mesh, positions, with_relief, pictures):
     yield
     edges = arrays.mesh_edges(mesh)
     yield
-    weights = yield from arrays.vertex_group_steps(mesh, groups)
+    wanted = {*groups, *(group.index for group in masks.values())}
+    weights = yield from arrays.vertex_group_steps(mesh, {index: index for index in wanted})
     return Shape(
         name=obj.name,
         positions=positions,
@@ -201,8 +204,9 @@ def _read_mesh(obj, mesh, positions, with_relief, pictures):
         colors=colors,
         radii=radii,
         triangles=triangles,
-        marks=Marks("vertex group", weights, edges),
+        marks=Marks("vertex group", {name: weights[i] for i, name in groups.items()}, edges),
         skin=skin,
+        **{kind: mask(len(positions), *weights[group.index]) for kind, group in masks.items()},
     )
 
 

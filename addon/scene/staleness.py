@@ -93,6 +93,8 @@ def _differences(known, now, follows):
         found.append(f'the look of "{name}" has changed: its materials, images or UV maps')
     if known["marks"] != now["marks"]:
         found.append(f'features on "{name}" have changed')
+    if known.get("masks", now["masks"]) != now["masks"]:
+        found.append(f'the masks of "{name}" have changed')
     if not (known["carried"] or now["carried"] or follows):
         before, after = np.array(known["matrix"]), np.array(now["matrix"])
         if np.abs(before - after).max() > 1e-5 * max(np.abs(before).max(), 1e-30):

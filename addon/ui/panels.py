@@ -6,6 +6,7 @@ from ..core import background_job
 from ..core.settings import by_hand, setting_label, shown_options
 from ..data import frame_formats
 from ..data.frame_settings import copy_frame_settings
+from ..data.masks import KINDS
 from ..data.registration import Registration
 from ..operators import clicks, polls
 from ..scene import as_shown, marked_points
@@ -289,6 +290,27 @@ class POINTMORPH_PT_cut(Panel, bpy.types.Panel):
         draw_problem(layout, context, "CUT")
 
 
+# --- Masks ----------------------------------------------------------------------------------------
+
+
+class POINTMORPH_PT_masks(Panel, bpy.types.Panel):
+    bl_label = "Masks"
+    bl_order = 3
+    bl_options = {"DEFAULT_CLOSED"}
+
+    @classmethod
+    def poll(cls, context):
+        source = context.scene.pointmorph.source
+        return source is not None and source.type == "MESH"
+
+    def draw(self, context):
+        source = context.scene.pointmorph.source
+        self.layout.label(text=f"Vertex groups of {source.name}:")
+        column = fields(self.layout)
+        for kind in KINDS:
+            column.prop_search(source.pointmorph, f"{kind}_group", source, "vertex_groups")
+
+
 # --- Bake -----------------------------------------------------------------------------------------
 
 
@@ -372,6 +394,7 @@ registration = Registration(
         POINTMORPH_PT_features,
         POINTMORPH_PT_feature,
         POINTMORPH_PT_cut,
+        POINTMORPH_PT_masks,
         POINTMORPH_PT_bake,
         POINTMORPH_PT_settings,
     ),
