@@ -15,6 +15,7 @@ from types import ModuleType, SimpleNamespace
 import numpy as np
 import pointmorph
 import pytest
+from function_sizes import LONGEST_FUNCTION, large, sizes
 
 ADDON = Path(__file__).resolve().parents[3] / "addon"
 ROOMS = ("core", "data", "scene", "view", "operators", "ui")
@@ -134,44 +135,30 @@ def test_leaves_the_search_path_and_the_console_alone() -> None:
 
 # --- Size of functions ----------------------------------------------------------------------------
 
-LONGEST_FUNCTION = 80
-MOST_PARAMETERS = 6
 GIVEN_BY_BLENDER = {"draw_item"}
 """Methods whose parameters Blender chooses."""
 
 
-def sizes(tree: ast.Module) -> dict[str, tuple[int, int]]:
-    """Lines and parameters of every function; the object that a method belongs to isn't counted."""
-    found = {}
-    for node in ast.walk(tree):
-        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
-            lines = (node.end_lineno or node.lineno) - node.lineno + 1
-            given = node.args
-            names = [a.arg for a in (*given.posonlyargs, *given.args, *given.kwonlyargs)]
-            found[node.name] = lines, len(names) - (names[:1] in (["self"], ["cls"]))
-    return found
-
-
 def test_functions_are_short_and_take_few_parameters() -> None:
-    found = {
-        f"{module}.{name}": size
-        for module, tree in modules().items()
-        for name, size in sizes(tree).items()
-    }
-    assert len(found) > 300
-    large = {
-        name: (lines, parameters)
-        for name, (lines, parameters) in found.items()
-        if lines > LONGEST_FUNCTION
-        or (parameters > MOST_PARAMETERS and name.rpartition(".")[2] not in GIVEN_BY_BLENDER)
-    }
-    assert large == {}
+    count, found = large(modules())
+    assert count > 300
+    assert {
+        name: size
+        for name, size in found.items()
+        if size[0] > LONGEST_FUNCTION or name.rpartition(".")[2] not in GIVEN_BY_BLENDER
+    } == {}
 
 
 def test_the_size_of_functions_is_measured() -> None:
     tree = ast.parse("class A:\n    def f(self, a, /, b, *c, d=1, **e):\n        pass\n")
-    assert sizes(tree) == {"f": (2, 3)}
-    assert sizes(ast.parse("def f(a):\n" + "    g()\n" * 90)) == {"f": (91, 1)}
+    assert sizes(tree) == {"A.f": (2, 3)}
+    tree = ast.parse("def f(a):\n" + "    g()\n" * 90 + "    def h(): pass\n")
+    assert sizes(tree) == {"f": (92, 1), "f.h": (1, 0)}
+    many = ast.parse("if 1:\n    def f(a, b, c, d, e, f, g): pass\n")
+    assert large({"m": tree, "n": many, "o": ast.parse("def f(): pass")}) == (
+        4,
+        {"m.f": (92, 1), "n.f": (1, 7)},
+    )
 
 
 # --- The core -------------------------------------------------------------------------------------

@@ -123,8 +123,8 @@ def write_ply(
     FileError
         If the file can't be written.
     """
-    vertices = _ply_vertices(positions, normals, colors, radii, ids, velocities, confidence)
-    _write_ply(path, vertices)
+    more = {"radius": radii, "id": ids, "vx vy vz": velocities, "confidence": confidence}
+    _write_ply(path, _ply_vertices(positions, normals, colors, more))
 
 
 def write_mesh(
@@ -179,7 +179,7 @@ def _write_ply_mesh(
     faces: npt.NDArray[np.int32],
     velocities: FloatArray | None,
 ) -> None:
-    _write_ply(path, _ply_vertices(positions, normals, colors, velocities=velocities), faces)
+    _write_ply(path, _ply_vertices(positions, normals, colors, {"vx vy vz": velocities}), faces)
 
 
 def _write_with_trimesh(
@@ -207,38 +207,21 @@ def _ply_vertices(
     positions: FloatArray,
     normals: FloatArray,
     colors: FloatArray,
-    radii: FloatArray | None = None,
-    ids: npt.NDArray[np.int32] | None = None,
-    velocities: FloatArray | None = None,
-    confidence: npt.NDArray[np.float32] | None = None,
+    more: Mapping[str, npt.NDArray[Any] | None],
 ) -> npt.NDArray[Any]:
+    """`more` has what is given besides, by the names of its columns."""
     number = "f8" if positions.dtype == np.float64 else "f4"
-    fields = [(name, number) for name in ("x", "y", "z", "nx", "ny", "nz")]
-    fields += [(name, "u1") for name in ("red", "green", "blue", "alpha")]
-    if radii is not None:
-        fields.append(("radius", number))
-    if ids is not None:
-        fields.append(("id", "i4"))
-    if velocities is not None:
-        fields += [(name, number) for name in ("vx", "vy", "vz")]
-    if confidence is not None:
-        fields.append(("confidence", "f4"))
-    vertices = np.empty(len(positions), fields)
-    for axis, name in enumerate(("x", "y", "z")):
-        vertices[name] = positions[:, axis]
-        vertices["n" + name] = normals[:, axis]
-    whole = _bytes(colors)
-    for channel, name in enumerate(("red", "green", "blue", "alpha")):
-        vertices[name] = whole[:, channel]
-    if radii is not None:
-        vertices["radius"] = radii
-    if ids is not None:
-        vertices["id"] = ids
-    if velocities is not None:
-        for axis, name in enumerate(("vx", "vy", "vz")):
-            vertices[name] = velocities[:, axis]
-    if confidence is not None:
-        vertices["confidence"] = confidence
+    kinds = {"red green blue alpha": "u1", "id": "i4", "confidence": "f4"}
+    tables = {"x y z": positions, "nx ny nz": normals, "red green blue alpha": _bytes(colors)}
+    columns = {
+        name: (column, kinds.get(names, number))
+        for names, table in (tables | dict(more)).items()
+        if table is not None
+        for name, column in zip(names.split(), np.atleast_2d(np.transpose(table)), strict=True)
+    }
+    vertices = np.empty(len(positions), [(name, kind) for name, (_, kind) in columns.items()])
+    for name, (column, _) in columns.items():
+        vertices[name] = column
     return vertices
 
 

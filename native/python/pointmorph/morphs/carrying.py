@@ -169,18 +169,7 @@ class Carrier:
             raise CloudError(
                 "corner values", "a shape with faces", "one without", "Use values() for points."
             )
-        by_corner = _table("values", values)
-        corners_of = np.asarray(triangle_corners)
-        _check_rows("triangle_corners", corners_of, len(self._onto_faces))
-        if corners_of.shape[1] != 3:
-            raise CloudError(
-                "triangle_corners",
-                "a table with 3 columns",
-                f"the shape {corners_of.shape}",
-                "Pass the corners of each triangle.",
-            )
-        check_range("triangle_corners", corners_of, len(by_corner))
-        given = by_corner[corners_of]
+        given = _of_corners(values, triangle_corners, len(self._onto_faces))
         vertices = _rows("vertices", vertices, len(self._positions))
         faces = _rows("faces", faces, None)
         if len(vertices) != len(faces):
@@ -190,11 +179,8 @@ class Carrier:
                 f"{len(faces)}",
                 "Pass a vertex and a face for each corner.",
             )
-        count = int(faces.max(initial=-1)) + 1
-        sizes = np.maximum(np.bincount(faces, minlength=count), 1)
         places = self._images[vertices]
-        sums = [np.bincount(faces, column, count) for column in places.T]
-        middles = np.stack(sums, axis=1) / sizes[:, None]
+        middles = _middles(places, faces)
         hits, _, shares = self._landed
         found = np.einsum("nk,nkc->nc", shares[vertices], given[hits[vertices]])
         corners_there = self._onto[self._onto_faces]
@@ -275,6 +261,31 @@ class Strands:
     triangles: Rows | None
     shares: Floats
     scales: Floats
+
+
+def _of_corners(values: npt.ArrayLike, corners: npt.ArrayLike, count: int) -> Floats:
+    """(F, 3, K): the values of the corners of `count` triangles."""
+    by_corner = _table("values", values)
+    rows = np.asarray(corners)
+    _check_rows("triangle_corners", rows, count)
+    if rows.shape[1] != 3:
+        raise CloudError(
+            "triangle_corners",
+            "a table with 3 columns",
+            f"the shape {rows.shape}",
+            "Pass the corners of each triangle.",
+        )
+    check_range("triangle_corners", rows, len(by_corner))
+    given: Floats = by_corner[rows]
+    return given
+
+
+def _middles(places: Floats, faces: Rows) -> Floats:
+    """For each number of a face, the mean of the places of its corners."""
+    sizes = np.maximum(np.bincount(faces), 1)
+    sums = [np.bincount(faces, column) for column in places.T]
+    means: Floats = np.stack(sums, axis=1) / sizes[:, None]
+    return means
 
 
 def _steepest(corners: Floats, values: Floats) -> Floats:

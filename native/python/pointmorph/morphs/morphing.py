@@ -227,7 +227,8 @@ def morph(
     >>> bool(np.array_equal(result.frame(0).positions, plane[result.pairs[:, 0]]))
     True
     """
-    native = _native(source, target, features, loop, native_options(settings), start, progress)
+    chosen = native_options(settings)
+    native = _native((source, target), features, loop, chosen, start, progress)
     return Morph(native, source, target)
 
 
@@ -264,7 +265,7 @@ def propose_features(
         raise OptionError("method", "auto", "paper", "Leave the method out; paper needs features.")
     chosen = native_options(settings)
     chosen.propose_features()
-    rows = _native(source, target, features, (), chosen, None, progress).report()
+    rows = _native((source, target), features, (), chosen, None, progress).report()
     counts = {True: 0, False: 0}
     proposals = []
     for row in rows["proposals"]:
@@ -287,8 +288,7 @@ def native_loops(loop: Sequence[str] | Sequence[Sequence[str]]) -> list[list[str
 
 
 def _native(
-    source: Cloud,
-    target: Cloud,
+    clouds: tuple[Cloud, Cloud],
     features: Mapping[str, tuple[int, int] | Feature] | None,
     loop: Sequence[str] | Sequence[Sequence[str]],
     chosen: _pointmorph.MorphOptions,
@@ -296,8 +296,8 @@ def _native(
     progress: Progress | None,
 ) -> _pointmorph.Morph:
     return _pointmorph.Morph(
-        source._fields(),
-        target._fields(),
+        clouds[0]._fields(),
+        clouds[1]._fields(),
         native_features(features),
         native_loops(loop),
         chosen,
