@@ -37,8 +37,7 @@ from pointmorph.morphs.confidence import Confidence, DoubtfulPlace
 from pointmorph.morphs.cuts import Cut, decompose, propose_loop
 from pointmorph.morphs.denser_meshes import DenserMesh
 from pointmorph.morphs.frames import Frame, ResampledFrame
-from pointmorph.morphs.live import LiveMorph
-from pointmorph.morphs.morphing import Morph, Proposal, morph, propose_features, restore
+from pointmorph.morphs.morphing import LiveMorph, Morph, Proposal, morph, propose_features, restore
 from pointmorph.morphs.motion import Motion
 from pointmorph.morphs.networks import Network, NetworkCurve, trace_network
 from pointmorph.morphs.quality import (

@@ -1,5 +1,5 @@
-"""The package's modules lie in rooms: no import goes up, and what modules begin with imports
-nothing in a circle. Scripts find modules that have moved by their earlier names."""
+"""The package's modules lie in rooms: no import goes up, and none runs in a circle but for a
+reason. Scripts find modules that have moved by their earlier names."""
 
 from __future__ import annotations
 
@@ -75,12 +75,23 @@ def test_no_import_goes_up() -> None:
     assert [(a, b) for a, b in edges if ORDER.index(a[0]) < ORDER.index(b[0])] == []
 
 
+CIRCLES = {
+    (("morphs", "morphing"), ("morphs", "stored_morphs")): (
+        "Morph.save writes what open_morph reads: one module knows the format"
+    ),
+}
+"""Imports within functions that would close a circle, each with the reason."""
+
+
 def test_nothing_is_imported_in_a_circle() -> None:
     """Raises CycleError, which names the modules, where there is a circle."""
     graph = {
-        module: {a for a in imports(body, within_functions=False) if a[0] != module[0] or a[1]}
+        module: {a for a in imports(body, within_functions=True) if a[0] != module[0] or a[1]}
         for module, body in modules().items()
     }
+    for module, imported in CIRCLES:
+        assert module not in imports(modules()[module], within_functions=False)
+        graph[module].remove(imported)
     order = list(TopologicalSorter(graph).static_order())
     assert len(order) == len(graph)
 
