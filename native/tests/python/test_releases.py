@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import hashlib
+import re
 import subprocess
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -116,3 +118,14 @@ def test_packs_the_commit_and_follows_no_link(
     monkeypatch.setattr(releases, "run", pack)
     assert releases.source_package(folder) == folder / "pointmorph-1.2.3.tar.gz"
     assert sorted(packed) == [".gitignore", "CHANGELOG.md", "CMakeLists.txt"]
+
+
+def test_workflows_test_what_the_page_says() -> None:
+    root = Path(__file__).resolve().parents[3]
+    tests = (root / ".github" / "workflows" / "tests.yml").read_text(encoding="utf-8")
+    steps = re.findall(r"^ +- run: (.+)$", tests, re.MULTILINE)
+    assert {".ci/run", "python3 build_addon.py test --platform windows"} <= set(steps)
+    settings = tomllib.loads((root / "pyproject.toml").read_text(encoding="utf-8"))
+    there = settings["tool"]["cibuildwheel"]["test-command"].rpartition("/")[2]
+    page = (root / "docs" / "release.md").read_text(encoding="utf-8")
+    assert f"`{there}` alone" in page
