@@ -174,16 +174,29 @@ class PointmorphLoopFeature(bpy.types.PropertyGroup):
     """A feature on the curve along which a closed model is cut; its name is all there is."""
 
 
-# Files hold the number of a choice: what is new comes last here, wherever the panel lists it. The
-# rest are numbered as the library lists them.
-_NUMBERS = {"path": ("linear", "similarity", "rigid", "auto")}
+# Files hold the number of a choice, wherever the panel lists it. Words that aren't here come after
+# those that are, in the library's order.
+_NUMBERS = {
+    "method": ("auto", "paper"),
+    "domain": ("auto", "disk", "cut", "sphere", "network"),
+    "boundary_spacing": ("uniform", "chord"),
+    "solve": ("full", "lod"),
+    "path": ("linear", "similarity", "rigid", "auto"),
+}
+
+
+def _numbers(option):
+    """The number of each word of a choice."""
+    known = _NUMBERS.get(option.name, ())
+    words = [*known, *(word for word in option.choices if word not in known)]
+    return {word: number for number, word in enumerate(words)}
 
 
 def _property(option):
     shared = {"name": setting_label(option), "description": setting_tip(option)}
     if option.kind == "choice":
-        known = _NUMBERS.get(option.name, option.choices)
-        items = [(word, name_label(word), "", known.index(word)) for word in option.choices]
+        numbers = _numbers(option)
+        items = [(word, name_label(word), "", numbers[word]) for word in option.choices]
         return bpy.props.EnumProperty(items=items, default=option.default, **shared)
     if option.default is None:
         # Who sets a value wants it used.

@@ -1,5 +1,7 @@
 """The settings are the library's."""
 
+from dataclasses import replace
+
 import bpy
 import pointmorph
 import pytest
@@ -34,6 +36,8 @@ def test_names_defaults_and_ranges(settings, name):
 NUMBERS = {
     "method": ["auto", "paper"],
     "domain": ["auto", "disk", "cut", "sphere", "network"],
+    "boundary_spacing": ["uniform", "chord"],
+    "solve": ["full", "lod"],
     "path": ["linear", "similarity", "rigid", "auto"],
     "show_as": ["MESH", "POINTS", "DISCS"],
     "texture_size": ["256", "512", "1024", "2048", "4096"],
@@ -46,6 +50,21 @@ def test_a_choice_means_in_old_files_what_it_did(settings, name):
     items = settings.bl_rna.properties[name].enum_items
     assert [i.identifier for i in sorted(items, key=lambda i: i.value)] == NUMBERS[name]
     assert sorted(i.value for i in items) == list(range(len(items)))
+
+
+def test_every_choice_of_the_library_is_among_them():
+    assert {name for name, o in OPTIONS.items() if o.kind == "choice"} <= set(NUMBERS)
+
+
+@pytest.mark.parametrize("name", [name for name, o in OPTIONS.items() if o.kind == "choice"])
+def test_a_new_word_of_a_choice_comes_last_in_files(addon, name):
+    option = OPTIONS[name]
+    newer = replace(option, choices=("nearest", *option.choices[::-1], "farthest"))
+    items = addon("data.properties")._property(newer).keywords["items"]
+    assert [item[0] for item in items] == list(newer.choices)
+    numbers = {item[0]: item[3] for item in items}
+    words = [*NUMBERS[name], "nearest", "farthest"]
+    assert numbers == {word: number for number, word in enumerate(words)}
 
 
 def test_what_staggers_is_no_setting_of_a_scene(settings):
