@@ -28,6 +28,17 @@ Morph morph_of(Cloud source, Cloud target, std::vector<Feature> features = {},
     return {std::move(input), options, progress};
 }
 
+/// Four corners of a cube, on a ball: so the pose, which takes longest, needn't be searched for.
+std::vector<Feature> marked_corners(const Cloud& cube, const Cloud& ball) {
+    std::vector<Feature> corners;
+    for (const Index row : {0, 2, 5, 7}) {
+        const auto corner = cube.positions.row(row);
+        const Index partner = row_near(ball, corner.x(), corner.y(), corner.z());
+        corners.push_back(point_feature(std::to_string(row), row, partner));
+    }
+    return corners;
+}
+
 /// Positions of all vertices on their own model.
 Positions at_rest(const DenserMesh& mesh, const Positions& given) {
     Positions rest(mesh.positions.rows(), 3);
@@ -102,16 +113,9 @@ TEST(DenserMesh, GrowsOnlyWhereItHasTo) {
 TEST(DenserMesh, SeamsStayClosed) {
     const Cloud cube = mesh_shapes::split(mesh_shapes::cube());
     const Cloud ball = mesh_shapes::icosphere(is_watched() ? 2 : 3);
-    // Four corners are marked: so the pose, which takes longest, needn't be searched for.
-    std::vector<Feature> corners;
-    for (const Index row : {0, 2, 5, 7}) {
-        const auto corner = cube.positions.row(row);
-        const Index partner = row_near(ball, corner.x(), corner.y(), corner.z());
-        corners.push_back(point_feature(std::to_string(row), row, partner));
-    }
     MorphOptions options;
     options.refinement = lighter_where_watched();
-    const Morph morph = morph_of(cube, ball, corners, options);
+    const Morph morph = morph_of(cube, ball, marked_corners(cube, ball), options);
     Progress progress;
     const DenserMesh mesh = morph.denser(true, {.tolerance = 0.05, .rounds = 1}, progress);
     const Positions rest = at_rest(mesh, cube.positions);
@@ -145,6 +149,23 @@ TEST(DenserMesh, TakesNoBareClouds) {
     const Morph morph = morph_of(mesh_shapes::icosphere(3), bare);
     Progress progress;
     EXPECT_THROW(morph.denser(false, {}, progress), CloudError);
+}
+
+TEST(Example, DenserMesh) {
+    SKIP_WHERE_WATCHED();
+    const Cloud cube = mesh_shapes::cube(), ball = mesh_shapes::icosphere(3);
+    const Morph morph = morph_of(cube, ball, marked_corners(cube, ball));
+    Progress progress;
+    // --- example
+    const DenserMesh mesh = morph.denser(true, {.tolerance = 0.02}, progress);  // of the source
+    const auto [a, b] = mesh.ends.front();  // the first new vertex is halfway of these
+    const Vector3 place = mesh.positions.row(0).transpose();  // of the first one, on the target
+    // --- end of the example
+    EXPECT_EQ(mesh.positions.rows(), cube.size() + static_cast<Index>(mesh.ends.size()));
+    EXPECT_LT(mesh.positions.rows(), 1000);
+    EXPECT_NE(a, b);
+    EXPECT_LT(std::max(a, b), cube.size());
+    EXPECT_NEAR(place.norm(), 1.0, 1e-6);
 }
 
 }  // namespace

@@ -81,13 +81,50 @@ def test_a_stage_has_its_header_source_and_test(page: Path) -> None:
     assert (NATIVE / "tests" / room / f"test_{stem}.cpp").exists()
 
 
+NO_STAGES = {
+    "base/assignment": "a tool of several stages: rows and columns of a table that belong together",
+    "base/error": "what all stages throw",
+    "base/parallel": "what all stages run their loops on",
+    "base/progress": "what all stages report to",
+    "base/types": "arrays of all stages",
+    "cloud/kd_tree": "what most stages search points with",
+    "cloud/oriented_points": "data alone",
+    "morph/cut_preview": "what a Morph would do, to look at: the stage is disk/decomposition",
+    "morph/live_morph": "a Morph that is bent again: the stage is registration/live_map",
+    "morph/loop_suggestion": "what a Morph would do, to look at: the stage is disk/decomposition",
+    "morph/morph_input": "data alone",
+    "morph/morph_options": "the options of all stages in one struct",
+    "morph/network_preview": "what a Morph would do, to look at: the stage is disk/network",
+    "morph/options": "the table that docs/options.md is made from",
+    "morph/report": "data alone",
+    "registration/alternatives": "data alone: what registration/pose leaves over",
+    "registration/diagnostics": "data alone: what registration/refinement says of itself",
+    "surface/sampled_surface": "data alone",
+}
+"""Headers without a page, each with the reason."""
+
+
+def stage_of_part(header: Path) -> str | None:
+    """The stage that a header says it is a part of."""
+    first = header.read_text(encoding="utf-8").partition("\n")[0]
+    part = re.match(r"// A part of stage `(\w+)`", first)
+    return part[1] if part else None
+
+
 @pytest.mark.parametrize(
     "header", files("include/pointmorph"), ids=lambda p: f"{p.parent.name}/{p.stem}"
 )
 def test_a_stage_has_its_page(header: Path) -> None:
-    if header.read_text(encoding="utf-8").startswith("// Stage "):
-        room, stem = header.parent.name, header.stem
-        assert (ROOT / "docs" / "stages" / room / f"{stem}.md").exists()
+    """So has every other header, but for a reason; parts of a stage are on its page."""
+    room, stem = header.parent.name, stage_of_part(header) or header.stem
+    has_page = (ROOT / "docs" / "stages" / room / f"{stem}.md").exists()
+    assert has_page != (f"{room}/{header.stem}" in NO_STAGES)
+
+
+def test_every_header_that_is_no_stage_is_there() -> None:
+    headers = {f"{p.parent.name}/{p.stem}" for p in files("include/pointmorph")}
+    assert set(NO_STAGES) <= headers
+    assert all(NO_STAGES.values())
 
 
 def users_of(pattern: str) -> set[str]:
@@ -229,46 +266,118 @@ SECTIONS = ["Use", "Options", "Deviations from the paper", "Guarantees"]
 PAGES = sorted((ROOT / "docs" / "stages").glob("*/*.md"))
 
 
-def without_braces(text: str) -> str:
-    """The text outside of all braces."""
-    shorter = re.sub(r"\{[^{}]*\}", "", text)
-    return text if shorter == text else without_braces(shorter)
+class Field(NamedTuple):
+    kind: str
+    default: str
 
 
-def fields_of_options(header: str) -> set[str]:
+def split_outside(text: str, separator: str) -> list[str]:
+    """Parts between the separators that stand outside of all brackets."""
+    parts, depth = [""], 0
+    for c in text:
+        depth += (c in "({[<") - (c in ")}]>")
+        if c == separator and depth == 0:
+            parts.append("")
+        else:
+            parts[-1] += c
+    return parts
+
+
+def fields_of_options(header: str) -> dict[str, Field]:
     """Fields of every struct whose name ends in Options."""
-    names = set()
+    fields = {}
     for body in re.findall(r"struct \w*Options \{(.*?)\n\};", without_comments(header), re.DOTALL):
-        for statement in without_braces(body).split(";"):
-            if "(" in statement.partition("=")[0] or not statement.strip():
+        for statement in split_outside(body, ";"):
+            if "(" in re.split("[={]", statement)[0] or not statement.strip():
                 continue
-            for field in re.sub(r"<[^>]*>", "", statement).split(","):
-                names.add(re.findall(r"\w+", field.partition("=")[0])[-1])
-    return names
+            kind = ""
+            for declared in split_outside(statement.strip(), ","):
+                field = re.fullmatch(
+                    r"(.*?)(\w+)\s*(?:=\s*(.*)|(\{.*\}))?", declared.strip(), re.DOTALL
+                )
+                assert field, declared
+                kind = field[1].strip() or kind
+                fields[field[2]] = Field(kind, field[3] or field[4] or "")
+    return fields
 
 
-def options_of_page(page: str) -> set[str]:
+def option_rows(page: str) -> list[tuple[list[str], str]]:
+    """Of each row of the options' tables: the options, and what is said of their defaults."""
     section = page.partition("\n## Options\n")[2].partition("\n## ")[0]
-    first_column = re.findall(r"^\|([^|]*)\|", section, flags=re.MULTILINE)
-    return {
-        name
-        for cell in first_column
-        for name in re.findall(r"`(\w+)`", re.sub(r"\(.*?\)", "", cell))
-    }
+    rows = []
+    for table in re.findall(r"(?:^\|.*\n)+", section, re.MULTILINE):
+        header, rule, *lines = table.splitlines()
+        assert (header, rule) == ("| option | meaning | default |", "|---|---|---|")
+        for line in lines:
+            option, _, default = (cell.strip() for cell in line.strip("|").split("|"))
+            names = re.findall(r"`(\w+)`", re.sub(r"\(.*?\)", "", option))
+            rows.append((names, default))
+    return rows
+
+
+def numbers(text: str) -> list[float]:
+    text = re.sub(r"\[.*?\]\(.*?\)", "", text).replace("\N{MINUS SIGN}", "-")
+    return [float(n) for n in re.findall(r"(?<![\w.])-?\d+(?:\.\d+)?(?:e-?\d+)?", text)]
+
+
+def is_default(said: str, fields: list[Field]) -> bool:
+    """Whether a cell says the defaults of the fields, as far as a header has them."""
+    if all(field.default in ("true", "false") for field in fields):
+        return said.split(", ") == [field.default for field in fields]
+    if said.startswith("see "):
+        return all("{" in f.default or f.kind.endswith("Options") for f in fields)
+    schedules = all(field.kind == "RegistrationLevel" for field in fields)
+    most = 4 if schedules else None
+    found = [number for field in fields for number in numbers(field.default)[:most]]
+    return numbers(said) == found if found else said != ""
 
 
 def test_options_are_read() -> None:
     header = (
-        "struct XOptions {\n    /// Of a; b.\n    double a = 1.0, b = 2.0;\n"
-        "    std::optional<int> c{};\n    int d() const;\n"
-        "    std::vector<Level> e{{.first = 1},\n                         {.first = 2}};\n};\n"
+        "struct XOptions {\n    /// Of a; b.\n    double a = 1.0, b = 2.5e-3;\n"
+        "    std::optional<int> c{};\n    int d() const;\n    bool e = true;\n    YOptions y;\n"
+        "    std::vector<Level> f{{.first = 1},\n                         {.first = 2}};\n};\n"
     )
-    assert fields_of_options(header) == {"a", "b", "c", "e"}
-    page = (
-        "\n## Options\n\n| option | meaning |\n|---|---|\n"
-        "| `a` (`x_a`) | `z` |\n| `b`, `c` | |\n\n## Guarantees\n"
-    )
-    assert options_of_page(page) == {"a", "b", "c"}
+    fields = fields_of_options(header)
+    assert list(fields) == ["a", "b", "c", "e", "y", "f"]
+    assert fields["b"] == Field("double", "2.5e-3")
+    head = "\n| option | meaning | default |\n|---|---|---|\n"
+    first, second = head + "| `a` (`x_a`) | `z` | 1 |\n", head + "| `b`, `c` | | 2 |\n"
+    page = f"\n## Options\n{first}\nAnd:\n{second}\n## Guarantees\n{head}"
+    assert option_rows(page) == [(["a"], "1"), (["b", "c"], "2")]
+    with pytest.raises(AssertionError):
+        option_rows(page.replace("| option", "| name", 1))
+
+
+@pytest.mark.parametrize(
+    ("names", "said", "wrong"),
+    [
+        ("a", "1", "1.5"),
+        ("a b", "1, 2.5e-3", "1"),
+        ("m", "\N{MINUS SIGN}0.1", "0.1"),
+        ("e", "true", "yes"),
+        ("y", "see [y](y2.md)", ""),
+        ("c", "from the spacing", ""),
+        ("f", "1, 2", "2, 1"),
+        ("f", "see above", ""),
+        ("a", "1", "see above"),
+        ("l", "2 stiff rounds, 8 more, stiffness 10 → 1.5", "2 stiff rounds, 8 more"),
+    ],
+)
+def test_a_wrong_default_is_noticed(names: str, said: str, wrong: str) -> None:
+    known = {
+        "a": Field("double", "1.0"),
+        "b": Field("double", "2.5e-3"),
+        "c": Field("std::optional<double>", "{}"),
+        "e": Field("bool", "true"),
+        "f": Field("std::vector<Level>", "{{.first = 1}, {.first = 2}}"),
+        "l": Field("RegistrationLevel", "{.a1 = 2, .b = 8, .c = 10.0, .d = 1.5, .e = 7}"),
+        "m": Field("double", "-0.1"),
+        "y": Field("YOptions", ""),
+    }
+    fields = [known[name] for name in names.split()]
+    assert is_default(said, fields)
+    assert not is_default(wrong, fields)
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda p: f"{p.parent.name}/{p.stem}")
@@ -284,8 +393,13 @@ def test_a_page_follows_the_template(page: Path) -> None:
     for kind in (f"{stem}.hpp", f"{stem}.cpp", f"test_{stem}.cpp"):
         assert f"[`{kind}`]" in intro
     assert "```cpp\n" in text.partition("\n## Use\n")[2].partition("\n## ")[0]
-    header = (NATIVE / "include" / "pointmorph" / room / f"{stem}.hpp").read_text(encoding="utf-8")
-    assert options_of_page(text) == fields_of_options(header)
+    folder = NATIVE / "include" / "pointmorph" / room
+    parts = [p for p in sorted(folder.glob("*.hpp")) if stem in (p.stem, stage_of_part(p))]
+    fields = fields_of_options("\n".join(p.read_text(encoding="utf-8") for p in parts))
+    rows = option_rows(text)
+    assert sorted(name for names, _ in rows for name in names) == sorted(fields)
+    wrong = [row for row in rows if not is_default(row[1], [fields[name] for name in row[0]])]
+    assert wrong == []
 
 
 # --- The signatures and the example on a page
@@ -329,7 +443,10 @@ def test_signatures_and_examples_are_read() -> None:
 def test_a_page_has_signatures_of_the_header(page: Path) -> None:
     signatures, _ = signatures_and_example(page.read_text(encoding="utf-8"))
     room, stem = page.parent.name, page.stem
-    header = (NATIVE / "include" / "pointmorph" / room / f"{stem}.hpp").read_text(encoding="utf-8")
+    headers = [NATIVE / "include" / "pointmorph" / room / f"{stem}.hpp"]
+    if room == "morph":  # whose stages are methods of Morph
+        headers.append(headers[0].with_name("morph.hpp"))
+    header = "\n".join(path.read_text(encoding="utf-8") for path in headers)
     assert signatures
     assert [s for s in signatures if not is_declared(s, header)] == []
 
