@@ -3,8 +3,10 @@
 Not among the tests: it writes into docs/manual/images.
 """
 
+import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 from PIL import Image
 from steps import MORPH, RUNNING, VIEWPORT, finished
@@ -74,6 +76,18 @@ def set_value(window, value):
     window.run(f"{keys}.key_blocks['Morph'].value = {value}")
 
 
+def wait_for_blue(window):
+    """Until the result is there in the color of little distortion: at first, Blender compiles
+    shaders."""
+    for _ in range(60):
+        with Image.open(window.screenshot("distortion")) as picture:
+            colors = np.asarray(picture.convert("RGB"), int)[:, :700]
+        if (colors[..., 2] > 60 + colors[..., 0]).sum() > 3000:
+            return
+        time.sleep(1)
+    raise AssertionError("the points are still not there")
+
+
 def test_marked(demo):
     take(demo, "marked")
 
@@ -99,6 +113,7 @@ def test_result(demo):
     take(demo, "result")
     demo.open_panel("POINTMORPH_PT_quality")
     demo.press_button("show_distortion")
+    wait_for_blue(demo)
     take(demo, "distortion")
     demo.close_panel("POINTMORPH_PT_quality")
 
