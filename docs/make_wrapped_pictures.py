@@ -32,7 +32,7 @@ BACKGROUND, INK, EDGE = (246, 246, 244), (45, 46, 50), (48, 58, 78)
 FRONT, BACK = (150, 180, 215), (215, 120, 90)
 """Of faces that show their outside, and of those that show their inside: folds."""
 LIGHT = np.array([-0.3, 0.5, 0.8])
-"""From the camera: right, up, towards the eye."""
+"""From the camera: right, up, toward the eye."""
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,7 @@ VIEWS = {
 
 
 def turned(view: View) -> Array:
-    """Rows: right, up, towards the eye."""
+    """Rows: right, up, toward the eye."""
     a, e = np.radians((view.around, view.above))
     around = np.array([[np.cos(a), 0, -np.sin(a)], [0, 1, 0], [np.sin(a), 0, np.cos(a)]])
     above = np.array([[1, 0, 0], [0, np.cos(e), -np.sin(e)], [0, np.sin(e), np.cos(e)]])

@@ -172,7 +172,7 @@ def contact_sheet(pictures: Sequence[Path], captions: Sequence[str], path: Path)
 
 
 def film(pictures: Sequence[Path], path: Path) -> None:
-    """A GIF that loops forwards and backwards, with a pause at both ends."""
+    """A GIF that loops forward and backward, with a pause at both ends."""
     there = [Image.open(picture).convert("RGB") for picture in pictures]
     # One palette for all frames, so that colors don't flicker.
     ends = Image.new("RGB", (there[0].width * 3, there[0].height))

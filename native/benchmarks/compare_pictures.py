@@ -37,12 +37,12 @@ BACKGROUND, INK = (246, 246, 244), (45, 46, 50)
 INSIDE = 0.55
 """Grey of the inside, where an open patch shows it."""
 LIGHT = np.array([-0.35, 0.55, 0.76])
-"""From the camera: right, up, towards the eye."""
+"""From the camera: right, up, toward the eye."""
 
 
 @dataclass(frozen=True)
 class Drawn:
-    """Points to draw, in the camera's frame: x right, y up, z towards the eye."""
+    """Points to draw, in the camera's frame: x right, y up, z toward the eye."""
 
     positions: Floats
     normals: Floats
@@ -103,7 +103,7 @@ def sheet(
 
 
 def camera(source: Surface, view: Sequence[float] | None, up: int) -> Floats:
-    """(3, 3) rows: right, up and towards the eye."""
+    """(3, 3) rows: right, up and toward the eye."""
     upward = np.eye(3)[up]
     if view is None:
         spread = source.positions - source.positions.mean(axis=0)

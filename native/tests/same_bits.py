@@ -80,12 +80,12 @@ def make(folder: Path) -> None:
 
 
 def _hull(points: np.ndarray) -> np.ndarray:
-    """Triangles between points on a sphere around the origin, normals outwards."""
+    """Triangles between points on a sphere around the origin, normals outward."""
     from scipy.spatial import ConvexHull
 
     faces = ConvexHull(points).simplices
-    inwards = np.linalg.det(points[faces]) < 0.0
-    faces[inwards] = faces[inwards][:, ::-1]
+    inward = np.linalg.det(points[faces]) < 0.0
+    faces[inward] = faces[inward][:, ::-1]
     return faces
 
 

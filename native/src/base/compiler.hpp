@@ -4,7 +4,7 @@
 #include <array>
 #include <cstddef>
 
-/// The pointer is the only way to what it points to, so that loops can be vectorised.
+/// The pointer is the only way to what it points to, so that loops can be vectorized.
 #define POINTMORPH_RESTRICT __restrict  // of GCC, Clang and MSVC alike
 
 namespace pointmorph {

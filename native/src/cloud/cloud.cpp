@@ -42,7 +42,7 @@ void check_attribute(const Cloud& cloud, const Array& rows, const char* what) {
     if (rows.rows() == 0) return;
     if (rows.rows() != cloud.positions.rows())
         throw CloudError(
-            cloud.name, std::string("one row of ") + what + " a point",
+            cloud.name, std::string("one row of ") + what + " per point",
             std::to_string(rows.rows()) + " rows for " + count_of(cloud.positions.rows(), "point"),
             "Give " + std::string(what) + " for every point or for none.");
     if (const auto row = first_row_not_finite(rows); row >= 0)
@@ -56,8 +56,7 @@ void check_faces(const Cloud& cloud) {
         cloud.faces.corners, [&](Index corner) { return corner < 0 || corner >= cloud.size(); });
     if (beyond == cloud.faces.corners.end()) return;
     throw CloudError(cloud.name, "faces of its " + count_of(cloud.positions.rows(), "vertex"),
-                     "a corner in row " + std::to_string(*beyond),
-                     "Count the rows of the vertices from 0.");
+                     "a corner at vertex " + std::to_string(*beyond), "Count vertices from 0.");
 }
 
 /// Second extent along the principal axes as a share of the first; 0 for a line.
@@ -77,7 +76,7 @@ void validate(const Cloud& cloud, Index minimum_points) {
     const auto& p = cloud.positions;
     if (p.rows() > std::numeric_limits<Index>::max())
         throw CloudError(cloud.name, "fewer than 2^31 points", count_of(p.rows(), "point"),
-                         "Sample the shape with fewer points.");
+                         "Sample fewer points.");
     const Index minimum = std::max<Index>(minimum_points, 3);
     if (p.rows() < minimum)
         throw CloudError(cloud.name, "at least " + count_of(minimum, "point"),
@@ -95,7 +94,7 @@ void validate(const Cloud& cloud, Index minimum_points) {
         if (length == 0.0)
             throw CloudError(cloud.name, "normals that aren't zero",
                              "a zero normal at point " + std::to_string(i),
-                             "Recalculate the normals, or hand in none: they are estimated then.");
+                             "Recalculate the normals, or give none to have them estimated.");
         if (length < kLeastNormal || length > kLargestNormal)
             throw CloudError(cloud.name,
                              "normals with lengths from " + in_short(kLeastNormal) + " to " +
@@ -107,7 +106,7 @@ void validate(const Cloud& cloud, Index minimum_points) {
         if (cloud.radii[i] < 0.0)
             throw CloudError(cloud.name, "radii of 0 or more",
                              "a negative radius at point " + std::to_string(i),
-                             "Repair that radius, or hand in none.");
+                             "Repair that radius, or give none.");
 
     check_faces(cloud);
 

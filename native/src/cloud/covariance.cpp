@@ -253,7 +253,7 @@ struct Shape {
         // An open patch that bulges less than this says nothing about its outside.
         constexpr double kFlat = 0.01;
         if (std::abs(flux) * area >= kFlat * size * vector_area.norm()) return flux < 0.0;
-        // Upwards, else to the back, else to the right: the first that is clearly so.
+        // Upward, else to the back, else to the right: the first that is clearly so.
         for (const int axis : {2, 1, 0})
             if (std::abs(vector_area[axis]) > 0.99 * vector_area.cwiseAbs().maxCoeff())
                 return vector_area[axis] < 0.0;

@@ -105,7 +105,7 @@ Lod simplify(const Positions& positions, std::span<const Index> rows, const LodO
              Progress& progress) {
     if (options.max_cluster_size < 1)
         throw OptionError("max_cluster_size", "1 or more", std::to_string(options.max_cluster_size),
-                          "Choose the largest number of points that one cluster may hold.");
+                          "Set the most points that a cluster may hold.");
     Lod result;
     result.offsets = {0};
     if (rows.empty()) {

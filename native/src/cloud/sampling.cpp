@@ -19,20 +19,21 @@ namespace {
 /// Marks the rows of `keep`; throws unless `count` candidates that include them can be chosen.
 std::vector<bool> checked_keep(Index candidates, Index count, std::span<const Index> keep) {
     if (count > candidates)
-        throw OptionError("samples", "at most " + std::to_string(candidates) + ", all candidates",
+        throw OptionError("samples",
+                          "at most " + std::to_string(candidates) + ", the number of candidates",
                           std::to_string(count), "Ask for fewer samples.");
     if (count < 0 || to_size(count) < keep.size())
-        throw OptionError("samples",
-                          "at least " + std::to_string(keep.size()) + ", the points to keep",
-                          std::to_string(count), "Ask for more samples, or keep fewer points.");
+        throw OptionError(
+            "samples", "at least " + std::to_string(keep.size()) + ", the number of points to keep",
+            std::to_string(count), "Ask for more samples, or keep fewer points.");
     std::vector<bool> kept(to_size(candidates), false);
     for (const Index row : keep) {
         if (row < 0 || row >= candidates)
-            throw OptionError("samples", "points to keep that are candidates",
+            throw OptionError("samples", "candidates as points to keep",
                               "row " + std::to_string(row) + " of " + std::to_string(candidates),
-                              "Keep rows of the candidates.");
+                              "Keep only candidates.");
         if (kept[to_size(row)])
-            throw OptionError("samples", "points to keep that differ",
+            throw OptionError("samples", "different points to keep",
                               "row " + std::to_string(row) + " twice", "Keep each point once.");
         kept[to_size(row)] = true;
     }

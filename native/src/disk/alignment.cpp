@@ -204,7 +204,7 @@ public:
             if (feature.residual() > options.error &&
                 (feature.to_circle(0) < kOnCircle || feature.to_circle(1) < kOnCircle))
                 throw FeatureError(
-                    "features", "boundary features at the same place of both boundaries",
+                    "features", "boundary features at the same place on both boundaries",
                     name_of(feature.rows) + " on the boundary of one shape, " +
                         in_short(feature.distance()) + " away from its place in the other",
                     "Mark boundary features on both boundaries, so that they are pinned, or move "
@@ -290,7 +290,7 @@ private:
     Index sweeps_ = 0;
 };
 
-/// Coordinates of some points, apart, so that loops over them are vectorised.
+/// Coordinates of some points, apart, so that loops over them are vectorized.
 using Row = Eigen::Array<double, Eigen::Dynamic, 1, Eigen::ColMajor, kBlock, 1>;
 
 /// Applies all warps to up to kBlock points, leaving out those that reach none of them: neighbors

@@ -414,8 +414,8 @@ void require_two_sides(const Values& left, Index corners, const std::string& nam
     const auto undecided = (left.tail(left.size() - corners).array().abs() < kClear).count();
     if (static_cast<double>(undecided) > kFew * static_cast<double>(left.size()))
         throw TopologyError(name, "a loop that divides the surface into two patches",
-                            "a path from its left to its right that doesn't cross it",
-                            "Lead the loop round the whole shape, not through a handle or round a "
+                            "a path from one side to the other that doesn't cross it",
+                            "Run the loop around the whole shape, not through a handle or around a "
                             "limb that touches another. A shape with a handle needs method auto.");
 }
 
@@ -473,8 +473,8 @@ Decomposition decompose(const SampledSurface& surface, const KdTree<3>& tree,
         throw TopologyError(surface.name, "a loop that divides the surface into two patches",
                             "one patch with " + std::to_string(smaller) + " of " +
                                 std::to_string(tree.size()) + " points",
-                            "Lead the loop round the whole shape, for instance through the tips of "
-                            "all limbs, in the order in which you meet them.");
+                            "Run the loop around the whole shape, such as through the tips of all "
+                            "limbs in the order they occur.");
 
     result.unmarked = unmarked_extremities(coarse, from, options.extremities, progress);
     return result;

@@ -184,9 +184,9 @@ private:
             throw TopologyError(
                 shapes_[0].surface.name + " and " + shapes_[1].surface.name,
                 "closed surfaces with the same number of handles, at most " +
-                    std::to_string(kMostHandles) + ", all of them thick enough to be found",
+                    std::to_string(kMostHandles) + ", each thick enough to be found",
                 "genus " + std::to_string(likeliest[0]) + " and " + std::to_string(likeliest[1]),
-                "Close holes, sample more densely, or take method auto.");
+                "Close holes, sample more densely, or use method auto.");
         for (const auto& surface : surfaces_) surface->take_rank(2 * best);
     }
 
@@ -302,7 +302,7 @@ private:
         if (open[0] && open[1])
             throw FeatureError(
                 subject, "curves that meet in the same order around each feature on both models",
-                "a curve " + curve + " that leaves between other curves on " +
+                "a curve " + curve + " that leaves between different curves on " +
                     shapes_[0].surface.name + " than on " + shapes_[1].surface.name,
                 "Check that no loop is reversed, that left and right are not swapped on one model, "
                 "and that both models have the same features in the same places.");
@@ -313,7 +313,7 @@ private:
         throw FeatureError(
             subject, "curves that don't cross",
             "a curve " + curve + " that crosses " + curves_in_words() + ", on " + where,
-            "Let loops meet in features that they share, or leave one out.");
+            "Let loops meet only at shared features, or leave one out.");
     }
 
     std::string curves_in_words() const {
@@ -341,14 +341,12 @@ private:
                                     return !spans_[0].holds(bits[0]) && !spans_[1].holds(bits[1]);
                                 });
         if (add_best(found)) return;
-        throw FeatureError("features",
-                           "features that lead round every handle, on the same side of each other "
-                           "on both models",
-                           std::to_string(corners_) +
-                               " features, and no pair of curves between "
-                               "them that opens the next handle on both",
-                           "Mark three or more places around each handle and three through its "
-                           "hole, or take method auto.");
+        throw FeatureError(
+            "features", "features around every handle, arranged alike on both models",
+            std::to_string(corners_) +
+                " features, and no curves between them that open the next handle on both",
+            "Mark three or more places around each handle and three through its hole, or use "
+            "method auto.");
     }
 
     std::vector<std::vector<Dart>> faces() const {
@@ -428,7 +426,7 @@ private:
             throw FeatureError(
                 "features", "enough features for curves that cut both models into disks",
                 std::to_string(corners_) + " features and " + std::to_string(curves_.size()) +
-                    " curves, after which a patch still meets itself",
+                    " curves that leave a patch touching itself",
                 "Mark more features, around handles and on limbs.");
     }
 
@@ -471,7 +469,7 @@ void clean_up(std::vector<Index>& labels, const Neighborhoods& nearest,
                                     parts.sizes[to_size(mine)] * kIsland <
                                         parts.sizes[to_size(largest[to_size(labels[i])])]);
     }
-    // From the shore inwards, each point takes the label of most of its neighbors.
+    // From the shore inward, each point takes the label of most of its neighbors.
     for (bool changed = true; changed;) {
         changed = false;
         std::vector<std::pair<Index, Index>> moves;

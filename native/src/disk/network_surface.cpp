@@ -487,8 +487,8 @@ std::vector<Index> NetworkSurface::labels(std::span<const Index> face, Index pat
             throw TopologyError(
                 shape_.surface.name, "curves that divide the surface into patches",
                 std::to_string(doubtful) + " of " + std::to_string(count) +
-                    " places that belong to several patches",
-                "Mark features around the handles and at the tips of limbs, or take method auto.");
+                    " places in several patches",
+                "Mark features around the handles and at the tips of limbs, or use method auto.");
     }
     std::vector<Index> result(to_size(shape_.tree.size()), -1);
     parallel_for(shape_.tree.size(), progress, [&](Index begin, Index end) {

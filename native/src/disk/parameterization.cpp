@@ -498,9 +498,9 @@ MatchedPins match_pins(const Positions& source_positions, std::span<const Index>
         const std::size_t i = source.size() - 1;
         if (i > 0 && !(source[i] > source[i - 1] && target[i] > target[i - 1]))
             throw FeatureError("features on the boundary", "the same order around both boundaries",
-                               "two that change places or share one",
+                               "two that are swapped or coincide",
                                "Check that left and right are not swapped, and that the normals of "
-                               "both models point outwards.");
+                               "both models point outward.");
     }
     double rotation = 0.0;
     for (std::size_t i = 0; i < source.size(); ++i)

@@ -212,7 +212,7 @@ struct MeshMotion::Bend {
         return result;
     }
 
-    /// Twice the area of a triangle, towards where it faces.
+    /// Twice the area of a triangle, toward where it faces.
     static Vector3 facing_of(const ElasticSheet::Corners& corners) {
         return (corners.col(1) - corners.col(0)).cross(Vector3(corners.col(2) - corners.col(0)));
     }
@@ -271,7 +271,7 @@ struct MeshMotion::Bend {
     /// Places at t; each part about where `around` has it.
     Positions at(double t, const Positions& around, Progress& progress) const {
         std::vector<Vector3> facing(moves.size());  // where each triangle's own move has it face
-        const Positions right = sheet.forces_towards(
+        const Positions right = sheet.forces_toward(
             [&](Index f) {
                 const ElasticSheet::Corners corners =
                     moves[to_size(f)].at(t) * sheet.places(mesh.positions, f);

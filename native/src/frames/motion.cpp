@@ -92,7 +92,7 @@ Motion::Motion(const Positions& positions, const Normals& normals, const Positio
     const KdTree<3> tree(positions_);
     bend_ = std::make_unique<const Bend>(coarse_shape(tree, normals, {}, options, progress),
                                          positions_, normals_, straight, progress);
-    // Found backwards: what has to be added at rest so that the end is the image. Where blended
+    // Found backward: what has to be added at rest so that the end is the image. Where blended
     // turns cancel, as far as that can be.
     const DeformedCloud end = bend_->at(1.0);
     offsets_ =

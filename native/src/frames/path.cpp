@@ -91,7 +91,7 @@ void fill_white(std::array<Scalar, 4 * kBlock>& block, Scalar* out, std::size_t 
 }
 
 /// One end of an interval at the share of the way from it to the other: base + share (other −
-/// base). Written so that equal ends give that very number back, −0 too. The compiler vectorises
+/// base). Written so that equal ends give that very number back, −0 too. The compiler vectorizes
 /// it.
 template <class Scalar>
 void blend(const Scalar* POINTMORPH_RESTRICT base, const Scalar* POINTMORPH_RESTRICT other,
@@ -122,7 +122,7 @@ void blend_normal_carefully(const Scalar* base, const Scalar* other, Scalar shar
 }
 
 /// `count` ≤ kBlock normals. Step by step over the block, each of which the compiler (or Eigen, for
-/// the square root) vectorises.
+/// the square root) vectorizes.
 template <class Scalar>
 void blend_normals(const Scalar* POINTMORPH_RESTRICT base, const Scalar* POINTMORPH_RESTRICT other,
                    Scalar share, Scalar* POINTMORPH_RESTRICT out, std::size_t count) {
@@ -182,7 +182,7 @@ void fill(const Cloud& cloud, std::span<const IndexPair> pairs, Index IndexPair:
     });
     if (too_large) {
         const double largest = std::numeric_limits<Scalar>::max() / 2;
-        throw CloudError(cloud.name, "numbers up to " + in_short(largest), "a larger one",
+        throw CloudError(cloud.name, "numbers up to " + in_short(largest), "larger ones",
                          "Scale the object.");
     }
 }
@@ -245,7 +245,7 @@ void StraightPath<Scalar>::check(const FrameView<Scalar>& out) const {
             throw OptionError(std::string("frame ") + attribute.name,
                               std::to_string(attribute.width * count) + " numbers or none",
                               std::to_string(span.size()),
-                              "Give " + std::to_string(attribute.width) + " a pair.");
+                              "Give " + std::to_string(attribute.width) + " per pair.");
     };
     check(kPositions, out.positions);
     check(kNormals, out.normals);
@@ -295,7 +295,8 @@ void StraightPath<Scalar>::frame(std::span<const double> times,
 template <class Scalar>
 void StraightPath<Scalar>::frame(double t, const FrameView<Scalar>& out) const {
     if (!(t >= 0.0 && t <= 1.0))
-        throw OptionError("t", "a number from 0 to 1", std::to_string(t), "Clamp it.");
+        throw OptionError("t", "a number from 0 to 1", std::to_string(t),
+                          "Choose a value from that range.");
     check(out);
 
     // From the nearer end: the error is that of one rounding at either end, and the two halves

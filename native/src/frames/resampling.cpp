@@ -84,7 +84,7 @@ Resampling::Resampling(ResamplingPlan plan, Index pairs, const ResamplingOptions
     : options_(options), plan_(std::move(plan)) {
     const auto refuse = [](const std::string& found) {
         throw CloudError("resampling", "a plan for these pairs", found,
-                         "Take the plan of the very same morph.");
+                         "Use the morph's own plan.");
     };
     for (const Values* values : {&plan_.source_spacing, &plan_.target_spacing,
                                  &plan_.source_density, &plan_.target_density})

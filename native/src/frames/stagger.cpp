@@ -58,7 +58,7 @@ void spread(Values& values) {
 void check(const Values& given, Eigen::Index count) {
     const auto refuse = [](const std::string& found) {
         throw CloudError("delay", "a number from 0 to 1 for each point", found,
-                         "Give the source such delays.");
+                         "Give the source valid delays.");
     };
     if (given.size() == 0) refuse("none");
     if (given.size() != count) refuse(std::to_string(given.size()) + " numbers");

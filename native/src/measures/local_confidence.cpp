@@ -367,9 +367,9 @@ std::string advice_about(const DoubtfulSpot& spot, const PlaceWords& words,
     const std::string& here = (spot.on_source ? map.source : map.target).name;
     return sentence(words.where + " the map may be wrong (" + percent(place.confidence) +
                     " sure, " + percent(place.share) + " of " + here + "): " + words.remedy +
-                    ", say point " + std::to_string(place.source) + " of " + map.source.name +
-                    ", which is on point " + std::to_string(place.target) + " of " +
-                    map.target.name + " now");
+                    ", for instance point " + std::to_string(place.source) + " of " +
+                    map.source.name + ", now on point " + std::to_string(place.target) + " of " +
+                    map.target.name);
 }
 
 std::vector<DoubtfulPlace> doubtful_places(const JudgedSurface& source, const JudgedSurface& target,
@@ -404,8 +404,9 @@ std::vector<DoubtfulPlace> doubtful_places(const JudgedSurface& source, const Ju
 }
 
 std::string warning_about(const LocalConfidence& found, const TwoWayMap& map) {
-    std::string text = "Of the map from " + map.source.name + " to " + map.target.name + " only " +
-                       percent(found.right) + " is likely right: mark more features on both models";
+    std::string text = "Only " + percent(found.right) + " of the map from " + map.source.name +
+                       " to " + map.target.name +
+                       " is likely right: mark more features on both models";
     if (!found.doubtful.empty()) {
         const DoubtfulPlace& place = found.doubtful.front();
         text += ", first at point " + std::to_string(place.source) + " of " + map.source.name +

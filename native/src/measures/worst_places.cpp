@@ -162,7 +162,7 @@ std::vector<Place> worst_places(const MeasuredCloud& from, const MeasuredCloud& 
              maps.there.figures.flipped,
              "The map turns " + source_name +
                  " inside out or swaps left and right: recalculate the normals of both models to "
-                 "point outwards, and check that no feature is on the other side of one."});
+                 "point outward, and check that no feature is on the other side of one."});
     }
     const std::vector<MarkedPoint> marked = marked_points(features);
     for (const Seen& spot : seen) {

@@ -348,7 +348,7 @@ Positions ElasticSheet::forces(const Positions& x, const Normals& normals, doubl
         }
         return corners;
     };
-    return forces_towards<float>(would, progress);
+    return forces_toward<float>(would, progress);
 }
 
 }  // namespace pointmorph

@@ -51,7 +51,7 @@ public:
     /// Right side L y where triangle f would have its corners in the columns of `would(f)`. Forces
     /// of triangles are kept as numbers of the type `Kept` for a while.
     template <class Kept = double, class Would>
-    Positions forces_towards(Would&& would, Progress& progress) const;
+    Positions forces_toward(Would&& would, Progress& progress) const;
 
     using Corners = Eigen::Matrix<double, 3, 3>;  ///< a corner a column
     Corners places(const Positions& x, Index f) const;
@@ -93,7 +93,7 @@ private:
 };
 
 template <class Kept, class Would>
-Positions ElasticSheet::forces_towards(Would&& would, Progress& progress) const {
+Positions ElasticSheet::forces_toward(Would&& would, Progress& progress) const {
     const auto faces = static_cast<Index>(kept_.size());
     // On the second and third corner; the first is pulled against both.
     std::vector<Eigen::Matrix<Kept, 3, 2>> of_faces(to_size(faces));

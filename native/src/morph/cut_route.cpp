@@ -65,17 +65,17 @@ struct Astray {
     void check(std::span<const PointFeature> known) const {
         if (features.empty()) return;
         if (is_mirrored())
-            throw FeatureError("loop", "a loop that runs round both models in the same direction",
+            throw FeatureError("loop", "a loop that runs around both models in the same direction",
                                "all other features (" + names(known) + ") on opposite sides of it",
                                "Check left and right: the loop's features are swapped on one of "
-                               "the models, or the normals of one point inwards.");
+                               "the models, or the normals of one point inward.");
         const bool one = features.size() == 1;
         throw FeatureError("loop",
                            "every other feature on the same side of the loop on both models",
                            names(known) + (one ? " left of it on one model and right on the other"
                                                : " on opposite sides"),
-                           "Take " + std::string(one ? "it" : "them") +
-                               " into the loop, move the mark, or leave it out.");
+                           "Add " + std::string(one ? "it" : "them") +
+                               " to the loop, move the mark, or remove it.");
     }
 };
 

@@ -14,7 +14,7 @@ namespace pointmorph {
 namespace {
 
 /// Mirroring one disk must bring the features this much closer before estimated normals are taken
-/// to point inwards on one side.
+/// to point inward on one side.
 constexpr double kMirrorFactor = 0.5;
 
 /// One of the two patches, seen from the side that its normals face.
@@ -27,12 +27,11 @@ struct DiskPatch {
     DiskPatch(const PreparedShape& patch, const Boundary& boundary)
         : shape(patch), normals(patch.normals), rim(boundary.loop) {
         if (rim.empty())
-            throw TopologyError(
-                shape.name, "an open patch with a boundary", "a closed surface",
-                "Take method auto, which needs no boundary; or domain sphere, for closed models "
-                "without handles; or domain network, with features all over both models; or list "
-                "features in a loop, along which both models are cut; or give the rows of its "
-                "boundary.");
+            throw TopologyError(shape.name, "an open patch with a boundary", "a closed surface",
+                                "Use method auto, which needs no boundary; or domain sphere, for "
+                                "closed models without handles; or domain network, with features "
+                                "all over both models; or list features in a loop, along which "
+                                "both models are cut; or give the rows of its boundary.");
     }
 
     void reverse_normals() {

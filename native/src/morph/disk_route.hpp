@@ -15,7 +15,7 @@ struct DiskRouteOptions {
 };
 
 /// A shape with estimated normals counts as inside out where the features show that they point
-/// inwards. Throws TopologyError for closed surfaces, and the errors of the stages.
+/// inward. Throws TopologyError for closed surfaces, and the errors of the stages.
 RouteResult match_in_disk(const RouteInput& input, const Boundary& source_boundary,
                           const Boundary& target_boundary, const DiskRouteOptions& options,
                           Progress& progress);

@@ -14,12 +14,12 @@ void check_weights(const Cloud& cloud, const Values& weights, const std::string&
     if (weights.rows() != 0 && weights.rows() != cloud.size())
         throw CloudError(cloud.name,
                          name + " for each of " + std::to_string(cloud.size()) + " vertices",
-                         std::to_string(weights.rows()), "Give one weight a vertex, or none.");
+                         std::to_string(weights.rows()), "Give one weight per vertex, or none.");
     for (Index i = 0; i < weights.rows(); ++i)
         if (!(weights[i] >= 0.0 && weights[i] <= 1.0))
             throw CloudError(cloud.name, "weights from 0 to 1 as " + name,
                              "another at vertex " + std::to_string(i),
-                             "Divide them by the largest, or hand in none.");
+                             "Divide them by the largest, or give none.");
 }
 
 }  // namespace
@@ -40,14 +40,14 @@ void check_loop(std::span<const std::string> loop, std::span<const Feature> feat
         const auto feature = std::ranges::find(features, name, &Feature::name);
         if (feature == features.end())
             throw FeatureError("loop", "names of features", "\"" + name + "\", which isn't one",
-                               "Mark that feature on both models, or take it out of the loop.");
+                               "Mark that feature on both models, or remove it from the loop.");
         if (feature->kind != FeatureKind::kPoint)
             throw FeatureError("loop", "point features",
                                "\"" + name + "\", a " + name_of(feature->kind),
-                               "Take it out of the loop, or mark a point.");
+                               "Remove it from the loop, or mark a point.");
         if (std::ranges::find(loop.first(i), name) != loop.first(i).end())
             throw FeatureError("loop", "each feature once", "\"" + name + "\" twice",
-                               "Take one of the two out of the loop.");
+                               "Remove one of the two.");
     }
     if (!loop.empty() && loop.size() < 3)
         throw FeatureError("loop", "at least 3 features", std::to_string(loop.size()),
@@ -59,18 +59,17 @@ void check_loops(const MorphInput& input, const MorphOptions& options) {
     for (const auto& loop : input.more_loops) check_loop(loop, input.features);
     if (!input.more_loops.empty() && options.domain != Domain::kNetwork &&
         (options.domain != Domain::kAuto || options.method != Method::kPaper))
-        throw OptionError("domain", "network, where several loops are given",
+        throw OptionError("domain", "network, for several loops",
                           "another with " + std::to_string(input.more_loops.size() + 1) + " loops",
-                          "Give one loop, or take domain network.");
+                          "Give one loop, or use domain network.");
 }
 
 void check_for_paper(std::span<const Feature> features) {
     const auto region = std::ranges::find(features, FeatureKind::kRegion, &Feature::kind);
     if (region != features.end())
-        throw FeatureError("feature \"" + region->name + "\"",
-                           "points and curves with method paper", "a region",
-                           "Only method auto knows regions: take that, or mark points along the "
-                           "region's border.");
+        throw FeatureError(
+            "feature \"" + region->name + "\"", "points and curves with method paper", "a region",
+            "Use method auto, which supports regions, or mark points along the region's border.");
 }
 
 void check_places(std::span<const Feature> features, const PreparedShape& source,
@@ -99,7 +98,7 @@ void check_start(const RefinementStart& start, Index source_points, Index target
                          "finite images of " + std::to_string(source_points) + " and " +
                              std::to_string(target_points) + " points",
                          "those of " + std::to_string(s) + " and " + std::to_string(t),
-                         "Take the maps of a morph of these very clouds, or none.");
+                         "Use the maps of a morph of the same clouds, or none.");
 }
 
 void require_closed(Closed purpose, const PreparedShape& shape, std::span<const Index> given,
@@ -113,11 +112,11 @@ void require_closed(Closed purpose, const PreparedShape& shape, std::span<const 
         case Closed::kNetwork:
             throw TopologyError(shape.name, "a closed surface for a network of curves",
                                 "an open patch, whose boundary is known",
-                                "Take domain disk or method auto.");
+                                "Use domain disk or method auto.");
         case Closed::kSphere:
             throw TopologyError(shape.name, "a closed surface for domain sphere", "an open patch",
-                                "Take domain disk for open patches, or method auto with domain "
-                                "auto, which takes shapes of any topology.");
+                                "Use domain disk for open patches, or method auto with domain auto "
+                                "for shapes of any topology.");
     }
 }
 
@@ -129,12 +128,12 @@ void check_pairs(const Pairing& pairs, const Cloud& source, const Cloud& target)
             if (row < 0 || row >= cloud.size())
                 throw CloudError(cloud.name,
                                  "pairs of its " + std::to_string(cloud.size()) + " points",
-                                 "row " + std::to_string(row), "Take the morph's own pairs.");
+                                 "row " + std::to_string(row), "Use the morph's own pairs.");
             in_a_pair[to_size(row)] = 1;
         }
         if (std::ranges::find(in_a_pair, 0) != in_a_pair.end())
-            throw CloudError(cloud.name, "every point in a pair", "some that aren't",
-                             "Take the morph's own pairs.");
+            throw CloudError(cloud.name, "every point in a pair", "some in no pair",
+                             "Use the morph's own pairs.");
     };
     check(source, &IndexPair::source);
     check(target, &IndexPair::target);

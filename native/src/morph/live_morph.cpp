@@ -29,15 +29,15 @@ using Clock = std::chrono::steady_clock;
 
 void check_can_be_bent(const MorphInput& input, const MorphOptions& options) {
     if (options.method != Method::kAuto)
-        throw OptionError("method", "auto, whose maps can be updated", "paper",
-                          "Take method auto, or compute the morph anew.");
+        throw OptionError("method", "auto, since only its maps can be updated", "paper",
+                          "Use method auto, or compute the morph again.");
     if (options.domain != Domain::kAuto)
-        throw OptionError("domain", "auto, whose maps can be updated", "another domain",
-                          "Take domain auto, or compute the morph anew.");
+        throw OptionError("domain", "auto, since only its maps can be updated", "another domain",
+                          "Use domain auto, or compute the morph again.");
     check_shapes(input, options);
     check_start(input.start, input.source.size(), input.target.size());
     if (input.start.source_images.rows() == 0)
-        throw CloudError("start", "the maps of the morph that is to be updated", "none",
+        throw CloudError("start", "the maps of the morph to update", "none",
                          "Compute the morph first.");
 }
 

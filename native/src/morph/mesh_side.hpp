@@ -21,7 +21,7 @@
 
 namespace pointmorph {
 
-/// Made once, const afterwards.
+/// Made once, const afterward.
 class MeshSide {
 public:
     /// `features` in rows of the cloud; those of `side` are among the samples. The cloud's faces

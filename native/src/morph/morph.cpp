@@ -298,7 +298,7 @@ Morph::Morph(KeptMorph kept, const MorphOptions& options)
         validate(*cloud, 0);
         if (cloud->normals.rows() == 0 || cloud->radii.rows() == 0)
             throw CloudError(cloud->name, "normals and radii", "none",
-                             "Take those of frame(0) and frame(1) of the morph.");
+                             "Use those of the morph's frame(0) and frame(1).");
     }
     check_pairs(pairs_, source_, target_);
     check_start({source_images_, target_images_}, source_.size(), target_.size());
@@ -331,7 +331,7 @@ Pairing Morph::pairs_through(const std::vector<std::shared_ptr<const Morph>>& le
         const bool fits =
             std::ranges::equal(pairs, leg->pairs_, {}, &IndexPair::target, &IndexPair::source);
         if (!fits)
-            throw CloudError(leg->source_.name, "pairs that go on from those of the morph before",
+            throw CloudError(leg->source_.name, "pairs that continue those of the previous morph",
                              "others", "Give morphs of the same points, in order.");
         for (std::size_t i = 0; i < pairs.size(); ++i) pairs[i].target = leg->pairs_[i].target;
     }

@@ -94,10 +94,10 @@ bool Morph::has_target_mesh() const noexcept {
 void Morph::Wrapped::keep(const Cloud& cloud, Positions vertex_ends) {
     if (vertex_ends.rows() == 0) return;
     if (vertex_ends.rows() != cloud.size() || cloud.faces.size() == 0 || !vertex_ends.allFinite())
-        throw CloudError(cloud.name, "faces, and a finite place for every vertex",
+        throw CloudError(cloud.name, "faces, and a finite position per vertex",
                          std::to_string(cloud.faces.size()) + " faces and " +
-                             std::to_string(vertex_ends.rows()) + " places",
-                         "Take what wrapped() of the morph gave.");
+                             std::to_string(vertex_ends.rows()) + " positions",
+                         "Use what the morph's wrapped() returned.");
     kept = make_mesh(cloud);
     ends = std::move(vertex_ends);
 }
@@ -112,12 +112,12 @@ struct Morph::WrappedSides {
 Morph::WrappedSides Morph::wrapped_sides(bool is_source) const {
     const Cloud &from = is_source ? source_ : target_, &to = is_source ? target_ : source_;
     if ((is_source ? caches_->wrapped_source : caches_->wrapped_target).kept)
-        throw CloudError(from.name, "a morph with all that it was found with",
-                         "what its frames need, from a file or an earlier morph",
+        throw CloudError(from.name, "a morph with all its data",
+                         "only what frames need, from a file or an earlier morph",
                          "Compute the morph again.");
     if (!has_mesh_of(is_source))
         throw CloudError(from.name, "faces to wrap onto " + to.name, "none",
-                         "Give the faces of the mesh, and take method auto.");
+                         "Give the faces of the mesh, and use method auto.");
     const auto& [shared, source_images, target_images, source_holds, target_holds] = *meshes_;
     const MeshSides& sides = *shared;
     const auto& mesh = is_source ? sides.source : sides.target;
@@ -141,7 +141,8 @@ const Mesh& Morph::own_mesh(bool is_source) const {
 Positions Morph::on_the_way(bool is_source, double share, Progress& progress) const {
     if (!(share >= 0.0 && share <= 1.0))
         throw OptionError("t", "a number from 0 to 1",
-                          std::to_string(is_source ? share : 1.0 - share), "Clamp it.");
+                          std::to_string(is_source ? share : 1.0 - share),
+                          "Choose a value from that range.");
     const std::scoped_lock lock(caches_->wrapping_mutex);
     const ThreadCount threads(options_.threads);
     Wrapped& wrapped = is_source ? caches_->wrapped_source : caches_->wrapped_target;
@@ -515,9 +516,8 @@ const Quality& Morph::quality(Progress& progress) const {
 
 const LocalConfidence& Morph::local_confidence(Progress& progress) const {
     if (report_.method.empty())
-        throw CloudError(source_.name, "a map that was found here",
-                         "one that was kept, without the others that it was chosen from",
-                         "Morph again.");
+        throw CloudError(source_.name, "a newly computed map",
+                         "a stored one, without its alternatives", "Morph again.");
     const Quality& quality = this->quality(progress);
     const std::scoped_lock lock(caches_->local_confidence_mutex);
     auto& confidence = caches_->local_confidence;

@@ -153,16 +153,16 @@ const std::vector<Option> kTable{
     choice(POINTMORPH_FIELD(parameterization.solve),
            {.name = "solve",
             .choices = {"full", "lod"},
-            .help = "full solves the parameterization for all points, which is slow. lod solves "
-                    "it for a simplified cloud and embeds all points in that",
+            .help = "full solves the parameterization for all points, which is slow. lod solves it "
+                    "for a simplified cloud and embeds all points in it",
             .method = Method::kPaper}),
     number(POINTMORPH_FIELD(decomposition.extremities),
            {.name = "decomposition_tips",
             .minimum = 0,
             .maximum = 100,
             .unit = "tips",
-            .help = "The most tips without features, such as ears or a tail, to find on models "
-                    "that are cut, and to match within the patches. 0 matches none",
+            .help = "Maximum number of tips without features, such as ears or a tail, to find on "
+                    "models that are cut and to match within the patches. 0 matches none",
             .method = Method::kPaper}),
     number(POINTMORPH_FIELD(spherical_parameterization.nodes),
            {.name = "sphere_nodes",
@@ -177,15 +177,15 @@ const std::vector<Option> kTable{
             .minimum = 1,
             .maximum = 1000,
             .unit = "points",
-            .help = "The most points that one point of the simplified cloud stands for. Smaller "
-                    "is finer and slower",
+            .help = "Maximum number of points that one point of the simplified cloud stands for. "
+                    "Smaller is finer and slower",
             .method = Method::kPaper}),
     number(POINTMORPH_FIELD(parameterization.neighbors),
            {.name = "parameterization_neighbors",
             .minimum = 6,
             .maximum = 64,
             .unit = "points",
-            .help = "Nearest points whose mean gives the place of an interior point in the "
+            .help = "Nearest points whose mean gives the position of an interior point in the "
                     "disk. Raise it if a patch falls apart",
             .method = Method::kPaper}),
     number(POINTMORPH_FIELD(parameterization.radius),
@@ -229,22 +229,22 @@ const std::vector<Option> kTable{
             .minimum = 1e-6,
             .maximum = 2,
             .unit = "disk radii",
-            .help = "The same as a fixed distance in the disk. Automatic: use the multiple",
+            .help = "Influence as a fixed distance in the disk. Automatic: use the multiple",
             .method = Method::kPaper}),
     number(POINTMORPH_FIELD(alignment.max_sweeps),
            {.name = "alignment_max_sweeps",
             .minimum = 1,
             .maximum = 1e6,
             .unit = "sweeps",
-            .help = "The most times that both disks are warped in turn",
+            .help = "Maximum number of times that each disk is warped",
             .method = Method::kPaper}),
     number(POINTMORPH_FIELD(pairing.max_cluster_size),
            {.name = "pairing_cluster_size",
             .minimum = 2,
             .maximum = 1000,
             .unit = "points",
-            .help = "The most points of either model in a cluster of the common domain when "
-                    "points are paired",
+            .help = "Maximum number of points of either model in a cluster of the common domain "
+                    "when points are paired",
             .method = Method::kPaper}),
     number(POINTMORPH_FIELD(transfer.neighbors),
            {.name = "transfer_neighbors",
@@ -253,27 +253,27 @@ const std::vector<Option> kTable{
             .unit = "points",
             .help = "Points over which the smooth map averages. Raise it for noisy scans",
             .method = Method::kPaper}),
-    choice(POINTMORPH_FIELD(path),
-           {.name = "path",
-            .choices = {"auto", "linear", "similarity", "rigid"},
-            .help = "How points travel. linear: straight. similarity: the whole rotates and "
-                    "scales on the way, so a rotated target doesn't shrink midway. rigid: every "
-                    "part also rotates, so a raised leg swings. auto: rigid, or linear with "
-                    "method paper. A single baked shape key is straight; bake several steps to "
-                    "follow the other paths",
-            .affects = Option::Affects::kPath}),
+    choice(
+        POINTMORPH_FIELD(path),
+        {.name = "path",
+         .choices = {"auto", "linear", "similarity", "rigid"},
+         .help = "How points travel. linear: straight. similarity: the whole shape rotates and "
+                 "scales, so a rotated target doesn't shrink midway. rigid: every part also "
+                 "rotates, so a raised leg swings. auto: rigid, or linear with method paper. A "
+                 "single baked shape key is straight; bake several steps to follow the other paths",
+         .affects = Option::Affects::kPath}),
     choice(POINTMORPH_FIELD(stagger.kind),
            {.name = "stagger",
             .choices = {"none", "x", "y", "z", "noise", "delay"},
             .help = "Which points go first. x, y, z: those with the smallest coordinate. noise: "
-                    "patches, in random order. delay: those with the smallest delay, a number "
-                    "from 0 to 1 for each point of the source. none: all go together",
+                    "patches, in random order. delay: those with the smallest delay, a number from "
+                    "0 to 1 for each point of the source. none: all move together",
             .affects = Option::Affects::kPath}),
     number(POINTMORPH_FIELD(stagger.overlap),
            {.name = "stagger_overlap",
             .minimum = 0.01,
             .maximum = 1,
-            .help = "Share of the time that each point takes. 1: all go together. Small: one "
+            .help = "Share of the time that each point takes. 1: all move together. Small: one "
                     "after the other",
             .affects = Option::Affects::kPath}),
     number(POINTMORPH_FIELD(stagger.falloff),
@@ -284,36 +284,36 @@ const std::vector<Option> kTable{
             .affects = Option::Affects::kPath}),
     choice(POINTMORPH_FIELD(stagger.is_reversed), {.name = "stagger_order",
                                                    .choices = {"forward", "reverse"},
-                                                   .help = "reverse: what would go last goes first",
+                                                   .help = "reverse: the last points go first",
                                                    .affects = Option::Affects::kPath}),
     number(POINTMORPH_FIELD(stagger.size),
            {.name = "stagger_size",
             .minimum = 0.001,
             .maximum = 10,
             .unit = "diagonals",
-            .help = "About how large the patches of noise are, as a share of the source's "
-                    "bounding box",
+            .help =
+                "Approximate size of the patches of noise, as a share of the source's bounding box",
             .affects = Option::Affects::kPath}),
     number(POINTMORPH_FIELD(stagger.seed), {.name = "stagger_seed",
                                             .minimum = 0,
                                             .maximum = 1000000,
-                                            .help = "Another number gives another noise",
+                                            .help = "Another number gives another pattern",
                                             .affects = Option::Affects::kPath}),
     number(POINTMORPH_FIELD(wrapping.conform),
            {.name = "wrap_conform",
             .minimum = 0,
             .maximum = 1,
-            .help = "How firmly a mesh that is wrapped goes onto the other model. Lower it to keep "
-                    "more of its own shape",
+            .help = "How closely a wrapped mesh follows the other model. Lower it to keep more of "
+                    "its own shape",
             .method = Method::kAuto}),
     number(POINTMORPH_FIELD(wrapping.relaxing),
            {.name = "wrap_relax",
             .minimum = 0,
             .maximum = 1000,
             .unit = "iterations",
-            .help = "How often the vertices of a wrapped mesh slide along the other model, so "
-                    "that its faces keep more of their own proportions. Raise it for even faces, "
-                    "where details may lie elsewhere",
+            .help = "How often the vertices of a wrapped mesh slide along the other model, so that "
+                    "its faces keep more of their own proportions. Raise it for even faces, at the "
+                    "expense of details",
             .method = Method::kAuto}),
     number(POINTMORPH_FIELD(resampling.omega),
            {.name = "omega",
@@ -341,15 +341,16 @@ const std::vector<Option> kTable{
             .minimum = 0.5,
             .maximum = 10,
             .unit = "spacings",
-            .help = "How far the surface for new points averages over the points around. Raise "
-                    "it for noisy scans. Automatic: 0.9 + degree / 5",
+            .help = "How far the surface for new points averages over nearby points. Raise it for "
+                    "noisy scans. Automatic: 0.9 + degree / 5",
             .affects = Option::Affects::kFrames}),
     number(POINTMORPH_FIELD(resampling.mls.width),
            {.name = "mls_width",
             .minimum = 1e-9,
             .maximum = 1e9,
             .unit = "model units",
-            .help = "The same as a fixed distance. Automatic: use the multiple of the spacing",
+            .help = "How far the surface averages, as a fixed distance. Automatic: use the "
+                    "multiple of the spacing",
             .affects = Option::Affects::kFrames}),
     number(POINTMORPH_FIELD(resampling.crowding),
            {.name = "crowding",

@@ -68,7 +68,7 @@ void check_parts(const ShapeInput& input) {
     const Index count = input.cloud.size();
     if (input.parts.empty() || static_cast<Index>(input.parts.size()) == count) return;
     throw CloudError(input.cloud.name, "a part for each of " + std::to_string(count) + " points",
-                     std::to_string(input.parts.size()), "Give one label a point, or none.");
+                     std::to_string(input.parts.size()), "Give one label per point, or none.");
 }
 
 void find_loops(PreparedShape& shape, const BoundaryOptions& options, Progress& progress) {

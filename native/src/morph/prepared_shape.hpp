@@ -1,4 +1,4 @@
-// One of the two shapes of a morph as the routes see it: computed once, const afterwards. Not for
+// One of the two shapes of a morph as the routes see it: computed once, const afterward. Not for
 // callers of the library.
 #pragma once
 
@@ -45,7 +45,7 @@ struct PreparedShape {
     /// Unit length: the given ones, or estimated and made to agree in sign.
     Normals normals;
     bool normals_given = false;
-    bool normals_reversed = false;  ///< given normals pointed inwards, and were reversed
+    bool normals_reversed = false;  ///< given normals pointed inward, and were reversed
     Neighborhoods nearest;          ///< ascending by distance
     Values radii;  ///< of given rows, in given lengths: those given, or the spacing
     Topology topology;

@@ -29,7 +29,7 @@ struct RouteResult {
     Pairing pairs;
     RefinementStart images;  ///< smooth maps; empty where the domain gives them
     BoundaryLoop source_boundary, target_boundary;
-    /// Estimated normals of this shape proved to point inwards; see with_normals_reversed().
+    /// Estimated normals of this shape proved to point inward; see with_normals_reversed().
     bool source_is_inside_out = false, target_is_inside_out = false;
     std::optional<Index> genus;  ///< handles of both shapes, where the route found out
     std::vector<std::string> warnings;

@@ -43,7 +43,7 @@ Loops loops_of(const MorphInput& input);
 std::vector<std::string> loop_through(const RouteInput& input, const DecompositionOptions& options,
                                       Progress& progress);
 
-/// Reverses the normals that a route found to point inwards.
+/// Reverses the normals that a route found to point inward.
 void reverse_normals(PreparedShapes& shapes, const RouteResult& route);
 
 }  // namespace pointmorph

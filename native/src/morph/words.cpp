@@ -47,11 +47,11 @@ std::string two_decimals(double value) {
 std::string difference(const Rival& rival, const Cloud& source, std::span<const Feature> features) {
     switch (rival.swap) {
         case Swap::kEnds:
-            return "with its two ends, such as head and tail, exchanged";
+            return "with its two ends, such as head and tail, swapped";
         case Swap::kSides:
-            return "with its sides, such as left and right, exchanged";
+            return "with its sides, such as left and right, swapped";
         case Swap::kTurned:
-            return "turned another way";
+            return "rotated differently";
         default:
             break;
     }
@@ -61,7 +61,7 @@ std::string difference(const Rival& rival, const Cloud& source, std::span<const 
         if (places.find(words) != std::string::npos) continue;
         places += (places.empty() ? "" : "; ") + words;
     }
-    return "with other partners for parts of it (" + places + ")";
+    return "with parts of it matched differently (" + places + ")";
 }
 
 }  // namespace
@@ -71,12 +71,13 @@ std::vector<std::string> preparation_warnings(const PreparedShapes& shapes) {
     for (const PreparedShape* shape : {&shapes.source, &shapes.target})
         if (shape->normals_reversed)
             warnings.push_back("The normals of " + shape->name +
-                               " pointed inwards: they were reversed.");
+                               " pointed inward: they were reversed.");
     for (const PreparedShape* shape : {&shapes.source, &shapes.target})
         if (shape->left_out > 0)
-            warnings.push_back(shape->name + ": " + std::to_string(shape->left_out) +
-                               (shape->left_out == 1 ? " stray point goes" : " stray points go") +
-                               " where the nearest of the others goes.");
+            warnings.push_back(
+                shape->name + ": " + std::to_string(shape->left_out) +
+                (shape->left_out == 1 ? " stray point follows" : " stray points follow") +
+                " the nearest other point.");
     const std::string difference = difference_in_words(shapes.source.topology, shapes.source.name,
                                                        shapes.target.topology, shapes.target.name);
     if (!difference.empty()) warnings.push_back(difference);
@@ -86,32 +87,32 @@ std::vector<std::string> preparation_warnings(const PreparedShapes& shapes) {
 std::vector<std::string> paper_warnings(std::span<const Feature> features) {
     if (std::ranges::all_of(features, &Feature::hard)) return {};
     return {
-        "Method paper has no soft features: all points, and some of each curve, are brought "
-        "together exactly."};
+        "Method paper has no soft features: points, and some points of each curve, are met "
+        "exactly."};
 }
 
 std::string faces_were_reversed(const std::string& shape) {
-    return "The faces of " + shape + " showed their inside: they were reversed.";
+    return "The faces of " + shape + " pointed inward: they were reversed.";
 }
 
 std::string normals_disagree() {
-    return "The normals of one model point inwards, so its shading will flip during the morph. "
-           "Recalculate them to point outwards.";
+    return "The normals of one model point inward, so its shading will flip during the morph. "
+           "Recalculate them to point outward.";
 }
 
 std::string earlier_map_was_ignored(const std::string& domain) {
     return "The earlier map was ignored: with domain " + domain +
-           " the search starts in that domain. Take domain auto to continue from it.";
+           " the search starts in that domain. To continue from the map, use domain auto.";
 }
 
 std::string mark_went_far(const std::string& name, double distance) {
-    return "From scratch: \"" + name + "\" went far (" +
+    return "Computed from scratch: \"" + name + "\" moved too far (" +
            in_short(std::round(100.0 * distance) / 100.0) +
-           " of the square root of the surface's area) from where the map had it.";
+           " √area) from its place in the earlier map.";
 }
 
 std::string update_would_tear() {
-    return "From scratch: bent to the changed features, the earlier map would have torn.";
+    return "Computed from scratch: the changed features would have torn the earlier map.";
 }
 
 std::string loop_was_suggested(std::span<const std::string> loop) {
@@ -121,8 +122,8 @@ std::string loop_was_suggested(std::span<const std::string> loop) {
 }
 
 std::string cut_was_led_around(const std::string& shape, const std::string& features) {
-    return "The cut of " + shape + " was led around " + features +
-           ", so that it passes on the same side as on the other model.";
+    return "The cut through " + shape + " goes around " + features +
+           ", passing on the same side as on the other model.";
 }
 
 std::string curves_take_detours() {
@@ -134,29 +135,30 @@ std::string curves_take_detours() {
 std::string fits_mirrored(const std::string& what_fits) {
     return what_fits +
            " much better when one model is mirrored: check that left and right are not swapped "
-           "and that the normals of both point outwards.";
+           "and that the normals of both point outward.";
 }
 
 std::string patch_has_holes(const std::string& shape, Index boundary_loops) {
     return shape + ": the longest of " + std::to_string(boundary_loops) +
-           " boundary loops goes to the rim of the disk; the others are treated as holes in the "
+           " boundary loops becomes the rim of the disk; the others are treated as holes in the "
            "patch.";
 }
 
 std::string separate_parts(const std::string& shape, Index points) {
     return shape + ": " + std::to_string(points) +
-           (points == 1 ? " point in a separate part goes" : " points in separate parts go") +
-           " where the nearest places of the largest part go.";
+           (points == 1 ? " point in a separate part follows"
+                        : " points in separate parts follow") +
+           " the nearest points of the largest part.";
 }
 
 std::string orientation_was_searched(const std::string& source, const std::string& target) {
-    return "Fewer than three places are marked, so the search found how " + source + " lies to " +
-           target + " on the sphere. Mark three or more if it is wrong.";
+    return "With fewer than three features, the rotation of " + source + " onto " + target +
+           " on the sphere was searched for. Mark three or more if it is wrong.";
 }
 
 std::string sphere_is_stretched() {
-    return "The map over the sphere is stretched much: limbs may have arrived twisted, or marks "
-           "may be exchanged. Mark more places around the limbs, or take domain auto.";
+    return "The map over the sphere is heavily stretched: limbs may be twisted, or features "
+           "swapped. Mark more places around the limbs, or use domain auto.";
 }
 
 std::string doubts(const Diagnostics& found, const Cloud& source, const Cloud& target,
@@ -170,26 +172,25 @@ std::string doubts(const Diagnostics& found, const Cloud& source, const Cloud& t
     std::string mark;
     if (!found.rivals.empty()) {
         const Rival& rival = found.rivals.front();
-        text += ": " + source.name + " fits " + target.name + " another way too, " +
-                difference(rival, source, features) + ", " + two_decimals(rival.ratio) +
-                " times as badly";
-        mark = point(rival.source) + ", which is on point " + std::to_string(rival.target) +
-               " of " + target.name + " now and would be on point " +
-               std::to_string(rival.rival_target);
+        text += ": " + source.name + " fits " + target.name + " in another way too, " +
+                difference(rival, source, features) + ", at " + two_decimals(rival.ratio) +
+                " times the error";
+        mark = point(rival.source) + ", now on point " + std::to_string(rival.target) + " of " +
+               target.name + " and otherwise on point " + std::to_string(rival.rival_target);
     } else if (!found.proposals.empty()) {
         const Proposal& weakest =
             *std::ranges::min_element(found.proposals, {}, &Proposal::confidence);
-        mark = point(weakest.source) + ", which is on point " + std::to_string(weakest.target) +
-               " of " + target.name + " now";
+        mark = point(weakest.source) + ", now on point " + std::to_string(weakest.target) + " of " +
+               target.name;
     }
     text += ". Mark one place on both models to settle it";
-    return text + (mark.empty() ? "." : ", say " + mark + ".");
+    return text + (mark.empty() ? "." : ", for instance " + mark + ".");
 }
 
 std::vector<std::string> color_warnings(const Cloud& source, const Cloud& target) {
     const bool source_has_none = source.colors.rows() == 0;
     if (source_has_none == (target.colors.rows() == 0)) return {};
-    return {(source_has_none ? source : target).name + " has no colors: white is used for it."};
+    return {(source_has_none ? source : target).name + " has no colors: white is used."};
 }
 
 std::vector<std::string> straight_path_warnings(const Cloud& source, const Cloud& target,
@@ -209,10 +210,10 @@ std::vector<std::string> straight_path_warnings(const Cloud& source, const Cloud
     };
     const double half_way =
         size(0.5 * (from + to)) / std::max(std::sqrt(size(from) * size(to)), 1e-300);
-    return {target.name + " is turned by " + std::to_string(std::lround(degrees)) + "° against " +
-            source.name + ". On straight paths the shape is " +
+    return {target.name + " is rotated " + std::to_string(std::lround(degrees)) + "° relative to " +
+            source.name + ". On straight paths, the shape shrinks to " +
             std::to_string(std::lround(100.0 * half_way)) +
-            " % of its size halfway: use path rigid to turn it instead."};
+            " % of its size halfway: use path rigid to rotate it."};
 }
 
 std::string choice_in_words(const std::string& domain, const Topology& source,

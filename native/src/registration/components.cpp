@@ -310,7 +310,8 @@ std::vector<std::string> components_in_words(const ComponentMatching& matching,
                     " points with " + std::to_string(points_of(target, matching.matched[k].target));
         if (matching.matched.size() > kListed) list += " and so on";
         words.push_back(std::to_string(matching.matched.size()) + " pieces of " + source.name +
-                        " and " + target.name + " were matched by place and size: " + list + ".");
+                        " and " + target.name + " were matched by position and size: " + list +
+                        ".");
     }
     const auto alone = [&](std::span<const Index> components, const NamedTopology& shape) {
         if (components.empty()) return;
@@ -320,8 +321,8 @@ std::vector<std::string> components_in_words(const ComponentMatching& matching,
         words.push_back(
             counted(count, "piece", "pieces") + " of " + shape.name + " (" +
             counted(points, "point", "points") +
-            (count == 1 ? ") has no counterpart: it was" : ") have no counterpart: they were") +
-            " joined to what is nearest.");
+            (count == 1 ? ") has no counterpart and was" : ") have no counterpart and were") +
+            " joined to the nearest part.");
     };
     alone(matching.source_alone, source);
     alone(matching.target_alone, target);

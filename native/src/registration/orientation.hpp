@@ -6,12 +6,12 @@
 
 namespace pointmorph {
 
-/// Whether the normals of one shape face outwards and those of the other inwards: told from the
+/// Whether the normals of one shape face outward and those of the other inward: told from the
 /// volumes where both shapes enclose one, else from how the normals agree when the source's points
 /// are at `start`, on the target.
 bool is_inside_out(const CoarseShape& source, const CoarseShape& target, const Positions& start);
 
-/// Volume that the oriented points enclose, if they do; below 0 where they face inwards.
+/// Volume that the oriented points enclose, if they do; below 0 where they face inward.
 double signed_volume(const CoarseShape& shape);
 
 /// Mean agreement of the normals of source points, where they start, with the nearest target

@@ -12,7 +12,7 @@ namespace pointmorph {
 
 namespace {
 
-/// Images that are moved afterwards.
+/// Images that are moved afterward.
 DeformedCloud moved(const DeformedCloud& images, const Similarity& motion) {
     DeformedCloud result{motion.apply(images.positions), motion.rotated(images.normals), {}};
     result.linear.reserve(images.linear.size());

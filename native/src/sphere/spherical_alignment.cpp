@@ -469,9 +469,8 @@ SphericalAlignment align_on_sphere(SphericalMesh& source, SphericalMesh& target,
     if (apart > 0.0)
         throw ConvergenceError("features", "features that meet on the sphere without a fold",
                                "some that stay " + std::to_string(apart) + " sphere radii apart",
-                               "Check that they mark the same places on both models, that left "
-                               "and right are not swapped, and that none lie on top of each "
-                               "other.");
+                               "Check that they mark the same places on both models, that left and "
+                               "right are not swapped, and that no two coincide.");
     // Extremities come as near as they can, and the descent may take them on from there.
     if (const auto extremities =
             paired_extremities(source, target, features, options.extremities, progress);

@@ -44,7 +44,7 @@ struct LargestPart {
     Index size() const { return static_cast<Index>(rows.size()); }
 };
 
-/// Above 0 where the normals point outwards.
+/// Above 0 where the normals point outward.
 double outwardness(const Positions& positions, const Normals& normals) {
     const Eigen::RowVector3d center = positions.colwise().mean();
     return (positions.rowwise() - center).cwiseProduct(normals).sum();
@@ -109,9 +109,8 @@ void check_part(const LargestPart& part, const SampledSurface& surface,
                                 " of " + std::to_string(surface.size()) + " points",
                             "Use domain auto, or morph the parts one by one.");
     if (outwardness(part.positions, part.normals) < 0.0)
-        throw TopologyError(surface.name, "normals that point outwards",
-                            "normals that point inwards",
-                            "Recalculate them, or give none: they are estimated then.");
+        throw TopologyError(surface.name, "normals that point outward", "normals that point inward",
+                            "Recalculate them, or give none to have them estimated.");
 }
 
 /// Rows of the part that become nodes, the `required` rows of the cloud first.
@@ -122,8 +121,8 @@ std::vector<Index> chosen_nodes(const LargestPart& part, const KdTree<3>& tree,
     for (const Index row : required) {
         if (part.place[to_size(row)] < 0)
             throw FeatureError("features", "marks on the largest part of " + name,
-                               "one on a part of its own",
-                               "Move that mark, or leave it out, or use domain auto.");
+                               "one on a separate part",
+                               "Move or remove that mark, or use domain auto.");
         kept.push_back(part.place[to_size(row)]);
     }
     // Which nodes touch shows only where each has a few points around it.
@@ -171,12 +170,12 @@ RingMesh triangulated(SphericalMesh& mesh, std::span<const Positions> guesses,
         rings = std::move(candidate);
     }
     if (least > largest_wrong_share)
-        throw TopologyError(
-            name, "a closed surface without handles, of genus 0",
-            "one that no sphere follows: " + std::to_string(std::lround(100.0 * least)) +
-                " % of it would lie the wrong way round",
-            "Use domain auto, which takes any topology; or check that the normals point outwards "
-            "everywhere and that limbs don't touch.");
+        throw TopologyError(name, "a closed surface without handles, of genus 0",
+                            "one that can't be mapped onto a sphere: " +
+                                std::to_string(std::lround(100.0 * least)) +
+                                " % of it would be turned over",
+                            "Use domain auto, for any topology; or check that the normals point "
+                            "outward everywhere and that limbs don't touch.");
     mesh.triangles = rings->triangles();
     return *std::move(rings);
 }

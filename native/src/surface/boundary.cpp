@@ -249,7 +249,7 @@ bool is_boundary(const SampledSurface& surface, const Outside& outside,
     if (area.norm() < kThin * spacing * length) return false;
     if (is_fold(surface, passages, loop)) return false;
     if (!outside.is_uneven()) return true;
-    // A hole is walked round clockwise: its area points inwards.
+    // A hole is walked round clockwise: its area points inward.
     double along = 0.0;
     for (const Index i : loop) along -= surface.normals.row(i).dot(area);
     return along <= kFlat * area.norm() * static_cast<double>(loop.size());

@@ -55,9 +55,9 @@ void check_side(const Feature& feature, const Marked& marked, const Cloud& cloud
         throw FeatureError(subject, "each point of " + cloud.name + " once",
                            "point " + std::to_string(*twice) + " twice",
                            feature.kind == FeatureKind::kCurve
-                               ? "Make a curve that ends where it began closed, instead of naming "
-                                 "its first point again, and cut one that crosses itself in two."
-                               : "Name each point once.");
+                               ? "To close a curve, mark it as closed instead of repeating its "
+                                 "first point. Split one that crosses itself."
+                               : "List each point once.");
 
     if (!marked.weights.empty() && feature.kind != FeatureKind::kRegion)
         throw FeatureError(subject, "weights of points in a region",
@@ -65,7 +65,7 @@ void check_side(const Feature& feature, const Marked& marked, const Cloud& cloud
                            "Leave them out, or make it a region.");
     if (!marked.weights.empty() && marked.weights.size() != marked.rows.size())
         throw FeatureError(subject, "a weight for each of " + count + " points",
-                           std::to_string(marked.weights.size()), "Give one a point, or none.");
+                           std::to_string(marked.weights.size()), "Give one per point, or none.");
     for (const double weight : marked.weights)
         if (!(weight >= 0.0 && weight <= 1.0))
             throw FeatureError(subject, "weights of points from 0 to 1", in_short(weight),
@@ -92,7 +92,7 @@ void check_points_apart(std::span<const Feature> features, Marked Feature::*side
         if (!is_new)
             throw FeatureError(
                 subject_of(feature), "a point of its own on " + cloud.name,
-                "point " + std::to_string(row) + ", which is \"" + other->second + "\" already",
+                "point " + std::to_string(row) + ", which is already \"" + other->second + "\"",
                 "Move or remove one of the two.");
     }
 }

@@ -70,8 +70,8 @@ MlsProjection::MlsProjection(const KdTree<3>& tree, const Normals& normals,
                           std::to_string(options.degree), "The default is 2.");
     const auto check = [](const std::optional<double>& length, const char* name) {
         if (length && !(*length > 0.0 && std::isfinite(*length)))
-            throw OptionError(name, "a number over 0", std::to_string(*length),
-                              "Leave it out: it is chosen then.");
+            throw OptionError(name, "a number above 0", std::to_string(*length),
+                              "Leave it out to have it chosen.");
     };
     check(options.scale, "mls_scale");
     check(options.width, "mls_width");

@@ -438,7 +438,7 @@ std::string difference_in_words(const Topology& source, const std::string& sourc
     const bool handles = s.genus && t.genus && *s.genus != *t.genus;
     if (s.is_open == t.is_open && !handles) return "";
     return source_name + " is " + in_words(s) + " and " + target_name + " " + in_words(t) +
-           ": where they differ, the surface tears or folds on the way.";
+           ": where they differ, the surface tears or folds during the morph.";
 }
 
 std::string in_words(const Topology& source, const Topology& target) {

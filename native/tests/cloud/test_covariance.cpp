@@ -198,10 +198,10 @@ TEST(OrientNormals, SphereTorusAndHemisphereFaceOutwards) {
     EXPECT_EQ(disagreements(oriented(cap), cap), 0);
 
     const Positions torus = shapes::torus(6000, 0.4);
-    Normals outwards = torus;
+    Normals outward = torus;
     for (Index i = 0; i < torus.rows(); ++i)
-        outwards.row(i).head<2>() -= torus.row(i).head<2>().normalized();
-    EXPECT_EQ(disagreements(oriented(torus), outwards), 0);
+        outward.row(i).head<2>() -= torus.row(i).head<2>().normalized();
+    EXPECT_EQ(disagreements(oriented(torus), outward), 0);
 }
 
 TEST(OrientNormals, ClosedShapesFaceOutwardsWhateverThePose) {
@@ -210,22 +210,22 @@ TEST(OrientNormals, ClosedShapesFaceOutwardsWhateverThePose) {
         const Matrix3 r = shapes::rotation(seed);
         const Positions moved =
             (7.0 * sphere * r.transpose()).rowwise() + Eigen::RowVector3d(100, -50, 20);
-        const Normals outwards = sphere * r.transpose();
-        EXPECT_EQ(disagreements(oriented(moved, 16, seed), outwards), 0);
+        const Normals outward = sphere * r.transpose();
+        EXPECT_EQ(disagreements(oriented(moved, 16, seed), outward), 0);
     }
 }
 
 TEST(OrientNormals, HeadWithNeckOpeningFacesOutwards) {
     // An ellipsoid that is open below, with a dent for a face.
     Positions p = shapes::sphere(6000, -0.8);
-    Normals outwards = p;
+    Normals outward = p;
     for (Index i = 0; i < p.rows(); ++i) {
         p.row(i) *=
             1.0 - 0.3 * std::exp(-8.0 * (p.row(i) - Eigen::RowVector3d(1, 0, 0)).squaredNorm());
         p(i, 2) *= 1.4;
-        outwards(i, 2) /= 1.4;
+        outward(i, 2) /= 1.4;
     }
-    EXPECT_LT(disagreements(oriented(p), outwards), p.rows() / 100);
+    EXPECT_LT(disagreements(oriented(p), outward), p.rows() / 100);
 }
 
 TEST(OrientNormals, FlatPatchesFaceUpwards) {
@@ -261,12 +261,12 @@ TEST(OrientNormals, ThinPlateHasTwoSides) {
     // A plate with round edge, thinner than its spacing in the plane is wide.
     constexpr double kSpacing = 0.05;
     for (const double thickness : {3.0 * kSpacing, 1.5 * kSpacing}) {
-        std::vector<Eigen::RowVector3d> points, outwards;
+        std::vector<Eigen::RowVector3d> points, outward;
         for (int u = -20; u <= 20; ++u)
             for (int v = -20; v <= 20; ++v)
                 for (const int side : {-1, 1}) {
                     points.emplace_back(u * kSpacing, v * kSpacing, 0.5 * side * thickness);
-                    outwards.emplace_back(0, 0, side);
+                    outward.emplace_back(0, 0, side);
                 }
         const int rows = std::max(1, static_cast<int>(std::lround(1.6 * thickness / kSpacing)) - 1);
         for (int w = 1; w <= rows; ++w) {
@@ -276,15 +276,15 @@ TEST(OrientNormals, ThinPlateHasTwoSides) {
                     const double out = side * (1.0 + 0.5 * thickness * std::sin(angle));
                     const double z = 0.5 * thickness * std::cos(angle);
                     points.emplace_back(out, u * kSpacing, z);
-                    outwards.emplace_back(side * std::sin(angle), 0, std::cos(angle));
+                    outward.emplace_back(side * std::sin(angle), 0, std::cos(angle));
                     points.emplace_back(u * kSpacing, out, z);
-                    outwards.emplace_back(0, side * std::sin(angle), std::cos(angle));
+                    outward.emplace_back(0, side * std::sin(angle), std::cos(angle));
                 }
         }
         Positions p(points.size(), 3), expected(points.size(), 3);
         for (std::size_t i = 0; i < points.size(); ++i) {
             p.row(static_cast<Index>(i)) = points[i];
-            expected.row(static_cast<Index>(i)) = outwards[i];
+            expected.row(static_cast<Index>(i)) = outward[i];
         }
         const Normals found = oriented(p, 10);
         // Points half-way round the edge may have any normal; the sides may not.

@@ -138,4 +138,4 @@ def test_what_is_wrong_is_said_before_a_template_is_written(tmp_path: Path) -> N
     assert "Put the template above" in done.stderr
     done = run("batch", jobs, "--render", "0/2")
     assert done.returncode == 2
-    assert "a command that renders" in done.stderr
+    assert 'a "render" command' in done.stderr

@@ -90,7 +90,7 @@ def processes(*words: str) -> list[int]:
 
 
 def was_killed(log: Path) -> bool:
-    return log.exists() and "was killed; it is run again" in log.read_text()
+    return log.exists() and "was killed and runs again" in log.read_text()
 
 
 def states(out: Path) -> dict[str, str]:
@@ -122,7 +122,7 @@ def test_a_task_that_is_killed_is_run_again_and_all_is_as_without_slurm(
     assert states(out) == {"a_to_b": "kept", "a_to_c": "pending"}
     assert "c.obj: expected" in (out / "farm" / "logs" / "maps_0.log").read_text()
     for name in ("frames", "renders"):
-        assert "Find it first" in (out / "farm" / "logs" / f"{name}_1_0.log").read_text()
+        assert "Compute it first" in (out / "farm" / "logs" / f"{name}_1_0.log").read_text()
     assert not cluster.ask("squeue", "-h")
     assert same_frames(out, jobs.parent / "local")
     assert 5 < len(before) < FRAMES

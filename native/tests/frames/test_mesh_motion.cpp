@@ -88,7 +88,7 @@ struct Trip {
     }
 };
 
-/// Of vertices: twice the areas of the triangles, towards where they face.
+/// Of vertices: twice the areas of the triangles, toward where they face.
 Normals faces_at(const Mesh& mesh, const Positions& vertices) {
     Positions x = mesh.positions;
     for (std::size_t v = mesh.places.size(); v-- > 0;)

@@ -314,11 +314,11 @@ TEST(Resampling, PointsComeAndGoSmoothlyAndKeepTheirIds) {
 TEST(Resampling, AnyOrderAndAnyNumberOfThreadsGiveTheSameBits) {
     SKIP_WHERE_WATCHED();
     const Given given = limbs(2000);
-    const auto with = [&](int count, bool backwards) {
+    const auto with = [&](int count, bool backward) {
         const ThreadCount threads(count);
         const Resampling resampling = given.resampled(everywhere());
         Progress progress;
-        if (backwards) resampling.at(0.9, given.at(0.9), progress);
+        if (backward) resampling.at(0.9, given.at(0.9), progress);
         return resampling.at(0.4, given.at(0.4), progress);
     };
     const auto one = with(1, false), two = with(2, true);

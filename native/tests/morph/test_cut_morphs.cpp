@@ -77,7 +77,7 @@ TEST(Morph, LeadsTheCutRoundAFeatureBesideIt) {
     ASSERT_GT(height(input.source, s) * -height(input.target, t), 0.0);
     input.features.push_back(point_feature("beside", s, t));
     const Morph morph(std::move(input), paper(), progress);
-    EXPECT_TRUE(checks::mentions(morph.report().warnings, "led around \"beside\""));
+    EXPECT_TRUE(checks::mentions(morph.report().warnings, "goes around \"beside\""));
     EXPECT_TRUE(std::ranges::binary_search(morph.pairs(), IndexPair{s, t}));
 }
 

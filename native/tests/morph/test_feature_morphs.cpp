@@ -142,7 +142,7 @@ TEST(Features, MethodPaperRefusesRegions) {
         const Morph morph({sheet(21, 0.0), sheet(21, 0.4), {spot}, {}, {}, {}}, paper(), progress);
         FAIL();
     } catch (const FeatureError& error) {
-        EXPECT_NE(std::string(error.what()).find("Only method auto knows regions"),
+        EXPECT_NE(std::string(error.what()).find("Use method auto, which supports regions"),
                   std::string::npos);
     }
     // The refinement behind the disk knows them.

@@ -119,8 +119,8 @@ TEST(LiveMorph, AFarMarkIsLookedForFromScratchWithAWord) {
     std::swap(changed[0].target, changed[2].target);  // front and back
     const Morph found = live.updated(changed, progress);
     const std::string& why = found.report().update;
-    EXPECT_TRUE(why.starts_with("From scratch: \"front\" went far") ||
-                why.starts_with("From scratch: \"back\" went far"))
+    EXPECT_TRUE(why.starts_with("Computed from scratch: \"front\" moved too far") ||
+                why.starts_with("Computed from scratch: \"back\" moved too far"))
         << why;
     EXPECT_TRUE(checks::mentions(found.report().warnings, why));
     EXPECT_TRUE(checks::are_paired(changed, found.pairs()));
@@ -294,7 +294,7 @@ TEST(LiveMorph, WhatIsKnownOfTheMapIsKept) {
     const Morph morph(MorphInput(input), {}, progress);
     const MorphReport& before = morph.report();
     ASSERT_LT(before.diagnostics.confidence, 1.0);
-    ASSERT_TRUE(checks::mentions(before.warnings, "pointed inwards"));
+    ASSERT_TRUE(checks::mentions(before.warnings, "pointed inward"));
 
     const Positions images = morph.source_to_target(progress);
     const Index row = marks[0].source.rows[0];
@@ -308,7 +308,7 @@ TEST(LiveMorph, WhatIsKnownOfTheMapIsKept) {
         EXPECT_EQ(after.diagnostics.confidence, before.diagnostics.confidence);
         EXPECT_EQ(after.diagnostics.margin, before.diagnostics.margin);
         EXPECT_EQ(after.diagnostics.rivals.size(), before.diagnostics.rivals.size());
-        EXPECT_TRUE(checks::mentions(after.warnings, "pointed inwards"));
+        EXPECT_TRUE(checks::mentions(after.warnings, "pointed inward"));
         EXPECT_EQ(checks::mentions(after.warnings, "wrong place"),
                   checks::mentions(before.warnings, "wrong place"));
         EXPECT_EQ(after.warnings.size(), before.warnings.size());
@@ -318,7 +318,7 @@ TEST(LiveMorph, WhatIsKnownOfTheMapIsKept) {
     input.start = {images, morph.target_to_source(progress)};
     const Morph given = LiveMorph(std::move(input), {}, progress).updated(marked, progress);
     EXPECT_TRUE(std::isnan(given.report().diagnostics.confidence));
-    EXPECT_TRUE(checks::mentions(given.report().warnings, "pointed inwards"));
+    EXPECT_TRUE(checks::mentions(given.report().warnings, "pointed inward"));
     EXPECT_FALSE(checks::mentions(given.report().warnings, "wrong place"));
 }
 

@@ -320,7 +320,7 @@ TEST(Morph, InwardNormalsOfAClosedModelAreTurned) {
     input.target.normals = -outward.target().normals;
     const Morph morph(std::move(input), {}, progress);
     EXPECT_LT((morph.target().normals - outward.target().normals).cwiseAbs().maxCoeff(), 1e-6);
-    EXPECT_TRUE(checks::mentions(morph.report().warnings, "pointed inwards"));
+    EXPECT_TRUE(checks::mentions(morph.report().warnings, "pointed inward"));
 }
 
 TEST(Morph, StartsFromTheDiskWhenAskedTo) {
@@ -408,7 +408,7 @@ TEST(Morph, StraightPathsOfWhatIsTurnedAreWarnedOf) {
     }
     options.path = PathKind::kLinear;
     EXPECT_TRUE(checks::mentions(make(bump_cloud(29), target, features, options).report().warnings,
-                                 "bump is turned by 115° against bump"));
+                                 "bump is rotated 115° relative to bump"));
     if (is_watched()) return;
     EXPECT_FALSE(checks::mentions(
         make(bump_cloud(29), bump_cloud(25), features, options).report().warnings, "straight"));

@@ -94,7 +94,7 @@ TEST(PreparedShape, GivenNormalsAreKeptAndEstimatedOnesAgree) {
         (gather(directions, estimated.given_rows).array() * estimated.normals.array())
             .rowwise()
             .sum();
-    EXPECT_GT(std::abs(along.sum()), 0.99 * 900);  // all outwards, or all inwards
+    EXPECT_GT(std::abs(along.sum()), 0.99 * 900);  // all outward, or all inward
 
     cloud.normals = 3.0 * directions;
     const PreparedShape given = prepared(cloud);

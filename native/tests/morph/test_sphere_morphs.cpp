@@ -97,7 +97,7 @@ TEST(Morph, NormalsThatPointInwardsAreTurnedBeforeTheSphere) {
     inward.features.clear();
     inward.source.normals = -inward.source.positions;
     const Morph morph(std::move(inward), on_sphere(), progress);
-    EXPECT_TRUE(checks::mentions(morph.report().warnings, "inwards"));
+    EXPECT_TRUE(checks::mentions(morph.report().warnings, "inward"));
     EXPECT_TRUE(
         ((morph.source().normals.array() * morph.source().positions.array()).rowwise().sum() > 0.0)
             .all());
@@ -119,7 +119,7 @@ TEST(Morph, TheSphereSaysWhenItIsStretchedMuch) {
                                       row_near(input.target, x, side * y, z < 0.0 ? 1.4 * z : z)));
         try {
             const Morph morph(std::move(input), on_sphere(), progress);
-            return checks::mentions(morph.report().warnings, "stretched much");
+            return checks::mentions(morph.report().warnings, "heavily stretched");
         } catch (const ConvergenceError&) {
             return true;  // it may also give up
         }

@@ -107,12 +107,12 @@ def test_the_page_has_every_key_and_its_example_is_read(tmp_path: Path) -> None:
         ("[" * 100_000, "too deep"),
         ("[]", "expected an object"),
         ("{}", "at least one pair"),
-        ('{"pairs": {}}', "type list as pairs"),
+        ('{"pairs": {}}', 'type list as "pairs"'),
         ('{"pairs": [3]}', "an object with"),
         ('{"pairs": [{"source": "a.obj"}]}', "a source and a target"),
         ('{"pairs": [{"source": "a.obj", "target": "b.obj", "weight": 1}]}', "an object with"),
-        ('{"template": {"source": "a.obj"}}', "a source, and targets"),
-        ('{"template": {"source": "a.obj", "targets": "*.stl"}}', "models like *.stl"),
+        ('{"template": {"source": "a.obj"}}', "a source and targets"),
+        ('{"template": {"source": "a.obj", "targets": "*.stl"}}', "models that match *.stl"),
         ('{"folder": "."}', "at least two models"),
         ('{"folder": "nowhere"}', "at least two models"),
         ('{"pair": []}', 'found "pair"'),
@@ -120,7 +120,7 @@ def test_the_page_has_every_key_and_its_example_is_read(tmp_path: Path) -> None:
         ('{"pairs": [{"source": "a.obj", "target": "b.obj", "frames": 1}]}', "at least 2 frames"),
         ('{"pairs": [{"source": "a.obj", "target": "b.obj", "frames": true}]}', "type int"),
         ('{"pairs": [{"source": "a.obj", "target": "b.obj", "samples": 0}]}', "at least 1"),
-        ('{"pairs": [{"source": "a.obj", "target": "b.obj", "mesh": "dwg"}]}', "as mesh"),
+        ('{"pairs": [{"source": "a.obj", "target": "b.obj", "mesh": "dwg"}]}', 'as "mesh"'),
         ('{"pairs": [{"source": "a.obj", "target": "b.obj"}], "settings": {"x": 1}}', "options.md"),
         (
             '{"pairs": [{"source": "a.obj", "target": "b.obj", "settings": {"method": []}}]}',
@@ -194,7 +194,7 @@ def test_a_batch_with_a_pair_that_fails_is_completed_later(tmp_path: Path) -> No
     first = run("batch", path, "--jobs", 2)
     assert first.returncode == 3, first.stderr
     assert states(out) == {"a_to_c_amp_": FAILED, "a_to_b": DONE}
-    assert "1 morphed, 0 were done, 1 failed" in first.stdout
+    assert "1 morphed, 0 already done, 1 failed" in first.stdout
     page = _Page((out / "index.html").read_text(encoding="utf-8"))
     assert page.pictures == ["pictures/a_to_b.png"]
     failure = json.loads((out / "batch.json").read_text())["pairs"][0]
@@ -272,7 +272,7 @@ def test_a_task_of_several_pairs_does_what_can_be_done(tmp_path: Path) -> None:
         done = run("batch", path, "--range", "0/1", *option)
         assert done.returncode == 1
         assert words in done.stderr
-        assert done.stdout.count("the map was there") in (0, 2)
+        assert done.stdout.count("the map is already there") in (0, 2)
     run("batch", path, "--report", "--renders")
     assert states(out) == {"a_to_b": KEPT, "a_to_c": "pending", "a_to_d": KEPT}
     # What has become of frames since is noticed before they are rendered.
@@ -304,7 +304,7 @@ def test_a_killed_task_of_several_pairs_loses_only_the_one_in_hand(tmp_path: Pat
     assert found >= 2
     again = run(*words)
     assert again.returncode == 0, again.stderr
-    assert again.stdout.count("the map was there") == found
+    assert again.stdout.count("the map is already there") == found
     done = {path.parent for path in out.glob("*/job.json")}
     assert len(done) == len(names) - 1
     whole = [path for path, at in kept.items() if path.stat().st_mtime_ns == at]
@@ -357,7 +357,7 @@ def test_how_a_command_that_renders_has_failed(
     for option in (["--maps"], ["--part", "0/1"]):
         assert run("batch", path, "--range", "0/1", *option).returncode == 0
     assert render(batch, job, Part(0, 1)) == status
-    assert f"a_to_b: the command that renders ended with {words}" in capsys.readouterr().err
+    assert f"a_to_b: the render command ended with {words}" in capsys.readouterr().err
 
 
 def test_parts_share_out_all_frames() -> None:

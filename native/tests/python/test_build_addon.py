@@ -237,7 +237,7 @@ def test_a_command_that_hangs_is_stopped() -> None:
 
 @contextlib.contextmanager
 def a_command_with_children(folder: Path) -> Iterator[list[str]]:
-    """A command that waits for another; both must have ended afterwards."""
+    """A command that waits for another; both must have ended afterward."""
     begun, word = folder / "begun", f"{folder.name}.{os.getpid()}"
     child = f'sh -c "touch {begun}; sleep 600; :" {word} & wait'
     yield ["sh", "-c", child, word]

@@ -111,7 +111,7 @@ def test_method_paper_knows_curves_and_refuses_regions() -> None:
     images = morph({**marks, "seam": seam}, method="paper").source_to_target[line(31, 0.0)]
     assert np.abs(images[:, 0] - 0.25).mean() < 0.1
     spot = Feature(disk(31, 0, 0.3), disk(25, 0, 0.3), "region")
-    with pytest.raises(pointmorph.FeatureError, match="Only method auto knows regions"):
+    with pytest.raises(pointmorph.FeatureError, match="Use method auto, which supports regions"):
         morph({"spot": spot}, method="paper")
 
 

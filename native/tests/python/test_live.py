@@ -109,7 +109,7 @@ def test_a_far_mark_is_told_of(live: pointmorph.LiveMorph) -> None:
     )
     report = live.updated(swapped).report
     assert report["update"].startswith(
-        ('From scratch: "mark 0" went', 'From scratch: "mark 1" went')
+        ('Computed from scratch: "mark 0" moved', 'Computed from scratch: "mark 1" moved')
     )
     assert report["update"] in report["warnings"]
 

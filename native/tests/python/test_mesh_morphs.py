@@ -122,7 +122,7 @@ def test_faces_inside_out_are_turned_and_said() -> None:
         pointmorph.Cloud(CUBE, faces=SQUARES, name="box"),
         pointmorph.Cloud(points, faces=inside_out, name="ball"),
     )
-    assert any("ball" in w and "inside" in w for w in morph.report["warnings"])
+    assert any("ball" in w and "inward" in w for w in morph.report["warnings"])
     assert (morph.frame(1).normals * morph.frame(1).positions).sum(axis=1).min() > 0.9
 
 

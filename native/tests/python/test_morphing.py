@@ -90,8 +90,8 @@ def test_a_start_that_the_domain_cannot_use_is_mentioned(morph: pointmorph.Morph
     fresh = pointmorph.morph(morph.source, morph.target, marks, domain="disk")
     np.testing.assert_array_equal(again.pairs, fresh.pairs)
     assert [w for w in again.report["warnings"] if w not in fresh.report["warnings"]] == [
-        "The earlier map was ignored: with domain disk the search starts in that domain. Take "
-        "domain auto to continue from it."
+        "The earlier map was ignored: with domain disk the search starts in that domain. To "
+        "continue from the map, use domain auto."
     ]
 
 

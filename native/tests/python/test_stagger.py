@@ -50,7 +50,7 @@ def test_the_path_that_is_taken_when_nobody_says(method: str, path: str) -> None
     assert default.report["options"]["path"] == "auto"
     np.testing.assert_array_equal(default.frame(0.4).positions, asked.frame(0.4).positions)
     # By the two radians of TURN, or 114.6°, as far as the map tells.
-    warned = any(re.search("turned by 11[3-6]°", line) for line in default.report["warnings"])
+    warned = any(re.search("rotated 11[3-6]°", line) for line in default.report["warnings"])
     assert warned == (path == "linear")
 
 
@@ -192,7 +192,7 @@ def test_a_chain_of_other_points_is_refused() -> None:
     other = pointmorph.restore(
         parts[1].source, parts[1].target, np.column_stack([rows, rows]), stagger="none"
     )
-    with pytest.raises(pointmorph.CloudError, match="go on from"):
+    with pytest.raises(pointmorph.CloudError, match="continue those of the previous"):
         Chain([parts[0], other], {})
 
 

@@ -74,7 +74,7 @@ def test_ranges_in_any_order_make_the_very_files_of_the_run(saved: Path, tmp_pat
         assert done.stdout.startswith(f"{made} frames made")
     assert same_files(saved, tmp_path)
     before = {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*")}
-    assert frames(saved, tmp_path).stdout.startswith("0 frames made, 5 were done")
+    assert frames(saved, tmp_path).stdout.startswith("0 frames made, 5 already done")
     assert {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*")} == before
 
 
@@ -109,7 +109,7 @@ def test_a_folder_with_a_long_name_holds_frames_and_their_records(
 ) -> None:
     folder = tmp_path.joinpath(*["ä " + "x" * 50] * 5)
     assert frames(saved, folder).stdout.startswith("5 frames made")
-    assert frames(saved, folder).stdout.startswith("0 frames made, 5 were done")
+    assert frames(saved, folder).stdout.startswith("0 frames made, 5 already done")
     assert same_files(saved, files.reachable(folder))
 
 

@@ -215,8 +215,8 @@ def rewritten(path: Path, to: Path, header: dict | None = None, **arrays: object
     [
         ({"header": {"version": 2}}, "version 2.*Install that version"),
         ({"header": {"format": "something"}}, "another kind"),
-        ({"header": {"names": ["one"]}}, "something missing"),
-        ({"header": {"options": {"paht": "rigid"}}}, "aren't known"),
+        ({"header": {"names": ["one"]}}, "incomplete header"),
+        ({"header": {"options": {"paht": "rigid"}}}, "unknown settings"),
         ({"source__radii": None}, "no source/radii"),
         ({"pairs": np.zeros((4, 3), np.int64)}, "pairs of shape"),
         ({"source__images": np.zeros((4, 3))}, "source/images of shape"),

@@ -53,7 +53,7 @@ class ConvergenceError : public Error {
 /// Raised in the calling thread after the caller's progress function asked for the end.
 class Cancelled : public std::exception {
 public:
-    const char* what() const noexcept override { return "The morph was cancelled."; }
+    const char* what() const noexcept override { return "The morph was canceled."; }
 };
 
 }  // namespace pointmorph

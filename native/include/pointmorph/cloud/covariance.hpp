@@ -33,11 +33,11 @@ struct Covariance {
 Covariance covariance_analysis(const Positions& positions, const Neighborhoods& neighborhoods,
                                Progress& progress);
 
-/// Makes the signs of `normals` agree over each component of the graph and point outwards. Signs
+/// Makes the signs of `normals` agree over each component of the graph and point outward. Signs
 /// spread along the edges of a minimum spanning tree (Hoppe et al. 1992), surest first: those that
 /// lie in both tangent planes, between normals that one circular arc would turn into one another.
 /// A closed component then gets positive volume, an open one faces away from its centroid, and one
-/// that is flat upwards (z, else y, else x: the direction that it faces most).
+/// that is flat upward (z, else y, else x: the direction that it faces most).
 void orient_normals(const Positions& positions, const Neighborhoods& neighborhoods,
                     Normals& normals, Progress& progress);
 

@@ -64,7 +64,7 @@ struct CutRequest {
     std::span<const Patch> wanted{};
 };
 
-/// The surface is closed and its normals point outwards; `tree` holds its positions. Left is
+/// The surface is closed and its normals point outward; `tree` holds its positions. Left is
 /// anticlockwise seen from outside: your left hand as you walk along the curve, head up along the
 /// normal. Throws FeatureError where the curve can't be kept from crossing itself, TopologyError
 /// where it doesn't divide the surface in two.

@@ -56,7 +56,7 @@ private:
     std::unique_ptr<const Bend> bend_;
 };
 
-/// Pairs at t: from the source's motion to the target's own, run backwards, the one fading into the
+/// Pairs at t: from the source's motion to the target's own, run backward, the one fading into the
 /// other by 3t² − 2t³. Both lie on the same in-between surface, so that pairing samples with
 /// samples leaves no grain, and the ends are the samples themselves. `source` and `target` are both
 /// clouds at t; spans hold three numbers a pair, or none. Normals are renormalized (where both

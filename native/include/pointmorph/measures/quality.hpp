@@ -29,7 +29,7 @@ struct PointQuality {
     /// 0 where too few neighbors lie on the same side of the surface, or all on a line.
     std::vector<std::uint8_t> measured;
     /// 1 where the map turns the surface over: the image shows its back face. Everywhere, if one
-    /// cloud's normals point inwards.
+    /// cloud's normals point inward.
     std::vector<std::uint8_t> flipped;
     /// 1 where the image of some point of the other cloud lies within two spacings.
     std::vector<std::uint8_t> reached;
@@ -54,7 +54,7 @@ struct MapFigures {
 };
 
 enum class Flaw {
-    kMirrored,   ///< nearly all flipped: left and right are swapped, or normals point inwards
+    kMirrored,   ///< nearly all flipped: left and right are swapped, or normals point inward
     kFolded,     ///< flipped, unlike the rest
     kLost,       ///< doesn't come back, or isn't reached
     kStretched,  ///< from the source to the target; kSqueezed likewise

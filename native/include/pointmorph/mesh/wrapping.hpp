@@ -25,7 +25,7 @@ struct WrapOptions {
     Index coarse_places = 4000;
     double coarse_length = 0.03;
     Index untangling = 3;  ///< rounds in which faces that lie against the target are turned back
-    /// How many times vertices slide along the target, at the end, towards where faces are more
+    /// How many times vertices slide along the target, at the end, toward where faces are more
     /// like those of the source.
     Index relaxing = 0;
     /// How firmly vertices go onto the target: 1 all the way, 0 only where the map and the faces

@@ -15,7 +15,7 @@ namespace pointmorph {
 
 /// Keeps what a map needs to be bent to changed features in a moment: prepared shapes, coarse
 /// shapes, the registration. Apart from Morph, which stays as light as it is. Made once, const
-/// afterwards; queries may come from several threads. Updates start from the map that it was made
+/// afterward; queries may come from several threads. Updates start from the map that it was made
 /// with, so that the same features give the same bits, whatever was asked for before.
 class LiveMorph {
 public:

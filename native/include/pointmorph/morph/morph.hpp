@@ -54,7 +54,7 @@ struct Correspondence;
 struct FoundMap;
 struct MeshMorph;
 
-/// Computed once by the constructor; cheap to ask afterwards. All queries are const and may come
+/// Computed once by the constructor; cheap to ask afterward. All queries are const and may come
 /// from several threads.
 class Morph {
 public:

@@ -65,7 +65,7 @@ struct Refinement {
 /// A cloud as refine() takes it. Refers to all of it: the caller keeps it alive.
 struct RefinementCloud {
     const Positions& positions;  ///< #points by 3
-    /// #points by 3, of unit length; they face outwards, on both clouds or on neither.
+    /// #points by 3, of unit length; they face outward, on both clouds or on neither.
     const Normals& normals;
     /// The points' neighborhoods, ascending by distance, where they have been found already.
     /// Equally near points then come in another order than those that are looked up here, and the

@@ -43,9 +43,9 @@ struct SphericalMesh {
     Index size() const { return static_cast<Index>(rows.size()); }
 };
 
-/// The surface's normals point outwards. The `required` rows, none twice, are among the nodes.
+/// The surface's normals point outward. The `required` rows, none twice, are among the nodes.
 /// Throws TopologyError where the shape isn't closed, of genus 0 and connected, or its normals
-/// point inwards.
+/// point inward.
 SphericalMesh spherical_mesh(const SampledSurface& surface, std::span<const Index> required,
                              const SphericalOptions& options, Progress& progress);
 

@@ -4,7 +4,7 @@
 // Floater and Reimers (2001) find boundary points and order them with local triangulations of each
 // point's neighborhood. So does this: every point gets its Delaunay star in the tangent plane.
 // Discs that are empty of points and much larger than usual lie outside of the surface; from there
-// the outside is followed inwards, triangle by triangle, as long as they are larger than usual.
+// the outside is followed inward, triangle by triangle, as long as they are larger than usual.
 // What it leaves is the surface, and the edges between both are the boundary.
 #pragma once
 

@@ -14,7 +14,7 @@ _LABELS = {
     "carrying": "Transferring",
     "cloud": "Preparing points",
     "coarse shapes": "Simplifying shapes",
-    "confidence": "Finding what is in doubt",
+    "confidence": "Finding doubtful places",
     "covariance": "Estimating normals",
     "cracks": "Measuring cracks",
     "decomposition": "Cutting shapes",

@@ -121,12 +121,12 @@ def read_batch(path: Path, out: Path | None = None) -> Batch:
         raise _wrong(path, f"at least one pair, by {_listed(_GROUPS)}", "none")
     up = _value(path, content, "up", str, "z")
     if up not in ("y", "z"):
-        raise _wrong(path, "y or z as up", repr(up))
+        raise _wrong(path, 'y or z as "up"', repr(up))
     taken = {PICTURES, "farm"}  # folders beside those of the pairs
     jobs = [_job(path, home, folder.absolute(), {**common, **own}, taken) for own in entries]
     render = _value(path, content, "render", list, [])
     if not all(isinstance(word, str) for word in render):
-        raise _wrong(path, 'a command as render, such as ["blender", "-b"]', repr(render))
+        raise _wrong(path, 'a command as "render", such as ["blender", "-b"]', repr(render))
     return Batch(path, folder.absolute(), tuple(jobs), up, tuple(render))
 
 
@@ -143,7 +143,7 @@ def _value(path: Path, content: Mapping[str, Any], key: str, kind: type, default
     if value is default:
         return value
     if not isinstance(value, kind) or (kind is int and isinstance(value, bool)):
-        raise _wrong(path, f"a value of type {kind.__name__} as {key}", repr(value))
+        raise _wrong(path, f'a value of type {kind.__name__} as "{key}"', repr(value))
     return value
 
 
@@ -178,7 +178,7 @@ def _template(path: Path, home: Path, content: Mapping[str, Any]) -> Iterator[di
     entry = _entry(path, content["template"], ("source", "targets"))
     targets = entry.get("targets")
     if not isinstance(entry.get("source"), str) or not isinstance(targets, list | str):
-        raise _wrong(path, "a source, and targets, in template", repr(entry))
+        raise _wrong(path, 'a source and targets in "template"', repr(entry))
     source = home / entry["source"]
     for pattern in [targets] if isinstance(targets, str) else targets:
         for target in _models(path, home, str(pattern)):
@@ -211,7 +211,7 @@ def _models(path: Path, home: Path, pattern: str) -> list[Path]:
     within = relative.relative_to(relative.anchor) if relative.is_absolute() else relative
     found = [p for p in sorted(start.glob(str(within))) if p.suffix.lower() in formats.SUFFIXES]
     if not found:
-        raise _wrong(path, f"models like {pattern}", "none")
+        raise _wrong(path, f"models that match {pattern}", "none")
     return found
 
 
@@ -241,14 +241,14 @@ def _check(path: Path, entry: Mapping[str, Any]) -> None:
     known = {option.name for option in options()} - {"threads"}
     unknown = set(entry["settings"]) - known
     if unknown:
-        raise _wrong(path, "settings as docs/options.md lists them", _listed(unknown))
+        raise _wrong(path, "settings that docs/options.md lists", _listed(unknown))
     for name, value in entry["settings"].items():
         if not isinstance(value, str | int | float) or isinstance(value, bool):
-            raise _wrong(path, f"a number or a word as {name}", repr(value))
+            raise _wrong(path, f'a number or a word as "{name}"', repr(value))
     if entry.get("frames", 0) < 0 or entry.get("frames", 0) == 1:
         raise _wrong(path, "0 or at least 2 frames", str(entry["frames"]))
     if entry.get("samples", 1) < 1:
-        raise _wrong(path, "at least 1 as samples", str(entry["samples"]))
+        raise _wrong(path, 'at least 1 as "samples"', str(entry["samples"]))
     meshes = ("source", "target", *(suffix[1:] for suffix in formats.WRITTEN_MESH_SUFFIXES))
     if entry.get("mesh", "source") not in meshes:
-        raise _wrong(path, f"{_listed(meshes)} as mesh", repr(entry["mesh"]))
+        raise _wrong(path, f'{_listed(meshes)} as "mesh"', repr(entry["mesh"]))

@@ -54,8 +54,8 @@ def _within(home: Path, path: Path) -> str:
     whole = Path(os.path.abspath(path))
     if not whole.is_relative_to(home):
         raise FileError(
-            str(path), f"something in {home}, where the template is to be", "another folder",
-            "Put the template above the file of jobs and the output folder.",
+            str(path), f"a path in {home}, where the template goes", "another folder",
+            "Put the template in a folder that contains the file of jobs and the output folder.",
         )  # fmt: skip
     return str(whole.relative_to(home))
 

@@ -32,7 +32,7 @@ _STYLE = """
 def summary(outcomes: Sequence[PairOutcome]) -> str:
     """How many are done, in words."""
     count = {state: sum(o.state == state for o in outcomes) for state in (DONE, KEPT, FAILED)}
-    words = f"{count[DONE]} morphed, {count[KEPT]} were done, {count[FAILED]} failed"
+    words = f"{count[DONE]} morphed, {count[KEPT]} already done, {count[FAILED]} failed"
     pending = len(outcomes) - sum(count.values())
     return f"{words}, {pending} to do" if pending else words
 
@@ -132,7 +132,7 @@ def _page(batch: Batch, outcomes: Sequence[PairOutcome], found: Sequence[dict[st
     return f"""<!doctype html>
 <html lang="en"><meta charset="utf-8"><title>{title}</title><style>{_STYLE}</style>
 <h1>{title}</h1><p>{html.escape(summary(outcomes))}.</p>
-<table><thead><tr>{heads}<th>way</th></tr></thead><tbody>
+<table><thead><tr>{heads}<th>preview</th></tr></thead><tbody>
 {body}
 </tbody></table></html>
 """

@@ -212,7 +212,7 @@ def _last_words(job: PairJob, status: int) -> str:
     if said:
         return said[-1].removeprefix("pointmorph: ")
     if status < 0:
-        return f"The process was killed by signal {-status}: perhaps memory ran out."
+        return f"The process was killed by signal {-status}, perhaps because memory ran out."
     return f"The process ended with status {status}; see {job.folder / LOG}."
 
 

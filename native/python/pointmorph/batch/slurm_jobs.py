@@ -32,7 +32,7 @@ wait $child
 status=$?
 if [ $status -eq 143 ]; then wait $child; fi
 if [ $status -eq 137 ] && [ "${{SLURM_RESTART_COUNT:-0}}" -lt {tries} ]; then
-    echo "Task $SLURM_ARRAY_TASK_ID was killed; it is run again."
+    echo "Task $SLURM_ARRAY_TASK_ID was killed and runs again."
     scontrol requeue "${{SLURM_ARRAY_JOB_ID}}_${{SLURM_ARRAY_TASK_ID}}" && exec sleep 60
 fi
 exit $status
@@ -150,7 +150,7 @@ def check_slurm() -> None:
             "slurm",
             "Slurm's commands",
             f"no {', '.join(missing)}",
-            "Run it where jobs are submitted from, or use batch or farm openjd.",
+            "Run it on a machine that submits jobs, or use batch or farm openjd.",
         )
 
 

@@ -124,7 +124,7 @@ def find_map(job: PairJob, command: Command) -> int:
     """
     files.make_folder(job.folder)
     if has_map(job):
-        print(f"{job.name}: the map was there")
+        print(f"{job.name}: the map is already there")
         return 0
     identity = job.identity()
     status = command(job.morph_words())
@@ -145,7 +145,7 @@ def make_frames(job: PairJob, part: Part, command: Command) -> int:
 def _require_map(job: PairJob) -> None:
     if not job.morph_file.is_file():
         raise FileError(
-            str(job.morph_file), "the map of the pair", "no file", "Find it first: batch --maps."
+            str(job.morph_file), "the map of the pair", "no file", "Compute it first: batch --maps."
         )
 
 
@@ -167,7 +167,7 @@ def render(batch: Batch, job: PairJob, part: Part) -> int:
     if not batch.render:
         raise OptionError(
             "render",
-            f"a command that renders, in {batch.path}",
+            f'a "render" command in {batch.path}',
             "none",
             'Add "render" to the file; docs/farm.md has an example.',
         )
@@ -177,8 +177,8 @@ def render(batch: Batch, job: PairJob, part: Part) -> int:
     _require_map(job)
     if not _has_frames(job, which):
         raise FileError(
-            str(job.folder / FRAMES), f"whole frames {which.start} to {which.stop - 1} of the pair",
-            "others", "Make them first: batch --part.",
+            str(job.folder / FRAMES), f"intact frames {which.start} to {which.stop - 1}",
+            "missing or broken ones", "Make them first: batch --part.",
         )  # fmt: skip
     places = {
         "python": sys.executable,
@@ -205,7 +205,7 @@ def render(batch: Batch, job: PairJob, part: Part) -> int:
         files.write_bytes(path, (json.dumps(record) + "\n").encode())
         return 0
     ended = f"signal {-status}" if status < 0 else f"status {status}"
-    sys.stderr.write(f"pointmorph: {job.name}: the command that renders ended with {ended}\n")
+    sys.stderr.write(f"pointmorph: {job.name}: the render command ended with {ended}\n")
     return 128 - status if status < 0 else 1
 
 

@@ -131,11 +131,11 @@ def draw(
 
 
 def _view(up: str) -> _Doubles:
-    """Rows: what is right, up and towards the eye in the picture."""
-    upwards = np.array([0.0, 0.0, 1.0] if up == "z" else [0.0, 1.0, 0.0])
+    """Rows: what is right, up and toward the eye in the picture."""
+    upward = np.array([0.0, 0.0, 1.0] if up == "z" else [0.0, 1.0, 0.0])
     eye = np.array([0.55, -1.0, 0.35] if up == "z" else [0.55, 0.35, 1.0])
     eye /= np.linalg.norm(eye)
-    right = np.cross(upwards, eye)
+    right = np.cross(upward, eye)
     right /= np.linalg.norm(right)
     return np.stack([right, np.cross(eye, right), eye])
 

@@ -35,13 +35,13 @@ def add(commands: Any, main: Callable[[Sequence[str]], int]) -> None:
         "Exit status: 0 if all are done, 3 if some aren't, 1 if none is.",
     )
     batch.set_defaults(run=_batch, main=main)
-    batch.add_argument("file", metavar="JOBS.json", type=Path, help="what to morph")
+    batch.add_argument("file", metavar="JOBS.json", type=Path, help="file that lists what to morph")
     batch.add_argument("--out", metavar="DIR", type=Path, help="output folder, if not the file's")
     batch.add_argument(
         "--jobs",
         metavar="N",
         type=positive,
-        help="processes side by side at most (default: as many as there are cores and memory for)",
+        help="most processes to run at once (default: as many as cores and memory allow)",
     )
     batch.add_argument(
         "--range",
@@ -52,7 +52,7 @@ def add(commands: Any, main: Callable[[Sequence[str]], int]) -> None:
         "part K of N equal parts of the pairs",
     )
     only = batch.add_mutually_exclusive_group()
-    only.add_argument("--maps", action="store_true", help="only find the maps, make no frames")
+    only.add_argument("--maps", action="store_true", help="only compute the maps, make no frames")
     only.add_argument(
         "--part",
         metavar="K/N",
@@ -66,7 +66,7 @@ def add(commands: Any, main: Callable[[Sequence[str]], int]) -> None:
         "--report", action="store_true", help="morph nothing: report what is done and what isn't"
     )
     batch.add_argument(
-        "--renders", action="store_true", help="with --report: what isn't rendered isn't done"
+        "--renders", action="store_true", help="with --report: only what is rendered counts as done"
     )
 
 
@@ -91,7 +91,7 @@ def _batch(chosen: argparse.Namespace) -> int:
         )
     if chosen.renders and not (chosen.report and batch.render):
         raise OptionError(
-            "renders", f"--report, and a command that renders in {batch.path}", "not both",
+            "renders", f'--report, and a "render" command in {batch.path}', "not both",
             "Leave --renders out, or add what is missing.",
         )  # fmt: skip
     files.make_folder(batch.out)

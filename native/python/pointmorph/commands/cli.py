@@ -52,7 +52,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except MemoryError:
         return terminal.fail("Out of memory. Use fewer points: --samples N.", terminal.FAILED)
     except terminal.Terminated:
-        return terminal.fail("Ended from outside. Run the same command again.", terminal.TERMINATED)
+        return terminal.fail("Terminated. Run the same command again.", terminal.TERMINATED)
     except KeyboardInterrupt:
         return terminal.fail(
             "Interrupted. Run the same command again to start over.", terminal.INTERRUPTED
@@ -77,7 +77,7 @@ def _parser() -> argparse.ArgumentParser:
         "--save",
         metavar="FILE",
         type=Path,
-        help="keep the morph as one file, of which the frames command makes frames on any machine",
+        help="save the morph as one file, from which the frames command works on any machine",
     )
     morph.add_argument(
         "--frames",
@@ -149,8 +149,8 @@ def _add_common(command: argparse.ArgumentParser) -> None:
         "--samples",
         metavar="N",
         type=positive,
-        help="morph N points sampled from each model's faces, and write these (default: the "
-        "vertices are written, although the match is found on samples)",
+        help="morph N points sampled from each model's faces, and write those (default: write "
+        "the vertices, although samples are matched)",
     )
     settings = command.add_argument_group("settings")
     for option in options():
@@ -259,7 +259,7 @@ def _morph(chosen: argparse.Namespace) -> None:
     if chosen.denser is not None and own is None:
         raise OptionError("denser", "--mesh source or target", f"--mesh {chosen.mesh}", "Add it.")
     if chosen.out is None and chosen.save is None:
-        raise OptionError("out", "--out DIR or --save FILE", "neither", "Add one of them, or both.")
+        raise OptionError("out", "--out DIR or --save FILE", "neither", "Add one or both.")
     if chosen.out is not None:
         files.make_folder(chosen.out)
 
@@ -356,7 +356,7 @@ def read_features(
     if not all(isinstance(one, list) and all(isinstance(n, str) for n in one) for one in loops):
         raise FileError(
             str(path),
-            "a list of feature names as loop, or several",
+            'a list of feature names as "loop", or several lists',
             repr(loop),
             "Correct the loop.",
         )
@@ -382,7 +382,7 @@ def _own_mesh(
             "mesh",
             f"the faces of {shape.name}, morphed with method auto and without --samples",
             found,
-            f"Leave that out, or choose a format of meshes instead of {chosen.mesh}.",
+            f"Change that, or choose a mesh format instead of {chosen.mesh}.",
         )
     return source_meshes.SourceMesh(getattr(chosen, chosen.mesh), shape)
 

@@ -35,7 +35,9 @@ def add(commands: Any, main: Callable[[Sequence[str]], int]) -> None:
         help="an option for sbatch, such as --sbatch=--mem=4G; can be repeated",
     )
     slurm.add_argument(
-        "--wait", action="store_true", help="wait until all is over, and say what became of it"
+        "--wait",
+        action="store_true",
+        help="wait until all tasks have ended, and report the outcome",
     )
     openjd = engines.add_parser(
         "openjd", allow_abbrev=False, help="write a job template of Open Job Description"
@@ -51,7 +53,7 @@ def add(commands: Any, main: Callable[[Sequence[str]], int]) -> None:
             "--chunk",
             metavar="N",
             type=positive,
-            help="frames in a task at the most (default: such that it takes about half a minute; "
+            help="most frames in a task (default: enough for about half a minute; "
             f"{RENDERS_IN_TASK} where they are rendered)",
         )
 

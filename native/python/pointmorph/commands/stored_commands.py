@@ -27,12 +27,12 @@ def add(commands: Any) -> None:
     frames = commands.add_parser(
         "frames",
         allow_abbrev=False,
-        help="make frames of a morph that was saved, any of them, on any machine",
-        description="Writes frame_0000.ply …, and records which are done. Those that are done and "
-        "whole are never made again.",
+        help="make any frames of a saved morph, on any machine",
+        description="Writes frame_0000.ply …, and records which are done. Frames that are "
+        "done and intact are not made again.",
     )
     frames.set_defaults(run=_frames)
-    frames.add_argument("file", metavar="FILE", type=Path, help="what morph --save wrote")
+    frames.add_argument("file", metavar="FILE", type=Path, help="a file from morph --save")
     frames.add_argument("--out", required=True, metavar="DIR", type=Path, help="output folder")
     frames.add_argument(
         "--frames",
@@ -64,23 +64,23 @@ def add(commands: Any) -> None:
             f"--{side}",
             metavar="FILE",
             type=Path,
-            help=f"for --mesh {side}: the model's file, if it lies elsewhere than it did",
+            help=f"for --mesh {side}: the model's file, if it has moved",
         )
     frames.add_argument("--threads", metavar="N", type=positive, help="threads (default: all)")
     frames.add_argument(
         "--check",
         action="store_true",
-        help="make nothing: say which frames are missing or broken; exit status 3 if any is",
+        help="make nothing: say which frames are missing or broken; exit status 3 if any are",
     )
     info = commands.add_parser(
         "info",
         allow_abbrev=False,
-        help="say what a morph that was saved is, and whether it is whole",
+        help="describe a saved morph, and check that it is intact",
         description="Compares all checksums. Exit status 1 if the file is damaged.",
     )
     info.set_defaults(run=_info)
-    info.add_argument("file", metavar="FILE", type=Path, help="what morph --save wrote")
-    info.add_argument("--json", action="store_true", help="all that the file says of itself")
+    info.add_argument("file", metavar="FILE", type=Path, help="a file from morph --save")
+    info.add_argument("--json", action="store_true", help="print the file's whole header")
 
 
 def origin_of(path: str | os.PathLike[str]) -> dict[str, str]:
@@ -110,7 +110,7 @@ def _frames(chosen: argparse.Namespace) -> int:
         with terminal.bars() as progress:
             sequence.prepare(progress)
             run.make(missing, progress=progress)
-    print(f"{len(missing)} frames made, {len(which) - len(missing)} were done, in {chosen.out}")
+    print(f"{len(missing)} frames made, {len(which) - len(missing)} already done, in {chosen.out}")
     return 0
 
 
@@ -136,7 +136,7 @@ def _lines(morph: StoredMorph) -> list[str]:
         ("Pairs", f"{len(morph.pairs)} from {len(morph.source)} and {len(morph.target)} points"),
         ("Frames", f"{morph._dtype.__name__}{', straight' if morph._is_straight else ''}"),
         ("Meshes", _one_of(("source", morph.has_mesh), ("target", morph.has_target_mesh))),
-        ("Resampling", "kept" if morph.has_plan else "found when it is asked for"),
+        ("Resampling", "kept" if morph.has_plan else "computed on demand"),
         ("Settings", _changed_settings(morph) or "the defaults"),
         (
             "Written by",

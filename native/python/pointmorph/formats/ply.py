@@ -150,7 +150,7 @@ def read_header(path: str | os.PathLike[str]) -> Header:
             length_kind = kinds[0] if is_list else None
             elements[-1].properties.append(Property(words[-1], kinds[-1], length_kind))
     if any(element.count < 0 for element in elements):
-        raise ValueError("a table with fewer than no rows")
+        raise ValueError("a table with a negative number of rows")
     return Header(_ORDERS[lines[1][1]], elements, size)
 
 
@@ -384,7 +384,7 @@ def numbers_of(text: bytes) -> Numbers:
         try:
             return np.fromstring(text, np.float64, sep=" ")
         except DeprecationWarning:
-            raise ValueError("something else than numbers") from None
+            raise ValueError("something other than numbers") from None
 
 
 def _native(values: npt.NDArray[Any]) -> npt.NDArray[Any]:

@@ -211,7 +211,7 @@ def check_places(name: str, places: npt.ArrayLike) -> npt.NDArray[np.float64]:
             name,
             "finite numbers",
             f"{rows[row].tolist()} in row {row}",
-            "Remove such points, or give them a place.",
+            "Remove or correct such points.",
         )
     return rows
 
@@ -219,13 +219,15 @@ def check_places(name: str, places: npt.ArrayLike) -> npt.NDArray[np.float64]:
 def check_range(name: str, rows: npt.NDArray[Any], count: int) -> None:
     """Raises CloudError unless all are rows of a table with so many."""
     if not np.issubdtype(rows.dtype, np.integer):
-        raise CloudError(name, "whole numbers", f"{rows.dtype}", "Pass numbers of rows, from 0.")
+        raise CloudError(
+            name, "whole numbers", f"{rows.dtype}", "Pass row numbers, counted from 0."
+        )
     if rows.size and (rows.min() < 0 or rows.max() >= count):
         raise CloudError(
             name,
             f"rows 0 to {count - 1}",
             f"{rows.min()} to {rows.max()}",
-            "Pass numbers of rows, from 0.",
+            "Pass row numbers, counted from 0.",
         )
 
 
@@ -242,7 +244,7 @@ def check_triangles(
             name,
             "triangles, (F, 3)",
             f"the shape {rows.shape}",
-            "Cut polygons: see meshes.fans().",
+            "Triangulate polygons: see meshes.fans().",
         )
     if count is not None:
         check_range(name, rows, count)
@@ -317,7 +319,7 @@ class ClosestPlaces:
                 "triangles",
                 "at least one, in a table with 3 columns",
                 f"the shape {rows.shape}",
-                "Cut polygons: see meshes.fans().",
+                "Triangulate polygons: see meshes.fans().",
             )
         check_range("triangles", rows, len(corners))
         self._search = _ClosestPlaces(corners, rows)

@@ -124,7 +124,7 @@ class Carrier:
                 "roots",
                 f"{len(given)}, one for each point",
                 f"{len(rows)}",
-                "Pass the row of the first point of its strand for each point.",
+                "For each point, pass the row of the first point of its strand.",
             )
         first, strand = np.unique(rows, return_inverse=True)
         strand = strand.reshape(-1)

@@ -37,7 +37,7 @@ class Measured(AsMeshes):
         return {f"{t:g}": share for t, share in self._native.cracks(list(times), progress)}
 
     def measure_quality(self, progress: Progress | None = None) -> Quality:
-        """Measures what `quality` returns, with progress and cancelling."""
+        """Measures what `quality` returns, with progress and canceling."""
         measured = self._native.quality(progress)
         return Quality(
             PointQuality(**measured["source"]),
@@ -115,7 +115,7 @@ class Measured(AsMeshes):
         return self.measure_confidence().of_pairs(self.pairs)
 
     def measure_mesh_quality(self, progress: Progress | None = None) -> MeshQuality:
-        """Measures what `mesh_quality` returns, with progress and cancelling."""
+        """Measures what `mesh_quality` returns, with progress and canceling."""
         measured = self._native.mesh_quality(progress)
         worst = tuple(MeshPlace(**place) for place in measured.pop("worst"))
         return MeshQuality(**measured, worst=worst)

@@ -113,7 +113,7 @@ class Motion:
         times = np.asarray(t, np.float64)
         if times.shape not in ((), (len(start),)) or not ((times >= 0) & (times <= 1)).all():
             expected = f"a number from 0 to 1, or {len(start)} of them"
-            raise OptionError("t", expected, str(t), "Clamp it.")
+            raise OptionError("t", expected, str(t), "Choose a value from that range.")
         if times.ndim == 0:
             return self._at_once(float(times), progress)
         if self._at is None:

@@ -136,7 +136,7 @@ def open_morph(path: str | os.PathLike[str], *, threads: int | None = None) -> S
     >>> bool(np.array_equal(frame.positions, result.frame(0.4).positions))
     True
     """
-    return StoredMorph(ArrayFile(path, "a morph, as pointmorph saves it"), threads)
+    return StoredMorph(ArrayFile(path, "a morph saved by pointmorph"), threads)
 
 
 class StoredMorph(Morph):
@@ -168,7 +168,7 @@ class StoredMorph(Morph):
         try:
             straight = is_straight(**self._options)
         except (OptionError, TypeError) as error:
-            raise file.refused(f"settings that aren't known ({error})") from error
+            raise file.refused(f"unknown settings ({error})") from error
         self._is_straight = straight and self._options.get("stagger", "none") == "none"
 
     def check(self) -> None:
@@ -314,7 +314,7 @@ def _check_header(file: ArrayFile) -> None:
         and all(isinstance(header.get(part), dict) for part in ("options", "report", "origin"))
     )
     if not whole:
-        raise file.refused("a header with something missing")
+        raise file.refused("an incomplete header")
 
 
 def _check_arrays(file: ArrayFile) -> None:

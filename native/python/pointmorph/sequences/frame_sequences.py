@@ -58,7 +58,7 @@ def in_order(
     def ready(done: int) -> _T:
         while True:
             if progress is not None and progress("frames", done / count) is False:
-                raise Cancelled("Frames cancelled.")
+                raise Cancelled("The frames were canceled.")
             with contextlib.suppress(FutureTimeout):
                 return waiting[0].result(_POLL)
             if waiting[0].done():  # it raised a TimeoutError itself

@@ -86,7 +86,7 @@ class MovingSequence(frame_sequences.FrameSequence):
                         shape.name,
                         f"{len(shape.positions):,} points in every frame",
                         f"{len(state.positions):,} in frame {number}",
-                        "Disable what adds or removes points during the frames.",
+                        "Disable what adds or removes points over the frames.",
                     )
         self._neighbors = lru_cache(maxsize=None)(self._find_neighbors)
         self._pairs_of = lru_cache(maxsize=_CACHED)(self._find_pairs)

@@ -47,7 +47,7 @@ def mesh_writer(
             "mesh",
             f"a morph whose {side} has faces, with method auto and without --samples",
             "one without",
-            f"Leave out --mesh, or choose a format of meshes instead of {side}.",
+            f"Leave out --mesh, or choose a mesh format instead of {side}.",
         )
     mesh = SourceMesh(*_model(model, side, morph))
     return OwnMeshWriter(morph, mesh, side, sequence.times)
@@ -61,14 +61,14 @@ def _model(given: Path | None, side: str, morph: StoredMorph) -> tuple[Path, for
     if path is None or not files.reachable(path).is_file():
         found = "no such file" if path is None else f"nothing at {path}"
         raise OptionError(
-            side, f"the file of the {side}, which is written again", found, f"Add --{side} FILE."
+            side, f"the file of the {side}, for its mesh", found, f"Add --{side} FILE."
         )
     if known and file_checksum(path) != origin["sha256"]:
         raise FileError(
             str(path),
-            "the very file that was morphed",
-            "a file that has changed since",
-            "Morph again, or give the file as it was.",
+            "the file that was morphed",
+            "one that has changed since",
+            "Morph again, or restore the file.",
         )
     shape = formats.read(path)
     cloud = morph.source if side == "source" else morph.target

@@ -243,7 +243,7 @@ def _reconstructed(
                         process.wait(timeout=_POLL)
                         break
                     if stopped():
-                        raise Cancelled("Mesh cancelled.")
+                        raise Cancelled("The mesh was canceled.")
             finally:
                 process.kill()
         complaint = Path(said).read_text(encoding="utf-8", errors="replace")

@@ -171,7 +171,7 @@ class Cloud:
                 self.name,
                 f"faces with rows from 0 to {len(self) - 1}",
                 f"rows {corners.min()} to {corners.max()}",
-                "Count the rows of the vertices from 0.",
+                "Count vertices from 0.",
             )
         return offsets, np.ascontiguousarray(corners, np.int32)
 

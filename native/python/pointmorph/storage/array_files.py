@@ -157,7 +157,7 @@ class ArrayFile:
             if checksum(array) != self.header["arrays"][name]["sha256"]
         ]
         if broken:
-            raise self.refused(f"other numbers than were written in {', '.join(broken)}")
+            raise self.refused(f"numbers that differ from those written in {', '.join(broken)}")
 
     def _read(self, file: IO[bytes]) -> Iterator[tuple[str, Array]]:
         with zipfile.ZipFile(file) as archive:
@@ -169,14 +169,14 @@ class ArrayFile:
             listed = self.header["arrays"]
             entries = {entry.filename: entry for entry in archive.infolist()}
             if set(entries) != {f"{name}.npy" for name in ("header", *listed)}:
-                raise ValueError("other arrays than the header lists")
+                raise ValueError("arrays that the header doesn't list")
             for name, about in listed.items():
                 yield name, self._mapped(name, entries[f"{name}.npy"], about)
 
     @staticmethod
     def _expect(content: bytes, preamble: bytes, name: str) -> None:
         if not content.startswith(preamble):
-            raise ValueError(f"{name} of another shape or type than the header says")
+            raise ValueError(f"{name} of a shape or type that differs from the header's")
 
     def _mapped(self, name: str, entry: zipfile.ZipInfo, about: Mapping[str, Any]) -> Array:
         if entry.compress_type != zipfile.ZIP_STORED or entry.flag_bits & 1:
@@ -191,7 +191,7 @@ class ArrayFile:
         self._expect(self._map[start : start + len(preamble)], preamble, name)
         count = math.prod(shape)
         if len(preamble) + count * dtype.itemsize != entry.file_size:
-            raise ValueError(f"{name} of another size than its shape says")
+            raise ValueError(f"{name} of a size that doesn't fit its shape")
         array = np.frombuffer(self._map, dtype, count, start + len(preamble))
         return array.reshape(shape)
 

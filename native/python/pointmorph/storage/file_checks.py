@@ -65,7 +65,7 @@ def parsed_json(text: str | bytes) -> Any:
     try:
         return json.loads(text)
     except RecursionError:
-        raise ValueError("lists within lists, too deep to be read") from None
+        raise ValueError("lists nested too deep to be read") from None
 
 
 def json_object(path: Path, expected: str, syntax: str = "") -> dict[str, Any]:

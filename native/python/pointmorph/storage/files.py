@@ -53,7 +53,7 @@ def read_ply(path: str | os.PathLike[str]) -> Any:
         return PlyData.read(str(reachable(path)), mmap=sys.platform != "win32")
     except (OSError, PlyParseError, ValueError) as error:
         raise FileError(
-            str(path), "a PLY file in order", str(error), "Export the file again."
+            str(path), "an intact PLY file", str(error), "Export the file again."
         ) from error
 
 
@@ -232,5 +232,5 @@ def _umask() -> int:
 def _unwritable(path: Path, error: OSError) -> FileError:
     remedy = "Choose another folder or free some space."
     if sys.platform == "win32" and isinstance(error, PermissionError) and path.exists():
-        remedy = "Close it where it is open, or choose another name."
+        remedy = "Close it in other programs, or choose another name."
     return FileError(str(path), "a writable location", error.strerror or str(error), remedy)
