@@ -4,26 +4,26 @@ import re
 from dataclasses import dataclass
 
 FIGURES = {
-    "Likely right": "Share of the points that are likely mapped to where they belong. Below 80 % "
-    "more features are needed",
+    "Likely right": "Share of the points that are likely mapped to where they belong. Below 80 "
+    "%, more features are needed",
     "Covered": "Share of the points of either shape that a point of the other maps to. 100 % "
     "is best",
-    "Stretch": "How much the map stretches at its worst one percent of points. 1 means no stretch",
-    "Angle distortion": "How much angles change at half of the points. 1 means no change",
+    "Stretch": "How much the map stretches the worst one percent of points. 1 means no stretch",
+    "Angle distortion": "How much angles change at the median point. 1 means no change",
     "Folded": "Share of the points where the map turns the surface over. 0 % is best",
     "Collapsed": "Share of the points that are squeezed to a line. 0 % is best",
-    "Round-trip error": "How far a point ends from where it was, there and back, as a share of the "
-    "shape's size. 0 % is best",
-    "Cracks": "Share of the surface where gaps open on the way, which baked frames fill with new "
-    "points",
+    "Round-trip error": "How far a point is from its start after being mapped there and back, "
+    "as a share of the shape's size. 0 % is best",
+    "Cracks": "Share of the surface where gaps open during the morph, which baked frames fill "
+    "with new points",
     "Feature error": "How far features are from each other before they are made to meet, in "
     "point spacings",
-    "Faces folded": "Share of the area of the source's faces that lie against the target. 0 % is "
-    "best, and up to 0.02 % isn't visible",
+    "Faces folded": "Share of the area of the source's faces that are folded over on the "
+    "target. 0 % is best, and up to 0.02 % isn't visible",
     "Edges creased": "Share of the edges that bend by more than 90° at the end. Up to 0.12 % "
     "isn't visible",
-    "Target missed": "How far the target is from the source's faces at its worst one percent, as a "
-    "share of its size. Up to 0.5 % isn't visible",
+    "Target missed": "How far the worst one percent of the target is from the source's faces, "
+    "as a share of its size. Up to 0.5 % isn't visible",
     "Off the target": "How far the source's vertices lie off the target on average, as a share of "
     "its size. Up to 0.01 % isn't visible",
 }

@@ -50,8 +50,8 @@ def _judged(requests, outcome):
     }
     too_fine = {name: share for name, share in shares.items() if share > _TOO_MUCH}
     words = [
-        f'"{source.name}" has too few vertices for {100 * share:.0f} % of the surface of "{name}". '
-        "If its own faces are to become the target, click Subdivide Source."
+        f'"{source.name}" has too few vertices for {100 * share:.0f} % of the surface of '
+        f'"{name}". For its own faces to become the target, click Subdivide Source.'
         for name, share in too_fine.items()
     ]
     report = {**outcome.report, "too_fine": too_fine}

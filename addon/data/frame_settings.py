@@ -36,9 +36,10 @@ def frame_settings():
         ),
         "faces": bpy.props.BoolProperty(
             name="Faces",
-            description="Bake a mesh for every frame instead of points: the surface through its "
-            "points. PLY keeps the points as well. In the scene, Blender's own nodes make it "
-            "where its Python lacks pymeshlab and scipy; files need these",
+            description="Bake a mesh for every frame instead of points: the surface through "
+            "its points. PLY keeps the points as well. In the scene, Geometry "
+            "Nodes make it if Blender's Python lacks pymeshlab and scipy; files "
+            "need both",
             default=False,
         ),
     }

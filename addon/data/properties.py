@@ -134,7 +134,7 @@ class PointmorphFeature(bpy.types.PropertyGroup):
                 "and regions are soft",
             ),
             ("EXACT", "Hard", "Meet the feature exactly, whatever that does to its surroundings"),
-            ("SOFT", "Soft", "Pull toward the feature, which may give way to the shapes"),
+            ("SOFT", "Soft", "Pull toward the feature, but give way to the shapes"),
         ],
         default="AUTO",
         update=_forget,
@@ -333,12 +333,12 @@ class PointmorphScene(bpy.types.PropertyGroup):
     texture_roughness: bpy.props.BoolProperty(
         name="Roughness",
         description="Also draw the target's roughness and metalness. Otherwise, the whole mesh "
-        "uses the values of most of the target",
+        "uses the target's most common values",
         default=False,
     )
     texture_normal: bpy.props.BoolProperty(
         name="Normal",
-        description="Also draw a normal map of the target's details. Off for a new morph",
+        description="Also draw a normal map of the target's details. A new morph gets none",
         default=False,
     )
     suggest_confidence: bpy.props.FloatProperty(

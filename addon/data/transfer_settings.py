@@ -4,7 +4,7 @@ import bpy
 
 TRANSFER_TO = [
     ("RESULT", "Result", "The mesh that morphs, or the points"),
-    ("SOURCE", "Source", "The source itself, which stays as it is otherwise"),
+    ("SOURCE", "Source", "The source itself, which otherwise stays unchanged"),
 ]
 
 
@@ -21,14 +21,15 @@ def transfer_settings():
         ),
         "uvs": bpy.props.BoolProperty(
             name="UV Maps",
-            description="UV maps. A face that lies across a seam goes with the side that its "
-            "middle is on. The points of a morph get them as point attributes",
+            description="UV maps. A face across a seam belongs to the side of its center. The "
+            "points of a morph get them as point attributes",
             default=False,
         ),
         "keys": bpy.props.BoolProperty(
             name="Shape Keys",
-            description="Shape keys, turned and scaled as the map does the surface. A morphing "
-            "mesh has them as the source at the start, and as the target at the end",
+            description="Shape keys, rotated and scaled as the surface is by the map. A "
+            "morphing mesh has them as the source at the start, and as the target "
+            "at the end",
             default=True,
         ),
         "hair": bpy.props.BoolProperty(
@@ -44,7 +45,7 @@ def transfer_settings():
             default=False,
         ),
         "onto": bpy.props.EnumProperty(
-            name="To", description="What gets it", items=TRANSFER_TO, default="RESULT"
+            name="To", description="What to transfer to", items=TRANSFER_TO, default="RESULT"
         ),
         "prefix": bpy.props.StringProperty(
             name="Prefix",

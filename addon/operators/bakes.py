@@ -150,7 +150,7 @@ class POINTMORPH_OT_bake_frames(Explained, Computing, bpy.types.Operator):
                 "faces",
                 "the packages pymeshlab and scipy, which make faces from points",
                 "a Blender without them",
-                "Turn Faces off, or write meshes outside of Blender with: pointmorph morph --mesh",
+                "Turn Faces off, or write meshes outside Blender with: pointmorph morph --mesh",
             )
         plan = frame_plan.Plan(
             self.frame_start, self.frame_end, self.step, self.easing, self.resample, faces
@@ -274,7 +274,9 @@ class POINTMORPH_OT_bake_frames(Explained, Computing, bpy.types.Operator):
         size = frame_cache.size(self._rows, count) / 1e6
         self.report({"INFO"}, f'Baked {count} frames to "{player.name}", {size:,.0f} MB on disk')
         if cache_files.is_temporary(player):
-            self.report({"WARNING"}, "Save the file: otherwise the frames go when Blender ends")
+            self.report(
+                {"WARNING"}, "Save the file: otherwise the frames are lost when Blender quits"
+            )
         return {"FINISHED"}
 
     def _show_alone(self, context, obj, player):

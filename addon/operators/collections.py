@@ -12,9 +12,9 @@ from .polls import Explained, busy_reason
 
 
 class POINTMORPH_OT_bake_collection(Explained, Computing, bpy.types.Operator):
-    """Give the active mesh a shape key for each mesh of a collection, with a slider of its own, by
-    the settings of the Pointmorph panel. Features that both meshes have are matched. Keys made
-    before are made anew, with their drivers and animation"""
+    """Add a shape key to the active mesh for each mesh of a collection, with the settings of the
+    Pointmorph panel. Features that both meshes have are matched. Keys made earlier are updated,
+    and keep their drivers and animation"""
 
     bl_idname = "pointmorph.bake_collection"
     bl_label = "Morph into Collection"
@@ -29,20 +29,20 @@ class POINTMORPH_OT_bake_collection(Explained, Computing, bpy.types.Operator):
     )
     in_place: bpy.props.BoolProperty(
         name="In Place",
-        description="Take each mesh as if its origin lay on that of the active one. Otherwise, "
-        "the mesh moves to where the others are",
+        description="Treat each mesh as if its origin were at that of the active mesh. "
+        "Otherwise, its shape key also moves the active mesh to its location",
         default=True,
     )
     keys: bpy.props.BoolProperty(
         name="Their Shape Keys",
-        description="Also the shape keys of each mesh, as MESH.KEY, turned and scaled as the map "
-        "does the surface. They go with the slider of their mesh: at 1, they move the active mesh "
-        "exactly as theirs",
+        description="Also add the shape keys of each mesh, as MESH.KEY, rotated and scaled as "
+        "the surface is by the map. They depend on the slider of their mesh: at 1, "
+        "they move the active mesh exactly as they move their own",
         default=False,
     )
     weights: bpy.props.BoolProperty(
         name="Their Weights",
-        description="Also the vertex groups of each mesh, as MESH.GROUP, except features",
+        description="Also add the vertex groups of each mesh, as MESH.GROUP, except features",
         default=False,
     )
 
@@ -50,7 +50,7 @@ class POINTMORPH_OT_bake_collection(Explained, Computing, bpy.types.Operator):
     def reason(context):
         template = context.view_layer.objects.active
         if template is None or template.type != "MESH" or morph_object.is_made(template):
-            return "Make the mesh that is to get the shape keys the active object"
+            return "Make a mesh the active object: it gets the shape keys"
         if template.data.library is not None:
             return f'"{template.name}" is linked from another file: make it local first'
         if template.mode != "OBJECT":
@@ -108,7 +108,9 @@ class POINTMORPH_OT_bake_collection(Explained, Computing, bpy.types.Operator):
         for name, error in outcome.problems.items():
             self.report({"WARNING"}, f'Left out "{name}". {error}')
         for name, error in outcome.without.items():
-            self.report({"WARNING"}, f'Left out what "{name}" has of its own. {error}')
+            self.report(
+                {"WARNING"}, f'Left out the shape keys and vertex groups of "{name}". {error}'
+            )
         self.report({"INFO"}, f'Shape keys added to "{template.name}": {len(given.targets)}')
         if self.keys or self.weights:
             self.report({"INFO"}, _words_of_own(given))
@@ -118,7 +120,7 @@ class POINTMORPH_OT_bake_collection(Explained, Computing, bpy.types.Operator):
 def _words_of_own(given):
     made = {"shape key": given.keys, "vertex group": given.groups}
     made = {kind: names for kind, names in made.items() if names}
-    return listed("Of their own", made) if made else "The meshes have nothing of their own to add"
+    return listed("Also added", made) if made else "No shape keys or vertex groups to add"
 
 
 def _add_to_menu(self, context):

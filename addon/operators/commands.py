@@ -36,13 +36,13 @@ def _parser():
     parser = argparse.ArgumentParser(
         prog=f"blender --command {NAME}",
         allow_abbrev=False,
-        description="Morphs and bakes in a .blend file as the buttons do.",
+        description="Morphs and bakes in a .blend file, as the buttons do.",
     )
     parser.add_argument("file", metavar="FILE.blend", help="the file to work in")
     for side in ("source", "target"):
-        parser.add_argument(f"--{side}", metavar="NAME", help=f"object to take as the {side}")
+        parser.add_argument(f"--{side}", metavar="NAME", help=f"object to use as the {side}")
     parser.add_argument(
-        "--via", metavar="NAME", action="append", help="object between them; can be repeated"
+        "--via", metavar="NAME", action="append", help="object in between; can be repeated"
     )
     parser.add_argument("--active", metavar="NAME", help="object to make active")
     parser.add_argument(
@@ -61,7 +61,7 @@ def _parser():
         help=f"what to do, with its options, in order: {', '.join(done_steps.REPEATED)}",
     )
     parser.add_argument(
-        "--save", metavar="FILE.blend", help="file to save as, if it isn't to be the same"
+        "--save", metavar="FILE.blend", help="file to save as (default: the same file)"
     )
     return parser
 
@@ -156,8 +156,8 @@ def words_of(context):
 
 
 class POINTMORPH_OT_copy_command(Explained, bpy.types.Operator):
-    """Copy the line for a shell that does again, without a window, what was done last: the morph
-    with its settings, and what was baked. It works on the saved file"""
+    """Copy a shell command that repeats, without a window, what was done last: the morph with its
+    settings, and any bakes. It works on the saved file"""
 
     bl_idname = "pointmorph.copy_command"
     bl_label = "Copy as Command"

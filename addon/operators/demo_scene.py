@@ -109,7 +109,7 @@ def _spotted(positions):
 
 
 def _dark_below(positions):
-    """Brown, darker towards the feet."""
+    """Brown, darker toward the feet."""
     share = np.clip(positions[:, 2:] / 1.2, 0, 1)
     low, high = np.array([0.08, 0.03, 0.015, 1]), np.array([0.45, 0.2, 0.08, 1])
     return (low + share * (high - low)).astype(np.float32)

@@ -131,7 +131,7 @@ class WholeUpdate:
         obj = find(bpy.data.objects, self._result)
         if obj is None or not bpy.ops.pointmorph.recompute.poll():
             self.give_up()
-            return "The morph wasn't computed again: recompute it when it can be"
+            return "The morph wasn't updated: recompute it"
         live_follower.lend()
         self._earlier = background_job.earlier
         bpy.ops.pointmorph.recompute("INVOKE_DEFAULT", name=obj.name)

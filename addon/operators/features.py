@@ -197,7 +197,7 @@ class POINTMORPH_OT_propose_features(Explained, Computing, bpy.types.Operator):
             settings.features[name].confidence = confidence
         rest = ": check them" if marked else ": the others are too uncertain"
         if there:
-            rest = f"; {there} where a feature is already" + (rest if marked else "")
+            rest = f"; {there} where features already are" + (rest if marked else "")
         self.report({"INFO"}, f"Marked {len(marked)} of {len(proposals)} suggestions{rest}")
         return {"FINISHED"}
 
@@ -292,8 +292,8 @@ def _copy_groups(source, target):
 
 
 class POINTMORPH_OT_jump_to_feature(Explained, bpy.types.Operator):
-    """Turn the view to the selected feature, and move the 3D cursor there. Where it isn't marked
-    yet, wait for the click that marks it"""
+    """Turn the view to the selected feature, and move the 3D cursor there. If it isn't marked
+    there yet, wait for a click to mark it"""
 
     bl_idname = "pointmorph.jump_to_feature"
     bl_label = "Jump to Feature"
@@ -301,10 +301,10 @@ class POINTMORPH_OT_jump_to_feature(Explained, bpy.types.Operator):
 
     side: bpy.props.EnumProperty(
         name="On",
-        description="Object on which to look at the feature",
+        description="Object to view the feature on",
         items=[
-            ("SOURCE", "Source", "Look at it on the source"),
-            ("TARGET", "Target", "Look at it on the target"),
+            ("SOURCE", "Source", "View it on the source"),
+            ("TARGET", "Target", "View it on the target"),
         ],
         default="SOURCE",
     )

@@ -10,8 +10,8 @@ from .polls import Explained, fail
 
 
 class POINTMORPH_OT_key_morph(Explained, bpy.types.Operator):
-    """Key the slider from the first shape to the last. Keys that this button made before are
-    replaced; others stay"""
+    """Key the slider from the first shape to the last. Keys that this button made earlier
+    are replaced; others are kept"""
 
     bl_idname = "pointmorph.key_morph"
     bl_label = "Key Morph"
@@ -25,7 +25,7 @@ class POINTMORPH_OT_key_morph(Explained, bpy.types.Operator):
     )
     easing: bpy.props.EnumProperty(
         name="Easing",
-        description="How the slider goes from the one to the other",
+        description="How the slider moves from one shape to the other",
         items=slider_keys.EASINGS,
         default="SINE",
         options={"SKIP_SAVE"},

@@ -67,7 +67,7 @@ class POINTMORPH_OT_add_loop_feature(Explained, bpy.types.Operator):
         elif name in settings.loop:
             problem = (
                 "each feature only once",
-                "it a second time",
+                "it twice",
                 "A loop passes through each feature once.",
             )
         if problem is not None:
@@ -132,7 +132,7 @@ class _Curves(Computing):
     """Finds curves on both objects and has them drawn."""
 
     place = "CUT"
-    stopped = "Search for the cut canceled"
+    stopped = "Cut search canceled"
 
     def _read(self, context):
         sync_features(context.scene)
@@ -200,7 +200,7 @@ class POINTMORPH_OT_show_cut(Explained, _Curves, bpy.types.Operator):
 
 
 class POINTMORPH_OT_propose_loop(Explained, _Curves, bpy.types.Operator):
-    """Find an order in which a curve passes the features at the tips of both, and show it"""
+    """Find a loop through the features at the tips of both objects, and show the cut"""
 
     bl_idname = "pointmorph.propose_loop"
     bl_label = "Suggest Loop"

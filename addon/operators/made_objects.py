@@ -122,7 +122,7 @@ class POINTMORPH_OT_follow(_OnPairs, bpy.types.Operator):
 
 
 class POINTMORPH_OT_show_as(Explained, bpy.types.Operator):
-    """Show the morph by the source's own faces, or as the points of both shapes, or as discs at
+    """Show the morph as the source's own faces, as the points of both shapes, or as discs at
     these points. The slider and its animation are the same"""
 
     bl_idname = "pointmorph.show_as"
@@ -190,8 +190,7 @@ class POINTMORPH_OT_make_mesh(_OnPairs, bpy.types.Operator):
 
 class POINTMORPH_OT_subdivide_source(Explained, bpy.types.Operator):
     """Subdivide the source where its faces are too large to show the target, and recompute the
-    morph. The source's surface stays as it is, and UV maps, weights, colors and shape keys go
-    along"""
+    morph. The source keeps its surface, UV maps, weights, colors and shape keys"""
 
     bl_idname = "pointmorph.subdivide_source"
     bl_label = "Subdivide Source"
@@ -199,8 +198,8 @@ class POINTMORPH_OT_subdivide_source(Explained, bpy.types.Operator):
 
     recompute: bpy.props.BoolProperty(
         name="Recompute",
-        description="Recompute the morph afterwards. In a window it is an undo step of its own, "
-        "and Esc cancels it alone",
+        description="Recompute the morph afterward. In a window, this is a separate undo step, "
+        "and Esc cancels only this",
         default=True,
         options={"SKIP_SAVE"},
     )

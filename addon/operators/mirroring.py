@@ -16,8 +16,8 @@ _OFF = 0.05  # of the diagonal: farther from the mirrored place there is no vert
 
 
 class POINTMORPH_OT_mirror_features(Explained, bpy.types.Operator):
-    """Mark the same on the other side of both objects, across their own X axis: ear.L is mirrored
-    to ear.R. A feature without a side in its name gets one"""
+    """Mark the same place on the other side of both objects, across their own X axis: ear.L is
+    mirrored to ear.R. A feature without a side in its name gets one"""
 
     bl_idname = "pointmorph.mirror_features"
     bl_label = "Mirror Features"
@@ -25,7 +25,8 @@ class POINTMORPH_OT_mirror_features(Explained, bpy.types.Operator):
 
     all_features: bpy.props.BoolProperty(
         name="All",
-        description="Mirror all features whose other side isn't marked yet, not only the selected",
+        description="Mirror all features whose other side isn't marked yet, not only the "
+        "selected one",
         default=False,
     )
 
@@ -46,7 +47,7 @@ class POINTMORPH_OT_mirror_features(Explained, bpy.types.Operator):
         else:
             names = [name for name in names if bpy.utils.flip_name(name) not in names]
         if not names:
-            return self._stay("every feature with a side in its name has its other side already")
+            return self._stay("every feature with a side in its name already has a counterpart")
         found = [Mirrored(obj, [n for n in names if n in feature_names(obj)]) for obj in objects]
         count, refused = 0, False
         for name in names:
@@ -118,7 +119,7 @@ def _is_to_be_mirrored(name, sides):
         one = sides[in_the_middle.index(True)].obj.name
         raise pointmorph.FeatureError(
             f'feature "{name}"',
-            "a mark in the middle of both objects, or of none",
+            "a mark in the middle of both objects, or of neither",
             f'one in the middle of "{one}" only',
             "Move the mark on one of them.",
         )

@@ -136,8 +136,8 @@ def _mode_reason(context):
 
 
 class POINTMORPH_OT_morph(Explained, _Morphing, bpy.types.Operator):
-    """Compute the morph from source to target. If none are chosen, the selected objects are: the
-    active one, which was selected last, is the target. If these objects have a morph, it is
+    """Compute the morph from source to target. If none are chosen, the selected objects are
+    used: the active one, selected last, is the target. If these objects have a morph, it is
     computed again in place; Alt-click makes another. Blender stays usable, and Esc cancels"""
 
     bl_idname = "pointmorph.morph"

@@ -10,8 +10,8 @@ from .polls import SELECT, Explained, fail, pick_selected, selected_shapes
 
 
 class POINTMORPH_OT_pick_selected(Explained, bpy.types.Operator):
-    """Use the selected objects. The active one, which was selected last, is the target. Of more
-    than two, the rest are passed through in the order of their names"""
+    """Use the selected objects as source and target. The active one, selected last, is the target.
+    With more than two, the others come in between, in the order of their names"""
 
     bl_idname = "pointmorph.pick_selected"
     bl_label = "Use Selected"
@@ -47,8 +47,8 @@ class POINTMORPH_OT_swap_objects(Explained, bpy.types.Operator):
 
 
 class POINTMORPH_OT_use_as_shown(Explained, bpy.types.Operator):
-    """Take as the source a copy that has its modifiers, pose and shape keys applied. The source
-    itself is hidden and stays as it is"""
+    """Use a copy of the source with its modifiers, pose and shape keys applied. The source itself
+    is hidden and stays unchanged"""
 
     bl_idname = "pointmorph.use_as_shown"
     bl_label = "Use as Shown"
@@ -63,7 +63,7 @@ class POINTMORPH_OT_use_as_shown(Explained, bpy.types.Operator):
             return f'Switch "{source.name}" to Object Mode first (Tab)'
         if as_shown.left_out(source):
             return None
-        return f'"{source.name}" has no modifiers or shape keys that show'
+        return f'"{source.name}" has no modifiers or shape keys in effect'
 
     def execute(self, context):
         settings = context.scene.pointmorph

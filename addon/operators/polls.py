@@ -36,7 +36,7 @@ def fail(operator, error):
 def fail_unexpectedly(operator, error):
     """Tells the user about an error that no one thought of."""
     text = f"{type(error).__name__}: {error}".rstrip(": ")
-    said = f"{operator.bl_label} failed. {text}. The system console has more"
+    said = f"{operator.bl_label} failed. {text}. See the system console for details"
     background_job.problem = ("MORPH", said)
     operator.report({"ERROR"}, said)
     return {"CANCELLED"}

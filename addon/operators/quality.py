@@ -92,7 +92,7 @@ class POINTMORPH_OT_go_to_place(Explained, bpy.types.Operator):
     )
     kind: bpy.props.EnumProperty(
         name="Kind",
-        description="What is bad there",
+        description="What is wrong there",
         items=[
             ("MAP", "Map", "Where the points of the morph are badly matched"),
             ("MESH", "Mesh", "Where the source's own faces look bad at the end"),
@@ -129,13 +129,13 @@ class POINTMORPH_OT_go_to_place(Explained, bpy.types.Operator):
 
 
 class POINTMORPH_OT_explain(bpy.types.Operator):
-    """Say what a figure means"""
+    """Explain what a figure means"""
 
     bl_idname = "pointmorph.explain"
     bl_label = "Explain"
     bl_options = {"INTERNAL"}
 
-    meaning: bpy.props.StringProperty(name="Meaning", description="What is said")
+    meaning: bpy.props.StringProperty(name="Meaning", description="Text to show")
 
     @classmethod
     def description(cls, context, properties):

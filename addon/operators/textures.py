@@ -64,13 +64,17 @@ class POINTMORPH_OT_blend_textures(Explained, Computing, bpy.types.Operator):
         for remark in outcome.remarks:
             self.report({"INFO"}, remark)
         size = len(outcome.color) if outcome.has_images else 0
-        how = f"on images of {size} by {size} pixels" if size else "without an image: it is plain"
+        how = (
+            f"on images of {size} by {size} pixels"
+            if size
+            else "without an image, because it is plain"
+        )
         self.report({"INFO"}, f'The look of "{obj.pointmorph.target.name}" was drawn {how}')
         return {"FINISHED"}
 
 
 class POINTMORPH_OT_keep_textures(Explained, bpy.types.Operator):
-    """Leave the mesh the source's own look while it morphs"""
+    """Keep the source's own look on the mesh while it morphs"""
 
     bl_idname = "pointmorph.keep_textures"
     bl_label = "Keep Source's Look"

@@ -240,9 +240,9 @@ def _read_mesh_steps(context, obj, shapes, wanted):
     if not (found.rows or found.keys or found.hair or found.back):
         raise pointmorph.CloudError(
             target.name,
-            "something of what is to be transferred",
-            "; ".join(["none of it", *found.remarks]),
-            "Choose something that it has.",
+            "any of the chosen attributes",
+            "; ".join(["none", *found.remarks]),
+            "Choose attributes that it has.",
         )
     if by_pairs:
         return _carry_by_pairs(found, morph_object.stage_rows(obj))

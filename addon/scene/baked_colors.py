@@ -191,8 +191,8 @@ def _bake(context, copy, created):
     except TypeError:
         raise pointmorph.CloudError(
             "Cycles",
-            "the renderer, which bakes colors",
-            "it disabled",
+            "an enabled renderer, to bake colors",
+            "a disabled one",
             "Enable it (Edit > Preferences > Add-ons > Cycles Render Engine).",
         ) from None
     except RuntimeError as error:

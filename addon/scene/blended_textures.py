@@ -155,7 +155,10 @@ def blend(obj, drawn):
     mesh = obj.data
     if drawn.uvs is not None and len(drawn.uvs) != len(mesh.loops):
         raise pointmorph.CloudError(
-            obj.name, "an object that doesn't change", "changes meanwhile", "Try again."
+            obj.name,
+            "an object that doesn't change",
+            "changes while it was being read",
+            "Try again.",
         )
     uv, before = drawn.uv_name, _images_of(obj)
     mixed = _mixed_materials(obj)

@@ -94,7 +94,7 @@ def _before_saving(path, *_):
             new = _copied(old, folder)
         except (OSError, pointmorph.PointmorphError) as error:
             said = (
-                f"Frames stay in {old}, because {folder} can't take them: {error}. Free some space"
+                f"Frames stay in {old}, because {folder} can't store them: {error}. Free some space"
             )
             background_job.problem = ("MORPH", f"{said} and save again")
             areas.redraw_sidebars()

@@ -20,7 +20,7 @@ def make_folder(path):
         raise pointmorph.OptionError(
             "directory",
             "a folder beside the saved file",
-            f"{path}, while the file has never been saved",
+            f"{path} in a file that was never saved",
             "Save the file, or choose another folder.",
         )
     folder = Path(bpy.path.abspath(path))
@@ -99,7 +99,7 @@ def export(context, player, plan, path, target):
             raise pointmorph.FileError(
                 str(path),
                 "a file that can be written",
-                "that nothing was written",
+                "none",
                 "Choose another folder.",
             )
         with _let_go(path):
@@ -115,7 +115,7 @@ def export(context, player, plan, path, target):
 @contextlib.contextmanager
 def _let_go(path):
     """While a file is replaced, no object of this Blender reads it: Windows replaces no open file.
-    They read the new one afterwards."""
+    They read the new one afterward."""
     readers = [
         (cache, cache.filepath)
         for cache in bpy.data.cache_files

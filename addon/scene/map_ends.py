@@ -223,9 +223,9 @@ def _check_together(target, giver, shown):
     if np.median(away) > np.median(np.linalg.norm(sides, axis=2)):
         raise pointmorph.CloudError(
             target.name,
-            "a mesh that lies where the viewport shows it, since its modifiers add vertices",
-            "one that they move elsewhere",
-            "Turn off the modifiers that move it, morph again, and turn them on after the "
+            "modifiers that add vertices without moving the mesh",
+            "some that move it",
+            "Turn off the modifiers that move it, morph again, and turn them back on after the "
             "transfer; or transfer without Shape Keys, Hair and Weights to Target.",
         )
 
@@ -248,8 +248,8 @@ def target_matrix(obj):
     if not recipes.is_known(recipe):
         raise pointmorph.CloudError(
             obj.name,
-            "a morph that knows where its target was",
-            "one that an earlier version made",
+            "a morph that stores where its target was",
+            "one from an earlier version",
             "Recompute the morph first.",
         )
     return np.reshape(recipe["shapes"][-1]["matrix"], (4, 4))

@@ -216,14 +216,14 @@ def rebuild(obj, outcome, settings):
 def lost_words(obj, name):
     """About a shape key that knows nothing of the points that there are now."""
     return (
-        f'The shape key "{name}" of "{obj.name}" has no effect any more: the points are others now'
+        f'The shape key "{name}" of "{obj.name}" no longer has an effect: the points have changed'
     )
 
 
 def _outdated_words(obj, name):
     return (
-        f'The shape key "{name}" of "{obj.name}" is that of the old morph, since it was baked '
-        "staggered: bake it again"
+        f'The shape key "{name}" of "{obj.name}" is still that of the old morph, because it '
+        "was baked staggered: bake it again"
     )
 
 

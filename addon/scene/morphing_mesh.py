@@ -210,7 +210,7 @@ def _lost_groups(copy, source):
     """Which vertex groups go with the vertices, in words: those that were painted on the copy."""
     again = recipes.names_transferred(copy)
     return [
-        f'The vertex group "{group.name}" of "{copy.name}" is gone: the vertices are others now'
+        f'The vertex group "{group.name}" of "{copy.name}" was removed: the vertices have changed'
         for group in copy.vertex_groups
         if group.name not in source.vertex_groups and group.name not in again
     ]

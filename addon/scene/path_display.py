@@ -110,7 +110,7 @@ def _group(name, created, ways, of_points):
         group,
         "NodeSocketFloat",
         CURVE,
-        "1: parts rotate on the way. 0: all points go straight, so that what rotates shrinks",
+        "1: parts rotate as they move. 0: all points go straight, so that rotating parts shrink",
         default_value=1.0,
         min_value=0.0,
         max_value=1.0,

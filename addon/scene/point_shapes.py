@@ -34,8 +34,8 @@ def new_splat_inputs(group):
         group,
         "NodeSocketObject",
         FACES,
-        "Object with as many discs as there are points, which was made ahead. Without it, the "
-        "faces of discs are made anew in every frame, which is slower",
+        "Object made ahead, with a disc for each point. Without it, the faces of the discs are "
+        "made in every frame, which is slower",
         hide_in_modifier=True,
     )
     nodes.new_input(
@@ -88,7 +88,7 @@ def _discs(build, inputs, geometry, radius, discs, created):
         return build.sampled(geometry, kind, build.attribute(name, kind), index)
 
     normal = build.attribute(attribute_names.NORMAL, "FLOAT_VECTOR")
-    normal = vector("NORMALIZE", vector("ADD", normal, _UP))  # upwards, where there is none
+    normal = vector("NORMALIZE", vector("ADD", normal, _UP))  # upward, where there is none
     across = build.scaled(vector("NORMALIZE", vector("CROSS_PRODUCT", _TILTED, normal)), radius)
     geometry = build.stored(geometry, disc_faces.ACROSS, "FLOAT_VECTOR", across)
     across = build.attribute(disc_faces.ACROSS, "FLOAT_VECTOR")

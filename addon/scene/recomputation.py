@@ -58,7 +58,7 @@ def plan_steps(context, obj, with_relief=False):
         raise pointmorph.CloudError(
             obj.name,
             "the objects it was made from",
-            "one that no longer exists, and no copy of it, since an earlier version made this",
+            "one that no longer exists, and no copy, because an earlier version made this",
             "Choose two objects and morph again.",
         )
     if not recipes.is_known(recipe) or staleness.is_picked(context.scene, obj):

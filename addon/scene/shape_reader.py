@@ -97,7 +97,7 @@ def read_own_steps(context, obj, as_shown, with_relief=False, bakes=False):
         raise pointmorph.CloudError(
             obj.name,
             "an object that is enabled in this view layer",
-            "one that is disabled in viewports or in a collection that is",
+            "one that is disabled in viewports, or in a disabled collection",
             "Enable it in the Outliner. Hiding it with the eye icon is fine.",
         )
     if obj.type == "POINTCLOUD":

@@ -56,7 +56,7 @@ def put(obj, start, end, easing):
     if curve is None:
         key.value = shown
         raise pointmorph.CloudError(
-            obj.name, "a slider that takes keys", "one whose action is locked", "Unlock the action."
+            obj.name, "a slider that can be keyed", "a locked action", "Unlock the action."
         )
     for point in curve.keyframe_points:
         if point.co[0] in (start, end):

@@ -65,7 +65,7 @@ def subdivide(obj):
         raise pointmorph.CloudError(
             obj.name,
             "a source and a target with faces",
-            "none, or a morph that an earlier version made",
+            "none, or a morph from an earlier version",
             "Recompute the morph, or subdivide the source in Edit Mode.",
         )
     before = len(mesh.vertices)

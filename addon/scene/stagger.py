@@ -73,7 +73,7 @@ def _not_staggered(points):
     return pointmorph.CloudError(
         points.name,
         "points that are staggered like the mesh that shows them",
-        "others, since an earlier version made them or their modifier Path was changed",
+        "points from an earlier version, or with a changed Path modifier",
         "Recompute the morph, or turn Stagger off.",
     )
 

@@ -25,7 +25,7 @@ def new_inputs(group):
         group,
         "NodeSocketFloat",
         DETAIL,
-        "Faces of the surface for each point along a line. More are slower",
+        "Faces of the surface per point along a line. Higher values are slower",
         default_value=1.5,
         min_value=0.5,
         max_value=4.0,

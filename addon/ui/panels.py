@@ -217,7 +217,7 @@ class POINTMORPH_PT_features(Panel, bpy.types.Panel):
 
 
 class POINTMORPH_PT_feature(bpy.types.Panel):
-    """What the feature chosen in the list is, and how it is held"""
+    """Kind, hold and weight of the feature selected in the list"""
 
     bl_space_type = "VIEW_3D"
     bl_region_type = "HEADER"  # shown by its button alone

@@ -9,7 +9,7 @@ import numpy as np
 
 
 def patch(side, bump=0.5, turn=0.0):
-    """(side², 3) float32 vertices and (F, 4) quads: a bumpy open sheet, its normals upwards."""
+    """(side², 3) float32 vertices and (F, 4) quads: a bumpy open sheet, its normals upward."""
     u, v = np.meshgrid(np.linspace(-1, 1, side), np.linspace(-1, 1, side), indexing="ij")
     z = bump * np.exp(-3 * (u**2 + v**2)) + 0.1 * np.sin(3 * u + turn) * np.cos(2 * v)
     positions = np.stack([u, v, z], axis=-1).reshape(-1, 3).astype(np.float32)

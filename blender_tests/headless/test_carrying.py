@@ -252,7 +252,7 @@ def test_refusals(settings):
         bpy.ops.pointmorph.make_mesh()
     select(obj)
     before = data_blocks()
-    with pytest.raises(RuntimeError, match="Dune: expected something of what is to be transferred"):
+    with pytest.raises(RuntimeError, match="Dune: expected any of the chosen attributes"):
         bpy.ops.pointmorph.transfer_attributes()
     settings.source.data.vertices[0].co.z += 1
     with pytest.raises(RuntimeError, match="Hill: expected the mesh .* changed since"):

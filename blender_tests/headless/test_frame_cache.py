@@ -216,7 +216,7 @@ def test_frames_that_cannot_move_stay(addon, torn, tmp_path, monkeypatch):
         monkeypatch.setattr(module, name, refused)
     saved(tmp_path / "shot.blend")
     player = bpy.data.objects["Whole to Torn Frames"]
-    assert "can't take them: no room" in addon("core.background_job").problem[1]
+    assert "can't store them: no room" in addon("core.background_job").problem[1]
     assert cache_of(player) == old
     assert_same(shown(player, 5), wanted[4])
     assert not (tmp_path / "blendcache_shot").exists()

@@ -158,7 +158,9 @@ def test_the_next_morph_uses_what_was_made_to_follow(addon, settings, live):
     assert live_follower.current is None
 
     # A map from scratch is another one, which it knows nothing of.
-    scratch = replace(outcome, report={**outcome.report, "update": "From scratch: it went far"})
+    scratch = replace(
+        outcome, report={**outcome.report, "update": "Computed from scratch: it moved too far"}
+    )
     background_job.remember(replace(request, features={}), scratch)
     assert background_job.earlier.live is None
 
@@ -387,7 +389,7 @@ def test_where_it_cannot_be_computed_it_says_so(addon, settings, live, dragged):
     preview, before = dragged
     update = addon("operators.dragging").WholeUpdate()
     update.want(-1, preview)  # it was deleted
-    assert "wasn't computed" in update.go_on()
+    assert "wasn't updated" in update.go_on()
     assert np.array_equal(ends(shown), before)
 
 

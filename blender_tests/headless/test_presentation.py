@@ -121,8 +121,8 @@ def test_vertex_groups_that_go_with_the_vertices_are_named(painted, capfd):
     select(shown)
     assert bpy.ops.pointmorph.recompute() == {"FINISHED"}
     said = capfd.readouterr().out
-    assert 'The vertex group "Wave" of "Hill to Dune" is gone' in said
-    assert said.count("is gone") == 1
+    assert 'The vertex group "Wave" of "Hill to Dune" was removed' in said
+    assert said.count("was removed") == 1
 
 
 def cloud(settings):

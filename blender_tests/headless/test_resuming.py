@@ -32,7 +32,7 @@ def made(monkeypatch):
 
     def frame(self, k, stopped):
         if made.limit is not None and len(made) >= made.limit:
-            raise pointmorph.Cancelled("The frames were cancelled.")
+            raise pointmorph.Cancelled("The frames were canceled.")
         made.append(k)
         return before(self, k, stopped)
 
@@ -43,7 +43,7 @@ def made(monkeypatch):
 def interrupted(made, **options):
     made.clear()
     made.limit = 4
-    with pytest.raises(RuntimeError, match="cancelled"):
+    with pytest.raises(RuntimeError, match="canceled"):
         bake(**options)
     assert len(made) == 4
     made.clear()
