@@ -9,6 +9,7 @@ import bpy
 import pytest
 
 sys.path.insert(0, str(Path(__file__).parent))  # for `scenes`
+sys.path.append(str(Path(__file__).parents[2] / "native" / "tests" / "python"))  # for `spelling`
 
 import installing
 import painted_scenes

@@ -1,46 +1,11 @@
 """What the add-on says about itself."""
 
-import re
-
 import bpy
 import pointmorph
 import pytest
+from spelling import british
 
-BRITISH = re.compile("colour|centre|grey|neighbour|towards|cancelled|analys(e[dr]?|ing)\\b")
-# What takes -ize in American English, except for these, and for what ends in -wise.
-ISE = re.compile(r"\b([a-z]{2,}?)is(?:e[ds]?|ers?|ing|ations?)\b")
-AMERICAN_ISE = """
-    advert adv appra appr ar bra bru chast chem compr comprom conc cru dem desp dev disgu enterpr
-    exc exerc expert franch gu improv inc merchand no parad po pra prec prem prom ra repr rev superv
-    surm surpr telev treat turquo v
-"""
 KINDS = (bpy.types.Operator, bpy.types.Panel, bpy.types.PropertyGroup)
-
-
-def british(text):
-    """The British spellings in a text."""
-    text = text.lower()
-    found = [match[0] for match in BRITISH.finditer(text)]
-    for match in ISE.finditer(text):
-        if match[1] not in AMERICAN_ISE.split() and not match[1].endswith("w"):
-            found.append(match[0])
-    return found
-
-
-@pytest.mark.parametrize(
-    ("text", "found"),
-    [
-        ("Otherwise precise, clockwise: noise, raised, promising, devised, an exercise", []),
-        ("Existing users consist of an axis and its bases, by size, likewise", []),
-        ("Normalise", ["normalise"]),
-        ("It was organised by optimising the parameterisation", ["organised", "optimising",
-                                                                 "parameterisation"]),
-        ("a Grey colour", ["grey", "colour"]),
-        ("analysed analysis", ["analysed"]),
-    ],
-)  # fmt: skip
-def test_british_spellings_are_found(text, found):
-    assert sorted(british(text)) == sorted(found)
 
 
 def own_classes(module):
