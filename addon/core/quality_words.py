@@ -6,8 +6,7 @@ from dataclasses import dataclass
 FIGURES = {
     "Likely right": "Share of the points that are likely mapped to where they belong. Below 80 "
     "%, more features are needed",
-    "Covered": "Share of the points of either shape that a point of the other maps to. 100 % "
-    "is best",
+    "Covered": "Share of the points of each shape that points of the other map to. 100 % is best",
     "Stretch": "How much the map stretches the worst one percent of points. 1 means no stretch",
     "Angle distortion": "How much angles change at the median point. 1 means no change",
     "Folded": "Share of the points where the map turns the surface over. 0 % is best",
@@ -30,8 +29,8 @@ FIGURES = {
 """What the figures of `pointmorph.quality_summary` mean, by name."""
 
 OF_FEATURES = (
-    "How far this feature ends from its counterpart, in point spacings, and of a "
-    "region how much of it is inside the other"
+    "How far this feature ends from its counterpart, in point spacings. For a region, also how "
+    "much of it is inside the other"
 )
 GRADES = ("good", "fair", "poor")
 _SIDES = (("L", "R"), ("left", "right"), ("Left", "Right"))
@@ -94,7 +93,7 @@ def _judged_map(report):
     if doubtful:
         found.append(f"Match: {_counted(len(doubtful))} more likely wrong than right")
     if report["worst"]:
-        found.append(f"Match: {_counted(len(report['worst']))} with much distortion")
+        found.append(f"Match: {_counted(len(report['worst']))} with strong distortion")
     return grade, found
 
 

@@ -284,7 +284,7 @@ class PointmorphScene(bpy.types.PropertyGroup):
     )
     set_aside: bpy.props.CollectionProperty(
         name="Set Aside",
-        description="Features of objects that were picked before, with what was chosen for them",
+        description="Features of objects chosen earlier, with their settings",
         type=PointmorphFeature,
         options={"HIDDEN"},
     )
@@ -297,7 +297,7 @@ class PointmorphScene(bpy.types.PropertyGroup):
     )
     loop: bpy.props.CollectionProperty(
         name="Loop",
-        description="Features, in order, that the cut through a closed model passes",
+        description="Features, in order, that the cut through a closed model passes through",
         type=PointmorphLoopFeature,
     )
     active_loop: bpy.props.IntProperty(

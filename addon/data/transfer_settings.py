@@ -27,9 +27,9 @@ def transfer_settings():
         ),
         "keys": bpy.props.BoolProperty(
             name="Shape Keys",
-            description="Shape keys, rotated and scaled as the surface is by the map. A "
-            "morphing mesh has them as the source at the start, and as the target "
-            "at the end",
+            description="Shape keys, rotated and scaled as the surface is by the map. On a "
+            "morphing mesh, they fit the source at the start and the target at the "
+            "end",
             default=True,
         ),
         "hair": bpy.props.BoolProperty(
@@ -49,8 +49,9 @@ def transfer_settings():
         ),
         "prefix": bpy.props.StringProperty(
             name="Prefix",
-            description="Put before the names of what is transferred. With Weights to Target, "
-            '"target" in it becomes "source" there. Empty to keep the names, as a rig expects them',
+            description="Added before the names of transferred attributes. With Weights to "
+            'Target, "target" in it becomes "source" there. Leave empty to keep '
+            "the names that a rig expects",
             default="target.",
         ),
     }

@@ -197,7 +197,7 @@ class POINTMORPH_OT_propose_features(Explained, Computing, bpy.types.Operator):
             settings.features[name].confidence = confidence
         rest = ": check them" if marked else ": the others are too uncertain"
         if there:
-            rest = f"; {there} where features already are" + (rest if marked else "")
+            rest = f"; {there} skipped where features already are" + (rest if marked else "")
         self.report({"INFO"}, f"Marked {len(marked)} of {len(proposals)} suggestions{rest}")
         return {"FINISHED"}
 

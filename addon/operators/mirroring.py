@@ -110,7 +110,7 @@ def _is_to_be_mirrored(name, sides):
         if not len(side.rows[name]):
             raise pointmorph.FeatureError(
                 f'feature "{name}"',
-                f'points that it marks on "{side.obj.name}"',
+                f'marked points on "{side.obj.name}"',
                 "none",
                 "Mark it there, or remove it.",
             )

@@ -85,7 +85,7 @@ class Computing:
         if scene is None:
             raise pointmorph.CloudError(
                 "scene",
-                "the one where the morph began",
+                "the scene in which the morph was started",
                 "none",
                 "Undo its deletion, or start again.",
             )

@@ -382,8 +382,8 @@ def _carry_uvs(part, carrier, ends, remarks):
     if len(across):
         faces = int(receiver.faces[-1]) + 1
         remarks.append(
-            f'{len(across):,} of {faces:,} faces lie across a seam of the UV map "{name}": what '
-            "they show is squeezed at the seam"
+            f'{len(across):,} of {faces:,} faces lie across a seam of the UV map "{name}": '
+            "their texture is squeezed at the seam"
         )
     return kind, name, uvs.astype(np.float32)
 

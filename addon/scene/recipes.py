@@ -251,7 +251,7 @@ def faces_of(obj):
     found = remembered.faces(obj.pointmorph.faces, recipe_of(obj).get("points", []))
     if found is None:
         raise pointmorph.CloudError(
-            obj.name, "the faces it was made from", "something else in the file", "Morph again."
+            obj.name, "the faces it was made from", "damaged data in the file", "Morph again."
         )
     return found
 

@@ -119,7 +119,7 @@ def test_each_refusal_has_its_own_words(addon, settings, sheets, capfd):
 
     group = sheets[0].vertex_groups["pm.nose"]
     group.remove(list(range(len(sheets[0].data.vertices))))
-    assert 'expected points that it marks on "Hill"' in refusal()
+    assert 'expected marked points on "Hill"' in refusal()
     said = capfd.readouterr().out
     assert 'Nothing to mirror: "nose" lies in the middle' in said
     assert "Nothing to mirror: every feature with a side in its name" in said

@@ -87,7 +87,7 @@ def test_a_saved_morph_keeps_it_and_older_files_open(cut: pointmorph.Morph, tmp_
     for wrong in ({}, {**words, "doubtful": [{"row": 3}]}):
         path = tmp_path / "wrong.morph"
         array_files.write(path, {**header, "confidence": wrong}, file.arrays)
-        with pytest.raises(pointmorph.FileError, match="isn't whole"):
+        with pytest.raises(pointmorph.FileError, match="incomplete confidence"):
             pointmorph.open_morph(path).measure_confidence()
 
 

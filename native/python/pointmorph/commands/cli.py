@@ -77,7 +77,7 @@ def _parser() -> argparse.ArgumentParser:
         "--save",
         metavar="FILE",
         type=Path,
-        help="save the morph as one file, from which the frames command works on any machine",
+        help="save the morph as one file that the frames command can use on any machine",
     )
     morph.add_argument(
         "--frames",

@@ -17,7 +17,7 @@ class DoubtfulPlace:
     source: int
     """row of the source: where a mark would help most"""
     target: int
-    """row of the target: where the map has it now"""
+    """row of the target: where the map takes it now"""
     confidence: float
     """mean over the doubtful points there, 0 to 1"""
     share: float

@@ -211,7 +211,7 @@ class StoredMorph(Morph):
         try:
             return Confidence.of(source, target, self.header["confidence"])
         except (KeyError, TypeError) as error:
-            raise self._file.refused("a confidence that isn't whole") from error
+            raise self._file.refused("an incomplete confidence") from error
 
     @property
     def identity(self) -> str:

@@ -169,7 +169,7 @@ class ArrayFile:
             listed = self.header["arrays"]
             entries = {entry.filename: entry for entry in archive.infolist()}
             if set(entries) != {f"{name}.npy" for name in ("header", *listed)}:
-                raise ValueError("arrays that the header doesn't list")
+                raise ValueError("arrays that differ from the header's list")
             for name, about in listed.items():
                 yield name, self._mapped(name, entries[f"{name}.npy"], about)
 
