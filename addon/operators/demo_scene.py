@@ -4,7 +4,7 @@ import bpy
 import numpy as np
 from mathutils import Vector
 
-from ..data import arrays, creation
+from ..data import arrays, attribute_names, creation, nodes, versions
 from ..data.feature_list import sync_features
 from ..data.registration import Registration
 from ..scene.feature_marks import mark
@@ -51,7 +51,8 @@ def _animal(legs, body, neck, ears, tail):
 
 
 def _add(context, name, balls, tips, resolution, color):
-    """An object with a closed mesh around the balls, marks on the extremities, and colors."""
+    """An object with a closed mesh around the balls, marks on the extremities, and a material in
+    colors."""
     metaballs = bpy.data.metaballs.new(f"{name} balls")
     metaballs.resolution = resolution
     metaballs.threshold = 0.4
@@ -68,8 +69,10 @@ def _add(context, name, balls, tips, resolution, color):
         bpy.data.metaballs.remove(metaballs)
     mesh.name = name
     positions = arrays.vertex_positions(mesh)
-    arrays.write_attribute(mesh, "Color", color(positions))
-    mesh.color_attributes.active_color = mesh.color_attributes["Color"]
+    colors = color(positions)
+    arrays.write_attribute(mesh, attribute_names.COLOR, colors)
+    mesh.color_attributes.active_color = mesh.color_attributes[attribute_names.COLOR]
+    mesh.materials.append(_material(name, colors.mean(axis=0)))
     for polygon in mesh.polygons:
         polygon.use_smooth = True
     obj = bpy.data.objects.new(name, mesh)
@@ -78,6 +81,18 @@ def _add(context, name, balls, tips, resolution, color):
         apart = np.linalg.norm(positions - np.array(place, np.float32), axis=1)
         mark(obj, tip, [int(np.argmin(apart))])
     return obj
+
+
+def _material(name, mean):
+    """One that shows the color attribute, and in Solid shading the mean of its colors."""
+    material = bpy.data.materials.new(name)
+    material.diffuse_color = mean
+    tree = versions.node_tree(material)
+    surface = next(node for node in tree.nodes if node.type == "BSDF_PRINCIPLED")
+    color = nodes.Builder(tree).node("ShaderNodeVertexColor", layer_name=attribute_names.COLOR)
+    color.location = surface.location.x - 300, surface.location.y
+    tree.links.new(color.outputs["Color"], surface.inputs["Base Color"])
+    return material
 
 
 def _move_beside_others(context, added):
