@@ -122,8 +122,8 @@ def test_blender_renders_the_frames_of_a_step(tmp_path: Path) -> None:
 
 def test_what_is_wrong_is_said_before_a_template_is_written(tmp_path: Path) -> None:
     for render, name, status, words in (
-        (["blender", 3], "t.json", 1, "a command as render"),
-        ("blender", "t.json", 1, "type list as render"),
+        (["blender", 3], "t.json", 1, 'a command as "render"'),
+        ("blender", "t.json", 1, 'type list as "render"'),
         ([], "t.yaml", 1, "ends in .json"),
     ):
         jobs = write_models(tmp_path, render=render)
@@ -135,7 +135,7 @@ def test_what_is_wrong_is_said_before_a_template_is_written(tmp_path: Path) -> N
     (tmp_path / "below").mkdir()
     done = run("farm", "openjd", jobs, "--template", tmp_path / "below" / "t.json")
     assert done.returncode == 1
-    assert "Put the template above" in done.stderr
+    assert "Put the template in a folder" in done.stderr
     done = run("batch", jobs, "--render", "0/2")
     assert done.returncode == 2
     assert 'a "render" command' in done.stderr
