@@ -46,6 +46,8 @@ ENDING = """
 - Linux's out-of-memory killer can end any program; what it leaves is what `kill -9` leaves.
 - Ctrl-C within the first moments, while Python still loads the modules, ends the run with Python's
   own traceback. Nothing was written by then.
+- Less than about 200 MB of address space: there, the libraries that Python loads may not start, and
+  scipy's OpenBLAS, where it is installed, tries forever.
 - macOS: built, not run.
 """
 

@@ -37,6 +37,8 @@ from shapes import grid, grid_faces  # noqa: E402
 SIDE = 40
 FRAMES = 8
 PART = "pointmorph-part"
+_LEAST_MEMORY = 256
+"""MiB. With less, the libraries that Python loads may not start: scipy's OpenBLAS tries forever."""
 REPORT, KEPT = "report.json", "kept.morph"  # they hold seconds: no two runs write the same
 
 
@@ -156,7 +158,7 @@ def vanished_folders(trial: Trial, count: int, chance: random.Random) -> None:
 
 def little_memory(trial: Trial, count: int) -> None:
     for number in range(count):
-        limit = (60 + 900 * number // count) << 20
+        limit = (_LEAST_MEMORY + 700 * number // count) << 20
         limited = partial(resource.setrlimit, resource.RLIMIT_AS, (limit, limit))
         environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
         done = trial.run(preexec_fn=limited, env=environment)

@@ -103,6 +103,18 @@ def test_unreadable_files_are_refused_in_words(
     assert name in str(caught.value)
 
 
+def test_too_little_memory_is_not_called_a_broken_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fill(*_: object) -> None:
+        raise MemoryError
+
+    (tmp_path / "a.xyz").write_bytes(b"1 2 3\n")
+    monkeypatch.setattr("pointmorph.formats.table.check_claims", fill)
+    with pytest.raises(pointmorph.FileError, match="too little memory"):
+        formats.read(tmp_path / "a.xyz")
+
+
 def test_a_failed_write_leaves_what_was_there(tmp_path: Path) -> None:
     path = tmp_path / "a.ply"
     write_frame(path)

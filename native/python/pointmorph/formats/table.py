@@ -65,6 +65,13 @@ def read(path: str | os.PathLike[str]) -> Shape:
         _check_tables(shape)
     except FileError:
         raise
+    except MemoryError as error:
+        raise FileError(
+            str(path),
+            "a file that fits in memory",
+            "too little memory to read it",
+            "Close other programs. If the file is small, export it again.",
+        ) from error
     except Exception as error:  # the readers raise whatever their parsing meets
         detail = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise FileError(
