@@ -15,7 +15,7 @@ from pathlib import Path
 
 import pointmorph
 import pytest
-from pointmorph.commands import cli
+from pointmorph.commands import cli, terminal
 from pointmorph.storage import files
 from shapes import grid, grid_faces
 from test_cli import COMMAND
@@ -225,3 +225,15 @@ def test_a_morph_is_saved_without_a_folder(saved: Path, tmp_path: Path) -> None:
     ours, theirs = (pointmorph.open_morph(p) for p in (tmp_path / "a.morph", saved / "pair.morph"))
     for name in ("pairs", "source/ends", "frame_1/normals"):
         assert ours.header["arrays"][name] == theirs.header["arrays"][name]
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no SIGTERM that is handled")
+def test_an_end_that_an_import_took_for_its_failure_is_an_end() -> None:
+    def run_on() -> None:
+        with terminal.orderly_end():
+            with contextlib.suppress(BaseException):
+                os.kill(os.getpid(), signal.SIGTERM)
+            raise pointmorph.FileError("a.obj", "a module", "none", "Install it.")
+
+    with pytest.raises(terminal.Terminated):
+        run_on()

@@ -26,7 +26,11 @@ def orderly_end() -> Iterator[None]:
         yield
         return
 
+    asked = False
+
     def end(number: int, frame: FrameType | None) -> None:
+        nonlocal asked
+        asked = True
         # Engines ask the processes of a job twice. What is being cleaned up must not be disturbed.
         signal.signal(signal.SIGTERM, signal.SIG_IGN)
         raise Terminated
@@ -34,6 +38,11 @@ def orderly_end() -> Iterator[None]:
     before = signal.signal(signal.SIGTERM, end)
     try:
         yield
+    except Exception as error:
+        # Who tries whether a module can be imported, as trimesh does, takes the end for a failure.
+        if asked:
+            raise Terminated from error
+        raise
     finally:
         if signal.getsignal(signal.SIGTERM) == end:
             signal.signal(signal.SIGTERM, before)
