@@ -227,7 +227,7 @@ def test_a_morph_is_saved_without_a_folder(saved: Path, tmp_path: Path) -> None:
         assert ours.header["arrays"][name] == theirs.header["arrays"][name]
 
 
-@pytest.mark.skipif(sys.platform == "win32", reason="no SIGTERM that is handled")
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows ends processes without asking them")
 def test_an_end_that_an_import_took_for_its_failure_is_an_end() -> None:
     def run_on() -> None:
         with terminal.orderly_end():
