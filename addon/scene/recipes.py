@@ -16,9 +16,8 @@ from ..core import remembered, transforms
 from ..core.features import PREFIX, Choice
 from ..core.quality_words import with_present_names
 from ..core.settings import by_hand, scene_options
-from ..data import arrays
+from ..data import arrays, masks
 from ..data.feature_list import feature_groups, set_loop
-from ..data.masks import KINDS
 from . import object_looks
 
 # Modifiers that move with something else than the object itself.
@@ -100,16 +99,6 @@ def _digest_by_name(found):
     return _digest(*(part for name in sorted(found) for part in (name.encode(), *found[name])))
 
 
-def _mask_indices(obj):
-    """By kind, the index of the vertex group that is a mask, where the object has it."""
-    names = {kind: getattr(obj.pointmorph, f"{kind}_group") for kind in KINDS}
-    return {
-        kind: obj.vertex_groups[name].index
-        for kind, name in names.items()
-        if name in obj.vertex_groups
-    }
-
-
 def fingerprint_steps(obj, origin, as_shown):
     """What can be compared of a shape: a dict of a few short strings and numbers. A generator that
     yields often and returns it, because vertex groups take long.
@@ -135,16 +124,13 @@ def fingerprint_steps(obj, origin, as_shown):
         parts = [positions, arrays.mesh_edges(data)]
         yield
         parts.append(arrays.mesh_corners(data))
-        groups, chosen = feature_groups(obj), {} if as_shown else _mask_indices(obj)
+        groups, chosen = feature_groups(obj), {} if as_shown else masks.mask_groups(obj)
         yield
-        wanted = {*groups, *chosen.values()}
-        weights = yield from arrays.vertex_group_steps(data, {index: index for index in wanted})
-        marks = {name: weights[index] for index, name in groups.items()}
-        masks = {kind: weights[index] for kind, index in chosen.items()}
+        marks, kept = yield from masks.read_steps(data, groups, chosen)
         look = yield from object_looks.described_steps(obj)
     else:
         positions = arrays.cloud_positions(data)
-        color, masks = None, {}
+        color, kept = None, {}
         parts = [positions, *(arrays.read_attribute(a) for a in _of_points(data))]
         marks = {
             a.name: (arrays.read_attribute(a),)
@@ -164,7 +150,7 @@ def fingerprint_steps(obj, origin, as_shown):
         "shown": shown,
         "look": None if look is None else _digest(*look),
         "marks": _digest_by_name(marks),
-        "masks": _digest_by_name(masks),
+        "masks": _digest_by_name(kept),
         "matrix": transforms.relative_to(obj.matrix_world, origin).reshape(-1).tolist(),
         "carried": _is_carried(obj),
     }

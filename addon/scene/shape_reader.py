@@ -8,9 +8,8 @@ from ..core.computation import Request, Shape
 from ..core.features import PREFIX, Marks, match
 from ..core.settings import settings_values
 from ..core.stepping import finish
-from ..data import arrays
+from ..data import arrays, masks
 from ..data.feature_list import feature_choices, feature_groups
-from ..data.masks import mask, mask_groups
 from ..data.materials import Pictures
 from . import baked_colors, object_looks
 
@@ -102,7 +101,10 @@ def read_own_steps(context, obj, as_shown, with_relief=False, bakes=False):
         )
     if obj.type == "POINTCLOUD":
         return _read_cloud(obj, evaluated.data)
-    masks = {} if as_shown else mask_groups(obj)  # the source's alone
+    chosen = {}
+    if not as_shown:  # the source's alone
+        masks.check_masks(obj)
+        chosen = masks.mask_groups(obj)
     changes = as_shown and not is_plain(obj)
     pictures = Pictures()
     if bakes:
@@ -117,13 +119,13 @@ def read_own_steps(context, obj, as_shown, with_relief=False, bakes=False):
         mesh = evaluated.to_mesh(preserve_all_data_layers=True, depsgraph=depsgraph)
         try:
             return finish(
-                _read_mesh(obj, mesh, arrays.vertex_positions(mesh), with_relief, pictures, masks)
+                _read_mesh(obj, mesh, arrays.vertex_positions(mesh), with_relief, pictures, chosen)
             )
         finally:
             evaluated.to_mesh_clear()
     check_keys(obj)
     positions = arrays.basis_positions(obj.data)
-    shape = yield from _read_mesh(obj, obj.data, positions, with_relief, pictures, masks)
+    shape = yield from _read_mesh(obj, obj.data, positions, with_relief, pictures, chosen)
     if len(obj.data.vertices) != len(shape.positions):
         raise _changed(obj)
     return shape
@@ -178,7 +180,7 @@ def check_keys(obj):
         )
 
 
-def _read_mesh(obj, mesh, positions, with_relief, pictures, masks):
+def _read_mesh(obj, mesh, positions, with_relief, pictures, chosen):
     """A generator that yields often and returns a Shape."""
     if any(len(uvs) != len(mesh.loops) for uvs in pictures.uvs.values()):
         raise _changed(obj)  # while another Blender baked
@@ -195,8 +197,7 @@ def _read_mesh(obj, mesh, positions, with_relief, pictures, masks):
     yield
     edges = arrays.mesh_edges(mesh)
     yield
-    wanted = {*groups, *(group.index for group in masks.values())}
-    weights = yield from arrays.vertex_group_steps(mesh, {index: index for index in wanted})
+    marks, kept = yield from masks.read_steps(mesh, groups, chosen)
     return Shape(
         name=obj.name,
         positions=positions,
@@ -204,9 +205,9 @@ def _read_mesh(obj, mesh, positions, with_relief, pictures, masks):
         colors=colors,
         radii=radii,
         triangles=triangles,
-        marks=Marks("vertex group", {name: weights[i] for i, name in groups.items()}, edges),
+        marks=Marks("vertex group", marks, edges),
         skin=skin,
-        **{kind: mask(len(positions), *weights[group.index]) for kind, group in masks.items()},
+        **{kind: masks.mask(len(positions), *found) for kind, found in kept.items()},
     )
 
 
