@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pointmorph
 import pointmorph.meshes
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 from scipy.interpolate import LinearNDInterpolator
@@ -12,9 +14,11 @@ from scipy.interpolate import LinearNDInterpolator
 from stage_pictures.drawing import (
     ABOVE,
     BLUE,
+    GREEN,
     INK,
     ORANGE,
     PATCHES,
+    PURPLE,
     RED,
     along,
     curve,
@@ -27,6 +31,7 @@ from stage_pictures.drawing import (
     surface,
     visible,
 )
+from stage_pictures.inner import stages
 from stage_pictures.shapes import STANDING, Array, animal, end_of, icosphere, rings, rotation, torus
 
 
@@ -152,3 +157,72 @@ def network() -> Figure:
         dots(axes, seen[rows[visible(seen[rows], seen, triangles)]], RED, 6.5)
         fit(axes, seen)
     return page_of(panels)
+
+
+@picture
+def homology() -> Figure:
+    """A ring's edges with their bits, and three loops with the sums of theirs."""
+    around, across = 90, 36
+    points, triangles = torus(around, across)
+    round_tube = 2 * np.pi * np.arange(across) / across
+    outward = np.stack([points[:, 0], points[:, 1], 0 * points[:, 2]], axis=1) / np.linalg.norm(
+        points[:, :2], axis=1, keepdims=True
+    )
+    normals = outward * np.tile(np.cos(round_tube), around)[:, None]
+    normals[:, 2] = np.tile(np.sin(round_tube), around)
+    graph = stages().surface_graph(points, normals, 8)
+    starts = np.repeat(np.arange(len(points)), np.diff(graph.offsets))
+    ends = np.asarray(graph.neighbors)
+    bits, rank = stages().loop_classes(graph)
+    bits = np.asarray(bits)
+    assert rank == 2
+    seen = points @ rotation(0, -0.95)
+    panels = figure(2, 380, ("edges with their bits; all others have 00", "sums along three loops"))
+    for axes in panels:
+        surface(axes, seen, triangles, rgb("#e6e9ed"))
+        fit(axes, seen, 0.04)
+    shown = visible(seen, seen, triangles)
+    kept = (starts < ends) & shown[starts] & shown[ends]
+    for value, color in ((1, BLUE), (2, ORANGE), (3, PURPLE)):
+        some = kept & (bits == value)
+        lines = np.stack([seen[starts[some]], seen[ends[some]]], axis=1)[:, :, :2]
+        panels[0].add_collection(LineCollection(lines, colors=color, linewidths=2.0))
+        if some.any():
+            middles = lines.mean(axis=1)
+            named(
+                panels[0],
+                f"{value:02b}",
+                middles[np.argsort(middles[:, 0])[len(middles) // 2]],
+                color,
+            )
+    bits_of = {(a, b): value for a, b, value in zip(starts, ends, bits, strict=True)}
+    for loop, color in zip(ring_loops(around, across), (RED, BLUE, GREEN), strict=True):
+        total = 0
+        for a, b in zip(loop, loop[1:] + loop[:1], strict=True):
+            total ^= bits_of[a, b]
+        line = seen[[*loop, loop[0]]]
+        drawn = np.where(visible(line, seen, triangles)[:, None], line, np.nan)
+        curve(panels[1], line, color, 0.7)
+        curve(panels[1], drawn, color, 2.4)
+        named(panels[1], f"{total:02b}", drawn[np.nanargmin(drawn[:, 1])], color)
+    return page_of(panels)
+
+
+def named(axes: Axes, text: str, at: Array, color: str) -> None:
+    axes.annotate(
+        text, at[:2], (0, -6), textcoords="offset points", color=color, ha="center", va="top",
+        fontsize=13, weight="bold", zorder=6,
+    )  # fmt: skip
+
+
+def ring_loops(around: int, across: int) -> tuple[list[int], ...]:
+    """Rows of a torus along three loops: around the tube, around the hole, and around neither."""
+    low, high, left, right = 3, 9, 62, 74
+    sides = [(i, low) for i in range(left, right)] + [(right, j) for j in range(low, high)]
+    sides += [(i, high) for i in range(right, left, -1)]
+    sides += [(left, j) for j in range(high, low, -1)]
+    return (
+        [12 * across + j for j in range(across)],
+        [i * across + 12 for i in range(around)],
+        [i * across + j for i, j in sides],
+    )

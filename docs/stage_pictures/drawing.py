@@ -17,7 +17,7 @@ from scipy.spatial import cKDTree
 
 from stage_pictures.shapes import Array, Rows, rotation, unit
 
-IMAGES = Path(__file__).resolve().parent / "images"
+IMAGES = Path(__file__).resolve().parents[1] / "images"
 
 
 WIDTH = 900  # pixels
@@ -152,14 +152,15 @@ def surface(
     edges: float = 0.0,
     back: bool = False,
 ) -> None:
-    """A shaded surface, far triangles first. `color` is one, or, with `paint`, values of points."""
+    """A shaded surface, far triangles first. `color` is one, or one a triangle, or, with `paint`,
+    values of points."""
     corners = seen[triangles]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
     shown = np.flatnonzero((normals[:, 2] > 0) | back)
     corners, normals = corners[shown], normals[shown]
     if paint is None:
-        base = np.broadcast_to(color, (len(corners), 3))
+        base = np.broadcast_to(color, (len(triangles), 3))[shown]
     else:
         values = color.reshape(len(seen), -1)[triangles[shown]]
         corners, values, parents = split(corners, values, paint)

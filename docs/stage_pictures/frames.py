@@ -23,7 +23,7 @@ from stage_pictures.drawing import (
     share_of,
     surface,
 )
-from stage_pictures.shapes import STANDING, Animals, Array, rings, rotation, unit
+from stage_pictures.shapes import STANDING, Animals, Array, bar, bowls, rotation, unit
 
 
 @picture
@@ -91,12 +91,9 @@ def motion() -> Figure:
 @picture
 def resampling() -> Figure:
     """A bowl that breaks in two."""
-    disk, _ = rings(24)
-    x, y = disk.T
-    source = np.column_stack([disk, 0.5 * (x**2 + y**2)])
-    target = source + np.where(x > 0.15 * np.sin(5 * y), 0.28, -0.28)[:, None] * (1, 0, 0)
-    pairs = np.repeat(np.arange(len(disk))[:, None], 2, axis=1)
-    normals, radii = unit(np.column_stack([-x, -y, np.ones(len(x))])), np.full(len(x), 0.04)
+    source, target, normals = bowls()
+    pairs = np.repeat(np.arange(len(source))[:, None], 2, axis=1)
+    radii = np.full(len(source), 0.04)
     clouds = [pointmorph.Cloud(p, normals, radii=radii) for p in (source, target)]
     morph = pointmorph.restore(*clouds, pairs, (target, source))
     plain, filled = morph.frame(0.5), morph.resampled_frame(0.5)
@@ -108,4 +105,57 @@ def resampling() -> Figure:
         light = np.clip(0.45 + 0.6 * np.abs(frame.normals @ look @ unit(LIGHT)), 0.3, 1)[:, None]
         dots(axes, frame.positions @ look, np.clip(base * light, 0, 1), 5.0, linewidths=0)
         fit(axes, plain.positions @ look, 0.02)
+    return page_of(panels)
+
+
+@picture
+def mesh_motion() -> Figure:
+    """A bar that is twisted."""
+    points, triangles = bar(61, 3, 1.0, 0.16)
+    angle = 0.9 * np.pi * (points[:, 0] + 1)
+    cos, sin = np.cos(angle), np.sin(angle)
+    y, z = points[:, 1], points[:, 2]
+    twisted = np.column_stack([points[:, 0], cos * y - sin * z, sin * y + cos * z])
+    normals = unit(points * (0, 1, 1))
+    times = (0.0, 0.25, 0.5, 0.75, 1.0)
+    panels = figure(5, 220, [f"t = {t:g}" for t in times], rows=2)
+    look = rotation(2, -0.3) @ rotation(0, -1.25)
+    striped = rgb(BLUE) * np.where(np.arange(len(triangles)) // 12 % 2, 0.45, 0.9)[:, None]
+    colors = striped + np.where(np.arange(len(triangles)) // 12 % 2, 0.55, 0.1)[:, None]
+    for row, kind in enumerate(("linear", "rigid")):
+        moves = pointmorph.Motion(points, normals, twisted, kind, faces=triangles)
+        for axes, t in zip(panels[5 * row :], times, strict=False):
+            surface(axes, moves.at(t) @ look, triangles, colors, edges=0.2, back=True)
+            fit(axes, points @ look, 0.1)
+        panels[5 * row].text(
+            0.06, 0.97, kind, transform=panels[5 * row].transAxes, color=INK, fontsize=10, va="top"
+        )
+    return page_of(panels)
+
+
+@picture
+def stagger() -> Figure:
+    animals = Animals()
+    source, target = animals.clouds()
+    times = (0.0, 0.25, 0.5, 0.75, 1.0)
+    panels = figure(5, 360, [f"t = {t:g}" for t in times], rows=2)
+    every = np.concatenate([animals.source, animals.target]) @ FRONT
+    for row, (kind, order) in enumerate((("x", "reverse"), ("noise", "forward"))):
+        morph = pointmorph.morph(
+            source, target, animals.ends(*STANDING), stagger=kind, stagger_order=order,
+            stagger_overlap=0.4,
+        )  # fmt: skip
+        for axes, t in zip(panels[5 * row :], times, strict=False):
+            frame = morph.frame(t)
+            share = morph.vertex_times(t)[morph.pairs[:, 0]][:, None]
+            seen, normals = frame.positions @ FRONT, frame.normals @ FRONT
+            shown = np.flatnonzero(normals[:, 2] > 0)
+            shown = shown[np.argsort(seen[shown, 2])]
+            light = np.clip(0.5 + 0.5 * (normals[shown] @ unit(LIGHT)), 0.3, 1)[:, None]
+            colors = (1 - share) * rgb(BLUE) + share * rgb(ORANGE)
+            dots(axes, seen[shown], colors[shown] * light, 1.8, linewidths=0)
+            fit(axes, every)
+        panels[5 * row].text(
+            0.06, 1.0, kind, transform=panels[5 * row].transAxes, color=INK, fontsize=10, va="top"
+        )
     return page_of(panels)

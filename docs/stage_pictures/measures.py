@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
+import textwrap
+
 import numpy as np
+import numpy.typing as npt
 import pointmorph
 import pointmorph.meshes
+from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
+from pointmorph import _pointmorph
+from scipy.spatial import cKDTree
 
 from stage_pictures.drawing import (
     BLUE,
@@ -23,7 +29,7 @@ from stage_pictures.drawing import (
     rgb,
     surface,
 )
-from stage_pictures.shapes import STANDING, WALKING, Animals, Array, unit
+from stage_pictures.shapes import STANDING, WALKING, Animals, Array, Rows, bowls, rotation, unit
 
 
 def reddened(distortion: Array) -> Array:
@@ -93,3 +99,66 @@ def local_confidence() -> Figure:
 def doubtful(confidence: Array) -> Array:
     """White where it is sure, red where it isn't."""
     return reddened(2.0 * (1.0 - np.asarray(confidence, float)))
+
+
+def open_edges(rest: Array, places: Array) -> tuple[Rows, npt.NDArray[np.bool_]]:
+    """Edges to the six nearest, and which are open in a frame; see the page."""
+    near = _pointmorph.nearest_neighbors(rest, 6)
+    edges = np.stack([np.repeat(np.arange(len(rest)), 6), near.ravel()], axis=1)
+    lengths = np.linalg.norm(rest[near[:, 5]] - rest, axis=1) * np.sqrt(np.pi / 6)
+    middles = places[edges].mean(axis=1)
+    return edges, cKDTree(places).query(middles)[0] > 2 * lengths[edges].mean(axis=1)
+
+
+@picture
+def cracks() -> Figure:
+    """A bowl that breaks in two."""
+    source, target, normals = bowls()
+    radii = np.full(len(source), 0.04)
+    clouds = [pointmorph.Cloud(p, normals, radii=radii) for p in (source, target)]
+    pairs = np.repeat(np.arange(len(source))[:, None], 2, axis=1)
+    morph = pointmorph.restore(*clouds, pairs, (target, source))
+    times = (0.25, 0.5, 0.75)
+    shares = list(morph.cracks(times).values())
+    titles = [f"t = {t:g}: {100 * s:.1f} % open" for t, s in zip(times, shares, strict=True)]
+    panels = figure(3, 240, titles)
+    look = rotation(0, -0.7)
+    for axes, t, share in zip(panels, times, shares, strict=True):
+        places = np.asarray(morph.frame(t).positions, float)
+        edges, is_open = open_edges(source, places)
+        assert abs(is_open.mean() - share) < 0.002
+        seen = places @ look
+        for some, color, width in ((~is_open, BLUE, 0.5), (is_open, RED, 1.0)):
+            lines = seen[edges[some]][:, :, :2]
+            axes.add_collection(LineCollection(lines, colors=color, linewidths=width))
+        dots(axes, seen, INK, 1.6, linewidths=0)
+        fit(axes, target @ look, 0.02)
+    return page_of(panels)
+
+
+@picture
+def mesh_quality() -> Figure:
+    animals = Animals(4)
+    right = animals.ends(*STANDING)
+    swapped = {**right, "left fore": (right["left fore"][0], right["right fore"][1])}
+    swapped["right fore"] = (right["right fore"][0], right["left fore"][1])
+    clouds = (
+        pointmorph.Cloud(animals.source, faces=animals.source_triangles, name="the source"),
+        pointmorph.Cloud(animals.target, faces=animals.target_triangles, name="the target"),
+    )
+    found = [pointmorph.morph(*clouds, features) for features in (right, swapped)]
+    words = [textwrap.fill(morph.mesh_quality.verdict, 60) for morph in found]
+    panels = figure(2, 400, words)
+    blue = rgb(BLUE) * 0.6 + 0.4
+    for axes, morph in zip(panels, found, strict=True):
+        wrapped = np.asarray(morph.wrapped(1.0)) @ FRONT
+        surface(axes, wrapped, animals.source_triangles, blue, edges=0.3)
+        for place in morph.mesh_quality.worst:
+            at = np.array([place.position]) @ FRONT
+            dots(axes, at, YELLOW, 9, edgecolors=INK)
+            axes.annotate(
+                place.flaw, at[0, :2], (-9, 0), textcoords="offset points", color=INK, fontsize=10,
+                ha="right", va="center", bbox={"fc": "white", "ec": INK, "pad": 2}, zorder=6,
+            )  # fmt: skip
+        fit(axes, animals.target @ FRONT, 0.14)
+    return page_of(panels)

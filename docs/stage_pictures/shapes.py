@@ -113,6 +113,22 @@ def torus(around: int, across: int, bump: float = 0.0, tube: float = 0.4) -> tup
     return points, np.concatenate([first, second])
 
 
+def bar(along: int, across: int, length: float, thick: float) -> tuple[Array, Rows]:
+    """A square bar along x: points, `along` times around it, and triangles."""
+    turn = np.arange(4 * across) / across
+    side, share = turn.astype(int), turn % 1
+    corners = thick * np.array([(1, 1), (-1, 1), (-1, -1), (1, -1)])
+    section = corners[side] + share[:, None] * (corners[(side + 1) % 4] - corners[side])
+    x = np.linspace(-length, length, along)
+    points = np.column_stack([np.repeat(x, len(turn)), np.tile(section, (along, 1))])
+    i, j = (
+        g.ravel() for g in np.meshgrid(np.arange(along - 1), np.arange(len(turn)), indexing="ij")
+    )
+    k = (j + 1) % len(turn)
+    a, b, c, d = (r * len(turn) + q for r, q in ((i, j), (i, k), (i + 1, k), (i + 1, j)))
+    return points, np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])
+
+
 def rings(count: int) -> tuple[Array, Rows]:
     """Even points of the unit disk on `count` rings, and triangles between them."""
     rows = [np.zeros((1, 2))]
@@ -121,6 +137,15 @@ def rings(count: int) -> tuple[Array, Rows]:
         rows.append(k / count * np.stack([np.cos(angle), np.sin(angle)], axis=1))
     points = np.concatenate(rows)
     return points, np.asarray(Triangulation(*points.T).triangles, dtype=np.int64)
+
+
+def bowls() -> tuple[Array, Array, Array]:
+    """Points of a bowl, of the same broken in two, and its normals."""
+    disk, _ = rings(24)
+    x, y = disk.T
+    source = np.column_stack([disk, 0.5 * (x**2 + y**2)])
+    target = source + np.where(x > 0.15 * np.sin(5 * y), 0.28, -0.28)[:, None] * (1, 0, 0)
+    return source, target, unit(np.column_stack([-x, -y, np.ones(len(x))]))
 
 
 def rotation(axis: int, angle: float) -> Array:
