@@ -9,10 +9,10 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from stage_pictures import cloud, disk, frames, measures, mesh, registration, sphere, surface
+from stage_pictures import cloud, disk, frames, measures, mesh, morph, registration, sphere, surface
 from stage_pictures.drawing import IMAGES, PICTURES, save
 
-ROOMS = (cloud, mesh, surface, registration, disk, sphere, frames, measures)
+ROOMS = (cloud, mesh, surface, registration, disk, sphere, frames, measures, morph)
 """Importing them adds their pictures."""
 
 

@@ -27,7 +27,7 @@ from pointmorph.meshes import Shape  # noqa: E402
 
 import addon  # noqa: E402
 
-PICTURE = ROOT / "docs" / "images" / "morph.png"
+PICTURE = ROOT / "docs" / "images" / "calf_to_koala.png"
 TIMES = (0.0, 0.25, 0.5, 0.75, 1.0)
 ASPECT = 3.6
 TURN = math.radians(-36.0)

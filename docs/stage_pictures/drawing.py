@@ -189,6 +189,16 @@ def dots(axes: Axes, seen: Array, color: str | Array, size: float = 5.0, **more:
     axes.scatter(*seen[:, :2].T, s=size**2, c=[color] if isinstance(color, str) else color, **style)
 
 
+def numbered(axes: Axes, at: Array, text: str, color: str) -> None:
+    """A disc with a number."""
+    dots(axes, at[None], color, 15)
+    ink = INK if color == YELLOW else "white"
+    axes.annotate(
+        text, at[:2], color=ink, ha="center", va="center_baseline", fontsize=9, weight="bold",
+        zorder=5,
+    )  # fmt: skip
+
+
 def visible(places: Array, seen: Array, triangles: Rows) -> npt.NDArray[np.bool_]:
     """Which places of a surface no other part of it hides."""
     middles = seen[triangles].mean(axis=1)

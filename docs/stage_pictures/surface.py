@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pointmorph
 import pointmorph.meshes
-from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
@@ -33,6 +32,7 @@ from stage_pictures.drawing import (
     dots,
     figure,
     fit,
+    numbered,
     page_of,
     picture,
     rgb,
@@ -223,15 +223,6 @@ def pairing() -> Figure:
     close.set_xlim(-box, box)
     close.set_ylim(-box, box)
     return page_of(panels)
-
-
-def numbered(axes: Axes, at: Array, text: str, color: str) -> None:
-    dots(axes, at[None], color, 15)
-    ink = INK if color == YELLOW else "white"
-    axes.annotate(
-        text, at[:2], color=ink, ha="center", va="center_baseline", fontsize=9, weight="bold",
-        zorder=5,
-    )  # fmt: skip
 
 
 @picture

@@ -38,7 +38,7 @@ def test_the_readme_is_the_first_page_with_its_picture(site: Path) -> None:
     page = (site / "index.html").read_text(encoding="utf-8")
     assert 'href="site.css"' in page
     assert (site / "site.css").is_file()
-    [picture] = re.findall(r'<img[^>]*src="([^"]*morph\.png)"', page)
+    [picture] = re.findall(r'<img[^>]*src="([^"]*calf_to_koala\.png)"', page)
     assert (site / picture).is_file()
     assert 'href="manual/"' in page
 
