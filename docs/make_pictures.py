@@ -1,6 +1,6 @@
 """Draws the pictures of the stage pages from made shapes, each in docs/images.
 
-python docs/make_pictures.py            all of them, in about a minute
+python docs/make_pictures.py            all of them, in about two minutes
 python docs/make_pictures.py pose lod   these
 """
 

@@ -10,7 +10,6 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 from pointmorph import _pointmorph
 from pointmorph.meshes import Shape
-from scipy.spatial import cKDTree
 
 from stage_pictures.drawing import (
     BLUE,
@@ -35,7 +34,6 @@ from stage_pictures.inner import stages
 from stage_pictures.shapes import (
     STANDING,
     Animals,
-    Rows,
     animal,
     end_of,
     icosphere,
@@ -48,11 +46,7 @@ from stage_pictures.shapes import (
 def covariance() -> Figure:
     directions, triangles = icosphere(4)
     points = animal(directions, STANDING, (1.0, 0.5, 0.5))
-    normals = pointmorph.morph(pointmorph.Cloud(points), pointmorph.Cloud(points)).frame(0).normals
-    _, near = cKDTree(points).query(points, 17)
-    offsets = points[near[:, 1:]] - points[near[:, 1:]].mean(axis=1, keepdims=True)
-    eigenvalues = np.linalg.eigvalsh(np.einsum("nki,nkj->nij", offsets, offsets))
-    variation = eigenvalues[:, 0] / eigenvalues.sum(axis=1)
+    normals, variation = stages().covariance(points)
     left, right = panels = figure(
         2, 360, ("normals", "surface variation, from 0 (blue) to 0.15 (red)")
     )
@@ -71,20 +65,8 @@ def covariance() -> Figure:
 def lod() -> Figure:
     directions, triangles = icosphere(5)
     points = animal(directions, STANDING, (1.0, 0.5, 0.5))
-
-    def clusters(rows: Rows) -> list[Rows]:
-        if len(rows) <= 60:
-            return [rows]
-        offsets = points[rows] - points[rows].mean(axis=0)
-        longest = np.linalg.eigh(offsets.T @ offsets)[1][:, 2]
-        before = offsets @ longest < 0
-        return clusters(rows[before]) + clusters(rows[~before])
-
-    found = clusters(np.arange(len(points)))
-    label = np.empty(len(points))
-    for k, rows in enumerate(found):
-        label[rows] = k % len(PATCHES)
-    centroids = np.array([points[rows].mean(axis=0) for rows in found])
+    cluster, centroids = stages().lod(points, 60)
+    label = np.asarray(cluster) % len(PATCHES)
     panels = figure(2, 360, ("clusters of up to 60 points", "their centroids"))
     seen = points @ FRONT
     for k, color in enumerate(PATCHES):

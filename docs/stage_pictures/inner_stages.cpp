@@ -3,15 +3,16 @@
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
 
-#include <cmath>
-#include <tuple>
+#include <numeric>
 #include <utility>
 #include <vector>
 
 #include "pointmorph/base/progress.hpp"
 #include "pointmorph/base/types.hpp"
 #include "pointmorph/cloud/cloud.hpp"
+#include "pointmorph/cloud/covariance.hpp"
 #include "pointmorph/cloud/kd_tree.hpp"
+#include "pointmorph/cloud/lod.hpp"
 #include "pointmorph/cloud/neighborhoods.hpp"
 #include "pointmorph/cloud/similarity.hpp"
 #include "pointmorph/cloud/subset.hpp"
@@ -29,6 +30,7 @@
 #include "pointmorph/registration/thin_plate.hpp"
 #include "pointmorph/surface/extremity_pairing.hpp"
 #include "pointmorph/surface/free_loops.hpp"
+#include "pointmorph/surface/geodesics.hpp"
 #include "pointmorph/surface/graph_extremities.hpp"
 #include "pointmorph/surface/local_triangles.hpp"
 #include "pointmorph/surface/mls.hpp"
@@ -102,6 +104,18 @@ void bind_cloud(py::module_& module) {
     module.def("subset", [](const Positions& p, const Normals& n, const Rows& required, Index k) {
         return poisson_disk_subset(KdTree<3>(p), n, required, k, silent()).rows;
     });
+    module.def("covariance", [](const Positions& p) {
+        const Neighborhoods near = nearest_neighbors(KdTree<3>(p), 16, silent());
+        Covariance found = covariance_analysis(p, near, silent());
+        orient_normals(p, near, found.normals, silent());
+        return py::make_tuple(found.normals, found.variation);
+    });
+    module.def("lod", [](const Positions& p, Index size) {
+        Rows rows(to_size(p.rows()));
+        std::iota(rows.begin(), rows.end(), 0);
+        const Lod lod = simplify(p, rows, {.max_cluster_size = size}, silent());
+        return py::make_tuple(lod.cluster, lod.centroids);
+    });
     module.def("estimated_area", [](const Positions& p) { return estimated_area(KdTree<3>(p)); });
 }
 
@@ -137,6 +151,20 @@ void bind_surface(py::module_& module) {
         .def_readonly("lengths", &SurfaceGraph::lengths);
     module.def("surface_graph", [](const Positions& p, const Normals& n, Index neighbors) {
         return surface_graph(KdTree<3>(p), n, {.neighbors = neighbors}, silent());
+    });
+    module.def("shortest_path", [](const SurfaceGraph& graph, Index from, Index to) {
+        return cheapest_path(graph, from, to, {});
+    });
+    module.def("geodesic", [](const Positions& p, const Normals& n, const Rows& path) {
+        const KdTree<3> tree(p);
+        const Values spacing = local_spacing(p, nearest_neighbors(tree, 6, silent()));
+        return geodesic(tree, n, path, spacing.mean(), silent()).points;
+    });
+    module.def("distances", [](const SurfaceGraph& graph, Index from) {
+        GeodesicSearch search(graph);
+        Values result(graph.size());
+        for (const auto& [row, distance] : search.from(from)) result[row] = distance;
+        return result;
     });
     module.def("graph_extremities", [](const SurfaceGraph& graph, double unit) {
         return points_of(extremities(graph, unit, {}, silent()));

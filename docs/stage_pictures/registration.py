@@ -10,8 +10,6 @@ import pointmorph.meshes
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.figure import Figure
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import dijkstra
 
 from stage_pictures.drawing import (
     BLUE,
@@ -104,16 +102,12 @@ def restarts() -> Figure:
         (animals.target, animals.target_triangles, ORANGE),
     )
     for side, (axes, (points, triangles, color)) in enumerate(zip(panels, shapes, strict=True)):
-        ends = triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
-        lengths = np.linalg.norm(points[ends[:, 0]] - points[ends[:, 1]], axis=1)
-        graph = coo_matrix((lengths, tuple(ends.T)), shape=(len(points),) * 2).tocsr()
-        _, before = dijkstra(graph, directed=False, indices=tail[side], return_predecessors=True)
+        normals = pointmorph.meshes.vertex_normals(points, triangles)
+        graph = stages().surface_graph(points, normals, 16)
         seen = points @ FRONT
         surface(axes, seen, triangles, rgb(color) * 0.35 + 0.65)
         for k, rows in enumerate(marked.values()):
-            path = [rows[side]]
-            while path[-1] != tail[side]:
-                path.append(int(before[path[-1]]))
+            path = stages().shortest_path(graph, rows[side], tail[side])
             curve(axes, seen[path], PATCHES[k + 1], 0.7)
             shown = visible(seen[path], seen, triangles)[:, None]
             curve(axes, np.where(shown, seen[path], np.nan), PATCHES[k + 1], 2.2)

@@ -12,8 +12,6 @@ from matplotlib.path import Path as Outline
 from matplotlib.tri import Triangulation
 from pointmorph import _pointmorph
 from pointmorph.meshes import Shape
-from scipy.sparse import coo_matrix, csr_matrix
-from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import Delaunay, cKDTree
 
 from stage_pictures.drawing import (
@@ -130,7 +128,7 @@ def features() -> Figure:
 
 @picture
 def geodesics() -> Figure:
-    """The first curve of a network, and the shortest path between its ends in a graph."""
+    """The shortest path in a graph, and the curve that is straightened from it."""
     random = np.random.default_rng(5)
     u, v, w = random.uniform(0, 1, (3, 9000))
     tube = 0.4
@@ -143,30 +141,19 @@ def geodesics() -> Figure:
         apart = np.abs(np.exp(1j * a) - np.exp(1j * around))
         return int(np.argmin(apart + np.abs(np.exp(1j * b) - np.exp(1j * across))))
 
-    rows = {
-        "start": at(3.6, 1.4),
-        "end": at(5.4, 0.4),
-        "far": at(1.5, 1.0),
-        "farther": at(0.5, 2.5),
-    }
-    cloud = pointmorph.Cloud(points)
-    found = pointmorph.trace_network(cloud, cloud, {name: (k, k) for name, k in rows.items()})
-    straight = next(c for c in found.curves if {c.start, c.end} == {"start", "end"})
-    distances, near = cKDTree(points).query(points, 17)
-    ends = np.stack([np.repeat(near[:, 0], 16), near[:, 1:].ravel()])
-    graph = coo_matrix((distances[:, 1:].ravel(), ends), shape=(len(points),) * 2).tocsr()
-    _, before = dijkstra(graph, directed=False, indices=rows["start"], return_predecessors=True)
-    way = [rows["end"]]
-    while way[-1] != rows["start"]:
-        way.append(int(before[way[-1]]))
+    ends = at(3.6, 1.4), at(5.4, 0.4)
+    normals = np.column_stack([np.cos(b) * np.cos(a), np.cos(b) * np.sin(a), np.sin(b)])
+    graph = stages().surface_graph(points, normals, 16)
+    way = stages().shortest_path(graph, *ends)
+    straight = np.asarray(stages().geodesic(points, normals, way))
     [axes] = panels = figure(1, 400)
     ring, triangles = torus(180, 72)
     surface(axes, ring @ ABOVE, triangles, rgb("#e6e9ed"))
     seen = points @ ABOVE
     dots(axes, seen[visible(seen, ring @ ABOVE, triangles)], "#9aa6b2", 1.8, linewidths=0)
     curve(axes, seen[way], ORANGE, 2.2)
-    curve(axes, straight.source @ ABOVE, BLUE, 2.8)
-    dots(axes, seen[[rows["start"], rows["end"]]], RED, 8)
+    curve(axes, straight @ ABOVE, BLUE, 2.8)
+    dots(axes, seen[list(ends)], RED, 8)
     axes.set_xlim(-1.5, 1.5)
     axes.set_ylim(-1.2, 0.13)
     return page_of(panels)
@@ -206,7 +193,7 @@ def pairing() -> Figure:
         pointmorph.Cloud(p, boundary=np.arange(len(p) - 6 * n, len(p)))
         for p, n in ((hill, 14), (plane, 12))
     ]
-    morph = pointmorph.morph(*clouds, method="paper", domain="disk")
+    morph = pointmorph.morph(*clouds, method="paper", domain="disk", solve="full")
     source, target = np.asarray(morph.source_domain), np.asarray(morph.target_domain)
     whole, close = panels = figure(2, 400, ("both clouds in the disk", "the middle of it"))
     lines = np.stack([source[morph.pairs[:, 0]], target[morph.pairs[:, 1]]], axis=1)
@@ -245,11 +232,7 @@ def surface_graph() -> Figure:
     kept = np.column_stack([starts, graph.neighbors])
     near = _pointmorph.nearest_neighbors(points, 16)
     joined = np.column_stack([np.repeat(np.arange(len(points)), 16), near.ravel()])
-    matrix = csr_matrix((graph.lengths, graph.neighbors, graph.offsets))
-    _, before = dijkstra(matrix, indices=0, return_predecessors=True)
-    path = [len(points) - 1]
-    while path[-1] != 0:
-        path.append(int(before[path[-1]]))
+    path = stages().shortest_path(graph, 0, len(points) - 1)
     titles = (
         "16 nearest neighbors; those across the gap red",
         "the graph along the surface, and a shortest path",
@@ -282,10 +265,9 @@ def graph_extremities() -> Figure:
     graph = stages().surface_graph(points, outward_normals(points, triangles), 16)
     unit_length = float(np.sqrt(stages().estimated_area(points)))
     found = stages().graph_extremities(graph, unit_length)
-    matrix = csr_matrix((graph.lengths, graph.neighbors, graph.offsets))
     spread = pointmorph.meshes.sample(Shape("animal", points, faces=triangles), 30)[0].positions
     rows = np.unique(cKDTree(points).query(spread)[1])
-    height = dijkstra(matrix, indices=rows).mean(axis=0)
+    height = np.mean([stages().distances(graph, row) for row in rows], axis=0)
     titles = ("mean distance along the surface, and its maxima", "from behind")
     panels = figure(2, 360, titles)
     behind = rotation(2, 2.4) @ rotation(0, -1.2)

@@ -521,8 +521,11 @@ def test_every_picture_is_drawn_by_a_script_and_shown_on_a_page() -> None:
     assert pictures <= set(shown)
 
 
-def test_pictures_are_drawn_by_script(tmp_path: Path) -> None:
+@pytest.mark.parametrize("name", ["motion", "lod"])
+def test_pictures_are_drawn_by_script(name: str, tmp_path: Path) -> None:
     for module in ("matplotlib", "scipy"):  # .venv has them; other Pythons needn't
         pytest.importorskip(module)
-    subprocess.run([sys.executable, SCRIPT, "--folder", tmp_path, "lod"], check=True)
-    assert_fits_a_page(tmp_path / "lod.png")
+    if name == "lod" and not (ROOT / "build" / "wheel" / "libpointmorph_core.a").is_file():
+        pytest.skip("the library that its stage is compiled against isn't built here")
+    subprocess.run([sys.executable, SCRIPT, "--folder", tmp_path, name], check=True)
+    assert_fits_a_page(tmp_path / f"{name}.png")
