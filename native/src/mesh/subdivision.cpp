@@ -1,5 +1,6 @@
 #include "pointmorph/mesh/subdivision.hpp"
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <utility>
@@ -56,6 +57,20 @@ void cut(const Positions& p, Index triangle, const std::array<Index, 6>& rows,
     }
 }
 
+/// The rows that the middles of long edges would get, −1 for the others; empty where no edge is
+/// long, or there would be too many places.
+std::vector<Index> middles_of_long(const Positions& positions, const Triangles& triangles,
+                                   const MeshEdges& edges, double longest, Index most_places) {
+    std::vector<Index> middles(to_size(edges.size()), -1);
+    const auto before = static_cast<Index>(positions.rows());
+    Index count = before;
+    for (Index e = 0; e < edges.size(); ++e)
+        if (edge_length(positions, triangles, edges[e].front()) > longest)
+            middles[to_size(e)] = count++;
+    if (count == before || count > most_places) middles.clear();
+    return middles;
+}
+
 }  // namespace
 
 std::vector<Piece> pieces_of(const Positions& positions, const Triangles& triangles,
@@ -84,10 +99,16 @@ Triangles triangles_of(std::span<const Piece> pieces, const Triangles& corners,
 
 bool has_long_edges(const Mesh& mesh, const SubdivisionOptions& options) {
     const double longest = options.longest * std::sqrt(mesh.area());
-    for (Index f = 0; f < mesh.triangles.rows(); ++f)
+    const auto is_long = [&](Index f) {
         for (Index k = 0; k < 3; ++k)
             if (edge_length(mesh.positions, mesh.triangles, {f, k}) > longest) return true;
-    return false;
+        return false;
+    };
+    bool is_any = false;
+    for (Index f = 0; f < mesh.triangles.rows() && !is_any; ++f) is_any = is_long(f);
+    return is_any && !middles_of_long(mesh.positions, mesh.triangles, MeshEdges(mesh.triangles),
+                                      longest, options.most_places)
+                          .empty();
 }
 
 Subdivision subdivided(const Mesh& mesh, const SubdivisionOptions& options) {
@@ -97,15 +118,10 @@ Subdivision subdivided(const Mesh& mesh, const SubdivisionOptions& options) {
     std::vector<EdgeEnds> ends;
     for (;;) {
         const MeshEdges edges(triangles);
-        std::vector<Index> middles(to_size(edges.size()), -1);
-        const auto before = static_cast<Index>(positions.rows());
-        Index count = before;
-        for (Index e = 0; e < edges.size(); ++e) {
-            if (edge_length(positions, triangles, edges[e].front()) > longest)
-                middles[to_size(e)] = count++;
-        }
-        if (count == before || count > options.most_places) break;
-        positions.conservativeResize(count, 3);
+        const std::vector<Index> middles =
+            middles_of_long(positions, triangles, edges, longest, options.most_places);
+        if (middles.empty()) break;
+        positions.conservativeResize(std::ranges::max(middles) + 1, 3);
         for (Index e = 0; e < edges.size(); ++e) {
             if (middles[to_size(e)] < 0) continue;
             const MeshEdges::Side side = edges[e].front();

@@ -137,11 +137,27 @@ private:
         // Much shorter than the sides of triangles, a length only brings vertices to the surface.
         constexpr double kShort = 0.3;
         const Index iterations = length < kShort * spacing_ ? 1 : options_.iterations;
-        // Creases of long lengths are smoothed by shorter ones; those of the last ones stay.
-        constexpr double kLasts = 0.005;
-        const Positions before = length < kLasts ? x_ : Positions();
+        // Creases of long lengths are smoothed by shorter ones; those of the last ones stay, and
+        // around marks, where the sheet can't slide, those of longer ones, too.
+        constexpr double kLasts = 0.005, kLastsAtMarks = 0.02;
+        const bool stays = length < kLasts || (length < kLastsAtMarks && !marks_.empty());
+        const Positions before = stays ? x_ : Positions();
         for (Index i = 0; i < iterations; ++i) step(length, progress);
-        if (length < kLasts) take_back(before, {}, progress);
+        if (stays)
+            take_back(before, length < kLasts ? std::vector<char>() : far_from_marks(length),
+                      progress);
+    }
+
+    /// Of each vertex, whether no mark holds what is around it.
+    std::vector<char> far_from_marks(double length) const {
+        constexpr double kAround = 12.0;  // lengths
+        const double squared = kAround * kAround * length * length;
+        std::vector<char> result(to_size(x_.rows()), 1);
+        for (Index v = 0; v < x_.rows(); ++v)
+            result[to_size(v)] = std::ranges::none_of(marks_, [&](const WrapMark& mark) {
+                return (x_.row(v).transpose() - mark.target).squaredNorm() < squared;
+            });
+        return result;
     }
 
     void take_back(const Positions& before, const std::vector<char>& stays, Progress& progress) {

@@ -43,6 +43,7 @@ TEST(Subdivision, LeavesWhatIsFineAndEndsInTime) {
     const Mesh mesh = make_mesh(mesh_shapes::icosphere(3));
     EXPECT_FALSE(has_long_edges(mesh, {.longest = 1.0}));
     EXPECT_TRUE(has_long_edges(mesh, {.longest = 0.01}));
+    EXPECT_FALSE(has_long_edges(mesh, {.longest = 0.01, .most_places = 2000}));
     EXPECT_EQ(subdivided(mesh, {.longest = 1.0}).mesh.triangles, mesh.triangles);
     EXPECT_LE(subdivided(mesh, {.longest = 1e-6, .most_places = 5000}).mesh.positions.rows(), 5000);
 }
