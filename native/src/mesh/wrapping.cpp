@@ -140,15 +140,15 @@ private:
         // Creases of long lengths are smoothed by shorter ones; those of the last ones stay, and
         // around marks, where the sheet can't slide, those of longer ones, too.
         constexpr double kLasts = 0.005, kLastsAtMarks = 0.02;
-        const bool stays = length < kLasts || (length < kLastsAtMarks && !marks_.empty());
-        const Positions before = stays ? x_ : Positions();
+        const bool lasts = length < kLasts;
+        const bool lasts_at_marks = !lasts && length < kLastsAtMarks && !marks_.empty();
+        const Positions before = lasts || lasts_at_marks ? x_ : Positions();
         for (Index i = 0; i < iterations; ++i) step(length, progress);
-        if (stays)
-            take_back(before, length < kLasts ? std::vector<char>() : far_from_marks(length),
-                      progress);
+        if (lasts) take_back(before, {}, progress);
+        if (lasts_at_marks) take_back(before, far_from_marks(length), progress);
     }
 
-    /// Of each vertex, whether no mark holds what is around it.
+    /// Of each vertex, whether it is too far from all marks for one to hold it.
     std::vector<char> far_from_marks(double length) const {
         constexpr double kAround = 12.0;  // lengths
         const double squared = kAround * kAround * length * length;
