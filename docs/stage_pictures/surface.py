@@ -43,7 +43,6 @@ from stage_pictures.shapes import (
     STANDING,
     Animals,
     Array,
-    Rows,
     icosphere,
     rings,
     rotation,
@@ -254,15 +253,11 @@ def surface_graph() -> Figure:
     return page_of(panels)
 
 
-def outward_normals(points: Array, triangles: Rows) -> Array:
-    return np.asarray(pointmorph.meshes.vertex_normals(points, triangles), float)
-
-
 @picture
 def graph_extremities() -> Figure:
     animals = Animals()
     points, triangles = animals.source, animals.source_triangles
-    graph = stages().surface_graph(points, outward_normals(points, triangles), 16)
+    graph = stages().surface_graph(points, pointmorph.meshes.vertex_normals(points, triangles), 16)
     unit_length = float(np.sqrt(stages().estimated_area(points)))
     found = stages().graph_extremities(graph, unit_length)
     spread = pointmorph.meshes.sample(Shape("animal", points, faces=triangles), 30)[0].positions
@@ -295,7 +290,9 @@ def extremity_pairing() -> Figure:
     )
     found = []
     for side, (points, triangles, _) in enumerate(shapes):
-        graph = stages().surface_graph(points, outward_normals(points, triangles), 16)
+        graph = stages().surface_graph(
+            points, pointmorph.meshes.vertex_normals(points, triangles), 16
+        )
         unit_length = float(np.sqrt(stages().estimated_area(points)))
         rows = [pair[side] for pair in marked.values()]
         found.append(stages().unmarked_extremities(graph, unit_length, rows))
