@@ -210,6 +210,8 @@ def _build(platform: Platform, python: str, folder: Path) -> None:
     else:
         shutil.move(wheel, folder)
     [wheel] = folder.glob("*.whl")
+    # The same format, with a better search for what repeats than zlib's.
+    run("wheel", "advzip", "--recompress", "--shrink-extra", "--quiet", wheel)
     environment = child_environment(PYTHONPATH=str(paths.ROOT / "native"))
     check = (paths.PYTHON, "-m", "build_tools.binaries", platform.name, wheel)
     run("wheel", *check, environment=environment)
