@@ -228,12 +228,18 @@ def test_a_morph_is_saved_without_a_folder(saved: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows ends processes without asking them")
-def test_an_end_that_an_import_took_for_its_failure_is_an_end() -> None:
+@pytest.mark.parametrize("fails", [True, False])
+def test_an_end_that_an_import_took_for_its_failure_is_an_end(fails: bool) -> None:
     def run_on() -> None:
-        with terminal.orderly_end():
+        with terminal.orderly_end(), terminal.bars() as progress:
+            assert progress("matching", 0.0)
             with contextlib.suppress(BaseException):
                 os.kill(os.getpid(), signal.SIGTERM)
-            raise pointmorph.FileError("a.obj", "a module", "none", "Install it.")
+            if fails:
+                raise pointmorph.FileError("a.obj", "a module", "none", "Install it.")
+            progress("matching", 0.1)
 
     with pytest.raises(terminal.Terminated):
         run_on()
+    with terminal.orderly_end(), terminal.bars() as progress:  # the next run isn't ended
+        assert progress("matching", 0.0)

@@ -15,6 +15,9 @@ from pointmorph.base.stages import Progress, stage_label
 FAILED, WRONG_CALL, INCOMPLETE, INTERRUPTED, TERMINATED = 1, 2, 3, 130, 143
 
 
+_asked_to_end = threading.Event()
+
+
 class Terminated(KeyboardInterrupt):
     """Somebody ended the process: a job's engine, for instance."""
 
@@ -26,11 +29,10 @@ def orderly_end() -> Iterator[None]:
         yield
         return
 
-    asked = False
+    _asked_to_end.clear()
 
     def end(number: int, frame: FrameType | None) -> None:
-        nonlocal asked
-        asked = True
+        _asked_to_end.set()
         # Engines ask the processes of a job twice. What is being cleaned up must not be disturbed.
         signal.signal(signal.SIGTERM, signal.SIG_IGN)
         raise Terminated
@@ -40,7 +42,7 @@ def orderly_end() -> Iterator[None]:
         yield
     except Exception as error:
         # Who tries whether a module can be imported, as trimesh does, takes the end for a failure.
-        if asked:
+        if _asked_to_end.is_set():
             raise Terminated from error
         raise
     finally:
@@ -56,12 +58,15 @@ def fail(message: str, status: int) -> int:
 
 @contextlib.contextmanager
 def bars() -> Iterator[Progress]:
-    """A progress function: one bar per stage on a terminal, nothing in a pipe."""
+    """A progress function: one bar per stage on a terminal, nothing in a pipe. It raises
+    Terminated where an import has taken SIGTERM for its own failure and gone on."""
     from tqdm import tqdm
 
     shown: dict[str, Any] = {}
 
     def progress(stage: str, fraction: float) -> bool:
+        if _asked_to_end.is_set():
+            raise Terminated
         if stage not in shown:
             finish()
             shown[stage] = tqdm(
