@@ -73,13 +73,14 @@ def number(value: float | str) -> str:
 def section(report: dict) -> str:
     tried = "\n".join(f"| {what} | {number(count)} |" for what, count in report["tried"].items())
     minutes = max(round(report["processor_seconds"] / 60), 1)
+    unit = "minute" if minutes == 1 else "minutes"
     found = report["finds"]
     result = "\n".join(f"- {find}" for find in found) if found else "Nothing broke."
     mended = "".join(f"- {what}\n" for what in MENDED.get(report["title"], []))
     if mended:
         mended = f"\nEarlier runs found, and these are mended:\n\n{mended}"
     return (
-        f"\n### {report['title']}\n\n{report['date']}, {minutes} minutes of processor time, "
+        f"\n### {report['title']}\n\n{report['date']}, {minutes} {unit} of processor time, "
         f"Python {report['python']}\n\n| tried | |\n|---|--:|\n{tried}\n\n{result}\n{mended}"
     )
 
