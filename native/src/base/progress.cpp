@@ -35,13 +35,17 @@ void Progress::report(double fraction) {
 }
 
 bool Progress::poll(double fraction) noexcept {
+    done_ = first_ + (last_ - first_) * std::clamp(fraction, 0.0, 1.0);
+    return poll();
+}
+
+bool Progress::poll() noexcept {
     if (!callback_ || cancelled()) return !cancelled();
     const auto now = Clock::now();
     if (now - last_call_ < interval_) return true;
     last_call_ = now;
     try {
-        const double done = first_ + (last_ - first_) * std::clamp(fraction, 0.0, 1.0);
-        if (!callback_(stage_, done)) cancelled_ = true;
+        if (!callback_(stage_, done_)) cancelled_ = true;
     } catch (...) {
         callback_error_ = std::current_exception();
         cancelled_ = true;

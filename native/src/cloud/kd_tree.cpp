@@ -161,7 +161,9 @@ struct KdTree<Dim>::Impl {
 
 template <int Dim>
 KdTree<Dim>::KdTree(const Points& points)
-    : points_(&points), impl_(points.rows() > 0 ? std::make_unique<Impl>(points) : nullptr) {}
+    : points_(&points),
+      size_(static_cast<Index>(points.rows())),
+      impl_(size_ > 0 ? std::make_unique<Impl>(points) : nullptr) {}
 
 template <int Dim>
 KdTree<Dim>::~KdTree() = default;

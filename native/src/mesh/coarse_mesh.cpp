@@ -5,9 +5,11 @@
 #include <array>
 #include <functional>
 #include <limits>
+#include <optional>
 #include <queue>
 #include <tuple>
 
+#include "pointmorph/base/parallel.hpp"
 #include "pointmorph/cloud/cloud.hpp"
 #include "pointmorph/cloud/kd_tree.hpp"
 #include "pointmorph/cloud/subset.hpp"
@@ -16,23 +18,38 @@ namespace pointmorph {
 
 namespace {
 
-/// The number of the seed nearest to each place along the edges; −1 where none is connected.
-std::vector<Index> nearest_seeds(const Mesh& mesh, const std::vector<Index>& seeds,
-                                 Progress& progress) {
-    const auto count = static_cast<Index>(mesh.positions.rows());
-    std::vector<Index> offsets(to_size(count) + 1, 0),
-        neighbors(to_size(2 * mesh.triangles.size()));
-    for (Index c = 0; c < mesh.triangles.size(); ++c)
-        offsets[to_size(mesh.triangles(c / 3, c % 3)) + 1] += 2;
-    for (std::size_t v = 1; v < offsets.size(); ++v) offsets[v] += offsets[v - 1];
-    std::vector<Index> next(offsets.begin(), offsets.end() - 1);
-    for (Index c = 0; c < mesh.triangles.size(); ++c)
-        for (Index step = 1; step < 3; ++step)
-            neighbors[to_size(next[to_size(mesh.triangles(c / 3, c % 3))]++)] =
-                mesh.triangles(c / 3, (c + step) % 3);
+/// The places that triangles connect with each place.
+class Connections {
+public:
+    explicit Connections(const Mesh& mesh)
+        : offsets_(to_size(mesh.positions.rows()) + 1, 0),
+          places_(to_size(2 * mesh.triangles.size())) {
+        for (Index c = 0; c < mesh.triangles.size(); ++c)
+            offsets_[to_size(mesh.triangles(c / 3, c % 3)) + 1] += 2;
+        for (std::size_t v = 1; v < offsets_.size(); ++v) offsets_[v] += offsets_[v - 1];
+        std::vector<Index> next(offsets_.begin(), offsets_.end() - 1);
+        for (Index c = 0; c < mesh.triangles.size(); ++c)
+            for (Index step = 1; step < 3; ++step)
+                places_[to_size(next[to_size(mesh.triangles(c / 3, c % 3))]++)] =
+                    mesh.triangles(c / 3, (c + step) % 3);
+    }
 
-    std::vector<Index> owner(to_size(count), -1);
-    std::vector<double> distance(to_size(count), std::numeric_limits<double>::infinity());
+    std::span<const Index> of(Index place) const {
+        const Index begin = offsets_[to_size(place)];
+        return std::span(places_).subspan(to_size(begin),
+                                          to_size(offsets_[to_size(place) + 1] - begin));
+    }
+
+private:
+    std::vector<Index> offsets_, places_;
+};
+
+/// The number of the seed nearest to each place along the edges; −1 where none is connected.
+std::vector<Index> nearest_seeds(const Mesh& mesh, const Connections& connections,
+                                 const std::vector<Index>& seeds, Progress& progress) {
+    const auto count = to_size(mesh.positions.rows());
+    std::vector<Index> owner(count, -1);
+    std::vector<double> distance(count, std::numeric_limits<double>::infinity());
     using Entry = std::tuple<double, Index, Index>;  // distance, seed's number, place
     std::priority_queue<Entry, std::vector<Entry>, std::greater<>> queue;
     for (std::size_t s = 0; s < seeds.size(); ++s) {
@@ -45,8 +62,7 @@ std::vector<Index> nearest_seeds(const Mesh& mesh, const std::vector<Index>& see
         if (popped % 4096 == 0) progress.report(0.0);
         if (owner[to_size(place)] >= 0) continue;
         owner[to_size(place)] = seed;
-        for (Index k = offsets[to_size(place)]; k < offsets[to_size(place) + 1]; ++k) {
-            const Index to = neighbors[to_size(k)];
+        for (const Index to : connections.of(place)) {
             const double there =
                 so_far + (mesh.positions.row(to) - mesh.positions.row(place)).norm();
             if (owner[to_size(to)] >= 0 || there >= distance[to_size(to)]) continue;
@@ -57,15 +73,12 @@ std::vector<Index> nearest_seeds(const Mesh& mesh, const std::vector<Index>& see
     return owner;
 }
 
-}  // namespace
-
-CoarseMesh coarse_mesh(const Mesh& fine, Index count, std::span<const Index> kept,
-                       Progress& progress) {
+CoarseMesh coarse_mesh(const Mesh& fine, const KdTree<3>& tree, const Connections& connections,
+                       Index count, std::span<const Index> kept, Progress& progress) {
     CoarseMesh result;
-    const KdTree<3> tree(fine.positions);
     result.rows = poisson_disk_subset(tree, fine.place_normals, kept, count, progress).rows;
     std::ranges::sort(result.rows);
-    const std::vector<Index> owner = nearest_seeds(fine, result.rows, progress);
+    const std::vector<Index> owner = nearest_seeds(fine, connections, result.rows, progress);
 
     std::vector<std::array<Index, 3>> triangles;
     for (Index f = 0; f < fine.triangles.rows(); ++f) {
@@ -87,6 +100,27 @@ CoarseMesh coarse_mesh(const Mesh& fine, Index count, std::span<const Index> kep
     for (std::size_t f = 0; f < triangles.size(); ++f)
         all.row(static_cast<Eigen::Index>(f)) << triangles[f][0], triangles[f][1], triangles[f][2];
     result.mesh = mesh_of(fine.unit, std::move(positions), std::move(all));
+    return result;
+}
+
+}  // namespace
+
+std::vector<CoarseMesh> coarse_meshes(const Mesh& fine, std::span<const Index> counts,
+                                      std::span<const Index> kept, Progress& progress) {
+    std::vector<CoarseMesh> result(counts.size());
+    if (counts.empty()) return result;
+    const Progress::Part part(progress, 0.0, 0.0);
+    std::optional<KdTree<3>> tree;
+    std::optional<Connections> connections;
+    parallel_invoke(2, progress, [&](int k, Progress&) {
+        if (k == 0)
+            tree.emplace(fine.positions);
+        else
+            connections.emplace(fine);
+    });
+    parallel_invoke(static_cast<int>(counts.size()), progress, [&](int k, Progress& its) {
+        result[to_size(k)] = coarse_mesh(fine, *tree, *connections, counts[to_size(k)], kept, its);
+    });
     return result;
 }
 

@@ -1,4 +1,4 @@
-// A mesh of fewer triangles for the long lengths of a large one. Not for callers of the library.
+// Meshes of fewer triangles for the long lengths of a large one. Not for callers of the library.
 #pragma once
 
 #include <span>
@@ -15,10 +15,11 @@ struct CoarseMesh {
     std::vector<Index> rows;  ///< of the fine mesh's places: its own, ascending
 };
 
-/// About `count` evenly spread places, `kept` among them (rows, each once, ascending). Every other
-/// place belongs to the one that is nearest along the edges, and a triangle whose corners belong to
-/// three different places is a triangle between these: what was connected stays connected.
-CoarseMesh coarse_mesh(const Mesh& fine, Index count, std::span<const Index> kept,
-                       Progress& progress);
+/// A mesh for each of the counts: about so many evenly spread places, `kept` among them (rows, each
+/// once, ascending). Every other place belongs to the one that is nearest along the edges, and a
+/// triangle whose corners belong to three different places is a triangle between these: what was
+/// connected stays connected.
+std::vector<CoarseMesh> coarse_meshes(const Mesh& fine, std::span<const Index> counts,
+                                      std::span<const Index> kept, Progress& progress);
 
 }  // namespace pointmorph

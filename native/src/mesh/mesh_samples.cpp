@@ -132,9 +132,13 @@ public:
         for (Index f = 0; f < mesh.triangles.rows(); ++f)
             triangles_[to_size(mesh.parts[to_size(mesh.triangles(f, 0))])].push_back(f);
         if (mesh.borders.empty()) return;
+        std::vector<char> is_border(mesh.parts.size(), 0);
+        for (const std::vector<Index>& border : mesh.borders)
+            for (const Index place : border) is_border[to_size(place)] = 1;
         around_.resize(mesh.parts.size());
-        for (Index f = 0; f < mesh.triangles.rows(); ++f)
-            for (Index k = 0; k < 3; ++k) around_[to_size(mesh.triangles(f, k))].push_back(f);
+        for (Index c = 0; c < mesh.triangles.size(); ++c)
+            if (const std::size_t place = to_size(mesh.triangles(c / 3, c % 3)); is_border[place])
+                around_[place].push_back(c / 3);
     }
 
     MeshSamples all(Progress& progress) const {
@@ -343,7 +347,7 @@ private:
     std::span<const Index> kept_;
     double spacing_ = 0.0;
     std::vector<std::vector<Index>> triangles_;  ///< of each part
-    std::vector<std::vector<Index>> around_;     ///< triangles at each place; empty without borders
+    std::vector<std::vector<Index>> around_;     ///< triangles at each place of a border
 };
 
 }  // namespace

@@ -220,14 +220,17 @@ void take_back(const Mesh& mesh, const WrapPartners& planes, const std::vector<M
 Index untangle(const Mesh& mesh, const ElasticSheet& sheet, const WrapPartners& planes,
                const std::vector<char>& is_fixed, const UntangleOptions& options, Positions& x,
                Progress& progress) {
+    const auto count = static_cast<Index>(mesh.triangles.rows());
+    std::vector<char> is_bad(to_size(count), 0);
+    parallel_for(count, progress, [&](Index begin, Index end) {
+        for (Index f = begin; f < end; ++f)
+            is_bad[to_size(f)] = (!options.concerns || options.concerns(f)) &&
+                                 agreement(mesh, planes, x, f) < options.least_agreement;
+    });
     std::vector<Index> bad;
-    for (Index f = 0; f < mesh.triangles.rows(); ++f)
-        if ((!options.concerns || options.concerns(f)) &&
-            agreement(mesh, planes, x, f) < options.least_agreement)
-            bad.push_back(f);
+    for (Index f = 0; f < count; ++f)
+        if (is_bad[to_size(f)]) bad.push_back(f);
     if (bad.empty()) return 0;
-    std::vector<char> is_bad(to_size(mesh.triangles.rows()), 0);
-    for (const Index f : bad) is_bad[to_size(f)] = 1;
     const std::vector<MeshPatch> patches =
         patches_around(mesh, sheet, bad, is_fixed, options.rings);
     const Positions start = options.creases ? x : Positions();

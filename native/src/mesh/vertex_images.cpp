@@ -30,8 +30,7 @@ public:
     NearSamples(const OrientedView& samples, double spacing)
         : samples_(samples.positions),
           weight_(kNormals * spacing),
-          places_(with_normals(samples, weight_)),
-          tree_(places_) {}
+          tree_(tree_of(with_normals(samples, weight_))) {}
 
     /// Their rows, the nearest first, and weights, whose sum is 1; returns the vertex less the
     /// weighted mean of the samples.
@@ -54,9 +53,10 @@ public:
     }
 
 private:
+    static KdTree<6> tree_of(const KdTree<6>::Points& places) { return KdTree<6>(places); }
+
     const Positions& samples_;
     double weight_;
-    KdTree<6>::Points places_;
     KdTree<6> tree_;
 };
 

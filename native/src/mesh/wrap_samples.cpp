@@ -65,20 +65,57 @@ std::vector<Index> parts_kept_to(const Mesh& mesh, const Positions& start, const
     return result;
 }
 
-struct WrapTrees::Tree {
-    KdTree<6>::Points places;  ///< and normals times their weight
-    KdTree<6> search;
+class WrapTrees::Tree {
+public:
+    using Query = Eigen::Matrix<double, 1, 6>;
 
-    explicit Tree(KdTree<6>::Points points) : places(std::move(points)), search(places) {}
+    /// Of the samples in `rows`; of all of them where there are none. Keeps references to all
+    /// samples.
+    Tree(const Positions& positions, const Normals& normals, std::vector<Index> rows, double scale,
+         double weight)
+        : positions_(positions),
+          normals_(normals),
+          rows_(std::move(rows)),
+          scale_(scale),
+          weight_(weight),
+          search_(keys()) {}
+
+    Query query(const Eigen::RowVector3d& place, const Eigen::RowVector3d& normal) const {
+        Query result;
+        result << place, weight_ * normal;
+        return result;
+    }
+    /// The nearest closer than `radius`; `otherwise` where none is.
+    Index nearest(const Query& query, double radius, Index otherwise) const {
+        double squared = 0.0;
+        search_.nearest_within(query.data(), radius, {&otherwise, 1}, {&squared, 1});
+        return otherwise;
+    }
+    Query key(Index i) const { return query(place(i), normal(i)); }
+    Eigen::RowVector3d place(Index i) const { return scale_ * positions_.row(row(i)); }
+    Eigen::RowVector3d normal(Index i) const { return normals_.row(row(i)); }
+
+private:
+    Index row(Index i) const { return rows_.empty() ? i : rows_[to_size(i)]; }
+
+    KdTree<6> keys() const {
+        const Eigen::Index count =
+            rows_.empty() ? positions_.rows() : static_cast<Eigen::Index>(rows_.size());
+        KdTree<6>::Points keys(count, 6);
+        for (Index i = 0; i < count; ++i) keys.row(i) = key(i);
+        return KdTree<6>(keys);
+    }
+
+    const Positions& positions_;
+    const Normals& normals_;
+    std::vector<Index> rows_;
+    double scale_, weight_;  ///< of positions, and of normals
+    KdTree<6> search_;
 };
 
 WrapTrees::WrapTrees(const WrapTarget& target, double scale) : target_(target), scale_(scale) {}
 
 WrapTrees::~WrapTrees() = default;
-
-double WrapTrees::weight(Kind kind) {
-    return kind == kCoarse ? kCoarseNormals : kFineNormals;
-}
 
 const WrapTrees::Tree& WrapTrees::of_part(Kind kind, Index part, Progress& progress) {
     auto& trees = trees_[kind];
@@ -87,17 +124,16 @@ const WrapTrees::Tree& WrapTrees::of_part(Kind kind, Index part, Progress& progr
     if (tree) return *tree;
     const OrientedPoints& samples = kind == kCoarse ? target_.coarse : target_.fine;
     const std::vector<Index>& labels = kind == kCoarse ? target_.coarse_parts : target_.fine_parts;
-    Normals smooth;
-    if (kind == kCoarse) smooth = smoothed(samples, progress);
-    const Normals& normals = kind == kCoarse ? smooth : samples.normals;
-    const auto all = static_cast<Index>(samples.positions.rows());
-    const Index count = part < 0 ? all : static_cast<Index>(std::ranges::count(labels, part));
-    KdTree<6>::Points places(count, 6);
-    for (Index i = 0, row = 0; i < all; ++i)
-        if (part < 0 || labels[to_size(i)] == part)
-            places.row(row++) << scale_ * samples.positions.row(i), weight(kind) * normals.row(i);
+    if (kind == kCoarse && smooth_.rows() == 0) smooth_ = smoothed(samples, progress);
+    std::vector<Index> rows;
+    if (part >= 0)
+        for (std::size_t i = 0; i < labels.size(); ++i)
+            if (labels[i] == part) rows.push_back(static_cast<Index>(i));
     progress.report(0.0);
-    tree = std::make_unique<Tree>(std::move(places));
+    tree = kind == kCoarse ? std::make_unique<Tree>(samples.positions, smooth_, std::move(rows),
+                                                    scale_, kCoarseNormals)
+                           : std::make_unique<Tree>(samples.positions, samples.normals,
+                                                    std::move(rows), scale_, kFineNormals);
     return *tree;
 }
 
@@ -111,7 +147,6 @@ WrapSamples::WrapSamples(const Mesh& mesh, const Positions& start,
 
 WrapPartners WrapSamples::partners(const Positions& x, const Normals& normals, Kind kind,
                                    Progress& progress) {
-    const double weight = WrapTrees::weight(kind);
     constexpr double kBarelyMore = 1.0 + 1e-9;
     std::vector<const WrapTrees::Tree*> of_parts;
     for (const Index part : target_parts_)
@@ -121,22 +156,17 @@ WrapPartners WrapSamples::partners(const Positions& x, const Normals& normals, K
     parallel_for(
         static_cast<Index>(x.rows()), progress,
         [&](Index begin, Index end) {
-            Eigen::Matrix<double, 1, 6> query;
             for (Index v = begin; v < end; ++v) {
                 if (mesh_.parts[to_size(v)] < 0) continue;
                 const WrapTrees::Tree& samples = *of_parts[to_size(mesh_.parts[to_size(v)])];
-                query << x.row(v), weight * normals.row(v);
+                const auto query = samples.query(x.row(v), normals.row(v));
                 Index& nearest = last_[kind][to_size(v)];
-                double radius = std::numeric_limits<double>::infinity(), squared = 0.0;
-                if (nearest >= 0)
-                    radius = (samples.places.row(nearest) - query).norm() * kBarelyMore;
-                else
-                    nearest = 0;
-                if (radius > 0.0)
-                    samples.search.nearest_within(query.data(), radius, {&nearest, 1},
-                                                  {&squared, 1});
-                result.positions.row(v) = samples.places.row(nearest).head<3>();
-                result.normals.row(v) = samples.places.row(nearest).tail<3>() / weight;
+                const double radius = nearest < 0
+                                          ? std::numeric_limits<double>::infinity()
+                                          : (samples.key(nearest) - query).norm() * kBarelyMore;
+                nearest = samples.nearest(query, radius, std::max(nearest, 0));
+                result.positions.row(v) = samples.place(nearest);
+                result.normals.row(v) = samples.normal(nearest);
             }
         },
         0.0, 0.0, 128);
@@ -147,13 +177,9 @@ std::pair<Vector3, Vector3> WrapSamples::partner(Index vertex, const Vector3& pl
                                                  const Vector3& normal) const {
     const Index part = target_parts_[to_size(mesh_.parts[to_size(vertex)])];
     const WrapTrees::Tree& samples = trees_.made(WrapTrees::kFine, part);
-    Eigen::Matrix<double, 1, 6> query;
-    query << place.transpose(), kFineNormals * normal.transpose();
-    Index nearest = 0;
-    double squared = 0.0;
-    samples.search.nearest(query.data(), {&nearest, 1}, {&squared, 1});
-    return {samples.places.row(nearest).head<3>().transpose(),
-            samples.places.row(nearest).tail<3>().transpose() / kFineNormals};
+    const Index nearest = samples.nearest(samples.query(place.transpose(), normal.transpose()),
+                                          std::numeric_limits<double>::infinity(), 0);
+    return {samples.place(nearest).transpose(), samples.normal(nearest).transpose()};
 }
 
 std::vector<Index> WrapSamples::uncovered(const TriangleTree& mesh, double distance,

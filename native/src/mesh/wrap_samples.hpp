@@ -35,12 +35,11 @@ public:
     WrapTrees(const WrapTarget& target, double scale);
     ~WrapTrees();
 
-    struct Tree;
+    class Tree;
     /// Of one part of the target; −1: of all of it. Made when first asked for; not in parallel.
     const Tree& of_part(Kind kind, Index part, Progress& progress);
     /// What of_part() has made.
     const Tree& made(Kind kind, Index part) const { return *trees_[kind][to_size(part + 1)]; }
-    static double weight(Kind kind);  ///< of normals
 
     const WrapTarget& target() const { return target_; }
     double scale() const { return scale_; }
@@ -48,6 +47,7 @@ public:
 private:
     const WrapTarget& target_;
     double scale_;
+    Normals smooth_;                               ///< of the coarse samples, once asked for
     std::vector<std::unique_ptr<Tree>> trees_[2];  ///< of all, then by part
 };
 

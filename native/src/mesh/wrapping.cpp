@@ -382,22 +382,42 @@ std::vector<double> all_lengths(const WrapOptions& options) {
     return lengths;
 }
 
-/// A mesh of so many places, and the lengths over which it stands for all.
+/// A coarse mesh, and the lengths over which it stands for all.
 struct Level {
-    Index places;
+    CoarseMesh coarse;
     std::span<const double> lengths;
     const WrapOptions& options;
 };
 
-/// Where the places are once a coarse mesh has given way in place of all, in √area.
-Positions after_coarse_mesh(const Mesh& mesh, const Positions& start, const Ground& ground,
-                            const WrapHolds& holds, const Level& level, Progress& progress) {
-    std::vector<Index> kept;
+/// From few places to many.
+std::vector<Level> coarse_levels(const Mesh& mesh, std::span<const double> lengths,
+                                 const WrapHolds& holds, const WrapOptions& options,
+                                 Progress& progress) {
+    std::vector<Level> levels;
+    std::vector<Index> counts, kept;
+    for (Index places = options.coarse_places; mesh.positions.rows() > 2 * places; places *= 4) {
+        // The least length for the distance between so many places.
+        const double least =
+            options.coarse_length *
+            std::sqrt(static_cast<double>(options.coarse_places) / static_cast<double>(places));
+        const auto end = std::ranges::find_if_not(lengths, [&](double l) { return l > least; });
+        if (end == lengths.begin()) continue;
+        levels.push_back({{}, {lengths.begin(), end}, options});
+        counts.push_back(places);
+        lengths = {end, lengths.end()};
+    }
     for (const WrapMark& mark : holds.marks) kept.push_back(mark.place);
     std::ranges::sort(kept);
     kept.erase(std::ranges::unique(kept).begin(), kept.end());
-    const CoarseMesh coarse = coarse_mesh(mesh, level.places, kept, progress);
+    std::vector<CoarseMesh> meshes = coarse_meshes(mesh, counts, kept, progress);
+    for (std::size_t k = 0; k < levels.size(); ++k) levels[k].coarse = std::move(meshes[k]);
+    return levels;
+}
 
+/// Where the places are once a coarse mesh has given way in place of all, in √area.
+Positions after_coarse_mesh(const Mesh& mesh, const Positions& start, const Ground& ground,
+                            const WrapHolds& holds, Level level, Progress& progress) {
+    const CoarseMesh& coarse = level.coarse;
     std::vector<WrapMark> coarse_marks;
     for (const WrapMark& mark : holds.marks) {
         const auto row = std::ranges::lower_bound(coarse.rows, mark.place) - coarse.rows.begin();
@@ -452,17 +472,11 @@ Positions all_wrapped(const Mesh& mesh, Positions x, const Ground& ground, const
     const auto share = [&](std::size_t count) {
         return static_cast<double>(count) / static_cast<double>(lengths.size());
     };
-    for (Index places = options.coarse_places; mesh.positions.rows() > 2 * places; places *= 4) {
-        // The least length for the distance between so many places.
-        const double least =
-            options.coarse_length *
-            std::sqrt(static_cast<double>(options.coarse_places) / static_cast<double>(places));
-        std::size_t end = done;
-        while (end < lengths.size() && lengths[end] > least) ++end;
-        if (end == done) continue;
+    std::vector<Level> levels = coarse_levels(mesh, lengths, holds, options, progress);
+    for (Level& level : levels) {
+        const std::size_t end = done + level.lengths.size();
         const Progress::Part part(progress, share(done), share(end));
-        const Level level{places, std::span(lengths).subspan(done, end - done), options};
-        x = after_coarse_mesh(mesh, x, ground, holds, level, progress);
+        x = after_coarse_mesh(mesh, x, ground, holds, std::move(level), progress);
         done = end;
     }
     const Progress::Part part(progress, share(done), 1.0);

@@ -171,11 +171,10 @@ std::vector<PreparedShape> prepare_all(std::span<const ShapeInput> inputs,
     for (PreparedShape& shape : shapes) find_normals(shape, progress);
 
     progress.enter("topology");
-    Progress silent;
-    parallel_invoke(count, [&](int k, bool owner) {
+    parallel_invoke(count, progress, [&](int k, Progress& its) {
         PreparedShape& shape = shapes[to_size(k)];
         shape = with_topology(std::move(shape), inputs[to_size(k)].parts, options.boundary,
-                              options.topology, owner ? progress : silent);
+                              options.topology, its);
         make_outward(shape);
     });
     for (PreparedShape& shape : shapes) leave_out_strays(shape, options.neighbors, progress);

@@ -9,6 +9,7 @@
 #include <cstdlib>
 #include <stdexcept>
 #include <string>
+#include <string_view>
 #include <thread>
 #include <vector>
 
@@ -244,6 +245,51 @@ TEST_P(ParallelFor, AnExceptionInsideOfABodyReachesTheCallerThroughBothLoops) {
     };
     EXPECT_THROW(run(), std::domain_error);
     EXPECT_EQ(threads_used(), 2);
+}
+
+TEST_P(ParallelFor, WhoCallsIsAskedWhileItWaitsForOthers) {
+    const ThreadCount scope(2);
+    std::atomic<int> cancelled{0};
+    int asked = 0;
+    Progress progress([&](std::string_view, double) { return ++asked < 5; }, 0ms);
+    const auto caller = std::this_thread::get_id();
+    std::atomic<bool> others{false};
+    const auto run = [&] {
+        parallel_invoke(2, progress, [&](int, Progress& its) {
+            // The caller's ends as soon as there is another.
+            const bool is_caller = std::this_thread::get_id() == caller;
+            if (!is_caller) others = true;
+            try {
+                while (!is_caller || !others) its.report(0.5);
+            } catch (const Cancelled&) {
+                ++cancelled;
+                throw;
+            }
+        });
+    };
+    EXPECT_THROW(run(), Cancelled);
+    EXPECT_GE(cancelled, 1);
+    EXPECT_EQ(asked, 5);
+}
+
+TEST_P(ParallelFor, WhatACallbackThrowsEndsAllThatRunsNextToOneAnother) {
+    for (int threads = 1; threads <= 3; ++threads) {
+        const ThreadCount scope(threads);
+        int asked = 0;
+        Progress progress(
+            [&](std::string_view, double) {
+                if (++asked > 4) throw std::domain_error("asked");
+                return true;
+            },
+            0ms);
+        const auto run = [&] {
+            parallel_invoke(3, progress, [](int, Progress& its) {
+                while (true) its.report(0.0);
+            });
+        };
+        EXPECT_THROW(run(), std::domain_error);
+        EXPECT_EQ(asked, 5);
+    }
 }
 
 TEST_P(ParallelFor, RoundsFollowOneAnotherQuickly) {

@@ -2,10 +2,13 @@
 #pragma once
 
 #include <atomic>
+#include <chrono>
 #include <concepts>
 #include <exception>
 #include <limits>
 #include <mutex>
+#include <string_view>
+#include <thread>
 #include <vector>
 
 #include "pointmorph/base/progress.hpp"
@@ -99,12 +102,44 @@ void parallel_invoke(int count, Body&& body) {
         if (failure) std::rethrow_exception(failure);
 }
 
-/// Calls `work(is_source, progress)` for both clouds, next to each other where there are threads;
-/// the one on the calling thread gets `progress`, the other one that says and asks nothing.
+/// Calls `body(i, its)` for i = 0 … count − 1 (a few), next to each other where there are threads.
+/// On the calling thread, `its` is `progress`; on others it says nothing, and is cancelled when
+/// `progress` is, whose callback is asked until all have ended. Throws Cancelled, else the
+/// exception of the lowest i.
+template <std::invocable<int, Progress&> Body>
+void parallel_invoke(int count, Progress& progress, Body&& body) {
+    std::vector<std::exception_ptr> failures(to_size(count));
+    std::exception_ptr callers;
+    std::atomic<int> next{0}, ended{0};
+    auto work = [&](bool owner) {
+        Progress silent([&](std::string_view, double) { return !progress.cancelled(); });
+        for (int i = next++; i < count; i = next++) {
+            try {
+                body(i, owner ? progress : silent);
+            } catch (...) {
+                failures[to_size(i)] = std::current_exception();
+                if (owner && !callers) callers = failures[to_size(i)];
+            }
+            ++ended;
+        }
+        while (owner && ended < count) {
+            progress.poll();
+            std::this_thread::sleep_for(std::chrono::microseconds(200));
+        }
+    };
+    run_team(count, TeamWork(work));
+    if (progress.cancelled()) {
+        if (callers) std::rethrow_exception(callers);  // perhaps what the callback threw
+        progress.throw_if_cancelled();
+    }
+    for (const auto& failure : failures)
+        if (failure) std::rethrow_exception(failure);
+}
+
+/// Calls `work(is_source, its)` for both clouds as parallel_invoke() does.
 template <std::invocable<bool, Progress&> Work>
 void on_both(Progress& progress, Work&& work) {
-    Progress silent;
-    parallel_invoke(2, [&](int k, bool owner) { work(k == 0, owner ? progress : silent); });
+    parallel_invoke(2, progress, [&](int k, Progress& its) { work(k == 0, its); });
 }
 
 }  // namespace pointmorph

@@ -71,6 +71,8 @@ public:
     /// Lets the callback speak, no more often than its interval. Returns `!cancelled()`; doesn't
     /// throw, so that it can be called inside a parallel region by the thread that owns it.
     bool poll(double fraction) noexcept;
+    /// The same with the fraction that was said last, by a thread that waits.
+    bool poll() noexcept;
 
     /// Rethrows what the callback threw; else throws Cancelled when `cancelled()`.
     void throw_if_cancelled();
@@ -92,6 +94,7 @@ private:
     Clock::time_point last_call_{};
     bool in_stage_ = false;
     double first_ = 0.0, last_ = 1.0;
+    double done_ = 0.0;  ///< of the stage
 };
 
 }  // namespace pointmorph

@@ -10,7 +10,8 @@
 
 namespace pointmorph {
 
-/// A kd-tree over the rows of an array. Keeps a reference to the array, which must outlive it.
+/// A kd-tree over the rows of an array. Keeps a reference to the array, which must outlive it; with
+/// more than three dimensions, the array may go as long as points() isn't asked for.
 /// Queries are const and may run in parallel. Distances are *squared* wherever the name says so.
 /// Among points at the same distance the one with the lower row comes first; but where more points
 /// coincide with the query than are asked for, they may be any of these.
@@ -26,7 +27,7 @@ public:
     KdTree& operator=(KdTree&&) noexcept;
 
     const Points& points() const noexcept { return *points_; }
-    Index size() const noexcept { return static_cast<Index>(points_->rows()); }
+    Index size() const noexcept { return size_; }
 
     /// The min(`indices.size()`, size()) points nearest to `query` (Dim numbers), ascending by
     /// distance. Returns how many were written. Both spans have the same length.
@@ -48,6 +49,7 @@ public:
 private:
     struct Impl;
     const Points* points_;
+    Index size_;
     std::unique_ptr<Impl> impl_;
 };
 
