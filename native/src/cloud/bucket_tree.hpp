@@ -28,6 +28,7 @@ public:
         buckets_.reserve((rows.size() + kSize - 1) / kSize);
         nodes_.reserve(2 * buckets_.capacity());
         split(points, rows.data(), rows.data() + rows.size());
+        keys_ = {};
     }
 
     template <class Result>
@@ -48,6 +49,7 @@ private:
 
     static constexpr std::size_t kSize = 16;  // points of a leaf
     static constexpr std::size_t kTwos = kSize / 2;
+    static constexpr std::size_t kHalf = Dim / 2;
 
     struct Bucket {
         std::array<std::array<Two, kTwos>, Dim> coordinates;
@@ -78,13 +80,16 @@ private:
         // Full leaves but for the last one.
         const std::size_t buckets = (size + kSize - 1) / kSize;
         Index* const middle = begin + static_cast<std::ptrdiff_t>(buckets / 2 * kSize);
-        const auto is_before = [&](Index i, Index j) {
-            return points(i, axis) != points(j, axis) ? points(i, axis) < points(j, axis) : i < j;
-        };
-        std::nth_element(begin, middle, end, is_before);
-        double below = points(*begin, axis);
-        for (const Index* i = begin + 1; i < middle; ++i) below = std::max(below, points(*i, axis));
-        nodes_.push_back({static_cast<Index>(axis), 0, below, points(*middle, axis)});
+        // Next to their rows, so that the selection reads memory in order.
+        keys_.clear();
+        for (const Index* i = begin; i < end; ++i) keys_.emplace_back(points(*i, axis), *i);
+        const auto middle_key = keys_.begin() + (middle - begin);
+        std::nth_element(keys_.begin(), middle_key, keys_.end());
+        double below = keys_.front().first;
+        for (auto key = keys_.begin(); key != middle_key; ++key)
+            below = std::max(below, key->first);
+        nodes_.push_back({static_cast<Index>(axis), 0, below, middle_key->first});
+        std::ranges::transform(keys_, begin, &std::pair<double, Index>::second);
         split(points, begin, middle);
         nodes_[here].next = static_cast<Index>(nodes_.size());
         split(points, middle, end);
@@ -123,33 +128,44 @@ private:
 
     template <class Result>
     static bool look_at(const Bucket& bucket, const double* query, Result& result) {
-        alignas(16) std::array<double, kSize> squared;
+        alignas(16) std::array<double, 8> squared;
         for (std::size_t first = 0; first < kTwos; first += 4) {  // four stay in registers
+            const std::size_t points =
+                std::min<std::size_t>(8, bucket.size - std::min(bucket.size, 2 * first));
+            if (points == 0) break;
             Two a{}, b{}, c{}, d{};
-            for (std::size_t axis = 0; axis < Dim; ++axis) {
-                const Two q = {query[axis], query[axis]};
-                const Two* const p = bucket.coordinates[axis].data() + first;
-                const Two to_a = q - p[0], to_b = q - p[1], to_c = q - p[2], to_d = q - p[3];
-                a += to_a * to_a;
-                b += to_b * to_b;
-                c += to_c * to_c;
-                d += to_d * to_d;
-            }
-            std::size_t k = 2 * first;
-            for (const Two& two : {a, b, c, d}) {
-                squared[k++] = two[0];
-                squared[k++] = two[1];
-            }
+            const auto add = [&](std::size_t begin, std::size_t end) {
+                for (std::size_t axis = begin; axis < end; ++axis) {
+                    const Two q = {query[axis], query[axis]};
+                    const Two* const p = bucket.coordinates[axis].data() + first;
+                    const Two to_a = q - p[0], to_b = q - p[1], to_c = q - p[2], to_d = q - p[3];
+                    a += to_a * to_a;
+                    b += to_b * to_b;
+                    c += to_c * to_c;
+                    d += to_d * to_d;
+                }
+                std::size_t k = 0;
+                for (const Two& two : {a, b, c, d}) {
+                    squared[k++] = two[0];
+                    squared[k++] = two[1];
+                }
+            };
+            const double worst = result.worstDist();
+            // Most are too far off after half of the axes.
+            add(0, kHalf);
+            if (*std::ranges::min_element(squared) >= worst) continue;
+            add(kHalf, Dim);
+            for (std::size_t k = 0; k < points; ++k)
+                if (squared[k] < worst && !result.addPoint(squared[k], bucket.rows[2 * first + k]))
+                    return false;
         }
-        const double worst = result.worstDist();
-        for (std::size_t k = 0; k < bucket.size; ++k)
-            if (squared[k] < worst && !result.addPoint(squared[k], bucket.rows[k])) return false;
         return true;
     }
 
     Row lower_, upper_;
     std::vector<Node> nodes_;
     std::vector<Bucket> buckets_;
+    std::vector<std::pair<double, Index>> keys_;  ///< while it is built
 };
 
 }  // namespace pointmorph
