@@ -1,9 +1,11 @@
 #include "pointmorph/registration/deformation.hpp"
 
+#include <Eigen/OrderingMethods>
 #include <algorithm>
 #include <cmath>
 #include <numeric>
 
+#include "base/compiler.hpp"
 #include "pointmorph/base/parallel.hpp"
 #include "pointmorph/cloud/similarity.hpp"
 
@@ -118,6 +120,48 @@ std::vector<std::vector<Index>> node_edges(const SurfaceGraph& graph, const Subs
     }
 }
 
+/// Where the factor has entries, by the elimination tree (Davis, LDL, 2005).
+void analyze_factor(DeformationPattern& pattern) {
+    const auto count = static_cast<Index>(pattern.matrix.cols());
+    const Index* const outer = pattern.matrix.outerIndexPtr();
+    const Index* const inner = pattern.matrix.innerIndexPtr();
+    std::vector<Index> parent(to_size(count), -1), seen(to_size(count), -1), path;
+    std::vector<std::vector<Index>> below(to_size(count));  // rows under each diagonal
+    pattern.row_begins = {0};
+    for (Index k = 0; k < count; ++k) {
+        seen[to_size(k)] = k;
+        std::vector<Index> row;
+        for (Index e = outer[k]; e < outer[k + 1]; ++e) {
+            path.clear();
+            for (Index i = inner[e]; seen[to_size(i)] != k; i = parent[to_size(i)]) {
+                if (parent[to_size(i)] < 0) parent[to_size(i)] = k;
+                path.push_back(i);
+                seen[to_size(i)] = k;
+            }
+            row.insert(row.begin(), path.begin(), path.end());
+        }
+        for (const Index i : row) {
+            pattern.row_columns.push_back(i);
+            pattern.row_places.push_back(static_cast<Index>(below[to_size(i)].size()) + 1);
+            below[to_size(i)].push_back(k);
+        }
+        pattern.row_begins.push_back(static_cast<Index>(pattern.row_columns.size()));
+    }
+    for (Index i = 0; i < count; ++i) {
+        pattern.columns.push_back(static_cast<Index>(pattern.rows.size()));
+        pattern.rows.push_back(i);
+        pattern.rows.insert(pattern.rows.end(), below[to_size(i)].begin(), below[to_size(i)].end());
+        auto from = static_cast<Index>(pattern.rows.size()) - 1;
+        while (from > pattern.columns.back() + 1 &&
+               pattern.rows[to_size(from)] == pattern.rows[to_size(from - 1)] + 1)
+            --from;
+        pattern.dense_from.push_back(from);
+    }
+    pattern.columns.push_back(static_cast<Index>(pattern.rows.size()));
+    for (std::size_t e = 0; e < pattern.row_places.size(); ++e)
+        pattern.row_places[e] += pattern.columns[to_size(pattern.row_columns[e])];
+}
+
 }  // namespace
 
 DeformationGraph deformation_graph(const SurfaceGraph& graph, const Subset& subset,
@@ -221,6 +265,7 @@ std::shared_ptr<const DeformationPattern> deformation_pattern(const DeformationG
             for (std::size_t l = 0; l <= k; ++l)
                 result.blocks[p][b++] = place(graph.point_nodes[p][k], graph.point_nodes[p][l]);
     }
+    analyze_factor(result);
     return std::make_shared<const DeformationPattern>(std::move(result));
 }
 
@@ -332,14 +377,16 @@ DeformedCloud deformed(const Positions& positions, const Normals& normals,
 }
 
 DeformationSolver::DeformationSolver(const Positions& positions, const DeformationGraph& graph)
-    : positions_(positions), graph_(graph), pattern_(*graph.pattern), matrix_(pattern_.matrix) {
-    cholesky_.analyzePattern(matrix_);
-}
+    : positions_(positions),
+      graph_(graph),
+      pattern_(*graph.pattern),
+      matrix_(to_size(static_cast<Index>(graph.pattern->matrix.nonZeros()))),
+      factor_(graph.pattern->rows.size()) {}
 
 void DeformationSolver::factorize(double stiffness, std::span<const Attraction> attractions) {
     stiffness_ = stiffness;
-    double* const values = matrix_.valuePtr();
-    std::fill_n(values, matrix_.nonZeros(), 0.0);
+    double* const values = matrix_.data();
+    std::ranges::fill(matrix_, 0.0);
     // A trace of the identity holds what nothing else holds.
     for (Index i = 0; i < graph_.size(); ++i) values[pattern_.diagonal[to_size(i)]] = 1e-9;
     for (Index i = 0; i < graph_.size(); ++i)
@@ -359,7 +406,34 @@ void DeformationSolver::factorize(double stiffness, std::span<const Attraction> 
                 values[block[b]] += (k != l && nodes[k] == nodes[l] ? 2.0 : 1.0) * a.weight *
                                     weights[k] * weights[l];
     }
-    cholesky_.factorize(matrix_);
+    // Row by row: what is left of a row once the columns before have been taken from it.
+    const DeformationPattern& p = pattern_;
+    const Index* const outer = p.matrix.outerIndexPtr();
+    const Index* const inner = p.matrix.innerIndexPtr();
+    double* const POINTMORPH_RESTRICT factor = factor_.data();
+    std::vector<double> left(to_size(graph_.size()), 0.0);
+    double* const POINTMORPH_RESTRICT row = left.data();
+    for (Index k = 0; k < graph_.size(); ++k) {
+        for (Index e = outer[k]; e < outer[k + 1]; ++e) row[inner[e]] = values[e];
+        double diagonal = row[k];
+        for (Index e = p.row_begins[to_size(k)]; e < p.row_begins[to_size(k) + 1]; ++e) {
+            const Index i = p.row_columns[to_size(e)], end = p.row_places[to_size(e)];
+            const Index begin = p.columns[to_size(i)];
+            const double entry = row[i] / factor[begin];
+            row[i] = 0.0;
+            const Index dense = std::min(p.dense_from[to_size(i)], end);
+            Index at = begin + 1;
+            for (; at < dense; ++at) row[p.rows[to_size(at)]] -= factor[at] * entry;
+            if (at < end) {
+                double* const POINTMORPH_RESTRICT rest = row + p.rows[to_size(at)];
+                for (Index j = 0; j < end - at; ++j) rest[j] -= factor[at + j] * entry;
+            }
+            diagonal -= entry * entry;
+            factor[end] = entry;
+        }
+        row[k] = 0.0;
+        factor[p.columns[to_size(k)]] = std::sqrt(std::max(diagonal, 1e-300));
+    }
 }
 
 void DeformationSolver::solve(std::span<const Attraction> attractions,
@@ -372,8 +446,7 @@ void DeformationSolver::solve(std::span<const Attraction> attractions,
         constant.row(k) =
             linear[to_size(k)] * positions_.row(graph_.node_rows[to_size(k)]).transpose();
     }
-    Eigen::Matrix<double, Eigen::Dynamic, 3> right =
-        Eigen::Matrix<double, Eigen::Dynamic, 3>::Zero(count, 3);
+    Positions right = Positions::Zero(count, 3);
     const auto row_of = [&](Index node) { return right.row(pattern_.order[to_size(node)]); };
     for (Index i = 0; i < count; ++i)
         for (auto e = to_size(graph_.edge_offsets[to_size(i)]);
@@ -397,7 +470,21 @@ void DeformationSolver::solve(std::span<const Attraction> attractions,
         for (std::size_t k = 0; k < kNodes; ++k)
             row_of(nodes[k]) += weights[k] * wanted.transpose();
     }
-    right = cholesky_.solve(right).eval();
+    const DeformationPattern& p = pattern_;
+    for (Index k = 0; k < count; ++k) {
+        const Index begin = p.columns[to_size(k)], end = p.columns[to_size(k) + 1];
+        const Eigen::RowVector3d done = right.row(k) / factor_[to_size(begin)];
+        right.row(k) = done;
+        for (Index at = begin + 1; at < end; ++at)
+            right.row(p.rows[to_size(at)]) -= factor_[to_size(at)] * done;
+    }
+    for (Index k = count; k-- > 0;) {
+        const Index begin = p.columns[to_size(k)], end = p.columns[to_size(k) + 1];
+        Eigen::RowVector3d rest = right.row(k);
+        for (Index at = begin + 1; at < end; ++at)
+            rest -= factor_[to_size(at)] * right.row(p.rows[to_size(at)]);
+        right.row(k) = rest / factor_[to_size(begin)];
+    }
     deformation.positions.resize(count, 3);
     for (Index i = 0; i < count; ++i) deformation.positions.row(i) = row_of(i);
 }

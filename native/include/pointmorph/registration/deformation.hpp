@@ -2,7 +2,7 @@
 // deformation, Sumner et al. 2007, with as-rigid-as-possible rotations, Sorkine and Alexa 2007).
 #pragma once
 
-#include <Eigen/SparseCholesky>
+#include <Eigen/SparseCore>
 #include <array>
 #include <memory>
 #include <span>
@@ -27,6 +27,15 @@ struct DeformationPattern {
     std::vector<Index> laplacian;  ///< place of each edge (i > j) in the values, else −1
     std::vector<Index> diagonal;   ///< place of each node's diagonal
     std::vector<std::array<Index, kProducts>> blocks;  ///< places of each point's weights' products
+
+    // The lower triangular factor L of L Lᵀ, by columns, each from its diagonal down:
+    std::vector<Index> columns;     ///< where each begins
+    std::vector<Index> rows;        ///< of all entries
+    std::vector<Index> dense_from;  ///< of each column: from there on no row is left out
+    // … and in the order in which it is filled, row by row, the diagonal left out:
+    std::vector<Index> row_begins;
+    std::vector<Index> row_columns;  ///< what comes before in a row needs nothing that comes after
+    std::vector<Index> row_places;   ///< where each lies in the columns
 };
 
 /// Nodes of a cloud, which of them each point hangs on, and which hold one another.
@@ -110,14 +119,12 @@ public:
     void solve(std::span<const Attraction> attractions, Deformation& deformation) const;
 
 private:
-    using Matrix = DeformationPattern::Matrix;
-
     const Positions& positions_;
     const DeformationGraph& graph_;
     const DeformationPattern& pattern_;
     double stiffness_ = 0.0;
-    Matrix matrix_;
-    Eigen::SimplicialLLT<Matrix, Eigen::Upper, Eigen::NaturalOrdering<Index>> cholesky_;
+    std::vector<double> matrix_;  ///< values of the pattern's
+    std::vector<double> factor_;  ///< of its columns
 };
 
 }  // namespace pointmorph
