@@ -20,12 +20,13 @@ struct MovingShape {
     const DeformationGraph& graph;
     DeformationSolver solver;
     Deformation deformation;
-    LocalAreas areas;             ///< of all points, where they count
-    std::vector<Index> rows;      ///< coarse rows that are matched in this round, the nodes first
-    double area = 0.0;            ///< of `rows`
-    DeformedCloud images;         ///< of `rows`
-    ProductKeys keys;             ///< of `rows`
-    Matches matches;              ///< of `rows`, into the other shape's
+    LocalAreas areas;         ///< of all points, where they count
+    std::vector<Index> rows;  ///< coarse rows that are matched in this round, the nodes first
+    double area = 0.0;        ///< of `rows`
+    DeformedCloud images;     ///< of `rows`
+    ProductKeys keys;         ///< of `rows`
+    Matches matches;          ///< of `rows`, into the other shape's; kept for the next round
+    std::vector<Index> near;  ///< of each node: the other's node next to what it was matched with
     std::vector<double> weights;  ///< of `rows`
     std::vector<Attraction> attractions;
 
@@ -36,10 +37,22 @@ struct MovingShape {
     }
     void choose(std::vector<Index> chosen) {
         rows = std::move(chosen);
-        matches = {};
+        // Where the search may begin: at what the node next to each point was matched with.
+        matches.to.clear();
+        if (!near.empty())
+            for (std::size_t i = 0; i < rows.size(); ++i)
+                matches.to.push_back(near[i < near.size() ? i : to_size(node_next_to(rows[i]))]);
         area = 0.0;
         for (const Index i : rows) area += shape.areas[i];
         place();
+    }
+    Index node_next_to(Index row) const { return graph.point_nodes[to_size(row)][0]; }
+    void remember(const MovingShape& other) {
+        near.resize(to_size(graph.size()));
+        for (std::size_t k = 0; k < near.size(); ++k) {
+            const Index to = matches.to[k];
+            near[k] = to < other.graph.size() ? to : other.node_next_to(other.rows[to_size(to)]);
+        }
     }
     void place() { images = deformed(shape.positions, shape.normals, graph, deformation, rows); }
 
@@ -73,6 +86,8 @@ void match(MovingShape& source, MovingShape& target, double normal_weight, doubl
     const bool again = !source.matches.to.empty();
     source.matches = target_tree->nearest(source.keys, progress, again ? &source.matches : nullptr);
     target.matches = source_tree->nearest(target.keys, progress, again ? &target.matches : nullptr);
+    source.remember(target);
+    target.remember(source);
 }
 
 /// Takes the weight from parts whose images have jumped.

@@ -50,7 +50,7 @@ LabeledPoints labeled_points(const ProductPoints& points,
 template <int Dim>
 Matches nearest_matches(const typename KdTree<Dim>::Points& points, const KdTree<Dim>& others,
                         Progress& progress, const Matches* guess) {
-    constexpr double kBarelyMore = 1.0 + 1e-12;
+    constexpr double kBarelyMore = 1.0 + 1e-12, kAtTheSamePlace = 1e-150;
     const auto count = static_cast<Index>(points.rows());
     Matches matches{std::vector<Index>(to_size(count)), std::vector<double>(to_size(count))};
     parallel_for(
@@ -62,7 +62,8 @@ Matches nearest_matches(const typename KdTree<Dim>::Points& points, const KdTree
                 if (guess) {
                     to = guess->to[to_size(i)];
                     squared = (others.points().row(to) - points.row(i)).squaredNorm();
-                    radius = std::sqrt(squared) * kBarelyMore;
+                    // Not 0: others at the same place may come before.
+                    radius = std::max(std::sqrt(squared) * kBarelyMore, kAtTheSamePlace);
                 }
                 others.nearest_within(points.row(i).data(), radius, {&to, 1}, {&squared, 1});
                 matches.distances[to_size(i)] = std::sqrt(squared);

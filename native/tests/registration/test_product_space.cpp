@@ -58,6 +58,18 @@ TEST(ProductSpace, AGuessDoesNotChangeTheMatches) {
     EXPECT_EQ(again.distances, m.distances);
 }
 
+TEST(ProductSpace, AGuessDoesNotChangeTheMatchesWherePointsCoincide) {
+    ProductPoints b(200, 12);
+    b << noise(100, 2), noise(100, 2);
+    const ProductPoints a = b.bottomRows(150);
+    Progress progress;
+    const KdTree<12> tree(b);
+    const Matches m = nearest_matches(a, tree, progress);
+    Matches guess = m;
+    for (Index& to : guess.to) to = (to + 100) % 200;  // its double
+    EXPECT_EQ(nearest_matches(a, tree, progress, &guess).to, m.to);
+}
+
 TEST(ProductSpace, PairsCoverBothSidesAndKeepFeaturesApart) {
     const ProductPoints a = noise(300, 1), b = noise(200, 2);
     const std::vector<IndexPair> features{{3, 9}, {299, 0}};
