@@ -21,33 +21,27 @@ CoarseShape mirrored(CoarseShape shape) {
     return shape;
 }
 
-/// A map of places in space that is known at a tree's points.
-class PointMap {
-public:
-    /// `linear` is what it does to small steps.
-    PointMap(const KdTree<3>& tree, const Positions& images, const Matrix3& linear)
-        : tree_(tree), images_(images), linear_(linear) {}
+/// The tree's point nearest to each place.
+std::vector<Index> nearest_points(const KdTree<3>& tree, const Positions& places) {
+    std::vector<Index> result(to_size(static_cast<Index>(places.rows())));
+    double squared;
+    for (std::size_t i = 0; i < result.size(); ++i)
+        tree.nearest(places.row(static_cast<Eigen::Index>(i)).data(), {&result[i], 1},
+                     {&squared, 1});
+    return result;
+}
 
-    PointMap(const KdTree<3>& tree, const Positions& images)
-        : PointMap(tree, images, fit_similarity(tree.points(), images).rotation) {}
-
-    Positions operator()(const Positions& places) const {
-        Positions result(places.rows(), 3);
-        for (Eigen::Index i = 0; i < places.rows(); ++i) {
-            Index nearest;
-            double squared;
-            tree_.nearest(places.row(i).data(), {&nearest, 1}, {&squared, 1});
-            result.row(i) = images_.row(nearest) +
-                            (places.row(i) - tree_.points().row(nearest)) * linear_.transpose();
-        }
-        return result;
+/// Where a map takes places in space that is known at `points`: as it does the nearest of them.
+/// `linear` is what it does to small steps.
+Positions mapped(const Positions& places, const std::vector<Index>& nearest,
+                 const Positions& points, const Positions& images, const Matrix3& linear) {
+    Positions result(places.rows(), 3);
+    for (Eigen::Index i = 0; i < places.rows(); ++i) {
+        const Index near = nearest[static_cast<std::size_t>(i)];
+        result.row(i) = images.row(near) + (places.row(i) - points.row(near)) * linear.transpose();
     }
-
-private:
-    const KdTree<3>& tree_;
-    const Positions& images_;
-    Matrix3 linear_;
-};
+    return result;
+}
 
 /// Weighted mean of min(1, (d/far)²) over the distances d.
 double far_share(const Positions& a, const Positions& b, const Values& weights, double far) {
@@ -134,6 +128,7 @@ Symmetry reflection_symmetry(const CoarseShape& shape, const Eigen::MatrixXd& di
     result.linear = fit_similarity(plain.positions, result.images).rotation;
     result.images.col(0) *= -1.0;
     result.linear.row(0) *= -1.0;
+    result.nearest = nearest_points(KdTree<3>(plain.positions), result.images);
     return result;
 }
 
@@ -142,13 +137,20 @@ double asymmetry(const CoarseShape& source, const CoarseShape& target,
                  const Positions& target_images, double far) {
     const auto& [s, t] = symmetries;
     if (s.images.rows() == 0 || t.images.rows() == 0) return 0.0;
-    const KdTree<3> source_tree(source.positions), target_tree(target.positions);
-    const PointMap there(source_tree, source_images), back(target_tree, target_images),
-        across_source(source_tree, s.images, s.linear),
-        across_target(target_tree, t.images, t.linear);
+    const auto of_one = [far](const CoarseShape& here, const Symmetry& its, const Positions& images,
+                              const CoarseShape& there, const Symmetry& other) {
+        const std::vector<Index> across =
+            its.nearest.empty() ? nearest_points(KdTree<3>(here.positions), its.images)
+                                : its.nearest;
+        const Matrix3 linear = fit_similarity(here.positions, images).rotation;
+        return far_share(mapped(its.images, across, here.positions, images, linear),
+                         mapped(images, nearest_points(KdTree<3>(there.positions), images),
+                                there.positions, other.images, other.linear),
+                         here.areas, far);
+    };
     return std::min(s.trust, t.trust) * 0.5 *
-           (far_share(there(s.images), across_target(source_images), source.areas, far) +
-            far_share(back(t.images), across_source(target_images), target.areas, far));
+           (of_one(source, s, source_images, target, t) +
+            of_one(target, t, target_images, source, s));
 }
 
 }  // namespace pointmorph

@@ -3,6 +3,7 @@
 
 #include <Eigen/Core>
 #include <array>
+#include <vector>
 
 #include "pointmorph/base/progress.hpp"
 #include "pointmorph/base/types.hpp"
@@ -34,6 +35,7 @@ struct Symmetry {
     Positions images;  ///< of the shape's points; no rows where no such reflection was found
     Matrix3 linear = Matrix3::Identity();  ///< what it does to small steps on average; improper
     double trust = 0.0;                    ///< 0 to 1
+    std::vector<Index> nearest = {};       ///< the shape's points to its images, where known
 };
 
 /// Registers a shape with its mirror image, at its coarsest level alone, from all ways in which
