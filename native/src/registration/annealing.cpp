@@ -167,36 +167,44 @@ void update(MovingShape& side, const AnnealingRound& round, int solves, double l
     side.place();
 }
 
-Registration result_of(MovingShape& source, MovingShape& target) {
+Registration result_of(const MovingShape& source, const MovingShape& target) {
     const auto points = [](const MovingShape& side) {
         return deformed(side.shape.positions, side.shape.normals, side.graph, side.deformation);
     };
     DeformedCloud source_points = points(source), target_points = points(target);
-    return {std::move(source.deformation), std::move(target.deformation), std::move(source_points),
+    return {source.deformation, target.deformation, std::move(source_points),
             std::move(target_points)};
 }
 
 }  // namespace
 
-Registration annealed(const Annealing& annealing, const RegistrationStart& start,
-                      std::mt19937_64& random, Progress& progress) {
-    const auto& [shapes, level, schedule, options] = annealing;
-    MovingShape source(shapes.source, level, start.source, options.largest_scale);
-    MovingShape target(shapes.target, level, start.target, options.largest_scale);
-    Progress silent;  // the sides run next to each other
-    if (schedule.first_area_weight > 0.0)
-        on_both(source, target, [&](MovingShape& side, MovingShape&) {
-            side.areas = local_areas(side.shape, silent);
-        });
+struct AnnealingRun::Impl {
+    const Annealing annealing;
+    MovingShape source, target;
+    std::mt19937_64 random;
+    int done = 0;
 
-    const int rounds = schedule.stiff_rounds + schedule.rounds;
-    for (int k = 0; k < rounds; ++k) {
-        const AnnealingRound round = annealing_round(schedule, k, source.graph.size());
+    Impl(const Annealing& a, const RegistrationStart& start, const std::mt19937_64& r)
+        : annealing(a),
+          source(a.shapes.source, a.level, start.source, a.options.largest_scale),
+          target(a.shapes.target, a.level, start.target, a.options.largest_scale),
+          random(r) {
+        Progress silent;  // the sides run next to each other
+        if (a.schedule.first_area_weight > 0.0)
+            on_both(source, target, [&](MovingShape& side, MovingShape&) {
+                side.areas = local_areas(side.shape, silent);
+            });
+    }
+
+    void next() {
+        const auto& [shapes, level, schedule, options] = annealing;
+        const AnnealingRound round = annealing_round(schedule, done++, source.graph.size());
         if (round.draws)
             for (MovingShape* side : {&source, &target})
                 side->choose(draw_points(
                     side->shape, side->graph,
                     round.matches_all ? side->shape.size() : schedule.matched_points, random));
+        Progress silent;
         match(source, target, options.normal_weight, round.area_weight, silent);
         on_both(source, target, [&](MovingShape& side, MovingShape& other) {
             weigh(side, other, round.is_stiff, options);
@@ -205,9 +213,40 @@ Registration annealed(const Annealing& annealing, const RegistrationStart& start
             attract(side, other, shapes.features, &side == &target, options.feature_weight);
             update(side, round, schedule.solves, options.largest_scale);
         });
-        progress.report(static_cast<double>(k + 1) / rounds);
     }
-    return result_of(source, target);
+};
+
+AnnealingRun::AnnealingRun(const Annealing& annealing, const RegistrationStart& start,
+                           const std::mt19937_64& random)
+    : impl_(std::make_unique<Impl>(annealing, start, random)) {}
+
+AnnealingRun::~AnnealingRun() = default;
+
+int AnnealingRun::rounds() const {
+    return impl_->annealing.schedule.stiff_rounds + impl_->annealing.schedule.rounds;
+}
+
+void AnnealingRun::advance(int count, Progress& progress) {
+    for (int k = 0; k < count && impl_->done < rounds(); ++k) {
+        impl_->next();
+        progress.report(static_cast<double>(impl_->done) / rounds());
+    }
+}
+
+Registration AnnealingRun::result() const {
+    return result_of(impl_->source, impl_->target);
+}
+
+const std::mt19937_64& AnnealingRun::random() const {
+    return impl_->random;
+}
+
+Registration annealed(const Annealing& annealing, const RegistrationStart& start,
+                      std::mt19937_64& random, Progress& progress) {
+    AnnealingRun run(annealing, start, random);
+    run.advance(run.rounds(), progress);
+    random = run.random();
+    return run.result();
 }
 
 AnnealingRound annealing_round(const RegistrationLevel& schedule, int round, Index nodes) {

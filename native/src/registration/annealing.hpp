@@ -2,6 +2,7 @@
 // Not for callers of the library.
 #pragma once
 
+#include <memory>
 #include <random>
 #include <span>
 #include <vector>
@@ -25,6 +26,27 @@ struct Annealing {
 /// All rounds of a level. Points are drawn with `random`.
 Registration annealed(const Annealing& annealing, const RegistrationStart& start,
                       std::mt19937_64& random, Progress& progress);
+
+/// The same, some rounds at a time. Refers to all that it is given but the start.
+class AnnealingRun {
+public:
+    AnnealingRun(const Annealing& annealing, const RegistrationStart& start,
+                 const std::mt19937_64& random);
+    ~AnnealingRun();
+    AnnealingRun(const AnnealingRun&) = delete;
+    AnnealingRun& operator=(const AnnealingRun&) = delete;
+
+    int rounds() const;  ///< of the level
+    /// The next rounds, or what is left of them.
+    void advance(int count, Progress& progress);
+    /// What it has come to.
+    Registration result() const;
+    const std::mt19937_64& random() const;
+
+private:
+    struct Impl;
+    std::unique_ptr<Impl> impl_;
+};
 
 /// How stiff the shapes are in one round, and what counts in it.
 struct AnnealingRound {

@@ -1,5 +1,8 @@
 #include "registration/pose_trials.hpp"
 
+#include <limits>
+#include <memory>
+#include <random>
 #include <utility>
 
 #include "pointmorph/base/parallel.hpp"
@@ -9,6 +12,7 @@
 #include "pointmorph/registration/anchored_start.hpp"
 #include "pointmorph/registration/misfit.hpp"
 #include "pointmorph/registration/thin_plate.hpp"
+#include "registration/annealing.hpp"
 
 namespace pointmorph {
 
@@ -55,21 +59,60 @@ double dearer_by_asymmetry(const PoseSearch& search, const Positions& source_ima
                                             options.far);
 }
 
+/// One level of the thinned shapes, the target moved, some rounds at a time.
+class OpenTrial {
+public:
+    OpenTrial(const PoseSearch& search, const Similarity& alignment,
+              std::span<const IndexPair> features, const RegistrationStart& start,
+              const RegistrationLevel& level, const RegistrationOptions& options)
+        : search_(search),
+          alignment_(alignment),
+          there_(moved(search.target.thin, alignment)),
+          features_(features.begin(), features.end()),
+          level_(level),
+          options_(options),
+          shapes_{search.source.thin, there_, features_},
+          run_({shapes_, 0, level_, options_}, start, std::mt19937_64(1)) {}
+    OpenTrial(const OpenTrial&) = delete;
+    OpenTrial& operator=(const OpenTrial&) = delete;
+
+    void advance(int rounds) {
+        Progress silent;
+        run_.advance(rounds, silent);
+    }
+    int rounds() const { return run_.rounds(); }
+
+    /// The map as far as it has come, with its energy.
+    Trial trial() const {
+        Progress silent;
+        Trial trial{alignment_, run_.result()};
+        const Positions &images = trial.registration.source_points.positions,
+                        &back = trial.registration.target_points.positions;
+        trial.energy = registration_misfit(shapes_, 0, trial.registration, search_.distances,
+                                           search_.registration, silent)
+                           .energy() *
+                       dearer_by_asymmetry(search_, alignment_.inverse().apply(images), back);
+        return trial;
+    }
+
+private:
+    const PoseSearch& search_;
+    const Similarity alignment_;
+    const CoarseShape there_;
+    const std::vector<IndexPair> features_;
+    const RegistrationLevel level_;
+    const RegistrationOptions& options_;
+    const CoarsePair shapes_;
+    AnnealingRun run_;
+};
+
 /// One level of the thinned shapes, the target moved; with its energy.
 Trial registered(const PoseSearch& search, const Similarity& alignment,
                  std::span<const IndexPair> features, const RegistrationStart& start,
                  const RegistrationLevel& level, const RegistrationOptions& options) {
-    Progress silent;
-    const CoarseShape there = moved(search.target.thin, alignment);
-    const CoarsePair shapes{search.source.thin, there, features};
-    Trial trial{alignment, register_level(shapes, 0, start, level, options, silent)};
-    const Positions &images = trial.registration.source_points.positions,
-                    &back = trial.registration.target_points.positions;
-    trial.energy = registration_misfit(shapes, 0, trial.registration, search.distances,
-                                       search.registration, silent)
-                       .energy() *
-                   dearer_by_asymmetry(search, alignment.inverse().apply(images), back);
-    return trial;
+    OpenTrial trial(search, alignment, features, start, level, options);
+    trial.advance(trial.rounds());
+    return trial.trial();
 }
 
 /// Where the points of a trial have come to.
@@ -91,18 +134,32 @@ Trial begun_at_anchors(const PoseSearch& search, const TrialStart& start) {
                       level, search.registration);
 }
 
-Trial begun(const PoseSearch& search, const TrialStart& start) {
-    if (start.anchored) return begun_at_anchors(search, start);
+/// Where points start that nothing leads.
+RegistrationStart resting(const PoseSearch& search, const Similarity& alignment) {
     const CoarseShape &source = search.source.thin, &target = search.target.thin;
     // Curves and regions have to be brought over; by points alone a plate turns heads.
-    const RegistrationStart places =
-        source.guides.size() > 0
-            ? thin_plate_start({source, moved(target, start.alignment), search.features})
-            : RegistrationStart{source.positions, start.alignment.apply(target.positions)};
+    return source.guides.size() > 0
+               ? thin_plate_start({source, moved(target, alignment), search.features})
+               : RegistrationStart{source.positions, alignment.apply(target.positions)};
+}
+
+/// A trial halfway, or, where anchored, at its end.
+struct Begun {
+    std::unique_ptr<OpenTrial> open;  ///< goes on; none where extremities led, which let go now
+    Trial trial;
+};
+
+Begun begun(const PoseSearch& search, const TrialStart& start) {
+    if (start.anchored) return {nullptr, begun_at_anchors(search, start)};
+    const RegistrationStart places = resting(search, start.alignment);
     RegistrationLevel level = search.options.trial;
-    if (start.extremities.empty())
-        return registered(search, start.alignment, search.features, places, level,
-                          search.registration);
+    if (start.extremities.empty()) {
+        auto open = std::make_unique<OpenTrial>(search, start.alignment, search.features, places,
+                                                level, search.registration);
+        open->advance(level.stiff_rounds + level.rounds / 2);
+        Trial trial = open->trial();
+        return {std::move(open), std::move(trial)};
+    }
     // Extremities lead the way while the shapes are stiff; then the surfaces decide.
     level.rounds /= 2;
     level.last_stiffness = middle_stiffness(search.options.trial);
@@ -112,15 +169,19 @@ Trial begun(const PoseSearch& search, const TrialStart& start) {
     for (const IndexPair& match : start.extremities)
         guides.push_back({search.source.extremities[to_size(match.source)].point,
                           search.target.extremities[to_size(match.target)].point});
-    return registered(search, start.alignment, guides, places, level, soft);
+    return {nullptr, registered(search, start.alignment, guides, places, level, soft)};
 }
 
-Trial ended(const PoseSearch& search, const Trial& led) {
+Trial ended(const PoseSearch& search, const Begun& half) {
+    if (half.open) {
+        half.open->advance(half.open->rounds());
+        return half.open->trial();
+    }
     RegistrationLevel level = search.options.trial;
     level.stiff_rounds = 0;
     level.rounds -= level.rounds / 2;
     level.first_stiffness = middle_stiffness(search.options.trial);
-    return registered(search, led.alignment, search.features, from_there(led), level,
+    return registered(search, half.trial.alignment, search.features, from_there(half.trial), level,
                       search.registration);
 }
 
@@ -235,21 +296,32 @@ std::vector<PoseCluster> pose_clusters(const std::vector<Trial>& trials, double 
 
 void try_starts(const PoseSearch& search, const std::vector<TrialStart>& starts,
                 std::vector<Trial>& trials, Progress& progress) {
-    std::vector<Trial> made = in_part(progress, 0.0, 0.5, [&] {
-        return each<Trial>(
+    std::vector<Begun> made = in_part(progress, 0.0, 0.5, [&] {
+        return each<Begun>(
             starts, [&](const TrialStart& start) { return begun(search, start); }, progress);
     });
     std::vector<Trial> led;
-    for (std::size_t k = 0; k < starts.size(); ++k)
-        (starts[k].extremities.empty() || starts[k].anchored ? trials : led)
-            .push_back(std::move(made[k]));
+    std::vector<Begun> open;
+    for (std::size_t k = 0; k < starts.size(); ++k) {
+        if (made[k].open)
+            open.push_back(std::move(made[k]));
+        else
+            (starts[k].anchored ? trials : led).push_back(std::move(made[k].trial));
+    }
+    // Of 570 maps between animals that came within 1.3 of the best one, 20 were worse halfway, and
+    // none of the 420 that came within 1.15.
+    constexpr double kHopeless = 1.4;
+    double least = std::numeric_limits<double>::infinity();
+    for (const Begun& half : open) least = std::min(least, half.trial.energy);
+    std::erase_if(open, [&](const Begun& half) { return half.trial.energy > kHopeless * least; });
     keep_best(led, search.options.same);
     std::erase_if(led, [&](const Trial& trial) {
         return trial.energy > search.options.halfway_factor * led.front().energy;
     });
+    for (Trial& trial : led) open.push_back({nullptr, std::move(trial)});
     std::vector<Trial> finished = in_part(progress, 0.5, 1.0, [&] {
         return each<Trial>(
-            led, [&](const Trial& half) { return ended(search, half); }, progress);
+            open, [&](const Begun& half) { return ended(search, half); }, progress);
     });
     for (Trial& trial : finished) trials.push_back(std::move(trial));
     keep_best(trials, search.options.distinct);

@@ -123,7 +123,8 @@ std::vector<PoseCluster> pose_clusters(const std::vector<Trial>& trials, double 
                                        Index others);
 
 /// Registers from all, side by side, and sorts what is distinct into `trials`. Of those that
-/// extremities draw together, only what looks well halfway is followed to its end.
+/// extremities draw together, only what looks well halfway is followed to its end; of others, all
+/// but what looks hopeless there.
 void try_starts(const PoseSearch& search, const std::vector<TrialStart>& starts,
                 std::vector<Trial>& trials, Progress& progress);
 

@@ -105,5 +105,30 @@ TEST(Annealing, AShapeThatLiesOnItselfStaysThere) {
     EXPECT_LT((r.target_points.positions - egg.positions).rowwise().norm().maxCoeff(), 0.02);
 }
 
+TEST(Annealing, InPartsItComesToTheSameAsAtOnce) {
+    const Eggs eggs;
+    const RegistrationOptions options;
+    RegistrationLevel schedule = options.levels.front();
+    schedule.stiff_rounds = 1;
+    schedule.rounds = 5;
+    schedule.full_rounds = 2;
+    schedule.matched_points = 400;
+    const CoarsePair shapes{eggs.coarse_source, eggs.coarse_target};
+    const Annealing annealing{shapes, 0, schedule, options};
+    const RegistrationStart start{eggs.coarse_source.positions, eggs.coarse_target.positions};
+    Progress progress;
+    std::mt19937_64 random(1);
+    AnnealingRun run(annealing, start, random);
+    ASSERT_EQ(run.rounds(), 6);
+    run.advance(4, progress);
+    const Registration part = run.result();
+    run.advance(100, progress);  // no more than there are
+    const Registration parts = run.result(), whole = annealed(annealing, start, random, progress);
+    EXPECT_NE(part.source.positions, whole.source.positions);
+    EXPECT_EQ(parts.source.positions, whole.source.positions);
+    EXPECT_EQ(parts.target_points.positions, whole.target_points.positions);
+    EXPECT_EQ(run.random(), random);
+}
+
 }  // namespace
 }  // namespace pointmorph

@@ -75,14 +75,22 @@ TEST(PoseTrials, AnchorsAreTheFeaturesAndThoseExtremitiesThatNoneOfThemSitsOn) {
     EXPECT_EQ(found[1].target, 0);
 }
 
-TEST(PoseTrials, AnchorsBringShapesTogetherThatLieTheOtherWayRound) {
-    const std::vector<Vector3> spikes{{1.2, 0.3, -0.2},
-                                      {-0.3, 0.9, 0.5},
-                                      {-0.6, -0.5, 0.7},
-                                      {0.1, -0.4, -1.0},
-                                      {-1.0, 0.3, -0.5}};
-    const Matrix3 turn = Vector3(-1.0, -1.0, 1.0).asDiagonal();  // by half a turn
-    const auto lying = [&](const Matrix3& as, unsigned seed) {
+/// An urchin and the same, sampled otherwise and rotated by half a turn.
+struct TurnedUrchins {
+    Matrix3 turn = Vector3(-1.0, -1.0, 1.0).asDiagonal();
+    CoarseShape source = lying(Matrix3::Identity(), 3), target = lying(turn, 4);
+    PoseOptions options;
+    RegistrationOptions registration;
+    NodeDistances distances = node_distances(source, target);
+    std::vector<Extremity> source_tips = extremities(source, distances[0], options.extremities),
+                           target_tips = extremities(target, distances[1], options.extremities);
+
+    static CoarseShape lying(const Matrix3& as, unsigned seed) {
+        const std::vector<Vector3> spikes{{1.2, 0.3, -0.2},
+                                          {-0.3, 0.9, 0.5},
+                                          {-0.6, -0.5, 0.7},
+                                          {0.1, -0.4, -1.0},
+                                          {-1.0, 0.3, -0.5}};
         const shapes::Urchin urchin(4000, spikes, seed);
         const double unit = std::sqrt(estimated_area(KdTree<3>(urchin.positions)));
         Progress progress;
@@ -91,33 +99,54 @@ TEST(PoseTrials, AnchorsBringShapesTogetherThatLieTheOtherWayRound) {
         const Positions positions = urchin.positions * as.transpose() / unit;
         return coarse_shape(KdTree<3>(positions), urchin.normals * as.transpose(), {}, options,
                             progress);
-    };
-    const CoarseShape source = lying(Matrix3::Identity(), 3), target = lying(turn, 4);
-    const PoseOptions options;
-    const RegistrationOptions registration;
+    }
+    PoseSearch search() const {
+        Progress progress;
+        return {thinned_shape(source, source_tips, options.points, progress),
+                thinned_shape(target, target_tips, options.points, progress),
+                distances,
+                {},
+                {},
+                options,
+                registration};
+    }
+};
+
+std::vector<Trial> tried(const PoseSearch& search, const std::vector<TrialStart>& starts) {
+    std::vector<Trial> trials;
     Progress progress;
-    NodeDistances distances = node_distances(source, target);
-    std::vector<Extremity> source_tips = extremities(source, distances[0], options.extremities),
-                           target_tips = extremities(target, distances[1], options.extremities);
+    try_starts(search, starts, trials, progress);
+    return trials;
+}
+
+TEST(PoseTrials, WhatLooksHopelessHalfwayIsNotFollowed) {
+    const TurnedUrchins urchins;
+    const PoseSearch search = urchins.search();
+    const TrialStart right{Similarity{1.0, urchins.turn, Vector3::Zero()}, {}}, wrong{{}, {}};
+    const std::vector<Trial> best = tried(search, {right}), worst = tried(search, {wrong});
+    ASSERT_GT(worst.front().energy, 2.0 * best.front().energy);
+    ASSERT_GT(difference(worst.front(), best.front()), urchins.options.distinct);
+
+    const std::vector<Trial> both = tried(search, {wrong, right});
+    ASSERT_EQ(both.size(), 1u);
+    EXPECT_EQ(both.front().energy, best.front().energy);  // what went before it leaves no trace
+}
+
+TEST(PoseTrials, AnchorsBringShapesTogetherThatLieTheOtherWayRound) {
+    const TurnedUrchins urchins;
     ExtremityMatches matches;
-    for (std::size_t i = 0; i < source_tips.size(); ++i)
-        for (std::size_t j = 0; j < target_tips.size(); ++j)
-            if ((turn * source.positions.row(source_tips[i].point).transpose() -
-                 target.positions.row(target_tips[j].point).transpose())
+    for (std::size_t i = 0; i < urchins.source_tips.size(); ++i)
+        for (std::size_t j = 0; j < urchins.target_tips.size(); ++j)
+            if ((urchins.turn *
+                     urchins.source.positions.row(urchins.source_tips[i].point).transpose() -
+                 urchins.target.positions.row(urchins.target_tips[j].point).transpose())
                     .norm() < 0.1)
                 matches.push_back({static_cast<Index>(i), static_cast<Index>(j)});
     ASSERT_GE(matches.size(), 5u);
-    const PoseSearch search{thinned_shape(source, source_tips, options.points, progress),
-                            thinned_shape(target, target_tips, options.points, progress),
-                            distances,
-                            {},
-                            {},
-                            options,
-                            registration};
+    const PoseSearch search = urchins.search();
     const auto error = [&](bool anchored) {
-        std::vector<Trial> trials;
-        try_starts(search, {{Similarity{}, matches, anchored}}, trials, progress);
-        const Positions truth = search.source.thin.positions * turn.transpose();
+        const std::vector<Trial> trials = tried(search, {{Similarity{}, matches, anchored}});
+        const Positions truth = search.source.thin.positions * urchins.turn.transpose();
         return (trials.front().registration.source_points.positions - truth)
             .rowwise()
             .norm()
