@@ -219,8 +219,8 @@ void rate(const PoseSearch& search, Candidate& map) {
     map.cost = map.energy * (1.0 + search.options.tear_weight * map.torn);
 }
 
-/// The finest level, from a trial's map.
-Candidate to_the_finest(const PoseSearch& search, const Trial& trial) {
+/// A trial's map on all points of the coarsest level, carried to the nodes of the finest.
+RelaxedMap relaxed_on_all(const PoseSearch& search, const Trial& trial) {
     Progress silent;
     const CoarseShape& source = search.source.full;
     const CoarseShape there = moved(search.target.full, trial.alignment);
@@ -229,13 +229,29 @@ Candidate to_the_finest(const PoseSearch& search, const Trial& trial) {
             .positions;
     };
     const CoarsePair shapes{source, there, search.features};
-    const Registration coarse = register_level(
+    Registration coarse = register_level(
         shapes, 0, {all(source, trial.registration.source), all(there, trial.registration.target)},
         search.options.relaxation, search.registration, silent);
-    Candidate result{.alignment = trial.alignment,
-                     .registration = register_shapes(
-                         shapes, {coarse.source_points.positions, coarse.target_points.positions},
-                         search.registration, silent, 1)};
+    RelaxedMap map;
+    map.points = {std::move(coarse.source_points.positions),
+                  std::move(coarse.target_points.positions)};
+    RegistrationLevel as_it_is = search.options.relaxation;
+    as_it_is.stiff_rounds = as_it_is.rounds = 0;
+    map.candidate.alignment = trial.alignment;
+    map.candidate.registration =
+        register_level(shapes, static_cast<Index>(source.levels.size()) - 1, map.points, as_it_is,
+                       search.registration, silent);
+    rate(search, map.candidate);
+    return map;
+}
+
+/// The finest level.
+Candidate to_the_finest(const PoseSearch& search, const RelaxedMap& map) {
+    Progress silent;
+    const CoarseShape there = moved(search.target.full, map.candidate.alignment);
+    Candidate result{.alignment = map.candidate.alignment,
+                     .registration = register_shapes({search.source.full, there, search.features},
+                                                     map.points, search.registration, silent, 1)};
     rate(search, result);
     return result;
 }
@@ -360,10 +376,17 @@ std::vector<Candidate> with_motions(const PoseSearch& search, const Candidate& m
         progress);
 }
 
-std::vector<Candidate> continued(const PoseSearch& search, const std::vector<Trial>& trials,
+std::vector<RelaxedMap> relaxed_on_all_points(const PoseSearch& search,
+                                              const std::vector<Trial>& trials,
+                                              Progress& progress) {
+    return each<RelaxedMap>(
+        trials, [&](const Trial& trial) { return relaxed_on_all(search, trial); }, progress);
+}
+
+std::vector<Candidate> continued(const PoseSearch& search, const std::vector<RelaxedMap>& maps,
                                  Progress& progress) {
     return each<Candidate>(
-        trials, [&](const Trial& trial) { return to_the_finest(search, trial); }, progress);
+        maps, [&](const RelaxedMap& map) { return to_the_finest(search, map); }, progress);
 }
 
 Similarity implied_pose(const Positions& source, const Positions& images,

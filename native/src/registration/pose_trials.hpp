@@ -132,8 +132,18 @@ void try_starts(const PoseSearch& search, const std::vector<TrialStart>& starts,
 std::vector<Trial> relaxed(const PoseSearch& search, const std::vector<Trial>& trials,
                            Progress& progress);
 
+/// A map that has been registered on all points, on the coarsest level's nodes.
+struct RelaxedMap {
+    Candidate candidate;       ///< with the nodes of the finest level where it has them
+    RegistrationStart points;  ///< where it has all points
+};
+
+/// All of them on all points.
+std::vector<RelaxedMap> relaxed_on_all_points(const PoseSearch& search,
+                                              const std::vector<Trial>& trials, Progress& progress);
+
 /// All of them to the finest level.
-std::vector<Candidate> continued(const PoseSearch& search, const std::vector<Trial>& trials,
+std::vector<Candidate> continued(const PoseSearch& search, const std::vector<RelaxedMap>& maps,
                                  Progress& progress);
 
 /// A map of the finest level with each of the motions, and what that costs.
