@@ -47,8 +47,9 @@ struct PoseOptions {
     SymmetryOptions symmetry;
     PoseEffort effort{.variants = 8, .rounds = 3, .promising = 1.3};
     /// After it, where the best map is torn (`most_torn`), or where a larger share than
-    /// `most_opposed` of its images are back faces.
-    PoseEffort second_effort{.variants = 24, .rounds = 6, .promising = 1.5};
+    /// `most_opposed` of its images are back faces. Many rounds of few variants: it ends soon where
+    /// it finds nothing.
+    PoseEffort second_effort{.variants = 12, .rounds = 12, .promising = 1.5};
     double most_opposed = 0.002;
     // What is worse than the best by such a factor isn't followed further:
     double halfway_factor = 1.15;    ///< of maps that extremities have led halfway, in one round
