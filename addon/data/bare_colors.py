@@ -1,10 +1,13 @@
-"""Materials that glow with their base color and do nothing else: to be baked, and described."""
+"""Materials that glow with their base color, or with numbers that they have, and do nothing else:
+to be baked, and described."""
 
 import bpy
 
 from . import versions
-from .materials import CLEAR
+from .materials import CLEAR, METALS
 
+COLOR, ALPHA, SURFACE = "COLOR", "ALPHA", "SURFACE"
+"""What they glow with: their base color; alpha; roughness as red and metalness as green."""
 _MIXES = ("MIX_SHADER", "ADD_SHADER")
 # What nodes say that has to do with how they are shown, not with what they compute.
 _FOR_SHOW = {"name", "label", "width", "height", "parent", "select", "hide", "show_options"}
@@ -12,18 +15,20 @@ _FOR_SHOW |= {"show_preview", "show_texture", "location", "location_absolute", "
 _FOR_SHOW |= {"use_custom_color", "warning_propagation"}
 
 
-def bare(material, created):
-    """A copy of a material whose shaders are replaced by a glow in their color.
+def bare(material, kind, created):
+    """A copy of a material whose shaders are replaced by a glow.
 
     Parameters
     ----------
+    kind : str
+        COLOR, ALPHA or SURFACE.
     created : function
         Called with every data-block made.
     """
     copy = material.copy()
     created(copy)
     tree = copy.node_tree
-    _strip(tree, created)
+    _strip(tree, kind, created)
     output = tree.get_output_node("CYCLES")
     for name in ("Volume", "Displacement"):
         for link in output.inputs[name].links:
@@ -44,32 +49,62 @@ def black(created):
     return material
 
 
-def _strip(tree, created):
+def _strip(tree, kind, created):
     for node in list(tree.nodes):
         shaders = [output for output in node.outputs if output.type == "SHADER"]
         if node.type == "GROUP" and node.node_tree is not None and shaders:
             node.node_tree = node.node_tree.copy()
             created(node.node_tree)
-            _strip(node.node_tree, created)
+            _strip(node.node_tree, kind, created)
         elif node.type in _MIXES:
-            _leave_out_clear(tree, node)
-        elif shaders and node.type not in CLEAR:
-            _replace(tree, node, shaders[0])
+            if kind != ALPHA or node.type == "ADD_SHADER" or _is_by_path(node):
+                _leave_out_clear(tree, node)
+        elif shaders and (kind == ALPHA or node.type not in CLEAR):
+            _replace(tree, node, shaders[0], kind)
 
 
-def _replace(tree, node, shader):
-    """Puts a glow of its color in a shader's place."""
+def _replace(tree, node, shader, kind):
+    """Puts a glow in a shader's place."""
     name = next((n for n in ("Base Color", "Color") if n in node.inputs), None)
     if name is None or not shader.is_linked:
         return
     glow = tree.nodes.new("ShaderNodeEmission")
-    color = node.inputs[name]
-    if color.is_linked:
-        tree.links.new(color.links[0].from_socket, glow.inputs["Color"])
+    shown = glow.inputs["Color"]
+    if kind == COLOR:
+        _feed(tree, node.inputs[name], shown)
     else:
-        glow.inputs["Color"].default_value = color.default_value
+        numbers = tree.nodes.new("ShaderNodeCombineXYZ")
+        tree.links.new(numbers.outputs[0], shown)
+        if kind == ALPHA:
+            for socket in numbers.inputs:
+                _feed_number(tree, node, "Alpha", float(node.type not in CLEAR), socket)
+        else:
+            _feed_number(tree, node, "Roughness", 0.5, numbers.inputs["X"])
+            _feed_number(tree, node, "Metallic", float(node.type in METALS), numbers.inputs["Y"])
     for place in [link.to_socket for link in shader.links]:
         tree.links.new(glow.outputs[0], place)
+
+
+def _feed_number(tree, node, name, plain, socket):
+    """Gives a socket what a shader's input of that name gets; without such an input, `plain`."""
+    if name in node.inputs:
+        _feed(tree, node.inputs[name], socket)
+    else:
+        socket.default_value = plain
+
+
+def _feed(tree, known, socket):
+    """Gives a socket what another one gets."""
+    if known.is_linked:
+        tree.links.new(known.links[0].from_socket, socket)
+    else:
+        socket.default_value = known.default_value
+
+
+def _is_by_path(node):
+    """Whether a mix of shaders depends on the light's path."""
+    factor = node.inputs[0]
+    return factor.is_linked and factor.links[0].from_node.type == "LIGHT_PATH"
 
 
 def _leave_out_clear(tree, node):
@@ -79,7 +114,7 @@ def _leave_out_clear(tree, node):
     colored = [side.is_linked and side.links[0].from_node.type not in CLEAR for side in sides]
     factor = node.inputs[0]
     is_sum = node.type == "ADD_SHADER"
-    by_path = factor.is_linked and factor.links[0].from_node.type == "LIGHT_PATH" and not is_sum
+    by_path = not is_sum and _is_by_path(node)
     if all(colored) and not (is_sum or by_path):
         return
     kept = colored.index(True) if any(colored) else 0
@@ -101,6 +136,28 @@ def images_of(tree):
         elif node.type == "GROUP" and node.node_tree is not None:
             found += images_of(node.node_tree)
     return found
+
+
+def show_instead(tree, instead, created):
+    """Makes nodes of a tree, and copies of groups in it, show other images.
+
+    Parameters
+    ----------
+    instead : dict of Image to Image
+    created : function
+        Called with every data-block made.
+    """
+    for node in tree.nodes:
+        if getattr(node, "image", None) in instead:
+            node.image = instead[node.image]
+        elif node.type == "GROUP" and not instead.keys().isdisjoint(_images_in(node)):
+            node.node_tree = node.node_tree.copy()
+            created(node.node_tree)
+            show_instead(node.node_tree, instead, created)
+
+
+def _images_in(group):
+    return () if group.node_tree is None else images_of(group.node_tree)
 
 
 # --- What nodes say -------------------------------------------------------------------------------

@@ -110,6 +110,23 @@ def _read_file(path, like):
         bpy.data.images.remove(image)
 
 
+def is_whole(image):
+    """Whether `painted` gives all there is of an image, and its name is enough to find it in a file
+    with what a scene has of this one."""
+    return image.source in ("FILE", "GENERATED") and image.library is None
+
+
+def painted(image):
+    """(H, W, K): what an image shows, saved or not, as Blender keeps it: bytes, or floats. None
+    where there is nothing."""
+    values = arrays.image_pixels(image)
+    if values is None or image.is_float:
+        return values
+    values *= 255.0
+    values += 0.5
+    return values.astype(np.uint8)
+
+
 def write(name, values, created, is_color, known=None):
     """A packed image of 8 bits a channel.
 

@@ -14,7 +14,10 @@ from . import images, versions
 
 CLEAR = ("BSDF_TRANSPARENT", "HOLDOUT")
 """Types of shaders without a color."""
+METALS = ("BSDF_GLOSSY", "BSDF_ANISOTROPIC", "BSDF_METALLIC")
+"""Those of shaders that are metal."""
 _STEPS = 257  # of a color ramp
+_NUMBERS = ("alpha", "roughness", "metallic")
 
 
 @dataclass(frozen=True)
@@ -26,8 +29,8 @@ class Pictures:
     image : function
         See `images.read`.
     nodes : function
-        From a material whose base color can't be read from its nodes to an expression of
-        `core.looks` in its place, or None.
+        From a material, and a part of its Surface that can't be read from its nodes ("color",
+        "alpha", "roughness", "metallic"), to an expression of `core.looks` in its place, or None.
     uvs : dict of str to (C, 2) array
         UV maps that such expressions take, besides those of the mesh.
     why_not : str
@@ -35,9 +38,25 @@ class Pictures:
     """
 
     image: Callable = images.read
-    nodes: Callable = lambda material: None
+    nodes: Callable = lambda material, part: None
     uvs: dict = field(default_factory=dict)
     why_not: str = ""
+
+
+@dataclass(frozen=True)
+class _Unread:
+    """A number that nodes compute in a way that can't be read.
+
+    Attributes
+    ----------
+    plain : expression
+        What stands for it where nothing better does.
+    words : tuple of str
+        The nodes.
+    """
+
+    plain: object
+    words: tuple
 
 
 class Reader:
@@ -91,8 +110,10 @@ class Reader:
                     f'The shader of the material "{material.name}" can\'t be read: its viewport '
                     "color is used instead"
                 )
-        elif found.color is None:
-            found = replace(found, color=self._color_of_nodes(material))
+        else:
+            if found.color is None:
+                found = replace(found, color=self._color_of_nodes(material))
+            found = replace(found, **self._numbers_of_nodes(material, found))
         is_own = bool(self._from)
         if self._unread:
             words = ", ".join(dict.fromkeys(self._unread))
@@ -102,7 +123,7 @@ class Reader:
 
     def _color_of_nodes(self, material):
         """What stands for a color that can't be read from the nodes one by one."""
-        found = self._pictures.nodes(material)
+        found = self._pictures.nodes(material, "color")
         if found is not None:
             self._from = [f'the nodes of the material "{material.name}"']
             return found
@@ -111,6 +132,18 @@ class Reader:
         why_not = f". {self._pictures.why_not}" if self._pictures.why_not else ""
         self.remarks.append(f"{said}: its viewport color is used instead{why_not}")
         return _constant(material.diffuse_color)
+
+    def _numbers_of_nodes(self, material, surface):
+        """By name, what stands for numbers of a surface that can't be read."""
+        made = {}
+        for name in _NUMBERS:
+            value = getattr(surface, name)
+            if isinstance(value, _Unread):
+                made[name] = self._pictures.nodes(material, name)
+                if made[name] is None:
+                    self._unread += value.words
+                    made[name] = value.plain
+        return made
 
     # --- Shaders ----------------------------------------------------------------------------------
 
@@ -129,12 +162,12 @@ class Reader:
             return Surface(self._color(inputs[name], path), is_lit=False)
         roughness, metallic = _number(0.5), _number(0.0)
         if "Roughness" in inputs:
-            roughness = self._value(inputs["Roughness"], path)
-        if node.type in ("BSDF_GLOSSY", "BSDF_ANISOTROPIC", "BSDF_METALLIC"):
+            roughness = self._number(inputs["Roughness"], path)
+        if node.type in METALS:
             metallic = _number(1.0)
         elif "Metallic" in inputs:
-            metallic = self._value(inputs["Metallic"], path)
-        alpha = self._value(inputs["Alpha"], path) if "Alpha" in inputs else _number(1.0)
+            metallic = self._number(inputs["Metallic"], path)
+        alpha = self._number(inputs["Alpha"], path) if "Alpha" in inputs else _number(1.0)
         color = self._color(inputs[name], path)
         return Surface(color, alpha, roughness, metallic, self._relief(inputs, path))
 
@@ -154,25 +187,28 @@ class Reader:
             factor = _origin(node.inputs[0], path)[0]
             # By way of the light's path, glTF's files say that nothing shades.
             if factor is None or factor.node.type != "LIGHT_PATH":
-                share = self._value(node.inputs[0], path)
+                share = self._number(node.inputs[0], path)
         if len(known) == 1:
             if share is None or not set(kinds) & set(CLEAR):
                 return known[0]
             if solid[0] is not None:
-                share = _applied("rest", lambda x: 1.0 - x, share)
-            alpha = _applied("math MULTIPLY", np.multiply, known[0].alpha, share)
+                share = _combined("rest", lambda x: 1.0 - x, share)
+            alpha = _combined("math MULTIPLY", np.multiply, known[0].alpha, share)
             return replace(known[0], alpha=alpha)
         if share is None:
             return known[0]
-        if any(surface.color is None for surface in known):
-            known = [replace(surface, color=None) for surface in known]
         mixed = {
-            name: _applied(
+            name: _combined(
                 "blend MIX", looks.BLENDS["MIX"], share, *(getattr(s, name) for s in known)
             )
-            for name in ("color", "alpha", "roughness", "metallic")
-            if None not in [getattr(s, name) for s in known]
+            for name in _NUMBERS
         }
+        mixed["color"] = None
+        if isinstance(share, _Unread):
+            self._unread_color += share.words
+        elif all(surface.color is not None for surface in known):
+            colors = [surface.color for surface in known]
+            mixed["color"] = _applied("blend MIX", looks.BLENDS["MIX"], share, *colors)
         return replace(known[0], **mixed)
 
     def _relief(self, inputs, path):
@@ -206,6 +242,14 @@ class Reader:
             return None
         self._from += found_in
         return found
+
+    def _number(self, socket, path):
+        """A number, or `_Unread`."""
+        before = len(self._unread)
+        found = self._value(socket, path)
+        words = tuple(self._unread[before:])
+        del self._unread[before:]
+        return _Unread(found, words) if words else found
 
     def _value(self, socket, path, as_number=None):
         """The expression of an input."""
@@ -407,6 +451,14 @@ def _applied(name, function, *parts):
     if all(isinstance(part, Constant) for part in parts):
         return Constant(tuple(float(x) for x in found.at([None])[0]))
     return found
+
+
+def _combined(name, function, *parts):
+    """`_applied` to numbers some of which may be `_Unread`."""
+    words = [word for part in parts if isinstance(part, _Unread) for word in part.words]
+    plain = (part.plain if isinstance(part, _Unread) else part for part in parts)
+    found = _applied(name, function, *plain)
+    return _Unread(found, tuple(words)) if words else found
 
 
 def _clamped(expression):

@@ -76,6 +76,7 @@ class _Morphing(Recomputing):
             feature_choices(settings),
             [item.name for item in settings.loop],
             settings_values(settings),
+            blended_textures.wanted(context.scene),
         )
         # A script gets the same whatever was done before it.
         earlier = background_job.earlier if self._in_window else None

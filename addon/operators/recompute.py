@@ -23,8 +23,7 @@ class Recomputing(Computing):
             obj = obj.pointmorph.made_from  # it goes along
         self._name, self._made = obj.name, reference_to(obj)
         textures = blended_textures.wanted_again(context.scene, morph_object.shown_of(obj))
-        with_relief = textures is not None and textures.normal
-        plan = self._plan = yield from recomputation.plan_steps(context, obj, with_relief)
+        plan = self._plan = yield from recomputation.plan_steps(context, obj, textures)
         earlier = background_job.earlier if self._in_window else None
         return lambda progress: chains.compute_all(plan.requests, progress, earlier, textures)
 

@@ -1,6 +1,6 @@
-"""Base colors that can't be read from a material's nodes one by one, such as those of procedural
-textures: Cycles computes them, in a scene of its own, on an image that has a place for every
-face."""
+"""Base colors, alpha and roughness that can't be read from a material's nodes one by one, such as
+those of procedural textures: Cycles computes them, in a scene of its own, on an image that has a
+place for every face."""
 
 import hashlib
 import tempfile
@@ -10,51 +10,88 @@ import bpy
 import numpy as np
 import pointmorph
 
-from ..core import texels, textures
+from ..core import looks, texels, textures
 from ..core.looks import ImageColor
 from ..core.textures import Texture
-from ..data import arrays, bare_colors, other_blender
+from ..data import arrays, bare_colors, images, other_blender
 from ..data.materials import Pictures
+from ..data.references import find, reference_to
 from . import color_bake, object_looks
 
 _UV = "Pointmorph Baked"
 _PIXELS = 16  # a face
-_KEPT = 4
+_KEPT = 8
+COLORS = ("color", "alpha")
+ALL = (*COLORS, "roughness", "metallic")
+"""Parts of a Surface."""
+_KINDS = {
+    bare_colors.COLOR: ("color",),
+    bare_colors.ALPHA: ("alpha",),
+    bare_colors.SURFACE: ("roughness", "metallic"),
+}
+"""What is baked at once: a channel each, but for colors."""
 
 _known = {}
 """By what it depends on, what was baked last: Texture and UVs."""
 
 
-def needed_steps(context, obj, evaluated=None):
-    """Pictures to read an object's materials with, for which those are baked whose base color can't
-    be read otherwise. A generator that returns them, and yields words while another Blender bakes:
-    see `stepping`.
+def parts_for(options):
+    """What of a target is baked to draw its look with these `Options`, or None."""
+    return ALL if options is not None and options.roughness else COLORS
+
+
+def needed_steps(context, obj, as_shown, parts):
+    """Pictures to read an object's materials with, for which those are baked of which something
+    can't be read otherwise. A generator that returns them, and yields words while another Blender
+    bakes: see `stepping`.
 
     Parameters
     ----------
-    evaluated : Object, optional
-        As the viewport shows it, where that is what is read.
+    as_shown : bool
+        As the viewport shows it, else its own mesh.
+    parts : collection of str
+        COLORS or ALL.
     """
-    mesh = (obj if evaluated is None else evaluated).data
-    if not object_looks.unread_materials(obj, mesh):
-        return Pictures()
-    made = []
-    try:
-        copy = _copy(context, obj, evaluated, made.append)
-        return (yield from _baked_steps(context, copy, made))
-    except pointmorph.CloudError as error:
-        return Pictures(why_not=str(error))
-    finally:
-        _remove(made)
+    baked, layout, why_not = {}, {}, ""
+    for kind, kinds_parts in _KINDS.items():
+        wanted = [part for part in kinds_parts if part in parts]
+        evaluated = _evaluated(context, obj) if as_shown else None
+        mesh = (obj if evaluated is None else evaluated).data
+        if not object_looks.unread_materials(obj, mesh, wanted):
+            continue
+        made = []
+        try:
+            copy = _copy(context, obj, evaluated, made.append)
+            baked[kind], layout[_UV] = yield from _baked_steps(context, copy, kind, wanted, made)
+        except pointmorph.CloudError as error:
+            why_not = str(error)
+        finally:
+            _remove(made)
+
+    def nodes(material, part):
+        kind = next(kind for kind, names in _KINDS.items() if part in names)
+        texture, unread = baked.get(kind, (None, ()))
+        # What the viewport shows has copies of the materials.
+        if part not in parts or material.original not in unread:
+            return None
+        shown = ImageColor(texture, _UV, extension=textures.EXTEND, shrinks=False)
+        is_color = kind == bare_colors.COLOR
+        return shown if is_color else looks.channel(shown, _KINDS[kind].index(part))
+
+    return Pictures(nodes=nodes, uvs=layout, why_not=why_not)
 
 
-def _baked_steps(context, copy, made):
-    """Pictures with what was baked of a copy of an object. Removes what was made before it
-    yields."""
+def _evaluated(context, obj):
+    return obj.evaluated_get(context.evaluated_depsgraph_get())
+
+
+def _baked_steps(context, copy, kind, parts, made):
+    """What was baked of a copy of an object, a Texture and the materials it's for, and its UVs.
+    Removes what was made before it yields."""
     mesh = copy.data
     materials = object_looks.materials_of(copy, mesh)
-    unread = object_looks.unread_materials(copy, mesh)
-    key = _key(context, copy, materials)
+    unread = object_looks.unread_materials(copy, mesh, parts)
+    key = _key(context, copy, kind, [one in unread for one in materials], materials)
     if key not in _known or _depends_on_pixels(unread):
         counts = arrays.corner_counts(mesh)
         corners = arrays.vertex_positions(mesh)[arrays.mesh_corners(mesh)]
@@ -62,28 +99,31 @@ def _baked_steps(context, copy, made):
         image = bpy.data.images.new(_UV, *owners.shape, alpha=True, float_buffer=True, is_data=True)
         made.append(image)
         image.generated_color = (0.0, 0.0, 0.0, 0.0)
-        is_here = other_blender.command() is None or _has_unsaved_pixels(unread)
+        painted = _painted_images(unread)
+        is_here = other_blender.command() is None or not all(map(images.is_whole, painted))
         shown = [one if one in unread else None for one in materials]
-        _dress(copy, uvs, image, shown, made.append)
+        _dress(copy, uvs, image, shown, kind, made.append)
         if is_here:
+            _show_paint(copy, painted, made.append)
             _bake(context, copy, made.append)
             baked = arrays.image_pixels(image)
         else:
-            baked = yield from _bake_elsewhere_steps(context, copy, made)
-        # Not Blender's own margin: that mixes neighbors at the corners of faces.
-        colors = texels.filled(baked, baked[..., 3] > 0.0, owners)
-        values = (textures.to_srgb(colors) * 255.0 + 0.5).astype(np.uint8)
-        values[..., 3] = 255
+            painted = [reference_to(image) for image in painted]
+            baked = yield from _bake_elsewhere_steps(context, copy, painted, made)
         while len(_known) >= _KEPT:
             del _known[next(iter(_known))]
-        _known[key] = Texture(_UV, values, is_srgb=True, is_solid=True), uvs
+        _known[key] = _texture(baked, owners, kind == bare_colors.COLOR), uvs
     texture, uvs = _known[key]
-    color = ImageColor(texture, _UV, extension=textures.EXTEND, shrinks=False)
-    return Pictures(
-        # What the viewport shows has copies of the materials.
-        nodes=lambda material: color if material.original in unread else None,
-        uvs={_UV: uvs},
-    )
+    return (texture, unread), uvs
+
+
+def _texture(baked, owners, is_color):
+    # Not Blender's own margin: that mixes neighbors at the corners of faces.
+    values = texels.filled(baked, baked[..., 3] > 0.0, owners)
+    values = textures.to_srgb(values) if is_color else np.clip(values, 0.0, 1.0)
+    values = (values * 255.0 + 0.5).astype(np.uint8)
+    values[..., 3] = 255
+    return Texture(_UV, values, is_srgb=is_color, is_solid=True)
 
 
 def _size(faces):
@@ -91,7 +131,7 @@ def _size(faces):
     return next((size for size in (1024, 2048) if faces * _PIXELS <= size**2), texels.LARGEST)
 
 
-def _key(context, copy, materials):
+def _key(context, copy, kind, unread, materials):
     """What the colors of an object depend on, but for the pixels of images."""
     mesh = copy.data
     found = hashlib.blake2b(digest_size=16)
@@ -103,18 +143,17 @@ def _key(context, copy, materials):
         found.update(np.ascontiguousarray(part).tobytes())
     for one in materials:
         found.update(b"" if one is None else object_looks.described_nodes(one).encode())
-    return context.scene.frame_current, copy.name, found.digest()
+    return context.scene.frame_current, copy.name, kind, *unread, found.digest()
 
 
 def _depends_on_pixels(materials):
     return any(bare_colors.images_of(one.node_tree) for one in materials)
 
 
-def _has_unsaved_pixels(materials):
-    """Whether images were painted on that a file doesn't have yet."""
-    return any(
-        image.is_dirty for one in materials for image in bare_colors.images_of(one.node_tree)
-    )
+def _painted_images(materials):
+    """The images with paint that no file has yet."""
+    found = (image for one in materials for image in bare_colors.images_of(one.node_tree))
+    return [image for image in dict.fromkeys(found) if image.is_dirty]
 
 
 # --- The copy that is baked -----------------------------------------------------------------------
@@ -162,8 +201,8 @@ def _keep_generated(copy, before):
     key.value = 1.0
 
 
-def _dress(copy, uvs, image, materials, created):
-    """Gives every slot a material that glows with its base color and is baked onto the image;
+def _dress(copy, uvs, image, materials, kind, created):
+    """Gives every slot a material that glows with what is asked for and is baked onto the image;
     black where there is None."""
     mesh = copy.data
     layer = arrays.write_uvs(mesh, _UV, uvs)
@@ -176,13 +215,25 @@ def _dress(copy, uvs, image, materials, created):
     bare = {None: black}
     for material, slot in zip(materials, copy.material_slots, strict=True):
         if material not in bare:
-            bare[material] = bare_colors.bare(material, created)
+            bare[material] = bare_colors.bare(material, kind, created)
         slot.link = "OBJECT"
         slot.material = bare[material]
     for material in bare.values():
         nodes = material.node_tree.nodes
         nodes.active = nodes.new("ShaderNodeTexImage")
         nodes.active.image = image
+
+
+def _show_paint(copy, painted, created):
+    """Makes the materials of a copy show what was painted on images, not what files have of it."""
+    instead = {}
+    for image in filter(images.is_whole, painted):
+        pixels = images.painted(image)
+        if pixels is not None:
+            instead[image] = color_bake.stand_in(image, pixels)
+            created(instead[image])
+    for slot in copy.material_slots:
+        bare_colors.show_instead(slot.material.node_tree, instead, created)
 
 
 def _bake(context, copy, created):
@@ -199,14 +250,21 @@ def _bake(context, copy, created):
         raise _not_baked(copy.name, str(error).strip()) from None
 
 
-def _bake_elsewhere_steps(context, copy, made):
-    """The pixels, which another Blender bakes. Yields what it waits for."""
+def _bake_elsewhere_steps(context, copy, painted, made):
+    """The pixels, which another Blender bakes, with what was `painted`, references to images.
+    Yields what it waits for."""
     name, frame = copy.name, str(context.scene.frame_current)
     with tempfile.TemporaryDirectory(dir=bpy.app.tempdir, ignore_cleanup_errors=True) as folder:
         asked, baked = (str(Path(folder, file)) for file in ("asked.blend", "baked.npy"))
         bpy.data.libraries.write(asked, {copy}, path_remap="ABSOLUTE")
         _remove(made)  # nothing of it is to be seen meanwhile
         made.clear()
+        for reference in painted:
+            yield
+            image = find(bpy.data.images, reference)
+            pixels = None if image is None else images.painted(image)
+            if pixels is not None:
+                np.savez(Path(folder, f"{reference}.npz"), name=image.name, pixels=pixels)
         arguments = asked, name, frame, baked
         words = yield from other_blender.run_steps(color_bake.__file__, *arguments)
         if words is not None:

@@ -10,7 +10,7 @@ from ..core.look_transfer import Canvas, Options, draw
 from ..core.stepping import finish
 from ..core.transforms import move_positions
 from ..data import arrays, creation, images, look_nodes, nodes
-from . import morph_object, object_looks, path_display, recipes, stagger_nodes
+from . import baked_colors, morph_object, object_looks, path_display, recipes, stagger_nodes
 from .shape_reader import present_steps, read_own_steps, update
 
 UV_NAME = "Pointmorph"
@@ -74,7 +74,9 @@ def read_steps(context, obj, options):
 def _read_steps(context, obj, target, options):
     update(context, target)
     yield
-    shape = yield from read_own_steps(context, target, True, options.normal, True)
+    shape = yield from read_own_steps(
+        context, target, True, options.normal, baked_colors.parts_for(options)
+    )
     recipe = recipes.recipe_of(obj)
     if len(shape.positions) != recipe["points"][-1]:
         raise pointmorph.CloudError(

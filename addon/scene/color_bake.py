@@ -1,10 +1,12 @@
 """Cycles bakes an object's glow on the image that its materials show, in a scene of its own.
 
 As a script, this file does so in another Blender. Its arguments are a file with the object, its
-name, the frame, and the file where the pixels go.
+name, the frame, and the file where the pixels go. Beside the first file are those with what was
+painted on images: see `images.hand_over`.
 """
 
 import sys
+from pathlib import Path
 
 import bpy
 import numpy as np
@@ -39,10 +41,37 @@ def bake(context, obj, frame, created):
         bpy.ops.object.bake(type="EMIT", margin=0, use_clear=False)
 
 
+def stand_in(image, pixels):
+    """A new image with what was painted on another one: (H, W, K) bytes, or floats. Renderers take
+    that only of an image that is in no file."""
+    is_float = pixels.dtype != np.uint8
+    pixels = pixels if is_float else pixels / np.float32(255.0)
+    height, width, channels = pixels.shape
+    values = np.ones((height, width, 4), np.float32)
+    values[..., :3] = pixels[..., :3] if channels > 2 else pixels[..., :1]
+    if channels == 4:
+        values[..., 3] = pixels[..., 3]
+    made = bpy.data.images.new(image.name, width, height, alpha=True, float_buffer=is_float)
+    made.colorspace_settings.name = image.colorspace_settings.name
+    made.alpha_mode = image.alpha_mode
+    made.pixels.foreach_set(values.reshape(-1))
+    made.update()
+    return made
+
+
+def _take_over(file):
+    with np.load(file) as found:
+        image = bpy.data.images.get((str(found["name"]), None))
+        if image is not None:
+            image.user_remap(stand_in(image, found["pixels"]))
+
+
 def main(asked, name, frame, baked):
     with bpy.data.libraries.load(asked) as (_, loaded):
         loaded.objects = [name]
     [obj] = loaded.objects
+    for file in Path(asked).parent.glob("*.npz"):
+        _take_over(file)
     bake(bpy.context, obj, int(frame), lambda scene: None)
     image = obj.material_slots[0].material.node_tree.nodes.active.image
     values = np.empty(len(image.pixels), np.float32)

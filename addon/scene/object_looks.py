@@ -60,14 +60,20 @@ def materials_of(obj, mesh):
     return found
 
 
-def unread_materials(obj, mesh):
-    """The materials of an object's faces whose base color can't be read from their nodes."""
+def unread_materials(obj, mesh, parts):
+    """The materials of an object's faces of which some of these parts of a Surface can't be read
+    from their nodes."""
     found = []
-    reader = _reader(mesh, False, Pictures(images.without_pixels, found.append))
+
+    def note(material, part):
+        if part in parts:
+            found.append(material)
+
+    reader = _reader(mesh, False, Pictures(images.without_pixels, note))
     for material in _used(materials_of(obj, mesh), mesh):
         if material is not None:
             reader.surface(material)
-    return found
+    return list(dict.fromkeys(found))
 
 
 def _used(materials, mesh):
@@ -84,8 +90,8 @@ def described_nodes(material):
     return "" if tree is None else bare_colors.described(tree)
 
 
-def _named_nodes(material):
-    """In place of the color that nodes compute: their description."""
+def _named_nodes(material, part):
+    """In place of what nodes compute: their description."""
     return looks.Applied(f"nodes {zlib.crc32(described_nodes(material).encode()):08x}", None, ())
 
 

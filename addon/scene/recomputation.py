@@ -13,7 +13,7 @@ from ..core.computation import Request, Shape
 from ..core.features import Choice, Marks, match
 from ..core.settings import settings_values
 from ..data.feature_list import feature_choices
-from . import morph_builder, morph_object, recipes, staleness
+from . import baked_colors, morph_builder, morph_object, recipes, staleness
 from .shape_reader import present_steps, read_shape_steps, update
 
 
@@ -31,15 +31,15 @@ class Plan:
         return morph_builder.Provenance(shapes, self.origin, self.source_matrix)
 
 
-def plan_steps(context, obj, with_relief=False):
+def plan_steps(context, obj, textures=None):
     """How to compute a morph object again: with the panel's settings when the panel is about it,
     else with its own; from the objects it was made from or, when one is gone, from what it holds.
     A generator that yields often and returns a Plan.
 
     Parameters
     ----------
-    with_relief : bool
-        Reads what it takes to draw the target's normals, too.
+    textures : look_transfer.Options or None
+        How the target's look will be drawn: its normals and roughness are read if they are wanted.
 
     Raises
     ------
@@ -69,23 +69,25 @@ def plan_steps(context, obj, with_relief=False):
         loop, values = recipe["loop"], recipe["settings"]
     if missing:
         return _plan_from_itself(obj, recipe, values, loop, missing)
-    return (yield from plan_of_steps(context, shapes, choices, loop, values, with_relief))
+    return (yield from plan_of_steps(context, shapes, choices, loop, values, textures))
 
 
-def plan_of_steps(context, shapes, choices, loop, values, with_relief=False):
+def plan_of_steps(context, shapes, choices, loop, values, textures=None):
     """How to compute the morph from each of these objects to the next; see `plan_steps`."""
-    steps = _read_plan_steps(context, shapes, choices, loop, values, with_relief)
+    steps = _read_plan_steps(context, shapes, choices, loop, values, textures)
     return (yield from present_steps(context, shapes, steps))
 
 
-def _read_plan_steps(context, shapes, choices, loop, values, with_relief):
+def _read_plan_steps(context, shapes, choices, loop, values, textures):
     update(context, *shapes)
     origin = np.array(shapes[0].matrix_world.translation)
     read = []
     for number, shape in enumerate(shapes):
         yield
-        relief = with_relief and number == len(shapes) - 1
-        steps = read_shape_steps(context, shape, origin, number > 0, relief, True)
+        drawn = textures if number == len(shapes) - 1 else None
+        relief = drawn is not None and drawn.normal
+        bakes = baked_colors.parts_for(drawn)
+        steps = read_shape_steps(context, shape, origin, number > 0, relief, bakes)
         read.append((yield from steps))
     requests = []
     for source, target in pairwise(read):

@@ -56,7 +56,7 @@ def update(context, *objects):
     context.view_layer.update()
 
 
-def read_shape_steps(context, obj, origin, as_shown, with_relief=False, bakes=False):
+def read_shape_steps(context, obj, origin, as_shown, with_relief=False, bakes=()):
     """A generator that yields often and returns an object in the frame with the world's axes and
     this origin; `update` must come before.
 
@@ -64,7 +64,7 @@ def read_shape_steps(context, obj, origin, as_shown, with_relief=False, bakes=Fa
     ----------
     as_shown : bool
         With modifiers and shape keys, as in the viewport. A point cloud always is.
-    with_relief, bakes : bool
+    with_relief, bakes
         See `read_own_steps`.
     """
     matrix = transforms.relative_to(obj.matrix_world, origin)
@@ -73,15 +73,15 @@ def read_shape_steps(context, obj, origin, as_shown, with_relief=False, bakes=Fa
     return shape.moved(matrix)
 
 
-def read_own_steps(context, obj, as_shown, with_relief=False, bakes=False):
+def read_own_steps(context, obj, as_shown, with_relief=False, bakes=()):
     """The same in the object's own space.
 
     Parameters
     ----------
     with_relief : bool
         With normals at faces' corners, and normal maps.
-    bakes : bool
-        Whether colors that can't be read otherwise are baked.
+    bakes : collection of str
+        Parts of surfaces that are baked where they can't be read otherwise: see `baked_colors`.
     """
     if obj.type not in arrays.SHAPE_TYPES:
         raise pointmorph.CloudError(
@@ -109,8 +109,7 @@ def read_own_steps(context, obj, as_shown, with_relief=False, bakes=False):
     pictures = Pictures()
     if bakes:
         yield
-        shown = evaluated if changes else None
-        pictures = yield from baked_colors.needed_steps(context, obj, shown)
+        pictures = yield from baked_colors.needed_steps(context, obj, changes, bakes)
         yield
     if changes:
         depsgraph = context.evaluated_depsgraph_get()

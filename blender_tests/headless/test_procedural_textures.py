@@ -12,7 +12,7 @@ from scenes import add_mesh, coordinates, data_blocks, morph, patch
 pytestmark = pytest.mark.interface
 
 
-def read_shape(addon, obj, as_shown=False, bakes=True):
+def read_shape(addon, obj, as_shown=False, bakes=("color", "alpha")):
     """What a morph takes from an object."""
     bpy.context.view_layer.update()
     steps = addon("scene.shape_reader").read_own_steps(bpy.context, obj, as_shown, False, bakes)
@@ -165,9 +165,89 @@ def test_shaders_in_groups_and_beside_transparent_ones(addon, settings):
     assert [len(tree.nodes), len(tree.links), len(inner.nodes)] == words
     wanted, inside = field_colors((coordinates(obj.data.vertices)[:, :2] + 1) / 2)
     np.testing.assert_allclose(shape.colors[inside, :3], wanted[inside, :3], atol=6e-3)
-    [remark] = shape.skin.look.remarks  # that of the mix: alpha is the same everywhere
-    assert "Checker Texture" in remark
-    assert "viewport color" not in remark
+    assert shape.skin.look.remarks == ()
+    is_solid = wanted[inside, 0] == RED[0]  # where the checker's factor is 1
+    np.testing.assert_allclose(shape.colors[inside, 3], is_solid, atol=6e-3)
+
+
+def numbers_of_checker(made, fields=2.0):
+    """Feeds roughness, metalness and alpha of a material from a checker of 0.25 and 0.75."""
+    tree = made.node_tree
+    node, places = tree.nodes.new("ShaderNodeTexChecker"), tree.nodes.new("ShaderNodeTexCoord")
+    tree.links.new(places.outputs["UV"], node.inputs["Vector"])
+    node.inputs["Scale"].default_value = fields
+    for name, value in (("Color1", 0.75), ("Color2", 0.25)):
+        node.inputs[name].default_value = (value, value, value, 1)
+    for name in ("Roughness", "Metallic", "Alpha"):
+        tree.links.new(node.outputs["Color"], tree.nodes["Principled BSDF"].inputs[name])
+    return made
+
+
+def shares_of(values, *wanted):
+    return [float((np.abs(values - value) < 0.02).mean()) for value in wanted]
+
+
+@pytest.mark.parametrize("roughness", [True, False])
+def test_roughness_metalness_and_alpha_of_nodes(settings, roughness, capfd):
+    """What the base color is doesn't matter, and roughness is baked only on request."""
+    source, target = sheets(settings)
+    source.data.materials.append(material("Plain", (0.1, 0.1, 0.1, 1)))
+    target.data.materials.append(numbers_of_checker(checked("Checks", 2.0)))
+    settings.texture_size, settings.texture_roughness = "256", roughness
+    obj = morph()
+    color = image_of(obj)
+    assert min(shares_of(color[..., 3], 0.25, 0.75)) > 0.4
+    assert min(shares_of(linear(color[..., 0]), RED[0], BLUE[0])) > 0.4
+    said = capfd.readouterr().out
+    if not roughness:
+        assert 'Nodes of the material "Checks" can\'t be read (Checker Texture)' in said
+        return
+    assert "can't be read" not in said
+    surface = image_of(obj, "Surface")
+    for channel in (1, 2):
+        assert min(shares_of(surface[..., channel], 0.25, 0.75)) > 0.4
+    np.testing.assert_allclose(surface[..., 1], surface[..., 2], atol=0.01)
+    rough = surface[..., 1] > 0.5
+    assert (rough == (color[..., 3] > 0.5)).mean() > 0.95
+
+
+def test_a_share_of_two_shaders_that_nodes_compute(addon, settings):
+    """Their colors are mixed as it says, and their roughness and alpha as well."""
+    obj = add_mesh("Sheet", *patch(26))
+    flat_uvs(obj)
+    made = checked("Checks")
+    tree = made.node_tree
+    checks = next(node for node in tree.nodes if node.type == "TEX_CHECKER")
+    first, mix = tree.nodes["Principled BSDF"], tree.nodes.new("ShaderNodeMixShader")
+    second = tree.nodes.new("ShaderNodeBsdfGlossy")
+    for link in list(first.inputs["Base Color"].links):
+        tree.links.remove(link)
+    first.inputs["Base Color"].default_value, first.inputs["Roughness"].default_value = BLUE, 0.9
+    second.inputs["Color"].default_value, second.inputs["Roughness"].default_value = RED, 0.3
+    tree.links.new(checks.outputs[1], mix.inputs[0])
+    tree.links.new(first.outputs[0], mix.inputs[1])
+    tree.links.new(second.outputs[0], mix.inputs[2])
+    output = next(n for n in tree.nodes if n.type == "OUTPUT_MATERIAL")
+    tree.links.new(mix.outputs[0], output.inputs["Surface"])
+    obj.data.materials.append(made)
+    baked = addon("scene.baked_colors")
+    bpy.context.view_layer.update()
+    steps = addon("scene.shape_reader").read_own_steps(bpy.context, obj, False, False, baked.ALL)
+    look = addon("core.stepping").finish(steps).skin.look
+    assert look.remarks == ()
+    corners = np.arange(len(look.of_corners))[:, None]
+    shares = np.ones((len(corners), 1), np.float32)
+    uvs = (coordinates(obj.data.vertices)[:, :2] + 1) / 2
+    colors, inside = field_colors(uvs)
+    rows = np.array([loop.vertex_index for loop in obj.data.loops])
+    known = inside[rows]
+    is_second = (colors[:, 0] == RED[0])[rows][known]
+    for part, values in {"roughness": (0.9, 0.3), "metallic": (0.0, 1.0), "alpha": (1, 1)}.items():
+        found = look.values(lambda surface, part=part: getattr(surface, part), corners, shares)
+        wanted = np.where(is_second, values[1], values[0])
+        np.testing.assert_allclose(found[known, 0], wanted, atol=6e-3)
+    found = look.color_values(corners, shares)[known]
+    np.testing.assert_allclose(found[:, :3], colors[rows][known][:, :3], atol=6e-3)
 
 
 def test_slots_that_can_be_read_are_read(addon, settings):
@@ -214,7 +294,7 @@ def test_the_same_is_baked_once(addon, settings, monkeypatch):
     first = read_shape(addon, obj).colors
     np.testing.assert_array_equal(read_shape(addon, obj).colors, first)
     assert len(runs) == 1
-    read_shape(addon, obj, bakes=False)
+    read_shape(addon, obj, bakes=())
     assert len(runs) == 1
     node = next(n for n in obj.data.materials[0].node_tree.nodes if n.type == "TEX_CHECKER")
     node.inputs["Color1"].default_value = (0, 0, 0, 1)
@@ -259,7 +339,7 @@ def test_another_blender_bakes_the_same(addon, settings, elsewhere, request):
     places.id_data.links.new(places.outputs["Object"], checks.inputs["Vector"])
     bpy.context.view_layer.update()
     before = data_blocks()
-    steps = addon("scene.shape_reader").read_own_steps(bpy.context, obj, False, False, True)
+    steps = addon("scene.shape_reader").read_own_steps(bpy.context, obj, False, False, ("color",))
     waited = 0
     while True:
         try:
@@ -278,7 +358,7 @@ def test_another_blender_bakes_the_same(addon, settings, elsewhere, request):
 
 def test_another_blender_is_stopped_when_nobody_waits_for_it(addon, settings, elsewhere):
     obj = checked_sheet()
-    steps = addon("scene.shape_reader").read_own_steps(bpy.context, obj, False, False, True)
+    steps = addon("scene.shape_reader").read_own_steps(bpy.context, obj, False, False, ("color",))
     while next(steps) is None:
         pass
     [process] = elsewhere
@@ -296,15 +376,55 @@ def test_what_another_blender_said_is_told(addon, settings, elsewhere, monkeypat
     assert "no room left" in remark
 
 
-def test_what_was_painted_and_is_in_no_file_is_baked_here(addon, settings, elsewhere):
-    obj = checked_sheet()
-    tree = obj.data.materials[0].node_tree
-    image = tree.nodes.new("ShaderNodeTexImage")
-    image.image = new_image("Painted", np.ones((4, 4, 4), np.float32))
-    image.image.pixels[0] = 0.5
-    assert image.image.is_dirty
-    read_shape(addon, obj)
-    assert not elsewhere
+def painted_pixels(image):
+    values = np.empty(len(image.pixels), np.float32)
+    image.pixels.foreach_get(values)
+    return values
+
+
+def projected(name, image):
+    """An object whose color is an image that is projected from all sides, as no reader reads."""
+    obj = add_mesh(name, *patch(9))
+    flat_uvs(obj)
+    made = material(name)
+    node = with_nodes(made, "ShaderNodeTexImage", "Color", "UV")
+    node.projection, node.image = "BOX", image
+    obj.data.materials.append(made)
+    return obj
+
+
+@pytest.mark.parametrize("kind", ["saved", "packed", "generated", "float", "data", "transparent"])
+def test_another_blender_bakes_what_was_painted_and_is_in_no_file(
+    addon, settings, elsewhere, tmp_path, request, kind
+):
+    pixels = np.random.default_rng(3).uniform(0.1, 0.9, (8, 16, 4)).astype(np.float32)
+    if kind != "transparent":
+        pixels[..., 3] = 1.0
+    image = new_image("Paint", np.zeros((4, 4, 4), np.float32), packed=kind == "packed")
+    if kind == "float":
+        bpy.data.images.remove(image)
+        image = bpy.data.images.new("Paint", 4, 4, float_buffer=True, alpha=True)
+    if kind == "data":
+        image.colorspace_settings.name = "Non-Color"
+    if kind == "saved":
+        image.filepath_raw, image.file_format = str(tmp_path / "paint.png"), "PNG"
+        image.save()
+    image.scale(16, 8)
+    image.pixels.foreach_set(pixels.reshape(-1))
+    image.update()
+    assert image.is_dirty
+    obj, before = projected("Sheet", image), painted_pixels(image)
+    before_blocks = data_blocks()
+    colors = read_shape(addon, obj).colors
+    assert [process.returncode for process in elsewhere] == [0]
+    assert np.ptp(colors[:, :3]) > 0.1
+    assert image.is_dirty  # and still the user's to save
+    assert tuple(image.size) == (16, 8)
+    np.testing.assert_array_equal(painted_pixels(image), before)
+    assert data_blocks() == before_blocks
+    request.getfixturevalue("monkeypatch").undo()
+    addon("scene.baked_colors")._known.clear()
+    np.testing.assert_array_equal(read_shape(addon, obj).colors, colors)
 
 
 def test_without_cycles_it_is_said_what_to_do(addon, settings, capfd, monkeypatch):
