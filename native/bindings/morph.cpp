@@ -323,7 +323,7 @@ std::shared_ptr<Morph> restore_morph(const py::dict& source, const py::dict& tar
     Pairing pairs(to_size(rows.shape(0)));
     const auto view = rows.unchecked<2>();
     for (py::ssize_t i = 0; i < view.shape(0); ++i)
-        pairs[to_size(i)] = {static_cast<Index>(view(i, 0)), static_cast<Index>(view(i, 1))};
+        pairs[to_size(i)] = {to_index(view(i, 0)), to_index(view(i, 1))};
     const auto positions = [&](const char* name) { return from_numpy<Positions>(kept[name]); };
     KeptMorph remains{.source = cloud_of(source),
                       .target = cloud_of(target),

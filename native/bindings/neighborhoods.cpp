@@ -27,7 +27,7 @@ public:
     /// The triangle for each place, and the shares of its corners.
     std::pair<std::vector<Index>, Positions> of(const Positions& places, Progress& progress) const {
         progress.enter("closest places");
-        const auto count = static_cast<Index>(places.rows());
+        const auto count = to_index(places.rows());
         std::pair<std::vector<Index>, Positions> found{to_size(count), Positions(count, 3)};
         parallel_for(count, progress, [&](Index begin, Index end) {
             Index beside = -1;
@@ -92,7 +92,7 @@ void bind_neighborhoods(py::module_& module) {
                 const auto progress = make_progress(py::none());
                 const py::gil_scoped_release release;
                 const auto near = nearest_neighbors(KdTree<3>(positions), k, *progress);
-                const Index width = near.size() > 0 ? static_cast<Index>(near[0].size()) : 0;
+                const Index width = near.size() > 0 ? to_index(near[0].size()) : 0;
                 result = Eigen::Map<const Rows>(near.indices.data(), near.size(), width);
             }
             return to_numpy(std::move(result));
@@ -107,13 +107,13 @@ void bind_neighborhoods(py::module_& module) {
             const auto positions = from_numpy<Positions>(rows);
             const auto queries = from_numpy<Positions>(places);
             using Rows = Eigen::Matrix<Index, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
-            const Index width = std::clamp<Index>(k, 0, static_cast<Index>(positions.rows()));
+            const Index width = std::clamp<Index>(k, 0, to_index(positions.rows()));
             Rows result(queries.rows(), width);
             {
                 const auto progress = make_progress(py::none());
                 const py::gil_scoped_release release;
                 const KdTree<3> tree(positions);
-                const auto count = static_cast<Index>(queries.rows());
+                const auto count = to_index(queries.rows());
                 parallel_for(count, *progress, [&](Index begin, Index end) {
                     const auto size = to_size(width);
                     std::vector<double> squared(size);

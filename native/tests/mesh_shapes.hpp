@@ -76,7 +76,7 @@ inline Cloud icosphere(int levels) {
         const auto middle = [&](Index a, Index b) {
             const auto [entry, is_new] = middles.try_emplace(std::minmax(a, b), 0);
             if (is_new) {
-                entry->second = static_cast<Index>(p.size());
+                entry->second = to_index(p.size());
                 p.push_back((p[to_size(a)] + p[to_size(b)]).normalized());
             }
             return entry->second;
@@ -142,7 +142,7 @@ inline Cloud split(const Cloud& cloud) {
     for (std::size_t k = 0; k < cloud.faces.corners.size(); ++k) {
         result.positions.row(static_cast<Eigen::Index>(k)) =
             cloud.positions.row(cloud.faces.corners[k]);
-        result.faces.corners.push_back(static_cast<Index>(k));
+        result.faces.corners.push_back(to_index(k));
     }
     return result;
 }

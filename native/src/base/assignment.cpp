@@ -21,13 +21,13 @@ std::vector<IndexPair> each_others_best(const Eigen::MatrixXd& costs, double lar
                 best = best && (k == i || costs(k, j) > by_far * cost);
             for (Eigen::Index k = 0; k < costs.cols(); ++k)
                 best = best && (k == j || costs(i, k) > by_far * cost);
-            if (best) pairs.push_back({static_cast<Index>(i), static_cast<Index>(j)});
+            if (best) pairs.push_back({to_index(i), to_index(j)});
         }
     return pairs;
 }
 
 std::vector<Index> least_assignment(const Eigen::MatrixXd& costs) {
-    const auto rows = static_cast<Index>(costs.rows()), columns = static_cast<Index>(costs.cols());
+    const auto rows = to_index(costs.rows()), columns = to_index(costs.cols());
     // Row 0 and column 0 stand for "none".
     std::vector<double> row_price(to_size(rows) + 1, 0.0), column_price(to_size(columns) + 1, 0.0);
     std::vector<Index> row_of(to_size(columns) + 1, 0), before(to_size(columns) + 1, 0);
@@ -82,7 +82,7 @@ std::vector<IndexPair> cheapest_pairs(const Eigen::MatrixXd& costs, double alone
     all.leftCols(costs.cols()) = costs;
     const std::vector<Index> columns = least_assignment(all);
     std::vector<IndexPair> pairs;
-    for (Index i = 0; i < static_cast<Index>(costs.rows()); ++i)
+    for (Index i = 0; i < to_index(costs.rows()); ++i)
         if (const Index j = columns[to_size(i)]; j < costs.cols() && costs(i, j) < alone)
             pairs.push_back({i, j});
     return pairs;

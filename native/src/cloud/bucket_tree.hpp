@@ -66,7 +66,7 @@ private:
         const auto here = nodes_.size();
         const auto size = to_size(end - begin);
         if (size <= kSize) {
-            nodes_.push_back({-1, static_cast<Index>(buckets_.size()), 0.0, 0.0});
+            nodes_.push_back({-1, to_index(buckets_.size()), 0.0, 0.0});
             fill(points, begin, size);
             return;
         }
@@ -88,10 +88,10 @@ private:
         double below = keys_.front().first;
         for (auto key = keys_.begin(); key != middle_key; ++key)
             below = std::max(below, key->first);
-        nodes_.push_back({static_cast<Index>(axis), 0, below, middle_key->first});
+        nodes_.push_back({to_index(axis), 0, below, middle_key->first});
         std::ranges::transform(keys_, begin, &std::pair<double, Index>::second);
         split(points, begin, middle);
-        nodes_[here].next = static_cast<Index>(nodes_.size());
+        nodes_[here].next = to_index(nodes_.size());
         split(points, middle, end);
     }
 

@@ -178,7 +178,7 @@ std::vector<Index> spatial_order(const Positions& positions) {
 
 std::vector<Index> inverse_order(std::span<const Index> order) {
     std::vector<Index> rank(order.size());
-    for (std::size_t i = 0; i < order.size(); ++i) rank[to_size(order[i])] = static_cast<Index>(i);
+    for (std::size_t i = 0; i < order.size(); ++i) rank[to_size(order[i])] = to_index(i);
     return rank;
 }
 

@@ -167,7 +167,7 @@ public:
             flipped ^= links_[i] & 1;
             i = links_[i] >> 1;
         }
-        return {static_cast<Index>(i), flipped != 0};
+        return {to_index(i), flipped != 0};
     }
 
     /// Hangs the higher root below the lower one.

@@ -162,7 +162,7 @@ struct KdTree<Dim>::Impl {
 template <int Dim>
 KdTree<Dim>::KdTree(const Points& points)
     : points_(&points),
-      size_(static_cast<Index>(points.rows())),
+      size_(to_index(points.rows())),
       impl_(size_ > 0 ? std::make_unique<Impl>(points) : nullptr) {}
 
 template <int Dim>
@@ -185,7 +185,7 @@ Index KdTree<Dim>::nearest_within(const double* query, double radius, std::span<
     if (!impl_ || indices.empty() || !(radius > 0.0)) return 0;
     NearestResult result(radius * radius, indices, squared_distances);
     impl_->tree.find(result, query);
-    return static_cast<Index>(result.size());
+    return to_index(result.size());
 }
 
 template <int Dim>

@@ -117,7 +117,7 @@ Lod simplify(const Positions& positions, std::span<const Index> rows, const LodO
     members.reserve(rows.size());
     Node root{{}, Moments(positions.row(rows.front()).transpose())};
     for (const Index row : rows) {
-        members.push_back({positions.row(row), static_cast<Index>(members.size())});
+        members.push_back({positions.row(row), to_index(members.size())});
         root.moments.add(members.back().position);
     }
     root.members = members;
@@ -137,7 +137,7 @@ Lod simplify(const Positions& positions, std::span<const Index> rows, const LodO
         [&](const Node& node) { subtrees.push_back(node); });
     std::vector<std::vector<Index>> sizes(subtrees.size());
     parallel_for(
-        static_cast<Index>(subtrees.size()), progress,
+        to_index(subtrees.size()), progress,
         [&](Index begin, Index end) {
             for (auto i = to_size(begin); i < to_size(end); ++i)
                 splitter.descend(
@@ -145,14 +145,14 @@ Lod simplify(const Positions& positions, std::span<const Index> rows, const LodO
                     [&](const Node& node) {
                         std::ranges::sort(node.members, {},
                                           [&](const Member& m) { return splitter.row(m); });
-                        sizes[i].push_back(static_cast<Index>(node.members.size()));
+                        sizes[i].push_back(to_index(node.members.size()));
                     });
         },
         0.3, 0.9, 1);
 
     for (const auto& some : sizes)
         for (const Index size : some) result.offsets.push_back(result.offsets.back() + size);
-    const auto count = static_cast<Index>(result.offsets.size()) - 1;
+    const auto count = to_index(result.offsets.size()) - 1;
     result.centroids.resize(count, 3);
     result.members.resize(rows.size());
     result.cluster.resize(rows.size());

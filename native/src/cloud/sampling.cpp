@@ -53,7 +53,7 @@ struct Survivors {
           normals(all_normals.rows() > 0 ? gather(all_normals, rows) : all_normals),
           tree(positions) {}
 
-    Index size() const { return static_cast<Index>(rows.size()); }
+    Index size() const { return to_index(rows.size()); }
 
     bool agree(Index i, Index j) const {
         return normals.rows() == 0 || normals.row(i).dot(normals.row(j)) > 0.0;
@@ -127,7 +127,7 @@ public:
                     for (Index n = 0; n < found; ++n)
                         if (rows[to_size(n)] != i && points.agree(i, rows[to_size(n)]))
                             chunk.rows.push_back(rows[to_size(n)]);
-                    chunk.ends.push_back(static_cast<Index>(chunk.rows.size()));
+                    chunk.ends.push_back(to_index(chunk.rows.size()));
                 }
                 chunk.rows.shrink_to_fit();
             },
@@ -227,8 +227,7 @@ std::vector<Index> eliminate(const Survivors& points, const std::vector<bool>& k
     for (std::uint32_t n = 0; n < (1u << bits); ++n) {
         std::uint32_t place = 0;
         for (int bit = 0; bit < bits; ++bit) place |= (n >> bit & 1u) << (bits - 1 - bit);
-        if (place < size && !kept[to_size(points.rows[place])])
-            queue.push(static_cast<Index>(place));
+        if (place < size && !kept[to_size(points.rows[place])]) queue.push(to_index(place));
     }
 
     std::vector<bool> gone(points.rows.size(), false);
@@ -250,7 +249,7 @@ std::vector<Index> eliminate(const Survivors& points, const std::vector<bool>& k
 
 std::vector<Index> blue_noise(const Positions& candidates, const Normals& normals, Index count,
                               std::span<const Index> keep, Progress& progress) {
-    const auto size = static_cast<Index>(candidates.rows());
+    const auto size = to_index(candidates.rows());
     const std::vector<bool> kept = checked_keep(size, count, keep);
     std::vector<Index> result(keep.begin(), keep.end());
     if (to_size(count) == keep.size()) return result;
@@ -259,10 +258,10 @@ std::vector<Index> blue_noise(const Positions& candidates, const Normals& normal
     // on the order of the candidates.
     std::vector<Index> rows = spatial_order(candidates);
     PairWeight pair_weight{};
-    while (static_cast<Index>(rows.size()) > count) {
+    while (to_index(rows.size()) > count) {
         // Rounds that halve at the most: lists of neighbors get shorter, and what these left out
         // is looked for again.
-        const auto left = static_cast<Index>(rows.size());
+        const auto left = to_index(rows.size());
         const Survivors points(candidates, normals, std::move(rows));
         if (left == size) {
             // Twice the radius that `count` disks have when packed as densely as possible.

@@ -72,7 +72,7 @@ constexpr Index kAreaNeighbors = 12;
 template <class SquaredRadius>
 double probed_area(const Positions& positions, SquaredRadius&& squared_radius) {
     constexpr Index kProbes = 500;
-    const auto count = static_cast<Index>(positions.rows());
+    const auto count = to_index(positions.rows());
     if (count < 2) return 0.0;
     const Index step = std::max<Index>(1, count / kProbes);
     double sum = 0.0;

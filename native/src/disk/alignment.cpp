@@ -158,7 +158,7 @@ std::vector<Feature> features_of(const DiskPoints& source, const DiskPoints& tar
                                  Progress& progress) {
     std::vector<Feature> all(rows.size());
     parallel_for(
-        static_cast<Index>(rows.size()), progress,
+        to_index(rows.size()), progress,
         [&](Index begin, Index end) {
             for (auto i = to_size(begin); i < to_size(end); ++i) {
                 assert(rows[i].source >= 0 && rows[i].source < source.rows());
@@ -314,7 +314,7 @@ void apply(DiskPoints& disk, const Rotation* rotation, std::span<const Warp> war
            Progress& progress, double first, double last) {
     if (!rotation && warps.empty()) return;
     parallel_for(
-        static_cast<Index>(disk.rows()), progress,
+        to_index(disk.rows()), progress,
         [&](Index begin, Index end) {
             auto rows = disk.middleRows(begin, end - begin);
             if (rotation)

@@ -210,7 +210,7 @@ void uncross(ClosedCurve& closed, std::span<const std::string> names, const std:
         ClosedCurve next;
         next.curve = {gather(closed.curve.points, order), gather(closed.curve.normals, order)};
         for (std::size_t k = 0; k < order.size(); ++k)
-            if (corner[to_size(order[k])]) next.corners.push_back(static_cast<Index>(k));
+            if (corner[to_size(order[k])]) next.corners.push_back(to_index(k));
         closed = std::move(next);
     }
     throw FeatureError("loop", "a closed curve on " + name + " that doesn't cross itself",
@@ -324,7 +324,7 @@ std::array<Index, 2> clean_up(std::vector<Patch>& patches, const Neighborhoods& 
 ClosedCurve traced(const SampledSurface& surface, const KdTree<3>& tree, const CoarseCloud& coarse,
                    std::span<const SurfaceCurve> paths, std::span<const Index> rounds,
                    std::span<const std::string> names, Progress& progress) {
-    const auto corners = static_cast<Index>(paths.size());
+    const auto corners = to_index(paths.size());
     std::vector<SurfaceCurve> parts;
     for (std::size_t k = 0; k < paths.size(); ++k)
         parts.push_back(straightened(resampled(paths[k], coarse.spacing), coarse.tree,
@@ -361,8 +361,7 @@ Index lead_round(std::vector<SurfaceCurve>& paths, const CoarseCloud& coarse,
     constexpr double kBarred = 1000.0, kOther = 50.0;
     const KdTree<3> curve(closed.curve.points);
     const auto path_at = [&](Index place) {
-        return static_cast<Index>(std::ranges::upper_bound(closed.corners, place) -
-                                  closed.corners.begin()) -
+        return to_index(std::ranges::upper_bound(closed.corners, place) - closed.corners.begin()) -
                1;
     };
     const Index nearest = path_at(nearest_on_sheet(
@@ -425,7 +424,7 @@ Index first_astray(std::span<const Patch> patches, const CutRequest& request) {
         const std::size_t feature = request.loop.size() + k;
         if (request.wanted[k] != Patch::kCurve &&
             patches[to_size(request.features[feature])] != request.wanted[k])
-            return static_cast<Index>(feature);
+            return to_index(feature);
     }
     return -1;
 }
@@ -435,7 +434,7 @@ Index first_astray(std::span<const Patch> patches, const CutRequest& request) {
 Decomposition decompose(const SampledSurface& surface, const KdTree<3>& tree,
                         const CutRequest& request, const DecompositionOptions& options,
                         Progress& progress) {
-    const auto corners = static_cast<Index>(request.loop.size());
+    const auto corners = to_index(request.loop.size());
     const CoarseCloud coarse(surface, tree, request.features, options.points, progress);
 
     const Eigen::MatrixXd from = distances_from_features(coarse, request.features.size());
@@ -499,7 +498,7 @@ FeatureReach feature_reach(const SampledSurface& surface, const KdTree<3>& tree,
 }
 
 std::vector<Index> propose_loop(const FeatureReach& source, const FeatureReach& target) {
-    const auto count = static_cast<Index>(source.at_extremity.size());
+    const auto count = to_index(source.at_extremity.size());
     std::vector<Index> chosen;
     for (int needed = 2; needed >= 0 && chosen.size() < 3; --needed) {
         chosen.clear();

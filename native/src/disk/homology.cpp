@@ -30,7 +30,7 @@ struct Cells {
         std::vector<double> distance(of.size(), std::numeric_limits<double>::infinity());
         for (Index i = 0; i < graph.size(); ++i) {
             if (of[to_size(i)] >= 0) continue;
-            const auto mine = static_cast<Index>(centers.size());
+            const auto mine = to_index(centers.size());
             centers.push_back(i);
             for (const auto& [j, there] : search.from(i, radius))
                 if (there < distance[to_size(j)]) {

@@ -55,7 +55,7 @@ public:
     void add(std::uint32_t bits) {
         if (const std::uint32_t left = reduced(bits); left != 0) sums_.push_back(left);
     }
-    Index rank() const { return static_cast<Index>(sums_.size()); }
+    Index rank() const { return to_index(sums_.size()); }
 
 private:
     std::uint32_t reduced(std::uint32_t bits) const {
@@ -84,7 +84,7 @@ public:
           weights_(weights),
           progress_(progress),
           most_extremities_(options.extremities),
-          corners_(static_cast<Index>(names.size())),
+          corners_(to_index(names.size())),
           group_(names.size()) {
         for (const std::size_t m : {0u, 1u})
             surfaces_[m] = std::make_unique<NetworkSurface>(shapes[m], models[m], options);
@@ -132,8 +132,8 @@ public:
         result.detour = detour();
         std::vector<Index> face(2 * curves_.size());
         for (std::size_t f = 0; f < result.patches.size(); ++f)
-            for (const Dart dart : result.patches[f]) face[to_size(dart)] = static_cast<Index>(f);
-        const auto patches = static_cast<Index>(result.patches.size());
+            for (const Dart dart : result.patches[f]) face[to_size(dart)] = to_index(f);
+        const auto patches = to_index(result.patches.size());
         for (const std::size_t m : {0u, 1u}) {
             result.labels[m] = surfaces_[m]->labels(face, patches, progress_);
             const CoarseCloud& coarse = surfaces_[m]->coarse();
@@ -165,13 +165,13 @@ private:
         for (const std::size_t m : {0u, 1u}) {
             votes[m].assign(kMostHandles + 1, 0);
             for (Index h = 0; h <= kMostHandles; ++h) {
-                votes[m][to_size(h)] = static_cast<Index>(
-                    std::ranges::count(models_[m].scales, 2 * h, &LoopClasses::rank));
+                votes[m][to_size(h)] =
+                    to_index(std::ranges::count(models_[m].scales, 2 * h, &LoopClasses::rank));
                 if (votes[m][to_size(h)] > 0 && shapes_[m].genus == h)
                     votes[m][to_size(h)] += kKnown;
             }
             likeliest[m] = shapes_[m].genus.value_or(
-                static_cast<Index>(std::ranges::max_element(votes[m]) - votes[m].begin()));
+                to_index(std::ranges::max_element(votes[m]) - votes[m].begin()));
         }
         Index best = -1, most = 0;
         for (Index h = 0; h <= kMostHandles; ++h) {
@@ -380,7 +380,7 @@ private:
         std::vector<Index> sorted(walk.begin(), walk.end());
         std::ranges::sort(sorted);
         const auto distinct = std::ranges::unique(sorted).begin() - sorted.begin();
-        return static_cast<Index>(walk.size()) - static_cast<Index>(distinct);
+        return to_index(walk.size()) - to_index(distinct);
     }
 
     /// One more curve through a patch that meets itself.
@@ -416,8 +416,7 @@ private:
 
     void check() const {
         const auto patches = faces();
-        const Index euler =
-            corners_ - static_cast<Index>(curves_.size()) + static_cast<Index>(patches.size());
+        const Index euler = corners_ - to_index(curves_.size()) + to_index(patches.size());
         bool meets_itself = euler != 2 - rank();
         for (const auto& patch : patches)
             for (const Dart dart : patch)
@@ -526,7 +525,7 @@ Network trace_network(const std::array<NetworkShape, 2>& shapes, std::span<const
     Network result = best->finished();
     for (const std::size_t m : {0u, 1u})
         clean_up(result.labels[m], shapes[m].surface.nearest, shapes[m].features,
-                 static_cast<Index>(result.patches.size()));
+                 to_index(result.patches.size()));
     return result;
 }
 

@@ -84,7 +84,7 @@ NetworkSurface::NetworkSurface(const NetworkShape& shape, const CoarseModel& mod
       options_(options),
       model_(model),
       coarse_(model.cloud),
-      corners_(static_cast<Index>(shape.features.size())),
+      corners_(to_index(shape.features.size())),
       closed_(coarse_.rows.size(), 0),
       costs_(Values::Ones(coarse_.graph.size())),
       spokes_(shape.features.size()) {
@@ -187,7 +187,7 @@ public:
         for (std::size_t g = 0; g < goals.size(); ++g) {
             goal_links_.push_back(surface.links_of(goals[g]));
             for (const Link* link : goal_links_[g])
-                goals_at_[to_size(link->to)].push_back(static_cast<Index>(g));
+                goals_at_[to_size(link->to)].push_back(to_index(g));
         }
     }
 
@@ -202,7 +202,7 @@ public:
             const auto [so_far, place] = queue_.back();
             queue_.pop_back();
             if (so_far > distance_[place]) continue;
-            const auto node = static_cast<Index>(place / sheets_);
+            const auto node = to_index(place / sheets_);
             const auto bits = static_cast<std::uint32_t>(place % sheets_);
             left -= arrive(node, bits);
             for (const Link& link : surface_.links_[to_size(node)]) {
@@ -285,7 +285,7 @@ private:
         path.nodes.push_back(end);
         for (auto place = static_cast<std::int64_t>(last); place >= 0;
              place = before_[to_size(place)])
-            path.nodes.push_back(static_cast<Index>(place / sheets_));
+            path.nodes.push_back(to_index(place / sheets_));
         path.nodes.push_back(start);
         std::ranges::reverse(path.nodes);
         for (std::size_t k = 1; k < path.nodes.size(); ++k)
@@ -481,7 +481,7 @@ std::vector<Index> NetworkSurface::labels(std::span<const Index> face, Index pat
             if (row < 0) continue;
             Eigen::Index best = 0;
             if (chances.row(row).maxCoeff(&best) < kSure) ++doubtful;
-            node_labels[to_size(i)] = static_cast<Index>(best);
+            node_labels[to_size(i)] = to_index(best);
         }
         if (doubtful > kMostDoubtful * count)
             throw TopologyError(

@@ -70,7 +70,7 @@ struct Nodes {
           on_boundary(to_size(count), 0),
           weight(Values::Ones(count)) {}
 
-    Index size() const { return static_cast<Index>(positions.rows()); }
+    Index size() const { return to_index(positions.rows()); }
 
     void put_on_boundary(Index node, double its_angle) {
         on_boundary[to_size(node)] = 1;
@@ -124,7 +124,7 @@ Index connect(Nodes& nodes, const Neighborhoods& nearest, bool join_parts,
             std::to_string(std::llround(points)) + " points that aren't connected to the boundary",
             "Remove separate parts, or raise parameterization_neighbors or "
             "parameterization_radius.");
-    return static_cast<Index>(std::llround(points));
+    return to_index(std::llround(points));
 }
 
 /// An incomplete Cholesky factor that polls the caller between two iterations.
@@ -226,7 +226,7 @@ DiskPoints solve(const Nodes& nodes, const ParameterizationOptions& options,
         const auto a = to_size(axis);
         const Eigen::VectorXd b = right.col(axis);
         solution[a] = solver.solve(b);
-        iterations[a] = static_cast<Index>(solver.iterations());
+        iterations[a] = to_index(solver.iterations());
         residual[a] = solver.error();
     });
     progress.throw_if_cancelled();
@@ -360,7 +360,7 @@ std::vector<std::size_t> chosen_on_boundary(const SampledSurface& patch,
 Nodes simplified_nodes(const SampledSurface& patch, const CircleBoundary& boundary,
                        const Lod& lod) {
     const auto chosen = chosen_on_boundary(patch, boundary.loop, lod.size());
-    Nodes nodes(lod.size() + static_cast<Index>(chosen.size()));
+    Nodes nodes(lod.size() + to_index(chosen.size()));
     nodes.positions.topRows(lod.size()) = lod.centroids;
     for (Index c = 0; c < lod.size(); ++c) {
         Vector3 sum = Vector3::Zero();
@@ -369,7 +369,7 @@ Nodes simplified_nodes(const SampledSurface& patch, const CircleBoundary& bounda
         nodes.weight[c] = static_cast<double>(lod[c].size());
     }
     for (std::size_t b = 0; b < chosen.size(); ++b) {
-        const Index node = lod.size() + static_cast<Index>(b);
+        const Index node = lod.size() + to_index(b);
         nodes.positions.row(node) = patch.positions.row(boundary.loop[chosen[b]]);
         nodes.normals.row(node) = patch.normals.row(boundary.loop[chosen[b]]);
         nodes.put_on_boundary(node, boundary.angles[chosen[b]]);
@@ -442,8 +442,7 @@ std::vector<double> boundary_angles(const Positions& positions, std::span<const 
         return angles;
     }
     for (std::size_t p = 0; p < pins.size(); ++p) {
-        const bool in_loop =
-            pins[p].position >= 0 && pins[p].position < static_cast<Index>(loop.size());
+        const bool in_loop = pins[p].position >= 0 && pins[p].position < to_index(loop.size());
         const bool in_order =
             p == 0 || (pins[p - 1].position < pins[p].position &&
                        pins[p - 1].angle < pins[p].angle && pins[p].angle < pins[0].angle + kTurn);

@@ -68,7 +68,7 @@ std::vector<Index> standing_for(std::span<const IndexPair> pairs, Index IndexPai
         const double off =
             (other.positions.row(pairs[i].*other_side) - mean.row(row) / count[row]).stableNorm();
         if (result[to_size(row)] >= 0 && !(off < best[row])) continue;
-        result[to_size(row)] = static_cast<Index>(i);
+        result[to_size(row)] = to_index(i);
         best[row] = off;
     }
     return result;
@@ -89,7 +89,7 @@ std::vector<GapTriangle> gap_triangles(const EndSamples& source, const EndSample
         result.push_back(corners);
     };
     for (std::size_t i = 0; i < pairs.size(); ++i) {
-        const Index pair = static_cast<Index>(i);
+        const Index pair = to_index(i);
         const Index a = source.pairs[to_size(pairs[i].source)];
         const Index b = target.pairs[to_size(pairs[i].target)];
         add({pair, a, b});

@@ -89,7 +89,7 @@ std::vector<char> Lifetimes::crowded(const FrameSample& sample, Progress& progre
     NeighborSearch find;
     for (std::size_t a = 0; a < dead.size(); ++a) {
         if (a % kRowsPerReport == 0) progress.report(kHidden);
-        const Index row = sample.pairs + static_cast<Index>(a);
+        const Index row = sample.pairs + to_index(a);
         const auto counts = [&](Index other) {
             return other < sample.pairs || (other < row && !dead[to_size(other - sample.pairs)]);
         };
@@ -104,7 +104,7 @@ std::vector<char> Lifetimes::crowded(const FrameSample& sample, Progress& progre
 void Lifetimes::choose(const FrameSample& sample, std::span<const MissingPoints::Place> places,
                        std::vector<Index>& living, Progress& progress) {
     if (places.empty()) return;
-    const auto count = static_cast<Index>(places.size());
+    const auto count = to_index(places.size());
     Positions positions(count, 3);
     Normals normals(count, 3);
     for (Index i = 0; i < count; ++i) {
@@ -118,7 +118,7 @@ void Lifetimes::choose(const FrameSample& sample, std::span<const MissingPoints:
     for (Index i = 0; i < count; ++i) {
         if (i % kRowsPerReport == 0) progress.report(static_cast<double>(i) / count);
         if (covered[to_size(i)]) continue;
-        living.push_back(static_cast<Index>(chosen_.size()));
+        living.push_back(to_index(chosen_.size()));
         chosen_.push_back(places[to_size(i)]);
         tree.within(positions.row(i).data(), kEmpty * sample.spacing_at(places[to_size(i)].point),
                     near);

@@ -79,7 +79,7 @@ Matrix3 end_frame(const Mesh& mesh, const Positions& x, const Normals& normals, 
 /// part, over the edges where turns differ least.
 void make_turns_agree(const Triangles& triangles, std::vector<Move>& moves) {
     const MeshEdges edges(triangles);
-    const auto count = static_cast<Index>(moves.size());
+    const auto count = to_index(moves.size());
     std::vector<Index> order(to_size(count));
     for (Index f = 0; f < count; ++f) order[to_size(f)] = f;
     std::ranges::stable_sort(order, {}, [&](Index f) { return moves[to_size(f)].turn.norm(); });
@@ -133,7 +133,7 @@ struct MeshMotion::Bend {
           sheet(rest.positions, rest.triangles, progress),
           moves(to_size(rest.triangles.rows())) {
         const Normals end_normals = sheet.normals(ends, progress);
-        parallel_for(static_cast<Index>(moves.size()), progress, [&](Index begin, Index end) {
+        parallel_for(to_index(moves.size()), progress, [&](Index begin, Index end) {
             for (Index f = begin; f < end; ++f) {
                 const Matrix3 linear =
                     end_frame(mesh, ends, end_normals, f) * rest_frame(mesh, f).inverse();
@@ -200,7 +200,7 @@ struct MeshMotion::Bend {
     std::vector<double> agreements(const Normals& planes, const Positions& x,
                                    Progress& progress) const {
         std::vector<double> result(moves.size(), 1.0);
-        parallel_for(static_cast<Index>(moves.size()), progress, [&](Index begin, Index end) {
+        parallel_for(to_index(moves.size()), progress, [&](Index begin, Index end) {
             for (Index f = begin; f < end; ++f) {
                 const Vector3 normal = facing_of(sheet.places(x, f));
                 Vector3 plane = Vector3::Zero();
@@ -232,7 +232,7 @@ struct MeshMotion::Bend {
     /// Where triangles face at `x`.
     std::vector<Vector3> facings_at(const Positions& x) const {
         std::vector<Vector3> result(moves.size());
-        for (Index f = 0; f < static_cast<Index>(result.size()); ++f)
+        for (Index f = 0; f < to_index(result.size()); ++f)
             result[to_size(f)] = facing_of(sheet.places(x, f));
         return result;
     }

@@ -66,7 +66,7 @@ FrameSample::FrameSample(double time, const OrientedPoints& frame, const Resampl
                          std::size_t count)
     : t(time),
       unit(normalization(frame.positions)),
-      pairs(static_cast<Index>(frame.positions.rows())),
+      pairs(to_index(frame.positions.rows())),
       points(std::move(alive)),
       ids(std::move(their_ids)),
       rows(count, -1),
@@ -74,8 +74,7 @@ FrameSample::FrameSample(double time, const OrientedPoints& frame, const Resampl
       positions(with_places(unit.apply(frame.positions), points)),
       normals(with_normals(positions, frame.normals, points)),
       tree(positions) {
-    for (std::size_t i = 0; i < ids.size(); ++i)
-        rows[to_size(ids[i])] = pairs + static_cast<Index>(i);
+    for (std::size_t i = 0; i < ids.size(); ++i) rows[to_size(ids[i])] = pairs + to_index(i);
     for (Index pair = 0; pair < pairs; ++pair)
         spacing[pair] = resampling.options().spacing * resampling.spacing(pair, t) / unit.scale;
 }
@@ -111,9 +110,9 @@ std::vector<Index> MissingPoints::open_triangles(const FrameSample& sample,
                 is_wider_than(sample, i, kEmpty) &&
                 shows_front(sample.positions, sample.normals, triangles_[to_size(i)]);
     };
-    parallel_for(static_cast<Index>(triangles_.size()), progress, look, 0.0, kOpened);
+    parallel_for(to_index(triangles_.size()), progress, look, 0.0, kOpened);
     std::vector<Index> result;
-    for (Index i = 0; i < static_cast<Index>(is_open.size()); ++i)
+    for (Index i = 0; i < to_index(is_open.size()); ++i)
         if (is_open[to_size(i)]) result.push_back(i);
     return result;
 }
@@ -277,7 +276,7 @@ std::vector<MissingPoints::Place> MissingPoints::operator()(const FrameSample& s
     nearest_.resize(pairs_.size() + chosen_.size(), kNone);
     constexpr Index kChunk = 64;
     const std::vector<Gap> found_gaps = gaps(sample, dead, progress);
-    const auto count = static_cast<Index>(found_gaps.size());
+    const auto count = to_index(found_gaps.size());
     std::vector<std::vector<Place>> found(to_size((count + kChunk - 1) / kChunk));
     parallel_for(
         count, progress,

@@ -98,7 +98,7 @@ Motion::Motion(const Positions& positions, const Normals& normals, const Positio
     offsets_ =
         straight - bend_->prolongation(bend_->shape, end, positions_, normals_, progress).positions;
     constexpr double kSingular = 1e-3;
-    parallel_for(static_cast<Index>(positions_.rows()), progress, [&](Index first, Index last) {
+    parallel_for(to_index(positions_.rows()), progress, [&](Index first, Index last) {
         for (Index i = first; i < last; ++i) {
             const Matrix3 linear = bend_->prolongation.linear(i, end);
             const double scale = linear.norm();
@@ -120,7 +120,7 @@ OrientedPoints Motion::at(double t) const {
     const Similarity part = similarity_.at(t);
     const Matrix3 linear = unit_.scale * part.scale * part.rotation;
     const Vector3 translation = part.scale * (part.rotation * unit_.center) + part.translation;
-    parallel_for(static_cast<Index>(positions_.rows()), silent, [&](Index begin, Index end) {
+    parallel_for(to_index(positions_.rows()), silent, [&](Index begin, Index end) {
         for (Index i = begin; i < end; ++i) {
             const Vector3 x = result.positions.row(i).transpose();
             result.positions.row(i) = linear * x + translation;
@@ -140,7 +140,7 @@ void fade(const OrientedPoints& source, const OrientedPoints& target,
         for (int d = 0; d < 3; ++d) to[3 * pair + to_size(d)] = static_cast<Scalar>(from[d]);
     };
     Progress silent;
-    parallel_for(static_cast<Index>(pairs.size()), silent, [&](Index begin, Index end) {
+    parallel_for(to_index(pairs.size()), silent, [&](Index begin, Index end) {
         for (auto i = to_size(begin); i < to_size(end); ++i) {
             const auto [s, r] = pairs[i];
             if (!positions.empty())

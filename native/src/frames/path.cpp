@@ -159,7 +159,7 @@ void fill(const Cloud& cloud, std::span<const IndexPair> pairs, Index IndexPair:
     const std::size_t count = pairs.size();
     std::atomic<bool> too_large{false};
     Progress silent;
-    parallel_for(static_cast<Index>(count), silent, [&](Index begin, Index end) {
+    parallel_for(to_index(count), silent, [&](Index begin, Index end) {
         bool fits = true;
         for (auto i = to_size(begin); i < to_size(end); ++i) {
             const Index row = pairs[i].*side;
@@ -205,7 +205,7 @@ void check_complete(const Cloud& cloud) {
 template <class Scalar>
 StraightPath<Scalar>::StraightPath(const Cloud& source, const Cloud& target,
                                    std::span<const IndexPair> pairs)
-    : size_(static_cast<Index>(pairs.size())) {
+    : size_(to_index(pairs.size())) {
     check_complete(source);
     check_complete(target);
     const bool has_colors = source.colors.rows() > 0 || target.colors.rows() > 0;
@@ -222,7 +222,7 @@ StraightPath<Scalar>::StraightPath(const Cloud& source, const Cloud& target,
 template <class Scalar>
 StraightPath<Scalar>::StraightPath(const FrameView<const Scalar>& source,
                                    const FrameView<const Scalar>& target)
-    : size_(static_cast<Index>(source.radii.size())), source_(source), target_(target) {
+    : size_(to_index(source.radii.size())), source_(source), target_(target) {
     const auto check = [this](const Attribute& attribute, std::span<const Scalar> span) {
         if (span.size() != attribute.width * to_size(size_))
             throw OptionError(std::string("path ") + attribute.name,

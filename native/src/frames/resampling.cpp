@@ -60,7 +60,7 @@ Resampling::Resampling(const Cloud& source, const Cloud& target, std::span<const
         progress, kFirst, kBoth);
     plan_.source_size = from.size;
     plan_.target_size = to.size;
-    const auto count = static_cast<Index>(pairs.size());
+    const auto count = to_index(pairs.size());
     for (Values* values : {&plan_.source_spacing, &plan_.target_spacing, &plan_.source_density,
                            &plan_.target_density})
         values->resize(count);
@@ -104,8 +104,8 @@ double Resampling::unit_area(double t) const {
 Resampling::Alive Resampling::at(double t, const OrientedPoints& frame, Progress& progress) const {
     Alive alive;
     for (std::size_t i = 0; i < plan_.points.size(); ++i)
-        if (plan_.points[i].lifetime.share(t) > 0.0) alive.ids.push_back(static_cast<Index>(i));
-    const auto count = static_cast<Index>(alive.ids.size());
+        if (plan_.points[i].lifetime.share(t) > 0.0) alive.ids.push_back(to_index(i));
+    const auto count = to_index(alive.ids.size());
     alive.share.resize(count);
     alive.positions.resize(count, 3);
     alive.normals.resize(count, 3);

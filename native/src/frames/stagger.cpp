@@ -80,7 +80,7 @@ Values delays(const Positions& positions, const Values& given, const StaggerOpti
         const double side = std::max(options.size * extent.norm(), 1e-300);
         found.resize(positions.rows());
         Progress silent;
-        parallel_for(static_cast<Index>(found.size()), silent, [&](Index begin, Index end) {
+        parallel_for(to_index(found.size()), silent, [&](Index begin, Index end) {
             for (Index i = begin; i < end; ++i)
                 found[i] = noise((positions.row(i).transpose() - least) / side, options.seed);
         });
@@ -124,7 +124,7 @@ OrientedPoints PointwisePath::at(const Values& times) const {
             if (j != k) scales[k] /= times_[k] - times_[j];
     }
     Progress silent;
-    parallel_for(static_cast<Index>(times.size()), silent, [&](Index begin, Index end) {
+    parallel_for(to_index(times.size()), silent, [&](Index begin, Index end) {
         for (Index i = begin; i < end; ++i) {
             const double t = times[i];
             if (t <= 0.0 || t >= 1.0) {

@@ -30,7 +30,7 @@ struct Spacing {
     explicit Spacing(const Positions& positions, const OrderedNeighbors& neighbors)
         : number(inverse_order(neighbors.order)),
           values(local_spacing(gather(positions, neighbors.order), neighbors.nearest,
-                               static_cast<Index>(kNearest))) {}
+                               to_index(kNearest))) {}
 
     double operator[](Index row) const { return values[number[to_size(row)]]; }
 
@@ -42,15 +42,14 @@ struct Spacing {
 std::vector<Edge> edges_of(const OrderedNeighbors& near, std::span<const IndexPair> pairs,
                            Index IndexPair::*side, Index max_edges) {
     std::vector<Index> pair_of(near.order.size(), -1);
-    for (std::size_t i = pairs.size(); i-- > 0;)
-        pair_of[to_size(pairs[i].*side)] = static_cast<Index>(i);
+    for (std::size_t i = pairs.size(); i-- > 0;) pair_of[to_size(pairs[i].*side)] = to_index(i);
 
     const auto points = static_cast<std::int64_t>(near.order.size());
     const auto width = std::min<std::int64_t>(kNearest, points - 1);
     const std::int64_t count = std::min<std::int64_t>(width * points, max_edges);
     std::vector<Edge> edges(to_size(std::max<std::int64_t>(count, 0)));
     for (std::int64_t e = 0; e < count; ++e) {
-        const auto number = static_cast<Index>(e * points / count);
+        const auto number = to_index(e * points / count);
         const Index other = near.nearest[number][to_size(e % width)];
         const auto pair = [&](Index k) { return pair_of[to_size(near.order[to_size(k)])]; };
         edges[to_size(e)].pairs = {pair(number), pair(other)};
@@ -92,7 +91,7 @@ std::int64_t count_open(const Gaps& gaps, const Frame& frame, Progress& progress
         const KdTree<3> tree(middles);
         const double reach = std::ldexp(1.0, exponent + 1);
         parallel_for(
-            static_cast<Index>(frame.pairs.size()), progress,
+            to_index(frame.pairs.size()), progress,
             [&](Index begin, Index end) {
                 std::vector<std::pair<Index, double>> near;
                 for (Index i = begin; i < end; ++i) {
@@ -122,7 +121,7 @@ double open_share(std::span<const Edge> edges, const Frame& frame, Progress& pro
         const Eigen::RowVector3d middle = (frame.at(edge.pairs[0]) + frame.at(edge.pairs[1])) / 2.0;
         return std::pair(middle, limit);
     };
-    parallel_for(static_cast<Index>(edges.size()), progress, [&](Index begin, Index end) {
+    parallel_for(to_index(edges.size()), progress, [&](Index begin, Index end) {
         for (auto e = to_size(begin); e < to_size(end); ++e) {
             const auto [middle, limit] = gap(edges[e]);
             is_short[e] = (frame.at(edges[e].pairs[0]) - middle).squaredNorm() <= limit * limit;
@@ -148,8 +147,7 @@ std::vector<Cracks> find_cracks(const CrackSide& source, const CrackSide& target
     const auto neighbors = [&](const CrackSide& side,
                                std::optional<OrderedNeighbors>& own) -> const OrderedNeighbors* {
         if (side.neighbors) return side.neighbors;
-        return &own.emplace(
-            ordered_neighbors(side.positions, static_cast<Index>(kNearest), progress));
+        return &own.emplace(ordered_neighbors(side.positions, to_index(kNearest), progress));
     };
     const std::array near{neighbors(source, found[0]), neighbors(target, found[1])};
     std::array<std::optional<Spacing>, 2> spacing;

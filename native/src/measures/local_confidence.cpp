@@ -106,8 +106,8 @@ struct JudgedSurface {
         return result;
     }
 
-    Index size() const { return static_cast<Index>(positions.rows()); }
-    Index count() const { return static_cast<Index>(rows.size()); }
+    Index size() const { return to_index(positions.rows()); }
+    Index count() const { return to_index(rows.size()); }
     /// Places of this cloud's coordinates, at unit area.
     Positions at_unit_area(const Positions& given) const { return scale * unit.apply(given); }
     SidedPoint sided(Index row) const {
@@ -459,7 +459,7 @@ Values carried(const JudgedSurface& surface, const NodeTrees& trees, const Value
 std::vector<Index> feet_of(const Positions& images, const JudgedSurface& surface,
                            const NodeTrees& trees, std::span<const Index> partners) {
     const Positions normals = surface.nodes.rightCols<3>() / kSideWeight;
-    std::vector<Index> feet(to_size(static_cast<Index>(images.rows())));
+    std::vector<Index> feet(to_size(to_index(images.rows())));
     for (std::size_t k = 0; k < feet.size(); ++k)
         feet[k] =
             nearest_on_sheet(trees.by_place, normals, images.row(static_cast<Eigen::Index>(k)),

@@ -183,7 +183,7 @@ void find_reached(const MeasuredCloud& cloud, const MeasuredCloud& other,
     if (open.empty()) return;
     const KdTree<3> images(reverse.images);
     const double scale = cloud.root_area / other.root_area;
-    parallel_for(static_cast<Index>(open.size()), progress, [&](Index begin, Index end) {
+    parallel_for(to_index(open.size()), progress, [&](Index begin, Index end) {
         for (Index k = begin; k < end; ++k) {
             const Index i = open[to_size(k)];
             Index nearest = 0;
@@ -236,17 +236,16 @@ void find_distortion(MeasuredMap& map, Progress& progress) {
     PointQuality& points = map.points;
     const bool mirrored = is_mirrored(map.figures);
     points.distortion.resize(points.round_trip.size());
-    parallel_for(
-        static_cast<Index>(points.distortion.size()), progress, [&](Index begin, Index end) {
-            for (Index i = begin; i < end; ++i) {
-                double value = std::max(strain(points.stretch(i, 0), points.stretch(i, 1)),
-                                        points.round_trip[i] / kBadRoundTrip);
-                if (!points.reached[to_size(i)]) value = std::max(value, kBad);
-                if (points.measured[to_size(i)] && (points.flipped[to_size(i)] != 0) != mirrored)
-                    value = std::max(value, kFoldDistortion);
-                points.distortion[i] = value;
-            }
-        });
+    parallel_for(to_index(points.distortion.size()), progress, [&](Index begin, Index end) {
+        for (Index i = begin; i < end; ++i) {
+            double value = std::max(strain(points.stretch(i, 0), points.stretch(i, 1)),
+                                    points.round_trip[i] / kBadRoundTrip);
+            if (!points.reached[to_size(i)]) value = std::max(value, kBad);
+            if (points.measured[to_size(i)] && (points.flipped[to_size(i)] != 0) != mirrored)
+                value = std::max(value, kFoldDistortion);
+            points.distortion[i] = value;
+        }
+    });
 }
 
 /// As estimated_area(), but from all points, so that it doesn't depend on their order.

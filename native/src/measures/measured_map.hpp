@@ -30,7 +30,7 @@ struct MeasuredCloud {
     MeasuredCloud(const Cloud& cloud, const OrderedNeighbors& neighbors);
     MeasuredCloud(MeasuredCloud&&) = delete;  // the tree refers to the positions
 
-    Index size() const { return static_cast<Index>(positions.rows()); }
+    Index size() const { return to_index(positions.rows()); }
     Vector3 position(Index i) const { return positions.row(i); }
     Vector3 normal(Index i) const { return normals.row(i); }
     /// The nearest points, ascending by distance.

@@ -126,7 +126,7 @@ public:
         const Index point = nearest_point(place);
         if (!mesh_) return point;
         const auto vertex = std::ranges::find(mesh_->places, point);
-        return static_cast<Index>(vertex - mesh_->places.begin());
+        return to_index(vertex - mesh_->places.begin());
     }
 
     /// Whether an edge of the target itself is creased near a place.
@@ -162,7 +162,7 @@ private:
             samples_ = gather(made.positions, inner) * (mesh_->unit.scale / unit_.scale);
             return;
         }
-        const auto count = static_cast<Index>(points_.rows());
+        const auto count = to_index(points_.rows());
         const Index step = (count + kSamples - 1) / kSamples;
         samples_.resize((count + step - 1) / step, 3);
         for (Index i = 0; i < samples_.rows(); ++i) samples_.row(i) = points_.row(i * step);
@@ -215,7 +215,7 @@ private:
         sharp.erase(std::ranges::unique(sharp).begin(), sharp.end());
         std::vector<char> against(sharp.size(), 0);
         parallel_for(
-            static_cast<Index>(sharp.size()), progress,
+            to_index(sharp.size()), progress,
             [&](Index begin, Index end) {
                 for (Index i = begin; i < end; ++i) {
                     const Index f = sharp[to_size(i)];
@@ -262,7 +262,7 @@ private:
 
     void find_uncovered(Progress& progress) {
         const Positions& samples = target_.samples();
-        const auto count = static_cast<Index>(samples.rows());
+        const auto count = to_index(samples.rows());
         const TriangleTree tree(x_, mesh_.triangles, progress);
         std::vector<SurfacePoint> feet(to_size(count));
         parallel_for(
@@ -290,7 +290,7 @@ private:
     }
 
     void find_off(Progress& progress) {
-        const auto count = static_cast<Index>(x_.rows());
+        const auto count = to_index(x_.rows());
         std::vector<double> distances(to_size(count), -1.0);
         parallel_for(
             count, progress,
@@ -409,7 +409,7 @@ std::string advice_on(MeshFlaw flaw, const Fault& fault, const PlaceWords& words
 std::vector<Index> first_vertices(const Mesh& mesh) {
     std::vector<Index> result(to_size(mesh.positions.rows()), 0);
     for (std::size_t v = mesh.places.size(); v-- > 0;)
-        result[to_size(mesh.places[v])] = static_cast<Index>(v);
+        result[to_size(mesh.places[v])] = to_index(v);
     return result;
 }
 

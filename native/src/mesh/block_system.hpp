@@ -50,7 +50,7 @@ struct Laplacian {
     std::vector<double> weights;  ///< > 0
     std::vector<double> sums;     ///< of a vertex's weights
 
-    Index size() const { return static_cast<Index>(sums.size()); }
+    Index size() const { return to_index(sums.size()); }
 };
 
 struct SolveOptions {

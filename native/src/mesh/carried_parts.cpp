@@ -81,7 +81,7 @@ std::vector<Index> parts_without_counterpart(const Mesh& mesh, std::span<const I
                                              const WrapHolds& holds) {
     constexpr double kSmall = 0.06;  // radius, √area
     constexpr double kFew = 0.5;     // of the share of the target that its own area would have
-    const auto count = static_cast<Index>(mesh.part_areas.size());
+    const auto count = to_index(mesh.part_areas.size());
     if (count < 2) return {};
     std::vector<char> is_held(to_size(count), 0);
     const auto hold = [&](Index place) {
@@ -116,11 +116,11 @@ std::vector<Index> parts_without_counterpart(const Mesh& mesh, std::span<const I
 
 Mesh without_parts(const Mesh& mesh, std::span<const Index> parts,
                    std::vector<SurfacePoint>& on_mesh, Progress& progress) {
-    const auto count = static_cast<Index>(mesh.triangles.rows());
+    const auto count = to_index(mesh.triangles.rows());
     std::vector<Index> kept, number(to_size(count), -1);
     for (Index f = 0; f < count; ++f) {
         if (std::ranges::binary_search(parts, mesh.parts[to_size(mesh.triangles(f, 0))])) continue;
-        number[to_size(f)] = static_cast<Index>(kept.size());
+        number[to_size(f)] = to_index(kept.size());
         kept.push_back(f);
     }
     Mesh rest = mesh_of(mesh.unit, mesh.positions, mesh.triangles(kept, Eigen::all));
@@ -151,7 +151,7 @@ void carry_parts(const Mesh& mesh, const Mesh& rest, std::span<const Index> part
     const KdTree<3> tree(places);
     const auto of_parts = places_of_parts(mesh);
     parallel_for(
-        static_cast<Index>(parts.size()), progress,
+        to_index(parts.size()), progress,
         [&](Index begin, Index end) {
             for (Index k = begin; k < end; ++k) {
                 const auto& own = of_parts[to_size(parts[to_size(k)])];

@@ -59,7 +59,7 @@ SurfacePoint closest_on_triangle(const Vector3& p, const Vector3& a, const Vecto
 TriangleTree::TriangleTree(const Positions& positions, const Triangles& triangles,
                            Progress& progress)
     : triangles_(&triangles), positions_(&positions), order_(to_size(triangles.rows())) {
-    const auto count = static_cast<Index>(triangles.rows());
+    const auto count = to_index(triangles.rows());
     if (count == 0) return;
     std::iota(order_.begin(), order_.end(), 0);
     Positions middles(count, 3);
@@ -75,7 +75,7 @@ TriangleTree::TriangleTree(const Positions& positions, const Triangles& triangle
     std::vector<Branch> branches{{0, 0, count}};
     const auto at_each = [&](auto&& body) {
         parallel_for(
-            static_cast<Index>(branches.size()), progress,
+            to_index(branches.size()), progress,
             [&](Index begin, Index end) {
                 for (Index b = begin; b < end; ++b) body(to_size(b));
             },
@@ -141,7 +141,7 @@ TriangleTree::Box TriangleTree::box_of(Index begin, Index end) const {
 
 void TriangleTree::move(const Positions& positions, Progress& progress) {
     positions_ = &positions;
-    const auto count = static_cast<Index>(nodes_.size());
+    const auto count = to_index(nodes_.size());
     parallel_for(count, progress, [&](Index begin, Index end) {
         for (Index n = begin; n < end; ++n) {
             Node& node = nodes_[to_size(n)];

@@ -54,7 +54,7 @@ std::vector<Index> nearest_seeds(const Mesh& mesh, const Connections& connection
     std::priority_queue<Entry, std::vector<Entry>, std::greater<>> queue;
     for (std::size_t s = 0; s < seeds.size(); ++s) {
         distance[to_size(seeds[s])] = 0.0;
-        queue.emplace(0.0, static_cast<Index>(s), seeds[s]);
+        queue.emplace(0.0, to_index(s), seeds[s]);
     }
     for (Index popped = 0; !queue.empty(); ++popped) {
         const auto [so_far, seed, place] = queue.top();

@@ -45,7 +45,7 @@ Index Creases::across(Index f, Index k) const {
 std::vector<Index> creased_faces(const Mesh& mesh, const ElasticSheet& sheet, const Positions& x,
                                  Progress& progress) {
     const Creases creases(mesh, sheet);
-    const auto count = static_cast<Index>(mesh.triangles.rows());
+    const auto count = to_index(mesh.triangles.rows());
     std::vector<char> is_creased(to_size(count), 0);
     parallel_for(count, progress, [&](Index begin, Index end) {
         for (Index f = begin; f < end; ++f) is_creased[to_size(f)] = creases.of_face(x, f) > 0;
@@ -59,7 +59,7 @@ std::vector<Index> creased_faces(const Mesh& mesh, const ElasticSheet& sheet, co
 void take_back(const Mesh& mesh, const ElasticSheet& sheet,
                const std::function<bool(Index)>& is_worse, const std::function<bool(Index)>& back,
                Progress& progress) {
-    const auto count = static_cast<Index>(mesh.triangles.rows());
+    const auto count = to_index(mesh.triangles.rows());
     std::vector<char> is_bad(to_size(count), 0), is_due(to_size(count), 1);
     for (bool is_any = true; is_any;) {
         is_any = false;

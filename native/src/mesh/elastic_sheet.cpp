@@ -66,7 +66,7 @@ ElasticSheet::ElasticSheet(const Positions& rest, const Triangles& triangles, Pr
       kept_(to_size(triangles.rows())),
       offsets_(to_size(rest.rows()) + 1, 0),
       corners_(to_size(triangles.size())) {
-    parallel_for(static_cast<Index>(triangles.rows()), progress, [&](Index begin, Index end) {
+    parallel_for(to_index(triangles.rows()), progress, [&](Index begin, Index end) {
         for (Index f = begin; f < end; ++f) {
             Triangle& t = kept_[to_size(f)];
             t.metric << 1.0f, 0.0f, 1.0f;
@@ -91,7 +91,7 @@ void ElasticSheet::find_laplacian(Progress& progress) {
         Index to, triangle;
         double weight;
     };
-    const auto count = static_cast<Index>(rest_->rows());
+    const auto count = to_index(rest_->rows());
     /// Both sides of each corner at a vertex; of both ends of an edge in the same order.
     const auto find_sides = [&](Index v, std::vector<Side>& sides) {
         sides.clear();
@@ -171,7 +171,7 @@ Normals ElasticSheet::normals(const Positions& x, Progress& progress) const {
         }
         return sum;
     };
-    parallel_for(static_cast<Index>(x.rows()), progress, [&](Index begin, Index end) {
+    parallel_for(to_index(x.rows()), progress, [&](Index begin, Index end) {
         for (Index v = begin; v < end; ++v) {
             Vector3 sum = sum_around(x, v);
             if (!(sum.norm() > 0.0)) sum = sum_around(*rest_, v);
@@ -186,7 +186,7 @@ Normals ElasticSheet::normals(const Positions& x, Progress& progress) const {
 /// Of each triangle, instead of its metric: the logarithm of JᵀJ.
 void ElasticSheet::set_log_stretch(const Positions& x, Progress& progress) {
     const double most = 2.0 * std::log(kLargestStretch);
-    parallel_for(static_cast<Index>(kept_.size()), progress, [&](Index begin, Index end) {
+    parallel_for(to_index(kept_.size()), progress, [&](Index begin, Index end) {
         for (Index f = begin; f < end; ++f) {
             const Corners p = places(x, f);
             Eigen::Matrix<double, 3, 2> sides;
@@ -205,7 +205,7 @@ void ElasticSheet::set_log_stretch(const Positions& x, Progress& progress) {
 /// Of the vertices: as tensors in space, isotropic parts across the surface as well, so that they
 /// keep to it where it bends.
 std::vector<ElasticSheet::Tensor> ElasticSheet::smoothed_log(int sweeps, Progress& progress) const {
-    const auto count = static_cast<Index>(rest_->rows());
+    const auto count = to_index(rest_->rows());
     std::vector<Tensor> now(to_size(count), Tensor::Zero());
     parallel_for(count, progress, [&](Index begin, Index end) {
         for (Index v = begin; v < end; ++v) {
@@ -249,7 +249,7 @@ std::vector<ElasticSheet::Tensor> ElasticSheet::smoothed_log(int sweeps, Progres
 void ElasticSheet::set_metric(const Positions& x, int sweeps, Progress& progress) {
     set_log_stretch(x, progress);
     const std::vector<Tensor> logs = smoothed_log(sweeps, progress);
-    parallel_for(static_cast<Index>(kept_.size()), progress, [&](Index begin, Index end) {
+    parallel_for(to_index(kept_.size()), progress, [&](Index begin, Index end) {
         for (Index f = begin; f < end; ++f) {
             Eigen::Matrix<double, 6, 1> mean = Eigen::Matrix<double, 6, 1>::Zero();
             for (Index k = 0; k < 3; ++k)
@@ -272,7 +272,7 @@ double ElasticSheet::area_ratio(Index triangle) const {
 }
 
 void ElasticSheet::turn_vertices(const Positions& x, Progress& progress) {
-    const auto faces = static_cast<Index>(kept_.size());
+    const auto faces = to_index(kept_.size());
     std::vector<Matrix3> of_faces(to_size(faces));
     parallel_for(faces, progress, [&](Index begin, Index end) {
         for (Index f = begin; f < end; ++f) {
@@ -292,7 +292,7 @@ void ElasticSheet::turn_vertices(const Positions& x, Progress& progress) {
     });
     const bool have_turned = !turns_.empty();
     turns_.resize(to_size(x.rows()), Matrix3::Identity());
-    parallel_for(static_cast<Index>(x.rows()), progress, [&](Index begin, Index end) {
+    parallel_for(to_index(x.rows()), progress, [&](Index begin, Index end) {
         for (Index v = begin; v < end; ++v) {
             Matrix3 cross = Matrix3::Zero();
             for (const Index c : around(v)) cross += of_faces[to_size(c / 3)];

@@ -94,7 +94,7 @@ private:
 
 template <class Kept, class Would>
 Positions ElasticSheet::forces_toward(Would&& would, Progress& progress) const {
-    const auto faces = static_cast<Index>(kept_.size());
+    const auto faces = to_index(kept_.size());
     // On the second and third corner; the first is pulled against both.
     std::vector<Eigen::Matrix<Kept, 3, 2>> of_faces(to_size(faces));
     parallel_for(faces, progress, [&](Index begin, Index end) {

@@ -18,7 +18,7 @@ namespace {
 void span_membrane(const ElasticSheet& sheet, const MeshPatch& patch, std::vector<Index>& number,
                    Positions& x) {
     using Matrix = Eigen::SparseMatrix<double, Eigen::ColMajor, Index>;
-    const auto count = static_cast<Index>(patch.vertices.size());
+    const auto count = to_index(patch.vertices.size());
     for (Index i = 0; i < count; ++i) number[to_size(patch.vertices[to_size(i)])] = i;
     const Laplacian& laplacian = sheet.laplacian();
     std::vector<Eigen::Triplet<double, Index>> entries;
@@ -72,10 +72,10 @@ private:
     /// each sample is found where it is empty.
     std::vector<double> farthest(const std::vector<MeshPatch>& patches, std::vector<Index>& nearest,
                                  Progress& progress) const {
-        const auto count = static_cast<Index>(target_.samples.rows());
+        const auto count = to_index(target_.samples.rows());
         std::vector<Index> patch_of(to_size(mesh_.triangles.rows()), -1);
         for (std::size_t p = 0; p < patches.size(); ++p)
-            for (const Index f : patches[p].faces) patch_of[to_size(f)] = static_cast<Index>(p);
+            for (const Index f : patches[p].faces) patch_of[to_size(f)] = to_index(p);
         const bool is_first = nearest.empty();
         nearest.resize(to_size(count), -1);
         std::vector<double> distances(to_size(count), 0.0);
@@ -111,7 +111,7 @@ private:
         std::vector<Index> nearest;
         const std::vector<double> far = farthest(patches, nearest, progress);
         parallel_for(
-            static_cast<Index>(patches.size()), progress,
+            to_index(patches.size()), progress,
             [&](Index begin, Index end) {
                 std::vector<Index> number(to_size(x_.rows()), -1);
                 for (Index p = begin; p < end; ++p) {

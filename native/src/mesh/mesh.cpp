@@ -24,7 +24,7 @@ Eigen::RowVector3d doubled_area(const Positions& p, Index a, Index b, Index c) {
 
 /// Vertices in the order of their coordinates, for those at the very same place to be neighbors.
 void weld(const Positions& vertices, Mesh& mesh) {
-    const auto count = static_cast<Index>(vertices.rows());
+    const auto count = to_index(vertices.rows());
     std::vector<Index> order(to_size(count));
     std::iota(order.begin(), order.end(), 0);
     const auto less = [&](Index i, Index j) {
@@ -41,7 +41,7 @@ void weld(const Positions& vertices, Mesh& mesh) {
     std::vector<Index> rows;  // places are numbered as their first vertices are
     for (Index v = 0; v < count; ++v) {
         if (first[to_size(v)] == v) {
-            mesh.places[to_size(v)] = static_cast<Index>(rows.size());
+            mesh.places[to_size(v)] = to_index(rows.size());
             rows.push_back(v);
         } else {
             mesh.places[to_size(v)] = mesh.places[to_size(first[to_size(v)])];
@@ -91,7 +91,7 @@ void reverse(Mesh& mesh, Index f) {
 /// Returns whether any had to be turned.
 bool make_agree(const MeshEdges& edges, Mesh& mesh) {
     const Triangles& triangles = mesh.triangles;
-    const auto count = static_cast<Index>(triangles.rows());
+    const auto count = to_index(triangles.rows());
     std::vector<signed char> sign(to_size(count), 0);
     std::vector<Index> patch;
     for (Index seed = 0; seed < count; ++seed) {
@@ -142,7 +142,7 @@ Index root_of(std::vector<Index>& parents, Index i) {
 }
 
 void find_parts(Mesh& mesh) {
-    const auto count = static_cast<Index>(mesh.positions.rows());
+    const auto count = to_index(mesh.positions.rows());
     std::vector<Index> parents(to_size(count));
     std::iota(parents.begin(), parents.end(), 0);
     for (Index f = 0; f < mesh.triangles.rows(); ++f)
@@ -161,7 +161,7 @@ void find_parts(Mesh& mesh) {
     std::vector<Index> label(to_size(count), -1);
     mesh.part_areas.resize(static_cast<Eigen::Index>(roots.size()));
     for (std::size_t k = 0; k < roots.size(); ++k) {
-        label[to_size(roots[k])] = static_cast<Index>(k);
+        label[to_size(roots[k])] = to_index(k);
         mesh.part_areas[static_cast<Eigen::Index>(k)] = areas[roots[k]];
     }
     mesh.parts.resize(to_size(count));
@@ -186,7 +186,7 @@ bool shows_inside(const MeshEdges& edges, const Mesh& mesh) {
 }
 
 void find_normals(Mesh& mesh) {
-    const auto count = static_cast<Index>(mesh.triangles.rows());
+    const auto count = to_index(mesh.triangles.rows());
     mesh.normals.resize(count, 3);
     mesh.place_normals = Normals::Zero(mesh.positions.rows(), 3);
     for (Index f = 0; f < count; ++f) {
@@ -248,7 +248,7 @@ void find_borders(const MeshEdges& edges, Mesh& mesh) {
                 if (loop.size() > 2) mesh.borders.push_back(std::move(loop));
             }
             if (next[to_size(at)].empty()) break;
-            place_in_path[to_size(at)] = static_cast<Index>(path.size());
+            place_in_path[to_size(at)] = to_index(path.size());
             path.push_back(at);
             const Index to = next[to_size(at)].back();
             next[to_size(at)].pop_back();

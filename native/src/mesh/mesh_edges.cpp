@@ -12,7 +12,7 @@ MeshEdges::MeshEdges(const Triangles& triangles) : edges_(to_size(triangles.size
         return std::minmax({start_of(triangles, at), end_of(triangles, at)});
     };
     // By the lower end, then each few by the other one.
-    const auto count = static_cast<Index>(triangles.size());
+    const auto count = to_index(triangles.size());
     std::vector<Index> firsts(to_size(triangles.maxCoeff()) + 2, 0);
     for (Index side = 0; side < count; ++side) ++firsts[to_size(ends_of(side).first) + 1];
     for (std::size_t p = 1; p < firsts.size(); ++p) firsts[p] += firsts[p - 1];

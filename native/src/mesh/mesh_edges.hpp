@@ -18,7 +18,7 @@ public:
         Index k;
     };
 
-    Index size() const { return static_cast<Index>(offsets_.size()) - 1; }
+    Index size() const { return to_index(offsets_.size()) - 1; }
     std::span<const Side> operator[](Index edge) const {
         return {sides_.data() + offsets_[to_size(edge)],
                 sides_.data() + offsets_[to_size(edge) + 1]};

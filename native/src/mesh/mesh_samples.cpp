@@ -21,7 +21,7 @@ struct Candidates {
     std::vector<Eigen::RowVector3d> weights;
     std::vector<Eigen::RowVector3d> facing;  ///< 0 where the triangle tells
 
-    Index size() const { return static_cast<Index>(triangles.size()); }
+    Index size() const { return to_index(triangles.size()); }
     void add(Index triangle, const Eigen::RowVector3d& w,
              const Eigen::RowVector3d& normal = Eigen::RowVector3d::Zero()) {
         triangles.push_back(triangle);
@@ -83,7 +83,7 @@ struct SomeTriangle {
 
     explicit SomeTriangle(const Mesh& mesh)
         : triangle(to_size(mesh.positions.rows()), -1), corner(triangle.size(), -1) {
-        for (Index f = static_cast<Index>(mesh.triangles.rows()) - 1; f >= 0; --f)
+        for (Index f = to_index(mesh.triangles.rows()) - 1; f >= 0; --f)
             for (Index k = 0; k < 3; ++k) {
                 triangle[to_size(mesh.triangles(f, k))] = f;
                 corner[to_size(mesh.triangles(f, k))] = k;
@@ -142,7 +142,7 @@ public:
     }
 
     MeshSamples all(Progress& progress) const {
-        const auto parts = static_cast<Index>(triangles_.size());
+        const auto parts = to_index(triangles_.size());
         MeshSamples result;
         result.kept.assign(kept_.size(), -1);
         Candidates chosen;
@@ -166,7 +166,7 @@ private:
         const double all = mesh_.area() / (spacing_ * spacing_);
         const double least = std::min<double>(options_.least_per_part,
                                               0.25 * all / static_cast<double>(triangles_.size()));
-        return static_cast<Index>(std::lround(std::max({even, least, 1.0})));
+        return to_index(std::lround(std::max({even, least, 1.0})));
     }
 
     /// `edges` are those of the whole mesh, found when first needed.
@@ -186,7 +186,7 @@ private:
         if (!options_.even) {
             const Index first = chosen.size();
             for (std::size_t k = 0; k < from.kept.size(); ++k)
-                result.kept[to_size(from.kept[k])] = first + static_cast<Index>(k);
+                result.kept[to_size(from.kept[k])] = first + to_index(k);
             for (const Index row : from.border) result.border.push_back(first + row);
             add_random(from.places, mesh_, triangles_[to_size(part)], count - from.fixed, progress);
             chosen.add(from.places);
@@ -215,7 +215,7 @@ private:
         for (const Index row : blue_noise(positions, normals, count, keep, progress))
             chosen.add(from.places, row);
         for (std::size_t k = 0; k < from.kept.size(); ++k)
-            result.kept[to_size(from.kept[k])] = first + static_cast<Index>(k);
+            result.kept[to_size(from.kept[k])] = first + to_index(k);
         for (const Index row : from.border) result.border.push_back(first + row);
         result.parts.insert(result.parts.end(), to_size(count), part);
     }
@@ -227,7 +227,7 @@ private:
             Eigen::RowVector3d at = Eigen::RowVector3d::Zero();
             at[some_.corner[to_size(place)]] = 1.0;
             from.places.add(some_.triangle[to_size(place)], at, mesh_.place_normals.row(place));
-            from.kept.push_back(static_cast<Index>(k));
+            from.kept.push_back(to_index(k));
         }
     }
 
@@ -242,7 +242,7 @@ private:
             const auto kept = std::ranges::find_if(
                 from.kept, [&](Index k) { return kept_[to_size(k)] == place; });
             if (kept != from.kept.end()) {
-                along.push_back(static_cast<Index>(kept - from.kept.begin()));
+                along.push_back(to_index(kept - from.kept.begin()));
                 ahead = spacing;
             }
             const double length = (mesh_.positions.row(to) - mesh_.positions.row(place)).norm();
@@ -296,7 +296,7 @@ private:
         const double apart = std::max(spacing, 3.0 * total / static_cast<double>(count));
         for (const auto& [side, facing] : sharp) {
             const Index f = side / 3, k = side % 3;
-            const auto steps = static_cast<Index>(std::lround(length(f, k) / apart));
+            const auto steps = to_index(std::lround(length(f, k) / apart));
             for (Index i = 1; i < steps; ++i) {
                 Eigen::RowVector3d at = Eigen::RowVector3d::Zero();
                 at[(k + 1) % 3] = static_cast<double>(i) / static_cast<double>(steps);
@@ -355,7 +355,7 @@ private:
 Index sample_count(const Mesh& mesh) {
     const auto places = static_cast<std::int64_t>(mesh.positions.rows());
     const auto few = std::clamp<std::int64_t>(8 * places, 3000, 12000);
-    return static_cast<Index>(std::clamp<std::int64_t>(places / 4, few, 50000));
+    return to_index(std::clamp<std::int64_t>(places / 4, few, 50000));
 }
 
 MeshSamples sample_mesh(const Mesh& mesh, std::span<const Index> kept,

@@ -25,7 +25,7 @@ public:
         const Positions forces = sheet_.forces(x_, sides_, 1.0, progress);
         Positions next = x_;
         Normals sides = sides_;
-        const auto count = static_cast<Index>(x_.rows());
+        const auto count = to_index(x_.rows());
         parallel_for(count, progress, [&](Index begin, Index end) {
             for (Index v = begin; v < end; ++v) {
                 if (ground_.is_fixed[to_size(v)] || sheet_.around(v).empty()) continue;

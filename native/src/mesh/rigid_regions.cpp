@@ -9,7 +9,7 @@ namespace pointmorph {
 
 RigidRegions::RigidRegions(const Mesh& mesh, const Values& weights) : weights_(weights) {
     if (weights.rows() == 0 || !(weights.maxCoeff() > 0.0)) return;
-    const auto count = static_cast<Index>(mesh.positions.rows());
+    const auto count = to_index(mesh.positions.rows());
     std::vector<std::vector<Index>> next(to_size(count));
     Values areas = Values::Zero(count);
     for (Index f = 0; f < mesh.triangles.rows(); ++f)

@@ -62,7 +62,7 @@ void cut(const Positions& p, Index triangle, const std::array<Index, 6>& rows,
 std::vector<Index> middles_of_long(const Positions& positions, const Triangles& triangles,
                                    const MeshEdges& edges, double longest, Index most_places) {
     std::vector<Index> middles(to_size(edges.size()), -1);
-    const auto before = static_cast<Index>(positions.rows());
+    const auto before = to_index(positions.rows());
     Index count = before;
     for (Index e = 0; e < edges.size(); ++e)
         if (edge_length(positions, triangles, edges[e].front()) > longest)

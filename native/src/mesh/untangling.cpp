@@ -143,7 +143,7 @@ void put(const MeshPatch& patch, const Eigen::VectorXd& unknowns, Positions& x) 
 void descend(const Energy& energy, const MeshPatch& patch, double soft, int most_steps,
              double tolerance, Positions& x) {
     constexpr std::size_t kRemembered = 8;
-    const auto count = static_cast<Index>(3 * patch.vertices.size());
+    const auto count = to_index(3 * patch.vertices.size());
     Eigen::VectorXd at(count), gradient(count), next_gradient(count);
     for (std::size_t v = 0; v < patch.vertices.size(); ++v)
         at.segment<3>(3 * static_cast<Eigen::Index>(v)) = x.row(patch.vertices[v]).transpose();
@@ -220,7 +220,7 @@ void take_back(const Mesh& mesh, const WrapPartners& planes, const std::vector<M
 Index untangle(const Mesh& mesh, const ElasticSheet& sheet, const WrapPartners& planes,
                const std::vector<char>& is_fixed, const UntangleOptions& options, Positions& x,
                Progress& progress) {
-    const auto count = static_cast<Index>(mesh.triangles.rows());
+    const auto count = to_index(mesh.triangles.rows());
     std::vector<char> is_bad(to_size(count), 0);
     parallel_for(count, progress, [&](Index begin, Index end) {
         for (Index f = begin; f < end; ++f)
@@ -235,14 +235,14 @@ Index untangle(const Mesh& mesh, const ElasticSheet& sheet, const WrapPartners& 
         patches_around(mesh, sheet, bad, is_fixed, options.rings);
     const Positions start = options.creases ? x : Positions();
     parallel_for(
-        static_cast<Index>(patches.size()), progress,
+        to_index(patches.size()), progress,
         [&](Index begin, Index end) {
             std::vector<Index> number(to_size(x.rows()), -1);
             for (Index p = begin; p < end; ++p) {
                 const MeshPatch& patch = patches[to_size(p)];
                 if (patch.vertices.empty()) continue;
                 for (std::size_t v = 0; v < patch.vertices.size(); ++v)
-                    number[to_size(patch.vertices[v])] = static_cast<Index>(v);
+                    number[to_size(patch.vertices[v])] = to_index(v);
                 const double share = share_of(patch, is_bad, options);
                 const Positions before_all =
                     share < 1.0 ? Positions(x(patch.vertices, Eigen::all)) : Positions();
@@ -261,14 +261,14 @@ Index untangle(const Mesh& mesh, const ElasticSheet& sheet, const WrapPartners& 
                     const Index vertex = patch.vertices[v];
                     number[to_size(vertex)] = -1;
                     if (share < 1.0)
-                        x.row(vertex) = (1.0 - share) * before_all.row(static_cast<Index>(v)) +
-                                        share * x.row(vertex);
+                        x.row(vertex) =
+                            (1.0 - share) * before_all.row(to_index(v)) + share * x.row(vertex);
                 }
             }
         },
         0.0, 1.0, 1);
     if (options.creases) take_back(mesh, planes, patches, *options.creases, start, x);
-    return static_cast<Index>(std::ranges::count_if(
+    return to_index(std::ranges::count_if(
         bad, [&](Index f) { return agreement(mesh, planes, x, f) < options.least_agreement; }));
 }
 

@@ -90,8 +90,8 @@ Vector3 image_of(const Eigen::RowVector3d& offset, std::span<const Index> rows,
 VertexImages::VertexImages(const OrientedPoints& vertices, const OrientedPoints& samples,
                            double spacing, Progress& progress)
     : samples_(samples.positions), offsets_(vertices.positions.rows(), 3) {
-    const auto count = static_cast<Index>(vertices.positions.rows());
-    neighbors_ = std::min(kNeighbors, static_cast<Index>(samples.positions.rows()));
+    const auto count = to_index(vertices.positions.rows());
+    neighbors_ = std::min(kNeighbors, to_index(samples.positions.rows()));
     rows_.resize(to_size(count * neighbors_));
     weights_.resize(count * neighbors_);
     at_one_.assign(to_size(count), 0);
@@ -126,7 +126,7 @@ Positions VertexImages::positions(const Positions& images, Progress& progress) c
 
 Positions carried_positions(const OrientedView& vertices, const OrientedView& samples,
                             const Positions& images, double spacing, Progress& progress) {
-    const auto count = static_cast<Index>(vertices.positions.rows());
+    const auto count = to_index(vertices.positions.rows());
     const auto around =
         to_size(std::min<Eigen::Index>(VertexImages::kNeighbors, samples.positions.rows()));
     const NearSamples near(samples, spacing);

@@ -25,7 +25,7 @@ Normals smoothed(const OrientedPoints& points, Progress& progress) {
     const Neighborhoods nearest = nearest_neighbors(tree, kAround, progress);
     Normals now = points.normals, next(now.rows(), 3);
     for (int time = 0; time < kTimes; ++time) {
-        parallel_for(static_cast<Index>(now.rows()), progress, [&](Index begin, Index end) {
+        parallel_for(to_index(now.rows()), progress, [&](Index begin, Index end) {
             for (Index i = begin; i < end; ++i) {
                 Eigen::RowVector3d sum = now.row(i);
                 for (const Index j : nearest[i])
@@ -43,7 +43,7 @@ Normals smoothed(const OrientedPoints& points, Progress& progress) {
 std::vector<Index> parts_kept_to(const Mesh& mesh, const Positions& start, const Positions& samples,
                                  const std::vector<Index>& parts) {
     constexpr double kMost = 0.6;
-    const auto count = static_cast<Index>(mesh.part_areas.size());
+    const auto count = to_index(mesh.part_areas.size());
     std::vector<Index> result(to_size(count), -1);
     if (parts.empty()) return result;
     const Index targets = 1 + *std::ranges::max_element(parts);
@@ -128,7 +128,7 @@ const WrapTrees::Tree& WrapTrees::of_part(Kind kind, Index part, Progress& progr
     std::vector<Index> rows;
     if (part >= 0)
         for (std::size_t i = 0; i < labels.size(); ++i)
-            if (labels[i] == part) rows.push_back(static_cast<Index>(i));
+            if (labels[i] == part) rows.push_back(to_index(i));
     progress.report(0.0);
     tree = kind == kCoarse ? std::make_unique<Tree>(samples.positions, smooth_, std::move(rows),
                                                     scale_, kCoarseNormals)
@@ -154,7 +154,7 @@ WrapPartners WrapSamples::partners(const Positions& x, const Normals& normals, K
     last_[kind].resize(mesh_.parts.size(), -1);
     WrapPartners result{x, normals};
     parallel_for(
-        static_cast<Index>(x.rows()), progress,
+        to_index(x.rows()), progress,
         [&](Index begin, Index end) {
             for (Index v = begin; v < end; ++v) {
                 if (mesh_.parts[to_size(v)] < 0) continue;
@@ -184,7 +184,7 @@ std::pair<Vector3, Vector3> WrapSamples::partner(Index vertex, const Vector3& pl
 
 std::vector<Index> WrapSamples::uncovered(const TriangleTree& mesh, double distance,
                                           Progress& progress) const {
-    const auto count = static_cast<Index>(on_mesh_.size());
+    const auto count = to_index(on_mesh_.size());
     std::vector<char> is_far(to_size(count), 0);
     parallel_for(
         count, progress,

@@ -77,7 +77,7 @@ public:
 
     /// Of the coarse samples.
     const SurfacePoint& on_mesh(Index sample) const { return on_mesh_[to_size(sample)]; }
-    Index size() const { return static_cast<Index>(on_mesh_.size()); }
+    Index size() const { return to_index(on_mesh_.size()); }
     Vector3 position(Index sample) const;
     double share() const;  ///< of the area, of each sample
 

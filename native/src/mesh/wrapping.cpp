@@ -168,7 +168,7 @@ private:
     void find_areas(Progress& progress) {
         areas_ = Values::Zero(x_.rows());
         const double all = mesh_.area();
-        parallel_for(static_cast<Index>(x_.rows()), progress, [&](Index begin, Index end) {
+        parallel_for(to_index(x_.rows()), progress, [&](Index begin, Index end) {
             for (Index v = begin; v < end; ++v)
                 for (const Index c : sheet_.around(v))
                     areas_[v] += mesh_.areas[c / 3] / all * sheet_.area_ratio(c / 3) / 3.0;
@@ -210,7 +210,7 @@ private:
         right = sheet_.forces(x_, partners.normals, flat, progress);
         blocks.assign(to_size(x_.rows()), {});
         constexpr double kFull = 0.5;  // cosine between normals at which a partner counts in full
-        parallel_for(static_cast<Index>(x_.rows()), progress, [&](Index begin, Index end) {
+        parallel_for(to_index(x_.rows()), progress, [&](Index begin, Index end) {
             for (Index v = begin; v < end; ++v) {
                 const Vector3 normal = partners.normals.row(v).transpose();
                 const double agreement =
@@ -331,7 +331,7 @@ private:
     }
 
     void onto_faces(const Faces& faces, const WrapPartners& partners, Progress& progress) {
-        parallel_for(static_cast<Index>(x_.rows()), progress, [&](Index begin, Index end) {
+        parallel_for(to_index(x_.rows()), progress, [&](Index begin, Index end) {
             for (Index v = begin; v < end; ++v) {
                 if (sheet_.around(v).empty()) continue;
                 const Vector3 place = x_.row(v).transpose();
@@ -421,12 +421,12 @@ Positions after_coarse_mesh(const Mesh& mesh, const Positions& start, const Grou
     std::vector<WrapMark> coarse_marks;
     for (const WrapMark& mark : holds.marks) {
         const auto row = std::ranges::lower_bound(coarse.rows, mark.place) - coarse.rows.begin();
-        coarse_marks.push_back({static_cast<Index>(row), mark.target});
+        coarse_marks.push_back({to_index(row), mark.target});
     }
     const TriangleTree tree(coarse.mesh.positions, coarse.mesh.triangles, progress);
     std::vector<SurfacePoint> on_coarse = ground.on_mesh;
     parallel_for(
-        static_cast<Index>(on_coarse.size()), progress,
+        to_index(on_coarse.size()), progress,
         [&](Index begin, Index end) {
             for (Index s = begin; s < end; ++s) {
                 SurfacePoint& point = on_coarse[to_size(s)];

@@ -167,7 +167,7 @@ bool looks_mirrored(const Cuts& cuts, const RimAngles& angles) {
 
 PatchCloud patch_of(const PreparedShape& shape, const Decomposition& cut, Patch patch) {
     std::vector<Index> rows;
-    for (Index i = 0; i < static_cast<Index>(cut.patches.size()); ++i)
+    for (Index i = 0; i < to_index(cut.patches.size()); ++i)
         if (cut.patches[to_size(i)] == patch) rows.push_back(i);
     return PatchCloud(shape, std::move(rows), cut.curve);
 }
@@ -229,7 +229,7 @@ private:
         RouteFacts& facts = result_.facts;
         auto& said = is_source ? facts.source_parameterization : facts.target_parameterization;
         said.add(disk.facts);
-        said.boundary_points = static_cast<Index>(cloud.loop.size());
+        said.boundary_points = to_index(cloud.loop.size());
         warn_of_joined(disk, shape, result_.warnings);
         return std::move(disk.points);
     }

@@ -23,7 +23,7 @@ public:
           vertices_(mesh.vertices),
           polygons_(mesh.polygons),
           places_(mesh.places),
-          first_new_(static_cast<Index>(mesh.places.size())) {}
+          first_new_(to_index(mesh.places.size())) {}
 
     const Mesh& mesh() const { return mesh_; }
     /// Of each place that is new: the places that it lies between.
@@ -34,15 +34,15 @@ public:
     Index halve(std::vector<char> is_halved) {
         const MeshEdges edges(mesh_.triangles);
         add_longest(edges, is_halved);
-        const auto before = static_cast<Index>(mesh_.positions.rows());
+        const auto before = to_index(mesh_.positions.rows());
         std::vector<Index> middles(to_size(edges.size()), -1);
         for (Index e = 0; e < edges.size(); ++e) {
             if (!is_halved[to_size(e)]) continue;
-            middles[to_size(e)] = static_cast<Index>(before + (ends_.size() - old_ends_));
+            middles[to_size(e)] = to_index(before + (ends_.size() - old_ends_));
             ends_.push_back({start_of(mesh_.triangles, edges[e].front()),
                              end_of(mesh_.triangles, edges[e].front())});
         }
-        const auto count = static_cast<Index>(ends_.size() - old_ends_);
+        const auto count = to_index(ends_.size() - old_ends_);
         Positions positions = mesh_.positions;
         positions.conservativeResize(before + count, 3);
         for (Index k = 0; k < count; ++k) {
@@ -58,7 +58,7 @@ public:
     DenserMesh result(const Positions& x) const {
         return {vertices_, polygons_, vertex_ends_, gather(x, places_)};
     }
-    Index size() const { return static_cast<Index>(places_.size()); }
+    Index size() const { return to_index(places_.size()); }
 
 private:
     double squared_length(MeshEdges::Side side) const {
@@ -178,7 +178,7 @@ std::vector<char> edges_to_halve(const Mesh& mesh, const Positions& x, const Wra
     };
     std::vector<char> is_off(to_size(mesh.triangles.rows()), 0);
     parallel_for(
-        static_cast<Index>(mesh.triangles.rows()), progress,
+        to_index(mesh.triangles.rows()), progress,
         [&](Index begin, Index end) {
             for (Index f = begin; f < end; ++f) {
                 const auto t = mesh.triangles.row(f);
@@ -229,7 +229,7 @@ DenserMesh denser_mesh(const WrapSource& source, const WrapSide& target,
                 edges_to_halve(mesh, x, onto.target(), shown, tolerance, progress);
             const auto more = std::ranges::count(edges, 1);
             if (more == 0 || growing.size() + 2 * more > options.most_vertices) break;
-            const Index before = static_cast<Index>(mesh.positions.rows());
+            const Index before = to_index(mesh.positions.rows());
             const Index added = growing.halve(std::move(edges));
             has_grown = true;
             x.conservativeResize(before + added, 3);

@@ -48,7 +48,7 @@ std::vector<IndexPair> boundary_features(const DiskPatch& source, const DiskPatc
     const auto places_in = [](const DiskPatch& patch) {
         std::unordered_map<Index, Index> result;
         for (std::size_t i = 0; i < patch.rim.size(); ++i)
-            result.emplace(patch.rim[i], static_cast<Index>(i));
+            result.emplace(patch.rim[i], to_index(i));
         return result;
     };
     const auto on_source = places_in(source), on_target = places_in(target);
@@ -98,7 +98,7 @@ DiskPoints on_disk(const DiskPatch& patch, std::span<const BoundaryPin> pins,
     auto result = parameterize({shape.positions, patch.normals, shape.nearest, shape.name},
                                {patch.rim, angles}, options, progress);
     facts = {result.unknowns, result.iterations, result.relative_residual, result.solve_seconds,
-             static_cast<Index>(patch.rim.size())};
+             to_index(patch.rim.size())};
     return std::move(result.points);
 }
 

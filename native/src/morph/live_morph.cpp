@@ -148,7 +148,7 @@ Positions met(Positions images, const BothClouds& clouds, const std::vector<Feat
         const double reach = kReach * std::max(clouds.spacing, kSlope * offset.norm());
         marks.push_back({from.row(pair.source), offset, reach * reach});
     }
-    parallel_for(static_cast<Index>(images.rows()), progress, [&](Index begin, Index end) {
+    parallel_for(to_index(images.rows()), progress, [&](Index begin, Index end) {
         for (Index i = begin; i < end; ++i) images.row(i) += shift_by(marks, from.row(i));
     });
     for (const IndexPair& pair : pairs) images.row(pair.source) = onto.row(pair.target);
@@ -265,7 +265,7 @@ void LiveMorph::State::follow(Progress& progress) {
     planes.emplace(t);
     const Positions images = t.unit.apply(input.start.source_images);
     heights.resize(images.rows());
-    parallel_for(static_cast<Index>(images.rows()), progress, [&](Index begin, Index end) {
+    parallel_for(to_index(images.rows()), progress, [&](Index begin, Index end) {
         for (Index i = begin; i < end; ++i) heights[i] = planes->height(images.row(i)).above;
     });
 }
@@ -341,7 +341,7 @@ Positions LiveMorph::source_to_target(const std::vector<Feature>& features,
     constexpr double kHardly = 1e-3;  // in √area, about
     Positions images = before;
     // Not lifted off the surface by the shift: as high above it as before.
-    parallel_for(static_cast<Index>(images.rows()), progress, [&](Index begin, Index end) {
+    parallel_for(to_index(images.rows()), progress, [&](Index begin, Index end) {
         for (Index i = begin; i < end; ++i) {
             if (shifts.row(i).norm() < kHardly) {
                 images.row(i) += unit.scale * shifts.row(i);

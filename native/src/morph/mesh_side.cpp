@@ -26,7 +26,7 @@ MeshSide::MeshSide(const Cloud& cloud, Mesh mesh, std::span<const Feature> featu
     : mesh_(std::move(mesh)),
       vertices_(to_size(mesh_.positions.rows())),
       spacing_(std::sqrt(mesh_.area() / sample_count(mesh_))) {
-    for (auto v = static_cast<Index>(mesh_.places.size()) - 1; v >= 0; --v)
+    for (auto v = to_index(mesh_.places.size()) - 1; v >= 0; --v)
         vertices_[to_size(mesh_.places[to_size(v)])] = v;
     find_marks(features, side);
     samples_ = sample_mesh(mesh_, kept_, {}, progress);

@@ -55,7 +55,7 @@ Positions mean_of_partners(Index rows, const Pairing& pairs, Index IndexPair::*s
 /// What was found of a cloud with that many points; none where some stood for several, or for
 /// none, and where fewer neighbors were looked up than are measured with.
 std::optional<OrderedNeighbors> known_neighbors(PreparedShape shape, Index points) {
-    const bool enough = shape.size() == points && static_cast<Index>(shape.nearest[0].size()) >=
+    const bool enough = shape.size() == points && to_index(shape.nearest[0].size()) >=
                                                       std::min(kNeighborsToMeasure, points - 1);
     if (!enough) return std::nullopt;
     return OrderedNeighbors{std::move(shape.given_rows), std::move(shape.nearest)};
@@ -221,7 +221,7 @@ void Morph::take(Correspondence found) {
     report_.choice = choice_in_words(result.domain, source.topology, target.topology);
     report_.source_topology = without_labels(std::move(source.topology));
     report_.target_topology = without_labels(std::move(target.topology));
-    report_.pairs = static_cast<Index>(pairs_.size());
+    report_.pairs = to_index(pairs_.size());
     caches_->source_neighbors = known_neighbors(std::move(source), source_.size());
     caches_->target_neighbors = known_neighbors(std::move(target), target_.size());
 }
@@ -267,7 +267,7 @@ void Morph::carry(MorphInput input, const RefinementStart& offsets, Progress& pr
         target_images_.row(f.target) = source_.positions.row(f.source);
     }
     pairs_ = pairs_in_domain({source_domain_, target_domain_}, input.features, pinned, progress);
-    report_.pairs = static_cast<Index>(pairs_.size());
+    report_.pairs = to_index(pairs_.size());
     report_.diagnostics = report_.diagnostics.with_rows(source_vertices, target_vertices);
     for (auto& [s, t] : report_.extremities)
         s = source_vertices[to_size(s)], t = target_vertices[to_size(t)];
@@ -304,7 +304,7 @@ Morph::Morph(KeptMorph kept, const MorphOptions& options)
     check_start({source_images_, target_images_}, source_.size(), target_.size());
     delays_ = delays(source_.positions, kept.delays, options.stagger);
     if (kept.resampling)
-        caches_->resampling.emplace(std::move(*kept.resampling), static_cast<Index>(pairs_.size()),
+        caches_->resampling.emplace(std::move(*kept.resampling), to_index(pairs_.size()),
                                     options.resampling);
     caches_->wrapped_source.keep(source_, std::move(kept.source_ends));
     caches_->wrapped_target.keep(target_, std::move(kept.target_ends));

@@ -446,7 +446,7 @@ void Morph::insert_points(ResampledFrame<Scalar>& frame, double t, Progress& pro
     frame.radii.resize(count);
     frame.velocities.resize(3 * count);
     frame.ids.resize(count);
-    parallel_for(static_cast<Index>(alive.ids.size()), progress, [&](Index begin, Index end) {
+    parallel_for(to_index(alive.ids.size()), progress, [&](Index begin, Index end) {
         for (auto i = to_size(begin); i < to_size(end); ++i) {
             const InsertedPoint& point = resampling.points()[to_size(alive.ids[i])];
             const auto row = static_cast<Eigen::Index>(i);
@@ -470,7 +470,7 @@ void Morph::insert_points(ResampledFrame<Scalar>& frame, double t, Progress& pro
                     mean([&](std::size_t pair) { return frame.colors[4 * pair + d]; }));
             frame.radii[to] = static_cast<Scalar>(
                 alive.share[row] * mean([&](std::size_t pair) { return frame.radii[pair]; }));
-            frame.ids[to] = static_cast<Index>(pairs) + alive.ids[i];
+            frame.ids[to] = to_index(pairs) + alive.ids[i];
         }
     });
 }

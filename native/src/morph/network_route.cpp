@@ -129,7 +129,7 @@ private:
             auto& said = m == 0 ? result_.facts.source_parameterization
                                 : result_.facts.target_parameterization;
             said.add(disk.facts);
-            said.boundary_points += static_cast<Index>(cloud.loop.size());
+            said.boundary_points += to_index(cloud.loop.size());
             warn_of_joined(disk, shape(m), result_.warnings);
             result.disks[m] = std::move(disk.points);
         }
@@ -226,7 +226,7 @@ TracedNetwork traced_network(const RouteInput& input, const Loops& loops,
         loop_corners.emplace_back();
         for (const std::string& name : loop)
             loop_corners.back().push_back(
-                static_cast<Index>(std::ranges::find(result.names, name) - result.names.begin()));
+                to_index(std::ranges::find(result.names, name) - result.names.begin()));
     }
     const KdTree<3> source_tree(input.source.positions), target_tree(input.target.positions);
     result.extremities =
@@ -258,7 +258,7 @@ RouteResult match_in_network(const RouteInput& input, const Loops& loops,
     for (const NetworkCurve& curve : network.curves)
         result.facts.curves.push_back(
             {traced.names[to_size(curve.from)], traced.names[to_size(curve.to)]});
-    result.facts.patches = static_cast<Index>(network.patches.size());
+    result.facts.patches = to_index(network.patches.size());
     if (looks_mirrored(network)) result.warnings.push_back(fits_mirrored("The curves fit"));
     constexpr double kLongDetour = 0.15;
     if (network.detour > kLongDetour) result.warnings.push_back(curves_take_detours());

@@ -31,11 +31,11 @@ PatchCloud::PatchCloud(const PreparedShape& shape, std::vector<Index> inside,
       loop(to_size(boundary.size())) {
     positions << gather(shape.positions, rows), boundary.points;
     normals << gather(shape.normals, rows), boundary.normals;
-    std::iota(loop.begin(), loop.end(), static_cast<Index>(rows.size()));
+    std::iota(loop.begin(), loop.end(), to_index(rows.size()));
 }
 
 Index PatchCloud::patch_row(Index sorted) const {
-    return static_cast<Index>(std::ranges::lower_bound(rows, sorted) - rows.begin());
+    return to_index(std::ranges::lower_bound(rows, sorted) - rows.begin());
 }
 
 std::array<std::vector<double>, 2> rim_angles(const SurfaceCurve& source,

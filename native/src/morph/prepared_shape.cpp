@@ -66,7 +66,7 @@ void find_normals(PreparedShape& shape, Progress& progress) {
 
 void check_parts(const ShapeInput& input) {
     const Index count = input.cloud.size();
-    if (input.parts.empty() || static_cast<Index>(input.parts.size()) == count) return;
+    if (input.parts.empty() || to_index(input.parts.size()) == count) return;
     throw CloudError(input.cloud.name, "a part for each of " + std::to_string(count) + " points",
                      std::to_string(input.parts.size()), "Give one label per point, or none.");
 }
@@ -116,7 +116,7 @@ void make_outward(PreparedShape& shape) {
 void leave_out_strays(PreparedShape& shape, Index neighbors, Progress& progress) {
     constexpr double kMuch = 0.05;
     std::vector<Index> kept, left_out;
-    const auto main = static_cast<Index>(shape.topology.main().size());
+    const auto main = to_index(shape.topology.main().size());
     for (Index i = 0; i < shape.size(); ++i)
         (shape.topology.labels[to_size(i)] < main ? kept : left_out).push_back(i);
     if (left_out.empty() ||
@@ -124,8 +124,7 @@ void leave_out_strays(PreparedShape& shape, Index neighbors, Progress& progress)
         return;
 
     std::vector<Index> stand_in(to_size(shape.size()));
-    for (std::size_t k = 0; k < kept.size(); ++k)
-        stand_in[to_size(kept[k])] = static_cast<Index>(k);
+    for (std::size_t k = 0; k < kept.size(); ++k) stand_in[to_size(kept[k])] = to_index(k);
     const Positions all = std::exchange(shape.positions, gather(shape.positions, kept));
     const KdTree<3> tree(shape.positions);
     for (const Index i : left_out) {
@@ -143,7 +142,7 @@ void leave_out_strays(PreparedShape& shape, Index neighbors, Progress& progress)
     for (Index& sorted : shape.sorted_rows) sorted = stand_in[to_size(sorted)];
     shape.nearest = nearest_neighbors(tree, neighbors, progress);
     shape.loops.reset();
-    shape.left_out = static_cast<Index>(left_out.size());
+    shape.left_out = to_index(left_out.size());
 }
 
 /// All shapes next to each other, stage by stage.
@@ -218,10 +217,10 @@ Boundary find_boundary(const PreparedShape& shape, std::span<const Index> given,
             shape.loops ? *shape.loops
                         : find_boundary_loops(shape.positions, shape.normals, shape.nearest,
                                               options, progress);
-        const auto found = static_cast<Index>(loops.size());
+        const auto found = to_index(loops.size());
         return {loops.empty() ? BoundaryLoop{} : std::move(loops.front()), found};
     }
-    const auto count = static_cast<Index>(shape.sorted_rows.size());
+    const auto count = to_index(shape.sorted_rows.size());
     BoundaryLoop loop;
     for (std::size_t k = 0; k < given.size(); ++k) {
         const Index row = given[k];
@@ -258,8 +257,7 @@ Pairing to_given(std::span<const IndexPair> sorted, const PreparedShape& source,
         for (const Index given : shape.given_rows) rows.push_back({given});
         for (std::size_t given = 0; given < shape.sorted_rows.size(); ++given) {
             auto& stands_for = rows[to_size(shape.sorted_rows[given])];
-            if (stands_for.front() != static_cast<Index>(given))
-                stands_for.push_back(static_cast<Index>(given));
+            if (stands_for.front() != to_index(given)) stands_for.push_back(to_index(given));
         }
         return rows;
     };

@@ -53,7 +53,7 @@ struct PreparedShape {
     /// All boundary loops, longest first; none where find_boundary() has to look for them.
     std::optional<std::vector<BoundaryLoop>> loops;
 
-    Index size() const { return static_cast<Index>(given_rows.size()); }
+    Index size() const { return to_index(given_rows.size()); }
     SampledSurface surface() const { return {positions, normals, nearest, name}; }
 };
 

@@ -37,9 +37,8 @@ Refinement refine_by_component(const RouteInput& input, const std::optional<Refi
                                                   {target.topology, target.name}))
         warnings.push_back(std::move(words));
     const auto marked = std::ranges::count(input.features, FeatureKind::kRegion, &Feature::kind);
-    const std::vector<Feature> regions =
-        component_regions(source.topology, target.topology, matching.matched,
-                          kMostRegions - static_cast<Index>(marked));
+    const std::vector<Feature> regions = component_regions(
+        source.topology, target.topology, matching.matched, kMostRegions - to_index(marked));
     if (regions.empty()) return whole;
     if (marked == 0 && are_small(regions, source.size(), target.size(), options.components))
         return kept_apart(whole, source_view, target_view, {regions, pinned_pairs(input.features)},

@@ -41,7 +41,7 @@ RouteResult match_on_sphere(const RouteInput& input, const SphereRouteOptions& o
 
     progress.enter("spherical alignment");
     std::vector<IndexPair> meet;  // the features are the meshes' first nodes
-    for (Index k = 0; k < static_cast<Index>(features.size()); ++k) meet.push_back({k, k});
+    for (Index k = 0; k < to_index(features.size()); ++k) meet.push_back({k, k});
     const SphericalAlignment alignment =
         align_on_sphere(source_mesh, target_mesh, meet, options.alignment, progress);
     result.facts.alignment_sweeps = alignment.steps;

@@ -15,7 +15,7 @@ namespace {
 /// Many samples of a mesh, that tangent planes at them stand for it.
 MeshSamples fine_samples(const Mesh& mesh, Progress& progress) {
     constexpr Index kLeast = 60000, kMost = 200000;
-    const auto places = static_cast<Index>(mesh.positions.rows());
+    const auto places = to_index(mesh.positions.rows());
     const Index count = std::clamp(std::min(places, kMost / 3) * 3, kLeast, kMost);
     return sample_mesh(mesh, {}, {.count = count, .even = false}, progress);
 }
@@ -25,7 +25,7 @@ std::vector<SurfacePoint> places_on(const Mesh& mesh, const Positions& points, P
     const TriangleTree tree(mesh.positions, mesh.triangles, progress);
     std::vector<SurfacePoint> places(to_size(points.rows()));
     parallel_for(
-        static_cast<Index>(points.rows()), progress,
+        to_index(points.rows()), progress,
         [&](Index begin, Index end) {
             for (Index i = begin; i < end; ++i)
                 places[to_size(i)] = tree.closest(points.row(i).transpose());
@@ -88,7 +88,7 @@ Values at_places(const Values& of_vertices, const Mesh& mesh, Index places) {
 WrapHolds holds_of(const WrapSource& source, std::span<const EdgeEnds> ends,
                    const Normalization& unit, std::span<const WrapMark> marks) {
     const Mesh& own = source.mesh.mesh();
-    const auto places = static_cast<Index>(own.positions.rows());
+    const auto places = to_index(own.positions.rows());
     WrapHolds holds{.marks = marks};
     const auto at_all = [&](const Values& of_vertices) {
         const Values values = at_places(of_vertices, own, places);

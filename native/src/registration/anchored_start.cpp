@@ -33,7 +33,7 @@ Eigen::RowVector3d place_of(const Eigen::RowVectorXd& wanted, const Eigen::Matri
     const std::vector<Index>& nodes = shape.levels.front().node_rows;
     std::vector<std::pair<double, Index>> order;
     for (Eigen::Index j = 0; j < there.rows(); ++j)
-        order.emplace_back((there.row(j) - wanted).squaredNorm(), static_cast<Index>(j));
+        order.emplace_back((there.row(j) - wanted).squaredNorm(), to_index(j));
     const auto last = order.begin() + static_cast<std::ptrdiff_t>(std::min(kBlended, order.size()));
     std::ranges::partial_sort(order, last);
     const double farthest = std::prev(last)->first + 1e-9;

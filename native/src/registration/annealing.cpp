@@ -283,7 +283,7 @@ std::vector<Index> draw_points(const CoarseShape& shape, const DeformationGraph&
     for (Index i = 0; i < shape.size(); ++i)
         if (!is_node[to_size(i)]) others.push_back(i);
     const auto more = std::min<std::size_t>(
-        others.size(), to_size(std::max<Index>(0, count - static_cast<Index>(rows.size()))));
+        others.size(), to_size(std::max<Index>(0, count - to_index(rows.size()))));
     for (std::size_t i = 0; i < more; ++i)
         std::swap(others[i], others[i + random() % (others.size() - i)]);
     const auto end = others.begin() + static_cast<std::ptrdiff_t>(more);
@@ -314,7 +314,7 @@ std::vector<double> untorn(const DeformationGraph& graph, const MatchedNodes& no
     std::vector<Index> sizes;
     for (Index start = 0; start < count; ++start) {
         if (component[to_size(start)] >= 0) continue;
-        const auto label = static_cast<Index>(sizes.size());
+        const auto label = to_index(sizes.size());
         sizes.push_back(0);
         std::vector<Index> open{start};
         component[to_size(start)] = label;

@@ -39,7 +39,7 @@ std::vector<std::vector<Index>> rows_of(const Topology& topology) {
     std::vector<std::vector<Index>> rows(topology.main().size());
     for (std::size_t i = 0; i < topology.labels.size(); ++i)
         if (to_size(topology.labels[i]) < rows.size())
-            rows[to_size(topology.labels[i])].push_back(static_cast<Index>(i));
+            rows[to_size(topology.labels[i])].push_back(to_index(i));
     return rows;
 }
 
@@ -99,8 +99,7 @@ std::vector<Index> groups_of(Eigen::Index points, std::span<const Feature> regio
                              Marked Feature::*side) {
     std::vector<Index> groups(to_size(points), 0);
     for (std::size_t k = 0; k < regions.size(); ++k)
-        for (const Index i : (regions[k].*side).rows)
-            groups[to_size(i)] = static_cast<Index>(k) + 1;
+        for (const Index i : (regions[k].*side).rows) groups[to_size(i)] = to_index(k) + 1;
     return groups;
 }
 
@@ -112,7 +111,7 @@ struct Groups {
 std::vector<Index> rows_in(const std::vector<Index>& groups, Index group) {
     std::vector<Index> rows;
     for (std::size_t i = 0; i < groups.size(); ++i)
-        if (groups[i] == group) rows.push_back(static_cast<Index>(i));
+        if (groups[i] == group) rows.push_back(to_index(i));
     return rows;
 }
 
@@ -126,9 +125,8 @@ Pairing paired_by_group(const ProductPoints& source, const ProductPoints& target
         std::vector<IndexPair> features;  // places in these
         for (const IndexPair& f : pinned)
             if (groups.source[to_size(f.source)] == g && groups.target[to_size(f.target)] == g)
-                features.push_back(
-                    {static_cast<Index>(std::ranges::lower_bound(s, f.source) - s.begin()),
-                     static_cast<Index>(std::ranges::lower_bound(t, f.target) - t.begin())});
+                features.push_back({to_index(std::ranges::lower_bound(s, f.source) - s.begin()),
+                                    to_index(std::ranges::lower_bound(t, f.target) - t.begin())});
         for (const IndexPair& pair :
              mutual_pairs<12>(gather(source, s), gather(target, t), features, progress))
             pairs.push_back({s[to_size(pair.source)], t[to_size(pair.target)]});
@@ -150,7 +148,7 @@ std::vector<Index> astray(const std::vector<Index>& own, const std::vector<Index
     for (const IndexPair& pair : pinned) is_astray[to_size(pair.*map.here)] = 0;
     std::vector<Index> rows;
     for (std::size_t i = 0; i < is_astray.size(); ++i)
-        if (is_astray[i]) rows.push_back(static_cast<Index>(i));
+        if (is_astray[i]) rows.push_back(to_index(i));
     return rows;
 }
 
@@ -211,7 +209,7 @@ ComponentMatching match_components(const ComponentView& source, const ComponentV
     matching.matched = cheapest_pairs(costs, kAlone);
     const auto alone = [&](std::size_t count, Index IndexPair::*side) {
         std::vector<Index> result;
-        for (Index i = 0; i < static_cast<Index>(count); ++i)
+        for (Index i = 0; i < to_index(count); ++i)
             if (std::ranges::find(matching.matched, i, side) == matching.matched.end())
                 result.push_back(i);
         return result;
@@ -285,7 +283,7 @@ Refinement kept_apart(const Refinement& map, const ComponentView& source,
     const Groups groups{groups_of(source.positions.rows(), regions, &Feature::source),
                         groups_of(target.positions.rows(), regions, &Feature::target)};
     result.pairs = paired_by_group(result.source_product, result.target_product, groups,
-                                   static_cast<Index>(regions.size()) + 1, pinned, progress);
+                                   to_index(regions.size()) + 1, pinned, progress);
 
     const RefinementStart wholes = component_start(source, target, regions, map.alignment, options);
     result.source_images =
@@ -317,7 +315,7 @@ std::vector<std::string> components_in_words(const ComponentMatching& matching,
         if (components.empty()) return;
         Index points = 0;
         for (const Index component : components) points += points_of(shape, component);
-        const auto count = static_cast<Index>(components.size());
+        const auto count = to_index(components.size());
         words.push_back(
             counted(count, "piece", "pieces") + " of " + shape.name + " (" +
             counted(points, "point", "points") +

@@ -21,7 +21,7 @@ constexpr double kEdgeLength = 2.1;  // spacings between nodes that hold one ano
 using Nearby = std::vector<std::vector<std::pair<double, Index>>>;
 
 Nearby nodes_near_points(const SurfaceGraph& graph, const Subset& subset, Progress& progress) {
-    const auto count = static_cast<Index>(subset.rows.size());
+    const auto count = to_index(subset.rows.size());
     std::vector<std::vector<std::pair<Index, double>>> balls(to_size(count));
     parallel_for(
         count, progress,
@@ -61,7 +61,7 @@ Nearby nodes_near_points(const SurfaceGraph& graph, const Subset& subset, Progre
 /// Edges between nodes as adjacency lists; every component of them hangs together with the rest.
 std::vector<std::vector<Index>> node_edges(const SurfaceGraph& graph, const Subset& subset,
                                            const Nearby& nearby) {
-    const auto count = static_cast<Index>(subset.rows.size());
+    const auto count = to_index(subset.rows.size());
     std::vector<std::vector<Index>> edges(to_size(count));
     for (Index k = 0; k < count; ++k)
         for (const auto& [distance, other] : nearby[to_size(subset.rows[to_size(k)])])
@@ -78,7 +78,7 @@ std::vector<std::vector<Index>> node_edges(const SurfaceGraph& graph, const Subs
         std::vector<Index> part(to_size(count), -1), sizes;
         for (Index k = 0; k < count; ++k) {
             if (part[to_size(k)] >= 0) continue;
-            const auto label = static_cast<Index>(sizes.size());
+            const auto label = to_index(sizes.size());
             std::vector<Index> open{k};
             part[to_size(k)] = label;
             Index size = 0;
@@ -96,7 +96,7 @@ std::vector<std::vector<Index>> node_edges(const SurfaceGraph& graph, const Subs
         }
         if (sizes.size() <= 1) return edges;
         // From the smallest part: the search stays short.
-        const auto smallest = static_cast<Index>(std::ranges::min_element(sizes) - sizes.begin());
+        const auto smallest = to_index(std::ranges::min_element(sizes) - sizes.begin());
         std::vector<Index> node_of(to_size(graph.size()), -1);
         for (Index k = 0; k < count; ++k) node_of[to_size(subset.rows[to_size(k)])] = k;
         GeodesicSearch search(graph);
@@ -122,7 +122,7 @@ std::vector<std::vector<Index>> node_edges(const SurfaceGraph& graph, const Subs
 
 /// Where the factor has entries, by the elimination tree (Davis, LDL, 2005).
 void analyze_factor(DeformationPattern& pattern) {
-    const auto count = static_cast<Index>(pattern.matrix.cols());
+    const auto count = to_index(pattern.matrix.cols());
     const Index* const outer = pattern.matrix.outerIndexPtr();
     const Index* const inner = pattern.matrix.innerIndexPtr();
     std::vector<Index> parent(to_size(count), -1), seen(to_size(count), -1), path;
@@ -142,22 +142,22 @@ void analyze_factor(DeformationPattern& pattern) {
         }
         for (const Index i : row) {
             pattern.row_columns.push_back(i);
-            pattern.row_places.push_back(static_cast<Index>(below[to_size(i)].size()) + 1);
+            pattern.row_places.push_back(to_index(below[to_size(i)].size()) + 1);
             below[to_size(i)].push_back(k);
         }
-        pattern.row_begins.push_back(static_cast<Index>(pattern.row_columns.size()));
+        pattern.row_begins.push_back(to_index(pattern.row_columns.size()));
     }
     for (Index i = 0; i < count; ++i) {
-        pattern.columns.push_back(static_cast<Index>(pattern.rows.size()));
+        pattern.columns.push_back(to_index(pattern.rows.size()));
         pattern.rows.push_back(i);
         pattern.rows.insert(pattern.rows.end(), below[to_size(i)].begin(), below[to_size(i)].end());
-        auto from = static_cast<Index>(pattern.rows.size()) - 1;
+        auto from = to_index(pattern.rows.size()) - 1;
         while (from > pattern.columns.back() + 1 &&
                pattern.rows[to_size(from)] == pattern.rows[to_size(from - 1)] + 1)
             --from;
         pattern.dense_from.push_back(from);
     }
-    pattern.columns.push_back(static_cast<Index>(pattern.rows.size()));
+    pattern.columns.push_back(to_index(pattern.rows.size()));
     for (std::size_t e = 0; e < pattern.row_places.size(); ++e)
         pattern.row_places[e] += pattern.columns[to_size(pattern.row_columns[e])];
 }
@@ -371,7 +371,7 @@ DeformedCloud deformed(const Positions& positions, const Normals& normals,
 
 DeformedCloud deformed(const Positions& positions, const Normals& normals,
                        const DeformationGraph& graph, const Deformation& deformation) {
-    std::vector<Index> rows(to_size(static_cast<Index>(positions.rows())));
+    std::vector<Index> rows(to_size(to_index(positions.rows())));
     std::iota(rows.begin(), rows.end(), 0);
     return deformed(positions, normals, graph, deformation, rows);
 }
@@ -380,7 +380,7 @@ DeformationSolver::DeformationSolver(const Positions& positions, const Deformati
     : positions_(positions),
       graph_(graph),
       pattern_(*graph.pattern),
-      matrix_(to_size(static_cast<Index>(graph.pattern->matrix.nonZeros()))),
+      matrix_(to_size(to_index(graph.pattern->matrix.nonZeros()))),
       factor_(graph.pattern->rows.size()) {}
 
 void DeformationSolver::factorize(double stiffness, std::span<const Attraction> attractions) {

@@ -80,8 +80,8 @@ std::vector<ExtremityMatches> extremity_variants(const PoseSearch& search, const
     const MatchCost cost(search, there, map);
     std::vector<std::pair<double, ExtremityMatches>> variants;
     for (ExtremityMatches& matches :
-         changed_pairings(now, static_cast<Index>(search.source.extremities.size()),
-                          static_cast<Index>(search.target.extremities.size()))) {
+         changed_pairings(now, to_index(search.source.extremities.size()),
+                          to_index(search.target.extremities.size()))) {
         if (matches.size() < 2) continue;
         const double its_cost = cost(matches);
         variants.emplace_back(its_cost, std::move(matches));

@@ -101,7 +101,7 @@ std::vector<Trial> promising(const PoseSearch& search, const std::vector<Trial>&
         const bool is_apart = std::ranges::all_of(
             chosen, [&](const Trial& other) { return difference(trial, other) > kOtherCluster; });
         const bool is_other = is_apart && !chosen.empty() && others < search.options.other_clusters;
-        if (static_cast<Index>(chosen.size()) < count || (as_given && !has_as_given) || is_other)
+        if (to_index(chosen.size()) < count || (as_given && !has_as_given) || is_other)
             chosen.push_back(trial);
         has_as_given = has_as_given || as_given;
         others += is_other;

@@ -190,7 +190,7 @@ template <class Made, class Given, class Make>
 std::vector<Made> each(const Given& given, Make&& make, Progress& progress) {
     std::vector<Made> made(given.size());
     parallel_for(
-        static_cast<Index>(given.size()), progress,
+        to_index(given.size()), progress,
         [&](Index begin, Index end) {
             for (Index k = begin; k < end; ++k) made[to_size(k)] = make(given[to_size(k)]);
         },
@@ -209,7 +209,7 @@ void rate(const PoseSearch& search, Candidate& map) {
     const CoarseShape there = moved(search.target.full, map.alignment);
     const CoarsePair shapes{search.source.full, there, search.features};
     const Registration& its = map.registration;
-    map.misfit = registration_misfit(shapes, static_cast<Index>(there.levels.size()) - 1, its,
+    map.misfit = registration_misfit(shapes, to_index(there.levels.size()) - 1, its,
                                      search.distances, search.registration, silent);
     const Positions images = gather(its.source_points.positions, search.source.full_rows);
     map.energy = map.misfit.energy() *
@@ -238,9 +238,8 @@ RelaxedMap relaxed_on_all(const PoseSearch& search, const Trial& trial) {
     RegistrationLevel as_it_is = search.options.relaxation;
     as_it_is.stiff_rounds = as_it_is.rounds = 0;
     map.candidate.alignment = trial.alignment;
-    map.candidate.registration =
-        register_level(shapes, static_cast<Index>(source.levels.size()) - 1, map.points, as_it_is,
-                       search.registration, silent);
+    map.candidate.registration = register_level(shapes, to_index(source.levels.size()) - 1,
+                                                map.points, as_it_is, search.registration, silent);
     rate(search, map.candidate);
     return map;
 }
@@ -283,11 +282,10 @@ ThinnedShape thinned_shape(const CoarseShape& shape, std::vector<Extremity> extr
     const KdTree<3> tree(shape.positions);
     std::vector<Index> rows =
         poisson_disk_subset(tree, shape.normals, required,
-                            std::max(points, static_cast<Index>(required.size())), progress)
+                            std::max(points, to_index(required.size())), progress)
             .rows;
     for (Extremity& extremity : extremities)
-        extremity.point =
-            static_cast<Index>(std::ranges::find(rows, extremity.point) - rows.begin());
+        extremity.point = to_index(std::ranges::find(rows, extremity.point) - rows.begin());
     CoarseShape thin = thinned(shape, rows);
     return {shape, std::move(thin), std::move(extremities), std::move(rows)};
 }

@@ -51,7 +51,7 @@ template <int Dim>
 Matches nearest_matches(const typename KdTree<Dim>::Points& points, const KdTree<Dim>& others,
                         Progress& progress, const Matches* guess) {
     constexpr double kBarelyMore = 1.0 + 1e-12, kAtTheSamePlace = 1e-150;
-    const auto count = static_cast<Index>(points.rows());
+    const auto count = to_index(points.rows());
     Matches matches{std::vector<Index>(to_size(count)), std::vector<double>(to_size(count))};
     parallel_for(
         count, progress,
@@ -77,10 +77,8 @@ template <int Dim>
 Pairing mutual_pairs(const typename KdTree<Dim>::Points& source,
                      const typename KdTree<Dim>::Points& target,
                      std::span<const IndexPair> features, Progress& progress) {
-    const auto source_rows =
-        free_rows(static_cast<Index>(source.rows()), features, &IndexPair::source);
-    const auto target_rows =
-        free_rows(static_cast<Index>(target.rows()), features, &IndexPair::target);
+    const auto source_rows = free_rows(to_index(source.rows()), features, &IndexPair::source);
+    const auto target_rows = free_rows(to_index(target.rows()), features, &IndexPair::target);
     const typename KdTree<Dim>::Points s = gather(source, source_rows),
                                        t = gather(target, target_rows);
     Pairing pairs(features.begin(), features.end());

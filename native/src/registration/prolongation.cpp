@@ -17,7 +17,7 @@ Prolongation::Prolongation(const CoarseShape& shape, const Positions& positions,
     keys << shape.positions, normal_weight * shape.normals;
     const KdTree<6> tree(keys);
 
-    parallel_for(static_cast<Index>(positions.rows()), progress, [&](Index begin, Index end) {
+    parallel_for(to_index(positions.rows()), progress, [&](Index begin, Index end) {
         std::array<Index, kFollowed + 1> near;  // the last has weight 0
         std::array<double, kFollowed + 1> squared;
         for (Index i = begin; i < end; ++i) {
@@ -47,7 +47,7 @@ Prolongation::Prolongation(const CoarseShape& shape, const Positions& positions,
 OrientedPoints Prolongation::operator()(const CoarseShape& shape, const DeformedCloud& coarse,
                                         const Positions& positions, const Normals& normals,
                                         Progress& progress) const {
-    const auto count = static_cast<Index>(positions.rows());
+    const auto count = to_index(positions.rows());
     OrientedPoints result{Positions(count, 3), Normals(count, 3)};
     parallel_for(count, progress, [&](Index begin, Index end) {
         for (Index i = begin; i < end; ++i) {

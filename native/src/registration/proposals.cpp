@@ -123,7 +123,7 @@ std::vector<IndexPair> places_between(const ProposalInput& input, Index count, P
     const ProductPoints here =
         product_points(oriented(map.source_points), oriented(source), kNormalWeight);
     std::vector<IndexPair> places;
-    for (Index k = 0; k < count && k < static_cast<Index>(nodes.size()); ++k) {
+    for (Index k = 0; k < count && k < to_index(nodes.size()); ++k) {
         progress.throw_if_cancelled();
         const Index s = nodes[to_size(std::ranges::max_element(free) - free.begin())];
         mark(s);

@@ -20,7 +20,7 @@ Registration register_shapes(const CoarsePair& shapes, const RegistrationStart& 
     Registration result;
     result.source_points.positions = start.source;
     result.target_points.positions = start.target;
-    const auto levels = static_cast<Index>(shapes.source.levels.size());
+    const auto levels = to_index(shapes.source.levels.size());
     for (Index level = first_level; level < levels; ++level) {
         const Progress::Part part(progress, static_cast<double>(level) / levels,
                                   static_cast<double>(level + 1) / levels);

@@ -68,7 +68,7 @@ Restarts register_best(const CoarsePair& shapes, StartedRegistration first,
     if (restarts.tried.front().torn <= registration.most_torn) return restarts;
 
     const NodeDistances distances = node_distances(shapes.source, shapes.target);
-    const auto finest = static_cast<Index>(shapes.source.levels.size()) - 1;
+    const auto finest = to_index(shapes.source.levels.size()) - 1;
     const auto energy = [&](const Registration& result) {
         return registration_misfit(shapes, finest, result, distances, registration, progress)
             .energy();

@@ -61,7 +61,7 @@ bool spread_out(const Positions& places) {
 /// Whether the marks alone say how the target lies to the source.
 bool fix_the_pose(const Marks& marks, const PosePlaces& places, Index features_that_fix_the_pose) {
     const Index enough = std::max<Index>(features_that_fix_the_pose, 3);
-    return marks.pose_points >= enough || (static_cast<Index>(marks.pose_pairs.size()) >= enough &&
+    return marks.pose_points >= enough || (to_index(marks.pose_pairs.size()) >= enough &&
                                            spread_out(places.source) && spread_out(places.target));
 }
 
@@ -75,7 +75,7 @@ RequiredRows required_rows(const Marks& marks) {
     RequiredRows required;
     const auto require = [](std::vector<Index>& rows, Index row) {
         const auto found = std::ranges::find(rows, row);
-        const auto place = static_cast<Index>(found - rows.begin());
+        const auto place = to_index(found - rows.begin());
         if (found == rows.end()) rows.push_back(row);
         return place;
     };

@@ -52,7 +52,7 @@ Index RingMesh::right_of(Index a, Index b) const {
 
 std::vector<Triangle> RingMesh::triangles() const {
     std::vector<Triangle> result;
-    for (Index v = 0; v < static_cast<Index>(rings_.size()); ++v) {
+    for (Index v = 0; v < to_index(rings_.size()); ++v) {
         const auto around = ring(v);
         for (std::size_t k = 0; k < around.size(); ++k) {
             const Index a = around[k], b = around[(k + 1) % around.size()];

@@ -133,7 +133,7 @@ private:
 /// Takes vertices away until four are left.
 std::vector<RingMesh::Removal> taken_apart(RingMesh& mesh, const Positions& positions,
                                            std::vector<char>& present) {
-    const auto count = static_cast<Index>(positions.rows());
+    const auto count = to_index(positions.rows());
     std::vector<RingMesh::Removal> removals;
     // The cheapest way to remove each vertex; found anew where something has changed.
     struct Cheapest {
@@ -198,7 +198,7 @@ SphereEnergy sphere_energy_gradient(const Vector3& a, const Vector3& b, const Ve
 Positions embed_on_sphere(RingMesh mesh, const Positions& positions, Progress& progress) {
     constexpr double kGrowth = 1.15;
     constexpr int kSweeps = 20, kLastSweeps = 60;
-    const auto count = static_cast<Index>(positions.rows());
+    const auto count = to_index(positions.rows());
     std::vector<char> present(to_size(count), 1);
     const std::vector<RingMesh::Removal> removals = taken_apart(mesh, positions, present);
 

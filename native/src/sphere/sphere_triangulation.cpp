@@ -22,7 +22,7 @@ double rows_determinant(const Eigen::RowVector3d& a, const Eigen::RowVector3d& b
 Triangle triangle_around(const RingMesh& mesh, const Positions& sphere, Index a,
                          const Eigen::RowVector3d& point) {
     Index b = mesh.ring(a).front(), c = mesh.left_of(a, b);
-    const auto most = static_cast<Index>(sphere.rows());
+    const auto most = to_index(sphere.rows());
     for (Index steps = 0; steps < most; ++steps) {
         const std::array<Index, 3> corners{a, b, c};
         int across = -1;
@@ -63,7 +63,7 @@ double badness(const Positions& positions, const Normals& normals, double spacin
 }  // namespace
 
 RingMesh hull_on_sphere(const Positions& points) {
-    const auto count = static_cast<Index>(points.rows());
+    const auto count = to_index(points.rows());
     Positions sphere(count + 6, 3);
     sphere << points, 1, 0, 0, -1, 0, 0, 0, 1, 0, 0, -1, 0, 0, 0, 1, 0, 0, -1;
     const std::array<Index, 6> helpers{count,     count + 1, count + 2,
@@ -127,7 +127,7 @@ void flip_to_shape(RingMesh& mesh, const Positions& positions, const Normals& no
     const double spacing = *middle;
     for (int round = 0; round < kRounds; ++round) {
         Index flips = 0;
-        for (Index a = 0; a < static_cast<Index>(positions.rows()); ++a) {
+        for (Index a = 0; a < to_index(positions.rows()); ++a) {
             const std::vector<Index> around(mesh.ring(a).begin(), mesh.ring(a).end());
             for (const Index b : around) {
                 if (b < a || !mesh.joined(a, b) || !mesh.can_flip(a, b)) continue;

@@ -150,7 +150,7 @@ public:
     /// second derivative (after Rabinovich et al. 2017).
     std::vector<Vector3> stiffness(const Positions& places) {
         Positions images(places.rows(), 3);
-        for (Index v = 0; v < static_cast<Index>(places.rows()); ++v) {
+        for (Index v = 0; v < to_index(places.rows()); ++v) {
             const auto [triangle, shares] = locator_.find(row_of(places, v), hints_[to_size(v)]);
             images.row(v).setZero();
             for (Index k = 0; k < 3; ++k)
@@ -173,7 +173,7 @@ public:
     /// How much longer ways are on the target than on the sphere, at each source vertex.
     Values scales(const Positions& places) {
         Values result(places.rows());
-        for (Index v = 0; v < static_cast<Index>(places.rows()); ++v) {
+        for (Index v = 0; v < to_index(places.rows()); ++v) {
             const auto [triangle, shares] = locator_.find(row_of(places, v), hints_[to_size(v)]);
             const auto& [a, b, c] = target_.triangles[to_size(triangle)];
             const auto area = [&](const Positions& p) {
@@ -231,7 +231,7 @@ std::vector<IndexPair> paired_extremities(const SphericalMesh& source, const Sph
 
 /// The k-th of `count` nodes that lie all over the surface: nodes stand in spatial order.
 Index spread_node(const SphericalMesh& mesh, Index k, Index count) {
-    return static_cast<Index>(std::int64_t{k} * mesh.size() / count);
+    return to_index(std::int64_t{k} * mesh.size() / count);
 }
 
 /// Mean distance along the surface from every node to the whole of it, in √area.
@@ -297,7 +297,7 @@ std::vector<Matrix3> likely_rotations(const SphericalMesh& source, const Spheric
     std::ranges::sort(costs);
     std::vector<Matrix3> rotations;
     for (const auto& [cost, k] : costs) {
-        if (static_cast<Index>(rotations.size()) == options.finalists) break;
+        if (to_index(rotations.size()) == options.finalists) break;
         const Matrix3 rotation = spread_rotation(k, options.rotations);
         if (std::ranges::none_of(rotations, [&](const Matrix3& other) {
                 return (other.transpose() * rotation).trace() > kAlike;
@@ -374,7 +374,7 @@ SphereLocator::SphereLocator(std::span<const Triangle> triangles, const Position
         auto operator<=>(const Side&) const = default;
     };
     std::vector<Side> sides;
-    for (Index t = 0; t < static_cast<Index>(triangles.size()); ++t)
+    for (Index t = 0; t < to_index(triangles.size()); ++t)
         for (Index k = 0; k < 3; ++k) {
             const Index a = triangles[to_size(t)][to_size(k)],
                         b = triangles[to_size(t)][to_size((k + 1) % 3)];
@@ -398,7 +398,7 @@ SphereLocator::Place SphereLocator::find(const Vector3& place, Index start) cons
         const Vector3 inside = side.cwiseMax(0.0);
         return Place{triangle, inside / inside.sum()};
     };
-    const auto count = static_cast<Index>(triangles_.size());
+    const auto count = to_index(triangles_.size());
     Index triangle = start;
     for (Index step = 0; step < count; ++step) {
         const Vector3 side = sides(triangle);
@@ -444,7 +444,7 @@ SphericalAlignment align_on_sphere(SphericalMesh& source, SphericalMesh& target,
         return energy;
     };
 
-    if (static_cast<Index>(features.size()) >= options.features_that_fix_the_rotation) {
+    if (to_index(features.size()) >= options.features_that_fix_the_rotation) {
         rotate_to_features(source, target, features);
     } else {
         result.searched = true;

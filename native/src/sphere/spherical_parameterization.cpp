@@ -34,14 +34,14 @@ struct LargestPart {
         place.assign(to_size(surface.size()), -1);
         for (Index i = 0; i < surface.size(); ++i)
             if (components.label[to_size(i)] == largest) {
-                place[to_size(i)] = static_cast<Index>(rows.size());
+                place[to_size(i)] = to_index(rows.size());
                 rows.push_back(i);
             }
         positions = gather(surface.positions, rows);
         normals = gather(surface.normals, rows);
     }
 
-    Index size() const { return static_cast<Index>(rows.size()); }
+    Index size() const { return to_index(rows.size()); }
 };
 
 /// Above 0 where the normals point outward.
@@ -219,7 +219,7 @@ Positions onto_sphere(const SphericalMesh& mesh, const Positions& points, const 
     double edges = 0.0;
     for (std::size_t t = 0; t < mesh.triangles.size(); ++t) {
         const auto& [a, b, c] = mesh.triangles[t];
-        for (const Index v : {a, b, c}) around[to_size(v)].push_back(static_cast<Index>(t));
+        for (const Index v : {a, b, c}) around[to_size(v)].push_back(to_index(t));
         const Eigen::RowVector3d ab = mesh.positions.row(b) - mesh.positions.row(a),
                                  ac = mesh.positions.row(c) - mesh.positions.row(a);
         facing.push_back(ab.cross(ac).normalized().transpose());
@@ -229,7 +229,7 @@ Positions onto_sphere(const SphericalMesh& mesh, const Positions& points, const 
     const double penalty = edges / static_cast<double>(mesh.triangles.size());
     const KdTree<3> tree(mesh.positions);
     Positions result(points.rows(), 3);
-    parallel_for(static_cast<Index>(points.rows()), progress, [&](Index begin, Index end) {
+    parallel_for(to_index(points.rows()), progress, [&](Index begin, Index end) {
         std::array<Index, kNodes> near;
         std::array<double, kNodes> squared;
         std::vector<Index> candidates;

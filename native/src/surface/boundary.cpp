@@ -75,7 +75,7 @@ std::optional<Bridge> find_bridge(const SampledSurface& surface, const Outside& 
         if (cost > reached[i].cost) continue;
         const auto range = std::ranges::equal_range(passages, i, {}, &Passage::point);
         for (auto p = range.begin(); p != range.end(); ++p) {
-            const auto to = static_cast<Index>(p - passages.begin());
+            const auto to = to_index(p - passages.begin());
             if (!is_start[to_size(to)]) continue;
             Bridge bridge{cost, from, to, {}};
             for (Index k = reached[i].before; k >= 0 && k != end.point; k = reached[k].before)
@@ -109,7 +109,7 @@ Links link(const SampledSurface& surface, const Outside& outside, std::span<cons
             std::ranges::equal_range(passages, passages[m].after, {}, &Passage::point);
         const auto next = std::ranges::find(range, passages[m].point, &Passage::before);
         if (next == range.end()) continue;
-        links.next[m] = static_cast<Index>(next - passages.begin());
+        links.next[m] = to_index(next - passages.begin());
         is_start[to_size(links.next[m])] = 0;
     }
 
@@ -120,8 +120,7 @@ Links link(const SampledSurface& surface, const Outside& outside, std::span<cons
             if (links.next[m] >= 0) continue;
             progress.report(0.9 +
                             0.1 * static_cast<double>(m) / static_cast<double>(passages.size()));
-            if (auto bridge =
-                    find_bridge(surface, outside, passages, is_start, static_cast<Index>(m)))
+            if (auto bridge = find_bridge(surface, outside, passages, is_start, to_index(m)))
                 bridges.push_back(std::move(*bridge));
         }
         built = !bridges.empty();
@@ -284,7 +283,7 @@ BoundaryLoop oriented_loop(const Positions& positions, const Normals& normals,
     if (loop.size() < 3)
         throw FeatureError(subject, "at least three points", std::to_string(loop.size()),
                            "Give the whole loop, point by point.");
-    std::vector<char> taken(to_size(static_cast<Index>(positions.rows())), 0);
+    std::vector<char> taken(to_size(to_index(positions.rows())), 0);
     for (const Index i : loop) {
         if (i < 0 || i >= positions.rows())
             throw FeatureError(subject, "rows from 0 to " + std::to_string(positions.rows() - 1),

@@ -401,8 +401,8 @@ std::vector<IndexPair> pinned_pairs(std::span<const Feature> features) {
 
 Index TracedCurve::before(double share) const {
     const auto next = std::ranges::upper_bound(lengths, share * length());
-    const auto last = static_cast<Index>(places.rows()) - 1;
-    return std::clamp<Index>(static_cast<Index>(next - lengths.begin()) - 1, 0, last);
+    const auto last = to_index(places.rows()) - 1;
+    return std::clamp<Index>(to_index(next - lengths.begin()) - 1, 0, last);
 }
 
 Vector3 TracedCurve::at(double share) const {
@@ -445,7 +445,7 @@ TracedCurve trace_curve(const KdTree<3>& surface, const Normals& normals,
     for (std::size_t i = 0; i < rows.size(); ++i) {
         if (i > 0) join(rows[i - 1], rows[i]);
         add(p.row(rows[i]), normals.row(rows[i]));
-        curve.marks.push_back(static_cast<Index>(places.size()) - 1);
+        curve.marks.push_back(to_index(places.size()) - 1);
     }
     if (closed) {
         join(rows.back(), rows.front());
@@ -454,7 +454,7 @@ TracedCurve trace_curve(const KdTree<3>& surface, const Normals& normals,
             turned.pop_back();
             curve.lengths.pop_back();
             for (Index& mark : curve.marks)
-                if (mark == static_cast<Index>(places.size())) mark = 0;
+                if (mark == to_index(places.size())) mark = 0;
         }
         curve.lengths.push_back(curve.lengths.back() + (places.front() - places.back()).norm());
     }

@@ -74,8 +74,7 @@ public:
             follow_up();
             return;
         }
-        for (const Index edge : left)
-            sums_of_[to_size(edge)].push_back(static_cast<Index>(sums_.size()));
+        for (const Index edge : left) sums_of_[to_size(edge)].push_back(to_index(sums_.size()));
         sums_.push_back(left);
         is_settled_.push_back(0);
     }
@@ -83,7 +82,7 @@ public:
     /// Every edge as a sum of free ones, which are as many as `free()` says, by reduction of what
     /// is left.
     void solve() {
-        const auto edges = static_cast<Index>(stands_for_.size());
+        const auto edges = to_index(stands_for_.size());
         IndependentSums rest(edges);
         for (std::size_t sum = 0; sum < sums_.size(); ++sum) {
             if (is_settled_[sum]) continue;
@@ -188,7 +187,7 @@ struct NumberedEdges {
                 i = above[to_size(i)] = above[to_size(above[to_size(i)])];
             return i;
         };
-        for (Index a = 0; a < static_cast<Index>(ends.size()); ++a) {
+        for (Index a = 0; a < to_index(ends.size()); ++a) {
             make_unique(ends[to_size(a)]);
             for (const Index b : ends[to_size(a)]) {
                 const Index i = root(a), j = root(b);
@@ -211,9 +210,9 @@ EdgeSums solved(const NumberedEdges& edges, std::vector<std::vector<std::uint64_
     for (std::size_t a = 0; a < triangles.size(); ++a) {
         make_unique(triangles[a]);
         for (const std::uint64_t two : triangles[a]) {
-            const auto first = static_cast<Index>(a);
-            const auto b = static_cast<Index>(two >> 32);
-            const auto c = static_cast<Index>(two & 0xffffffffu);
+            const auto first = to_index(a);
+            const auto b = to_index(two >> 32);
+            const auto c = to_index(two & 0xffffffffu);
             sums.add({edges.number(first, b), edges.number(first, c), edges.number(b, c)});
         }
     }

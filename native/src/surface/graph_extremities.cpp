@@ -9,7 +9,7 @@ namespace pointmorph {
 // Union-find from the highest node down.
 std::vector<double> prominences(std::span<const std::int64_t> offsets, std::span<const Index> ends,
                                 const Eigen::VectorXd& height) {
-    const auto count = static_cast<Index>(height.size());
+    const auto count = to_index(height.size());
     std::vector<Index> order(to_size(count)), peak(to_size(count), -1);
     std::iota(order.begin(), order.end(), 0);
     std::ranges::stable_sort(order, [&](Index i, Index j) { return height[i] > height[j]; });
@@ -40,7 +40,7 @@ std::vector<Index> most_prominent(const std::vector<double>& prominences, Index 
                                   double least) {
     std::vector<Index> peaks;
     for (std::size_t k = 0; k < prominences.size(); ++k)
-        if (prominences[k] > least) peaks.push_back(static_cast<Index>(k));
+        if (prominences[k] > least) peaks.push_back(to_index(k));
     std::ranges::stable_sort(
         peaks, [&](Index i, Index j) { return prominences[to_size(i)] > prominences[to_size(j)]; });
     peaks.resize(std::min(peaks.size(), to_size(std::max<Index>(most, 0))));

@@ -79,7 +79,7 @@ MlsProjection::MlsProjection(const KdTree<3>& tree, const Normals& normals,
 
 bool MlsProjection::gather(const Vector3& place, const Vector3& normal, double h) {
     tree_.within(place.data(), kReach * h, near_);
-    padded_ = (static_cast<Index>(near_.size()) + kPacket - 1) / kPacket * kPacket;
+    padded_ = (to_index(near_.size()) + kPacket - 1) / kPacket * kPacket;
     if (x_.size() < padded_)
         for (Eigen::ArrayXd* array : {&x_, &y_, &z_, &weight_, &height_}) array->resize(padded_);
     Index count = 0;

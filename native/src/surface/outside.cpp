@@ -164,7 +164,7 @@ void Outside::require(std::vector<Index> rows) {
     rows.erase(std::unique(rows.begin(), rows.end()), rows.end());
     std::vector<std::pair<double, std::vector<Spoke>>> built(rows.size());
     parallel_for(
-        static_cast<Index>(rows.size()), progress_,
+        to_index(rows.size()), progress_,
         [&](Index begin, Index end) {
             StarBuilder builder(positions_, normals_);
             std::vector<std::pair<double, Index>> sorted;
@@ -183,7 +183,7 @@ void Outside::require(std::vector<Index> rows) {
         0.6, 0.9, 64);
     for (std::size_t m = 0; m < rows.size(); ++m) {
         const auto& [spacing, spokes] = built[m];
-        star_of_[to_size(rows[m])] = static_cast<Index>(stars_.size());
+        star_of_[to_size(rows[m])] = to_index(stars_.size());
         stars_.push_back({rows[m], spacing, spokes_.size(), spokes.size()});
         spokes_.insert(spokes_.end(), spokes.begin(), spokes.end());
     }

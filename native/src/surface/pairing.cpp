@@ -41,7 +41,7 @@ template <int Dim>
 struct Cluster {
     Part<Dim> source, target;
 
-    Index size() const { return static_cast<Index>(source.size() + target.size()); }
+    Index size() const { return to_index(source.size() + target.size()); }
     bool is_final(Index max_size) const {
         const auto limit = to_size(max_size);
         return (source.size() <= limit && target.size() <= limit) || source.size() < 2 ||
@@ -285,7 +285,7 @@ void match_all(const Cluster<Dim>& root, Index max_size, Partners& partners, Pro
     for (double done = 0.0; !level.empty(); done = std::min(0.5, done + step)) {
         halves.resize(level.size());
         parallel_for(
-            static_cast<Index>(level.size()), progress,
+            to_index(level.size()), progress,
             [&](Index begin, Index end) {
                 for (auto i = to_size(begin); i < to_size(end); ++i) halves[i] = split(level[i]);
             },
@@ -298,7 +298,7 @@ void match_all(const Cluster<Dim>& root, Index max_size, Partners& partners, Pro
     }
 
     parallel_for(
-        static_cast<Index>(subtrees.size()), progress,
+        to_index(subtrees.size()), progress,
         [&](Index begin, Index end) {
             Matcher<Dim> matcher(partners);
             std::vector<Cluster<Dim>> open;
@@ -325,7 +325,7 @@ template <int Dim>
 void match_nearest(std::span<const Image<Dim>> images, const typename KdTree<Dim>::Points& others,
                    std::vector<Index>& partner, Progress& progress) {
     const KdTree<Dim> tree(others);
-    parallel_for(static_cast<Index>(images.size()), progress, [&](Index begin, Index end) {
+    parallel_for(to_index(images.size()), progress, [&](Index begin, Index end) {
         for (auto i = to_size(begin); i < to_size(end); ++i) {
             double squared_distance = 0.0;
             tree.nearest(images[i].at.data(), {&partner[to_size(images[i].row)], 1},
@@ -340,9 +340,9 @@ Pairing sorted_pairs(const Partners& partners, std::span<const IndexPair> featur
     const auto each_pair = [&](auto&& visit) {
         for (const IndexPair& pair : features) visit(pair.source, pair.target);
         for (std::size_t i = 0; i < partners.of_source.size(); ++i)
-            if (partners.of_source[i] >= 0) visit(static_cast<Index>(i), partners.of_source[i]);
+            if (partners.of_source[i] >= 0) visit(to_index(i), partners.of_source[i]);
         for (std::size_t j = 0; j < partners.of_target.size(); ++j)
-            if (partners.of_target[j] >= 0) visit(partners.of_target[j], static_cast<Index>(j));
+            if (partners.of_target[j] >= 0) visit(partners.of_target[j], to_index(j));
     };
     // ends[i] is first where row i's pairs begin, and in the end where they end.
     std::vector<std::size_t> ends(partners.of_source.size() + 1, 0);

@@ -63,7 +63,7 @@ Positions project_onto_surface(const Positions& images, std::span<const Index> a
                                const Neighborhoods* nearest) {
     Positions result(images.rows(), 3);
     const Positions& samples = surface.points();
-    parallel_for(static_cast<Index>(images.rows()), progress, [&](Index begin, Index end) {
+    parallel_for(to_index(images.rows()), progress, [&](Index begin, Index end) {
         std::array<Index, kNeighbors> near;
         std::array<double, kNeighbors> squared;
         std::array<Vector2, kNeighbors> flat;

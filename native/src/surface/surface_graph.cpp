@@ -17,7 +17,7 @@ namespace {
 std::vector<IndexPair> joining_edges(const Positions& positions,
                                      const ConnectedComponents& components) {
     const auto largest =
-        static_cast<Index>(std::ranges::max_element(components.sizes) - components.sizes.begin());
+        to_index(std::ranges::max_element(components.sizes) - components.sizes.begin());
     std::vector<Index> rows;
     for (Index i = 0; i < positions.rows(); ++i)
         if (components.label[to_size(i)] == largest) rows.push_back(i);

@@ -49,7 +49,7 @@ std::vector<Index> by_size(std::vector<Index> labels, Index count) {
 /// For each point the lowest row at the very same place, which stands for all points there.
 /// `nearest` is ascending by distance.
 std::vector<Index> without_twins(const Positions& positions, const Neighborhoods& nearest) {
-    const Index count = static_cast<Index>(positions.rows());
+    const Index count = to_index(positions.rows());
     std::vector<Index> first(to_size(count));
     std::iota(first.begin(), first.end(), 0);
     bool any = false;
@@ -91,7 +91,7 @@ void absorb_crumbs(std::vector<Index>& labels, const Positions& positions,
     std::vector<Index> rank(sizes.size(), -1);
     Index count = 0;
     for (std::size_t p = 0; p < into.size(); ++p)
-        if (into[p] == static_cast<Index>(p)) rank[p] = count++;
+        if (into[p] == to_index(p)) rank[p] = count++;
     for (Index& label : labels) label = rank[to_size(into[to_size(label)])];
 }
 
@@ -111,19 +111,19 @@ void move_strays_last(Topology& topology, const Values& spacing, double smallest
     };
     const double usual = median(spacings.front());
     std::vector<Index> order, strays;
-    for (Index p = 0; p < static_cast<Index>(spacings.size()); ++p) {
+    for (Index p = 0; p < to_index(spacings.size()); ++p) {
         const auto points = static_cast<double>(spacings[to_size(p)].size());
         const bool is_stray =
             points < smallest_share * count || points < kPointsPerCell ||
             (points < kFew * count && median(spacings[to_size(p)]) > kScattered * usual);
         (p > 0 && is_stray ? strays : order).push_back(p);
     }
-    topology.strays = static_cast<Index>(strays.size());
+    topology.strays = to_index(strays.size());
     order.insert(order.end(), strays.begin(), strays.end());
     std::vector<Index> rank(order.size());
     std::vector<Component> components;
     for (std::size_t k = 0; k < order.size(); ++k) {
-        rank[to_size(order[k])] = static_cast<Index>(k);
+        rank[to_size(order[k])] = to_index(k);
         components.push_back(topology.components[to_size(order[k])]);
     }
     topology.components = std::move(components);
@@ -135,9 +135,9 @@ std::vector<Index> joined_parts(std::span<const Index> parts, std::span<const In
     Neighborhoods same;
     std::map<Index, Index> representative;
     for (std::size_t i = 0; i < parts.size(); ++i) {
-        const Index one = representative.try_emplace(parts[i], static_cast<Index>(i)).first->second;
+        const Index one = representative.try_emplace(parts[i], to_index(i)).first->second;
         for (const Index other : {one, first[i]})
-            if (other != static_cast<Index>(i)) same.indices.push_back(other);
+            if (other != to_index(i)) same.indices.push_back(other);
         same.offsets.push_back(static_cast<std::int64_t>(same.indices.size()));
     }
     ConnectedComponents components = connected_components(same);
@@ -174,8 +174,7 @@ std::vector<Index> sampled_rows(std::span<const Index> labels, std::span<const I
                                 Index component, Index most) {
     std::vector<Index> rows;
     for (std::size_t i = 0; i < labels.size(); ++i)
-        if (labels[i] == component && first[i] == static_cast<Index>(i))
-            rows.push_back(static_cast<Index>(i));
+        if (labels[i] == component && first[i] == to_index(i)) rows.push_back(to_index(i));
     const auto step = (rows.size() + to_size(most) - 1) / to_size(most);
     for (std::size_t k = 0; k * step < rows.size(); ++k) rows[k] = rows[k * step];
     rows.resize((rows.size() + step - 1) / step);
@@ -197,8 +196,8 @@ struct Sample {
         : positions(gather(all.positions, rows)),
           normals(gather(all.normals, rows)),
           tree(positions) {
-        const bool whole = static_cast<Index>(rows.size()) == all.size();
-        if (!whole) own = nearest_neighbors(tree, static_cast<Index>(kNear), progress);
+        const bool whole = to_index(rows.size()) == all.size();
+        if (!whole) own = nearest_neighbors(tree, to_index(kNear), progress);
         nearest = whole ? &all.nearest : &own;
         area = estimated_area(positions, *nearest);
         for (Index i = 0; i < tree.size(); ++i) {
@@ -227,7 +226,7 @@ std::vector<Index> cells_around(const Sample& sample, std::span<const Index> cen
     std::priority_queue<Entry, std::vector<Entry>, std::greater<>> queue;
     for (std::size_t c = 0; c < centers.size(); ++c) {
         distances[to_size(centers[c])] = 0.0;
-        cells[to_size(centers[c])] = static_cast<Index>(c);
+        cells[to_size(centers[c])] = to_index(c);
         queue.emplace(0.0, centers[c]);
     }
     while (!queue.empty()) {
@@ -315,7 +314,7 @@ std::optional<Index> genus_of(const Sample& sample, std::span<const std::vector<
             poisson_disk_subset(sample.tree, sample.normals, {}, count, progress, sample.nearest)
                 .rows;
         const std::vector<Index> cells = cells_around(sample, centers);
-        Complex complex = complex_of(sample, cells, static_cast<Index>(centers.size()));
+        Complex complex = complex_of(sample, cells, to_index(centers.size()));
         close(complex, cells, borders);
         found.emplace_back(complex);
         const FreeLoops& first = found.front();
@@ -383,7 +382,7 @@ Topology find_topology(const SampledSurface& surface, std::span<const BoundaryLo
     for (const Index label : result.labels) ++result.components[to_size(label)].points;
     move_strays_last(result, spacing, options.smallest_share);
 
-    const auto count = static_cast<Index>(result.components.size());
+    const auto count = to_index(result.components.size());
     for (Index c = 0; c < count - result.strays; ++c) {
         Component& component = result.components[to_size(c)];
         const std::vector<Index> rows = sampled_rows(result.labels, first, c, options.points);
@@ -397,7 +396,7 @@ Topology find_topology(const SampledSurface& surface, std::span<const BoundaryLo
                 border.push_back(nearest_on_sheet(sample.tree, sample.normals, positions.row(i),
                                                   surface.normals.row(i)));
         }
-        component.borders = static_cast<Index>(borders.size());
+        component.borders = to_index(borders.size());
         component.genus = genus_of(sample, borders, options.cells, progress);
         progress.report(static_cast<double>(c + 1) / count);
     }

@@ -114,7 +114,7 @@ Positions transfer(const KdTree<Dim>& samples, const Positions& values,
                               std::to_string(kMostNeighbors),
                           std::to_string(options.neighbors), "The default is 12.");
     Positions result(queries.rows(), 3);
-    parallel_for(static_cast<Index>(queries.rows()), progress, [&](Index begin, Index end) {
+    parallel_for(to_index(queries.rows()), progress, [&](Index begin, Index end) {
         LinearFit<Dim> fit(samples, values, options.neighbors);
         for (Index i = begin; i < end; ++i) result.row(i) = fit(queries.row(i).data());
     });

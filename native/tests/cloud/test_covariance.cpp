@@ -37,7 +37,7 @@ Normals oriented(const Positions& p, Index k = 16, unsigned seed = 1) {
 }
 
 Index disagreements(const Normals& a, const Normals& b) {
-    return static_cast<Index>(((a.array() * b.array()).rowwise().sum() <= 0.0).count());
+    return to_index(((a.array() * b.array()).rowwise().sum() <= 0.0).count());
 }
 
 Positions stacked(const Positions& a, const Positions& b) {
@@ -155,15 +155,13 @@ TEST(Covariance, FollowsMotionAndScaleAndOrderOfThePoints) {
         EXPECT_NEAR(other.variation[i], reference.variation[i], 1e-9);
     }
 
-    const auto order = shapes::permutation(static_cast<Index>(p.rows()), 7);
+    const auto order = shapes::permutation(to_index(p.rows()), 7);
     const Covariance permuted = analysis(gather(p, order));
     for (std::size_t i = 0; i < order.size(); ++i) {
-        EXPECT_NEAR(permuted.variation[static_cast<Index>(i)], reference.variation[order[i]],
-                    1e-14);
+        EXPECT_NEAR(permuted.variation[to_index(i)], reference.variation[order[i]], 1e-14);
         EXPECT_NEAR(
-            std::abs(
-                permuted.normals.row(static_cast<Index>(i)).dot(reference.normals.row(order[i]))),
-            1.0, 1e-12);
+            std::abs(permuted.normals.row(to_index(i)).dot(reference.normals.row(order[i]))), 1.0,
+            1e-12);
     }
 }
 
@@ -283,8 +281,8 @@ TEST(OrientNormals, ThinPlateHasTwoSides) {
         }
         Positions p(points.size(), 3), expected(points.size(), 3);
         for (std::size_t i = 0; i < points.size(); ++i) {
-            p.row(static_cast<Index>(i)) = points[i];
-            expected.row(static_cast<Index>(i)) = outward[i];
+            p.row(to_index(i)) = points[i];
+            expected.row(to_index(i)) = outward[i];
         }
         const Normals found = oriented(p, 10);
         // Points half-way round the edge may have any normal; the sides may not.
@@ -305,7 +303,7 @@ TEST(OrientNormals, DoesNotDependOnThreadsOrOrder) {
     }
     EXPECT_EQ(by_threads[0], by_threads[1]);
 
-    const auto order = shapes::permutation(static_cast<Index>(p.rows()), 3);
+    const auto order = shapes::permutation(to_index(p.rows()), 3);
     EXPECT_EQ(disagreements(oriented(gather(p, order), 16, 9), gather(by_threads[0], order)), 0);
 }
 

@@ -129,7 +129,7 @@ TEST(KdTree, CoincidentPointsOfTheProductSpaceAreFoundInNoTime) {
     const auto from_afar = nearest(tree, p.row(7).data(), 4);
     ASSERT_EQ(from_afar.size(), 4u);
     EXPECT_EQ(from_afar[0], std::pair(0.0, 7));
-    for (std::size_t n = 1; n < 4; ++n) EXPECT_EQ(from_afar[n].second, static_cast<Index>(n - 1));
+    for (std::size_t n = 1; n < 4; ++n) EXPECT_EQ(from_afar[n].second, to_index(n - 1));
     for (Index i = 8; i < p.rows(); ++i) {
         const auto found = nearest(tree, p.row(i).data(), 4);
         ASSERT_EQ(found.size(), 4u);
@@ -160,7 +160,7 @@ TEST(KdTree, CoincidentPointsAreFoundByRowAndInNoTime) {
     const auto from_afar = nearest(tree, p.row(7).data(), 4);  // ties at another distance than 0
     ASSERT_EQ(from_afar.size(), 4u);
     EXPECT_EQ(from_afar[0], std::pair(0.0, 7));
-    for (std::size_t n = 1; n < 4; ++n) EXPECT_EQ(from_afar[n].second, static_cast<Index>(n - 1));
+    for (std::size_t n = 1; n < 4; ++n) EXPECT_EQ(from_afar[n].second, to_index(n - 1));
     // Were each of these to look at all the others, this test would take minutes.
     for (Index i = 0; i < p.rows(); ++i) {
         if (i == 7) continue;

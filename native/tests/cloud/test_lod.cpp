@@ -52,7 +52,7 @@ void split(const Positions& p, std::vector<Index> rows, std::size_t max_size, Cl
     const Vector3 v2 = eigen.eigenvectors().col(2);
     std::vector<Index> halves[2];
     for (std::size_t i = 0; i < rows.size(); ++i)
-        halves[centered.row(static_cast<Index>(i)).dot(v2) > 0.0].push_back(rows[i]);
+        halves[centered.row(to_index(i)).dot(v2) > 0.0].push_back(rows[i]);
     for (const auto& half : halves) split(p, half, max_size, result);
 }
 
@@ -61,7 +61,7 @@ void expect_partition(const Lod& lod, const Positions& p, std::span<const Index>
     ASSERT_EQ(lod.cluster.size(), rows.size());
     ASSERT_EQ(lod.offsets.size(), to_size(lod.size()) + 1);
     ASSERT_EQ(lod.offsets.front(), 0);
-    ASSERT_EQ(lod.offsets.back(), static_cast<Index>(rows.size()));
+    ASSERT_EQ(lod.offsets.back(), to_index(rows.size()));
     for (Index c = 0; c < lod.size(); ++c) {
         ASSERT_GE(lod[c].size(), 1u);
         ASSERT_LE(lod[c].size(), to_size(max_size));
@@ -116,7 +116,7 @@ TEST(Lod, CoincidentPointsAreSplitToo) {
     const Lod lod = simplified(same, 8);
     expect_partition(lod, same, all_rows(same), 8);
     for (Index c = 0; c < lod.size(); ++c)  // by row, as evenly as possible
-        EXPECT_EQ(lod[c].back() - lod[c].front() + 1, static_cast<Index>(lod[c].size()));
+        EXPECT_EQ(lod[c].back() - lod[c].front() + 1, to_index(lod[c].size()));
     EXPECT_LE(lod.size(), 2 * 5000 / 8);
 }
 

@@ -160,7 +160,7 @@ TEST(Filtered, LeavesOutPairsAndKeepsTheOrder) {
 /// Labels by repeated spreading of the lowest row.
 std::vector<Index> spread_labels(const Neighborhoods& neighborhoods) {
     std::vector<Index> label(to_size(neighborhoods.size()));
-    for (std::size_t i = 0; i < label.size(); ++i) label[i] = static_cast<Index>(i);
+    for (std::size_t i = 0; i < label.size(); ++i) label[i] = to_index(i);
     for (bool changed = true; changed;) {
         changed = false;
         for (Index i = 0; i < neighborhoods.size(); ++i)
@@ -180,15 +180,15 @@ TEST(ConnectedComponents, AreTheSpreadOfTheLowestRow) {
         const auto lowest = spread_labels(near);
         std::vector<Index> sizes;
         for (std::size_t i = 0; i < lowest.size(); ++i) {
-            if (lowest[i] == static_cast<Index>(i)) {  // the first of a new component
-                EXPECT_EQ(found.label[i], static_cast<Index>(sizes.size()));
+            if (lowest[i] == to_index(i)) {  // the first of a new component
+                EXPECT_EQ(found.label[i], to_index(sizes.size()));
                 sizes.push_back(0);
             }
             EXPECT_EQ(found.label[i], found.label[to_size(lowest[i])]);
             ++sizes[to_size(found.label[i])];
         }
         EXPECT_EQ(found.sizes, sizes);
-        EXPECT_EQ(found.count(), static_cast<Index>(sizes.size()));
+        EXPECT_EQ(found.count(), to_index(sizes.size()));
         EXPECT_GT(found.count(), k == 1 ? 50 : 0);
     }
 }

@@ -62,9 +62,9 @@ Alignment align(DiskPoints& source, DiskPoints& target, const std::vector<IndexP
 std::vector<IndexPair> random_features(const Rings& rings, Index count, double distance,
                                        unsigned seed) {
     std::mt19937_64 random(seed);
-    const auto any = [&] { return static_cast<Index>(random() % rings.first_on_circle); };
+    const auto any = [&] { return to_index(random() % rings.first_on_circle); };
     std::vector<IndexPair> features;
-    while (static_cast<Index>(features.size()) < count) {
+    while (to_index(features.size()) < count) {
         const IndexPair next{any(), any()};
         const bool fresh = std::ranges::all_of(features, [&](const IndexPair& f) {
             return f.source != next.source && f.target != next.target;
@@ -117,7 +117,7 @@ TEST(Alignment, FeaturesMeetHoweverFarTheyHaveToGo) {
     for (unsigned seed = 0; seed < 50; ++seed)
         for (const double distance : {0.1, 0.3, 2.0}) {
             DiskPoints source = rings.points, target = rings.points;
-            const Index count = 3 + static_cast<Index>(seed % 18);
+            const Index count = 3 + to_index(seed % 18);
             const auto features = random_features(rings, count, distance, seed);
             const auto result = align(source, target, features, {}, seed % 2 == 0);
             EXPECT_LE(result.residual, AlignmentOptions{}.error) << seed << " " << distance;
@@ -161,12 +161,12 @@ TEST(Alignment, TheMapIsOneToOne) {
     }
     std::vector<std::array<Index, 3>> triangles;
     for (Index i = 0; i < triangle_count; ++i) {
-        const auto row = static_cast<Index>(first) + 3 * i;
+        const auto row = to_index(first) + 3 * i;
         triangles.push_back({row, row + 1, row + 2});
     }
     for (unsigned seed = 0; seed < 20; ++seed) {
         DiskPoints source = start, target = start;
-        align(source, target, random_features(rings, 3 + static_cast<Index>(seed), 0.6, seed));
+        align(source, target, random_features(rings, 3 + to_index(seed), 0.6, seed));
         EXPECT_EQ(Rings::flipped(source, triangles), 0) << seed;
         EXPECT_EQ(Rings::flipped(target, triangles), 0) << seed;
     }
@@ -334,12 +334,12 @@ TEST(Alignment, OrderOfThePointsMakesNoDifference) {
     const auto features = random_features(rings, 5, 0.3, 2);
     DiskPoints source = rings.points, target = rings.points;
     align(source, target, features);
-    const auto order = shapes::permutation(static_cast<Index>(rings.points.rows()), 3);
+    const auto order = shapes::permutation(to_index(rings.points.rows()), 3);
     std::vector<Index> rank(order.size());
     DiskPoints shuffled(rings.points.rows(), 2);
     for (std::size_t i = 0; i < order.size(); ++i) {
         shuffled.row(static_cast<Eigen::Index>(i)) = rings.points.row(order[i]);
-        rank[to_size(order[i])] = static_cast<Index>(i);
+        rank[to_size(order[i])] = to_index(i);
     }
     std::vector<IndexPair> renamed;
     for (const auto& [s, t] : features) renamed.push_back({rank[to_size(s)], rank[to_size(t)]});

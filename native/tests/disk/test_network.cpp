@@ -92,8 +92,8 @@ MorphOptions paper() {
 void expect_disks(const NamedNetwork& named, const MorphInput& input, Index genus) {
     const Network& network = named.network;
     EXPECT_EQ(network.genus, genus);
-    EXPECT_EQ(static_cast<Index>(named.corners.size()) - static_cast<Index>(network.curves.size()) +
-                  static_cast<Index>(network.patches.size()),
+    EXPECT_EQ(to_index(named.corners.size()) - to_index(network.curves.size()) +
+                  to_index(network.patches.size()),
               2 - 2 * genus);
     std::set<Dart> darts;
     for (const auto& patch : network.patches)
@@ -126,7 +126,7 @@ void expect_disks(const NamedNetwork& named, const MorphInput& input, Index genu
         Index on_curve = 0;
         for (const Index label : network.labels[m])
             ++(label < 0 ? on_curve : sizes[to_size(label)]);
-        EXPECT_EQ(on_curve, static_cast<Index>(named.corners.size()));
+        EXPECT_EQ(on_curve, to_index(named.corners.size()));
         EXPECT_GT(std::ranges::min(sizes), 0);
         // Patches meet at the curves and nowhere else.
         Positions drawn(0, 3);
@@ -190,7 +190,7 @@ TEST(Network, MorphsATorusIntoABumpyOneByDefault) {
     const Morph morph(tori.input, paper(), progress);
     EXPECT_EQ(morph.report().domain, "network");
     EXPECT_EQ(morph.report().choice, "network: closed surfaces of genus 1");
-    EXPECT_EQ(static_cast<Index>(morph.report().curves.size()), morph.report().patches + 9);
+    EXPECT_EQ(to_index(morph.report().curves.size()), morph.report().patches + 9);
     EXPECT_TRUE(morph.report().warnings.empty());
     expect_whole(morph, tori.input.features);
     expect_alike(morph, tori);
@@ -277,8 +277,8 @@ TEST(Network, OpensTwoHandles) {
     options.decomposition.points = 3000;
     const Morph morph(input, options, progress);
     // Euler's number, with the tips that were taken in as features.
-    EXPECT_EQ(static_cast<Index>(input.features.size() + morph.report().extremities.size()) -
-                  static_cast<Index>(morph.report().curves.size()) + morph.report().patches,
+    EXPECT_EQ(to_index(input.features.size() + morph.report().extremities.size()) -
+                  to_index(morph.report().curves.size()) + morph.report().patches,
               -2);
     expect_whole(morph, input.features);
 }
@@ -475,7 +475,7 @@ TEST(Example, Network) {
     EXPECT_EQ(network.genus, 1);
     EXPECT_GE(around.size(), 3u);
     EXPECT_GE(patch, -1);
-    EXPECT_LT(patch, static_cast<Index>(network.patches.size()));
+    EXPECT_LT(patch, to_index(network.patches.size()));
 }
 
 }  // namespace

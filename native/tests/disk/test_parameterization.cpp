@@ -29,8 +29,8 @@ struct Patch {
 
 /// Upper half of the unit sphere, `count` points and a rim of evenly spaced ones.
 Patch hemisphere(Index count) {
-    const auto rim = static_cast<Index>(
-        std::lround(2 * std::numbers::pi * std::sqrt(count / (2 * std::numbers::pi))));
+    const auto rim =
+        to_index(std::lround(2 * std::numbers::pi * std::sqrt(count / (2 * std::numbers::pi))));
     Positions p(count + rim, 3);
     p.topRows(count) = shapes::sphere(count, 0.02);
     BoundaryLoop loop;
@@ -132,7 +132,7 @@ TEST(MatchPins, TheSameLoopShiftedMeetsItself) {
 TEST(MatchPins, FeaturesShareAnAngleOnAnyTwoLoops) {
     const Patch source = square(11);
     const Patch target = hemisphere(500);
-    const auto n = static_cast<Index>(target.loop.size());
+    const auto n = to_index(target.loop.size());
     const std::vector<IndexPair> features{{30, 2}, {1, n / 3}, {12, n / 2}, {16, n - 3}};
     const auto pins = match_pins(source.positions, source.loop, target.positions, target.loop,
                                  BoundarySpacing::kChordLength, features);

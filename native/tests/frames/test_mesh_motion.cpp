@@ -105,7 +105,7 @@ Normals faces_at(const Mesh& mesh, const Positions& vertices) {
 Index turned_over(const Mesh& mesh, const Positions& vertices, const Positions& truth) {
     const Normals is = faces_at(mesh, fit_similarity(vertices, truth).apply(vertices));
     const Normals should = faces_at(mesh, truth);
-    return static_cast<Index>((is.cwiseProduct(should).rowwise().sum().array() <= 0.0).count());
+    return to_index((is.cwiseProduct(should).rowwise().sum().array() <= 0.0).count());
 }
 
 /// Edges that bend by over 90°.

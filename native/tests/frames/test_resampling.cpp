@@ -348,7 +348,7 @@ TEST(Resampling, TheSameAtAnyScaleAndPlace) {
 
 TEST(Resampling, BothSidesOfAThinPlateAreFilled) {
     const Given top = torn_plane(30);
-    const auto rows = static_cast<Index>(top.pairs.size());
+    const auto rows = to_index(top.pairs.size());
     Given plate = top;
     for (auto [cloud, from] :
          {std::pair{&plate.source, &top.source}, {&plate.target, &top.target}}) {
@@ -391,7 +391,7 @@ TEST(Resampling, CrowdedPointsHideAndLeaveNoGap) {
     const Resampling resampling(given.source, given.target, given.pairs, crowded, options,
                                 progress);
     const Values shares = resampling.pair_shares(0.5);
-    const Index hidden = static_cast<Index>((shares.array() < 0.5).count());
+    const Index hidden = to_index((shares.array() < 0.5).count());
     EXPECT_GT(hidden, 20);
     EXPECT_EQ(resampling.pair_shares(0.0).minCoeff(), 1.0);
     EXPECT_EQ(resampling.pair_shares(1.0).minCoeff(), 1.0);
@@ -407,7 +407,7 @@ TEST(Resampling, CrowdedPointsHideAndLeaveNoGap) {
 
 TEST(Resampling, GoesOnFromAPlanWithTheSameBits) {
     const Given given = torn_plane(40);
-    const auto count = static_cast<Index>(given.pairs.size());
+    const auto count = to_index(given.pairs.size());
     ResamplingOptions options;
     options.crowding = 2.0;
     const Resampling first = given.resampled(options);

@@ -69,7 +69,7 @@ Vector3 fold(const Vector3& p) {
 
 Index row_at(double x, double y) {
     const auto step = [](double at) {
-        return static_cast<Index>(std::lround((at + 1.0) / 2.0 * (kSide - 1)));
+        return to_index(std::lround((at + 1.0) / 2.0 * (kSide - 1)));
     };
     return step(x) * kSide + step(y);
 }

@@ -30,7 +30,7 @@ Laplacian graph(Index count, std::mt19937_64& random) {
             sum += weights(i, j);
         }
         result.sums.push_back(sum);
-        result.offsets.push_back(static_cast<Index>(result.neighbors.size()));
+        result.offsets.push_back(to_index(result.neighbors.size()));
     }
     return result;
 }

@@ -36,7 +36,7 @@ double area_of(const Positions& p, const std::vector<std::array<Index, 3>>& tria
 
 std::vector<Index> all(const Positions& p) {
     std::vector<Index> rows(to_size(p.rows()));
-    for (std::size_t i = 0; i < rows.size(); ++i) rows[i] = static_cast<Index>(i);
+    for (std::size_t i = 0; i < rows.size(); ++i) rows[i] = to_index(i);
     return rows;
 }
 

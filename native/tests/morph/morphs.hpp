@@ -41,9 +41,7 @@ inline Cloud hemisphere(Index count) {
 
 /// Source rows near where they should be: the row of the grid nearest to (x, y).
 inline Index grid_row(Index side, double x, double y) {
-    const auto cell = [&](double c) {
-        return static_cast<Index>(std::lround((c + 1) / 2 * (side - 1)));
-    };
+    const auto cell = [&](double c) { return to_index(std::lround((c + 1) / 2 * (side - 1))); };
     return cell(x) * side + cell(y);
 }
 

@@ -117,7 +117,7 @@ TEST(Morph, SmallHolesDoNotMakeAnOpenPatch) {
     std::vector<Index> kept, rank(3000, -1);
     for (Index i = 0; i < 3000; ++i)
         if ((input.source.positions.row(i) - Eigen::RowVector3d(0.9, 0.3, 0.75)).norm() > 0.3) {
-            rank[to_size(i)] = static_cast<Index>(kept.size());
+            rank[to_size(i)] = to_index(kept.size());
             kept.push_back(i);
         }
     input.source.positions = gather(input.source.positions, kept);

@@ -161,7 +161,7 @@ TEST(Example, DenserMesh) {
     const auto [a, b] = mesh.ends.front();  // the first new vertex is halfway of these
     const Vector3 place = mesh.positions.row(0).transpose();  // of the first one, on the target
     // --- end of the example
-    EXPECT_EQ(mesh.positions.rows(), cube.size() + static_cast<Index>(mesh.ends.size()));
+    EXPECT_EQ(mesh.positions.rows(), cube.size() + to_index(mesh.ends.size()));
     EXPECT_LT(mesh.positions.rows(), 1000);
     EXPECT_NE(a, b);
     EXPECT_LT(std::max(a, b), cube.size());

@@ -27,8 +27,7 @@ std::vector<Index> ends(const CoarseShape& shape, const std::vector<Vector3>& sp
         const auto distance = [&](Index node) {
             return (shape.positions.row(node) - end).squaredNorm();
         };
-        result.push_back(
-            static_cast<Index>(std::ranges::min_element(nodes, {}, distance) - nodes.begin()));
+        result.push_back(to_index(std::ranges::min_element(nodes, {}, distance) - nodes.begin()));
     }
     return result;
 }

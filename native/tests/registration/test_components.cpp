@@ -32,7 +32,7 @@ Positions creature(double length, double eye, double height) {
 Topology topology_of(std::vector<Index> sizes) {
     Topology topology;
     for (std::size_t p = 0; p < sizes.size(); ++p) {
-        topology.labels.insert(topology.labels.end(), to_size(sizes[p]), static_cast<Index>(p));
+        topology.labels.insert(topology.labels.end(), to_size(sizes[p]), to_index(p));
         topology.components.push_back({sizes[p], 0, false, 0});
     }
     return topology;

@@ -186,7 +186,7 @@ TEST(LiveMap, RegionsPull) {
     Progress progress;
     const auto around = [](const Egg& egg, Index row) {
         std::vector<Index> rows;
-        for (Index i = 0; i < static_cast<Index>(egg.positions.rows()); ++i)
+        for (Index i = 0; i < to_index(egg.positions.rows()); ++i)
             if ((egg.positions.row(i) - egg.positions.row(row)).norm() < 0.12) rows.push_back(i);
         return rows;
     };

@@ -26,9 +26,8 @@ Registration identity_of(const CoarseShape& shape) {
 
 Misfit misfit_of(const CoarsePair& shapes, const Registration& registration) {
     Progress progress;
-    return registration_misfit(shapes, static_cast<Index>(shapes.source.levels.size()) - 1,
-                               registration, node_distances(shapes.source, shapes.target), {},
-                               progress);
+    return registration_misfit(shapes, to_index(shapes.source.levels.size()) - 1, registration,
+                               node_distances(shapes.source, shapes.target), {}, progress);
 }
 
 TEST(Misfit, IsNoneForAShapeThatStaysItself) {

@@ -141,7 +141,7 @@ TEST(PoseTrials, AnchorsBringShapesTogetherThatLieTheOtherWayRound) {
                      urchins.source.positions.row(urchins.source_tips[i].point).transpose() -
                  urchins.target.positions.row(urchins.target_tips[j].point).transpose())
                     .norm() < 0.1)
-                matches.push_back({static_cast<Index>(i), static_cast<Index>(j)});
+                matches.push_back({to_index(i), to_index(j)});
     ASSERT_GE(matches.size(), 5u);
     const PoseSearch search = urchins.search();
     const auto error = [&](bool anchored) {

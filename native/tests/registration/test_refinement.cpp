@@ -276,7 +276,7 @@ TEST(Refinement, OpenPatchesGenusOneAndSeveralPartsGoThrough) {
     const auto run = [&](const Positions& s, const Normals& sn, const Positions& t,
                          const Normals& tn, std::vector<IndexPair> features) {
         expect_complete(refine({s, sn}, {t, tn}, as_features(features), {}, progress),
-                        static_cast<Index>(s.rows()), static_cast<Index>(t.rows()));
+                        to_index(s.rows()), to_index(t.rows()));
     };
     const Positions half = shapes::sphere(600, 0.0), flat = shapes::grid(25);
     Normals up = Normals::Zero(flat.rows(), 3);

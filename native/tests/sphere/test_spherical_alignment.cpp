@@ -142,16 +142,16 @@ TEST(SphericalAlignment, PlacesAreFoundWhereverTheSearchStarts) {
     const SphereLocator locator(shape.mesh.triangles, shape.mesh.images);
     std::mt19937_64 random(4);
     std::normal_distribution<double> normal;
-    const auto triangles = static_cast<Index>(shape.mesh.triangles.size());
+    const auto triangles = to_index(shape.mesh.triangles.size());
     for (int k = 0; k < 300; ++k) {
         const Vector3 place = Vector3(normal(random), normal(random), normal(random)).normalized();
-        const auto start = static_cast<Index>(random() % static_cast<std::uint64_t>(triangles));
+        const auto start = to_index(random() % static_cast<std::uint64_t>(triangles));
         const auto [triangle, shares] = locator.find(place, start);
         EXPECT_GE(shares.minCoeff(), 0.0);
         EXPECT_NEAR(shares.sum(), 1.0, 1e-12);
         Vector3 there = Vector3::Zero();
         for (std::size_t c = 0; c < 3; ++c)
-            there += shares[static_cast<Index>(c)] *
+            there += shares[to_index(c)] *
                      shape.mesh.images.row(shape.mesh.triangles[to_size(triangle)][c]).transpose();
         EXPECT_LT((there.normalized() - place).norm(), 1e-9);
     }

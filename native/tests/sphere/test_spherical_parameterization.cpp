@@ -55,7 +55,7 @@ double area(const Eigen::RowVector3d& a, const Eigen::RowVector3d& b, const Eige
 }
 
 void expect_closed(const SphericalMesh& mesh) {
-    EXPECT_EQ(static_cast<Index>(mesh.triangles.size()), 2 * mesh.size() - 4);
+    EXPECT_EQ(to_index(mesh.triangles.size()), 2 * mesh.size() - 4);
     std::map<std::pair<Index, Index>, int> edges;
     for (const auto& [a, b, c] : mesh.triangles)
         for (const auto& e : {std::pair{a, b}, {b, c}, {c, a}}) ++edges[e];

@@ -140,7 +140,7 @@ TEST(Boundary, NoiseAlongTheNormalAndInThePlane) {
 TEST(Boundary, HolesRunClockwise) {
     const Positions p = kept(
         disc(6000), [](const Vector3& x) { return (x - Vector3(0.3, 0.0, 0.0)).norm() > 0.4; });
-    const auto loops = loops_of(p, upward(static_cast<Index>(p.rows())));
+    const auto loops = loops_of(p, upward(to_index(p.rows())));
     ASSERT_EQ(loops.size(), 2u);
     EXPECT_NEAR(area(p, loops[0]), std::numbers::pi, 0.1);
     EXPECT_NEAR(area(p, loops[1]), -0.16 * std::numbers::pi, 0.03);
@@ -155,7 +155,7 @@ TEST(Boundary, SmallGapsInTheSamplingAreNoHoles) {
         const Positions p = kept(disc(kCount), [&](const Vector3& x) {
             return (x - Vector3(0.3, 0.1, 0.0)).norm() > radius * spacing;
         });
-        return loops_of(p, upward(static_cast<Index>(p.rows()))).size() - 1;
+        return loops_of(p, upward(to_index(p.rows()))).size() - 1;
     };
     EXPECT_EQ(holes_with_radius(1.2), 0u);
     EXPECT_EQ(holes_with_radius(4.0), 1u);
@@ -166,7 +166,7 @@ TEST(Boundary, OptionsSayHowLargeAHoleIs) {
     const double spacing = std::sqrt(std::numbers::pi / kCount);
     const Positions p = kept(
         disc(kCount), [&](const Vector3& x) { return x.norm() > 5.0 * spacing || x.norm() == 0; });
-    const Normals up = upward(static_cast<Index>(p.rows()));
+    const Normals up = upward(to_index(p.rows()));
     EXPECT_EQ(loops_of(p, up).size(), 2u);
     EXPECT_EQ(loops_of(p, up, {.opening = 8.0}).size(), 1u);
     EXPECT_EQ(loops_of(p, up, {.min_loop = 60.0}).size(), 1u);
@@ -212,7 +212,7 @@ TEST(Boundary, TheOtherSideOfAThinSheetDoesNotHideAHole) {
     Positions p(upper.rows() + lower.rows(), 3);
     p << upper, lower;
     Normals normals(p.rows(), 3);
-    normals << upward(static_cast<Index>(upper.rows())), -upward(kCount);
+    normals << upward(to_index(upper.rows())), -upward(kCount);
     const auto loops = loops_of(p, normals);
     ASSERT_EQ(loops.size(), 1u);  // both rims together close the sheet
     for (const Index i : loops[0]) {
@@ -234,7 +234,7 @@ TEST(Boundary, SpacingThatJumps) {
     std::set<Index> border;
     for (Index i = 0; i < p.rows(); ++i)
         if (std::abs(p(i, 0)) == 1.0 || p(i, 1) == 0.0 || p(i, 1) == 1.0) border.insert(i);
-    const auto loops = loops_of(p, upward(static_cast<Index>(p.rows())));
+    const auto loops = loops_of(p, upward(to_index(p.rows())));
     ASSERT_EQ(loops.size(), 1u);
     EXPECT_EQ(std::set<Index>(loops[0].begin(), loops[0].end()), border);
     EXPECT_NEAR(loop_length(p, loops[0]), 6.0, 1e-12);
@@ -324,7 +324,7 @@ TEST(Boundary, PointsThatCoincide) {
     const Positions once = shapes::grid(30);
     Positions p(2 * once.rows(), 3);
     p << once, once;
-    const auto loops = loops_of(p, upward(static_cast<Index>(p.rows())));
+    const auto loops = loops_of(p, upward(to_index(p.rows())));
     ASSERT_EQ(loops.size(), 1u);
     EXPECT_EQ(loops[0], shapes::grid_border(30));
 }

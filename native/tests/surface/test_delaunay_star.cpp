@@ -31,9 +31,9 @@ std::vector<Index> others(Index count) {
 
 TEST(DelaunayStar, OfAHexagonHasItsCornersInOrderAndItsDiscs) {
     const Positions p = hexagon(5);
-    const Normals n = shapes::up(static_cast<Index>(p.rows()));
+    const Normals n = shapes::up(to_index(p.rows()));
     StarBuilder builder(p, n);
-    EXPECT_TRUE(builder.build(0, others(static_cast<Index>(p.rows()))));
+    EXPECT_TRUE(builder.build(0, others(to_index(p.rows()))));
     const auto spokes = builder.spokes();
     ASSERT_EQ(spokes.size(), 6u);
     for (std::size_t k = 0; k < 6; ++k) {

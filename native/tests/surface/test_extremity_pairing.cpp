@@ -18,7 +18,7 @@ struct Star {
         for (const Index length : lengths) {
             Index last = 0;
             for (Index k = 0; k < length; ++k) {
-                const auto node = static_cast<Index>(neighbors.size());
+                const auto node = to_index(neighbors.size());
                 neighbors.push_back({last});
                 neighbors[to_size(last)].push_back(node);
                 last = node;

@@ -91,7 +91,7 @@ std::array<Index, 2> brute_force(Index vertices, const Simplices& simplices) {
         ends.push_back(row);
     }
     for (const auto& [a, b, c] : triangles) borders.push_back(loop({a, b, c}));
-    const auto cycles = static_cast<Index>(edges.size()) - rank_of(ends);
+    const auto cycles = to_index(edges.size()) - rank_of(ends);
     const Index all = cycles - rank_of(borders);
     for (Index a = 0; a < vertices; ++a)
         for (Index b = 0; b < vertices; ++b)
@@ -142,13 +142,13 @@ TEST(FreeLoops, AreThoseOfBruteForce) {
     std::mt19937 random(5);
     Index some = 0;
     for (int round = 0; round < 60; ++round) {
-        const Index vertices = 6 + static_cast<Index>(random() % 14);
+        const Index vertices = 6 + to_index(random() % 14);
         Simplices simplices;
         for (Index k = 0; k < 2 * vertices; ++k) {
             std::set<Index> simplex;
             const std::size_t size = 2 + random() % (round % 3 + 1);
             while (simplex.size() < size)
-                simplex.insert(static_cast<Index>(random() % static_cast<unsigned>(vertices)));
+                simplex.insert(to_index(random() % static_cast<unsigned>(vertices)));
             simplices.emplace_back(simplex.begin(), simplex.end());
         }
         const FreeLoops found{complex_of(vertices, simplices)};

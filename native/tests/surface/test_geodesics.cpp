@@ -84,7 +84,7 @@ TEST(Geodesics, CheapestPathIsThatOfBellmanAndFord) {
             for (auto e = to_size(cloud.graph.offsets[i]); e < to_size(cloud.graph.offsets[i + 1]);
                  ++e) {
                 double& other = least[to_size(cloud.graph.neighbors[e])];
-                other = std::min(other, least[i] + cost(static_cast<Index>(i), e));
+                other = std::min(other, least[i] + cost(to_index(i), e));
             }
     for (Index to = 0; to < 80; ++to) {
         const auto path = cheapest_path(cloud.graph, 0, to, costs);

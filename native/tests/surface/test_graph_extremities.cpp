@@ -15,7 +15,7 @@ SurfaceGraph tree_of(const std::vector<Index>& parents) {
     std::vector<std::vector<Index>> neighbors(parents.size() + 1);
     for (std::size_t k = 0; k < parents.size(); ++k) {
         neighbors[k + 1].push_back(parents[k]);
-        neighbors[to_size(parents[k])].push_back(static_cast<Index>(k + 1));
+        neighbors[to_size(parents[k])].push_back(to_index(k + 1));
     }
     SurfaceGraph graph;
     for (auto& row : neighbors) {
@@ -38,7 +38,7 @@ struct Star {
             Index last = 0;
             for (Index k = 0; k < length; ++k) {
                 parents.push_back(last);
-                last = static_cast<Index>(parents.size());
+                last = to_index(parents.size());
             }
             ends.push_back(last);
         }

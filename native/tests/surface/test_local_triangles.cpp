@@ -58,7 +58,7 @@ TEST(LocalTriangles, LeaveHolesOpenAndSheetsApart) {
     Normals normals(2 * points.rows(), 3);
     sheets << points, points.rowwise() - Eigen::RowVector3d(0, 0, 0.02);
     normals << shapes::up(points.rows()), -shapes::up(points.rows());
-    const auto rows = static_cast<Index>(points.rows());
+    const auto rows = to_index(points.rows());
     const auto triangles = triangles_of(sheets, normals);
     EXPECT_GT(triangles.size(), 2U * 2U * 1500U * 95U / 100U);
     for (const auto& [a, b, c] : triangles) EXPECT_EQ(a < rows, c < rows);

@@ -129,8 +129,8 @@ TEST(Pairing, ClustersHoldNoMoreThanAsked) {
 
 TEST(Pairing, OneClusterFollowsTheGreedyRule) {
     for (unsigned seed = 0; seed < 200; ++seed) {
-        const Index sources = 1 + static_cast<Index>(seed) % 10;
-        const Index targets = 1 + static_cast<Index>(seed * 7) % 10;
+        const Index sources = 1 + to_index(seed) % 10;
+        const Index targets = 1 + to_index(seed * 7) % 10;
         const auto source = noise<3>(sources, 2 * seed), target = noise<3>(targets, 2 * seed + 1);
         EXPECT_EQ(pair<3>(source, target), greedy_by_definition<3>(source, target)) << seed;
     }

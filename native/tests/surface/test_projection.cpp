@@ -101,7 +101,7 @@ TEST(Landing, DegenerateSurfacesGiveFinitePlaces) {
     for (const Positions& samples :
          {Positions(Positions::Zero(1, 3)), Positions(Positions::Zero(30, 3)),
           Positions(Values::LinSpaced(40, 0.0, 1.0) * Eigen::RowVector3d(1, 2, 3))}) {
-        const Positions result = land(images, samples, upward(static_cast<Index>(samples.rows())));
+        const Positions result = land(images, samples, upward(to_index(samples.rows())));
         EXPECT_TRUE(result.allFinite());
         const KdTree<3> tree(samples);
         for (Index i = 0; i < 20; ++i)  // no farther off than the samples reach

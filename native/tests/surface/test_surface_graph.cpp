@@ -62,7 +62,7 @@ TEST(SurfaceGraph, AgreesWithFloydAndHonoursTheLimit) {
     for (const double limit : {0.8, 10.0})
         for (Index i = 0; i < 60; ++i) {
             const auto found = search.from(i, limit);
-            EXPECT_EQ(static_cast<Index>(found.size()), (d.row(i).array() < limit).count());
+            EXPECT_EQ(to_index(found.size()), (d.row(i).array() < limit).count());
             for (const auto& [j, distance] : found) EXPECT_NEAR(distance, d(i, j), 1e-12);
         }
 }

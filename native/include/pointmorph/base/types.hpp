@@ -25,6 +25,13 @@ constexpr std::size_t to_size(T i) {
     return static_cast<std::size_t>(i);
 }
 
+/// A number of rows or elements as an index: the caller knows that it fits.
+template <class T>
+requires std::integral<T> || std::is_enum_v<T>
+constexpr Index to_index(T i) {
+    return static_cast<Index>(i);
+}
+
 /// #points by 3, one point a row (x y z contiguous).
 using Positions = Eigen::Matrix<double, Eigen::Dynamic, 3, Eigen::RowMajor>;
 

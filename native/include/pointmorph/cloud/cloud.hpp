@@ -15,7 +15,7 @@ struct Polygons {
     std::vector<std::int64_t> offsets{0};  ///< #polygons + 1, into `corners`
     std::vector<Index> corners;
 
-    Index size() const { return static_cast<Index>(offsets.size()) - 1; }
+    Index size() const { return to_index(offsets.size()) - 1; }
     std::span<const Index> operator[](Index f) const {
         const auto i = to_size(f);
         return {corners.data() + offsets[i], corners.data() + offsets[i + 1]};
@@ -34,7 +34,7 @@ struct Cloud {
     /// samples, which may lie as they like.
     Polygons faces{};
 
-    Index size() const { return static_cast<Index>(positions.rows()); }
+    Index size() const { return to_index(positions.rows()); }
 };
 
 /// Throws CloudError unless the cloud has at least `minimum_points` points (3, if that is more),

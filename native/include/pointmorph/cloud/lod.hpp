@@ -21,7 +21,7 @@ struct Lod {
     std::vector<Index> offsets;  ///< #clusters + 1, into `members`
     std::vector<Index> members;  ///< rows of the cloud, cluster by cluster
 
-    Index size() const { return static_cast<Index>(centroids.rows()); }
+    Index size() const { return to_index(centroids.rows()); }
     std::span<const Index> operator[](Index c) const {
         const auto i = to_size(c);
         return {members.data() + offsets[i], members.data() + offsets[i + 1]};

@@ -16,7 +16,7 @@ struct Neighborhoods {
     std::vector<std::int64_t> offsets{0};  ///< #points + 1
     std::vector<Index> indices;            ///< 0-based rows
 
-    Index size() const { return static_cast<Index>(offsets.size()) - 1; }
+    Index size() const { return to_index(offsets.size()) - 1; }
 
     std::span<const Index> operator[](Index i) const {
         const auto row = to_size(i);
@@ -61,7 +61,7 @@ struct ConnectedComponents {
     std::vector<Index> label;  ///< #points; components are numbered by their lowest row
     std::vector<Index> sizes;  ///< points in each
 
-    Index count() const { return static_cast<Index>(sizes.size()); }
+    Index count() const { return to_index(sizes.size()); }
 };
 ConnectedComponents connected_components(const Neighborhoods& neighborhoods);
 

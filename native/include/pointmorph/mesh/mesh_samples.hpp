@@ -33,7 +33,7 @@ struct MeshSamples {
     std::vector<Index> border;     ///< the longest border, in order; empty where there is none
     std::vector<Index> kept;       ///< the sample at each place that was to be kept
 
-    Index size() const { return static_cast<Index>(positions.rows()); }
+    Index size() const { return to_index(positions.rows()); }
 
     /// Values at the samples from values at the places (or at the vertices, through
     /// Mesh::places), one row a place.

@@ -22,7 +22,7 @@ public:
     VertexImages(const OrientedPoints& vertices, const OrientedPoints& samples, double spacing,
                  Progress& progress);
 
-    Index size() const { return static_cast<Index>(offsets_.rows()); }
+    Index size() const { return to_index(offsets_.rows()); }
 
     /// #vertices by 3, by an affine fit of the samples' `images` (#samples by 3) around each vertex
     /// that keeps to a turn and a scale where the samples leave it open: exact for similarities. A

@@ -29,7 +29,7 @@ struct Guides {
     std::vector<Index> coarse_rows;  ///< the coarse points that carry them
     Values weights;  ///< how much they pull, the same on both shapes; 0 to show the pose
 
-    Index size() const { return static_cast<Index>(coarse_rows.size()); }
+    Index size() const { return to_index(coarse_rows.size()); }
 };
 
 /// How far each point belongs to the regions: close in the product space are only points of like
@@ -52,7 +52,7 @@ struct CoarseShape {
     Labels labels;  ///< #points by 16, in √area; no rows where there are no regions
     Values pulls;   ///< by how much a point's match counts for more; as many
 
-    Index size() const { return static_cast<Index>(positions.rows()); }
+    Index size() const { return to_index(positions.rows()); }
 };
 
 /// Two shapes that are registered, and which of their points belong together. Refers to all of it:

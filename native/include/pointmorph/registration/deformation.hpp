@@ -56,8 +56,8 @@ struct DeformationGraph {
     /// Of all the above; shared by all deformations.
     std::shared_ptr<const DeformationPattern> pattern;
 
-    Index size() const { return static_cast<Index>(node_rows.size()); }
-    Index points() const { return static_cast<Index>(point_nodes.size()); }
+    Index size() const { return to_index(node_rows.size()); }
+    Index points() const { return to_index(point_nodes.size()); }
 };
 
 /// `subset` becomes the nodes. Weights fall like (1 − d/(1.05 d_max))² with the geodesic distance;

@@ -40,7 +40,7 @@ struct SphericalMesh {
     SurfaceGraph graph;               ///< of nodes whose cells touch, lengths in √area
     Index loose = 0;                  ///< points of the cloud outside the largest component
 
-    Index size() const { return static_cast<Index>(rows.size()); }
+    Index size() const { return to_index(rows.size()); }
 };
 
 /// The surface's normals point outward. The `required` rows, none twice, are among the nodes.

@@ -17,7 +17,7 @@ public:
     /// The edges of a graph, symmetric and ascending, and all triangles that they make.
     explicit Complex(const Neighborhoods& graph);
 
-    Index size() const { return static_cast<Index>(edges_.size()); }
+    Index size() const { return to_index(edges_.size()); }
     Index add_vertex();
 
     /// All edges and triangles of a set of vertices, ascending, none twice. What is there already

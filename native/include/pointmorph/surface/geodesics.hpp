@@ -20,7 +20,7 @@ struct SurfaceCurve {
     Positions points;  ///< #points by 3, in order
     Normals normals;   ///< of the surface there
 
-    Index size() const { return static_cast<Index>(points.rows()); }
+    Index size() const { return to_index(points.rows()); }
 };
 
 /// Length of the open polygon.

@@ -15,7 +15,7 @@ struct SampledSurface {
     const Neighborhoods& nearest;  ///< ascending by distance, 12 or more a point
     std::string name = "cloud";    ///< as the user knows it; errors quote it
 
-    Index size() const { return static_cast<Index>(positions.rows()); }
+    Index size() const { return to_index(positions.rows()); }
 };
 
 }  // namespace pointmorph

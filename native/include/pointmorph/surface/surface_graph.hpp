@@ -21,7 +21,7 @@ struct SurfaceGraph {
     std::vector<Index> neighbors;
     std::vector<double> lengths;
 
-    Index size() const { return static_cast<Index>(offsets.size()) - 1; }
+    Index size() const { return to_index(offsets.size()) - 1; }
 };
 
 /// A symmetric graph with an edge more for every component but the largest: the shortest to that
