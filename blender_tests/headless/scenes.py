@@ -1,7 +1,11 @@
 """Objects to morph, and what tests ask of a scene."""
 
+import json
+import os
 import subprocess
 import sys
+import threading
+from functools import cache
 from pathlib import Path
 
 import bpy
@@ -303,12 +307,8 @@ def members(obj, index):
 # --- Without the add-on ---------------------------------------------------------------------------
 
 _READ = """
-import sys
+import json, os, sys
 import bpy, numpy as np
-path, out, turned_on, *names = sys.argv[sys.argv.index("--") + 1 :]
-bpy.ops.wm.open_mainfile(filepath=path)
-assert not hasattr(bpy.types.Scene, "pointmorph")
-found = {}
 
 def turn_on(modifier, name):
     items = modifier.node_group.interface.items_tree
@@ -318,35 +318,73 @@ def turn_on(modifier, name):
     else:
         modifier[identifier] = True
 
-if turned_on:
-    for name in names:
-        turn_on(bpy.data.objects[name].modifiers["Points"], turned_on)
-        bpy.data.objects[name].update_tag()
-
-def add(name, points):
+def add(found, name, points):
     values = np.empty(len(points) * 3, np.float32)
     points.foreach_get("co", values)
     found[name] = values.reshape(-1, 3)
 
-for frame in (1, 7, 13, 20):
-    bpy.context.scene.frame_set(frame)
-    depsgraph = bpy.context.evaluated_depsgraph_get()
-    for name in names:
-        add(f"{name} {frame}", bpy.data.objects[name].evaluated_get(depsgraph).data.vertices)
-    for instance in depsgraph.object_instances:
-        if instance.object.type == "POINTCLOUD" and instance.parent:
-            add(f"{instance.parent.original.name} {frame}", instance.object.data.points)
-np.savez(out, **found)
+def play(path, out, turned_on, names, frames):
+    bpy.ops.wm.open_mainfile(filepath=path)
+    assert not hasattr(bpy.types.Scene, "pointmorph")
+    found = {}
+    if turned_on:
+        for name in names:
+            turn_on(bpy.data.objects[name].modifiers["Points"], turned_on)
+            bpy.data.objects[name].update_tag()
+    for frame in frames:
+        bpy.context.scene.frame_set(frame)
+        depsgraph = bpy.context.evaluated_depsgraph_get()
+        for name in names:
+            shown = bpy.data.objects[name].evaluated_get(depsgraph).data.vertices
+            add(found, f"{name} {frame}", shown)
+        for instance in depsgraph.object_instances:
+            if instance.object.type == "POINTCLOUD" and instance.parent:
+                original = instance.parent.original.name
+                add(found, f"{original} {frame}", instance.object.data.points)
+    np.savez(out, **found)
+
+for line in sys.stdin:
+    play(*json.loads(line))
+    print("PLAYED", flush=True)
+os._exit(0)  # Blender as a Python module doesn't always survive its own end
 """
 
 
-def played(path, *names, turned_on=""):
-    """What a fresh Blender without the add-on shows of objects in a file, by name and frame: 1, 7,
-    13 and 20; after an input of their modifier *Points* was turned on there."""
-    out = path.with_suffix(".npz")
+@cache
+def _player():
+    """A Blender without the add-on, and without other packages where those aren't beside it; one
+    serves all tests, because it takes longer to start than to read a file. It ends with this one.
+    """
     start = [sys.executable, "-c", _READ]
+    environment = None
     if bpy.app.binary_path:
         start = [bpy.app.binary_path, "--background", "--factory-startup", "--python-expr", _READ]
-    subprocess.run([*start, "--", str(path), str(out), turned_on, *names], check=True, timeout=120)
+    else:
+        # On Windows, numpy isn't beside this Blender.
+        folders = [str(Path(bpy.__file__).parents[5]), str(Path(np.__file__).parents[1])]
+        environment = {**os.environ, "PYTHONPATH": os.pathsep.join(folders)}
+    pipe = subprocess.PIPE
+    return subprocess.Popen(start, stdin=pipe, stdout=pipe, env=environment, text=True)
+
+
+def played(path, *names, turned_on="", frames=(1, 7, 13, 20)):
+    """What another Blender without the add-on shows of objects in a file at some frames, by name
+    and frame; after an input of their modifier *Points* was turned on there."""
+    out = path.with_suffix(".npz")
+    player = _player()
+    late = threading.Timer(120, player.kill)
+    late.start()
+    try:
+        print(json.dumps([str(path), str(out), turned_on, names, frames]), file=player.stdin)
+        player.stdin.flush()
+        # Blender says things of its own there as well.
+        said = iter(player.stdout.readline, "")
+        assert "PLAYED\n" in said, "the other Blender has ended"
+    except BaseException:
+        player.kill()
+        _player.cache_clear()
+        raise
+    finally:
+        late.cancel()
     with np.load(out) as found:
         return {name: found[name] for name in found.files}
