@@ -19,7 +19,7 @@ constexpr Index kMostNeighbors = 64;
 
 /// Added to the samples' variance along every axis, as a share of the sum over all axes: nothing
 /// on an even sampling, and where the samples lie on a line or a point, no slope across it.
-constexpr double kRidge = 1e-10;
+constexpr double kAddedVariance = 1e-10;
 
 /// Below the root of this share of the reach, samples count alike. Smaller follows single samples
 /// more closely (0 would interpolate), larger averages over more.
@@ -28,7 +28,7 @@ constexpr double kPlateau = 0.01;
 /// How far from the samples' mean the linear function is followed, in standard deviations of the
 /// samples that way. Among independent random samples of a square a query is 0.8 away, 3 where one
 /// in a hundred is, 9 at the most and on the rim.
-constexpr double kFarthest = 10.0;
+constexpr double kFarthestFollowed = 10.0;
 
 /// Weighted linear fit around a query, evaluated there. The weights fade to 0 at the farthest
 /// sample: samples come and go without a step. One object a thread: keeps its memory.
@@ -69,13 +69,13 @@ public:
         }
         const double trace = variance.trace();
         if (!(trace > 0.0)) return mean;
-        variance.diagonal().array() += kRidge * trace;
+        variance.diagonal().array() += kAddedVariance * trace;
 
         // The query lies −offset from the mean. Going there by the slope changes each value by at
         // most its standard deviation times the distance in the samples' own.
         const Eigen::Matrix<double, Dim, 1> solved = variance.ldlt().solve(offset.transpose());
         const double distance = std::sqrt(std::max(0.0, offset.dot(solved)));
-        const double follow = distance > kFarthest ? kFarthest / distance : 1.0;
+        const double follow = distance > kFarthestFollowed ? kFarthestFollowed / distance : 1.0;
         return mean - follow * solved.transpose() * covariance;
     }
 

@@ -17,7 +17,7 @@ namespace pointmorph {
 namespace {
 
 /// Two clouds whose rows are pairs, a map between them, and what is known of it.
-struct Case {
+struct DiagnosedCase {
     Cloud source, target;
     Positions source_images, target_images;
     Pairing pairs;
@@ -33,8 +33,8 @@ struct Case {
     }
 };
 
-Case of_same_rows(Cloud source, Cloud target) {
-    Case result{std::move(source), std::move(target), {}, {}, {}, {}};
+DiagnosedCase pairs_of_rows(Cloud source, Cloud target) {
+    DiagnosedCase result{std::move(source), std::move(target), {}, {}, {}, {}};
     result.source_images = result.target.positions;
     result.target_images = result.source.positions;
     for (Index i = 0; i < result.source.size(); ++i) result.pairs.push_back({i, i});
@@ -46,23 +46,23 @@ Cloud ball(const std::string& name, Index count) {
     return {name, p, p, {}, {}};
 }
 
-Case itself(Index count = 3000) {
-    return of_same_rows(ball("Ball", count), ball("Moon", count));
+DiagnosedCase itself(Index count = 3000) {
+    return pairs_of_rows(ball("Ball", count), ball("Moon", count));
 }
 
 /// From [−1, 1]² to what is left of it where all beyond x = ½ has been cut off: that is squeezed
 /// onto the border.
-Case cut() {
+DiagnosedCase cut() {
     const Positions sheet = shapes::grid(61);
     const auto there = [](const Vector3& p) {
         return Vector3(p.x() < 0.5 ? p.x() : 0.5 + 0.02 * (p.x() - 0.5), p.y(), 0.0);
     };
     const Normals up = Normals::Zero(sheet.rows(), 3).rowwise() + Eigen::RowVector3d(0, 0, 1);
-    return of_same_rows({"Sheet", sheet, up, {}, {}}, {"Rest", mapped(sheet, there), up, {}, {}});
+    return pairs_of_rows({"Sheet", sheet, up, {}, {}}, {"Rest", mapped(sheet, there), up, {}, {}});
 }
 
 /// Another map that costs as little, and takes one half of the source `distance` elsewhere.
-Alternatives other_half(const Case& one, double distance, double ratio) {
+Alternatives other_half(const DiagnosedCase& one, double distance, double ratio) {
     Alternatives others;
     for (Index i = 0; i < one.source.size(); i += 20) {
         others.source_rows.push_back(i);
@@ -105,7 +105,7 @@ TEST(LocalConfidence, AShapeOntoItselfIsSureEverywhere) {
 }
 
 TEST(LocalConfidence, AMapThatTearsAllApartIsWarnedOf) {
-    Case one = itself(1500);
+    DiagnosedCase one = itself(1500);
     const auto order = shapes::permutation(one.source.size(), 3);
     one.source_images = gather(one.target.positions, order);
     one.target_images = gather(one.source.positions, order);
@@ -116,7 +116,7 @@ TEST(LocalConfidence, AMapThatTearsAllApartIsWarnedOf) {
 }
 
 TEST(LocalConfidence, WhatLiesAroundAPartThatWasCutAwayIsInDoubtAndNamed) {
-    const Case one = cut();
+    const DiagnosedCase one = cut();
     const LocalConfidence found = one.measure();
     const double away =
         mean_where(one.source, found.source, [](const Vector3& p) { return p.x() < 0.2; });
@@ -138,7 +138,7 @@ TEST(LocalConfidence, WhatLiesAroundAPartThatWasCutAwayIsInDoubtAndNamed) {
 }
 
 TEST(LocalConfidence, FallsWhereAnotherMapThatFitsAsWellGoesElsewhere) {
-    Case one = itself();
+    DiagnosedCase one = itself();
     const Values alone = one.measure().source;
     const auto right = [](const Vector3& p) { return p.x() > 0.3; };
     const auto left = [](const Vector3& p) { return p.x() < -0.3; };
@@ -158,7 +158,7 @@ TEST(LocalConfidence, FallsWhereAnotherMapThatFitsAsWellGoesElsewhere) {
 }
 
 TEST(LocalConfidence, AMarkSettlesWhatItSpeaksAgainst) {
-    Case one = itself();
+    DiagnosedCase one = itself();
     one.diagnostics.alternatives = other_half(one, 0.3, 1.0);
     const Index front = 0, end = [&] {
         Index row;
@@ -179,7 +179,7 @@ TEST(LocalConfidence, AMarkSettlesWhatItSpeaksAgainst) {
 
 TEST(LocalConfidence, IsTheSameToTheBitForAnyNumberOfThreadsAndWithKnownNeighbors) {
     SKIP_WHERE_WATCHED();
-    Case one = cut();
+    DiagnosedCase one = cut();
     one.diagnostics.alternatives = other_half(one, 0.3, 1.0);
     const LocalConfidence found = one.measure();
     for (const int count : {1, 3}) {
@@ -208,7 +208,7 @@ TEST(LocalConfidence, DoesNotDependOnScalePlaceAndOrientation) {
     SKIP_WHERE_WATCHED();
     // Each point by itself, and several together: those that lie together in space.
     for (const auto& [count, tolerance] : {std::pair(2500, 1e-6), std::pair(20000, 0.05)}) {
-        Case one = itself(count);
+        DiagnosedCase one = itself(count);
         one.target.positions.col(0) *= 1.5;
         one.source_images = one.target.positions;
         one.diagnostics.alternatives = other_half(one, 0.3, 1.0);
@@ -217,7 +217,7 @@ TEST(LocalConfidence, DoesNotDependOnScalePlaceAndOrientation) {
         const auto move = [&](const Positions& p) -> Positions {
             return (1e-3 * p * turn.transpose()).rowwise() + Eigen::RowVector3d(3.0, 4.0, 5.0);
         };
-        Case moved = one;
+        DiagnosedCase moved = one;
         moved.target.positions = move(one.target.positions);
         moved.target.normals = one.target.normals * turn.transpose();
         moved.source_images = move(one.source_images);
@@ -238,7 +238,7 @@ TEST(LocalConfidence, IsAProbabilityForAnyCloud) {
         const Normals normals =
             Normals::Zero(p.rows(), 3).rowwise() + Eigen::RowVector3d(0.0, 0.0, 1.0);
         const LocalConfidence found =
-            of_same_rows({"Odd", p, normals, {}, {}}, {"Strange", p, normals, {}, {}}).measure();
+            pairs_of_rows({"Odd", p, normals, {}, {}}, {"Strange", p, normals, {}, {}}).measure();
         ASSERT_EQ(found.source.size(), p.rows());
         ASSERT_EQ(found.target.size(), p.rows());
         for (const Values* values : {&found.source, &found.target})
@@ -250,7 +250,7 @@ TEST(LocalConfidence, IsAProbabilityForAnyCloud) {
 }
 
 TEST(LocalConfidence, CanBeStopped) {
-    const Case one = itself(500);
+    const DiagnosedCase one = itself(500);
     Progress silent;
     const TwoWayMap map = one.map();
     const Quality quality = measure_quality(map, {}, silent);
@@ -264,7 +264,7 @@ TEST(LocalConfidence, CanBeStopped) {
 }
 
 TEST(Example, LocalConfidence) {
-    const Case sheet = cut();
+    const DiagnosedCase sheet = cut();
     const TwoWayMap map = sheet.map();
     const Diagnostics& diagnostics = sheet.diagnostics;
     const std::vector<Feature> features;

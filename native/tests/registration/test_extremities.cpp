@@ -14,7 +14,7 @@
 namespace pointmorph {
 namespace {
 
-CoarseShape urchin(const std::vector<Vector3>& spikes, unsigned seed) {
+CoarseShape fine_urchin(const std::vector<Vector3>& spikes, unsigned seed) {
     return coarse_urchin(60000, spikes, seed);
 }
 
@@ -25,7 +25,7 @@ const std::vector<Vector3>& four_spikes() {
 }
 
 TEST(Extremities, AreTheEndsOfTheSpikesFirstOfAll) {
-    const CoarseShape shape = urchin(four_spikes(), 3);
+    const CoarseShape shape = fine_urchin(four_spikes(), 3);
     const auto tips = extremities(shape, node_distances(shape), {});
     ASSERT_GE(tips.size(), 4u);
     for (const Vector3& spike : four_spikes())
@@ -41,7 +41,7 @@ TEST(Extremities, AreTheEndsOfTheSpikesFirstOfAll) {
 }
 
 TEST(Extremities, NoMoreThanAskedFor) {
-    const CoarseShape shape = urchin(four_spikes(), 3);
+    const CoarseShape shape = fine_urchin(four_spikes(), 3);
     ExtremityOptions options;
     options.most = 2;
     EXPECT_EQ(extremities(shape, node_distances(shape), options).size(), 2u);
@@ -50,8 +50,9 @@ TEST(Extremities, NoMoreThanAskedFor) {
 }
 
 TEST(Extremities, ArePairedWhereTheMapTakesThem) {
-    const CoarseShape source = urchin(four_spikes(), 3);
-    const CoarseShape target = urchin({Vector3::UnitX(), Vector3::UnitY(), Vector3::UnitZ()}, 4);
+    const CoarseShape source = fine_urchin(four_spikes(), 3);
+    const CoarseShape target =
+        fine_urchin({Vector3::UnitX(), Vector3::UnitY(), Vector3::UnitZ()}, 4);
     const auto a = extremities(source, node_distances(source), {});
     const auto b = extremities(target, node_distances(target), {});
     const auto pairs =
@@ -71,7 +72,8 @@ TEST(Extremities, ArePairedWhereTheMapTakesThem) {
 }
 
 TEST(Example, Extremities) {
-    const CoarseShape source = urchin(four_spikes(), 3), target = urchin(four_spikes(), 4);
+    const CoarseShape source = fine_urchin(four_spikes(), 3),
+                      target = fine_urchin(four_spikes(), 4);
     const Positions &source_images = source.positions, &target_images = target.positions;
     // --- example
     const auto on_source = extremities(source, node_distances(source), {.most = 4});

@@ -9,11 +9,11 @@ namespace pointmorph {
 namespace {
 
 /// Chains of unit edges, of the given lengths, that hang on node 0; and their ends.
-struct Star {
+struct MarkedStar {
     SurfaceGraph graph;
     std::vector<Index> ends;
 
-    explicit Star(const std::vector<Index>& lengths) {
+    explicit MarkedStar(const std::vector<Index>& lengths) {
         std::vector<std::vector<Index>> neighbors(1);
         for (const Index length : lengths) {
             Index last = 0;
@@ -41,7 +41,7 @@ struct Star {
 };
 
 TEST(ExtremityPairing, DistancesAreThoseAlongTheGraphInUnits) {
-    const Star star({4, 6});
+    const MarkedStar star({4, 6});
     const Eigen::MatrixXd from = distances_from(star.graph, 2.0, star.ends);
     ASSERT_EQ(from.rows(), 11);
     ASSERT_EQ(from.cols(), 2);
@@ -52,7 +52,7 @@ TEST(ExtremityPairing, DistancesAreThoseAlongTheGraphInUnits) {
 }
 
 TEST(ExtremityPairing, WhatAFeatureMarksIsLeftOut) {
-    const Star star({20, 35, 28});
+    const MarkedStar star({20, 35, 28});
     const UnmarkedExtremities all = star.unmarked(0, 30.0);
     EXPECT_TRUE(std::ranges::is_permutation(all.rows, star.ends));
     EXPECT_EQ(all.distances.cols(), 0);
@@ -68,7 +68,7 @@ TEST(ExtremityPairing, WhatAFeatureMarksIsLeftOut) {
 }
 
 TEST(ExtremityPairing, PairsThoseAsFarFromAllFeatures) {
-    const Star source({20, 30, 35, 60}), target({20, 30, 61, 36});
+    const MarkedStar source({20, 30, 35, 60}), target({20, 30, 61, 36});
     const UnmarkedExtremities s = source.unmarked(2, 40.0), t = target.unmarked(2, 40.0);
     const auto none = [](Index, Index) { return 0.0; };
     const auto pairs = paired_extremities(s, t, 0.3, none);
@@ -84,14 +84,14 @@ TEST(ExtremityPairing, PairsThoseAsFarFromAllFeatures) {
 }
 
 TEST(ExtremityPairing, OfTwoThatAreAlikeNeitherIsPaired) {
-    const Star source({20, 30, 36}), target({20, 30, 35, 37});
+    const MarkedStar source({20, 30, 36}), target({20, 30, 35, 37});
     EXPECT_TRUE(paired_extremities(source.unmarked(2, 40.0), target.unmarked(2, 40.0), 0.3,
                                    [](Index, Index) { return 0.0; })
                     .empty());
 }
 
 TEST(Example, ExtremityPairing) {
-    const Star one({20, 35, 28}), other({20, 35, 24});
+    const MarkedStar one({20, 35, 28}), other({20, 35, 24});
     const SurfaceGraph &source = one.graph, &target = other.graph;
     const std::vector<Index> source_features{one.ends[0], one.ends[1]};
     const std::vector<Index> target_features{other.ends[0], other.ends[1]};
