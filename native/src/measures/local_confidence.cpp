@@ -459,7 +459,7 @@ Values carried(const JudgedSurface& surface, const NodeTrees& trees, const Value
 std::vector<Index> feet_of(const Positions& images, const JudgedSurface& surface,
                            const NodeTrees& trees, std::span<const Index> partners) {
     const Positions normals = surface.nodes.rightCols<3>() / kSideWeight;
-    std::vector<Index> feet(to_size(to_index(images.rows())));
+    std::vector<Index> feet(to_size(images.rows()));
     for (std::size_t k = 0; k < feet.size(); ++k)
         feet[k] =
             nearest_on_sheet(trees.by_place, normals, images.row(static_cast<Eigen::Index>(k)),

@@ -371,7 +371,7 @@ DeformedCloud deformed(const Positions& positions, const Normals& normals,
 
 DeformedCloud deformed(const Positions& positions, const Normals& normals,
                        const DeformationGraph& graph, const Deformation& deformation) {
-    std::vector<Index> rows(to_size(to_index(positions.rows())));
+    std::vector<Index> rows(to_size(positions.rows()));
     std::iota(rows.begin(), rows.end(), 0);
     return deformed(positions, normals, graph, deformation, rows);
 }
@@ -380,7 +380,7 @@ DeformationSolver::DeformationSolver(const Positions& positions, const Deformati
     : positions_(positions),
       graph_(graph),
       pattern_(*graph.pattern),
-      matrix_(to_size(to_index(graph.pattern->matrix.nonZeros()))),
+      matrix_(to_size(graph.pattern->matrix.nonZeros())),
       factor_(graph.pattern->rows.size()) {}
 
 void DeformationSolver::factorize(double stiffness, std::span<const Attraction> attractions) {

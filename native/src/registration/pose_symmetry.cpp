@@ -23,7 +23,7 @@ CoarseShape mirrored(CoarseShape shape) {
 
 /// The tree's point nearest to each place.
 std::vector<Index> nearest_points(const KdTree<3>& tree, const Positions& places) {
-    std::vector<Index> result(to_size(to_index(places.rows())));
+    std::vector<Index> result(to_size(places.rows()));
     double squared;
     for (std::size_t i = 0; i < result.size(); ++i)
         tree.nearest(places.row(static_cast<Eigen::Index>(i)).data(), {&result[i], 1},

@@ -105,7 +105,7 @@ Pairing paired(const ProductClouds& product, const MarkedClouds& scene, Progress
 /// The nearest of each row's partners.
 std::vector<Index> nearest_partners(const Positions& images, const Pairing& pairs,
                                     const Direction& map) {
-    const auto count = to_size(to_index(images.rows()));
+    const auto count = to_size(images.rows());
     std::vector<Index> partners(count, -1);
     std::vector<double> best(count, std::numeric_limits<double>::infinity());
     for (const IndexPair& pair : pairs) {

