@@ -2,7 +2,7 @@
 
 As a script, this file does so in another Blender. Its arguments are a file with the object, its
 name, the frame, and the file where the pixels go. Beside the first file are those with what was
-painted on images: see `images.hand_over`.
+painted on images: see `images.painted`.
 """
 
 import sys
