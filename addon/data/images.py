@@ -42,11 +42,7 @@ def _read_plain(image):
     values = arrays.image_pixels(image)
     if values is None:
         return None
-    channels = values.shape[2]
-    if channels != 4:
-        solid = np.ones((*values.shape[:2], 4), np.float32)
-        solid[..., :3] = values[..., :3] if channels >= 3 else values[..., :1]
-        values = solid
+    values = _with_four_channels(values)
     is_solid = image.alpha_mode in ("CHANNEL_PACKED", "NONE")
     if image.alpha_mode == "NONE":
         values[..., 3] = 1.0
@@ -57,9 +53,23 @@ def _read_plain(image):
         return Texture(image.name, values, is_solid=is_solid)
     space = image.colorspace_settings
     is_linear = space.is_data or "Linear" in space.name
+    return Texture(image.name, _as_bytes(values), not is_linear, is_solid)
+
+
+def _with_four_channels(values):
+    channels = values.shape[2]
+    if channels == 4:
+        return values
+    solid = np.ones((*values.shape[:2], 4), np.float32)
+    solid[..., :3] = values[..., :3] if channels >= 3 else values[..., :1]
+    return solid
+
+
+def _as_bytes(values):
+    """Of floats from 0 to 1, which are overwritten."""
     values *= 255.0
     values += 0.5
-    return Texture(image.name, values.astype(np.uint8), not is_linear, is_solid)
+    return values.astype(np.uint8)
 
 
 def _read_tiles(image):
@@ -117,14 +127,13 @@ def is_whole(image):
 
 
 def painted(image):
-    """(H, W, K): what an image shows, saved or not, as Blender keeps it: bytes, or floats. None
+    """(H, W, 4): what an image shows, saved or not, as Blender keeps it: bytes, or floats. None
     where there is nothing."""
     values = arrays.image_pixels(image)
-    if values is None or image.is_float:
-        return values
-    values *= 255.0
-    values += 0.5
-    return values.astype(np.uint8)
+    if values is None:
+        return None
+    values = _with_four_channels(values)
+    return values if image.is_float else _as_bytes(values)
 
 
 def write(name, values, created, is_color, known=None):

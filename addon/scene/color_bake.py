@@ -42,15 +42,11 @@ def bake(context, obj, frame, created):
 
 
 def stand_in(image, pixels):
-    """A new image with what was painted on another one: (H, W, K) bytes, or floats. Renderers take
+    """A new image with what was painted on another one: (H, W, 4) bytes, or floats. Renderers take
     that only of an image that is in no file."""
     is_float = pixels.dtype != np.uint8
-    pixels = pixels if is_float else pixels / np.float32(255.0)
-    height, width, channels = pixels.shape
-    values = np.ones((height, width, 4), np.float32)
-    values[..., :3] = pixels[..., :3] if channels > 2 else pixels[..., :1]
-    if channels == 4:
-        values[..., 3] = pixels[..., 3]
+    values = pixels if is_float else pixels / np.float32(255.0)
+    height, width = values.shape[:2]
     made = bpy.data.images.new(image.name, width, height, alpha=True, float_buffer=is_float)
     made.colorspace_settings.name = image.colorspace_settings.name
     made.alpha_mode = image.alpha_mode

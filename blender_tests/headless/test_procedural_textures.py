@@ -42,6 +42,15 @@ def showing(made, coordinates):
     return made
 
 
+def show_mix(tree, share, first, second):
+    """Has a material show two shaders, the second with this share."""
+    mix = tree.nodes.new("ShaderNodeMixShader")
+    output = next(node for node in tree.nodes if node.type == "OUTPUT_MATERIAL")
+    for number, socket in enumerate((share, first.outputs[0], second.outputs[0])):
+        tree.links.new(socket, mix.inputs[number])
+    tree.links.new(mix.outputs[0], output.inputs["Surface"])
+
+
 RED, BLUE = (0.7, 0.1, 0.05, 1.0), (0.02, 0.2, 0.9, 1.0)
 
 
@@ -152,12 +161,8 @@ def test_shaders_in_groups_and_beside_transparent_ones(addon, settings):
     group.node_tree = inner
     checks = next(node for node in tree.nodes if node.type == "TEX_CHECKER")
     tree.links.new(checks.outputs["Color"], group.inputs[0])
-    mix, clear = (tree.nodes.new(f"ShaderNode{kind}") for kind in ("MixShader", "BsdfTransparent"))
-    tree.links.new(clear.outputs[0], mix.inputs[1])
-    tree.links.new(group.outputs[0], mix.inputs[2])
-    tree.links.new(checks.outputs[1], mix.inputs[0])
-    output = next(n for n in tree.nodes if n.type == "OUTPUT_MATERIAL")
-    tree.links.new(mix.outputs[0], output.inputs["Surface"])
+    clear = tree.nodes.new("ShaderNodeBsdfTransparent")
+    show_mix(tree, checks.outputs[1], clear, group)
     obj.data.materials.append(made)
     before, words = data_blocks(), [len(tree.nodes), len(tree.links), len(inner.nodes)]
     shape = read_shape(addon, obj)
@@ -218,17 +223,12 @@ def test_a_share_of_two_shaders_that_nodes_compute(addon, settings):
     made = checked("Checks")
     tree = made.node_tree
     checks = next(node for node in tree.nodes if node.type == "TEX_CHECKER")
-    first, mix = tree.nodes["Principled BSDF"], tree.nodes.new("ShaderNodeMixShader")
-    second = tree.nodes.new("ShaderNodeBsdfGlossy")
+    first, second = tree.nodes["Principled BSDF"], tree.nodes.new("ShaderNodeBsdfGlossy")
     for link in list(first.inputs["Base Color"].links):
         tree.links.remove(link)
     first.inputs["Base Color"].default_value, first.inputs["Roughness"].default_value = BLUE, 0.9
     second.inputs["Color"].default_value, second.inputs["Roughness"].default_value = RED, 0.3
-    tree.links.new(checks.outputs[1], mix.inputs[0])
-    tree.links.new(first.outputs[0], mix.inputs[1])
-    tree.links.new(second.outputs[0], mix.inputs[2])
-    output = next(n for n in tree.nodes if n.type == "OUTPUT_MATERIAL")
-    tree.links.new(mix.outputs[0], output.inputs["Surface"])
+    show_mix(tree, checks.outputs[1], first, second)
     obj.data.materials.append(made)
     baked = addon("scene.baked_colors")
     bpy.context.view_layer.update()

@@ -37,7 +37,7 @@ Positions mapped(const Positions& places, const std::vector<Index>& nearest,
                  const Positions& points, const Positions& images, const Matrix3& linear) {
     Positions result(places.rows(), 3);
     for (Eigen::Index i = 0; i < places.rows(); ++i) {
-        const Index near = nearest[static_cast<std::size_t>(i)];
+        const Index near = nearest[to_size(i)];
         result.row(i) = images.row(near) + (places.row(i) - points.row(near)) * linear.transpose();
     }
     return result;
