@@ -1,13 +1,14 @@
-"""Materials that glow with their base color, or with numbers that they have, and do nothing else:
-to be baked, and described."""
+"""Materials that glow with their base color, or with numbers that they have, or only bend normals,
+and do nothing else: to be baked, and described."""
 
 import bpy
 
 from . import versions
 from .materials import CLEAR, METALS
 
-COLOR, ALPHA, SURFACE = "COLOR", "ALPHA", "SURFACE"
-"""What they glow with: their base color; alpha; roughness as red and metalness as green."""
+COLOR, ALPHA, SURFACE, RELIEF = "COLOR", "ALPHA", "SURFACE", "RELIEF"
+"""What they glow with: their base color; alpha; roughness as red and metalness as green. With
+RELIEF, they are plain and white, and have their normals."""
 _MIXES = ("MIX_SHADER", "ADD_SHADER")
 # What nodes say that has to do with how they are shown, not with what they compute.
 _FOR_SHOW = {"name", "label", "width", "height", "parent", "select", "hide", "show_options"}
@@ -16,12 +17,12 @@ _FOR_SHOW |= {"use_custom_color", "warning_propagation"}
 
 
 def bare(material, kind, created):
-    """A copy of a material whose shaders are replaced by a glow.
+    """A copy of a material whose shaders are replaced by a glow, or by a plain one.
 
     Parameters
     ----------
     kind : str
-        COLOR, ALPHA or SURFACE.
+        COLOR, ALPHA, SURFACE or RELIEF.
     created : function
         Called with every data-block made.
     """
@@ -30,7 +31,8 @@ def bare(material, kind, created):
     tree = copy.node_tree
     _strip(tree, kind, created)
     output = tree.get_output_node("CYCLES")
-    for name in ("Volume", "Displacement"):
+    copy.displacement_method = "BUMP"  # normals are baked, not places
+    for name in ("Volume",) if kind == RELIEF else ("Volume", "Displacement"):
         for link in output.inputs[name].links:
             tree.links.remove(link)
     return copy
@@ -64,13 +66,17 @@ def _strip(tree, kind, created):
 
 
 def _replace(tree, node, shader, kind):
-    """Puts a glow in a shader's place."""
+    """Puts a glow, or a plain shader with the same normals, in a shader's place."""
     name = next((n for n in ("Base Color", "Color") if n in node.inputs), None)
     if name is None or not shader.is_linked:
         return
-    glow = tree.nodes.new("ShaderNodeEmission")
+    has_normals = kind == RELIEF
+    glow = tree.nodes.new("ShaderNodeBsdfDiffuse" if has_normals else "ShaderNodeEmission")
     shown = glow.inputs["Color"]
-    if kind == COLOR:
+    if has_normals:
+        if "Normal" in node.inputs and node.inputs["Normal"].is_linked:
+            _feed(tree, node.inputs["Normal"], glow.inputs["Normal"])
+    elif kind == COLOR:
         _feed(tree, node.inputs[name], shown)
     else:
         numbers = tree.nodes.new("ShaderNodeCombineXYZ")

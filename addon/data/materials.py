@@ -18,6 +18,7 @@ METALS = ("BSDF_GLOSSY", "BSDF_ANISOTROPIC", "BSDF_METALLIC")
 """Those of shaders that are metal."""
 _STEPS = 257  # of a color ramp
 _NUMBERS = ("alpha", "roughness", "metallic")
+_PARTS = (*_NUMBERS, "relief")  # what may be _Unread
 
 
 @dataclass(frozen=True)
@@ -30,7 +31,8 @@ class Pictures:
         See `images.read`.
     nodes : function
         From a material, and a part of its Surface that can't be read from its nodes ("color",
-        "alpha", "roughness", "metallic"), to an expression of `core.looks` in its place, or None.
+        "alpha", "roughness", "metallic", "relief"), to what stands in its place, an expression of
+        `core.looks` or a Relief, or to None.
     uvs : dict of str to (C, 2) array
         UV maps that such expressions take, besides those of the mesh.
     why_not : str
@@ -45,11 +47,11 @@ class Pictures:
 
 @dataclass(frozen=True)
 class _Unread:
-    """A number that nodes compute in a way that can't be read.
+    """A number or a relief that nodes compute in a way that can't be read.
 
     Attributes
     ----------
-    plain : expression
+    plain : expression, Relief or None
         What stands for it where nothing better does.
     words : tuple of str
         The nodes.
@@ -70,7 +72,7 @@ class Reader:
         Names of its UV maps and color attributes.
     active_color : str
     with_relief : bool
-        Whether normal maps are read.
+        Whether normal maps, and what else bends normals, are read.
     pictures : Pictures
 
     Attributes
@@ -113,7 +115,9 @@ class Reader:
         else:
             if found.color is None:
                 found = replace(found, color=self._color_of_nodes(material))
-            found = replace(found, **self._numbers_of_nodes(material, found))
+            if self._with_relief:
+                found = replace(found, relief=self._displaced(output, found.relief))
+            found = replace(found, **self._parts_of_nodes(material, found))
         is_own = bool(self._from)
         if self._unread:
             words = ", ".join(dict.fromkeys(self._unread))
@@ -133,10 +137,10 @@ class Reader:
         self.remarks.append(f"{said}: its viewport color is used instead{why_not}")
         return _constant(material.diffuse_color)
 
-    def _numbers_of_nodes(self, material, surface):
-        """By name, what stands for numbers of a surface that can't be read."""
+    def _parts_of_nodes(self, material, surface):
+        """By name, what stands for other parts of a surface that can't be read."""
         made = {}
-        for name in _NUMBERS:
+        for name in _PARTS:
             value = getattr(surface, name)
             if isinstance(value, _Unread):
                 made[name] = self._pictures.nodes(material, name)
@@ -203,6 +207,9 @@ class Reader:
             )
             for name in _NUMBERS
         }
+        reliefs = [surface.relief for surface in known]
+        if any(relief is not reliefs[0] for relief in reliefs):
+            mixed["relief"] = _or_unread(reliefs[0], node.bl_label)
         mixed["color"] = None
         if isinstance(share, _Unread):
             self._unread_color += share.words
@@ -220,12 +227,24 @@ class Reader:
         node = output.node
         uv = getattr(node, "uv_map", "") or self._uv
         if node.type != "NORMAL_MAP" or node.space != "TANGENT" or uv not in self._uvs:
-            self._unread.append(node.bl_label)
-            return None
-        self.used_uvs.add(uv)
+            return _Unread(None, (node.label or node.bl_label,))
+        before = len(self._unread)
         color = self._value(node.inputs["Color"], path, as_number=False)
         strength = self._value(node.inputs["Strength"], path)
+        words = tuple(self._unread[before:])
+        del self._unread[before:]
+        if words:
+            return _Unread(None, words)
+        self.used_uvs.add(uv)
         return Relief(color, strength, uv)
+
+    def _displaced(self, output, relief):
+        """A relief, where a material's output is displaced as well."""
+        displacing, _ = _origin(output.inputs["Displacement"], ())
+        if displacing is None:
+            return relief
+        node = displacing.node
+        return _or_unread(relief, node.label or node.bl_label)
 
     # --- Values -----------------------------------------------------------------------------------
 
@@ -459,6 +478,13 @@ def _combined(name, function, *parts):
     plain = (part.plain if isinstance(part, _Unread) else part for part in parts)
     found = _applied(name, function, *plain)
     return _Unread(found, tuple(words)) if words else found
+
+
+def _or_unread(relief, word):
+    """A relief that something else bends as well."""
+    if isinstance(relief, _Unread):
+        return _Unread(relief.plain, (*relief.words, word))
+    return _Unread(relief, (word,))
 
 
 def _clamped(expression):

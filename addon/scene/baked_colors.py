@@ -1,6 +1,6 @@
-"""Base colors, alpha and roughness that can't be read from a material's nodes one by one, such as
-those of procedural textures: Cycles computes them, in a scene of its own, on an image that has a
-place for every face."""
+"""Base colors, alpha, roughness and normals that can't be read from a material's nodes one by one,
+such as those of procedural textures: Cycles computes them, in a scene of its own, on an image that
+has a place for every face."""
 
 import hashlib
 import tempfile
@@ -11,7 +11,7 @@ import numpy as np
 import pointmorph
 
 from ..core import looks, texels, textures
-from ..core.looks import ImageColor
+from ..core.looks import Constant, ImageColor, Relief
 from ..core.textures import Texture
 from ..data import arrays, bare_colors, images, other_blender
 from ..data.materials import Pictures
@@ -22,14 +22,16 @@ _UV = "Pointmorph Baked"
 _PIXELS = 16  # a face
 _KEPT = 8
 COLORS = ("color", "alpha")
-ALL = (*COLORS, "roughness", "metallic")
+SURFACE = ("roughness", "metallic")
+RELIEF = ("relief",)
 """Parts of a Surface."""
 _KINDS = {
     bare_colors.COLOR: ("color",),
     bare_colors.ALPHA: ("alpha",),
-    bare_colors.SURFACE: ("roughness", "metallic"),
+    bare_colors.SURFACE: SURFACE,
+    bare_colors.RELIEF: RELIEF,
 }
-"""What is baked at once: a channel each, but for colors."""
+"""What is baked at once: a channel each, but for colors and normals."""
 
 _known = {}
 """By what it depends on, what was baked last: Texture and UVs."""
@@ -37,7 +39,9 @@ _known = {}
 
 def parts_for(options):
     """What of a target is baked to draw its look with these `Options`, or None."""
-    return ALL if options is not None and options.roughness else COLORS
+    if options is None:
+        return COLORS
+    return COLORS + SURFACE * options.roughness + RELIEF * options.normal
 
 
 def needed_steps(context, obj, as_shown, parts):
@@ -50,7 +54,7 @@ def needed_steps(context, obj, as_shown, parts):
     as_shown : bool
         As the viewport shows it, else its own mesh.
     parts : collection of str
-        COLORS or ALL.
+        COLORS, SURFACE, RELIEF.
     """
     baked, layout, why_not = {}, {}, ""
     for kind, kinds_parts in _KINDS.items():
@@ -75,6 +79,8 @@ def needed_steps(context, obj, as_shown, parts):
         if part not in parts or material.original not in unread:
             return None
         shown = ImageColor(texture, _UV, extension=textures.EXTEND, shrinks=False)
+        if kind == bare_colors.RELIEF:
+            return Relief(shown, Constant((1.0,) * 4), _UV)
         is_color = kind == bare_colors.COLOR
         return shown if is_color else looks.channel(shown, _KINDS[kind].index(part))
 
@@ -100,16 +106,17 @@ def _baked_steps(context, copy, kind, parts, made):
         made.append(image)
         image.generated_color = (0.0, 0.0, 0.0, 0.0)
         painted = _painted_images(unread)
+        what = color_bake.NORMALS if kind == bare_colors.RELIEF else color_bake.GLOW
         is_here = other_blender.command() is None or not all(map(images.is_whole, painted))
         shown = [one if one in unread else None for one in materials]
         _dress(copy, uvs, image, shown, kind, made.append)
         if is_here:
             _show_paint(copy, painted, made.append)
-            _bake(context, copy, made.append)
+            _bake(context, copy, what, made.append)
             baked = arrays.image_pixels(image)
         else:
             painted = [reference_to(image) for image in painted]
-            baked = yield from _bake_elsewhere_steps(context, copy, painted, made)
+            baked = yield from _bake_elsewhere_steps(context, copy, what, painted, made)
         while len(_known) >= _KEPT:
             del _known[next(iter(_known))]
         _known[key] = _texture(baked, owners, kind == bare_colors.COLOR), uvs
@@ -202,8 +209,8 @@ def _keep_generated(copy, before):
 
 
 def _dress(copy, uvs, image, materials, kind, created):
-    """Gives every slot a material that glows with what is asked for and is baked onto the image;
-    black where there is None."""
+    """Gives every slot a material that shows nothing but what is asked for and is baked onto the
+    image; black where there is None."""
     mesh = copy.data
     layer = arrays.write_uvs(mesh, _UV, uvs)
     if layer is None:
@@ -236,9 +243,9 @@ def _show_paint(copy, painted, created):
         bare_colors.show_instead(slot.material.node_tree, instead, created)
 
 
-def _bake(context, copy, created):
+def _bake(context, copy, what, created):
     try:
-        color_bake.bake(context, copy, context.scene.frame_current, created)
+        color_bake.bake(context, copy, context.scene.frame_current, what, created)
     except TypeError:
         raise pointmorph.CloudError(
             "Cycles",
@@ -250,7 +257,7 @@ def _bake(context, copy, created):
         raise _not_baked(copy.name, str(error).strip()) from None
 
 
-def _bake_elsewhere_steps(context, copy, painted, made):
+def _bake_elsewhere_steps(context, copy, what, painted, made):
     """The pixels, which another Blender bakes, with what was `painted`, references to images.
     Yields what it waits for."""
     name, frame = copy.name, str(context.scene.frame_current)
@@ -265,7 +272,7 @@ def _bake_elsewhere_steps(context, copy, painted, made):
             pixels = None if image is None else images.painted(image)
             if pixels is not None:
                 np.savez(Path(folder, f"{reference}.npz"), name=image.name, pixels=pixels)
-        arguments = asked, name, frame, baked
+        arguments = asked, name, frame, what, baked
         words = yield from other_blender.run_steps(color_bake.__file__, *arguments)
         if words is not None:
             raise _not_baked(name, words)

@@ -1,8 +1,9 @@
-"""Cycles bakes an object's glow on the image that its materials show, in a scene of its own.
+"""Cycles bakes an object's glow, or its normals, on the image that its materials show, in a scene
+of its own.
 
 As a script, this file does so in another Blender. Its arguments are a file with the object, its
-name, the frame, and the file where the pixels go. Beside the first file are those with what was
-painted on images: see `images.painted`.
+name, the frame, what is baked, and the file where the pixels go. Beside the first file are those
+with what was painted on images: see `images.painted`.
 """
 
 import sys
@@ -12,14 +13,18 @@ import bpy
 import numpy as np
 
 RENDERER = "CYCLES"
+GLOW, NORMALS = "EMIT", "NORMAL"
+"""What is baked: the normals as a normal map has them, for the active UV map."""
 
 
-def bake(context, obj, frame, created):
+def bake(context, obj, frame, what, created):
     """Bakes an object that no scene has. Raises TypeError where there is no Cycles, RuntimeError
     where it can't bake.
 
     Parameters
     ----------
+    what : str
+        GLOW or NORMALS.
     created : function
         Called with the scene.
     """
@@ -38,7 +43,7 @@ def bake(context, obj, frame, created):
     here = {"scene": scene, "view_layer": layer, "active_object": obj, "object": obj}
     chosen = {"selected_objects": [obj], "selected_editable_objects": [obj]}
     with context.temp_override(**here, **chosen):
-        bpy.ops.object.bake(type="EMIT", margin=0, use_clear=False)
+        bpy.ops.object.bake(type=what, normal_space="TANGENT", margin=0, use_clear=False)
 
 
 def stand_in(image, pixels):
@@ -62,13 +67,13 @@ def _take_over(file):
             image.user_remap(stand_in(image, found["pixels"]))
 
 
-def main(asked, name, frame, baked):
+def main(asked, name, frame, what, baked):
     with bpy.data.libraries.load(asked) as (_, loaded):
         loaded.objects = [name]
     [obj] = loaded.objects
     for file in Path(asked).parent.glob("*.npz"):
         _take_over(file)
-    bake(bpy.context, obj, int(frame), lambda scene: None)
+    bake(bpy.context, obj, int(frame), what, lambda scene: None)
     image = obj.material_slots[0].material.node_tree.nodes.active.image
     values = np.empty(len(image.pixels), np.float32)
     image.pixels.foreach_get(values)
@@ -76,4 +81,4 @@ def main(asked, name, frame, baked):
 
 
 if __name__ == "__main__":
-    main(*sys.argv[-4:])
+    main(*sys.argv[-5:])

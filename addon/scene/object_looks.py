@@ -69,7 +69,7 @@ def unread_materials(obj, mesh, parts):
         if part in parts:
             found.append(material)
 
-    reader = _reader(mesh, False, Pictures(images.without_pixels, note))
+    reader = _reader(mesh, "relief" in parts, Pictures(images.without_pixels, note))
     for material in _used(materials_of(obj, mesh), mesh):
         if material is not None:
             reader.surface(material)

@@ -232,7 +232,9 @@ def test_a_share_of_two_shaders_that_nodes_compute(addon, settings):
     obj.data.materials.append(made)
     baked = addon("scene.baked_colors")
     bpy.context.view_layer.update()
-    steps = addon("scene.shape_reader").read_own_steps(bpy.context, obj, False, False, baked.ALL)
+    steps = addon("scene.shape_reader").read_own_steps(
+        bpy.context, obj, False, False, baked.COLORS + baked.SURFACE
+    )
     look = addon("core.stepping").finish(steps).skin.look
     assert look.remarks == ()
     corners = np.arange(len(look.of_corners))[:, None]
@@ -248,6 +250,84 @@ def test_a_share_of_two_shaders_that_nodes_compute(addon, settings):
         np.testing.assert_allclose(found[known, 0], wanted, atol=6e-3)
     found = look.color_values(corners, shares)[known]
     np.testing.assert_allclose(found[:, :3], colors[rows][known][:, :3], atol=6e-3)
+
+
+SLOPE = 0.4
+
+
+def slope_of_nodes(made):
+    """A height that rises along X by SLOPE: an output, and its tree."""
+    tree = made.node_tree
+    places = tree.nodes.new("ShaderNodeTexCoord")
+    height = tree.nodes.new("ShaderNodeVectorMath")
+    height.operation = "DOT_PRODUCT"
+    height.inputs[1].default_value = (SLOPE, 0.0, 0.0)
+    tree.links.new(places.outputs["Object"], height.inputs[0])
+    return height.outputs["Value"], tree
+
+
+def bend(made):
+    """By a Bump node."""
+    height, tree = slope_of_nodes(made)
+    bump = tree.nodes.new("ShaderNodeBump")
+    bump.inputs["Strength"].default_value, bump.inputs["Distance"].default_value = 1.0, 1.0
+    tree.links.new(height, bump.inputs["Height"])
+    tree.links.new(bump.outputs["Normal"], tree.nodes["Principled BSDF"].inputs["Normal"])
+
+
+def displace(made):
+    """At the output, and not as a bump: what is drawn on has the same form all the same."""
+    height, tree = slope_of_nodes(made)
+    displacement = tree.nodes.new("ShaderNodeDisplacement")
+    displacement.inputs["Scale"].default_value = 1.0
+    tree.links.new(height, displacement.inputs["Height"])
+    output = next(node for node in tree.nodes if node.type == "OUTPUT_MATERIAL")
+    tree.links.new(displacement.outputs[0], output.inputs["Displacement"])
+    made.displacement_method = "DISPLACEMENT"
+
+
+def point_elsewhere(made):
+    """By a normal map in the object's own space."""
+    tree = made.node_tree
+    node = tree.nodes.new("ShaderNodeNormalMap")
+    node.space = "OBJECT"
+    color = 0.5 + 0.5 * np.array([-SLOPE, 0.0, 1.0]) / np.hypot(SLOPE, 1.0)
+    node.inputs["Color"].default_value = (*color, 1.0)
+    tree.links.new(node.outputs["Normal"], tree.nodes["Principled BSDF"].inputs["Normal"])
+
+
+def mix_bent(made):
+    """One of two shaders that show the same half of the other."""
+    bend(made)
+    tree = made.node_tree
+    other = tree.nodes.new("ShaderNodeBsdfDiffuse")
+    other.inputs["Color"].default_value = (0.8, 0.8, 0.8, 1.0)
+    share = tree.nodes.new("ShaderNodeValue")
+    share.outputs[0].default_value = 0.0
+    show_mix(tree, share.outputs[0], tree.nodes["Principled BSDF"], other)
+
+
+@pytest.mark.parametrize("bent", [bend, displace, point_elsewhere, mix_bent])
+def test_normals_that_nodes_compute(settings, bent, capfd):
+    source, target = sheets(settings)
+    for obj in (source, target):  # flat, so that the normals are those of the nodes
+        obj.data.vertices.foreach_set("co", (coordinates(obj.data.vertices) * (1, 1, 0)).ravel())
+    source.data.materials.append(material("Plain", (0.1, 0.1, 0.1, 1)))
+    made = material("Bent")
+    bent(made)
+    target.data.materials.append(made)
+    obj = morph()
+    words = [len(made.node_tree.nodes), len(made.node_tree.links), made.displacement_method]
+    before = data_blocks()
+    assert bpy.ops.pointmorph.blend_textures(size="256", normal=True) == {"FINISHED"}
+    assert "can't be read" not in capfd.readouterr().out
+    assert not any("Bake" in name or "Bent." in name for name in data_blocks() - before)
+    assert words == [len(made.node_tree.nodes), len(made.node_tree.links), made.displacement_method]
+    normals = 2.0 * image_of(obj, "Normal")[..., :3].reshape(-1, 3) - 1.0
+    wanted = np.array([-SLOPE, 0.0, 1.0]) / np.hypot(SLOPE, 1.0)
+    # The map of a flat square onto another turns a little here and there, and tilts nothing.
+    assert (np.abs(normals[:, 2] - wanted[2]) < 0.01).mean() > 0.98
+    np.testing.assert_allclose(np.median(normals, axis=0), wanted, atol=0.04)
 
 
 def test_slots_that_can_be_read_are_read(addon, settings):
