@@ -82,10 +82,10 @@ void parallel_for(Index count, Progress& progress, Body&& body, double first = 0
 }
 
 /// Calls `body(i, owner)` for i = 0 … count − 1 (a few), next to each other where there are
-/// threads. `owner` is true on the calling thread, the only one that may poll a Progress. The
-/// exception of the lowest i is rethrown.
-template <std::invocable<int, bool> Body>
-void parallel_invoke(int count, Body&& body) {
+/// threads, and `wait(owner)` once a thread has none left to begin. `owner` is true on the calling
+/// thread. Returns the exception of the lowest i, or null.
+template <std::invocable<int, bool> Body, std::invocable<bool> Wait>
+std::exception_ptr invoke_all(int count, Body&& body, Wait&& wait) {
     std::vector<std::exception_ptr> failures(to_size(count));
     std::atomic<int> next{0};
     auto work = [&](bool owner) {
@@ -96,10 +96,20 @@ void parallel_invoke(int count, Body&& body) {
                 failures[to_size(i)] = std::current_exception();
             }
         }
+        wait(owner);
     };
     run_team(count, TeamWork(work));
     for (const auto& failure : failures)
-        if (failure) std::rethrow_exception(failure);
+        if (failure) return failure;
+    return nullptr;
+}
+
+/// Calls `body(i, owner)` for i = 0 … count − 1 (a few), next to each other where there are
+/// threads. `owner` is true on the calling thread, the only one that may poll a Progress. The
+/// exception of the lowest i is rethrown.
+template <std::invocable<int, bool> Body>
+void parallel_invoke(int count, Body&& body) {
+    if (const auto failure = invoke_all(count, body, [](bool) {})) std::rethrow_exception(failure);
 }
 
 /// Calls `body(i, its)` for i = 0 … count − 1 (a few), next to each other where there are threads.
@@ -108,32 +118,32 @@ void parallel_invoke(int count, Body&& body) {
 /// exception of the lowest i.
 template <std::invocable<int, Progress&> Body>
 void parallel_invoke(int count, Progress& progress, Body&& body) {
-    std::vector<std::exception_ptr> failures(to_size(count));
     std::exception_ptr callers;
-    std::atomic<int> next{0}, ended{0};
-    auto work = [&](bool owner) {
-        Progress silent([&](std::string_view, double) { return !progress.cancelled(); });
-        for (int i = next++; i < count; i = next++) {
+    std::atomic<int> ended{0};
+    const auto failure = invoke_all(
+        count,
+        [&](int i, bool owner) {
+            Progress silent([&](std::string_view, double) { return !progress.cancelled(); });
             try {
                 body(i, owner ? progress : silent);
             } catch (...) {
-                failures[to_size(i)] = std::current_exception();
-                if (owner && !callers) callers = failures[to_size(i)];
+                if (owner && !callers) callers = std::current_exception();
+                ++ended;
+                throw;
             }
             ++ended;
-        }
-        while (owner && ended < count) {
-            progress.poll();
-            std::this_thread::sleep_for(std::chrono::microseconds(200));
-        }
-    };
-    run_team(count, TeamWork(work));
+        },
+        [&](bool owner) {
+            while (owner && ended < count) {
+                progress.poll();
+                std::this_thread::sleep_for(std::chrono::microseconds(200));
+            }
+        });
     if (progress.cancelled()) {
         if (callers) std::rethrow_exception(callers);  // perhaps what the callback threw
         progress.throw_if_cancelled();
     }
-    for (const auto& failure : failures)
-        if (failure) std::rethrow_exception(failure);
+    if (failure) std::rethrow_exception(failure);
 }
 
 /// Calls `work(is_source, its)` for both clouds as parallel_invoke() does.
