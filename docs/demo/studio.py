@@ -157,16 +157,20 @@ def photograph(scene: bpy.types.Scene, path: Path) -> None:
     bpy.ops.render.render(write_still=True, scene=scene.name)
 
 
-def contact_sheet(pictures: Sequence[Path], captions: Sequence[str], path: Path) -> None:
-    """The pictures side by side, each with a caption at the bottom."""
+def contact_sheet(
+    pictures: Sequence[Path], captions: Sequence[str], path: Path, columns: int | None = None
+) -> None:
+    """The pictures side by side, so many in a row, each with a caption at the bottom."""
     opened = [Image.open(picture).convert("RGB") for picture in pictures]
     width, height = opened[0].size
     font = ImageFont.load_default(size=0.42 * LABEL_SHARE * height)
-    sheet = Image.new("RGB", (width * len(opened), height))
+    columns = columns or len(opened)
+    sheet = Image.new("RGB", (width * columns, height * -(-len(opened) // columns)))
     pen = ImageDraw.Draw(sheet)
-    for column, (picture, caption) in enumerate(zip(opened, captions, strict=True)):
-        sheet.paste(picture, (column * width, 0))
-        place = ((column + 0.5) * width, (1.0 - 0.55 * LABEL_SHARE) * height)
+    for number, (picture, caption) in enumerate(zip(opened, captions, strict=True)):
+        row, column = divmod(number, columns)
+        sheet.paste(picture, (column * width, row * height))
+        place = ((column + 0.5) * width, (row + 1.0 - 0.55 * LABEL_SHARE) * height)
         pen.text(place, caption, font=font, fill=(45, 46, 50), anchor="mm")
     sheet.save(path, optimize=True)
 

@@ -493,14 +493,10 @@ def test_a_page_shows_the_picture_that_is_drawn_of_its_stage(page: Path) -> None
 OTHERS = {
     "calf_to_koala.png": "docs/demo/head_picture.py",
     "compare_*.png": "native/benchmarks/compare_pictures.py",
-    "resampling_after.png": "docs/demo/cracks.py",
-    "resampling_before.png": "docs/demo/cracks.py",
+    "resampling_*.png": "docs/demo/cracks.py",
     "wrapped_*.png": "docs/make_wrapped_pictures.py",
 }
 """What draws the pictures of other pages."""
-
-RENDERED = "resampling_film"
-"""The only one without a script; its page says how it was made."""
 
 
 def test_every_picture_is_drawn_by_a_script_and_shown_on_a_page() -> None:
@@ -510,7 +506,7 @@ def test_every_picture_is_drawn_by_a_script_and_shown_on_a_page() -> None:
         for page in pages
         for link in re.findall(r"!\[.*?\]\((.+?)\)", page.read_text(encoding="utf-8"))
     ]
-    drawn = {IMAGES / f"{name}.png" for name in (*DRAWN, RENDERED)}
+    drawn = {IMAGES / f"{name}.png" for name in DRAWN}
     for pattern, script in OTHERS.items():
         assert (ROOT / script).is_file()
         found = set(IMAGES.glob(pattern))
