@@ -60,8 +60,14 @@ struct FirstTrials {
     std::vector<SelfMotion> motions;  ///< under which the shapes look the same
 };
 
-/// Maps from every candidate pose; then from where the best of them lie, and tilted from there.
-/// What the shapes' own symmetries make of one that is tried isn't tried.
+/// Whether a trial is worth a closer look beside the best of them, which are sorted.
+bool contends(const PoseSearch& search, const Trial& trial, const std::vector<Trial>& trials) {
+    return trial.energy <= search.options.contender_factor * trials.front().energy;
+}
+
+/// Maps from every candidate pose; then from where the best of them lie, and, of those that
+/// contend, tilted from there. What the shapes' own symmetries make of one that is tried isn't
+/// tried.
 FirstTrials first_trials(const PoseSearch& search, const CoarsePair& shapes, Progress& progress) {
     const PoseOptions& options = search.options;
     const SelfMotions source(shapes.source, search.source.full_rows),
@@ -77,6 +83,7 @@ FirstTrials first_trials(const PoseSearch& search, const CoarsePair& shapes, Pro
     for (const PoseCluster& cluster :
          pose_clusters(first.trials, options.effort.promising, options.other_clusters)) {
         for (const Trial* trial : cluster) starts.push_back({implied_pose(search, *trial), {}});
+        if (!contends(search, *cluster.front(), first.trials)) continue;
         const Similarity pose = implied_pose(search, *cluster.front());
         for (const Similarity& tilt : tilts(shapes.source, options.tilt))
             if (search.has_marks() ||
@@ -118,15 +125,13 @@ std::vector<TrialStart> varied_starts(const PoseSearch& search, const PoseEffort
     std::vector<PoseCluster> clusters =
         pose_clusters(trials, effort.promising, options.other_clusters);
     std::erase_if(clusters, [&](const PoseCluster& cluster) {
-        return cluster.front()->energy > options.contender_factor * trials.front().energy;
+        return !contends(search, *cluster.front(), trials);
     });
-    // Where one cluster doesn't stand out, each is looked at more closely.
-    const Index variants = (clusters.size() > 1 ? 2 : 1) * effort.variants;
     std::vector<TrialStart> starts;
     const auto vary = [&](const Trial& trial) {
         Index count = 0;
         for (ExtremityMatches& matches : extremity_variants(search, trial)) {
-            if (count == variants) break;
+            if (count == effort.variants) break;
             if (std::ranges::find(tried, matches) != tried.end()) continue;
             ++count;
             const Similarity pose = implied_pose(search, trial);
