@@ -52,6 +52,11 @@ void check_attribute(const Cloud& cloud, const Array& rows, const char* what) {
 }
 
 void check_faces(const Cloud& cloud) {
+    const auto& [offsets, corners] = cloud.faces;
+    if (offsets.empty() || offsets.front() != 0 || offsets.back() != std::ssize(corners) ||
+        !std::ranges::is_sorted(offsets))
+        throw CloudError(cloud.name, "faces one after the other", "other ends of faces",
+                         "Count all corners before each face, from 0.");
     const auto beyond = std::ranges::find_if(
         cloud.faces.corners, [&](Index corner) { return corner < 0 || corner >= cloud.size(); });
     if (beyond == cloud.faces.corners.end()) return;

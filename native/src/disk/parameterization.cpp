@@ -402,6 +402,14 @@ void embed_points(const SampledSurface& patch, const Lod& lod, const Nodes& node
         0.0, 1.0, 64);
 }
 
+/// Of the boundary's points; the others are left open.
+DiskPoints boundary_on_circle(const SampledSurface& patch, const CircleBoundary& boundary) {
+    DiskPoints points(patch.size(), 2);
+    for (std::size_t i = 0; i < boundary.loop.size(); ++i)
+        points.row(boundary.loop[i]) << std::cos(boundary.angles[i]), std::sin(boundary.angles[i]);
+    return points;
+}
+
 Parameterization solve_simplified(const SampledSurface& patch, const CircleBoundary& boundary,
                                   const ParameterizationOptions& options, Progress& progress) {
     Lod lod;
@@ -421,10 +429,7 @@ Parameterization solve_simplified(const SampledSurface& patch, const CircleBound
         const Progress::Part part(progress, 0.3, 0.8);
         disk = solve(nodes, options, patch.name, result, progress);
     }
-    result.points.resize(patch.size(), 2);
-    for (std::size_t i = 0; i < boundary.loop.size(); ++i)
-        result.points.row(boundary.loop[i]) << std::cos(boundary.angles[i]),
-            std::sin(boundary.angles[i]);
+    result.points = boundary_on_circle(patch, boundary);
     const Progress::Part part(progress, 0.8, 1.0);
     embed_points(patch, lod, nodes, disk, result.points, progress);
     return result;
@@ -520,9 +525,9 @@ Parameterization parameterize(const SampledSurface& patch, const CircleBoundary&
     if (boundary.loop.size() < 3)
         throw TopologyError(patch.name, "a boundary of at least 3 points",
                             std::to_string(boundary.loop.size()), "Give a longer boundary.");
-    const bool anything_inside = boundary.loop.size() < to_size(patch.size());
-    if (options.solve == SolveMode::kFull || !anything_inside)
-        return solve_all(patch, boundary, options, progress);
+    if (boundary.loop.size() >= to_size(patch.size()))
+        return {.points = boundary_on_circle(patch, boundary)};
+    if (options.solve == SolveMode::kFull) return solve_all(patch, boundary, options, progress);
     return solve_simplified(patch, boundary, options, progress);
 }
 

@@ -41,6 +41,17 @@ std::string found(const Positions& positions) {
     return found(full_cloud(positions));
 }
 
+TEST(Validate, NoticesFacesThatDoNotFollowOneAnother) {
+    Cloud cloud = full_cloud(shapes::sphere(50));
+    cloud.faces = {{0, 3, 6}, {0, 1, 2, 3, 4, 5}};
+    EXPECT_EQ(found(cloud), "");
+    for (const std::vector<std::int64_t>& offsets :
+         {std::vector<std::int64_t>{}, {1, 3, 6}, {0, 3, 7}, {0, 3}, {0, 1000000, 6}, {0, -1, 6}}) {
+        cloud.faces.offsets = offsets;
+        EXPECT_EQ(found(cloud), "other ends of faces");
+    }
+}
+
 TEST(Validate, AcceptsAnyRealShape) {
     for (const Positions& p :
          {shapes::grid(2), shapes::sphere(50), shapes::torus(300, 0.2), shapes::cube_noise(4)}) {

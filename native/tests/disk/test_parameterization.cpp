@@ -157,6 +157,23 @@ TEST(MatchPins, AnotherOrderIsRefused) {
     EXPECT_TRUE(match({}).source.empty());
 }
 
+TEST(Parameterization, APatchWithoutPointsInsideIsItsBoundary) {
+    const Positions ring = shapes::grid(2);
+    const Normals up = Eigen::RowVector3d(0, 0, 1).replicate(4, 1);
+    const std::vector<Index> loop{0, 2, 3, 1};
+    const std::vector<double> angles{0.0, 1.5, 3.0, 4.5};
+    Progress progress;
+    for (const SolveMode mode : {SolveMode::kLod, SolveMode::kFull}) {
+        ParameterizationOptions options;
+        options.solve = mode;
+        const DiskPoints disk =
+            parameterize({ring, up, {}, "ring"}, {loop, angles}, options, progress).points;
+        for (std::size_t i = 0; i < loop.size(); ++i)
+            EXPECT_EQ(disk.row(loop[i]),
+                      Eigen::RowVector2d(std::cos(angles[i]), std::sin(angles[i])));
+    }
+}
+
 TEST(Parameterization, EveryInteriorPointIsAConvexCombinationOfItsNeighbors) {
     const Patch patch = hemisphere(800);
     const auto options = full();

@@ -39,9 +39,9 @@ struct Cloud {
 
 /// Throws CloudError unless the cloud has at least `minimum_points` points (3, if that is more),
 /// all numbers are finite, the attributes have one row a point, normals aren't zero, radii aren't
-/// negative, corners of faces are points of the cloud, and the points neither coincide nor lie on
-/// one line. Extents from 1e-290 to 1e290 and normals of any length from 1e-150 to 1e150 are fine,
-/// at any distance from the origin at which the points still differ.
+/// negative, faces follow one another, their corners are points of the cloud, and the points
+/// neither coincide nor lie on one line. Extents from 1e-290 to 1e290 and normals of any length
+/// from 1e-150 to 1e150 are fine, at any distance from the origin at which the points still differ.
 void validate(const Cloud& cloud, Index minimum_points);
 
 /// p ↦ (p − center) / scale takes a shape into the unit ball around the origin.
