@@ -1,0 +1,80 @@
+"""Any bytes as questions to the library, chosen by libFuzzer, for as long as it is told to.
+
+python native/tests/long_runs/fuzzing.py --seconds 600 --report FILE.json
+
+Needs Debian's clang-16 and libclang-rt-16-dev, and gets them where it may. `native/tests/fuzzing`
+says what is asked and what must hold. Inputs that take new ways are kept in `--corpus`; from there,
+a few are copied into `corpus.hpp`, and every find.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+HERE = Path(__file__).resolve().parent
+ROOT = HERE.parents[2]
+sys.path[:0] = [str(HERE), str(ROOT / "native")]
+
+from build_tools.system import set_up_system  # noqa: E402
+from reporting import Report  # noqa: E402
+
+QUESTIONS = ("options", "shapes", "saved morphs", "transforms", "morphs", "previews")
+"""In the order of `Question` in any_input.hpp."""
+
+
+def built(folder: Path) -> Path:
+    """The program that libFuzzer runs."""
+    set_up_system(["build", "fuzz"])
+    settings = ["-DCMAKE_CXX_COMPILER=clang++-16", "-DPOINTMORPH_FUZZ=ON"]
+    settings += ["-DPOINTMORPH_THREADS=pool"]
+    subprocess.run(["cmake", "-S", ROOT, "-B", folder, "-G", "Ninja", *settings], check=True)
+    subprocess.run(["ninja", "-C", folder, "pointmorph_fuzz"], check=True)
+    return folder / "pointmorph_fuzz"
+
+
+def kept_inputs() -> list[bytes]:
+    text = (ROOT / "native" / "tests" / "fuzzing" / "corpus.hpp").read_text()
+    return [bytes.fromhex(line) for line in re.findall(r'^ +"([0-9a-f]+)",$', text, re.MULTILINE)]
+
+
+def run(program: Path, folder: Path, seconds: int) -> tuple[int, str]:
+    """Tries for so long, or until the first find: how many inputs, and what was found."""
+    options = [f"-max_total_time={seconds}", "-max_len=300", "-timeout=120", "-rss_limit_mb=3000"]
+    options += ["-print_final_stats=1", f"-artifact_prefix={folder}-find-"]
+    environment = {**os.environ, "ASAN_OPTIONS": "detect_leaks=0:handle_abort=2"}
+    done = subprocess.run(
+        [program, folder, *options], stderr=subprocess.PIPE, text=True, env=environment
+    )
+    tried = re.findall(r"number_of_executed_units: (\d+)", done.stderr)
+    find = "" if done.returncode == 0 else done.stderr[-1500:]
+    return int(tried[-1]) if tried else 0, find
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seconds", type=int, default=600, help="for each question")
+    parser.add_argument("--corpus", type=Path, default=ROOT / "build" / "corpus")
+    parser.add_argument("--report", type=Path)
+    chosen = parser.parse_args()
+    program = built(ROOT / "build" / "fuzz")
+    report = Report("Any bytes as input of the library")
+    for number, question in enumerate(QUESTIONS):
+        folder = chosen.corpus / question.replace(" ", "_")
+        folder.mkdir(parents=True, exist_ok=True)
+        for place, content in enumerate(kept_inputs()):
+            if content[0] % len(QUESTIONS) == number:
+                (folder / f"kept{place}").write_bytes(content)
+        report.tried[question], find = run(program, folder, chosen.seconds)
+        if find:
+            report.finds.append(f"{question}: {find}")
+    report.tried["inputs"] = sum(int(report.tried[question]) for question in QUESTIONS)
+    return report.end(chosen.report)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
