@@ -63,8 +63,8 @@ def demo(files: list[str], everything: bool) -> int:
     return show(paths.PYTHON, script, *files, *options, "--out", paths.BUILD / "demo")
 
 
-def bench() -> int:
-    """The benchmarks in native/benchmarks; each prints a table and writes JSON."""
+def bench_scripts() -> int:
+    """What is beside the table: stages one by one, and scripts that print tables of their own."""
     wheels.set_up("cpp-test")
     with step("C++ benchmarks"):
         build = wheels.build_native(["pointmorph_benchmarks"], "-DPOINTMORPH_BENCHMARKS=ON")
@@ -72,10 +72,20 @@ def bench() -> int:
     folder.mkdir(exist_ok=True)
     output = (f"--benchmark_out={folder / 'native.json'}", "--benchmark_out_format=json")
     statuses = [show(build / "pointmorph_benchmarks", *output)]
-    for script in sorted((ROOT / "native" / "benchmarks").glob("bench_*.py")):
-        statuses.append(show(paths.PYTHON, script, "--json", folder / f"{script.stem}.json"))
+    for name in ("bench_large_meshes", "bench_live", "bench_morph"):
+        script = ROOT / "native" / "benchmarks" / f"{name}.py"
+        statuses.append(show(paths.PYTHON, script, "--json", folder / f"{name}.json"))
     say(f"As JSON: {folder}")
     return 1 if any(statuses) else 0
+
+
+def bench(arguments: argparse.Namespace) -> int:
+    if arguments.peers is not None:
+        return compare(*arguments.peers)
+    if arguments.scripts:
+        return bench_scripts()
+    wheels.set_up("bpy")
+    return benchmarks.bench(arguments.rows, arguments.quick, arguments.runs, arguments.keep)
 
 
 def compare(source: str, target: str, features: str, *options: str) -> int:
@@ -117,6 +127,25 @@ def list_files(files: list[Path]) -> int:
     return 0
 
 
+def add_bench(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    benches = commands.add_parser("bench", help="the table of benchmarks, and what became slower")
+    benches.add_argument("rows", nargs="*", metavar="ROW", help="rows to measure, instead of all")
+    benches.add_argument("--quick", action="store_true", help="without the millions; three runs")
+    benches.add_argument("--runs", type=int, metavar="N", help="runs of each row (default: 5)")
+    benches.add_argument(
+        "--keep", action="store_true", help="write records, docs/benchmarks.md and its picture"
+    )
+    benches.add_argument(
+        "--scripts", action="store_true", help="stages one by one, and what has tables of its own"
+    )
+    benches.add_argument(
+        "--peers",
+        nargs=argparse.REMAINDER,
+        metavar="SOURCE TARGET FEATURES",
+        help="compare with other methods on this pair; options of compare_peers.py may follow",
+    )
+
+
 def arguments_of(words: list[str]) -> argparse.Namespace:
     """The command line, checked; a wrong one ends with status 2."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -140,13 +169,7 @@ def arguments_of(words: list[str]) -> argparse.Namespace:
         help="what is built for Windows is tested under Wine",
     )
     tests.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="suites side by side")
-    benches = commands.add_parser("bench", help="the benchmarks, as a table and as JSON")
-    benches.add_argument(
-        "--peers",
-        nargs=argparse.REMAINDER,
-        metavar="SOURCE TARGET FEATURES",
-        help="compare with other methods on this pair; options of compare_peers.py may follow",
-    )
+    add_bench(commands)
     commands.add_parser("pictures", help="the manual's pictures, taken anew from the real window")
     commands.add_parser("site", help="the documentation as a site, in build/site")
     packing = commands.add_parser("package", help="the extension, as a zip file")
@@ -175,7 +198,7 @@ def do(arguments: argparse.Namespace) -> int:
         run = windows.test if arguments.platform == "windows" else suites.test
         return run(arguments.suites, arguments.jobs)
     if arguments.command == "bench":
-        return bench() if arguments.peers is None else compare(*arguments.peers)
+        return bench(arguments)
     if arguments.command == "pictures":
         return suites.take_pictures()
     if arguments.command == "site":
@@ -215,6 +238,7 @@ if reason := find_python():
 sys.path.insert(0, str(ROOT / "native"))
 
 from build_tools import (  # noqa: E402
+    benchmarks,
     packaging,
     paths,
     python_environment,
