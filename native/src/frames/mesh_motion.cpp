@@ -18,22 +18,44 @@ namespace pointmorph {
 
 namespace {
 
-/// What a triangle does on the whole way: a turn by this vector (its length is the angle, which may
-/// be more than half a turn), after a symmetric stretch.
+/// By t of a vector as long as its angle.
+Matrix3 rotation_by(const Vector3& turn, double t) {
+    const double angle = turn.norm();
+    const Vector3 axis = angle > 0.0 ? Vector3(turn / angle) : Vector3(Vector3::UnitX());
+    return Eigen::AngleAxisd(t * angle, axis).toRotationMatrix();
+}
+
+Vector3 turn_of(const Matrix3& rotation) {
+    const Eigen::AngleAxisd turn = angle_axis(rotation);
+    return turn.angle() * turn.axis();
+}
+
+/// A rotation in two parts, vectors as long as their angles: a turn, which may be more than half a
+/// turn, and what is left after it.
+struct Turn {
+    Vector3 whole = Vector3::Zero(), rest = Vector3::Zero();
+
+    Matrix3 at(double t) const {
+        const Matrix3 rotation = rotation_by(whole, t);
+        return rest.isZero(0.0) ? rotation : Matrix3(rotation_by(rest, t) * rotation);
+    }
+    double apart(const Turn& other) const {
+        return (whole - other.whole).norm() + (rest - other.rest).norm();
+    }
+};
+
+/// What a triangle does on the whole way: a turn after a symmetric stretch.
 struct Move {
-    Vector3 turn = Vector3::Zero();
+    Turn turn;
     Matrix3 stretch = Matrix3::Identity();
 
     Matrix3 at(double t) const {
-        const double angle = turn.norm();
-        const Vector3 axis = angle > 0.0 ? Vector3(turn / angle) : Vector3(Vector3::UnitX());
-        const Matrix3 part = (1.0 - t) * Matrix3::Identity() + t * stretch;
-        return Eigen::AngleAxisd(t * angle, axis).toRotationMatrix() * part;
+        return turn.at(t) * ((1.0 - t) * Matrix3::Identity() + t * stretch);
     }
 };
 
 /// The vector of the same turn, with whole turns more or less, that is nearest to another.
-Vector3 turn_near(const Vector3& turn, const Vector3& other) {
+Vector3 lifted(const Vector3& turn, const Vector3& other) {
     constexpr double kNone = 1e-9;
     const double angle = turn.norm();
     if (angle < kNone) {
@@ -45,9 +67,20 @@ Vector3 turn_near(const Vector3& turn, const Vector3& other) {
     return turn + axis * (kTurn * std::round((axis.dot(other) - angle) / kTurn));
 }
 
-Vector3 turn_of(const Matrix3& rotation) {
-    const Eigen::AngleAxisd turn = angle_axis(rotation);
-    return turn.angle() * turn.axis();
+/// A rotation of at most half a turn as the turn that is nearest to another one. Near whole turns
+/// its own axis may be any: what of it is about the other's axis comes first there, and then the
+/// rest.
+Turn turn_near(const Vector3& rotation, const Turn& other) {
+    const Turn single{lifted(rotation, other.whole), Vector3::Zero()};
+    const double length = other.whole.norm();
+    if (!(length > 0.5 * kTurn)) return single;
+    const Vector3 axis = other.whole / length;
+    const Matrix3 matrix = rotation_by(rotation, 1.0);
+    const Eigen::Quaterniond all(matrix);
+    const double about = 2.0 * angle_of(all.vec().dot(axis), all.w());
+    const double whole = about + kTurn * std::round((length - about) / kTurn);
+    const Turn split{whole * axis, turn_of(matrix * rotation_by(axis, -about))};
+    return split.apart(other) < single.apart(other) ? split : single;
 }
 
 /// Sides from the first corner, and the normal at rest, where every triangle has an area.
@@ -82,7 +115,8 @@ void make_turns_agree(const Triangles& triangles, std::vector<Move>& moves) {
     const auto count = to_index(moves.size());
     std::vector<Index> order(to_size(count));
     for (Index f = 0; f < count; ++f) order[to_size(f)] = f;
-    std::ranges::stable_sort(order, {}, [&](Index f) { return moves[to_size(f)].turn.norm(); });
+    std::ranges::stable_sort(order, {},
+                             [&](Index f) { return moves[to_size(f)].turn.whole.norm(); });
     using Step = std::pair<double, std::pair<Index, Index>>;  // difference; to, from
     std::priority_queue<Step, std::vector<Step>, std::greater<>> steps;
     std::vector<char> is_done(to_size(count), 0);
@@ -92,8 +126,8 @@ void make_turns_agree(const Triangles& triangles, std::vector<Move>& moves) {
             for (const MeshEdges::Side& side : edges[edges.edge_of(f, k)]) {
                 const Index other = side.triangle;
                 if (is_done[to_size(other)]) continue;
-                const Vector3 &here = moves[to_size(f)].turn, &there = moves[to_size(other)].turn;
-                steps.push({(turn_near(there, here) - here).norm(), {other, f}});
+                const Turn &here = moves[to_size(f)].turn, &there = moves[to_size(other)].turn;
+                steps.push({turn_near(there.whole, here).apart(here), {other, f}});
             }
     };
     for (const Index seed : order) {
@@ -103,8 +137,8 @@ void make_turns_agree(const Triangles& triangles, std::vector<Move>& moves) {
             const auto [f, from] = steps.top().second;
             steps.pop();
             if (is_done[to_size(f)]) continue;
-            Vector3& turn = moves[to_size(f)].turn;
-            turn = turn_near(turn, moves[to_size(from)].turn);
+            Turn& turn = moves[to_size(f)].turn;
+            turn = turn_near(turn.whole, moves[to_size(from)].turn);
             finish(f);
         }
     }
@@ -139,7 +173,8 @@ struct MeshMotion::Bend {
                     end_frame(mesh, ends, end_normals, f) * rest_frame(mesh, f).inverse();
                 const Matrix3 rotation = best_rotation(linear).rotation;
                 const Matrix3 stretch = rotation.transpose() * linear;
-                moves[to_size(f)] = {turn_of(rotation), 0.5 * (stretch + stretch.transpose())};
+                moves[to_size(f)] = {{turn_of(rotation), Vector3::Zero()},
+                                     0.5 * (stretch + stretch.transpose())};
             }
         });
         make_turns_agree(mesh.triangles, moves);

@@ -169,6 +169,21 @@ TEST(MeshMotion, ATwistedTubeTwistsEvenly) {
     }
 }
 
+TEST(MeshMotion, ATubeUntwistsByWholeTurns) {
+    const Cloud cloud = tube();
+    for (const double turns : {0.5, 0.97, 1.0, 1.5, 2.0, 2.5}) {
+        const auto at = [&](double t) {
+            return mapped(cloud.positions, [&](const Vector3& p) {
+                return twisted(p, t * turns * 2.0 * std::numbers::pi);
+            });
+        };
+        const Trip trip(cloud, at(1.0), PathKind::kRigid);
+        for (const double t : {0.25, 0.5, 0.75})
+            EXPECT_LT(distance(trip.motion.at(t), at(t)), 0.1) << turns << " at " << t;
+        EXPECT_LT(distance(trip.motion.at(1.0), at(1.0)), 1e-9) << turns;
+    }
+}
+
 TEST(MeshMotion, AnEggThatBendsAndTwistsGetsNoCrease) {
     SKIP_WHERE_WATCHED();
     const Cloud egg = mesh_shapes::moved(mesh_shapes::icosphere(4),

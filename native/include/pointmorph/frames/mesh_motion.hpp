@@ -14,8 +14,8 @@ namespace pointmorph {
 
 /// Like Motion, but on a rigid path every triangle turns by t of its own angle and stretches by t
 /// of its own stretch, and the vertices follow from that by a Poisson equation on the mesh (Alexa,
-/// Cohen-Or and Levin 2000; Xu et al. 2005). Neighbors turn the same way round, unless they turn by
-/// nearly a whole turn, or several. Parts that aren't connected go where Motion takes them.
+/// Cohen-Or and Levin 2000; Xu et al. 2005). Neighbors turn the same way round, however far. Parts
+/// that aren't connected go where Motion takes them.
 class MeshMotion {
 public:
     /// Vertices of a mesh and their `ends`, all #vertices by 3. Keeps a reference to `mesh`. Throws
