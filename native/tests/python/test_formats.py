@@ -18,6 +18,7 @@ import pointmorph
 import pytest
 from plyfile import PlyData
 from pointmorph import formats, meshes
+from pointmorph.formats import obj
 from pointmorph.storage import files
 from shapes import grid, grid_faces
 
@@ -70,6 +71,68 @@ def test_obj_corners_with_several_normals_keep_the_rows(tmp_path: Path) -> None:
     )
     shape = formats.read(tmp_path / "m.obj")
     np.testing.assert_array_equal(shape.positions, [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
+
+
+FOUR = "v 0 0 0\nv 1 0 0\nv 1 1e-1 0\nv 0 1 .5\n"
+CORNERS = "f 1/1/1 2/2/1 3/1/1\nf 1/1/1 3/1/1 4/2/1\n"
+UV = "vt 0 0\nvt 1 0\nvn 0 0 1\n"
+
+
+@pytest.mark.parametrize(
+    ("content", "plain"),
+    [
+        (FOUR + "f 1 2 3\nf 1 3 4", True),
+        ("# made by hand\r\n" + FOUR.replace("\n", "\r\n") + "s off\r\nf 1 2  4 \r\n", True),
+        (FOUR + "f 1 2 3 4\nf 4 3 2 1\n", True),
+        (FOUR + "v 5 5 5\nf 1 2 3 4\nf 2 3 4\nf 1 2 3 4 5\nf 2 1 3\n", True),
+        ("mtllib a.mtl\no A\n" + FOUR + UV + "usemtl a\n" + CORNERS, True),
+        (FOUR + UV + "f 1/1 2/2 3/1\nf 1/1 3/2 4/2 2/1\n", True),
+        (FOUR + UV + "f 1//1 2//1 3//1\nf 1//1 3//1 4//1\n", True),
+        (FOUR + "v 9 9 9\nf 1 2 3\n", True),  # a vertex without a face
+        (FOUR + UV + "f 1/1 2/2 3/1\n", False),  # the last one, which trimesh leaves out
+        (FOUR + "f 1 2 3\nusemtl b\nf 1 3 4\n", False),
+        (FOUR + "f -1 -2 -3\n", False),
+        (FOUR + "f 1 2 3 4 4\n", False),
+        (FOUR + "f 1 2 3\nl 1 2\n", False),
+        (FOUR + "f 1 2 3 \\\n4\n", False),
+        (FOUR + UV + "f 1/1 2 3\n", False),
+        (FOUR + UV + "f 1//1 2/1/1 3/1/1 4\n", False),
+        ("v 0 0 0 1 0 0\nv 1 0 0 0 1 0\nv 1 1 0 0 0 1\nf 1 2 3\n", False),
+        ("v 0 0 0 1\nv 1 0 0 1\nv 1 1 0 1\nf 1 2 3\n", False),
+    ],
+)  # fmt: skip
+def test_a_plain_obj_has_the_rows_that_trimesh_reads(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, content: str, plain: bool
+) -> None:
+    path = tmp_path / "a.obj"
+    path.write_bytes(content.encode())
+    assert (obj.read(path) is not None) == plain
+    ours = formats.read(path)
+    monkeypatch.setattr(obj, "read", lambda path: None)
+    theirs = formats.read(path)
+    assert vars(ours).keys() == vars(theirs).keys()
+    for name, values in vars(theirs).items():
+        if isinstance(values, np.ndarray):
+            np.testing.assert_array_equal(getattr(ours, name), values)
+            assert getattr(ours, name).dtype == values.dtype
+        else:
+            assert getattr(ours, name) == values
+
+
+@pytest.mark.parametrize(
+    "content",
+    [FOUR, FOUR + "f 1 2 9\n", FOUR + "f 1 x 3\n", "v 0 0\nf 1 1 1\n", "v a b c\nf 1 1 1\n"],
+)
+def test_an_obj_that_is_no_mesh_is_left_to_trimesh(tmp_path: Path, content: str) -> None:
+    (tmp_path / "a.obj").write_text(content)
+    assert obj.read(tmp_path / "a.obj") is None
+
+
+def test_a_plain_obj_is_read_without_trimesh(tmp_path: Path) -> None:
+    (tmp_path / "a.obj").write_text(FOUR + "f 1 2 3\n")
+    code = "import sys; from pointmorph import formats; formats.read(sys.argv[1]); "
+    code += "sys.exit('trimesh' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code, str(tmp_path / "a.obj")]).returncode == 0
 
 
 def test_text_with_normals(tmp_path: Path) -> None:
@@ -182,6 +245,7 @@ def test_written_files_have_the_usual_rights(tmp_path: Path) -> None:
 
 WRITER = """
 import sys, time
+from pointmorph.formats import obj
 from pointmorph.storage import files
 with files.whole_file(sys.argv[1]) as file:
     file.write(b"half")

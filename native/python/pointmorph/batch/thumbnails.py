@@ -114,20 +114,39 @@ def draw(
     colors = np.clip(_CLAY * (0.35 + 0.7 * shade[:, None]), 0, 255).astype(np.uint8)
     picture = np.full((size, size, 3), _PAPER, np.uint8)
     reach = np.clip(radii.astype(np.float64) * scale, 0.7, 0.03 * size)
-    most = int(np.ceil(reach.max()))
     order = np.argsort(places[:, 2], kind="stable")  # what is nearer is painted over the rest
-    depth = np.full((size, size), -1, np.int64)
-    for step_y in range(-most, most + 1):
-        for step_x in range(-most, most + 1):
-            ranks = np.flatnonzero(step_x**2 + step_y**2 <= reach[order] ** 2)
-            rows = order[ranks]
-            column = np.rint(x[rows] + step_x).astype(int)
-            row = size - 1 - np.rint(y[rows] + step_y).astype(int)
-            seen = (column >= 0) & (column < size) & (row >= 0) & (row < size)
-            np.maximum.at(depth, (row[seen], column[seen]), ranks[seen])
-    drawn = depth >= 0
-    picture[drawn] = colors[order[depth[drawn]]]
+    column = np.rint(x[order]).astype(int)
+    row = size - 1 - np.rint(y[order]).astype(int)
+    nearest = _nearest(column, row, reach[order], size)
+    drawn = nearest >= 0
+    picture[drawn] = colors[order[nearest[drawn]]]
     return picture
+
+
+def _nearest(
+    column: npt.NDArray[np.int64], row: npt.NDArray[np.int64], reach: _Doubles, size: int
+) -> npt.NDArray[np.int64]:
+    """For each pixel the last of the points whose disc covers it; -1 where there is none.
+
+    Only the last point in a pixel can be that for the pixels around, so those are moved about
+    instead of all points; for each distance, of those points that reach so far.
+    """
+    most = int(reach.max())
+    steps = np.arange(-most, most + 1)
+    distances = steps[:, None] ** 2 + steps**2
+    found = np.full((size + 2 * most, size + 2 * most), -1)
+    last, count = np.empty(0, np.int64), -1
+    for distance in np.unique(distances):
+        there = np.flatnonzero(distance <= reach**2)
+        if len(there) == 0:
+            break
+        if len(there) != count:
+            last, count = np.full((size, size), -1), len(there)
+            last[row[there], column[there]] = there  # of several, numpy keeps the last
+        for down, right in np.argwhere(distances == distance):
+            part = found[down : down + size, right : right + size]
+            np.maximum(part, last, out=part)
+    return found[most : most + size, most : most + size]
 
 
 def _view(up: str) -> _Doubles:

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pointmorph.base.errors import FileError
-from pointmorph.formats import ply
+from pointmorph.formats import obj, ply
 from pointmorph.meshes.geometry import fans
 from pointmorph.meshes.shape import Shape
 from pointmorph.shapes.clouds import FloatArray
@@ -302,6 +302,10 @@ def _read_text(path: Path) -> Shape:
 
 
 def _read_obj(path: Path) -> Shape:
+    plain = obj.read(path)
+    if plain is not None:
+        positions, faces = plain
+        return Shape(path.stem, positions, None, None, None, faces)
     return _read_with_trimesh(path, split_object=False, group_material=False, skip_materials=True)
 
 
