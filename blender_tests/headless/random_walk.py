@@ -4,6 +4,7 @@ import random
 from pathlib import Path
 
 import bpy
+import pointmorph
 import scenes
 
 EXCLUDED = {
@@ -14,6 +15,11 @@ EXCLUDED = {
 
 def is_shape(obj):
     return obj.type == "MESH" and obj.name.startswith("Shape") and " to " not in obj.name
+
+
+def is_own(obj):
+    """Whether nothing of it belongs to another file, which alone could change it."""
+    return obj.library is None and (obj.data is None or obj.data.library is None)
 
 
 class BrokenError(AssertionError):
@@ -34,12 +40,14 @@ class Walk:
         self.done = []
         self.counts = {}
         self.operations = [
-            (3, self.add_shape), (2, self.pick), (3, self.mark), (4, self.morph),
+            (3, self.add_shape), (2, self.pick), (3, self.mark), (6, self.morph),
             (3, self.slide), (2, self.go_to_frame), (6, self.operator), (3, self.set_option),
             (1, self.delete_object), (1, self.rename), (2, self.edit_shape), (2, self.undo),
             (2, self.redo), (1, self.save_and_open), (1, self.toggle_addon), (1, self.new_scene),
             (1, self.switch_scene), (2, self.select), (1, self.duplicate), (1, self.delete_data),
-            (1, self.remove_group), (1, self.bake),
+            (1, self.remove_group), (1, self.bake), (3, self.link), (2, self.override),
+            (1, self.make_local), (1, self.reload), (2, self.share_object), (1, self.delete_scene),
+            (3, self.change_while_read),
         ]  # fmt: skip
 
     def take(self, steps):
@@ -104,7 +112,7 @@ class Walk:
         return self.chance.choice(found)
 
     def shape(self):
-        return self.one(is_shape)
+        return self.one(lambda obj: is_shape(obj) and is_own(obj))
 
     # --- Steps ---
 
@@ -132,7 +140,7 @@ class Walk:
         name = self.chance.choice(["peak", "slope", "left.L", "left.R"])
         settings = bpy.context.scene.pointmorph
         for obj in (settings.source, settings.target):
-            if obj is None or not is_shape(obj) or not obj.data.vertices:
+            if obj is None or not (is_shape(obj) and is_own(obj)) or not obj.data.vertices:
                 raise ImpossibleError
             if (group := obj.vertex_groups.get(f"pm.{name}")) is not None:
                 obj.vertex_groups.remove(group)
@@ -155,12 +163,12 @@ class Walk:
 
     def _mark_both(self, source, target):
         names = [{group.name for group in obj.vertex_groups} for obj in (source, target)]
-        for obj in (source, target):
+        for obj in filter(is_own, (source, target)):
             for name in (names[0] ^ names[1]) & set(obj.vertex_groups.keys()):
                 obj.vertex_groups.remove(obj.vertex_groups[name])
 
     def slide(self):
-        obj = self.one(lambda obj: obj.type == "MESH" and obj.data.shape_keys is not None)
+        obj = self.one(lambda o: o.type == "MESH" and o.data.shape_keys is not None and is_own(o))
         for key in obj.data.shape_keys.key_blocks[1:]:
             key.value = self.chance.random()
 
@@ -229,7 +237,7 @@ class Walk:
             bpy.context.scene.collection.objects.link(copy)
 
     def rename(self):
-        obj = self.one()
+        obj = self.one(lambda obj: obj.library is None)
         shape = obj.name.startswith("Shape")
         obj.name = ("Shape " if shape else "") + self.chance.choice(["Ä ö", "x" * 63, "a/b", "1"])
 
@@ -286,24 +294,133 @@ class Walk:
     def switch_scene(self):
         bpy.context.window.scene = self.chance.choice(list(bpy.data.scenes))
 
+    def delete_scene(self):
+        if len(bpy.data.scenes) < 2:
+            raise ImpossibleError
+        bpy.data.scenes.remove(self.chance.choice(list(bpy.data.scenes)))
 
-def state(names=("objects", "meshes", "collections", "materials", "node_groups", "actions")):
+    def share_object(self):
+        """The same object in another scene as well."""
+        obj, scene = self.one(), self.chance.choice(list(bpy.data.scenes))
+        if obj.name in scene.objects:
+            raise ImpossibleError
+        scene.collection.objects.link(obj)
+
+    # --- Other files ---
+
+    # Blender's own operators for these leave a step to undo. Without, Blender itself can crash in a
+    # later undo, which reads libraries that aren't there any more.
+
+    @staticmethod
+    def _note(what):
+        bpy.ops.ed.undo_push(message=what)
+
+    def link(self):
+        """A shape of another file."""
+        if len(self.objects()) >= self.most_objects:
+            raise ImpossibleError
+        number = self.chance.randrange(3)
+        path = self.folder / f"library{number}.blend"
+        if not path.exists():
+            self._write_library(path, 5 + 2 * number)
+        with bpy.data.libraries.load(str(path), link=True) as (there, wanted):
+            wanted.objects = there.objects
+        for obj in wanted.objects:
+            if obj.name not in bpy.context.scene.objects:
+                bpy.context.scene.collection.objects.link(obj)
+        self._note("Link")
+
+    def _write_library(self, path, side):
+        obj = scenes.add_mesh("Shape of another file", *scenes.patch(side, 0.4))
+        scenes.mark(obj, "peak", 0, 0)
+        scenes.mark(obj, "slope", 0.5, 0.3)
+        bpy.data.libraries.write(str(path), {obj})
+        bpy.data.objects.remove(obj)
+
+    def _linked(self):
+        return self.one(lambda obj: obj.library is not None)
+
+    def override(self):
+        """What is linked can be moved, and pointed at, but has its own data elsewhere."""
+        obj = self._linked().override_create(remap_local_usages=self.chance.random() < 0.5)
+        if obj is None:
+            raise ImpossibleError
+        if obj.name not in bpy.context.scene.objects:
+            bpy.context.scene.collection.objects.link(obj)
+        obj.location.x += self.chance.uniform(-1, 1)
+        self._note("Override")
+
+    def make_local(self):
+        obj = self.one(lambda obj: not is_own(obj))
+        obj = obj.make_local()
+        if obj.data is not None and self.chance.random() < 0.7:
+            obj.data.make_local()
+        self._note("Make local")
+
+    def reload(self):
+        """The other file has changed, or is gone for good."""
+        if not bpy.data.libraries:
+            raise ImpossibleError
+        library = self.chance.choice(list(bpy.data.libraries))
+        if self.chance.random() < 0.2:
+            bpy.data.libraries.remove(library)
+        else:
+            self._write_library(Path(bpy.path.abspath(library.filepath)), self.chance.randint(3, 9))
+            library.reload()
+        self._note("Reload")
+
+    # --- Meanwhile ---
+
+    def change_while_read(self):
+        """In a window a scene is read in turns, between which anything can happen to it."""
+        settings = bpy.context.scene.pointmorph
+        shapes = [shape for shape in (settings.source, settings.target) if shape is not None]
+        if len(shapes) < 2:
+            raise ImpossibleError
+        steps = self.addon("scene.recomputation").plan_of_steps(
+            bpy.context,
+            shapes,
+            self.addon("data.feature_list").feature_choices(settings),
+            [item.name for item in settings.loop],
+            self.addon("core.settings").settings_values(settings),
+        )
+        change = self.chance.choice([
+            self.delete_object, self.delete_data, self.edit_shape, self.remove_group, self.rename,
+            self.reload, self.add_shape, self.slide, self.delete_scene,
+        ])  # fmt: skip
+        self.done[-1] += f" {change.__name__}"
+        try:
+            for _ in range(self.chance.randrange(20)):
+                next(steps)
+            change()
+            self.addon("core.stepping").finish(steps)
+        except StopIteration:
+            change()
+        except (pointmorph.PointmorphError, ReferenceError):  # said to the user by the operator
+            self.count("refused while read")
+        finally:
+            steps.close()
+
+
+def state(
+    names=("scenes", "objects", "meshes", "collections", "materials", "node_groups", "actions"),
+):
     """What a file holds, to compare before and after it is saved and opened again."""
     found = {}
     for kind in names:
-        found[kind] = sorted(one.name for one in getattr(bpy.data, kind) if one.users)
+        found[kind] = sorted(one.name_full for one in getattr(bpy.data, kind) if one.users)
     for obj in bpy.data.objects:
         if obj.type == "MESH":
             positions = scenes.coordinates(obj.data.vertices)
             keys = obj.data.shape_keys.key_blocks.keys() if obj.data.shape_keys else []
-            found[obj.name] = positions.tobytes(), list(keys), _plain(obj.pointmorph)
+            found[obj.name_full] = positions.tobytes(), list(keys), _plain(obj.pointmorph)
     return found
 
 
 def _plain(value):
     """A property's value, to compare: names in place of data-blocks."""
     if isinstance(value, bpy.types.ID):
-        return value.name
+        return value.name_full
     if isinstance(value, bpy.types.PropertyGroup):
         names = [prop.identifier for prop in value.bl_rna.properties]
         names.remove("rna_type")
@@ -315,6 +432,8 @@ def _plain(value):
 
 def check_kept(path):
     """Saves the file, opens it, and does both again. Raises BrokenError if that changes it."""
+    # What only something unused uses would go at the next time alone.
+    bpy.data.orphans_purge(do_recursive=True)
     bpy.ops.wm.save_as_mainfile(filepath=str(path))
     bpy.ops.wm.open_mainfile(filepath=str(path))
     before = state()
