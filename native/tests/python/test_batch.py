@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 import pointmorph
 import pytest
+from pointmorph import formats
 from pointmorph.batch import free_memory, jobs, runs, thumbnails
 from pointmorph.batch.jobs import PairJob, read_batch
 from pointmorph.batch.runs import DONE, FAILED, KEPT, BatchRun, PairOutcome
@@ -233,6 +234,29 @@ def test_a_batch_with_a_pair_that_fails_is_completed_later(tmp_path: Path) -> No
     assert (frame.read_bytes(), arrays_of(map_)) == contents
     assert {p for p, at in times_of(out / "a_to_b").items() if kept[p] != at} == {frame}
     assert run("batch", path, "--report").returncode == 0
+
+
+def test_a_template_with_faces_goes_onto_each_of_its_targets(tmp_path: Path) -> None:
+    heights = {"a": 0.1, "b": 0.25, "c": 0.4}
+    (tmp_path / "targets").mkdir()
+    for number, (name, height) in enumerate(heights.items()):
+        write_obj(tmp_path / "targets" / f"{name}.obj", 15 + 2 * number, height)
+    write_obj(tmp_path / "base.obj", 14, 0.0)
+    template = {"source": "base.obj", "targets": "targets/*.obj"}
+    path = write_jobs(tmp_path, template=template, frames=2, mesh="source")
+    done = run("batch", path)
+    assert done.returncode == 0, done.stderr
+    rows = json.loads((tmp_path / "batch" / "batch.json").read_text())["pairs"]
+    assert {row["mesh"] for row in rows} <= {"good", "fair"}
+    base = formats.read(tmp_path / "base.obj")
+    for row, height in zip(rows, heights.values(), strict=True):
+        wrapped = formats.read(Path(row["folder"]) / "frames" / "mesh_0001.obj")
+        assert np.array_equal(wrapped.faces, base.faces)
+        x, y, z = wrapped.positions.T
+        # The target's faces lie below its bump by a share of their size.
+        assert np.abs(z - height * np.exp(-3 * (x**2 + y**2))).max() < 0.03 * height
+        assert np.ptp(x) > 1.95
+        assert np.ptp(y) > 1.95
 
 
 def test_tasks_of_an_engine_make_what_a_run_makes(tmp_path: Path) -> None:

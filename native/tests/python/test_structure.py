@@ -495,6 +495,7 @@ OTHERS = {
     "calf_to_koala.png": "docs/demo/head_picture.py",
     "compare_*.png": "native/benchmarks/compare_pictures.py",
     "resampling_*.png": "docs/demo/cracks.py",
+    "template_onto_20.png": "docs/demo/twenty_models.py",
     "wrapped_*.png": "docs/make_wrapped_pictures.py",
 }
 """What draws the pictures of other pages."""
