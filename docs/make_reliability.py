@@ -17,7 +17,8 @@ BEGINNING = """\
 What was tried to make Pointmorph break, how often, and what came of it. The scripts in
 `native/tests/long_runs` try it; `docs/make_reliability.py` makes this page of their reports. Each
 run of the tests repeats a small part: `test_properties.py`, `test_damaged_files.py`,
-`test_stored_commands.py`, `test_memory.py` and, in Blender, `test_random_walk.py`.
+`test_stored_commands.py`, `test_memory.py`, the suite `farm`, and in Blender
+`test_random_walk.py`.
 
 ## What holds
 

@@ -4,7 +4,8 @@
 
 Renders the frames FIRST to LAST of the folder FRAMES to OUT/0000.png …: meshes, if there are some
 beside the points (``--mesh``). Pictures that are there are kept, unless the frame, the options or
-this script have changed since. Options after LAST: ``--width PIXELS``, ``--samples N``, ``--up y``.
+this script have changed since. Options after LAST: ``--width PIXELS``, ``--samples N``, ``--up y``,
+``--every N`` (only frames whose number is a multiple of N).
 """
 
 from __future__ import annotations
@@ -27,6 +28,8 @@ def main(words: list[str]) -> None:
     scene = empty_scene(chosen.width, chosen.samples)
     material = colored_material()
     for number in range(chosen.first, chosen.last + 1):
+        if number % chosen.every:
+            continue
         picture, frame = chosen.out / f"{number:04d}.png", frame_file(chosen.frames, number)
         origin = origin_of(frame, [chosen.width, chosen.samples, chosen.up])
         if picture.exists() and origin.encode() in picture.read_bytes():
@@ -55,6 +58,7 @@ def read(words: list[str]) -> argparse.Namespace:
     parser.add_argument("--width", type=int, default=960)
     parser.add_argument("--samples", type=int, default=32)
     parser.add_argument("--up", choices=["y", "z"], default="z")
+    parser.add_argument("--every", type=int, default=1)
     return parser.parse_args(words)
 
 

@@ -109,6 +109,12 @@ class Cluster:
         """Waits until nothing is left in the queue."""
         self._until(lambda: not self.ask("squeue", "-h"), seconds)
 
+    def processor_seconds(self) -> float:
+        """Of the daemons, and of what they have waited for."""
+        stats = [Path(f"/proc/{one.pid}/stat").read_text() for one in self._daemons]
+        taken = [stat.rpartition(")")[2].split()[11:15] for stat in stats]
+        return sum(int(ticks) for four in taken for ticks in four) / os.sysconf("SC_CLK_TCK")
+
     def _daemon(self, *words: str) -> None:
         with (self.folder / f"{words[0]}.out").open("wb") as log:
             self._daemons.append(

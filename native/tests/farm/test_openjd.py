@@ -15,7 +15,7 @@ from pathlib import Path
 
 import pytest
 from farm_models import FRAMES, TRIES, frames_of, same_frames, write_models
-from test_slurm import processes
+from farm_trials import OpenJD, needs_blender, processes, small_trials, trial_differences
 from test_stored_commands import run
 
 pytestmark = pytest.mark.skipif(
@@ -118,6 +118,12 @@ def test_blender_renders_the_frames_of_a_step(tmp_path: Path) -> None:
     shutil.copy(frames / "frame_0000.ply", frames / "frame_0002.ply")
     assert renewed("--width=48") == ["0002.png"]
     assert renewed("--width=40") == ["0001.png", "0002.png"]
+
+
+@needs_blender
+def test_pairs_and_renders_are_those_of_a_loop_after_kills(tmp_path: Path) -> None:
+    for jobs, kills in small_trials(tmp_path):
+        assert trial_differences(OpenJD(), jobs, kills) == []
 
 
 def test_what_is_wrong_is_said_before_a_template_is_written(tmp_path: Path) -> None:

@@ -11,11 +11,13 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
 import slurm_cluster
 from farm_models import FRAMES, TRIES, frames_of, same_frames, write_models
+from farm_trials import Kill, Slurm, needs_blender, processes, small_trials, trial_differences
 from test_cli import COMMAND
 from test_stored_commands import run
 
@@ -76,19 +78,6 @@ def until(holds: Callable[[], object], seconds: float = 200.0) -> None:
         time.sleep(0.02)
 
 
-def processes(*words: str) -> list[int]:
-    """Programs whose command line has these words."""
-    found = []
-    for path in Path("/proc").glob("[0-9]*/cmdline"):
-        try:
-            line = path.read_bytes().split(b"\0")
-        except OSError:  # it has ended
-            continue
-        if all(word.encode() in line for word in words):
-            found.append(int(path.parent.name))
-    return found
-
-
 def was_killed(log: Path) -> bool:
     return log.exists() and "was killed and runs again" in log.read_text()
 
@@ -132,6 +121,18 @@ def test_a_task_that_is_killed_is_run_again_and_all_is_as_without_slurm(
     rendered = sorted(path.read_text() for path in (out / "a_to_b" / "renders").iterdir())
     assert rendered == [f"0 {CHUNK - 1} {CHUNK}", f"{CHUNK} {FRAMES - 1} {CHUNK}"]
     assert not (out / "a_to_c" / "renders").exists()
+
+
+@needs_blender
+def test_pairs_and_renders_are_those_of_a_loop_after_kills(
+    cluster: slurm_cluster.Cluster, tmp_path: Path
+) -> None:
+    def differ(trial: tuple[Path, list[Kill]]) -> list[str]:
+        return trial_differences(Slurm(cluster.environment), *trial)
+
+    # Side by side: a task that was killed waits a while until it is run again.
+    with ThreadPoolExecutor() as pool:
+        assert list(pool.map(differ, small_trials(tmp_path))) == [[], []]
 
 
 def test_scancel_leaves_nothing_half_written(
