@@ -15,6 +15,7 @@
 #include "pointmorph/cloud/subset.hpp"
 #include "pointmorph/mesh/closest_point.hpp"
 #include "pointmorph/mesh/mesh_samples.hpp"
+#include "pointmorph/surface/boundary.hpp"
 
 namespace pointmorph {
 
@@ -102,6 +103,8 @@ public:
     Surface(const Surface&) = delete;
 
     const Normalization& unit() const { return unit_; }
+    /// Of its mesh, over √area; 0 of a bare cloud.
+    double border_length() const { return mesh_ ? pointmorph::border_length(*mesh_) : 0.0; }
     const Bends& bends() const { return bends_; }
     /// Evenly spread.
     const Positions& samples() const { return samples_; }
@@ -191,7 +194,9 @@ public:
         bends_ = find_bends(mesh_.triangles, normals_);
         find_folded(progress);
         find_creased();
-        find_uncovered(progress);
+        find_uncovered(
+            wrapped.leaves_missing && goes_on(border_length(mesh_), target.border_length()),
+            progress);
         find_off(progress);
     }
 
@@ -260,7 +265,16 @@ private:
         }
     }
 
-    void find_uncovered(Progress& progress) {
+    /// Whether the place lies on a border.
+    bool is_at_border(const SurfacePoint& place, const std::vector<char>& on_border) const {
+        constexpr double kAll = 1.0 - 1e-9;
+        double weight = 0.0;
+        for (Index k = 0; k < 3; ++k)
+            if (on_border[to_size(mesh_.triangles(place.triangle, k))]) weight += place.weights[k];
+        return weight >= kAll;
+    }
+
+    void find_uncovered(bool leaves_missing, Progress& progress) {
         const Positions& samples = target_.samples();
         const auto count = to_index(samples.rows());
         const TriangleTree tree(x_, mesh_.triangles, progress);
@@ -275,9 +289,14 @@ private:
         std::vector<double> distances;
         const double limit = kGood[to_size(MeshFlaw::kUncovered)];
         constexpr double kCounted = 0.01;  // of the samples lie beyond the percentile
+        std::vector<char> on_border(to_size(mesh_.positions.rows()), 0);
+        if (leaves_missing)
+            for (const std::vector<Index>& border : mesh_.borders)
+                for (const Index place : border) on_border[to_size(place)] = 1;
         for (Index i = 0; i < count; ++i) {
             const SurfacePoint& foot = feet[to_size(i)];
             const double distance = std::sqrt(foot.squared_distance);
+            if (leaves_missing && is_at_border(foot, on_border)) continue;
             distances.push_back(distance);
             if (distance < limit) continue;
             Eigen::Index corner = 0;

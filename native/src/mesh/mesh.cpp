@@ -367,4 +367,15 @@ Mesh make_mesh(const Cloud& cloud) {
     return make_mesh(cloud, silent);
 }
 
+double border_length(const Mesh& mesh) {
+    double length = 0.0;
+    for (const std::vector<Index>& border : mesh.borders)
+        for (std::size_t k = 0; k < border.size(); ++k)
+            length += (mesh.positions.row(border[(k + 1) % border.size()]) -
+                       mesh.positions.row(border[k]))
+                          .norm();
+    const double area = mesh.area();
+    return area > 0.0 ? length / std::sqrt(area) : 0.0;
+}
+
 }  // namespace pointmorph

@@ -13,7 +13,7 @@ namespace pointmorph {
 
 namespace {
 
-KdTree<6>::Points with_normals(const OrientedView& points, double weight) {
+KdTree<6>::Points with_normals(const PointsOfParts& points, double weight) {
     KdTree<6>::Points rows(points.positions.rows(), 6);
     rows << points.positions, weight * points.normals;
     return rows;
@@ -27,18 +27,21 @@ constexpr double kNormals = 2.0;  // spacings that opposite directions count, ha
 /// The samples that tell about vertices.
 class NearSamples {
 public:
-    NearSamples(const OrientedView& samples, double spacing)
+    NearSamples(const PointsOfParts& samples, double spacing)
         : samples_(samples.positions),
+          parts_(samples.parts),
           weight_(kNormals * spacing),
           tree_(tree_of(with_normals(samples, weight_))) {}
 
     /// Their rows, the nearest first, and weights, whose sum is 1; returns the vertex less the
     /// weighted mean of the samples.
-    Eigen::RowVector3d find(const OrientedView& vertices, Index vertex, std::span<Index> rows,
+    Eigen::RowVector3d find(const PointsOfParts& vertices, Index vertex, std::span<Index> rows,
                             std::span<double> weights) const {
         Eigen::Matrix<double, 1, 6> query;
         query << vertices.positions.row(vertex), weight_ * vertices.normals.row(vertex);
         tree_.nearest(query.data(), rows, weights);
+        if (!parts_.empty() && !vertices.parts.empty())
+            keep_to_part(vertices.parts[to_size(vertex)], query.data(), rows, weights);
         const double farthest = weights.back() * (1.0 + 1e-9);
         Eigen::RowVector3d mean = Eigen::RowVector3d::Zero();
         double sum = 0.0;
@@ -55,7 +58,30 @@ public:
 private:
     static KdTree<6> tree_of(const KdTree<6>::Points& places) { return KdTree<6>(places); }
 
+    /// Puts the nearest samples of the part in place of those of other parts, as far as there are
+    /// any among the nearest `kLooked`; the farthest again where there are too few.
+    void keep_to_part(Index part, const double* query, std::span<Index> rows,
+                      std::span<double> squared) const {
+        constexpr std::size_t kLooked = 64;
+        const auto is_own = [&](Index row) { return parts_[to_size(row)] == part; };
+        if (part < 0 || std::ranges::all_of(rows, is_own)) return;
+        std::array<Index, kLooked> all_near{};
+        std::array<double, kLooked> all_squared{};
+        const auto found = to_size(tree_.nearest(query, all_near, all_squared));
+        std::size_t own = 0;
+        for (std::size_t k = 0; k < found && own < rows.size(); ++k) {
+            if (!is_own(all_near[k])) continue;
+            rows[own] = all_near[k];
+            squared[own++] = all_squared[k];
+        }
+        if (own == 0) return;
+        std::fill(rows.begin() + static_cast<std::ptrdiff_t>(own), rows.end(), rows[own - 1]);
+        std::fill(squared.begin() + static_cast<std::ptrdiff_t>(own), squared.end(),
+                  squared[own - 1]);
+    }
+
     const Positions& samples_;
+    std::span<const Index> parts_;
     double weight_;
     KdTree<6> tree_;
 };
@@ -87,7 +113,7 @@ Vector3 image_of(const Eigen::RowVector3d& offset, std::span<const Index> rows,
 
 }  // namespace
 
-VertexImages::VertexImages(const OrientedPoints& vertices, const OrientedPoints& samples,
+VertexImages::VertexImages(const PointsOfParts& vertices, const PointsOfParts& samples,
                            double spacing, Progress& progress)
     : samples_(samples.positions), offsets_(vertices.positions.rows(), 3) {
     const auto count = to_index(vertices.positions.rows());
@@ -95,12 +121,11 @@ VertexImages::VertexImages(const OrientedPoints& vertices, const OrientedPoints&
     rows_.resize(to_size(count * neighbors_));
     weights_.resize(count * neighbors_);
     at_one_.assign(to_size(count), 0);
-    const NearSamples near(oriented(samples), spacing);
-    const OrientedView places = oriented(vertices);
+    const NearSamples near(samples, spacing);
     parallel_for(count, progress, [&](Index begin, Index end) {
         for (Index v = begin; v < end; ++v) {
             const auto first = v * neighbors_;
-            offsets_.row(v) = near.find(places, v, {rows_.data() + first, to_size(neighbors_)},
+            offsets_.row(v) = near.find(vertices, v, {rows_.data() + first, to_size(neighbors_)},
                                         {weights_.data() + first, to_size(neighbors_)});
             at_one_[to_size(v)] = vertices.positions.row(v) == samples_.row(rows_[to_size(first)]);
         }
@@ -124,7 +149,7 @@ Positions VertexImages::positions(const Positions& images, Progress& progress) c
     return result;
 }
 
-Positions carried_positions(const OrientedView& vertices, const OrientedView& samples,
+Positions carried_positions(const PointsOfParts& vertices, const PointsOfParts& samples,
                             const Positions& images, double spacing, Progress& progress) {
     const auto count = to_index(vertices.positions.rows());
     const auto around =

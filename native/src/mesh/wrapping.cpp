@@ -446,9 +446,11 @@ Positions after_coarse_mesh(const Mesh& mesh, const Positions& start, const Grou
     wrapping.settle(level.lengths, progress);
     const double spacing =
         std::sqrt(mesh.area() / static_cast<double>(coarse.mesh.positions.rows()));
-    Positions result = carried_positions({mesh.positions, mesh.place_normals},
-                                         {coarse.mesh.positions, coarse.mesh.place_normals},
-                                         std::move(wrapping).places(), spacing, progress);
+    const std::vector<Index> coarse_parts = gather(mesh.parts, coarse.rows);
+    Positions result =
+        carried_positions({mesh.positions, mesh.place_normals, mesh.parts},
+                          {coarse.mesh.positions, coarse.mesh.place_normals, coarse_parts},
+                          std::move(wrapping).places(), spacing, progress);
     // Small parts have too few places to be carried by: they are where the map took them.
     constexpr int kEnough = 24;
     std::vector<int> places_of_part(to_size(mesh.part_areas.size()), 0);

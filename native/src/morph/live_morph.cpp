@@ -163,8 +163,7 @@ struct LiveMorph::State {
     std::shared_ptr<const MeshSides> sides;  ///< null where both clouds are bare
     Cloud source, target;                    ///< samples of faces, or the clouds
     PreparedShapes shapes;
-    std::vector<Feature> regions{};  ///< components that belong together; sorted rows
-    bool regions_are_small = false;  ///< and are kept apart only at the end
+    std::optional<ComponentGroups> groups{};  ///< where there are several components
     std::optional<LiveMap> map{};
     RefinementStart offsets{};  ///< of vertices from where samples carry them
     std::optional<FollowingPoints> points{};
@@ -175,9 +174,7 @@ struct LiveMorph::State {
     double spacing = 0.0;                   ///< of the source's samples
 
     std::vector<Feature> sorted(const std::vector<Feature>& features) const;
-    std::vector<Feature> with_regions(std::vector<Feature> features) const;
-    bool keeps_regions_apart(const std::vector<Feature>& features) const;
-    void find_regions(const RefinementStart& start);
+    void find_groups(const RefinementStart& start);
     void find_offsets(const RefinementStart& start, Progress& progress);
     void follow(Progress& progress);
     Refinement apart(Refinement found, const std::vector<Feature>& features,
@@ -204,35 +201,20 @@ std::vector<Feature> LiveMorph::State::sorted(const std::vector<Feature>& featur
     return result;
 }
 
-bool LiveMorph::State::keeps_regions_apart(const std::vector<Feature>& features) const {
-    return regions_are_small &&
-           std::ranges::count(features, FeatureKind::kRegion, &Feature::kind) == 0;
-}
-
-std::vector<Feature> LiveMorph::State::with_regions(std::vector<Feature> features) const {
-    const auto marked = std::ranges::count(features, FeatureKind::kRegion, &Feature::kind);
-    const auto free = static_cast<std::size_t>(kMostRegions - marked);
-    if (!keeps_regions_apart(features))
-        features.insert(
-            features.end(), regions.begin(),
-            regions.begin() + static_cast<std::ptrdiff_t>(std::min(free, regions.size())));
-    return features;
-}
-
-void LiveMorph::State::find_regions(const RefinementStart& start) {
+void LiveMorph::State::find_groups(const RefinementStart& start) {
     const PreparedShape &s = shapes.source, &t = shapes.target;
     if (s.topology.main().size() == 1 && t.topology.main().size() == 1) return;
     const ComponentView source_view{s.topology, s.positions, s.normals, start.source_images},
         target_view{t.topology, t.positions, t.normals, start.target_images};
     const Similarity alignment = fit_similarity(t.positions, start.target_images);
     const ComponentMatching matching =
-        match_components(source_view, target_view, alignment, options.components);
+        match_components(source_view, target_view, pinned_pairs(sorted(input.features)), alignment,
+                         options.components);
+    if (matching.matched.empty()) return;
+    groups = group_components(source_view, target_view, matching, options.components);
     for (std::string& words :
-         components_in_words(matching, {s.topology, s.name}, {t.topology, t.name}))
+         components_in_words(matching, *groups, {s.topology, s.name}, {t.topology, t.name}))
         warnings.push_back(std::move(words));
-    regions = component_regions(s.topology, t.topology, matching.matched, kMostRegions);
-    regions_are_small =
-        !regions.empty() && are_small(regions, s.size(), t.size(), options.components);
 }
 
 void LiveMorph::State::find_offsets(const RefinementStart& start, Progress& progress) {
@@ -295,13 +277,12 @@ LiveMorph::LiveMorph(MorphInput input, const MorphOptions& options, const Morph*
     state->source = std::move(sampled.source);
     state->target = std::move(sampled.target);
     state->input = std::move(input);
-    state->find_regions(start);
+    state->find_groups(start);
     const PreparedShapes& shapes = state->shapes;
     state->map.emplace(
         RefinementCloud{shapes.source.positions, shapes.source.normals, &shapes.source.nearest},
         RefinementCloud{shapes.target.positions, shapes.target.normals, &shapes.target.nearest},
-        state->with_regions(state->sorted(state->input.features)), start, options.refinement,
-        progress);
+        state->sorted(state->input.features), start, options.refinement, progress);
     progress.enter("vertices");
     state->find_offsets(start, progress);
     state->follow(progress);
@@ -334,8 +315,7 @@ Positions LiveMorph::source_to_target(const std::vector<Feature>& features,
     const Positions& before = state.input.start.source_images;
     validate(features, state.input.source, state.input.target);
     if (are_same(features, state.input.features)) return before;
-    const Positions shifts =
-        state.map->shifts(*state.points, state.with_regions(state.sorted(features)), progress);
+    const Positions shifts = state.map->shifts(*state.points, state.sorted(features), progress);
     const Normalization& unit = state.shapes.target.unit;
     progress.enter("landing");
     constexpr double kHardly = 1e-3;  // in √area, about
@@ -366,14 +346,15 @@ Morph LiveMorph::State::from_scratch(std::vector<Feature> features, const std::s
     return {std::move(changed), options, progress, why};
 }
 
-/// The components of the shapes kept apart, where the features don't do that.
+/// The components of the shapes kept apart.
 Refinement LiveMorph::State::apart(Refinement found, const std::vector<Feature>& features,
                                    Progress& progress) const {
-    if (!keeps_regions_apart(features)) return found;
+    if (!groups) return found;
     const PreparedShape &s = shapes.source, &t = shapes.target;
-    return kept_apart(found, {s.topology, s.positions, s.normals, found.source_images},
-                      {t.topology, t.positions, t.normals, found.target_images},
-                      {regions, pinned_pairs(features)}, options.components, progress);
+    const RefinementStart images{found.source_images, found.target_images};
+    return kept_apart(std::move(found), {s.topology, s.positions, s.normals, images.source_images},
+                      {t.topology, t.positions, t.normals, images.target_images},
+                      {*groups, features}, progress);
 }
 
 FoundMap LiveMorph::State::found(MorphInput changed, Refinement refined,
@@ -411,7 +392,7 @@ Morph LiveMorph::updated(std::vector<Feature> features, Progress& progress) cons
     if (far.distance > state.options.refinement.trusted_distance)
         return state.from_scratch(std::move(features), mark_went_far(far.name, far.distance),
                                   progress);
-    LiveUpdate update = state.map->updated(state.with_regions(marked), progress);
+    LiveUpdate update = state.map->updated(marked, progress);
     if (update.newly_torn > state.options.refinement.registration.most_torn)
         return state.from_scratch(std::move(features), update_would_tear(), progress);
     return {state.found(state.input_with(std::move(features)),

@@ -30,8 +30,8 @@ MeshSide::MeshSide(const Cloud& cloud, Mesh mesh, std::span<const Feature> featu
         vertices_[to_size(mesh_.places[to_size(v)])] = v;
     find_marks(features, side);
     samples_ = sample_mesh(mesh_, kept_, {}, progress);
-    const OrientedPoints samples{samples_.positions, samples_.normals};
-    carried_.emplace(OrientedPoints{mesh_.positions, mesh_.place_normals}, samples, spacing_,
+    carried_.emplace(PointsOfParts{mesh_.positions, mesh_.place_normals, mesh_.parts},
+                     PointsOfParts{samples_.positions, samples_.normals, samples_.parts}, spacing_,
                      progress);
     kept_positions_.resize(static_cast<Eigen::Index>(kept_.size()), 3);
     for (std::size_t k = 0; k < kept_.size(); ++k)

@@ -125,11 +125,11 @@ Morph::WrappedSides Morph::wrapped_sides(bool is_source) const {
     std::vector<IndexPair> pinned = pinned_pairs(features_);
     if (!is_source)
         for (IndexPair& pair : pinned) std::swap(pair.source, pair.target);
-    return {
-        {from, is_source ? source_holds : target_holds, *mesh,
-         is_source ? source_images : target_images, is_source ? source_images_ : target_images_},
-        {to, other ? &*other : nullptr, is_source ? target_images : source_images},
-        std::move(pinned)};
+    return {{from, is_source ? source_holds : target_holds, *mesh,
+             is_source ? source_images : target_images, is_source ? source_images_ : target_images_,
+             options_.missing_parts == MissingParts::kLeave},
+            {to, other ? &*other : nullptr, is_source ? target_images : source_images},
+            std::move(pinned)};
 }
 
 const Mesh& Morph::own_mesh(bool is_source) const {
@@ -549,7 +549,7 @@ const MeshQuality& Morph::mesh_quality(Progress& progress) const {
         const ThreadCount threads(options_.threads);
         progress.enter("mesh quality");
         quality = measure_mesh_quality(
-            {source_, sides.source.mesh.mesh(), ends},
+            {source_, sides.source.mesh.mesh(), ends, sides.source.leaves_missing},
             {target_, sides.target.mesh ? &sides.target.mesh->mesh() : nullptr}, features_,
             progress);
         progress.finish();

@@ -253,6 +253,13 @@ const std::vector<Option> kTable{
             .unit = "points",
             .help = "Points over which the smooth map averages. Raise it for noisy scans",
             .method = Method::kPaper}),
+    choice(POINTMORPH_FIELD(missing_parts),
+           {.name = "missing_parts",
+            .choices = {"leave", "stretch"},
+            .help = "What happens where one model ends and the other goes on, such as a bust and a "
+                    "whole figure. leave: what only the other has grows out of that border, or "
+                    "shrinks into it. stretch: the one is stretched over all of the other",
+            .method = Method::kAuto}),
     choice(
         POINTMORPH_FIELD(path),
         {.name = "path",

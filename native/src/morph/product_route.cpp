@@ -1,57 +1,102 @@
 #include "morph/product_route.hpp"
 
 #include <algorithm>
+#include <cmath>
 #include <string>
 #include <utility>
+#include <vector>
 
 #include "morph/words.hpp"
+#include "pointmorph/cloud/cloud.hpp"
+#include "pointmorph/cloud/kd_tree.hpp"
 
 namespace pointmorph {
 
 namespace {
 
-RefinementCloud cloud_of(const PreparedShape& shape, NeighborSource neighbors) {
+RefinementCloud cloud_of(const PreparedShape& shape, NeighborSource neighbors,
+                         std::span<const Index> ends) {
     return {shape.positions, shape.normals,
-            neighbors == NeighborSource::kPrepared ? &shape.nearest : nullptr};
+            neighbors == NeighborSource::kPrepared ? &shape.nearest : nullptr, ends};
+}
+
+double border_length(const PreparedShape& shape) {
+    double length = 0.0;
+    if (shape.loops)
+        for (const BoundaryLoop& loop : *shape.loops) length += loop_length(shape.positions, loop);
+    return length / std::sqrt(estimated_area(shape.positions, shape.nearest));
+}
+
+/// Sorted rows along borders where a shape ends while the other goes on.
+struct Ends {
+    std::vector<Index> source, target;
+};
+
+Ends ends_of(const PreparedShape& source, const PreparedShape& target) {
+    const auto rows_of = [](const PreparedShape& shape) {
+        std::vector<Index> rows;
+        for (const BoundaryLoop& loop : *shape.loops)
+            rows.insert(rows.end(), loop.begin(), loop.end());
+        std::ranges::sort(rows);
+        return rows;
+    };
+    const double of_source = border_length(source), of_target = border_length(target);
+    Ends ends;
+    if (goes_on(of_source, of_target)) ends.source = rows_of(source);
+    if (goes_on(of_target, of_source)) ends.target = rows_of(target);
+    return ends;
+}
+
+/// Share of the points whose images lie at the other's ends, less what lies there on average.
+double share_beyond(const Positions& images, const PreparedShape& other,
+                    std::span<const Index> ends) {
+    if (ends.empty()) return 0.0;
+    std::vector<char> is_end(to_size(other.size()), 0);
+    for (const Index row : ends) is_end[to_size(row)] = 1;
+    const KdTree<3> tree(other.positions);
+    Index beyond = 0;
+    for (Eigen::Index i = 0; i < images.rows(); ++i) {
+        Index nearest;
+        double squared;
+        tree.nearest(images.row(i).data(), {&nearest, 1}, {&squared, 1});
+        beyond += is_end[to_size(nearest)];
+    }
+    return std::max(0.0, static_cast<double>(beyond) / static_cast<double>(images.rows()) -
+                             static_cast<double>(ends.size()) / other.size());
 }
 
 /// The map of the whole shapes, with each component in its counterpart where they have several.
 Refinement refine_by_component(const RouteInput& input, const std::optional<RefinementStart>& start,
-                               const ProductRouteOptions& options,
+                               const Ends& ends, const ProductRouteOptions& options,
                                std::vector<std::string>& warnings, Progress& progress) {
     const PreparedShape &source = input.source, &target = input.target;
-    const RefinementCloud source_cloud = cloud_of(source, options.neighbors),
-                          target_cloud = cloud_of(target, options.neighbors);
+    const RefinementCloud source_cloud = cloud_of(source, options.neighbors, ends.source),
+                          target_cloud = cloud_of(target, options.neighbors, ends.target);
     Refinement whole = refine(source_cloud, target_cloud, input.features, options.refinement,
                               progress, start ? &*start : nullptr);
     if (source.topology.main().size() == 1 && target.topology.main().size() == 1) return whole;
 
     progress.enter("pieces");
     const ComponentView source_view{source.topology, source.positions, source.normals,
-                                    whole.source_images};
+                                    whole.source_images, ends.source};
     const ComponentView target_view{target.topology, target.positions, target.normals,
-                                    whole.target_images};
+                                    whole.target_images, ends.target};
     const ComponentMatching matching =
-        match_components(source_view, target_view, whole.alignment, options.components);
-    for (std::string& words : components_in_words(matching, {source.topology, source.name},
+        match_components(source_view, target_view, pinned_pairs(input.features), whole.alignment,
+                         options.components);
+    if (matching.matched.empty()) return whole;
+    const ComponentGroups groups =
+        group_components(source_view, target_view, matching, options.components);
+    for (std::string& words : components_in_words(matching, groups, {source.topology, source.name},
                                                   {target.topology, target.name}))
         warnings.push_back(std::move(words));
-    const auto marked = std::ranges::count(input.features, FeatureKind::kRegion, &Feature::kind);
-    const std::vector<Feature> regions = component_regions(
-        source.topology, target.topology, matching.matched, kMostRegions - to_index(marked));
-    if (regions.empty()) return whole;
-    if (marked == 0 && are_small(regions, source.size(), target.size(), options.components))
-        return kept_apart(whole, source_view, target_view, {regions, pinned_pairs(input.features)},
-                          options.components, progress);
-
-    std::vector<Feature> all(input.features.begin(), input.features.end());
-    all.insert(all.end(), regions.begin(), regions.end());
-    const RefinementStart again =
-        component_start(source_view, target_view, regions, whole.alignment, options.components);
-    Refinement apart =
-        refine(source_cloud, target_cloud, all, options.refinement, progress, &again);
-    apart.diagnostics = whole.diagnostics.followed_by(apart.diagnostics);
-    return apart;
+    const ComponentMarks marks{groups, input.features};
+    const Refinement by_group = mapped_by_group(whole, source_view, target_view, marks,
+                                                {options.components, options.refinement}, progress);
+    return kept_apart(by_group,
+                      {source.topology, source.positions, source.normals, by_group.source_images},
+                      {target.topology, target.positions, target.normals, by_group.target_images},
+                      marks, progress);
 }
 
 }  // namespace
@@ -72,7 +117,15 @@ RouteResult match_in_product_space(const RouteInput& input,
                                    const ProductRouteOptions& options, Progress& progress) {
     RouteResult result;
     result.domain = "product";
-    Refinement refined = refine_by_component(input, start, options, result.warnings, progress);
+    const Ends ends = options.leave_missing ? ends_of(input.source, input.target) : Ends{};
+    Refinement refined =
+        refine_by_component(input, start, ends, options, result.warnings, progress);
+    constexpr double kSaid = 0.02;  // a share of the points
+    const auto say = [&](double share, const PreparedShape& whole, const PreparedShape& part) {
+        if (share > kSaid) result.warnings.push_back(goes_beyond(whole.name, part.name, share));
+    };
+    say(share_beyond(refined.target_images, input.source, ends.source), input.target, input.source);
+    say(share_beyond(refined.source_images, input.target, ends.target), input.source, input.target);
     judge_normals(refined.inside_out, input.source, input.target, result);
     result.source_domain = refined.source_product;
     result.target_domain = refined.target_product;

@@ -20,6 +20,8 @@ struct ProductRouteOptions {
     RefinementOptions refinement;
     ComponentOptions components;
     NeighborSource neighbors = NeighborSource::kPrepared;
+    /// Whether what lies beyond the end of one shape pulls at it; see MissingParts.
+    bool leave_missing = true;
 };
 
 /// `start`, where there is one, is in sorted rows. A shape with estimated normals counts as inside

@@ -155,7 +155,8 @@ RouteResult refined(const RouteInput& input, const std::optional<RefinementStart
     return match_in_product_space(input, start,
                                   {.refinement = options.refinement,
                                    .components = options.components,
-                                   .neighbors = neighbors},
+                                   .neighbors = neighbors,
+                                   .leave_missing = options.missing_parts == MissingParts::kLeave},
                                   progress);
 }
 

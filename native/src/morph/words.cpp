@@ -144,6 +144,13 @@ std::string patch_has_holes(const std::string& shape, Index boundary_loops) {
            "patch.";
 }
 
+std::string goes_beyond(const std::string& whole, const std::string& part, double share) {
+    return part + " ends where " + whole +
+           " goes on: " + std::to_string(std::lround(100.0 * share)) + " % of " + whole +
+           " has no counterpart and joins that border. To stretch " + part +
+           " over it, choose missing parts: stretch.";
+}
+
 std::string separate_parts(const std::string& shape, Index points) {
     return shape + ": " + std::to_string(points) +
            (points == 1 ? " point in a separate part follows"

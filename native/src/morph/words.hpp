@@ -31,6 +31,8 @@ std::string curves_take_detours();
 /// `what_fits` is subject and verb: "The loop fits".
 std::string fits_mirrored(const std::string& what_fits);
 std::string patch_has_holes(const std::string& shape, Index boundary_loops);
+/// `share` of the points of `whole`, 0 to 1, lie where `part` has ended.
+std::string goes_beyond(const std::string& whole, const std::string& part, double share);
 std::string separate_parts(const std::string& shape, Index points);
 std::string orientation_was_searched(const std::string& source, const std::string& target);
 std::string sphere_is_stretched();

@@ -5,8 +5,10 @@
 #include <utility>
 
 #include "pointmorph/base/parallel.hpp"
+#include "pointmorph/cloud/kd_tree.hpp"
 #include "pointmorph/cloud/subset.hpp"
 #include "pointmorph/mesh/subdivision.hpp"
+#include "pointmorph/surface/boundary.hpp"
 
 namespace pointmorph {
 
@@ -34,6 +36,16 @@ std::vector<SurfacePoint> places_on(const Mesh& mesh, const Positions& points, P
     return places;
 }
 
+/// The parts of the places of a mesh, whose first places are those of `own`, by the numbers there.
+std::vector<Index> parts_as_in(const Mesh& own, const Mesh& mesh) {
+    std::vector<Index> number(to_size(mesh.part_areas.size()), -1);
+    for (std::size_t p = 0; p < own.parts.size(); ++p)
+        if (mesh.parts[p] >= 0) number[to_size(mesh.parts[p])] = own.parts[p];
+    std::vector<Index> parts;
+    for (const Index part : mesh.parts) parts.push_back(part >= 0 ? number[to_size(part)] : -1);
+    return parts;
+}
+
 /// Where the places of the mesh start; those beyond the vertices' own follow the samples, too.
 Positions starts(const Mesh& mesh, const WrapSource& source, const Normalization& unit,
                  Progress& progress) {
@@ -43,13 +55,34 @@ Positions starts(const Mesh& mesh, const WrapSource& source, const Normalization
     if (places.rows() > own.positions.rows()) {
         const MeshSamples& samples = source.mesh.samples();
         const double spacing = std::sqrt(own.area() / samples.size());
-        places = carried_positions({mesh.positions, mesh.place_normals},
-                                   {samples.positions, samples.normals},
+        places = carried_positions({mesh.positions, mesh.place_normals, parts_as_in(own, mesh)},
+                                   {samples.positions, samples.normals, samples.parts},
                                    unit.apply(source.sample_images), spacing, progress);
     }
     for (std::size_t v = mesh.places.size(); v-- > 0;)
         places.row(mesh.places[v]) = images.row(static_cast<Eigen::Index>(v));
     return places;
+}
+
+/// Takes the places of what lies beyond the mesh: of those `points` that are at its border.
+void leave_beyond(const Mesh& mesh, const Positions& points, double spacing,
+                  std::vector<SurfacePoint>& places) {
+    std::vector<Eigen::RowVector3d> along;
+    for (const std::vector<Index>& border : mesh.borders)
+        for (std::size_t k = 0; k < border.size(); ++k) {
+            const Eigen::RowVector3d from = mesh.positions.row(border[k]),
+                                     to = mesh.positions.row(border[(k + 1) % border.size()]);
+            const auto steps = std::max<Index>(1, std::lround((to - from).norm() / spacing));
+            for (Index step = 0; step < steps; ++step)
+                along.emplace_back(from + static_cast<double>(step) / steps * (to - from));
+        }
+    Positions border(static_cast<Eigen::Index>(along.size()), 3);
+    for (std::size_t k = 0; k < along.size(); ++k)
+        border.row(static_cast<Eigen::Index>(k)) = along[k];
+    const KdTree<3> tree(border);
+    for (std::size_t i = 0; i < places.size(); ++i)
+        if (tree.any_within(points.row(static_cast<Eigen::Index>(i)).data(), spacing))
+            places[i].triangle = -1;
 }
 
 /// But for where its samples lie on the mesh.
@@ -120,7 +153,13 @@ WrapOnto::WrapOnto(const WrapSource& source, const WrapSide& target,
 
 Positions WrapOnto::wrapped(const Mesh& mesh, std::span<const EdgeEnds> ends,
                             const WrapOptions& options, Progress& progress) {
-    target_.on_mesh = places_on(mesh, mesh.unit.apply(other_.images), progress);
+    const Positions back = mesh.unit.apply(other_.images);
+    target_.on_mesh = places_on(mesh, back, progress);
+    if (source_.leaves_missing && other_.mesh &&
+        goes_on(border_length(source_.mesh.mesh()), border_length(other_.mesh->mesh())))
+        leave_beyond(mesh, back,
+                     std::sqrt(source_.mesh.mesh().area() / source_.mesh.samples().size()),
+                     target_.on_mesh);
     Positions start = starts(mesh, source_, unit_, progress);
     std::vector<WrapMark> marks;
     for (const IndexPair& pair : pinned_) {

@@ -27,6 +27,8 @@ struct WrapSource {
     const MeshSide& mesh;
     const Positions& sample_images;
     const Positions& images;
+    /// Whether the mesh is left as it is where the other goes on beyond its border.
+    bool leaves_missing = true;
 };
 
 /// Whether the vertices start as the target's own mesh, which is then what they end as.

@@ -113,6 +113,11 @@ void weigh(MovingShape& side, const MovingShape& other, bool is_stiff,
         for (double& w : side.weights) w *= options.stiff_data;
     else
         ignore_torn(side, other, options.torn_component);
+    // What lies beyond the end of the other shape matches the end, however far it is.
+    if (!other.shape.ends.empty())
+        for (std::size_t i = 0; i < side.rows.size(); ++i)
+            if (other.shape.ends[to_size(other.rows[to_size(side.matches.to[i])])])
+                side.weights[i] = 0.0;
     // A region may have to go far: its matches count however far off they are.
     if (side.shape.pulls.rows() > 0)
         for (std::size_t i = 0; i < side.rows.size(); ++i)

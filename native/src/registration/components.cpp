@@ -1,209 +1,308 @@
 #include "pointmorph/registration/components.hpp"
 
+#include <Eigen/Eigenvalues>
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <functional>
+#include <limits>
+#include <map>
 #include <utility>
 
 #include "pointmorph/base/assignment.hpp"
 #include "pointmorph/cloud/cloud.hpp"
 #include "pointmorph/cloud/kd_tree.hpp"
 #include "pointmorph/registration/extremities.hpp"
-#include "pointmorph/registration/product_space.hpp"
-#include "pointmorph/surface/projection.hpp"
+#include "registration/whole.hpp"
 
 namespace pointmorph {
 
 namespace {
 
-/// A component as a whole: its middle, its size, and where its points go on the whole.
-struct Whole {
-    Eigen::RowVector3d middle = Eigen::RowVector3d::Zero(), image = Eigen::RowVector3d::Zero();
-    double size = 0.0;
-};
-
-Whole whole_of(const Positions& positions, const Positions& images, std::span<const Index> rows) {
-    Whole whole;
-    for (const Index i : rows) {
-        whole.middle += positions.row(i);
-        whole.image += images.row(i);
-    }
-    const auto count = static_cast<double>(rows.size());
-    whole.middle /= count;
-    whole.image /= count;
-    for (const Index i : rows) whole.size += (positions.row(i) - whole.middle).squaredNorm();
-    whole.size = std::sqrt(whole.size / count);
-    return whole;
-}
-
+/// Rows of every component, strays included.
 std::vector<std::vector<Index>> rows_of(const Topology& topology) {
-    std::vector<std::vector<Index>> rows(topology.main().size());
+    std::vector<std::vector<Index>> rows(topology.components.size());
     for (std::size_t i = 0; i < topology.labels.size(); ++i)
-        if (to_size(topology.labels[i]) < rows.size())
-            rows[to_size(topology.labels[i])].push_back(to_index(i));
+        rows[to_size(topology.labels[i])].push_back(to_index(i));
     return rows;
 }
 
-std::vector<Whole> wholes_of(const ComponentView& view) {
-    std::vector<Whole> wholes;
-    for (const auto& rows : rows_of(view.topology))
-        wholes.push_back(whole_of(view.positions, view.images, rows));
+/// A component as a whole, and the middle of where its points go.
+struct MappedWhole {
+    Whole whole;
+    Eigen::RowVector3d image;
+};
+
+std::vector<MappedWhole> wholes_of(const ComponentView& view) {
+    std::vector<std::vector<Index>> rows = rows_of(view.topology);
+    rows.resize(view.topology.main().size());
+    std::vector<MappedWhole> wholes;
+    for (const auto& of_one : rows)
+        wholes.push_back(
+            {whole_of(view.positions, of_one), gather(view.images, of_one).colwise().mean()});
     return wholes;
+}
+
+/// How far the proportions of two wholes are apart: root mean square of the logarithms of the
+/// ratios of their extents, which are at least a tenth of the longest.
+double other_proportions(const Whole& a, const Whole& b) {
+    constexpr double kThinnest = 0.1;
+    const auto extents = [](const Whole& w) -> Vector3 {
+        const Eigen::SelfAdjointEigenSolver<Matrix3> solver(w.covariance, Eigen::EigenvaluesOnly);
+        const Vector3 squared =
+            solver.eigenvalues().cwiseMax(kThinnest * kThinnest * solver.eigenvalues()[2]);
+        return 0.5 * squared.cwiseMax(std::numeric_limits<double>::min()).array().log();
+    };
+    const Vector3 ratios = extents(a) - extents(b);
+    return std::sqrt((ratios.array() - ratios.mean()).square().mean());
+}
+
+/// Shares of the points of each component that lie where they go in each of the other shape's
+/// components: #components by #components.
+Eigen::MatrixXd landing_shares(const ComponentView& here, const ComponentView& there) {
+    Eigen::MatrixXd shares =
+        Eigen::MatrixXd::Zero(static_cast<Eigen::Index>(here.topology.components.size()),
+                              static_cast<Eigen::Index>(there.topology.components.size()));
+    const KdTree<3> tree(there.positions);
+    for (Eigen::Index i = 0; i < here.images.rows(); ++i) {
+        Index nearest;
+        double squared;
+        tree.nearest(here.images.row(i).data(), {&nearest, 1}, {&squared, 1});
+        shares(here.topology.labels[to_size(i)], there.topology.labels[to_size(nearest)]) += 1.0;
+    }
+    for (Eigen::Index c = 0; c < shares.rows(); ++c)
+        shares.row(c) /= std::max(1.0, shares.row(c).sum());
+    return shares;
 }
 
 std::string counted(Index count, const char* one, const char* more) {
     return std::to_string(count) + " " + (count == 1 ? one : more);
 }
 
-/// Columns of the product space that hold where points of a shape go and where they are.
-struct ProductColumns {
-    Eigen::Index image, own, image_normal, own_normal;
-};
-
-/// A map between the shapes: whose points it takes, and to which.
-struct Direction {
-    ProductColumns columns;
-    Marked Feature::*marked_here, Feature::*marked_there;
-    Index IndexPair::*here, IndexPair::*there;
-};
-constexpr Direction kForward{.columns = {.image = 0, .own = 3, .image_normal = 6, .own_normal = 9},
-                             .marked_here = &Feature::source,
-                             .marked_there = &Feature::target,
-                             .here = &IndexPair::source,
-                             .there = &IndexPair::target};
-constexpr Direction kBackward{.columns = {.image = 3, .own = 0, .image_normal = 9, .own_normal = 6},
-                              .marked_here = &Feature::target,
-                              .marked_there = &Feature::source,
-                              .here = &IndexPair::target,
-                              .there = &IndexPair::source};
-
-/// Points of the product space, those of each region moved and scaled onto its counterpart: there
-/// both shapes lie alike.
-ProductPoints brought_over(ProductPoints points, const ProductPoints& others,
-                           std::span<const Feature> regions, const Direction& map) {
-    const auto& [image, own, image_normal, own_normal] = map.columns;
-    const Positions from = points.middleCols<3>(own), to = others.middleCols<3>(image);
-    for (const Feature& region : regions) {
-        const Whole a = whole_of(from, from, (region.*map.marked_here).rows);
-        const Whole b = whole_of(to, to, (region.*map.marked_there).rows);
-        const double scale = a.size > 0.0 ? b.size / a.size : 1.0;
-        for (const Index i : (region.*map.marked_here).rows) {
-            points.block<1, 3>(i, image) = b.middle + scale * (from.row(i) - a.middle);
-            points.block<1, 3>(i, image_normal) = points.block<1, 3>(i, own_normal);
-        }
-    }
-    return points;
+Index points_of(const NamedTopology& shape, Index component) {
+    return shape.topology.components[to_size(component)].points;
 }
 
-/// Which region every point belongs to, counted from 1; 0 for none.
-std::vector<Index> groups_of(Eigen::Index points, std::span<const Feature> regions,
-                             Marked Feature::*side) {
-    std::vector<Index> groups(to_size(points), 0);
-    for (std::size_t k = 0; k < regions.size(); ++k)
-        for (const Index i : (regions[k].*side).rows) groups[to_size(i)] = to_index(k) + 1;
+/// One shape's side of a matching.
+struct Side {
+    const ComponentView& here;
+    const ComponentView& there;
+    Index IndexPair::*row;
+    std::span<const Index> alone;
+};
+
+/// The group of every component; −1 for those without a counterpart.
+std::vector<Index> component_groups(const Topology& topology, std::span<const IndexPair> matched,
+                                    Index IndexPair::*side) {
+    std::vector<Index> groups(topology.components.size(), -1);
+    for (std::size_t k = 0; k < matched.size(); ++k)
+        groups[to_size(matched[k].*side)] = to_index(k);
     return groups;
 }
 
-/// Groups of the points of both shapes.
-struct Groups {
-    std::vector<Index> source, target;
+/// Whether images crowd where those of `others` are.
+class Crowd {
+public:
+    explicit Crowd(Positions others) : others_(std::move(others)), tree_(others_) {
+        std::vector<double> distances;
+        const Index step = std::max<Index>(1, tree_.size() / 500);
+        for (Index i = 0; i < tree_.size(); i += step) {
+            std::array<Index, 2> near{};
+            std::array<double, 2> squared{};
+            const Index found = tree_.nearest(others_.row(i).data(), near, squared);
+            distances.push_back(std::sqrt(squared[to_size(found) - 1]));
+        }
+        const auto middle = distances.begin() + static_cast<std::ptrdiff_t>(distances.size() / 2);
+        std::ranges::nth_element(distances, middle);
+        constexpr double kSpacings = 2.0;  // nearest neighbors are half a spacing apart
+        reach_ = kSpacings * *middle;
+    }
+
+    double share(const Positions& images) const {
+        Index crowded = 0;
+        for (Eigen::Index i = 0; i < images.rows(); ++i)
+            crowded += tree_.any_within(images.row(i).data(), reach_) ? 1 : 0;
+        return static_cast<double>(crowded) / static_cast<double>(images.rows());
+    }
+
+private:
+    Positions others_;
+    KdTree<3> tree_;
+    double reach_ = 0.0;
 };
 
-std::vector<Index> rows_in(const std::vector<Index>& groups, Index group) {
-    std::vector<Index> rows;
-    for (std::size_t i = 0; i < groups.size(); ++i)
-        if (groups[i] == group) rows.push_back(to_index(i));
-    return rows;
-}
-
-/// Pairs points within each of `count` groups, and those that are pinned.
-Pairing paired_by_group(const ProductPoints& source, const ProductPoints& target,
-                        const Groups& groups, Index count, std::span<const IndexPair> pinned,
-                        Progress& progress) {
-    Pairing pairs(pinned.begin(), pinned.end());
-    for (Index g = 0; g < count; ++g) {
-        const auto s = rows_in(groups.source, g), t = rows_in(groups.target, g);
-        std::vector<IndexPair> features;  // places in these
-        for (const IndexPair& f : pinned)
-            if (groups.source[to_size(f.source)] == g && groups.target[to_size(f.target)] == g)
-                features.push_back({to_index(std::ranges::lower_bound(s, f.source) - s.begin()),
-                                    to_index(std::ranges::lower_bound(t, f.target) - t.begin())});
-        for (const IndexPair& pair :
-             mutual_pairs<12>(gather(source, s), gather(target, t), features, progress))
-            pairs.push_back({s[to_size(pair.source)], t[to_size(pair.target)]});
+/// The group that most images lie in; −1 where that has none.
+Index group_beneath(const Positions& images, const KdTree<3>& there,
+                    const std::vector<Index>& groups_there, const Topology& topology) {
+    std::map<Index, Index> votes;
+    for (Eigen::Index i = 0; i < images.rows(); ++i) {
+        Index nearest;
+        double squared;
+        there.nearest(images.row(i).data(), {&nearest, 1}, {&squared, 1});
+        ++votes[groups_there[to_size(topology.labels[to_size(nearest)])]];
     }
-    std::ranges::sort(pairs);
-    pairs.erase(std::ranges::unique(pairs).begin(), pairs.end());
-    return pairs;
+    return std::ranges::max_element(votes, {}, &std::pair<const Index, Index>::second)->first;
 }
 
-/// Points of a region, and those whose partners in `before` were taken from them.
-std::vector<Index> astray(const std::vector<Index>& own, const std::vector<Index>& other,
-                          const Pairing& before, std::span<const IndexPair> pinned,
-                          const Direction& map) {
-    std::vector<char> is_astray(own.size());
-    for (std::size_t i = 0; i < own.size(); ++i) is_astray[i] = own[i] > 0;
-    for (const IndexPair& pair : before)
-        if (own[to_size(pair.*map.here)] != other[to_size(pair.*map.there)])
-            is_astray[to_size(pair.*map.here)] = 1;
-    for (const IndexPair& pair : pinned) is_astray[to_size(pair.*map.here)] = 0;
-    std::vector<Index> rows;
-    for (std::size_t i = 0; i < is_astray.size(); ++i)
-        if (is_astray[i]) rows.push_back(to_index(i));
-    return rows;
-}
-
-/// The `images` with those in `rows` put onto the other shape, from where they were `moved` to,
-/// beside the nearest of their partners.
-Positions put_back(Positions images, const std::vector<Index>& rows, const Positions& moved,
-                   const Pairing& pairs, const ComponentView& other, const Direction& map,
-                   Progress& progress) {
-    std::vector<Index> nearest(to_size(images.rows()), -1);
-    for (const IndexPair& pair : pairs) {
-        Index& best = nearest[to_size(pair.*map.here)];
-        const auto squared = [&](Index j) {
-            return (other.positions.row(j) - moved.row(pair.*map.here)).squaredNorm();
-        };
-        if (best < 0 || squared(pair.*map.there) < squared(best)) best = pair.*map.there;
+/// Whether hardly any neighbors among `places` have anchors that lie far apart.
+bool keep_together(const Positions& places, const Positions& anchors) {
+    constexpr double kFar = 4.0;  // times as far as the places, or their spacing
+    constexpr double kFew = 0.01;
+    const KdTree<3> tree(places);
+    const auto count = places.rows();
+    std::vector<Index> next(to_size(count));
+    Values apart(count);
+    for (Eigen::Index i = 0; i < count; ++i) {
+        std::array<Index, 4> near{};
+        std::array<double, 4> squared{};
+        const Index found = tree.nearest(places.row(i).data(), near, squared);
+        next[to_size(i)] = near[to_size(found) - 1];
+        apart[i] = std::sqrt(squared[to_size(found) - 1]);
     }
-    const KdTree<3> tree(other.positions);
-    const Positions put = project_onto_surface(gather(moved, rows), gather(nearest, rows), tree,
-                                               other.normals, progress);
-    for (std::size_t k = 0; k < rows.size(); ++k)
-        images.row(rows[k]) = put.row(static_cast<Eigen::Index>(k));
-    return images;
+    const double spacing = apart.mean();
+    Index torn = 0;
+    for (Eigen::Index i = 0; i < count; ++i)
+        torn += (anchors.row(i) - anchors.row(next[to_size(i)])).norm() >
+                kFar * std::max(apart[i], spacing);
+    return torn <= kFew * static_cast<double>(count);
 }
 
-Index points_of(const NamedTopology& shape, Index component) {
-    return shape.topology.components[to_size(component)].points;
+/// The nearest of some points to each place.
+struct NearestPoints {
+    std::vector<Index> rows;
+    double mean_distance = std::numeric_limits<double>::infinity();
+    Index closest = 0;  ///< of all, the nearest to any place
+};
+
+NearestPoints nearest_points(const Positions& places, const Positions& points) {
+    const KdTree<3> tree(points);
+    NearestPoints result;
+    double sum = 0.0, least = std::numeric_limits<double>::infinity();
+    for (Eigen::Index i = 0; i < places.rows(); ++i) {
+        Index nearest;
+        double squared;
+        tree.nearest(places.row(i).data(), {&nearest, 1}, {&squared, 1});
+        result.rows.push_back(nearest);
+        sum += std::sqrt(squared);
+        if (squared < least) {
+            least = squared;
+            result.closest = nearest;
+        }
+    }
+    result.mean_distance = sum / static_cast<double>(places.rows());
+    return result;
+}
+
+/// What components without room can go with.
+struct Surroundings {
+    const Positions& positions;
+    const std::vector<std::vector<Index>>& rows;  ///< of every component
+    std::span<const Index> settled;               ///< components that stay
+};
+
+/// Gives every row of a component, as its anchor, the nearest point of the component that lies
+/// nearest to it as a whole; all of them the same one, where that would tear it.
+void anchor(std::span<const Index> rows, const Surroundings& around, GroupedPoints& points) {
+    const Positions places = gather(around.positions, rows);
+    NearestPoints nearest;
+    Index onto = around.settled.front();
+    for (const Index component : around.settled) {
+        NearestPoints found =
+            nearest_points(places, gather(around.positions, around.rows[to_size(component)]));
+        if (found.mean_distance >= nearest.mean_distance) continue;
+        nearest = std::move(found);
+        onto = component;
+    }
+    const std::vector<Index>& there = around.rows[to_size(onto)];
+    const bool holds = keep_together(places, gather(around.positions, gather(there, nearest.rows)));
+    for (std::size_t k = 0; k < rows.size(); ++k) {
+        const Index at = there[to_size(holds ? nearest.rows[k] : nearest.closest)];
+        points.anchors[to_size(rows[k])] = at;
+        points.groups[to_size(rows[k])] = points.groups[to_size(at)];
+    }
+}
+
+/// `vanishing`: components that got anchors, but for strays. `joined`: see ComponentGroups.
+GroupedPoints grouped(const Side& side, const ComponentMatching& matching,
+                      const ComponentOptions& options, std::vector<Index>& vanishing,
+                      std::vector<char>& joined) {
+    const ComponentView &here = side.here, &there = side.there;
+    const auto rows = rows_of(here.topology);
+    std::vector<Index> groups = component_groups(here.topology, matching.matched, side.row);
+    const std::vector<Index> groups_there =
+        component_groups(there.topology, matching.matched,
+                         side.row == &IndexPair::source ? &IndexPair::target : &IndexPair::source);
+    std::vector<Index> matched_rows;
+    for (std::size_t i = 0; i < here.topology.labels.size(); ++i)
+        if (groups[to_size(here.topology.labels[i])] >= 0) matched_rows.push_back(to_index(i));
+    const Crowd crowd(gather(here.images, matched_rows));
+    const KdTree<3> tree_there(there.positions);
+    for (const Index component : side.alone) {
+        const Positions images = gather(here.images, rows[to_size(component)]);
+        if (crowd.share(images) <= options.crowded)
+            groups[to_size(component)] =
+                group_beneath(images, tree_there, groups_there, there.topology);
+        const Index group = groups[to_size(component)];
+        if (group < 0)
+            vanishing.push_back(component);
+        else
+            joined[to_size(group)] = 1;
+    }
+    GroupedPoints points;
+    for (const Index label : here.topology.labels) points.groups.push_back(groups[to_size(label)]);
+    points.anchors.assign(points.groups.size(), -1);
+    std::vector<Index> settled;
+    for (std::size_t c = 0; c < rows.size(); ++c)
+        if (groups[c] >= 0 && !rows[c].empty()) settled.push_back(to_index(c));
+    for (std::size_t c = 0; c < rows.size(); ++c)
+        if (groups[c] < 0 && !rows[c].empty())
+            anchor(rows[c], {here.positions, rows, settled}, points);
+    return points;
 }
 
 }  // namespace
 
 ComponentMatching match_components(const ComponentView& source, const ComponentView& target,
-                                   const Similarity& alignment, const ComponentOptions& options) {
+                                   std::span<const IndexPair> marks, const Similarity& alignment,
+                                   const ComponentOptions& options) {
     const auto s = wholes_of(source), t = wholes_of(target);
     const auto rows = static_cast<Eigen::Index>(s.size()),
                columns = static_cast<Eigen::Index>(t.size());
-    constexpr double kAlone = 1.0;
+    constexpr double kAlone = 0.75, kNever = 2.0, kMarked = -1.0;
+    constexpr double kMostly = 0.5;  // where the map says it that clearly, nothing else counts
+    const Eigen::MatrixXd agreed =
+        (landing_shares(source, target).topLeftCorner(rows, columns).array() *
+         landing_shares(target, source).topLeftCorner(columns, rows).transpose().array())
+            .sqrt();
     Eigen::MatrixXd costs(rows, columns);
+    const double largest = std::log(options.size_ratio);
     for (Eigen::Index i = 0; i < rows; ++i)
         for (Eigen::Index j = 0; j < columns; ++j) {
-            const Whole &a = s[to_size(i)], &b = t[to_size(j)];
-            const double size = alignment.scale * b.size;  // as large as the source
-            const double apart =
-                0.5 * ((b.image - a.middle).norm() + alignment.scale * (a.image - b.middle).norm());
-            const double distance = apart / (options.distance * (a.size + size));
-            const double ratio = std::abs(std::log(a.size / size)) / std::log(options.size_ratio);
-            costs(i, j) = distance < 1.0 && ratio < 1.0 ? 0.5 * (distance + ratio) : 2.0 * kAlone;
+            const MappedWhole &a = s[to_size(i)], &b = t[to_size(j)];
+            const double size = alignment.scale * b.whole.size;  // as large as the source
+            const double apart = 0.5 * ((b.image - a.whole.middle).norm() +
+                                        alignment.scale * (a.image - b.whole.middle).norm());
+            const double distance = apart / (options.distance * (a.whole.size + size));
+            const double ratio = std::abs(std::log(a.whole.size / size)) / largest;
+            const double other = other_proportions(a.whole, b.whole) / largest;
+            const bool may_be = agreed(i, j) >= kMostly || (distance < 1.0 && ratio < 1.0);
+            costs(i, j) = may_be ? 0.5 * (1.0 - agreed(i, j) + std::min(1.0, distance) +
+                                          std::min(1.0, ratio) + std::min(1.0, other))
+                                 : kNever;
         }
     // Nothing else can stand for what both shapes mostly are.
     const auto is_most = [](const ComponentView& view) {
         return 2 * to_size(view.topology.components.front().points) > view.topology.labels.size();
     };
     if (is_most(source) && is_most(target)) {
-        costs.row(0).setConstant(2.0 * kAlone);
-        costs.col(0).setConstant(2.0 * kAlone);
+        costs.row(0).setConstant(kNever);
+        costs.col(0).setConstant(kNever);
         costs(0, 0) = 0.0;
+    }
+    for (const IndexPair& mark : marks) {
+        const auto i = source.topology.labels[to_size(mark.source)],
+                   j = target.topology.labels[to_size(mark.target)];
+        if (i < rows && j < columns) costs(i, j) += kMarked;
     }
     ComponentMatching matching;
     matching.matched = cheapest_pairs(costs, kAlone);
@@ -224,78 +323,22 @@ ComponentMatching match_components(const ComponentView& source, const ComponentV
     return matching;
 }
 
-std::vector<Feature> component_regions(const Topology& source, const Topology& target,
-                                       std::span<const IndexPair> matched, Index most) {
-    const auto source_rows = rows_of(source), target_rows = rows_of(target);
-    std::vector<Feature> regions;
-    for (std::size_t k = 1; k < matched.size() && k <= to_size(most); ++k)
-        regions.push_back({"piece " + std::to_string(k + 1), FeatureKind::kRegion,
-                           Marked{source_rows[to_size(matched[k].source)], {}},
-                           Marked{target_rows[to_size(matched[k].target)], {}}});
-    return regions;
-}
-
-RefinementStart component_start(const ComponentView& source, const ComponentView& target,
-                                std::span<const Feature> regions, const Similarity& alignment,
-                                const ComponentOptions& options) {
-    RefinementStart start{source.images, target.images};
-    const auto move = [&](const ComponentView& from, const Positions& to, Marked Feature::*here,
-                          Marked Feature::*there, const Matrix3& rotation, Positions& images) {
-        for (const Feature& region : regions) {
-            const auto& rows = (region.*here).rows;
-            if (static_cast<double>(rows.size()) >
-                options.small_share * static_cast<double>(from.positions.rows()))
-                continue;
-            const Whole own = whole_of(from.positions, from.images, rows);
-            const Whole other = whole_of(to, to, (region.*there).rows);
-            const double scale = own.size > 0.0 ? other.size / own.size : 1.0;
-            for (const Index i : rows)
-                images.row(i) = other.middle +
-                                scale * (from.positions.row(i) - own.middle) * rotation.transpose();
-        }
-    };
-    move(source, target.positions, &Feature::source, &Feature::target,
-         alignment.rotation.transpose(), start.source_images);
-    move(target, source.positions, &Feature::target, &Feature::source, alignment.rotation,
-         start.target_images);
-    return start;
-}
-
-bool are_small(std::span<const Feature> regions, Index source_size, Index target_size,
-               const ComponentOptions& options) {
-    return std::ranges::all_of(regions, [&](const Feature& region) {
-        const auto share = [](const Marked& marked, Index size) {
-            return static_cast<double>(marked.rows.size()) / size;
-        };
-        return std::max(share(region.source, source_size), share(region.target, target_size)) <=
-               options.small_share;
-    });
-}
-
-Refinement kept_apart(const Refinement& map, const ComponentView& source,
-                      const ComponentView& target, const ComponentMarks& marks,
-                      const ComponentOptions& options, Progress& progress) {
-    const auto& [regions, pinned] = marks;
-    Refinement result = map;
-    result.source_product = brought_over(map.source_product, map.target_product, regions, kForward);
-    result.target_product =
-        brought_over(map.target_product, map.source_product, regions, kBackward);
-    const Groups groups{groups_of(source.positions.rows(), regions, &Feature::source),
-                        groups_of(target.positions.rows(), regions, &Feature::target)};
-    result.pairs = paired_by_group(result.source_product, result.target_product, groups,
-                                   to_index(regions.size()) + 1, pinned, progress);
-
-    const RefinementStart wholes = component_start(source, target, regions, map.alignment, options);
-    result.source_images =
-        put_back(source.images, astray(groups.source, groups.target, map.pairs, pinned, kForward),
-                 wholes.source_images, result.pairs, target, kForward, progress);
-    result.target_images =
-        put_back(target.images, astray(groups.target, groups.source, map.pairs, pinned, kBackward),
-                 wholes.target_images, result.pairs, source, kBackward, progress);
-    return result;
+ComponentGroups group_components(const ComponentView& source, const ComponentView& target,
+                                 const ComponentMatching& matching,
+                                 const ComponentOptions& options) {
+    ComponentGroups groups;
+    groups.count = to_index(matching.matched.size());
+    if (groups.count == 0) return groups;
+    groups.joined.assign(to_size(groups.count), 0);
+    groups.source = grouped({source, target, &IndexPair::source, matching.source_alone}, matching,
+                            options, groups.source_vanishing, groups.joined);
+    groups.target = grouped({target, source, &IndexPair::target, matching.target_alone}, matching,
+                            options, groups.target_appearing, groups.joined);
+    return groups;
 }
 
 std::vector<std::string> components_in_words(const ComponentMatching& matching,
+                                             const ComponentGroups& groups,
                                              const NamedTopology& source,
                                              const NamedTopology& target) {
     std::vector<std::string> words;
@@ -308,22 +351,22 @@ std::vector<std::string> components_in_words(const ComponentMatching& matching,
                     " points with " + std::to_string(points_of(target, matching.matched[k].target));
         if (matching.matched.size() > kListed) list += " and so on";
         words.push_back(std::to_string(matching.matched.size()) + " pieces of " + source.name +
-                        " and " + target.name + " were matched by position and size: " + list +
-                        ".");
+                        " and " + target.name +
+                        " were matched by position, size and shape: " + list + ".");
     }
-    const auto alone = [&](std::span<const Index> components, const NamedTopology& shape) {
+    const auto alone = [&](std::span<const Index> components, const NamedTopology& shape,
+                           const char* one, const char* more) {
         if (components.empty()) return;
         Index points = 0;
         for (const Index component : components) points += points_of(shape, component);
         const auto count = to_index(components.size());
-        words.push_back(
-            counted(count, "piece", "pieces") + " of " + shape.name + " (" +
-            counted(points, "point", "points") +
-            (count == 1 ? ") has no counterpart and was" : ") have no counterpart and were") +
-            " joined to the nearest part.");
+        words.push_back(counted(count, "piece", "pieces") + " of " + shape.name + " (" +
+                        counted(points, "point", "points") + ") " +
+                        (count == 1 ? "has no counterpart and " : "have no counterpart and ") +
+                        (count == 1 ? one : more) + " the nearest part.");
     };
-    alone(matching.source_alone, source);
-    alone(matching.target_alone, target);
+    alone(groups.source_vanishing, source, "shrinks into", "shrink into");
+    alone(groups.target_appearing, target, "grows out of", "grow out of");
     return words;
 }
 

@@ -46,6 +46,7 @@ CoarseShape thinned(const CoarseShape& shape, const std::vector<Index>& rows) {
         thin.labels = gather(shape.labels, rows);
         thin.pulls = gather(shape.pulls, rows);
     }
+    if (!shape.ends.empty()) thin.ends = gather(shape.ends, rows);
     return thin;
 }
 

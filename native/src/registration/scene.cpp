@@ -113,6 +113,19 @@ void add_marks(CoarseShape& source, CoarseShape& target, const Marks& marks,
     add_labels(target, marks.target_members);
 }
 
+/// Marks the coarse points next to the cloud's `ends`.
+void add_ends(CoarseShape& shape, const Positions& cloud, std::span<const Index> ends) {
+    if (ends.empty()) return;
+    shape.ends.assign(to_size(shape.size()), 0);
+    const KdTree<3> tree(shape.positions);
+    for (const Index row : ends) {
+        Index nearest;
+        double squared;
+        tree.nearest(cloud.row(row).data(), {&nearest, 1}, {&squared, 1});
+        shape.ends[to_size(nearest)] = 1;
+    }
+}
+
 }  // namespace
 
 UnitClouds at_unit_area(const GivenClouds& given, Progress& progress) {
@@ -164,6 +177,8 @@ Scene scene_of(const GivenClouds& given, const UnitClouds& unit, Marks marks,
             coarse_shape(placed.tree, placed.normals, is_source ? required.source : required.target,
                          options.coarse, p, cloud.nearest);
     });
+    add_ends(coarse_source, source->positions(), given.source.ends);
+    add_ends(coarse_target, target->positions(), given.target.ends);
     marks.curves = with_target_moved(std::move(marks.curves), alignment);
     add_marks(coarse_source, coarse_target, marks, options);
     return {std::move(*source),       std::move(*target),       std::move(marks),

@@ -27,8 +27,8 @@ struct Sampled {
     }
     static VertexImages made(const Mesh& mesh, const MeshSamples& samples, Index count) {
         Progress progress;
-        return {{mesh.positions, mesh.place_normals},
-                {samples.positions, samples.normals},
+        return {{mesh.positions, mesh.place_normals, mesh.parts},
+                {samples.positions, samples.normals, samples.parts},
                 std::sqrt(mesh.area() / count),
                 progress};
     }
@@ -79,6 +79,22 @@ TEST(VertexImages, PartBothSidesOfAThinSheet) {
     EXPECT_LT(sampled.largest_error(apart), 1e-9);
 }
 
+TEST(VertexImages, KeepToTheirPart) {
+    // Two sheets that face the same way and almost touch.
+    const Cloud both = mesh_shapes::together(
+        mesh_shapes::grid(20),
+        mesh_shapes::moved(mesh_shapes::grid(20), Matrix3::Identity(), {0.0, 0.0, 1e-3}));
+    const Sampled sampled(both);
+    Positions images = sampled.samples.positions, expected = sampled.mesh.positions;
+    for (Index i = 0; i < images.rows(); ++i)
+        images(i, 0) += 5.0 * sampled.samples.parts[to_size(i)];
+    for (Index v = 0; v < expected.rows(); ++v)
+        expected(v, 0) += 5.0 * sampled.mesh.parts[to_size(v)];
+    Progress progress;
+    EXPECT_LT((sampled.carried.positions(images, progress) - expected).rowwise().norm().maxCoeff(),
+              1e-9);
+}
+
 TEST(VertexImages, OfASampledVertexAreTheSamplesOwn) {
     const Mesh mesh = make_mesh(mesh_shapes::cube());
     const Sampled sampled(mesh_shapes::cube(), {5});
@@ -104,9 +120,8 @@ TEST(VertexImages, CarryAnyValues) {
 TEST(VertexImages, TakeFewSamples) {
     const Mesh mesh = make_mesh(mesh_shapes::cube());
     Progress progress;
-    const OrientedPoints vertices{mesh.positions, mesh.place_normals};
-    const OrientedPoints one{mesh.positions.topRows(1), mesh.place_normals.topRows(1)};
-    const VertexImages carried(vertices, one, 0.1, progress);
+    const Positions one = mesh.positions.topRows(1), normal = mesh.place_normals.topRows(1);
+    const VertexImages carried({mesh.positions, mesh.place_normals}, {one, normal}, 0.1, progress);
     EXPECT_TRUE(carried.positions(Positions::Ones(1, 3), progress).isApproxToConstant(1.0));
 }
 

@@ -2,8 +2,15 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <numbers>
+#include <string>
+
 #include "checks.hpp"
 #include "joined_shapes.hpp"
+#include "pointmorph/base/error.hpp"
 #include "pointmorph/morph/morph.hpp"
 #include "registration/watched_options.hpp"
 #include "shapes.hpp"
@@ -38,6 +45,10 @@ Topology topology_of(std::vector<Index> sizes) {
     return topology;
 }
 
+ComponentView view(const Topology& topology, const Positions& positions, const Positions& images) {
+    return {topology, positions, positions, images};
+}
+
 TEST(Components, AreMatchedByPlaceAndSize) {
     const Topology s = topology_of({900, 50, 40}), t = topology_of({800, 60, 50, 50});
     // The source's second is the target's third; the target's second is somewhere else.
@@ -45,26 +56,106 @@ TEST(Components, AreMatchedByPlaceAndSize) {
         together({ball(900, 1, 0, 0, 0), ball(50, 0.1, 0, 2, 0), ball(40, 0.1, 0, -2, 0)});
     const Positions target = together({ball(800, 1.1, 0, 0, 0), ball(60, 0.1, 5, 0, 0),
                                        ball(50, 0.12, 0, 2.1, 0), ball(50, 0.08, 0, -2.1, 0)});
-    const ComponentMatching m =
-        match_components({s, source, source, source}, {t, target, target, target}, {}, {});
+    const ComponentView from = view(s, source, source), onto = view(t, target, target);
+    const ComponentMatching m = match_components(from, onto, {}, {}, {});
     EXPECT_EQ(m.matched, (std::vector<IndexPair>{{0, 0}, {1, 2}, {2, 3}}));
     EXPECT_TRUE(m.source_alone.empty());
     EXPECT_EQ(m.target_alone, std::vector<Index>{1});
     const std::string one = "one", two = "two";
-    const auto words = components_in_words(m, {s, one}, {t, two});
-    ASSERT_EQ(words.size(), 2u);
+    const ComponentGroups groups = group_components(from, onto, m, {});
+    const auto words = components_in_words(m, groups, {s, one}, {t, two});
+    ASSERT_EQ(words.size(), 1u);  // nothing else lies where the map takes the fourth
     EXPECT_NE(words[0].find("3 pieces of one and two"), std::string::npos);
-    EXPECT_NE(words[1].find("1 piece of two (60 points) has no counterpart"), std::string::npos);
 }
 
-TEST(Components, OfOtherSizesDontBelongTogether) {
+TEST(Components, OfOtherSizesDontBelongTogetherUnlessTheMapSaysSo) {
     const Topology s = topology_of({900, 100}), t = topology_of({900, 100});
     const Positions source = together({ball(900, 1, 0, 0, 0), ball(100, 0.1, 0, 2, 0)});
     const Positions target = together({ball(900, 1, 0, 0, 0), ball(100, 0.5, 0, 2, 0)});
-    const ComponentMatching m =
-        match_components({s, source, source, source}, {t, target, target, target}, {}, {});
-    EXPECT_EQ(m.matched.size(), 1u);
+    const Positions onto_body = 0.5 * source, from_body = 0.5 * target;
+    const ComponentMatching apart =
+        match_components(view(s, source, onto_body), view(t, target, from_body), {}, {}, {});
+    EXPECT_EQ(apart.matched.size(), 1u);
+    EXPECT_EQ(apart.source_alone, std::vector<Index>{1});
+    const ComponentMatching together_ =
+        match_components(view(s, source, source), view(t, target, target), {}, {}, {});
+    EXPECT_EQ(together_.matched.size(), 2u);
+}
+
+TEST(Components, ThatMarksJoinBelongTogether) {
+    // Two eyes, and a map that leaves them where they are: marks exchange them.
+    const Topology topology = topology_of({900, 50, 50});
+    const Positions both =
+        together({ball(900, 1, 0, 0, 0), ball(50, 0.2, 1, 0.3, 0), ball(50, 0.2, 1, -0.3, 0)});
+    const std::vector<IndexPair> marks{{910, 960}, {960, 910}};
+    const ComponentView shape = view(topology, both, both);
+    EXPECT_EQ(match_components(shape, shape, {}, {}, {}).matched,
+              (std::vector<IndexPair>{{0, 0}, {1, 1}, {2, 2}}));
+    EXPECT_EQ(match_components(shape, shape, marks, {}, {}).matched,
+              (std::vector<IndexPair>{{0, 0}, {1, 2}, {2, 1}}));
+}
+
+TEST(Components, OfThinShapesAreToldFromThick) {
+    // A disc and a ball of the same size change places.
+    const Topology topology = topology_of({900, 100, 100});
+    Positions disc = ball(100, 0.25, 0, 0, 0);
+    disc.col(2) *= 0.05;
+    const Positions body = ball(900, 1, 0, 0, 0), round = ball(100, 0.2, 0, 0, 0);
+    const Eigen::RowVector3d here(1.3, 0.3, 0), there(1.3, -0.3, 0);
+    const Positions source = together({body, disc.rowwise() + here, round.rowwise() + there}),
+                    target = together({body, round.rowwise() + here, disc.rowwise() + there});
+    // The map takes both to the middle and says nothing.
+    Positions images = source, back = target;
+    images.bottomRows(200).rowwise() = Eigen::RowVector3d(1.3, 0, 0);
+    back.bottomRows(200).rowwise() = Eigen::RowVector3d(1.3, 0, 0);
+    EXPECT_EQ(
+        match_components(view(topology, source, images), view(topology, target, back), {}, {}, {})
+            .matched,
+        (std::vector<IndexPair>{{0, 0}, {1, 2}, {2, 1}}));
+}
+
+TEST(Components, WithoutRoomGoWithWhatIsNearest) {
+    // A plate on a ball, and a kernel in its middle: the map takes both onto the ball's own image.
+    const Topology s = topology_of({900, 100, 100}), t = topology_of({900});
+    Positions plate = ball(100, 0.3, 0, 0, 0);
+    plate.col(2) = 0.03 * plate.col(2).array() + 1.05 -
+                   0.5 * plate.leftCols(2).rowwise().squaredNorm().array();
+    const Positions body = ball(900, 1, 0, 0, 0);
+    const Positions source = together({body, plate, ball(100, 0.3, 0.01, 0, 0)});
+    Positions images = source;
+    images.bottomRows(200).rowwise().normalize();
+    const ComponentView from = view(s, source, images), onto = view(t, body, body);
+    const ComponentMatching m = match_components(from, onto, {}, {}, {});
+    EXPECT_EQ(m.source_alone, (std::vector<Index>{1, 2}));
+    const ComponentGroups groups = group_components(from, onto, m, {});
+    EXPECT_EQ(groups.source_vanishing, (std::vector<Index>{1, 2}));
+    EXPECT_TRUE(groups.target_appearing.empty());
+    EXPECT_EQ(groups.joined, std::vector<char>{0});
+    std::vector<Index> of_plate, of_kernel;
+    for (Index i = 0; i < 900; ++i) EXPECT_EQ(groups.source.anchors[to_size(i)], -1);
+    for (Index i = 900; i < 1100; ++i)
+        (i < 1000 ? of_plate : of_kernel).push_back(groups.source.anchors[to_size(i)]);
+    // The plate lies on the points under it; they would tear the kernel, which goes to one of them.
+    for (std::size_t k = 0; k < of_plate.size(); ++k)
+        EXPECT_LT((body.row(of_plate[k]) - plate.row(static_cast<Eigen::Index>(k))).norm(), 0.15);
+    EXPECT_EQ(std::ranges::count(of_kernel, of_kernel.front()), 100);
+    const std::string one = "one", two = "two";
+    EXPECT_TRUE(
+        checks::mentions(components_in_words(m, groups, {s, one}, {t, two}),
+                         "2 pieces of one (200 points) have no counterpart and shrink into"));
+}
+
+TEST(Components, WithRoomOfTheirOwnKeepTheirPlace) {
+    // Head and body, and a figure of one piece.
+    const Topology s = topology_of({900, 300}), t = topology_of({1200});
+    const Positions source = together({ball(900, 1, 0, 0, 0), ball(300, 0.4, 0, 0, 1.4)});
+    const ComponentView from = view(s, source, source), onto = view(t, source, source);
+    const ComponentMatching m = match_components(from, onto, {}, {}, {});
     EXPECT_EQ(m.source_alone, std::vector<Index>{1});
+    const ComponentGroups groups = group_components(from, onto, m, {});
+    EXPECT_TRUE(groups.source_vanishing.empty());
+    EXPECT_EQ(groups.joined, std::vector<char>{1});
+    for (const Index anchor : groups.source.anchors) EXPECT_EQ(anchor, -1);
 }
 
 TEST(Components, OfAMorphKeepToThemselves) {
@@ -99,7 +190,70 @@ TEST(Components, WithoutACounterpartAreJoined) {
     const Morph morph(std::move(input), {}, progress);
     EXPECT_TRUE(checks::is_total(morph.pairs(), kBody + 2 * kEye, kBody));
     EXPECT_TRUE(checks::mentions(morph.report().warnings,
-                                 "2 pieces of one (500 points) have no counterpart"));
+                                 "2 pieces of one (500 points) have no counterpart and shrink"));
+    // All of an eye goes to where it touches the body.
+    const Positions images = morph.source_to_target(progress).middleRows(kBody, kEye);
+    const double size = (images.colwise().maxCoeff() - images.colwise().minCoeff()).norm();
+    EXPECT_LT(size, 4.0 * 0.2);
+}
+
+constexpr Index kBars = 30, kPoints = 120;
+
+/// A ring of thirty bars around a ball; on the target some are longer, others shorter, and all are
+/// slanted. Marks on the ball say how it lies.
+MorphInput rings() {
+    const auto ring = [](bool is_target) {
+        std::vector<Positions> parts{shapes::sphere(kBody)};
+        for (Index k = 0; k < kBars; ++k) {
+            Positions bar = shapes::sphere(kPoints) * 0.09;
+            bar.col(2) *= (2.0 + 0.4 * (7 * k % 5)) * (is_target ? 0.8 + 0.3 * (k % 3) : 1.0);
+            bar.col(0) += (is_target ? 0.4 : 0.0) * bar.col(2);
+            const double angle = 2.0 * std::numbers::pi * k / kBars;
+            parts.push_back(bar.rowwise() +
+                            Eigen::RowVector3d(2.2 * std::cos(angle), 2.2 * std::sin(angle), 0.0));
+        }
+        return together(parts);
+    };
+    MorphInput input;
+    input.source = {"one", ring(false), {}, {}, {}};
+    input.target = {"two", ring(true), {}, {}, {}};
+    for (Index k = 0; k < 8; ++k)
+        input.features.push_back(point_feature("mark " + std::to_string(k), 370 * k, 370 * k));
+    return input;
+}
+
+TEST(Components, AreMappedByThemselvesHoweverMany) {
+    SKIP_WHERE_WATCHED();
+    const Positions target = rings().target.positions;
+    Progress progress;
+    const Morph morph(rings(), {}, progress);
+    const auto part = [](Index row) { return row < kBody ? -1 : (row - kBody) / kPoints; };
+    for (const auto& [s, t] : morph.pairs()) ASSERT_EQ(part(s), part(t)) << s << " with " << t;
+    // Of every bar, each point belongs to the same share of its length.
+    const Positions images = morph.source_to_target(progress), off = images - target;
+    EXPECT_LT(off.bottomRows(kBars * kPoints).rowwise().norm().mean(), 0.05);
+
+    MorphOptions one_thread;
+    one_thread.threads = 1;
+    const Morph again(rings(), one_thread, progress);
+    EXPECT_EQ(again.source_to_target(progress), images);
+    EXPECT_EQ(again.pairs(), morph.pairs());
+
+    // A mark that moves on the ball leaves the bars with their partners.
+    std::vector<Feature> moved = rings().features;
+    Index& row = moved[3].target.rows.front();
+    row = shapes::nearest_row(target, target.row(row).transpose() + Vector3(0.1, 0.1, 0.1));
+    const Morph updated = morph.updated(moved, progress);
+    for (const auto& [s, t] : updated.pairs()) ASSERT_EQ(part(s), part(t)) << s << " with " << t;
+}
+
+TEST(Components, CanBeStoppedAmongThem) {
+    SKIP_WHERE_WATCHED();
+    int asked = 0;
+    Progress progress(
+        [&](std::string_view stage, double) { return stage != "pieces" || ++asked < 3; });
+    EXPECT_THROW(Morph(rings(), {}, progress), Cancelled);
+    EXPECT_EQ(asked, 3);
 }
 
 TEST(Example, Components) {
@@ -109,11 +263,12 @@ TEST(Example, Components) {
     const Positions target = together({ball(800, 1.1, 0, 0, 0), ball(50, 0.12, 0, 2.1, 0)});
     const Positions &source_normals = source, &target_normals = target;
     const Positions &source_images = source, &target_images = target;
+    const std::vector<IndexPair> marks;
     const Similarity alignment;
     // --- example
     const ComponentView on_source{source_topology, source, source_normals, source_images};
     const ComponentView on_target{target_topology, target, target_normals, target_images};
-    const ComponentMatching found = match_components(on_source, on_target, alignment, {});
+    const ComponentMatching found = match_components(on_source, on_target, marks, alignment, {});
     const std::vector<IndexPair>& partners = found.matched;
     // --- end of the example
     EXPECT_EQ(partners, (std::vector<IndexPair>{{0, 0}, {1, 1}}));

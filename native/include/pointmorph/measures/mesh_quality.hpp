@@ -65,6 +65,8 @@ struct WrappedMesh {
     const Cloud& cloud;
     const Mesh& mesh;            ///< of the cloud's faces
     const Positions& positions;  ///< #vertices by 3, in the target's coordinates
+    /// Whether what the target has beyond the mesh's borders, where it goes on, isn't missed.
+    bool leaves_missing = false;
 };
 
 /// What it was wrapped onto.

@@ -53,6 +53,9 @@ Mesh make_mesh(const Cloud& cloud);
 /// Triangles have an area.
 Mesh mesh_of(const Normalization& unit, Positions positions, Triangles triangles);
 
+/// Length of all borders, over √area.
+double border_length(const Mesh& mesh);
+
 /// Corners of triangles that cover one polygon with `corners`, rows of `positions`.
 std::vector<std::array<Index, 3>> triangulate(const Positions& positions,
                                               std::span<const Index> corners);

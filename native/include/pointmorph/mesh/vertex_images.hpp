@@ -6,20 +6,27 @@
 
 #include "pointmorph/base/progress.hpp"
 #include "pointmorph/base/types.hpp"
-#include "pointmorph/cloud/oriented_points.hpp"
 
 namespace pointmorph {
 
 /// Values at samples, one row a sample; at vertices likewise.
 using SampleValues = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
 
-/// Which samples say where each vertex goes: the nearest in position and normal, so that those of
-/// the other side of a thin sheet don't, with weights that fade to 0 at the farthest. Made once;
-/// carries any map of the samples.
+/// Vertices or samples of a mesh. Refers to all of it: the caller keeps it alive.
+struct PointsOfParts {
+    const Positions& positions;  ///< #points by 3
+    const Normals& normals;      ///< #points by 3, unit length
+    /// The part of the mesh that each belongs to, −1 for none; empty where there is one part.
+    std::span<const Index> parts{};
+};
+
+/// Which samples say where each vertex goes: the nearest of its part in position and normal, so
+/// that those of the other side of a thin sheet don't, with weights that fade to 0 at the farthest.
+/// Made once; carries any map of the samples.
 class VertexImages {
 public:
-    /// Normals have unit length; there are samples. `spacing` is their distance from each other.
-    VertexImages(const OrientedPoints& vertices, const OrientedPoints& samples, double spacing,
+    /// There are samples; `spacing` is their distance from each other.
+    VertexImages(const PointsOfParts& vertices, const PointsOfParts& samples, double spacing,
                  Progress& progress);
 
     Index size() const { return to_index(offsets_.rows()); }
@@ -52,7 +59,7 @@ private:
 };
 
 /// VertexImages(…).positions(images), for a single map: nothing is kept of it.
-Positions carried_positions(const OrientedView& vertices, const OrientedView& samples,
+Positions carried_positions(const PointsOfParts& vertices, const PointsOfParts& samples,
                             const Positions& images, double spacing, Progress& progress);
 
 }  // namespace pointmorph

@@ -35,6 +35,11 @@ enum class Method { kAuto, kPaper };
 /// auto the product space, which takes shapes of any topology.
 enum class Domain { kAuto, kDisk, kCut, kSphere, kNetwork };
 
+/// Where one shape ends, at a border, and the other goes on: a bust and a whole figure. kLeave:
+/// what only the other has grows out of the border, or shrinks into it. kStretch: the one is
+/// stretched over all of the other.
+enum class MissingParts { kLeave, kStretch };
+
 /// Points of the common domain, one a row: 2 columns in the disk, 3 on the sphere (also the one
 /// that two disks are glued to), 12 in the product space.
 using DomainPoints = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
@@ -56,6 +61,7 @@ struct MorphOptions {
     TransferOptions transfer;
     RefinementOptions refinement;
     ComponentOptions components;
+    MissingParts missing_parts = MissingParts::kLeave;
     /// None: rigid, or straight with the paper's method.
     std::optional<PathKind> path;
     StaggerOptions stagger;

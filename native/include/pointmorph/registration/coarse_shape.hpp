@@ -52,6 +52,10 @@ struct CoarseShape {
     Labels labels;  ///< #points by 16, in √area; no rows where there are no regions
     Values pulls;   ///< by how much a point's match counts for more; as many
 
+    /// #points: whether the surface ends there while the other's goes on, so that what matches it
+    /// says nothing; empty where it doesn't.
+    std::vector<char> ends;
+
     Index size() const { return to_index(positions.rows()); }
 };
 

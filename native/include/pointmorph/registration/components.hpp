@@ -1,5 +1,5 @@
-// Stage `components`: which components of two shapes that have several belong together: a body and
-// its two eyes, a table and its plates.
+// Stage `components`: which components of two shapes that have several belong together, and a map
+// that takes each to its counterpart: a body and its two eyes, a tree and its leaves.
 #pragma once
 
 #include <span>
@@ -20,18 +20,25 @@ struct ComponentOptions {
     double size_ratio = 3.0;
     /// … or that a map of the whole shapes takes further apart than this many times their sizes.
     double distance = 2.0;
-    /// Components of a larger share of the points start from that map, smaller ones from their
-    /// places and sizes alone.
+    /// The largest component keeps the map of the whole where the others have no larger share of
+    /// the points than this, together.
     double small_share = 0.1;
+    /// Components of fewer points on either shape go as wholes, moved and stretched; others are
+    /// mapped by themselves.
+    Index fewest_points = 60;
+    /// A component without a counterpart keeps the map of the whole, unless more than this share of
+    /// its images lies where others' images lie as well: then it has no room.
+    double crowded = 0.5;
 };
 
 /// One of the two shapes, and where a map of the whole takes its points. Refers to all of it: the
 /// caller keeps it alive.
 struct ComponentView {
     const Topology& topology;
-    const Positions& positions;  ///< #points by 3
-    const Normals& normals;      ///< #points by 3
-    const Positions& images;     ///< #points by 3, in the other's coordinates
+    const Positions& positions;     ///< #points by 3
+    const Normals& normals;         ///< #points by 3
+    const Positions& images;        ///< #points by 3, in the other's coordinates
+    std::span<const Index> ends{};  ///< see RefinementCloud; ascending
 };
 
 struct ComponentMatching {
@@ -41,38 +48,59 @@ struct ComponentMatching {
     std::vector<Index> source_alone, target_alone;  ///< main() components without a counterpart
 };
 
-/// By the least sum of differences in place and size; `alignment` takes the target to the source.
+/// By the least sum of differences in place, size and proportions; `alignment` takes the target to
+/// the source. Components that `marks` join (rows of both shapes) belong together before others do.
 /// Strays stay out of it.
 ComponentMatching match_components(const ComponentView& source, const ComponentView& target,
-                                   const Similarity& alignment, const ComponentOptions& options);
+                                   std::span<const IndexPair> marks, const Similarity& alignment,
+                                   const ComponentOptions& options);
 
-/// A hard region for each match but the main one, `most` at the most, in their order: what isn't
-/// in any belongs to the main components. Rows are those of the clouds.
-std::vector<Feature> component_regions(const Topology& source, const Topology& target,
-                                       std::span<const IndexPair> matched, Index most);
+/// The points of one shape, by the matches that they belong to.
+struct GroupedPoints {
+    std::vector<Index> groups;  ///< a place in ComponentMatching::matched
+    /// −1, or for what has no counterpart and no room: the point of the same shape that it goes
+    /// with, and whose group it has.
+    std::vector<Index> anchors;
+};
 
-/// The images, but those of small components in `regions` rotated and scaled onto their
-/// counterparts as wholes.
-RefinementStart component_start(const ComponentView& source, const ComponentView& target,
-                                std::span<const Feature> regions, const Similarity& alignment,
-                                const ComponentOptions& options);
+struct ComponentGroups {
+    GroupedPoints source, target;
+    Index count = 0;
+    std::vector<char> joined;  ///< of each group: whether there are more than the two matched ones
+    /// Components that go with others, out of those that are alone.
+    std::vector<Index> source_vanishing, target_appearing;
+};
 
-/// Whether none of the regions is larger than what goes as a whole.
-bool are_small(std::span<const Feature> regions, Index source_size, Index target_size,
-               const ComponentOptions& options);
+/// Everything in the group of its match. A component without one is in that of where the map of the
+/// whole takes it; there it keeps its place, or, where others have it already, has an anchor.
+ComponentGroups group_components(const ComponentView& source, const ComponentView& target,
+                                 const ComponentMatching& matching,
+                                 const ComponentOptions& options);
 
 /// What kept_apart() keeps to. Rows are those of the clouds.
 struct ComponentMarks {
-    std::span<const Feature> regions;   ///< component_regions()
-    std::span<const IndexPair> pinned;  ///< stay where they are
+    const ComponentGroups& groups;
+    std::span<const Feature> features;
 };
 
-/// The map with every point of a region taken into its counterpart, as a whole, and all others out
-/// of it: they keep where the map took them, if that isn't in it. Nothing is bent again. The views
-/// are of what refine() got, with the images of `map`.
-Refinement kept_apart(const Refinement& map, const ComponentView& source,
-                      const ComponentView& target, const ComponentMarks& marks,
-                      const ComponentOptions& options, Progress& progress);
+struct GroupMapping {
+    const ComponentOptions& components;
+    const RefinementOptions& refinement;
+};
+
+/// The map of the whole with every group mapped by itself: from where its components lie and how
+/// large they are, and bent from there as refine() does. Groups that others have joined keep the
+/// map of the whole, and so does what features don't allow to part: curves and regions that reach
+/// over several groups.
+Refinement mapped_by_group(const Refinement& whole, const ComponentView& source,
+                           const ComponentView& target, const ComponentMarks& marks,
+                           const GroupMapping& options, Progress& progress);
+
+/// The map with points paired within their groups, those that were not put beside the nearest of
+/// their partners, and all that has an anchor there. Nothing is bent again. The views are of what
+/// refine() got, with the images of `map`.
+Refinement kept_apart(Refinement map, const ComponentView& source, const ComponentView& target,
+                      const ComponentMarks& marks, Progress& progress);
 
 /// A shape's components and what the user calls it.
 struct NamedTopology {
@@ -82,6 +110,7 @@ struct NamedTopology {
 
 /// What was done about the components, for the user; empty where there is one of each.
 std::vector<std::string> components_in_words(const ComponentMatching& matching,
+                                             const ComponentGroups& groups,
                                              const NamedTopology& source,
                                              const NamedTopology& target);
 

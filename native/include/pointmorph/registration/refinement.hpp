@@ -71,6 +71,8 @@ struct RefinementCloud {
     /// Equally near points then come in another order than those that are looked up here, and the
     /// result differs by rounding.
     const Neighborhoods* nearest = nullptr;
+    /// Rows along borders where the surface ends that goes on in the other cloud.
+    std::span<const Index> ends{};
 };
 
 /// `features` are valid for the clouds and in canonical() order. The maps take hard points and the

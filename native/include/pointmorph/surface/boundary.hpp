@@ -47,6 +47,13 @@ BoundaryLoop oriented_loop(const Positions& positions, const Normals& normals,
                            const Neighborhoods& nearest, BoundaryLoop loop,
                            const std::string& name);
 
+/// Whether a surface that ends along borders so long goes on in one with borders so long (lengths
+/// over √area): the other has hardly any.
+constexpr bool goes_on(double borders, double others_borders) {
+    constexpr double kHardlyAny = 0.3;
+    return borders > 0.0 && others_borders <= kHardlyAny * borders;
+}
+
 /// Length of the closed polygon.
 double loop_length(const Positions& positions, std::span<const Index> loop);
 

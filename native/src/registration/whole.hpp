@@ -1,0 +1,25 @@
+// A component as a whole: where it is, how large, and how it lies. Not for callers of the library.
+#pragma once
+
+#include <span>
+
+#include "pointmorph/base/types.hpp"
+
+namespace pointmorph {
+
+struct Whole {
+    Eigen::RowVector3d middle = Eigen::RowVector3d::Zero();
+    Matrix3 covariance = Matrix3::Zero();
+    double size = 0.0;  ///< root mean square distance to the middle
+};
+
+/// Of one or more rows.
+Whole whole_of(const Positions& positions, std::span<const Index> rows);
+
+/// The symmetric linear map that takes points around the middle of `from`, as turned by `turn`, to
+/// the covariance of `to` by the shortest ways: the optimal transport of one normal distribution to
+/// the other (Dowson and Landau 1982), after the turn. Just
+/// the turn where `from` is a point.
+Matrix3 stretch_between(const Whole& from, const Whole& to, const Matrix3& turn);
+
+}  // namespace pointmorph

@@ -1,0 +1,117 @@
+"""Where one model ends and the other goes on: left as it is, or stretched over the other."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pointmorph
+import pytest
+
+Array = npt.NDArray[Any]
+RINGS, SIDES = 40, 32
+
+
+def whole() -> tuple[Array, Array]:
+    """An egg three times as long as wide, and bent: positions (V, 3) and faces, ring by ring."""
+    angles = np.linspace(0.02 * np.pi, 0.98 * np.pi, RINGS)
+    around = 2 * np.pi * np.arange(SIDES) / SIDES
+    along = -3 * np.cos(angles)
+    positions = np.stack(
+        [
+            np.sin(angles)[:, None] * np.cos(around) + 0.1 * along[:, None] ** 2,
+            0.7 * np.sin(angles)[:, None] * np.sin(around),
+            np.broadcast_to(along[:, None], (RINGS, SIDES)),
+        ],
+        axis=2,
+    ).reshape(-1, 3)
+    rows = np.arange(RINGS * SIDES).reshape(RINGS, SIDES)
+    here, there = rows[:-1], rows[1:]
+    quads = np.stack([here, np.roll(here, -1, 1), np.roll(there, -1, 1), there], axis=2)
+    quads = quads.reshape(-1, 4)
+    # Both ends are closed.
+    caps = [[*rows[0][::-1]], [*rows[-1]]]
+    triangles = [[cap[0], cap[k], cap[k + 1]] for cap in caps for k in range(1, SIDES - 1)]
+    faces = np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]], np.array(triangles)])
+    return positions, faces
+
+
+def part(positions: Array, faces: Array, last_ring: int) -> tuple[Array, Array]:
+    kept = faces[(faces < last_ring * SIDES).all(axis=1)]
+    return positions[: last_ring * SIDES], kept
+
+
+def turned(positions: Array) -> Array:
+    c, s = np.cos(0.7), np.sin(0.7)
+    return positions @ np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]).T * 2.0 + 5.0
+
+
+MARKS = {
+    f"{ring} {side}": (ring * SIDES + side, ring * SIDES + side)
+    for ring in (6, 16)
+    for side in (0, 8, 16, 24)
+}
+
+
+@pytest.fixture(scope="module")
+def morphs() -> dict[str, pointmorph.Morph]:
+    positions, faces = whole()
+    points, kept = part(positions, faces, 26)
+    source = pointmorph.Cloud(points, faces=kept, name="half")
+    target = pointmorph.Cloud(turned(positions), faces=faces, name="egg")
+    return {
+        choice: pointmorph.morph(source, target, MARKS, missing_parts=choice)
+        for choice in ("leave", "stretch")
+    }
+
+
+def off(morph: pointmorph.Morph) -> float:
+    """Mean distance of the images from where the points belong, in lengths of the source."""
+    positions, _ = whole()
+    truth = turned(positions)[: len(morph.source_to_target)]
+    return float(np.linalg.norm(morph.source_to_target - truth, axis=1).mean() / 2.0)
+
+
+def test_what_is_there_stays_where_it_belongs(morphs: dict[str, pointmorph.Morph]) -> None:
+    assert off(morphs["leave"]) < 0.05
+    assert off(morphs["leave"]) < 0.5 * off(morphs["stretch"])
+
+
+def test_every_point_is_still_in_a_pair(morphs: dict[str, pointmorph.Morph]) -> None:
+    for morph in morphs.values():
+        pairs = np.asarray(morph.pairs)
+        assert set(pairs[:, 0]) == set(range(26 * SIDES))
+        assert set(pairs[:, 1]) == set(range(RINGS * SIDES))
+
+
+def test_what_is_missing_comes_out_of_the_border(morphs: dict[str, pointmorph.Morph]) -> None:
+    positions, _ = whole()
+    border = positions[25 * SIDES : 26 * SIDES]
+    back = morphs["leave"].target_to_source[30 * SIDES :]
+    gaps = np.linalg.norm(back[:, None] - border[None], axis=2).min(axis=1)
+    assert np.percentile(gaps, 95) < 0.25  # rings are .2 apart there
+
+
+def test_it_is_said(morphs: dict[str, pointmorph.Morph]) -> None:
+    said = [w for w in morphs["leave"].report["warnings"] if "half ends where egg goes on" in w]
+    assert len(said) == 1
+    assert not [w for w in morphs["stretch"].report["warnings"] if "goes on" in w]
+
+
+def test_the_wrapped_mesh_is_not_dragged_over_it(morphs: dict[str, pointmorph.Morph]) -> None:
+    positions, faces = whole()
+    _, kept = part(positions, faces, 26)
+    before = np.linalg.norm(positions[kept[:, 0]] - positions[kept[:, 2]], axis=1) * 2.0
+
+    def largest(morph: pointmorph.Morph) -> float:
+        after = morph.wrapped(1.0)
+        edges = np.linalg.norm(after[kept[:, 0]] - after[kept[:, 2]], axis=1)
+        return float((edges / before).max())
+
+    assert largest(morphs["leave"]) < 1.6 < 2.0 < largest(morphs["stretch"])
+    # It misses nothing that it should have.
+    assert morphs["leave"].mesh_quality.uncovered < 0.01
+    assert morphs["leave"].mesh_quality.grade == "good"
+    # The egg's own mesh ends as a whole, closed: it is the half that lacks something.
+    assert np.isfinite(morphs["leave"].wrapped_target(0.0)).all()
