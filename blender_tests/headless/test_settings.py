@@ -38,6 +38,7 @@ NUMBERS = {
     "domain": ["auto", "disk", "cut", "sphere", "network"],
     "boundary_spacing": ["uniform", "chord"],
     "solve": ["full", "lod"],
+    "missing_parts": ["leave", "stretch"],
     "path": ["linear", "similarity", "rigid", "auto"],
     "show_as": ["MESH", "POINTS", "DISCS"],
     "texture_size": ["256", "512", "1024", "2048", "4096"],
