@@ -181,6 +181,7 @@ _NUMBERS = {
     "domain": ("auto", "disk", "cut", "sphere", "network"),
     "boundary_spacing": ("uniform", "chord"),
     "solve": ("full", "lod"),
+    "missing_parts": ("leave", "stretch"),
     "path": ("linear", "similarity", "rigid", "auto"),
 }
 
