@@ -171,6 +171,7 @@ def _proper(shares):
 
 def extents(positions, counts):
     """(F,): how long faces of so many corners are, whose positions are (C, K)."""
+    positions = np.asarray(positions, np.float64)  # a square of a large one isn't single precision
     starts = np.cumsum(counts) - counts
     sizes = np.maximum.reduceat(positions, starts) - np.minimum.reduceat(positions, starts)
     return np.linalg.norm(sizes, axis=1)
@@ -234,7 +235,9 @@ def _levels(lengths, size):
     least = int(np.log2(_LEAST_CELL))
     while least > 0 and len(lengths) * 4**least > size**2:
         least -= 1
-    relative = np.log2(np.maximum(lengths / max(float(lengths[0]), 1e-300), 1e-9))
+    with np.errstate(invalid="ignore"):  # a vertex may lie at infinity, or nowhere
+        shares = lengths / max(float(lengths[0]), 1e-300)
+    relative = np.log2(np.fmax(shares, 1e-9))
     low, high = 0.0, float(most) + 31.0
     for _ in range(40):
         middle = 0.5 * (low + high)

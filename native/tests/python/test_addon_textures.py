@@ -216,6 +216,19 @@ def test_larger_faces_have_larger_places() -> None:
     assert sides.min() > 20
 
 
+@pytest.mark.parametrize("place", [1e30, np.inf, np.nan])
+def test_faces_of_any_size_have_places(place: float) -> None:
+    corners = np.zeros((12, 3), np.float32)
+    corners[:, 0] = np.arange(12) % 4
+    corners[5] = place
+    counts = np.full(3, 4)
+    with np.errstate(invalid="ignore"):
+        lengths = texels.extents(corners, counts)
+    uvs, owners = texels.lay_out(counts, lengths, 256)
+    assert np.isfinite(uvs).all()
+    assert {0, 1, 2} <= set(np.unique(owners).tolist())
+
+
 def test_filling_goes_on_from_what_is_there() -> None:
     values = np.zeros((32, 32, 2), np.float32)
     known = np.zeros((32, 32), bool)
