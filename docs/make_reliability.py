@@ -35,9 +35,72 @@ run of the tests repeats a small part: `test_properties.py`, `test_damaged_files
   points takes at most 64 MB + 2,000 N bytes, with its frames or its wrapped mesh.
 
 What can't be promised is listed at the [end](#what-isnt-tried).
-
-## What was tried
 """
+
+NONE = "-"
+KINDS = {
+    "any bytes": (
+        "inputs that libFuzzer found, damaged: options, shapes, features, loops, saved morphs,"
+        " transforms, whole morphs, previews; damaged files of every format, of batches, and saved"
+        " morphs",
+        "`fuzzing.py`, `damaged_files.py`",
+        "ten million inputs of each kind: a whole morph takes up to seconds",
+    ),
+    "sanitizers": (
+        "address and undefined on all C++ tests; threads on the pool, with progress and cancel",
+        NONE,
+        "the thread sanitizer on whole morphs; leaks, but by `memory.py`",
+    ),
+    "properties": (
+        "finite numbers, exact ends, every point in a pair; no bit changes with threads, order and"
+        " unit; earlier maps, saved morphs",
+        "`properties.py`",
+        NONE,
+    ),
+    "edge of numbers": (
+        "sizes of 1e-30 to 1e30, density that varies 10,000-fold, lines, clumps, needles, few"
+        " points",
+        "`properties.py`",
+        NONE,
+    ),
+    "stops": (
+        "signals, also a second one, and what they leave",
+        "`stops.py`",
+        "bakes in Blender that are killed",
+    ),
+    "Blender": (
+        "random walks: undo, redo, files, several scenes, linked and overridden objects, objects"
+        " that change or go while they are read; with a window, undo, deletion, another file,"
+        " another scene, disabling and quitting while it computes",
+        "`random_walks.py`",
+        "two windows",
+    ),
+    "memory": (
+        "bounds of methods `auto` and `paper`, of resampled frames and of wrapped meshes",
+        "`memory.py`",
+        "a bound of each domain",
+    ),
+    "strangers' files": ("what [security](security.md) lists", "`damaged_files.py`", NONE),
+    "confidence": (
+        "[252 maps](stages/measures/local_confidence.md), each kind judged by what was fitted to"
+        " the others, once",
+        NONE,
+        "hands, birds, furniture, vehicles",
+    ),
+    "earlier files": (
+        "what earlier versions would have written, made by script",
+        NONE,
+        "kept files: no version has been released yet",
+    ),
+}
+"""What is tried in each run of the tests, in long runs, and not at all."""
+
+
+def kinds() -> str:
+    rows = "".join(f"| {kind} | {' | '.join(parts)} |\n" for kind, parts in KINDS.items())
+    head = "| | in each run of the tests | in long runs | not tried |\n|---|---|---|---|\n"
+    return f"\n## What is tried, and by what\n\n{head}{rows}\n## What was tried\n"
+
 
 ENDING = """
 ## What isn't tried
@@ -50,6 +113,9 @@ ENDING = """
 - Less than about 200 MB of address space: there, the libraries that Python loads may not start, and
   scipy's OpenBLAS, where it is installed, tries forever.
 - macOS: built, not run.
+- Scripts that reload or remove other files in Blender without leaving a step to undo, as its own
+  operators do: Blender 5.0 crashed in a later undo. Whether it would without the add-on wasn't
+  tried.
 """
 
 MENDED = {
@@ -57,11 +123,16 @@ MENDED = {
         "PLY files with a name that no table can have, or with lines of different lengths",
         "OBJ files with less than three coordinates or with lines that go on and never end",
     ],
+    "Properties of any morph": [
+        "Patches without points inside, and faces that don't follow one another: both read past"
+        " their arrays and could end the program",
+    ],
     "Stopped at any moment": [
         "A signal at the very moment at which a file was begun left an empty part of it behind",
     ],
     "Random walks through Blender": [
         "Baking onto a mesh that a script had given other vertices than its shape keys",
+        "Colors that had to be baked on a mesh with a vertex extremely far away",
     ],
 }
 """What earlier runs found, by the title of a run. Each is a test."""
@@ -88,7 +159,12 @@ def section(report: dict) -> str:
 
 def page() -> str:
     paths = sorted((HERE / "reliability").glob("*.json"))
-    return BEGINNING + "".join(section(json.loads(path.read_text())) for path in paths) + ENDING
+    return (
+        BEGINNING
+        + kinds()
+        + "".join(section(json.loads(path.read_text())) for path in paths)
+        + ENDING
+    )
 
 
 if __name__ == "__main__":
