@@ -408,11 +408,11 @@ def test_a_task_has_the_more_frames_the_sooner_one_is_made(tmp_path: Path) -> No
 @pytest.mark.parametrize(
     ("content", "chunk", "tasks"),
     [
-        ({"frames": 4}, None, [("Maps", 2, None), ("Frames", 1, 1), ("Renders", 4, 1)]),
-        ({"frames": 4}, 9, [("Maps", 2, None), ("Frames", 10, 1), ("Renders", 10, 1)]),
-        ({"frames": 240}, 100, [("Maps", 2, None), ("Frames", 20, 3), ("Renders", 20, 3)]),
+        ({"frames": 4}, None, [("Maps", 2, None), ("Frames", 1, 1), ("Renders", 7, 1)]),
+        ({"frames": 4}, 9, [("Maps", 2, None), ("Frames", 20, 1), ("Renders", 20, 1)]),
+        ({"frames": 240}, 100, [("Maps", 2, None), ("Frames", 40, 3), ("Renders", 40, 3)]),
         ({"frames": 4, "samples": 200_000}, 2,
-         [("Maps", 20, None), ("Frames", 20, 2), ("Renders", 20, 2)]),
+         [("Maps", 40, None), ("Frames", 40, 2), ("Renders", 40, 2)]),
         ({}, None, [("Maps", 2, None)]),
     ],
 )  # fmt: skip
@@ -420,7 +420,7 @@ def test_tasks_have_several_pairs_where_these_take_little(
     tmp_path: Path, content: dict[str, object], chunk: int | None, tasks: list[object]
 ) -> None:
     write_obj(tmp_path / "a.obj", 9, 0.0)
-    pairs = [{"source": "a.obj", "target": "a.obj"}] * 20
+    pairs = [{"source": "a.obj", "target": "a.obj"}] * 40
     path = write_jobs(tmp_path, pairs=pairs, render=["true"], **content)
     steps = farm_steps(read_batch(path), chunk)
     assert [(step.name, step.groups, step.parts) for step in steps] == tasks

@@ -23,8 +23,10 @@ from pointmorph.storage.frame_records import file_checksum
 MAP_STEP, FRAMES_STEP, RENDERS_STEP = "map", "frames", "renders"
 RENDERS_IN_TASK = 24
 
-_TASK_SECONDS = 30.0
-"""What a task is to take: a hundred times as long as it takes to start one."""
+_TASK_SECONDS = 60.0
+"""What a task is to take: two hundred times as long as its start; and a scheduler takes a second or
+more from the end of one to the start of the next. Of a task that is killed, only the pair or the
+frame in hand is lost."""
 _BYTES_PER_POINT = 40.0
 _LEAST_SECONDS, _PLAIN, _RESAMPLED = 1e-3, 4e-7, 1.5e-6
 """What a frame takes on one core, roughly: at the least, and for each point."""

@@ -53,7 +53,7 @@ def add(commands: Any, main: Callable[[Sequence[str]], int]) -> None:
             "--chunk",
             metavar="N",
             type=positive,
-            help="most frames in a task (default: enough for about half a minute; "
+            help="most frames in a task (default: enough for about a minute; "
             f"{RENDERS_IN_TASK} where they are rendered)",
         )
 
