@@ -103,6 +103,7 @@ public:
     Surface(const Surface&) = delete;
 
     const Normalization& unit() const { return unit_; }
+    bool has_mesh() const { return mesh_ != nullptr; }
     /// Of its mesh, over √area; 0 of a bare cloud.
     double border_length() const { return mesh_ ? pointmorph::border_length(*mesh_) : 0.0; }
     const Bends& bends() const { return bends_; }
@@ -194,9 +195,9 @@ public:
         bends_ = find_bends(mesh_.triangles, normals_);
         find_folded(progress);
         find_creased();
-        find_uncovered(
-            wrapped.leaves_missing && goes_on(border_length(mesh_), target.border_length()),
-            progress);
+        find_uncovered(wrapped.leaves_missing && target.has_mesh() &&
+                           goes_on(border_length(mesh_), target.border_length()),
+                       progress);
         find_off(progress);
     }
 
@@ -265,13 +266,29 @@ private:
         }
     }
 
-    /// Whether the place lies on a border.
-    bool is_at_border(const SurfacePoint& place, const std::vector<char>& on_border) const {
-        constexpr double kAll = 1.0 - 1e-9;
-        double weight = 0.0;
-        for (Index k = 0; k < 3; ++k)
-            if (on_border[to_size(mesh_.triangles(place.triangle, k))]) weight += place.weights[k];
-        return weight >= kAll;
+    /// Corners of edges along borders, the lower row first; ascending.
+    std::vector<std::array<Index, 2>> border_edges() const {
+        std::vector<std::array<Index, 2>> edges;
+        for (const std::vector<Index>& border : mesh_.borders)
+            for (std::size_t k = 0; k < border.size(); ++k) {
+                const Index a = border[k], b = border[(k + 1) % border.size()];
+                edges.push_back({std::min(a, b), std::max(a, b)});
+            }
+        std::ranges::sort(edges);
+        return edges;
+    }
+
+    /// Whether the place lies on one of these edges.
+    bool is_on(const std::vector<std::array<Index, 2>>& edges, const SurfacePoint& place) const {
+        constexpr double kNone = 1e-9;
+        const auto corners = mesh_.triangles.row(place.triangle);
+        for (Index k = 0; k < 3; ++k) {
+            const Index a = corners[(k + 1) % 3], b = corners[(k + 2) % 3];
+            if (place.weights[k] <= kNone &&
+                std::ranges::binary_search(edges, std::array{std::min(a, b), std::max(a, b)}))
+                return true;
+        }
+        return false;
     }
 
     void find_uncovered(bool leaves_missing, Progress& progress) {
@@ -289,14 +306,11 @@ private:
         std::vector<double> distances;
         const double limit = kGood[to_size(MeshFlaw::kUncovered)];
         constexpr double kCounted = 0.01;  // of the samples lie beyond the percentile
-        std::vector<char> on_border(to_size(mesh_.positions.rows()), 0);
-        if (leaves_missing)
-            for (const std::vector<Index>& border : mesh_.borders)
-                for (const Index place : border) on_border[to_size(place)] = 1;
+        const auto edges = leaves_missing ? border_edges() : std::vector<std::array<Index, 2>>();
         for (Index i = 0; i < count; ++i) {
             const SurfacePoint& foot = feet[to_size(i)];
             const double distance = std::sqrt(foot.squared_distance);
-            if (leaves_missing && is_at_border(foot, on_border)) continue;
+            if (leaves_missing && is_on(edges, foot)) continue;
             distances.push_back(distance);
             if (distance < limit) continue;
             Eigen::Index corner = 0;

@@ -68,13 +68,16 @@ private:
         std::array<Index, kLooked> all_near{};
         std::array<double, kLooked> all_squared{};
         const auto found = to_size(tree_.nearest(query, all_near, all_squared));
+        constexpr std::size_t kEnough = 4;  // fewer don't say how the part turns
         std::size_t own = 0;
         for (std::size_t k = 0; k < found && own < rows.size(); ++k) {
             if (!is_own(all_near[k])) continue;
-            rows[own] = all_near[k];
-            squared[own++] = all_squared[k];
+            all_near[own] = all_near[k];
+            all_squared[own++] = all_squared[k];
         }
-        if (own == 0) return;
+        if (own < std::min(kEnough, rows.size())) return;
+        std::copy_n(all_near.begin(), own, rows.begin());
+        std::copy_n(all_squared.begin(), own, squared.begin());
         std::fill(rows.begin() + static_cast<std::ptrdiff_t>(own), rows.end(), rows[own - 1]);
         std::fill(squared.begin() + static_cast<std::ptrdiff_t>(own), squared.end(),
                   squared[own - 1]);

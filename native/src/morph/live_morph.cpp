@@ -174,11 +174,12 @@ struct LiveMorph::State {
     double spacing = 0.0;                   ///< of the source's samples
 
     std::vector<Feature> sorted(const std::vector<Feature>& features) const;
-    void find_groups(const RefinementStart& start);
+    void find_groups(const RefinementStart& start, Progress& progress);
     void find_offsets(const RefinementStart& start, Progress& progress);
     void follow(Progress& progress);
     Refinement apart(Refinement found, const std::vector<Feature>& features,
                      Progress& progress) const;
+    bool joins_groups(const std::vector<Feature>& features) const;
     MorphInput input_with(std::vector<Feature> features) const;
     Morph from_scratch(std::vector<Feature> features, const std::string& why,
                        Progress& progress) const;
@@ -201,17 +202,17 @@ std::vector<Feature> LiveMorph::State::sorted(const std::vector<Feature>& featur
     return result;
 }
 
-void LiveMorph::State::find_groups(const RefinementStart& start) {
+void LiveMorph::State::find_groups(const RefinementStart& start, Progress& progress) {
     const PreparedShape &s = shapes.source, &t = shapes.target;
     if (s.topology.main().size() == 1 && t.topology.main().size() == 1) return;
     const ComponentView source_view{s.topology, s.positions, s.normals, start.source_images},
         target_view{t.topology, t.positions, t.normals, start.target_images};
     const Similarity alignment = fit_similarity(t.positions, start.target_images);
     const ComponentMatching matching =
-        match_components(source_view, target_view, pinned_pairs(sorted(input.features)), alignment,
-                         options.components);
+        match_components(source_view, target_view, joining_marks(sorted(input.features)), alignment,
+                         options.components, progress);
     if (matching.matched.empty()) return;
-    groups = group_components(source_view, target_view, matching, options.components);
+    groups = group_components(source_view, target_view, matching, options.components, progress);
     for (std::string& words :
          components_in_words(matching, *groups, {s.topology, s.name}, {t.topology, t.name}))
         warnings.push_back(std::move(words));
@@ -277,7 +278,7 @@ LiveMorph::LiveMorph(MorphInput input, const MorphOptions& options, const Morph*
     state->source = std::move(sampled.source);
     state->target = std::move(sampled.target);
     state->input = std::move(input);
-    state->find_groups(start);
+    state->find_groups(start, progress);
     const PreparedShapes& shapes = state->shapes;
     state->map.emplace(
         RefinementCloud{shapes.source.positions, shapes.source.normals, &shapes.source.nearest},
@@ -357,6 +358,15 @@ Refinement LiveMorph::State::apart(Refinement found, const std::vector<Feature>&
                       {*groups, features}, progress);
 }
 
+/// Whether a mark asks for another match of the components.
+bool LiveMorph::State::joins_groups(const std::vector<Feature>& features) const {
+    if (!groups) return false;
+    return std::ranges::any_of(joining_marks(features), [&](const IndexPair& mark) {
+        return groups->source.groups[to_size(mark.source)] !=
+               groups->target.groups[to_size(mark.target)];
+    });
+}
+
 FoundMap LiveMorph::State::found(MorphInput changed, Refinement refined,
                                  Clock::time_point began) const {
     RouteResult result;
@@ -392,6 +402,8 @@ Morph LiveMorph::updated(std::vector<Feature> features, Progress& progress) cons
     if (far.distance > state.options.refinement.trusted_distance)
         return state.from_scratch(std::move(features), mark_went_far(far.name, far.distance),
                                   progress);
+    if (state.joins_groups(marked))
+        return state.from_scratch(std::move(features), marks_join_other_parts(), progress);
     LiveUpdate update = state.map->updated(marked, progress);
     if (update.newly_torn > state.options.refinement.registration.most_torn)
         return state.from_scratch(std::move(features), update_would_tear(), progress);

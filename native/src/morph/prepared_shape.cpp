@@ -113,7 +113,7 @@ void make_outward(PreparedShape& shape) {
 
 /// Leaves out components that are too small to follow, unless they are much of the shape: the
 /// nearest of the other points stands for each of theirs.
-void leave_out_strays(PreparedShape& shape, Index neighbors, Progress& progress) {
+void leave_out_strays(PreparedShape& shape, const PreparationOptions& options, Progress& progress) {
     constexpr double kMuch = 0.05;
     std::vector<Index> kept, left_out;
     const auto main = to_index(shape.topology.main().size());
@@ -140,8 +140,9 @@ void leave_out_strays(PreparedShape& shape, Index neighbors, Progress& progress)
     shape.given_rows = std::move(given_rows);
     shape.topology.labels = std::move(labels);
     for (Index& sorted : shape.sorted_rows) sorted = stand_in[to_size(sorted)];
-    shape.nearest = nearest_neighbors(tree, neighbors, progress);
+    shape.nearest = nearest_neighbors(tree, options.neighbors, progress);
     shape.loops.reset();
+    find_loops(shape, options.boundary, progress);
     shape.left_out = to_index(left_out.size());
 }
 
@@ -176,7 +177,7 @@ std::vector<PreparedShape> prepare_all(std::span<const ShapeInput> inputs,
                               options.topology, its);
         make_outward(shape);
     });
-    for (PreparedShape& shape : shapes) leave_out_strays(shape, options.neighbors, progress);
+    for (PreparedShape& shape : shapes) leave_out_strays(shape, options, progress);
     return shapes;
 }
 

@@ -22,8 +22,7 @@ RefinementCloud cloud_of(const PreparedShape& shape, NeighborSource neighbors,
 
 double border_length(const PreparedShape& shape) {
     double length = 0.0;
-    if (shape.loops)
-        for (const BoundaryLoop& loop : *shape.loops) length += loop_length(shape.positions, loop);
+    for (const BoundaryLoop& loop : *shape.loops) length += loop_length(shape.positions, loop);
     return length / std::sqrt(estimated_area(shape.positions, shape.nearest));
 }
 
@@ -40,6 +39,7 @@ Ends ends_of(const PreparedShape& source, const PreparedShape& target) {
         std::ranges::sort(rows);
         return rows;
     };
+    if (!source.loops || !target.loops) return {};
     const double of_source = border_length(source), of_target = border_length(target);
     Ends ends;
     if (goes_on(of_source, of_target)) ends.source = rows_of(source);
@@ -82,11 +82,11 @@ Refinement refine_by_component(const RouteInput& input, const std::optional<Refi
     const ComponentView target_view{target.topology, target.positions, target.normals,
                                     whole.target_images, ends.target};
     const ComponentMatching matching =
-        match_components(source_view, target_view, pinned_pairs(input.features), whole.alignment,
-                         options.components);
+        match_components(source_view, target_view, joining_marks(input.features), whole.alignment,
+                         options.components, progress);
     if (matching.matched.empty()) return whole;
     const ComponentGroups groups =
-        group_components(source_view, target_view, matching, options.components);
+        group_components(source_view, target_view, matching, options.components, progress);
     for (std::string& words : components_in_words(matching, groups, {source.topology, source.name},
                                                   {target.topology, target.name}))
         warnings.push_back(std::move(words));

@@ -115,6 +115,10 @@ std::string update_would_tear() {
     return "Computed from scratch: the changed features would have torn the earlier map.";
 }
 
+std::string marks_join_other_parts() {
+    return "Computed from scratch: a feature joins parts that the earlier map has with others.";
+}
+
 std::string loop_was_suggested(std::span<const std::string> loop) {
     std::string names;
     for (const std::string& name : loop) names += (names.empty() ? "" : ", ") + name;

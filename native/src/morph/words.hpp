@@ -25,6 +25,7 @@ std::string earlier_map_was_ignored(const std::string& domain);
 /// Why an update gave way to a search from scratch.
 std::string mark_went_far(const std::string& name, double distance);
 std::string update_would_tear();
+std::string marks_join_other_parts();
 std::string loop_was_suggested(std::span<const std::string> loop);
 std::string cut_was_led_around(const std::string& shape, const std::string& features);
 std::string curves_take_detours();

@@ -67,12 +67,14 @@ Positions starts(const Mesh& mesh, const WrapSource& source, const Normalization
 /// Takes the places of what lies beyond the mesh: of those `points` that are at its border.
 void leave_beyond(const Mesh& mesh, const Positions& points, double spacing,
                   std::vector<SurfacePoint>& places) {
+    constexpr double kMostSteps = 1000.0;  // along an edge
     std::vector<Eigen::RowVector3d> along;
     for (const std::vector<Index>& border : mesh.borders)
         for (std::size_t k = 0; k < border.size(); ++k) {
             const Eigen::RowVector3d from = mesh.positions.row(border[k]),
                                      to = mesh.positions.row(border[(k + 1) % border.size()]);
-            const auto steps = std::max<Index>(1, std::lround((to - from).norm() / spacing));
+            const auto steps = static_cast<Index>(
+                std::clamp(std::round((to - from).norm() / spacing), 1.0, kMostSteps));
             for (Index step = 0; step < steps; ++step)
                 along.emplace_back(from + static_cast<double>(step) / steps * (to - from));
         }

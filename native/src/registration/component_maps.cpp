@@ -1,6 +1,7 @@
 #include <algorithm>
 #include <atomic>
 #include <cmath>
+#include <limits>
 #include <numeric>
 #include <optional>
 #include <utility>
@@ -25,26 +26,27 @@ constexpr ProductColumns kSourceColumns{.image = 0, .own = 3, .image_normal = 6,
 constexpr ProductColumns kTargetColumns{.image = 3, .own = 0, .image_normal = 9, .own_normal = 6};
 
 /// A map between the shapes: whose points it takes, and to which.
-struct Direction {
+struct GroupDirection {
     ProductColumns columns;
     Index IndexPair::*here, IndexPair::*there;
 };
-constexpr Direction kForward{
+constexpr GroupDirection kForward{
     .columns = kSourceColumns, .here = &IndexPair::source, .there = &IndexPair::target};
-constexpr Direction kBackward{
+constexpr GroupDirection kBackward{
     .columns = kTargetColumns, .here = &IndexPair::target, .there = &IndexPair::source};
 
 /// From the given coordinates of both shapes into the product space, and what normals weigh there.
 struct Frame {
     Similarity of_source, of_target;
     double normal_weight;
+    bool inside_out;
 };
 
 Frame frame_of(const Refinement& map, const Positions& source) {
     const Positions own = map.source_product.middleCols<3>(kSourceColumns.own);
     const Similarity of_source = fit_similarity(source, own);
     return {of_source, composed(of_source, map.alignment),
-            map.source_product.row(0).segment<3>(kSourceColumns.own_normal).norm()};
+            map.source_product.row(0).segment<3>(kSourceColumns.own_normal).norm(), map.inside_out};
 }
 
 /// The rows of one group of both shapes, ascending.
@@ -71,14 +73,22 @@ struct GroupFeatures {
     std::vector<char> held;
 };
 
-/// In places of the group's rows; none where a row isn't in it.
-std::optional<Marked> within(Marked marked, const std::vector<Index>& group) {
-    for (Index& row : marked.rows) {
-        const auto found = std::ranges::lower_bound(group, row);
-        if (found == group.end() || *found != row) return {};
-        row = to_index(found - group.begin());
+/// In places of the group's rows; of a region those that are in it. None where there are none, or
+/// one of another feature isn't in it.
+std::optional<Marked> within(const Feature& feature, const Marked& marked,
+                             const std::vector<Index>& group) {
+    Marked result;
+    for (std::size_t k = 0; k < marked.rows.size(); ++k) {
+        const auto found = std::ranges::lower_bound(group, marked.rows[k]);
+        if (found == group.end() || *found != marked.rows[k]) {
+            if (feature.kind != FeatureKind::kRegion) return {};
+            continue;
+        }
+        result.rows.push_back(to_index(found - group.begin()));
+        if (!marked.weights.empty()) result.weights.push_back(marked.weights[k]);
     }
-    return marked;
+    if (result.rows.empty()) return {};
+    return result;
 }
 
 GroupFeatures group_features(const ComponentMarks& marks, std::span<const GroupRows> rows) {
@@ -86,26 +96,27 @@ GroupFeatures group_features(const ComponentMarks& marks, std::span<const GroupR
                          std::vector<char>(rows.size(), 0)};
     for (const Feature& feature : marks.features) {
         std::vector<Index> touched;
-        const auto touch = [&](const GroupedPoints& points, const Marked& marked) {
-            for (const Index row : marked.rows) {
-                const auto i = to_size(row);
-                if (points.anchors[i] < 0) touched.push_back(points.groups[i]);
-            }
-        };
-        touch(marks.groups.source, feature.source);
-        touch(marks.groups.target, feature.target);
+        for (const Index row : feature.source.rows)
+            touched.push_back(marks.groups.source.groups[to_size(row)]);
+        for (const Index row : feature.target.rows)
+            touched.push_back(marks.groups.target.groups[to_size(row)]);
         std::ranges::sort(touched);
         touched.erase(std::ranges::unique(touched).begin(), touched.end());
-        if (touched.size() > 1 && feature.kind != FeatureKind::kPoint)
-            for (const Index g : touched) result.held[to_size(g)] = 1;
-        if (touched.size() != 1) continue;
+        if (touched.size() > 1) {
+            if (feature.kind != FeatureKind::kPoint)
+                for (const Index g : touched) result.held[to_size(g)] = 1;
+            continue;
+        }
         const auto g = to_size(touched.front());
-        const auto source = within(feature.source, rows[g].source),
-                   target = within(feature.target, rows[g].target);
-        if (!source || !target) continue;
-        result.features[g].push_back(feature);
-        result.features[g].back().source = *source;
-        result.features[g].back().target = *target;
+        auto source = within(feature, feature.source, rows[g].source),
+             target = within(feature, feature.target, rows[g].target);
+        if (!source || !target) {
+            if (feature.kind != FeatureKind::kPoint) result.held[g] = 1;
+            continue;
+        }
+        Feature& own = result.features[g].emplace_back(feature);
+        own.source = std::move(*source);
+        own.target = std::move(*target);
     }
     return result;
 }
@@ -187,6 +198,8 @@ RefinementOptions options_for(RefinementOptions options, double share) {
         options.coarse.nodes[k] =
             part(options.coarse.nodes[k], k == 0 ? kFewestCoarse : kFewestFine);
     options.propose = false;
+    // A mark pulls at the start, however far it has to go: the pose is known.
+    options.trusted_distance = std::numeric_limits<double>::infinity();
     return options;
 }
 
@@ -244,26 +257,26 @@ GroupMap refined_group(const GroupClouds& clouds, std::span<const Feature> featu
                {clouds.target.positions, clouds.target.normals, nullptr, clouds.target_ends},
                features, options, progress, &start);
     const Frame own = frame_of(found, clouds.source.positions);
-    const double weight = own.normal_weight > 0.0 ? (found.inside_out ? -1.0 : 1.0) *
-                                                        frame.normal_weight / own.normal_weight
-                                                  : 0.0;
+    const double weight = own.normal_weight > 0.0 ? frame.normal_weight / own.normal_weight : 0.0;
+    // The target's own normals are there as the map of the whole has them.
+    const double onto_target = found.inside_out != frame.inside_out ? -weight : weight;
     const auto brought = [&](const ProductPoints& product, const ProductPoints& before,
                              const ProductColumns& columns, const Similarity& to_frame,
-                             const Similarity& from_own) {
+                             const Similarity& from_own, double normal_weight) {
         const Similarity move = composed(to_frame, from_own.inverse());
         return with_images(
             before, columns, move.apply(product.middleCols<3>(columns.image)),
-            weight * move.rotated(Normals(product.middleCols<3>(columns.image_normal))));
+            normal_weight * move.rotated(Normals(product.middleCols<3>(columns.image_normal))));
     };
     return {{found.source_images, found.target_images},
             brought(found.source_product, by_whole.source_product, kSourceColumns, frame.of_target,
-                    own.of_target),
+                    own.of_target, onto_target),
             brought(found.target_product, by_whole.target_product, kTargetColumns, frame.of_source,
-                    own.of_source)};
+                    own.of_source, weight)};
 }
 
 /// All rows without an anchor.
-std::vector<Index> free_rows(const GroupedPoints& points) {
+std::vector<Index> rows_without_anchor(const GroupedPoints& points) {
     std::vector<Index> rows;
     for (std::size_t i = 0; i < points.anchors.size(); ++i)
         if (points.anchors[i] < 0) rows.push_back(to_index(i));
@@ -286,10 +299,32 @@ double distance_between_groups(const ProductPoints& source, const ProductPoints&
     return 4.0 * (all(source) + all(target)) + 1.0;
 }
 
-/// Pairs of free rows by group, and those that are pinned.
-Pairing paired_by_group(const Refinement& map, const ComponentGroups& groups,
+/// How far each of the rows belongs to the hard regions, one a column.
+DynamicRows region_columns(std::span<const Feature> features, Marked Feature::*side,
+                           Eigen::Index points, std::span<const Index> rows) {
+    std::vector<Values> columns;
+    for (const Feature& feature : features) {
+        if (feature.kind != FeatureKind::kRegion || !feature.hard) continue;
+        Values& column = columns.emplace_back(Values::Zero(points));
+        const Marked& marked = feature.*side;
+        for (std::size_t k = 0; k < marked.rows.size(); ++k)
+            column[marked.rows[k]] = marked.weight(k);
+    }
+    DynamicRows result(columns.empty() ? 0 : static_cast<Eigen::Index>(rows.size()),
+                       static_cast<Eigen::Index>(columns.size()));
+    for (std::size_t c = 0; c < columns.size(); ++c)
+        for (std::size_t k = 0; k < rows.size(); ++k)
+            result(static_cast<Eigen::Index>(k), static_cast<Eigen::Index>(c)) =
+                columns[c][rows[k]];
+    return result;
+}
+
+/// Pairs of rows without an anchor by group, those of hard regions among themselves, and those that
+/// are pinned.
+Pairing paired_by_group(const Refinement& map, const ComponentMarks& marks,
                         std::span<const IndexPair> pinned, Progress& progress) {
-    const std::vector<Index> s = free_rows(groups.source), t = free_rows(groups.target);
+    const std::vector<Index> s = rows_without_anchor(marks.groups.source),
+                             t = rows_without_anchor(marks.groups.target);
     std::vector<IndexPair> places;
     for (const IndexPair& pair : pinned) {
         const auto a = std::ranges::lower_bound(s, pair.source),
@@ -297,9 +332,20 @@ Pairing paired_by_group(const Refinement& map, const ComponentGroups& groups,
         if (a == s.end() || *a != pair.source || b == t.end() || *b != pair.target) continue;
         places.push_back({to_index(a - s.begin()), to_index(b - t.begin())});
     }
+    const ProductPoints source = gather(map.source_product, s),
+                        target = gather(map.target_product, t);
+    const DynamicRows source_regions =
+        region_columns(marks.features, &Feature::source, map.source_product.rows(), s);
+    const Pairing found =
+        source_regions.cols() == 0
+            ? mutual_pairs<12>(source, target, places, progress)
+            : mutual_pairs<32>(
+                  labeled_points(source, source_regions),
+                  labeled_points(target, region_columns(marks.features, &Feature::target,
+                                                        map.target_product.rows(), t)),
+                  places, progress);
     Pairing pairs(pinned.begin(), pinned.end());
-    for (const IndexPair& pair : mutual_pairs<12>(gather(map.source_product, s),
-                                                  gather(map.target_product, t), places, progress))
+    for (const IndexPair& pair : found)
         pairs.push_back({s[to_size(pair.source)], t[to_size(pair.target)]});
     std::ranges::sort(pairs);
     pairs.erase(std::ranges::unique(pairs).begin(), pairs.end());
@@ -307,8 +353,8 @@ Pairing paired_by_group(const Refinement& map, const ComponentGroups& groups,
 }
 
 /// The nearest partner of each row that has one; −1 elsewhere.
-std::vector<Index> nearest_partners(const Positions& images, const Positions& there,
-                                    const Pairing& pairs, const Direction& map) {
+std::vector<Index> partners_beside(const Positions& images, const Positions& there,
+                                   const Pairing& pairs, const GroupDirection& map) {
     std::vector<Index> nearest(to_size(images.rows()), -1);
     for (const IndexPair& pair : pairs) {
         const Index i = pair.*map.here, j = pair.*map.there;
@@ -347,7 +393,7 @@ Positions put_back(Positions images, const std::vector<Index>& nearest, const Co
 
 /// Everything with an anchor goes where that goes.
 void follow_anchors(const GroupedPoints& points, const std::vector<Index>& nearest,
-                    const Direction& map, ProductPoints& product, Positions& images,
+                    const GroupDirection& map, ProductPoints& product, Positions& images,
                     Pairing& pairs) {
     for (std::size_t i = 0; i < points.anchors.size(); ++i) {
         const Index anchor = points.anchors[i];
@@ -382,11 +428,7 @@ Refinement mapped_by_group(const Refinement& whole, const ComponentView& source,
                (g == 0 && share(rows[0]) >= 1.0 - options.components.small_share);
     };
     std::vector<std::optional<GroupMap>> maps(rows.size());
-    std::atomic<int> done{0};
-    parallel_invoke(static_cast<int>(rows.size()), progress, [&](int k, Progress& its) {
-        const auto g = to_size(k);
-        if (keeps(g)) return;
-        Progress quiet([&](std::string_view, double) { return its.poll(); });
+    const auto map_group = [&](std::size_t g, Progress& its) {
         const GroupClouds clouds = clouds_of(rows[g], source, target);
         const GroupMap by_whole{
             {gather(source.images, rows[g].source), gather(target.images, rows[g].target)},
@@ -394,12 +436,28 @@ Refinement mapped_by_group(const Refinement& whole, const ComponentView& source,
             gather(whole.target_product, rows[g].target)};
         const auto fewest = std::min(rows[g].source.size(), rows[g].target.size());
         if (to_index(fewest) < options.components.fewest_points)
-            maps[g] = whole_group(clouds, frame, by_whole, source_turn, quiet);
+            maps[g] = whole_group(clouds, frame, by_whole, source_turn, its);
         else
             maps[g] = refined_group(
                 clouds, of_groups.features[g], group_start(clouds, by_whole.images, source_turn),
-                options_for(options.refinement, share(rows[g])), frame, by_whole, quiet);
-        its.report(static_cast<double>(++done) / static_cast<double>(rows.size()));
+                options_for(options.refinement, share(rows[g])), frame, by_whole, its);
+    };
+    // Large ones one after the other, by all threads; the others next to each other.
+    std::vector<std::size_t> small;
+    for (std::size_t g = 0; g < rows.size(); ++g) {
+        if (keeps(g)) continue;
+        if (share(rows[g]) < options.components.small_share) {
+            small.push_back(g);
+            continue;
+        }
+        Progress quiet([&](std::string_view, double) { return progress.poll(); });
+        map_group(g, quiet);
+    }
+    std::atomic<int> done{0};
+    parallel_invoke(static_cast<int>(small.size()), progress, [&](int k, Progress& its) {
+        Progress quiet([&](std::string_view, double) { return its.poll(); });
+        map_group(small[to_size(k)], quiet);
+        its.report(static_cast<double>(++done) / static_cast<double>(small.size()));
     });
     Refinement result = whole;
     const auto put = [](const auto& from, const std::vector<Index>& at, auto& into) {
@@ -423,26 +481,30 @@ Refinement kept_apart(Refinement map, const ComponentView& source, const Compone
     const double distance = distance_between_groups(map.source_product, map.target_product);
     map.source_product = set_apart(std::move(map.source_product), groups.source.groups, distance);
     map.target_product = set_apart(std::move(map.target_product), groups.target.groups, distance);
-    map.pairs = paired_by_group(map, groups, pinned, progress);
+    map.pairs = paired_by_group(map, marks, pinned, progress);
 
     const auto to_target =
-        nearest_partners(map.source_images, target.positions, map.pairs, kForward);
+        partners_beside(map.source_images, target.positions, map.pairs, kForward);
     const auto to_source =
-        nearest_partners(map.target_images, source.positions, map.pairs, kBackward);
+        partners_beside(map.target_images, source.positions, map.pairs, kBackward);
     map.source_images = put_back(std::move(map.source_images), to_target, target, groups.source,
                                  groups.target, progress);
     map.target_images = put_back(std::move(map.target_images), to_source, source, groups.target,
                                  groups.source, progress);
+    const auto pin = [&] {
+        for (const IndexPair& f : pinned) {
+            map.source_images.row(f.source) = target.positions.row(f.target);
+            map.target_images.row(f.target) = source.positions.row(f.source);
+        }
+    };
+    pin();
     follow_anchors(groups.source, to_target, kForward, map.source_product, map.source_images,
                    map.pairs);
     follow_anchors(groups.target, to_source, kBackward, map.target_product, map.target_images,
                    map.pairs);
+    pin();
     std::ranges::sort(map.pairs);
     map.pairs.erase(std::ranges::unique(map.pairs).begin(), map.pairs.end());
-    for (const IndexPair& f : pinned) {
-        map.source_images.row(f.source) = target.positions.row(f.target);
-        map.target_images.row(f.target) = source.positions.row(f.source);
-    }
     return map;
 }
 

@@ -1,15 +1,18 @@
 #include "pointmorph/registration/components.hpp"
 
 #include <Eigen/Eigenvalues>
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <array>
 #include <cmath>
 #include <functional>
 #include <limits>
 #include <map>
+#include <memory>
 #include <utility>
 
 #include "pointmorph/base/assignment.hpp"
+#include "pointmorph/base/parallel.hpp"
 #include "pointmorph/cloud/cloud.hpp"
 #include "pointmorph/cloud/kd_tree.hpp"
 #include "pointmorph/registration/extremities.hpp"
@@ -57,22 +60,36 @@ double other_proportions(const Whole& a, const Whole& b) {
     return std::sqrt((ratios.array() - ratios.mean()).square().mean());
 }
 
-/// Shares of the points of each component that lie where they go in each of the other shape's
-/// components: #components by #components.
-Eigen::MatrixXd landing_shares(const ComponentView& here, const ComponentView& there) {
-    Eigen::MatrixXd shares =
-        Eigen::MatrixXd::Zero(static_cast<Eigen::Index>(here.topology.components.size()),
-                              static_cast<Eigen::Index>(there.topology.components.size()));
+/// The row of `there` nearest to each image.
+std::vector<Index> rows_beneath(const Positions& images, const KdTree<3>& there,
+                                Progress& progress) {
+    std::vector<Index> rows(to_size(images.rows()));
+    parallel_for(to_index(images.rows()), progress, [&](Index begin, Index end) {
+        for (Index i = begin; i < end; ++i) {
+            double squared;
+            there.nearest(images.row(i).data(), {&rows[to_size(i)], 1}, {&squared, 1});
+        }
+    });
+    return rows;
+}
+
+/// Shares of the points of each main component that lie where they go in each of the other shape's:
+/// #main by #main.
+Eigen::MatrixXd landing_shares(const ComponentView& here, const ComponentView& there,
+                               Progress& progress) {
+    const auto rows = static_cast<Eigen::Index>(here.topology.main().size()),
+               columns = static_cast<Eigen::Index>(there.topology.main().size());
+    Eigen::MatrixXd shares = Eigen::MatrixXd::Zero(rows, columns);
+    Eigen::VectorXd points = Eigen::VectorXd::Zero(rows);
     const KdTree<3> tree(there.positions);
-    for (Eigen::Index i = 0; i < here.images.rows(); ++i) {
-        Index nearest;
-        double squared;
-        tree.nearest(here.images.row(i).data(), {&nearest, 1}, {&squared, 1});
-        shares(here.topology.labels[to_size(i)], there.topology.labels[to_size(nearest)]) += 1.0;
+    const std::vector<Index> beneath = rows_beneath(here.images, tree, progress);
+    for (std::size_t i = 0; i < beneath.size(); ++i) {
+        const Index from = here.topology.labels[i], to = there.topology.labels[to_size(beneath[i])];
+        if (from >= rows) continue;
+        points[from] += 1.0;
+        if (to < columns) shares(from, to) += 1.0;
     }
-    for (Eigen::Index c = 0; c < shares.rows(); ++c)
-        shares.row(c) /= std::max(1.0, shares.row(c).sum());
-    return shares;
+    return points.cwiseMax(1.0).cwiseInverse().asDiagonal() * shares;
 }
 
 std::string counted(Index count, const char* one, const char* more) {
@@ -82,14 +99,6 @@ std::string counted(Index count, const char* one, const char* more) {
 Index points_of(const NamedTopology& shape, Index component) {
     return shape.topology.components[to_size(component)].points;
 }
-
-/// One shape's side of a matching.
-struct Side {
-    const ComponentView& here;
-    const ComponentView& there;
-    Index IndexPair::*row;
-    std::span<const Index> alone;
-};
 
 /// The group of every component; −1 for those without a counterpart.
 std::vector<Index> component_groups(const Topology& topology, std::span<const IndexPair> matched,
@@ -131,16 +140,11 @@ private:
     double reach_ = 0.0;
 };
 
-/// The group that most images lie in; −1 where that has none.
-Index group_beneath(const Positions& images, const KdTree<3>& there,
-                    const std::vector<Index>& groups_there, const Topology& topology) {
+/// The group that most of the rows beneath are in; −1 where they have none.
+Index group_beneath(std::span<const Index> beneath, const std::vector<Index>& groups_there,
+                    const Topology& topology) {
     std::map<Index, Index> votes;
-    for (Eigen::Index i = 0; i < images.rows(); ++i) {
-        Index nearest;
-        double squared;
-        there.nearest(images.row(i).data(), {&nearest, 1}, {&squared, 1});
-        ++votes[groups_there[to_size(topology.labels[to_size(nearest)])]];
-    }
+    for (const Index row : beneath) ++votes[groups_there[to_size(topology.labels[to_size(row)])]];
     return std::ranges::max_element(votes, {}, &std::pair<const Index, Index>::second)->first;
 }
 
@@ -167,82 +171,104 @@ bool keep_together(const Positions& places, const Positions& anchors) {
     return torn <= kFew * static_cast<double>(count);
 }
 
-/// The nearest of some points to each place.
-struct NearestPoints {
-    std::vector<Index> rows;
-    double mean_distance = std::numeric_limits<double>::infinity();
-    Index closest = 0;  ///< of all, the nearest to any place
-};
-
-NearestPoints nearest_points(const Positions& places, const Positions& points) {
-    const KdTree<3> tree(points);
-    NearestPoints result;
-    double sum = 0.0, least = std::numeric_limits<double>::infinity();
-    for (Eigen::Index i = 0; i < places.rows(); ++i) {
-        Index nearest;
-        double squared;
-        tree.nearest(places.row(i).data(), {&nearest, 1}, {&squared, 1});
-        result.rows.push_back(nearest);
-        sum += std::sqrt(squared);
-        if (squared < least) {
-            least = squared;
-            result.closest = nearest;
+/// Components that stay where their group is, each with a tree, for those that go with them.
+class Surroundings {
+public:
+    Surroundings(const Positions& positions, const std::vector<std::vector<Index>>& rows,
+                 std::span<const Index> groups)
+        : rows_(rows) {
+        for (std::size_t c = 0; c < rows.size(); ++c) {
+            if (groups[c] < 0 || rows[c].empty()) continue;
+            components_.push_back(to_index(c));
+            auto& points =
+                points_.emplace_back(std::make_unique<Positions>(gather(positions, rows[c])));
+            trees_.emplace_back(*points);
+            boxes_.emplace_back(points->colwise().minCoeff().transpose(),
+                                points->colwise().maxCoeff().transpose());
         }
     }
-    result.mean_distance = sum / static_cast<double>(places.rows());
-    return result;
-}
 
-/// What components without room can go with.
-struct Surroundings {
-    const Positions& positions;
-    const std::vector<std::vector<Index>>& rows;  ///< of every component
-    std::span<const Index> settled;               ///< components that stay
+    /// The nearest row to each place, all of the component that is nearest to them as a whole; or
+    /// just the one that is nearest to any, where the others would tear them apart.
+    std::vector<Index> beside(const Positions& places) const {
+        const Eigen::AlignedBox3d box(places.colwise().minCoeff().transpose(),
+                                      places.colwise().maxCoeff().transpose());
+        Nearest best;
+        for (std::size_t k = 0; k < components_.size(); ++k) {
+            if (box.exteriorDistance(boxes_[k]) >= best.mean_distance) continue;
+            Nearest found = nearest(places, trees_[k]);
+            if (found.mean_distance >= best.mean_distance) continue;
+            best = std::move(found);
+            best.component = k;
+        }
+        if (!keep_together(places, gather(*points_[best.component], best.places)))
+            std::ranges::fill(best.places, best.closest);
+        return gather(rows_[to_size(components_[best.component])], best.places);
+    }
+
+private:
+    struct Nearest {
+        std::vector<Index> places{};  ///< in the component
+        double mean_distance = std::numeric_limits<double>::infinity();
+        Index closest = 0;  ///< the one that is nearest to any
+        std::size_t component = 0;
+    };
+
+    static Nearest nearest(const Positions& places, const KdTree<3>& tree) {
+        Nearest result;
+        double sum = 0.0, least = std::numeric_limits<double>::infinity();
+        for (Eigen::Index i = 0; i < places.rows(); ++i) {
+            Index place;
+            double squared;
+            tree.nearest(places.row(i).data(), {&place, 1}, {&squared, 1});
+            result.places.push_back(place);
+            sum += std::sqrt(squared);
+            if (squared >= least) continue;
+            least = squared;
+            result.closest = place;
+        }
+        result.mean_distance = sum / static_cast<double>(places.rows());
+        return result;
+    }
+
+    const std::vector<std::vector<Index>>& rows_;
+    std::vector<Index> components_;
+    std::vector<std::unique_ptr<Positions>> points_;
+    std::vector<KdTree<3>> trees_;
+    std::vector<Eigen::AlignedBox3d> boxes_;
 };
 
-/// Gives every row of a component, as its anchor, the nearest point of the component that lies
-/// nearest to it as a whole; all of them the same one, where that would tear it.
-void anchor(std::span<const Index> rows, const Surroundings& around, GroupedPoints& points) {
-    const Positions places = gather(around.positions, rows);
-    NearestPoints nearest;
-    Index onto = around.settled.front();
-    for (const Index component : around.settled) {
-        NearestPoints found =
-            nearest_points(places, gather(around.positions, around.rows[to_size(component)]));
-        if (found.mean_distance >= nearest.mean_distance) continue;
-        nearest = std::move(found);
-        onto = component;
-    }
-    const std::vector<Index>& there = around.rows[to_size(onto)];
-    const bool holds = keep_together(places, gather(around.positions, gather(there, nearest.rows)));
-    for (std::size_t k = 0; k < rows.size(); ++k) {
-        const Index at = there[to_size(holds ? nearest.rows[k] : nearest.closest)];
-        points.anchors[to_size(rows[k])] = at;
-        points.groups[to_size(rows[k])] = points.groups[to_size(at)];
-    }
-}
+/// One shape's side of a matching.
+struct Side {
+    const ComponentView& here;
+    const ComponentView& there;
+    Index IndexPair::*row, IndexPair::*other_row;
+};
 
 /// `vanishing`: components that got anchors, but for strays. `joined`: see ComponentGroups.
-GroupedPoints grouped(const Side& side, const ComponentMatching& matching,
+GroupedPoints grouped(const Side& side, std::span<const IndexPair> matched,
                       const ComponentOptions& options, std::vector<Index>& vanishing,
-                      std::vector<char>& joined) {
+                      std::vector<char>& joined, Progress& progress) {
     const ComponentView &here = side.here, &there = side.there;
     const auto rows = rows_of(here.topology);
-    std::vector<Index> groups = component_groups(here.topology, matching.matched, side.row);
+    const auto main = to_index(here.topology.main().size());
+    std::vector<Index> groups = component_groups(here.topology, matched, side.row);
     const std::vector<Index> groups_there =
-        component_groups(there.topology, matching.matched,
-                         side.row == &IndexPair::source ? &IndexPair::target : &IndexPair::source);
-    std::vector<Index> matched_rows;
+        component_groups(there.topology, matched, side.other_row);
+    std::vector<Index> matched_rows, alone;
     for (std::size_t i = 0; i < here.topology.labels.size(); ++i)
         if (groups[to_size(here.topology.labels[i])] >= 0) matched_rows.push_back(to_index(i));
+    for (std::size_t c = 0; c < rows.size(); ++c)
+        if (groups[c] < 0 && !rows[c].empty()) alone.push_back(to_index(c));
     const Crowd crowd(gather(here.images, matched_rows));
     const KdTree<3> tree_there(there.positions);
-    for (const Index component : side.alone) {
+    for (const Index component : alone) {
         const Positions images = gather(here.images, rows[to_size(component)]);
+        Index& group = groups[to_size(component)];
         if (crowd.share(images) <= options.crowded)
-            groups[to_size(component)] =
-                group_beneath(images, tree_there, groups_there, there.topology);
-        const Index group = groups[to_size(component)];
+            group = group_beneath(rows_beneath(images, tree_there, progress), groups_there,
+                                  there.topology);
+        if (component >= main) continue;
         if (group < 0)
             vanishing.push_back(component);
         else
@@ -251,12 +277,17 @@ GroupedPoints grouped(const Side& side, const ComponentMatching& matching,
     GroupedPoints points;
     for (const Index label : here.topology.labels) points.groups.push_back(groups[to_size(label)]);
     points.anchors.assign(points.groups.size(), -1);
-    std::vector<Index> settled;
-    for (std::size_t c = 0; c < rows.size(); ++c)
-        if (groups[c] >= 0 && !rows[c].empty()) settled.push_back(to_index(c));
-    for (std::size_t c = 0; c < rows.size(); ++c)
-        if (groups[c] < 0 && !rows[c].empty())
-            anchor(rows[c], {here.positions, rows, settled}, points);
+    const Surroundings around(here.positions, rows, groups);
+    for (const Index component : alone) {
+        if (groups[to_size(component)] >= 0) continue;
+        progress.throw_if_cancelled();
+        const auto& own = rows[to_size(component)];
+        const std::vector<Index> beside = around.beside(gather(here.positions, own));
+        for (std::size_t k = 0; k < own.size(); ++k) {
+            points.anchors[to_size(own[k])] = beside[k];
+            points.groups[to_size(own[k])] = points.groups[to_size(beside[k])];
+        }
+    }
     return points;
 }
 
@@ -264,16 +295,15 @@ GroupedPoints grouped(const Side& side, const ComponentMatching& matching,
 
 ComponentMatching match_components(const ComponentView& source, const ComponentView& target,
                                    std::span<const IndexPair> marks, const Similarity& alignment,
-                                   const ComponentOptions& options) {
+                                   const ComponentOptions& options, Progress& progress) {
     const auto s = wholes_of(source), t = wholes_of(target);
     const auto rows = static_cast<Eigen::Index>(s.size()),
                columns = static_cast<Eigen::Index>(t.size());
     constexpr double kAlone = 0.75, kNever = 2.0, kMarked = -1.0;
     constexpr double kMostly = 0.5;  // where the map says it that clearly, nothing else counts
-    const Eigen::MatrixXd agreed =
-        (landing_shares(source, target).topLeftCorner(rows, columns).array() *
-         landing_shares(target, source).topLeftCorner(columns, rows).transpose().array())
-            .sqrt();
+    const Eigen::MatrixXd agreed = (landing_shares(source, target, progress).array() *
+                                    landing_shares(target, source, progress).transpose().array())
+                                       .sqrt();
     Eigen::MatrixXd costs(rows, columns);
     const double largest = std::log(options.size_ratio);
     for (Eigen::Index i = 0; i < rows; ++i)
@@ -302,7 +332,7 @@ ComponentMatching match_components(const ComponentView& source, const ComponentV
     for (const IndexPair& mark : marks) {
         const auto i = source.topology.labels[to_size(mark.source)],
                    j = target.topology.labels[to_size(mark.target)];
-        if (i < rows && j < columns) costs(i, j) += kMarked;
+        if (i < rows && j < columns) costs(i, j) = std::min(costs(i, j), 0.0) + kMarked;
     }
     ComponentMatching matching;
     matching.matched = cheapest_pairs(costs, kAlone);
@@ -323,17 +353,27 @@ ComponentMatching match_components(const ComponentView& source, const ComponentV
     return matching;
 }
 
+std::vector<IndexPair> joining_marks(std::span<const Feature> features) {
+    const auto middle = [](const Marked& marked) { return marked.rows[marked.rows.size() / 2]; };
+    std::vector<IndexPair> marks;
+    for (const Feature& feature : features)
+        marks.push_back({middle(feature.source), middle(feature.target)});
+    return marks;
+}
+
 ComponentGroups group_components(const ComponentView& source, const ComponentView& target,
-                                 const ComponentMatching& matching,
-                                 const ComponentOptions& options) {
+                                 const ComponentMatching& matching, const ComponentOptions& options,
+                                 Progress& progress) {
     ComponentGroups groups;
     groups.count = to_index(matching.matched.size());
     if (groups.count == 0) return groups;
     groups.joined.assign(to_size(groups.count), 0);
-    groups.source = grouped({source, target, &IndexPair::source, matching.source_alone}, matching,
-                            options, groups.source_vanishing, groups.joined);
-    groups.target = grouped({target, source, &IndexPair::target, matching.target_alone}, matching,
-                            options, groups.target_appearing, groups.joined);
+    groups.source =
+        grouped({source, target, &IndexPair::source, &IndexPair::target}, matching.matched, options,
+                groups.source_vanishing, groups.joined, progress);
+    groups.target =
+        grouped({target, source, &IndexPair::target, &IndexPair::source}, matching.matched, options,
+                groups.target_appearing, groups.joined, progress);
     return groups;
 }
 

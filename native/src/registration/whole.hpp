@@ -16,10 +16,9 @@ struct Whole {
 /// Of one or more rows.
 Whole whole_of(const Positions& positions, std::span<const Index> rows);
 
-/// The symmetric linear map that takes points around the middle of `from`, as turned by `turn`, to
-/// the covariance of `to` by the shortest ways: the optimal transport of one normal distribution to
-/// the other (Dowson and Landau 1982), after the turn. Just
-/// the turn where `from` is a point.
+/// A turn, then the stretch that takes `from`, turned, to the covariance of `to` by the shortest
+/// ways: the optimal transport of one normal distribution to the other (Dowson and Landau 1982).
+/// The turn alone where `from` is a point.
 Matrix3 stretch_between(const Whole& from, const Whole& to, const Matrix3& turn);
 
 }  // namespace pointmorph

@@ -50,6 +50,7 @@ ComponentView view(const Topology& topology, const Positions& positions, const P
 }
 
 TEST(Components, AreMatchedByPlaceAndSize) {
+    Progress progress;
     const Topology s = topology_of({900, 50, 40}), t = topology_of({800, 60, 50, 50});
     // The source's second is the target's third; the target's second is somewhere else.
     const Positions source =
@@ -57,45 +58,81 @@ TEST(Components, AreMatchedByPlaceAndSize) {
     const Positions target = together({ball(800, 1.1, 0, 0, 0), ball(60, 0.1, 5, 0, 0),
                                        ball(50, 0.12, 0, 2.1, 0), ball(50, 0.08, 0, -2.1, 0)});
     const ComponentView from = view(s, source, source), onto = view(t, target, target);
-    const ComponentMatching m = match_components(from, onto, {}, {}, {});
+    const ComponentMatching m = match_components(from, onto, {}, {}, {}, progress);
     EXPECT_EQ(m.matched, (std::vector<IndexPair>{{0, 0}, {1, 2}, {2, 3}}));
     EXPECT_TRUE(m.source_alone.empty());
     EXPECT_EQ(m.target_alone, std::vector<Index>{1});
     const std::string one = "one", two = "two";
-    const ComponentGroups groups = group_components(from, onto, m, {});
+    const ComponentGroups groups = group_components(from, onto, m, {}, progress);
     const auto words = components_in_words(m, groups, {s, one}, {t, two});
     ASSERT_EQ(words.size(), 1u);  // nothing else lies where the map takes the fourth
     EXPECT_NE(words[0].find("3 pieces of one and two"), std::string::npos);
 }
 
 TEST(Components, OfOtherSizesDontBelongTogetherUnlessTheMapSaysSo) {
+    Progress progress;
     const Topology s = topology_of({900, 100}), t = topology_of({900, 100});
     const Positions source = together({ball(900, 1, 0, 0, 0), ball(100, 0.1, 0, 2, 0)});
     const Positions target = together({ball(900, 1, 0, 0, 0), ball(100, 0.5, 0, 2, 0)});
     const Positions onto_body = 0.5 * source, from_body = 0.5 * target;
-    const ComponentMatching apart =
-        match_components(view(s, source, onto_body), view(t, target, from_body), {}, {}, {});
+    const ComponentMatching apart = match_components(
+        view(s, source, onto_body), view(t, target, from_body), {}, {}, {}, progress);
     EXPECT_EQ(apart.matched.size(), 1u);
     EXPECT_EQ(apart.source_alone, std::vector<Index>{1});
     const ComponentMatching together_ =
-        match_components(view(s, source, source), view(t, target, target), {}, {}, {});
+        match_components(view(s, source, source), view(t, target, target), {}, {}, {}, progress);
     EXPECT_EQ(together_.matched.size(), 2u);
 }
 
 TEST(Components, ThatMarksJoinBelongTogether) {
+    Progress progress;
     // Two eyes, and a map that leaves them where they are: marks exchange them.
     const Topology topology = topology_of({900, 50, 50});
     const Positions both =
         together({ball(900, 1, 0, 0, 0), ball(50, 0.2, 1, 0.3, 0), ball(50, 0.2, 1, -0.3, 0)});
     const std::vector<IndexPair> marks{{910, 960}, {960, 910}};
     const ComponentView shape = view(topology, both, both);
-    EXPECT_EQ(match_components(shape, shape, {}, {}, {}).matched,
+    EXPECT_EQ(match_components(shape, shape, {}, {}, {}, progress).matched,
               (std::vector<IndexPair>{{0, 0}, {1, 1}, {2, 2}}));
-    EXPECT_EQ(match_components(shape, shape, marks, {}, {}).matched,
+    EXPECT_EQ(match_components(shape, shape, marks, {}, {}, progress).matched,
               (std::vector<IndexPair>{{0, 0}, {1, 2}, {2, 1}}));
 }
 
+TEST(Components, OfOtherSizesAreJoinedByOneMark) {
+    Progress progress;
+    const Topology s = topology_of({900, 100}), t = topology_of({900, 100});
+    const Positions source = together({ball(900, 1, 0, 0, 0), ball(100, 0.1, 0, 2, 0)});
+    const Positions target = together({ball(900, 1, 0, 0, 0), ball(100, 0.5, 0, 2, 0)});
+    const Positions onto_body = 0.5 * source, from_body = 0.5 * target;
+    const std::vector<Feature> marks{point_feature("eye", 950, 950)};
+    EXPECT_EQ(match_components(view(s, source, onto_body), view(t, target, from_body),
+                               joining_marks(marks), {}, {}, progress)
+                  .matched,
+              (std::vector<IndexPair>{{0, 0}, {1, 1}}));
+}
+
+TEST(Components, TooSmallToFollowKeepTheirPlaceWhereThereIsRoom) {
+    // A ball in two halves, and forty specks around it that both have.
+    Progress progress;
+    std::vector<Positions> parts{ball(500, 1, 0, 0, 0), ball(500, 1, 4, 0, 0)};
+    std::vector<Index> sizes{500, 500};
+    for (Index k = 0; k < 40; ++k) {
+        parts.push_back(ball(5, 0.05, 2, 0.5 * (k - 20), 3));
+        sizes.push_back(5);
+    }
+    Topology topology = topology_of(sizes);
+    topology.strays = 40;
+    const Positions all = together(parts);
+    const ComponentView shape = view(topology, all, all);
+    const ComponentMatching m = match_components(shape, shape, {}, {}, {}, progress);
+    EXPECT_EQ(m.matched, (std::vector<IndexPair>{{0, 0}, {1, 1}}));
+    const ComponentGroups groups = group_components(shape, shape, m, {}, progress);
+    EXPECT_TRUE(groups.source_vanishing.empty());
+    for (const Index group : groups.source.groups) EXPECT_GE(group, 0);
+}
+
 TEST(Components, OfThinShapesAreToldFromThick) {
+    Progress progress;
     // A disc and a ball of the same size change places.
     const Topology topology = topology_of({900, 100, 100});
     Positions disc = ball(100, 0.25, 0, 0, 0);
@@ -108,13 +145,14 @@ TEST(Components, OfThinShapesAreToldFromThick) {
     Positions images = source, back = target;
     images.bottomRows(200).rowwise() = Eigen::RowVector3d(1.3, 0, 0);
     back.bottomRows(200).rowwise() = Eigen::RowVector3d(1.3, 0, 0);
-    EXPECT_EQ(
-        match_components(view(topology, source, images), view(topology, target, back), {}, {}, {})
-            .matched,
-        (std::vector<IndexPair>{{0, 0}, {1, 2}, {2, 1}}));
+    EXPECT_EQ(match_components(view(topology, source, images), view(topology, target, back), {}, {},
+                               {}, progress)
+                  .matched,
+              (std::vector<IndexPair>{{0, 0}, {1, 2}, {2, 1}}));
 }
 
 TEST(Components, WithoutRoomGoWithWhatIsNearest) {
+    Progress progress;
     // A plate on a ball, and a kernel in its middle: the map takes both onto the ball's own image.
     const Topology s = topology_of({900, 100, 100}), t = topology_of({900});
     Positions plate = ball(100, 0.3, 0, 0, 0);
@@ -125,9 +163,9 @@ TEST(Components, WithoutRoomGoWithWhatIsNearest) {
     Positions images = source;
     images.bottomRows(200).rowwise().normalize();
     const ComponentView from = view(s, source, images), onto = view(t, body, body);
-    const ComponentMatching m = match_components(from, onto, {}, {}, {});
+    const ComponentMatching m = match_components(from, onto, {}, {}, {}, progress);
     EXPECT_EQ(m.source_alone, (std::vector<Index>{1, 2}));
-    const ComponentGroups groups = group_components(from, onto, m, {});
+    const ComponentGroups groups = group_components(from, onto, m, {}, progress);
     EXPECT_EQ(groups.source_vanishing, (std::vector<Index>{1, 2}));
     EXPECT_TRUE(groups.target_appearing.empty());
     EXPECT_EQ(groups.joined, std::vector<char>{0});
@@ -146,13 +184,14 @@ TEST(Components, WithoutRoomGoWithWhatIsNearest) {
 }
 
 TEST(Components, WithRoomOfTheirOwnKeepTheirPlace) {
+    Progress progress;
     // Head and body, and a figure of one piece.
     const Topology s = topology_of({900, 300}), t = topology_of({1200});
     const Positions source = together({ball(900, 1, 0, 0, 0), ball(300, 0.4, 0, 0, 1.4)});
     const ComponentView from = view(s, source, source), onto = view(t, source, source);
-    const ComponentMatching m = match_components(from, onto, {}, {}, {});
+    const ComponentMatching m = match_components(from, onto, {}, {}, {}, progress);
     EXPECT_EQ(m.source_alone, std::vector<Index>{1});
-    const ComponentGroups groups = group_components(from, onto, m, {});
+    const ComponentGroups groups = group_components(from, onto, m, {}, progress);
     EXPECT_TRUE(groups.source_vanishing.empty());
     EXPECT_EQ(groups.joined, std::vector<char>{1});
     for (const Index anchor : groups.source.anchors) EXPECT_EQ(anchor, -1);
@@ -177,6 +216,27 @@ TEST(Components, OfAMorphKeepToThemselves) {
         EXPECT_EQ(std::min(counts[eye][1], counts[eye][2]), 0) << "eye " << eye;
     EXPECT_EQ(morph.report().source_topology.components.size(), 3u);
     EXPECT_FALSE(morph.report().warnings.empty());
+}
+
+TEST(Components, KeepToRegionsAsWell) {
+    SKIP_WHERE_WATCHED();
+    MorphInput input;
+    input.source = {"one", creature(2.0, 0.2, 0.9), {}, {}, {}};
+    input.target = {"two", creature(2.3, 0.15, 1.1), {}, {}, {}};
+    Feature region{.name = "rear", .kind = FeatureKind::kRegion};
+    for (Index i = 0; i < kBody; ++i) {
+        if (input.source.positions(i, 0) < -1.2) region.source.rows.push_back(i);
+        if (input.target.positions(i, 0) < -1.0) region.target.rows.push_back(i);
+    }
+    input.features = {region};
+    Progress progress;
+    const Morph morph(std::move(input), {}, progress);
+    for (const auto& [s, t] : morph.pairs()) {
+        EXPECT_EQ(s < kBody, t < kBody);
+        EXPECT_EQ(std::ranges::binary_search(region.source.rows, s),
+                  std::ranges::binary_search(region.target.rows, t))
+            << s << " with " << t;
+    }
 }
 
 TEST(Components, WithoutACounterpartAreJoined) {
@@ -257,6 +317,7 @@ TEST(Components, CanBeStoppedAmongThem) {
 }
 
 TEST(Example, Components) {
+    Progress progress;
     const Topology source_topology = topology_of({900, 50}),
                    target_topology = topology_of({800, 50});
     const Positions source = together({ball(900, 1, 0, 0, 0), ball(50, 0.1, 0, 2, 0)});
@@ -268,7 +329,8 @@ TEST(Example, Components) {
     // --- example
     const ComponentView on_source{source_topology, source, source_normals, source_images};
     const ComponentView on_target{target_topology, target, target_normals, target_images};
-    const ComponentMatching found = match_components(on_source, on_target, marks, alignment, {});
+    const ComponentMatching found =
+        match_components(on_source, on_target, marks, alignment, {}, progress);
     const std::vector<IndexPair>& partners = found.matched;
     // --- end of the example
     EXPECT_EQ(partners, (std::vector<IndexPair>{{0, 0}, {1, 1}}));

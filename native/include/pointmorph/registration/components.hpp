@@ -50,10 +50,13 @@ struct ComponentMatching {
 
 /// By the least sum of differences in place, size and proportions; `alignment` takes the target to
 /// the source. Components that `marks` join (rows of both shapes) belong together before others do.
-/// Strays stay out of it.
+/// Strays stay out of it. Throws Cancelled.
 ComponentMatching match_components(const ComponentView& source, const ComponentView& target,
                                    std::span<const IndexPair> marks, const Similarity& alignment,
-                                   const ComponentOptions& options);
+                                   const ComponentOptions& options, Progress& progress);
+
+/// A pair of rows for each feature, from the middle of curves and regions.
+std::vector<IndexPair> joining_marks(std::span<const Feature> features);
 
 /// The points of one shape, by the matches that they belong to.
 struct GroupedPoints {
@@ -71,18 +74,20 @@ struct ComponentGroups {
     std::vector<Index> source_vanishing, target_appearing;
 };
 
-/// Everything in the group of its match. A component without one is in that of where the map of the
-/// whole takes it; there it keeps its place, or, where others have it already, has an anchor.
+/// Everything in the group of its match. A component without one has room, and is in the group of
+/// what the map of the whole takes it to; or others have that already, and it has an anchor.
+/// Throws Cancelled.
 ComponentGroups group_components(const ComponentView& source, const ComponentView& target,
-                                 const ComponentMatching& matching,
-                                 const ComponentOptions& options);
+                                 const ComponentMatching& matching, const ComponentOptions& options,
+                                 Progress& progress);
 
-/// What kept_apart() keeps to. Rows are those of the clouds.
+/// What the maps of groups keep to. Rows are those of the clouds.
 struct ComponentMarks {
     const ComponentGroups& groups;
     std::span<const Feature> features;
 };
 
+/// How groups are told apart, and how each is mapped.
 struct GroupMapping {
     const ComponentOptions& components;
     const RefinementOptions& refinement;

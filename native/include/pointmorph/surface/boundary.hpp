@@ -50,8 +50,8 @@ BoundaryLoop oriented_loop(const Positions& positions, const Normals& normals,
 /// Whether a surface that ends along borders so long goes on in one with borders so long (lengths
 /// over √area): the other has hardly any.
 constexpr bool goes_on(double borders, double others_borders) {
-    constexpr double kHardlyAny = 0.3;
-    return borders > 0.0 && others_borders <= kHardlyAny * borders;
+    constexpr double kHardlyAny = 0.3, kPinhole = 0.05;
+    return borders > kPinhole && others_borders <= kHardlyAny * borders;
 }
 
 /// Length of the closed polygon.
