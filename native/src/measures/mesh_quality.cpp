@@ -266,23 +266,28 @@ private:
         }
     }
 
-    /// Corners of edges along borders, the lower row first; ascending.
+    /// Corners of edges along borders, the lower row first, and each corner with itself; ascending.
     std::vector<std::array<Index, 2>> border_edges() const {
         std::vector<std::array<Index, 2>> edges;
         for (const std::vector<Index>& border : mesh_.borders)
             for (std::size_t k = 0; k < border.size(); ++k) {
                 const Index a = border[k], b = border[(k + 1) % border.size()];
                 edges.push_back({std::min(a, b), std::max(a, b)});
+                edges.push_back({a, a});
             }
         std::ranges::sort(edges);
         return edges;
     }
 
-    /// Whether the place lies on one of these edges.
+    /// Whether the place lies on one of these edges or corners.
     bool is_on(const std::vector<std::array<Index, 2>>& edges, const SurfacePoint& place) const {
         constexpr double kNone = 1e-9;
         const auto corners = mesh_.triangles.row(place.triangle);
         for (Index k = 0; k < 3; ++k) {
+            const Index own = corners[k];
+            if (place.weights[k] >= 1.0 - kNone &&
+                std::ranges::binary_search(edges, std::array{own, own}))
+                return true;
             const Index a = corners[(k + 1) % 3], b = corners[(k + 2) % 3];
             if (place.weights[k] <= kNone &&
                 std::ranges::binary_search(edges, std::array{std::min(a, b), std::max(a, b)}))
