@@ -49,7 +49,7 @@ struct PoseOptions {
     /// After it, where the best map is torn (`most_torn`), or where a larger share than
     /// `most_opposed` of its images are back faces. Many rounds of few variants: it ends soon where
     /// it finds nothing.
-    PoseEffort second_effort{.variants = 12, .rounds = 12, .promising = 1.5};
+    PoseEffort second_effort{.variants = 6, .rounds = 6, .promising = 1.5};
     double most_opposed = 0.002;
     // What is worse than the best by such a factor isn't followed further:
     double halfway_factor = 1.15;    ///< of maps that extremities have led halfway, in one round
