@@ -143,6 +143,24 @@ double edge_length(const Positions& positions, const GapTriangle& corners) {
     return std::sqrt(sum / 3.0);
 }
 
+BoundingRectangle::BoundingRectangle(const GapTriangle& triangle, const Positions& positions)
+    : corners(triangle), along(0.0), height(0.0) {
+    const auto length = [&](std::size_t c) {
+        return (positions.row(triangle[(c + 1) % 3]) - positions.row(triangle[c])).squaredNorm();
+    };
+    std::size_t longest = 0;
+    for (std::size_t c = 1; c < 3; ++c)
+        if (length(c) > length(longest)) longest = c;
+    std::ranges::rotate(corners, corners.begin() + static_cast<std::ptrdiff_t>(longest));
+    const Vector3 origin = positions.row(corners[0]).transpose();
+    const Vector3 base = positions.row(corners[1]).transpose() - origin;
+    const Vector3 apex = positions.row(corners[2]).transpose() - origin;
+    width = base.norm();
+    if (!(width > 0.0)) return;
+    along = apex.dot(base) / width;
+    height = (apex - along / width * base).norm();
+}
+
 bool is_wider(const Positions& positions, const GapTriangle& corners, double radius) {
     std::array<double, 3> squares;  // of the edge opposite to a corner
     for (std::size_t c = 0; c < 3; ++c)

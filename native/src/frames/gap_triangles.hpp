@@ -76,36 +76,45 @@ double edge_length(const Positions& positions, const GapTriangle& corners);
 /// Whether some place of a triangle is farther than `radius` from all corners.
 bool is_wider(const Positions& positions, const GapTriangle& corners, double radius);
 
-/// Calls `take(point)` at uniform samples of a triangle's bounding rectangle in its plane, those
-/// inside, no more than `step` apart, until it returns false.
-template <class Take>
-void each_sample(GapTriangle corners, const Positions& positions, double step, Take&& take) {
-    constexpr double kMostSteps = 256.0;  // along either side of the rectangle
-    // The longest edge first: the rectangle's base.
-    const auto length = [&](std::size_t c) {
-        return (positions.row(corners[(c + 1) % 3]) - positions.row(corners[c])).squaredNorm();
-    };
-    std::size_t longest = 0;
-    for (std::size_t c = 1; c < 3; ++c)
-        if (length(c) > length(longest)) longest = c;
-    std::ranges::rotate(corners, corners.begin() + static_cast<std::ptrdiff_t>(longest));
-    const Vector3 origin = positions.row(corners[0]).transpose();
-    const Vector3 base = positions.row(corners[1]).transpose() - origin;
-    const Vector3 apex = positions.row(corners[2]).transpose() - origin;
-    const double width = base.norm();
-    if (!(width > 0.0)) return;
-    const double along = apex.dot(base) / width;  // 0 to width, the base being the longest
-    const double height = (apex - along / width * base).norm();
+/// How far apart samples lie.
+struct SampleDistance {
+    double step;           ///< no more than that, but for sides that would have too many
+    double coarser = 1.0;  ///< of so many along a side, one
 
-    const auto count = [&](double side) {
-        return std::clamp(std::ceil(side / step), 1.0, kMostSteps);
-    };
-    const double columns = count(width), rows = count(height);
-    InsertedPoint point{corners, {}, {}};
+    double samples_along(double side) const {
+        constexpr double kMost = 256.0;
+        return std::max(1.0, std::floor(std::clamp(std::ceil(side / step), 1.0, kMost) / coarser));
+    }
+};
+
+/// A triangle's bounding rectangle in its plane, above its longest edge.
+struct BoundingRectangle {
+    GapTriangle corners;  ///< the first two at the ends of the longest edge
+    double width;         ///< 0 where all corners lie at one place
+    double along;         ///< from the first corner to below the third, 0 to width
+    double height;
+
+    BoundingRectangle(const GapTriangle& triangle, const Positions& positions);
+
+    double samples(const SampleDistance& distance) const {
+        return distance.samples_along(width) * distance.samples_along(height);
+    }
+};
+
+/// Calls `take(point)` at uniform samples of a triangle's bounding rectangle, those inside, until
+/// it returns false.
+template <class Take>
+void each_sample(const GapTriangle& triangle, const Positions& positions,
+                 const SampleDistance& distance, Take&& take) {
+    const BoundingRectangle box(triangle, positions);
+    if (!(box.width > 0.0)) return;
+    const double columns = distance.samples_along(box.width);
+    const double rows = distance.samples_along(box.height);
+    InsertedPoint point{box.corners, {}, {}};
     for (double j = 0.5; j < rows; ++j) {
-        const double up = height > 0.0 ? j / rows : 0.0;
+        const double up = box.height > 0.0 ? j / rows : 0.0;
         for (double i = 0.5; i < columns; ++i) {
-            const double right = i / columns - up * along / width;
+            const double right = i / columns - up * box.along / box.width;
             if (right < 0.0 || right + up > 1.0) continue;
             point.weights = {1.0 - right - up, right, up};
             if (!take(point)) return;

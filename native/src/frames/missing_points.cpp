@@ -1,6 +1,7 @@
 #include "frames/missing_points.hpp"
 
 #include <algorithm>
+#include <cmath>
 #include <limits>
 
 #include "pointmorph/base/parallel.hpp"
@@ -11,6 +12,10 @@ namespace {
 
 /// Distance of the samples that are tried, in the spacing of new points.
 constexpr double kStep = 0.3;
+
+/// So many samples are tried in a frame, and no more, where points that lie close together go far
+/// apart.
+constexpr double kMostSamples = 2e4, kMostSamplesByPair = 300.0;  // at a spacing of 1
 
 /// Fractions of the progress at which the open triangles, then the sparse rows are known.
 constexpr double kOpened = 0.2, kTested = 0.4;
@@ -208,6 +213,27 @@ std::vector<MissingPoints::Gap> MissingPoints::gaps(const FrameSample& sample,
     return result;
 }
 
+/// By how much samples along both sides must be fewer, so that there aren't too many.
+double MissingPoints::coarser_for(const FrameSample& sample, std::span<const Gap> gaps) const {
+    double samples = 0.0;
+    for (const Gap& gap : gaps) {
+        const GapTriangle& corners = triangles_[to_size(gap.triangle)];
+        SampleDistance distance = distance_in(sample, corners);
+        distance.coarser = 1.0;
+        samples += BoundingRectangle(corners, sample.positions).samples(distance);
+    }
+    const double finer = 1.0 / resampling_.options().spacing;
+    const double most =
+        kMostSamples + kMostSamplesByPair * finer * finer * static_cast<double>(sample.pairs);
+    return std::sqrt(std::max(1.0, samples / most));
+}
+
+SampleDistance MissingPoints::distance_in(const FrameSample& sample,
+                                          const GapTriangle& corners) const {
+    const InsertedPoint middle{corners, {1.0 / 3, 1.0 / 3, 1.0 / 3}, {}};
+    return {kStep * sample.spacing_at(middle), coarser_};
+}
+
 /// Whether one of the models has a sample there; a gap that both have stays.
 bool MissingPoints::is_covered_at_an_end(const InsertedPoint& point, NeighborSearch& find) const {
     const auto covers = [&](const EndSamples& end, Index IndexPair::*side) {
@@ -239,8 +265,7 @@ void MissingPoints::each_empty(const FrameSample& sample, Index triangle, double
     const bool are_alike = normals.row(a).dot(normals.row(b)) > kAlike &&
                            normals.row(b).dot(normals.row(c)) > kAlike &&
                            normals.row(c).dot(normals.row(a)) > kAlike;
-    const InsertedPoint middle{corners, {1.0 / 3, 1.0 / 3, 1.0 / 3}, {}};
-    each_sample(corners, sample.positions, kStep * sample.spacing_at(middle),
+    each_sample(corners, sample.positions, distance_in(sample, corners),
                 [&](const InsertedPoint& point) {
                     const Vector3 place = blend(sample.positions, point);
                     const double distance = radius * sample.spacing_at(point);
@@ -276,6 +301,7 @@ std::vector<MissingPoints::Place> MissingPoints::operator()(const FrameSample& s
     nearest_.resize(pairs_.size() + chosen_.size(), kNone);
     constexpr Index kChunk = 64;
     const std::vector<Gap> found_gaps = gaps(sample, dead, progress);
+    coarser_ = coarser_for(sample, found_gaps);
     const auto count = to_index(found_gaps.size());
     std::vector<std::vector<Place>> found(to_size((count + kChunk - 1) / kChunk));
     parallel_for(

@@ -98,6 +98,8 @@ private:
                                   std::span<const char> dead, Progress& progress);
     std::vector<Gap> gaps(const FrameSample& sample, std::span<const char> dead,
                           Progress& progress);
+    double coarser_for(const FrameSample& sample, std::span<const Gap> gaps) const;
+    SampleDistance distance_in(const FrameSample& sample, const GapTriangle& corners) const;
     bool is_covered_at_an_end(const InsertedPoint& point, NeighborSearch& find) const;
     template <class Take>
     void each_empty(const FrameSample& sample, Index triangle, double radius,
@@ -108,6 +110,7 @@ private:
     const EndSamples &source_, &target_;
     const std::vector<Place>& chosen_;
     std::vector<GapTriangle> triangles_;
+    double coarser_ = 1.0;  ///< than elsewhere, samples in triangles lie
     // What lay near when it was last asked, as pairs, or the number of pairs plus the id. Most
     // still does, and then the tree needn't be asked again. −1: none.
     std::vector<std::array<Index, kRemembered>>

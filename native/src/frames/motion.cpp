@@ -93,10 +93,11 @@ Motion::Motion(const Positions& positions, const Normals& normals, const Positio
     bend_ = std::make_unique<const Bend>(coarse_shape(tree, normals, {}, options, progress),
                                          positions_, normals_, straight, progress);
     // Found backward: what has to be added at rest so that the end is the image. Where blended
-    // turns cancel, as far as that can be.
+    // turns cancel, nothing at rest would do: there it is added to the end, without any turn.
     const DeformedCloud end = bend_->at(1.0);
     offsets_ =
         straight - bend_->prolongation(bend_->shape, end, positions_, normals_, progress).positions;
+    unturned_ = Positions::Zero(offsets_.rows(), 3);
     constexpr double kSingular = 1e-3;
     parallel_for(to_index(positions_.rows()), progress, [&](Index first, Index last) {
         for (Index i = first; i < last; ++i) {
@@ -104,8 +105,11 @@ Motion::Motion(const Positions& positions, const Normals& normals, const Positio
             const double scale = linear.norm();
             if (linear.determinant() > kSingular * scale * scale * scale)
                 offsets_.row(i) = linear.inverse() * offsets_.row(i).transpose();
+            else
+                unturned_.row(i).swap(offsets_.row(i));
         }
     });
+    if (unturned_.isZero(0.0)) unturned_.resize(0, 3);
 }
 
 Motion::~Motion() = default;
@@ -117,6 +121,7 @@ OrientedPoints Motion::at(double t) const {
     if (bend_)
         result =
             bend_->prolongation(bend_->shape, bend_->at(t), result.positions, normals_, silent);
+    if (unturned_.rows() > 0) result.positions += t * unturned_;
     const Similarity part = similarity_.at(t);
     const Matrix3 linear = unit_.scale * part.scale * part.rotation;
     const Vector3 translation = part.scale * (part.rotation * unit_.center) + part.translation;

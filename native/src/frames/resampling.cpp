@@ -89,10 +89,20 @@ Resampling::Resampling(ResamplingPlan plan, Index pairs, const ResamplingOptions
     for (const Values* values : {&plan_.source_spacing, &plan_.target_spacing,
                                  &plan_.source_density, &plan_.target_density})
         if (values->size() != pairs) refuse("one for " + std::to_string(values->size()) + " pairs");
+    for (const Values* values : {&plan_.source_spacing, &plan_.target_spacing})
+        if (!values->allFinite()) refuse("a spacing that isn't finite");
     const auto check = [&](Index pair) {
         if (pair < 0 || pair >= pairs) refuse("pair " + std::to_string(pair));
     };
-    for (const InsertedPoint& point : plan_.points) std::ranges::for_each(point.pairs, check);
+    const auto check_weight = [&](double weight) {
+        constexpr double kRounding = 1e-9;
+        if (!(weight >= -kRounding && weight <= 1.0 + kRounding))
+            refuse("a weight of " + in_short(weight));
+    };
+    for (const InsertedPoint& point : plan_.points) {
+        std::ranges::for_each(point.pairs, check);
+        std::ranges::for_each(point.weights, check_weight);
+    }
     for (const HiddenPair& hidden : plan_.hidden) check(hidden.pair);
 }
 

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <map>
+#include <string>
 
 #include "morph/mesh_side.hpp"
 #include "pointmorph/base/error.hpp"
@@ -89,16 +90,26 @@ void check_places(std::span<const Feature> features, const PreparedShape& source
     check(target, &Feature::target);
 }
 
-void check_start(const RefinementStart& start, Index source_points, Index target_points) {
+void check_start(const RefinementStart& start, const Cloud& source, const Cloud& target) {
     const auto s = start.source_images.rows(), t = start.target_images.rows();
     if (s == 0 && t == 0) return;
-    if (s != source_points || t != target_points || !start.source_images.allFinite() ||
+    const std::string expected = "finite images of " + std::to_string(source.size()) + " and " +
+                                 std::to_string(target.size()) + " points";
+    constexpr const char* kHelp = "Use the maps of a morph of the same clouds, or none.";
+    if (s != source.size() || t != target.size() || !start.source_images.allFinite() ||
         !start.target_images.allFinite())
-        throw CloudError("start",
-                         "finite images of " + std::to_string(source_points) + " and " +
-                             std::to_string(target_points) + " points",
-                         "those of " + std::to_string(s) + " and " + std::to_string(t),
-                         "Use the maps of a morph of the same clouds, or none.");
+        throw CloudError("start", expected,
+                         "those of " + std::to_string(s) + " and " + std::to_string(t), kHelp);
+    if (!lie_around(start.source_images, target) || !lie_around(start.target_images, source))
+        throw CloudError("start", expected + " on or around the other cloud",
+                         "one a billion times as far away as the cloud is large", kHelp);
+}
+
+bool lie_around(const Positions& places, const Cloud& cloud) {
+    constexpr double kFarthest = 1e9;  // in sizes of the cloud
+    const Normalization unit = normalization(cloud.positions);
+    const auto away = (places.rowwise() - unit.center.transpose()).array().abs();
+    return (away <= kFarthest * unit.scale).all();
 }
 
 void require_closed(Closed purpose, const PreparedShape& shape, std::span<const Index> given,

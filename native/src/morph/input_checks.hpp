@@ -29,8 +29,12 @@ void check_for_paper(std::span<const Feature> features);
 void check_places(std::span<const Feature> features, const PreparedShape& source,
                   const PreparedShape& target);
 
-/// An image for every point, or none at all. Throws CloudError.
-void check_start(const RefinementStart& start, Index source_points, Index target_points);
+/// An image for every point, on or around the other cloud, or none at all. Throws CloudError.
+void check_start(const RefinementStart& start, const Cloud& source, const Cloud& target);
+
+/// Whether all places are so near to a cloud that they can be images on it: what is too far to be
+/// one is too large to be computed with.
+bool lie_around(const Positions& places, const Cloud& cloud);
 
 /// What needs a closed surface.
 enum class Closed { kLoop, kNetwork, kSphere };

@@ -35,7 +35,7 @@ void check_can_be_bent(const MorphInput& input, const MorphOptions& options) {
         throw OptionError("domain", "auto, since only its maps can be updated", "another domain",
                           "Use domain auto, or compute the morph again.");
     check_shapes(input, options);
-    check_start(input.start, input.source.size(), input.target.size());
+    check_start(input.start, input.source, input.target);
     if (input.start.source_images.rows() == 0)
         throw CloudError("start", "the maps of the morph to update", "none",
                          "Compute the morph first.");

@@ -84,7 +84,7 @@ Morph::Morph(MorphInput input, const MorphOptions& options, Progress& progress)
     progress.enter("cloud");
     check_shapes(input, options);
     check_loops(input, options);
-    check_start(input.start, input.source.size(), input.target.size());
+    check_start(input.start, input.source, input.target);
     if (options.method == Method::kPaper) check_for_paper(input.features);
     delays_ = delays(input.source.positions, input.delays, options.stagger);
     MeshSides meshes = mesh_sides(input, options, progress);
@@ -301,13 +301,13 @@ Morph::Morph(KeptMorph kept, const MorphOptions& options)
                              "Use those of the morph's frame(0) and frame(1).");
     }
     check_pairs(pairs_, source_, target_);
-    check_start({source_images_, target_images_}, source_.size(), target_.size());
+    check_start({source_images_, target_images_}, source_, target_);
     delays_ = delays(source_.positions, kept.delays, options.stagger);
     if (kept.resampling)
         caches_->resampling.emplace(std::move(*kept.resampling), to_index(pairs_.size()),
                                     options.resampling);
-    caches_->wrapped_source.keep(source_, std::move(kept.source_ends));
-    caches_->wrapped_target.keep(target_, std::move(kept.target_ends));
+    caches_->wrapped_source.keep(source_, target_, std::move(kept.source_ends));
+    caches_->wrapped_target.keep(target_, source_, std::move(kept.target_ends));
     if (source_images_.rows() > 0) return;
     source_images_ = mean_of_partners(source_.size(), pairs_, &IndexPair::source, target_.positions,
                                       &IndexPair::target);

@@ -22,9 +22,9 @@ struct Morph::Wrapped {
     std::optional<MeshMotion> motion;
     std::optional<PointwisePath> pointwise;
 
-    /// From an earlier morph: the mesh of a cloud and where its vertices end, or no rows. Throws
-    /// CloudError.
-    void keep(const Cloud& cloud, Positions vertex_ends);
+    /// From an earlier morph: the mesh of a cloud and where its vertices end on the other, or no
+    /// rows. Throws CloudError.
+    void keep(const Cloud& cloud, const Cloud& other, Positions vertex_ends);
 };
 
 /// Each is guarded by the mutex above it.

@@ -5,6 +5,7 @@
 #include <numeric>
 #include <type_traits>
 
+#include "morph/input_checks.hpp"
 #include "morph/mesh_side.hpp"
 #include "morph/morph_caches.hpp"
 #include "morph/wrapped_mesh.hpp"
@@ -91,10 +92,12 @@ bool Morph::has_target_mesh() const noexcept {
     return has_mesh_of(false);
 }
 
-void Morph::Wrapped::keep(const Cloud& cloud, Positions vertex_ends) {
+void Morph::Wrapped::keep(const Cloud& cloud, const Cloud& other, Positions vertex_ends) {
     if (vertex_ends.rows() == 0) return;
-    if (vertex_ends.rows() != cloud.size() || cloud.faces.size() == 0 || !vertex_ends.allFinite())
-        throw CloudError(cloud.name, "faces, and a finite position per vertex",
+    if (vertex_ends.rows() != cloud.size() || cloud.faces.size() == 0 ||
+        !lie_around(vertex_ends, other))
+        throw CloudError(cloud.name,
+                         "faces, and a finite position around " + other.name + " per vertex",
                          std::to_string(cloud.faces.size()) + " faces and " +
                              std::to_string(vertex_ends.rows()) + " positions",
                          "Use what the morph's wrapped() returned.");

@@ -69,7 +69,7 @@ TEST(GapTriangles, OfNoExtentAreWiderThanNothing) {
     EXPECT_FALSE(is_wider(corners, kCorners, 1e-9));
     EXPECT_EQ(edge_length(corners, kCorners), 0.0);
     int taken = 0;
-    each_sample(kCorners, corners, 0.1, [&](const InsertedPoint&) { return ++taken > 0; });
+    each_sample(kCorners, corners, {0.1}, [&](const InsertedPoint&) { return ++taken > 0; });
     EXPECT_EQ(taken, 0);
 }
 
@@ -102,7 +102,7 @@ TEST(GapTriangles, AreSampledEvenlyAndInsideAlone) {
     for (int trial = 0; trial < 50; ++trial) {
         const Positions corners = random_triangle(random);
         std::vector<Vector3> samples;
-        each_sample(kCorners, corners, kSpacing, [&](const InsertedPoint& point) {
+        each_sample(kCorners, corners, {kSpacing}, [&](const InsertedPoint& point) {
             EXPECT_GE(*std::ranges::min_element(point.weights), 0.0);
             EXPECT_NEAR(point.weights[0] + point.weights[1] + point.weights[2], 1.0, 1e-12);
             samples.push_back(blend(corners, point));
@@ -133,7 +133,7 @@ TEST(GapTriangles, AreSampledEvenlyAndInsideAlone) {
 TEST(GapTriangles, AreLeftWhenEnoughIsTaken) {
     const Positions corners = Positions::Identity(3, 3);
     int taken = 0;
-    each_sample(kCorners, corners, 0.01, [&](const InsertedPoint&) { return ++taken < 5; });
+    each_sample(kCorners, corners, {0.01}, [&](const InsertedPoint&) { return ++taken < 5; });
     EXPECT_EQ(taken, 5);
 }
 

@@ -126,6 +126,23 @@ TEST(Motion, EndsAreTheShapesThemselves) {
     }
 }
 
+TEST(Motion, EndsAreTheImagesAlsoWhereTurnsCancel) {
+    Progress progress;
+    // Flat scattered points with any images. On the whole way, turns around some of them cancel.
+    for (const unsigned seed : {245U, 1453U, 1757U, 1969U, 2177U, 2729U}) {
+        const auto count = static_cast<Index>(4 + seed % 20);
+        Positions from = shapes::cube_noise(count, seed);
+        from.col(2).setZero();
+        const Positions to = shapes::cube_noise(count, seed + 10000);
+        const GradualSimilarity similarity{fit_similarity(from, to),
+                                           from.colwise().mean().transpose()};
+        const Motion motion(from, Eigen::RowVector3d(0, 0, 1).replicate(count, 1), to, similarity,
+                            PathKind::kRigid, progress);
+        EXPECT_LT((motion.at(0.0).positions - from).cwiseAbs().maxCoeff(), 1e-6) << seed;
+        EXPECT_LT((motion.at(1.0).positions - to).cwiseAbs().maxCoeff(), 1e-12) << seed;
+    }
+}
+
 TEST(Motion, ASimilarityRunsBackwardsTheSameWay) {
     const GradualSimilarity there{{2.5, turn(1.7), Vector3(3, 2, 1)}, Vector3(-1, 0, 4)};
     const GradualSimilarity back = there.reversed();

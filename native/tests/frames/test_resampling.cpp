@@ -429,8 +429,26 @@ TEST(Resampling, GoesOnFromAPlanWithTheSameBits) {
     wrong.points.front().pairs[1] = count;
     EXPECT_THROW(Resampling(wrong, count, options), CloudError);
     wrong = first.plan();
+    wrong.points.front().weights[0] = 1e300;
+    EXPECT_THROW(Resampling(wrong, count, options), CloudError);
+    wrong = first.plan();
+    wrong.source_spacing[3] = std::numeric_limits<double>::quiet_NaN();
+    EXPECT_THROW(Resampling(wrong, count, options), CloudError);
+    wrong = first.plan();
     wrong.hidden.push_back({-1, {}});
     EXPECT_THROW(Resampling(wrong, count, options), CloudError);
+}
+
+TEST(Resampling, PointsOfOnePlaceThatGoFarApartAreNotFilledUpBetween) {
+    constexpr Index kPlaces = 3, kEach = 16, kCount = kPlaces * kEach;
+    const Positions corners = shapes::cube_noise(kPlaces, 3);
+    Positions from = 1e-7 * shapes::cube_noise(kCount, 1), to = 1e-7 * shapes::cube_noise(kCount);
+    for (Index i = 0; i < kCount; ++i) {
+        from.row(i) += corners.row(i % kPlaces);
+        to.row(i) += corners.row(i / kEach);
+    }
+    const Given given = same_points(from, shapes::up(kCount), to, shapes::up(kCount));
+    EXPECT_LT(given.resampled().points().size(), 500U * kCount);
 }
 
 TEST(Resampling, OmegaZeroInsertsNothing) {

@@ -429,15 +429,17 @@ void ask_for_transforms(Bytes& bytes) {
         promise(when[i] >= 0.0 && when[i] <= 1.0 && time >= 0.0 && time <= 1.0,
                 "times are from 0 to 1");
     }
-    if (!(fitted.scale > 1e-9)) return;
+    constexpr double kLeastScale = 1e-6, kStartError = 1e-6, kEndError = 1e-9;
+    if (!(fitted.scale > kLeastScale)) return;
     const GradualSimilarity similarity{fitted, places.colwise().mean().transpose()};
     const Normals normals = Normals::Constant(places.rows(), 3, 1.0 / std::sqrt(3.0));
     Progress progress;
     const auto path = static_cast<PathKind>(bytes.below(3));
     const Motion motion(places, normals, images, similarity, path, progress);
     promise(motion.at(bytes.share()).positions.allFinite(), "a motion is finite");
-    promise((motion.at(1.0).positions - images).cwiseAbs().maxCoeff() < 1e-3,
-            "a motion ends where it is told to");
+    promise((motion.at(0.0).positions - places).cwiseAbs().maxCoeff() < kStartError &&
+                (motion.at(1.0).positions - images).cwiseAbs().maxCoeff() < kEndError,
+            "a motion is at its ends where it is told to be");
 }
 
 /// Asks for the end after so many reports, where that isn't 0.

@@ -92,7 +92,6 @@ struct Damage {
     int changes;  ///< of each kept input
 };
 
-/// All but saved morphs, of which some take a minute.
 class DamagedInput : public testing::TestWithParam<Damage> {};
 
 TEST_P(DamagedInput, IsAnsweredOrRefused) {
@@ -105,12 +104,11 @@ TEST_P(DamagedInput, IsAnsweredOrRefused) {
             try_one(changed(input, kept[random() % kept.size()], random));
 }
 
-INSTANTIATE_TEST_SUITE_P(Questions, DamagedInput,
-                         testing::Values(Damage{Question::kOptions, 5000},
-                                         Damage{Question::kShapes, 2000},
-                                         Damage{Question::kTransforms, 2000},
-                                         Damage{Question::kMorph, 1},
-                                         Damage{Question::kPreviews, 1}));
+INSTANTIATE_TEST_SUITE_P(
+    Questions, DamagedInput,
+    testing::Values(Damage{Question::kOptions, 5000}, Damage{Question::kShapes, 2000},
+                    Damage{Question::kSaved, 40}, Damage{Question::kTransforms, 2000},
+                    Damage{Question::kMorph, 1}, Damage{Question::kPreviews, 1}));
 
 }  // namespace
 }  // namespace pointmorph::fuzzing

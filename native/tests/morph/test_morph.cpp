@@ -5,6 +5,7 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include "base/thread_engine.hpp"
 #include "checks.hpp"
@@ -550,6 +551,35 @@ TEST(Example, Morph) {
     for (std::size_t i = 2; i < positions.size(); i += 3)
         highest = std::max(highest, static_cast<double>(positions[i]));
     EXPECT_NEAR(highest, 0.5 * bump(0.0, 0.0), 0.04);
+}
+
+TEST(Morph, ImagesThatNoMapCanHaveAreRefused) {
+    Progress progress;
+    for (const double size : {1e-30, 1.0, 1e30}) {
+        KeptMorph kept;
+        for (Cloud* cloud : {&kept.source, &kept.target}) {
+            *cloud = plane_cloud(4);
+            cloud->positions *= size;
+            cloud->normals = Normals::Constant(16, 3, 1.0 / std::sqrt(3.0));
+            cloud->radii = Values::Constant(16, 0.1 * size);
+        }
+        for (Index i = 0; i < 16; ++i) kept.pairs.push_back({i, i});
+        const Positions images = kept.target.positions, away = images.array() + 100.0 * size;
+        kept.images = {images, away};
+        MorphOptions options;
+        options.path = PathKind::kRigid;
+        std::vector<double> positions(48);
+        Morph(kept, options).frame<double>(0.58, {positions, {}, {}, {}});
+        EXPECT_TRUE(std::ranges::all_of(positions, [](double x) { return std::isfinite(x); }));
+        const MorphInput input{.source = kept.source, .target = kept.target};
+        for (const double far : {1e11 * size, std::numeric_limits<double>::max()}) {
+            kept.images.target_images(7, 1) = far;
+            EXPECT_THROW(Morph(kept, options), CloudError);
+            MorphInput started = input;
+            started.start = kept.images;
+            EXPECT_THROW(Morph(started, options, progress), CloudError);
+        }
+    }
 }
 
 }  // namespace

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import pointmorph
 from pointmorph import formats, meshes
+from pointmorph.batch import jobs
 from pointmorph.commands import cli
 from pointmorph.meshes import Shape
 from pointmorph.sequences import source_meshes
@@ -62,6 +63,8 @@ def valid_files(folder: Path) -> list[Path]:
         "rigid": {"source": [1, 2]},
     }
     (folder / "features.json").write_text(json.dumps(marks))
+    _write_jobs(folder / "pairs.jobs")
+    _write_morph(folder / "kept.morph", positions, faces)
     return sorted(path for path in folder.iterdir() if path.suffix != ".bin")
 
 
@@ -97,6 +100,23 @@ def _write_3mf(path: Path, positions: np.ndarray, faces: np.ndarray) -> None:
     with zipfile.ZipFile(content, "w", zipfile.ZIP_STORED) as archive:
         archive.writestr("3D/3dmodel.model", model)
     path.write_bytes(content.getvalue())
+
+
+def _write_jobs(path: Path) -> None:
+    """What `pointmorph batch` reads; the name is for `use` to know it by."""
+    pair = {"source": "cloud.ply", "target": "text.ply", "name": "a", "settings": {"path": "rigid"}}
+    content = {
+        "pairs": [pair, {"source": "uvs.obj", "target": "cloud.ply", "samples": 100}],
+        "template": {"source": "plain.off", "targets": "*.ply"}, "folder": {"path": "."},
+        "frames": 4, "resample": True, "out": "out", "up": "y", "render": ["true", "{frame}"],
+    }  # fmt: skip
+    path.write_text(json.dumps(content))
+
+
+def _write_morph(path: Path, positions: np.ndarray, faces: np.ndarray) -> None:
+    moved = positions * np.float32([1, 2, -1])
+    clouds = [pointmorph.Cloud(rows, faces=faces) for rows in (positions, moved)]
+    pointmorph.morph(*clouds, path="rigid").save(path, resample=True)
 
 
 def damaged(content: bytes, rng: np.random.Generator) -> bytes:
@@ -153,6 +173,12 @@ def use(path: Path) -> str:
                 cli.check_rows([shape, shape], features)
             cli._read_weights(path, [shape, shape])
             return "read"
+        if path.suffix == ".jobs":
+            jobs.read_batch(path)
+            return "read"
+        if path.suffix == ".morph":
+            _use_morph(path)
+            return "read"
         shape = formats.read(path)
         _check(shape)
         shape.cloud()
@@ -164,6 +190,19 @@ def use(path: Path) -> str:
     except pointmorph.PointmorphError:
         return "refused"
     return "read"
+
+
+def _use_morph(path: Path) -> None:
+    """Every number that comes of it is finite, or its checksums tell."""
+    morph = pointmorph.open_morph(path)
+    json.dumps(morph.report)
+    for t in (0.0, 0.4, 1.0):
+        frames = morph.frame(t), morph.resampled_frame(t)
+        meshes_at = morph.wrapped(t), morph.wrapped_target(t)
+        numbers = [values for f in frames for values in (f.positions, f.normals, f.radii)]
+        if not all(np.isfinite(values).all() for values in (*numbers, *meshes_at)):
+            morph.check()
+            raise AssertionError("not finite, though the file is whole")
 
 
 def _check(shape: Shape) -> None:

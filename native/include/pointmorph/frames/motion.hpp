@@ -51,7 +51,8 @@ private:
     Normalization unit_;
     Positions positions_;  ///< normalized
     Normals normals_;
-    Positions offsets_;  ///< what is added by t = 1, before anything turns
+    Positions offsets_;   ///< what is added by t = 1, before anything turns
+    Positions unturned_;  ///< and after, where turns cancel; no rows where they do nowhere
     GradualSimilarity similarity_;
     std::unique_ptr<const Bend> bend_;
 };
