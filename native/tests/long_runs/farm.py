@@ -129,19 +129,24 @@ def run(chosen: argparse.Namespace, folder: Path, report: Report) -> None:
         engines = [known[name] for name in chosen.engines]
         jobs = write_balls(folder / "pairs", chosen.pairs, RINGS, frames=4, resample=True)
         pairs = Trial(jobs, f"{chosen.pairs} pairs", report)
-        command = rendering(chosen.frames // chosen.renders, width=96, samples=4)
+        every = chosen.frames // chosen.renders
+        command = rendering(every, width=chosen.width, samples=chosen.samples)
         jobs = write_balls(
-            folder / "renders", 1, RINGS, frames=chosen.frames, resample=True, render=command
+            folder / "renders", 1, chosen.rings, frames=chosen.frames, resample=True, render=command
         )
         what = f"{chosen.frames} frames, {chosen.renders} rendered"
         renders = Trial(jobs, what, report, chosen.frames // 2)
         farms = [one for one in engines if not isinstance(one, LocalBatch)]
         for engine in farms if "kills" in chosen.only else ():
-            renders.compare(engine, (FRAMES, RENDERS))
-            pairs.compare(engine, (MAPS,))
-        if "times" in chosen.only:
+            if "renders" in chosen.jobs:
+                renders.compare(engine, (FRAMES, RENDERS))
+            if "pairs" in chosen.jobs:
+                pairs.compare(engine, (MAPS,))
+        if "times" in chosen.only and "pairs" in chosen.jobs:
             pairs.measure([Loop(), *engines], cluster, chosen.rounds)
-            renders.measure([Loop(), *farms], cluster, chosen.rounds)
+        if "times" in chosen.only and "renders" in chosen.jobs:
+            # Tasks as large as the engine's own command makes them.
+            Trial(renders.jobs, what, report).measure([Loop(), *farms], cluster, chosen.rounds)
     finally:
         cluster.stop()
         _wait_for_orphans()
@@ -157,6 +162,11 @@ def main() -> int:
     parser.add_argument("--pairs", type=int, default=100)
     parser.add_argument("--frames", type=int, default=240)
     parser.add_argument("--renders", type=int, default=24)
+    parser.add_argument("--rings", type=int, default=RINGS, help="of the balls that are rendered")
+    parser.add_argument("--width", type=int, default=96, help="pixels of a render")
+    parser.add_argument("--samples", type=int, default=4, help="of a pixel")
+    kinds = ["pairs", "renders"]
+    parser.add_argument("--jobs", choices=kinds, nargs="+", default=kinds)
     parser.add_argument("--rounds", type=int, default=3, help="runs that are measured")
     parser.add_argument("--only", choices=["kills", "times"], nargs="+", default=["kills", "times"])
     engines = ["slurm", "openjd", "batch"]
