@@ -223,7 +223,9 @@ TEST(Components, KeepToRegionsAsWell) {
     MorphInput input;
     input.source = {"one", creature(2.0, 0.2, 0.9), {}, {}, {}};
     input.target = {"two", creature(2.3, 0.15, 1.1), {}, {}, {}};
-    Feature region{.name = "rear", .kind = FeatureKind::kRegion};
+    Feature region;
+    region.name = "rear";
+    region.kind = FeatureKind::kRegion;
     for (Index i = 0; i < kBody; ++i) {
         if (input.source.positions(i, 0) < -1.2) region.source.rows.push_back(i);
         if (input.target.positions(i, 0) < -1.0) region.target.rows.push_back(i);
