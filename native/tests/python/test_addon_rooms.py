@@ -300,7 +300,9 @@ def test_the_panel_shows_what_the_method_uses(core: ModuleType) -> None:
     names = {option.name for option in pointmorph.options()}
     every = {name for name in names if not name.startswith("stagger")}
     assert shown("auto", "disk", *kinds) == every
-    assert shown("paper", "auto", *kinds) == every - {"wrap_conform", "wrap_relax"}  # no faces
+    of_auto = {option.name for option in pointmorph.options() if option.method == "auto"}
+    assert {"missing_parts", "wrap_conform", "wrap_relax"} <= of_auto
+    assert shown("paper", "auto", *kinds) == every - of_auto
     assert {"influence", "solve"} <= every - shown("auto", "auto", *kinds)
     assert shown("auto", "auto", "path") == {"path"}
     apart = [shown("auto", "disk", kind) for kind in kinds]
