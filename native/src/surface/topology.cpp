@@ -19,18 +19,18 @@ namespace pointmorph {
 
 namespace {
 
-constexpr std::size_t kNear = 12;    // farther neighbors reach across gaps
-constexpr double kGap = 5.0;         // spacings; farther points are not of one component
-constexpr double kSameSheet = 0.0;   // cosine between normals
-constexpr double kSteepest = 0.8;    // sine of the angle between an edge and a tangent plane
-constexpr Index kPointsPerCell = 8;  // so that cells are surface, not single samples
-constexpr Index kFewestCells = 16;   // fewer show no handles
+constexpr std::size_t kNear = 12;      // farther neighbors reach across gaps
+constexpr double kGap = 5.0;           // spacings; farther points are not of one component
+constexpr double kOneSheet = 0.0;      // cosine between normals
+constexpr double kSteepestEdge = 0.8;  // sine of the angle between an edge and a tangent plane
+constexpr Index kPointsPerCell = 8;    // so that cells are surface, not single samples
+constexpr Index kFewestCells = 16;     // fewer show no handles
 
 /// Whether two neighbors lie on the same side of the same part of the surface.
 bool on_one_sheet(const Positions& positions, const Normals& normals, Index i, Index j) {
-    if (normals.row(i).dot(normals.row(j)) <= kSameSheet) return false;
+    if (normals.row(i).dot(normals.row(j)) <= kOneSheet) return false;
     const Eigen::RowVector3d edge = positions.row(j) - positions.row(i);
-    const double steep = kSteepest * edge.norm();
+    const double steep = kSteepestEdge * edge.norm();
     return std::abs(edge.dot(normals.row(i))) <= steep ||
            std::abs(edge.dot(normals.row(j))) <= steep;
 }
