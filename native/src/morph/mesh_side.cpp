@@ -5,7 +5,7 @@
 #include <utility>
 
 #include "morph/words.hpp"
-#include "pointmorph/registration/product_space.hpp"
+#include "registration/marks.hpp"
 
 namespace pointmorph {
 
@@ -242,26 +242,10 @@ BoundaryLoop rows_along(std::span<const Index> vertices_of_samples, const Bounda
 
 Pairing pairs_in_domain(const ProductView& points, std::span<const Feature> features,
                         std::span<const IndexPair> pinned, Progress& progress) {
-    const auto labels = [&](Eigen::Index count, Marked Feature::*side) {
-        std::vector<Values> columns;
-        for (const Feature& feature : features) {
-            if (feature.kind != FeatureKind::kRegion || !feature.hard) continue;
-            Values& column = columns.emplace_back(Values::Zero(count));
-            const Marked& marked = feature.*side;
-            for (std::size_t i = 0; i < marked.rows.size(); ++i)
-                column[marked.rows[i]] = marked.weight(i);
-        }
-        DynamicRows result(columns.empty() ? 0 : count, static_cast<Eigen::Index>(columns.size()));
-        for (std::size_t c = 0; c < columns.size(); ++c)
-            result.col(static_cast<Eigen::Index>(c)) = columns[c];
-        return result;
-    };
-    const ProductPoints source = points.source, target = points.target;
-    const DynamicRows source_labels = labels(source.rows(), &Feature::source);
-    if (source_labels.cols() == 0) return mutual_pairs<12>(source, target, pinned, progress);
-    return mutual_pairs<32>(labeled_points(source, source_labels),
-                            labeled_points(target, labels(target.rows(), &Feature::target)), pinned,
-                            progress);
+    return pairs_within_regions(
+        {points.source, hard_region_members(features, &Feature::source, points.source.rows())},
+        {points.target, hard_region_members(features, &Feature::target, points.target.rows())},
+        pinned, progress);
 }
 
 std::vector<std::string> turned_faces(const MorphInput& input, const MeshSides& sides) {

@@ -12,6 +12,7 @@
 #include "pointmorph/registration/components.hpp"
 #include "pointmorph/registration/product_space.hpp"
 #include "pointmorph/surface/projection.hpp"
+#include "registration/marks.hpp"
 #include "registration/whole.hpp"
 
 namespace pointmorph {
@@ -299,26 +300,6 @@ double distance_between_groups(const ProductPoints& source, const ProductPoints&
     return 4.0 * (all(source) + all(target)) + 1.0;
 }
 
-/// How far each of the rows belongs to the hard regions, one a column.
-DynamicRows region_columns(std::span<const Feature> features, Marked Feature::*side,
-                           Eigen::Index points, std::span<const Index> rows) {
-    std::vector<Values> columns;
-    for (const Feature& feature : features) {
-        if (feature.kind != FeatureKind::kRegion || !feature.hard) continue;
-        Values& column = columns.emplace_back(Values::Zero(points));
-        const Marked& marked = feature.*side;
-        for (std::size_t k = 0; k < marked.rows.size(); ++k)
-            column[marked.rows[k]] = marked.weight(k);
-    }
-    DynamicRows result(columns.empty() ? 0 : static_cast<Eigen::Index>(rows.size()),
-                       static_cast<Eigen::Index>(columns.size()));
-    for (std::size_t c = 0; c < columns.size(); ++c)
-        for (std::size_t k = 0; k < rows.size(); ++k)
-            result(static_cast<Eigen::Index>(k), static_cast<Eigen::Index>(c)) =
-                columns[c][rows[k]];
-    return result;
-}
-
 /// Pairs of rows without an anchor by group, those of hard regions among themselves, and those that
 /// are pinned.
 Pairing paired_by_group(const Refinement& map, const ComponentMarks& marks,
@@ -332,18 +313,15 @@ Pairing paired_by_group(const Refinement& map, const ComponentMarks& marks,
         if (a == s.end() || *a != pair.source || b == t.end() || *b != pair.target) continue;
         places.push_back({to_index(a - s.begin()), to_index(b - t.begin())});
     }
-    const ProductPoints source = gather(map.source_product, s),
-                        target = gather(map.target_product, t);
-    const DynamicRows source_regions =
-        region_columns(marks.features, &Feature::source, map.source_product.rows(), s);
-    const Pairing found =
-        source_regions.cols() == 0
-            ? mutual_pairs<12>(source, target, places, progress)
-            : mutual_pairs<32>(
-                  labeled_points(source, source_regions),
-                  labeled_points(target, region_columns(marks.features, &Feature::target,
-                                                        map.target_product.rows(), t)),
-                  places, progress);
+    const auto members = [&](Eigen::Index points, Marked Feature::*side,
+                             const std::vector<Index>& rows) -> DynamicRows {
+        const DynamicRows all = hard_region_members(marks.features, side, points);
+        return all.cols() == 0 ? all : gather(all, rows);
+    };
+    const Pairing found = pairs_within_regions(
+        {gather(map.source_product, s), members(map.source_product.rows(), &Feature::source, s)},
+        {gather(map.target_product, t), members(map.target_product.rows(), &Feature::target, t)},
+        places, progress);
     Pairing pairs(pinned.begin(), pinned.end());
     for (const IndexPair& pair : found)
         pairs.push_back({s[to_size(pair.source)], t[to_size(pair.target)]});

@@ -209,4 +209,28 @@ RegionLabels region_labels(Labels members, std::span<const MarkedRegion> regions
     return result;
 }
 
+DynamicRows hard_region_members(std::span<const Feature> features, Marked Feature::*side,
+                                Eigen::Index points) {
+    std::vector<Values> columns;
+    for (const Feature& feature : features) {
+        if (feature.kind != FeatureKind::kRegion || !feature.hard) continue;
+        Values& column = columns.emplace_back(Values::Zero(points));
+        const Marked& marked = feature.*side;
+        for (std::size_t i = 0; i < marked.rows.size(); ++i)
+            column[marked.rows[i]] = marked.weight(i);
+    }
+    DynamicRows members(columns.empty() ? 0 : points, static_cast<Eigen::Index>(columns.size()));
+    for (std::size_t c = 0; c < columns.size(); ++c)
+        members.col(static_cast<Eigen::Index>(c)) = columns[c];
+    return members;
+}
+
+Pairing pairs_within_regions(const RegionPoints& source, const RegionPoints& target,
+                             std::span<const IndexPair> pinned, Progress& progress) {
+    if (source.members.cols() == 0)
+        return mutual_pairs<12>(source.points, target.points, pinned, progress);
+    return mutual_pairs<32>(labeled_points(source.points, source.members),
+                            labeled_points(target.points, target.members), pinned, progress);
+}
+
 }  // namespace pointmorph

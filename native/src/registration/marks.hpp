@@ -11,6 +11,7 @@
 #include "pointmorph/cloud/oriented_points.hpp"
 #include "pointmorph/cloud/similarity.hpp"
 #include "pointmorph/registration/coarse_shape.hpp"
+#include "pointmorph/registration/product_space.hpp"
 #include "pointmorph/registration/registration.hpp"
 #include "pointmorph/surface/features.hpp"
 
@@ -78,5 +79,20 @@ RegionLabels region_labels(Labels members, std::span<const MarkedRegion> regions
 /// The row that is nearest to the weighted mean of those marked, among those of half the largest
 /// weight.
 Index central_row(const Marked& marked, const Positions& positions);
+
+/// #points by one column for each hard region: how far each point belongs to it. Nothing where
+/// there are none.
+DynamicRows hard_region_members(std::span<const Feature> features, Marked Feature::*side,
+                                Eigen::Index points);
+
+/// Points of a shape in the product space, and hard_region_members() of them.
+struct RegionPoints {
+    ProductPoints points;
+    DynamicRows members;
+};
+
+/// mutual_pairs() that keep to the hard regions.
+Pairing pairs_within_regions(const RegionPoints& source, const RegionPoints& target,
+                             std::span<const IndexPair> pinned, Progress& progress);
 
 }  // namespace pointmorph
