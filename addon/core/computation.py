@@ -289,7 +289,11 @@ def with_look(requests, outcome, options, progress):
 def _way(morph, request, ends, landing, progress):
     if pointmorph.base.option_table.is_straight(**request.settings):
         return None
-    frames = {t: morph.frame(t, progress=progress) for t in path_stages.TIMES}
+    at = morph.wrapped if morph.has_mesh else morph.source_at
+    frames, vertices = {}, {}
+    for t in path_stages.TIMES:  # what the frame has found, the vertices needn't find again
+        frames[t] = morph.frame(t, progress=progress)
+        vertices[t] = at(t, progress)
     positions, normals = (
         path_stages.deviations(
             lambda t, what=what: getattr(frames[t], what),
@@ -301,14 +305,5 @@ def _way(morph, request, ends, landing, progress):
             ("normals", path_stages.NORMAL_TIMES),
         )
     )
-    start = morph.source.positions
-    if morph.has_mesh:
-
-        def at(t):
-            return morph.wrapped(t, progress)
-    else:
-        own = np.empty_like(start)
-        own[ends[0].rows] = ends[0].normals
-        path = request.settings.get("path", "auto")
-        at = pointmorph.Motion(start, own, landing, path, progress).at
-    return Way(positions, normals, path_stages.deviations(at, start, landing))
+    own = path_stages.deviations(vertices.__getitem__, morph.source.positions, landing)
+    return Way(positions, normals, own)

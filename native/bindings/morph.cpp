@@ -486,6 +486,11 @@ void define_frames(MorphClass& morph) {
              [](const Morph& m, const py::object& callback) {
                  without_gil(callback, [&](Progress& progress) { m.lay_out_paths(progress); });
              })
+        .def("source_at",
+             [](const Morph& m, double t, const py::object& callback) {
+                 return to_numpy(without_gil(
+                     callback, [&](Progress& progress) { return m.source_at(t, progress); }));
+             })
         .def("resampled_frame_float32", &resampled_frame<float>)
         .def("resampled_frame_float64", &resampled_frame<double>)
         .def("frame_float32", &frame_into<float>, py::arg("t"), py::arg("positions").noconvert(),

@@ -2,7 +2,10 @@
 
 #include <Eigen/Geometry>
 #include <Eigen/LU>
+#include <algorithm>
+#include <array>
 #include <cmath>
+#include <optional>
 
 #include "base/angle.hpp"
 #include "pointmorph/base/parallel.hpp"
@@ -14,8 +17,7 @@ namespace pointmorph {
 
 namespace {
 
-Matrix3 share_of(const Matrix3& rotation, double t) {
-    const Eigen::AngleAxisd whole = angle_axis(rotation);
+Matrix3 share_of(const Eigen::AngleAxisd& whole, double t) {
     return Eigen::AngleAxisd(t * whole.angle(), whole.axis()).toRotationMatrix();
 }
 
@@ -24,7 +26,7 @@ Matrix3 share_of(const Matrix3& rotation, double t) {
 Similarity GradualSimilarity::at(double t) const {
     Similarity part;
     part.scale = std::pow(whole.scale, t);
-    part.rotation = share_of(whole.rotation, t);
+    part.rotation = share_of(angle_axis(whole.rotation), t);
     const Vector3 end = whole.scale * (whole.rotation * center) + whole.translation;
     part.translation = (1.0 - t) * center + t * end - part.scale * (part.rotation * center);
     return part;
@@ -39,18 +41,17 @@ struct Motion::Bend {
     CoarseShape shape;
     DeformationSolver solver;
     Deformation whole;
+    std::vector<Eigen::AngleAxisd> turns;  ///< of its rotations
     Positions residual;  ///< nodes' images less where their own turns and scales would put them
-    Prolongation prolongation;
+    std::optional<Prolongation> prolongation;  ///< of all points; found last
 
-    Bend(CoarseShape coarse, const Positions& positions, const Normals& normals,
-         const Positions& images, Progress& progress)
-        : shape(std::move(coarse)),
-          solver(shape.positions, graph()),
-          prolongation(shape, positions, normals, progress) {
+    Bend(CoarseShape coarse, const Positions& images)
+        : shape(std::move(coarse)), solver(shape.positions, graph()) {
         constexpr int kSmoothing = 1;
         constexpr double kLargestScale = 10.0;
         whole.positions = gather(gather(images, shape.cloud_rows), graph().node_rows);
         fit_similarities(shape.positions, graph(), kSmoothing, kLargestScale, whole);
+        for (const Matrix3& rotation : whole.rotations) turns.push_back(angle_axis(rotation));
         solver.factorize(1.0, {});
         residual = whole.positions - placed(whole);
     }
@@ -65,48 +66,79 @@ struct Motion::Bend {
 
     DeformedCloud at(double t) const {
         Deformation part;
-        for (const Matrix3& rotation : whole.rotations)
-            part.rotations.push_back(share_of(rotation, t));
+        for (const Eigen::AngleAxisd& turn : turns) part.rotations.push_back(share_of(turn, t));
         part.scales = whole.scales.array().pow(t);
         part.positions = placed(part) + t * residual;
         const Positions rest = gather(shape.positions, graph().node_rows);
         part.positions.rowwise() += (1.0 - t) * rest.colwise().mean();
-        return deformed(shape.positions, shape.normals, graph(), part);
+        return deformed_places(shape.positions, graph(), part);
     }
 };
 
 Motion::Motion(const Positions& positions, const Normals& normals, const Positions& images,
                const GradualSimilarity& similarity, PathKind path, Progress& progress)
-    : unit_(normalization(positions)),
-      positions_(unit_.apply(positions)),
-      normals_(normals),
-      similarity_(path == PathKind::kLinear ? GradualSimilarity{{}, unit_.center} : similarity) {
-    const Positions straight = unit_.apply(similarity_.whole.inverse().apply(images));
+    : Motion({positions, normals, images, similarity}, path, progress) {
+    follow(progress);
+}
+
+Motion::BothWays Motion::both_ways(const Ends& there, const Ends& back, PathKind path,
+                                   Progress& progress) {
+    std::array<std::unique_ptr<Motion>, 2> found;
+    {
+        const Progress::Part part(progress, 0.0, 0.5);
+        on_both(progress, [&](bool is_source, Progress& its) {
+            found[is_source ? 0 : 1].reset(new Motion(is_source ? there : back, path, its));
+        });
+    }
+    for (const double k : {0.0, 1.0}) {
+        const Progress::Part part(progress, 0.5 + 0.25 * k, 0.75 + 0.25 * k);
+        found[k > 0.0 ? 1 : 0]->follow(progress);
+    }
+    return {std::move(*found[0]), std::move(*found[1])};
+}
+
+Motion::Motion(const Ends& ends, PathKind path, Progress& progress)
+    : unit_(normalization(ends.positions)),
+      positions_(unit_.apply(ends.positions)),
+      normals_(ends.normals),
+      similarity_(path == PathKind::kLinear ? GradualSimilarity{{}, unit_.center}
+                                            : ends.similarity) {
+    offsets_ = unit_.apply(similarity_.whole.inverse().apply(ends.images));
     if (path != PathKind::kRigid) {
-        offsets_ = straight - positions_;
+        offsets_ -= positions_;
         return;
     }
     constexpr Index kNodes = 1000;
     CoarseShapeOptions options;
     options.nodes = {kNodes};
     const KdTree<3> tree(positions_);
-    bend_ = std::make_unique<const Bend>(coarse_shape(tree, normals, {}, options, progress),
-                                         positions_, normals_, straight, progress);
+    bend_ = std::make_unique<Bend>(coarse_shape(tree, normals_, {}, options, progress), offsets_);
+}
+
+/// Lets all points follow the nodes, if there are any. Until then, `offsets_` are the images.
+void Motion::follow(Progress& progress) {
+    if (!bend_) return;
+    const Prolongation& prolongation =
+        bend_->prolongation.emplace(bend_->shape, positions_, normals_, progress);
     // Found backward: what has to be added at rest so that the end is the image. Where blended
     // turns cancel, nothing at rest would do: there it is added to the end, without any turn.
     const DeformedCloud end = bend_->at(1.0);
-    offsets_ =
-        straight - bend_->prolongation(bend_->shape, end, positions_, normals_, progress).positions;
+    const CoarseMoves moves(bend_->shape, end);
     unturned_ = Positions::Zero(offsets_.rows(), 3);
     constexpr double kSingular = 1e-3;
     parallel_for(to_index(positions_.rows()), progress, [&](Index first, Index last) {
         for (Index i = first; i < last; ++i) {
-            const Matrix3 linear = bend_->prolongation.linear(i, end);
+            Vector3 moved = positions_.row(i).transpose(), normal = normals_.row(i).transpose();
+            prolongation.move(i, moves, moved, normal);
+            const Vector3 lacking = offsets_.row(i).transpose() - moved;
+            const Matrix3 linear = prolongation.linear(i, end);
             const double scale = linear.norm();
-            if (linear.determinant() > kSingular * scale * scale * scale)
-                offsets_.row(i) = linear.inverse() * offsets_.row(i).transpose();
-            else
-                unturned_.row(i).swap(offsets_.row(i));
+            if (linear.determinant() > kSingular * scale * scale * scale) {
+                offsets_.row(i) = linear.inverse() * lacking;
+            } else {
+                unturned_.row(i) = lacking;
+                offsets_.row(i).setZero();
+            }
         }
     });
     if (unturned_.isZero(0.0)) unturned_.resize(0, 3);
@@ -115,31 +147,71 @@ Motion::Motion(const Positions& positions, const Normals& normals, const Positio
 Motion::~Motion() = default;
 Motion::Motion(Motion&&) noexcept = default;
 
-OrientedPoints Motion::at(double t) const {
-    Progress silent;
-    OrientedPoints result{positions_ + t * offsets_, normals_};
-    if (bend_)
-        result =
-            bend_->prolongation(bend_->shape, bend_->at(t), result.positions, normals_, silent);
-    if (unturned_.rows() > 0) result.positions += t * unturned_;
+/// What all points have in common at one time.
+struct Motion::State {
+    double t;
+    std::optional<CoarseMoves> moves;  ///< where parts turn
+    Matrix3 linear, rotation;          ///< of the similarity, from normalized points
+    Vector3 translation;
+};
+
+Motion::State Motion::state(double t) const {
+    State state;
+    state.t = t;
+    if (bend_) state.moves.emplace(bend_->shape, bend_->at(t));
     const Similarity part = similarity_.at(t);
-    const Matrix3 linear = unit_.scale * part.scale * part.rotation;
-    const Vector3 translation = part.scale * (part.rotation * unit_.center) + part.translation;
-    parallel_for(to_index(positions_.rows()), silent, [&](Index begin, Index end) {
-        for (Index i = begin; i < end; ++i) {
-            const Vector3 x = result.positions.row(i).transpose();
-            result.positions.row(i) = linear * x + translation;
-            const Vector3 normal = part.rotation * result.normals.row(i).transpose();
-            result.normals.row(i) = normal;
-        }
-    });
+    state.rotation = part.rotation;
+    state.linear = unit_.scale * part.scale * part.rotation;
+    state.translation = part.scale * (part.rotation * unit_.center) + part.translation;
+    return state;
+}
+
+void Motion::place(const State& state, Index begin, Index end, OrientedPoints& places) const {
+    for (Index i = begin; i < end; ++i) {
+        Vector3 x = (positions_.row(i) + state.t * offsets_.row(i)).transpose();
+        Vector3 normal = normals_.row(i).transpose();
+        if (state.moves) bend_->prolongation->move(i, *state.moves, x, normal);
+        if (unturned_.rows() > 0) x += state.t * unturned_.row(i).transpose();
+        places.positions.row(i) = state.linear * x + state.translation;
+        places.normals.row(i) = state.rotation * normal;
+    }
+}
+
+OrientedPoints Motion::at(double t) const {
+    const State state = this->state(t);
+    const auto count = to_index(positions_.rows());
+    OrientedPoints result{Positions(count, 3), Normals(count, 3)};
+    Progress silent;
+    parallel_for(count, silent, [&](Index begin, Index end) { place(state, begin, end, result); });
     return result;
 }
 
+void find_midway(const Motion& forth, const Motion& back, double t, Midway& midway) {
+    midway.t = -1.0;
+    std::array<std::optional<Motion::State>, 2> states;
+    parallel_invoke(2, [&](int k, bool) {
+        states[to_size(k)] = k == 0 ? forth.state(t) : back.state(1.0 - t);
+    });
+    const auto sources = to_index(forth.positions_.rows());
+    const auto targets = to_index(back.positions_.rows());
+    for (OrientedPoints* places : {&midway.source, &midway.target}) {
+        const Index count = places == &midway.source ? sources : targets;
+        places->positions.resize(count, 3);
+        places->normals.resize(count, 3);
+    }
+    Progress silent;
+    parallel_for(sources + targets, silent, [&](Index begin, Index end) {
+        forth.place(*states[0], std::min(begin, sources), std::min(end, sources), midway.source);
+        back.place(*states[1], std::max(begin, sources) - sources, std::max(end, sources) - sources,
+                   midway.target);
+    });
+    midway.t = t;
+}
+
 template <class Scalar>
-void fade(const OrientedPoints& source, const OrientedPoints& target,
-          std::span<const IndexPair> pairs, double t, std::span<Scalar> positions,
-          std::span<Scalar> normals) {
+void fade(const Midway& midway, std::span<const IndexPair> pairs, double t,
+          std::span<Scalar> positions, std::span<Scalar> normals) {
+    const OrientedPoints &source = midway.source, &target = midway.target;
     const double share = t * t * (3.0 - 2.0 * t);
     const auto put = [](const Vector3& from, std::span<Scalar> to, std::size_t pair) {
         for (int d = 0; d < 3; ++d) to[3 * pair + to_size(d)] = static_cast<Scalar>(from[d]);
@@ -166,9 +238,9 @@ void fade(const OrientedPoints& source, const OrientedPoints& target,
     });
 }
 
-template void fade<float>(const OrientedPoints&, const OrientedPoints&, std::span<const IndexPair>,
-                          double, std::span<float>, std::span<float>);
-template void fade<double>(const OrientedPoints&, const OrientedPoints&, std::span<const IndexPair>,
-                           double, std::span<double>, std::span<double>);
+template void fade<float>(const Midway&, std::span<const IndexPair>, double, std::span<float>,
+                          std::span<float>);
+template void fade<double>(const Midway&, std::span<const IndexPair>, double, std::span<double>,
+                           std::span<double>);
 
 }  // namespace pointmorph

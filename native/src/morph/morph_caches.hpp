@@ -1,8 +1,12 @@
 // What a Morph makes when it is first asked for. Not for callers of the library.
 #pragma once
 
+#include <algorithm>
+#include <memory>
 #include <mutex>
 #include <optional>
+#include <utility>
+#include <vector>
 
 #include "pointmorph/cloud/neighborhoods.hpp"
 #include "pointmorph/frames/mesh_motion.hpp"
@@ -35,6 +39,12 @@ struct Morph::Caches {
     std::optional<Motion> source_motion, target_motion;
     std::optional<PointwisePath> pointwise;
 
+    /// Where both clouds were at the latest times: as many as were asked for at once. They keep
+    /// their memory, which the system takes longer to give than a frame takes.
+    std::mutex midways_mutex;
+    std::vector<std::unique_ptr<Midway>> midways;
+    class LentMidway;
+
     std::mutex wrapping_mutex;
     Wrapped wrapped_source, wrapped_target;
 
@@ -53,6 +63,38 @@ struct Morph::Caches {
 
     std::mutex mesh_quality_mutex;
     std::optional<MeshQuality> mesh_quality;
+};
+
+/// Takes both clouds at a time out of the caches, and gives them back at the end of the scope.
+class Morph::Caches::LentMidway {
+public:
+    /// The paths are laid out.
+    LentMidway(Caches& caches, double t) : caches_(caches) {
+        {
+            const std::scoped_lock lock(caches.midways_mutex);
+            auto& all = caches.midways;
+            auto it = std::ranges::find_if(all, [&](const auto& one) { return one->t == t; });
+            if (it == all.end() && !all.empty()) --it;
+            if (it != all.end()) {
+                midway_ = std::move(*it);
+                all.erase(it);
+            }
+        }
+        if (!midway_) midway_ = std::make_unique<Midway>();
+        if (midway_->t != t) find_midway(*caches.source_motion, *caches.target_motion, t, *midway_);
+    }
+    ~LentMidway() {
+        const std::scoped_lock lock(caches_.midways_mutex);
+        caches_.midways.push_back(std::move(midway_));
+    }
+    LentMidway(const LentMidway&) = delete;
+    LentMidway& operator=(const LentMidway&) = delete;
+
+    const Midway& operator*() const { return *midway_; }
+
+private:
+    Caches& caches_;
+    std::unique_ptr<Midway> midway_;
 };
 
 }  // namespace pointmorph

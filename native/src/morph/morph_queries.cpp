@@ -267,11 +267,14 @@ void Morph::lay_out_paths(Progress& progress) const {
     const GradualSimilarity similarity{fit_similarity(source_.positions, images),
                                        source_.positions.colwise().mean().transpose()};
     progress.enter("motion");
-    Motion from(source_.positions, source_.normals.rowwise().normalized(), images, similarity,
-                options_.path_kind(), progress);
-    caches_->target_motion.emplace(target_.positions, target_.normals.rowwise().normalized(), back,
-                                   similarity.reversed(), options_.path_kind(), progress);
-    caches_->source_motion.emplace(std::move(from));
+    const Normals source_normals = source_.normals.rowwise().normalized(),
+                  target_normals = target_.normals.rowwise().normalized();
+    auto [forth, reverse] =
+        Motion::both_ways({source_.positions, source_normals, images, similarity},
+                          {target_.positions, target_normals, back, similarity.reversed()},
+                          options_.path_kind(), progress);
+    caches_->target_motion.emplace(std::move(reverse));
+    caches_->source_motion.emplace(std::move(forth));
     progress.finish();
 }
 
@@ -287,15 +290,34 @@ void Morph::frame(double t, const FrameView<Scalar>& out) const {
         frame_at<Scalar>(pair_times(t), out);
         return;
     }
-    straight_path<Scalar>().frame(t, out);
     if (at_end || options_.path_kind() == PathKind::kLinear ||
-        (out.positions.empty() && out.normals.empty()))
+        (out.positions.empty() && out.normals.empty())) {
+        straight_path<Scalar>().frame(t, out);
         return;
-
+    }
+    straight_path<Scalar>().check(out);
+    straight_path<Scalar>().frame(t, {{}, {}, out.colors, out.radii});
     Progress silent;
     lay_out_paths(silent);
-    fade(caches_->source_motion->at(t), caches_->target_motion->at(1.0 - t), pairs_, t,
-         out.positions, out.normals);
+    const Caches::LentMidway midway(*caches_, t);
+    fade(*midway, pairs_, t, out.positions, out.normals);
+}
+
+Positions Morph::source_at(double t, Progress& progress) const {
+    if (!(t >= 0.0 && t <= 1.0))
+        throw OptionError("t", "a number from 0 to 1", std::to_string(t),
+                          "Choose a value from that range.");
+    if (!legs_.empty())
+        throw CloudError(source_.name, "one morph", "a chain of several",
+                         "Ask the morphs that it was made of.");
+    if (t == 0.0) return source_.positions;
+    if (t == 1.0) return source_to_target(progress);
+    if (options_.path_kind() == PathKind::kLinear)
+        return (1.0 - t) * source_.positions + t * source_to_target(progress);
+    lay_out_paths(progress);
+    const ThreadCount threads(options_.threads);
+    const Caches::LentMidway midway(*caches_, t);
+    return (*midway).source.positions;
 }
 
 /// With pairs that needn't be at the same time.
@@ -359,8 +381,8 @@ const PointwisePath& Morph::pointwise_path() const {
             ends(source_, &IndexPair::source), ends(target_, &IndexPair::target), [this](double t) {
                 const auto rows = static_cast<Eigen::Index>(pairs_.size());
                 OrientedPoints cloud{Positions(rows, 3), Normals(rows, 3)};
-                fade<double>(caches_->source_motion->at(t), caches_->target_motion->at(1.0 - t),
-                             pairs_, t, span_of(cloud.positions), span_of(cloud.normals));
+                const Caches::LentMidway midway(*caches_, t);
+                fade<double>(*midway, pairs_, t, span_of(cloud.positions), span_of(cloud.normals));
                 return cloud;
             });
     }

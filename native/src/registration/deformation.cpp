@@ -329,9 +329,12 @@ void fit_similarities(const Positions& positions, const DeformationGraph& graph,
     }
 }
 
-DeformedCloud deformed(const Positions& positions, const Normals& normals,
-                       const DeformationGraph& graph, const Deformation& deformation,
-                       std::span<const Index> rows) {
+namespace {
+
+/// `normals`: null for none.
+DeformedCloud deform(const Positions& positions, const Normals* normals,
+                     const DeformationGraph& graph, const Deformation& deformation,
+                     std::span<const Index> rows) {
     // X(p) = Σ w (linear_k p + constant_k)
     const Index count = graph.size();
     std::vector<Matrix3> linear_of(to_size(count));
@@ -343,7 +346,8 @@ DeformedCloud deformed(const Positions& positions, const Normals& normals,
             linear_of[to_size(k)] * positions.row(graph.node_rows[to_size(k)]).transpose();
     }
     const auto size = static_cast<Eigen::Index>(rows.size());
-    DeformedCloud result{Positions(size, 3), Normals(size, 3), std::vector<Matrix3>(rows.size())};
+    DeformedCloud result{Positions(size, 3), Normals(normals ? size : 0, 3),
+                         std::vector<Matrix3>(rows.size())};
     for (std::size_t r = 0; r < rows.size(); ++r) {
         const Index i = rows[r];
         const Vector3 p = positions.row(i).transpose();
@@ -352,28 +356,46 @@ DeformedCloud deformed(const Positions& positions, const Normals& normals,
         for (std::size_t k = 0; k < kNodes; ++k) {
             const double w = graph.point_weights[to_size(i)][k];
             const auto node = to_size(graph.point_nodes[to_size(i)][k]);
-            rotation += w * deformation.rotations[node];
+            if (normals) rotation += w * deformation.rotations[node];
             linear += w * linear_of[node];
             constant += w * constant_of[node];
         }
         const auto row = static_cast<Eigen::Index>(r);
         result.positions.row(row) = linear * p + constant;
         result.linear[r] = linear;
-        const Vector3 normal = rotation * normals.row(i).transpose();
+        if (!normals) continue;
+        const Vector3 normal = rotation * normals->row(i).transpose();
         const double length = normal.norm();
         if (length > 1e-9)
             result.normals.row(row) = normal / length;
         else
-            result.normals.row(row) = normals.row(i);
+            result.normals.row(row) = normals->row(i);
     }
     return result;
 }
 
-DeformedCloud deformed(const Positions& positions, const Normals& normals,
-                       const DeformationGraph& graph, const Deformation& deformation) {
+std::vector<Index> all_rows(const Positions& positions) {
     std::vector<Index> rows(to_size(positions.rows()));
     std::iota(rows.begin(), rows.end(), 0);
-    return deformed(positions, normals, graph, deformation, rows);
+    return rows;
+}
+
+}  // namespace
+
+DeformedCloud deformed(const Positions& positions, const Normals& normals,
+                       const DeformationGraph& graph, const Deformation& deformation,
+                       std::span<const Index> rows) {
+    return deform(positions, &normals, graph, deformation, rows);
+}
+
+DeformedCloud deformed(const Positions& positions, const Normals& normals,
+                       const DeformationGraph& graph, const Deformation& deformation) {
+    return deform(positions, &normals, graph, deformation, all_rows(positions));
+}
+
+DeformedCloud deformed_places(const Positions& positions, const DeformationGraph& graph,
+                              const Deformation& deformation) {
+    return deform(positions, nullptr, graph, deformation, all_rows(positions));
 }
 
 DeformationSolver::DeformationSolver(const Positions& positions, const DeformationGraph& graph)

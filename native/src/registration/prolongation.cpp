@@ -44,32 +44,44 @@ Prolongation::Prolongation(const CoarseShape& shape, const Positions& positions,
     });
 }
 
+CoarseMoves::CoarseMoves(const CoarseShape& shape, const DeformedCloud& coarse)
+    : moves_(to_size(shape.size())) {
+    for (Index c = 0; c < shape.size(); ++c) {
+        moves_[to_size(c)] = {coarse.linear[to_size(c)], shape.positions.row(c).transpose(),
+                              coarse.positions.row(c).transpose()};
+    }
+}
+
+void Prolongation::move(Index point, const CoarseMoves& moves, Vector3& position,
+                        Vector3& normal) const {
+    const auto& followed = followed_[to_size(point)];
+    const auto& weights = weights_[to_size(point)];
+    Vector3 x = Vector3::Zero(), turned = Vector3::Zero();
+    double sum = 0.0;
+    for (std::size_t k = 0; k < kFollowed; ++k) {
+        const double weight = weights[k];
+        const auto& [linear, rest, now] = moves.moves_[to_size(followed[k])];
+        x += weight * (now + linear * (position - rest));
+        turned += weight * linear * normal;
+        sum += weight;
+    }
+    position = x / sum;
+    const double length = turned.norm();
+    if (length > 1e-12) normal = turned / length;
+}
+
 OrientedPoints Prolongation::operator()(const CoarseShape& shape, const DeformedCloud& coarse,
                                         const Positions& positions, const Normals& normals,
                                         Progress& progress) const {
+    const CoarseMoves moves(shape, coarse);
     const auto count = to_index(positions.rows());
     OrientedPoints result{Positions(count, 3), Normals(count, 3)};
     parallel_for(count, progress, [&](Index begin, Index end) {
         for (Index i = begin; i < end; ++i) {
-            const auto& followed = followed_[to_size(i)];
-            const auto& weights = weights_[to_size(i)];
-            Vector3 x = Vector3::Zero(), normal = Vector3::Zero();
-            double sum = 0.0;
-            for (std::size_t k = 0; k < kFollowed; ++k) {
-                const double weight = weights[k];
-                const Index c = followed[k];
-                const Matrix3& linear = coarse.linear[to_size(c)];
-                x += weight * (coarse.positions.row(c).transpose() +
-                               linear * (positions.row(i) - shape.positions.row(c)).transpose());
-                normal += weight * linear * normals.row(i).transpose();
-                sum += weight;
-            }
-            result.positions.row(i) = x / sum;
-            const double length = normal.norm();
-            if (length > 1e-12)
-                result.normals.row(i) = normal / length;
-            else
-                result.normals.row(i) = normals.row(i);
+            Vector3 x = positions.row(i).transpose(), normal = normals.row(i).transpose();
+            move(i, moves, x, normal);
+            result.positions.row(i) = x;
+            result.normals.row(i) = normal;
         }
     });
     return result;

@@ -152,13 +152,42 @@ TEST(Motion, ASimilarityRunsBackwardsTheSameWay) {
                   1e-12);
 }
 
+TEST(Motion, BothWaysTogetherAreAsEachByItself) {
+    const Bar bar;
+    const Positions ends = bar.bent(1.3), half = ends.topRows(ends.rows() / 2);
+    const Positions half_start = bar.positions.topRows(half.rows());
+    const Normals half_normals = bar.normals.topRows(half.rows());
+    const GradualSimilarity similarity{fit_similarity(bar.positions, ends),
+                                       bar.positions.colwise().mean().transpose()};
+    Progress progress;
+    for (const PathKind path : {PathKind::kLinear, PathKind::kSimilarity, PathKind::kRigid}) {
+        // Of different sizes: the other one has half of the points.
+        const Motion::Ends there{bar.positions, bar.normals, ends, similarity};
+        const Motion::Ends back{half, half_normals, half_start, similarity.reversed()};
+        const Motion::BothWays ways = Motion::both_ways(there, back, path, progress);
+        const Motion forth(there.positions, there.normals, there.images, there.similarity, path,
+                           progress);
+        const Motion reverse(back.positions, back.normals, back.images, back.similarity, path,
+                             progress);
+        Midway midway;
+        for (const double t : {0.2, 0.9}) {  // the second time into the first one's memory
+            find_midway(ways.there, ways.back, t, midway);
+            EXPECT_EQ(midway.t, t);
+            EXPECT_EQ(midway.source.positions, forth.at(t).positions);
+            EXPECT_EQ(midway.source.normals, forth.at(t).normals);
+            EXPECT_EQ(midway.target.positions, reverse.at(1.0 - t).positions);
+            EXPECT_EQ(midway.target.normals, reverse.at(1.0 - t).normals);
+        }
+    }
+}
+
 TEST(Motion, FadesFromTheSourcesToTheTargetsOwn) {
-    const OrientedPoints source{Positions::Zero(1, 3), Eigen::RowVector3d(0, 0, 1)};
-    const OrientedPoints target{Positions::Ones(1, 3), Eigen::RowVector3d(0, 0, -1)};
+    const Midway midway{{Positions::Zero(1, 3), Eigen::RowVector3d(0, 0, 1)},
+                        {Positions::Ones(1, 3), Eigen::RowVector3d(0, 0, -1)}};
     const std::vector<IndexPair> pairs{{0, 0}};
     std::vector<double> positions(3), normals(3);
     for (const double t : {0.0, 0.3, 0.5, 0.8, 1.0}) {
-        fade<double>(source, target, pairs, t, positions, normals);
+        fade<double>(midway, pairs, t, positions, normals);
         EXPECT_NEAR(positions[1], t * t * (3 - 2 * t), 1e-15);
         EXPECT_NEAR(std::abs(normals[2]), 1.0, 1e-12);  // opposite ends too
     }
@@ -197,11 +226,12 @@ TEST(Example, Motion) {
     const double t = 0.5;
     Progress progress;
     // --- example
-    const Motion forth(source, source_normals, source_images, similarity, PathKind::kRigid,
-                       progress);
-    const Motion back(target, target_normals, target_images, similarity.reversed(),
-                      PathKind::kRigid, progress);
-    fade<float>(forth.at(t), back.at(1.0 - t), pairs, t, positions, normals);
+    const Motion::BothWays ways = Motion::both_ways(
+        {source, source_normals, source_images, similarity},
+        {target, target_normals, target_images, similarity.reversed()}, PathKind::kRigid, progress);
+    Midway midway;
+    find_midway(ways.there, ways.back, t, midway);
+    fade<float>(midway, pairs, t, positions, normals);
     // --- end of the example
     const Positions half = source * turn(1.0).transpose();
     for (Index i = 0; i < 400; ++i)

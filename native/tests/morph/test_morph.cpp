@@ -11,6 +11,7 @@
 #include "checks.hpp"
 #include "morph/morphs.hpp"
 #include "pointmorph/base/error.hpp"
+#include "pointmorph/frames/motion.hpp"
 #include "registration/watched_options.hpp"
 #include "shapes.hpp"
 #include "watched.hpp"
@@ -392,6 +393,36 @@ TEST(Morph, EveryPathEndsAtTheInputsAndKeepsToTheSurface) {
         EXPECT_LT((onto.apply(half) - expected).rowwise().norm().mean(), 0.03);
         EXPECT_THROW(morph.frame<double>(0.5, {std::span(positions).first(3), {}, {}, {}}),
                      OptionError);
+    }
+}
+
+TEST(Morph, SourcePointsGoTheWayOfTheFrames) {
+    const Matrix3 turn = Eigen::AngleAxisd(1.5, Vector3::UnitX()).toRotationMatrix();
+    Cloud target = bump_cloud(25);
+    target.positions = target.positions * turn.transpose();
+    Progress progress;
+    for (const PathKind kind : {PathKind::kLinear, PathKind::kRigid}) {
+        MorphOptions options;
+        options.path = kind;
+        options.refinement = lighter_where_watched();
+        const Morph morph = make(bump_cloud(29), target, grid_features(29, 25), options);
+        const Positions &start = morph.source().positions, end = morph.source_to_target(progress);
+        EXPECT_EQ(morph.source_at(0.0, progress), start);
+        EXPECT_EQ(morph.source_at(1.0, progress), end);
+        const GradualSimilarity similarity{fit_similarity(start, end),
+                                           start.colwise().mean().transpose()};
+        const Motion motion(start, morph.source().normals.rowwise().normalized(), end, similarity,
+                            kind, progress);
+        const auto m = morph.pairs().size();
+        std::vector<double> positions(3 * m);
+        for (const double t : {0.3, 0.8, 0.3}) {
+            // Whatever frame was asked for before.
+            EXPECT_LT((morph.source_at(t, progress) - motion.at(t).positions).norm(), 1e-9);
+            morph.frame<double>(t, {positions, {}, {}, {}});
+            EXPECT_LT((morph.source_at(t, progress) - motion.at(t).positions).norm(), 1e-9);
+            morph.frame<double>(0.5, {positions, {}, {}, {}});
+        }
+        EXPECT_THROW(morph.source_at(1.5, progress), OptionError);
     }
 }
 

@@ -33,6 +33,26 @@ TEST(Prolongation, AnAffineMapOfTheCoarsePointsIsOneOfAllPoints) {
     EXPECT_LT((all.normals.rowwise().norm().array() - 1.0).abs().maxCoeff(), 1e-12);
 }
 
+TEST(Prolongation, OnePointAtATimeGoesWhereAllTogetherDo) {
+    Fixture f;
+    DeformedCloud coarse;
+    coarse.positions = f.shape.positions + 0.1 * Positions::Random(f.shape.size(), 3);
+    for (Index c = 0; c < f.shape.size(); ++c)
+        coarse.linear.push_back(Matrix3::Identity() + 0.3 * Matrix3::Random());
+    const Prolongation prolongation(f.shape, f.positions, f.positions, f.progress);
+    const OrientedPoints all = prolongation(f.shape, coarse, f.positions, f.positions, f.progress);
+    const CoarseMoves moves(f.shape, coarse);
+    for (Index i = 0; i < f.positions.rows(); ++i) {
+        Vector3 position = f.positions.row(i).transpose(), normal = position;
+        prolongation.move(i, moves, position, normal);
+        ASSERT_EQ(position.transpose(), all.positions.row(i));
+        ASSERT_EQ(normal.transpose(), all.normals.row(i));
+        const Vector3 turned =
+            (prolongation.linear(i, coarse) * f.positions.row(i).transpose()).normalized();
+        ASSERT_LT((normal - turned).norm(), 1e-12);
+    }
+}
+
 TEST(Prolongation, FollowsASmoothMapAndReproducesCoarsePoints) {
     Fixture f;
     // x ↦ (x + 0.3 z², y, z), whose derivative is known.

@@ -27,6 +27,12 @@ struct GradualSimilarity {
 /// the whole rotates and grows. kRigid: every part rotates as well, so that a raised leg swings.
 enum class PathKind { kLinear, kSimilarity, kRigid };
 
+/// Both clouds of a morph at one time.
+struct Midway {
+    OrientedPoints source, target;
+    double t = -1.0;  ///< less than 0: at none yet
+};
+
 /// Where every point of a cloud is at t between itself and its image under a smooth map. Apart
 /// from the similarity, points go straight, or, on a rigid path, as rigidly as possible: a
 /// thousand nodes turn by t of their own angles, their places follow from these by a Poisson
@@ -41,12 +47,34 @@ public:
     ~Motion();
     Motion(Motion&&) noexcept;
 
+    /// What a motion is made of; refers to the arrays.
+    struct Ends {
+        const Positions& positions;
+        const Normals& normals;
+        const Positions& images;
+        GradualSimilarity similarity;
+    };
+    /// Two motions, laid out next to each other.
+    struct BothWays;
+    static BothWays both_ways(const Ends& there, const Ends& back, PathKind path,
+                              Progress& progress);
+
     /// t from 0 to 1; normals have unit length. At the ends the positions are those given, up to
     /// rounding. May be called from several threads at once.
     OrientedPoints at(double t) const;
 
 private:
     struct Bend;
+    struct State;
+
+    friend void find_midway(const Motion& forth, const Motion& back, double t, Midway& midway);
+
+    /// All but what has to be found for each point.
+    Motion(const Ends& ends, PathKind path, Progress& progress);
+    void follow(Progress& progress);
+
+    State state(double t) const;
+    void place(const State& state, Index begin, Index end, OrientedPoints& places) const;
 
     Normalization unit_;
     Positions positions_;  ///< normalized
@@ -54,17 +82,24 @@ private:
     Positions offsets_;   ///< what is added by t = 1, before anything turns
     Positions unturned_;  ///< and after, where turns cancel; no rows where they do nowhere
     GradualSimilarity similarity_;
-    std::unique_ptr<const Bend> bend_;
+    std::unique_ptr<Bend> bend_;
 };
+
+struct Motion::BothWays {
+    Motion there, back;
+};
+
+/// Where the source's motion has all its points at t, and the target's own at 1 − t, both at once:
+/// the same bits as from `at`. `midway` keeps its memory from one time to the next.
+void find_midway(const Motion& forth, const Motion& back, double t, Midway& midway);
 
 /// Pairs at t: from the source's motion to the target's own, run backward, the one fading into the
 /// other by 3t² − 2t³. Both lie on the same in-between surface, so that pairing samples with
-/// samples leaves no grain, and the ends are the samples themselves. `source` and `target` are both
+/// samples leaves no grain, and the ends are the samples themselves. `midway` are both
 /// clouds at t; spans hold three numbers a pair, or none. Normals are renormalized (where both
 /// cancel, the nearer end's).
 template <class Scalar>
-void fade(const OrientedPoints& source, const OrientedPoints& target,
-          std::span<const IndexPair> pairs, double t, std::span<Scalar> positions,
-          std::span<Scalar> normals);
+void fade(const Midway& midway, std::span<const IndexPair> pairs, double t,
+          std::span<Scalar> positions, std::span<Scalar> normals);
 
 }  // namespace pointmorph

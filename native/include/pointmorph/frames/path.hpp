@@ -47,9 +47,10 @@ public:
     /// The same with each pair at a time of its own: `times`, one a pair.
     void frame(std::span<const double> times, const FrameView<Scalar>& out) const;
 
-private:
-    void check(const FrameView<Scalar>& out) const;  // throws OptionError
+    /// Throws OptionError for spans that are neither empty nor of the right size.
+    void check(const FrameView<Scalar>& out) const;
 
+private:
     Index size_;
     std::vector<Scalar> own_;  ///< what the spans refer to unless it is another's
     FrameView<const Scalar> source_, target_;

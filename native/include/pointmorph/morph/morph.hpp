@@ -122,6 +122,11 @@ public:
     template <class Scalar>
     void frame(double t, const FrameView<Scalar>& out) const;
 
+    /// Where the source's points are at t, 0 to 1, on their way to source_to_target(), all at the
+    /// same time; #source by 3. Takes no time where the frame at t was the latest. Throws
+    /// OptionError, and CloudError for several morphs in a row.
+    Positions source_at(double t, Progress& progress) const;
+
     /// Lays out paths that aren't straight, which the first frame does otherwise, without a word.
     void lay_out_paths(Progress& progress) const;
 

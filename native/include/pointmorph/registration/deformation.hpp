@@ -93,6 +93,9 @@ struct DeformedCloud {
 };
 DeformedCloud deformed(const Positions& positions, const Normals& normals,
                        const DeformationGraph& graph, const Deformation& deformation);
+/// The same without normals.
+DeformedCloud deformed_places(const Positions& positions, const DeformationGraph& graph,
+                              const Deformation& deformation);
 /// One for each of `rows`, which index `positions` and `normals`.
 DeformedCloud deformed(const Positions& positions, const Normals& normals,
                        const DeformationGraph& graph, const Deformation& deformation,

@@ -12,6 +12,21 @@
 
 namespace pointmorph {
 
+/// What coarse points do, laid out so that points that follow them read it quickly.
+class CoarseMoves {
+public:
+    CoarseMoves(const CoarseShape& shape, const DeformedCloud& coarse);
+
+private:
+    friend class Prolongation;
+    /// A point at x goes to `now` + `linear` (x − `rest`).
+    struct Move {
+        Matrix3 linear;
+        Vector3 rest, now;
+    };
+    std::vector<Move> moves_;  ///< of each coarse point
+};
+
 /// Which coarse points every point of a cloud follows, and how much: those nearest on its side of
 /// the surface, with weights that fall with the distance and fade to 0 at the farthest, so that the
 /// result is continuous. Kept for as many deformations as are wanted.
@@ -27,6 +42,9 @@ public:
     OrientedPoints operator()(const CoarseShape& shape, const DeformedCloud& coarse,
                               const Positions& positions, const Normals& normals,
                               Progress& progress) const;
+
+    /// The same for one point.
+    void move(Index point, const CoarseMoves& moves, Vector3& position, Vector3& normal) const;
 
     /// What happens right around a point: its coarse points' linear maps, averaged.
     Matrix3 linear(Index point, const DeformedCloud& coarse) const;

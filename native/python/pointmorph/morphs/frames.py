@@ -113,6 +113,39 @@ class AsFrames:
         """Finds what all frames share; otherwise the first one does."""
         self._native.lay_out_paths(progress)
 
+    def source_at(self, t: float, progress: Progress | None = None) -> npt.NDArray[np.float64]:
+        """(N, 3): where the source's points are at t on their way to `source_to_target`, all at the
+        same time. Takes no time if the latest frame was the one at t.
+
+        Parameters
+        ----------
+        t : float
+            0 to 1.
+        progress : callable, optional
+            As for `frame`.
+
+        Raises
+        ------
+        OptionError
+            If t lies outside of [0, 1].
+        CloudError
+            For a chain of several morphs.
+        Cancelled
+            If `progress` returned False.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import pointmorph
+        >>> x, y = np.meshgrid(np.linspace(-1, 1, 30), np.linspace(-1, 1, 30))
+        >>> plane = np.stack([x, y, 0 * x], axis=-1).reshape(-1, 3)
+        >>> result = pointmorph.morph(pointmorph.Cloud(plane), pointmorph.Cloud(2 * plane))
+        >>> result.source_at(0.5).shape
+        (900, 3)
+        """
+        places: npt.NDArray[np.float64] = self._native.source_at(float(t), progress)
+        return places
+
     def resampled_frame(self, t: float, progress: Progress | None = None) -> ResampledFrame:
         """The in-between cloud at t, with new points where it would have cracks.
 
