@@ -182,7 +182,8 @@ py::dict dict_of(const MapFigures& figures) {
         py::arg("round_trip_p99") = figures.round_trip_p99, py::arg("coverage") = figures.coverage);
 }
 
-py::dict dict_of(const Quality& quality) {
+/// With what is measured at each point where that is wanted.
+py::dict dict_of(const Quality& quality, bool by_point) {
     py::list worst;
     for (const Place& place : quality.worst)
         worst.append(py::dict(py::arg("source") = place.source, py::arg("target") = place.target,
@@ -195,11 +196,15 @@ py::dict dict_of(const Quality& quality) {
                                  py::arg("hard") = kept.hard, py::arg("weight") = kept.weight,
                                  py::arg("residual") = kept.residual,
                                  py::arg("inside") = kept.inside));
-    return py::dict(py::arg("features") = features, py::arg("source") = dict_of(quality.source),
-                    py::arg("target") = dict_of(quality.target),
+    py::dict result(py::arg("features") = features,
                     py::arg("source_to_target") = dict_of(quality.source_to_target),
                     py::arg("target_to_source") = dict_of(quality.target_to_source),
                     py::arg("worst") = worst);
+    if (by_point) {
+        result["source"] = dict_of(quality.source);
+        result["target"] = dict_of(quality.target);
+    }
+    return result;
 }
 
 py::dict dict_of(const LocalConfidence& confidence) {
@@ -440,10 +445,12 @@ void define_queries(MorphClass& morph) {
                  return result;
              })
         .def("quality",
-             [](const Morph& m, const py::object& callback) {
-                 return dict_of(without_gil(callback, [&](Progress& progress) -> const Quality& {
-                     return m.quality(progress);
-                 }));
+             [](const Morph& m, bool by_point, const py::object& callback) {
+                 return dict_of(without_gil(callback,
+                                            [&](Progress& progress) -> const Quality& {
+                                                return m.quality(progress);
+                                            }),
+                                by_point);
              })
         .def("local_confidence",
              [](const Morph& m, const py::object& callback) {

@@ -215,6 +215,10 @@ Index nearest_on_sheet(const KdTree<3>& tree, const Positions& normals,
     std::array<Index, kMost> near;
     std::array<double, kMost> squared;
     const std::size_t wanted = std::min(most, kMost);
+    // Nearly always the first will do; of several at the very place, only a search for all does.
+    if (tree.nearest(place.data(), std::span(near).first(1), std::span(squared).first(1)) == 1 &&
+        squared[0] > 0.0 && normals.row(near[0]).dot(normal) > 0.0)
+        return near[0];
     const Index found =
         tree.nearest(place.data(), std::span(near).first(wanted), std::span(squared).first(wanted));
     const auto last = near.begin() + found;

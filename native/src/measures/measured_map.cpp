@@ -82,17 +82,30 @@ Index edge_step(Index count) {
     return std::max<Index>(1, count / kMostCenters);
 }
 
+/// Two orthonormal vectors in the tangent plane at a point.
+std::array<Vector3, 2> tangents(const MeasuredCloud& cloud, Index i) {
+    const Vector3 normal = cloud.normal(i), a = normal.unitOrthogonal();
+    return {a, normal.cross(a)};
+}
+
+/// Takes displacements in the tangent plane at a point to the image's.
+Matrix3 jacobian(const MeasuredCloud& cloud, const MeasuredMap& map, Index i) {
+    const auto [a, b] = tangents(cloud, i);
+    const auto& [to_a, to_b] = map.slopes[to_size(i)];
+    return to_a * a.transpose() + to_b * b.transpose();
+}
+
 /// Fits the Jacobian at one point to the images of its neighbors.
 void fit_jacobian(const MeasuredCloud& cloud, const MeasuredCloud& other, Index i,
                   MeasuredMap& map) {
     const double scale = cloud.root_area / other.root_area;
     const Index step = edge_step(cloud.size());
-    const Vector3 normal = cloud.normal(i), a = normal.unitOrthogonal(), b = normal.cross(a);
+    const auto [a, b] = tangents(cloud, i);
     double aa = 0.0, ab = 0.0, bb = 0.0, energy = 0.0;
     Vector3 along_a = Vector3::Zero(), along_b = Vector3::Zero();
     Index used = 0;
-    Matrix3& jacobian = map.jacobian[to_size(i)];
-    jacobian.setZero();
+    MeasuredMap::Slopes& slopes = map.slopes[to_size(i)];
+    slopes = {Vector3::Zero(), Vector3::Zero()};
     for (const Index j : cloud.near(i)) {
         if (!cloud.same_side(i, j)) continue;
         const Vector3 step_here = cloud.positions.row(j) - cloud.positions.row(i);
@@ -115,7 +128,7 @@ void fit_jacobian(const MeasuredCloud& cloud, const MeasuredCloud& other, Index 
     if (used < kFewest || !(determinant > kOnALine * (aa + bb) * (aa + bb))) return;
     const Vector3 to_a = (bb * along_a - ab * along_b) / determinant;
     const Vector3 to_b = (aa * along_b - ab * along_a) / determinant;
-    jacobian = to_a * a.transpose() + to_b * b.transpose();
+    slopes = {to_a, to_b};
     const auto [larger, smaller] = singular_values(to_a, to_b);
     map.points.stretch.row(i) << scale * larger, scale * smaller;
     map.points.measured[to_size(i)] = 1;
@@ -127,7 +140,7 @@ void measure(const MeasuredCloud& cloud, const MeasuredCloud& other,
              std::span<const Index> partners, MeasuredMap& map, Progress& progress) {
     const Index count = cloud.size();
     const Index step = edge_step(count);
-    map.jacobian.resize(to_size(count));
+    map.slopes.resize(to_size(count));
     map.foot.resize(to_size(count));
     map.edges.assign(to_size((count + step - 1) / step * kMeasuredNeighbors), -1.0);
     map.energy.setConstant(count, -1.0);
@@ -152,7 +165,7 @@ void go_there_and_back(const MeasuredCloud& cloud, const MeasuredCloud& other,
             const Index foot = map.foot[to_size(i)];
             const Vector3 off = (map.images.row(i) - other.positions.row(foot)).transpose();
             const Vector3 back =
-                reverse.images.row(foot).transpose() + reverse.jacobian[to_size(foot)] * off;
+                reverse.images.row(foot).transpose() + jacobian(other, reverse, foot) * off;
             map.points.round_trip[i] = (back - cloud.position(i)).norm() / cloud.root_area;
         }
     });
@@ -314,6 +327,8 @@ MeasuredMaps measure_maps(const MeasuredCloud& source, const MeasuredCloud& targ
     both(0.5, 0.6, [&](Here here, Here other, Map ours, Map theirs) {
         go_there_and_back(here, other, theirs, ours, progress);
     });
+    there.slopes = {};  // the largest of what is found, and needed no more
+    back.slopes = {};
     both(0.6, 0.9, [&](Here here, Here other, Map ours, Map theirs) {
         find_reached(here, other, &here == &source ? on_target : on_source, theirs, ours, progress);
     });

@@ -55,11 +55,14 @@ struct MeasuredCloud {
 
 /// The map from one cloud to the other, in spatial order.
 struct MeasuredMap {
+    /// Where a map's Jacobian takes two orthonormal tangents at a point.
+    using Slopes = std::array<Vector3, 2>;
+
     Positions images;
-    std::vector<Matrix3> jacobian;  ///< takes displacements in the tangent plane to the image's
-    std::vector<Index> foot;        ///< row of the other cloud nearest to the image, on its side
-    std::vector<double> edges;      ///< stretch of some edges
-    Values energy;                  ///< mean squared stretch of each point's edges; < 0: none
+    std::vector<Slopes> slopes;  ///< until round trips are measured
+    std::vector<Index> foot;     ///< row of the other cloud nearest to the image, on its side
+    std::vector<double> edges;   ///< stretch of some edges
+    Values energy;               ///< mean squared stretch of each point's edges; < 0: none
     PointQuality points;
     MapFigures figures;
 };

@@ -3,11 +3,13 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <optional>
 #include <utility>
 
 #include "morph/point_features.hpp"
 #include "morph/words.hpp"
 #include "pointmorph/base/error.hpp"
+#include "pointmorph/base/parallel.hpp"
 #include "pointmorph/cloud/kd_tree.hpp"
 #include "pointmorph/cloud/similarity.hpp"
 
@@ -103,13 +105,19 @@ Cuts cut_alike(const RouteInput& input, const LoopFeatures& known,
         source_rows.push_back(f.rows.source);
         target_rows.push_back(f.rows.target);
     }
-    const auto cut = [&](bool is_source, double first, double last,
+    const auto cut = [&](bool is_source, double first, double last, Progress& its,
                          std::span<const Patch> wanted = {}) {
-        const Progress::Part part(progress, first, last);
+        const Progress::Part part(its, first, last);
         return cut_open(is_source ? input.source : input.target,
-                        is_source ? source_rows : target_rows, loop, wanted, options, progress);
+                        is_source ? source_rows : target_rows, loop, wanted, options, its);
     };
-    Cuts cuts{cut(true, 0.0, 0.4), cut(false, 0.4, 0.8)};
+    Cuts cuts;
+    on_both(progress, [&](bool is_source, Progress& its) {
+        if (is_source)
+            cuts.source = cut(true, 0.0, 0.4, its);
+        else
+            cuts.target = cut(false, 0.4, 0.8, its);
+    });
     const Astray astray(cuts, known.all);
     if (astray.features.empty()) return cuts;
     if (astray.is_mirrored()) astray.check(known.all);
@@ -130,8 +138,8 @@ Cuts cut_alike(const RouteInput& input, const LoopFeatures& known,
         names[led] += (names[led].empty() ? "\"" : ", \"") + known.all[k].name + "\"";
     }
     try {
-        if (!names[0].empty()) cuts.source = cut(true, 0.8, 0.9, wanted[0]);
-        if (!names[1].empty()) cuts.target = cut(false, 0.9, 1.0, wanted[1]);
+        if (!names[0].empty()) cuts.source = cut(true, 0.8, 0.9, progress, wanted[0]);
+        if (!names[1].empty()) cuts.target = cut(false, 0.9, 1.0, progress, wanted[1]);
     } catch (const Error&) {  // the way round crosses the loop, or leaves no patch
         astray.check(known.all);
     }
@@ -179,8 +187,8 @@ Eigen::RowVector3d on_sphere(const Eigen::RowVector2d& u, bool above) {
     return {2.0 * u.x() / (1.0 + squared), 2.0 * u.y() / (1.0 + squared), above ? height : -height};
 }
 
-/// Lays patch after patch of both shapes onto the disk, aligned, and from there onto its half of
-/// the sphere, and gathers what comes of it.
+/// Lays both patches of both shapes onto the disk, aligned, and from there onto their halves of the
+/// sphere, and gathers what comes of it.
 class PatchLayout {
 public:
     PatchLayout(const RouteInput& input, const Cuts& cuts, const RimAngles& angles,
@@ -196,69 +204,84 @@ public:
         result.target_domain.resize(input.target.size(), 3);
     }
 
-    void lay_out(Patch patch, Progress& progress) {
-        const PatchCloud source = patch_of(input_.source, cuts_.source, patch);
-        const PatchCloud target = patch_of(input_.target, cuts_.target, patch);
-        const bool above = patch == Patch::kLeft;
-        const double done = above ? 0.0 : 0.5;
+    void lay_out(Progress& progress) {
         progress.enter("parameterization");
-        Disks disks{onto_disk(true, source, done, progress),
-                    onto_disk(false, target, done + 0.25, progress)};
+        std::array<LaidOut, 2> patches;  // by Patch
+        parallel_invoke(4, progress, [&](int k, Progress& its) {
+            const Progress::Part part(its, 0.25 * k, 0.25 * (k + 1));
+            lay_onto_disk(k % 2 == 0, static_cast<Patch>(k / 2), patches[to_size(k / 2)], its);
+        });
+        for (LaidOut& patch : patches) report(patch);
         progress.enter("alignment");
-        align(patch, source, target, disks, progress);
-        const auto spread = [&](DomainPoints& sphere, const PatchCloud& cloud,
-                                const DiskPoints& disk) {
-            for (std::size_t i = 0; i < cloud.rows.size(); ++i)
-                sphere.row(cloud.rows[i]) =
-                    on_sphere(disk.row(static_cast<Eigen::Index>(i)), above);
-        };
-        spread(result_.source_domain, source, disks.source);
-        spread(result_.target_domain, target, disks.target);
+        for (const Patch patch : {Patch::kLeft, Patch::kRight}) {
+            LaidOut& laid_out = patches[to_size(static_cast<int>(patch))];
+            align(patch, laid_out, progress);
+            for (const bool is_source : {true, false})
+                spread(is_source, patch, laid_out[is_source ? 0 : 1]);
+        }
     }
 
 private:
-    struct Disks {
-        DiskPoints source, target;
+    struct OnDisk {
+        std::optional<PatchCloud> cloud;
+        PatchOnDisk disk;
     };
+    /// One patch of source and target.
+    using LaidOut = std::array<OnDisk, 2>;
 
-    DiskPoints onto_disk(bool is_source, const PatchCloud& cloud, double first,
-                         Progress& progress) {
-        const Progress::Part part(progress, first, first + 0.25);
-        const PreparedShape& shape = is_source ? input_.source : input_.target;
-        PatchOnDisk disk = on_disk(shape, cloud, angles_[is_source ? 0 : 1], options_, progress);
-        RouteFacts& facts = result_.facts;
-        auto& said = is_source ? facts.source_parameterization : facts.target_parameterization;
-        said.add(disk.facts);
-        said.boundary_points = to_index(cloud.loop.size());
-        warn_of_joined(disk, shape, result_.warnings);
-        return std::move(disk.points);
+    const PreparedShape& shape(bool is_source) const {
+        return is_source ? input_.source : input_.target;
     }
 
-    void align(Patch patch, const PatchCloud& source, const PatchCloud& target, Disks& disks,
-               Progress& progress) {
+    void lay_onto_disk(bool is_source, Patch patch, LaidOut& laid_out, Progress& progress) const {
+        auto& [cloud, disk] = laid_out[is_source ? 0 : 1];
+        cloud = patch_of(shape(is_source), is_source ? cuts_.source : cuts_.target, patch);
+        disk = on_disk(shape(is_source), *cloud, angles_[is_source ? 0 : 1], options_, progress);
+    }
+
+    void report(const LaidOut& patch) {
+        for (const bool is_source : {true, false}) {
+            const auto& [cloud, disk] = patch[is_source ? 0 : 1];
+            RouteFacts& facts = result_.facts;
+            auto& said = is_source ? facts.source_parameterization : facts.target_parameterization;
+            said.add(disk.facts);
+            said.boundary_points = to_index(cloud->loop.size());
+            warn_of_joined(disk, shape(is_source), result_.warnings);
+        }
+    }
+
+    void align(Patch patch, LaidOut& laid_out, Progress& progress) {
         RouteFacts& facts = result_.facts;
+        const PatchCloud &source = *laid_out[0].cloud, &target = *laid_out[1].cloud;
+        DiskPoints &on_source = laid_out[0].disk.points, &on_target = laid_out[1].disk.points;
         std::vector<IndexPair> inside;
         for (const auto& [name, rows] : known_)
             if (cuts_.source.patches[to_size(rows.source)] == patch)
                 inside.push_back({source.patch_row(rows.source), target.patch_row(rows.target)});
-        const auto extremities =
-            paired_extremities(cuts_.source.unmarked, cuts_.target.unmarked, kLargestDifference,
-                               [&](Index s, Index t) {
-                                   if (cuts_.source.patches[to_size(s)] != patch ||
-                                       cuts_.target.patches[to_size(t)] != patch)
-                                       return kNoPair;
-                                   return (disks.source.row(source.patch_row(s)) -
-                                           disks.target.row(target.patch_row(t)))
-                                       .norm();
-                               });
+        const auto extremities = paired_extremities(
+            cuts_.source.unmarked, cuts_.target.unmarked, kLargestDifference,
+            [&](Index s, Index t) {
+                if (cuts_.source.patches[to_size(s)] != patch ||
+                    cuts_.target.patches[to_size(t)] != patch)
+                    return kNoPair;
+                return (on_source.row(source.patch_row(s)) - on_target.row(target.patch_row(t)))
+                    .norm();
+            });
         for (const auto& [s, t] : extremities) {
             inside.push_back({source.patch_row(s), target.patch_row(t)});
             facts.extremities.push_back({s, t});
         }
         const Alignment alignment =
-            align_features(disks.source, disks.target, inside, true, options_.alignment, progress);
+            align_features(on_source, on_target, inside, true, options_.alignment, progress);
         facts.feature_residual = std::max(facts.feature_residual, alignment.residual);
         facts.alignment_sweeps = std::max(facts.alignment_sweeps, alignment.sweeps);
+    }
+
+    void spread(bool is_source, Patch patch, const OnDisk& on_disk) {
+        DomainPoints& sphere = is_source ? result_.source_domain : result_.target_domain;
+        for (std::size_t i = 0; i < on_disk.cloud->rows.size(); ++i)
+            sphere.row(on_disk.cloud->rows[i]) = on_sphere(
+                on_disk.disk.points.row(static_cast<Eigen::Index>(i)), patch == Patch::kLeft);
     }
 
     const RouteInput& input_;
@@ -285,7 +308,7 @@ RouteResult match_in_patches(const RouteInput& input, std::span<const std::strin
     if (looks_mirrored(cuts, angles)) result.warnings.push_back(fits_mirrored("The loop fits"));
 
     PatchLayout layout(input, cuts, angles, known.all, options.patches, result);
-    for (const Patch patch : {Patch::kLeft, Patch::kRight}) layout.lay_out(patch, progress);
+    layout.lay_out(progress);
     for (std::size_t k = 0; k < known.in_loop; ++k) {
         const double angle = angles[0][to_size(cuts.source.corners[k])];
         const Eigen::RowVector3d corner(std::cos(angle), std::sin(angle), 0.0);

@@ -8,6 +8,7 @@
 #include "morph/point_features.hpp"
 #include "morph/words.hpp"
 #include "pointmorph/base/error.hpp"
+#include "pointmorph/base/parallel.hpp"
 
 namespace pointmorph {
 
@@ -139,16 +140,16 @@ RouteResult match_in_disk(const RouteInput& input, const Boundary& source_bounda
         match();
     }
     DiskPoints source_disk, target_disk;
-    {
-        const Progress::Part part(progress, 0.0, 0.5);
-        source_disk = on_disk(source, pins.source, options.parameterization,
-                              result.facts.source_parameterization, progress);
-    }
-    {
-        const Progress::Part part(progress, 0.5, 1.0);
-        target_disk = on_disk(target, pins.target, options.parameterization,
-                              result.facts.target_parameterization, progress);
-    }
+    on_both(progress, [&](bool is_source, Progress& its) {
+        const Progress::Part part(its, is_source ? 0.0 : 0.5, is_source ? 0.5 : 1.0);
+        RouteFacts& facts = result.facts;
+        if (is_source)
+            source_disk = on_disk(source, pins.source, options.parameterization,
+                                  facts.source_parameterization, its);
+        else
+            target_disk = on_disk(target, pins.target, options.parameterization,
+                                  facts.target_parameterization, its);
+    });
 
     progress.enter("alignment");
     const std::vector<IndexPair> features = rows_of(known);

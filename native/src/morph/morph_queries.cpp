@@ -61,6 +61,14 @@ Positions Morph::target_to_source(Progress& progress) const {
     return through_domain(target_images_, target_domain_, source_domain_, source_, progress);
 }
 
+/// Without a copy where they are known, else in `own`.
+const Positions& Morph::images_of(bool of_source, Positions& own, Progress& progress) const {
+    const Positions& known = of_source ? source_images_ : target_images_;
+    if (known.rows() > 0) return known;
+    own = of_source ? source_to_target(progress) : target_to_source(progress);
+    return own;
+}
+
 Positions Morph::through_domain(const Positions& images, const DomainPoints& from,
                                 const DomainPoints& to, const Cloud& other,
                                 Progress& progress) const {
@@ -527,8 +535,9 @@ const Quality& Morph::quality(Progress& progress) const {
     const std::scoped_lock lock(caches_->quality_mutex);
     auto& quality = caches_->quality;
     if (!quality) {
-        const Positions source_images = source_to_target(progress);
-        const Positions target_images = target_to_source(progress);
+        Positions own_source, own_target;
+        const Positions& source_images = images_of(true, own_source, progress);
+        const Positions& target_images = images_of(false, own_target, progress);
         const ThreadCount threads(options_.threads);
         progress.enter("quality");
         quality = measure_quality({source_, target_, source_images, target_images, pairs_,
@@ -547,8 +556,9 @@ const LocalConfidence& Morph::local_confidence(Progress& progress) const {
     const std::scoped_lock lock(caches_->local_confidence_mutex);
     auto& confidence = caches_->local_confidence;
     if (!confidence) {
-        const Positions source_images = source_to_target(progress);
-        const Positions target_images = target_to_source(progress);
+        Positions own_source, own_target;
+        const Positions& source_images = images_of(true, own_source, progress);
+        const Positions& target_images = images_of(false, own_target, progress);
         const ThreadCount threads(options_.threads);
         progress.enter("confidence");
         const TwoWayMap map{source_,

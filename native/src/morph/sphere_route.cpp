@@ -6,21 +6,10 @@
 
 #include "morph/point_features.hpp"
 #include "morph/words.hpp"
+#include "pointmorph/base/parallel.hpp"
 #include "pointmorph/cloud/kd_tree.hpp"
 
 namespace pointmorph {
-
-namespace {
-
-SphericalMesh mesh_of(const PreparedShape& shape, std::span<const Index> features,
-                      const SphericalOptions& options, std::vector<std::string>& warnings,
-                      Progress& progress) {
-    SphericalMesh mesh = spherical_mesh(shape.surface(), features, options, progress);
-    if (mesh.loose > 0) warnings.push_back(separate_parts(shape.name, mesh.loose));
-    return mesh;
-}
-
-}  // namespace
 
 RouteResult match_on_sphere(const RouteInput& input, const SphereRouteOptions& options,
                             Progress& progress) {
@@ -29,15 +18,18 @@ RouteResult match_on_sphere(const RouteInput& input, const SphereRouteOptions& o
     result.domain = "sphere";
     progress.enter("spherical parameterization");
     const std::vector<IndexPair> features = rows_of(point_features(input, {}, progress));
-    const auto mesh = [&](const PreparedShape& shape, Index IndexPair::*row, double first,
-                          double last) {
-        const Progress::Part part(progress, first, last);
+    SphericalMesh source_mesh, target_mesh;
+    on_both(progress, [&](bool is_source, Progress& its) {
+        const Progress::Part part(its, is_source ? 0.0 : 0.5, is_source ? 0.5 : 1.0);
         std::vector<Index> rows;
-        for (const IndexPair& f : features) rows.push_back(f.*row);
-        return mesh_of(shape, rows, options.parameterization, result.warnings, progress);
-    };
-    SphericalMesh source_mesh = mesh(source, &IndexPair::source, 0.0, 0.5);
-    SphericalMesh target_mesh = mesh(target, &IndexPair::target, 0.5, 1.0);
+        for (const IndexPair& f : features) rows.push_back(is_source ? f.source : f.target);
+        (is_source ? source_mesh : target_mesh) = spherical_mesh(
+            (is_source ? source : target).surface(), rows, options.parameterization, its);
+    });
+    if (source_mesh.loose > 0)
+        result.warnings.push_back(separate_parts(source.name, source_mesh.loose));
+    if (target_mesh.loose > 0)
+        result.warnings.push_back(separate_parts(target.name, target_mesh.loose));
 
     progress.enter("spherical alignment");
     std::vector<IndexPair> meet;  // the features are the meshes' first nodes

@@ -271,13 +271,13 @@ LiveUpdate LiveMap::updated(std::span<const Feature> features, Progress& progres
 
     progress.enter("lift");
     const MarkedClouds marked{scene.source, scene.target, marks};
-    const SceneImages images = with_marks_met(
+    SceneImages images = with_marks_met(
         state_->shifted(state_->prolonged_from(fine, progress)), marked,
         {[&](Index row) { return state_->source_prolongation.linear(row, fine.source_points); },
          [&](Index row) { return state_->target_prolongation.linear(row, fine.target_points); }});
-    LiveUpdate update{
-        on_surfaces(images, marked, state_->given(), state_->options.normal_weight, progress),
-        torn - state_->torn};
+    LiveUpdate update{on_surfaces(std::move(images), marked, state_->given(),
+                                  state_->options.normal_weight, progress),
+                      torn - state_->torn};
     update.refinement.diagnostics.starts = {{"update", torn, 0.0}};
     update.refinement.inside_out = state_->inside_out;
     progress.finish();

@@ -79,15 +79,25 @@ Pairing mutual_pairs(const typename KdTree<Dim>::Points& source,
                      std::span<const IndexPair> features, Progress& progress) {
     const auto source_rows = free_rows(to_index(source.rows()), features, &IndexPair::source);
     const auto target_rows = free_rows(to_index(target.rows()), features, &IndexPair::target);
-    const typename KdTree<Dim>::Points s = gather(source, source_rows),
-                                       t = gather(target, target_rows);
+    // One tree at a time and no copies: these are the largest arrays of all.
+    const auto nearest = [&](const typename KdTree<Dim>::Points& from,
+                             const typename KdTree<Dim>::Points& to, std::span<const Index> rows) {
+        if (rows.size() == to_size(to.rows()))
+            return nearest_matches<Dim>(from, KdTree<Dim>(to), progress).to;
+        const auto tree = [&] {
+            const typename KdTree<Dim>::Points some = gather(to, rows);
+            return KdTree<Dim>(some);
+        }();
+        return nearest_matches<Dim>(from, tree, progress).to;
+    };
     Pairing pairs(features.begin(), features.end());
-    const Matches forward = nearest_matches<Dim>(s, KdTree<Dim>(t), progress);
-    const Matches backward = nearest_matches<Dim>(t, KdTree<Dim>(s), progress);
-    for (std::size_t i = 0; i < source_rows.size(); ++i)
-        pairs.push_back({source_rows[i], target_rows[to_size(forward.to[i])]});
-    for (std::size_t j = 0; j < target_rows.size(); ++j)
-        pairs.push_back({source_rows[to_size(backward.to[j])], target_rows[j]});
+    pairs.reserve(features.size() + source_rows.size() + target_rows.size());
+    const std::vector<Index> forward = nearest(source, target, target_rows);
+    const std::vector<Index> backward = nearest(target, source, source_rows);
+    for (const Index i : source_rows)
+        pairs.push_back({i, target_rows[to_size(forward[to_size(i)])]});
+    for (const Index j : target_rows)
+        pairs.push_back({source_rows[to_size(backward[to_size(j)])], j});
     std::ranges::sort(pairs);
     pairs.erase(std::ranges::unique(pairs).begin(), pairs.end());
     return pairs;

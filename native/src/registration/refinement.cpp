@@ -1,5 +1,6 @@
 #include "pointmorph/registration/refinement.hpp"
 
+#include <optional>
 #include <utility>
 
 #include "pointmorph/registration/extremities.hpp"
@@ -108,13 +109,15 @@ Refinement refine(const RefinementCloud& source, const RefinementCloud& target,
                   Progress& progress, const RefinementStart* start) {
     progress.enter("coarse shapes");
     const GivenClouds given{source, target};
-    const UnitClouds unit = at_unit_area(given, progress);
-    Marks marks = marks_of(features, {unit.source.positions, source.normals},
-                           {unit.target.positions, target.normals}, progress);
-    if (start && !is_trusted(*start, given, unit, marks, options.trusted_distance)) start = nullptr;
+    std::optional<const UnitClouds> unit = at_unit_area(given, progress);
+    Marks marks = marks_of(features, {unit->source.positions, source.normals},
+                           {unit->target.positions, target.normals}, progress);
+    if (start && !is_trusted(*start, given, *unit, marks, options.trusted_distance))
+        start = nullptr;
     const FirstAlignment first =
-        first_alignment(unit, marks, start, options.features_that_fix_the_pose);
-    Scene placed = scene_of(given, unit, std::move(marks), first.alignment, options, progress);
+        first_alignment(*unit, marks, start, options.features_that_fix_the_pose);
+    Scene placed = scene_of(given, *unit, std::move(marks), first.alignment, options, progress);
+    unit.reset();  // as large as both clouds
     const RegistrationStart coarse_start =
         start ? start_from(*start, placed) : thin_plate_start(placed.coarse());
     const bool inside_out =
@@ -125,18 +128,20 @@ Refinement refine(const RefinementCloud& source, const RefinementCloud& target,
                                      first.fixes_the_pose, options, progress);
 
     progress.enter("lift");
-    const Prolongation of_source = prolongation(scene.source, scene.coarse_source, progress),
-                       of_target = prolongation(scene.target, scene.coarse_target, progress);
-    const DeformedCloud &source_points = map.registration.source_points,
-                        &target_points = map.registration.target_points;
-    const SceneImages images = with_marks_met(
-        {prolonged(scene.source, scene.coarse_source, of_source, source_points, progress),
-         prolonged(scene.target, scene.coarse_target, of_target, target_points, progress)},
-        {scene.source, scene.target, scene.marks},
-        {[&](Index row) { return of_source.linear(row, source_points); },
-         [&](Index row) { return of_target.linear(row, target_points); }});
-    Refinement result = on_surfaces(images, {scene.source, scene.target, scene.marks}, given,
-                                    options.normal_weight, progress);
+    SceneImages images = [&] {
+        const Prolongation of_source = prolongation(scene.source, scene.coarse_source, progress),
+                           of_target = prolongation(scene.target, scene.coarse_target, progress);
+        const DeformedCloud &source_points = map.registration.source_points,
+                            &target_points = map.registration.target_points;
+        return with_marks_met(
+            {prolonged(scene.source, scene.coarse_source, of_source, source_points, progress),
+             prolonged(scene.target, scene.coarse_target, of_target, target_points, progress)},
+            {scene.source, scene.target, scene.marks},
+            {[&](Index row) { return of_source.linear(row, source_points); },
+             [&](Index row) { return of_target.linear(row, target_points); }});
+    }();
+    Refinement result = on_surfaces(std::move(images), {scene.source, scene.target, scene.marks},
+                                    given, options.normal_weight, progress);
     progress.finish();
     result.diagnostics =
         map.diagnostics.with_rows(scene.coarse_source.cloud_rows, scene.coarse_target.cloud_rows);

@@ -134,13 +134,15 @@ Positions given_images(const Positions& images, const Pairing& pairs, const Mark
 }
 
 /// Images of all points where both clouds were given, those of pinned rows on their partners.
-RefinementStart given_maps(const SceneImages& images, const Pairing& pairs,
-                           const MarkedClouds& scene, const GivenClouds& given,
-                           Progress& progress) {
+RefinementStart given_maps(SceneImages images, const Pairing& pairs, const MarkedClouds& scene,
+                           const GivenClouds& given, Progress& progress) {
     const Marks& marks = scene.marks;
-    RefinementStart maps{
-        given_images(images.source.positions, pairs, marks, forward(scene), progress),
-        given_images(images.target.positions, pairs, marks, backward(scene), progress)};
+    RefinementStart maps;
+    maps.source_images =
+        given_images(images.source.positions, pairs, marks, forward(scene), progress);
+    images.source.positions.resize(0, 3);
+    maps.target_images =
+        given_images(images.target.positions, pairs, marks, backward(scene), progress);
     for (const IndexPair& f : marks.pinned) {
         maps.source_images.row(f.source) = given.target.positions.row(f.target);
         maps.target_images.row(f.target) = given.source.positions.row(f.source);
@@ -166,13 +168,16 @@ SceneImages with_marks_met(SceneImages images, const MarkedClouds& scene,
             with_marks_met(std::move(images.target), backward(scene), scene.marks, linear.target)};
 }
 
-Refinement on_surfaces(const SceneImages& images, const MarkedClouds& scene,
-                       const GivenClouds& given, double normal_weight, Progress& progress) {
+Refinement on_surfaces(SceneImages images, const MarkedClouds& scene, const GivenClouds& given,
+                       double normal_weight, Progress& progress) {
     progress.enter("product space");
     ProductClouds product = product_clouds(scene, images, normal_weight);
+    // The product has them: the fewer large arrays meanwhile, the better.
+    images.source.normals.resize(0, 3);
+    images.target.normals.resize(0, 3);
     Pairing pairs = paired(product, scene, progress);
     progress.enter("landing");
-    RefinementStart maps = given_maps(images, pairs, scene, given, progress);
+    RefinementStart maps = given_maps(std::move(images), pairs, scene, given, progress);
     Refinement result;
     result.source_images = std::move(maps.source_images);
     result.target_images = std::move(maps.target_images);

@@ -43,7 +43,7 @@ OrientedPoints prolonged(const PlacedCloud& cloud, const CoarseShape& coarse,
 SceneImages with_marks_met(SceneImages images, const MarkedClouds& scene, const LinearMaps& linear);
 
 /// Enters "product space" and "landing". Diagnostics and `inside_out` are left for the caller.
-Refinement on_surfaces(const SceneImages& images, const MarkedClouds& scene,
-                       const GivenClouds& given, double normal_weight, Progress& progress);
+Refinement on_surfaces(SceneImages images, const MarkedClouds& scene, const GivenClouds& given,
+                       double normal_weight, Progress& progress);
 
 }  // namespace pointmorph

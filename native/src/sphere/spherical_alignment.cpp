@@ -86,6 +86,18 @@ public:
             }
             rests_.push_back(rest);
         }
+        for (const auto& [a, b, c] : target.triangles) {
+            OnTarget under;
+            Matrix3 on_sphere;
+            on_sphere << row_of(target.images, a), row_of(target.images, b),
+                row_of(target.images, c);
+            under.corners << row_of(target.positions, a), row_of(target.positions, b),
+                row_of(target.positions, c);
+            under.inverse = on_sphere.inverse();
+            under.slope = target_scale_ * under.corners * under.inverse;
+            under.sums = under.inverse.colwise().sum();
+            on_target_.push_back(under);
+        }
     }
 
     double operator()(const Positions& places, Positions& gradient) {
@@ -100,19 +112,11 @@ public:
             const Vector3 place = row_of(places, v);
             const auto [triangle, shares] = locator_.find(place, hints_[to_size(v)]);
             hints_[to_size(v)] = triangle;
-            const auto& [a, b, c] = target_.triangles[to_size(triangle)];
-            Matrix3 corners, on_surface;
-            corners << row_of(target_.images, a), row_of(target_.images, b),
-                row_of(target_.images, c);
-            on_surface << row_of(target_.positions, a), row_of(target_.positions, b),
-                row_of(target_.positions, c);
-            const Matrix3 inverse = corners.inverse();
-            const Vector3 unscaled = inverse * place;
-            const Vector3 image = target_scale_ * (on_surface * shares);
+            const OnTarget& under = on_target_[to_size(triangle)];
+            const Vector3 image = target_scale_ * (under.corners * shares);
             images.row(v) = image.transpose();
             slopes[to_size(v)] =
-                (target_scale_ * on_surface * inverse - image * inverse.colwise().sum()) /
-                unscaled.sum();
+                (under.slope - image * under.sums) / Vector3(under.inverse * place).sum();
         }
         constexpr double kFloor = 1e-3;  // of D
         double sum = 0.0;
@@ -190,11 +194,19 @@ private:
         double area;
         Vector3 weights;  ///< of the edges across from the corners
     };
+    /// A triangle of the target: how places on the sphere go onto it.
+    struct OnTarget {
+        Matrix3 corners;  ///< on the target, as columns
+        Matrix3 inverse;  ///< of the matrix of the corners on the sphere
+        Matrix3 slope;    ///< of the scaled place, but for the projection
+        Eigen::RowVector3d sums;
+    };
     const SphericalMesh& source_;
     const SphericalMesh& target_;
     SphereLocator locator_;
     std::vector<Index> hints_;
     std::vector<Rest> rests_;
+    std::vector<OnTarget> on_target_;
     double area_weight_;
     double target_scale_;
 };

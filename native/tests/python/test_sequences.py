@@ -33,6 +33,21 @@ def test_numbers_and_velocities(morph: pointmorph.Morph, tmp_path: Path) -> None
     np.testing.assert_allclose(rows["vz"], expected[:, 2], atol=1e-7)
 
 
+def test_nothing_is_prepared_for_no_frames(tmp_path: Path) -> None:
+    plane = grid(13)
+    result = pointmorph.morph(pointmorph.Cloud(plane), pointmorph.Cloud(0.8 * plane), path="rigid")
+    stages: set[str] = set()
+
+    def note(stage: str, _done: float) -> bool:
+        stages.add(stage)
+        return True
+
+    assert sequences.write_frames(result, tmp_path, [], progress=note) == []
+    assert not stages & {"motion", "resampling"}
+    sequences.write_frames(result, tmp_path, [0.5], progress=note)
+    assert {"motion", "resampling"} <= stages
+
+
 def test_an_interrupted_run_goes_on_and_another_morph_starts_over(
     morph: pointmorph.Morph, tmp_path: Path
 ) -> None:

@@ -171,6 +171,7 @@ private:
     void take(Correspondence found);
     void carry(MorphInput input, const RefinementStart& offsets, Progress& progress);
     const OrderedNeighbors& neighbors(bool of_source, Progress& progress) const;
+    const Positions& images_of(bool of_source, Positions& own, Progress& progress) const;
     Positions through_domain(const Positions& images, const DomainPoints& from,
                              const DomainPoints& to, const Cloud& other, Progress& progress) const;
     Positions velocities(double t) const;

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from pointmorph import __version__, formats
 from pointmorph.base.errors import FeatureError, FileError, OptionError, PointmorphError
@@ -414,18 +413,9 @@ def _write(
     folder: Path = chosen.out
     with files.whole_file(folder / "pairs.npy") as file:
         np.save(file, result.pairs)
-    frame = result.empty_frame()
-    for side, (name, cloud) in enumerate((("source", result.source), ("target", result.target))):
-        result.frame(float(side), out=frame)
-        rows = result.pairs[:, side]
-        normals, colors, radii = (
-            _by_point(values, rows, len(cloud))
-            for values in (frame.normals, frame.colors, frame.radii)
-        )
-        positions = cloud.positions.astype(frame.positions.dtype, copy=False)
-        sure = getattr(confidence, name)
-        path = folder / f"{name}.ply"
-        formats.write_ply(path, positions, normals, colors, radii, confidence=sure)
+    for side in SIDES:
+        frame, sure = result._end(side), getattr(confidence, side)
+        formats.write_ply(folder / f"{side}.ply", **vars(frame), confidence=sure)
 
     times = frame_sequences.even_times(chosen.frames)
     mesh = None if own is None else OwnMeshWriter(result, own, chosen.mesh, times)
@@ -435,10 +425,3 @@ def _write(
         result, folder, times, resample=chosen.resample, mesh=mesh or chosen.mesh, progress=progress
     )
     return counts, mesh
-
-
-def _by_point(values: FloatArray, rows: npt.NDArray[np.int64], count: int) -> FloatArray:
-    """From values per pair to values per point, where `rows` are the points of the pairs."""
-    result: FloatArray = np.empty((count, *values.shape[1:]), values.dtype)
-    result[rows] = values
-    return result

@@ -60,19 +60,20 @@ def fail(message: str, status: int) -> int:
 def bars() -> Iterator[Progress]:
     """A progress function: one bar per stage on a terminal, nothing in a pipe. It raises
     Terminated where an import has taken SIGTERM for its own failure and gone on."""
-    from tqdm import tqdm
+    if sys.stderr is None or not sys.stderr.isatty():
+        yield lambda _stage, _fraction: _go_on()
+        return
+    from tqdm import tqdm  # whose import takes a tenth of a small morph
 
     shown: dict[str, Any] = {}
 
     def progress(stage: str, fraction: float) -> bool:
-        if _asked_to_end.is_set():
-            raise Terminated
+        _go_on()
         if stage not in shown:
             finish()
             shown[stage] = tqdm(
                 total=100,
                 desc=f"{stage_label(stage):<24}",
-                disable=None,
                 leave=False,
                 bar_format="{desc} {bar:40} {percentage:3.0f}%",
             )
@@ -89,3 +90,9 @@ def bars() -> Iterator[Progress]:
         yield progress
     finally:
         finish()
+
+
+def _go_on() -> bool:
+    if _asked_to_end.is_set():
+        raise Terminated
+    return True

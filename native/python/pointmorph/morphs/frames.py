@@ -60,6 +60,17 @@ class AsFrames:
             np.empty(m, self._dtype),
         )
 
+    def _end(self, side: str) -> Frame:
+        """The source or the target as a frame with a row for each of its points."""
+        is_source = side == "source"
+        native = self._native
+        arrays = native.completed_source() if is_source else native.completed_target()
+        positions = (self.source if is_source else self.target).positions
+        if len(arrays["colors"]) == 0:
+            arrays["colors"] = np.ones((len(positions), 4), np.float32)
+        arrays["positions"] = positions
+        return Frame(**{k: rows.astype(self._dtype, copy=False) for k, rows in arrays.items()})
+
     def frame(self, t: float, out: Frame | None = None, progress: Progress | None = None) -> Frame:
         """The in-between cloud at t, along paths of the kind that the setting `path` names.
 

@@ -38,7 +38,7 @@ class Measured(AsMeshes):
 
     def measure_quality(self, progress: Progress | None = None) -> Quality:
         """Measures what `quality` returns, with progress and canceling."""
-        measured = self._native.quality(progress)
+        measured = self._native.quality(True, progress)
         return Quality(
             PointQuality(**measured["source"]),
             PointQuality(**measured["target"]),
@@ -169,7 +169,7 @@ class Measured(AsMeshes):
         the other) and `proposals` (pairs of places to mark: `source`, `target`, `confidence`,
         `is_tip`).
         """
-        quality = self.quality
+        quality = self._native.quality(False, None)
         report = self._native.report()
         if self.has_confidence:
             confidence = self.measure_confidence()
@@ -182,15 +182,9 @@ class Measured(AsMeshes):
             **report,
             "peak_memory_bytes": peak_memory_bytes(),
             "cracks": self.cracks(),
-            "quality": {
-                "source_to_target": asdict(quality.source_to_target),
-                "target_to_source": asdict(quality.target_to_source),
-            },
-            "worst": [asdict(place) for place in quality.worst],
-            "features": {
-                kept.name: {key: value for key, value in asdict(kept).items() if key != "name"}
-                for kept in quality.features
-            },
+            "quality": {way: quality[way] for way in ("source_to_target", "target_to_source")},
+            "worst": quality["worst"],
+            "features": {kept.pop("name"): kept for kept in quality["features"]},
             "points": [len(self.source), len(self.target)],
             **mesh,
         }

@@ -318,7 +318,7 @@ def write_sequence(
     files.remove_leftovers(folder)
     known = resume and all(run.records.mentions(number) for number in sequence.numbers)
     run.remove_others(keep_known=resume)
-    if not known:
+    if sequence.times and not known:
         sequence.prepare(progress)
     return run.make(range(len(sequence.times)), resume=resume, progress=progress)
 
