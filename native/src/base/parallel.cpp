@@ -2,8 +2,14 @@
 
 #include <algorithm>
 #include <array>
+#include <atomic>
+#include <chrono>
 #include <cstdlib>
 #include <cstring>
+#include <exception>
+#include <string_view>
+#include <thread>
+#include <vector>
 
 #include "base/thread_engine.hpp"
 
@@ -67,6 +73,70 @@ void run_team(int most, const TeamWork& work) {
         in_team = false;
     };
     engine_in_use().load()->run(threads, TeamWork(as_member));
+}
+
+namespace {
+
+/// Calls `body(i, owner)` for each i, and `wait(owner)` once a thread has none left to begin.
+/// Returns the exception of the lowest i, or null.
+std::exception_ptr invoke_all(int count, const std::function<void(int, bool)>& body,
+                              const std::function<void(bool)>& wait) {
+    std::vector<std::exception_ptr> failures(to_size(count));
+    std::atomic<int> next{0};
+    auto work = [&](bool owner) {
+        for (int i = next++; i < count; i = next++) {
+            try {
+                body(i, owner);
+            } catch (...) {
+                failures[to_size(i)] = std::current_exception();
+            }
+        }
+        wait(owner);
+    };
+    run_team(count, TeamWork(work));
+    for (const auto& failure : failures)
+        if (failure) return failure;
+    return nullptr;
+}
+
+}  // namespace
+
+void parallel_invoke(int count, const std::function<void(int, bool)>& body) {
+    if (const auto failure = invoke_all(count, body, [](bool) {})) std::rethrow_exception(failure);
+}
+
+void parallel_invoke(int count, Progress& progress,
+                     const std::function<void(int, Progress&)>& body) {
+    std::exception_ptr callers;
+    std::atomic<int> ended{0};
+    const auto failure = invoke_all(
+        count,
+        [&](int i, bool owner) {
+            Progress silent([&](std::string_view, double) { return !progress.cancelled(); });
+            try {
+                body(i, owner ? progress : silent);
+            } catch (...) {
+                if (owner && !callers) callers = std::current_exception();
+                ++ended;
+                throw;
+            }
+            ++ended;
+        },
+        [&](bool owner) {
+            while (owner && ended < count) {
+                progress.poll();
+                std::this_thread::sleep_for(std::chrono::microseconds(200));
+            }
+        });
+    if (progress.cancelled()) {
+        if (callers) std::rethrow_exception(callers);  // perhaps what the callback threw
+        progress.throw_if_cancelled();
+    }
+    if (failure) std::rethrow_exception(failure);
+}
+
+void on_both(Progress& progress, const std::function<void(bool, Progress&)>& work) {
+    parallel_invoke(2, progress, [&](int k, Progress& its) { work(k == 0, its); });
 }
 
 }  // namespace pointmorph

@@ -2,14 +2,11 @@
 #pragma once
 
 #include <atomic>
-#include <chrono>
 #include <concepts>
 #include <exception>
+#include <functional>
 #include <limits>
 #include <mutex>
-#include <string_view>
-#include <thread>
-#include <vector>
 
 #include "pointmorph/base/progress.hpp"
 #include "pointmorph/base/types.hpp"
@@ -82,74 +79,18 @@ void parallel_for(Index count, Progress& progress, Body&& body, double first = 0
 }
 
 /// Calls `body(i, owner)` for i = 0 … count − 1 (a few), next to each other where there are
-/// threads, and `wait(owner)` once a thread has none left to begin. `owner` is true on the calling
-/// thread. Returns the exception of the lowest i, or null.
-template <std::invocable<int, bool> Body, std::invocable<bool> Wait>
-std::exception_ptr invoke_all(int count, Body&& body, Wait&& wait) {
-    std::vector<std::exception_ptr> failures(to_size(count));
-    std::atomic<int> next{0};
-    auto work = [&](bool owner) {
-        for (int i = next++; i < count; i = next++) {
-            try {
-                body(i, owner);
-            } catch (...) {
-                failures[to_size(i)] = std::current_exception();
-            }
-        }
-        wait(owner);
-    };
-    run_team(count, TeamWork(work));
-    for (const auto& failure : failures)
-        if (failure) return failure;
-    return nullptr;
-}
-
-/// Calls `body(i, owner)` for i = 0 … count − 1 (a few), next to each other where there are
 /// threads. `owner` is true on the calling thread, the only one that may poll a Progress. The
 /// exception of the lowest i is rethrown.
-template <std::invocable<int, bool> Body>
-void parallel_invoke(int count, Body&& body) {
-    if (const auto failure = invoke_all(count, body, [](bool) {})) std::rethrow_exception(failure);
-}
+void parallel_invoke(int count, const std::function<void(int, bool)>& body);
 
 /// Calls `body(i, its)` for i = 0 … count − 1 (a few), next to each other where there are threads.
 /// On the calling thread, `its` is `progress`; on others it says nothing, and is cancelled when
 /// `progress` is, whose callback is asked until all have ended. Throws Cancelled, else the
 /// exception of the lowest i.
-template <std::invocable<int, Progress&> Body>
-void parallel_invoke(int count, Progress& progress, Body&& body) {
-    std::exception_ptr callers;
-    std::atomic<int> ended{0};
-    const auto failure = invoke_all(
-        count,
-        [&](int i, bool owner) {
-            Progress silent([&](std::string_view, double) { return !progress.cancelled(); });
-            try {
-                body(i, owner ? progress : silent);
-            } catch (...) {
-                if (owner && !callers) callers = std::current_exception();
-                ++ended;
-                throw;
-            }
-            ++ended;
-        },
-        [&](bool owner) {
-            while (owner && ended < count) {
-                progress.poll();
-                std::this_thread::sleep_for(std::chrono::microseconds(200));
-            }
-        });
-    if (progress.cancelled()) {
-        if (callers) std::rethrow_exception(callers);  // perhaps what the callback threw
-        progress.throw_if_cancelled();
-    }
-    if (failure) std::rethrow_exception(failure);
-}
+void parallel_invoke(int count, Progress& progress,
+                     const std::function<void(int, Progress&)>& body);
 
 /// Calls `work(is_source, its)` for both clouds as parallel_invoke() does.
-template <std::invocable<bool, Progress&> Work>
-void on_both(Progress& progress, Work&& work) {
-    parallel_invoke(2, progress, [&](int k, Progress& its) { work(k == 0, its); });
-}
+void on_both(Progress& progress, const std::function<void(bool, Progress&)>& work);
 
 }  // namespace pointmorph
