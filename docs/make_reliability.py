@@ -23,7 +23,7 @@ What was tried to make Pointmorph break, how often, and what came of it. The scr
 `native/tests/long_runs` try it; `docs/make_reliability.py` makes this page of their reports. Each
 run of the tests repeats a small part: `test_properties.py`, `test_damaged_files.py`,
 `test_stored_commands.py`, `test_memory.py`, the suite `farm`, and in Blender
-`test_random_walk.py`.
+`test_random_walk.py` and `test_stopped_bakes.py`.
 
 ## What holds
 
@@ -69,9 +69,10 @@ KINDS = {
         NONE,
     ),
     "stops": (
-        "signals, also a second one, and what they leave",
-        "`stops.py`",
-        "bakes in Blender that are killed",
+        "signals, also a second one, and what they leave; bakes in Blender of every format that are"
+        " killed",
+        "`stops.py`, `stopped_bakes.py`",
+        NONE,
     ),
     "Blender": (
         "random walks: undo, redo, files, several scenes, linked and overridden objects, objects"
