@@ -52,9 +52,10 @@ KINDS = {
         "ten million inputs of each kind: a whole morph takes up to seconds",
     ),
     "sanitizers": (
-        "address and undefined on all C++ tests; threads on the pool, with progress and cancel",
+        "address and undefined on all C++ tests; threads on loops and on whole morphs by every way,"
+        " with progress and cancel, on the pool; leaks of whole morphs, also cancelled and failing",
         NONE,
-        "the thread sanitizer on whole morphs; leaks, but by `memory.py`",
+        NONE,
     ),
     "properties": (
         "finite numbers, exact ends, every point in a pair; no bit changes with threads, order and"

@@ -96,11 +96,13 @@ def cpp() -> Outcome:
 
 
 def sanitizers() -> Outcome:
-    """The C++ tests again, where a bad access, undefined behaviour or a race ends the run."""
+    """The C++ tests again, where a bad access, undefined behaviour or a race ends the run, and a
+    leak fails it."""
     targets = ("pointmorph_sanitized_tests", "pointmorph_thread_tests")
     build = build_native(targets, *CPP_TEST_SETTINGS)
     halt = "halt_on_error=1:print_stacktrace=1"
     environment = {"UBSAN_OPTIONS": halt, "TSAN_OPTIONS": halt, "POINTMORPH_WATCHED": "1"}
+    environment["ASAN_OPTIONS"] = "detect_leaks=1"
     outcome = Outcome()
     for name, tests in zip(("sanitizers", "threads"), targets, strict=True):
         outcome.add(run_suite(name, build / tests, "--gtest_output=xml:", **environment))

@@ -6,16 +6,20 @@
 
 namespace pointmorph {
 
-/// The defaults, but with coarser shapes where sanitizers watch, and fewer poses that are followed
-/// further: the same code, run less often.
-inline RefinementOptions lighter_where_watched() {
+/// Coarser shapes than by default, and fewer poses that are followed further: the same code, run
+/// less often.
+inline RefinementOptions lighter_refinement() {
     RefinementOptions options;
-    if (!is_watched()) return options;
     options.coarse = {400, {30, 100}, {}};
     options.pose.points = 300;
     options.pose.semifinalists = 4;
     options.pose.effort.variants = options.pose.second_effort.variants = 4;
     return options;
+}
+
+/// The defaults, but lighter_refinement() where sanitizers watch.
+inline RefinementOptions lighter_where_watched() {
+    return is_watched() ? lighter_refinement() : RefinementOptions{};
 }
 
 }  // namespace pointmorph
