@@ -95,9 +95,10 @@ KINDS = {
         "hands, birds, furniture, vehicles",
     ),
     "earlier files": (
-        "what earlier versions would have written, made by script",
+        "kept files of this version, which later ones must open: a saved morph, a batch, a .blend"
+        " file; what earlier versions would have written, made by script",
         NONE,
-        "kept files: no version has been released yet",
+        NONE,
     ),
 }
 """What is tried in each run of the tests, in long runs, and not at all."""
