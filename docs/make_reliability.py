@@ -91,8 +91,9 @@ KINDS = {
     "confidence": (
         "[252 maps](stages/measures/local_confidence.md), each kind judged by what was fitted to"
         " the others, once",
-        NONE,
-        "hands, birds, furniture, vehicles",
+        "`bench_confidence.py`: hands, birds, furniture, vehicles, vessels, made by script, and"
+        " things with nothing in common",
+        "scans of these",
     ),
     "earlier files": (
         "kept files of this version, which later ones must open: a saved morph, a batch, a .blend"

@@ -1,0 +1,121 @@
+"""How often a wrong map goes unnoticed, on kinds of shapes that confidence wasn't fitted to.
+
+    bench_confidence.py [--seeds N] [--points N] [--json FILE]
+
+Bodies made by script, whose truth is known at every point (`made_bodies`), are mapped without marks
+and with four; then bodies of different kinds, which have nothing in common, so that no map between
+them is right. A map counts as wrong with more than 30 % of its points over 0.1 √area off, and as
+noticed with a confidence below 0.8, where the report warns.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+import pointmorph
+from compare_measures import cloud_area
+from made_bodies import FAMILIES, Body, body_pair
+
+OFF, WRONG, WARNED = 0.1, 0.3, 0.8
+STRENGTHS = (1.0, 2.0, 3.0)
+"""How much one of them is bent, by turns."""
+Row = dict[str, float | str]
+
+
+def cloud(body: Body) -> pointmorph.Cloud:
+    return pointmorph.Cloud(body.positions, normals=body.normals)
+
+
+def marks(source: Body, target: Body, count: int) -> dict[str, tuple[int, int]]:
+    """Far apart from each other on the source, each with the nearest row on the target."""
+    shared = np.flatnonzero(source.is_shared)
+    chosen: list[int] = []
+    far = np.full(len(shared), np.inf)
+    for _ in range(count):
+        chosen.append(int(shared[far.argmax() if chosen else 0]))
+        from_it = np.linalg.norm(source.positions[shared] - source.positions[chosen[-1]], axis=1)
+        far = np.minimum(far, from_it)
+    places = [((target.positions - source.truth[row]) ** 2).sum(axis=1).argmin() for row in chosen]
+    return {f"m{k}": (row, int(to)) for k, (row, to) in enumerate(zip(chosen, places, strict=True))}
+
+
+def judged(kind: str, source: Body, target: Body, number: int) -> Row:
+    """A map between two draws of a kind, with so many marks."""
+    morph = pointmorph.morph(cloud(source), cloud(target), marks(source, target, number))
+    off = []
+    for body, images, other in (
+        (source, morph.source_to_target, target),
+        (target, morph.target_to_source, source),
+    ):
+        away = np.linalg.norm(images - body.truth, axis=1) / np.sqrt(cloud_area(other.positions))
+        off.append(away[body.is_shared] > OFF)
+    confidence = morph.measure_confidence().right
+    wrong = float(np.concatenate(off).mean())
+    return {"kind": kind, "marks": number, "wrong": wrong, "confidence": confidence}
+
+
+def related(seeds: int, points: int) -> list[Row]:
+    rows = []
+    for kind, families in FAMILIES.items():
+        for family in families:
+            for seed in range(seeds):
+                source, target = body_pair(family, seed, points, STRENGTHS[seed % len(STRENGTHS)])
+                rows += [judged(kind, source, target, number) for number in (0, 4)]
+                print(family.__name__, seed, rows[-2:], flush=True)
+    return rows
+
+
+def unrelated(seeds: int, points: int) -> list[Row]:
+    """Each kind mapped to the next ones."""
+    families = [family for group in FAMILIES.values() for family in group]
+    rows: list[Row] = []
+    for seed in range(seeds):
+        for k, family in enumerate(families):
+            other = families[(k + 2 + seed % (len(families) - 3)) % len(families)]
+            source = body_pair(family, 1000 + seed, points)[0]
+            target = body_pair(other, 2000 + seed, points)[1]
+            morph = pointmorph.morph(cloud(source), cloud(target))
+            kind = f"{family.__name__} to {other.__name__}"
+            rows.append({"kind": kind, "confidence": morph.measure_confidence().right})
+            print(rows[-1], flush=True)
+    return rows
+
+
+def table(rows: list[Row], strangers: list[Row]) -> str:
+    heads = ["kind", "maps", "stated doubt", "wrong", "more than 30 % wrong", "unnoticed"]
+    heads += ["less than 5 % wrong", "warned of"]
+    lines = ["| " + " | ".join(heads) + " |", "|---" + "|--:" * (len(heads) - 1) + "|"]
+    for kind in (*FAMILIES, "all"):
+        of = [row for row in rows if kind in ("all", row["kind"])]
+        wrong = np.array([row["wrong"] for row in of], dtype=float)
+        sure = np.array([row["confidence"] for row in of], dtype=float)
+        bad, good = wrong > WRONG, wrong < 0.05
+        cells = [len(of), f"{1 - sure.mean():.3f}", f"{wrong.mean():.3f}", bad.sum()]
+        cells += [(bad & (sure >= WARNED)).sum(), good.sum(), (good & (sure < WARNED)).sum()]
+        lines.append(f"| {kind} | " + " | ".join(map(str, cells)) + " |")
+    sure = np.array([row["confidence"] for row in strangers], dtype=float)
+    lines.append(f"\nNothing in common: {len(sure)} maps, {(sure >= WARNED).sum()} unnoticed; "
+                 f"confidence {sure.mean():.2f} on average, at most {sure.max():.2f}.")  # fmt: skip
+    return "\n".join(lines)
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
+    parser.add_argument("--seeds", type=int, default=6)
+    parser.add_argument("--points", type=int, default=1500)
+    parser.add_argument("--json", type=Path)
+    chosen = parser.parse_args()
+    rows = related(chosen.seeds, chosen.points)
+    strangers = unrelated(chosen.seeds, chosen.points)
+    print(table(rows, strangers))
+    if chosen.json:
+        chosen.json.write_text(json.dumps({"related": rows, "unrelated": strangers}, indent=1))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
