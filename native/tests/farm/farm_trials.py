@@ -77,11 +77,12 @@ def write_balls(folder: Path, pairs: int, rings: int, **content: object) -> Path
     return path
 
 
-def rendering(every: int, width: int, samples: int) -> list[str]:
-    """The command of a file of jobs that has Cycles render each frame whose number is a multiple of
-    `every`."""
+def rendering(every: int, width: int, samples: int) -> dict[str, object]:
+    """What a file of jobs has to say so that Cycles renders each frame whose number is a multiple
+    of `every`."""
     words = ["{python}", str(RENDER_FRAMES), "--", "{frames}", "{out}", "{first}", "{last}"]
-    return [*words, f"--every={every}", f"--width={width}", f"--samples={samples}"]
+    words += ["--every={every}", f"--width={width}", f"--samples={samples}"]
+    return {"render": words, "render_every": every}
 
 
 # --- What becomes of it ---------------------------------------------------------------------------
@@ -257,8 +258,8 @@ def small_trials(folder: Path) -> list[tuple[Path, list[Kill]]]:
     """A few pairs of which a task of maps is killed, and a morph of which one of renders is; what
     native/tests/long_runs/farm.py does with many."""
     pairs = write_balls(folder / "pairs", 4, 6, frames=3, resample=True)
-    render = rendering(every=6, width=48, samples=2)
-    morph = write_balls(folder / "morph", 1, 6, frames=24, resample=True, render=render)
+    said = rendering(every=6, width=48, samples=2)
+    morph = write_balls(folder / "morph", 1, 6, frames=24, resample=True, **said)
     return [
         (pairs, [Kill(("--maps",), "*/job.json", 1)]),
         (morph, [Kill((str(RENDER_FRAMES),), "*/renders/*.png", 1)]),

@@ -130,9 +130,9 @@ def run(chosen: argparse.Namespace, folder: Path, report: Report) -> None:
         jobs = write_balls(folder / "pairs", chosen.pairs, RINGS, frames=4, resample=True)
         pairs = Trial(jobs, f"{chosen.pairs} pairs", report)
         every = chosen.frames // chosen.renders
-        command = rendering(every, width=chosen.width, samples=chosen.samples)
+        said = rendering(every, width=chosen.width, samples=chosen.samples)
         jobs = write_balls(
-            folder / "renders", 1, chosen.rings, frames=chosen.frames, resample=True, render=command
+            folder / "renders", 1, chosen.rings, frames=chosen.frames, resample=True, **said
         )
         what = f"{chosen.frames} frames, {chosen.renders} rendered"
         renders = Trial(jobs, what, report, chosen.frames // 2)

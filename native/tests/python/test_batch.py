@@ -91,7 +91,7 @@ def test_pairs_a_template_and_a_folder_in_one_file(tmp_path: Path) -> None:
 
 def test_the_page_has_every_key_and_its_example_is_read(tmp_path: Path) -> None:
     text = (Path(__file__).parents[3] / "docs" / "batch.md").read_text(encoding="utf-8")
-    for key in (*jobs._COMMON, *jobs._GROUPS, "out", "up"):
+    for key in (*jobs._COMMON, *jobs._GROUPS, "out", "up", "render", "render_every"):
         assert f"| `{key}` |" in text
     models(tmp_path / "heads", "a", "b")
     example = text.partition("```json\n")[2].partition("```")[0]
@@ -118,6 +118,10 @@ def test_the_page_has_every_key_and_its_example_is_read(tmp_path: Path) -> None:
         ('{"folder": "nowhere"}', "at least two models"),
         ('{"pair": []}', 'found "pair"'),
         ('{"pairs": [{"source": "a.obj", "target": "b.obj"}], "up": "x"}', "y or z"),
+        (
+            '{"pairs": [{"source": "a.obj", "target": "b.obj"}], "render_every": 0}',
+            'a number from 1 as "render_every"',
+        ),
         ('{"pairs": [{"source": "a.obj", "target": "b.obj", "frames": 1}]}', "at least 2 frames"),
         ('{"pairs": [{"source": "a.obj", "target": "b.obj", "frames": true}]}', "type int"),
         ('{"pairs": [{"source": "a.obj", "target": "b.obj", "samples": 0}]}', "at least 1"),
@@ -384,6 +388,23 @@ def test_how_a_command_that_renders_has_failed(
     assert f"a_to_b: the render command ended with {words}" in capsys.readouterr().err
 
 
+def test_a_part_without_a_picture_needs_no_command(tmp_path: Path) -> None:
+    models(tmp_path, "a", "b")
+    notes = tmp_path / "notes"
+    command = [sys.executable, "-c", "import sys; open(sys.argv[1], 'a').write(sys.argv[2])"]
+    path = write_jobs(
+        tmp_path, folder=".", frames=6, settings=QUICK, render_every=4,
+        render=[*command, str(notes), "{first} to {last} by {every}, "],
+    )  # fmt: skip
+    batch = read_batch(path)
+    [job] = batch.jobs
+    for option in (["--maps"], ["--part", "0/1"]):
+        assert run("batch", path, "--range", "0/1", *option).returncode == 0
+    assert [render(batch, job, Part(k, 3)) for k in range(3)] == [0, 0, 0]
+    assert notes.read_text() == "0 to 1 by 4, 4 to 5 by 4, "
+    assert has_renders(job)
+
+
 def test_parts_share_out_all_frames() -> None:
     for total in range(20):
         for count in range(1, 9):
@@ -413,6 +434,8 @@ def test_a_task_has_the_more_frames_the_sooner_one_is_made(tmp_path: Path) -> No
         ({"frames": 240}, 100, [("Maps", 2, None), ("Frames", 40, 3), ("Renders", 40, 3)]),
         ({"frames": 4, "samples": 200_000}, 2,
          [("Maps", 40, None), ("Frames", 40, 2), ("Renders", 40, 2)]),
+        ({"frames": 240, "render_every": 5}, None,
+         [("Maps", 2, None), ("Frames", 1, 1), ("Renders", 40, 2)]),
         ({}, None, [("Maps", 2, None)]),
     ],
 )  # fmt: skip

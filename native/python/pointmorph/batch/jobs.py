@@ -90,6 +90,12 @@ class Batch:
     """which axis is up in pictures: y or z"""
     render: tuple[str, ...] = ()
     """the command that renders frames of a pair; docs/farm.md has its placeholders"""
+    render_every: int = 1
+    """only frames whose number is a multiple of it are rendered"""
+
+    def renders(self, frames: range) -> bool:
+        """Whether any of these frames is to be rendered."""
+        return any(number % self.render_every == 0 for number in frames)
 
 
 def read_batch(path: Path, out: Path | None = None) -> Batch:
@@ -110,7 +116,7 @@ def read_batch(path: Path, out: Path | None = None) -> Batch:
     content = json_object(path, "an object with pairs, template or folder", syntax="JSON")
     home = path.absolute().parent
     folder = out if out is not None else home / _value(path, content, "out", str, "batch")
-    unknown = set(content) - {*_COMMON, *_GROUPS, "out", "up", "render"}
+    unknown = set(content) - {*_COMMON, *_GROUPS, "out", "up", "render", "render_every"}
     if unknown:
         raise _wrong(path, f"the keys {_listed(_GROUPS)}, {_listed(_COMMON)}", _listed(unknown))
     common = _common(path, content)
@@ -127,7 +133,10 @@ def read_batch(path: Path, out: Path | None = None) -> Batch:
     render = _value(path, content, "render", list, [])
     if not all(isinstance(word, str) for word in render):
         raise _wrong(path, 'a command as "render", such as ["blender", "-b"]', repr(render))
-    return Batch(path, folder.absolute(), tuple(jobs), up, tuple(render))
+    every = _value(path, content, "render_every", int, 1)
+    if every < 1:
+        raise _wrong(path, 'a number from 1 as "render_every"', repr(every))
+    return Batch(path, folder.absolute(), tuple(jobs), up, tuple(render), every)
 
 
 def _wrong(path: Path, expected: str, found: str) -> FileError:

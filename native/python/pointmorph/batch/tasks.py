@@ -22,6 +22,7 @@ from pointmorph.storage.frame_records import file_checksum
 
 MAP_STEP, FRAMES_STEP, RENDERS_STEP = "map", "frames", "renders"
 RENDERS_IN_TASK = 24
+"""pictures, each of which takes a second at the least"""
 
 _TASK_SECONDS = 60.0
 """What a task is to take: two hundred times as long as its start; and a scheduler takes a second or
@@ -191,15 +192,10 @@ def render(batch: Batch, job: PairJob, part: Part) -> int:
         "out": str(job.folder / RENDERS),
         "first": str(which.start),
         "last": str(which.stop - 1),
+        "every": str(batch.render_every),
     }
     words = [_filled(word, places) for word in batch.render]
-    try:
-        status = subprocess.run(words, stdin=subprocess.DEVNULL, check=False).returncode
-    except OSError as error:
-        raise FileError(
-            words[0], "a program that can be run", error.strerror or str(error),
-            f"Correct render in {batch.path}.",
-        ) from error  # fmt: skip
+    status = _ended(batch, words) if batch.renders(range(which.start, which.stop)) else 0
     if status == 0:
         record = {"of": file_checksum(job.morph_file), "frames": [which.start, which.stop]}
         files.make_folder(job.folder / RENDERED)
@@ -209,6 +205,17 @@ def render(batch: Batch, job: PairJob, part: Part) -> int:
     ended = f"signal {-status}" if status < 0 else f"status {status}"
     sys.stderr.write(f"pointmorph: {job.name}: the render command ended with {ended}\n")
     return 128 - status if status < 0 else 1
+
+
+def _ended(batch: Batch, words: Sequence[str]) -> int:
+    """The exit status of the command that renders; negative where a signal has ended it."""
+    try:
+        return subprocess.run(words, stdin=subprocess.DEVNULL, check=False).returncode
+    except OSError as error:
+        raise FileError(
+            words[0], "a program that can be run", error.strerror or str(error),
+            f"Correct render in {batch.path}.",
+        ) from error  # fmt: skip
 
 
 def has_renders(job: PairJob) -> bool:
@@ -247,7 +254,7 @@ def farm_steps(batch: Batch, chunk: int | None) -> list[FarmStep]:
         return steps
     kinds = [("Frames", "--part", frames_in_task(batch))]
     if batch.render:
-        kinds.append(("Renders", "--render", RENDERS_IN_TASK))
+        kinds.append(("Renders", "--render", RENDERS_IN_TASK * batch.render_every))
     for name, option, frames in kinds:
         in_task = chunk or frames
         pairs = min(in_task // most, math.floor(_TASK_SECONDS / _OPENING_SECONDS))

@@ -54,7 +54,7 @@ def add(commands: Any, main: Callable[[Sequence[str]], int]) -> None:
             metavar="N",
             type=positive,
             help="most frames in a task (default: enough for about a minute; "
-            f"{RENDERS_IN_TASK} where they are rendered)",
+            f"{RENDERS_IN_TASK} pictures where they are rendered)",
         )
 
 
