@@ -25,6 +25,7 @@ constexpr double kSamples = 6000.0;    // about as many points of a cloud stand 
 constexpr Index kTogetherFrom = 4000;  // points, of which several are carried to together
 constexpr double kGrowthNear = 0.05;   // around a node, where growth is averaged …
 constexpr double kStrainNear = 0.12;   // … and strain
+constexpr double kEndNear = 0.02;      // an image this near to an end lies there
 constexpr double kBendNear = 0.1;      // a ball whose centroid tells tips, edges and planes apart
 constexpr double kSideWeight = 0.1;    // of unit normals, to tell both sides of thin parts apart
 constexpr double kDoubtful = 0.5;      // less confidence is worth a word
@@ -154,10 +155,26 @@ struct JudgedWay {
     const PointQuality& quality;
     const MapFigures& figures;
     Positions images;         ///< of the nodes, at unit area
+    Positions ends;           ///< where the other cloud ends and this one goes on, at unit area
     std::vector<Index> feet;  ///< the node of the other cloud next to each, on its side
     const std::vector<Index>& rows_of_others;
     Eigen::MatrixXd OtherMaps::*others;
+    std::vector<char> alone{};  ///< of each node, whether its image lies at an end
 };
+
+/// What has no counterpart.
+std::vector<char> lie_at_ends(const JudgedWay& way) {
+    std::vector<char> alone(to_size(way.here.count()), 0);
+    if (way.ends.rows() == 0) return alone;
+    const KdTree<3> tree(way.ends);
+    for (Index k = 0; k < way.here.count(); ++k) {
+        Index end = 0;
+        double squared_distance = 0.0;
+        tree.nearest(way.images.row(k).data(), {&end, 1}, {&squared_distance, 1});
+        alone[to_size(k)] = squared_distance < kEndNear * kEndNear;
+    }
+    return alone;
+}
 
 /// Means over the points of each node, of what is measured at points.
 struct NodeMeans {
@@ -197,13 +214,13 @@ std::span<const std::pair<Index, double>> within(const Found& found, double radi
     return {found.begin(), end};
 }
 
-/// The mean over the nodes around one, on its side of the surface.
-double mean_around(const JudgedSurface& surface, Index node, const Values& values,
+/// The mean over the nodes around one, on its side of the surface, that have a counterpart.
+double mean_around(const JudgedWay& way, Index node, const Values& values,
                    std::span<const std::pair<Index, double>> around) {
     double sum = 0.0;
     Index count = 0;
     for (const auto& [other, squared_distance] : around) {
-        if (!surface.same_side(node, other)) continue;
+        if (way.alone[to_size(other)] || !way.here.same_side(node, other)) continue;
         sum += values[other];
         ++count;
     }
@@ -287,8 +304,8 @@ Values confidence_at_nodes(const JudgedWay& way, const NodeMeans& means, const W
             bend(way.here, place, way.here.node_normal(k), within(near, kBendNear)) -
             bend(way.there, image, way.there.node_normal(way.feet[to_size(k)]), near_image);
         double doubt = everywhere + kBend * std::abs(bends) +
-                       kStrain * mean_around(way.here, k, means.strain, near) +
-                       kGrowth * mean_around(way.here, k, means.growth, within(near, kGrowthNear));
+                       kStrain * mean_around(way, k, means.strain, near) +
+                       kGrowth * mean_around(way, k, means.growth, within(near, kGrowthNear));
         if (searched) {
             const Blend at = blend(places_tree, way.here.nodes.row(k));
             doubt +=
@@ -307,6 +324,18 @@ Values confidence_at_nodes(const JudgedWay& way, const NodeMeans& means, const W
     return confidence;
 }
 
+/// Nodes are even. Nothing where none has a counterpart.
+std::optional<double> mean_with_counterpart(const JudgedWay& way, const Values& at_nodes) {
+    double sum = 0.0;
+    Index count = 0;
+    for (Index k = 0; k < way.here.count(); ++k) {
+        if (way.alone[to_size(k)]) continue;
+        sum += at_nodes[k];
+        ++count;
+    }
+    return count > 0 ? std::optional(sum / count) : std::nullopt;
+}
+
 // --- Places
 
 /// A doubtful place, as seen from one of the clouds.
@@ -316,11 +345,15 @@ struct DoubtfulSpot {
     double confidence, share, doubt;
 };
 
-void add_spots(const JudgedSurface& surface, const KdTree<3>& tree, const Values& confidence,
-               bool on_source, std::vector<DoubtfulSpot>& spots) {
+void add_spots(const JudgedWay& way, const Values& confidence, bool on_source,
+               std::vector<DoubtfulSpot>& spots) {
+    const JudgedSurface& surface = way.here;
+    const auto is_doubtful = [&](Index k) {
+        return !way.alone[to_size(k)] && confidence[k] < kDoubtful;
+    };
     std::vector<Index> candidates;
     for (Index k = 0; k < surface.count(); ++k)
-        if (confidence[k] < kDoubtful) candidates.push_back(k);
+        if (is_doubtful(k)) candidates.push_back(k);
     std::ranges::stable_sort(candidates, {}, [&](Index k) { return confidence[k]; });
     std::vector<Index> taken;
     std::vector<std::pair<Index, double>> around;
@@ -330,11 +363,11 @@ void add_spots(const JudgedSurface& surface, const KdTree<3>& tree, const Values
             }))
             continue;
         taken.push_back(k);
-        tree.within(surface.places.row(k).data(), kDoubtsApart / 2.0, around);
+        way.trees_here.by_place.within(surface.places.row(k).data(), kDoubtsApart / 2.0, around);
         DoubtfulSpot spot{on_source, surface.rows[to_size(k)], 0.0, 0.0, 0.0};
         Index count = 0;
         for (const auto& [l, squared_distance] : around) {
-            if (!(confidence[l] < kDoubtful)) continue;
+            if (!is_doubtful(l)) continue;
             spot.confidence += confidence[l];
             ++count;
         }
@@ -499,6 +532,7 @@ LocalConfidence measure_local_confidence(const JudgedMap& judged, std::span<cons
                     quality.source,
                     quality.source_to_target,
                     target.at_unit_area(gather(map.source_images, source.rows)),
+                    target.at_unit_area(gather(map.target.positions, diagnostics.target_ends)),
                     {},
                     others.source_rows,
                     &OtherMaps::source};
@@ -509,25 +543,36 @@ LocalConfidence measure_local_confidence(const JudgedMap& judged, std::span<cons
                    quality.target,
                    quality.target_to_source,
                    source.at_unit_area(gather(map.target_images, target.rows)),
+                   source.at_unit_area(gather(map.source.positions, diagnostics.source_ends)),
                    {},
                    others.target_rows,
                    &OtherMaps::target};
     there.feet = feet_of(there.images, target, of_target, partners_of(source, map, true));
     back.feet = feet_of(back.images, source, of_source, partners_of(target, map, false));
+    there.alone = lie_at_ends(there);
+    back.alone = lie_at_ends(back);
     const WeighedMaps weighed_others = weighed(others, there, features);
 
+    const auto judged_nodes = [&](const JudgedWay& way, double first, double last) {
+        const Progress::Part part(progress, first, last);
+        return confidence_at_nodes(way, means_at_nodes(way), weighed_others, progress);
+    };
+    const Values on_source = judged_nodes(there, 0.6, 0.7),
+                 on_target = judged_nodes(back, 0.7, 0.8);
     LocalConfidence result;
     std::vector<DoubtfulSpot> spots;
-    const auto judge = [&](const JudgedWay& way, bool on_source, Values& confidence) {
-        const Progress::Part part(progress, on_source ? 0.6 : 0.8, on_source ? 0.8 : 1.0);
-        const Values at_nodes =
-            confidence_at_nodes(way, means_at_nodes(way), weighed_others, progress);
-        confidence = carried(way.here, way.trees_here, at_nodes, progress);
-        result.right = std::min(result.right, at_nodes.mean());  // nodes are even
-        add_spots(way.here, way.trees_here.by_place, at_nodes, on_source, spots);
+    const auto judge = [&](const JudgedWay& way, Values at_nodes, const Values& at_others,
+                           bool is_source) {
+        const Progress::Part part(progress, is_source ? 0.8 : 0.9, is_source ? 0.9 : 1.0);
+        if (const auto mean = mean_with_counterpart(way, at_nodes))
+            result.right = std::min(result.right, *mean);
+        add_spots(way, at_nodes, is_source, spots);
+        for (Index k = 0; k < way.here.count(); ++k)
+            if (way.alone[to_size(k)]) at_nodes[k] = at_others[way.feet[to_size(k)]];
+        return carried(way.here, way.trees_here, at_nodes, progress);
     };
-    judge(there, true, result.source);
-    judge(back, false, result.target);
+    result.source = judge(there, on_source, on_target, true);
+    result.target = judge(back, on_target, on_source, false);
     result.doubtful = doubtful_places(source, target, map, std::move(spots), features);
     if (result.right < kMostlyRight) result.warning = warning_about(result, map);
     return result;

@@ -132,6 +132,8 @@ RouteResult match_in_product_space(const RouteInput& input,
     result.pairs = std::move(refined.pairs);
     result.images = {std::move(refined.source_images), std::move(refined.target_images)};
     result.facts.diagnostics = std::move(refined.diagnostics);
+    result.facts.diagnostics.source_ends = ends.source;
+    result.facts.diagnostics.target_ends = ends.target;
     return result;
 }
 

@@ -1,5 +1,7 @@
 #include "pointmorph/registration/diagnostics.hpp"
 
+#include <algorithm>
+
 namespace pointmorph {
 
 Diagnostics Diagnostics::with_rows(std::span<const Index> source_rows,
@@ -17,6 +19,8 @@ Diagnostics Diagnostics::with_rows(std::span<const Index> source_rows,
         on_source(proposal.source);
         on_target(proposal.target);
     }
+    std::ranges::for_each(result.source_ends, on_source);
+    std::ranges::for_each(result.target_ends, on_target);
     result.alternatives = alternatives.with_rows(source_rows, target_rows);
     return result;
 }

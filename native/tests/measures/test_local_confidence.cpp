@@ -177,6 +177,54 @@ TEST(LocalConfidence, AMarkSettlesWhatItSpeaksAgainst) {
     EXPECT_EQ(doubt({point_feature("other end", other_end, other_end)}), open);
 }
 
+/// From [−1, 1]² to what is left of it where all beyond x = ½ was cut off: that joins the border.
+DiagnosedCase cut_off() {
+    const Positions sheet = shapes::grid(61);
+    const auto up = [](Eigen::Index count) -> Normals {
+        return Normals::Zero(count, 3).rowwise() + Eigen::RowVector3d(0, 0, 1);
+    };
+    constexpr double kBorder = 0.5, kSame = 1e-9;
+    std::vector<Index> kept;
+    for (Index i = 0; i < to_index(sheet.rows()); ++i)
+        if (sheet(i, 0) < kBorder + kSame) kept.push_back(i);
+    const Positions rest = gather(sheet, kept);
+    DiagnosedCase result{{"Sheet", sheet, up(sheet.rows()), {}, {}},
+                         {"Rest", rest, up(rest.rows()), {}, {}},
+                         sheet,
+                         rest,
+                         {},
+                         {}};
+    result.source_images.col(0) = sheet.col(0).cwiseMin(kBorder);
+    for (Index j = 0; j < to_index(kept.size()); ++j)
+        for (Index i = 0; i < to_index(sheet.rows()); ++i)
+            if ((result.source_images.row(i) - rest.row(j)).norm() < kSame)
+                result.pairs.push_back({i, j});
+    return result;
+}
+
+TEST(LocalConfidence, DoesNotCountWhatHasNoCounterpart) {
+    DiagnosedCase one = cut_off();
+    const LocalConfidence unknown = one.measure();
+    for (Index j = 0; j < one.target.size(); ++j)
+        if (one.target.positions(j, 0) > 0.49) one.diagnostics.target_ends.push_back(j);
+    const LocalConfidence known = one.measure();
+    EXPECT_FALSE(unknown.doubtful.empty());
+    EXPECT_TRUE(known.doubtful.empty());
+    EXPECT_GT(known.right, unknown.right + 0.1);
+    // What is beyond is as sure as the border where it lies.
+    const auto beyond = [](const Vector3& p) { return p.x() > 0.6; };
+    const auto at_border = [](const Vector3& p) { return p.x() > 0.49; };
+    EXPECT_LT(mean_where(one.source, unknown.source, beyond), 0.5);
+    EXPECT_NEAR(mean_where(one.source, known.source, beyond),
+                mean_where(one.target, known.target, at_border), 0.05);
+    // What is wrong elsewhere still is.
+    const auto order = shapes::permutation(one.target.size(), 3);
+    for (Index j = 0; j < one.target.size(); ++j)
+        if (one.target.positions(j, 0) < 0.0)
+            one.target_images.row(j) = one.source.positions.row(order[to_size(j)]);
+    EXPECT_FALSE(one.measure().doubtful.empty());
+}
+
 TEST(LocalConfidence, IsTheSameToTheBitForAnyNumberOfThreadsAndWithKnownNeighbors) {
     SKIP_WHERE_WATCHED();
     DiagnosedCase one = cut();

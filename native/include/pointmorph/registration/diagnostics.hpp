@@ -33,6 +33,9 @@ struct Diagnostics {
     /// What the registration was started from, and which of these was taken.
     std::vector<Restart> starts;
     std::size_t start_taken = 0;
+    /// Rows along borders where a shape ends while the other goes on: what has no counterpart lies
+    /// there. Empty where nothing was left out.
+    std::vector<Index> source_ends, target_ends;
 
     /// The same for clouds in which row i is now `source_rows[i]`, or `target_rows[i]`.
     Diagnostics with_rows(std::span<const Index> source_rows,
