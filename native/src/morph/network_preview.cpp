@@ -20,6 +20,7 @@ NamedNetwork preview_network(const MorphInput& given, const MorphOptions& given_
     progress.enter("cloud");
     check_shapes(given, options);
     check_loops(given, options);
+    check_start(given.start, given.source, given.target);
     if (options.method == Method::kPaper) check_for_paper(given.features);
     const MeshSides meshes = mesh_sides(given, options, progress);
     const MorphInput input = sampled_input(given, meshes);

@@ -187,6 +187,15 @@ TEST_P(WholeMorph, CanBeCancelledOnThreeThreads) {
     EXPECT_THROW(GetParam().go(early.progress), Cancelled);
 }
 
+TEST(Previews, RefuseAStartOfOtherClouds) {
+    MorphInput input = eggs_without_loop();
+    input.start = {shapes::sphere(7), shapes::sphere(9)};
+    const MorphOptions options = options_for(Method::kPaper, Domain::kAuto);
+    Progress progress;
+    EXPECT_THROW(suggest_loop(input, options, progress), CloudError);
+    EXPECT_THROW(preview_network(input, options, progress), CloudError);
+}
+
 /// What can't be reached any more: no pointer to it stays, on the stack neither.
 [[gnu::noinline]] std::vector<std::uintptr_t> lost_blocks() {
     std::vector<std::uintptr_t> hidden;
