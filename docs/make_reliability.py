@@ -53,7 +53,7 @@ KINDS = {
     ),
     "sanitizers": (
         "address and undefined on all C++ tests; threads on loops and on whole morphs by every way,"
-        " with progress and cancel, on the pool; leaks of whole morphs, also cancelled and failing",
+        " with progress and cancel, on the pool; leaks of whole morphs, also stopped and failing",
         NONE,
         NONE,
     ),
