@@ -492,6 +492,7 @@ def test_a_page_shows_the_picture_that_is_drawn_of_its_stage(page: Path) -> None
 
 OTHERS = {
     "bench_growth.png": "native/benchmarks/draw_growth.py",
+    "peers_at_scale.png": "native/benchmarks/peers_at_scale.py",
     "calf_to_koala.png": "docs/demo/head_picture.py",
     "compare_*.png": "native/benchmarks/compare_pictures.py",
     "resampling_*.png": "docs/demo/cracks.py",
