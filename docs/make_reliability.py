@@ -85,7 +85,7 @@ KINDS = {
     "memory": (
         "the [bounds](#memory) of each domain and of what is asked of a morph",
         "`memory.py`",
-        "a bound of domain `network`",
+        NONE,
     ),
     "strangers' files": ("what [security](security.md) lists", "`damaged_files.py`", NONE),
     "confidence": (

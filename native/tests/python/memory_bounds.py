@@ -17,9 +17,10 @@ BOUNDS = {
     "automatic": (48, 600),
     "automatic, with its quality": (48, 650),
     "paper, disk": (6, 400),
-    "paper, disk, solve=full": (6, 700),
-    "paper, cut": (6, 420),
+    "paper, disk, solve=full": (6, 1050),
+    "paper, cut": (10, 420),
     "paper, sphere": (6, 430),
+    "paper, network": (70, 250),
     "resampled frames": (48, 1000),
     "wrapped meshes": (48, 1600),
     "marks that are followed": (48, 1350),
@@ -51,8 +52,13 @@ def _memory(what: str) -> int:
 def _work(kind: str, points: int) -> tuple[Callable[[], object], int]:
     """What is to be measured, and the points of both shapes."""
     import pointmorph
-    from shapes import around, ball, grid, grid_faces
+    from shapes import around, around_torus, ball, grid, grid_faces, torus
 
+    if kind == "paper, network":
+        across = 3 * round((points / 54) ** 0.5)
+        tori = [pointmorph.Cloud(torus(tube, 3 * across, across)) for tube in (0.4, 0.3)]
+        both = {name: (row, row) for name, row in around_torus(3 * across, across).items()}
+        return lambda: pointmorph.morph(*tori, both, method="paper"), 6 * across**2
     if kind in ("paper, cut", "paper, sphere", "marks that are followed"):
         balls = [ball(points // 2) * axes for axes in ([1.0, 1.0, 0.8], [1.2, 1.0, 0.9])]
         rows = [around(at) for at in balls]

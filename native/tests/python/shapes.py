@@ -35,3 +35,16 @@ def around(points: np.ndarray) -> dict[str, int]:
     """Rows nearest to four places around the equator, anticlockwise seen from above."""
     places = {"front": (1, 0, 0), "left": (0, 1, 0), "back": (-1, 0, 0), "right": (0, -1, 0)}
     return {name: int(np.argmax(points @ np.array(place))) for name, place in places.items()}
+
+
+def torus(tube: float, turns: int, across: int) -> np.ndarray:
+    """(turns·across, 3), `turns` points around the axis in each of `across` circles."""
+    u, v = np.meshgrid(np.arange(turns) * 2 * np.pi / turns, np.arange(across) * 2 * np.pi / across)
+    r = 1 + tube * np.cos(v)
+    return np.stack([r * np.cos(u), r * np.sin(u), tube * np.sin(v)], axis=-1).reshape(-1, 3)
+
+
+def around_torus(turns: int, across: int) -> dict[str, int]:
+    """Rows of nine points of such a torus: three around the axis, by three across. Both numbers are
+    multiples of three."""
+    return {f"{a}{b}": across // 3 * b * turns + turns // 3 * a for a in range(3) for b in range(3)}

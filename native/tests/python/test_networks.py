@@ -7,20 +7,11 @@ import numpy as np
 import pointmorph
 import pytest
 from pointmorph.commands import cli
-from shapes import CUBE, SQUARES
+from shapes import CUBE, SQUARES, around_torus, torus
 
-
-def torus(tube: float, turns: int, across: int) -> pointmorph.Cloud:
-    u, v = np.meshgrid(np.arange(turns) * 2 * np.pi / turns, np.arange(across) * 2 * np.pi / across)
-    r = 1 + tube * np.cos(v)
-    rows = np.stack([r * np.cos(u), r * np.sin(u), tube * np.sin(v)], axis=-1)
-    return pointmorph.Cloud(rows.reshape(-1, 3))
-
-
-SOURCE, TARGET = torus(0.4, 90, 36), torus(0.3, 84, 30)
-FEATURES = {
-    f"{a}{b}": (12 * b * 90 + 30 * a, 10 * b * 84 + 28 * a) for a in range(3) for b in range(3)
-}
+SOURCE, TARGET = (pointmorph.Cloud(torus(*size)) for size in ((0.4, 90, 36), (0.3, 84, 30)))
+ROWS = around_torus(90, 36), around_torus(84, 30)
+FEATURES = {name: (ROWS[0][name], ROWS[1][name]) for name in ROWS[0]}
 
 
 def test_patches_are_the_same_on_both_and_curves_join_their_features() -> None:
