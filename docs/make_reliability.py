@@ -78,9 +78,10 @@ KINDS = {
     "Blender": (
         "random walks: undo, redo, files, several scenes, linked and overridden objects, objects"
         " that change or go while they are read; with a window, undo, deletion, another file,"
-        " another scene, disabling and quitting while it computes",
+        " another scene, disabling and quitting while it computes; walks over two windows that"
+        " show two scenes, and the end of one of them while it computes",
         "`random_walks.py`",
-        "two windows",
+        NONE,
     ),
     "memory": (
         "the [bounds](#memory) of each domain and of what is asked of a morph",
