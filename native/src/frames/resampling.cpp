@@ -90,7 +90,8 @@ Resampling::Resampling(ResamplingPlan plan, Index pairs, const ResamplingOptions
                                  &plan_.source_density, &plan_.target_density})
         if (values->size() != pairs) refuse("one for " + std::to_string(values->size()) + " pairs");
     for (const Values* values : {&plan_.source_spacing, &plan_.target_spacing})
-        if (!values->allFinite()) refuse("a spacing that isn't finite");
+        if (!values->allFinite() || (values->array() < 0.0).any())
+            refuse("a spacing that is negative or isn't finite");
     const auto check = [&](Index pair) {
         if (pair < 0 || pair >= pairs) refuse("pair " + std::to_string(pair));
     };
@@ -121,7 +122,8 @@ Resampling::Alive Resampling::at(double t, const OrientedPoints& frame, Progress
     alive.normals.resize(count, 3);
     if (count == 0) return alive;
 
-    const Normalization unit = normalization(frame.positions);
+    Normalization unit = normalization(frame.positions);
+    if (!(unit.scale > 0.0)) unit.scale = 1.0;  // all points lie in one place
     const Positions positions = unit.apply(frame.positions);
     const KdTree<3> tree(positions);
     MlsOptions mls = options_.mls;

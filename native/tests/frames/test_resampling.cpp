@@ -434,6 +434,8 @@ TEST(Resampling, GoesOnFromAPlanWithTheSameBits) {
     wrong = first.plan();
     wrong.source_spacing[3] = std::numeric_limits<double>::quiet_NaN();
     EXPECT_THROW(Resampling(wrong, count, options), CloudError);
+    wrong.source_spacing[3] = -0.1;
+    EXPECT_THROW(Resampling(wrong, count, options), CloudError);
     wrong = first.plan();
     wrong.hidden.push_back({-1, {}});
     EXPECT_THROW(Resampling(wrong, count, options), CloudError);
@@ -516,6 +518,13 @@ TEST(Resampling, CoincidentPointsDoNoHarm) {
         plane, shapes::up(400), Positions::Zero(400, 3).rowwise() + Eigen::RowVector3d(0, 0, 1),
         shapes::up(400));
     EXPECT_TRUE(folded.resampled().at(0.5, folded.at(0.5), progress).positions.allFinite());
+    // A plan from a file may be for other pairs, all of which lie in one place.
+    const Given torn = torn_plane();
+    OrientedPoints heap = torn.at(0.5);
+    heap.positions.rowwise() = Eigen::RowVector3d(1, 2, 3);
+    const Positions filled = torn.resampled().at(0.5, heap, progress).positions;
+    ASSERT_GT(filled.rows(), 0);
+    EXPECT_LT((filled.rowwise() - Eigen::RowVector3d(1, 2, 3)).cwiseAbs().maxCoeff(), 1e-12);
 }
 
 TEST(Example, Resampling) {
