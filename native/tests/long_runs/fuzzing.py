@@ -1,19 +1,22 @@
 """Any bytes as questions to the library, chosen by libFuzzer, for as long as it is told to.
 
-python native/tests/long_runs/fuzzing.py --seconds 600 --report FILE.json
+python native/tests/long_runs/fuzzing.py --seconds 600 --dear-seconds 1800 --report FILE.json
 
 Needs Debian's clang-16 and libclang-rt-16-dev, and gets them where it may. `native/tests/fuzzing`
 says what is asked and what must hold. Inputs that take new ways are kept in `--corpus`; from there,
-a few are copied into `corpus.hpp`, and every find.
+a few are copied into `corpus.hpp`, and every find. With `--questions`, only these are tried anew,
+and take the place of their rows in a report that is there.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 import os
 import re
 import subprocess
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
@@ -25,6 +28,8 @@ from reporting import Report  # noqa: E402
 
 QUESTIONS = ("options", "shapes", "saved morphs", "transforms", "morphs", "previews")
 """In the order of `Question` in any_input.hpp."""
+DEAR = ("morphs", "previews")
+"""Those that compute whole maps, each of which takes up to seconds."""
 
 
 def built(folder: Path) -> Path:
@@ -44,7 +49,7 @@ def kept_inputs() -> list[bytes]:
 
 def run(program: Path, folder: Path, seconds: int) -> tuple[int, str]:
     """Tries for so long, or until the first find: how many inputs, and what was found."""
-    options = [f"-max_total_time={seconds}", "-max_len=300", "-timeout=120", "-rss_limit_mb=3000"]
+    options = [f"-max_total_time={seconds}", "-max_len=300", "-timeout=600", "-rss_limit_mb=3000"]
     options += ["-print_final_stats=1", f"-artifact_prefix={folder}-find-"]
     environment = {**os.environ, "ASAN_OPTIONS": "detect_leaks=0:handle_abort=2"}
     done = subprocess.run(
@@ -55,21 +60,36 @@ def run(program: Path, folder: Path, seconds: int) -> tuple[int, str]:
     return int(tried[-1]) if tried else 0, find
 
 
+def take_over(report: Report, path: Path, questions: Sequence[str]) -> None:
+    """What an earlier report says of other questions."""
+    earlier = json.loads(path.read_text())
+    report.tried = {what: count for what, count in earlier["tried"].items() if what in QUESTIONS}
+    report.finds = [f for f in earlier["finds"] if not f.startswith(tuple(questions))]
+    report.began -= earlier["processor_seconds"]
+
+
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seconds", type=int, default=600, help="for each question")
+    parser.add_argument("--dear-seconds", type=int, default=1800, help="for each that is dear")
+    parser.add_argument("--questions", nargs="+", choices=QUESTIONS, default=QUESTIONS)
     parser.add_argument("--corpus", type=Path, default=ROOT / "build" / "corpus")
     parser.add_argument("--report", type=Path)
     chosen = parser.parse_args()
     program = built(ROOT / "build" / "fuzz")
     report = Report("Any bytes as input of the library")
+    if set(chosen.questions) != set(QUESTIONS):
+        take_over(report, chosen.report, chosen.questions)
     for number, question in enumerate(QUESTIONS):
+        if question not in chosen.questions:
+            continue
         folder = chosen.corpus / question.replace(" ", "_")
         folder.mkdir(parents=True, exist_ok=True)
         for place, content in enumerate(kept_inputs()):
             if content[0] % len(QUESTIONS) == number:
                 (folder / f"kept{place}").write_bytes(content)
-        report.tried[question], find = run(program, folder, chosen.seconds)
+        seconds = chosen.dear_seconds if question in DEAR else chosen.seconds
+        report.tried[question], find = run(program, folder, seconds)
         if find:
             report.finds.append(f"{question}: {find}")
     report.tried["inputs"] = sum(int(report.tried[question]) for question in QUESTIONS)
