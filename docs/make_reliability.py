@@ -81,7 +81,7 @@ KINDS = {
         " another scene, disabling and quitting while it computes; walks over two windows that"
         " show two scenes, and the end of one of them while it computes",
         "`random_walks.py`",
-        NONE,
+        "what is drawn and reported in two windows",
     ),
     "memory": (
         "the [bounds](#memory) of each domain and of what is asked of a morph",
