@@ -22,9 +22,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from bench_morph import resident
 from measure_row import body
 from pointmorph import Cloud, formats
-from pointmorph._pointmorph import nearest_neighbors
 from scipy.spatial import cKDTree
 from tabulate import tabulate
 
@@ -69,27 +69,17 @@ def make(folder: Path, count: int) -> None:
 # --- The methods, each in a process of its own --------------------------------------------------
 
 
-def resident() -> int:
-    """Bytes."""
-    pages = Path("/proc/self/statm").read_text(encoding="ascii").split()[1]
-    return int(pages) * os.sysconf("SC_PAGE_SIZE")
-
-
 def child(method: str, folder: Path) -> None:
-    """Writes images.npy, and prints seconds, those of U, and the bytes that were there before."""
+    """Writes images.npy, and prints seconds and the bytes that were there before."""
     source, target = (np.load(folder / f"{side}.npy") for side in ("source", "target"))
-    began = time.perf_counter()
-    for points in (source, target):
-        nearest_neighbors(points, 16)
-    unit = time.perf_counter() - began
-    before, began = resident(), time.perf_counter()
+    before, began = resident("VmRSS"), time.perf_counter()
     if method == "nearest":
         images = target[cKDTree(target).query(source, workers=-1)[1]]
     else:
         import pointmorph
 
         images = pointmorph.morph(Cloud(source), Cloud(target)).source_to_target
-    print(json.dumps([time.perf_counter() - began, unit, before]))
+    print(json.dumps([time.perf_counter() - began, before]))
     np.save(folder / "images.npy", images)
 
 
@@ -108,32 +98,32 @@ def run(words: list[str], folder: Path) -> tuple[str, float, int]:
     return text, seconds, usage.ru_maxrss * 1024
 
 
-def of_ours(method: str, folder: Path) -> tuple[float, float, int]:
-    """Seconds, those of U, and bytes besides what was there before."""
+def of_ours(method: str, folder: Path) -> tuple[float, int]:
+    """Seconds, and bytes besides what was there before."""
     text, _, peak = run([sys.executable, __file__, "--child", method, str(folder)], folder)
-    seconds, unit, before = json.loads(text.splitlines()[-1])
-    return seconds, unit, peak - before
+    seconds, before = json.loads(text.splitlines()[-1])
+    return seconds, peak - before
 
 
-def of_bcpd(program: str, folder: Path) -> tuple[float, float, int]:
+def of_bcpd(program: str, folder: Path) -> tuple[float, int]:
     """The same, the program's own reading and writing of text among them."""
     for side, name in (("target", "x"), ("source", "y")):
         np.savetxt(folder / f"{name}.txt", np.load(folder / f"{side}.npy"), fmt="%.9g")
     words = [program, "-xx.txt", "-yy.txt", *BCPD_OPTIONS.split(), "-ooutput_"]
     _, seconds, peak = run(words, folder)
     np.save(folder / "images.npy", np.loadtxt(folder / "output_y.txt"))
-    return seconds, float("nan"), peak
+    return seconds, peak
 
 
 # --- What becomes of it -------------------------------------------------------------------------
 
 
 def measured(method: str, count: int, bcpd: str, folder: Path) -> dict[str, Any]:
-    seconds, unit, peak = of_bcpd(bcpd, folder) if method == "bcpd" else of_ours(method, folder)
+    seconds, peak = of_bcpd(bcpd, folder) if method == "bcpd" else of_ours(method, folder)
     images, truth = np.load(folder / "images.npy"), np.load(folder / "truth.npy")
     errors = np.linalg.norm(images - truth, axis=1) / np.sqrt(area(body(1)))
     return {
-        "method": method, "points": count, "seconds": seconds, "unit": unit, "bytes": peak,
+        "method": method, "points": count, "seconds": seconds, "bytes": peak,
         "mean": float(errors.mean()), "p99": float(np.quantile(errors, 0.99)),
     }  # fmt: skip
 

@@ -117,7 +117,7 @@ RouteResult match_in_product_space(const RouteInput& input,
                                    const ProductRouteOptions& options, Progress& progress) {
     RouteResult result;
     result.domain = "product";
-    const Ends ends = options.leave_missing ? ends_of(input.source, input.target) : Ends{};
+    Ends ends = options.leave_missing ? ends_of(input.source, input.target) : Ends{};
     Refinement refined =
         refine_by_component(input, start, ends, options, result.warnings, progress);
     constexpr double kSaid = 0.02;  // a share of the points
@@ -132,8 +132,8 @@ RouteResult match_in_product_space(const RouteInput& input,
     result.pairs = std::move(refined.pairs);
     result.images = {std::move(refined.source_images), std::move(refined.target_images)};
     result.facts.diagnostics = std::move(refined.diagnostics);
-    result.facts.diagnostics.source_ends = ends.source;
-    result.facts.diagnostics.target_ends = ends.target;
+    result.facts.diagnostics.source_ends = std::move(ends.source);
+    result.facts.diagnostics.target_ends = std::move(ends.target);
     return result;
 }
 
