@@ -79,9 +79,10 @@ KINDS = {
         "random walks: undo, redo, files, several scenes, linked and overridden objects, objects"
         " that change or go while they are read; with a window, undo, deletion, another file,"
         " another scene, disabling and quitting while it computes; walks over two windows that"
-        " show two scenes, and the end of one of them while it computes",
+        " show two scenes, with what both draw and report, and the end of one of them while it"
+        " computes",
         "`random_walks.py`",
-        "what is drawn and reported in two windows",
+        NONE,
     ),
     "memory": (
         "the [bounds](#memory) of each domain and of what is asked of a morph",
