@@ -4,8 +4,8 @@ python native/tests/long_runs/fuzzing.py --seconds 600 --dear-seconds 1800 --rep
 
 Needs Debian's clang-16 and libclang-rt-16-dev, and gets them where it may. `native/tests/fuzzing`
 says what is asked and what must hold. Inputs that take new ways are kept in `--corpus`; from there,
-a few are copied into `corpus.hpp`, and every find. With `--questions`, only these are tried anew,
-and take the place of their rows in a report that is there.
+a few are copied into `corpus.hpp`, and every find. With `--questions`, only these are tried, and
+take the place of their rows in a report that is there: options, say, for longer than shapes.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ import re
 import subprocess
 import sys
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
@@ -60,10 +61,21 @@ def run(program: Path, folder: Path, seconds: int) -> tuple[int, str]:
     return int(tried[-1]) if tried else 0, find
 
 
+def try_question(program: Path, corpus: Path, question: str, seconds: int) -> tuple[int, str]:
+    """The same, beginning with the inputs that are kept."""
+    folder = corpus / question.replace(" ", "_")
+    folder.mkdir(parents=True, exist_ok=True)
+    for place, content in enumerate(kept_inputs()):
+        if content[0] % len(QUESTIONS) == QUESTIONS.index(question):
+            (folder / f"kept{place}").write_bytes(content)
+    return run(program, folder, seconds)
+
+
 def take_over(report: Report, path: Path, questions: Sequence[str]) -> None:
     """What an earlier report says of other questions."""
     earlier = json.loads(path.read_text())
-    report.tried = {what: count for what, count in earlier["tried"].items() if what in QUESTIONS}
+    others = [question for question in QUESTIONS if question not in questions]
+    report.tried = {what: earlier["tried"][what] for what in others if what in earlier["tried"]}
     report.finds = [f for f in earlier["finds"] if not f.startswith(tuple(questions))]
     report.began -= earlier["processor_seconds"]
 
@@ -73,26 +85,27 @@ def main() -> int:
     parser.add_argument("--seconds", type=int, default=600, help="for each question")
     parser.add_argument("--dear-seconds", type=int, default=1800, help="for each that is dear")
     parser.add_argument("--questions", nargs="+", choices=QUESTIONS, default=QUESTIONS)
+    parser.add_argument("--at-once", type=int, default=1, help="so many questions")
     parser.add_argument("--corpus", type=Path, default=ROOT / "build" / "corpus")
     parser.add_argument("--report", type=Path)
     chosen = parser.parse_args()
     program = built(ROOT / "build" / "fuzz")
     report = Report("Any bytes as input of the library")
-    if set(chosen.questions) != set(QUESTIONS):
+    if chosen.questions is not QUESTIONS and chosen.report and chosen.report.exists():
         take_over(report, chosen.report, chosen.questions)
-    for number, question in enumerate(QUESTIONS):
-        if question not in chosen.questions:
-            continue
-        folder = chosen.corpus / question.replace(" ", "_")
-        folder.mkdir(parents=True, exist_ok=True)
-        for place, content in enumerate(kept_inputs()):
-            if content[0] % len(QUESTIONS) == number:
-                (folder / f"kept{place}").write_bytes(content)
+
+    def answer(question: str) -> tuple[int, str]:
         seconds = chosen.dear_seconds if question in DEAR else chosen.seconds
-        report.tried[question], find = run(program, folder, seconds)
-        if find:
-            report.finds.append(f"{question}: {find}")
-    report.tried["inputs"] = sum(int(report.tried[question]) for question in QUESTIONS)
+        return try_question(program, chosen.corpus, question, seconds)
+
+    with ThreadPoolExecutor(chosen.at_once) as pool:
+        for question, (tried, find) in zip(
+            chosen.questions, pool.map(answer, chosen.questions), strict=True
+        ):
+            report.tried[question] = tried
+            report.finds += [f"{question}: {find}"] if find else []
+    report.tried = {what: report.tried[what] for what in QUESTIONS if what in report.tried}
+    report.tried["inputs"] = sum(int(count) for count in report.tried.values())
     return report.end(chosen.report)
 
 
