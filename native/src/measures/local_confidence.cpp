@@ -27,6 +27,7 @@ constexpr double kGrowthNear = 0.05;   // around a node, where growth is average
 constexpr double kStrainNear = 0.12;   // … and strain
 constexpr double kEndNear = 0.02;      // an image this near to an end lies there
 constexpr double kBendNear = 0.1;      // a ball whose centroid tells tips, edges and planes apart
+constexpr double kElsewhere = 0.15;    // images that far apart have nothing in common
 constexpr double kSideWeight = 0.1;    // of unit normals, to tell both sides of thin parts apart
 constexpr double kDoubtful = 0.5;      // less confidence is worth a word
 constexpr double kDoubtsApart = 0.2;   // at least, of doubtful places
@@ -255,31 +256,39 @@ Values weights_of(const OtherMaps& others, double exponent, const JudgedWay& way
 struct WeighedMaps {
     const Alternatives& maps;
     Values finished, trials;
+    Values elsewhere;  ///< of those of the finished that lay the whole shape otherwise, not there
 };
 
 WeighedMaps weighed(const Alternatives& maps, const JudgedWay& there,
                     std::span<const Feature> features) {
     constexpr double kFinishedCost = 40.0, kTrialCost = 20.0;
-    if (!maps.searched()) return {maps, {}, {}};
+    constexpr double kMostOfIt = 0.75;
+    if (!maps.searched()) return {maps, {}, {}, {}};
     const SidedPoints places = there.here.sided(there.rows_of_others);
     const KdTree<6> tree(places);
     std::vector<Blend> marks;
     for (const Feature& feature : features)
         if (feature.kind == FeatureKind::kPoint)
             marks.push_back(blend(tree, there.here.sided(feature.source.rows.front())));
-    return {maps, weights_of(maps.finished, kFinishedCost, there, marks),
-            weights_of(maps.trials, kTrialCost, there, marks)};
+    WeighedMaps result{maps,
+                       weights_of(maps.finished, kFinishedCost, there, marks),
+                       weights_of(maps.trials, kTrialCost, there, marks),
+                       {}};
+    result.elsewhere = Values::Zero(result.finished.size());
+    for (Eigen::Index k = 0; k < result.finished.size(); ++k)
+        if ((maps.finished.source.row(k).array() / kElsewhere).min(1.0).mean() >= kMostOfIt)
+            std::swap(result.finished[k], result.elsewhere[k]);
+    return result;
 }
 
 /// How much other maps that may be right as well differ at a place.
 double disagreement(const Blend& at, const Eigen::MatrixXd& distances, const Values& weights) {
-    constexpr double kFar = 0.15;
     double sum = 0.0;
     for (Eigen::Index k = 0; k < weights.size(); ++k) {
         const double distance = at.of([&](Index row) { return distances(k, row); });
-        sum += weights[k] * std::pow(std::min(distance / kFar, 1.0), 1.5);
+        sum += weights[k] * std::pow(std::min(distance / kElsewhere, 1.0), 1.5);
     }
-    return std::log1p(sum);
+    return sum;
 }
 
 /// At the nodes.
@@ -306,13 +315,16 @@ Values confidence_at_nodes(const JudgedWay& way, const NodeMeans& means, const W
         double doubt = everywhere + kBend * std::abs(bends) +
                        kStrain * mean_around(way, k, means.strain, near) +
                        kGrowth * mean_around(way, k, means.growth, within(near, kGrowthNear));
+        double elsewhere = 0.0;  // each of these maps is as likely, in the proportion of its weight
         if (searched) {
             const Blend at = blend(places_tree, way.here.nodes.row(k));
-            doubt +=
-                kFinished * disagreement(at, others.maps.finished.*way.others, others.finished) +
-                kTrials * disagreement(at, others.maps.trials.*way.others, others.trials);
+            const Eigen::MatrixXd &finished = others.maps.finished.*way.others,
+                                  &trials = others.maps.trials.*way.others;
+            doubt += kFinished * std::log1p(disagreement(at, finished, others.finished)) +
+                     kTrials * std::log1p(disagreement(at, trials, others.trials));
+            elsewhere = disagreement(at, finished, others.elsewhere);
         }
-        confidence[k] = 1.0 / (1.0 + std::exp(doubt));
+        confidence[k] = 1.0 / (1.0 + std::exp(doubt)) / (1.0 + elsewhere);
     };
     parallel_for(
         way.here.count(), progress,

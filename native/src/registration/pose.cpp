@@ -177,7 +177,7 @@ Positions images_at_rest(const Candidate& map) {
 
 /// How much a competitor speaks against a map.
 double doubt_from(const Competitor& other) {
-    constexpr double kCost = 40.0, kApart = 0.15;
+    constexpr double kCost = 40.0;
     return std::pow(std::min(other.distance / kApart, 1.0), 1.5) *
            std::pow(std::max(other.ratio, 0.5), -kCost);
 }
@@ -295,12 +295,6 @@ void prefer_as_given(std::vector<Candidate>& finals, const CoarseShape& source,
     if (given != finals.end()) std::rotate(finals.begin(), given, given + 1);
 }
 
-/// A map by its images of the coarsest level's nodes, with both shapes at rest.
-struct NodeImages {
-    double cost;
-    Positions source, target;
-};
-
 /// How far maps lie from `best`; `least` is what their costs are compared with.
 OtherMaps differences(const NodeImages& best, std::span<const NodeImages> maps, double least) {
     const auto count = static_cast<Eigen::Index>(maps.size());
@@ -315,46 +309,48 @@ OtherMaps differences(const NodeImages& best, std::span<const NodeImages> maps, 
     return others;
 }
 
-/// How all other maps differ from the first of `maps`. `trials` are sorted.
+/// How all other maps differ from the first of `maps`. What was tried is sorted.
 Alternatives alternatives_to_first(const CoarsePair& shapes, std::span<const Candidate> maps,
-                                   std::span<const Trial> trials) {
-    constexpr double kWorstTrial = 1.3;  // what is worse counts next to nothing
+                                   std::span<const NodeImages> tried) {
     Alternatives result;
     result.source_rows = shapes.source.levels.front().node_rows;
     result.target_rows = shapes.target.levels.front().node_rows;
-    std::vector<NodeImages> finished, tried;
-    for (const Candidate& map : maps) {
-        const Registration& found = map.registration;
-        finished.push_back({map.cost,
-                            map.alignment.inverse().apply(
-                                gather(found.source_points.positions, result.source_rows)),
-                            gather(found.target_points.positions, result.target_rows)});
-    }
-    for (const Trial& trial : trials) {
-        if (trial.energy > kWorstTrial * trials.front().energy) break;
-        tried.push_back({trial.energy,
-                         trial.alignment.inverse().apply(trial.registration.source.positions),
-                         trial.registration.target.positions});
-    }
+    std::vector<NodeImages> finished;
+    for (const Candidate& map : maps)
+        finished.push_back(node_images(map, result.source_rows, result.target_rows));
     const NodeImages& best = finished.front();
-    result.finished = differences(best, std::span(finished).subspan(1), best.cost);
-    result.trials = differences(best, tried, tried.empty() ? 1.0 : tried.front().cost);
+    const std::span others = std::span(finished).subspan(1);
+    result.finished = differences(best, others, best.cost);
+    for (std::size_t k = 0; k < others.size(); ++k)
+        result.finished.ratios[static_cast<Eigen::Index>(k)] =
+            ratio_in_doubt(best, others[k], tried);
+    if (tried.empty()) return result;
+    constexpr double kWorst = 1.3;  // what is worse counts next to nothing
+    const auto worse =
+        std::ranges::upper_bound(tried, kWorst * tried.front().cost, {}, &NodeImages::cost);
+    result.trials = differences(best, {tried.begin(), worse}, tried.front().cost);
     return result;
 }
 
 /// The first of the maps, with its rivals, margin and confidence.
-Pose rated(std::vector<Candidate> maps, double margin_of_trials) {
+Pose rated(const CoarsePair& shapes, std::vector<Candidate> maps,
+           std::span<const NodeImages> tried) {
     Pose pose;
-    pose.margin = margin_of_trials;
+    if (tried.size() > 1) pose.margin = std::max(1.0, tried[1].cost / tried[0].cost);
     pose.best = std::move(maps.front());
     pose.rivals.assign(std::make_move_iterator(maps.begin() + 1),
                        std::make_move_iterator(maps.end()));
+    const auto at_nodes = [&](const Candidate& map) {
+        return node_images(map, shapes.source.levels.front().node_rows,
+                           shapes.target.levels.front().node_rows);
+    };
+    const NodeImages best = at_nodes(pose.best);
     const Positions images = images_at_rest(pose.best);
     std::vector<Competitor> competitors;
     for (const Candidate& rival : pose.rivals)
-        competitors.push_back({rival.cost / pose.best.cost,
+        competitors.push_back({ratio_in_doubt(best, at_nodes(rival), tried),
                                (images_at_rest(rival) - images).rowwise().norm().mean()});
-    if (!competitors.empty()) pose.margin = competitors.front().ratio;
+    if (!pose.rivals.empty()) pose.margin = pose.rivals.front().cost / pose.best.cost;
     pose.confidence = pose_confidence(pose.best.misfit, competitors);
     return pose;
 }
@@ -397,11 +393,10 @@ Pose find_pose(const CoarsePair& shapes, const PoseOptions& options,
     std::vector<Candidate> finals = all_maps(std::move(so_far));
     add_symmetric(search, motions, finals, progress);
     prefer_as_given(finals, shapes.source, options);
-    Alternatives alternatives = alternatives_to_first(shapes, finals, trials);
+    const std::vector<NodeImages> tried_images = node_images(trials);
+    Alternatives alternatives = alternatives_to_first(shapes, finals, tried_images);
     keep_distinct(finals, options.distinct);
-    Pose pose = rated(std::move(finals), trials.size() > 1
-                                             ? std::max(1.0, trials[1].energy / trials[0].energy)
-                                             : std::numeric_limits<double>::infinity());
+    Pose pose = rated(shapes, std::move(finals), tried_images);
     pose.alternatives = std::move(alternatives);
     pose.source_extremities = in_full(search.source);
     pose.target_extremities = in_full(search.target);

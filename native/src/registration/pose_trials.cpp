@@ -402,4 +402,37 @@ Similarity implied_pose(const PoseSearch& search, const Trial& trial) {
                         trial.alignment);
 }
 
+NodeImages node_images(const Candidate& map, const std::vector<Index>& source_rows,
+                       const std::vector<Index>& target_rows) {
+    const Registration& found = map.registration;
+    return {map.cost,
+            map.alignment.inverse().apply(gather(found.source_points.positions, source_rows)),
+            gather(found.target_points.positions, target_rows)};
+}
+
+std::vector<NodeImages> node_images(std::span<const Trial> trials) {
+    std::vector<NodeImages> result;
+    for (const Trial& trial : trials)
+        result.push_back({trial.energy,
+                          trial.alignment.inverse().apply(trial.registration.source.positions),
+                          trial.registration.target.positions});
+    return result;
+}
+
+double ratio_in_doubt(const NodeImages& best, const NodeImages& other,
+                      std::span<const NodeImages> trials) {
+    const double ratio = other.cost / best.cost;
+    if ((other.source - best.source).rowwise().norm().mean() < kApart) return ratio;
+    double of_best = std::numeric_limits<double>::infinity(), of_other = of_best;
+    for (const NodeImages& trial : trials) {
+        const bool is_other = (trial.source - other.source).squaredNorm() <
+                              (trial.source - best.source).squaredNorm();
+        double& least = is_other ? of_other : of_best;
+        least = std::min(least, trial.cost);
+    }
+    if (!std::isfinite(of_best) || !std::isfinite(of_other)) return ratio;
+    // No less than if both cost the same: the other one wasn't chosen.
+    return std::min(ratio, std::max(1.0, std::sqrt(ratio * of_other / of_best)));
+}
+
 }  // namespace pointmorph

@@ -154,6 +154,26 @@ std::vector<Candidate> with_motions(const PoseSearch& search, const Candidate& m
 /// of none that sits on another anchor.
 std::vector<IndexPair> anchors(const PoseSearch& search, const ExtremityMatches& extremities);
 
+/// Maps whose images lie so far apart, mean over the source in √area, have nothing in common.
+constexpr double kApart = 0.15;
+
+/// A map by its images of the coarsest level's nodes, with both shapes at rest.
+struct NodeImages {
+    double cost;
+    Positions source, target;
+};
+
+/// `source_rows`, `target_rows`: coarse rows of the nodes.
+NodeImages node_images(const Candidate& map, const std::vector<Index>& source_rows,
+                       const std::vector<Index>& target_rows);
+std::vector<NodeImages> node_images(std::span<const Trial> trials);
+
+/// What another map costs over what `best` does, or less, where it lays the whole shape otherwise
+/// and the trials rank the two another way: of a robot whose front and back look much alike, which
+/// of both costs less, and by up to a tenth, depends on the sampling.
+double ratio_in_doubt(const NodeImages& best, const NodeImages& other,
+                      std::span<const NodeImages> trials);
+
 /// Does `work` as the part of the stage from `first` to `last`.
 template <std::invocable Work>
 auto in_part(Progress& progress, double first, double last, Work&& work) {

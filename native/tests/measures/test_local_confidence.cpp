@@ -157,6 +157,25 @@ TEST(LocalConfidence, FallsWhereAnotherMapThatFitsAsWellGoesElsewhere) {
     EXPECT_GT(before, 1.5 * (1.0 - mean_where(one.source, alone, left)));
 }
 
+TEST(LocalConfidence, OfMapsThatFitAlikeAndHaveNothingInCommonEachIsAsLikely) {
+    DiagnosedCase one = itself();
+    const double alone = one.measure().right;
+    const auto with = [&](double ratio, int others) {
+        Alternatives& maps = one.diagnostics.alternatives;
+        maps = other_half(one, 0.5, ratio);
+        maps.finished.ratios = Values::Constant(others, ratio);
+        maps.finished.source = maps.finished.target =
+            Eigen::MatrixXd::Constant(others, maps.finished.source.cols(), 0.5);
+        maps.trials = {Values(), Eigen::MatrixXd(0, maps.trials.source.cols()),
+                       Eigen::MatrixXd(0, maps.trials.target.cols())};
+        return one.measure().right;
+    };
+    EXPECT_LE(with(1.0, 1), 0.5);
+    EXPECT_GT(with(1.0, 1), 0.45);
+    EXPECT_LE(with(1.0, 3), 0.25);
+    EXPECT_GT(with(1.5, 1), 0.99 * alone);
+}
+
 TEST(LocalConfidence, AMarkSettlesWhatItSpeaksAgainst) {
     DiagnosedCase one = itself();
     one.diagnostics.alternatives = other_half(one, 0.3, 1.0);

@@ -55,6 +55,29 @@ TEST(PoseTrials, ALimbThatLiesElsewhereMakesMapsDiffer) {
     EXPECT_EQ(difference(plain, limb), difference(limb, plain));
 }
 
+TEST(PoseTrials, ARankingThatTheTrialsReverseIsInDoubt) {
+    const auto map = [](double cost, double offset) {
+        Positions images = Positions::Zero(20, 3);
+        images.col(0).setConstant(offset);
+        return NodeImages{cost, images, images};
+    };
+    const NodeImages best = map(2.0, 0.0), turned = map(2.2, 0.5), near = map(2.2, 0.1);
+    const auto ratio = [&](const NodeImages& other, double least, double least_turned) {
+        const std::vector<NodeImages> trials{map(9.0, 0.01), map(least, 0.02), map(9.0, 0.48),
+                                             map(least_turned, 0.47)};
+        return ratio_in_doubt(best, other, trials);
+    };
+    EXPECT_NEAR(ratio(turned, 3.0, 3.0), std::sqrt(1.1), 1e-12) << "the trials call it a tie";
+    EXPECT_NEAR(ratio(turned, 3.0, 2.9), std::sqrt(1.1 * 2.9 / 3.0), 1e-12);
+    EXPECT_EQ(ratio(turned, 3.0, 2.0), 1.0) << "the turned one wasn't chosen";
+    EXPECT_NEAR(ratio(turned, 3.0, 4.0), 1.1, 1e-12) << "they agree";
+    EXPECT_NEAR(ratio(near, 3.0, 2.0), 1.1, 1e-12) << "trials don't rank limbs";
+    EXPECT_NEAR(ratio_in_doubt(best, turned, {}), 1.1, 1e-12);
+    const std::vector<NodeImages> one_sided{map(3.0, 0.0)};
+    EXPECT_NEAR(ratio_in_doubt(best, turned, one_sided), 1.1, 1e-12);
+    EXPECT_NEAR(ratio_in_doubt(best, map(1.96, 0.5), one_sided), 0.98, 1e-12);
+}
+
 TEST(PoseTrials, AnchorsAreTheFeaturesAndThoseExtremitiesThatNoneOfThemSitsOn) {
     CoarseShape shape;  // six points, two to a node
     for (const Index node : {0, 0, 1, 1, 2, 2}) {
