@@ -26,7 +26,7 @@ from typing import Any
 import numpy as np
 import pointmorph
 from pointmorph import formats
-from pointmorph._pointmorph import nearest_rows
+from unit_of_time import find_neighbors
 
 SHARED = Path(__file__).resolve().parents[3] / "shared" / "data"
 STOPS = 20
@@ -86,7 +86,7 @@ def row(folder: Path, vertices: int, threads: int, expected: float) -> dict[str,
     source, target = clouds = [large(shape, vertices) for shape in meshes(folder)]
     start = time.perf_counter()
     for cloud in clouds:
-        nearest_rows(cloud.positions, cloud.positions, 16)
+        find_neighbors(cloud.positions)
     unit = time.perf_counter() - start
     morph = pointmorph.morph(source, target, threads=threads)
     latest = 0.0

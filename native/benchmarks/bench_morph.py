@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 import pointmorph
 from pointmorph import formats, meshes
-from pointmorph._pointmorph import nearest_neighbors
+from unit_of_time import find_neighbors
 
 SHARED = Path(__file__).resolve().parents[3] / "shared" / "data" / "nefertiti_demosthenes"
 # Points of the paper's three pairs.
@@ -92,7 +92,7 @@ def _measure(sizes: tuple[int, int], settings: dict[str, Any], runs: int) -> dic
     for _ in range(runs):
         start = time.perf_counter()
         for cloud in pair:
-            nearest_neighbors(cloud.positions, 16)
+            find_neighbors(cloud.positions)
         units.append(time.perf_counter() - start)
         start = time.perf_counter()
         morph = pointmorph.morph(*pair, features, **settings)

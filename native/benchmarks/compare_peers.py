@@ -33,9 +33,9 @@ from bench_morph import resident
 from compare_measures import Ints, Surface, Yardstick
 from compare_methods import METHODS, NotApplicableError, Pair
 from pointmorph import Cloud, Feature, FeatureError, PointmorphError, formats
-from pointmorph._pointmorph import nearest_neighbors
 from pointmorph.commands import cli
 from tabulate import tabulate
+from unit_of_time import find_neighbors
 
 Marks = dict[str, tuple[int, int]]
 
@@ -212,7 +212,7 @@ def _measured(name: str, pair: Pair) -> Outcome:
 def _unit_seconds(pair: Pair) -> float:
     start = time.perf_counter()
     for cloud in (pair.source, pair.target):
-        nearest_neighbors(cloud.positions, 16)
+        find_neighbors(cloud.positions)
     return time.perf_counter() - start
 
 

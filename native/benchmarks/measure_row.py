@@ -30,7 +30,7 @@ import numpy as np
 import pointmorph
 from build_tools.benchmarks import SIZES
 from pointmorph import Cloud, formats, meshes
-from pointmorph._pointmorph import nearest_neighbors
+from unit_of_time import find_neighbors
 
 ROOT = Path(__file__).resolve().parents[2]
 SHARED = ROOT.parent / "shared" / "data"
@@ -61,7 +61,7 @@ class Pair:
 
     def unit(self) -> None:
         for cloud in self.clouds:
-            nearest_neighbors(cloud.positions, 16)
+            find_neighbors(cloud.positions)
 
     def morph(self, marked: bool = False, **settings: Any) -> pointmorph.Morph:
         return pointmorph.morph(*self.clouds, self.marks if marked else {}, **settings)
@@ -296,7 +296,7 @@ def frame_in_units(morph: pointmorph.Morph, t: float) -> float:
     start = time.perf_counter()
     frame = morph.resampled_frame(t)
     taken = time.perf_counter() - start
-    return taken / seconds(lambda: nearest_neighbors(frame.positions, 16))
+    return taken / seconds(lambda: find_neighbors(frame.positions))
 
 
 def resampling(runs: int) -> tuple[str, Values]:

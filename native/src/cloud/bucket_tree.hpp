@@ -1,5 +1,5 @@
-// A kd-tree for many dimensions, where distances cost more than the way to them: its leaves lie in
-// memory coordinate by coordinate, so that the distances to all of a leaf's points come at once.
+// A kd-tree whose leaves lie in memory coordinate by coordinate, so that the distances to all of a
+// leaf's points come at once.
 #pragma once
 
 #include <algorithm>
@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "base/compiler.hpp"
+#include "pointmorph/base/parallel.hpp"
 #include "pointmorph/cloud/kd_tree.hpp"
 
 namespace pointmorph {
@@ -19,16 +20,28 @@ class BucketTree {
 public:
     using Points = typename KdTree<Dim>::Points;
 
-    /// One point or more. Keeps no reference.
+    /// One point or more. Keeps no reference. With many axes, large ones are built on all threads.
     explicit BucketTree(const Points& points) {
-        std::vector<Index> rows(to_size(points.rows()));
-        std::iota(rows.begin(), rows.end(), 0);
-        lower_ = points.colwise().minCoeff();
-        upper_ = points.colwise().maxCoeff();
-        buckets_.reserve((rows.size() + kSize - 1) / kSize);
-        nodes_.reserve(2 * buckets_.capacity());
-        split(points, rows.data(), rows.data() + rows.size());
-        keys_ = {};
+        const auto count = to_size(points.rows());
+        lower_ = upper_ = points.row(0);
+        for (Eigen::Index i = 1; i < points.rows(); ++i) {
+            lower_ = lower_.cwiseMin(points.row(i));
+            upper_ = upper_.cwiseMax(points.row(i));
+        }
+        if constexpr (kFew) {
+            buckets_.reserve((2 * count + kSize - 1) / kSize);
+            nodes_.reserve(2 * buckets_.capacity());
+            std::vector<Placed> placed(count);
+            for (std::size_t i = 0; i < count; ++i)
+                placed[i] = {points.row(static_cast<Eigen::Index>(i)), to_index(i)};
+            halve(placed.data(), placed.data() + count, {lower_, upper_});
+        } else {
+            buckets_.resize((count + kSize - 1) / kSize);
+            nodes_.resize(2 * buckets_.size() - 1);
+            std::vector<Index> rows(count);
+            std::iota(rows.begin(), rows.end(), 0);
+            split_on_all_threads(points, {rows.data(), rows.data() + count, 0, 0});
+        }
     }
 
     template <class Result>
@@ -45,12 +58,24 @@ public:
     }
 
 private:
-    using Row = Eigen::Matrix<double, 1, Dim>;
+    using Row = Eigen::Matrix<double, 1, Dim, Eigen::RowMajor | Eigen::DontAlign>;
 
     static constexpr std::size_t kSize = 16;  // points of a leaf
     static constexpr std::size_t kTwos = kSize / 2;
-    static constexpr std::size_t kHalf = Dim / 2;
+    /// Few coordinates are moved as fast as their numbers are, and boxes that are halved are
+    /// rounder; with many, full leaves count for more, and most points are too far off after half
+    /// of the axes.
+    static constexpr bool kFew = Dim <= 3;
+    /// A half with less than that share of the points isn't worth a level of the tree.
+    static constexpr std::ptrdiff_t kLeastShare = 16;
 
+    struct Placed {
+        Row at;
+        Index row;
+    };
+    struct Box {
+        Row lower, upper;
+    };
     struct Bucket {
         std::array<std::array<Two, kTwos>, Dim> coordinates;
         std::array<Index, kSize> rows;
@@ -62,14 +87,102 @@ private:
         double below, above;  ///< where the first child ends and the second one begins
     };
 
-    void split(const Points& points, Index* begin, Index* end) {
-        const auto here = nodes_.size();
-        const auto size = to_size(end - begin);
-        if (size <= kSize) {
+    static Box box_of(const Placed* begin, const Placed* end) {
+        Box box{begin->at, begin->at};
+        for (const Placed* point = begin + 1; point < end; ++point)
+            for (Eigen::Index d = 0; d < Dim; ++d) {
+                box.lower[d] = std::min(box.lower[d], point->at[d]);
+                box.upper[d] = std::max(box.upper[d], point->at[d]);
+            }
+        return box;
+    }
+
+    /// Puts those below first, without a branch that nobody can foresee.
+    static Placed* put_below_first(Placed* begin, Placed* end, Eigen::Index axis, double middle) {
+        Placed* cut = begin;
+        for (Placed* point = begin; point < end; ++point) {
+            const Placed here = *point;
+            *point = *cut;
+            *cut = here;
+            cut += here.at[axis] < middle;
+        }
+        return cut;
+    }
+
+    /// `box` is that of the points.
+    void halve(Placed* begin, Placed* end, const Box& box) {
+        const auto size = end - begin;
+        if (to_size(size) <= kSize) {
             nodes_.push_back({-1, to_index(buckets_.size()), 0.0, 0.0});
-            fill(points, begin, size);
+            fill(
+                buckets_.emplace_back(), to_size(size), [&](std::size_t k) { return begin[k].row; },
+                [&](std::size_t k, Eigen::Index axis) { return begin[k].at[axis]; });
             return;
         }
+        Eigen::Index axis;
+        (box.upper - box.lower).maxCoeff(&axis);
+        const double middle = 0.5 * box.lower[axis] + 0.5 * box.upper[axis];
+        Placed* cut = put_below_first(begin, end, axis, middle);
+        if (std::min(cut - begin, end - cut) * kLeastShare < size) {
+            cut = begin + size / 2;
+            std::nth_element(begin, cut, end, [axis](const Placed& a, const Placed& b) {
+                return a.at[axis] != b.at[axis] ? a.at[axis] < b.at[axis] : a.row < b.row;
+            });
+        }
+        const Box first = box_of(begin, cut), second = box_of(cut, end);
+        const auto here = nodes_.size();
+        nodes_.push_back({to_index(axis), 0, first.upper[axis], second.lower[axis]});
+        halve(begin, cut, first);
+        nodes_[here].next = to_index(nodes_.size());
+        halve(cut, end, second);
+    }
+
+    /// Points that become a part of the tree. All leaves are full but for the last one, so that it
+    /// is known where each part lies.
+    struct Part {
+        Index *begin, *end;  ///< rows
+        std::size_t node, bucket;
+
+        std::size_t size() const { return to_size(end - begin); }
+        std::size_t buckets() const { return (size() + kSize - 1) / kSize; }
+    };
+    using Keys = std::vector<std::pair<double, Index>>;
+
+    void split_on_all_threads(const Points& points, const Part& whole) {
+        constexpr std::size_t kWorthATeam = 8192, kParts = 8;
+        std::vector<Part> parts{whole};
+        while (whole.size() >= kWorthATeam && parts.size() < kParts) {
+            std::vector<Part> halves(2 * parts.size());
+            parallel_invoke(static_cast<int>(parts.size()), [&](int k, bool) {
+                Keys keys;
+                const auto [first, second] = cut_in_two(points, parts[to_size(k)], keys);
+                halves[2 * to_size(k)] = first;
+                halves[2 * to_size(k) + 1] = second;
+            });
+            parts = std::move(halves);
+        }
+        parallel_invoke(static_cast<int>(parts.size()), [&](int k, bool) {
+            Keys keys;
+            split(points, parts[to_size(k)], keys);
+        });
+    }
+
+    void split(const Points& points, const Part& part, Keys& keys) {
+        if (part.size() <= kSize) {
+            nodes_[part.node] = {-1, to_index(part.bucket), 0.0, 0.0};
+            fill(
+                buckets_[part.bucket], part.size(), [&](std::size_t k) { return part.begin[k]; },
+                [&](std::size_t k, Eigen::Index axis) { return points(part.begin[k], axis); });
+            return;
+        }
+        const auto [first, second] = cut_in_two(points, part, keys);
+        split(points, first, keys);
+        split(points, second, keys);
+    }
+
+    /// Of a part with more points than a leaf has; `keys` is scratch memory.
+    std::pair<Part, Part> cut_in_two(const Points& points, const Part& part, Keys& keys) {
+        const auto [begin, end, node, bucket] = part;
         Row lower = points.row(*begin), upper = lower;
         for (const Index* i = begin + 1; i < end; ++i) {
             lower = lower.cwiseMin(points.row(*i));
@@ -77,32 +190,31 @@ private:
         }
         Eigen::Index axis;
         (upper - lower).maxCoeff(&axis);
-        // Full leaves but for the last one.
-        const std::size_t buckets = (size + kSize - 1) / kSize;
-        Index* const middle = begin + static_cast<std::ptrdiff_t>(buckets / 2 * kSize);
+        const std::size_t buckets = part.buckets() / 2;
+        Index* const middle = begin + static_cast<std::ptrdiff_t>(buckets * kSize);
         // Next to their rows, so that the selection reads memory in order.
-        keys_.clear();
-        for (const Index* i = begin; i < end; ++i) keys_.emplace_back(points(*i, axis), *i);
-        const auto middle_key = keys_.begin() + (middle - begin);
-        std::nth_element(keys_.begin(), middle_key, keys_.end());
-        double below = keys_.front().first;
-        for (auto key = keys_.begin(); key != middle_key; ++key)
-            below = std::max(below, key->first);
-        nodes_.push_back({to_index(axis), 0, below, middle_key->first});
-        std::ranges::transform(keys_, begin, &std::pair<double, Index>::second);
-        split(points, begin, middle);
-        nodes_[here].next = to_index(nodes_.size());
-        split(points, middle, end);
+        keys.clear();
+        for (const Index* i = begin; i < end; ++i) keys.emplace_back(points(*i, axis), *i);
+        const auto middle_key = keys.begin() + (middle - begin);
+        std::nth_element(keys.begin(), middle_key, keys.end());
+        double below = keys.front().first;
+        for (auto key = keys.begin(); key != middle_key; ++key) below = std::max(below, key->first);
+        std::ranges::transform(keys, begin, &std::pair<double, Index>::second);
+        const Part second{middle, end, node + 2 * buckets, bucket + buckets};
+        nodes_[node] = {to_index(axis), to_index(second.node), below, middle_key->first};
+        return {{begin, middle, node + 1, bucket}, second};
     }
 
-    void fill(const Points& points, const Index* rows, std::size_t size) {
-        Bucket& bucket = buckets_.emplace_back();
+    template <class RowOf, class CoordinateOf>
+    static void fill(Bucket& bucket, std::size_t size, const RowOf& row_of,
+                     const CoordinateOf& coordinate_of) {
         bucket.size = size;
         for (std::size_t k = 0; k < kSize; ++k) {
-            const Index row = rows[std::min(k, size - 1)];  // the last fills what is left
-            bucket.rows[k] = row;
+            const std::size_t from = std::min(k, size - 1);  // the last fills what is left
+            bucket.rows[k] = row_of(from);
             for (std::size_t d = 0; d < Dim; ++d)
-                bucket.coordinates[d][k / 2][k % 2] = points(row, static_cast<Eigen::Index>(d));
+                bucket.coordinates[d][k / 2][k % 2] =
+                    coordinate_of(from, static_cast<Eigen::Index>(d));
         }
     }
 
@@ -128,6 +240,43 @@ private:
 
     template <class Result>
     static bool look_at(const Bucket& bucket, const double* query, Result& result) {
+        if constexpr (kFew)
+            return look_at_all(bucket, query, result);
+        else
+            return look_by_eights(bucket, query, result);
+    }
+
+    /// Adds what is near enough. False ends the search.
+    template <class Result>
+    static bool add_near(const double* squared, const Index* rows, std::size_t count,
+                         Result& result) {
+        double worst = result.worstDist();
+        for (std::size_t k = 0; k < count; ++k)
+            if (squared[k] < worst) {
+                if (!result.addPoint(squared[k], rows[k])) return false;
+                worst = result.worstDist();
+            }
+        return true;
+    }
+
+    template <class Result>
+    static bool look_at_all(const Bucket& bucket, const double* query, Result& result) {
+        alignas(16) std::array<double, kSize> squared;
+        for (std::size_t k = 0; 2 * k < bucket.size; ++k) {
+            Two sum{};
+            for (std::size_t axis = 0; axis < Dim; ++axis) {
+                const Two q = {query[axis], query[axis]};
+                const Two to = q - bucket.coordinates[axis][k];
+                sum += to * to;
+            }
+            squared[2 * k] = sum[0];
+            squared[2 * k + 1] = sum[1];
+        }
+        return add_near(squared.data(), bucket.rows.data(), bucket.size, result);
+    }
+
+    template <class Result>
+    static bool look_by_eights(const Bucket& bucket, const double* query, Result& result) {
         alignas(16) std::array<double, 8> squared;
         for (std::size_t first = 0; first < kTwos; first += 4) {  // four stay in registers
             const std::size_t points =
@@ -150,14 +299,11 @@ private:
                     squared[k++] = two[1];
                 }
             };
-            const double worst = result.worstDist();
-            // Most are too far off after half of the axes.
-            add(0, kHalf);
-            if (*std::ranges::min_element(squared) >= worst) continue;
-            add(kHalf, Dim);
-            for (std::size_t k = 0; k < points; ++k)
-                if (squared[k] < worst && !result.addPoint(squared[k], bucket.rows[2 * first + k]))
-                    return false;
+            add(0, Dim / 2);
+            if (*std::ranges::min_element(squared) >= result.worstDist()) continue;
+            add(Dim / 2, Dim);
+            if (!add_near(squared.data(), bucket.rows.data() + 2 * first, points, result))
+                return false;
         }
         return true;
     }
@@ -165,7 +311,6 @@ private:
     Row lower_, upper_;
     std::vector<Node> nodes_;
     std::vector<Bucket> buckets_;
-    std::vector<std::pair<double, Index>> keys_;  ///< while it is built
 };
 
 }  // namespace pointmorph

@@ -191,23 +191,29 @@ void Morph::find_map(MorphInput input, Progress& progress) {
 
 /// From sorted rows to given ones: the one place where a route's result becomes the morph's own.
 void Morph::take(Correspondence found) {
-    auto& [source, target] = found.shapes;
+    PreparedShape &source = found.shapes.source, &target = found.shapes.target;
     RouteResult& result = found.result;
     if (result.genus)
         for (PreparedShape* shape : {&source, &target})
             shape->topology.components.front().genus = result.genus;
 
-    source_ = completed(std::move(source_), source);
-    target_ = completed(std::move(target_), target);
-    pairs_ = to_given(result.pairs, source, target);
-    source_domain_ = gather(result.source_domain, source.sorted_rows);
-    target_domain_ = gather(result.target_domain, target.sorted_rows);
-    if (result.images.source_images.rows() > 0) {
-        source_images_ =
-            target.unit.restore(gather(result.images.source_images, source.sorted_rows));
-        target_images_ =
-            source.unit.restore(gather(result.images.target_images, target.sorted_rows));
-    }
+    parallel_invoke(3, [&](int k, bool) {
+        if (k == 2) {
+            pairs_ = to_given(result.pairs, source, target);
+            return;
+        }
+        const bool is_source = k == 0;
+        const PreparedShape &here = is_source ? source : target,
+                            &there = is_source ? target : source;
+        Cloud& cloud = is_source ? source_ : target_;
+        cloud = completed(std::move(cloud), here);
+        (is_source ? source_domain_ : target_domain_) =
+            gather(is_source ? result.source_domain : result.target_domain, here.sorted_rows);
+        Positions& images = is_source ? result.images.source_images : result.images.target_images;
+        if (images.rows() > 0)
+            (is_source ? source_images_ : target_images_) =
+                there.unit.restore(gather(images, here.sorted_rows));
+    });
     source_boundary_ = to_given(result.source_boundary, source);
     target_boundary_ = to_given(result.target_boundary, target);
 

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <numeric>
 #include <utility>
 
 #include "pointmorph/base/error.hpp"
@@ -250,28 +251,51 @@ std::vector<Index> to_given(std::span<const Index> sorted, const PreparedShape& 
     return result;
 }
 
+namespace {
+
+/// Given rows that each sorted row stands for, its own first.
+class Represented {
+public:
+    explicit Represented(const PreparedShape& shape)
+        : begins_(to_size(shape.size()) + 1, 0), rows_(shape.sorted_rows.size()) {
+        for (const Index sorted : shape.sorted_rows) ++begins_[to_size(sorted) + 1];
+        std::partial_sum(begins_.begin(), begins_.end(), begins_.begin());
+        std::vector<std::size_t> next(begins_.begin(), begins_.end() - 1);
+        for (std::size_t i = 0; i < next.size(); ++i) rows_[next[i]++] = shape.given_rows[i];
+        for (std::size_t given = 0; given < shape.sorted_rows.size(); ++given) {
+            const std::size_t sorted = to_size(shape.sorted_rows[given]);
+            if (shape.given_rows[sorted] != to_index(given))
+                rows_[next[sorted]++] = to_index(given);
+        }
+    }
+    std::span<const Index> operator[](Index sorted) const {
+        const std::size_t begin = begins_[to_size(sorted)];
+        return {rows_.data() + begin, begins_[to_size(sorted) + 1] - begin};
+    }
+
+private:
+    std::vector<std::size_t> begins_;
+    std::vector<Index> rows_;
+};
+
+}  // namespace
+
 Pairing to_given(std::span<const IndexPair> sorted, const PreparedShape& source,
                  const PreparedShape& target) {
-    // Given rows that each sorted row stands for, its own first.
-    const auto represented = [](const PreparedShape& shape) {
-        std::vector<std::vector<Index>> rows;
-        for (const Index given : shape.given_rows) rows.push_back({given});
-        for (std::size_t given = 0; given < shape.sorted_rows.size(); ++given) {
-            auto& stands_for = rows[to_size(shape.sorted_rows[given])];
-            if (stands_for.front() != to_index(given)) stands_for.push_back(to_index(given));
-        }
-        return rows;
-    };
-    const auto s = represented(source), t = represented(target);
-    std::vector<char> source_seen(s.size(), 0), target_seen(t.size(), 0);
+    const Represented from(source), to(target);
+    std::vector<char> source_seen(to_size(source.size()), 0),
+        target_seen(to_size(target.size()), 0);
     Pairing result;
+    result.reserve(sorted.size());
     for (const IndexPair& pair : sorted) {
-        const auto i = to_size(pair.source), j = to_size(pair.target);
+        const std::span<const Index> s = from[pair.source], t = to[pair.target];
         // All of them at the first pair, side by side: seams stay seams.
-        const std::size_t sources = std::exchange(source_seen[i], 1) ? 1 : s[i].size();
-        const std::size_t targets = std::exchange(target_seen[j], 1) ? 1 : t[j].size();
+        const std::size_t sources =
+            std::exchange(source_seen[to_size(pair.source)], 1) ? 1 : s.size();
+        const std::size_t targets =
+            std::exchange(target_seen[to_size(pair.target)], 1) ? 1 : t.size();
         for (std::size_t k = 0; k < std::max(sources, targets); ++k)
-            result.push_back({s[i][std::min(k, sources - 1)], t[j][std::min(k, targets - 1)]});
+            result.push_back({s[std::min(k, sources - 1)], t[std::min(k, targets - 1)]});
     }
     std::ranges::sort(result);
     result.erase(std::ranges::unique(result).begin(), result.end());

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "morph/words.hpp"
+#include "pointmorph/base/parallel.hpp"
 #include "pointmorph/cloud/cloud.hpp"
 #include "pointmorph/cloud/kd_tree.hpp"
 
@@ -127,8 +128,11 @@ RouteResult match_in_product_space(const RouteInput& input,
     say(share_beyond(refined.target_images, input.source, ends.source), input.target, input.source);
     say(share_beyond(refined.source_images, input.target, ends.target), input.source, input.target);
     judge_normals(refined.inside_out, input.source, input.target, result);
-    result.source_domain = refined.source_product;
-    result.target_domain = refined.target_product;
+    on_both(progress, [&](bool is_source, Progress&) {
+        ProductPoints& product = is_source ? refined.source_product : refined.target_product;
+        (is_source ? result.source_domain : result.target_domain) = product;
+        product.resize(0, product.cols());
+    });
     result.pairs = std::move(refined.pairs);
     result.images = {std::move(refined.source_images), std::move(refined.target_images)};
     result.facts.diagnostics = std::move(refined.diagnostics);

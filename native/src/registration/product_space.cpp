@@ -26,6 +26,26 @@ std::vector<Index> free_rows(Index count, std::span<const IndexPair> features,
     return rows;
 }
 
+/// Ascending, each once. By counting: a source has few partners, and they nearly lie in order.
+void sort_unique(Pairing& pairs, Index sources) {
+    std::vector<std::size_t> next(to_size(sources) + 1, 0);
+    for (const IndexPair& pair : pairs) ++next[to_size(pair.source) + 1];
+    std::partial_sum(next.begin(), next.end(), next.begin());
+    std::vector<Index> targets(pairs.size());
+    for (const IndexPair& pair : pairs) targets[next[to_size(pair.source)]++] = pair.target;
+    std::size_t begin = 0, kept = 0;
+    for (Index i = 0; i < sources; ++i) {
+        const auto first = targets.begin() + static_cast<std::ptrdiff_t>(begin);
+        const auto last = targets.begin() + static_cast<std::ptrdiff_t>(next[to_size(i)]);
+        std::sort(first, last);
+        std::for_each(first, std::unique(first, last), [&](Index target) {
+            pairs[kept++] = {i, target};
+        });
+        begin = next[to_size(i)];
+    }
+    pairs.resize(kept);
+}
+
 }  // namespace
 
 ProductPoints product_points(const OrientedView& on_target, const OrientedView& on_source,
@@ -90,16 +110,14 @@ Pairing mutual_pairs(const typename KdTree<Dim>::Points& source,
         }();
         return nearest_matches<Dim>(from, tree, progress).to;
     };
-    Pairing pairs(features.begin(), features.end());
-    pairs.reserve(features.size() + source_rows.size() + target_rows.size());
     const std::vector<Index> forward = nearest(source, target, target_rows);
     const std::vector<Index> backward = nearest(target, source, source_rows);
+    Pairing pairs(features.begin(), features.end());
     for (const Index i : source_rows)
         pairs.push_back({i, target_rows[to_size(forward[to_size(i)])]});
     for (const Index j : target_rows)
         pairs.push_back({source_rows[to_size(backward[to_size(j)])], j});
-    std::ranges::sort(pairs);
-    pairs.erase(std::ranges::unique(pairs).begin(), pairs.end());
+    sort_unique(pairs, to_index(source.rows()));
     return pairs;
 }
 

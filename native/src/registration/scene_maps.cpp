@@ -6,6 +6,7 @@
 #include <utility>
 #include <vector>
 
+#include "pointmorph/base/parallel.hpp"
 #include "pointmorph/cloud/cloud.hpp"
 #include "pointmorph/cloud/kd_tree.hpp"
 #include "pointmorph/surface/projection.hpp"
@@ -138,11 +139,12 @@ RefinementStart given_maps(SceneImages images, const Pairing& pairs, const Marke
                            const GivenClouds& given, Progress& progress) {
     const Marks& marks = scene.marks;
     RefinementStart maps;
-    maps.source_images =
-        given_images(images.source.positions, pairs, marks, forward(scene), progress);
-    images.source.positions.resize(0, 3);
-    maps.target_images =
-        given_images(images.target.positions, pairs, marks, backward(scene), progress);
+    on_both(progress, [&](bool is_source, Progress& its) {
+        Positions& of_side = (is_source ? images.source : images.target).positions;
+        (is_source ? maps.source_images : maps.target_images) =
+            given_images(of_side, pairs, marks, is_source ? forward(scene) : backward(scene), its);
+        of_side.resize(0, 3);
+    });
     for (const IndexPair& f : marks.pinned) {
         maps.source_images.row(f.source) = given.target.positions.row(f.target);
         maps.target_images.row(f.target) = given.source.positions.row(f.source);

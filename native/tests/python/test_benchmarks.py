@@ -6,10 +6,13 @@ import json
 import statistics
 from pathlib import Path
 
+import numpy as np
 import pytest
 from build_tools import benchmarks
 from build_tools.benchmarks import Record, Row
 from build_tools.running import SetupError
+from pointmorph._pointmorph import nearest_neighbors
+from unit_of_time import find_neighbors
 
 LESS = Row("map", "a map", "U", 4.0)
 MORE = Row("threads", "one thread over two", "times", 1.85, more_is_better=True)
@@ -115,3 +118,10 @@ def test_records_are_of_rows_that_there_are() -> None:
     for records in benchmarks.kept().values():
         assert set(records) <= rows
         assert all(statistics.median(found["values"]) > 0 for found in records.values())
+
+
+def test_the_unit_of_time_finds_what_the_library_finds() -> None:
+    rng = np.random.default_rng(3)
+    grid = np.stack(np.meshgrid(*[np.arange(9.0)] * 3), -1).reshape(-1, 3)  # ties everywhere
+    for points in (rng.normal(size=(2000, 3)), grid):
+        np.testing.assert_array_equal(find_neighbors(points), nearest_neighbors(points, 16))

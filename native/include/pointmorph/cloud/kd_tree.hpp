@@ -11,7 +11,7 @@
 namespace pointmorph {
 
 /// A kd-tree over the rows of an array. Keeps a reference to the array, which must outlive it; with
-/// more than three dimensions, the array may go as long as points() isn't asked for.
+/// more than two dimensions, the array may go as long as points() isn't asked for.
 /// Queries are const and may run in parallel. Distances are *squared* wherever the name says so.
 /// Among points at the same distance the one with the lower row comes first; but where more points
 /// coincide with the query than are asked for, they may be any of these.
