@@ -5,6 +5,7 @@
 #include <numeric>
 #include <type_traits>
 
+#include "base/unused_memory.hpp"
 #include "morph/input_checks.hpp"
 #include "morph/mesh_side.hpp"
 #include "morph/morph_caches.hpp"
@@ -540,6 +541,7 @@ const Quality& Morph::quality(Progress& progress) const {
         const Positions& target_images = images_of(false, own_target, progress);
         const ThreadCount threads(options_.threads);
         progress.enter("quality");
+        give_back_unused_memory(source_.size() + target_.size());
         quality = measure_quality({source_, target_, source_images, target_images, pairs_,
                                    &neighbors(true, progress), &neighbors(false, progress)},
                                   features_, progress);

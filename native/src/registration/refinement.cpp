@@ -3,6 +3,7 @@
 #include <optional>
 #include <utility>
 
+#include "base/unused_memory.hpp"
 #include "pointmorph/registration/extremities.hpp"
 #include "pointmorph/registration/prolongation.hpp"
 #include "pointmorph/registration/thin_plate.hpp"
@@ -118,6 +119,7 @@ Refinement refine(const RefinementCloud& source, const RefinementCloud& target,
         first_alignment(*unit, marks, start, options.features_that_fix_the_pose);
     Scene placed = scene_of(given, *unit, std::move(marks), first.alignment, options, progress);
     unit.reset();  // as large as both clouds
+    give_back_unused_memory(to_index(source.positions.rows() + target.positions.rows()));
     const RegistrationStart coarse_start =
         start ? start_from(*start, placed) : thin_plate_start(placed.coarse());
     const bool inside_out =

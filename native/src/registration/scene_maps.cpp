@@ -6,6 +6,7 @@
 #include <utility>
 #include <vector>
 
+#include "base/unused_memory.hpp"
 #include "pointmorph/base/parallel.hpp"
 #include "pointmorph/cloud/cloud.hpp"
 #include "pointmorph/cloud/kd_tree.hpp"
@@ -173,6 +174,8 @@ SceneImages with_marks_met(SceneImages images, const MarkedClouds& scene,
 Refinement on_surfaces(SceneImages images, const MarkedClouds& scene, const GivenClouds& given,
                        double normal_weight, Progress& progress) {
     progress.enter("product space");
+    give_back_unused_memory(
+        to_index(images.source.positions.rows() + images.target.positions.rows()));
     ProductClouds product = product_clouds(scene, images, normal_weight);
     // The product has them: the fewer large arrays meanwhile, the better.
     images.source.normals.resize(0, 3);
