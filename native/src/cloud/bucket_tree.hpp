@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <array>
+#include <cstring>
 #include <numeric>
 #include <utility>
 #include <vector>
@@ -29,15 +30,18 @@ public:
             upper_ = upper_.cwiseMax(points.row(i));
         }
         if constexpr (kFew) {
-            buckets_.reserve((2 * count + kSize - 1) / kSize);
-            nodes_.reserve(2 * buckets_.capacity());
+            coordinates_.reserve(2 * Dim * count);  // at most; what isn't touched takes no memory
+            rows_.reserve(2 * count);
+            nodes_.reserve(4 * count / kSize + 1);
             std::vector<Placed> placed(count);
             for (std::size_t i = 0; i < count; ++i)
                 placed[i] = {points.row(static_cast<Eigen::Index>(i)), to_index(i)};
             halve(placed.data(), placed.data() + count, {lower_, upper_});
         } else {
-            buckets_.resize((count + kSize - 1) / kSize);
-            nodes_.resize(2 * buckets_.size() - 1);
+            const std::size_t leaves = (count + kSize - 1) / kSize;
+            coordinates_.resize(Dim * kSize * leaves);
+            rows_.resize(kSize * leaves);
+            nodes_.resize(2 * leaves - 1);
             std::vector<Index> rows(count);
             std::iota(rows.begin(), rows.end(), 0);
             split_on_all_threads(points, {rows.data(), rows.data() + count, 0, 0});
@@ -76,16 +80,31 @@ private:
     struct Box {
         Row lower, upper;
     };
-    struct Bucket {
-        std::array<std::array<Two, kTwos>, Dim> coordinates;
-        std::array<Index, kSize> rows;
-        std::size_t size;
-    };
     struct Node {
-        Index axis;  ///< −1 for a leaf
-        Index next;  ///< the second child, the first being the node after this one; or the bucket
+        Index axis;  ///< of a leaf: less than 0 by the number of its points
+        Index next;  ///< the second child, the first being the node after this one; of a leaf: how
+                     ///< many twos lie before its own
         double below, above;  ///< where the first child ends and the second one begins
     };
+    /// Its twos along one axis come first, then those along the next. With few axes, half a two
+    /// may be left; with many, there is always room for kSize.
+    struct Leaf {
+        const double* coordinates;
+        const Index* rows;
+        std::size_t size;
+
+        Two two(std::size_t axis, std::size_t k) const {
+            Two both;
+            std::memcpy(&both, coordinates + 2 * (axis * twos_of(size) + k), sizeof both);
+            return both;
+        }
+    };
+    static std::size_t twos_of(std::size_t size) { return kFew ? (size + 1) / 2 : kTwos; }
+
+    Leaf leaf(const Node& node) const {
+        const auto before = 2 * to_size(node.next);
+        return {coordinates_.data() + Dim * before, rows_.data() + before, to_size(-node.axis)};
+    }
 
     static Box box_of(const Placed* begin, const Placed* end) {
         Box box{begin->at, begin->at};
@@ -113,9 +132,12 @@ private:
     void halve(Placed* begin, Placed* end, const Box& box) {
         const auto size = end - begin;
         if (to_size(size) <= kSize) {
-            nodes_.push_back({-1, to_index(buckets_.size()), 0.0, 0.0});
+            const std::size_t before = rows_.size(), room = 2 * twos_of(to_size(size));
+            rows_.resize(before + room);
+            coordinates_.resize(Dim * rows_.size());
+            nodes_.push_back({to_index(-size), to_index(before / 2), 0.0, 0.0});
             fill(
-                buckets_.emplace_back(), to_size(size), [&](std::size_t k) { return begin[k].row; },
+                nodes_.back(), [&](std::size_t k) { return begin[k].row; },
                 [&](std::size_t k, Eigen::Index axis) { return begin[k].at[axis]; });
             return;
         }
@@ -141,10 +163,10 @@ private:
     /// is known where each part lies.
     struct Part {
         Index *begin, *end;  ///< rows
-        std::size_t node, bucket;
+        std::size_t node, leaf;
 
         std::size_t size() const { return to_size(end - begin); }
-        std::size_t buckets() const { return (size() + kSize - 1) / kSize; }
+        std::size_t leaves() const { return (size() + kSize - 1) / kSize; }
     };
     using Keys = std::vector<std::pair<double, Index>>;
 
@@ -169,9 +191,9 @@ private:
 
     void split(const Points& points, const Part& part, Keys& keys) {
         if (part.size() <= kSize) {
-            nodes_[part.node] = {-1, to_index(part.bucket), 0.0, 0.0};
+            nodes_[part.node] = {-to_index(part.size()), to_index(part.leaf * kTwos), 0.0, 0.0};
             fill(
-                buckets_[part.bucket], part.size(), [&](std::size_t k) { return part.begin[k]; },
+                nodes_[part.node], [&](std::size_t k) { return part.begin[k]; },
                 [&](std::size_t k, Eigen::Index axis) { return points(part.begin[k], axis); });
             return;
         }
@@ -182,7 +204,7 @@ private:
 
     /// Of a part with more points than a leaf has; `keys` is scratch memory.
     std::pair<Part, Part> cut_in_two(const Points& points, const Part& part, Keys& keys) {
-        const auto [begin, end, node, bucket] = part;
+        const auto [begin, end, node, leaf] = part;
         Row lower = points.row(*begin), upper = lower;
         for (const Index* i = begin + 1; i < end; ++i) {
             lower = lower.cwiseMin(points.row(*i));
@@ -190,8 +212,8 @@ private:
         }
         Eigen::Index axis;
         (upper - lower).maxCoeff(&axis);
-        const std::size_t buckets = part.buckets() / 2;
-        Index* const middle = begin + static_cast<std::ptrdiff_t>(buckets * kSize);
+        const std::size_t leaves = part.leaves() / 2;
+        Index* const middle = begin + static_cast<std::ptrdiff_t>(leaves * kSize);
         // Next to their rows, so that the selection reads memory in order.
         keys.clear();
         for (const Index* i = begin; i < end; ++i) keys.emplace_back(points(*i, axis), *i);
@@ -200,20 +222,21 @@ private:
         double below = keys.front().first;
         for (auto key = keys.begin(); key != middle_key; ++key) below = std::max(below, key->first);
         std::ranges::transform(keys, begin, &std::pair<double, Index>::second);
-        const Part second{middle, end, node + 2 * buckets, bucket + buckets};
+        const Part second{middle, end, node + 2 * leaves, leaf + leaves};
         nodes_[node] = {to_index(axis), to_index(second.node), below, middle_key->first};
-        return {{begin, middle, node + 1, bucket}, second};
+        return {{begin, middle, node + 1, leaf}, second};
     }
 
+    /// Writes the leaf's points; the last one fills what room is left.
     template <class RowOf, class CoordinateOf>
-    static void fill(Bucket& bucket, std::size_t size, const RowOf& row_of,
-                     const CoordinateOf& coordinate_of) {
-        bucket.size = size;
-        for (std::size_t k = 0; k < kSize; ++k) {
-            const std::size_t from = std::min(k, size - 1);  // the last fills what is left
-            bucket.rows[k] = row_of(from);
+    void fill(const Node& node, const RowOf& row_of, const CoordinateOf& coordinate_of) {
+        const auto size = to_size(-node.axis), before = 2 * to_size(node.next);
+        const std::size_t room = 2 * twos_of(size);
+        for (std::size_t k = 0; k < room; ++k) {
+            const std::size_t from = std::min(k, size - 1);
+            rows_[before + k] = row_of(from);
             for (std::size_t d = 0; d < Dim; ++d)
-                bucket.coordinates[d][k / 2][k % 2] =
+                coordinates_[Dim * before + d * room + k] =
                     coordinate_of(from, static_cast<Eigen::Index>(d));
         }
     }
@@ -223,7 +246,7 @@ private:
     bool search(std::size_t at, const double* query, double squared,
                 std::array<double, Dim>& outside, Result& result) const {
         const Node& node = nodes_[at];
-        if (node.axis < 0) return look_at(buckets_[to_size(node.next)], query, result);
+        if (node.axis < 0) return look_at(leaf(node), query, result);
         const auto axis = to_size(node.axis);
         const double to_below = query[axis] - node.below, to_above = query[axis] - node.above;
         const bool first = to_below + to_above < 0.0;
@@ -239,11 +262,11 @@ private:
     }
 
     template <class Result>
-    static bool look_at(const Bucket& bucket, const double* query, Result& result) {
+    static bool look_at(const Leaf& leaf, const double* query, Result& result) {
         if constexpr (kFew)
-            return look_at_all(bucket, query, result);
+            return look_at_all(leaf, query, result);
         else
-            return look_by_eights(bucket, query, result);
+            return look_by_eights(leaf, query, result);
     }
 
     /// Adds what is near enough. False ends the search.
@@ -260,34 +283,36 @@ private:
     }
 
     template <class Result>
-    static bool look_at_all(const Bucket& bucket, const double* query, Result& result) {
+    static bool look_at_all(const Leaf& leaf, const double* query, Result& result) {
         alignas(16) std::array<double, kSize> squared;
-        for (std::size_t k = 0; 2 * k < bucket.size; ++k) {
+        for (std::size_t k = 0; 2 * k < leaf.size; ++k) {
             Two sum{};
             for (std::size_t axis = 0; axis < Dim; ++axis) {
                 const Two q = {query[axis], query[axis]};
-                const Two to = q - bucket.coordinates[axis][k];
+                const Two to = q - leaf.two(axis, k);
                 sum += to * to;
             }
             squared[2 * k] = sum[0];
             squared[2 * k + 1] = sum[1];
         }
-        return add_near(squared.data(), bucket.rows.data(), bucket.size, result);
+        return add_near(squared.data(), leaf.rows, leaf.size, result);
     }
 
     template <class Result>
-    static bool look_by_eights(const Bucket& bucket, const double* query, Result& result) {
+    static bool look_by_eights(const Leaf& leaf, const double* query, Result& result) {
         alignas(16) std::array<double, 8> squared;
         for (std::size_t first = 0; first < kTwos; first += 4) {  // four stay in registers
             const std::size_t points =
-                std::min<std::size_t>(8, bucket.size - std::min(bucket.size, 2 * first));
+                std::min<std::size_t>(8, leaf.size - std::min(leaf.size, 2 * first));
             if (points == 0) break;
             Two a{}, b{}, c{}, d{};
             const auto add = [&](std::size_t begin, std::size_t end) {
                 for (std::size_t axis = begin; axis < end; ++axis) {
                     const Two q = {query[axis], query[axis]};
-                    const Two* const p = bucket.coordinates[axis].data() + first;
-                    const Two to_a = q - p[0], to_b = q - p[1], to_c = q - p[2], to_d = q - p[3];
+                    const Two to_a = q - leaf.two(axis, first),
+                              to_b = q - leaf.two(axis, first + 1),
+                              to_c = q - leaf.two(axis, first + 2),
+                              to_d = q - leaf.two(axis, first + 3);
                     a += to_a * to_a;
                     b += to_b * to_b;
                     c += to_c * to_c;
@@ -302,15 +327,15 @@ private:
             add(0, Dim / 2);
             if (*std::ranges::min_element(squared) >= result.worstDist()) continue;
             add(Dim / 2, Dim);
-            if (!add_near(squared.data(), bucket.rows.data() + 2 * first, points, result))
-                return false;
+            if (!add_near(squared.data(), leaf.rows + 2 * first, points, result)) return false;
         }
         return true;
     }
 
     Row lower_, upper_;
     std::vector<Node> nodes_;
-    std::vector<Bucket> buckets_;
+    std::vector<double> coordinates_;  ///< of all leaves
+    std::vector<Index> rows_;
 };
 
 }  // namespace pointmorph

@@ -214,7 +214,8 @@ void sum_up(const PointQuality& other, MeasuredMap& map) {
     const PointQuality& points = map.points;
     const auto count = points.stretch.rows();
     MapFigures& figures = map.figures;
-    std::vector<double> conformal;
+    std::vector<double> values;
+    values.reserve(to_size(count));
     double energy = 0.0;
     Index with_edges = 0, flipped = 0, collapsed = 0;
     for (Eigen::Index i = 0; i < count; ++i) {
@@ -225,7 +226,7 @@ void sum_up(const PointQuality& other, MeasuredMap& map) {
         if (!points.measured[to_size(i)]) continue;
         const double larger = std::max(points.stretch(i, 0), 1e-6);
         const double smaller = std::max(points.stretch(i, 1), 1e-6);
-        conformal.push_back((larger / smaller + smaller / larger) / 2.0);
+        values.push_back((larger / smaller + smaller / larger) / 2.0);  // conformal distortion
         flipped += points.flipped[to_size(i)];
         collapsed += points.stretch(i, 1) < kCollapsed * points.stretch(i, 0);
     }
@@ -235,12 +236,12 @@ void sum_up(const PointQuality& other, MeasuredMap& map) {
     figures.dirichlet = with_edges > 0 ? energy / with_edges : 0.0;
     std::erase_if(map.edges, [](double stretch) { return stretch < 0.0; });
     figures.stretch_p99 = quantile(map.edges, 0.99);
-    figures.flipped = share(flipped, conformal.size());
-    figures.collapsed = share(collapsed, conformal.size());
-    figures.conformal_median = quantile(conformal, 0.5);
+    figures.flipped = share(flipped, values.size());
+    figures.collapsed = share(collapsed, values.size());
+    figures.conformal_median = quantile(values, 0.5);
     figures.round_trip_mean = points.round_trip.sum() / static_cast<double>(count);
-    std::vector<double> round_trip(points.round_trip.begin(), points.round_trip.end());
-    figures.round_trip_p99 = quantile(round_trip, 0.99);
+    values.assign(points.round_trip.begin(), points.round_trip.end());
+    figures.round_trip_p99 = quantile(values, 0.99);
     const auto reached = std::accumulate(other.reached.begin(), other.reached.end(), Index{0});
     figures.coverage = share(reached, other.reached.size());
 }

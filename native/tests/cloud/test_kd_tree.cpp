@@ -3,8 +3,11 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <cmath>
+#include <limits>
 #include <random>
 
+#include "pointmorph/base/parallel.hpp"
 #include "pointmorph/cloud/cloud.hpp"
 #include "shapes.hpp"
 #include "watched.hpp"
@@ -107,6 +110,31 @@ TEST(KdTree, AgreesWithBruteForceInTheProductSpaces) {
     expect_brute_force<6>();
     expect_brute_force<12>();
     expect_brute_force<32>();
+}
+
+/// Halving the box of such points takes next to none of them off at a time.
+TEST(KdTree, AgreesWithBruteForceWherePointsGetDenserAndDenser) {
+    constexpr Index kCount = 1500;
+    Positions p(kCount, 3);
+    for (Index i = 0; i < kCount; ++i)
+        p.row(i) << std::pow(0.5, 0.4 * i), std::pow(0.5, 0.1 * (i % 50)), i % 3;
+    const KdTree<3> tree(p);
+    for (Index i = 0; i < kCount; i += 7)
+        for (const double radius : {1e-12, 1e-3, 2.0, std::numeric_limits<double>::infinity()})
+            expect_same(nearest(tree, p.row(i).data(), 20, radius),
+                        brute_force<3>(p, p.row(i).data(), radius, 20));
+}
+
+TEST(KdTree, LargeTreesOfTheProductSpaceAgreeWithBruteForceForAnyThreads) {
+    const auto points = random_points<12>(20000, 5);
+    const auto queries = random_points<12>(40, 6);
+    for (const int threads : {1, 3}) {
+        const ThreadCount scope(threads);
+        const KdTree<12> tree(points);
+        for (Index q = 0; q < queries.rows(); ++q)
+            expect_same(nearest(tree, queries.row(q).data(), 9),
+                        brute_force<12>(points, queries.row(q).data(), 100.0, 9));
+    }
 }
 
 TEST(KdTree, OrderOfThePointsMattersOnlyForTies) {
