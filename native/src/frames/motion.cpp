@@ -36,6 +36,21 @@ GradualSimilarity GradualSimilarity::reversed() const {
     return {whole.inverse(), whole.scale * (whole.rotation * center) + whole.translation};
 }
 
+GradualSimilarity whole_motion(const Positions& positions, const Positions& images,
+                               const Positions& other) {
+    constexpr double kMost = 1e6;
+    GradualSimilarity motion{fit_similarity(positions, images),
+                             positions.colwise().mean().transpose()};
+    const double expected = normalization(other).scale / normalization(positions).scale;
+    if (!(expected > 0.0 && std::isfinite(expected))) return motion;  // coincident points
+    Similarity& whole = motion.whole;
+    const double scale = std::clamp(whole.scale, expected / kMost, expected * kMost);
+    if (scale == whole.scale) return motion;
+    whole.translation += (whole.scale - scale) * (whole.rotation * motion.center);
+    whole.scale = scale;
+    return motion;
+}
+
 /// The nodes and what they do by t = 1.
 struct Motion::Bend {
     CoarseShape shape;

@@ -273,8 +273,7 @@ void Morph::lay_out_paths(Progress& progress) const {
     const std::scoped_lock lock(caches_->paths_mutex);
     if (caches_->source_motion) return;
     const Positions images = source_to_target(progress), back = target_to_source(progress);
-    const GradualSimilarity similarity{fit_similarity(source_.positions, images),
-                                       source_.positions.colwise().mean().transpose()};
+    const GradualSimilarity similarity = whole_motion(source_.positions, images, target_.positions);
     progress.enter("motion");
     const Normals source_normals = source_.normals.rowwise().normalized(),
                   target_normals = target_.normals.rowwise().normalized();

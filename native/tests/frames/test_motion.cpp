@@ -152,6 +152,38 @@ TEST(Motion, ASimilarityRunsBackwardsTheSameWay) {
                   1e-12);
 }
 
+TEST(Motion, StaysNearTheShapesWhereAllImagesNearlyCoincide) {
+    const Positions ball = shapes::sphere(300), large = 1e30 * ball;
+    const Positions images = shapes::cube_noise(300, 5);
+    const GradualSimilarity similarity = whole_motion(large, images, large);
+    Progress progress;
+    for (const PathKind path : {PathKind::kSimilarity, PathKind::kRigid}) {
+        const auto ways =
+            Motion::both_ways({large, ball, images, similarity},
+                              {large, ball, images, similarity.reversed()}, path, progress);
+        for (const double t : {0.03, 0.5, 0.97})
+            for (const Motion* way : {&ways.there, &ways.back})
+                EXPECT_LT(way->at(t).positions.cwiseAbs().maxCoeff(), 1e37) << t;
+        EXPECT_LT((ways.there.at(1.0).positions - images).cwiseAbs().maxCoeff(), 1e30 * 1e-9);
+        EXPECT_LT((ways.back.at(1.0).positions - images).cwiseAbs().maxCoeff(), 1e30 * 1e-9);
+    }
+}
+
+TEST(Motion, AWholeThatFitsIsWhatItWasFittedTo) {
+    const Positions ball = shapes::sphere(300).rowwise() + Eigen::RowVector3d(3, 1, 0);
+    const Similarity whole{1e-5, turn(2.0), Vector3(1, -5, 2)};
+    const Positions images = whole.apply(ball), other = 1e-3 * ball;
+    const GradualSimilarity found = whole_motion(ball, images, other);
+    const Similarity fitted = fit_similarity(ball, images);
+    EXPECT_EQ(found.whole.scale, fitted.scale);
+    EXPECT_EQ(found.whole.translation, fitted.translation);
+    // Of smaller images, the center goes to that of the images all the same.
+    const GradualSimilarity limited = whole_motion(ball, 1e-9 * images, other);
+    EXPECT_NEAR(limited.whole.scale, 1e-9, 1e-15);
+    const Positions center = limited.at(1.0).apply(limited.center.transpose());
+    EXPECT_LT((center - 1e-9 * images.colwise().mean()).norm(), 1e-12);
+}
+
 TEST(Motion, BothWaysTogetherAreAsEachByItself) {
     const Bar bar;
     const Positions ends = bar.bent(1.3), half = ends.topRows(ends.rows() / 2);

@@ -5,7 +5,8 @@ python native/tests/long_runs/fuzzing.py --seconds 600 --dear-seconds 1800 --rep
 Needs Debian's clang-16 and libclang-rt-16-dev, and gets them where it may. `native/tests/fuzzing`
 says what is asked and what must hold. Inputs that take new ways are kept in `--corpus`; from there,
 a few are copied into `corpus.hpp`, and every find. With `--questions`, only these are tried, and
-take the place of their rows in a report that is there: options, say, for longer than shapes.
+take the place of their rows in the report that is there at the end: several runs side by side, each
+of some questions, make one.
 """
 
 from __future__ import annotations
@@ -14,10 +15,12 @@ import argparse
 import json
 import os
 import re
+import signal
 import subprocess
 import sys
+import tempfile
+import time
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
@@ -31,6 +34,8 @@ QUESTIONS = ("options", "shapes", "saved morphs", "transforms", "morphs", "previ
 """In the order of `Question` in any_input.hpp."""
 DEAR = ("morphs", "previews")
 """Those that compute whole maps, each of which takes up to seconds."""
+PATIENCE = 3600
+"""Seconds after which an input hangs: where the machine is busy, one of seconds takes minutes."""
 
 
 def built(folder: Path) -> Path:
@@ -49,16 +54,27 @@ def kept_inputs() -> list[bytes]:
 
 
 def run(program: Path, folder: Path, seconds: int) -> tuple[int, str]:
-    """Tries for so long, or until the first find: how many inputs, and what was found."""
-    options = [f"-max_total_time={seconds}", "-max_len=300", "-timeout=600", "-rss_limit_mb=3000"]
+    """Tries for so long, in processor time, or until the first find: how many inputs, and what was
+    found."""
+    options = ["-max_len=300", f"-timeout={PATIENCE}", "-rss_limit_mb=3000"]
     options += ["-print_final_stats=1", f"-artifact_prefix={folder}-find-"]
     environment = {**os.environ, "ASAN_OPTIONS": "detect_leaks=0:handle_abort=2"}
-    done = subprocess.run(
-        [program, folder, *options], stderr=subprocess.PIPE, text=True, env=environment
-    )
-    tried = re.findall(r"number_of_executed_units: (\d+)", done.stderr)
-    find = "" if done.returncode == 0 else done.stderr[-1500:]
-    return int(tried[-1]) if tried else 0, find
+    with tempfile.TemporaryFile("w+") as said:
+        fuzzer = subprocess.Popen([program, folder, *options], stderr=said, env=environment)
+        while fuzzer.poll() is None:
+            if processor_seconds(fuzzer.pid) > seconds:
+                fuzzer.send_signal(signal.SIGUSR1)  # it ends after the input that it is at
+            time.sleep(1)
+        said.seek(0)
+        words = said.read()
+    tried = re.findall(r"number_of_executed_units: (\d+)", words)
+    return int(tried[-1]) if tried else 0, words[-1500:] if fuzzer.returncode else ""
+
+
+def processor_seconds(process: int) -> float:
+    """Of one that runs or was not waited for."""
+    fields = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
 def try_question(program: Path, corpus: Path, question: str, seconds: int) -> tuple[int, str]:
@@ -72,38 +88,30 @@ def try_question(program: Path, corpus: Path, question: str, seconds: int) -> tu
 
 
 def take_over(report: Report, path: Path, questions: Sequence[str]) -> None:
-    """What an earlier report says of other questions."""
+    """What another report says of other questions."""
     earlier = json.loads(path.read_text())
     others = [question for question in QUESTIONS if question not in questions]
-    report.tried = {what: earlier["tried"][what] for what in others if what in earlier["tried"]}
-    report.finds = [f for f in earlier["finds"] if not f.startswith(tuple(questions))]
+    report.tried |= {what: earlier["tried"][what] for what in others if what in earlier["tried"]}
+    report.finds += [find for find in earlier["finds"] if find.startswith(tuple(others))]
     report.began -= earlier["processor_seconds"]
 
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--seconds", type=int, default=600, help="for each question")
+    parser.add_argument("--seconds", type=int, default=600, help="processor time for each question")
     parser.add_argument("--dear-seconds", type=int, default=1800, help="for each that is dear")
     parser.add_argument("--questions", nargs="+", choices=QUESTIONS, default=QUESTIONS)
-    parser.add_argument("--at-once", type=int, default=1, help="so many questions")
     parser.add_argument("--corpus", type=Path, default=ROOT / "build" / "corpus")
     parser.add_argument("--report", type=Path)
     chosen = parser.parse_args()
     program = built(ROOT / "build" / "fuzz")
     report = Report("Any bytes as input of the library")
+    for question in chosen.questions:
+        seconds = chosen.dear_seconds if question in DEAR else chosen.seconds
+        report.tried[question], find = try_question(program, chosen.corpus, question, seconds)
+        report.finds += [f"{question}: {find}"] if find else []
     if chosen.questions is not QUESTIONS and chosen.report and chosen.report.exists():
         take_over(report, chosen.report, chosen.questions)
-
-    def answer(question: str) -> tuple[int, str]:
-        seconds = chosen.dear_seconds if question in DEAR else chosen.seconds
-        return try_question(program, chosen.corpus, question, seconds)
-
-    with ThreadPoolExecutor(chosen.at_once) as pool:
-        for question, (tried, find) in zip(
-            chosen.questions, pool.map(answer, chosen.questions), strict=True
-        ):
-            report.tried[question] = tried
-            report.finds += [f"{question}: {find}"] if find else []
     report.tried = {what: report.tried[what] for what in QUESTIONS if what in report.tried}
     report.tried["inputs"] = sum(int(count) for count in report.tried.values())
     return report.end(chosen.report)

@@ -23,6 +23,12 @@ struct GradualSimilarity {
     GradualSimilarity reversed() const;
 };
 
+/// What a shape does as a whole on its way to its images on another: the similarity that fits best,
+/// whose scale is within a millionfold of what both sizes ask for. Images that nearly coincide fit
+/// one of almost nothing, by which the way back would go through places far from both shapes.
+GradualSimilarity whole_motion(const Positions& positions, const Positions& images,
+                               const Positions& other);
+
 /// How points go from end to end. kLinear: straight, as in the paper. kSimilarity: straight, while
 /// the whole rotates and grows. kRigid: every part rotates as well, so that a raised leg swings.
 enum class PathKind { kLinear, kSimilarity, kRigid };
