@@ -434,6 +434,7 @@ SphericalAlignment align_on_sphere(SphericalMesh& source, SphericalMesh& target,
                                    std::span<const IndexPair> features,
                                    const SphericalAlignmentOptions& options, Progress& progress) {
     constexpr int kRound = 30, kTrialRounds = 2;
+    constexpr double kGain = 1e-3;  // of two rounds that are worth going on
     SphericalAlignment result;
     // From one side, then from the other: triangles of one see what lies between the corners of
     // the other's.
@@ -447,11 +448,16 @@ SphericalAlignment align_on_sphere(SphericalMesh& source, SphericalMesh& target,
     };
     const auto even_out_both = [&](SphericalMesh& s, SphericalMesh& t, Index rounds, double first,
                                    double last) {
-        double energy = 0.0;
+        double energy = 0.0, of_both = 0.0, before = kInfinity;
         for (Index round = 0; round < rounds; ++round) {
-            energy = round % 2 == 0 ? even_out(s, t, &IndexPair::source)
-                                    : even_out(t, s, &IndexPair::target);
+            const bool from_source = round % 2 == 0;
+            energy = from_source ? even_out(s, t, &IndexPair::source)
+                                 : even_out(t, s, &IndexPair::target);
             progress.report(first + (last - first) * (round + 1) / rounds);
+            of_both += energy;
+            if (from_source) continue;
+            if (!(of_both < (1.0 - kGain) * before)) break;
+            before = std::exchange(of_both, 0.0);
         }
         return energy;
     };

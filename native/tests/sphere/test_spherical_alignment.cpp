@@ -4,6 +4,7 @@
 
 #include <Eigen/Geometry>
 #include <algorithm>
+#include <chrono>
 #include <cmath>
 #include <numbers>
 #include <random>
@@ -160,7 +161,8 @@ TEST(SphericalAlignment, PlacesAreFoundWhereverTheSearchStarts) {
 TEST(SphericalAlignment, CanBeCancelled) {
     Limbed source(watched_size(2000), 1), target(watched_size(2000), 2);
     int calls = 0;
-    Progress progress([&](std::string_view, double) { return ++calls < 3; });
+    Progress progress([&](std::string_view, double) { return ++calls < 3; },
+                      std::chrono::milliseconds(0));
     progress.enter("spherical alignment");
     EXPECT_THROW(align_on_sphere(source.mesh, target.mesh, first_nodes(3), {}, progress),
                  Cancelled);

@@ -4,6 +4,7 @@
 
 #include <Eigen/Geometry>
 #include <algorithm>
+#include <chrono>
 #include <cmath>
 #include <map>
 #include <numbers>
@@ -193,7 +194,8 @@ TEST(SphericalParameterization, PointsThatCoincideAreNoObstacle) {
 TEST(SphericalParameterization, CanBeCancelled) {
     const Prepared shape(limbed(3000));
     int calls = 0;
-    Progress progress([&](std::string_view, double) { return ++calls < 3; });
+    Progress progress([&](std::string_view, double) { return ++calls < 3; },
+                      std::chrono::milliseconds(0));
     progress.enter("spherical parameterization");
     EXPECT_THROW(spherical_mesh({shape.positions, shape.normals, shape.nearest}, {}, {}, progress),
                  Cancelled);

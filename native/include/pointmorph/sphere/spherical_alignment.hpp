@@ -18,7 +18,7 @@ struct SphericalAlignmentOptions {
     /// Tips without a mark (ears, a tail) that are looked for on each shape, and the steps in which
     /// those that belong together come near each other; 0 for none.
     Index extremities = 12, max_extremity_steps = 20;
-    /// Rounds of evening out, in which one shape's places move, then the other's.
+    /// Rounds of evening out at the most, in which one shape's places move, then the other's.
     Index descent_rounds = 12;
     /// Of changes of area against those of angles, when it is evened out; > 0.
     double area_weight = 0.2;
