@@ -128,7 +128,6 @@ void TriangleTree::split(const Branch& branch, const Positions& middles) {
 }
 
 TriangleTree::Box TriangleTree::box_of(Index begin, Index end) const {
-    constexpr double kInfinity = std::numeric_limits<double>::infinity();
     Box box{Vector3::Constant(kInfinity), Vector3::Constant(-kInfinity)};
     for (Index k = begin; k < end; ++k)
         for (Index c = 0; c < 3; ++c) {

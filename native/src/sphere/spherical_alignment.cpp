@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <limits>
 #include <numbers>
 #include <string>
 #include <utility>
@@ -20,8 +19,6 @@
 namespace pointmorph {
 
 namespace {
-
-constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
 Vector3 row_of(const Positions& rows, Index i) {
     return rows.row(i).transpose();

@@ -3,15 +3,8 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <limits>
 
 namespace pointmorph {
-
-namespace {
-
-constexpr double kInfinity = std::numeric_limits<double>::infinity();
-
-}  // namespace
 
 bool StarBuilder::build(Index i, std::span<const Index> rows) {
     cell_.clear();

@@ -5,6 +5,7 @@
 #include <concepts>
 #include <cstddef>
 #include <cstdint>
+#include <limits>
 #include <numbers>
 #include <span>
 #include <type_traits>
@@ -14,6 +15,8 @@ namespace pointmorph {
 
 /// A whole turn, in radians.
 inline constexpr double kTurn = 2.0 * std::numbers::pi;
+
+inline constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
 /// Row of a cloud, 0-based. Clouds hold fewer than 2^31 points.
 using Index = std::int32_t;
