@@ -23,6 +23,8 @@ class Body:
     """(N, 3) where each belongs on the other body"""
     is_shared: np.ndarray
     """(N,) whether that place can be seen there"""
+    parts: Ints
+    """(N,)"""
 
 
 def hand(random: Random) -> list[Part]:
@@ -41,7 +43,7 @@ def hand(random: Random) -> list[Part]:
             turn = rotation((0, spread, 0)) @ rotation((bend, 0, 0))
             half = 0.5 * share * length * h
             middle = at + turn @ (0, 0, half)
-            vector = _vector(turn)
+            vector = rotation_vector(turn)
             parts.append(Part(f"finger {k} {joint}", tuple(middle),
                               (0.11 * w, 0.11 * w, 1.25 * half), 0.8, vector))  # fmt: skip
             at = at + turn @ (0, 0, 2 * half)
@@ -49,13 +51,14 @@ def hand(random: Random) -> list[Part]:
     for joint, share in enumerate((0.4, 0.35)):
         turn = rotation((0.3 + 0.3 * joint, -0.9 + 0.25 * joint, 0))
         half = 0.5 * share * h
+        vector = rotation_vector(turn)
         parts.append(Part(f"thumb {joint}", tuple(at + turn @ (0, 0, half)),
-                          (0.14 * w, 0.14 * w, 1.3 * half), 0.8, _vector(turn)))  # fmt: skip
+                          (0.14 * w, 0.14 * w, 1.3 * half), 0.8, vector))  # fmt: skip
         at = at + turn @ (0, 0, 2 * half)
     return parts
 
 
-def _vector(turn: Floats) -> tuple[float, float, float]:
+def rotation_vector(turn: Floats) -> tuple[float, float, float]:
     """The rotation vector of a rotation of less than half a turn."""
     axis = np.array((turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]))
     sine = np.linalg.norm(axis) / 2
@@ -218,5 +221,5 @@ def body_pair(family: Family, seed: int, points: int, strength: float = 1.0) -> 
         seen = np.flatnonzero(visible(draws[here], of[chosen], plainly))[:points]
         shared = visible(draws[there], of[chosen[seen]], there_plainly[seen])
         normals = cross[chosen[seen]] / np.maximum(area[chosen[seen]], 1e-300)[:, None]
-        bodies.append(Body(at[seen], normals, elsewhere[seen], shared))
+        bodies.append(Body(at[seen], normals, elsewhere[seen], shared, of[chosen[seen]]))
     return bodies[0], bodies[1]

@@ -69,6 +69,9 @@ bool contends(const PoseSearch& search, const Trial& trial, const std::vector<Tr
 /// contend, tilted from there. What the shapes' own symmetries make of one that is tried isn't
 /// tried.
 FirstTrials first_trials(const PoseSearch& search, const CoarsePair& shapes, Progress& progress) {
+    // A person whose arms are raised and lie along the sides on the other shape fits as badly at
+    // first where head and front are right, but not from where that map lies.
+    constexpr double kWorthAnother = 2.5;
     const PoseOptions& options = search.options;
     const SelfMotions source(shapes.source, search.source.full_rows),
         target(shapes.target, search.target.full_rows);
@@ -77,12 +80,16 @@ FirstTrials first_trials(const PoseSearch& search, const CoarsePair& shapes, Pro
     FirstTrials first{{}, std::move(distinct.motions)};
     std::vector<TrialStart> starts;
     for (const Similarity& pose : distinct.poses) starts.push_back({pose, {}});
-    in_part(progress, 0.0, 0.5, [&] { try_starts(search, starts, first.trials, progress); });
+    in_part(progress, 0.0, 0.5,
+            [&] { try_starts(search, starts, first.trials, progress, kWorthAnother); });
 
     starts.clear();
+    const double promising = options.effort.promising * first.trials.front().energy;
     for (const PoseCluster& cluster :
-         pose_clusters(first.trials, options.effort.promising, options.other_clusters)) {
-        for (const Trial* trial : cluster) starts.push_back({implied_pose(search, *trial), {}});
+         pose_clusters(first.trials, kWorthAnother, options.other_clusters)) {
+        for (const Trial* trial : cluster)
+            if (trial == cluster.front() || trial->energy <= promising)
+                starts.push_back({implied_pose(search, *trial), {}});
         if (!contends(search, *cluster.front(), first.trials)) continue;
         const Similarity pose = implied_pose(search, *cluster.front());
         for (const Similarity& tilt : tilts(shapes.source, options.tilt))

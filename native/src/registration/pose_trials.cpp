@@ -310,7 +310,7 @@ std::vector<PoseCluster> pose_clusters(const std::vector<Trial>& trials, double 
 }
 
 void try_starts(const PoseSearch& search, const std::vector<TrialStart>& starts,
-                std::vector<Trial>& trials, Progress& progress) {
+                std::vector<Trial>& trials, Progress& progress, double hopeless) {
     std::vector<Begun> made = in_part(progress, 0.0, 0.5, [&] {
         return each<Begun>(
             starts, [&](const TrialStart& start) { return begun(search, start); }, progress);
@@ -323,12 +323,9 @@ void try_starts(const PoseSearch& search, const std::vector<TrialStart>& starts,
         else
             (starts[k].anchored ? trials : led).push_back(std::move(made[k].trial));
     }
-    // Of 570 maps between animals that came within 1.3 of the best one, 20 were worse halfway, and
-    // none of the 420 that came within 1.15.
-    constexpr double kHopeless = 1.4;
     double least = std::numeric_limits<double>::infinity();
     for (const Begun& half : open) least = std::min(least, half.trial.energy);
-    std::erase_if(open, [&](const Begun& half) { return half.trial.energy > kHopeless * least; });
+    std::erase_if(open, [&](const Begun& half) { return half.trial.energy > hopeless * least; });
     keep_best(led, search.options.same);
     std::erase_if(led, [&](const Trial& trial) {
         return trial.energy > search.options.halfway_factor * led.front().energy;
