@@ -9,7 +9,6 @@ namespace pointmorph {
 
 namespace {
 
-constexpr Index kNeighbors = 16;
 /// Largest circle through a triangle's corners, in spacings: wider gaps are holes of the model.
 constexpr double kReach = 2.0;
 /// Spacings below this share of the cloud's mean are rounding or doubled points.
@@ -22,9 +21,25 @@ Vector3 facing(const Positions& positions, const GapTriangle& corners) {
         .cross(positions.row(corners[2]).transpose() - origin);
 }
 
+/// The nearest of each row, where they are known of rows in another order, and maybe more.
+Neighborhoods by_row(const OrderedNeighbors& found) {
+    const auto& [order, nearest] = found;
+    const std::size_t width = std::min(nearest[0].size(), to_size(Resampling::kNeighbors));
+    Neighborhoods result;
+    for (std::size_t i = 0; i < order.size(); ++i)
+        result.offsets.push_back(static_cast<std::int64_t>((i + 1) * width));
+    result.indices.resize(order.size() * width);
+    for (std::size_t k = 0; k < order.size(); ++k)
+        std::ranges::transform(nearest[to_index(k)].first(width),
+                               result.indices.begin() + result.offsets[to_size(order[k])],
+                               [&](Index other) { return order[to_size(other)]; });
+    return result;
+}
+
 }  // namespace
 
-EndSamples::EndSamples(const Cloud& cloud, std::vector<Index> its_pairs, Progress& progress)
+EndSamples::EndSamples(const Cloud& cloud, std::vector<Index> its_pairs,
+                       const OrderedNeighbors* known, Progress& progress)
     : unit(normalization(cloud.positions)),
       positions(unit.apply(cloud.positions)),
       normals(cloud.normals.rowwise().normalized()),
@@ -32,7 +47,8 @@ EndSamples::EndSamples(const Cloud& cloud, std::vector<Index> its_pairs, Progres
       pairs(std::move(its_pairs)) {
     {
         const Progress::Part part(progress, 0.0, 0.5);
-        nearest = nearest_neighbors(tree, kNeighbors, progress);
+        nearest =
+            known ? by_row(*known) : nearest_neighbors(tree, Resampling::kNeighbors, progress);
     }
     const double area = estimated_area(tree);
     const double finest = kFinest * std::sqrt(area / static_cast<double>(positions.rows()));

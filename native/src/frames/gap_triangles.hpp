@@ -33,8 +33,10 @@ struct EndSamples {
     Neighborhoods nearest;
     std::vector<Triangle> triangles;
 
-    /// `pairs` stand for the rows of the cloud, of which there are three or more.
-    EndSamples(const Cloud& cloud, std::vector<Index> pairs, Progress& progress);
+    /// `pairs` stand for the rows of the cloud, of which there are three or more. `known`, unless
+    /// it is null, has Resampling::kNeighbors of each, or more.
+    EndSamples(const Cloud& cloud, std::vector<Index> pairs, const OrderedNeighbors* known,
+               Progress& progress);
     EndSamples(EndSamples&&) = delete;  // the tree refers to the positions
 };
 

@@ -21,10 +21,10 @@ constexpr double kCoherent = 1.5, kTorn = 3.0, kWidest = 1.5;
 /// Edges of even triangles between samples of spacing 1.
 constexpr double kEvenEdge = 1.0746;
 
-EndSamples end_samples(const Cloud& cloud, std::vector<Index> pairs, Progress& progress,
+EndSamples end_samples(const Resampling::End& end, std::vector<Index> pairs, Progress& progress,
                        double first, double last) {
     const Progress::Part part(progress, first, last);
-    return EndSamples(cloud, std::move(pairs), progress);
+    return EndSamples(end.cloud, std::move(pairs), end.neighbors, progress);
 }
 
 }  // namespace
@@ -37,7 +37,7 @@ double Lifetime::share(double t) const {
     return x * x * (3.0 - 2.0 * x);
 }
 
-Resampling::Resampling(const Cloud& source, const Cloud& target, std::span<const IndexPair> pairs,
+Resampling::Resampling(End source, End target, std::span<const IndexPair> pairs,
                        const FrameAt& frame_at, const ResamplingOptions& options,
                        Progress& progress)
     : options_(options) {
@@ -53,10 +53,12 @@ Resampling::Resampling(const Cloud& source, const Cloud& target, std::span<const
 
     constexpr double kFirst = 0.15, kBoth = 0.3;  // share of the time
     const EndSamples from = end_samples(
-        source, standing_for(pairs, &IndexPair::source, &IndexPair::target, source, target),
+        source,
+        standing_for(pairs, &IndexPair::source, &IndexPair::target, source.cloud, target.cloud),
         progress, 0.0, kFirst);
     const EndSamples to = end_samples(
-        target, standing_for(pairs, &IndexPair::target, &IndexPair::source, target, source),
+        target,
+        standing_for(pairs, &IndexPair::target, &IndexPair::source, target.cloud, source.cloud),
         progress, kFirst, kBoth);
     plan_.source_size = from.size;
     plan_.target_size = to.size;

@@ -1,6 +1,7 @@
 // What a Morph answers.
 #include <Eigen/Core>
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <numeric>
 #include <type_traits>
@@ -413,7 +414,16 @@ const Resampling& Morph::resampling(Progress& progress) const {
             frame<double>(t, {span_of(cloud.positions), span_of(cloud.normals), {}, {}});
             return cloud;
         };
-        resampling.emplace(source_, target_, pairs_, frame_at, options_.resampling, progress);
+        static_assert(Resampling::kNeighbors == kNeighborsToMeasure);
+        constexpr std::array kShares = {0.0, 0.1, 0.2, 1.0};  // of the time
+        std::array<const OrderedNeighbors*, 2> known;
+        for (const std::size_t k : {0U, 1U}) {
+            const Progress::Part part(progress, kShares[k], kShares[k + 1]);
+            known[k] = &neighbors(k == 0, progress);
+        }
+        const Progress::Part part(progress, kShares[2], kShares[3]);
+        resampling.emplace(Resampling::End(source_, known[0]), Resampling::End(target_, known[1]),
+                           pairs_, frame_at, options_.resampling, progress);
         progress.finish();
     }
     return *resampling;

@@ -163,7 +163,9 @@ TEST(GapTriangles, BetweenTheSameModelTwiceAreItsTriangles) {
         rows.push_back(i);
     }
     Progress progress;
-    const EndSamples source(cloud, rows, progress), target(cloud, rows, progress);
+    const OrderedNeighbors near =
+        ordered_neighbors(cloud.positions, Resampling::kNeighbors, progress);
+    const EndSamples source(cloud, rows, &near, progress), target(cloud, rows, nullptr, progress);
     const std::vector<GapTriangle> found = gap_triangles(source, target, pairs);
     double area = 0.0;
     for (const GapTriangle& corners : found) {

@@ -11,6 +11,7 @@
 #include "pointmorph/base/progress.hpp"
 #include "pointmorph/base/types.hpp"
 #include "pointmorph/cloud/cloud.hpp"
+#include "pointmorph/cloud/neighborhoods.hpp"
 #include "pointmorph/cloud/oriented_points.hpp"
 #include "pointmorph/surface/local_triangles.hpp"
 #include "pointmorph/surface/mls.hpp"
@@ -71,10 +72,18 @@ public:
     /// Places and unit normals of all pairs at t, 0 < t < 1.
     using FrameAt = std::function<OrientedPoints(double t)>;
 
-    /// `source` and `target` have three or more points, and normals. Every row of both is in at
-    /// least one of the `pairs`. Throws OptionError, Cancelled.
-    Resampling(const Cloud& source, const Cloud& target, std::span<const IndexPair> pairs,
-               const FrameAt& frame_at, const ResamplingOptions& options, Progress& progress);
+    /// One of both clouds: three or more points, and normals.
+    struct End {
+        const Cloud& cloud;
+        const OrderedNeighbors* neighbors;  ///< kNeighbors of each point or more; null: to be found
+
+        End(const Cloud& its_cloud, const OrderedNeighbors* known = nullptr)
+            : cloud(its_cloud), neighbors(known) {}
+    };
+
+    /// Every row of both ends is in at least one of the `pairs`. Throws OptionError, Cancelled.
+    Resampling(End source, End target, std::span<const IndexPair> pairs, const FrameAt& frame_at,
+               const ResamplingOptions& options, Progress& progress);
     /// From the plan of an earlier one for as many pairs. Throws CloudError if it doesn't fit them.
     Resampling(ResamplingPlan plan, Index pairs, const ResamplingOptions& options);
 
@@ -104,7 +113,7 @@ public:
         return (1.0 - t) * plan_.source_spacing[pair] + t * plan_.target_spacing[pair];
     }
 
-    static constexpr Index kDensityNeighbors = 8;
+    static constexpr Index kNeighbors = 16, kDensityNeighbors = 8;
 
     /// The paper's test ρ < ((1 − t) ρ' + t ρ'') Ω, with ρ = k/r², r the distance to the k-th
     /// nearest point. Densities count per share of the surface, so that a shape that grows doesn't
