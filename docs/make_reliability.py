@@ -51,7 +51,7 @@ KINDS = {
         "`fuzzing.py`, `damaged_files.py`",
         "ten million inputs: there were as many as the"
         " [table](#any-bytes-as-input-of-the-library) says; since the last find was mended, nothing"
-        " but options, besides what each run of the tests tries",
+        " but options and saved morphs, besides what each run of the tests tries",
     ),
     "sanitizers": (
         "address and undefined on all C++ tests; threads on loops and on whole morphs by every way,"
