@@ -25,8 +25,8 @@ from typing import Any
 
 import numpy as np
 import pointmorph
+import unit_of_time
 from pointmorph import formats
-from unit_of_time import find_neighbors
 
 SHARED = Path(__file__).resolve().parents[3] / "shared" / "data"
 STOPS = 20
@@ -84,9 +84,10 @@ def latest_stop(morph: pointmorph.Morph, seconds: float) -> float:
 def row(folder: Path, vertices: int, threads: int, expected: float) -> dict[str, Any]:
     """`expected` seconds with one thread; runs are stopped within two fifths of that."""
     source, target = clouds = [large(shape, vertices) for shape in meshes(folder)]
+    unit_of_time.ready()
     start = time.perf_counter()
     for cloud in clouds:
-        find_neighbors(cloud.positions)
+        unit_of_time.find_neighbors(cloud.positions)
     unit = time.perf_counter() - start
     morph = pointmorph.morph(source, target, threads=threads)
     latest = 0.0

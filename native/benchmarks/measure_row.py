@@ -28,9 +28,9 @@ from typing import Any
 import bench_morph
 import numpy as np
 import pointmorph
+import unit_of_time
 from build_tools.benchmarks import SIZES
 from pointmorph import Cloud, formats, meshes
-from unit_of_time import find_neighbors
 
 ROOT = Path(__file__).resolve().parents[2]
 SHARED = ROOT.parent / "shared" / "data"
@@ -61,7 +61,7 @@ class Pair:
 
     def unit(self) -> None:
         for cloud in self.clouds:
-            find_neighbors(cloud.positions)
+            unit_of_time.find_neighbors(cloud.positions)
 
     def morph(self, marked: bool = False, **settings: Any) -> pointmorph.Morph:
         return pointmorph.morph(*self.clouds, self.marks if marked else {}, **settings)
@@ -296,7 +296,7 @@ def frame_in_units(morph: pointmorph.Morph, t: float) -> float:
     start = time.perf_counter()
     frame = morph.resampled_frame(t)
     taken = time.perf_counter() - start
-    return taken / seconds(lambda: find_neighbors(frame.positions))
+    return taken / seconds(lambda: unit_of_time.find_neighbors(frame.positions))
 
 
 def resampling(runs: int) -> tuple[str, Values]:
@@ -340,6 +340,7 @@ def main() -> None:
     parser.add_argument("--runs", type=int, required=True)
     parser.add_argument("--json", type=Path, required=True)
     arguments = parser.parse_args()
+    unit_of_time.ready()
     shapes, values = measured(arguments.name, arguments.runs)
     arguments.json.write_text(json.dumps({"shapes": shapes, "values": values}))
     # Blender as a Python module doesn't always survive its own end.
