@@ -6,7 +6,7 @@ Needs Debian's clang-16 and libclang-rt-16-dev, and gets them where it may. `nat
 says what is asked and what must hold. Inputs that take new ways are kept in `--corpus`; from there,
 a few are copied into `corpus.hpp`, and every find. With `--questions`, only these are tried, and
 take the place of their rows in the report that is there at the end: several runs side by side, each
-of some questions, make one.
+of some questions, make one. With `--more`, what they have tried is added to those rows instead.
 """
 
 from __future__ import annotations
@@ -88,11 +88,13 @@ def try_question(program: Path, corpus: Path, question: str, seconds: int) -> tu
 
 
 def take_over(report: Report, path: Path, questions: Sequence[str]) -> None:
-    """What another report says of other questions."""
+    """Adds what another report says of some questions."""
     earlier = json.loads(path.read_text())
-    others = [question for question in QUESTIONS if question not in questions]
-    report.tried |= {what: earlier["tried"][what] for what in others if what in earlier["tried"]}
-    report.finds += [find for find in earlier["finds"] if find.startswith(tuple(others))]
+    for question in questions:
+        if question in earlier["tried"]:
+            tried = int(report.tried.get(question, 0)) + earlier["tried"][question]
+            report.tried[question] = tried
+        report.finds += [find for find in earlier["finds"] if find.startswith(question)]
     report.began -= earlier["processor_seconds"]
 
 
@@ -101,6 +103,7 @@ def main() -> int:
     parser.add_argument("--seconds", type=int, default=600, help="processor time for each question")
     parser.add_argument("--dear-seconds", type=int, default=1800, help="for each that is dear")
     parser.add_argument("--questions", nargs="+", choices=QUESTIONS, default=QUESTIONS)
+    parser.add_argument("--more", action="store_true", help="add to what the report says of them")
     parser.add_argument("--corpus", type=Path, default=ROOT / "build" / "corpus")
     parser.add_argument("--report", type=Path)
     chosen = parser.parse_args()
@@ -111,7 +114,8 @@ def main() -> int:
         report.tried[question], find = try_question(program, chosen.corpus, question, seconds)
         report.finds += [f"{question}: {find}"] if find else []
     if chosen.questions is not QUESTIONS and chosen.report and chosen.report.exists():
-        take_over(report, chosen.report, chosen.questions)
+        others = [question for question in QUESTIONS if question not in chosen.questions]
+        take_over(report, chosen.report, QUESTIONS if chosen.more else others)
     report.tried = {what: report.tried[what] for what in QUESTIONS if what in report.tried}
     report.tried["inputs"] = sum(int(count) for count in report.tried.values())
     return report.end(chosen.report)
