@@ -12,11 +12,8 @@ installed. With --steps, only those whose names hold one of the words, split by 
 from __future__ import annotations
 
 import argparse
-import importlib.util
 import json
-import subprocess
 import sys
-import sysconfig
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -24,8 +21,11 @@ from pathlib import Path
 from types import ModuleType
 from unittest import mock
 
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
 import numpy as np
 import pointmorph
+from build_tools.inner_modules import compiled
 from compare_measures import Floats, Surface, cloud_area, smoothness
 from made_bodies import FAMILIES as BODIES
 from made_bodies import Body, body_pair
@@ -39,26 +39,6 @@ BUILT = ROOT / "build" / "bench" / "switches"
 OFF, WRONG = 0.1, 0.3
 """√area by which a point is off; share of such points in a map that is wrong."""
 COLUMNS = ("wrong", "error", "error of right ones", "off, %", "flips, %", "stretch, p99", "seconds")
-
-
-def switches() -> ModuleType:
-    """The module of step_switches.cpp, compiled if it has changed."""
-    packages = sysconfig.get_path("platlib")
-    prefix = f"-DCMAKE_PREFIX_PATH={packages}/pybind11;{packages}/cmeel.prefix"
-    configure = ("cmake", "-S", Path(__file__).parent / "switches", "-B", BUILT, "-G", "Ninja",
-                 f"-DPython_EXECUTABLE={sys.executable}", prefix,
-                 "-DCMAKE_BUILD_TYPE=Release")  # fmt: skip
-    for command in (configure, ("cmake", "--build", BUILT)):
-        done = subprocess.run(command, capture_output=True, text=True)
-        if done.returncode:
-            raise SystemExit(done.stdout + done.stderr)
-    [path] = BUILT.glob("step_switches*.so")
-    spec = importlib.util.spec_from_file_location("step_switches", path)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
 
 
 @dataclass(frozen=True)
@@ -156,7 +136,8 @@ def main() -> int:
     parser.add_argument("--steps", default="")
     parser.add_argument("--json", type=Path)
     chosen = parser.parse_args()
-    module = switches()
+    folder = Path(__file__).parent / "switches"
+    module = compiled("step_switches", folder, BUILT)
     made = list(pairs(chosen.seeds, chosen.points))
     steps = [s for s in module.names() if any(w in s for w in chosen.steps.split(","))]
     print("| switched off | " + " | ".join(COLUMNS) + " |\n|---" + "|--:" * len(COLUMNS) + "|")

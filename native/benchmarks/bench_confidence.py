@@ -38,10 +38,6 @@ FEW = 300
 Row = dict[str, float | str]
 
 
-def cloud(body: Body) -> pointmorph.Cloud:
-    return pointmorph.Cloud(body.positions, normals=body.normals)
-
-
 def marks(source: Body, target: Body, count: int) -> dict[str, tuple[int, int]]:
     """Far apart from each other on the source, each with the nearest row on the target."""
     shared = np.flatnonzero(source.is_shared)
@@ -57,7 +53,7 @@ def marks(source: Body, target: Body, count: int) -> dict[str, tuple[int, int]]:
 
 def judged(kind: str, source: Body, target: Body, number: int) -> Row:
     """A map between two draws of a kind, with so many marks."""
-    morph = pointmorph.morph(cloud(source), cloud(target), marks(source, target, number))
+    morph = pointmorph.morph(source.cloud(), target.cloud(), marks(source, target, number))
     off = []
     for body, images, other in (
         (source, morph.source_to_target, target),
@@ -135,7 +131,7 @@ def unrelated(seeds: int, points: int) -> list[Row]:
             other = families[(k + 2 + seed % (len(families) - 3)) % len(families)]
             source = body_pair(family, 1000 + seed, points)[0]
             target = body_pair(other, 2000 + seed, points)[1]
-            morph = pointmorph.morph(cloud(source), cloud(target))
+            morph = pointmorph.morph(source.cloud(), target.cloud())
             kind = f"{family.__name__} to {other.__name__}"
             rows.append({"kind": kind, "confidence": morph.measure_confidence().right})
             print(rows[-1], flush=True)

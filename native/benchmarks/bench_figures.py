@@ -30,10 +30,6 @@ JOINTS = 3
 """A limb of as many parts has an end whose direction is clear."""
 
 
-def cloud(body: Body) -> pointmorph.Cloud:
-    return pointmorph.Cloud(body.positions, normals=body.normals)
-
-
 def shortfalls(here: Body, there: Body, images: Floats, limbs: Ints, thin: set[int]) -> list[float]:
     """Of thin limbs with joints, by how much images end before the limb, seen along it."""
     found = []
@@ -53,7 +49,7 @@ def measure(kind: str, seed: int, points: int) -> list[float]:
     source, target = figure_pair(FIGURES[kind], seed, points)
     names, limbs = limb_numbers(FIGURES[kind], seed)
     thin = {k for k, name in enumerate(names) if any(word in name for word in THIN)}
-    morph = pointmorph.morph(cloud(source), cloud(target))
+    morph = pointmorph.morph(source.cloud(), target.cloud())
     rows = []
     for here, there, images in (
         (source, target, morph.source_to_target),

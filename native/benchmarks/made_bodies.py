@@ -10,6 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+import pointmorph
 from made_shapes import Floats, Ints, Part, Random, bent, icosphere, rotation, surface_of
 
 
@@ -25,6 +26,9 @@ class Body:
     """(N,) whether that place can be seen there"""
     parts: Ints
     """(N,)"""
+
+    def cloud(self) -> pointmorph.Cloud:
+        return pointmorph.Cloud(self.positions, normals=self.normals)
 
 
 def hand(random: Random) -> list[Part]:
