@@ -35,4 +35,35 @@ using Two = double __attribute__((vector_size(16)));
 using Two = PlainTwo;
 #endif
 
+/// Four floats in one register, and eight in one of those that newer processors have. For other
+/// compilers a float is a register of one.
+#if defined(__GNUC__)
+using FourFloats = float __attribute__((vector_size(16)));
+using EightFloats = float __attribute__((vector_size(32)));
+#else
+using FourFloats = float;
+using EightFloats = float;
+#endif
+
+/// Functions with POINTMORPH_WIDE may only be called where has_wide_registers(). Not on Windows:
+/// what GCC spills there to the stack isn't aligned as wide registers need it (its bug 54412).
+#if defined(__GNUC__) && defined(__x86_64__) && !defined(_WIN32)
+#define POINTMORPH_WIDE __attribute__((target("avx2")))
+inline bool has_wide_registers() {
+    return __builtin_cpu_supports("avx2");
+}
+#else
+#define POINTMORPH_WIDE
+inline bool has_wide_registers() {
+    return false;
+}
+#endif
+
+/// What a function with POINTMORPH_WIDE calls has to become a part of it.
+#if defined(__GNUC__)
+#define POINTMORPH_INLINE inline __attribute__((always_inline))
+#else
+#define POINTMORPH_INLINE inline
+#endif
+
 }  // namespace pointmorph

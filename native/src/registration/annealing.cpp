@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <cmath>
 #include <concepts>
-#include <optional>
 #include <utility>
 
 #include "pointmorph/base/parallel.hpp"
@@ -71,7 +70,6 @@ void on_both(MovingShape& source, MovingShape& target, Work&& work) {
 /// `area_weight`: see RegistrationLevel.
 void match(MovingShape& source, MovingShape& target, double normal_weight, double area_weight,
            Progress& progress) {
-    std::optional<ProductKeyTree> source_tree, target_tree;
     on_both(source, target, [&](MovingShape& side, MovingShape&) {
         const OrientedPoints rest{gather(side.shape.positions, side.rows),
                                   gather(side.shape.normals, side.rows)};
@@ -81,11 +79,8 @@ void match(MovingShape& source, MovingShape& target, double normal_weight, doubl
                      labels_of(side.shape, side.rows),
                      area_weight > 0.0 ? LocalAreas(area_weight * gather(side.areas, side.rows))
                                        : LocalAreas()};
-        (&side == &source ? source_tree : target_tree).emplace(side.keys);
     });
-    const bool again = !source.matches.to.empty();
-    source.matches = target_tree->nearest(source.keys, progress, again ? &source.matches : nullptr);
-    target.matches = source_tree->nearest(target.keys, progress, again ? &target.matches : nullptr);
+    match_both_ways(source.keys, target.keys, source.matches, target.matches, progress);
     source.remember(target);
     target.remember(source);
 }

@@ -43,7 +43,7 @@ double geodesic_distortion(const RegisteredShape& here, const RegisteredShape& t
     const ProductKeys to(gather(there.targets(normal_weight), other.node_rows),
                          labels_of(there.shape, other.node_rows));
     const Matches matches =
-        ProductKeyTree(to).nearest(here.seekers_at(graph.node_rows, normal_weight), progress);
+        nearest_of(here.seekers_at(graph.node_rows, normal_weight), to, progress);
     double sum = 0.0;
     for (Index j = 0; j < graph.size(); ++j)
         for (Index i = 0; i < graph.size(); ++i)
@@ -58,7 +58,7 @@ void add_gaps(const RegisteredShape& here, const RegisteredShape& there,
               Misfit& sums) {
     const ProductKeys all(there.targets(normal_weight), there.shape.labels);
     const Matches matches =
-        ProductKeyTree(all).nearest(here.seekers_at(graph.node_rows, normal_weight), progress);
+        nearest_of(here.seekers_at(graph.node_rows, normal_weight), all, progress);
     const double share = 0.5 / graph.size();
     for (Index k = 0; k < graph.size(); ++k) {
         const Index i = graph.node_rows[to_size(k)], j = matches.to[to_size(k)];

@@ -39,6 +39,14 @@ private:
     std::optional<KdTree<32>> labeled_;
 };
 
+/// The nearest both ways, into `source_matches` and `target_matches`. Where these hold matches of
+/// as many keys already, of any quality, the search begins there.
+void match_both_ways(const ProductKeys& source, const ProductKeys& target, Matches& source_matches,
+                     Matches& target_matches, Progress& progress);
+
+/// The nearest of `others` to each of `keys`, where there are few; on the calling thread.
+Matches nearest_of(const ProductKeys& keys, const ProductKeys& others, Progress& progress);
+
 /// Labels of some coarse points; none where the shape has none.
 Labels labels_of(const CoarseShape& shape, std::span<const Index> coarse_rows);
 
