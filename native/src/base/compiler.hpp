@@ -35,6 +35,32 @@ using Two = double __attribute__((vector_size(16)));
 using Two = PlainTwo;
 #endif
 
+/// Four numbers side by side, for any compiler.
+struct alignas(16) PlainFour {
+    std::array<double, 4> values;
+
+    friend PlainFour operator*(double a, PlainFour b) {
+        for (double& value : b.values) value *= a;
+        return b;
+    }
+    PlainFour& operator+=(const PlainFour& b) {
+        for (std::size_t k = 0; k < 4; ++k) values[k] += b.values[k];
+        return *this;
+    }
+    PlainFour& operator-=(const PlainFour& b) {
+        for (std::size_t k = 0; k < 4; ++k) values[k] -= b.values[k];
+        return *this;
+    }
+};
+
+/// Four numbers in one register where it is wide, else in two. Not for memory, where it depends on
+/// how wide registers are whether compilers take it to be aligned: std::memcpy does it.
+#if defined(__GNUC__)
+using Four = double __attribute__((vector_size(32)));
+#else
+using Four = PlainFour;
+#endif
+
 /// Four floats in one register, and eight in one of those that newer processors have. For other
 /// compilers a float is a register of one.
 #if defined(__GNUC__)

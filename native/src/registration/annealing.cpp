@@ -43,7 +43,6 @@ struct MovingShape {
                 matches.to.push_back(near[i < near.size() ? i : to_size(node_next_to(rows[i]))]);
         area = 0.0;
         for (const Index i : rows) area += shape.areas[i];
-        place();
     }
     Index node_next_to(Index row) const { return graph.point_nodes[to_size(row)][0]; }
     void remember(const MovingShape& other) {
@@ -71,6 +70,7 @@ void on_both(MovingShape& source, MovingShape& target, Work&& work) {
 void match(MovingShape& source, MovingShape& target, double normal_weight, double area_weight,
            Progress& progress) {
     on_both(source, target, [&](MovingShape& side, MovingShape&) {
+        side.place();
         const OrientedPoints rest{gather(side.shape.positions, side.rows),
                                   gather(side.shape.normals, side.rows)};
         const OrientedView here = oriented(rest), there = oriented(side.images);
@@ -137,19 +137,23 @@ void follow_guides(MovingShape& side, const MovingShape& other) {
 }
 
 /// Pulls to own matches, to the points that matched one of ours, to features and guides. `reverse`
-/// on the target.
+/// on the target. What pulls at one point pulls at once.
 void attract(MovingShape& side, const MovingShape& other, std::span<const IndexPair> features,
              bool reverse, double feature_weight) {
     side.attractions.clear();
-    for (std::size_t i = 0; i < side.rows.size(); ++i)
-        side.attractions.push_back({side.rows[i],
-                                    side.weights[i] * side.shape.areas[side.rows[i]] / side.area,
-                                    side.match(other, i).transpose()});
-    for (std::size_t j = 0; j < other.rows.size(); ++j)
+    for (std::size_t i = 0; i < side.rows.size(); ++i) {
+        const double weight = side.weights[i] * side.shape.areas[side.rows[i]] / side.area;
         side.attractions.push_back(
-            {side.rows[to_size(other.matches.to[j])],
-             other.weights[j] * other.shape.areas[other.rows[j]] / other.area,
-             other.shape.positions.row(other.rows[j]).transpose()});
+            {side.rows[i], weight, weight * side.match(other, i).transpose()});
+    }
+    for (std::size_t j = 0; j < other.rows.size(); ++j) {
+        const double weight = other.weights[j] * other.shape.areas[other.rows[j]] / other.area;
+        Attraction& pulled = side.attractions[to_size(other.matches.to[j])];
+        pulled.weight += weight;
+        pulled.target += weight * other.shape.positions.row(other.rows[j]).transpose();
+    }
+    std::erase_if(side.attractions, [](const Attraction& a) { return !(a.weight > 0.0); });
+    for (Attraction& a : side.attractions) a.target /= a.weight;
     for (const IndexPair& f : features)
         side.attractions.push_back(
             {reverse ? f.target : f.source, feature_weight,
@@ -164,7 +168,6 @@ void update(MovingShape& side, const AnnealingRound& round, int solves, double l
         fit_similarities(side.shape.positions, side.graph, round.smoothing, largest_scale,
                          side.deformation);
     }
-    side.place();
 }
 
 Registration result_of(const MovingShape& source, const MovingShape& target) {

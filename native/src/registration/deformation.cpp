@@ -3,6 +3,7 @@
 #include <Eigen/OrderingMethods>
 #include <algorithm>
 #include <cmath>
+#include <cstring>
 #include <numeric>
 
 #include "base/compiler.hpp"
@@ -398,6 +399,86 @@ DeformedCloud deformed_places(const Positions& positions, const DeformationGraph
     return deform(positions, nullptr, graph, deformation, all_rows(positions));
 }
 
+namespace {
+
+/// Row by row: what is left of a row once the columns before have been taken from it. Diagonals are
+/// stored as their inverses.
+POINTMORPH_INLINE void fill_factor(const DeformationPattern& p, std::span<const double> matrix,
+                                   std::span<double> its_factor) {
+    const Index count = to_index(p.order.size());
+    const Index* const outer = p.matrix.outerIndexPtr();
+    const Index* const inner = p.matrix.innerIndexPtr();
+    double* const POINTMORPH_RESTRICT factor = its_factor.data();
+    std::vector<double> left(to_size(count), 0.0);
+    double* const POINTMORPH_RESTRICT row = left.data();
+    for (Index k = 0; k < count; ++k) {
+        for (Index e = outer[k]; e < outer[k + 1]; ++e) row[inner[e]] = matrix[to_size(e)];
+        double diagonal = row[k];
+        for (Index e = p.row_begins[to_size(k)]; e < p.row_begins[to_size(k) + 1]; ++e) {
+            const Index i = p.row_columns[to_size(e)], end = p.row_places[to_size(e)];
+            const Index begin = p.columns[to_size(i)];
+            const double entry = row[i] * factor[begin];
+            row[i] = 0.0;
+            const Index dense = std::min(p.dense_from[to_size(i)], end);
+            Index at = begin + 1;
+            for (; at < dense; ++at) row[p.rows[to_size(at)]] -= factor[at] * entry;
+            if (at < end) {
+                double* const POINTMORPH_RESTRICT rest = row + p.rows[to_size(at)];
+                for (Index j = 0; j < end - at; ++j) rest[j] -= factor[at + j] * entry;
+            }
+            diagonal -= entry * entry;
+            factor[end] = entry;
+        }
+        row[k] = 0.0;
+        factor[p.columns[to_size(k)]] = 1.0 / std::sqrt(std::max(diagonal, 1e-300));
+    }
+}
+
+POINTMORPH_WIDE void fill_factor_wide(const DeformationPattern& pattern,
+                                      std::span<const double> matrix, std::span<double> factor) {
+    fill_factor(pattern, matrix, factor);
+}
+
+/// Three numbers, and one that is 0.
+using FourOfRow = std::array<double, 4>;
+
+/// Solves L Lᵀ x = b for three right sides at once, in place.
+POINTMORPH_INLINE void substitute(const DeformationPattern& p, std::span<const double> factor,
+                                  std::vector<FourOfRow>& sides) {
+    const std::size_t count = sides.size();
+    Four here, there;
+    for (std::size_t k = 0; k < count; ++k) {
+        const auto begin = to_size(p.columns[k]), end = to_size(p.columns[k + 1]);
+        std::memcpy(&here, sides[k].data(), sizeof here);
+        here = factor[begin] * here;
+        std::memcpy(sides[k].data(), &here, sizeof here);
+        for (std::size_t at = begin + 1; at < end; ++at) {
+            double* const row = sides[to_size(p.rows[at])].data();
+            std::memcpy(&there, row, sizeof there);
+            there -= factor[at] * here;
+            std::memcpy(row, &there, sizeof there);
+        }
+    }
+    for (std::size_t k = count; k-- > 0;) {
+        const auto begin = to_size(p.columns[k]), end = to_size(p.columns[k + 1]);
+        std::memcpy(&here, sides[k].data(), sizeof here);
+        for (std::size_t at = begin + 1; at < end; ++at) {
+            std::memcpy(&there, sides[to_size(p.rows[at])].data(), sizeof there);
+            here -= factor[at] * there;
+        }
+        here = factor[begin] * here;
+        std::memcpy(sides[k].data(), &here, sizeof here);
+    }
+}
+
+POINTMORPH_WIDE void substitute_wide(const DeformationPattern& pattern,
+                                     std::span<const double> factor,
+                                     std::vector<FourOfRow>& sides) {
+    substitute(pattern, factor, sides);
+}
+
+}  // namespace
+
 DeformationSolver::DeformationSolver(const Positions& positions, const DeformationGraph& graph)
     : positions_(positions),
       graph_(graph),
@@ -428,34 +509,7 @@ void DeformationSolver::factorize(double stiffness, std::span<const Attraction> 
                 values[block[b]] += (k != l && nodes[k] == nodes[l] ? 2.0 : 1.0) * a.weight *
                                     weights[k] * weights[l];
     }
-    // Row by row: what is left of a row once the columns before have been taken from it.
-    const DeformationPattern& p = pattern_;
-    const Index* const outer = p.matrix.outerIndexPtr();
-    const Index* const inner = p.matrix.innerIndexPtr();
-    double* const POINTMORPH_RESTRICT factor = factor_.data();
-    std::vector<double> left(to_size(graph_.size()), 0.0);
-    double* const POINTMORPH_RESTRICT row = left.data();
-    for (Index k = 0; k < graph_.size(); ++k) {
-        for (Index e = outer[k]; e < outer[k + 1]; ++e) row[inner[e]] = values[e];
-        double diagonal = row[k];
-        for (Index e = p.row_begins[to_size(k)]; e < p.row_begins[to_size(k) + 1]; ++e) {
-            const Index i = p.row_columns[to_size(e)], end = p.row_places[to_size(e)];
-            const Index begin = p.columns[to_size(i)];
-            const double entry = row[i] / factor[begin];
-            row[i] = 0.0;
-            const Index dense = std::min(p.dense_from[to_size(i)], end);
-            Index at = begin + 1;
-            for (; at < dense; ++at) row[p.rows[to_size(at)]] -= factor[at] * entry;
-            if (at < end) {
-                double* const POINTMORPH_RESTRICT rest = row + p.rows[to_size(at)];
-                for (Index j = 0; j < end - at; ++j) rest[j] -= factor[at + j] * entry;
-            }
-            diagonal -= entry * entry;
-            factor[end] = entry;
-        }
-        row[k] = 0.0;
-        factor[p.columns[to_size(k)]] = std::sqrt(std::max(diagonal, 1e-300));
-    }
+    (has_wide_registers() ? fill_factor_wide : fill_factor)(pattern_, matrix_, factor_);
 }
 
 void DeformationSolver::solve(std::span<const Attraction> attractions,
@@ -468,8 +522,10 @@ void DeformationSolver::solve(std::span<const Attraction> attractions,
         constant.row(k) =
             linear[to_size(k)] * positions_.row(graph_.node_rows[to_size(k)]).transpose();
     }
-    Positions right = Positions::Zero(count, 3);
-    const auto row_of = [&](Index node) { return right.row(pattern_.order[to_size(node)]); };
+    std::vector<FourOfRow> right(to_size(count), FourOfRow{});
+    const auto row_of = [&](Index node) {
+        return Eigen::Map<Eigen::RowVector3d>(right[to_size(pattern_.order[to_size(node)])].data());
+    };
     for (Index i = 0; i < count; ++i)
         for (auto e = to_size(graph_.edge_offsets[to_size(i)]);
              e < to_size(graph_.edge_offsets[to_size(i) + 1]); ++e) {
@@ -492,21 +548,7 @@ void DeformationSolver::solve(std::span<const Attraction> attractions,
         for (std::size_t k = 0; k < kNodes; ++k)
             row_of(nodes[k]) += weights[k] * wanted.transpose();
     }
-    const DeformationPattern& p = pattern_;
-    for (Index k = 0; k < count; ++k) {
-        const Index begin = p.columns[to_size(k)], end = p.columns[to_size(k) + 1];
-        const Eigen::RowVector3d done = right.row(k) / factor_[to_size(begin)];
-        right.row(k) = done;
-        for (Index at = begin + 1; at < end; ++at)
-            right.row(p.rows[to_size(at)]) -= factor_[to_size(at)] * done;
-    }
-    for (Index k = count; k-- > 0;) {
-        const Index begin = p.columns[to_size(k)], end = p.columns[to_size(k) + 1];
-        Eigen::RowVector3d rest = right.row(k);
-        for (Index at = begin + 1; at < end; ++at)
-            rest -= factor_[to_size(at)] * right.row(p.rows[to_size(at)]);
-        right.row(k) = rest / factor_[to_size(begin)];
-    }
+    (has_wide_registers() ? substitute_wide : substitute)(pattern_, factor_, right);
     deformation.positions.resize(count, 3);
     for (Index i = 0; i < count; ++i) deformation.positions.row(i) = row_of(i);
 }
