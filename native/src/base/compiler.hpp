@@ -91,5 +91,11 @@ inline bool has_wide_registers() {
 #else
 #define POINTMORPH_INLINE inline
 #endif
+/// Has memory that is read soon brought into the caches.
+inline void fetch_early([[maybe_unused]] const void* place) {
+#if defined(__GNUC__)
+    __builtin_prefetch(place);
+#endif
+}
 
 }  // namespace pointmorph

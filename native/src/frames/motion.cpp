@@ -8,6 +8,8 @@
 #include <optional>
 
 #include "base/angle.hpp"
+#include "base/compiler.hpp"
+#include "cloud/normalized_rows.hpp"
 #include "pointmorph/base/parallel.hpp"
 #include "pointmorph/cloud/cloud.hpp"
 #include "pointmorph/registration/coarse_shape.hpp"
@@ -141,11 +143,11 @@ void Motion::follow(Progress& progress) {
     const CoarseMoves moves(bend_->shape, end);
     unturned_ = Positions::Zero(offsets_.rows(), 3);
     constexpr double kSingular = 1e-3;
+    OrientedPoints moved{positions_, normals_};
     parallel_for(to_index(positions_.rows()), progress, [&](Index first, Index last) {
+        prolongation.move(first, last, moves, moved);
         for (Index i = first; i < last; ++i) {
-            Vector3 moved = positions_.row(i).transpose(), normal = normals_.row(i).transpose();
-            prolongation.move(i, moves, moved, normal);
-            const Vector3 lacking = offsets_.row(i).transpose() - moved;
+            const Vector3 lacking = (offsets_.row(i) - moved.positions.row(i)).transpose();
             const Matrix3 linear = prolongation.linear(i, end);
             const double scale = linear.norm();
             if (linear.determinant() > kSingular * scale * scale * scale) {
@@ -165,7 +167,7 @@ Motion::Motion(Motion&&) noexcept = default;
 /// What all points have in common at one time.
 struct Motion::State {
     double t;
-    std::optional<CoarseMoves> moves;  ///< where parts turn
+    std::optional<CoarseMoves> moves;  ///< where parts turn; with the similarity
     Matrix3 linear, rotation;          ///< of the similarity, from normalized points
     Vector3 translation;
 };
@@ -173,22 +175,34 @@ struct Motion::State {
 Motion::State Motion::state(double t) const {
     State state;
     state.t = t;
-    if (bend_) state.moves.emplace(bend_->shape, bend_->at(t));
     const Similarity part = similarity_.at(t);
     state.rotation = part.rotation;
-    state.linear = unit_.scale * part.scale * part.rotation;
+    const double scale = unit_.scale * part.scale;
+    state.linear = scale * part.rotation;
     state.translation = part.scale * (part.rotation * unit_.center) + part.translation;
+    if (bend_) {
+        state.moves.emplace(bend_->shape, bend_->at(t));
+        state.moves->then({scale, part.rotation, state.translation});
+    }
     return state;
 }
 
 void Motion::place(const State& state, Index begin, Index end, OrientedPoints& places) const {
-    for (Index i = begin; i < end; ++i) {
-        Vector3 x = (positions_.row(i) + state.t * offsets_.row(i)).transpose();
-        Vector3 normal = normals_.row(i).transpose();
-        if (state.moves) bend_->prolongation->move(i, *state.moves, x, normal);
-        if (unturned_.rows() > 0) x += state.t * unturned_.row(i).transpose();
-        places.positions.row(i) = state.linear * x + state.translation;
-        places.normals.row(i) = state.rotation * normal;
+    constexpr Index kBlock = 256;  // stays in the caches from step to step
+    for (Index first = begin; first < end; first += kBlock) {
+        const Index count = std::min(kBlock, end - first);
+        const auto rows = [&](auto& of) { return of.middleRows(first, count); };
+        auto positions = rows(places.positions), normals = rows(places.normals);
+        positions = rows(positions_) + state.t * rows(offsets_);
+        normals = rows(normals_);
+        if (bend_) {
+            bend_->prolongation->move(first, first + count, *state.moves, places);
+        } else {
+            positions *= state.linear.transpose();
+            positions.rowwise() += state.translation.transpose();
+            normals *= state.rotation.transpose();
+        }
+        if (unturned_.rows() > 0) positions += state.t * rows(unturned_) * state.linear.transpose();
     }
 }
 
@@ -226,29 +240,44 @@ void find_midway(const Motion& forth, const Motion& back, double t, Midway& midw
 template <class Scalar>
 void fade(const Midway& midway, std::span<const IndexPair> pairs, double t,
           std::span<Scalar> positions, std::span<Scalar> normals) {
+    using Rows = Eigen::Matrix<Scalar, Eigen::Dynamic, 3, Eigen::RowMajor>;
+    using Block = Eigen::Matrix<double, kNormalizedAtOnce, 3, Eigen::RowMajor>;
     const OrientedPoints &source = midway.source, &target = midway.target;
     const double share = t * t * (3.0 - 2.0 * t);
-    const auto put = [](const Vector3& from, std::span<Scalar> to, std::size_t pair) {
-        for (int d = 0; d < 3; ++d) to[3 * pair + to_size(d)] = static_cast<Scalar>(from[d]);
+    const auto faded = [share](const Positions& from, const Positions& to, IndexPair pair) {
+        return (1.0 - share) * from.row(pair.source) + share * to.row(pair.target);
     };
+    constexpr std::size_t kAhead = 16;  // while so many pairs are placed, memory answers
+    constexpr double kCancelled = 1e-6;
     Progress silent;
     parallel_for(to_index(pairs.size()), silent, [&](Index begin, Index end) {
-        for (auto i = to_size(begin); i < to_size(end); ++i) {
-            const auto [s, r] = pairs[i];
-            if (!positions.empty())
-                put(((1.0 - share) * source.positions.row(s) + share * target.positions.row(r))
-                        .transpose(),
-                    positions, i);
+        Block block;
+        for (Index first = begin; first < end; first += kNormalizedAtOnce) {
+            const Index count = std::min(kNormalizedAtOnce, end - first);
+            const auto those = pairs.subspan(to_size(first), to_size(count));
+            const auto ahead = pairs.subspan(std::min(to_size(first) + kAhead, pairs.size()));
+            auto rows = block.topRows(count);
+            const auto fill = [&](const Positions& from, const Positions& to) {
+                for (Index i = 0; i < count; ++i) {
+                    if (to_size(i) < ahead.size()) fetch_early(&to(ahead[to_size(i)].target, 0));
+                    rows.row(i) = faded(from, to, those[to_size(i)]);
+                }
+            };
+            const auto put = [&](std::span<Scalar> to) {
+                Eigen::Map<Rows>(to.data() + 3 * first, count, 3) = rows.template cast<Scalar>();
+            };
+            if (!positions.empty()) {
+                fill(source.positions, target.positions);
+                put(positions);
+            }
             if (normals.empty()) continue;
-            const Vector3 a = source.normals.row(s).transpose();
-            const Vector3 b = target.normals.row(r).transpose();
-            const Vector3 normal = (1.0 - share) * a + share * b;
-            const double length = normal.norm();
-            constexpr double kCancelled = 1e-6;
-            if (length > kCancelled)
-                put(normal / length, normals, i);
-            else
-                put(share < 0.5 ? a : b, normals, i);
+            fill(source.normals, target.normals);
+            normalize_rows(rows, kCancelled, [&](Index i) -> Eigen::RowVector3d {
+                const auto [s, r] = those[to_size(i)];
+                if (share < 0.5) return source.normals.row(s);
+                return target.normals.row(r);
+            });
+            put(normals);
         }
     });
 }

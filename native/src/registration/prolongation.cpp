@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "base/compiler.hpp"
+#include "cloud/normalized_rows.hpp"
 #include "pointmorph/base/parallel.hpp"
 #include "pointmorph/cloud/kd_tree.hpp"
 
@@ -47,43 +49,82 @@ Prolongation::Prolongation(const CoarseShape& shape, const Positions& positions,
 CoarseMoves::CoarseMoves(const CoarseShape& shape, const DeformedCloud& coarse)
     : moves_(to_size(shape.size())) {
     for (Index c = 0; c < shape.size(); ++c) {
-        moves_[to_size(c)] = {coarse.linear[to_size(c)], shape.positions.row(c).transpose(),
-                              coarse.positions.row(c).transpose()};
+        const Matrix3& linear = coarse.linear[to_size(c)];
+        moves_[to_size(c)] << linear,
+            coarse.positions.row(c).transpose() - linear * shape.positions.row(c).transpose();
     }
 }
 
-void Prolongation::move(Index point, const CoarseMoves& moves, Vector3& position,
-                        Vector3& normal) const {
-    const auto& followed = followed_[to_size(point)];
-    const auto& weights = weights_[to_size(point)];
-    Vector3 x = Vector3::Zero(), turned = Vector3::Zero();
-    double sum = 0.0;
-    for (std::size_t k = 0; k < kFollowed; ++k) {
-        const double weight = weights[k];
-        const auto& [linear, rest, now] = moves.moves_[to_size(followed[k])];
-        x += weight * (now + linear * (position - rest));
-        turned += weight * linear * normal;
-        sum += weight;
+void CoarseMoves::then(const Similarity& after) {
+    for (Move& move : moves_) {
+        move = (after.scale * after.rotation * move).eval();
+        move.col(3) += after.translation;
     }
-    position = x / sum;
-    const double length = turned.norm();
-    if (length > 1e-12) normal = turned / length;
+    after_.scale *= after.scale;
+    after_.rotation = after.rotation * after_.rotation;
+}
+
+/// The moves that a point follows, averaged.
+struct Prolongation::Blend {
+    std::array<Two, 6> numbers{};  ///< two to each half of a row
+    double factor;
+
+    Blend(const Prolongation& prolongation, Index point, const CoarseMoves& moves) {
+        const auto& followed = prolongation.followed_[to_size(point)];
+        const auto& weights = prolongation.weights_[to_size(point)];
+        double sum = 0.0;
+        for (std::size_t k = 0; k < kFollowed; ++k) {
+            const double weight = weights[k];
+            const Two twice = {weight, weight};
+            const double* const move = moves.moves_[to_size(followed[k])].data();
+            for (std::size_t j = 0; j < numbers.size(); ++j)
+                numbers[j] += twice * Two{move[2 * j], move[2 * j + 1]};
+            sum += weight;
+        }
+        factor = 1.0 / sum;
+    }
+
+    /// Where (x, y, z, w) goes.
+    Eigen::RowVector3d times(const Eigen::RowVector3d& xyz, double w) const {
+        const Two xy = {xyz[0], xyz[1]}, zw = {xyz[2], w};
+        Eigen::RowVector3d product;
+        for (std::size_t row = 0; row < 3; ++row) {
+            Two parts = numbers[2 * row] * xy;
+            parts += numbers[2 * row + 1] * zw;
+            product[static_cast<int>(row)] = parts[0] + parts[1];
+        }
+        return product;
+    }
+};
+
+void Prolongation::move(Index begin, Index end, const CoarseMoves& moves,
+                        OrientedPoints& points) const {
+    constexpr double kCancelled = 1e-12;
+    Eigen::Matrix<double, kNormalizedAtOnce, 3, Eigen::RowMajor> turned;
+    for (Index first = begin; first < end; first += kNormalizedAtOnce) {
+        const Index count = std::min(kNormalizedAtOnce, end - first);
+        auto positions = points.positions.middleRows(first, count);
+        auto normals = points.normals.middleRows(first, count);
+        for (Index i = 0; i < count; ++i) {
+            const Blend blend(*this, first + i, moves);
+            positions.row(i) = blend.factor * blend.times(positions.row(i), 1.0);
+            turned.row(i) = blend.times(normals.row(i), 0.0);
+        }
+        normalize_rows(turned.topRows(count), kCancelled * moves.after_.scale,
+                       [&](Index i) -> Eigen::RowVector3d {
+                           return normals.row(i) * moves.after_.rotation.transpose();
+                       });
+        normals = turned.topRows(count);
+    }
 }
 
 OrientedPoints Prolongation::operator()(const CoarseShape& shape, const DeformedCloud& coarse,
                                         const Positions& positions, const Normals& normals,
                                         Progress& progress) const {
     const CoarseMoves moves(shape, coarse);
-    const auto count = to_index(positions.rows());
-    OrientedPoints result{Positions(count, 3), Normals(count, 3)};
-    parallel_for(count, progress, [&](Index begin, Index end) {
-        for (Index i = begin; i < end; ++i) {
-            Vector3 x = positions.row(i).transpose(), normal = normals.row(i).transpose();
-            move(i, moves, x, normal);
-            result.positions.row(i) = x;
-            result.normals.row(i) = normal;
-        }
-    });
+    OrientedPoints result{positions, normals};
+    parallel_for(to_index(positions.rows()), progress,
+                 [&](Index begin, Index end) { move(begin, end, moves, result); });
     return result;
 }
 

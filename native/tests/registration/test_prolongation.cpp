@@ -2,6 +2,9 @@
 
 #include <gtest/gtest.h>
 
+#include <Eigen/Geometry>
+#include <utility>
+
 #include "joined_shapes.hpp"
 #include "pointmorph/cloud/similarity.hpp"
 #include "shapes.hpp"
@@ -33,24 +36,63 @@ TEST(Prolongation, AnAffineMapOfTheCoarsePointsIsOneOfAllPoints) {
     EXPECT_LT((all.normals.rowwise().norm().array() - 1.0).abs().maxCoeff(), 1e-12);
 }
 
-TEST(Prolongation, OnePointAtATimeGoesWhereAllTogetherDo) {
+/// Coarse points that go anywhere, and what follows them.
+struct Scattered : Fixture {
+    DeformedCloud coarse;
+    Prolongation prolongation{shape, positions, positions, progress};
+
+    Scattered() {
+        coarse.positions = shape.positions + 0.1 * Positions::Random(shape.size(), 3);
+        for (Index c = 0; c < shape.size(); ++c)
+            coarse.linear.push_back(Matrix3::Identity() + 0.3 * Matrix3::Random());
+    }
+};
+
+TEST(Prolongation, NormalsTurnAsTheLinearPartSays) {
+    Scattered f;
+    const OrientedPoints all =
+        f.prolongation(f.shape, f.coarse, f.positions, f.positions, f.progress);
+    for (Index i = 0; i < f.positions.rows(); ++i) {
+        const Vector3 turned =
+            (f.prolongation.linear(i, f.coarse) * f.positions.row(i).transpose()).normalized();
+        ASSERT_LT((all.normals.row(i).transpose() - turned).norm(), 1e-12);
+    }
+}
+
+TEST(Prolongation, SomePointsGoWhereAllTogetherDoAndOnBySimilarities) {
+    Scattered f;
+    const OrientedPoints all =
+        f.prolongation(f.shape, f.coarse, f.positions, f.positions, f.progress);
+    const Matrix3 turn = Eigen::AngleAxisd(1.0, Vector3(1, 2, 3).normalized()).toRotationMatrix();
+    const Similarity first{3.0, turn, {1, 2, 3}}, second{0.01, turn, {-5, 0, 1}};
+    CoarseMoves moves(f.shape, f.coarse), further = moves;
+    further.then(first);
+    further.then(second);
+    const Similarity both = composed(second, first);
+    for (const auto& [begin, end] : {std::pair{0, 1}, {1, 300}, {300, 300}, {3000, 4000}}) {
+        OrientedPoints some{f.positions, f.positions}, on = some;
+        f.prolongation.move(begin, end, moves, some);
+        f.prolongation.move(begin, end, further, on);
+        const auto rows = [&](const Positions& of) { return of.middleRows(begin, end - begin); };
+        ASSERT_EQ(rows(some.positions), rows(all.positions));
+        ASSERT_EQ(rows(some.normals), rows(all.normals));
+        ASSERT_EQ(some.positions.bottomRows(4000 - end), f.positions.bottomRows(4000 - end));
+        ASSERT_LT((rows(on.positions) - rows(both.apply(all.positions))).norm(), 1e-10);
+        ASSERT_LT((rows(on.normals) - rows(both.rotated(all.normals))).norm(), 1e-10);
+    }
+}
+
+TEST(Prolongation, WhereTurnsCancelANormalTurnsAsTheWhole) {
     Fixture f;
     DeformedCloud coarse;
-    coarse.positions = f.shape.positions + 0.1 * Positions::Random(f.shape.size(), 3);
-    for (Index c = 0; c < f.shape.size(); ++c)
-        coarse.linear.push_back(Matrix3::Identity() + 0.3 * Matrix3::Random());
-    const Prolongation prolongation(f.shape, f.positions, f.positions, f.progress);
-    const OrientedPoints all = prolongation(f.shape, coarse, f.positions, f.positions, f.progress);
-    const CoarseMoves moves(f.shape, coarse);
-    for (Index i = 0; i < f.positions.rows(); ++i) {
-        Vector3 position = f.positions.row(i).transpose(), normal = position;
-        prolongation.move(i, moves, position, normal);
-        ASSERT_EQ(position.transpose(), all.positions.row(i));
-        ASSERT_EQ(normal.transpose(), all.normals.row(i));
-        const Vector3 turned =
-            (prolongation.linear(i, coarse) * f.positions.row(i).transpose()).normalized();
-        ASSERT_LT((normal - turned).norm(), 1e-12);
-    }
+    coarse.positions = f.shape.positions;
+    coarse.linear.assign(to_size(f.shape.size()), Matrix3::Zero());
+    CoarseMoves moves(f.shape, coarse);
+    const Matrix3 turn = Eigen::AngleAxisd(2.0, Vector3::UnitX()).toRotationMatrix();
+    moves.then({1e-9, turn, Vector3::Zero()});
+    OrientedPoints points{f.positions, f.positions};
+    Prolongation(f.shape, f.positions, f.positions, f.progress).move(0, 4000, moves, points);
+    EXPECT_LT((points.normals - f.positions * turn.transpose()).cwiseAbs().maxCoeff(), 1e-12);
 }
 
 TEST(Prolongation, FollowsASmoothMapAndReproducesCoarsePoints) {

@@ -7,6 +7,7 @@
 #include "pointmorph/base/progress.hpp"
 #include "pointmorph/base/types.hpp"
 #include "pointmorph/cloud/oriented_points.hpp"
+#include "pointmorph/cloud/similarity.hpp"
 #include "pointmorph/registration/coarse_shape.hpp"
 #include "pointmorph/registration/deformation.hpp"
 
@@ -17,14 +18,15 @@ class CoarseMoves {
 public:
     CoarseMoves(const CoarseShape& shape, const DeformedCloud& coarse);
 
+    /// The same, and then a similarity.
+    void then(const Similarity& after);
+
 private:
     friend class Prolongation;
-    /// A point at x goes to `now` + `linear` (x − `rest`).
-    struct Move {
-        Matrix3 linear;
-        Vector3 rest, now;
-    };
+    /// Of an affine map, row by row: the linear part, and where the origin goes.
+    using Move = Eigen::Matrix<double, 3, 4, Eigen::RowMajor>;
     std::vector<Move> moves_;  ///< of each coarse point
+    Similarity after_;
 };
 
 /// Which coarse points every point of a cloud follows, and how much: those nearest on its side of
@@ -43,13 +45,16 @@ public:
                               const Positions& positions, const Normals& normals,
                               Progress& progress) const;
 
-    /// The same for one point.
-    void move(Index point, const CoarseMoves& moves, Vector3& position, Vector3& normal) const;
+    /// The same for the points from `begin` to `end`, which are where they were, in place. Where
+    /// turns cancel, a normal takes part in the
+    /// rotation after all moves alone.
+    void move(Index begin, Index end, const CoarseMoves& moves, OrientedPoints& points) const;
 
     /// What happens right around a point: its coarse points' linear maps, averaged.
     Matrix3 linear(Index point, const DeformedCloud& coarse) const;
 
 private:
+    struct Blend;
     static constexpr std::size_t kFollowed = 5;
     std::vector<std::array<Index, kFollowed>> followed_;
     std::vector<std::array<float, kFollowed>> weights_;  ///< of sum 1
