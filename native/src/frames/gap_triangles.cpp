@@ -1,8 +1,10 @@
 #include "frames/gap_triangles.hpp"
 
 #include <Eigen/Geometry>
+#include <numeric>
 #include <utility>
 
+#include "pointmorph/base/parallel.hpp"
 #include "pointmorph/cloud/subset.hpp"
 
 namespace pointmorph {
@@ -19,6 +21,26 @@ Vector3 facing(const Positions& positions, const GapTriangle& corners) {
     const Vector3 origin = positions.row(corners[0]).transpose();
     return (positions.row(corners[1]).transpose() - origin)
         .cross(positions.row(corners[2]).transpose() - origin);
+}
+
+/// Ascending, each once. By counting: few have the same lowest corner.
+std::vector<GapTriangle> sorted_once(std::span<const GapTriangle> triangles, Index pairs,
+                                     Progress& progress) {
+    std::vector<std::ptrdiff_t> ends(to_size(pairs) + 1, 0);
+    for (const GapTriangle& corners : triangles) ++ends[to_size(corners[0]) + 1];
+    std::partial_sum(ends.begin(), ends.end(), ends.begin());
+    std::vector<GapTriangle> sorted(triangles.size());
+    for (const GapTriangle& corners : triangles)
+        sorted[to_size(ends[to_size(corners[0])]++)] = corners;
+    const auto begin_of = [&](Index pair) {
+        return sorted.begin() + (pair > 0 ? ends[to_size(pair - 1)] : 0);
+    };
+    parallel_for(pairs, progress, [&](Index begin, Index end) {
+        for (Index pair = begin; pair < end; ++pair) std::sort(begin_of(pair), begin_of(pair + 1));
+    });
+    const auto unique = std::ranges::unique(sorted);
+    sorted.erase(unique.begin(), unique.end());
+    return sorted;
 }
 
 /// The nearest of each row, where they are known of rows in another order, and maybe more.
@@ -58,13 +80,18 @@ EndSamples::EndSamples(const Cloud& cloud, std::vector<Index> its_pairs,
         triangles = local_triangles(positions, normals, nearest, spacing, kReach, progress);
     }
     density.resize(positions.rows());
-    for (Index i = 0; i < positions.rows(); ++i) {
-        const auto near = nearest[i];
-        const auto k = std::min(near.size(), to_size(Resampling::kDensityNeighbors));
-        const double radius =
-            std::max((positions.row(near[k - 1]) - positions.row(i)).norm(), finest);
-        density[i] = static_cast<double>(k) / (radius * radius) * area;
-    }
+    parallel_for(
+        to_index(positions.rows()), progress,
+        [&](Index begin, Index end) {
+            for (Index i = begin; i < end; ++i) {
+                const auto near = nearest[i];
+                const auto k = std::min(near.size(), to_size(Resampling::kDensityNeighbors));
+                const double radius =
+                    std::max((positions.row(near[k - 1]) - positions.row(i)).norm(), finest);
+                density[i] = static_cast<double>(k) / (radius * radius) * area;
+            }
+        },
+        1.0);
     size = std::sqrt(area) * unit.scale;
 }
 
@@ -91,7 +118,7 @@ std::vector<Index> standing_for(std::span<const IndexPair> pairs, Index IndexPai
 }
 
 std::vector<GapTriangle> gap_triangles(const EndSamples& source, const EndSamples& target,
-                                       std::span<const IndexPair> pairs) {
+                                       std::span<const IndexPair> pairs, Progress& progress) {
     std::vector<GapTriangle> result;
     result.reserve(source.triangles.size() + target.triangles.size() + pairs.size() / 2);
     const auto add = [&](GapTriangle corners) {
@@ -118,10 +145,7 @@ std::vector<GapTriangle> gap_triangles(const EndSamples& source, const EndSample
             for (Index& corner : corners) corner = end->pairs[to_size(corner)];
             add(corners);
         }
-    std::ranges::sort(result);
-    const auto unique = std::ranges::unique(result);
-    result.erase(unique.begin(), unique.end());
-    return result;
+    return sorted_once(result, to_index(pairs.size()), progress);
 }
 
 Vector3 blend(const Positions& rows, const InsertedPoint& point) {

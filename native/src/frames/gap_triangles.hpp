@@ -7,6 +7,7 @@
 #include <span>
 #include <vector>
 
+#include "pointmorph/base/progress.hpp"
 #include "pointmorph/base/types.hpp"
 #include "pointmorph/cloud/cloud.hpp"
 #include "pointmorph/cloud/kd_tree.hpp"
@@ -50,7 +51,7 @@ std::vector<Index> standing_for(std::span<const IndexPair> pairs, Index IndexPai
 /// keep all pairs of a point together. A triangle with opposite orientations on both models is
 /// there twice. Ascending.
 std::vector<GapTriangle> gap_triangles(const EndSamples& source, const EndSamples& target,
-                                       std::span<const IndexPair> pairs);
+                                       std::span<const IndexPair> pairs, Progress& progress);
 
 /// Weighted mean of `value_of(pair)` over a point's pairs.
 template <class ValueOf>

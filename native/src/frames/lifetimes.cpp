@@ -14,8 +14,8 @@ constexpr int kKeys = 16;
 /// Of loops on one thread, between two reports.
 constexpr Index kRowsPerReport = 256;
 
-/// Fractions of a step at which crowded pairs are hidden, then empty places found.
-constexpr double kHidden = 0.2, kFound = 0.9;
+/// Fractions of a step at which open triangles are known, crowded pairs hidden, empty places found.
+constexpr double kOpened = 0.1, kHidden = 0.3, kFound = 0.9;
 
 /// In spacings: a point isn't needed any more once others have come closer.
 constexpr double kCrowded = 0.4;
@@ -32,10 +32,10 @@ Lifetime lifetime(int first, int last) {
 }  // namespace
 
 Lifetimes::Lifetimes(const Resampling& resampling, std::span<const IndexPair> pairs,
-                     const EndSamples& source, const EndSamples& target)
+                     const EndSamples& source, const EndSamples& target, Progress& progress)
     : resampling_(resampling), hidden_since_(pairs.size()) {
     if (resampling.options().omega > 0.0)
-        missing_.emplace(resampling, pairs, source, target, chosen_);
+        missing_.emplace(resampling, pairs, source, target, chosen_, progress);
 }
 
 void Lifetimes::pass(const Resampling::FrameAt& frame_at, Progress& progress) {
@@ -59,10 +59,20 @@ std::vector<InsertedPoint> Lifetimes::points() const {
 void Lifetimes::step(int key, const Resampling::FrameAt& frame_at, Progress& progress) {
     std::vector<InsertedPoint> points;
     for (const Index id : alive_) points.push_back(chosen_[to_size(id)].point);
-    const FrameSample sample(time_of(key), frame_at(time_of(key)), resampling_, std::move(points),
-                             alive_, chosen_.size());
+    FrameSample sample(time_of(key), frame_at(time_of(key)), resampling_, std::move(points), alive_,
+                       chosen_.size());
+    std::vector<Index> open;
+    {
+        const Progress::Part part(progress, 0.0, kOpened);
+        parallel_invoke(2, progress, [&](int k, Progress& its) {
+            if (k == 1)
+                sample.plant_tree();
+            else if (missing_)
+                open = missing_->open_triangles(sample, its);
+        });
+    }
     if (resampling_.options().crowding) {
-        const Progress::Part part(progress, 0.0, kHidden);
+        const Progress::Part part(progress, kOpened, kHidden);
         hide_crowded(sample, key, progress);
     }
     if (!missing_) return;
@@ -70,7 +80,7 @@ void Lifetimes::step(int key, const Resampling::FrameAt& frame_at, Progress& pro
     const std::vector<char> dead = crowded(sample, progress);
     const auto places = [&] {
         const Progress::Part part(progress, kHidden, kFound);
-        return (*missing_)(sample, dead, progress);
+        return (*missing_)(sample, open, dead, progress);
     }();
     std::vector<Index> living;
     for (std::size_t a = 0; a < alive_.size(); ++a)
@@ -93,7 +103,7 @@ std::vector<char> Lifetimes::crowded(const FrameSample& sample, Progress& progre
         const auto counts = [&](Index other) {
             return other < sample.pairs || (other < row && !dead[to_size(other - sample.pairs)]);
         };
-        dead[a] = find(sample.tree, sample.normals, sample.positions.row(row).transpose(),
+        dead[a] = find(*sample.tree, sample.normals, sample.positions.row(row).transpose(),
                        sample.normals.row(row).transpose(),
                        kCrowded * sample.spacing_at(sample.points[a]), counts) >= 0;
     }
@@ -153,7 +163,7 @@ void Lifetimes::hide_crowded(const FrameSample& sample, int key, Progress& progr
             };
             const double radius = kCrowded * resampling_.spacing(i, sample.t) / sample.unit.scale;
             stays[to_size(i)] =
-                find(sample.tree, sample.normals, sample.positions.row(i).transpose(),
+                find(*sample.tree, sample.normals, sample.positions.row(i).transpose(),
                      sample.normals.row(i).transpose(), radius, counts) < 0;
         }
     for (Index i = 0; i < sample.pairs; ++i) show_or_hide(i, !stays[to_size(i)], key);

@@ -18,7 +18,7 @@ class Lifetimes {
 public:
     /// Keeps references to all.
     Lifetimes(const Resampling& resampling, std::span<const IndexPair> pairs,
-              const EndSamples& source, const EndSamples& target);
+              const EndSamples& source, const EndSamples& target, Progress& progress);
     Lifetimes(Lifetimes&&) = delete;  // what finds missing points refers to those chosen
 
     /// All times, from source to target.

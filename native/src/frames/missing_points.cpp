@@ -17,8 +17,8 @@ constexpr double kStep = 0.3;
 /// apart.
 constexpr double kMostSamples = 2e4, kMostSamplesByPair = 300.0;  // at a spacing of 1
 
-/// Fractions of the progress at which the open triangles, then the sparse rows are known.
-constexpr double kOpened = 0.2, kTested = 0.4;
+/// Fraction of the progress at which the sparse rows are known.
+constexpr double kTested = 0.25;
 
 /// What identifies a row at all times: the pair, or the number of pairs plus the id.
 Index number_of(const FrameSample& sample, Index row) {
@@ -37,7 +37,7 @@ struct Nearest {
     Index found;
 
     Nearest(const FrameSample& sample, Index row)
-        : found(sample.tree.nearest(sample.positions.row(row).data(), rows, squared_distances)) {}
+        : found(sample.tree->nearest(sample.positions.row(row).data(), rows, squared_distances)) {}
 
     double density() const {
         const double squared = found > 0 ? squared_distances[to_size(found - 1)] : 0.0;
@@ -77,8 +77,7 @@ FrameSample::FrameSample(double time, const OrientedPoints& frame, const Resampl
       rows(count, -1),
       spacing(pairs),
       positions(with_places(unit.apply(frame.positions), points)),
-      normals(with_normals(positions, frame.normals, points)),
-      tree(positions) {
+      normals(with_normals(positions, frame.normals, points)) {
     for (std::size_t i = 0; i < ids.size(); ++i) rows[to_size(ids[i])] = pairs + to_index(i);
     for (Index pair = 0; pair < pairs; ++pair)
         spacing[pair] = resampling.options().spacing * resampling.spacing(pair, t) / unit.scale;
@@ -94,18 +93,17 @@ double density(const FrameSample& sample, Index row) {
 
 MissingPoints::MissingPoints(const Resampling& resampling, std::span<const IndexPair> pairs,
                              const EndSamples& source, const EndSamples& target,
-                             const std::vector<Place>& chosen)
+                             const std::vector<Place>& chosen, Progress& progress)
     : resampling_(resampling),
       pairs_(pairs),
       source_(source),
       target_(target),
       chosen_(chosen),
-      triangles_(gap_triangles(source, target, pairs)),
+      triangles_(gap_triangles(source, target, pairs, progress)),
       covering_(triangles_.size()) {
     for (auto& numbers : covering_) numbers.fill(-1);
 }
 
-/// Triangles with corners so far apart that discs around them may leave a gap.
 std::vector<Index> MissingPoints::open_triangles(const FrameSample& sample,
                                                  Progress& progress) const {
     std::vector<char> is_open(triangles_.size());
@@ -115,7 +113,7 @@ std::vector<Index> MissingPoints::open_triangles(const FrameSample& sample,
                 is_wider_than(sample, i, kEmpty) &&
                 shows_front(sample.positions, sample.normals, triangles_[to_size(i)]);
     };
-    parallel_for(to_index(triangles_.size()), progress, look, 0.0, kOpened);
+    parallel_for(to_index(triangles_.size()), progress, look);
     std::vector<Index> result;
     for (Index i = 0; i < to_index(is_open.size()); ++i)
         if (is_open[to_size(i)]) result.push_back(i);
@@ -179,7 +177,7 @@ bool MissingPoints::is_sparse(const FrameSample& sample, Index row) {
 /// Which rows fail the test: corners of `open` triangles, and new points.
 std::vector<char> MissingPoints::sparse_rows(const FrameSample& sample, std::span<const Index> open,
                                              std::span<const char> dead, Progress& progress) {
-    const Index rows = sample.tree.size();
+    const Index rows = sample.tree->size();
     std::vector<char> sparse(to_size(rows));
     for (const Index i : open)
         for (const Index corner : triangles_[to_size(i)]) sparse[to_size(corner)] = 1;
@@ -188,15 +186,15 @@ std::vector<char> MissingPoints::sparse_rows(const FrameSample& sample, std::spa
         for (Index row = begin; row < end; ++row)
             sparse[to_size(row)] = sparse[to_size(row)] && is_sparse(sample, row);
     };
-    parallel_for(rows, progress, test, kOpened, kTested);
+    parallel_for(rows, progress, test, 0.0, kTested);
     return sparse;
 }
 
 /// Triangles that may take points.
 std::vector<MissingPoints::Gap> MissingPoints::gaps(const FrameSample& sample,
+                                                    std::span<const Index> open,
                                                     std::span<const char> dead,
                                                     Progress& progress) {
-    const std::vector<Index> open = open_triangles(sample, progress);
     const std::vector<char> sparse = sparse_rows(sample, open, dead, progress);
     std::vector<char> holds_sparse(triangles_.size());
     for (std::size_t a = 0; a < sample.ids.size(); ++a)
@@ -286,7 +284,7 @@ void MissingPoints::each_empty(const FrameSample& sample, Index triangle, double
                         return row >= 0 && counts(row) && covers(row);
                     };
                     if (std::ranges::any_of(covering, still_covers)) return true;
-                    const Index row = find(sample.tree, normals, place, normal, distance, counts);
+                    const Index row = find(*sample.tree, normals, place, normal, distance, counts);
                     if (row < 0) return take(point);
                     std::ranges::rotate(covering, covering.end() - 1);
                     covering.front() = number_of(sample, row);
@@ -295,12 +293,13 @@ void MissingPoints::each_empty(const FrameSample& sample, Index triangle, double
 }
 
 std::vector<MissingPoints::Place> MissingPoints::operator()(const FrameSample& sample,
+                                                            std::span<const Index> open,
                                                             std::span<const char> dead,
                                                             Progress& progress) {
     constexpr std::array<Index, kNearest> kNone{-1};
     nearest_.resize(pairs_.size() + chosen_.size(), kNone);
     constexpr Index kChunk = 64;
-    const std::vector<Gap> found_gaps = gaps(sample, dead, progress);
+    const std::vector<Gap> found_gaps = gaps(sample, open, dead, progress);
     coarser_ = coarser_for(sample, found_gaps);
     const auto count = to_index(found_gaps.size());
     std::vector<std::vector<Place>> found(to_size((count + kChunk - 1) / kChunk));

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <array>
+#include <optional>
 #include <span>
 #include <utility>
 #include <vector>
@@ -27,13 +28,14 @@ struct FrameSample {
     Values spacing;                     ///< of new points, by pair
     Positions positions;
     Normals normals;
-    KdTree<3> tree;  ///< over the rows
+    std::optional<KdTree<3>> tree;  ///< over the rows, once it has been planted
 
     /// `points` are alive and have these `ids`, of `count` in all.
     FrameSample(double t, const OrientedPoints& frame, const Resampling& resampling,
                 std::vector<InsertedPoint> points, std::vector<Index> ids, std::size_t count);
     FrameSample(FrameSample&&) = delete;  // the tree refers to the positions
 
+    void plant_tree() { tree.emplace(positions); }
     double spacing_at(const InsertedPoint& point) const;
 };
 
@@ -74,11 +76,15 @@ public:
     /// Keeps references to all. `chosen`, by id, are the points that there have been so far.
     MissingPoints(const Resampling& resampling, std::span<const IndexPair> pairs,
                   const EndSamples& source, const EndSamples& target,
-                  const std::vector<Place>& chosen);
+                  const std::vector<Place>& chosen, Progress& progress);
 
-    /// Points marked `dead` (by row after the pairs) cover no place any more.
-    std::vector<Place> operator()(const FrameSample& sample, std::span<const char> dead,
-                                  Progress& progress);
+    /// Triangles with corners so far apart that discs around them may leave a gap. Needs no tree.
+    std::vector<Index> open_triangles(const FrameSample& sample, Progress& progress) const;
+
+    /// `open` are the open triangles. Points marked `dead` (by row after the pairs) cover no place
+    /// any more.
+    std::vector<Place> operator()(const FrameSample& sample, std::span<const Index> open,
+                                  std::span<const char> dead, Progress& progress);
 
 private:
     static constexpr std::size_t kNearest = to_size(Resampling::kDensityNeighbors);
@@ -89,15 +95,14 @@ private:
         bool lacks_points;  ///< by the density test; else by the gap that discs leave
     };
 
-    std::vector<Index> open_triangles(const FrameSample& sample, Progress& progress) const;
     bool is_wider_than(const FrameSample& sample, Index triangle, double radius) const;
     bool is_too_low(const FrameSample& sample, double density, Index row) const;
     bool is_dense(const FrameSample& sample, Index row) const;
     bool is_sparse(const FrameSample& sample, Index row);
     std::vector<char> sparse_rows(const FrameSample& sample, std::span<const Index> open,
                                   std::span<const char> dead, Progress& progress);
-    std::vector<Gap> gaps(const FrameSample& sample, std::span<const char> dead,
-                          Progress& progress);
+    std::vector<Gap> gaps(const FrameSample& sample, std::span<const Index> open,
+                          std::span<const char> dead, Progress& progress);
     double coarser_for(const FrameSample& sample, std::span<const Gap> gaps) const;
     SampleDistance distance_in(const FrameSample& sample, const GapTriangle& corners) const;
     bool is_covered_at_an_end(const InsertedPoint& point, NeighborSearch& find) const;

@@ -1,7 +1,9 @@
 #include "pointmorph/frames/resampling.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <optional>
 #include <string>
 #include <utility>
 
@@ -20,12 +22,6 @@ namespace {
 constexpr double kCoherent = 1.5, kTorn = 3.0, kWidest = 1.5;
 /// Edges of even triangles between samples of spacing 1.
 constexpr double kEvenEdge = 1.0746;
-
-EndSamples end_samples(const Resampling::End& end, std::vector<Index> pairs, Progress& progress,
-                       double first, double last) {
-    const Progress::Part part(progress, first, last);
-    return EndSamples(end.cloud, std::move(pairs), end.neighbors, progress);
-}
 
 }  // namespace
 
@@ -51,15 +47,21 @@ Resampling::Resampling(End source, End target, std::span<const IndexPair> pairs,
     check(options.spacing, 0.25, 4.0, "resample_spacing");
     if (options.crowding) check(*options.crowding, 1.5, 100.0, "crowding");
 
-    constexpr double kFirst = 0.15, kBoth = 0.3;  // share of the time
-    const EndSamples from = end_samples(
-        source,
-        standing_for(pairs, &IndexPair::source, &IndexPair::target, source.cloud, target.cloud),
-        progress, 0.0, kFirst);
-    const EndSamples to = end_samples(
-        target,
-        standing_for(pairs, &IndexPair::target, &IndexPair::source, target.cloud, source.cloud),
-        progress, kFirst, kBoth);
+    constexpr double kBoth = 0.25, kTriangles = 0.3;  // share of the time
+    std::array<std::optional<EndSamples>, 2> ends;
+    {
+        const Progress::Part part(progress, 0.0, kBoth);
+        on_both(progress, [&](bool is_source, Progress& its) {
+            const Cloud &cloud = is_source ? source.cloud : target.cloud,
+                        &other = is_source ? target.cloud : source.cloud;
+            const auto sides = is_source ? std::pair(&IndexPair::source, &IndexPair::target)
+                                         : std::pair(&IndexPair::target, &IndexPair::source);
+            ends[is_source ? 0 : 1].emplace(
+                cloud, standing_for(pairs, sides.first, sides.second, cloud, other),
+                is_source ? source.neighbors : target.neighbors, its);
+        });
+    }
+    const EndSamples &from = *ends[0], &to = *ends[1];
     plan_.source_size = from.size;
     plan_.target_size = to.size;
     const auto count = to_index(pairs.size());
@@ -75,11 +77,15 @@ Resampling::Resampling(End source, End target, std::span<const IndexPair> pairs,
     }
     if (options.omega == 0.0 && !options.crowding) return;
 
-    const Progress::Part part(progress, kBoth, 1.0);
-    Lifetimes lifetimes(*this, pairs, from, to);
-    lifetimes.pass(frame_at, progress);
-    plan_.points = lifetimes.points();
-    plan_.hidden = lifetimes.hidden();
+    std::optional<Lifetimes> lifetimes;
+    {
+        const Progress::Part part(progress, kBoth, kTriangles);
+        lifetimes.emplace(*this, pairs, from, to, progress);
+    }
+    const Progress::Part part(progress, kTriangles, 1.0);
+    lifetimes->pass(frame_at, progress);
+    plan_.points = lifetimes->points();
+    plan_.hidden = lifetimes->hidden();
 }
 
 Resampling::Resampling(ResamplingPlan plan, Index pairs, const ResamplingOptions& options)

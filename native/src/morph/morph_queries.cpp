@@ -433,13 +433,13 @@ const Resampling& Morph::resampling(Progress& progress) const {
 Positions Morph::velocities(double t) const {
     const auto rows = static_cast<Eigen::Index>(pairs_.size());
     Positions before(rows, 3), after(rows, 3);
-    // On straight paths the whole way; else a piece short enough, but not the ends themselves,
-    // whose own numbers differ from the path's by rounding.
+    // On straight paths the whole way; else a piece short enough, from where the frame is, but not
+    // from the ends themselves, whose own numbers differ from the path's by rounding.
     const bool straight =
         options_.path_kind() == PathKind::kLinear && delays_.size() == 0 && legs_.empty();
-    constexpr double kStep = 1e-3, kInside = 1e-6;
-    const double first = straight ? 0.0 : std::max(t - kStep, kInside);
-    const double last = straight ? 1.0 : std::min(t + kStep, 1.0 - kInside);
+    constexpr double kStep = 1e-5, kInside = 1e-6;
+    const double first = straight ? 0.0 : std::clamp(t, kInside, 1.0 - kInside);
+    const double last = straight ? 1.0 : first + (first < 0.5 ? kStep : -kStep);
     frame<double>(first, {span_of(before), {}, {}, {}});
     frame<double>(last, {span_of(after), {}, {}, {}});
     return (after - before) / (last - first);

@@ -166,7 +166,7 @@ TEST(GapTriangles, BetweenTheSameModelTwiceAreItsTriangles) {
     const OrderedNeighbors near =
         ordered_neighbors(cloud.positions, Resampling::kNeighbors, progress);
     const EndSamples source(cloud, rows, &near, progress), target(cloud, rows, nullptr, progress);
-    const std::vector<GapTriangle> found = gap_triangles(source, target, pairs);
+    const std::vector<GapTriangle> found = gap_triangles(source, target, pairs, progress);
     double area = 0.0;
     for (const GapTriangle& corners : found) {
         EXPECT_TRUE(shows_front(source.positions, source.normals, corners));
