@@ -91,6 +91,7 @@ inline bool has_wide_registers() {
 #else
 #define POINTMORPH_INLINE inline
 #endif
+
 /// Has memory that is read soon brought into the caches.
 inline void fetch_early([[maybe_unused]] const void* place) {
 #if defined(__GNUC__)
