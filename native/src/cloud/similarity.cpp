@@ -2,12 +2,20 @@
 
 #include <Eigen/Eigenvalues>
 #include <Eigen/Geometry>
+#include <algorithm>
+#include <array>
 #include <cmath>
+#include <cstdint>
+#include <cstring>
 #include <optional>
+
+#include "base/compiler.hpp"
 
 namespace pointmorph {
 
 namespace {
+
+constexpr double kResidual = 1e-12;  // of a unit eigenvector
 
 /// The unit eigenvector of the largest eigenvalue of `k`, which belongs to the covariance `c`, by
 /// Newton's method on the characteristic polynomial (Horn 1987, section 4.C) and a column of the
@@ -51,10 +59,160 @@ std::optional<Eigen::Vector4d> clear_eigenvector(const Eigen::Matrix4d& k, const
     adjugate.diagonal().cwiseAbs().maxCoeff(&column);
     Eigen::Vector4d q = adjugate.col(column);
     q.normalize();
-    constexpr double kResidual = 1e-12;
     if (!((m * q).squaredNorm() < kResidual * kResidual)) return std::nullopt;
     eigenvalue = x * size;
     return q;
+}
+
+/// Entries of several matrices side by side, row by row.
+constexpr std::size_t kSideBySide = 4;
+using NineOfFour = std::array<std::array<double, kSideBySide>, 9>;
+
+/// Rotations, and whether they were found.
+struct FourRotations {
+    NineOfFour rotation;
+    std::array<double, kSideBySide> trace;
+    std::array<bool, kSideBySide> is_clear;
+};
+
+template <class Numbers>
+POINTMORPH_INLINE void take_roots(Numbers& numbers) {
+    std::array<double, kSideBySide> each;
+    std::memcpy(each.data(), &numbers, sizeof numbers);
+    for (double& number : each) number = std::sqrt(number);
+    std::memcpy(&numbers, each.data(), sizeof numbers);
+}
+
+template <class Mask>
+POINTMORPH_INLINE std::array<bool, kSideBySide> each_of(const Mask& mask) {
+    std::array<std::int64_t, kSideBySide> numbers;
+    std::memcpy(numbers.data(), &mask, sizeof mask);
+    std::array<bool, kSideBySide> result;
+    for (std::size_t k = 0; k < kSideBySide; ++k) result[k] = numbers[k] != 0;
+    return result;
+}
+
+/// A symmetric 4 × 4 matrix with its 2 × 2 minors of the upper and of the lower two rows.
+template <class Numbers>
+struct WithMinors {
+    Numbers m[4][4], upper[6], lower[6];
+
+    POINTMORPH_INLINE void find_minors() {
+        constexpr int kColumns[6][2] = {{0, 1}, {0, 2}, {0, 3}, {1, 2}, {1, 3}, {2, 3}};
+        for (int k = 0; k < 6; ++k) {
+            const auto [i, j] = kColumns[k];
+            upper[k] = m[0][i] * m[1][j] - m[0][j] * m[1][i];
+            lower[k] = m[2][i] * m[3][j] - m[2][j] * m[3][i];
+        }
+    }
+    /// Of the adjugate, the column of the largest diagonal.
+    POINTMORPH_INLINE void largest_column(Numbers (&q)[4]) const {
+        const auto &s = upper, &c = lower;
+        Numbers a[4][4];
+        a[0][0] = m[1][1] * c[5] - m[1][2] * c[4] + m[1][3] * c[3];
+        a[0][1] = -m[0][1] * c[5] + m[0][2] * c[4] - m[0][3] * c[3];
+        a[0][2] = m[3][1] * s[5] - m[3][2] * s[4] + m[3][3] * s[3];
+        a[0][3] = -m[2][1] * s[5] + m[2][2] * s[4] - m[2][3] * s[3];
+        a[1][1] = m[0][0] * c[5] - m[0][2] * c[2] + m[0][3] * c[1];
+        a[1][2] = -m[3][0] * s[5] + m[3][2] * s[2] - m[3][3] * s[1];
+        a[1][3] = m[2][0] * s[5] - m[2][2] * s[2] + m[2][3] * s[1];
+        a[2][2] = m[3][0] * s[4] - m[3][1] * s[2] + m[3][3] * s[0];
+        a[2][3] = -m[2][0] * s[4] + m[2][1] * s[2] - m[2][3] * s[0];
+        a[3][3] = m[2][0] * s[3] - m[2][1] * s[1] + m[2][2] * s[0];
+        for (int i = 1; i < 4; ++i)
+            for (int j = 0; j < i; ++j) a[i][j] = a[j][i];
+        Numbers most = a[0][0] < Numbers{} ? -a[0][0] : a[0][0];
+        for (int i = 0; i < 4; ++i) q[i] = a[0][i];
+        for (int k = 1; k < 4; ++k) {
+            const Numbers size = a[k][k] < Numbers{} ? -a[k][k] : a[k][k];
+            const auto is_more = size > most;
+            most = is_more ? size : most;
+            for (int i = 0; i < 4; ++i) q[i] = is_more ? a[k][i] : q[i];
+        }
+    }
+};
+
+/// Unit quaternions as rotations.
+template <class Numbers>
+POINTMORPH_INLINE void turn_by(const Numbers (&q)[4], NineOfFour& rotation) {
+    const Numbers one = Numbers{} + 1.0;
+    const Numbers x = 2.0 * q[1], y = 2.0 * q[2], z = 2.0 * q[3];
+    const Numbers wx = x * q[0], wy = y * q[0], wz = z * q[0], xx = x * q[1], xy = y * q[1],
+                  xz = z * q[1], yy = y * q[2], yz = z * q[2], zz = z * q[3];
+    const Numbers entries[9] = {one - (yy + zz), xy - wz, xz + wy, xy + wz,        one - (xx + zz),
+                                yz - wx,         xz - wy, yz + wx, one - (xx + yy)};
+    for (std::size_t k = 0; k < 9; ++k)
+        std::memcpy(rotation[k].data(), &entries[k], sizeof entries[k]);
+}
+
+/// clear_eigenvector() of several covariances side by side.
+template <class Numbers>
+POINTMORPH_INLINE void fit_four(const NineOfFour& covariances, FourRotations& found) {
+    const Numbers one = Numbers{} + 1.0;
+    Numbers u[9], square{};
+    for (std::size_t k = 0; k < 9; ++k) {
+        std::memcpy(&u[k], covariances[k].data(), sizeof u[k]);
+        square += u[k] * u[k];
+    }
+    auto is_clear = (square > Numbers{} + 1e-280) & (square < Numbers{} + 1e280);
+    Numbers size = is_clear ? square : one;
+    take_roots(size);
+    const Numbers over = one / size;
+    for (Numbers& entry : u) entry *= over;
+    const Numbers linear =
+        -8.0 * (u[0] * (u[4] * u[8] - u[5] * u[7]) - u[1] * (u[3] * u[8] - u[5] * u[6]) +
+                u[2] * (u[3] * u[7] - u[4] * u[6]));
+    WithMinors<Numbers> k;
+    const Numbers diagonal[4] = {u[0] + u[4] + u[8], u[0] - u[4] - u[8], u[4] - u[0] - u[8],
+                                 u[8] - u[0] - u[4]};
+    for (int i = 0; i < 4; ++i) k.m[i][i] = diagonal[i];
+    k.m[0][1] = k.m[1][0] = u[7] - u[5];
+    k.m[0][2] = k.m[2][0] = u[2] - u[6];
+    k.m[0][3] = k.m[3][0] = u[3] - u[1];
+    k.m[1][2] = k.m[2][1] = u[1] + u[3];
+    k.m[1][3] = k.m[3][1] = u[2] + u[6];
+    k.m[2][3] = k.m[3][2] = u[5] + u[7];
+    k.find_minors();
+    const auto &s = k.upper, &c = k.lower;
+    const Numbers constant =
+        s[0] * c[5] - s[1] * c[4] + s[2] * c[3] + s[3] * c[2] - s[4] * c[1] + s[5] * c[0];
+    Numbers x = Numbers{} + std::sqrt(3.0);
+    auto goes_on = is_clear;
+    constexpr int kMostSteps = 12;
+    for (int step = 0; step < kMostSteps; ++step) {
+        const Numbers slope = (4.0 * x * x - 4.0) * x + linear;
+        const auto is_steep = slope > Numbers{} + 1e-3;  // else a double root is near
+        is_clear &= is_steep | ~goes_on;
+        goes_on &= is_steep;
+        const Numbers down =
+            (((x * x - 2.0) * x + linear) * x + constant) / (is_steep ? slope : one);
+        x -= goes_on ? down : Numbers{};
+        goes_on &= (down > Numbers{} + 1e-13) | (down < Numbers{} - 1e-13);
+        if (each_of(goes_on) == std::array<bool, kSideBySide>{}) break;
+    }
+    for (int i = 0; i < 4; ++i) k.m[i][i] = diagonal[i] - x;
+    k.find_minors();
+    Numbers q[4], left{};
+    k.largest_column(q);
+    Numbers length = q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3];
+    is_clear &= length > Numbers{} + 1e-300;
+    length = is_clear ? length : one;
+    take_roots(length);
+    for (Numbers& part : q) part /= length;
+    for (int i = 0; i < 4; ++i) {
+        const Numbers off =
+            k.m[i][0] * q[0] + k.m[i][1] * q[1] + k.m[i][2] * q[2] + k.m[i][3] * q[3];
+        left += off * off;
+    }
+    is_clear &= left < Numbers{} + kResidual * kResidual;
+    turn_by(q, found.rotation);
+    const Numbers trace = x * size;
+    std::memcpy(found.trace.data(), &trace, sizeof trace);
+    found.is_clear = each_of(is_clear);
+}
+
+POINTMORPH_WIDE void fit_four_wide(const NineOfFour& covariances, FourRotations& found) {
+    fit_four<Four>(covariances, found);
 }
 
 }  // namespace
@@ -75,6 +233,31 @@ BestRotation best_rotation(const Matrix3& covariance) {
     if (const auto q = clear_eigenvector(k, c, trace)) return {rotation(*q), trace};
     const Eigen::SelfAdjointEigenSolver<Eigen::Matrix4d> solver(k);
     return {rotation(solver.eigenvectors().col(3)), solver.eigenvalues()[3]};
+}
+
+void best_rotations(std::span<const Matrix3> covariances, std::span<BestRotation> best) {
+    NineOfFour some;
+    FourRotations found;
+    for (std::size_t first = 0; first < covariances.size(); first += kSideBySide) {
+        const std::size_t count = std::min(kSideBySide, covariances.size() - first);
+        for (std::size_t n = 0; n < kSideBySide; ++n) {
+            const Matrix3& c = covariances[first + std::min(n, count - 1)];
+            for (std::size_t k = 0; k < 9; ++k)
+                some[k][n] = c(static_cast<Eigen::Index>(k / 3), static_cast<Eigen::Index>(k % 3));
+        }
+        has_wide_registers() ? fit_four_wide(some, found) : fit_four<Four>(some, found);
+        for (std::size_t n = 0; n < count; ++n) {
+            BestRotation& its = best[first + n];
+            if (!found.is_clear[n]) {
+                its = best_rotation(covariances[first + n]);
+                continue;
+            }
+            for (std::size_t k = 0; k < 9; ++k)
+                its.rotation(static_cast<Eigen::Index>(k / 3), static_cast<Eigen::Index>(k % 3)) =
+                    found.rotation[k][n];
+            its.trace = found.trace[n];
+        }
+    }
 }
 
 Positions Similarity::apply(const Positions& positions) const {

@@ -319,13 +319,17 @@ void fit_similarities(const Positions& positions, const DeformationGraph& graph,
         }
         moments.swap(average);
     }
+    std::vector<Matrix3> covariances(to_size(count));
+    for (std::size_t i = 0; i < covariances.size(); ++i)
+        covariances[i] = Eigen::Map<const Matrix3>(moments[i].data());
+    std::vector<BestRotation> best(covariances.size());
+    best_rotations(covariances, best);
     deformation.rotations.resize(to_size(count));
     deformation.scales.resize(count);
     for (Index i = 0; i < count; ++i) {
-        const auto& m = moments[to_size(i)];
-        const auto best = best_rotation(Eigen::Map<const Matrix3>(m.data()));
-        deformation.rotations[to_size(i)] = best.rotation;
-        const double scale = best.trace / std::max(m[9], 1e-300);
+        const auto& [rotation, trace] = best[to_size(i)];
+        deformation.rotations[to_size(i)] = rotation;
+        const double scale = trace / std::max(moments[to_size(i)][9], 1e-300);
         deformation.scales[i] = std::clamp(scale, 1.0 / largest_scale, largest_scale);
     }
 }

@@ -5,6 +5,8 @@
 #include <Eigen/LU>
 #include <Eigen/SVD>
 
+#include <vector>
+
 #include "shapes.hpp"
 
 namespace pointmorph {
@@ -21,24 +23,54 @@ TEST(Similarity, BestRotationBeatsAllOthers) {
     }
 }
 
+/// Clear covariances; then flat ones, lines, reflected ones, and all but reflected to the same
+/// turn.
+std::vector<Matrix3> covariances() {
+    const Matrix3 u = shapes::rotation(1), v = shapes::rotation(2);
+    std::vector<Matrix3> result;
+    for (const Vector3& s : {Vector3(3, 2, 1), Vector3(1, 1, 1), Vector3(2, 1, 0), Vector3(1, 0, 0),
+                             Vector3(1, 1e-9, 0), Vector3(3, 2, -1), Vector3(2, 1, -1),
+                             Vector3(2, 1, -1 + 1e-7), Vector3(1, 1, -1), Vector3(2, 1, -0.999)})
+        for (const double size : {1e-140, 1e-9, 1.0, 1e100})
+            result.push_back(size * u * s.asDiagonal() * v);
+    for (unsigned seed = 1; seed < 20; ++seed) result.push_back(shapes::cube_noise(3, seed));
+    return result;
+}
+
 TEST(Similarity, BestRotationAgreesWithSingularValues) {
-    const auto check = [](const Matrix3& c) {
+    const auto check = [](const Matrix3& c, const BestRotation& best) {
         const Eigen::JacobiSVD<Matrix3> svd(c, Eigen::ComputeFullU | Eigen::ComputeFullV);
         const double sign = (svd.matrixU() * svd.matrixV().transpose()).determinant();
         const Vector3 s = svd.singularValues();
         const double trace = s[0] + s[1] + sign * s[2];
-        const auto best = best_rotation(c);
         EXPECT_NEAR(best.trace, trace, 1e-12 * s[0]);
         EXPECT_NEAR((best.rotation.transpose() * c).trace(), trace, 1e-12 * s[0]);
         EXPECT_LT((best.rotation * best.rotation.transpose() - Matrix3::Identity()).norm(), 1e-12);
     };
-    const Matrix3 u = shapes::rotation(1), v = shapes::rotation(2);
-    // Clear cases; then flat, a line, reflected, and all but reflected to the same turn.
-    for (const Vector3& s : {Vector3(3, 2, 1), Vector3(1, 1, 1), Vector3(2, 1, 0), Vector3(1, 0, 0),
-                             Vector3(1, 1e-9, 0), Vector3(3, 2, -1), Vector3(2, 1, -1),
-                             Vector3(2, 1, -1 + 1e-7), Vector3(1, 1, -1), Vector3(2, 1, -0.999)})
-        for (const double size : {1e-140, 1e-9, 1.0, 1e100}) check(size * u * s.asDiagonal() * v);
-    EXPECT_TRUE(best_rotation(Matrix3::Zero()).rotation.allFinite());
+    const std::vector<Matrix3> all = covariances();
+    for (const Matrix3& c : all) check(c, best_rotation(c));
+    std::vector<BestRotation> best(all.size());
+    best_rotations(all, best);
+    for (std::size_t k = 0; k < all.size(); ++k) check(all[k], best[k]);
+}
+
+TEST(Similarity, BestRotationOfNothingIsARotation) {
+    const std::vector<Matrix3> none(3, Matrix3::Zero());
+    std::vector<BestRotation> best(3);
+    best_rotations(none, best);
+    for (const BestRotation& its : best) EXPECT_NEAR(its.rotation.determinant(), 1.0, 1e-12);
+    EXPECT_NEAR(best_rotation(none.front()).rotation.determinant(), 1.0, 1e-12);
+}
+
+TEST(Similarity, BestRotationsDontDependOnWhatIsBesideThem) {
+    const std::vector<Matrix3> all = covariances();
+    std::vector<BestRotation> together(all.size()), alone(1);
+    best_rotations(all, together);
+    for (std::size_t k = 0; k < all.size(); ++k) {
+        best_rotations({&all[k], 1}, alone);
+        EXPECT_EQ(alone.front().rotation, together[k].rotation);
+        EXPECT_EQ(alone.front().trace, together[k].trace);
+    }
 }
 
 TEST(Similarity, RecoversAKnownOne) {

@@ -1,6 +1,8 @@
 // Stage `similarity`: the turn, scale and translation that best take points to points.
 #pragma once
 
+#include <span>
+
 #include "pointmorph/base/types.hpp"
 
 namespace pointmorph {
@@ -12,6 +14,8 @@ struct BestRotation {
     double trace;
 };
 BestRotation best_rotation(const Matrix3& covariance);
+/// Those of several, but for rounding, in a third of the time. `best` has as many.
+void best_rotations(std::span<const Matrix3> covariances, std::span<BestRotation> best);
 
 /// p ↦ scale · rotation · p + translation.
 struct Similarity {
