@@ -19,8 +19,9 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -242,17 +243,25 @@ def threads_of_map(runs: int) -> tuple[str, Values]:
     return pair.name, {"threads": ratios(*of, runs)}
 
 
-def operator(runs: int) -> tuple[str, Values]:
-    """In the Blender that is a package of this Python, with the add-on of this folder."""
+@contextmanager
+def blender() -> Iterator[Any]:
+    """The Blender that is a package of this Python, with the add-on of this folder; gives what
+    makes scenes for its tests."""
     sys.path[:0] = [str(ROOT / "blender_tests"), str(ROOT / "blender_tests" / "headless")]
     import installing
 
     with tempfile.TemporaryDirectory() as folder:
         os.environ.update(installing.user_folders(folder))
-        import bpy
         import scenes
 
         installing.install()
+        yield scenes
+
+
+def operator(runs: int) -> tuple[str, Values]:
+    with blender() as scenes:
+        import bpy
+
         pair = sampled((98_250, 84_348))
         clouds = list(zip(("Source", "Target"), pair.clouds, strict=True))
         scenes.pick(*(scenes.add_mesh(name, cloud.positions) for name, cloud in clouds))
@@ -260,6 +269,44 @@ def operator(runs: int) -> tuple[str, Values]:
         bpy.ops.pointmorph.morph()  # groups of nodes are made once
         found = ratios(lambda: pointmorph.morph(*bare), bpy.ops.pointmorph.morph, runs)
     return pair.name, {"operator": found}
+
+
+def playing(shown: Any, runs: int) -> list[float]:
+    """How long Blender takes to go to another frame of what is shown, in ms, without drawing it. A
+    run is the median of many."""
+    import bpy
+
+    slider = shown.data.shape_keys.key_blocks["Morph"]
+    moments = iter(np.linspace(0.05, 0.95, FRAMES * runs + 2))
+
+    def go() -> None:
+        slider.value = next(moments)
+        bpy.context.view_layer.update()
+
+    go(), go()  # what is made ahead is made, on both sides of the driver
+    each = [1000 * seconds(go) for _ in range(FRAMES * runs)]
+    return [statistics.median(each[k::runs]) for k in range(runs)]
+
+
+def playback(runs: int) -> tuple[str, Values]:
+    """Points and discs of two clouds, and the source's faces of two meshes."""
+    with blender() as scenes:
+        import bpy
+
+        found: Values = {}
+        pair = sampled((120_008, 100_009))
+        clouds = list(zip(("Source", "Target"), pair.clouds, strict=True))
+        scenes.pick(*(scenes.add_mesh(name, cloud.positions) for name, cloud in clouds))
+        points = scenes.morph()
+        found["playback_points"] = playing(points, runs)
+        bpy.ops.pointmorph.show_as(kind="DISCS")
+        found["playback_discs"] = playing(points, runs)
+        bpy.data.objects.remove(points)
+        both = shapes()[1]
+        scenes.pick(*(scenes.add_mesh(s.name, s.positions, s.faces) for s in both))
+        bpy.context.scene.pointmorph.show_as = "MESH"
+        found["playback_mesh"] = playing(scenes.morph(), runs)
+    return pair.name, found
 
 
 def copying(size: int) -> Callable[[], None]:
@@ -326,6 +373,7 @@ def measured(name: str, runs: int) -> tuple[str, Values]:
             sampled(closed), name, runs, marked=True, **paper, domain="sphere"
         ),
         "operator": lambda: operator(runs),
+        "playback": lambda: playback(runs),
         "threads": lambda: threads_of_map(runs),
         "threads_command": lambda: threads_of_command(runs),
         "frames": lambda: frames(runs),

@@ -90,6 +90,7 @@ def _command(name: str, points: str, limits: tuple[float, float]) -> Measurement
 
 _PAPER = "`--method paper`, 98,250 / 84,348 points"
 _OPERATOR = "`bpy.ops.pointmorph.morph()`, 98,250 / 84,348 vertices"
+_FRAME = "to another frame in Blender, not drawn"
 _THREADS = "one thread over two, 1,000,000 points each"
 MEASUREMENTS = (
     _one("marks", "default, 98,250 / 84,348 points, eight marks", 4.0),
@@ -122,6 +123,14 @@ MEASUREMENTS = (
         (
             Row("frame_linear", "frame of 200,000 pairs, linear, of a copy", "%", 80, True),
             Row("frame_rigid", "frame of 200,000 pairs, rigid, of a copy", "%", 30, True),
+        ),
+    ),
+    Measurement(
+        "playback",
+        (
+            Row("playback_points", f"{_FRAME}, 161,000 points", "ms"),
+            Row("playback_discs", f"{_FRAME}, 161,000 discs", "ms"),
+            Row("playback_mesh", f"{_FRAME}, a mesh of 49,999 vertices", "ms"),
         ),
     ),
     Measurement(
