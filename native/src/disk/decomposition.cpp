@@ -9,10 +9,10 @@
 #include <optional>
 #include <utility>
 
+#include "disk/cut_ground.hpp"
 #include "pointmorph/base/error.hpp"
 #include "pointmorph/base/parallel.hpp"
 #include "pointmorph/cloud/cloud.hpp"
-#include "surface/coarse_cloud.hpp"
 
 namespace pointmorph {
 
@@ -429,21 +429,36 @@ Index first_astray(std::span<const Patch> patches, const CutRequest& request) {
     return -1;
 }
 
+/// Extremities away from all features, of the `most` most prominent ones; rows of the cloud.
+UnmarkedExtremities unmarked(const CutGround& ground, Index most) {
+    UnmarkedExtremities result;
+    const auto& all = ground.extremities;
+    for (const Extremity& e : std::span(all).first(std::min(all.size(), to_size(most))))
+        if ((ground.from.row(e.point).array() >= kMarked).all()) result.rows.push_back(e.point);
+    result.distances = ground.from(result.rows, Eigen::all);
+    for (Index& row : result.rows) row = ground.coarse.rows[to_size(row)];
+    return result;
+}
+
 }  // namespace
 
-Decomposition decompose(const SampledSurface& surface, const KdTree<3>& tree,
-                        const CutRequest& request, const DecompositionOptions& options,
-                        Progress& progress) {
+Decomposition decompose(const CutGround& given, const CutRequest& request,
+                        const DecompositionOptions& options, Progress& progress) {
+    std::optional<CutGround> in_order;
+    if (!std::ranges::equal(given.features(), request.features))
+        in_order.emplace(given, request.features);
+    const CutGround& ground = in_order ? *in_order : given;
+    const SampledSurface& surface = ground.surface;
+    const CoarseCloud& coarse = ground.coarse;
+    const Eigen::MatrixXd& from = ground.from;
     const auto corners = to_index(request.loop.size());
-    const CoarseCloud coarse(surface, tree, request.features, options.points, progress);
-
-    const Eigen::MatrixXd from = distances_from_features(coarse, request.features.size());
     std::vector<SurfaceCurve> paths = guided_paths(coarse, from, corners, options, progress);
     std::vector<Index> rounds(paths.size(), options.straightening);
     Decomposition result;
     std::array<Index, 2> sizes;
     for (Index repairs = 0;; ++repairs) {
-        ClosedCurve closed = traced(surface, tree, coarse, paths, rounds, request.loop, progress);
+        ClosedCurve closed =
+            traced(surface, ground.tree, coarse, paths, rounds, request.loop, progress);
         const CurveSides sides(closed.curve);
         const Values left = walk(coarse, sides, corners);
         require_two_sides(left, corners, surface.name);
@@ -468,33 +483,28 @@ Decomposition decompose(const SampledSurface& surface, const KdTree<3>& tree,
     }
 
     const Index smaller = std::min(sizes[0], sizes[1]);
-    if (static_cast<double>(smaller) / static_cast<double>(tree.size()) < options.smallest_share)
+    if (smaller < options.smallest_share * surface.size())
         throw TopologyError(surface.name, "a loop that divides the surface into two patches",
                             "one patch with " + std::to_string(smaller) + " of " +
-                                std::to_string(tree.size()) + " points",
+                                std::to_string(surface.size()) + " points",
                             "Run the loop around the whole shape, such as through the tips of all "
                             "limbs in the order they occur.");
 
-    result.unmarked = unmarked_extremities(coarse, from, options.extremities, progress);
+    result.unmarked = unmarked(ground, options.extremities);
     return result;
+}
+
+Decomposition decompose(const SampledSurface& surface, const KdTree<3>& tree,
+                        const CutRequest& request, const DecompositionOptions& options,
+                        Progress& progress) {
+    return decompose(CutGround(surface, tree, request.features, options, progress), request,
+                     options, progress);
 }
 
 FeatureReach feature_reach(const SampledSurface& surface, const KdTree<3>& tree,
                            std::span<const Index> features, const DecompositionOptions& options,
                            Progress& progress) {
-    const CoarseCloud coarse(surface, tree, features, options.points, progress);
-    const Eigen::MatrixXd from = distances_from_features(coarse, features.size());
-    const auto count = static_cast<Eigen::Index>(features.size());
-    FeatureReach reach{from.topRows(count).transpose(), std::vector<char>(features.size(), 0)};
-    constexpr Index kMost = 100;
-    if (count == 0) return reach;
-    for (const Extremity& extremity : extremities(coarse, kMost, progress)) {
-        // The nearest feature marks it, if it's near enough.
-        Eigen::Index nearest_feature;
-        if (from.row(extremity.point).minCoeff(&nearest_feature) <= kMarked)
-            reach.at_extremity[to_size(nearest_feature)] = 1;
-    }
-    return reach;
+    return feature_reach(CutGround(surface, tree, features, options, progress));
 }
 
 std::vector<Index> propose_loop(const FeatureReach& source, const FeatureReach& target) {

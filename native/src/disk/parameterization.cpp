@@ -1,15 +1,14 @@
 #include "pointmorph/disk/parameterization.hpp"
 
-#include <Eigen/IterativeLinearSolvers>
 #include <Eigen/SparseCore>
 #include <algorithm>
 #include <array>
 #include <chrono>
 #include <cmath>
-#include <functional>
 #include <numeric>
 #include <utility>
 
+#include "disk/disk_system.hpp"
 #include "pointmorph/base/error.hpp"
 #include "pointmorph/base/parallel.hpp"
 #include "pointmorph/cloud/kd_tree.hpp"
@@ -127,41 +126,6 @@ Index connect(Nodes& nodes, const Neighborhoods& nearest, bool join_parts,
     return to_index(std::llround(points));
 }
 
-/// An incomplete Cholesky factor that polls the caller between two iterations.
-class PollingPreconditioner {
-public:
-    using StorageIndex = SparseMatrix::StorageIndex;
-    enum { ColsAtCompileTime = Eigen::Dynamic, MaxColsAtCompileTime = Eigen::Dynamic };
-
-    /// To be called before `compute`.
-    void share(const Eigen::IncompleteCholesky<double>& factor, std::function<void()> poll) {
-        factor_ = &factor;
-        poll_ = std::move(poll);
-    }
-
-    template <class Matrix>
-    PollingPreconditioner& analyzePattern(const Matrix&) {
-        return *this;
-    }
-    template <class Matrix>
-    PollingPreconditioner& factorize(const Matrix&) {
-        return *this;
-    }
-    template <class Matrix>
-    PollingPreconditioner& compute(const Matrix&) {
-        return *this;
-    }
-    Eigen::VectorXd solve(const Eigen::VectorXd& b) const {
-        poll_();
-        return factor_->solve(b);
-    }
-    Eigen::ComputationInfo info() const { return Eigen::Success; }
-
-private:
-    const Eigen::IncompleteCholesky<double>* factor_ = nullptr;
-    std::function<void()> poll_;
-};
-
 /// Solves eq. (2) for the nodes that aren't on the boundary. Multiplied by the sum of its weights,
 /// row i reads Σ_j w_ij (u_i − u_j) = 0 with w_ij = 1 / ‖x_i − x_j‖, which makes the system
 /// symmetric and positive definite: conjugate gradients with an incomplete Cholesky factor.
@@ -203,43 +167,17 @@ DiskPoints solve(const Nodes& nodes, const ParameterizationOptions& options,
     }
     matrix.makeCompressed();
     progress.report(0.0);
-    const Eigen::IncompleteCholesky<double> factor(matrix);
-
-    // Both coordinates in parallel; only the calling thread polls.
-    std::array<Eigen::VectorXd, 2> solution;
-    std::array<Index, 2> iterations{};
-    std::array<double, 2> residual{};
-    parallel_invoke(2, [&](int axis, bool owner) {
-        using Solver = Eigen::ConjugateGradient<SparseMatrix, Eigen::Lower | Eigen::Upper,
-                                                PollingPreconditioner>;
-        Solver solver;
-        Index done = 0;
-        solver.preconditioner().share(factor, [&, owner] {
-            // The residual falls roughly geometrically, in a hundred iterations or so.
-            const double share = 1.0 - 1.0 / (1.0 + static_cast<double>(done++) / 100.0);
-            if (owner) progress.poll(share);
-            if (progress.cancelled()) throw Cancelled();
-        });
-        solver.setTolerance(options.tolerance);
-        solver.setMaxIterations(options.max_iterations);
-        solver.compute(matrix);
-        const auto a = to_size(axis);
-        const Eigen::VectorXd b = right.col(axis);
-        solution[a] = solver.solve(b);
-        iterations[a] = to_index(solver.iterations());
-        residual[a] = solver.error();
-    });
-    progress.throw_if_cancelled();
-    result.iterations = std::ranges::max(iterations);
-    result.relative_residual = std::ranges::max(residual);
+    const DiskSolution solution =
+        solve_for_disk(matrix, right, options.tolerance, options.max_iterations, progress);
+    result.iterations = solution.iterations;
+    result.relative_residual = solution.relative_residual;
     if (!(result.relative_residual <= options.tolerance))
         throw ConvergenceError(name, "a relative residual of " + in_short(options.tolerance),
                                in_short(result.relative_residual) + " after " +
                                    std::to_string(result.iterations) + " iterations",
                                "Raise solver_max_iterations or solver_tolerance.");
     for (Index i = 0; i < nodes.size(); ++i)
-        if (const Index row = unknown[to_size(i)]; row >= 0)
-            disk.row(i) << solution[0][row], solution[1][row];
+        if (const Index row = unknown[to_size(i)]; row >= 0) disk.row(i) = solution.points.row(row);
     result.solve_seconds = std::chrono::duration<double>(Clock::now() - start).count();
     return disk;
 }

@@ -81,25 +81,26 @@ struct Astray {
     }
 };
 
-/// Cuts one of the shapes, with features on `wanted` patches where any are wanted.
-Decomposition cut_open(const PreparedShape& shape, std::span<const Index> features,
-                       std::span<const std::string> loop, std::span<const Patch> wanted,
-                       const DecompositionOptions& options, Progress& progress) {
-    return decompose(shape.surface(), KdTree<3>(shape.positions), {features, loop, wanted}, options,
-                     progress);
-}
-
 /// How far a point lies from the curve, in lengths of the curve.
 double distance_from_curve(const PreparedShape& shape, const Decomposition& cut, Index row) {
     return (cut.curve.points.rowwise() - shape.positions.row(row)).rowwise().norm().minCoeff() /
            curve_length(cut.curve.points);
 }
 
+/// What is cut, and along which of its features.
+struct CutTask {
+    const RouteInput& input;
+    const LoopFeatures& known;
+    std::span<const std::string> loop;
+    const DecompositionOptions& options;
+};
+
 /// Both shapes cut so that all features lie on the same side of both curves. Where a feature
 /// doesn't, the curve that passes nearer to it is led round it, to where the other one has it.
-Cuts cut_alike(const RouteInput& input, const LoopFeatures& known,
-               std::span<const std::string> loop, const DecompositionOptions& options,
-               std::vector<std::string>& warnings, Progress& progress) {
+Cuts cut_alike(const CutTask& task, const CutGrounds& grounds, std::vector<std::string>& warnings,
+               Progress& progress) {
+    const RouteInput& input = task.input;
+    const LoopFeatures& known = task.known;
     std::vector<Index> source_rows, target_rows;
     for (const PointFeature& f : known.all) {
         source_rows.push_back(f.rows.source);
@@ -108,15 +109,16 @@ Cuts cut_alike(const RouteInput& input, const LoopFeatures& known,
     const auto cut = [&](bool is_source, double first, double last, Progress& its,
                          std::span<const Patch> wanted = {}) {
         const Progress::Part part(its, first, last);
-        return cut_open(is_source ? input.source : input.target,
-                        is_source ? source_rows : target_rows, loop, wanted, options, its);
+        return decompose(grounds[is_source],
+                         {is_source ? source_rows : target_rows, task.loop, wanted}, task.options,
+                         its);
     };
     Cuts cuts;
     on_both(progress, [&](bool is_source, Progress& its) {
         if (is_source)
-            cuts.source = cut(true, 0.0, 0.4, its);
+            cuts.source = cut(true, 0.2, 0.5, its);
         else
-            cuts.target = cut(false, 0.4, 0.8, its);
+            cuts.target = cut(false, 0.5, 0.8, its);
     });
     const Astray astray(cuts, known.all);
     if (astray.features.empty()) return cuts;
@@ -294,14 +296,41 @@ private:
 
 }  // namespace
 
+CutGrounds::CutGrounds(const RouteInput& input, std::span<const IndexPair> features,
+                       const DecompositionOptions& options, Progress& progress) {
+    on_both(progress, [&](bool is_source, Progress& its) {
+        const PreparedShape& shape = is_source ? input.source : input.target;
+        Side& side = sides_[is_source ? 0 : 1];
+        std::vector<Index> rows;
+        for (const IndexPair& f : features) rows.push_back(is_source ? f.source : f.target);
+        side.tree.emplace(shape.positions);
+        side.ground.emplace(shape.surface(), *side.tree, rows, options, its);
+    });
+}
+
+bool CutGrounds::have(std::span<const IndexPair> features) const {
+    std::vector<Index> on_source, on_target;
+    for (const IndexPair& f : features) {
+        on_source.push_back(f.source);
+        on_target.push_back(f.target);
+    }
+    return (*this)[true].has(on_source) && (*this)[false].has(on_target);
+}
+
 RouteResult match_in_patches(const RouteInput& input, std::span<const std::string> loop,
-                             const CutRouteOptions& options, Progress& progress) {
+                             const CutGrounds* known_grounds, const CutRouteOptions& options,
+                             Progress& progress) {
     RouteResult result;
     result.domain = "cut";
     progress.enter("decomposition");
     const LoopFeatures known(point_features(input, {}, progress), loop);
-    const Cuts cuts =
-        cut_alike(input, known, loop, options.decomposition, result.warnings, progress);
+    std::optional<CutGrounds> own;
+    if (!known_grounds || !known_grounds->have(rows_of(known.all))) {
+        const Progress::Part part(progress, 0.0, 0.2);
+        own.emplace(input, rows_of(known.all), options.decomposition, progress);
+    }
+    const Cuts cuts = cut_alike({input, known, loop, options.decomposition},
+                                own ? *own : *known_grounds, result.warnings, progress);
     const RimAngles angles =
         rim_angles(cuts.source.curve, cuts.source.corners, cuts.target.curve, cuts.target.corners,
                    options.patches.parameterization.boundary_spacing);

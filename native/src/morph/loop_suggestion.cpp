@@ -22,8 +22,9 @@ std::vector<std::string> suggest_loop(const MorphInput& given, const MorphOption
     progress.enter("decomposition");
     const std::vector<Feature> features =
         canonical(input.features, shapes.source.sorted_rows, shapes.target.sorted_rows);
-    std::vector<std::string> loop =
-        loop_through({shapes.source, shapes.target, features}, options.decomposition, progress);
+    const RouteInput both{shapes.source, shapes.target, features};
+    const CutGrounds grounds(both, single_points(features), options.decomposition, progress);
+    std::vector<std::string> loop = loop_through(both, grounds);
     progress.finish();
     return loop;
 }

@@ -51,7 +51,8 @@ PatchOptions patch_options(const MorphOptions& options) {
 
 /// Runs the route over a common domain of the paper's method.
 RouteResult match_in_domain(Domain domain, const RouteInput& shapes, const MorphInput& input,
-                            const MorphOptions& options, Progress& progress) {
+                            const CutGrounds* grounds, const MorphOptions& options,
+                            Progress& progress) {
     switch (domain) {
         case Domain::kNetwork:
             return match_in_network(shapes, loops_of(input),
@@ -61,7 +62,7 @@ RouteResult match_in_domain(Domain domain, const RouteInput& shapes, const Morph
                                     progress);
         case Domain::kCut:
             return match_in_patches(
-                shapes, input.loop,
+                shapes, input.loop, grounds,
                 {.decomposition = options.decomposition, .patches = patch_options(options)},
                 progress);
         case Domain::kSphere:
@@ -194,21 +195,21 @@ Loops loops_of(const MorphInput& input) {
     return loops;
 }
 
-std::vector<std::string> loop_through(const RouteInput& input, const DecompositionOptions& options,
-                                      Progress& progress) {
-    std::vector<Feature> points;
-    std::ranges::copy_if(input.features, std::back_inserter(points),
-                         [](const Feature& f) { return f.kind == FeatureKind::kPoint; });
-    const auto reach = [&](const PreparedShape& shape, Marked Feature::*marked) {
-        std::vector<Index> rows;
-        for (const Feature& f : points) rows.push_back((f.*marked).rows.front());
-        return feature_reach(shape.surface(), KdTree<3>(shape.positions), rows, options, progress);
-    };
-    const FeatureReach on_source = reach(input.source, &Feature::source);
-    const FeatureReach on_target = reach(input.target, &Feature::target);
+std::vector<IndexPair> single_points(std::span<const Feature> features) {
+    std::vector<IndexPair> rows;
+    for (const Feature& f : features)
+        if (f.kind == FeatureKind::kPoint)
+            rows.push_back({f.source.rows.front(), f.target.rows.front()});
+    return rows;
+}
+
+std::vector<std::string> loop_through(const RouteInput& input, const CutGrounds& grounds) {
+    std::vector<std::string> names;
+    for (const Feature& f : input.features)
+        if (f.kind == FeatureKind::kPoint) names.push_back(f.name);
     std::vector<std::string> loop;
-    for (const Index k : propose_loop(on_source, on_target))
-        loop.push_back(points[to_size(k)].name);
+    for (const Index k : propose_loop(feature_reach(grounds[true]), feature_reach(grounds[false])))
+        loop.push_back(names[to_size(k)]);
     if (loop.size() < 3)
         throw FeatureError("loop", "at least 3 features for domain cut",
                            std::to_string(loop.size()),
@@ -224,9 +225,11 @@ Correspondence find_correspondence(PreparedShapes shapes, MorphInput given,
     const RouteInput input{shapes.source, shapes.target, features};
     const Domain domain = chosen_domain(shapes, given, options);
     std::string suggested, ignored;
+    std::optional<CutGrounds> grounds;
     if (domain == Domain::kCut && given.loop.empty()) {
         progress.enter("decomposition");
-        given.loop = loop_through(input, options.decomposition, progress);
+        grounds.emplace(input, single_points(features), options.decomposition, progress);
+        given.loop = loop_through(input, *grounds);
         suggested = loop_was_suggested(given.loop);
     }
     if (const auto purpose = needs_closed(domain, given))
@@ -235,7 +238,8 @@ Correspondence find_correspondence(PreparedShapes shapes, MorphInput given,
     if (domain == Domain::kAuto) {
         result = refined(input, earlier_map(shapes, given), domain, options, progress);
     } else {
-        result = match_in_domain(domain, input, given, options, progress);
+        result =
+            match_in_domain(domain, input, given, grounds ? &*grounds : nullptr, options, progress);
         if (given.start.source_images.rows() > 0) ignored = earlier_map_was_ignored(result.domain);
         reverse_normals(shapes, result);
         if (options.method == Method::kAuto)

@@ -6,6 +6,7 @@
 #include <string>
 #include <vector>
 
+#include "morph/cut_route.hpp"
 #include "morph/input_checks.hpp"
 #include "morph/network_route.hpp"
 #include "morph/route_result.hpp"
@@ -39,9 +40,12 @@ void require_closed(Closed purpose, const PreparedShapes& shapes, const MorphInp
 /// All loops of the input.
 Loops loops_of(const MorphInput& input);
 
-/// Names of point features that a suggested loop passes, three or more. Throws FeatureError.
-std::vector<std::string> loop_through(const RouteInput& input, const DecompositionOptions& options,
-                                      Progress& progress);
+/// Names of point features that a suggested loop passes, three or more, on the grounds of all of
+/// them. Throws FeatureError.
+std::vector<std::string> loop_through(const RouteInput& input, const CutGrounds& grounds);
+
+/// The rows of the point features.
+std::vector<IndexPair> single_points(std::span<const Feature> features);
 
 /// Reverses the normals that a route found to point inward.
 void reverse_normals(PreparedShapes& shapes, const RouteResult& route);

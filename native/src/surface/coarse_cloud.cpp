@@ -26,7 +26,65 @@ std::vector<Index> cells_of(const SampledSurface& dense, const KdTree<3>& tree,
     return result;
 }
 
+/// Rows with the first ones in another order.
+template <class Array>
+Array with_first(Array rows, std::span<const Index> first) {
+    std::vector<Index> order(first.begin(), first.end());
+    const Array some = gather(rows, order);
+    if constexpr (requires { rows.rows(); })
+        rows.topRows(some.rows()) = some;
+    else
+        std::ranges::copy(some, rows.begin());
+    return rows;
+}
+
+/// Which point each has become.
+Index place_of(Index point, std::span<const Index> places) {
+    return to_size(point) < places.size() ? places[to_size(point)] : point;
+}
+
+SurfaceGraph with_first(const SurfaceGraph& graph, std::span<const Index> first,
+                        std::span<const Index> places) {
+    SurfaceGraph result;
+    result.neighbors.reserve(graph.neighbors.size());
+    result.lengths.reserve(graph.lengths.size());
+    std::vector<std::pair<Index, double>> around;
+    for (Index i = 0; i < graph.size(); ++i) {
+        const auto before = to_size(place_of(i, first));
+        around.clear();
+        for (auto e = to_size(graph.offsets[before]); e < to_size(graph.offsets[before + 1]); ++e)
+            around.emplace_back(place_of(graph.neighbors[e], places), graph.lengths[e]);
+        std::ranges::sort(around);
+        for (const auto& [j, length] : around) {
+            result.neighbors.push_back(j);
+            result.lengths.push_back(length);
+        }
+        result.offsets.push_back(static_cast<std::int64_t>(result.neighbors.size()));
+    }
+    return result;
+}
+
+std::vector<Index> inverse(std::span<const Index> permutation) {
+    std::vector<Index> result(permutation.size());
+    for (std::size_t k = 0; k < permutation.size(); ++k)
+        result[to_size(permutation[k])] = to_index(k);
+    return result;
+}
+
 }  // namespace
+
+CoarseCloud::CoarseCloud(const CoarseCloud& other, std::span<const Index> first)
+    : rows(with_first(other.rows, first)),
+      positions(with_first(other.positions, first)),
+      normals(with_first(other.normals, first)),
+      tree(positions),
+      cells(other.cells),
+      graph(with_first(other.graph, first, inverse(first))),
+      spacing(other.spacing),
+      unit(other.unit) {
+    const std::vector<Index> places = inverse(first);
+    for (Index& cell : cells) cell = place_of(cell, places);
+}
 
 CoarseCloud::CoarseCloud(const SampledSurface& dense, const KdTree<3>& dense_tree,
                          std::span<const Index> features, Index points, Progress& progress)

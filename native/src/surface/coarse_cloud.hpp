@@ -28,6 +28,8 @@ struct CoarseCloud {
     /// `dense`.
     CoarseCloud(const SampledSurface& dense, const KdTree<3>& dense_tree,
                 std::span<const Index> features, Index points, Progress& progress);
+    /// The same with the first points in another order: point k is the one that was `first[k]`.
+    CoarseCloud(const CoarseCloud& other, std::span<const Index> first);
 
 private:
     CoarseCloud(const SampledSurface& dense, Subset chosen, double area, Progress& progress);

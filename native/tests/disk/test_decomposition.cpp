@@ -7,6 +7,7 @@
 #include <cmath>
 #include <numbers>
 
+#include "disk/cut_ground.hpp"
 #include "pointmorph/base/error.hpp"
 #include "pointmorph/base/parallel.hpp"
 #include "shapes.hpp"
@@ -35,6 +36,12 @@ struct Shape {
     Decomposition cut(const std::vector<Index>& loop, DecompositionOptions options = {}) const {
         Progress progress;
         return decompose(surface(), tree, {loop, std::span(kNames).first(loop.size())}, options,
+                         progress);
+    }
+    /// Along the first of these features.
+    Decomposition cut(const std::vector<Index>& features, std::size_t in_loop) const {
+        Progress progress;
+        return decompose(surface(), tree, {features, std::span(kNames).first(in_loop)}, {},
                          progress);
     }
 
@@ -252,6 +259,32 @@ TEST(Decomposition, TakesCloudsOfFewPoints) {
     EXPECT_TRUE(cut.curve.points.allFinite());
     EXPECT_GT(std::ranges::count(cut.patches, Patch::kLeft), 15);
     EXPECT_GT(std::ranges::count(cut.patches, Patch::kRight), 15);
+}
+
+TEST(Decomposition, IsTheSameOnAGroundWithTheFeaturesInAnotherOrder) {
+    const Shape shape = star(5000);
+    const std::vector<Index> features{shape.at(2, 0, 0), shape.at(0, 2, 0), shape.at(-2, 0, 0),
+                                      shape.at(0, -2, 0), shape.at(0.3, 0.3, 0.3)};
+    const std::vector<Index> others{features[4], features[2], features[0], features[3],
+                                    features[1]};
+    Progress progress;
+    const CutGround ground(shape.surface(), shape.tree, others, {}, progress);
+    EXPECT_TRUE(ground.has(features));
+    EXPECT_FALSE(ground.has(std::span(features).first(4)));
+    const CutRequest request{features, std::span(kNames).first(4)};
+    const Decomposition one = decompose(ground, request, {}, progress);
+    const Decomposition other = shape.cut(features, 4);
+    EXPECT_EQ(one.curve.points, other.curve.points);
+    EXPECT_EQ(one.corners, other.corners);
+    EXPECT_EQ(one.patches, other.patches);
+
+    const CutGround again(ground, features);
+    const CutGround direct(shape.surface(), shape.tree, features, {}, progress);
+    EXPECT_EQ(again.coarse.rows, direct.coarse.rows);
+    EXPECT_EQ(again.coarse.cells, direct.coarse.cells);
+    EXPECT_EQ(again.coarse.graph.neighbors, direct.coarse.graph.neighbors);
+    EXPECT_EQ(again.coarse.graph.lengths, direct.coarse.graph.lengths);
+    EXPECT_EQ(again.from, direct.from);
 }
 
 TEST(Decomposition, ProposesATourThroughTheFeaturesAtExtremities) {
