@@ -110,23 +110,19 @@ Neighborhoods symmetrized(const Neighborhoods& neighborhoods) {
 }
 
 ConnectedComponents connected_components(const Neighborhoods& neighborhoods) {
-    const Index count = neighborhoods.size();
-    std::vector<Index> parent(to_size(count));
-    std::iota(parent.begin(), parent.end(), 0);
-    const auto root = [&](Index i) {
-        while (parent[to_size(i)] != i) {
-            auto& above = parent[to_size(i)];
-            above = parent[to_size(above)];
-            i = above;
-        }
-        return i;
-    };
-    for (Index i = 0; i < count; ++i)
-        for (const Index j : neighborhoods[i]) {
-            const Index a = root(i), b = root(j);
-            parent[to_size(std::max(a, b))] = std::min(a, b);
-        }
+    GrowingComponents connected(neighborhoods.size());
+    for (Index i = 0; i < neighborhoods.size(); ++i)
+        for (const Index j : neighborhoods[i])
+            if (!connected.are_joined(i, j)) connected.join(i, j);
+    return connected.components();
+}
 
+GrowingComponents::GrowingComponents(Index count) : parent_(to_size(count)) {
+    std::iota(parent_.begin(), parent_.end(), 0);
+}
+
+ConnectedComponents GrowingComponents::components() {
+    const auto count = to_index(parent_.size());
     ConnectedComponents result;
     result.label.resize(to_size(count));
     for (Index i = 0; i < count; ++i) {

@@ -295,8 +295,12 @@ std::vector<Patch> patches_of(const SampledSurface& surface, const CoarseCloud& 
 
 /// Gives small islands to the patch around them. Returns the sizes of left and right.
 std::array<Index, 2> clean_up(std::vector<Patch>& patches, const Neighborhoods& nearest) {
-    const ConnectedComponents parts = connected_components(filtered(
-        nearest, [&](Index i, Index j) { return patches[to_size(i)] == patches[to_size(j)]; }));
+    GrowingComponents joined(nearest.size());
+    for (Index i = 0; i < nearest.size(); ++i)
+        for (const Index j : nearest[i])
+            if (patches[to_size(i)] == patches[to_size(j)] && !joined.are_joined(i, j))
+                joined.join(i, j);
+    const ConnectedComponents parts = joined.components();
     const ConnectedComponents whole = connected_components(nearest);
     // The largest part of each patch in each component of the shape stays.
     std::vector<std::array<Index, 2>> largest(to_size(whole.count()), {-1, -1});

@@ -377,7 +377,11 @@ double meet(SphericalMesh& source, SphericalMesh& target, std::span<const IndexP
 }  // namespace
 
 SphereLocator::SphereLocator(std::span<const Triangle> triangles, const Positions& images)
-    : triangles_(triangles), images_(images), across_(triangles.size()) {
+    : triangles_(triangles), across_(triangles.size()) {
+    for (const auto& [a, b, c] : triangles) {
+        const Vector3 p = row_of(images, a), q = row_of(images, b), r = row_of(images, c);
+        facing_.push_back({q.cross(r), r.cross(p), p.cross(q)});
+    }
     struct Side {
         Index low, high, triangle, corner;
         auto operator<=>(const Side&) const = default;
@@ -398,10 +402,8 @@ SphereLocator::SphereLocator(std::span<const Triangle> triangles, const Position
 
 SphereLocator::Place SphereLocator::find(const Vector3& place, Index start) const {
     const auto sides = [&](Index triangle) -> Vector3 {
-        const auto& t = triangles_[to_size(triangle)];
-        const Vector3 p = row_of(images_, t[0]), q = row_of(images_, t[1]),
-                      r = row_of(images_, t[2]);
-        return {q.cross(r).dot(place), r.cross(p).dot(place), p.cross(q).dot(place)};
+        const auto& [a, b, c] = facing_[to_size(triangle)];
+        return {a.dot(place), b.dot(place), c.dot(place)};
     };
     const auto found = [&](Index triangle, const Vector3& side) {
         const Vector3 inside = side.cwiseMax(0.0);

@@ -84,6 +84,99 @@ Vector3 nearest_in_triangle(const Positions& positions, const Triangle& corners,
     return Vector3(at_a, at_b, at_c) / sum;
 }
 
+/// The triangles of a mesh, to find the one in which a point lies.
+class PlacedTriangles {
+public:
+    explicit PlacedTriangles(const SphericalMesh& mesh)
+        : mesh_(mesh), around_(to_size(mesh.size())) {
+        double edges = 0.0;
+        for (std::size_t t = 0; t < mesh.triangles.size(); ++t) {
+            const auto& [a, b, c] = mesh.triangles[t];
+            for (const Index v : {a, b, c}) around_[to_size(v)].push_back(to_index(t));
+            const Eigen::RowVector3d p = mesh.positions.row(a), q = mesh.positions.row(b),
+                                     r = mesh.positions.row(c);
+            const Eigen::RowVector3d center = (p + q + r) / 3.0;
+            const double radius =
+                std::sqrt(std::max({(p - center).squaredNorm(), (q - center).squaredNorm(),
+                                    (r - center).squaredNorm()}));
+            balls_.push_back({(q - p).cross(r - p).normalized(), center, radius});
+            edges += (q - p).squaredNorm();
+        }
+        penalty_ = edges / static_cast<double>(mesh.triangles.size());
+    }
+
+    /// For one point after the other. Of triangles that are equally far the first one counts.
+    class Search {
+    public:
+        explicit Search(const PlacedTriangles& all)
+            : all_(all), tried_(all.balls_.size(), -1), shares_(Vector3::Zero()) {}
+
+        void begin(const Eigen::RowVector3d& point, const Eigen::RowVector3d& normal) {
+            point_ = point;
+            normal_ = normal;
+            least_ = std::numeric_limits<double>::infinity();
+            ++number_;
+        }
+
+        void try_around(Index node) {
+            for (const Index t : all_.around_[to_size(node)])
+                if (std::exchange(tried_[to_size(t)], number_) != number_) try_one(t);
+        }
+
+        Eigen::RowVector3d image() const {
+            return of_corners(all_.mesh_.images, nearest_).normalized();
+        }
+
+    private:
+        void try_one(Index t) {
+            const Ball& ball = all_.balls_[to_size(t)];
+            const double turned = all_.penalty_ * (1.0 - normal_.dot(ball.facing));
+            // How near its surroundings are rules most triangles out.
+            const double left = least_ - turned;
+            if (left < 0.0) return;
+            const double reach = ball.radius + std::sqrt(left);
+            if ((point_ - ball.center).squaredNorm() > kSurely * reach * reach) return;
+            const Vector3 before = shares_;
+            shares_ =
+                nearest_in_triangle(all_.mesh_.positions, all_.mesh_.triangles[to_size(t)], point_);
+            const double cost =
+                (of_corners(all_.mesh_.positions, t) - point_).squaredNorm() + turned;
+            if (cost < least_ || (cost == least_ && t < nearest_)) {
+                least_ = cost;
+                nearest_ = t;
+            } else {
+                shares_ = before;
+            }
+        }
+
+        Eigen::RowVector3d of_corners(const Positions& places, Index t) const {
+            Eigen::RowVector3d sum = Eigen::RowVector3d::Zero();
+            for (Index k = 0; k < 3; ++k)
+                sum += shares_[k] * places.row(all_.mesh_.triangles[to_size(t)][to_size(k)]);
+            return sum;
+        }
+
+        static constexpr double kSurely = 1.0 + 1e-9;
+        const PlacedTriangles& all_;
+        std::vector<Index> tried_;  ///< the number of the point for which each was tried last
+        Index number_ = 0;
+        Eigen::RowVector3d point_, normal_;
+        double least_ = 0.0;
+        Index nearest_ = 0;
+        Vector3 shares_;  ///< of the corners in the nearest
+    };
+
+private:
+    struct Ball {
+        Eigen::RowVector3d facing, center;
+        double radius;  ///< of a ball that holds the triangle
+    };
+    const SphericalMesh& mesh_;
+    std::vector<std::vector<Index>> around_;  ///< triangles of each node
+    std::vector<Ball> balls_;
+    double penalty_;  ///< what facing the other way costs, next to squared distances
+};
+
 /// Share of the area whose triangles face the other way than the points do.
 double contradicting(const SphericalMesh& mesh) {
     double wrong = 0.0, all = 0.0;
@@ -214,53 +307,23 @@ SphericalMesh spherical_mesh(const SampledSurface& surface, std::span<const Inde
 Positions onto_sphere(const SphericalMesh& mesh, const Positions& points, const Normals& normals,
                       Progress& progress) {
     constexpr std::size_t kNodes = 6;  // whose triangles are tried
-    std::vector<std::vector<Index>> around(to_size(mesh.size()));
-    std::vector<Vector3> facing;
-    double edges = 0.0;
-    for (std::size_t t = 0; t < mesh.triangles.size(); ++t) {
-        const auto& [a, b, c] = mesh.triangles[t];
-        for (const Index v : {a, b, c}) around[to_size(v)].push_back(to_index(t));
-        const Eigen::RowVector3d ab = mesh.positions.row(b) - mesh.positions.row(a),
-                                 ac = mesh.positions.row(c) - mesh.positions.row(a);
-        facing.push_back(ab.cross(ac).normalized().transpose());
-        edges += ab.squaredNorm();
-    }
-    // What facing the other way costs, next to squared distances.
-    const double penalty = edges / static_cast<double>(mesh.triangles.size());
+    const PlacedTriangles triangles(mesh);
     const KdTree<3> tree(mesh.positions);
     Positions result(points.rows(), 3);
     parallel_for(to_index(points.rows()), progress, [&](Index begin, Index end) {
         std::array<Index, kNodes> near;
         std::array<double, kNodes> squared;
-        std::vector<Index> candidates;
+        PlacedTriangles::Search search(triangles);
         for (Index i = begin; i < end; ++i) {
             const auto found = to_size(tree.nearest(points.row(i).data(), near, squared));
             const auto agrees = [&](Index v) {
                 return mesh.normals.row(v).dot(normals.row(i)) > 0.0;
             };
-            candidates.clear();
             const bool any = std::ranges::any_of(std::span(near).first(found), agrees);
+            search.begin(points.row(i), normals.row(i));
             for (const Index v : std::span(near).first(found))
-                if (!any || agrees(v))
-                    candidates.insert(candidates.end(), around[to_size(v)].begin(),
-                                      around[to_size(v)].end());
-            std::ranges::sort(candidates);
-            candidates.erase(std::unique(candidates.begin(), candidates.end()), candidates.end());
-            double best = std::numeric_limits<double>::infinity();
-            for (const Index t : candidates) {
-                const auto& corners = mesh.triangles[to_size(t)];
-                const Vector3 shares = nearest_in_triangle(mesh.positions, corners, points.row(i));
-                Eigen::RowVector3d place = Eigen::RowVector3d::Zero(), image = place;
-                for (Index k = 0; k < 3; ++k) {
-                    place += shares[k] * mesh.positions.row(corners[to_size(k)]);
-                    image += shares[k] * mesh.images.row(corners[to_size(k)]);
-                }
-                const double cost = (place - points.row(i)).squaredNorm() +
-                                    penalty * (1.0 - normals.row(i).dot(facing[to_size(t)]));
-                if (cost >= best) continue;
-                best = cost;
-                result.row(i) = image.normalized();
-            }
+                if (!any || agrees(v)) search.try_around(v);
+            result.row(i) = search.image();
         }
     });
     for (Index v = 0; v < mesh.size(); ++v) result.row(mesh.rows[to_size(v)]) = mesh.images.row(v);

@@ -33,6 +33,11 @@ public:
     /// corner can't cut it.
     bool build(Index i, std::span<const Index> rows);
 
+    /// Whether some of `rows`, which are ascending by distance, lie around point i so closely that
+    /// largest_radius() is below `factor` times spacing(), whatever other points there are. No
+    /// proof of the contrary, but many times as quick as the star.
+    bool is_surrounded(Index i, std::span<const Index> rows, double factor);
+
     /// Adds points farther away, again ascending by distance.
     bool extend(std::span<const Index> rows);
 
@@ -56,11 +61,17 @@ private:
         double squared = 0.0;  ///< distance of that row
     };
 
+    void look_at(Index i);
+    /// The direction as seen in the tangent plane, the distance as in space: the surface, unrolled.
+    /// False for a point that tells nothing: right above or below, at the same place, or on the
+    /// other side.
+    bool unroll(Index j, double& x, double& y, double& squared) const;
     void cut(double x, double y, double squared, Index row);
 
     const Positions& positions_;
     const Normals& normals_;
     std::vector<Corner> cell_, cut_;
+    std::vector<double> beyond_;  ///< how far each corner lies beyond a bisector
     std::vector<Spoke> spokes_;
     Vector3 point_, normal_, u_, v_;
     double reach_ = 0.0;

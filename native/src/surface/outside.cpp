@@ -22,6 +22,12 @@ constexpr double kSpread = 0.8;
 /// gaps are taken for surface: 1.1 in a regular mesh, 1.4 in blue noise, 2.2 in random samples.
 constexpr double kUneven = 2.0;
 
+/// Of more points than this, one in so many tells what is usual.
+constexpr Index kEnough = 20000, kEvery = 8;
+
+/// What is shown to be narrower than so much of a limit is narrower also by rounding.
+constexpr double kSurely = 1.0 - 1e-6;
+
 double quantile(std::vector<float> values, double share) {
     const auto nth =
         values.begin() + static_cast<std::ptrdiff_t>(share * static_cast<double>(values.size()));
@@ -56,28 +62,52 @@ std::vector<Passage> Outside::passages() const {
 
 void Outside::open(double opening) {
     const Index count = nearest_.size();
-    std::vector<float> spacings(to_size(count)),
-        radii(to_size(count));  // of the largest discs, relative
+    // What is usual, some of the points tell; of the others it's enough to know that they aren't
+    // wide.
+    const Index step = count > kEnough ? kEvery : 1;
+    const Index sampled = (count + step - 1) / step;
+    std::vector<float> spacings(to_size(sampled)),
+        radii(to_size(sampled));  // of the largest discs, relative
+    const auto relative_radius = [](const StarBuilder& star) {
+        const double spacing = star.spacing();
+        return spacing > 0.0 ? star.largest_radius() / spacing : 0.0;
+    };
+    parallel_for(
+        sampled, progress_,
+        [&](Index begin, Index end) {
+            StarBuilder builder(positions_, normals_);
+            for (Index k = begin; k < end; ++k) {
+                builder.build(k * step, nearest_[k * step]);
+                spacings[to_size(k)] = static_cast<float>(builder.spacing());
+                radii[to_size(k)] = static_cast<float>(relative_radius(builder));
+            }
+        },
+        0.0, 0.2);
+    is_uneven_ = quantile(spacings, 0.9) > kUneven * quantile(spacings, 0.1);
+    const double usual = std::clamp(quantile(radii, 0.75), kUsualLow, kUsualHigh);
+    spread_ = std::max(kSpread, 0.95 * usual);
+
+    std::vector<char> opens(to_size(count), 0);
     parallel_for(
         count, progress_,
         [&](Index begin, Index end) {
             StarBuilder builder(positions_, normals_);
             for (Index i = begin; i < end; ++i) {
-                builder.build(i, nearest_[i]);
-                const double spacing = builder.spacing();
-                spacings[to_size(i)] = static_cast<float>(spacing);
-                radii[to_size(i)] =
-                    static_cast<float>(spacing > 0.0 ? builder.largest_radius() / spacing : 0.0);
+                double radius;
+                if (i % step == 0) {
+                    radius = radii[to_size(i / step)];
+                } else {
+                    if (builder.is_surrounded(i, nearest_[i], kSurely * opening * usual)) continue;
+                    builder.build(i, nearest_[i]);
+                    radius = static_cast<float>(relative_radius(builder));
+                }
+                opens[to_size(i)] = radius > opening * usual;
             }
         },
-        0.0, 0.6);
-    is_uneven_ = quantile(spacings, 0.9) > kUneven * quantile(spacings, 0.1);
-    const double usual = std::clamp(quantile(radii, 0.75), kUsualLow, kUsualHigh);
-    spread_ = std::max(kSpread, 0.95 * usual);
-
+        0.2, 0.6);
     std::vector<Index> wide;
     for (Index i = 0; i < count; ++i)
-        if (radii[to_size(i)] > opening * usual) wide.push_back(i);
+        if (opens[to_size(i)]) wide.push_back(i);
     find_reverse_neighbors(wide);
     require(wide);
     const std::size_t end = stars_.size();

@@ -151,21 +151,31 @@ std::vector<Index> found_parts(const SampledSurface& surface, const Values& spac
     const auto has = [&](Index i, Index j) {
         return std::ranges::find(nearest[i], j) != nearest[i].end();
     };
-    Neighborhoods joined;
+    // Twins aside, the nearest kNear on the same side count.
+    const auto counts = [&](Index i, Index j) {
+        return first[to_size(j)] == j && on_one_sheet(positions, normals, i, j);
+    };
+    GrowingComponents joined(nearest.size());
     for (Index i = 0; i < nearest.size(); ++i) {
-        std::size_t taken = 0;
-        if (first[to_size(i)] != i) joined.indices.push_back(first[to_size(i)]);
-        for (const Index j : nearest[i]) {
-            if (first[to_size(i)] != i || taken == kNear) break;
-            if (first[to_size(j)] != j || !on_one_sheet(positions, normals, i, j)) continue;
-            ++taken;
+        if (first[to_size(i)] != i) {
+            joined.join(i, first[to_size(i)]);
+            continue;
+        }
+        const auto near = nearest[i];
+        for (std::size_t k = 0; k < near.size(); ++k) {
+            const Index j = near[k];
+            if (joined.are_joined(i, j) || !counts(i, j)) continue;
+            const auto before = near.first(k);
+            if (k >= kNear && std::ranges::count_if(before, [&](Index b) {
+                                  return counts(i, b);
+                              }) >= static_cast<std::ptrdiff_t>(kNear))
+                break;
             // A point that floats far off has neighbors, but is a neighbor of none.
             if ((positions.row(j) - positions.row(i)).norm() < kGap * spacing[j] || has(j, i))
-                joined.indices.push_back(j);
+                joined.join(i, j);
         }
-        joined.offsets.push_back(static_cast<std::int64_t>(joined.indices.size()));
     }
-    ConnectedComponents components = connected_components(joined);
+    ConnectedComponents components = joined.components();
     return by_size(std::move(components.label), components.count());
 }
 

@@ -193,6 +193,21 @@ TEST(ConnectedComponents, AreTheSpreadOfTheLowestRow) {
     }
 }
 
+TEST(ConnectedComponents, GrowWithEachEdge) {
+    GrowingComponents connected(6);
+    EXPECT_FALSE(connected.are_joined(0, 5));
+    EXPECT_TRUE(connected.are_joined(3, 3));
+    connected.join(5, 2);
+    connected.join(2, 0);
+    connected.join(0, 5);  // again
+    connected.join(4, 3);
+    EXPECT_TRUE(connected.are_joined(0, 5));
+    EXPECT_FALSE(connected.are_joined(4, 5));
+    const ConnectedComponents found = connected.components();
+    EXPECT_EQ(found.label, (std::vector<Index>{0, 1, 0, 2, 2, 0}));
+    EXPECT_EQ(found.sizes, (std::vector<Index>{3, 1, 2}));
+}
+
 TEST(ConnectedComponents, OneArrowIsEnough) {
     const Neighborhoods chain{{0, 0, 1, 2, 2}, {0, 1}};  // 1 → 0, 2 → 1; 3 alone
     const auto found = connected_components(chain);

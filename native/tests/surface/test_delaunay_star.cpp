@@ -8,6 +8,7 @@
 #include <numeric>
 #include <vector>
 
+#include "pointmorph/cloud/neighborhoods.hpp"
 #include "shaken_shapes.hpp"
 #include "shapes.hpp"
 
@@ -43,6 +44,36 @@ TEST(DelaunayStar, OfAHexagonHasItsCornersInOrderAndItsDiscs) {
     }
     EXPECT_NEAR(builder.spacing(), 1.0, 1e-12);
     EXPECT_NEAR(builder.largest_radius(), 1.0 / std::sqrt(3.0), 1e-9);
+}
+
+TEST(DelaunayStar, SurroundedPointsHaveNoLargeDisc) {
+    // Never where the star says otherwise; and nearly always where its discs are far smaller.
+    Positions p = shapes::torus(6000, 0.4);
+    for (Index i = 0; i < 6000; ++i)  // a hole
+        if ((p.row(i) - p.row(17)).norm() < 0.2) p.row(i) = p.row(17);
+    Normals n = p;  // from the middle of the tube
+    for (Index i = 0; i < 6000; ++i) {
+        Eigen::RowVector3d middle = p.row(i);
+        middle.z() = 0.0;
+        n.row(i) = (p.row(i) - middle.normalized()).normalized();
+    }
+    Progress progress;
+    const KdTree<3> tree(p);
+    const Neighborhoods nearest = nearest_neighbors(tree, 16, progress);
+    StarBuilder builder(p, n);
+    Index shown = 0, small = 0;
+    for (const double factor : {0.9, 1.5, 2.0})
+        for (Index i = 0; i < 6000; ++i) {
+            const bool is_surrounded = builder.is_surrounded(i, nearest[i], factor);
+            builder.build(i, nearest[i]);
+            const double radius = builder.largest_radius() / std::max(builder.spacing(), 1e-9);
+            EXPECT_FALSE(is_surrounded && radius > factor) << i;
+            if (factor < 2.0 || radius > 1.2) continue;
+            ++small;
+            shown += is_surrounded;
+        }
+    EXPECT_GT(small, 4000);
+    EXPECT_GT(shown, 0.95 * small);
 }
 
 TEST(DelaunayStar, IsOpenOnTheHull) {

@@ -65,6 +65,30 @@ struct ConnectedComponents {
 };
 ConnectedComponents connected_components(const Neighborhoods& neighborhoods);
 
+/// The same for edges that are found one by one: there is no need to look at one whose ends are
+/// joined already.
+class GrowingComponents {
+public:
+    explicit GrowingComponents(Index count);
+
+    bool are_joined(Index i, Index j) { return parent_[to_size(i)] == j || root(i) == root(j); }
+    void join(Index i, Index j) {
+        const Index a = root(i), b = root(j);
+        parent_[to_size(a < b ? b : a)] = a < b ? a : b;
+    }
+    ConnectedComponents components();
+
+private:
+    /// The lowest row of a component.
+    Index root(Index i) {
+        while (parent_[to_size(i)] != i)
+            i = parent_[to_size(i)] = parent_[to_size(parent_[to_size(i)])];
+        return i;
+    }
+
+    std::vector<Index> parent_;  ///< no row above the point's own
+};
+
 /// Spacing of the samples around every point, 1/√density, from the distance r to its k-th nearest
 /// other point: r·√(π/k). `nearest` is ascending by distance; fewer than k neighbors are used as
 /// they are; 0 where there are none.

@@ -55,7 +55,8 @@ public:
 
 private:
     std::span<const Triangle> triangles_;
-    const Positions& images_;
+    std::vector<std::array<Vector3, 3>>
+        facing_;                                ///< of the planes through the sides and the middle
     std::vector<std::array<Index, 3>> across_;  ///< triangle on the other side of corner k, k + 1
 };
 
