@@ -177,11 +177,6 @@ struct Finals {
     double least_relaxed = std::numeric_limits<double>::infinity();  ///< of all, before that
 };
 
-/// Images of the source's points on the target at rest.
-Positions images_at_rest(const Candidate& map) {
-    return map.alignment.inverse().apply(map.registration.source_points.positions);
-}
-
 /// How much a competitor speaks against a map.
 double doubt_from(const Competitor& other) {
     constexpr double kCost = 40.0;
@@ -370,6 +365,10 @@ std::vector<Extremity> in_full(const ThinnedShape& shape) {
 }
 
 }  // namespace
+
+Positions images_at_rest(const Candidate& map) {
+    return map.alignment.inverse().apply(map.registration.source_points.positions);
+}
 
 double pose_confidence(const Misfit& misfit, std::span<const Competitor> competitors) {
     constexpr double kPlain = 4.5, kOpposed = 20.0;

@@ -15,11 +15,6 @@ namespace pointmorph {
 
 namespace {
 
-/// Images of source points on the target at rest.
-Positions images_at_rest(const Candidate& map) {
-    return map.alignment.inverse().apply(map.registration.source_points.positions);
-}
-
 Index nearest(const KdTree<3>& tree, const Eigen::RowVector3d& point) {
     Index row;
     double squared;

@@ -105,6 +105,9 @@ struct Candidate {
     double cost = 0.0;    ///< energy · (1 + PoseOptions::tear_weight · torn)
 };
 
+/// Images of the source's points on the target at rest.
+Positions images_at_rest(const Candidate& map);
+
 struct Pose {
     Candidate best;
     /// Other maps, distinct from the best and from one another, the best first.
