@@ -18,7 +18,7 @@ class CoarseMoves {
 public:
     CoarseMoves(const CoarseShape& shape, const DeformedCloud& coarse);
 
-    /// The same, and then a similarity.
+    /// Lets a similarity follow.
     void then(const Similarity& after);
 
 private:
@@ -26,7 +26,7 @@ private:
     /// Of an affine map, row by row: the linear part, and where the origin goes.
     using Move = Eigen::Matrix<double, 3, 4, Eigen::RowMajor>;
     std::vector<Move> moves_;  ///< of each coarse point
-    Similarity after_;
+    Similarity after_;         ///< what has followed; its translation is in the moves alone
 };
 
 /// Which coarse points every point of a cloud follows, and how much: those nearest on its side of
@@ -46,8 +46,7 @@ public:
                               Progress& progress) const;
 
     /// The same for the points from `begin` to `end`, which are where they were, in place. Where
-    /// turns cancel, a normal takes part in the
-    /// rotation after all moves alone.
+    /// turns cancel, a normal takes part in the rotation after all moves alone.
     void move(Index begin, Index end, const CoarseMoves& moves, OrientedPoints& points) const;
 
     /// What happens right around a point: its coarse points' linear maps, averaged.
