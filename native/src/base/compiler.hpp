@@ -39,6 +39,8 @@ using Two = PlainTwo;
 struct alignas(16) PlainFour {
     std::array<double, 4> values;
 
+    double operator[](int k) const { return values[static_cast<std::size_t>(k)]; }
+
     friend PlainFour operator*(double a, PlainFour b) {
         for (double& value : b.values) value *= a;
         return b;
@@ -60,6 +62,23 @@ using Four = double __attribute__((vector_size(32)));
 #else
 using Four = PlainFour;
 #endif
+
+/// The same as two registers of two, for processors that have none as wide: compilers take Four to
+/// pieces there that go through memory.
+struct TwoTwos {
+    Two low, high;
+
+    friend TwoTwos operator*(double a, const TwoTwos& b) {
+        const Two both = {a, a};
+        return {both * b.low, both * b.high};
+    }
+    TwoTwos& operator+=(const TwoTwos& b) {
+        low += b.low;
+        high += b.high;
+        return *this;
+    }
+    double operator[](int k) const { return k < 2 ? low[k] : high[k - 2]; }
+};
 
 /// Four floats in one register, and eight in one of those that newer processors have. For other
 /// compilers a float is a register of one.

@@ -95,7 +95,7 @@ struct Motion::Bend {
 Motion::Motion(const Positions& positions, const Normals& normals, const Positions& images,
                const GradualSimilarity& similarity, PathKind path, Progress& progress)
     : Motion({positions, normals, images, similarity}, path, progress) {
-    follow(progress);
+    follow(normals, progress);
 }
 
 Motion::BothWays Motion::both_ways(const Ends& there, const Ends& back, PathKind path,
@@ -109,7 +109,7 @@ Motion::BothWays Motion::both_ways(const Ends& there, const Ends& back, PathKind
     }
     for (const double k : {0.0, 1.0}) {
         const Progress::Part part(progress, 0.5 + 0.25 * k, 0.75 + 0.25 * k);
-        found[k > 0.0 ? 1 : 0]->follow(progress);
+        found[k > 0.0 ? 1 : 0]->follow(k > 0.0 ? back.normals : there.normals, progress);
     }
     return {std::move(*found[0]), std::move(*found[1])};
 }
@@ -117,7 +117,7 @@ Motion::BothWays Motion::both_ways(const Ends& there, const Ends& back, PathKind
 Motion::Motion(const Ends& ends, PathKind path, Progress& progress)
     : unit_(normalization(ends.positions)),
       positions_(unit_.apply(ends.positions)),
-      normals_(ends.normals),
+      normals_(ends.normals.cast<float>()),
       similarity_(path == PathKind::kLinear ? GradualSimilarity{{}, unit_.center}
                                             : ends.similarity) {
     offsets_ = unit_.apply(similarity_.whole.inverse().apply(ends.images));
@@ -129,21 +129,22 @@ Motion::Motion(const Ends& ends, PathKind path, Progress& progress)
     CoarseShapeOptions options;
     options.nodes = {kNodes};
     const KdTree<3> tree(positions_);
-    bend_ = std::make_unique<Bend>(coarse_shape(tree, normals_, {}, options, progress), offsets_);
+    bend_ =
+        std::make_unique<Bend>(coarse_shape(tree, ends.normals, {}, options, progress), offsets_);
 }
 
 /// Lets all points follow the nodes, if there are any. Until then, `offsets_` are the images.
-void Motion::follow(Progress& progress) {
+void Motion::follow(const Normals& normals, Progress& progress) {
     if (!bend_) return;
     const Prolongation& prolongation =
-        bend_->prolongation.emplace(bend_->shape, positions_, normals_, progress);
+        bend_->prolongation.emplace(bend_->shape, positions_, normals, progress);
     // Found backward: what has to be added at rest so that the end is the image. Where blended
     // turns cancel, nothing at rest would do: there it is added to the end, without any turn.
     const DeformedCloud end = bend_->at(1.0);
     const CoarseMoves moves(bend_->shape, end);
     unturned_ = Positions::Zero(offsets_.rows(), 3);
     constexpr double kSingular = 1e-3;
-    OrientedPoints moved{positions_, normals_};
+    OrientedPoints moved{positions_, normals};
     parallel_for(to_index(positions_.rows()), progress, [&](Index first, Index last) {
         prolongation.move(first, last, moves, moved);
         for (Index i = first; i < last; ++i) {
@@ -187,32 +188,46 @@ Motion::State Motion::state(double t) const {
     return state;
 }
 
-void Motion::place(const State& state, Index begin, Index end, OrientedPoints& places) const {
-    constexpr Index kBlock = 256;  // stays in the caches from step to step
-    for (Index first = begin; first < end; first += kBlock) {
-        const Index count = std::min(kBlock, end - first);
-        const auto rows = [&](auto& of) { return of.middleRows(first, count); };
-        auto positions = rows(places.positions), normals = rows(places.normals);
-        positions = rows(positions_) + state.t * rows(offsets_);
-        normals = rows(normals_);
-        if (bend_) {
-            bend_->prolongation->move(first, first + count, *state.moves, places);
-        } else {
-            positions *= state.linear.transpose();
-            positions.rowwise() += state.translation.transpose();
-            normals *= state.rotation.transpose();
-        }
-        if (unturned_.rows() > 0) positions += state.t * rows(unturned_) * state.linear.transpose();
+void Motion::place(const State& state, Index begin, Index end,
+                   std::span<OrientedPoint> places) const {
+    if (bend_)
+        bend_->prolongation->move(begin, end, *state.moves,
+                                  {positions_, normals_, offsets_, state.t}, places);
+    for (Index i = begin; i < end && !bend_; ++i) {
+        const Vector3 from = (positions_.row(i) + state.t * offsets_.row(i)).transpose();
+        const Vector3 place = state.linear * from + state.translation;
+        const Eigen::Vector3f normal =
+            (state.rotation * normals_.row(i).transpose().cast<double>()).cast<float>();
+        places[to_size(i)] = {{place[0], place[1], place[2]},
+                              {normal[0], normal[1], normal[2], 0.0F}};
     }
+    for (Index i = begin; i < end && unturned_.rows() > 0; ++i) {
+        const Vector3 lacking = state.t * (state.linear * unturned_.row(i).transpose());
+        for (int d = 0; d < 3; ++d) places[to_size(i)].position[to_size(d)] += lacking[d];
+    }
+}
+
+OrientedPoints as_arrays(std::span<const OrientedPoint> points) {
+    const auto count = to_index(points.size());
+    OrientedPoints result{Positions(count, 3), Normals(count, 3)};
+    Progress silent;
+    parallel_for(count, silent, [&](Index begin, Index end) {
+        for (Index i = begin; i < end; ++i) {
+            const auto& [position, normal] = points[to_size(i)];
+            result.positions.row(i) << position[0], position[1], position[2];
+            result.normals.row(i) << normal[0], normal[1], normal[2];
+        }
+    });
+    return result;
 }
 
 OrientedPoints Motion::at(double t) const {
     const State state = this->state(t);
-    const auto count = to_index(positions_.rows());
-    OrientedPoints result{Positions(count, 3), Normals(count, 3)};
+    std::vector<OrientedPoint> places(to_size(positions_.rows()));
     Progress silent;
-    parallel_for(count, silent, [&](Index begin, Index end) { place(state, begin, end, result); });
-    return result;
+    parallel_for(to_index(places.size()), silent,
+                 [&](Index begin, Index end) { place(state, begin, end, places); });
+    return as_arrays(places);
 }
 
 void find_midway(const Motion& forth, const Motion& back, double t, Midway& midway) {
@@ -223,11 +238,8 @@ void find_midway(const Motion& forth, const Motion& back, double t, Midway& midw
     });
     const auto sources = to_index(forth.positions_.rows());
     const auto targets = to_index(back.positions_.rows());
-    for (OrientedPoints* places : {&midway.source, &midway.target}) {
-        const Index count = places == &midway.source ? sources : targets;
-        places->positions.resize(count, 3);
-        places->normals.resize(count, 3);
-    }
+    midway.source.resize(to_size(sources));
+    midway.target.resize(to_size(targets));
     Progress silent;
     parallel_for(sources + targets, silent, [&](Index begin, Index end) {
         forth.place(*states[0], std::min(begin, sources), std::min(end, sources), midway.source);
@@ -237,47 +249,75 @@ void find_midway(const Motion& forth, const Motion& back, double t, Midway& midw
     midway.t = t;
 }
 
+namespace {
+
+/// So many normals, each with a number after it, from the one to the other.
+template <class Scalar>
+using NormalBlock = std::array<Scalar, 4 * to_size(kNormalizedAtOnce)>;
+
+/// Normalizes the first `count` into rows of three. One that cancels becomes what `otherwise` has
+/// for its number.
+template <class Scalar, class Otherwise>
+void put_normalized(const NormalBlock<Scalar>& normals, std::size_t count, Scalar* to,
+                    Otherwise&& otherwise) {
+    constexpr auto kCancelled = static_cast<Scalar>(1e-6);
+    alignas(16) std::array<Scalar, to_size(kNormalizedAtOnce)> lengths, factors;
+    for (std::size_t i = 0; i < count; ++i) {
+        const Scalar* const n = normals.data() + 4 * i;
+        lengths[i] = n[0] * n[0] + n[1] * n[1] + n[2] * n[2];
+    }
+    using Array = Eigen::Array<Scalar, Eigen::Dynamic, 1>;
+    const auto size = static_cast<Eigen::Index>(count);
+    auto its_lengths = Array::MapAligned(lengths.data(), size);
+    its_lengths = its_lengths.sqrt();
+    Array::MapAligned(factors.data(), size) = its_lengths.inverse();
+    for (std::size_t i = 0; i < count; ++i) {
+        if (lengths[i] > kCancelled) {
+            for (std::size_t d = 0; d < 3; ++d) to[3 * i + d] = factors[i] * normals[4 * i + d];
+        } else {
+            const OrientedPoint& instead = otherwise(i);
+            std::copy_n(instead.normal.begin(), 3, to + 3 * i);
+        }
+    }
+}
+
+}  // namespace
+
 template <class Scalar>
 void fade(const Midway& midway, std::span<const IndexPair> pairs, double t,
           std::span<Scalar> positions, std::span<Scalar> normals) {
-    using Rows = Eigen::Matrix<Scalar, Eigen::Dynamic, 3, Eigen::RowMajor>;
-    using Block = Eigen::Matrix<double, kNormalizedAtOnce, 3, Eigen::RowMajor>;
-    const OrientedPoints &source = midway.source, &target = midway.target;
-    const double share = t * t * (3.0 - 2.0 * t);
-    const auto faded = [share](const Positions& from, const Positions& to, IndexPair pair) {
-        return (1.0 - share) * from.row(pair.source) + share * to.row(pair.target);
+    const double share = t * t * (3.0 - 2.0 * t), rest = 1.0 - share;
+    const auto normal_share = static_cast<Scalar>(share), normal_rest = static_cast<Scalar>(rest);
+    const auto source_of = [&](std::size_t pair) -> const OrientedPoint& {
+        return midway.source[to_size(pairs[pair].source)];
+    };
+    const auto target_of = [&](std::size_t pair) -> const OrientedPoint& {
+        return midway.target[to_size(pairs[pair].target)];
     };
     constexpr std::size_t kAhead = 16;  // while so many pairs are placed, memory answers
-    constexpr double kCancelled = 1e-6;
+    constexpr auto kBlock = to_size(kNormalizedAtOnce);
     Progress silent;
     parallel_for(to_index(pairs.size()), silent, [&](Index begin, Index end) {
-        Block block;
-        for (Index first = begin; first < end; first += kNormalizedAtOnce) {
-            const Index count = std::min(kNormalizedAtOnce, end - first);
-            const auto those = pairs.subspan(to_size(first), to_size(count));
-            const auto ahead = pairs.subspan(std::min(to_size(first) + kAhead, pairs.size()));
-            auto rows = block.topRows(count);
-            const auto fill = [&](const Positions& from, const Positions& to) {
-                for (Index i = 0; i < count; ++i) {
-                    if (to_size(i) < ahead.size()) fetch_early(&to(ahead[to_size(i)].target, 0));
-                    rows.row(i) = faded(from, to, those[to_size(i)]);
-                }
-            };
-            const auto put = [&](std::span<Scalar> to) {
-                Eigen::Map<Rows>(to.data() + 3 * first, count, 3) = rows.template cast<Scalar>();
-            };
-            if (!positions.empty()) {
-                fill(source.positions, target.positions);
-                put(positions);
+        alignas(16) NormalBlock<Scalar> block;
+        for (std::size_t first = to_size(begin); first < to_size(end); first += kBlock) {
+            const std::size_t count = std::min(kBlock, to_size(end) - first);
+            for (std::size_t i = 0; i < count; ++i) {
+                const std::size_t pair = first + i;
+                if (pair + kAhead < pairs.size()) fetch_early(&target_of(pair + kAhead));
+                const OrientedPoint &from = source_of(pair), &to = target_of(pair);
+                for (std::size_t d = 0; d < 3 && !positions.empty(); ++d)
+                    positions[3 * pair + d] =
+                        static_cast<Scalar>(rest * from.position[d] + share * to.position[d]);
+                for (std::size_t d = 0; d < 4; ++d)
+                    block[4 * i + d] = normal_rest * static_cast<Scalar>(from.normal[d]) +
+                                       normal_share * static_cast<Scalar>(to.normal[d]);
             }
-            if (normals.empty()) continue;
-            fill(source.normals, target.normals);
-            normalize_rows(rows, kCancelled, [&](Index i) -> Eigen::RowVector3d {
-                const auto [s, r] = those[to_size(i)];
-                if (share < 0.5) return source.normals.row(s);
-                return target.normals.row(r);
-            });
-            put(normals);
+            if (!normals.empty())
+                put_normalized<Scalar>(block, count, normals.data() + 3 * first,
+                                       [&](std::size_t i) -> const OrientedPoint& {
+                                           return share < 0.5 ? source_of(first + i)
+                                                              : target_of(first + i);
+                                       });
         }
     });
 }

@@ -326,7 +326,7 @@ Positions Morph::source_at(double t, Progress& progress) const {
     lay_out_paths(progress);
     const ThreadCount threads(options_.threads);
     const Caches::LentMidway midway(*caches_, t);
-    return (*midway).source.positions;
+    return as_arrays((*midway).source).positions;
 }
 
 /// With pairs that needn't be at the same time.

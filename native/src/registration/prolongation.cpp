@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstring>
 
 #include "base/compiler.hpp"
 #include "cloud/normalized_rows.hpp"
@@ -9,6 +10,13 @@
 #include "pointmorph/cloud/kd_tree.hpp"
 
 namespace pointmorph {
+
+namespace {
+
+/// A turned normal that is no longer than that has no direction any more.
+constexpr double kCancelled = 1e-12;
+
+}  // namespace
 
 Prolongation::Prolongation(const CoarseShape& shape, const Positions& positions,
                            const Normals& normals, Progress& progress)
@@ -50,71 +58,154 @@ CoarseMoves::CoarseMoves(const CoarseShape& shape, const DeformedCloud& coarse)
     : moves_(to_size(shape.size())) {
     for (Index c = 0; c < shape.size(); ++c) {
         const Matrix3& linear = coarse.linear[to_size(c)];
-        moves_[to_size(c)] << linear,
+        moves_[to_size(c)].map() << linear,
             coarse.positions.row(c).transpose() - linear * shape.positions.row(c).transpose();
     }
 }
 
 void CoarseMoves::then(const Similarity& after) {
+    const Matrix3 linear = after.scale * after.rotation;
     for (Move& move : moves_) {
-        move = (after.scale * after.rotation * move).eval();
-        move.col(3) += after.translation;
+        move.map() = (linear * move.map()).eval();
+        move.map().col(3) += after.translation;
     }
     after_.scale *= after.scale;
     after_.rotation = after.rotation * after_.rotation;
 }
 
-/// The moves that a point follows, averaged.
-struct Prolongation::Blend {
-    std::array<Two, 6> numbers{};  ///< two to each half of a row
-    double factor;
+/// Moves some points. `Rows` say where they are and what becomes of them.
+template <class Rows>
+struct Prolongation::Blending {
+    const Prolongation& prolongation;
+    const CoarseMoves& moves;
+    const Rows& rows;
 
-    Blend(const Prolongation& prolongation, Index point, const CoarseMoves& moves) {
-        const auto& followed = prolongation.followed_[to_size(point)];
-        const auto& weights = prolongation.weights_[to_size(point)];
+    /// So many points, at most kNormalizedAtOnce, the first of which is `begin`.
+    void run(Index begin, Index count, bool wide) const {
+        if (wide && has_wide_registers())
+            run_wide(begin, count);
+        else
+            run_with<TwoTwos>(begin, count);
+    }
+
+private:
+    using Three = std::array<double, 3>;
+
+    POINTMORPH_WIDE void run_wide(Index begin, Index count) const { run_with<Four>(begin, count); }
+
+    template <class Numbers>
+    POINTMORPH_INLINE void run_with(Index begin, Index count) const {
+        for (std::size_t i = 0; i < to_size(count); ++i) move<Numbers>(to_size(begin), i);
+    }
+
+    /// `Numbers` are four doubles.
+    template <class Numbers>
+    POINTMORPH_INLINE void move(std::size_t begin, std::size_t i) const {
+        const auto& followed = prolongation.followed_[begin + i];
+        const auto& weights = prolongation.weights_[begin + i];
+        std::array<Numbers, 4> columns{};
         double sum = 0.0;
         for (std::size_t k = 0; k < kFollowed; ++k) {
             const double weight = weights[k];
-            const Two twice = {weight, weight};
-            const double* const move = moves.moves_[to_size(followed[k])].data();
-            for (std::size_t j = 0; j < numbers.size(); ++j)
-                numbers[j] += twice * Two{move[2 * j], move[2 * j + 1]};
+            const double* const from = moves.moves_[to_size(followed[k])].columns.data();
+            for (std::size_t j = 0; j < columns.size(); ++j) {
+                Numbers column;
+                std::memcpy(&column, from + 4 * j, sizeof column);
+                columns[j] += weight * column;
+            }
             sum += weight;
         }
-        factor = 1.0 / sum;
-    }
+        // Added up in the order that products of twos have.
+        const Three place = rows.position(begin + i);
+        Numbers even = place[0] * columns[0], odd = place[1] * columns[1];
+        even += place[2] * columns[2];
+        odd += columns[3];
+        even += odd;
+        even = 1.0 / sum * even;
+        double* const placed = rows.placed(begin + i);
+        for (int d = 0; d < 3; ++d) placed[d] = even[d];
 
-    /// Where (x, y, z, w) goes.
-    Eigen::RowVector3d times(const Eigen::RowVector3d& xyz, double w) const {
-        const Two xy = {xyz[0], xyz[1]}, zw = {xyz[2], w};
-        Eigen::RowVector3d product;
-        for (std::size_t row = 0; row < 3; ++row) {
-            Two parts = numbers[2 * row] * xy;
-            parts += numbers[2 * row + 1] * zw;
-            product[static_cast<int>(row)] = parts[0] + parts[1];
-        }
-        return product;
+        const Three normal = rows.normal(begin + i);
+        even = normal[0] * columns[0];
+        even += normal[2] * columns[2];
+        even += normal[1] * columns[1];
+        double* const turned = rows.turned + 3 * i;
+        for (int d = 0; d < 3; ++d) turned[d] = even[d];
     }
 };
 
-void Prolongation::move(Index begin, Index end, const CoarseMoves& moves,
-                        OrientedPoints& points) const {
-    constexpr double kCancelled = 1e-12;
+/// Points that are moved in place.
+struct Prolongation::OwnRows {
+    OrientedPoints& points;
+    double* turned;  ///< normals that have yet to be normalized
+
+    POINTMORPH_INLINE std::array<double, 3> position(std::size_t row) const {
+        const double* const at = points.positions.data() + 3 * row;
+        return {at[0], at[1], at[2]};
+    }
+    POINTMORPH_INLINE std::array<double, 3> normal(std::size_t row) const {
+        const double* const at = points.normals.data() + 3 * row;
+        return {at[0], at[1], at[2]};
+    }
+    POINTMORPH_INLINE double* placed(std::size_t row) const {
+        return points.positions.data() + 3 * row;
+    }
+};
+
+/// Points that stay at rest, and are written elsewhere.
+struct Prolongation::RestRows {
+    const double *positions, *offsets;
+    const float* normals;
+    double share;
+    OrientedPoint* points;
+    double* turned;
+
+    POINTMORPH_INLINE std::array<double, 3> position(std::size_t row) const {
+        const double *const at = positions + 3 * row, *const offset = offsets + 3 * row;
+        return {at[0] + share * offset[0], at[1] + share * offset[1], at[2] + share * offset[2]};
+    }
+    POINTMORPH_INLINE std::array<double, 3> normal(std::size_t row) const {
+        const float* const at = normals + 3 * row;
+        return {at[0], at[1], at[2]};
+    }
+    POINTMORPH_INLINE double* placed(std::size_t row) const { return points[row].position.data(); }
+};
+
+void Prolongation::move(Index begin, Index end, const CoarseMoves& moves, OrientedPoints& points,
+                        bool wide) const {
     Eigen::Matrix<double, kNormalizedAtOnce, 3, Eigen::RowMajor> turned;
+    const OwnRows rows{points, turned.data()};
     for (Index first = begin; first < end; first += kNormalizedAtOnce) {
         const Index count = std::min(kNormalizedAtOnce, end - first);
-        auto positions = points.positions.middleRows(first, count);
+        Blending<OwnRows>{*this, moves, rows}.run(first, count, wide);
         auto normals = points.normals.middleRows(first, count);
-        for (Index i = 0; i < count; ++i) {
-            const Blend blend(*this, first + i, moves);
-            positions.row(i) = blend.factor * blend.times(positions.row(i), 1.0);
-            turned.row(i) = blend.times(normals.row(i), 0.0);
-        }
         normalize_rows(turned.topRows(count), kCancelled * moves.after_.scale,
                        [&](Index i) -> Eigen::RowVector3d {
                            return normals.row(i) * moves.after_.rotation.transpose();
                        });
         normals = turned.topRows(count);
+    }
+}
+
+void Prolongation::move(Index begin, Index end, const CoarseMoves& moves, const Rest& rest,
+                        std::span<OrientedPoint> points, bool wide) const {
+    Eigen::Matrix<double, kNormalizedAtOnce, 3, Eigen::RowMajor> turned;
+    const RestRows rows{rest.positions.data(), rest.offsets.data(), rest.normals.data(), rest.share,
+                        points.data(),         turned.data()};
+    for (Index first = begin; first < end; first += kNormalizedAtOnce) {
+        const Index count = std::min(kNormalizedAtOnce, end - first);
+        Blending<RestRows>{*this, moves, rows}.run(first, count, wide);
+        normalize_rows(turned.topRows(count), kCancelled * moves.after_.scale,
+                       [&](Index i) -> Eigen::RowVector3d {
+                           return rest.normals.row(first + i).cast<double>() *
+                                  moves.after_.rotation.transpose();
+                       });
+        for (Index i = 0; i < count; ++i) {
+            const double* const normal = turned.data() + 3 * i;
+            for (std::size_t d = 0; d < 3; ++d)
+                points[to_size(first + i)].normal[d] = static_cast<float>(normal[d]);
+            points[to_size(first + i)].normal[3] = 0.0F;
+        }
     }
 }
 

@@ -82,6 +82,40 @@ TEST(Prolongation, SomePointsGoWhereAllTogetherDoAndOnBySimilarities) {
     }
 }
 
+TEST(Prolongation, WideRegistersGiveTheSameBits) {
+    Scattered f;
+    const CoarseMoves moves(f.shape, f.coarse);
+    OrientedPoints wide{f.positions, f.positions}, narrow = wide;
+    f.prolongation.move(0, 4000, moves, wide);
+    f.prolongation.move(0, 4000, moves, narrow, false);
+    EXPECT_EQ(wide.positions, narrow.positions);
+    EXPECT_EQ(wide.normals, narrow.normals);
+    EXPECT_GT((wide.positions - f.positions).rowwise().norm().maxCoeff(), 0.05);
+}
+
+TEST(Prolongation, PointsAtRestGoWhereTheyGoInPlace) {
+    Scattered f;
+    const CoarseMoves moves(f.shape, f.coarse);
+    const FloatNormals normals = f.positions.cast<float>();
+    const Positions offsets = 0.2 * Positions::Random(4000, 3);
+    OrientedPoints moved{f.positions + 0.3 * offsets, normals.cast<double>()};
+    f.prolongation.move(0, 4000, moves, moved);
+    for (const bool wide : {true, false}) {
+        std::vector<OrientedPoint> points(4000, {{-1, -1, -1}, {-1, -1, -1, -1}});
+        f.prolongation.move(10, 900, moves, {f.positions, normals, offsets, 0.3}, points, wide);
+        EXPECT_EQ(points[9].position[0], -1.0);
+        EXPECT_EQ(points[900].position[0], -1.0);
+        for (std::size_t i = 10; i < 900; ++i) {
+            for (std::size_t d = 0; d < 3; ++d) {
+                ASSERT_EQ(points[i].position[d], moved.positions(to_index(i), to_index(d)));
+                ASSERT_EQ(points[i].normal[d],
+                          static_cast<float>(moved.normals(to_index(i), to_index(d))));
+            }
+            ASSERT_EQ(points[i].normal[3], 0.0F);
+        }
+    }
+}
+
 TEST(Prolongation, WhereTurnsCancelANormalTurnsAsTheWhole) {
     Fixture f;
     DeformedCloud coarse;

@@ -1,6 +1,7 @@
 // Points of a surface and which way it faces at them.
 #pragma once
 
+#include <array>
 #include <cmath>
 
 #include "pointmorph/base/types.hpp"
@@ -19,6 +20,12 @@ inline bool faces_inside(double volume, double area) {
 struct OrientedPoints {
     Positions positions;  ///< #points by 3
     Normals normals;      ///< #points by 3, unit length
+};
+
+/// A point and its normal side by side, for those who read points in any order.
+struct OrientedPoint {
+    std::array<double, 3> position;
+    std::array<float, 4> normal;  ///< of unit length; the last is 0
 };
 
 /// Refers to them: the caller keeps them alive.

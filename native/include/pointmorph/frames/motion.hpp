@@ -3,12 +3,14 @@
 
 #include <memory>
 #include <span>
+#include <vector>
 
 #include "pointmorph/base/progress.hpp"
 #include "pointmorph/base/types.hpp"
 #include "pointmorph/cloud/cloud.hpp"
 #include "pointmorph/cloud/oriented_points.hpp"
 #include "pointmorph/cloud/similarity.hpp"
+#include "pointmorph/registration/prolongation.hpp"
 
 namespace pointmorph {
 
@@ -35,9 +37,12 @@ enum class PathKind { kLinear, kSimilarity, kRigid };
 
 /// Both clouds of a morph at one time.
 struct Midway {
-    OrientedPoints source, target;
+    std::vector<OrientedPoint> source, target;
     double t = -1.0;  ///< less than 0: at none yet
 };
+
+/// Points at one time as arrays.
+OrientedPoints as_arrays(std::span<const OrientedPoint> points);
 
 /// Where every point of a cloud is at t between itself and its image under a smooth map. Apart
 /// from the similarity, points go straight, or, on a rigid path, as rigidly as possible: a
@@ -77,14 +82,14 @@ private:
 
     /// All but what has to be found for each point.
     Motion(const Ends& ends, PathKind path, Progress& progress);
-    void follow(Progress& progress);
+    void follow(const Normals& normals, Progress& progress);
 
     State state(double t) const;
-    void place(const State& state, Index begin, Index end, OrientedPoints& places) const;
+    void place(const State& state, Index begin, Index end, std::span<OrientedPoint> places) const;
 
     Normalization unit_;
     Positions positions_;  ///< normalized
-    Normals normals_;
+    FloatNormals normals_;
     Positions offsets_;   ///< what is added by t = 1, before anything turns
     Positions unturned_;  ///< and after, where turns cancel; no rows where they do nowhere
     GradualSimilarity similarity_;

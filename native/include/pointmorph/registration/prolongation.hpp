@@ -2,6 +2,7 @@
 #pragma once
 
 #include <array>
+#include <span>
 #include <vector>
 
 #include "pointmorph/base/progress.hpp"
@@ -13,6 +14,8 @@
 
 namespace pointmorph {
 
+using FloatNormals = Eigen::Matrix<float, Eigen::Dynamic, 3, Eigen::RowMajor>;
+
 /// What coarse points do, laid out so that points that follow them read it quickly.
 class CoarseMoves {
 public:
@@ -23,8 +26,13 @@ public:
 
 private:
     friend class Prolongation;
-    /// Of an affine map, row by row: the linear part, and where the origin goes.
-    using Move = Eigen::Matrix<double, 3, 4, Eigen::RowMajor>;
+    /// Of an affine map, two cache lines: the images of the axes, and where the origin goes, a 0
+    /// after each.
+    struct alignas(64) Move {
+        std::array<double, 16> columns{};
+
+        auto map() { return Eigen::Map<Eigen::Matrix<double, 4, 4>>(columns.data()).topRows<3>(); }
+    };
     std::vector<Move> moves_;  ///< of each coarse point
     Similarity after_;         ///< what has followed; its translation is in the moves alone
 };
@@ -46,14 +54,30 @@ public:
                               Progress& progress) const;
 
     /// The same for the points from `begin` to `end`, which are where they were, in place. Where
-    /// turns cancel, a normal takes part in the rotation after all moves alone.
-    void move(Index begin, Index end, const CoarseMoves& moves, OrientedPoints& points) const;
+    /// turns cancel, a normal takes part in the rotation after all moves alone. The same bits with
+    /// wide registers and without; `wide`: they may be used, where the processor has any.
+    void move(Index begin, Index end, const CoarseMoves& moves, OrientedPoints& points,
+              bool wide = true) const;
+
+    /// All points at rest.
+    struct Rest {
+        const Positions& positions;
+        const FloatNormals& normals;
+        const Positions& offsets;  ///< of which `share` is added before anything moves
+        double share;
+    };
+    /// The same from points at rest, into the same rows of `points`.
+    void move(Index begin, Index end, const CoarseMoves& moves, const Rest& rest,
+              std::span<OrientedPoint> points, bool wide = true) const;
 
     /// What happens right around a point: its coarse points' linear maps, averaged.
     Matrix3 linear(Index point, const DeformedCloud& coarse) const;
 
 private:
-    struct Blend;
+    template <class Rows>
+    struct Blending;
+    struct OwnRows;
+    struct RestRows;
     static constexpr std::size_t kFollowed = 5;
     std::vector<std::array<Index, kFollowed>> followed_;
     std::vector<std::array<float, kFollowed>> weights_;  ///< of sum 1
