@@ -90,8 +90,8 @@ double share_by_brute_force(const Positions& source, const Positions& target, co
     return std::max(side(source, &IndexPair::source), side(target, &IndexPair::target));
 }
 
-TEST(Cracks, AreThoseOfBruteForce) {
-    // points of very different spacing, half of which fly apart by their own ways
+/// Points of very different spacing, half of which fly apart by their own ways.
+void compare_with_brute_force(double scale, double offset) {
     std::mt19937 random(5);
     std::normal_distribution<double> normal;
     const Index count = 400;
@@ -100,6 +100,8 @@ TEST(Cracks, AreThoseOfBruteForce) {
         if (i % 3 == 0) source.row(i) *= 0.01;
         if (i % 2 == 0) target.row(i) += Eigen::RowVector3d(3.0, 0.0, 0.02 * normal(random));
     }
+    source = (scale * source).array() + offset;
+    target = (scale * target).array() + offset;
     Pairing pairs = identity(count);
     for (Index i = 0; i < count; i += 5) pairs.push_back({i, (i * 7) % count});
     std::ranges::sort(pairs);
@@ -113,6 +115,17 @@ TEST(Cracks, AreThoseOfBruteForce) {
         EXPECT_EQ(cracks[k].share, again[k].share);
     }
     EXPECT_GT(cracks.back().share, 0.01);
+}
+
+TEST(Cracks, AreThoseOfBruteForce) {
+    compare_with_brute_force(1.0, 0.0);
+}
+
+TEST(Cracks, AreThoseOfBruteForceAtAnySizeAndPlace) {
+    compare_with_brute_force(1e-140, 0.0);
+    compare_with_brute_force(1e140, 0.0);
+    compare_with_brute_force(1.0, -1e6);
+    compare_with_brute_force(1.0, 1e10);  // a millionth is rounded away
 }
 
 TEST(Example, Cracks) {
