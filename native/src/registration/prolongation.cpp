@@ -5,6 +5,7 @@
 #include <cstring>
 
 #include "base/compiler.hpp"
+#include "cloud/nearby_search.hpp"
 #include "cloud/normalized_rows.hpp"
 #include "pointmorph/base/parallel.hpp"
 #include "pointmorph/cloud/kd_tree.hpp"
@@ -26,14 +27,16 @@ Prolongation::Prolongation(const CoarseShape& shape, const Positions& positions,
     KdTree<6>::Points keys(shape.size(), 6);
     keys << shape.positions, normal_weight * shape.normals;
     const KdTree<6> tree(keys);
+    const NearbySearch<6> search(tree, progress);
 
     parallel_for(to_index(positions.rows()), progress, [&](Index begin, Index end) {
         std::array<Index, kFollowed + 1> near;  // the last has weight 0
         std::array<double, kFollowed + 1> squared;
+        Index beside = 0;  // of the point before
         for (Index i = begin; i < end; ++i) {
             Eigen::Matrix<double, 6, 1> key;
             key << positions.row(i).transpose(), normal_weight * normals.row(i).transpose();
-            const auto found = to_size(tree.nearest(key.data(), near, squared));
+            const auto found = to_size(search.nearest(key.data(), beside, near, squared));
             const double reach = std::sqrt(squared[found - 1]);
             std::array<double, kFollowed> weights{};
             double sum = 0.0;
