@@ -114,7 +114,13 @@ void parallel_invoke(int count, Progress& progress,
         [&](int i, bool owner) {
             Progress silent([&](std::string_view, double) { return !progress.cancelled(); });
             try {
-                body(i, owner ? progress : silent);
+                if (owner) {
+                    const double all = count;
+                    const Progress::Part part(progress, i / all, (i + 1) / all);
+                    body(i, progress);
+                } else {
+                    body(i, silent);
+                }
             } catch (...) {
                 if (owner && !callers) callers = std::current_exception();
                 ++ended;

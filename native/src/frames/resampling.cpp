@@ -52,8 +52,6 @@ Resampling::Resampling(End source, End target, std::span<const IndexPair> pairs,
     {
         const Progress::Part part(progress, 0.0, kBoth);
         on_both(progress, [&](bool is_source, Progress& its) {
-            // One thread may do both, one after the other.
-            const Progress::Part side(its, is_source ? 0.0 : 0.5, is_source ? 0.5 : 1.0);
             const Cloud &cloud = is_source ? source.cloud : target.cloud,
                         &other = is_source ? target.cloud : source.cloud;
             const auto sides = is_source ? std::pair(&IndexPair::source, &IndexPair::target)

@@ -106,20 +106,18 @@ Cuts cut_alike(const CutTask& task, const CutGrounds& grounds, std::vector<std::
         source_rows.push_back(f.rows.source);
         target_rows.push_back(f.rows.target);
     }
-    const auto cut = [&](bool is_source, double first, double last, Progress& its,
-                         std::span<const Patch> wanted = {}) {
-        const Progress::Part part(its, first, last);
+    const auto cut = [&](bool is_source, Progress& its, std::span<const Patch> wanted = {}) {
         return decompose(grounds[is_source],
                          {is_source ? source_rows : target_rows, task.loop, wanted}, task.options,
                          its);
     };
     Cuts cuts;
-    on_both(progress, [&](bool is_source, Progress& its) {
-        if (is_source)
-            cuts.source = cut(true, 0.2, 0.5, its);
-        else
-            cuts.target = cut(false, 0.5, 0.8, its);
-    });
+    {
+        const Progress::Part part(progress, 0.2, 0.8);
+        on_both(progress, [&](bool is_source, Progress& its) {
+            (is_source ? cuts.source : cuts.target) = cut(is_source, its);
+        });
+    }
     const Astray astray(cuts, known.all);
     if (astray.features.empty()) return cuts;
     if (astray.is_mirrored()) astray.check(known.all);
@@ -140,8 +138,12 @@ Cuts cut_alike(const CutTask& task, const CutGrounds& grounds, std::vector<std::
         names[led] += (names[led].empty() ? "\"" : ", \"") + known.all[k].name + "\"";
     }
     try {
-        if (!names[0].empty()) cuts.source = cut(true, 0.8, 0.9, progress, wanted[0]);
-        if (!names[1].empty()) cuts.target = cut(false, 0.9, 1.0, progress, wanted[1]);
+        const Progress::Part part(progress, 0.8, 1.0);
+        on_both(progress, [&](bool is_source, Progress& its) {
+            const std::size_t k = is_source ? 0 : 1;
+            if (!names[k].empty())
+                (is_source ? cuts.source : cuts.target) = cut(is_source, its, wanted[k]);
+        });
     } catch (const Error&) {  // the way round crosses the loop, or leaves no patch
         astray.check(known.all);
     }

@@ -141,7 +141,6 @@ RouteResult match_in_disk(const RouteInput& input, const Boundary& source_bounda
     }
     DiskPoints source_disk, target_disk;
     on_both(progress, [&](bool is_source, Progress& its) {
-        const Progress::Part part(its, is_source ? 0.0 : 0.5, is_source ? 0.5 : 1.0);
         RouteFacts& facts = result.facts;
         if (is_source)
             source_disk = on_disk(source, pins.source, options.parameterization,

@@ -228,7 +228,10 @@ Correspondence find_correspondence(PreparedShapes shapes, MorphInput given,
     std::optional<CutGrounds> grounds;
     if (domain == Domain::kCut && given.loop.empty()) {
         progress.enter("decomposition");
-        grounds.emplace(input, single_points(features), options.decomposition, progress);
+        {
+            const Progress::Part part(progress, 0.0, 0.2);  // the rest is the cut's
+            grounds.emplace(input, single_points(features), options.decomposition, progress);
+        }
         given.loop = loop_through(input, *grounds);
         suggested = loop_was_suggested(given.loop);
     }

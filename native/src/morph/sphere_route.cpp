@@ -20,7 +20,6 @@ RouteResult match_on_sphere(const RouteInput& input, const SphereRouteOptions& o
     const std::vector<IndexPair> features = rows_of(point_features(input, {}, progress));
     SphericalMesh source_mesh, target_mesh;
     on_both(progress, [&](bool is_source, Progress& its) {
-        const Progress::Part part(its, is_source ? 0.0 : 0.5, is_source ? 0.5 : 1.0);
         std::vector<Index> rows;
         for (const IndexPair& f : features) rows.push_back(is_source ? f.source : f.target);
         (is_source ? source_mesh : target_mesh) = spherical_mesh(

@@ -235,6 +235,33 @@ TEST_P(ParallelFor, ALoopInsideOfABodyStaysOnItsThread) {
     EXPECT_EQ(threads_used(), 3);  // as before
 }
 
+TEST_P(ParallelFor, WhatACallerDoesOfSeveralHasAShareEachOfItsProgress) {
+    for (int threads = 1; threads <= 3; ++threads) {
+        const ThreadCount scope(threads);
+        std::vector<double> said;
+        Progress progress(
+            [&](std::string_view, double fraction) {
+                said.push_back(fraction);
+                return true;
+            },
+            0ms);
+        progress.enter("stage");
+        {
+            const Progress::Part part(progress, 0.2, 0.8);
+            parallel_invoke(3, progress, [](int, Progress& its) {
+                for (const double done : {0.0, 0.5, 1.0}) its.report(done);
+            });
+        }
+        EXPECT_TRUE(std::ranges::is_sorted(said));
+        EXPECT_LE(said.back(), 0.8);
+        if (threads == 1) {
+            const std::vector<double> all{0.0, 0.2, 0.3, 0.4, 0.4, 0.5, 0.6, 0.6, 0.7, 0.8};
+            ASSERT_EQ(said.size(), all.size());
+            for (std::size_t k = 0; k < all.size(); ++k) EXPECT_NEAR(said[k], all[k], 1e-12);
+        }
+    }
+}
+
 TEST_P(ParallelFor, AnExceptionInsideOfABodyReachesTheCallerThroughBothLoops) {
     const ThreadCount scope(2);
     const auto run = [] {

@@ -84,9 +84,9 @@ void parallel_for(Index count, Progress& progress, Body&& body, double first = 0
 void parallel_invoke(int count, const std::function<void(int, bool)>& body);
 
 /// Calls `body(i, its)` for i = 0 … count − 1 (a few), next to each other where there are threads.
-/// On the calling thread, `its` is `progress`; on others it says nothing, and is cancelled when
-/// `progress` is, whose callback is asked until all have ended. Throws Cancelled, else the
-/// exception of the lowest i.
+/// On the calling thread, which may do several, `its` is `progress`, of which each has a share; on
+/// others it says nothing, and is cancelled when `progress` is, whose callback is asked until all
+/// have ended. Throws Cancelled, else the exception of the lowest i.
 void parallel_invoke(int count, Progress& progress,
                      const std::function<void(int, Progress&)>& body);
 
