@@ -1,7 +1,6 @@
 #include "frames/gap_triangles.hpp"
 
 #include <Eigen/Geometry>
-#include <numeric>
 #include <utility>
 
 #include "pointmorph/base/parallel.hpp"
@@ -21,26 +20,6 @@ Vector3 facing(const Positions& positions, const GapTriangle& corners) {
     const Vector3 origin = positions.row(corners[0]).transpose();
     return (positions.row(corners[1]).transpose() - origin)
         .cross(positions.row(corners[2]).transpose() - origin);
-}
-
-/// Ascending, each once. By counting: few have the same lowest corner.
-std::vector<GapTriangle> sorted_once(std::span<const GapTriangle> triangles, Index pairs,
-                                     Progress& progress) {
-    std::vector<std::ptrdiff_t> ends(to_size(pairs) + 1, 0);
-    for (const GapTriangle& corners : triangles) ++ends[to_size(corners[0]) + 1];
-    std::partial_sum(ends.begin(), ends.end(), ends.begin());
-    std::vector<GapTriangle> sorted(triangles.size());
-    for (const GapTriangle& corners : triangles)
-        sorted[to_size(ends[to_size(corners[0])]++)] = corners;
-    const auto begin_of = [&](Index pair) {
-        return sorted.begin() + (pair > 0 ? ends[to_size(pair - 1)] : 0);
-    };
-    parallel_for(pairs, progress, [&](Index begin, Index end) {
-        for (Index pair = begin; pair < end; ++pair) std::sort(begin_of(pair), begin_of(pair + 1));
-    });
-    const auto unique = std::ranges::unique(sorted);
-    sorted.erase(unique.begin(), unique.end());
-    return sorted;
 }
 
 /// The nearest of each row, where they are known of rows in another order, and maybe more.
@@ -217,6 +196,34 @@ bool is_wider(const Positions& positions, const GapTriangle& corners, double rad
     }
     // Obtuse: on the longest edge, where the middle line of the second longest meets it.
     return b * std::sqrt(c) > radius * (b + c - a);
+}
+
+bool is_surely_narrow(const RoughCorner& first, const RoughCorner& second, const RoughCorner& third,
+                      float radius) {
+    const auto squared = [](const RoughCorner& from, const RoughCorner& to) {
+        const float x = from[0] - to[0], y = from[1] - to[1], z = from[2] - to[2];
+        return x * x + y * y + z * z;
+    };
+    constexpr float kBelow = 1.0F - 1e-6F;
+    radius *= kBelow / 3.0F * (first[3] + second[3] + third[3]);
+    const float limit = radius * radius;
+    const float x = squared(second, third), y = squared(third, first), z = squared(first, second);
+    const float low = std::min(x, y), high = std::max(x, y);
+    const float a = std::min(low, z), c = std::max(high, z), b = std::min(high, std::max(low, z));
+    // No square is off by more: edges, which aren't longer than 3.5 radii, are off by the
+    // roughness.
+    const float off = 8.0F * kRoughness * radius + 2e-5F * limit + kRoughness * kRoughness;
+    // As in is_wider(), with room for what all squares may be off. Nobody can foresee how a
+    // triangle is shaped, so that it takes longer to choose a test than to do all.
+    const float acute = a + b - c;
+    const float area = 2.0F * (a * b + b * c + c * a) - a * a - b * b - c * c;
+    const float foot = b + c - a - 4.0F * off, longer = b + off;
+    const bool is_short = c + off < 3.0F * limit;
+    const bool is_acute =
+        (acute > 4.0F * off) & (a * b * c + 4.0F * c * c * off < limit * (area - 16.0F * c * off));
+    const bool is_obtuse = (acute < -4.0F * off) & (foot > 0.0F) &
+                           (longer * longer * (c + off) < kBelow * limit * foot * foot);
+    return (c < 12.0F * limit) & (is_short | is_acute | is_obtuse);
 }
 
 }  // namespace pointmorph

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <limits>
 
+#include "base/compiler.hpp"
 #include "pointmorph/base/parallel.hpp"
 
 namespace pointmorph {
@@ -79,8 +80,18 @@ FrameSample::FrameSample(double time, const OrientedPoints& frame, const Resampl
       positions(with_places(unit.apply(frame.positions), points)),
       normals(with_normals(positions, frame.normals, points)) {
     for (std::size_t i = 0; i < ids.size(); ++i) rows[to_size(ids[i])] = pairs + to_index(i);
-    for (Index pair = 0; pair < pairs; ++pair)
-        spacing[pair] = resampling.options().spacing * resampling.spacing(pair, t) / unit.scale;
+    rough.resize(to_size(positions.rows()));
+    Progress silent;
+    parallel_for(to_index(rough.size()), silent, [&](Index begin, Index end) {
+        for (Index row = begin; row < end; ++row) {
+            double at = 0.0;
+            if (row < pairs)
+                at = spacing[row] =
+                    resampling.options().spacing * resampling.spacing(row, t) / unit.scale;
+            const auto place = positions.row(row).cast<float>();
+            rough[to_size(row)] = {place[0], place[1], place[2], static_cast<float>(at)};
+        }
+    });
 }
 
 double FrameSample::spacing_at(const InsertedPoint& point) const {
@@ -107,11 +118,19 @@ MissingPoints::MissingPoints(const Resampling& resampling, std::span<const Index
 std::vector<Index> MissingPoints::open_triangles(const FrameSample& sample,
                                                  Progress& progress) const {
     std::vector<char> is_open(triangles_.size());
+    constexpr Index kAhead = 16;  // while so many triangles are looked at, memory answers
     const auto look = [&](Index begin, Index end) {
-        for (Index i = begin; i < end; ++i)
+        for (Index i = begin; i < end; ++i) {
+            if (i + kAhead < end)
+                for (const Index corner : triangles_[to_size(i + kAhead)])
+                    fetch_early(&sample.rough[to_size(corner)]);
+            const auto [a, b, c] = triangles_[to_size(i)];
             is_open[to_size(i)] =
+                !is_surely_narrow(sample.rough[to_size(a)], sample.rough[to_size(b)],
+                                  sample.rough[to_size(c)], static_cast<float>(kEmpty)) &&
                 is_wider_than(sample, i, kEmpty) &&
                 shows_front(sample.positions, sample.normals, triangles_[to_size(i)]);
+        }
     };
     parallel_for(to_index(triangles_.size()), progress, look);
     std::vector<Index> result;
@@ -137,25 +156,46 @@ bool MissingPoints::is_too_low(const FrameSample& sample, double density, Index 
     return density * area < resampling_.options().omega * wanted;
 }
 
-/// Whether a row passes the test by points that are known to be near: its previous k nearest, or
-/// those around it on one of the models. The k nearest are no farther.
-bool MissingPoints::is_dense(const FrameSample& sample, Index row) const {
-    const auto suffice = [&](std::span<const Index> near, auto&& row_at) {
-        if (near.size() < kNearest) return false;
-        double squared = 0.0;
-        for (const Index other : near.first(kNearest)) {
-            const Index there = row_at(other);
-            if (there < 0) return false;
-            const auto away = sample.positions.row(there) - sample.positions.row(row);
-            squared = std::max(squared, away.squaredNorm());
-        }
+/// Whether a row passes the test by points that may be near; the k nearest are no farther.
+bool MissingPoints::is_dense_by(const FrameSample& sample, Index row, const Numbers& near) const {
+    std::array<Index, kNearest> rows;
+    float rough = 0.0F;
+    const RoughCorner& here = sample.rough[to_size(row)];
+    for (std::size_t k = 0; k < kNearest; ++k) {
+        rows[k] = row_of(sample, near[k]);
+        if (rows[k] < 0) return false;
+        const RoughCorner& there = sample.rough[to_size(rows[k])];
+        const float x = there[0] - here[0], y = there[1] - here[1], z = there[2] - here[2];
+        rough = std::max(rough, x * x + y * y + z * z);
+    }
+    // Mostly they are near enough even if they are a little farther than it seems.
+    const double farthest = 1.000001 * std::sqrt(static_cast<double>(rough)) + kRoughness;
+    const auto is_near_enough = [&](double squared) {
         return !is_too_low(sample, static_cast<double>(kNearest) / squared, row);
     };
-    if (const auto& known = nearest_[to_size(number_of(sample, row))]; known.front() >= 0)
-        return suffice(known, [&](Index number) { return row_of(sample, number); });
+    if (is_near_enough(farthest * farthest)) return true;
+    double squared = 0.0;
+    for (const Index there : rows) {
+        const auto away = sample.positions.row(there) - sample.positions.row(row);
+        squared = std::max(squared, away.squaredNorm());
+    }
+    return is_near_enough(squared);
+}
+
+/// The same by those that were near when it was last asked, else by those around the row on one of
+/// the models, which are remembered if it does.
+bool MissingPoints::is_dense(const FrameSample& sample, Index row) {
+    Numbers& known = nearest_[to_size(number_of(sample, row))];
+    if (known.front() >= 0 && is_dense_by(sample, row, known)) return true;
     if (row >= sample.pairs) return false;
     const auto around = [&](const EndSamples& end, Index at) {
-        return suffice(end.nearest[at], [&](Index other) { return end.pairs[to_size(other)]; });
+        const auto near = end.nearest[at];
+        if (near.size() < kNearest) return false;
+        Numbers numbers;
+        for (std::size_t k = 0; k < kNearest; ++k) numbers[k] = end.pairs[to_size(near[k])];
+        if (!is_dense_by(sample, row, numbers)) return false;
+        known = numbers;
+        return true;
     };
     const auto [s, d] = pairs_[to_size(row)];
     return around(source_, s) || around(target_, d);
@@ -296,7 +336,7 @@ std::vector<MissingPoints::Place> MissingPoints::operator()(const FrameSample& s
                                                             std::span<const Index> open,
                                                             std::span<const char> dead,
                                                             Progress& progress) {
-    constexpr std::array<Index, kNearest> kNone{-1};
+    constexpr Numbers kNone{-1};
     nearest_.resize(pairs_.size() + chosen_.size(), kNone);
     constexpr Index kChunk = 64;
     const std::vector<Gap> found_gaps = gaps(sample, open, dead, progress);

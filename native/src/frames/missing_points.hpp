@@ -28,7 +28,8 @@ struct FrameSample {
     Values spacing;                     ///< of new points, by pair
     Positions positions;
     Normals normals;
-    std::optional<KdTree<3>> tree;  ///< over the rows, once it has been planted
+    std::vector<RoughCorner> rough;  ///< places, with spacings of pairs
+    std::optional<KdTree<3>> tree;   ///< over the rows, once it has been planted
 
     /// `points` are alive and have these `ids`, of `count` in all.
     FrameSample(double t, const OrientedPoints& frame, const Resampling& resampling,
@@ -90,6 +91,9 @@ private:
     static constexpr std::size_t kNearest = to_size(Resampling::kDensityNeighbors);
     static constexpr std::size_t kRemembered = 4;
 
+    /// Of points: the pair, or the number of pairs plus the id.
+    using Numbers = std::array<Index, kNearest>;
+
     struct Gap {
         Index triangle;
         bool lacks_points;  ///< by the density test; else by the gap that discs leave
@@ -97,7 +101,8 @@ private:
 
     bool is_wider_than(const FrameSample& sample, Index triangle, double radius) const;
     bool is_too_low(const FrameSample& sample, double density, Index row) const;
-    bool is_dense(const FrameSample& sample, Index row) const;
+    bool is_dense_by(const FrameSample& sample, Index row, const Numbers& near) const;
+    bool is_dense(const FrameSample& sample, Index row);
     bool is_sparse(const FrameSample& sample, Index row);
     std::vector<char> sparse_rows(const FrameSample& sample, std::span<const Index> open,
                                   std::span<const char> dead, Progress& progress);
@@ -119,8 +124,8 @@ private:
     // What lay near when it was last asked, as pairs, or the number of pairs plus the id. Most
     // still does, and then the tree needn't be asked again. −1: none.
     std::vector<std::array<Index, kRemembered>>
-        covering_;                                      ///< by triangle, for some of its samples
-    std::vector<std::array<Index, kNearest>> nearest_;  ///< by pair, then id: the k nearest
+        covering_;                  ///< by triangle, for some of its samples
+    std::vector<Numbers> nearest_;  ///< by pair, then id: k that are near
 };
 
 }  // namespace pointmorph

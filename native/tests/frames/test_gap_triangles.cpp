@@ -64,6 +64,44 @@ TEST(GapTriangles, AreWiderThanWhatDenseSamplesSay) {
     }
 }
 
+TEST(GapTriangles, AreSurelyNarrowOnlyIfTheyAreAndMostlyThen) {
+    constexpr double kRadius = 0.85;
+    std::mt19937_64 random(7);
+    std::uniform_real_distribution<double> place(-0.5, 0.5), share(0.2, 2.0);
+    for (const double size : {0.1, 2e-3, 2e-4, 1e-6}) {
+        int narrow = 0, seen = 0;
+        for (int trial = 0; trial < 20'000; ++trial) {
+            // Close to the limit, somewhere in the ball, between points of different spacing.
+            const Vector3 spacing = size * Vector3(share(random), share(random), share(random));
+            const Eigen::RowVector3d center(place(random), place(random), place(random));
+            const Positions corners = (size * random_triangle(random)).rowwise() + center;
+            const auto rough = [&](int k) {
+                const auto at = corners.row(k).cast<float>();
+                return RoughCorner{at[0], at[1], at[2], static_cast<float>(spacing[k])};
+            };
+            const double radius = kRadius * spacing.mean();
+            const bool sure = is_surely_narrow(rough(0), rough(1), rough(2), 0.85F);
+            if (sure) {
+                ASSERT_FALSE(is_wider(corners, kCorners, radius)) << corners;
+            }
+            if (is_wider(corners, kCorners, 0.97 * radius)) continue;
+            ++narrow;
+            seen += sure ? 1 : 0;
+        }
+        ASSERT_GT(narrow, 5000) << size;
+        if (size > 1e-4) {
+            EXPECT_GT(seen, 0.95 * narrow) << size;
+        }
+    }
+}
+
+TEST(GapTriangles, OfNoExtentOrSpacingAreNotSurelyNarrow) {
+    const RoughCorner here{0.5F, 0.5F, 0.5F, 0.0F};
+    EXPECT_FALSE(is_surely_narrow(here, here, here, 0.85F));
+    const RoughCorner nowhere{std::numeric_limits<float>::quiet_NaN(), 0.5F, 0.5F, 0.1F};
+    EXPECT_FALSE(is_surely_narrow(here, nowhere, here, 0.85F));
+}
+
 TEST(GapTriangles, OfNoExtentAreWiderThanNothing) {
     const Positions corners = Positions::Ones(3, 3);
     EXPECT_FALSE(is_wider(corners, kCorners, 1e-9));

@@ -2,6 +2,10 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
+#include <random>
+#include <set>
+
 #include "pointmorph/base/parallel.hpp"
 #include "shaken_shapes.hpp"
 #include "shapes.hpp"
@@ -71,6 +75,23 @@ TEST(LocalTriangles, CoincidentPointsAndTinyCloudsDoNoHarm) {
     EXPECT_TRUE(triangles_of(Positions::Zero(20, 3), shapes::up(20)).empty());
     EXPECT_TRUE(triangles_of(Positions(0, 3), shapes::up(0)).empty());
     EXPECT_TRUE(triangles_of(Positions::Zero(1, 3), shapes::up(1)).empty());
+}
+
+TEST(LocalTriangles, AreSortedEachOnce) {
+    std::mt19937 random(3);
+    std::vector<Triangle> triangles;
+    for (int k = 0; k < 5000; ++k) {
+        Triangle corners;
+        for (Index& corner : corners) corner = to_index(random() % 40);
+        std::ranges::rotate(corners, std::ranges::min_element(corners));
+        triangles.push_back(corners);
+    }
+    Progress progress;
+    const auto found = sorted_once(triangles, 40, progress);
+    const std::set<Triangle> expected(triangles.begin(), triangles.end());
+    EXPECT_LT(found.size(), triangles.size());
+    EXPECT_EQ(found, std::vector<Triangle>(expected.begin(), expected.end()));
+    EXPECT_TRUE(sorted_once({}, 3, progress).empty());
 }
 
 TEST(LocalTriangles, SameForAnyNumberOfThreads) {

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <array>
+#include <span>
 #include <vector>
 
 #include "pointmorph/base/progress.hpp"
@@ -23,5 +24,10 @@ using Triangle = std::array<Index, 3>;
 std::vector<Triangle> local_triangles(const Positions& positions, const Normals& normals,
                                       const Neighborhoods& nearest, const Values& spacing,
                                       double reach, Progress& progress);
+
+/// Triangles whose first corner is the lowest, of so many rows: ascending, each once. By counting,
+/// as few have the same lowest corner.
+std::vector<Triangle> sorted_once(std::span<const Triangle> triangles, Index rows,
+                                  Progress& progress);
 
 }  // namespace pointmorph
