@@ -120,7 +120,8 @@ double Resampling::unit_area(double t) const {
     return size * size;
 }
 
-Resampling::Alive Resampling::at(double t, const OrientedPoints& frame, Progress& progress) const {
+Resampling::Alive Resampling::at(double t, const OrientedPoints& frame, Progress& progress,
+                                 const std::function<void()>& meanwhile) const {
     Alive alive;
     for (std::size_t i = 0; i < plan_.points.size(); ++i)
         if (plan_.points[i].lifetime.share(t) > 0.0) alive.ids.push_back(to_index(i));
@@ -128,19 +129,31 @@ Resampling::Alive Resampling::at(double t, const OrientedPoints& frame, Progress
     alive.share.resize(count);
     alive.positions.resize(count, 3);
     alive.normals.resize(count, 3);
-    if (count == 0) return alive;
+    if (count == 0) {
+        if (meanwhile) meanwhile();
+        return alive;
+    }
 
-    Normalization unit = normalization(frame.positions);
-    if (!(unit.scale > 0.0)) unit.scale = 1.0;  // all points lie in one place
-    const Positions positions = unit.apply(frame.positions);
-    const KdTree<3> tree(positions);
+    Normalization unit;
+    Positions positions;
+    std::optional<KdTree<3>> tree;
+    parallel_invoke(2, [&](int k, bool) {
+        if (k == 1) {
+            unit = normalization(frame.positions);
+            if (!(unit.scale > 0.0)) unit.scale = 1.0;  // all points lie in one place
+            positions = unit.apply(frame.positions);
+            tree.emplace(positions);
+        } else if (meanwhile) {
+            meanwhile();
+        }
+    });
     MlsOptions mls = options_.mls;
     if (mls.width) *mls.width /= unit.scale;
     constexpr Index kChunk = 32;
     parallel_for(
         count, progress,
         [&](Index begin, Index end) {
-            MlsProjection project(tree, frame.normals, mls);
+            MlsProjection project(*tree, frame.normals, mls);
             for (Index i = begin; i < end; ++i) {
                 const InsertedPoint& point = plan_.points[to_size(alive.ids[to_size(i)])];
                 Vector3 place = blend(positions, point);

@@ -471,9 +471,6 @@ void Morph::insert_points(ResampledFrame<Scalar>& frame, double t, Progress& pro
     const std::size_t pairs = pairs_.size();
     using Rows = Eigen::Matrix<Scalar, Eigen::Dynamic, 3, Eigen::RowMajor>;
     const auto rows = static_cast<Eigen::Index>(pairs);
-    const Positions velocities = this->velocities(t);
-    frame.velocities.resize(3 * pairs);
-    Eigen::Map<Rows>(frame.velocities.data(), rows, 3) = velocities.template cast<Scalar>();
     frame.ids.resize(pairs);
     std::iota(frame.ids.begin(), frame.ids.end(), 0);
 
@@ -481,7 +478,12 @@ void Morph::insert_points(ResampledFrame<Scalar>& frame, double t, Progress& pro
         Eigen::Map<const Rows>(frame.positions.data(), rows, 3).template cast<double>(),
         Eigen::Map<const Rows>(frame.normals.data(), rows, 3).template cast<double>()};
     cloud.normals.rowwise().normalize();  // at the ends they have the length that was given
-    const Resampling::Alive alive = resampling.at(t, cloud, progress);
+    Positions velocities;
+    const Resampling::Alive alive = resampling.at(t, cloud, progress, [&] {
+        velocities = this->velocities(t);
+        frame.velocities.resize(3 * pairs);
+        Eigen::Map<Rows>(frame.velocities.data(), rows, 3) = velocities.template cast<Scalar>();
+    });
     const std::size_t count = pairs + alive.ids.size();
     frame.positions.resize(3 * count);
     frame.normals.resize(3 * count);

@@ -3,9 +3,11 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <atomic>
 #include <cmath>
 #include <functional>
 #include <limits>
+#include <stdexcept>
 
 #include "pointmorph/base/error.hpp"
 #include "pointmorph/base/parallel.hpp"
@@ -144,6 +146,25 @@ TEST(Resampling, NewPointsLieOnTheTrueSurface) {
         }
         EXPECT_LT(off, 0.01) << t;
         EXPECT_LT(turned, 0.0175) << t;  // a degree
+    }
+}
+
+TEST(Resampling, DoesOnceWhatIsToBeDoneMeanwhile) {
+    const Given given = limbs(2000);
+    const Resampling resampling = given.resampled(everywhere());
+    Progress progress;
+    for (const double t : {0.0, 0.4}) {
+        const OrientedPoints frame = given.at(t);
+        const Resampling::Alive alone = resampling.at(t, frame, progress);
+        EXPECT_EQ(alone.ids.empty(), t == 0.0);
+        std::atomic<int> calls{0};
+        const Resampling::Alive beside = resampling.at(t, frame, progress, [&] { ++calls; });
+        EXPECT_EQ(calls, 1) << t;
+        EXPECT_EQ(beside.ids, alone.ids);
+        EXPECT_EQ(beside.positions, alone.positions);
+        EXPECT_EQ(beside.normals, alone.normals);
+        EXPECT_THROW(resampling.at(t, frame, progress, [] { throw std::runtime_error("no"); }),
+                     std::runtime_error);
     }
 }
 

@@ -101,8 +101,10 @@ public:
         Normals normals;         ///< unit length
     };
     /// `frame` has all pairs at t, with unit normals. No points at t = 0 and t = 1. The same bits
-    /// for any number of threads and any order of calls.
-    Alive at(double t, const OrientedPoints& frame, Progress& progress) const;
+    /// for any number of threads and any order of calls. `meanwhile`, unless it is empty, is called
+    /// once, next to what one thread does alone.
+    Alive at(double t, const OrientedPoints& frame, Progress& progress,
+             const std::function<void()>& meanwhile = {}) const;
 
     /// The pairs' share of their full size at t: 1 unless hidden.
     Values pair_shares(double t) const;
