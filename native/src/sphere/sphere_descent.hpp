@@ -1,6 +1,7 @@
 // Descent for places on the unit sphere; not for callers of the library.
 #pragma once
 
+#include <Eigen/Geometry>
 #include <Eigen/SparseCholesky>
 #include <algorithm>
 #include <cmath>
@@ -46,38 +47,67 @@ public:
         Eigen::SparseMatrix<double, Eigen::ColMajor, Index> matrix(unknowns, unknowns);
         matrix.setFromTriplets(entries.begin(), entries.end());
         cholesky_.compute(matrix);
+        for (Index& f : free_)
+            if (f >= 0) f = cholesky_.permutationP().indices()[f];
+        for (Pull& p : pulls_) p.row = cholesky_.permutationP().indices()[p.row];
     }
 
     void set_scales(Values scales) { scales_ = std::move(scales); }
 
     Positions operator()(const Positions& directions) const {
-        Positions sides(cholesky_.rows(), 3);
+        Rows rows = Rows::Zero(cholesky_.rows(), 4);
         for (std::size_t v = 0; v < free_.size(); ++v)
-            if (free_[v] >= 0) sides.row(free_[v]) = directions.row(Index(v)) / scales_[Index(v)];
-        return spread(cholesky_.solve(sides), Positions::Zero(directions.rows(), 3));
+            if (free_[v] >= 0)
+                rows.row(free_[v]).head<3>() = directions.row(Index(v)) / scales_[Index(v)];
+        return spread(std::move(rows), Positions::Zero(directions.rows(), 3));
     }
 
     /// The smoothest directions that are as given at the fixed vertices.
     Positions extended(const Positions& at_fixed) const {
-        Positions sides = Positions::Zero(cholesky_.rows(), 3);
-        for (const Pull& p : pulls_) sides.row(p.row) += p.weight * at_fixed.row(p.fixed);
-        return spread(cholesky_.solve(sides), at_fixed);
+        Rows rows = Rows::Zero(cholesky_.rows(), 4);
+        for (const Pull& p : pulls_) rows.row(p.row).head<3>() += p.weight * at_fixed.row(p.fixed);
+        return spread(std::move(rows), at_fixed);
     }
 
 private:
+    /// Three columns and an empty one, so that a row fills registers; in the order of the factor.
+    using Rows = Eigen::Matrix<double, Eigen::Dynamic, 4, Eigen::RowMajor>;
     /// Of a fixed vertex at a row of the matrix.
     struct Pull {
         Index row, fixed;
         double weight;
     };
 
-    Positions spread(const Positions& solved, Positions result) const {
+    /// Solves for all columns in one pass over the factor and one back.
+    void solve(Rows& rows) const {
+        using Row = Eigen::RowVector4d;
+        const auto& factor = cholesky_.matrixL().nestedExpression();
+        const Index* starts = factor.outerIndexPtr();
+        const Index* at = factor.innerIndexPtr();
+        const double* values = factor.valuePtr();
+        const auto count = to_index(rows.rows());
+        for (Index i = 0; i < count; ++i) {
+            const Row there = rows.row(i) /= values[starts[i]];
+            for (Index k = starts[i] + 1; k < starts[i + 1]; ++k)
+                rows.row(at[k]) -= values[k] * there;
+        }
+        for (Index i = count - 1; i >= 0; --i) {
+            Row there = rows.row(i);
+            for (Index k = starts[i] + 1; k < starts[i + 1]; ++k)
+                there -= values[k] * rows.row(at[k]);
+            rows.row(i) = there / values[starts[i]];
+        }
+    }
+
+    Positions spread(Rows rows, Positions result) const {
+        solve(rows);
         for (std::size_t v = 0; v < free_.size(); ++v)
-            if (free_[v] >= 0) result.row(Index(v)) = solved.row(free_[v]) / scales_[Index(v)];
+            if (free_[v] >= 0)
+                result.row(Index(v)) = rows.row(free_[v]).head<3>() / scales_[Index(v)];
         return result;
     }
 
-    std::vector<Index> free_;  ///< row of each vertex that isn't fixed
+    std::vector<Index> free_;  ///< row of the factor of each vertex that isn't fixed
     std::vector<Pull> pulls_;
     Values scales_;
     Eigen::SimplicialLLT<Eigen::SparseMatrix<double, Eigen::ColMajor, Index>, Eigen::Lower,
@@ -85,12 +115,42 @@ private:
         cholesky_;
 };
 
-/// Quasi-Newton descent (L-BFGS) of `energy(places, gradient)`, which returns infinity where it
-/// isn't defined and fills in the gradient otherwise, from where it is finite. Ends after
-/// `iterations`, or when it hardly gains. Returns the energy.
+/// Whether a step turns a triangle over, as most of those do that are too long. The triangle that
+/// did so last is looked at first.
+class Folds {
+public:
+    explicit Folds(std::span<const Triangle> triangles) : triangles_(triangles) {}
+
+    /// Of places + length · way.
+    bool turn_over(const Positions& places, const Positions& way, double length) {
+        const auto turns = [&](std::size_t t) {
+            const auto place = [&](Index v) -> Vector3 {
+                return (places.row(v) + length * way.row(v)).transpose();
+            };
+            const auto& [a, b, c] = triangles_[t];
+            return !(place(a).dot(place(b).cross(place(c))) > 0.0);
+        };
+        if (turns(last_)) return true;
+        for (std::size_t t = 0; t < triangles_.size(); ++t)
+            if (turns(t)) {
+                last_ = t;
+                return true;
+            }
+        return false;
+    }
+
+private:
+    std::span<const Triangle> triangles_;
+    std::size_t last_ = 0;
+};
+
+/// Quasi-Newton descent (L-BFGS) from where `energy` is finite. `energy.at(places)` may be infinite
+/// elsewhere, and is wherever a triangle is turned over; `energy.add_gradient(places, gradient)`
+/// follows at the same places. Ends after `iterations`, or when it hardly gains. Returns the
+/// energy.
 template <class Energy>
-double descend(Positions& places, const Smoother& smooth, int iterations, Energy&& energy,
-               Progress& progress) {
+double descend(Positions& places, std::span<const Triangle> triangles, const Smoother& smooth,
+               int iterations, Energy&& energy, Progress& progress) {
     constexpr std::size_t kMemory = 8;
     constexpr double kSufficient = 1e-4, kGain = 1e-6;
     constexpr int kHalvings = 25;
@@ -104,8 +164,10 @@ double descend(Positions& places, const Smoother& smooth, int iterations, Energy
         directions -= along.asDiagonal() * places;
     };
     Positions gradient = Positions::Zero(places.rows(), 3);
-    double present = energy(places, gradient);
+    double present = energy.at(places);
+    energy.add_gradient(places, gradient);
     tangent(gradient);
+    Folds folds(triangles);
     int poor = 0;
     for (int iteration = 0; iteration < iterations; ++iteration) {
         progress.throw_if_cancelled();
@@ -132,15 +194,14 @@ double descend(Positions& places, const Smoother& smooth, int iterations, Energy
         // No point goes farther than this at once.
         constexpr double kFarthest = 0.2;
         double length = std::min(1.0, kFarthest / way.rowwise().norm().maxCoeff());
-        Positions there, gradient_there(places.rows(), 3);
+        Positions there;
         double energy_there = present;
         bool gained = false;
-        for (int k = 0; k < kHalvings && !gained; ++k) {
+        for (int k = 0; k < kHalvings && !gained; ++k, length *= 0.5) {
+            if (folds.turn_over(places, way, length)) continue;
             there = (places + length * way).rowwise().normalized();
-            gradient_there.setZero();
-            energy_there = energy(there, gradient_there);
+            energy_there = energy.at(there);
             gained = energy_there <= present + kSufficient * length * slope;
-            if (!gained) length *= 0.5;
         }
         if (!gained) {
             if (steps.empty()) break;
@@ -149,7 +210,8 @@ double descend(Positions& places, const Smoother& smooth, int iterations, Energy
         }
         Step step{there - places, -gradient, 0.0};
         places = there;
-        gradient = gradient_there;
+        gradient.setZero();
+        energy.add_gradient(places, gradient);
         tangent(gradient);
         step.change += gradient;
         step.product = step.way.cwiseProduct(step.change).sum();

@@ -21,6 +21,74 @@ double determinant(const Vector3& a, const Vector3& b, const Vector3& c) {
     return a.dot(b.cross(c));
 }
 
+/// The triangles around a vertex, as columns: what doesn't depend on its own place is computed once
+/// for all places that are tried.
+class Around {
+public:
+    void look(std::span<const Index> ring, std::span<const Vector3> places) {
+        count_ = ring.size();
+        if (x_.size() <= count_)
+            for (auto* column : {&x_, &y_, &z_, &across_x_, &across_y_, &across_z_, &side_, &far_,
+                                 &dirichlet_, &energy_})
+                column->resize(2 * count_ + 1);
+        for (std::size_t k = 0; k < count_; ++k) {
+            const Vector3 &b = places[to_size(ring[k])],
+                          &c = places[to_size(ring[k + 1 < count_ ? k + 1 : 0])];
+            const Vector3 across = b.cross(c);
+            x_[k] = b.x(), y_[k] = b.y(), z_[k] = b.z();
+            across_x_[k] = across.x(), across_y_[k] = across.y(), across_z_[k] = across.z();
+            side_[k] = (c - b).squaredNorm();
+        }
+    }
+
+    /// The sum of sphere_energy().
+    double energy(const Vector3& place, double area) {
+        const double x = place.x(), y = place.y(), z = place.z(), twice = 2.0 * area;
+        for (std::size_t k = 0; k < count_; ++k) {
+            const double dx = x_[k] - x, dy = y_[k] - y, dz = z_[k] - z;
+            far_[k] = dx * dx + dy * dy + dz * dz;
+        }
+        far_[count_] = far_[0];
+        for (std::size_t k = 0; k < count_; ++k) {
+            const double d = (x * across_x_[k] + y * across_y_[k] + z * across_z_[k]) / twice;
+            dirichlet_[k] = kHalfCotangent * (far_[k] + side_[k] + far_[k + 1]);
+            const double energy = dirichlet_[k] * (1.0 + 1.0 / (d * d));
+            energy_[k] = d > 0.0 ? energy : kImpossible;
+        }
+        double sum = 0.0;
+        for (std::size_t k = 0; k < count_; ++k) sum += energy_[k];
+        return sum;
+    }
+
+    /// What the energy does as the place moves. At the place of the last energy().
+    void slopes(const Vector3& p, double area, Vector3& gradient, Matrix3& hessian) const {
+        for (std::size_t k = 0; k < count_; ++k) {
+            const double dirichlet = dirichlet_[k];
+            const std::size_t next = k + 1 < count_ ? k + 1 : 0;
+            const Vector3 b(x_[k], y_[k], z_[k]), c(x_[next], y_[next], z_[next]);
+            const Vector3 dirichlet_slope = 2.0 * kHalfCotangent * (2.0 * p - b - c);
+            const Vector3 d_slope =
+                Vector3(across_x_[k], across_y_[k], across_z_[k]) / (2.0 * area);
+            const double d = p.dot(d_slope);
+            const double g = 1.0 + 1.0 / (d * d), g1 = -2.0 / (d * d * d),
+                         g2 = 6.0 / (d * d * d * d);
+            gradient += g * dirichlet_slope + dirichlet * g1 * d_slope;
+            hessian += 4.0 * kHalfCotangent * g * Matrix3::Identity() +
+                       dirichlet * g2 * d_slope * d_slope.transpose() +
+                       g1 * (dirichlet_slope * d_slope.transpose() +
+                             d_slope * dirichlet_slope.transpose());
+        }
+    }
+
+private:
+    using Column = std::vector<double>;
+    std::size_t count_ = 0;
+    Column x_, y_, z_;                       ///< of the ring
+    Column across_x_, across_y_, across_z_;  ///< cross product of each and the next
+    Column side_, far_;                      ///< squared, to the next one and to the vertex
+    Column dirichlet_, energy_;
+};
+
 /// Vertices on the sphere that come and go.
 class Embedding {
 public:
@@ -30,26 +98,15 @@ public:
     Vector3& operator[](Index v) { return places_[to_size(v)]; }
     void set_area(double area) { area_ = area; }
 
-    double energy(Index v, const Vector3& place) const {
-        const auto ring = mesh_.ring(v);
-        double sum = 0.0;
-        for (std::size_t k = 0; k < ring.size(); ++k)
-            sum += sphere_energy(place, places_[to_size(ring[k])],
-                                 places_[to_size(ring[(k + 1) % ring.size()])], area_);
-        return sum;
-    }
-
     /// Newton's method for one vertex, in its tangent plane.
     void improve(Index v, int steps) {
         Vector3& place = places_[to_size(v)];
-        double present = energy(v, place);
+        around_.look(mesh_.ring(v), places_);
+        double present = around_.energy(place, area_);
         for (int step = 0; step < steps; ++step) {
             Vector3 gradient = Vector3::Zero();
             Matrix3 hessian = Matrix3::Zero();
-            const auto ring = mesh_.ring(v);
-            for (std::size_t k = 0; k < ring.size(); ++k)
-                add(place, places_[to_size(ring[k])], places_[to_size(ring[(k + 1) % ring.size()])],
-                    gradient, hessian);
+            around_.slopes(place, area_, gradient, hessian);
             const Vector3 u = place.unitOrthogonal();
             Eigen::Matrix<double, 3, 2> tangent;
             tangent << u, place.cross(u);
@@ -68,7 +125,7 @@ public:
             bool gained = false;
             for (int half = 0; half < 12 && !gained; ++half, length *= 0.5) {
                 const Vector3 there = (place + length * (tangent * way)).normalized();
-                const double energy_there = energy(v, there);
+                const double energy_there = around_.energy(there, area_);
                 if (!(energy_there < present)) continue;
                 gained = true;
                 const double gain = present - energy_there;
@@ -97,12 +154,13 @@ public:
         if (half.norm() > 1e-3) inside = determinant(corner, next, last) > 0.0 ? half : -half;
         double size = 0.0;
         for (const Index r : ring) size = std::max(size, (places_[to_size(r)] - corner).norm());
+        around_.look(ring, places_);
         double best = kImpossible;
         for (const Vector3& toward :
              {Vector3(middle.normalized() - corner), Vector3(size * inside.normalized())})
             for (double share = 1.0; share > 1e-9; share *= 0.6) {
                 const Vector3 place = (corner + share * toward).normalized();
-                const double there = energy(v, place);
+                const double there = around_.energy(place, area_);
                 if (!(there < best)) continue;
                 best = there;
                 places_[to_size(v)] = place;
@@ -110,24 +168,10 @@ public:
     }
 
 private:
-    void add(const Vector3& p, const Vector3& b, const Vector3& c, Vector3& gradient,
-             Matrix3& hessian) const {
-        const double dirichlet = kHalfCotangent * ((b - p).squaredNorm() + (c - b).squaredNorm() +
-                                                   (p - c).squaredNorm());
-        const Vector3 dirichlet_slope = 2.0 * kHalfCotangent * (2.0 * p - b - c);
-        const Vector3 d_slope = b.cross(c) / (2.0 * area_);
-        const double d = p.dot(d_slope);
-        const double g = 1.0 + 1.0 / (d * d), g1 = -2.0 / (d * d * d), g2 = 6.0 / (d * d * d * d);
-        gradient += g * dirichlet_slope + dirichlet * g1 * d_slope;
-        hessian +=
-            4.0 * kHalfCotangent * g * Matrix3::Identity() +
-            dirichlet * g2 * d_slope * d_slope.transpose() +
-            g1 * (dirichlet_slope * d_slope.transpose() + d_slope * dirichlet_slope.transpose());
-    }
-
     RingMesh& mesh_;
     std::vector<Vector3> places_;
     double area_ = 1.0;
+    Around around_;
 };
 
 /// Takes vertices away until four are left.
@@ -181,17 +225,16 @@ double sphere_energy(const Vector3& a, const Vector3& b, const Vector3& c, doubl
            (1.0 + 1.0 / (d * d));
 }
 
-SphereEnergy sphere_energy_gradient(const Vector3& a, const Vector3& b, const Vector3& c,
-                                    double area) {
+Matrix3 sphere_energy_gradient(const Vector3& a, const Vector3& b, const Vector3& c, double area) {
     const double d = determinant(a, b, c) / (2.0 * area);
     const double dirichlet =
         kHalfCotangent * ((b - a).squaredNorm() + (c - b).squaredNorm() + (a - c).squaredNorm());
     const double g = 1.0 + 1.0 / (d * d);
     const double by_d = -dirichlet / (d * d * d * area);
-    SphereEnergy result{dirichlet * g, {}};
-    result.gradient.col(0) = 2.0 * kHalfCotangent * g * (2.0 * a - b - c) + by_d * b.cross(c);
-    result.gradient.col(1) = 2.0 * kHalfCotangent * g * (2.0 * b - c - a) + by_d * c.cross(a);
-    result.gradient.col(2) = 2.0 * kHalfCotangent * g * (2.0 * c - a - b) + by_d * a.cross(b);
+    Matrix3 result;
+    result.col(0) = 2.0 * kHalfCotangent * g * (2.0 * a - b - c) + by_d * b.cross(c);
+    result.col(1) = 2.0 * kHalfCotangent * g * (2.0 * b - c - a) + by_d * c.cross(a);
+    result.col(2) = 2.0 * kHalfCotangent * g * (2.0 * c - a - b) + by_d * a.cross(b);
     return result;
 }
 

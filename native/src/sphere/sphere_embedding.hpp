@@ -11,15 +11,10 @@ namespace pointmorph {
 /// How far the image of a triangle on the sphere is from an equilateral one of the area that it
 /// should have: its Dirichlet energy E (of a map from such a triangle) times 1 + 1/D², where
 /// D is the determinant of the corners over twice the area. Infinite as the triangle turns over,
-/// which the area between corners, seen through the center, wouldn't tell. Least is 4 · area. The
-/// gradient is by the first corner, or by all.
+/// which the area between corners, seen through the center, wouldn't tell. Least is 4 · area.
 double sphere_energy(const Vector3& a, const Vector3& b, const Vector3& c, double area);
-struct SphereEnergy {
-    double energy;
-    Matrix3 gradient;  ///< a column a corner
-};
-SphereEnergy sphere_energy_gradient(const Vector3& a, const Vector3& b, const Vector3& c,
-                                    double area);
+/// A column a corner.
+Matrix3 sphere_energy_gradient(const Vector3& a, const Vector3& b, const Vector3& c, double area);
 
 /// Places of the vertices of `mesh`, all of which have a ring. Vertices are taken away one by one
 /// until four are left, which lie on a tetrahedron, and come back one by one into the part of

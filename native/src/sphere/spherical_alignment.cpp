@@ -25,21 +25,39 @@ Vector3 row_of(const Positions& rows, Index i) {
 }
 
 /// sphere_energy() of all triangles, of one area.
-double roundness(std::span<const Triangle> triangles, const Positions& places, double weight,
-                 Positions& gradient) {
-    const double area = 4.0 * std::numbers::pi / static_cast<double>(triangles.size());
-    double sum = 0.0;
-    for (const auto& [a, b, c] : triangles) {
-        const Vector3 p = row_of(places, a), q = row_of(places, b), r = row_of(places, c);
-        if (!(p.dot(q.cross(r)) > 0.0)) return kInfinity;
-        const SphereEnergy e = sphere_energy_gradient(p, q, r, area);
-        sum += weight * e.energy;
-        gradient.row(a) += weight * e.gradient.col(0).transpose();
-        gradient.row(b) += weight * e.gradient.col(1).transpose();
-        gradient.row(c) += weight * e.gradient.col(2).transpose();
+class Roundness {
+public:
+    Roundness(std::span<const Triangle> triangles, double weight)
+        : triangles_(triangles),
+          weight_(weight),
+          area_(4.0 * std::numbers::pi / static_cast<double>(triangles.size())) {}
+
+    double at(const Positions& places) const {
+        double sum = 0.0;
+        for (const auto& [a, b, c] : triangles_) {
+            const double energy =
+                sphere_energy(row_of(places, a), row_of(places, b), row_of(places, c), area_);
+            if (energy == kInfinity) return kInfinity;
+            sum += weight_ * energy;
+        }
+        return sum;
     }
-    return sum;
-}
+
+    void add_gradient(const Positions& places, Positions& gradient) const {
+        for (const auto& [a, b, c] : triangles_) {
+            const Matrix3 by_corners = sphere_energy_gradient(row_of(places, a), row_of(places, b),
+                                                              row_of(places, c), area_);
+            gradient.row(a) += weight_ * by_corners.col(0).transpose();
+            gradient.row(b) += weight_ * by_corners.col(1).transpose();
+            gradient.row(c) += weight_ * by_corners.col(2).transpose();
+        }
+    }
+
+private:
+    std::span<const Triangle> triangles_;
+    double weight_;
+    double area_;  ///< that each should have
+};
 
 double area_of(const SphericalMesh& mesh) {
     double sum = 0.0;
@@ -62,6 +80,10 @@ public:
           target_(target),
           locator_(target.triangles, target.images),
           hints_(to_size(source.size()), 0),
+          round_(source.triangles, kRound / (4.0 * std::numbers::pi)),
+          images_(source.size(), 3),
+          by_image_(source.size(), 3),
+          triangle_images_(source.triangles.size()),
           area_weight_(area_weight),
           target_scale_(1.0 / std::sqrt(area_of(target))) {
         const double scale = 1.0 / std::sqrt(area_of(source));
@@ -97,54 +119,66 @@ public:
         }
     }
 
-    double operator()(const Positions& places, Positions& gradient) {
-        constexpr double kRound = 1e-3;  // keeps triangles on the sphere from turning over
-        const double round =
-            roundness(source_.triangles, places, kRound / (4.0 * std::numbers::pi), gradient);
+    double at(const Positions& places) {
+        const double round = round_.at(places);
         if (round == kInfinity) return kInfinity;
-        const Index count = source_.size();
-        Positions images(count, 3), by_image = Positions::Zero(count, 3);
-        std::vector<Matrix3> slopes(to_size(count));
-        for (Index v = 0; v < count; ++v) {
-            const Vector3 place = row_of(places, v);
-            const auto [triangle, shares] = locator_.find(place, hints_[to_size(v)]);
+        for (Index v = 0; v < source_.size(); ++v) {
+            const auto [triangle, shares] = locator_.find(row_of(places, v), hints_[to_size(v)]);
             hints_[to_size(v)] = triangle;
-            const OnTarget& under = on_target_[to_size(triangle)];
-            const Vector3 image = target_scale_ * (under.corners * shares);
-            images.row(v) = image.transpose();
-            slopes[to_size(v)] =
-                (under.slope - image * under.sums) / Vector3(under.inverse * place).sum();
+            images_.row(v) =
+                (target_scale_ * (on_target_[to_size(triangle)].corners * shares)).transpose();
         }
         constexpr double kFloor = 1e-3;  // of D
         double sum = 0.0;
         for (std::size_t t = 0; t < rests_.size(); ++t) {
             const auto& [a, b, c] = source_.triangles[t];
             const Rest& rest = rests_[t];
-            const Vector3 p = row_of(images, a), q = row_of(images, b), r = row_of(images, c);
-            const Vector3 across = (q - p).cross(r - p);
-            const double norm = across.norm();
-            const Vector3 facing = norm > 0.0 ? Vector3(across / norm) : Vector3::Zero();
-            const double dirichlet = rest.weights[0] * (r - q).squaredNorm() +
-                                     rest.weights[1] * (p - r).squaredNorm() +
-                                     rest.weights[2] * (q - p).squaredNorm();
-            const double d = 0.5 * norm / rest.area + kFloor;
-            const double g = 1.0 / d;
-            const double by_d =
-                -dirichlet / (d * d * rest.area) + area_weight_ * (1.0 - 1.0 / (d * d));
-            sum += area_weight_ * rest.area * (d + 1.0 / d);
-            sum += dirichlet * g;
-            by_image.row(a) += (2.0 * g * (rest.weights[1] * (p - r) + rest.weights[2] * (p - q)) +
-                                by_d * 0.5 * facing.cross(r - q))
-                                   .transpose();
-            by_image.row(b) += (2.0 * g * (rest.weights[2] * (q - p) + rest.weights[0] * (q - r)) +
-                                by_d * 0.5 * facing.cross(p - r))
-                                   .transpose();
-            by_image.row(c) += (2.0 * g * (rest.weights[0] * (r - q) + rest.weights[1] * (r - p)) +
-                                by_d * 0.5 * facing.cross(q - p))
-                                   .transpose();
+            const Vector3 p = row_of(images_, a), q = row_of(images_, b), r = row_of(images_, c);
+            Image& image = triangle_images_[t];
+            image.across = (q - p).cross(r - p);
+            image.norm = image.across.norm();
+            image.dirichlet = rest.weights[0] * (r - q).squaredNorm() +
+                              rest.weights[1] * (p - r).squaredNorm() +
+                              rest.weights[2] * (q - p).squaredNorm();
+            image.d = 0.5 * image.norm / rest.area + kFloor;
+            image.by_d = 1.0 / image.d;
+            sum += area_weight_ * rest.area * (image.d + image.by_d);
+            sum += image.dirichlet * image.by_d;
         }
-        for (Index v = 0; v < count; ++v) gradient.row(v) += by_image.row(v) * slopes[to_size(v)];
         return sum + round;
+    }
+
+    /// At the places of the last at().
+    void add_gradient(const Positions& places, Positions& gradient) {
+        round_.add_gradient(places, gradient);
+        by_image_.setZero();
+        for (std::size_t t = 0; t < rests_.size(); ++t) {
+            const auto& [a, b, c] = source_.triangles[t];
+            const Rest& rest = rests_[t];
+            const Image& image = triangle_images_[t];
+            const Vector3 p = row_of(images_, a), q = row_of(images_, b), r = row_of(images_, c);
+            const Vector3 facing =
+                image.norm > 0.0 ? Vector3(image.across / image.norm) : Vector3::Zero();
+            const double d = image.d, g = image.by_d;
+            const double by_d =
+                -image.dirichlet / (d * d * rest.area) + area_weight_ * (1.0 - 1.0 / (d * d));
+            by_image_.row(a) += (2.0 * g * (rest.weights[1] * (p - r) + rest.weights[2] * (p - q)) +
+                                 by_d * 0.5 * facing.cross(r - q))
+                                    .transpose();
+            by_image_.row(b) += (2.0 * g * (rest.weights[2] * (q - p) + rest.weights[0] * (q - r)) +
+                                 by_d * 0.5 * facing.cross(p - r))
+                                    .transpose();
+            by_image_.row(c) += (2.0 * g * (rest.weights[0] * (r - q) + rest.weights[1] * (r - p)) +
+                                 by_d * 0.5 * facing.cross(q - p))
+                                    .transpose();
+        }
+        for (Index v = 0; v < source_.size(); ++v) {
+            const Vector3 place = row_of(places, v), image = row_of(images_, v);
+            const OnTarget& under = on_target_[to_size(hints_[to_size(v)])];
+            const Matrix3 slope =
+                (under.slope - image * under.sums) / Vector3(under.inverse * place).sum();
+            gradient.row(v) += by_image_.row(v) * slope;
+        }
     }
 
     /// How stiff the edges across from each triangle's corners are at present: about the energy's
@@ -187,6 +221,7 @@ public:
     }
 
 private:
+    static constexpr double kRound = 1e-3;  // keeps triangles on the sphere from turning over
     struct Rest {
         double area;
         Vector3 weights;  ///< of the edges across from the corners
@@ -198,10 +233,20 @@ private:
         Matrix3 slope;    ///< of the scaled place, but for the projection
         Eigen::RowVector3d sums;
     };
+    /// What a triangle of the source becomes.
+    struct Image {
+        Vector3 across;  ///< twice the area, along the normal
+        double norm;     ///< of that
+        double dirichlet, d, by_d;
+    };
     const SphericalMesh& source_;
     const SphericalMesh& target_;
     SphereLocator locator_;
-    std::vector<Index> hints_;
+    std::vector<Index> hints_;  ///< triangle of the target in which each vertex lies
+    Roundness round_;
+    Positions images_;    ///< of vertices, on the scaled target
+    Positions by_image_;  ///< of the energy
+    std::vector<Image> triangle_images_;
     std::vector<Rest> rests_;
     std::vector<OnTarget> on_target_;
     double area_weight_;
@@ -330,25 +375,20 @@ double approach(SphericalMesh& mesh, const Smoother& smooth, std::span<const Ind
     }
     if (farthest == 0.0) return 0.0;
     const Positions all = smooth.extended(moves);
-    Positions unused = Positions::Zero(mesh.size(), 3);
-    const double before = roundness(mesh.triangles, mesh.images, 1.0, unused);
+    const Roundness roundness(mesh.triangles, 1.0);
+    const double before = roundness.at(mesh.images);
     double share = std::min(1.0, kLongest / farthest);
     for (int k = 0; k < kHalvings; ++k, share *= 0.5) {
         Positions there = (mesh.images + share * all).rowwise().normalized();
         if (share == 1.0)  // to the bit
             for (std::size_t i = 0; i < fixed.size(); ++i)
                 there.row(fixed[i]) = goals.row(Index(i));
-        if (!(roundness(mesh.triangles, there, 1.0, unused) < kWorse * before)) continue;
+        if (!(roundness.at(there) < kWorse * before)) continue;
         mesh.images = std::move(there);
         farthest *= 1.0 - share;
         break;
     }
-    descend(
-        mesh.images, smooth, kEven,
-        [&](const Positions& places, Positions& gradient) {
-            return roundness(mesh.triangles, places, 1.0, gradient);
-        },
-        progress);
+    descend(mesh.images, mesh.triangles, smooth, kEven, roundness, progress);
     return farthest;
 }
 
@@ -413,8 +453,10 @@ SphereLocator::Place SphereLocator::find(const Vector3& place, Index start) cons
     Index triangle = start;
     for (Index step = 0; step < count; ++step) {
         const Vector3 side = sides(triangle);
+        if (side[0] >= 0.0 && side[1] >= 0.0 && side[2] >= 0.0)
+            return {triangle, side / side.sum()};
         Index least = 0;
-        if (side.minCoeff(&least) >= 0.0) return found(triangle, side);
+        side.minCoeff(&least);
         triangle = across_[to_size(triangle)][to_size((least + 1) % 3)];
     }
     // Walks end but for rounding.
@@ -443,7 +485,7 @@ SphericalAlignment align_on_sphere(SphericalMesh& source, SphericalMesh& target,
         Stretch stretch(moving, other, options.area_weight);
         Smoother smooth(moving.triangles, moving.size(), fixed, stretch.stiffness(moving.images));
         smooth.set_scales(stretch.scales(moving.images));
-        return descend(moving.images, smooth, kRound, stretch, progress);
+        return descend(moving.images, moving.triangles, smooth, kRound, stretch, progress);
     };
     const auto even_out_both = [&](SphericalMesh& s, SphericalMesh& t, Index rounds, double first,
                                    double last) {
