@@ -23,11 +23,11 @@ Positions random_directions(Index count, unsigned seed, double size = 1.0) {
     return result;
 }
 
-struct Ball {
+struct HullOnSphere {
     Positions places;
     std::vector<Triangle> triangles;
 
-    explicit Ball(Index count)
+    explicit HullOnSphere(Index count)
         : places(random_directions(count, 5).rowwise().normalized()),
           triangles(hull_on_sphere(places).triangles()) {}
     Index size() const { return to_index(places.rows()); }
@@ -38,8 +38,8 @@ double corners_determinant(const Positions& places, const Triangle& t) {
 }
 
 /// The sum of squared distances from some places, infinite where a triangle is turned over.
-struct Pull {
-    const Ball& ball;
+struct GoalPull {
+    const HullOnSphere& ball;
     Positions goals;
     Positions last{};
     int looks = 0;
@@ -60,7 +60,7 @@ struct Pull {
 };
 
 TEST(SphereDescent, ASmootherInvertsItsLaplacian) {
-    const Ball ball(60);
+    const HullOnSphere ball(60);
     std::vector<Vector3> weights;
     for (std::size_t t = 0; t < ball.triangles.size(); ++t)
         weights.emplace_back(0.2 + 0.1 * static_cast<double>(t % 7), 0.5, 1.0);
@@ -102,7 +102,7 @@ TEST(SphereDescent, ASmootherInvertsItsLaplacian) {
 }
 
 TEST(SphereDescent, FoldsAreWhereATriangleIsTurnedOver) {
-    const Ball ball(80);
+    const HullOnSphere ball(80);
     Folds folds(ball.triangles);
     int found = 0, free = 0;
     for (unsigned seed = 0; seed < 60; ++seed) {
@@ -121,13 +121,13 @@ TEST(SphereDescent, FoldsAreWhereATriangleIsTurnedOver) {
 }
 
 TEST(SphereDescent, DescentEndsWhereNothingPullsOrATriangleWouldTurnOver) {
-    const Ball ball(120);
+    const HullOnSphere ball(120);
     const Smoother smooth(ball.triangles, ball.size(), {});
     Progress progress;
     // A turn that leaves all triangles as they are can be followed to its end.
     Matrix3 turn;
     turn = Eigen::AngleAxisd(0.4, Vector3(1.0, 2.0, -1.0).normalized());
-    Pull pull{ball, ball.places * turn};
+    GoalPull pull{ball, ball.places * turn};
     Positions places = ball.places;
     const double before = pull.at(places);
     const double left = descend(places, ball.triangles, smooth, 200, pull, progress);
@@ -135,7 +135,7 @@ TEST(SphereDescent, DescentEndsWhereNothingPullsOrATriangleWouldTurnOver) {
     EXPECT_LT((places.rowwise().norm().array() - 1.0).abs().maxCoeff(), 1e-12);
 
     // Goals that exchange places can't be reached, and no look goes where something is turned over.
-    Pull exchange{ball, -ball.places};
+    GoalPull exchange{ball, -ball.places};
     Positions stuck = ball.places;
     const double gained = descend(stuck, ball.triangles, smooth, 30, exchange, progress);
     EXPECT_LE(gained, exchange.at(ball.places));
