@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdint>
 #include <limits>
 #include <utility>
 #include <vector>
@@ -12,6 +13,7 @@
 #include "pointmorph/cloud/kd_tree.hpp"
 #include "pointmorph/surface/projection.hpp"
 #include "registration/pinning.hpp"
+#include "registration/unfolding.hpp"
 
 namespace pointmorph {
 
@@ -77,14 +79,11 @@ struct ProductClouds {
 };
 
 ProductClouds product_clouds(const MarkedClouds& scene, const SceneImages& images,
-                             double largest_normal_weight) {
-    constexpr double kReferencePoints = 1e4;
-    const double weight =
-        largest_normal_weight * std::min(1.0, std::sqrt(kReferencePoints) * scene.source.spacing());
+                             double normal_weight) {
     const OrientedView source{scene.source.positions(), scene.source.normals},
         target{scene.target.positions(), scene.target.normals};
-    return {product_points(oriented(images.source), source, weight),
-            product_points(target, oriented(images.target), weight)};
+    return {product_points(oriented(images.source), source, normal_weight),
+            product_points(target, oriented(images.target), normal_weight)};
 }
 
 /// The nearest both ways, those of regions among themselves.
@@ -120,30 +119,73 @@ std::vector<Index> nearest_partners(const Positions& images, const Pairing& pair
     return partners;
 }
 
-/// Images on the other surface, those of hard regions in their partners, in given coordinates.
+/// Weight of unit normals against lengths in the last matching.
+double last_normal_weight(const MarkedClouds& scene, double largest) {
+    constexpr double kReferencePoints = 1e4;
+    return largest * std::min(1.0, std::sqrt(kReferencePoints) * scene.source.spacing());
+}
+
+/// Which rows of a side stay where hard marks have them.
+std::vector<std::uint8_t> held_rows(const Direction& map, const Marks& marks) {
+    constexpr double kCurveReach = 1.5;  // spacings
+    const PlacedCloud& here = map.here;
+    std::vector<std::uint8_t> held(to_size(here.tree.size()), 0);
+    for (const IndexPair& f : marks.pinned) held[to_size(f.*map.row_here)] = 1;
+    std::vector<std::pair<Index, double>> ball;
+    for (const MarkedCurve& curve : marks.curves) {
+        if (!curve.hard) continue;
+        const CurvePlaces along = places_along(curve, here.spacing());
+        const Positions& places = along.*map.curve_here;
+        for (Eigen::Index k = 0; k < places.rows(); ++k) {
+            here.tree.within(places.row(k).data(), kCurveReach * here.spacing(), ball);
+            for (const auto& [i, squared_distance] : ball) held[to_size(i)] = 1;
+        }
+    }
+    for (std::size_t r = 0; r < marks.regions.size(); ++r) {
+        if (!marks.regions[r].feature->hard) continue;
+        for (std::size_t i = 0; i < held.size(); ++i)
+            if (map.members_here(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(r)) > 0.0)
+                held[i] = 1;
+    }
+    return held;
+}
+
+/// Images on the other surface, without folds, those of hard regions in their partners, in given
+/// coordinates.
 Positions given_images(const Positions& images, const Pairing& pairs, const Marks& marks,
-                       const Direction& map, Progress& progress) {
-    const PlacedCloud& there = map.there;
-    Positions projected = project_onto_surface(images, nearest_partners(images, pairs, map),
-                                               there.tree, there.normals, progress, there.nearest);
+                       const Direction& map, double normal_weight, Progress& progress) {
+    const PlacedCloud &here = map.here, &there = map.there;
+    LandedImages landed{{}, nearest_partners(images, pairs, map)};
+    constexpr double kLanded = 0.7;  // share of the time
+    {
+        const Progress::Part part(progress, 0.0, kLanded);
+        landed.positions = project_onto_surface(images, landed.anchors, there.tree, there.normals,
+                                                progress, there.nearest);
+    }
     for (std::size_t r = 0; r < marks.regions.size(); ++r) {
         if (!marks.regions[r].feature->hard) continue;
         const auto column = static_cast<Eigen::Index>(r);
-        projected = clamped_to_region(std::move(projected), map.members_here.col(column),
-                                      there.tree, map.members_there.col(column));
+        landed.positions =
+            clamped_to_region(std::move(landed.positions), map.members_here.col(column), there.tree,
+                              map.members_there.col(column));
     }
-    return there.placement.inverse().apply(projected);
+    const Progress::Part part(progress, kLanded, 1.0);
+    unfold(landed, {here.tree, here.normals, here.nearest},
+           {there.tree, there.normals, there.nearest}, held_rows(map, marks), normal_weight,
+           progress);
+    return there.placement.inverse().apply(landed.positions);
 }
 
 /// Images of all points where both clouds were given, those of pinned rows on their partners.
 RefinementStart given_maps(SceneImages images, const Pairing& pairs, const MarkedClouds& scene,
-                           const GivenClouds& given, Progress& progress) {
+                           const GivenClouds& given, double normal_weight, Progress& progress) {
     const Marks& marks = scene.marks;
     RefinementStart maps;
     on_both(progress, [&](bool is_source, Progress& its) {
         Positions& of_side = (is_source ? images.source : images.target).positions;
         (is_source ? maps.source_images : maps.target_images) =
-            given_images(of_side, pairs, marks, is_source ? forward(scene) : backward(scene), its);
+            given_images(of_side, pairs, marks, is_source ? forward(scene) : backward(scene),
+                         normal_weight, its);
         of_side.resize(0, 3);
     });
     for (const IndexPair& f : marks.pinned) {
@@ -176,13 +218,14 @@ Refinement on_surfaces(SceneImages images, const MarkedClouds& scene, const Give
     progress.enter("product space");
     give_back_unused_memory(
         to_index(images.source.positions.rows() + images.target.positions.rows()));
-    ProductClouds product = product_clouds(scene, images, normal_weight);
+    const double weight = last_normal_weight(scene, normal_weight);
+    ProductClouds product = product_clouds(scene, images, weight);
     // The product has them: the fewer large arrays meanwhile, the better.
     images.source.normals.resize(0, 3);
     images.target.normals.resize(0, 3);
     Pairing pairs = paired(product, scene, progress);
     progress.enter("landing");
-    RefinementStart maps = given_maps(std::move(images), pairs, scene, given, progress);
+    RefinementStart maps = given_maps(std::move(images), pairs, scene, given, weight, progress);
     Refinement result;
     result.source_images = std::move(maps.source_images);
     result.target_images = std::move(maps.target_images);

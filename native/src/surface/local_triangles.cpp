@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
-#include <limits>
 #include <numeric>
 
 #include "pointmorph/base/parallel.hpp"
@@ -35,12 +34,9 @@ public:
     /// Leaves what is nearer to the origin than to `site`.
     void clip(const Eigen::Vector2d& site, Index row) {
         const double limit = site.squaredNorm() / 2.0;
-        const auto along = [&](const Corner& corner) { return corner.place.dot(site); };
-        // All are asked: that is quicker than to guess where to stop.
-        double farthest = -std::numeric_limits<double>::infinity();
-        for (const Corner& corner : corners_) farthest = std::max(farthest, along(corner));
-        if (!(farthest > limit)) return;
-        const auto outside = [&](const Corner& corner) { return along(corner) - limit; };
+        const auto outside = [&](const Corner& corner) { return corner.place.dot(site) - limit; };
+        if (std::ranges::none_of(corners_, [&](const Corner& c) { return outside(c) > 0.0; }))
+            return;
         clipped_.clear();
         for (std::size_t i = 0; i < corners_.size(); ++i) {
             const Corner& from = corners_[i];
