@@ -1,6 +1,6 @@
 """How thin parts are mapped: tails, ears and fingers of figures made by script, in two poses.
 
-    bench_figures.py [--seeds N] [--points N,N] [--thin FACTOR]
+    bench_figures.py [--seeds N] [--points N,N] [--thin FACTOR] [--symmetric]
 
 Two poses of one build (`made_figures`), without marks. Lengths are in spacings of the points:
 
@@ -8,12 +8,17 @@ error           mean distance from where a point belongs
 thin            the same for points of thin parts
 strays          share of thin parts' points whose image lies next to another part, in %
 short           by how much the image of a tail or a finger ends before its counterpart; mean, most
+
+With --symmetric, two builds of beasts and of people that are alike on both sides. How far a point's
+image lies from where it is if the point is mirrored, mapped and mirrored again: mean, median, 95th
+percentile, and the share of points, in %, for which it is more than one spacing.
 """
 
 from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Callable
 from unittest import mock
 
 import made_figures
@@ -21,7 +26,7 @@ import numpy as np
 import pointmorph
 from compare_measures import Floats, Ints, cloud_area
 from made_bodies import Body
-from made_figures import FIGURES, THIN, Limb, figure_pair, limb_numbers
+from made_figures import ACROSS, FIGURES, THIN, Limb, figure_pair, limb_numbers, symmetric_pair
 from made_shapes import Part
 from scipy.spatial import cKDTree
 
@@ -67,12 +72,92 @@ def measure(kind: str, seed: int, points: int) -> list[float]:
     return [*both[:, :4].mean(axis=0), both[:, 4].max()]
 
 
+Mirror = Callable[[Floats], Floats]
+
+
+class SampledMap:
+    """A map known at samples of a surface, and continued between them by affine fits."""
+
+    NEAR = 8
+
+    def __init__(self, body: Body, images: Floats) -> None:
+        self.positions, self.images = body.positions, images
+        spacing = np.sqrt(cloud_area(body.positions) / len(body.positions))
+        self.normal_weight = 4 * spacing
+        self.tree = cKDTree(np.hstack([body.positions, self.normal_weight * body.normals]))
+
+    def at(self, positions: Floats, normals: Floats) -> Floats:
+        keys = np.hstack([positions, self.normal_weight * normals])
+        away, near = self.tree.query(keys, self.NEAR)
+        steps = self.positions[near] - positions[:, None]
+        terms = np.concatenate([np.ones((*near.shape, 1)), steps / away[:, -1:, None]], axis=2)
+        weights = 1 / (away + 0.1 * away[:, -1:])
+        weighted = terms * weights[:, :, None]
+        # Slopes across the surface, which nothing tells, are damped away.
+        square = np.einsum("ikl,ikm->ilm", weighted, terms) + 1e-6 * np.diag([0, 1, 1, 1])
+        fitted = np.linalg.solve(square, np.einsum("ikl,ikm->ilm", weighted, self.images[near]))
+        found: Floats = fitted[:, 0]
+        return found
+
+
+def mirror_between(here: Floats, there: Floats) -> Mirror:
+    """The mirror image that takes points nearest to others (orthogonal Procrustes)."""
+    middle, other = here.mean(axis=0), there.mean(axis=0)
+    left, _, right = np.linalg.svd((there - other).T @ (here - middle))
+    turn = left @ np.diag([1, 1, -np.sign(np.linalg.det(left @ right))]) @ right
+    return lambda positions: (positions - middle) @ turn.T + other
+
+
+def asymmetries(here: Body, images: Floats, own: Mirror, other: Mirror) -> Floats:
+    """Of each point, by how much its mirrored one's image is not its image, mirrored."""
+    across = own(here.positions)
+    turned = own(here.positions + here.normals) - across
+    return np.linalg.norm(SampledMap(here, images).at(across, turned) - other(images), axis=1)
+
+
+def mirrors(kind: str, source: Body) -> tuple[Mirror, Mirror]:
+    """Of the source of a symmetric pair, and of its target."""
+    sides = np.ones(3)
+    sides[ACROSS[kind]] = -1
+    there = SampledMap(source, source.truth).at(source.positions * sides, source.normals * sides)
+    return lambda positions: positions * sides, mirror_between(source.truth, there)
+
+
+def measure_symmetry(kind: str, seed: int, points: int) -> list[float]:
+    source, target = symmetric_pair(kind, seed, points)
+    morph = pointmorph.morph(source.cloud(), target.cloud())
+    of_source, of_target = mirrors(kind, source)
+    found = []
+    for here, there, images, own, other in (
+        (source, target, morph.source_to_target, of_source, of_target),
+        (target, source, morph.target_to_source, of_target, of_source),
+    ):
+        spacing = np.sqrt(cloud_area(there.positions) / len(there.positions))
+        found.append(asymmetries(here, images, own, other) / spacing)
+    off = np.concatenate(found)
+    return [off.mean(), np.median(off), np.quantile(off, 0.95), 100 * (off > 1).mean()]
+
+
+def print_symmetry(seeds: int, points: list[int]) -> None:
+    print("| figures | points | mean | median | 95 % | over 1, % |\n|---" + "|--:" * 5 + "|")
+    for kind in ACROSS:
+        for count in points:
+            rows = np.array([measure_symmetry(kind, seed, count) for seed in range(seeds)])
+            cells = " | ".join(f"{value:.2f}" for value in rows.mean(axis=0))
+            print(f"| {kind} | {count} | {cells} |", flush=True)
+
+
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("--seeds", type=int, default=3)
     parser.add_argument("--points", default="5000,10000")
     parser.add_argument("--thin", type=float, default=1.0, help="times as thick")
+    parser.add_argument("--symmetric", action="store_true", help="how symmetric maps are")
     chosen = parser.parse_args()
+    points = [int(count) for count in chosen.points.split(",")]
+    if chosen.symmetric:
+        print_symmetry(chosen.seeds, points)
+        return 0
     grow = Limb.grow
 
     def thinner(limb: Limb, length: float, radius: float, bend: tuple[float, float, float]) -> Part:
@@ -82,11 +167,11 @@ def main() -> int:
     print("| figures | points | " + " | ".join(HEADS) + " |\n|---" + "|--:" * 6 + "|")
     with mock.patch.object(made_figures.Limb, "grow", thinner):
         for kind in FIGURES:
-            for points in map(int, chosen.points.split(",")):
-                rows = np.array([measure(kind, seed, points) for seed in range(chosen.seeds)])
+            for count in points:
+                rows = np.array([measure(kind, seed, count) for seed in range(chosen.seeds)])
                 means = [*rows[:, :4].mean(axis=0), rows[:, 4].max()]
                 cells = " | ".join(f"{value:.2f}" for value in means)
-                print(f"| {kind} | {points} | {cells} |", flush=True)
+                print(f"| {kind} | {count} | {cells} |", flush=True)
     return 0
 
 

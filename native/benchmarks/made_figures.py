@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import cast
 
 import numpy as np
 from made_bodies import Body, Family, body_pair, rotation_vector
@@ -149,6 +150,27 @@ def of_build(figure: Figure, seed: int) -> Family:
 def figure_pair(figure: Figure, seed: int, points: int) -> tuple[Body, Body]:
     """Two poses of one build, the second one turned any way."""
     return body_pair(of_build(figure, 100 + seed), seed, points, strength=0.0)
+
+
+class Middle:
+    """In place of a draw: the middle of each range, which bends nothing to a side."""
+
+    def uniform(self, low: float, high: float) -> float:
+        return (low + high) / 2
+
+
+ACROSS = {"beasts": 1, "people": 0}
+"""Figures that are alike on both sides in that pose, and the axis across."""
+
+
+def symmetric_pair(kind: str, seed: int, points: int) -> tuple[Body, Body]:
+    """Two builds of a figure in the middle pose, the second one turned any way."""
+    builds = iter(np.random.default_rng((seed, k)) for k in range(2))
+
+    def family(_: Random) -> list[Part]:
+        return FIGURES[kind](next(builds), cast(Random, Middle()))
+
+    return body_pair(family, seed, points, strength=0.0)
 
 
 def limb_numbers(figure: Figure, seed: int) -> tuple[list[str], Ints]:

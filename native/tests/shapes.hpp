@@ -21,6 +21,11 @@ inline Positions grid(Index side) {
     return p;
 }
 
+/// Normals of a plane seen from +z.
+inline Normals upward(Index count) {
+    return Vector3::UnitZ().transpose().replicate(count, 1);
+}
+
 /// Rows of the border of `grid(side)`, anticlockwise seen from +z.
 inline std::vector<Index> grid_border(Index side) {
     std::vector<Index> loop;

@@ -9,11 +9,11 @@
 namespace pointmorph {
 namespace {
 
-using Points = KdTree<6>::Points;
+using Keys = KdTree<6>::Points;
 constexpr std::size_t kWanted = 5;
 
 /// All queries, in order and in another, find what the tree finds.
-void compare_with_tree(const Points& points, const Points& queries) {
+void compare_with_tree(const Keys& points, const Keys& queries) {
     const KdTree<6> tree(points);
     Progress progress;
     const NearbySearch<6> search(tree, progress);
@@ -37,10 +37,10 @@ void compare_with_tree(const Points& points, const Points& queries) {
 }
 
 /// On a spiral around a cylinder, one after the other, with normals.
-Points spiral(Index count, double noise) {
+Keys spiral(Index count, double noise) {
     std::mt19937 random(2);
     std::normal_distribution<double> normal;
-    Points points(count, 6);
+    Keys points(count, 6);
     for (Index i = 0; i < count; ++i) {
         const double angle = 0.2 * i, height = 0.001 * i;
         points.row(i) << std::cos(angle), std::sin(angle), height, std::cos(angle), std::sin(angle),
@@ -55,19 +55,19 @@ TEST(NearbySearch, FindsWhatTheTreeFinds) {
 }
 
 TEST(NearbySearch, FindsTheLowerRowOfThoseThatAreEquallyFar) {
-    Points grid(512, 6);
+    Keys grid(512, 6);
     for (Index i = 0; i < 512; ++i) grid.row(i) << i % 8, i / 8 % 8, i / 64, 0, 0, 0;
-    Points between = grid;
+    Keys between = grid;
     between.leftCols(3).array() += 0.5;
     compare_with_tree(grid, grid);
     compare_with_tree(grid, between);
 }
 
 TEST(NearbySearch, FindsWhatTheTreeFindsInCrowds) {
-    Points crowd = spiral(200, 0.0);
+    Keys crowd = spiral(200, 0.0);
     for (Index i = 0; i < 150; ++i) crowd.row(i) = crowd.row(i / 15 * 15);
     compare_with_tree(crowd, crowd);
-    compare_with_tree(Points::Zero(40, 6), spiral(50, 0.1));
+    compare_with_tree(Keys::Zero(40, 6), spiral(50, 0.1));
 }
 
 TEST(NearbySearch, AsksTheTreeOfAFewPoints) {
@@ -76,7 +76,7 @@ TEST(NearbySearch, AsksTheTreeOfAFewPoints) {
 }
 
 TEST(NearbySearch, OfNothingIsNothing) {
-    const Points none(0, 6);
+    const Keys none(0, 6);
     const KdTree<6> tree(none);
     Progress progress;
     const NearbySearch<6> search(tree, progress);

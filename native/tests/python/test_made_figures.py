@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import bench_figures
 import made_figures
 import numpy as np
 import pointmorph
@@ -26,6 +27,23 @@ def test_poses_of_a_build_keep_the_lengths_of_their_parts(kind: str) -> None:
         before = np.linalg.norm(here - here[0], axis=1)
         after = np.linalg.norm(there - there[0], axis=1)
         np.testing.assert_allclose(after, scale * before, atol=0.15 * scale * before.max())
+
+
+@pytest.mark.parametrize("kind", made_figures.ACROSS)
+def test_the_asymmetry_of_a_map_is_what_it_is_made_to_be(kind: str) -> None:
+    source, target = made_figures.symmetric_pair(kind, 1, 3000)
+    here, there = bench_figures.mirrors(kind, source)
+    np.testing.assert_allclose(here(here(source.positions)), source.positions, atol=1e-12)
+    again = there(there(target.positions))
+    np.testing.assert_allclose(again, target.positions, atol=1e-2 * np.ptp(target.positions))
+    spacing = np.sqrt(cloud_area(target.positions) / len(target.positions))
+    off = bench_figures.asymmetries(source, source.truth, here, there) / spacing
+    assert off.mean() < 0.05  # the true map takes sides to sides
+    # Of a map that is off by the same vector everywhere: twice its part across the mirror.
+    shift = np.array((3.0, -2.0, 1.0)) * spacing
+    across = np.linalg.norm(shift - (there(shift[None]) - there(np.zeros((1, 3))))[0])
+    moved = bench_figures.asymmetries(source, source.truth + shift, here, there)
+    assert np.median(moved) == pytest.approx(across, rel=0.02)
 
 
 @pytest.mark.parametrize("seed", [2, 4])

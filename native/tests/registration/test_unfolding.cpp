@@ -16,13 +16,13 @@ namespace pointmorph {
 namespace {
 
 /// A surface mapped onto itself, whose true images are its own points.
-struct Sheet {
+struct MappedSheet {
     Positions points;
     Normals normals;
     KdTree<3> tree;
     double spacing;
 
-    Sheet(Positions its_points, Normals its_normals, double its_spacing)
+    MappedSheet(Positions its_points, Normals its_normals, double its_spacing)
         : points(std::move(its_points)),
           normals(std::move(its_normals)),
           tree(points),
@@ -56,16 +56,14 @@ struct Sheet {
     }
 };
 
-Sheet plane() {
+MappedSheet plane_sheet() {
     Positions points = shapes::grid(41);  // −1 to 1
     const Positions noise = shapes::cube_noise(to_index(points.rows()));
     points.leftCols<2>() += 0.01 * noise.leftCols<2>();
-    Normals normals = Normals::Zero(points.rows(), 3);
-    normals.col(2).setOnes();
-    return {points, normals, 0.05};
+    return {points, shapes::upward(to_index(points.rows())), 0.05};
 }
 
-Sheet ball() {
+MappedSheet ball_sheet() {
     const Positions points = shapes::sphere(2000);
     return {points, points, 0.08};
 }
@@ -75,7 +73,7 @@ double farthest(const Positions& images, const Positions& truth) {
 }
 
 TEST(Unfolding, TakesAFoldOnAPlaneBackToTheTruth) {
-    const Sheet sheet = plane();
+    const MappedSheet sheet = plane_sheet();
     LandedImages images = sheet.folded({0.1, 0.05, 0.0}, 0.2);
     ASSERT_GT(farthest(images.positions, sheet.points), 1.5 * sheet.spacing);
     const LandedImages before = images;
@@ -94,7 +92,7 @@ TEST(Unfolding, TakesAFoldOnAPlaneBackToTheTruth) {
 }
 
 TEST(Unfolding, TakesAFoldOnABallBackToTheTruth) {
-    const Sheet sheet = ball();
+    const MappedSheet sheet = ball_sheet();
     LandedImages images = sheet.folded({0.0, 0.0, 1.0}, 0.25);
     images.positions.rowwise().normalize();
     ASSERT_GT(farthest(images.positions, sheet.points), 1.5 * sheet.spacing);
@@ -104,7 +102,7 @@ TEST(Unfolding, TakesAFoldOnABallBackToTheTruth) {
 }
 
 TEST(Unfolding, LeavesWhatIsRightToTheBit) {
-    for (const Sheet& sheet : {plane(), ball()}) {
+    for (const MappedSheet& sheet : {plane_sheet(), ball_sheet()}) {
         LandedImages images = sheet.truth();
         EXPECT_TRUE(sheet.unfold(images).empty());
         EXPECT_EQ(images.positions, sheet.points);
@@ -112,7 +110,7 @@ TEST(Unfolding, LeavesWhatIsRightToTheBit) {
 }
 
 TEST(Unfolding, LeavesAMirrorImage) {
-    const Sheet sheet = plane();
+    const MappedSheet sheet = plane_sheet();
     LandedImages images = sheet.truth();
     images.positions.col(0) *= -1.0;
     const Positions before = images.positions;
@@ -121,7 +119,7 @@ TEST(Unfolding, LeavesAMirrorImage) {
 }
 
 TEST(Unfolding, HeldPointsStay) {
-    const Sheet sheet = plane();
+    const MappedSheet sheet = plane_sheet();
     LandedImages images = sheet.folded({0.1, 0.05, 0.0}, 0.2);
     const Positions before = images.positions;
     std::vector<std::uint8_t> held(to_size(sheet.tree.size()), 0);
@@ -132,7 +130,7 @@ TEST(Unfolding, HeldPointsStay) {
 }
 
 TEST(Unfolding, IsTheSameForAnyThreadsAndKnownNeighbors) {
-    const Sheet sheet = ball();
+    const MappedSheet sheet = ball_sheet();
     Progress progress;
     const Neighborhoods nearest = nearest_neighbors(sheet.tree, 16, progress);
     LandedImages expected = sheet.folded({0.0, 0.0, 1.0}, 0.25);
@@ -149,7 +147,7 @@ TEST(Unfolding, IsTheSameForAnyThreadsAndKnownNeighbors) {
 }
 
 TEST(Unfolding, Stops) {
-    const Sheet sheet = plane();
+    const MappedSheet sheet = plane_sheet();
     LandedImages images = sheet.folded({0.1, 0.05, 0.0}, 0.2);
     Progress stopping([](std::string_view, double) { return false; }, std::chrono::milliseconds(0));
     const std::vector<std::uint8_t> held(to_size(sheet.tree.size()), 0);
@@ -160,8 +158,8 @@ TEST(Unfolding, Stops) {
 
 TEST(Unfolding, FewOrCoincidentPointsStay) {
     for (const Index count : {1, 10, 30}) {
-        const Sheet sheet(Positions::Zero(count, 3),
-                          Normals::Constant(count, 3, std::sqrt(1.0 / 3.0)), 1.0);
+        const MappedSheet sheet(Positions::Zero(count, 3),
+                                Normals::Constant(count, 3, std::sqrt(1.0 / 3.0)), 1.0);
         LandedImages images = sheet.truth();
         EXPECT_TRUE(sheet.unfold(images).empty());
         EXPECT_EQ(images.positions, sheet.points);

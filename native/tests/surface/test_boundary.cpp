@@ -32,10 +32,6 @@ std::vector<BoundaryLoop> loops_of(const Positions& p, const Normals& normals,
     return find_boundary_loops(p, normals, nearest_of(p), options, progress);
 }
 
-Normals upward(Index count) {
-    return Vector3::UnitZ().transpose().replicate(count, 1);
-}
-
 /// A uniform sample of the square [−1, 1]².
 Positions square(Index count, unsigned seed = 3) {
     Positions p = shapes::cube_noise(count, seed);
@@ -79,14 +75,14 @@ void expect_simple(const BoundaryLoop& loop) {
 
 TEST(Boundary, BorderOfAGridInOrder) {
     const Positions p = shapes::grid(30);
-    const auto loops = loops_of(p, upward(900));
+    const auto loops = loops_of(p, shapes::upward(900));
     ASSERT_EQ(loops.size(), 1u);
     EXPECT_EQ(loops[0], shapes::grid_border(30));
 }
 
 TEST(Boundary, RunsTheOtherWayWithTheNormalsTurned) {
     const Positions p = shapes::grid(30);
-    const auto loops = loops_of(p, -upward(900));
+    const auto loops = loops_of(p, -shapes::upward(900));
     ASSERT_EQ(loops.size(), 1u);
     BoundaryLoop border = shapes::grid_border(30);
     std::reverse(border.begin() + 1, border.end());
@@ -116,7 +112,7 @@ TEST(Boundary, RandomSamples) {
     constexpr Index kCount = 20000;
     const double spacing = 2.0 / std::sqrt(kCount);
     const Positions p = square(kCount);
-    const auto loops = loops_of(p, upward(kCount));
+    const auto loops = loops_of(p, shapes::upward(kCount));
     ASSERT_EQ(loops.size(), 1u);
     expect_simple(loops[0]);
     for (const Index i : loops[0])
@@ -130,7 +126,7 @@ TEST(Boundary, NoiseAlongTheNormalAndInThePlane) {
     Positions p = disc(kCount);
     const double spacing = std::sqrt(std::numbers::pi / kCount);
     p += 0.3 * spacing * shapes::cube_noise(kCount, 5);
-    const auto loops = loops_of(p, upward(kCount));
+    const auto loops = loops_of(p, shapes::upward(kCount));
     ASSERT_EQ(loops.size(), 1u);
     for (const Index i : loops[0]) EXPECT_GT(p.row(i).head<2>().norm(), 1.0 - 3.0 * spacing);
     EXPECT_NEAR(area(p, loops[0]), std::numbers::pi, 4.0 * spacing);
@@ -140,7 +136,7 @@ TEST(Boundary, NoiseAlongTheNormalAndInThePlane) {
 TEST(Boundary, HolesRunClockwise) {
     const Positions p = kept(
         disc(6000), [](const Vector3& x) { return (x - Vector3(0.3, 0.0, 0.0)).norm() > 0.4; });
-    const auto loops = loops_of(p, upward(to_index(p.rows())));
+    const auto loops = loops_of(p, shapes::upward(to_index(p.rows())));
     ASSERT_EQ(loops.size(), 2u);
     EXPECT_NEAR(area(p, loops[0]), std::numbers::pi, 0.1);
     EXPECT_NEAR(area(p, loops[1]), -0.16 * std::numbers::pi, 0.03);
@@ -155,7 +151,7 @@ TEST(Boundary, SmallGapsInTheSamplingAreNoHoles) {
         const Positions p = kept(disc(kCount), [&](const Vector3& x) {
             return (x - Vector3(0.3, 0.1, 0.0)).norm() > radius * spacing;
         });
-        return loops_of(p, upward(to_index(p.rows()))).size() - 1;
+        return loops_of(p, shapes::upward(to_index(p.rows()))).size() - 1;
     };
     EXPECT_EQ(holes_with_radius(1.2), 0u);
     EXPECT_EQ(holes_with_radius(4.0), 1u);
@@ -166,7 +162,7 @@ TEST(Boundary, OptionsSayHowLargeAHoleIs) {
     const double spacing = std::sqrt(std::numbers::pi / kCount);
     const Positions p = kept(
         disc(kCount), [&](const Vector3& x) { return x.norm() > 5.0 * spacing || x.norm() == 0; });
-    const Normals up = upward(to_index(p.rows()));
+    const Normals up = shapes::upward(to_index(p.rows()));
     EXPECT_EQ(loops_of(p, up).size(), 2u);
     EXPECT_EQ(loops_of(p, up, {.opening = 8.0}).size(), 1u);
     EXPECT_EQ(loops_of(p, up, {.min_loop = 60.0}).size(), 1u);
@@ -212,7 +208,7 @@ TEST(Boundary, TheOtherSideOfAThinSheetDoesNotHideAHole) {
     Positions p(upper.rows() + lower.rows(), 3);
     p << upper, lower;
     Normals normals(p.rows(), 3);
-    normals << upward(to_index(upper.rows())), -upward(kCount);
+    normals << shapes::upward(to_index(upper.rows())), -shapes::upward(kCount);
     const auto loops = loops_of(p, normals);
     ASSERT_EQ(loops.size(), 1u);  // both rims together close the sheet
     for (const Index i : loops[0]) {
@@ -234,7 +230,7 @@ TEST(Boundary, SpacingThatJumps) {
     std::set<Index> border;
     for (Index i = 0; i < p.rows(); ++i)
         if (std::abs(p(i, 0)) == 1.0 || p(i, 1) == 0.0 || p(i, 1) == 1.0) border.insert(i);
-    const auto loops = loops_of(p, upward(to_index(p.rows())));
+    const auto loops = loops_of(p, shapes::upward(to_index(p.rows())));
     ASSERT_EQ(loops.size(), 1u);
     EXPECT_EQ(std::set<Index>(loops[0].begin(), loops[0].end()), border);
     EXPECT_NEAR(loop_length(p, loops[0]), 6.0, 1e-12);
@@ -244,7 +240,7 @@ TEST(Boundary, SamplesInRows) {
     // Four times as far from row to row as within.
     Positions p = shapes::grid(40);
     p.col(0) *= 4.0;
-    const auto loops = loops_of(p, upward(1600));
+    const auto loops = loops_of(p, shapes::upward(1600));
     ASSERT_EQ(loops.size(), 1u);
     EXPECT_EQ(loops[0], shapes::grid_border(40));
 }
@@ -272,7 +268,7 @@ TEST(Boundary, FlatGapsOfUnevenCloudsAreSurface) {
 
 TEST(Boundary, DoesNotDependOnMotionScaleOrOrder) {
     const Positions p = square(4000);
-    const Normals up = upward(4000);
+    const Normals up = shapes::upward(4000);
     const auto expected = loops_of(p, up);
     ASSERT_EQ(expected.size(), 1u);
 
@@ -299,7 +295,7 @@ TEST(Boundary, SameForAnyNumberOfThreads) {
     for (const int threads : {1, 2, 5}) {
         const ThreadCount limit(threads);
         Progress progress;
-        results.push_back(find_boundary_loops(p, upward(8000), nearest, {}, progress));
+        results.push_back(find_boundary_loops(p, shapes::upward(8000), nearest, {}, progress));
     }
     EXPECT_EQ(results[0], results[1]);
     EXPECT_EQ(results[0], results[2]);
@@ -307,7 +303,7 @@ TEST(Boundary, SameForAnyNumberOfThreads) {
 
 TEST(Boundary, DegenerateClouds) {
     for (const Index count : {0, 1, 2, 3, 20}) {
-        const Normals up = upward(count);
+        const Normals up = shapes::upward(count);
         EXPECT_TRUE(loops_of(Positions::Zero(count, 3), up).empty()) << "coincident " << count;
         Positions line = Positions::Zero(count, 3);
         for (Index i = 0; i < count; ++i) line(i, 0) = i;
@@ -317,14 +313,14 @@ TEST(Boundary, DegenerateClouds) {
         EXPECT_TRUE(loops_of(pole, up).empty()) << "along the normal " << count;
     }
     // Fewer points than neighbors that are asked for.
-    EXPECT_LE(loops_of(shapes::grid(3), upward(9), {.min_loop = 4.0}).size(), 1u);
+    EXPECT_LE(loops_of(shapes::grid(3), shapes::upward(9), {.min_loop = 4.0}).size(), 1u);
 }
 
 TEST(Boundary, PointsThatCoincide) {
     const Positions once = shapes::grid(30);
     Positions p(2 * once.rows(), 3);
     p << once, once;
-    const auto loops = loops_of(p, upward(to_index(p.rows())));
+    const auto loops = loops_of(p, shapes::upward(to_index(p.rows())));
     ASSERT_EQ(loops.size(), 1u);
     EXPECT_EQ(loops[0], shapes::grid_border(30));
 }
@@ -333,25 +329,25 @@ TEST(Boundary, CanBeCancelled) {
     const Positions p = square(5000);
     const Neighborhoods nearest = nearest_of(p);
     Progress progress([](std::string_view, double) { return false; });
-    EXPECT_THROW(find_boundary_loops(p, upward(5000), nearest, {}, progress), Cancelled);
+    EXPECT_THROW(find_boundary_loops(p, shapes::upward(5000), nearest, {}, progress), Cancelled);
 }
 
 TEST(Boundary, GivenLoopsAreTurnedAnticlockwise) {
     const Positions p = shapes::grid(12);
     const Neighborhoods nearest = nearest_of(p, 8);
     const BoundaryLoop border = shapes::grid_border(12);
-    EXPECT_EQ(oriented_loop(p, upward(144), nearest, border, "cloth"), border);
+    EXPECT_EQ(oriented_loop(p, shapes::upward(144), nearest, border, "cloth"), border);
     BoundaryLoop reversed = border;
     std::reverse(reversed.begin() + 1, reversed.end());
-    EXPECT_EQ(oriented_loop(p, upward(144), nearest, reversed, "cloth"), border);
-    EXPECT_EQ(oriented_loop(p, -upward(144), nearest, border, "cloth"), reversed);
+    EXPECT_EQ(oriented_loop(p, shapes::upward(144), nearest, reversed, "cloth"), border);
+    EXPECT_EQ(oriented_loop(p, -shapes::upward(144), nearest, border, "cloth"), reversed);
 }
 
 TEST(Boundary, GivenLoopsAreChecked) {
     const Positions p = shapes::grid(12);
     const Neighborhoods nearest = nearest_of(p, 8);
     const auto check = [&](BoundaryLoop loop) {
-        return oriented_loop(p, upward(144), nearest, std::move(loop), "cloth");
+        return oriented_loop(p, shapes::upward(144), nearest, std::move(loop), "cloth");
     };
     for (const BoundaryLoop& loop :
          {BoundaryLoop{}, {0, 1}, {0, 1, 144}, {0, -1, 5}, {0, 1, 2, 1}}) {
@@ -447,7 +443,7 @@ TEST(BoundaryOfRealMeshes, NoneWhereFacesCloseThem) {
 
 TEST(Example, Boundary) {
     const Positions positions = disc(1000);
-    const Normals normals = upward(1000);
+    const Normals normals = shapes::upward(1000);
     const Neighborhoods nearest = nearest_of(positions);
     Progress progress;
     // --- example

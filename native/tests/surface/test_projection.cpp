@@ -25,12 +25,6 @@ Positions land(const Positions& images, const Positions& samples, const Normals&
     return project_onto_surface(images, nearest_rows(tree, images), tree, normals, progress);
 }
 
-Normals upward(Index count) {
-    Normals normals = Normals::Zero(count, 3);
-    normals.col(2).setOnes();
-    return normals;
-}
-
 TEST(Landing, IsTheSameWhereNeighborsAreKnown) {
     const Positions ball = shapes::sphere(2000);
     const Positions images = shapes::cube_noise(500) * 1.2;  // near the ball and far from it
@@ -49,7 +43,7 @@ TEST(Landing, IsTheSameWhereNeighborsAreKnown) {
 TEST(Landing, OnAPlaneIsItsProjection) {
     const Positions flat = shapes::grid(21);
     const Positions inside = shapes::sphere(300) * 0.6;
-    const Positions result = land(inside, flat, upward(441));
+    const Positions result = land(inside, flat, shapes::upward(441));
     Positions expected = inside;
     expected.col(2).setZero();
     EXPECT_LT((result - expected).cwiseAbs().maxCoeff(), 1e-12);
@@ -59,7 +53,7 @@ TEST(Landing, StopsAtTheEdgeOfAPatch) {
     const Positions flat = shapes::grid(21);  // −1 to 1
     Positions beyond(4, 3);
     beyond << 1.08, 0.33, 0.02, -1.05, -0.4, 0.0, 0.2, 1.2, -0.03, 1.1, 1.1, 0.0;
-    const Positions result = land(beyond, flat, upward(441));
+    const Positions result = land(beyond, flat, shapes::upward(441));
     Positions expected = beyond.cwiseMax(-1.0).cwiseMin(1.0);
     expected.col(2).setZero();
     EXPECT_LT((result - expected).cwiseAbs().maxCoeff(), 1e-9);
@@ -82,7 +76,7 @@ TEST(Landing, TheOtherSideOfAThinSheetDoesNotCount) {
     Normals normals(2 * count, 3);
     sheet << shapes::grid(21), shapes::grid(21);
     sheet.bottomRows(count).col(2).setConstant(-0.02);  // a fifth of the spacing
-    normals << upward(count), -upward(count);
+    normals << shapes::upward(count), -shapes::upward(count);
     Positions image(1, 3);
     image << 0.03, 0.02, 0.001;
     const KdTree<3> tree(sheet);
@@ -101,7 +95,7 @@ TEST(Landing, DegenerateSurfacesGiveFinitePlaces) {
     for (const Positions& samples :
          {Positions(Positions::Zero(1, 3)), Positions(Positions::Zero(30, 3)),
           Positions(Values::LinSpaced(40, 0.0, 1.0) * Eigen::RowVector3d(1, 2, 3))}) {
-        const Positions result = land(images, samples, upward(to_index(samples.rows())));
+        const Positions result = land(images, samples, shapes::upward(to_index(samples.rows())));
         EXPECT_TRUE(result.allFinite());
         const KdTree<3> tree(samples);
         for (Index i = 0; i < 20; ++i)  // no farther off than the samples reach
