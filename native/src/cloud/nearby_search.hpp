@@ -2,13 +2,13 @@
 // alone.
 #pragma once
 
-#include <algorithm>
 #include <array>
 #include <cmath>
 #include <limits>
 #include <span>
 #include <vector>
 
+#include "cloud/nearest_result.hpp"
 #include "pointmorph/base/parallel.hpp"
 #include "pointmorph/cloud/kd_tree.hpp"
 
@@ -64,29 +64,17 @@ private:
         const auto& rows = rows_[to_size(beside)];
         const auto& distances = distances_[to_size(beside)];
         const double to_query = std::sqrt(squared_distance(query, beside));
-        const std::size_t wanted = indices.size();
-        std::size_t size = 0;
+        NearestResult nearest(std::numeric_limits<double>::infinity(), indices, squared_distances);
         double reach = std::numeric_limits<double>::infinity();
         for (std::size_t k = 0; k < kListed; ++k) {
             // All that follow are farther than any that is kept. Where those coincide with the
             // query, which of them are found is the tree's to say.
-            if (distances[k] > reach) return squared_distances[wanted - 1] > 0.0;
+            if (distances[k] > reach) return squared_distances.back() > 0.0;
             const double squared = squared_distance(query, rows[k]);
-            std::size_t i = std::min(size, wanted - 1);
-            const auto before = [&](std::size_t j) {
-                return squared_distances[j] < squared ||
-                       (squared_distances[j] == squared && indices[j] < rows[k]);
-            };
-            if (size == wanted && before(i)) continue;
-            for (; i > 0 && !before(i - 1); --i) {
-                squared_distances[i] = squared_distances[i - 1];
-                indices[i] = indices[i - 1];
-            }
-            squared_distances[i] = squared;
-            indices[i] = rows[k];
-            size = std::min(size + 1, wanted);
-            if (size == wanted)
-                reach = kRounding * (to_query + std::sqrt(squared_distances[wanted - 1]));
+            if (!(squared < nearest.worstDist())) continue;
+            nearest.addPoint(squared, rows[k]);
+            if (nearest.full())
+                reach = kRounding * (to_query + std::sqrt(squared_distances.back()));
         }
         return false;
     }
