@@ -125,7 +125,7 @@ class Yardstick:
         random = np.random.default_rng(seed)
         ways = (pairs, pairs[:, ::-1])
         smooth = [smoothness(self._sides[k], self._sides[1 - k], ways[k], random) for k in (0, 1)]
-        errors = np.array([self._misses(k, ways[k]) for k in (0, 1)])
+        errors = np.array([self.misses(k, ways[k]) for k in (0, 1)])
         held, given = errors[:, self._features :], errors[:, : self._features]
         return {
             "landmarks": float(held.mean()) if held.size else None,
@@ -142,7 +142,7 @@ class Yardstick:
             ),
         }
 
-    def _misses(self, side: int, pairs: Ints) -> Floats:
+    def misses(self, side: int, pairs: Ints) -> Floats:
         """How far the partners of each mark of one side are from its counterpart on the other."""
         here, there = self._sides[side], self._sides[1 - side]
         paired = np.unique(pairs[:, 0])

@@ -195,11 +195,15 @@ def is_inside(part: Part, positions: Floats) -> np.ndarray:
 
 
 def visible(parts: list[Part], of: Ints, positions: Floats) -> np.ndarray:
-    """Whether each is inside of no other part than its own."""
-    hidden = np.zeros(len(positions), dtype=bool)
+    """Whether each is on the surface of what parts add, and hollow ones take away, one by one."""
+    seen = np.ones(len(positions), dtype=bool)
+    solid = np.zeros(len(positions), dtype=bool)
     for number, part in enumerate(parts):
-        hidden |= (of != number) & is_inside(part, positions)
-    return ~hidden
+        own, inside = of == number, is_inside(part, positions)
+        seen[own] = solid[own] == part.is_hollow
+        seen[(of < number) & inside] = False
+        solid[inside] = not part.is_hollow
+    return seen
 
 
 def body_pair(family: Family, seed: int, points: int, strength: float = 1.0) -> tuple[Body, Body]:
@@ -225,5 +229,6 @@ def body_pair(family: Family, seed: int, points: int, strength: float = 1.0) -> 
         seen = np.flatnonzero(visible(draws[here], of[chosen], plainly))[:points]
         shared = visible(draws[there], of[chosen[seen]], there_plainly[seen])
         normals = cross[chosen[seen]] / np.maximum(area[chosen[seen]], 1e-300)[:, None]
+        normals[np.array([part.is_hollow for part in draws[here]])[of[chosen[seen]]]] *= -1
         bodies.append(Body(at[seen], normals, elsewhere[seen], shared, of[chosen[seen]]))
     return bodies[0], bodies[1]

@@ -31,6 +31,8 @@ class Part:
     exponent: float = 0.3
     turn: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """Rotation vector, radians."""
+    is_hollow: bool = False
+    """Taken away from the parts before it; only in `made_bodies`."""
 
 
 Family = Callable[[Random], list[Part]]
