@@ -142,12 +142,18 @@ Index KdTree<Dim>::nearest_within(const double* query, double radius, std::span<
 }
 
 template <int Dim>
-void KdTree<Dim>::within(const double* query, double radius,
-                         std::vector<std::pair<Index, double>>& result) const {
+void KdTree<Dim>::within_unsorted(const double* query, double radius,
+                                  std::vector<std::pair<Index, double>>& result) const {
     result.clear();
     if (!impl_ || !(radius > 0.0)) return;
     BallResult ball(radius * radius, result);
     impl_->tree.find(ball, query);
+}
+
+template <int Dim>
+void KdTree<Dim>::within(const double* query, double radius,
+                         std::vector<std::pair<Index, double>>& result) const {
+    within_unsorted(query, radius, result);
     std::ranges::sort(result, [](const auto& a, const auto& b) {
         return a.second != b.second ? a.second < b.second : a.first < b.first;
     });

@@ -44,7 +44,7 @@ std::vector<Index> draw(const KdTree<3>& tree, const Normals& normals, const Nei
             }
             return;
         }
-        tree.within(tree.points().row(i).data(), radius, ball);
+        tree.within_unsorted(tree.points().row(i).data(), radius, ball);
         for (const auto& [j, squared_distance] : ball)
             if (normals.row(i).dot(normals.row(j)) > 0.0) covered[to_size(j)] = 1;
     };

@@ -158,7 +158,7 @@ public:
     void around(const Eigen::RowVector3d& place, std::vector<std::pair<Index, double>>& near,
                 const auto& found) const {
         if (cells_ && !cells_->may_hold(place)) return;
-        tree_->within(place.data(), reach_, near);
+        tree_->within_unsorted(place.data(), reach_, near);
         for (const auto& [k, squared_distance] : near)
             found(members_[to_size(k)], squared_distance);
     }

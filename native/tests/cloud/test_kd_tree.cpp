@@ -77,7 +77,7 @@ void expect_brute_force() {
     const auto queries = random_points<Dim>(60, 100 + Dim);
     const KdTree<Dim> tree(points);
     EXPECT_EQ(tree.size(), 500);
-    std::vector<std::pair<Index, double>> within;
+    std::vector<std::pair<Index, double>> within, unsorted;
     for (Index q = 0; q < queries.rows() + points.rows(); ++q) {
         const double* query =
             q < queries.rows() ? queries.row(q).data() : points.row(q - queries.rows()).data();
@@ -94,6 +94,8 @@ void expect_brute_force() {
             for (const auto& [row, squared_distance] : within)
                 found.emplace_back(squared_distance, row);
             expect_same(found, brute_force<Dim>(points, query, radius, 500));
+            tree.within_unsorted(query, radius, unsorted);
+            EXPECT_TRUE(std::ranges::is_permutation(unsorted, within));
             EXPECT_EQ(tree.any_within(query, radius), !found.empty());
         }
     }
@@ -177,6 +179,9 @@ TEST(KdTree, EmptyTreesAndEmptyQueriesFindNothing) {
         EXPECT_TRUE(nearest(tree, query, 0).empty());
         EXPECT_TRUE(nearest(tree, query, 5, 1.0).empty());
         tree.within(query, 1.0, within);
+        EXPECT_TRUE(within.empty());
+        within.emplace_back(7, 7.0);
+        tree.within_unsorted(query, 1.0, within);
         EXPECT_TRUE(within.empty());
     }
 }

@@ -43,6 +43,10 @@ public:
     void within(const double* query, double radius,
                 std::vector<std::pair<Index, double>>& result) const;
 
+    /// The same in no particular order, which takes less time.
+    void within_unsorted(const double* query, double radius,
+                         std::vector<std::pair<Index, double>>& result) const;
+
     /// Whether any point has distance < `radius` (plain, not squared) from `query`.
     bool any_within(const double* query, double radius) const;
 
