@@ -20,6 +20,10 @@ namespace {
 /// that disc continues the surface.
 constexpr double kFlat = 0.65;
 
+/// How many times as long as `min_loop` a flat hole is among scattered points: of 380 closed
+/// surfaces that were sampled at random, nine have flat gaps that are as long as `min_loop` itself.
+constexpr double kLongAmongScattered = 1.75;
+
 /// Area over length of a loop, in spacings, below which it runs along a crease and back: normals
 /// on both sides differ too much for the stars to reach across. A round hole of radius r has r / 2.
 constexpr double kThin = 0.6;
@@ -247,11 +251,13 @@ bool is_boundary(const SampledSurface& surface, const Outside& outside,
     const double spacing = length / relative_length;
     if (area.norm() < kThin * spacing * length) return false;
     if (is_fold(surface, passages, loop)) return false;
-    if (!outside.is_uneven()) return true;
+    const bool is_scattered = outside.is_scattered();
+    if (!outside.is_uneven() && !is_scattered) return true;
     // A hole is walked round clockwise: its area points inward.
     double along = 0.0;
     for (const Index i : loop) along -= surface.normals.row(i).dot(area);
-    return along <= kFlat * area.norm() * static_cast<double>(loop.size());
+    const bool is_flat = along > kFlat * area.norm() * static_cast<double>(loop.size());
+    return !is_flat || (!outside.is_uneven() && relative_length >= kLongAmongScattered * min_loop);
 }
 
 }  // namespace

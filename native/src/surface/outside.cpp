@@ -18,9 +18,12 @@ constexpr double kUsualLow = 0.6, kUsualHigh = 1.3;
 /// triangle's disc has a radius of 0.58, a square's of 0.71.
 constexpr double kSpread = 0.8;
 
-/// Where the ninth decile of the spacing is this many times the first, it varies so much that flat
-/// gaps are taken for surface: 1.1 in a regular mesh, 1.4 in blue noise, 2.2 in random samples.
-constexpr double kUneven = 2.0;
+/// How many times the first decile the ninth one is. Of the distance to the last of `kReach`
+/// neighbors: 1.1 in a regular mesh, 1.2 in blue noise, 1.5 in random samples, 2 and more where
+/// vertices are dense in a face and sparse on the soles of feet. Of the spacing itself: 1.1, 1.4,
+/// 2.2, and as much as of that distance where it varies from place to place.
+constexpr double kUneven = 1.75, kScattered = 2.0;
+constexpr std::size_t kReach = 12;
 
 /// Of more points than this, one in so many tells what is usual.
 constexpr Index kEnough = 20000, kEvery = 8;
@@ -66,8 +69,12 @@ void Outside::open(double opening) {
     // wide.
     const Index step = count > kEnough ? kEvery : 1;
     const Index sampled = (count + step - 1) / step;
-    std::vector<float> spacings(to_size(sampled)),
+    std::vector<float> spacings(to_size(sampled)), reaches(to_size(sampled)),
         radii(to_size(sampled));  // of the largest discs, relative
+    const auto reach = [&](Index i) {
+        const auto near = nearest_[i].first(std::min(nearest_[i].size(), kReach));
+        return near.empty() ? 0.0 : (positions_.row(near.back()) - positions_.row(i)).norm();
+    };
     const auto relative_radius = [](const StarBuilder& star) {
         const double spacing = star.spacing();
         return spacing > 0.0 ? star.largest_radius() / spacing : 0.0;
@@ -79,11 +86,16 @@ void Outside::open(double opening) {
             for (Index k = begin; k < end; ++k) {
                 builder.build(k * step, nearest_[k * step]);
                 spacings[to_size(k)] = static_cast<float>(builder.spacing());
+                reaches[to_size(k)] = static_cast<float>(reach(k * step));
                 radii[to_size(k)] = static_cast<float>(relative_radius(builder));
             }
         },
         0.0, 0.2);
-    is_uneven_ = quantile(spacings, 0.9) > kUneven * quantile(spacings, 0.1);
+    const auto varies = [](const std::vector<float>& values, double factor) {
+        return quantile(values, 0.9) > factor * quantile(values, 0.1);
+    };
+    is_uneven_ = varies(reaches, kUneven);
+    is_scattered_ = varies(spacings, kScattered);
     const double usual = std::clamp(quantile(radii, 0.75), kUsualLow, kUsualHigh);
     spread_ = std::max(kSpread, 0.95 * usual);
 

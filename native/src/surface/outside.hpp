@@ -25,8 +25,11 @@ public:
     /// `opening`: see BoundaryOptions. Keeps references to the arrays of `surface`.
     Outside(const SampledSurface& surface, double opening, Progress& progress);
 
-    /// Whether the spacing varies so much that flat gaps are taken for surface.
+    /// Whether the spacing varies so much from place to place that flat gaps are taken for surface.
     bool is_uneven() const { return is_uneven_; }
+
+    /// Whether points lie as at random, so that wide gaps occur.
+    bool is_scattered() const { return is_scattered_; }
 
     /// Spacing around a point that has a star, else 0.
     double spacing(Index i) const {
@@ -104,7 +107,7 @@ private:
     const Normals& normals_;
     const Neighborhoods& nearest_;
     Progress& progress_;
-    bool is_uneven_ = false;
+    bool is_uneven_ = false, is_scattered_ = false;
     double spread_ = 0.0;
     std::vector<Index> star_of_;  ///< #points, −1 where there is none
     std::vector<Star> stars_;

@@ -34,8 +34,9 @@ using BoundaryLoop = std::vector<Index>;
 /// All boundary loops of the cloud, longest first, each from its lowest row; none on a closed
 /// surface. `normals` are unit length and agree in sign; `nearest` is ascending by distance, 12 or
 /// more neighbors. Of points that coincide, the lowest row stands for all. Where the spacing
-/// varies as in the vertices of a mesh, a gap in a flat region (the sole of a foot) counts as
-/// surface, since meshes have few vertices there.
+/// varies from place to place as in the vertices of a mesh, a gap in a flat region (the sole of a
+/// foot) counts as surface, since meshes have few vertices there; among random samples, a hole in a
+/// flat region is longer than `min_loop`, 1.75 times.
 std::vector<BoundaryLoop> find_boundary_loops(const Positions& positions, const Normals& normals,
                                               const Neighborhoods& nearest,
                                               const BoundaryOptions& options, Progress& progress);
