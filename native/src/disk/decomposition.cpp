@@ -153,11 +153,12 @@ std::optional<std::pair<Index, Index>> first_crossing(const SurfaceCurve& curve)
     std::vector<std::pair<Index, double>> ball;
     for (Index i = 0; i < count; ++i) {
         const Index i2 = (i + 1) % count;
-        tree.within(curve.points.row(i).data(), 2.0 * longest, ball);
+        tree.within_unsorted(curve.points.row(i).data(), 2.0 * longest, ball);
+        std::erase_if(ball, [&](const auto& found) { return found.first <= i; });
         std::ranges::sort(ball);
         for (const auto& [j, squared] : ball) {
             const Index j2 = (j + 1) % count;
-            if (j <= i || j == i2 || j2 == i) continue;
+            if (j == i2 || j2 == i) continue;
             if (curve.normals.row(i).dot(curve.normals.row(j)) <= 0.0) continue;
             const Vector3 normal =
                 (curve.normals.row(i) + curve.normals.row(j)).transpose().normalized();

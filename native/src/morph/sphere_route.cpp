@@ -33,8 +33,29 @@ RouteResult match_on_sphere(const RouteInput& input, const SphereRouteOptions& o
     progress.enter("spherical alignment");
     std::vector<IndexPair> meet;  // the features are the meshes' first nodes
     for (Index k = 0; k < to_index(features.size()); ++k) meet.push_back({k, k});
-    const SphericalAlignment alignment =
-        align_on_sphere(source_mesh, target_mesh, meet, options.alignment, progress);
+    SphericalAlignment alignment;
+    const auto align = [&](Progress& its) {
+        alignment = align_on_sphere(source_mesh, target_mesh, meet, options.alignment, its);
+    };
+    std::vector<PlaceInMesh> source_places, target_places;
+    const auto find_places = [&](bool is_source, Progress& its) {
+        const PreparedShape& shape = is_source ? source : target;
+        (is_source ? source_places : target_places) = places_in_mesh(
+            is_source ? source_mesh : target_mesh, shape.positions, shape.normals, its);
+    };
+    // One thread aligns, while others find where points lie in the meshes, which alignment doesn't
+    // change. A search for the rotation takes them all.
+    if (to_index(meet.size()) >= options.alignment.features_that_fix_the_rotation) {
+        parallel_invoke(3, progress, [&](int k, Progress& its) {
+            k == 0 ? align(its) : find_places(k == 1, its);
+        });
+    } else {
+        align(progress);
+        for (const bool is_source : {true, false}) {
+            const Progress::Part part(progress, 0.9, 1.0);
+            find_places(is_source, progress);
+        }
+    }
     result.facts.alignment_sweeps = alignment.steps;
     for (const auto& [s, t] : alignment.extremities)
         result.facts.extremities.push_back(
@@ -47,10 +68,13 @@ RouteResult match_on_sphere(const RouteInput& input, const SphereRouteOptions& o
     constexpr double kMuch = 4.5;
     if (alignment.energy > kMuch) result.warnings.push_back(sphere_is_stretched());
 
-    const KdTree<3>::Points source_sphere =
-        onto_sphere(source_mesh, source.positions, source.normals, progress);
-    const KdTree<3>::Points target_sphere =
-        onto_sphere(target_mesh, target.positions, target.normals, progress);
+    KdTree<3>::Points source_sphere, target_sphere;
+    on_both(progress, [&](bool is_source, Progress&) {
+        if (is_source)
+            source_sphere = onto_sphere(source_mesh, source_places);
+        else
+            target_sphere = onto_sphere(target_mesh, target_places);
+    });
     progress.enter("pairing");
     result.pairs =
         pair_points<3>(source_sphere, target_sphere, features, options.pairing, progress);

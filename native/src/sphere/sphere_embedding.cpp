@@ -98,8 +98,10 @@ public:
     Vector3& operator[](Index v) { return places_[to_size(v)]; }
     void set_area(double area) { area_ = area; }
 
-    /// Newton's method for one vertex, in its tangent plane.
+    /// Newton's method for one vertex, in its tangent plane. A step goes beyond where it leads, so
+    /// that sweeps over all vertices get along in fewer rounds (successive overrelaxation).
     void improve(Index v, int steps) {
+        constexpr double kBeyond = 1.8;
         Vector3& place = places_[to_size(v)];
         around_.look(mesh_.ring(v), places_);
         double present = around_.energy(place, area_);
@@ -121,7 +123,7 @@ public:
             if (middle - spread < least) bend.diagonal().array() += least - (middle - spread);
             const Eigen::Vector2d way = -bend.inverse() * slope;
             if (!way.allFinite()) return;
-            double length = 1.0;
+            double length = kBeyond;
             bool gained = false;
             for (int half = 0; half < 12 && !gained; ++half, length *= 0.5) {
                 const Vector3 there = (place + length * (tangent * way)).normalized();
@@ -240,7 +242,7 @@ Matrix3 sphere_energy_gradient(const Vector3& a, const Vector3& b, const Vector3
 
 Positions embed_on_sphere(RingMesh mesh, const Positions& positions, Progress& progress) {
     constexpr double kGrowth = 1.15;
-    constexpr int kSweeps = 20, kLastSweeps = 60;
+    constexpr int kSweeps = 8, kLastSweeps = 24;
     const auto count = to_index(positions.rows());
     std::vector<char> present(to_size(count), 1);
     const std::vector<RingMesh::Removal> removals = taken_apart(mesh, positions, present);

@@ -84,6 +84,15 @@ Vector3 nearest_in_triangle(const Positions& positions, const Triangle& corners,
     return Vector3(at_a, at_b, at_c) / sum;
 }
 
+/// What lies at a place of a mesh, where `values` lie at its nodes.
+Eigen::RowVector3d of_corners(const SphericalMesh& mesh, const Positions& values,
+                              const PlaceInMesh& place) {
+    Eigen::RowVector3d sum = Eigen::RowVector3d::Zero();
+    for (Index k = 0; k < 3; ++k)
+        sum += place.shares[k] * values.row(mesh.triangles[to_size(place.triangle)][to_size(k)]);
+    return sum;
+}
+
 /// The triangles of a mesh, to find the one in which a point lies.
 class PlacedTriangles {
 public:
@@ -123,9 +132,7 @@ public:
                 if (std::exchange(tried_[to_size(t)], number_) != number_) try_one(t);
         }
 
-        Eigen::RowVector3d image() const {
-            return of_corners(all_.mesh_.images, nearest_).normalized();
-        }
+        PlaceInMesh found() const { return {nearest_, shares_}; }
 
     private:
         void try_one(Index t) {
@@ -140,20 +147,15 @@ public:
             shares_ =
                 nearest_in_triangle(all_.mesh_.positions, all_.mesh_.triangles[to_size(t)], point_);
             const double cost =
-                (of_corners(all_.mesh_.positions, t) - point_).squaredNorm() + turned;
+                (of_corners(all_.mesh_, all_.mesh_.positions, {t, shares_}) - point_)
+                    .squaredNorm() +
+                turned;
             if (cost < least_ || (cost == least_ && t < nearest_)) {
                 least_ = cost;
                 nearest_ = t;
             } else {
                 shares_ = before;
             }
-        }
-
-        Eigen::RowVector3d of_corners(const Positions& places, Index t) const {
-            Eigen::RowVector3d sum = Eigen::RowVector3d::Zero();
-            for (Index k = 0; k < 3; ++k)
-                sum += shares_[k] * places.row(all_.mesh_.triangles[to_size(t)][to_size(k)]);
-            return sum;
         }
 
         static constexpr double kSurely = 1.0 + 1e-9;
@@ -304,12 +306,12 @@ SphericalMesh spherical_mesh(const SampledSurface& surface, std::span<const Inde
     return mesh;
 }
 
-Positions onto_sphere(const SphericalMesh& mesh, const Positions& points, const Normals& normals,
-                      Progress& progress) {
+std::vector<PlaceInMesh> places_in_mesh(const SphericalMesh& mesh, const Positions& points,
+                                        const Normals& normals, Progress& progress) {
     constexpr std::size_t kNodes = 6;  // whose triangles are tried
     const PlacedTriangles triangles(mesh);
     const KdTree<3> tree(mesh.positions);
-    Positions result(points.rows(), 3);
+    std::vector<PlaceInMesh> result(to_size(points.rows()));
     parallel_for(to_index(points.rows()), progress, [&](Index begin, Index end) {
         std::array<Index, kNodes> near;
         std::array<double, kNodes> squared;
@@ -323,11 +325,24 @@ Positions onto_sphere(const SphericalMesh& mesh, const Positions& points, const 
             search.begin(points.row(i), normals.row(i));
             for (const Index v : std::span(near).first(found))
                 if (!any || agrees(v)) search.try_around(v);
-            result.row(i) = search.image();
+            result[to_size(i)] = search.found();
         }
     });
+    return result;
+}
+
+Positions onto_sphere(const SphericalMesh& mesh, std::span<const PlaceInMesh> places) {
+    Positions result(places.size(), 3);
+    for (std::size_t i = 0; i < places.size(); ++i)
+        result.row(static_cast<Eigen::Index>(i)) =
+            of_corners(mesh, mesh.images, places[i]).normalized();
     for (Index v = 0; v < mesh.size(); ++v) result.row(mesh.rows[to_size(v)]) = mesh.images.row(v);
     return result;
+}
+
+Positions onto_sphere(const SphericalMesh& mesh, const Positions& points, const Normals& normals,
+                      Progress& progress) {
+    return onto_sphere(mesh, places_in_mesh(mesh, points, normals, progress));
 }
 
 double turned_over(std::span<const Triangle> triangles, const Positions& images) {

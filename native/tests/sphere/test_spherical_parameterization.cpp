@@ -182,6 +182,24 @@ TEST(SphericalParameterization, SmallPartsGoWithWhatIsNearest) {
     EXPECT_THROW(shape.mesh(300, on_button), FeatureError);
 }
 
+TEST(SphericalParameterization, PlacesInTheMeshOutlastAMoveOfItsImages) {
+    const Prepared shape(limbed(3000));
+    SphericalMesh mesh = shape.mesh(300);
+    Progress progress;
+    const auto places = places_in_mesh(mesh, shape.positions, shape.normals, progress);
+    ASSERT_EQ(to_index(places.size()), to_index(shape.positions.rows()));
+    for (const auto& [triangle, shares] : places) {
+        EXPECT_LT(to_size(triangle), mesh.triangles.size());
+        EXPECT_GT(shares.minCoeff(), -1e-12);
+        EXPECT_NEAR(shares.sum(), 1.0, 1e-12);
+    }
+    mesh.images = mesh.images * Eigen::AngleAxisd(0.7, Vector3(1, 2, 3).normalized()).matrix();
+    const Positions images = onto_sphere(mesh, places);
+    EXPECT_EQ(images, onto_sphere(mesh, shape.positions, shape.normals, progress));
+    for (Index v = 0; v < mesh.size(); ++v)
+        EXPECT_EQ(images.row(mesh.rows[to_size(v)]), mesh.images.row(v));
+}
+
 TEST(SphericalParameterization, PointsThatCoincideAreNoObstacle) {
     const Positions once = limbed(1500);
     Positions twice(3000, 3);
@@ -211,9 +229,14 @@ TEST(Example, SphericalParameterization) {
     // --- example
     const SphericalMesh mesh =
         spherical_mesh({positions, normals, nearest}, features, {.nodes = 500}, progress);
-    const Positions sphere = onto_sphere(mesh, positions, normals, progress);
+    const Positions sphere = onto_sphere(mesh, positions, normals, progress);  // unit vectors
+
+    // The same in two steps. Places in the mesh stay when alignment moves its nodes on the sphere.
+    const std::vector<PlaceInMesh> places = places_in_mesh(mesh, positions, normals, progress);
+    const Positions the_same = onto_sphere(mesh, places);
     // --- end of the example
     EXPECT_EQ(mesh.rows.front(), 17);
+    EXPECT_EQ(the_same, sphere);
     EXPECT_EQ(turned_over(mesh.triangles, mesh.images), 0.0);
     EXPECT_LT((sphere.rowwise().norm().array() - 1.0).abs().maxCoeff(), 1e-9);
 }

@@ -49,8 +49,20 @@ struct SphericalMesh {
 SphericalMesh spherical_mesh(const SampledSurface& surface, std::span<const Index> required,
                              const SphericalOptions& options, Progress& progress);
 
-/// The places on the sphere of points on the shape: in the nearest triangle that faces the same
-/// way. #points by 3.
+/// Where a point of the shape lies in a mesh.
+struct PlaceInMesh {
+    Index triangle;
+    Vector3 shares;  ///< of its corners; sum 1
+};
+
+/// The nearest triangle that faces the same way, and the place in it, of points on the shape.
+std::vector<PlaceInMesh> places_in_mesh(const SphericalMesh& mesh, const Positions& points,
+                                        const Normals& normals, Progress& progress);
+
+/// The places on the sphere of points whose places in the mesh are known. #points by 3.
+Positions onto_sphere(const SphericalMesh& mesh, std::span<const PlaceInMesh> places);
+
+/// The same of points on the shape.
 Positions onto_sphere(const SphericalMesh& mesh, const Positions& points, const Normals& normals,
                       Progress& progress);
 
