@@ -41,7 +41,7 @@ public:
         }
     }
 
-    /// The sum of sphere_energy().
+    /// The sum of that of Roundness, whose weight is 1.
     double energy(const Vector3& place, double area) {
         const double x = place.x(), y = place.y(), z = place.z(), twice = 2.0 * area;
         for (std::size_t k = 0; k < count_; ++k) {
@@ -219,25 +219,85 @@ std::vector<RingMesh::Removal> taken_apart(RingMesh& mesh, const Positions& posi
 
 }  // namespace
 
-double sphere_energy(const Vector3& a, const Vector3& b, const Vector3& c, double area) {
-    const double d = determinant(a, b, c) / (2.0 * area);
-    if (!(d > 0.0)) return kImpossible;
-    return kHalfCotangent *
-           ((b - a).squaredNorm() + (c - b).squaredNorm() + (a - c).squaredNorm()) *
-           (1.0 + 1.0 / (d * d));
+struct Roundness::Block {
+    static constexpr std::size_t kSize = 32;
+    using Column = std::array<double, kSize>;
+    std::array<std::array<Column, 3>, 3> at;  ///< by corner and axis
+    Column d, dirichlet, growth;
+};
+
+Roundness::Roundness(std::span<const Triangle> triangles, double weight)
+    : triangles_(triangles),
+      weight_(weight),
+      area_(4.0 * std::numbers::pi / static_cast<double>(triangles.size())) {}
+
+double Roundness::at(const Positions& places) const {
+    double sum = 0.0;
+    Block block;
+    for (std::size_t first = 0; first < triangles_.size(); first += Block::kSize) {
+        const std::size_t count = fill(block, places, first);
+        for (std::size_t k = 0; k < count; ++k) {
+            if (!(block.d[k] > 0.0)) return kImpossible;
+            sum += weight_ * (block.dirichlet[k] * block.growth[k]);
+        }
+    }
+    return sum;
 }
 
-Matrix3 sphere_energy_gradient(const Vector3& a, const Vector3& b, const Vector3& c, double area) {
-    const double d = determinant(a, b, c) / (2.0 * area);
-    const double dirichlet =
-        kHalfCotangent * ((b - a).squaredNorm() + (c - b).squaredNorm() + (a - c).squaredNorm());
-    const double g = 1.0 + 1.0 / (d * d);
-    const double by_d = -dirichlet / (d * d * d * area);
-    Matrix3 result;
-    result.col(0) = 2.0 * kHalfCotangent * g * (2.0 * a - b - c) + by_d * b.cross(c);
-    result.col(1) = 2.0 * kHalfCotangent * g * (2.0 * b - c - a) + by_d * c.cross(a);
-    result.col(2) = 2.0 * kHalfCotangent * g * (2.0 * c - a - b) + by_d * a.cross(b);
-    return result;
+void Roundness::add_gradient(const Positions& places, Positions& gradient) const {
+    Block block;
+    std::array<std::array<Block::Column, 3>, 3> slopes;  // by corner and axis
+    for (std::size_t first = 0; first < triangles_.size(); first += Block::kSize) {
+        const std::size_t count = fill(block, places, first);
+        for (std::size_t corner = 0; corner < 3; ++corner) {
+            const auto &a = block.at[corner], &b = block.at[(corner + 1) % 3],
+                       &c = block.at[(corner + 2) % 3];
+            for (std::size_t axis = 0; axis < 3; ++axis) {
+                const std::size_t y = (axis + 1) % 3, z = (axis + 2) % 3;
+                for (std::size_t k = 0; k < Block::kSize; ++k) {
+                    const double d = block.d[k];
+                    const double by_d = -block.dirichlet[k] / (d * d * d * area_);
+                    slopes[corner][axis][k] = 2.0 * kHalfCotangent * block.growth[k] *
+                                                  (2.0 * a[axis][k] - b[axis][k] - c[axis][k]) +
+                                              by_d * (b[y][k] * c[z][k] - b[z][k] * c[y][k]);
+                }
+            }
+        }
+        for (std::size_t k = 0; k < count; ++k)
+            for (std::size_t corner = 0; corner < 3; ++corner)
+                for (std::size_t axis = 0; axis < 3; ++axis)
+                    gradient(triangles_[first + k][corner], static_cast<Eigen::Index>(axis)) +=
+                        weight_ * slopes[corner][axis][k];
+    }
+}
+
+/// The last triangle again where there are fewer. Returns how many there are.
+std::size_t Roundness::fill(Block& block, const Positions& places, std::size_t first) const {
+    const std::size_t count = std::min(Block::kSize, triangles_.size() - first);
+    for (std::size_t k = 0; k < Block::kSize; ++k) {
+        const Triangle& triangle = triangles_[first + std::min(k, count - 1)];
+        for (std::size_t corner = 0; corner < 3; ++corner)
+            for (std::size_t axis = 0; axis < 3; ++axis)
+                block.at[corner][axis][k] =
+                    places(triangle[corner], static_cast<Eigen::Index>(axis));
+    }
+    const auto& [a, b, c] = block.at;
+    const double twice = 2.0 * area_;
+    for (std::size_t k = 0; k < Block::kSize; ++k) {
+        const auto squared = [k](const auto& from, const auto& to) {
+            const double x = to[0][k] - from[0][k], y = to[1][k] - from[1][k],
+                         z = to[2][k] - from[2][k];
+            return x * x + y * y + z * z;
+        };
+        const double x = b[1][k] * c[2][k] - b[2][k] * c[1][k],
+                     y = b[2][k] * c[0][k] - b[0][k] * c[2][k],
+                     z = b[0][k] * c[1][k] - b[1][k] * c[0][k];
+        const double d = (a[0][k] * x + a[1][k] * y + a[2][k] * z) / twice;
+        block.d[k] = d;
+        block.dirichlet[k] = kHalfCotangent * (squared(a, b) + squared(b, c) + squared(c, a));
+        block.growth[k] = 1.0 + 1.0 / (d * d);
+    }
+    return count;
 }
 
 Positions embed_on_sphere(RingMesh mesh, const Positions& positions, Progress& progress) {

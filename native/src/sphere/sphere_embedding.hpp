@@ -2,19 +2,38 @@
 // for callers of the library.
 #pragma once
 
+#include <span>
+
 #include "pointmorph/base/progress.hpp"
 #include "pointmorph/base/types.hpp"
+#include "pointmorph/surface/local_triangles.hpp"
 #include "sphere/ring_mesh.hpp"
 
 namespace pointmorph {
 
-/// How far the image of a triangle on the sphere is from an equilateral one of the area that it
-/// should have: its Dirichlet energy E (of a map from such a triangle) times 1 + 1/D², where
-/// D is the determinant of the corners over twice the area. Infinite as the triangle turns over,
-/// which the area between corners, seen through the center, wouldn't tell. Least is 4 · area.
-double sphere_energy(const Vector3& a, const Vector3& b, const Vector3& c, double area);
-/// A column a corner.
-Matrix3 sphere_energy_gradient(const Vector3& a, const Vector3& b, const Vector3& c, double area);
+/// How far the images of triangles on the sphere are from equilateral ones of the area that they
+/// should have, all the same: the sum of the Dirichlet energy E of each (of a map from such a
+/// triangle) times 1 + 1/D², where D is the determinant of the corners over twice the area.
+/// Infinite as a triangle turns over, which the area between corners, seen through the center,
+/// wouldn't tell. Least is 4 · area for each.
+class Roundness {
+public:
+    /// `weight` is a factor of the energy. Keeps the span.
+    Roundness(std::span<const Triangle> triangles, double weight);
+
+    double at(const Positions& places) const;
+    /// Where the energy is finite.
+    void add_gradient(const Positions& places, Positions& gradient) const;
+
+private:
+    /// Of triangles that are looked at next to each other, so that registers hold several.
+    struct Block;
+    std::size_t fill(Block& block, const Positions& places, std::size_t first) const;
+
+    std::span<const Triangle> triangles_;
+    double weight_;
+    double area_;  ///< that each should have
+};
 
 /// Places of the vertices of `mesh`, all of which have a ring. Vertices are taken away one by one
 /// until four are left, which lie on a tetrahedron, and come back one by one into the part of

@@ -24,41 +24,6 @@ Vector3 row_of(const Positions& rows, Index i) {
     return rows.row(i).transpose();
 }
 
-/// sphere_energy() of all triangles, of one area.
-class Roundness {
-public:
-    Roundness(std::span<const Triangle> triangles, double weight)
-        : triangles_(triangles),
-          weight_(weight),
-          area_(4.0 * std::numbers::pi / static_cast<double>(triangles.size())) {}
-
-    double at(const Positions& places) const {
-        double sum = 0.0;
-        for (const auto& [a, b, c] : triangles_) {
-            const double energy =
-                sphere_energy(row_of(places, a), row_of(places, b), row_of(places, c), area_);
-            if (energy == kInfinity) return kInfinity;
-            sum += weight_ * energy;
-        }
-        return sum;
-    }
-
-    void add_gradient(const Positions& places, Positions& gradient) const {
-        for (const auto& [a, b, c] : triangles_) {
-            const Matrix3 by_corners = sphere_energy_gradient(row_of(places, a), row_of(places, b),
-                                                              row_of(places, c), area_);
-            gradient.row(a) += weight_ * by_corners.col(0).transpose();
-            gradient.row(b) += weight_ * by_corners.col(1).transpose();
-            gradient.row(c) += weight_ * by_corners.col(2).transpose();
-        }
-    }
-
-private:
-    std::span<const Triangle> triangles_;
-    double weight_;
-    double area_;  ///< that each should have
-};
-
 double area_of(const SphericalMesh& mesh) {
     double sum = 0.0;
     for (const auto& [a, b, c] : mesh.triangles) {

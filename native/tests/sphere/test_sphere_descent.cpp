@@ -5,6 +5,7 @@
 #include <Eigen/Dense>
 #include <array>
 #include <limits>
+#include <numbers>
 #include <random>
 #include <vector>
 
@@ -142,24 +143,40 @@ TEST(SphereDescent, DescentEndsWhereNothingPullsOrATriangleWouldTurnOver) {
     for (const Triangle& t : ball.triangles) EXPECT_GT(corners_determinant(stuck, t), 0.0);
 }
 
-TEST(SphereDescent, TheEnergyOfATriangleHasTheGradientThatDifferencesShow) {
-    const Positions corners = random_directions(3, 9).rowwise().normalized();
-    std::array<Vector3, 3> places{corners.row(0), corners.row(1), corners.row(2)};
-    if (places[0].dot(places[1].cross(places[2])) < 0.0) std::swap(places[0], places[1]);
-    constexpr double kArea = 0.3, kStep = 1e-6;
-    const Matrix3 gradient = sphere_energy_gradient(places[0], places[1], places[2], kArea);
-    for (std::size_t k = 0; k < 3; ++k)
-        for (int axis = 0; axis < 3; ++axis) {
-            auto above = places, below = places;
-            above[k][axis] += kStep;
-            below[k][axis] -= kStep;
-            const double slope = (sphere_energy(above[0], above[1], above[2], kArea) -
-                                  sphere_energy(below[0], below[1], below[2], kArea)) /
-                                 (2.0 * kStep);
-            EXPECT_NEAR(gradient(axis, static_cast<int>(k)), slope, 1e-6 * gradient.norm());
+TEST(SphereDescent, RoundnessIsTheSumOverTriangles) {
+    const HullOnSphere ball(40);  // 76 triangles: no multiple of what is looked at together
+    const double area = 4.0 * std::numbers::pi / static_cast<double>(ball.triangles.size());
+    double sum = 0.0;
+    for (const Triangle& t : ball.triangles) {
+        double sides = 0.0;
+        for (std::size_t k = 0; k < 3; ++k)
+            sides += (ball.places.row(t[k]) - ball.places.row(t[(k + 1) % 3])).squaredNorm();
+        const double d = corners_determinant(ball.places, t) / (2.0 * area);
+        sum += sides / (2.0 * std::numbers::sqrt3) * (1.0 + 1.0 / (d * d));
+    }
+    const Roundness roundness(ball.triangles, 0.7);
+    EXPECT_NEAR(roundness.at(ball.places), 0.7 * sum, 1e-10 * sum);
+    EXPECT_GT(sum, 4.0 * area * static_cast<double>(ball.triangles.size()));
+
+    std::vector<Triangle> turned = ball.triangles;
+    std::swap(turned.back()[0], turned.back()[1]);
+    EXPECT_EQ(Roundness(turned, 0.7).at(ball.places), std::numeric_limits<double>::infinity());
+}
+
+TEST(SphereDescent, RoundnessHasTheGradientThatDifferencesShow) {
+    const HullOnSphere ball(20);
+    const Roundness roundness(ball.triangles, 0.7);
+    constexpr double kStep = 1e-7;
+    Positions gradient = Positions::Zero(ball.size(), 3);
+    roundness.add_gradient(ball.places, gradient);
+    for (Index v = 0; v < ball.size(); ++v)
+        for (Index axis = 0; axis < 3; ++axis) {
+            Positions above = ball.places, below = ball.places;
+            above(v, axis) += kStep;
+            below(v, axis) -= kStep;
+            const double slope = (roundness.at(above) - roundness.at(below)) / (2.0 * kStep);
+            EXPECT_NEAR(gradient(v, axis), slope, 1e-6 * gradient.norm());
         }
-    EXPECT_EQ(sphere_energy(places[1], places[0], places[2], kArea),
-              std::numeric_limits<double>::infinity());
 }
 
 }  // namespace
