@@ -290,20 +290,25 @@ def _way(morph, request, ends, landing, progress):
     if pointmorph.base.option_table.is_straight(**request.settings):
         return None
     at = morph.wrapped if morph.has_mesh else morph.source_at
-    frames, vertices = {}, {}
-    for t in path_stages.TIMES:  # what the frame has found, the vertices needn't find again
-        frames[t] = morph.frame(t, progress=progress)
-        vertices[t] = at(t, progress)
-    positions, normals = (
-        path_stages.deviations(
-            lambda t, what=what: getattr(frames[t], what),
-            *(getattr(end, what) for end in ends),
-            times,
-        )
-        for what, times in (
-            ("positions", path_stages.TIMES),
-            ("normals", path_stages.NORMAL_TIMES),
+    start, end = ends
+    positions, normals, own = (
+        np.empty((len(times), *like.shape), np.float32)
+        for times, like in (
+            (path_stages.TIMES, start.positions),
+            (path_stages.NORMAL_TIMES, start.normals),
+            (path_stages.TIMES, morph.source.positions),
         )
     )
-    own = path_stages.deviations(vertices.__getitem__, morph.source.positions, landing)
+    frame = morph.empty_frame()
+    for number, t in enumerate(path_stages.TIMES):
+        # What the frame has found, the vertices needn't find again.
+        morph.frame(t, frame, progress)
+        vertices = at(t, progress)
+        path_stages.put_deviation(
+            frame.positions, start.positions, end.positions, t, positions[number]
+        )
+        if t in path_stages.NORMAL_TIMES:
+            its = normals[path_stages.NORMAL_TIMES.index(t)]
+            path_stages.put_deviation(frame.normals, start.normals, end.normals, t, its)
+        path_stages.put_deviation(vertices, morph.source.positions, landing, t, own[number])
     return Way(positions, normals, own)

@@ -286,10 +286,22 @@ def selected_vertices(mesh):
     return np.flatnonzero(_read(mesh.vertices, "select", 1, bool))
 
 
+def _write_vertices(mesh, positions):
+    """Where the vertices are, into the attribute in which Blender keeps it: a hundred times as
+    quick. In Edit Mode attributes are empty."""
+    kept = point_attribute(mesh, "position", "FLOAT_VECTOR")
+    if kept is None or len(kept.data) != len(mesh.vertices):
+        _write(mesh.vertices, "co", positions)
+    elif len(positions) > 0:
+        _write(kept.data, "vector", positions)
+        # So that Blender learns of it: what it knows of the old places, bounds too, is found anew.
+        mesh.vertices[0].co = positions[0]
+
+
 def fill_mesh(mesh, positions, triangles=None):
     """Gives an empty mesh these vertices and smooth faces, and nothing else."""
     mesh.vertices.add(len(positions))
-    _write(mesh.vertices, "co", positions)
+    _write_vertices(mesh, positions)
     if triangles is not None:
         count = len(triangles)
         mesh.loops.add(3 * count)
@@ -302,7 +314,7 @@ def fill_mesh(mesh, positions, triangles=None):
 
 def move_vertices(mesh, positions):
     """Gives the vertices of a mesh other places."""
-    _write(mesh.vertices, "co", positions)
+    _write_vertices(mesh, positions)
     mesh.update()
 
 

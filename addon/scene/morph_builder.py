@@ -81,16 +81,17 @@ def write_pairs(obj, outcome):
         arrays.write_attribute(mesh, f"{stage}_color", end.colors)
         arrays.write_attribute(mesh, f"{stage}_radius", end.radii)
     arrays.activate_colors(mesh, attribute_names.COLOR)
-    arrays.write_attribute(mesh, "landing", outcome.landing[outcome.source.rows])
-    arrays.write_attribute(mesh, "source_onward", outcome.maps[0][outcome.source.rows])
-    arrays.write_attribute(mesh, "target_landing", outcome.maps[1][outcome.target.rows])
+    source_rows, target_rows = outcome.source.rows, outcome.target.rows
+    arrays.write_attribute(mesh, "landing", outcome.landing.take(source_rows, axis=0))
+    arrays.write_attribute(mesh, "source_onward", outcome.maps[0].take(source_rows, axis=0))
+    arrays.write_attribute(mesh, "target_landing", outcome.maps[1].take(target_rows, axis=0))
     for number, landing in enumerate(outcome.stops, 1):
-        arrays.write_attribute(mesh, f"landing{number}", landing[outcome.source.rows])
+        arrays.write_attribute(mesh, f"landing{number}", landing.take(source_rows, axis=0))
     for stage, end, ways in zip(
         morph_object.stages(obj)[1:], outcome.between, outcome.via_maps, strict=False
     ):
         for name, way in zip(("onward", "back"), ways, strict=True):
-            arrays.write_attribute(mesh, f"{stage}_{name}", way[end.rows])
+            arrays.write_attribute(mesh, f"{stage}_{name}", way.take(end.rows, axis=0))
     arrays.write_attribute(mesh, attribute_names.DISTORTION, outcome.distortion)
     if outcome.confidence is not None:
         arrays.write_attribute(mesh, attribute_names.CONFIDENCE, outcome.confidence)
@@ -114,7 +115,7 @@ def _write_ways(mesh, outcome):
     for number, way in enumerate(ways):
         for stage, values in enumerate(() if way is None else way.vertices, 1):
             name = attribute_names.vertex_on_way(number, stage)
-            arrays.write_attribute(mesh, name, values[outcome.source.rows])
+            arrays.write_attribute(mesh, name, values.take(outcome.source.rows, axis=0))
 
 
 def add_keys(obj, places, names):
