@@ -24,6 +24,7 @@ std::vector<RegistrationLevel*> schedules(MorphOptions& options) {
 std::vector<Switch> search_switches() {
     return {
         {"sides aren't compared", [](MorphOptions& o) { o.refinement.pose.symmetry.weight = 0.0; }},
+        {"unlike points cost nothing", [](MorphOptions& o) { o.refinement.pose.likeness = 0.0; }},
         {"only like axes, one pose cluster",
          [](MorphOptions& o) {
              o.refinement.pose.spread_ratio = 1.0;

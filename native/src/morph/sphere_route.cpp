@@ -43,16 +43,18 @@ RouteResult match_on_sphere(const RouteInput& input, const SphereRouteOptions& o
         (is_source ? source_places : target_places) = places_in_mesh(
             is_source ? source_mesh : target_mesh, shape.positions, shape.normals, its);
     };
-    // One thread aligns, while others find where points lie in the meshes, which alignment doesn't
-    // change. A search for the rotation takes them all.
-    if (to_index(meet.size()) >= options.alignment.features_that_fix_the_rotation) {
+    // One thread aligns, while two others find where points lie in the meshes, which alignment
+    // doesn't change. A search for the rotation takes all threads, and so do many points.
+    constexpr Index kMany = 1'000'000;
+    const bool is_fixed = to_index(meet.size()) >= options.alignment.features_that_fix_the_rotation;
+    if (is_fixed && source.size() + target.size() < kMany) {
         parallel_invoke(3, progress, [&](int k, Progress& its) {
             k == 0 ? align(its) : find_places(k == 1, its);
         });
     } else {
         align(progress);
         for (const bool is_source : {true, false}) {
-            const Progress::Part part(progress, 0.9, 1.0);
+            const Progress::Part part(progress, is_source ? 0.9 : 0.95, is_source ? 0.95 : 1.0);
             find_places(is_source, progress);
         }
     }

@@ -14,6 +14,7 @@
 #include "pointmorph/registration/candidate_poses.hpp"
 #include "pointmorph/registration/extremities.hpp"
 #include "registration/extremity_variants.hpp"
+#include "registration/likeness.hpp"
 #include "registration/pose_trials.hpp"
 #include "registration/self_motions.hpp"
 
@@ -41,6 +42,12 @@ PoseSearch prepared_search(const CoarsePair& shapes, const PoseOptions& options,
                       shapes.features,
                       options,
                       registration};
+    if (options.likeness > 0.0) {
+        const FormRadii radii = form_radii(shapes.source, shapes.target);
+        for (ThinnedShape* shape : {&search.source, &search.target})
+            shape->forms = local_forms(shape->full, shape->full_rows, radii);
+        make_comparable(search.source.forms, search.target.forms);
+    }
     if (!(options.symmetry.weight > 0.0)) return search;
     const auto symmetry = [&](const ThinnedShape& shape, const Eigen::MatrixXd& its_distances,
                               Progress& its) {
@@ -380,22 +387,33 @@ double pose_confidence(const Misfit& misfit, std::span<const Competitor> competi
 
 Pose find_pose(const CoarsePair& shapes, const PoseOptions& options,
                const RegistrationOptions& registration, Progress& progress) {
-    const PoseSearch search = in_part(progress, 0.0, 0.1, [&] {
+    PoseSearch search = in_part(progress, 0.0, 0.1, [&] {
         return prepared_search(shapes, options, registration, progress);
     });
     auto [trials, motions] =
         in_part(progress, 0.1, 0.4, [&] { return first_trials(search, shapes, progress); });
     std::vector<ExtremityMatches> tried;
     Finals so_far;
-    const auto try_with = [&](const PoseEffort& effort, double first, double middle, double last) {
-        in_part(progress, first, middle,
-                [&] { vary_extremities(search, effort, trials, tried, progress); });
-        in_part(progress, middle, last,
+    const auto vary = [&](const PoseEffort& effort, Index rounds, double first, double last) {
+        in_part(progress, first, last, [&] {
+            vary_extremities(search, {effort.variants, rounds, effort.promising}, trials, tried,
+                             progress);
+        });
+    };
+    const auto finish = [&](const PoseEffort& effort, double first, double last) {
+        in_part(progress, first, last,
                 [&] { try_finals(search, effort, trials, so_far, progress); });
     };
-    try_with(options.effort, 0.4, 0.65, 0.8);
-    if (looks_wrong(search, so_far.finished.front()))
-        try_with(options.second_effort, 0.8, 0.95, 1.0);
+    const Index rounds = options.effort.rounds,
+                plain = options.likeness > 0.0 ? std::min(options.plain_rounds, rounds) : rounds;
+    vary(options.effort, plain, 0.4, 0.5);
+    count_likeness(search, trials);
+    vary(options.effort, rounds - plain, 0.5, 0.65);
+    finish(options.effort, 0.65, 0.8);
+    if (looks_wrong(search, so_far.finished.front())) {
+        vary(options.second_effort, options.second_effort.rounds, 0.8, 0.95);
+        finish(options.second_effort, 0.95, 1.0);
+    }
     std::vector<Candidate> finals = all_maps(std::move(so_far));
     add_symmetric(search, motions, finals, progress);
     prefer_as_given(finals, shapes.source, options);

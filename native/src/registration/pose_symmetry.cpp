@@ -21,16 +21,6 @@ CoarseShape mirrored(CoarseShape shape) {
     return shape;
 }
 
-/// The tree's point nearest to each place.
-std::vector<Index> nearest_points(const KdTree<3>& tree, const Positions& places) {
-    std::vector<Index> result(to_size(places.rows()));
-    double squared;
-    for (std::size_t i = 0; i < result.size(); ++i)
-        tree.nearest(places.row(static_cast<Eigen::Index>(i)).data(), {&result[i], 1},
-                     {&squared, 1});
-    return result;
-}
-
 /// Where a map takes places in space that is known at `points`: as it does the nearest of them.
 /// `linear` is what it does to small steps.
 Positions mapped(const Positions& places, const std::vector<Index>& nearest,

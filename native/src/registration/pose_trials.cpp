@@ -60,6 +60,31 @@ double dearer_by_asymmetry(const PoseSearch& search, const Positions& source_ima
                                             options.far);
 }
 
+/// The factor by which a map's energy is larger for taking points to unlike ones. Images of the
+/// thinned shapes, those of the source seen from the target at rest.
+double dearer_by_unlikeness(const PoseSearch& search, const Positions& source_images,
+                            const Positions& target_images) {
+    if (!search.counts_likeness) return 1.0;
+    const ThinnedShape &source = search.source, &target = search.target;
+    const double there = unlikeness(source.forms, target.forms,
+                                    nearest_points(KdTree<3>(target.thin.positions), source_images),
+                                    target.thin.ends);
+    const double back = unlikeness(target.forms, source.forms,
+                                   nearest_points(KdTree<3>(source.thin.positions), target_images),
+                                   source.thin.ends);
+    constexpr double kFloor = 0.1;  // as those of the misfit's terms: none can win alone
+    return std::pow(0.5 * (there + back) + kFloor, search.options.likeness);
+}
+
+/// A trial at its end, whose energy has been that of its misfit and sides so far.
+Trial with_likeness(const PoseSearch& search, Trial trial) {
+    const Registration& its = trial.registration;
+    trial.energy *=
+        dearer_by_unlikeness(search, trial.alignment.inverse().apply(its.source_points.positions),
+                             its.target_points.positions);
+    return trial;
+}
+
 /// One level of the thinned shapes, the target moved, some rounds at a time.
 class OpenTrial {
 public:
@@ -129,10 +154,12 @@ double middle_stiffness(const RegistrationLevel& level) {
 Trial begun_at_anchors(const PoseSearch& search, const TrialStart& start) {
     RegistrationLevel level = search.options.trial;
     level.stiff_rounds = 0;  // the points are where they belong, the shapes don't lie alike
-    return registered(search, start.alignment, search.features,
-                      anchored_start(search.source.thin, moved(search.target.thin, start.alignment),
-                                     search.distances, anchors(search, start.extremities)),
-                      level, search.registration);
+    return with_likeness(
+        search,
+        registered(search, start.alignment, search.features,
+                   anchored_start(search.source.thin, moved(search.target.thin, start.alignment),
+                                  search.distances, anchors(search, start.extremities)),
+                   level, search.registration));
 }
 
 /// Where points start that nothing leads.
@@ -176,14 +203,14 @@ Begun begun(const PoseSearch& search, const TrialStart& start) {
 Trial ended(const PoseSearch& search, const Begun& half) {
     if (half.open) {
         half.open->advance(half.open->rounds());
-        return half.open->trial();
+        return with_likeness(search, half.open->trial());
     }
     RegistrationLevel level = search.options.trial;
     level.stiff_rounds = 0;
     level.rounds -= level.rounds / 2;
     level.first_stiffness = middle_stiffness(search.options.trial);
-    return registered(search, half.trial.alignment, search.features, from_there(half.trial), level,
-                      search.registration);
+    return with_likeness(search, registered(search, half.trial.alignment, search.features,
+                                            from_there(half.trial), level, search.registration));
 }
 
 /// `make` of all of them, side by side.
@@ -212,10 +239,11 @@ void rate(const PoseSearch& search, Candidate& map) {
     const Registration& its = map.registration;
     map.misfit = registration_misfit(shapes, to_index(there.levels.size()) - 1, its,
                                      search.distances, search.registration, silent);
-    const Positions images = gather(its.source_points.positions, search.source.full_rows);
-    map.energy = map.misfit.energy() *
-                 dearer_by_asymmetry(search, map.alignment.inverse().apply(images),
-                                     gather(its.target_points.positions, search.target.full_rows));
+    const Positions images =
+        map.alignment.inverse().apply(gather(its.source_points.positions, search.source.full_rows));
+    const Positions back = gather(its.target_points.positions, search.target.full_rows);
+    map.energy = map.misfit.energy() * dearer_by_asymmetry(search, images, back) *
+                 dearer_by_unlikeness(search, images, back);
     map.torn = torn_share(shapes, its, search.registration, silent);
     map.cost = map.energy * (1.0 + search.options.tear_weight * map.torn);
 }
@@ -257,6 +285,15 @@ Candidate to_the_finest(const PoseSearch& search, const RelaxedMap& map) {
 }
 
 }  // namespace
+
+std::vector<Index> nearest_points(const KdTree<3>& tree, const Positions& places) {
+    std::vector<Index> result(to_size(places.rows()));
+    double squared;
+    for (std::size_t i = 0; i < result.size(); ++i)
+        tree.nearest(places.row(static_cast<Eigen::Index>(i)).data(), {&result[i], 1},
+                     {&squared, 1});
+    return result;
+}
 
 std::vector<IndexPair> anchors(const PoseSearch& search, const ExtremityMatches& extremities) {
     const ThinnedShape &source = search.source, &target = search.target;
@@ -339,13 +376,21 @@ void try_starts(const PoseSearch& search, const std::vector<TrialStart>& starts,
     keep_best(trials, search.options.distinct);
 }
 
+void count_likeness(PoseSearch& search, std::vector<Trial>& trials) {
+    if (search.counts_likeness) return;
+    search.counts_likeness = search.source.forms.rows() > 0 && search.target.forms.rows() > 0;
+    for (Trial& trial : trials) trial = with_likeness(search, std::move(trial));
+    std::ranges::stable_sort(trials, {}, &Trial::energy);
+}
+
 std::vector<Trial> relaxed(const PoseSearch& search, const std::vector<Trial>& trials,
                            Progress& progress) {
     std::vector<Trial> result = each<Trial>(
         trials,
         [&](const Trial& trial) {
-            return registered(search, trial.alignment, search.features, from_there(trial),
-                              search.options.longer, search.registration);
+            return with_likeness(
+                search, registered(search, trial.alignment, search.features, from_there(trial),
+                                   search.options.longer, search.registration));
         },
         progress);
     keep_best(result, search.options.distinct);

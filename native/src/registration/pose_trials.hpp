@@ -13,11 +13,13 @@
 
 #include "pointmorph/base/progress.hpp"
 #include "pointmorph/base/types.hpp"
+#include "pointmorph/cloud/kd_tree.hpp"
 #include "pointmorph/cloud/similarity.hpp"
 #include "pointmorph/registration/coarse_shape.hpp"
 #include "pointmorph/registration/extremities.hpp"
 #include "pointmorph/registration/pose.hpp"
 #include "pointmorph/registration/registration.hpp"
+#include "registration/likeness.hpp"
 #include "registration/self_motions.hpp"
 
 namespace pointmorph {
@@ -29,6 +31,7 @@ struct ThinnedShape {
     CoarseShape thin;                    ///< no surface graph
     std::vector<Extremity> extremities;  ///< rows of `thin`
     std::vector<Index> full_rows = {};   ///< of each row of `thin`: that of `full`
+    LocalForms forms = {};               ///< of the thinned points; no rows where they don't count
 };
 
 /// The node of the coarsest level next to a point, a row of `thin`.
@@ -40,6 +43,9 @@ inline Index node_at(const ThinnedShape& shape, Index row) {
 ThinnedShape thinned_shape(const CoarseShape& shape, std::vector<Extremity> extremities,
                            Index points, Progress& progress);
 
+/// The tree's point nearest to each place.
+std::vector<Index> nearest_points(const KdTree<3>& tree, const Positions& places);
+
 /// What the search for a pose is given.
 struct PoseSearch {
     ThinnedShape source, target;
@@ -49,6 +55,9 @@ struct PoseSearch {
     std::span<const IndexPair> features;
     const PoseOptions& options;
     const RegistrationOptions& registration;
+    /// Whether maps are dearer that take points to unlike ones; halfway, where images are still off
+    /// the other surface, none is.
+    bool counts_likeness = false;
 
     /// Whether something is marked, so that what looks alike needn't be alike.
     bool has_marks() const {
@@ -72,7 +81,7 @@ struct TrialStart {
 struct Trial {
     Similarity alignment;
     Registration registration;
-    double energy = 0.0;
+    double energy = 0.0;  ///< with likeness in it once that counts and the trial has ended
 };
 
 /// How far two maps lie apart: the mean, or a share of the mean over the worst nodes where that is
@@ -131,6 +140,9 @@ constexpr double kHopeless = 1.4;
 /// but what looks hopeless there, with over `hopeless` times the least energy.
 void try_starts(const PoseSearch& search, const std::vector<TrialStart>& starts,
                 std::vector<Trial>& trials, Progress& progress, double hopeless = kHopeless);
+
+/// From now on likeness counts: the trials' energies grow by it, and they are sorted anew.
+void count_likeness(PoseSearch& search, std::vector<Trial>& trials);
 
 /// All of them registered for longer; what is distinct, sorted.
 std::vector<Trial> relaxed(const PoseSearch& search, const std::vector<Trial>& trials,

@@ -18,12 +18,12 @@ constexpr double kUsualLow = 0.6, kUsualHigh = 1.3;
 /// triangle's disc has a radius of 0.58, a square's of 0.71.
 constexpr double kSpread = 0.8;
 
-/// How many times the first decile the ninth one is. Of the distance to the last of `kReach`
+/// How many times the first decile the ninth one is. Of the distance to the last of `kCompared`
 /// neighbors: 1.1 in a regular mesh, 1.2 in blue noise, 1.5 in random samples, 2 and more where
 /// vertices are dense in a face and sparse on the soles of feet. Of the spacing itself: 1.1, 1.4,
 /// 2.2, and as much as of that distance where it varies from place to place.
 constexpr double kUneven = 1.75, kScattered = 2.0;
-constexpr std::size_t kReach = 12;
+constexpr std::size_t kCompared = 12;
 
 /// Of more points than this, one in so many tells what is usual.
 constexpr Index kEnough = 20000, kEvery = 8;
@@ -72,7 +72,7 @@ void Outside::open(double opening) {
     std::vector<float> spacings(to_size(sampled)), reaches(to_size(sampled)),
         radii(to_size(sampled));  // of the largest discs, relative
     const auto reach = [&](Index i) {
-        const auto near = nearest_[i].first(std::min(nearest_[i].size(), kReach));
+        const auto near = nearest_[i].first(std::min(nearest_[i].size(), kCompared));
         return near.empty() ? 0.0 : (positions_.row(near.back()) - positions_.row(i)).norm();
     };
     const auto relative_radius = [](const StarBuilder& star) {

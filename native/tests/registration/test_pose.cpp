@@ -280,12 +280,33 @@ TEST(Pose, AMapCostsMoreForSidesThatItTreatsDifferently) {
                       target = coarse(target_positions, target_normals);
     Progress progress;
     PoseOptions options;
+    options.likeness = 0.0;
     const Candidate with = find_pose({source, target}, options, {}, progress).best;
     EXPECT_GT(with.energy, with.misfit.energy());
     EXPECT_LT(with.energy, 1.2 * with.misfit.energy());
     options.symmetry.weight = 0.0;
     const Candidate without = find_pose({source, target}, options, {}, progress).best;
     EXPECT_EQ(without.energy, without.misfit.energy());
+}
+
+TEST(Pose, AMapIsRatedByHowAlikeItsPointsAre) {
+    SKIP_WHERE_WATCHED();
+    Normals source_normals, target_normals;
+    const Positions source_positions = two_sided(3000, 3, &source_normals),
+                    target_positions = two_sided(3000, 4, &target_normals);
+    const CoarseShape source = coarse(source_positions, source_normals),
+                      target = coarse(target_positions, target_normals);
+    Progress progress;
+    PoseOptions options;
+    options.symmetry.weight = 0.0;
+    for (const Index rounds : {0, 1, 9}) {
+        options.plain_rounds = rounds;
+        const Candidate best = find_pose({source, target}, options, {}, progress).best;
+        // Two samplings of one shape: nearly alike, so that the factor is near the root of .1.
+        const double factor = best.energy / best.misfit.energy();
+        EXPECT_GT(factor, std::sqrt(0.1));
+        EXPECT_LT(factor, std::sqrt(0.5));
+    }
 }
 
 TEST(Pose, AMapCostsMoreForItsTears) {

@@ -155,6 +155,44 @@ TEST(PoseTrials, WhatLooksHopelessHalfwayIsNotFollowed) {
     EXPECT_EQ(both.front().energy, best.front().energy);  // what went before it leaves no trace
 }
 
+TEST(PoseTrials, MapsToUnlikePointsAreDearerOnceLikenessCounts) {
+    const TurnedUrchins urchins;
+    PoseSearch search = urchins.search();
+    const TrialStart right{Similarity{1.0, urchins.turn, Vector3::Zero()}, {}};
+    const std::vector<Trial> before = tried(search, {right});
+    std::vector<Trial> trials = before;
+    count_likeness(search, trials);
+    EXPECT_FALSE(search.counts_likeness) << "no forms are known";
+    EXPECT_EQ(trials.front().energy, before.front().energy);
+
+    const FormRadii radii = form_radii(urchins.source, urchins.target);
+    for (ThinnedShape* shape : {&search.source, &search.target})
+        shape->forms = local_forms(shape->full, shape->full_rows, radii);
+    make_comparable(search.source.forms, search.target.forms);
+    // The same map to the wrong side: its misfit is as small, its points are unlike.
+    trials.push_back(before.front());
+    Positions& images = trials.back().registration.source_points.positions;
+    images = -images;
+    count_likeness(search, trials);
+    EXPECT_TRUE(search.counts_likeness);
+    const Positions there =
+        right.alignment.inverse().apply(before.front().registration.source_points.positions);
+    const Positions& back = before.front().registration.target_points.positions;
+    const double unlike =
+        0.5 * (unlikeness(search.source.forms, search.target.forms,
+                          nearest_points(KdTree<3>(search.target.thin.positions), there), {}) +
+               unlikeness(search.target.forms, search.source.forms,
+                          nearest_points(KdTree<3>(search.source.thin.positions), back), {}));
+    EXPECT_NEAR(trials.front().energy,
+                before.front().energy * std::pow(unlike + 0.1, urchins.options.likeness), 1e-12);
+    EXPECT_GT(trials.back().energy, 1.1 * trials.front().energy);
+    std::vector<Trial> again = trials;
+    count_likeness(search, again);
+    EXPECT_EQ(again.front().energy, trials.front().energy) << "counted once";
+    // What is tried from now on is rated alike.
+    EXPECT_NEAR(tried(search, {right}).front().energy, trials.front().energy, 1e-12);
+}
+
 TEST(PoseTrials, AnchorsBringShapesTogetherThatLieTheOtherWayRound) {
     const TurnedUrchins urchins;
     ExtremityMatches matches;

@@ -46,6 +46,11 @@ struct PoseOptions {
     ExtremityOptions extremities;
     SymmetryOptions symmetry;
     PoseEffort effort{.variants = 8, .rounds = 3, .promising = 1.3};
+    /// Energies are multiplied by .1 + the unlikeness, to this power: how differently the surface
+    /// is formed around points and around their images. 0: it doesn't count.
+    double likeness = 0.5;
+    /// Rounds of the effort before likeness counts. Earlier, maps aren't close enough to tell.
+    Index plain_rounds = 1;
     /// After it, where the best map is torn (`most_torn`), or where a larger share than
     /// `most_opposed` of its images are back faces. Many rounds of few variants: it ends soon where
     /// it finds nothing.
@@ -100,9 +105,11 @@ struct Candidate {
     Similarity alignment;       ///< rotates and moves the target to where the registration has it
     Registration registration;  ///< of the finest level, for the target so moved
     Misfit misfit{};
-    double energy = 0.0;  ///< that of the misfit · (1 + SymmetryOptions::weight · asymmetry)
-    double torn = 0.0;    ///< torn_share()
-    double cost = 0.0;    ///< energy · (1 + PoseOptions::tear_weight · torn)
+    /// That of the misfit · (1 + SymmetryOptions::weight · asymmetry) · (.1 + unlikeness) to the
+    /// power of PoseOptions::likeness
+    double energy = 0.0;
+    double torn = 0.0;  ///< torn_share()
+    double cost = 0.0;  ///< energy · (1 + PoseOptions::tear_weight · torn)
 };
 
 /// Images of the source's points on the target at rest.
