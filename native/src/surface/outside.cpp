@@ -94,8 +94,8 @@ void Outside::open(double opening) {
     const auto varies = [](const std::vector<float>& values, double factor) {
         return quantile(values, 0.9) > factor * quantile(values, 0.1);
     };
-    is_uneven_ = varies(reaches, kUneven);
     is_scattered_ = varies(spacings, kScattered);
+    is_uneven_ = is_scattered_ && varies(reaches, kUneven);
     const double usual = std::clamp(quantile(radii, 0.75), kUsualLow, kUsualHigh);
     spread_ = std::max(kSpread, 0.95 * usual);
 
