@@ -107,14 +107,16 @@ Positions two_sided(Index count, unsigned seed, Normals* normals) {
     return animal.positions / std::sqrt(estimated_area(KdTree<3>(animal.positions)));
 }
 
+CoarseShape coarse_two_sided(unsigned seed) {
+    Normals normals;
+    const Positions positions = two_sided(3000, seed, &normals);
+    return coarse(positions, normals);
+}
+
 TEST(Pose, IsTheSameToTheBitForAnyNumberOfThreads) {
     SKIP_WHERE_WATCHED();
-    Normals source_normals,
-        target_normals;  // limbs, so that extremities are varied and anchor trials
-    const Positions source_positions = two_sided(3000, 3, &source_normals),
-                    target_positions = two_sided(3000, 4, &target_normals);
-    const CoarseShape source = coarse(source_positions, source_normals),
-                      target = coarse(target_positions, target_normals);
+    // Limbs, so that extremities are varied and anchor trials.
+    const CoarseShape source = coarse_two_sided(3), target = coarse_two_sided(4);
     std::vector<Pose> poses;
     for (const int threads : {1, 3}) {
         const ThreadCount count(threads);
@@ -213,8 +215,7 @@ TEST(Symmetry, ThereIsNoneWithoutSidesOrWithManyReflections) {
 }
 
 TEST(Symmetry, WhatIsMarkedOnOneSideIsNoReasonAgainstIt) {
-    Normals normals;
-    CoarseShape shape = coarse(two_sided(3000, 3, &normals), normals);
+    CoarseShape shape = coarse_two_sided(3);
     shape.labels = Labels::Zero(shape.size(), 16);
     shape.pulls = Values::Ones(shape.size());
     for (Index i = 0; i < shape.size(); ++i)
@@ -237,8 +238,7 @@ TEST(Symmetry, FlatShapesDoNoHarm) {
 }
 
 TEST(Symmetry, AsymmetryIsHowFarSidesAreTakenApart) {
-    Normals normals;
-    const CoarseShape shape = coarse(two_sided(3000, 6, &normals), normals);
+    const CoarseShape shape = coarse_two_sided(6);
     const Positions& x = shape.positions;
     Symmetry exact;
     exact.images = other_side(x);
@@ -273,11 +273,7 @@ TEST(Symmetry, AsymmetryIsHowFarSidesAreTakenApart) {
 
 TEST(Pose, AMapCostsMoreForSidesThatItTreatsDifferently) {
     SKIP_WHERE_WATCHED();
-    Normals source_normals, target_normals;
-    const Positions source_positions = two_sided(3000, 3, &source_normals),
-                    target_positions = two_sided(3000, 4, &target_normals);
-    const CoarseShape source = coarse(source_positions, source_normals),
-                      target = coarse(target_positions, target_normals);
+    const CoarseShape source = coarse_two_sided(3), target = coarse_two_sided(4);
     Progress progress;
     PoseOptions options;
     options.likeness = 0.0;
@@ -291,11 +287,7 @@ TEST(Pose, AMapCostsMoreForSidesThatItTreatsDifferently) {
 
 TEST(Pose, AMapIsRatedByHowAlikeItsPointsAre) {
     SKIP_WHERE_WATCHED();
-    Normals source_normals, target_normals;
-    const Positions source_positions = two_sided(3000, 3, &source_normals),
-                    target_positions = two_sided(3000, 4, &target_normals);
-    const CoarseShape source = coarse(source_positions, source_normals),
-                      target = coarse(target_positions, target_normals);
+    const CoarseShape source = coarse_two_sided(3), target = coarse_two_sided(4);
     Progress progress;
     PoseOptions options;
     options.symmetry.weight = 0.0;
