@@ -405,14 +405,14 @@ SphereLocator::SphereLocator(std::span<const Triangle> triangles, const Position
     }
 }
 
-SphereLocator::Place SphereLocator::find(const Vector3& place, Index start) const {
+PlaceInMesh SphereLocator::find(const Vector3& place, Index start) const {
     const auto sides = [&](Index triangle) -> Vector3 {
         const auto& [a, b, c] = facing_[to_size(triangle)];
         return {a.dot(place), b.dot(place), c.dot(place)};
     };
     const auto found = [&](Index triangle, const Vector3& side) {
         const Vector3 inside = side.cwiseMax(0.0);
-        return Place{triangle, inside / inside.sum()};
+        return PlaceInMesh{triangle, inside / inside.sum()};
     };
     const auto count = to_index(triangles_.size());
     Index triangle = start;

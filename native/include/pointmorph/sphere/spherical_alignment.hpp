@@ -46,12 +46,8 @@ class SphereLocator {
 public:
     SphereLocator(std::span<const Triangle> triangles, const Positions& images);
 
-    struct Place {
-        Index triangle;
-        Vector3 shares;  ///< of the corners; sum 1
-    };
     /// `start` is a triangle near the place: the nearer, the quicker.
-    Place find(const Vector3& place, Index start) const;
+    PlaceInMesh find(const Vector3& place, Index start) const;
 
 private:
     std::span<const Triangle> triangles_;

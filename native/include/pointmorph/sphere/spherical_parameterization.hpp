@@ -49,7 +49,7 @@ struct SphericalMesh {
 SphericalMesh spherical_mesh(const SampledSurface& surface, std::span<const Index> required,
                              const SphericalOptions& options, Progress& progress);
 
-/// Where a point of the shape lies in a mesh.
+/// Where a point lies in a mesh: on the shape, or on the sphere.
 struct PlaceInMesh {
     Index triangle;
     Vector3 shares;  ///< of its corners; sum 1
