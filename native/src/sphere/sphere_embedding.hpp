@@ -26,7 +26,7 @@ public:
     void add_gradient(const Positions& places, Positions& gradient) const;
 
 private:
-    /// Coordinates of a few triangles, column by column, so that loops over them use wide registers.
+    /// Coordinates of a few triangles, by columns, so that loops over them use wide registers.
     struct Block;
     std::size_t fill(Block& block, const Positions& places, std::size_t first) const;
 
