@@ -35,6 +35,49 @@ using Two = double __attribute__((vector_size(16)));
 using Two = PlainTwo;
 #endif
 
+/// Of both numbers the smaller ones, and the larger ones; none may be a NaN.
+inline Two smaller(const Two& a, const Two& b) {
+#if defined(__GNUC__)
+    return a < b ? a : b;
+#else
+    return {{a[0] < b[0] ? a[0] : b[0], a[1] < b[1] ? a[1] : b[1]}};
+#endif
+}
+inline Two larger(const Two& a, const Two& b) {
+#if defined(__GNUC__)
+    return a > b ? a : b;
+#else
+    return {{a[0] > b[0] ? a[0] : b[0], a[1] > b[1] ? a[1] : b[1]}};
+#endif
+}
+
+/// How many of many numbers are less than one.
+#if defined(__GNUC__)
+class CountBelow {
+public:
+    explicit CountBelow(double limit) : limit_{limit, limit} {}
+
+    void look_at(const Two& numbers) { counts_ -= numbers < limit_; }  // -1 where it is so
+    std::size_t count() const { return static_cast<std::size_t>(counts_[0] + counts_[1]); }
+
+private:
+    Two limit_;
+    decltype(Two{} < Two{}) counts_{};
+};
+#else
+class CountBelow {
+public:
+    explicit CountBelow(double limit) : limit_(limit) {}
+
+    void look_at(const Two& numbers) { count_ += (numbers[0] < limit_) + (numbers[1] < limit_); }
+    std::size_t count() const { return count_; }
+
+private:
+    double limit_;
+    std::size_t count_ = 0;
+};
+#endif
+
 /// Four numbers side by side, for any compiler.
 struct alignas(16) PlainFour {
     std::array<double, 4> values;

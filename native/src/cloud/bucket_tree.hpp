@@ -273,13 +273,17 @@ private:
     template <class Result>
     static bool add_near(const double* squared, const Index* rows, std::size_t count,
                          Result& result) {
-        double worst = result.worstDist();
-        for (std::size_t k = 0; k < count; ++k)
-            if (squared[k] < worst) {
-                if (!result.addPoint(squared[k], rows[k])) return false;
-                worst = result.worstDist();
-            }
-        return true;
+        if constexpr (requires { result.add_all(squared, rows, count); }) {
+            return result.add_all(squared, rows, count);
+        } else {
+            double worst = result.worstDist();
+            for (std::size_t k = 0; k < count; ++k)
+                if (squared[k] < worst) {
+                    if (!result.addPoint(squared[k], rows[k])) return false;
+                    worst = result.worstDist();
+                }
+            return true;
+        }
     }
 
     template <class Result>

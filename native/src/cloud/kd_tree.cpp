@@ -103,11 +103,39 @@ private:
     nanoflann::KDTreeSingleIndexAdaptor<Metric, PlanePoints, 2, Index> tree_;
 };
 
+/// Searches for 2 * Halves points or fewer; false where it doesn't know them.
+template <std::size_t Halves, class Tree>
+bool find_few(const Tree& tree, const double* query, double squared_radius,
+              std::span<Index> indices, std::span<double> squared_distances, std::size_t& count) {
+    FewNearest<Halves> few(squared_radius, indices.size());
+    tree.find(few, query);
+    const auto found = few.write(indices.data(), squared_distances.data());
+    count = found.value_or(0);
+    return found.has_value();
+}
+
 }  // namespace
 
 template <int Dim>
 struct KdTree<Dim>::Impl {
     explicit Impl(const Points& points) : tree(points) {}
+
+    std::size_t nearest(const double* query, double squared_radius, std::span<Index> indices,
+                        std::span<double> squared_distances) const {
+        std::size_t count = 0;
+        if constexpr (Dim == 3) {
+            const std::size_t most = indices.size();
+            if (most > 2 && most <= 8 &&
+                find_few<4>(tree, query, squared_radius, indices, squared_distances, count))
+                return count;
+            if (most > 8 && most <= 18 &&
+                find_few<9>(tree, query, squared_radius, indices, squared_distances, count))
+                return count;
+        }
+        NearestResult result(squared_radius, indices, squared_distances);
+        tree.find(result, query);
+        return result.size();
+    }
 
     std::conditional_t<Dim == 2, PlaneTree, BucketTree<Dim>> tree;
 };
@@ -136,9 +164,7 @@ template <int Dim>
 Index KdTree<Dim>::nearest_within(const double* query, double radius, std::span<Index> indices,
                                   std::span<double> squared_distances) const {
     if (!impl_ || indices.empty() || !(radius > 0.0)) return 0;
-    NearestResult result(radius * radius, indices, squared_distances);
-    impl_->tree.find(result, query);
-    return to_index(result.size());
+    return to_index(impl_->nearest(query, radius * radius, indices, squared_distances));
 }
 
 template <int Dim>

@@ -1,9 +1,15 @@
 // The nearest of the points that a search looks at. Not a part of the library.
 #pragma once
 
+#include <algorithm>
+#include <array>
 #include <cstddef>
+#include <limits>
+#include <optional>
 #include <span>
+#include <utility>
 
+#include "base/compiler.hpp"
 #include "pointmorph/base/types.hpp"
 
 namespace pointmorph {
@@ -63,6 +69,108 @@ private:
     double* squared_;  // distances
     std::size_t most_, size_ = 0;
     double squared_radius_, worst_;
+};
+
+/// The same for 2 * Halves points at the most, of a tree that hands over the points of a leaf at
+/// once. Distances alone are kept sorted, in registers and without a branch that nobody can
+/// foresee; rows are sought out in the end, among those of all that were near enough at their time.
+template <std::size_t Halves>
+class FewNearest {
+public:
+    FewNearest(double squared_radius, std::size_t most) : most_(most), worst_(squared_radius) {
+        kept_.fill(Two{kFar, kFar});
+    }
+
+    /// False ends the search.
+    bool add_all(const double* squared, const Index* rows, std::size_t count) {
+        if (seen_ + count > kRoom && !make_room(count)) return false;
+        const std::size_t first = seen_;
+        for (std::size_t k = 0; k < count; ++k) {
+            squared_[seen_] = squared[k];
+            rows_[seen_] = rows[k];
+            seen_ += squared[k] < worst_ ? 1 : 0;
+        }
+        if (seen_ == first) return true;
+        std::array<Two, Halves> kept = kept_;
+        for (std::size_t k = first; k < seen_; ++k) {
+            // Each of the kept, or the new one if that comes before it, or the one before.
+            const Two here = {squared_[k], squared_[k]};
+            const Two before = {-kFar, kept[Halves - 1][0]};
+            for (std::size_t h = Halves; h-- > 1;)
+                kept[h] = larger(kept[h - 1], smaller(kept[h], here));
+            kept[0] = larger(before, smaller(kept[0], here));
+        }
+        kept_ = kept;
+        const double farthest = distance(most_ - 1);
+        if (farthest < kFar) worst_ = farthest > 0.0 ? farthest * (1.0 + 1e-14) : -1.0;
+        return true;
+    }
+
+    double worstDist() const { return worst_; }
+
+    /// How many there are, written in order; nothing where they can't be told: where too many are
+    /// as far, or coincide with the query.
+    std::optional<std::size_t> write(Index* rows, double* squared) {
+        if (crowded_ || worst_ < 0.0) return std::nullopt;
+        keep_near();
+        const std::size_t count = std::min(seen_, most_);
+        std::size_t ranks = 0;
+        if (seen_ <= most_)
+            for (std::size_t k = 0; k < count; ++k) {
+                const std::size_t place = rank(squared_[k]);
+                rows[place] = rows_[k];
+                squared[place] = squared_[k];
+                ranks += place;
+            }
+        if (seen_ <= most_ && 2 * ranks == count * (count - 1)) return count;
+        // Some are as far as each other.
+        std::array<std::pair<double, Index>, kRoom> sorted;
+        for (std::size_t k = 0; k < seen_; ++k) sorted[k] = {squared_[k], rows_[k]};
+        std::sort(sorted.begin(), sorted.begin() + static_cast<std::ptrdiff_t>(seen_));
+        for (std::size_t k = 0; k < count; ++k) {
+            rows[k] = sorted[k].second;
+            squared[k] = sorted[k].first;
+        }
+        return count;
+    }
+
+private:
+    static constexpr double kFar = std::numeric_limits<double>::infinity();
+    static constexpr std::size_t kRoom = 128;
+
+    /// The first half of the kept ones is the registers' first numbers.
+    double distance(std::size_t place) const { return kept_[place % Halves][place / Halves]; }
+
+    /// How many of the kept ones are nearer.
+    std::size_t rank(double squared) const {
+        CountBelow nearer(squared);
+        for (const Two& two : kept_) nearer.look_at(two);
+        return nearer.count();
+    }
+
+    void keep_near() {
+        const double farthest = distance(most_ - 1);
+        std::size_t near = 0;
+        for (std::size_t k = 0; k < seen_; ++k) {
+            squared_[near] = squared_[k];
+            rows_[near] = rows_[k];
+            near += squared_[k] <= farthest ? 1 : 0;
+        }
+        seen_ = near;
+    }
+
+    bool make_room(std::size_t count) {
+        keep_near();
+        crowded_ = seen_ + count > kRoom;
+        return !crowded_;
+    }
+
+    std::array<Two, Halves> kept_;
+    std::array<double, kRoom> squared_;
+    std::array<Index, kRoom> rows_;
+    std::size_t seen_ = 0, most_;
+    bool crowded_ = false;
+    double worst_;
 };
 
 }  // namespace pointmorph

@@ -81,7 +81,7 @@ void expect_brute_force() {
     for (Index q = 0; q < queries.rows() + points.rows(); ++q) {
         const double* query =
             q < queries.rows() ? queries.row(q).data() : points.row(q - queries.rows()).data();
-        for (const std::size_t most : {1u, 2u, 17u, 500u, 600u}) {
+        for (const std::size_t most : {1u, 3u, 8u, 9u, 17u, 18u, 500u, 600u}) {
             const double all = std::numeric_limits<double>::infinity();
             expect_same(nearest(tree, query, most), brute_force<Dim>(points, query, all, most));
             for (const double radius : {0.3, 0.5, 1.0})  // 0.5 and 1 are distances on the grid
@@ -125,6 +125,31 @@ TEST(KdTree, AgreesWithBruteForceWherePointsGetDenserAndDenser) {
         for (const double radius : {1e-12, 1e-3, 2.0, std::numeric_limits<double>::infinity()})
             expect_same(nearest(tree, p.row(i).data(), 20, radius),
                         brute_force<3>(p, p.row(i).data(), radius, 20));
+}
+
+TEST(KdTree, AgreesWithBruteForceWhereHundredsAreAsFarAsTheLastOne) {
+    // Whole numbers with the same sum of squares; a few nearer ones, and a crowd at one place.
+    std::vector<Eigen::RowVector3d> places;
+    constexpr int kReach = 38;
+    for (int x = -kReach; x <= kReach; ++x)
+        for (int y = -kReach; y <= kReach; ++y)
+            for (int z = -kReach; z <= kReach; ++z)
+                if (const int squared = x * x + y * y + z * z; squared == 1409 || squared == 3)
+                    places.emplace_back(x, y, z);
+    ASSERT_GT(places.size(), 300u);
+    places.insert(places.end(), 40, Eigen::RowVector3d(50.0, 50.0, 50.0));
+    Positions p(to_index(places.size()), 3);
+    for (std::size_t i = 0; i < places.size(); ++i) p.row(static_cast<Eigen::Index>(i)) = places[i];
+    const KdTree<3> tree(p);
+    const Eigen::RowVector3d middle = Eigen::RowVector3d::Zero();
+    for (const std::size_t most : {3u, 8u, 12u, 17u, 18u}) {
+        for (const double radius : {10.0, 40.0, std::numeric_limits<double>::infinity()})
+            expect_same(nearest(tree, middle.data(), most, radius),
+                        brute_force<3>(p, middle.data(), radius, most));
+        for (const Index i : {0, tree.size() - 1, tree.size() - 60})
+            expect_same(nearest(tree, p.row(i).data(), most),
+                        brute_force<3>(p, p.row(i).data(), 1e9, most));
+    }
 }
 
 TEST(KdTree, LargeTreesOfTheProductSpaceAgreeWithBruteForceForAnyThreads) {
