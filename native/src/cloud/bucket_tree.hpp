@@ -5,11 +5,13 @@
 #include <algorithm>
 #include <array>
 #include <cstring>
-#include <numeric>
+#include <span>
+#include <tuple>
 #include <utility>
 #include <vector>
 
 #include "base/compiler.hpp"
+#include "base/unset.hpp"
 #include "pointmorph/base/parallel.hpp"
 #include "pointmorph/cloud/kd_tree.hpp"
 
@@ -24,12 +26,9 @@ public:
     /// One point or more. Keeps no reference. With many axes, large ones are built on all threads.
     explicit BucketTree(const Points& points) {
         const auto count = to_size(points.rows());
-        lower_ = upper_ = points.row(0);
-        for (Eigen::Index i = 1; i < points.rows(); ++i) {
-            lower_ = lower_.cwiseMin(points.row(i));
-            upper_ = upper_.cwiseMax(points.row(i));
-        }
         if constexpr (kFew) {
+            const Box box = box_of_rows(points, 0, points.rows());
+            lower_ = box.lower, upper_ = box.upper;
             coordinates_.reserve(2 * Dim * count);  // at most; what isn't touched takes no memory
             rows_.reserve(2 * count);
             nodes_.reserve(4 * count / kSize + 1);
@@ -42,9 +41,9 @@ public:
             coordinates_.resize(Dim * kSize * leaves);
             rows_.resize(kSize * leaves);
             nodes_.resize(2 * leaves - 1);
-            std::vector<Index> rows(count);
-            std::iota(rows.begin(), rows.end(), 0);
-            split_on_all_threads(points, {rows.data(), rows.data() + count, 0, 0});
+            UnsetVector<Index> rows(count);
+            Keys keys = begin_rows(points, rows);
+            split_on_all_threads(points, {rows.data(), rows.data() + count, 0, 0}, keys);
         }
     }
 
@@ -72,6 +71,8 @@ private:
     static constexpr bool kFew = Dim <= 3;
     /// A half with less than that share of the points isn't worth a level of the tree.
     static constexpr std::ptrdiff_t kLeastShare = 16;
+    static constexpr std::size_t kWorthATeam = 8192;  // points of a tree with many axes
+    static constexpr std::size_t kParts = 8;          // of it, which threads share
 
     struct Placed {
         Row at;
@@ -104,6 +105,15 @@ private:
     Leaf leaf(const Node& node) const {
         const auto before = 2 * to_size(node.next);
         return {coordinates_.data() + Dim * before, rows_.data() + before, to_size(-node.axis)};
+    }
+
+    static Box box_of_rows(const Points& points, Eigen::Index begin, Eigen::Index end) {
+        Box box{points.row(begin), points.row(begin)};
+        for (Eigen::Index i = begin + 1; i < end; ++i) {
+            box.lower = box.lower.cwiseMin(points.row(i));
+            box.upper = box.upper.cwiseMax(points.row(i));
+        }
+        return box;
     }
 
     static Box box_of(const Placed* begin, const Placed* end) {
@@ -168,33 +178,75 @@ private:
         std::size_t size() const { return to_size(end - begin); }
         std::size_t leaves() const { return (size() + kSize - 1) / kSize; }
     };
-    using Keys = std::vector<std::pair<double, Index>>;
+    /// A coordinate next to its row, so that the selection reads memory in order.
+    struct Key {
+        double at;
+        Index row;
 
-    void split_on_all_threads(const Points& points, const Part& whole) {
-        constexpr std::size_t kWorthATeam = 8192, kParts = 8;
-        std::vector<Part> parts{whole};
+        bool operator<(const Key& other) const {
+            return at != other.at ? at < other.at : row < other.row;
+        }
+    };
+    using Keys = UnsetVector<Key>;
+
+    /// Numbers the rows and finds the box of all points, on all threads where there are many.
+    /// Returns the keys along its widest axis.
+    Keys begin_rows(const Points& points, std::span<Index> rows) {
+        const auto pieces = static_cast<Eigen::Index>(rows.size() < kWorthATeam ? 1 : kParts);
+        const auto from = [&](Eigen::Index piece) { return piece * points.rows() / pieces; };
+        std::vector<Box> boxes(to_size(pieces));
+        parallel_invoke(static_cast<int>(pieces), [&](int k, bool) {
+            boxes[to_size(k)] = box_of_rows(points, from(k), from(k + 1));
+        });
+        lower_ = boxes.front().lower, upper_ = boxes.front().upper;
+        for (const Box& box : boxes) {
+            lower_ = lower_.cwiseMin(box.lower);
+            upper_ = upper_.cwiseMax(box.upper);
+        }
+        const Eigen::Index axis = widest_axis({lower_, upper_});
+        Keys keys(rows.size());
+        parallel_invoke(static_cast<int>(pieces), [&](int k, bool) {
+            for (Eigen::Index i = from(k); i < from(k + 1); ++i) {
+                rows[to_size(i)] = to_index(i);
+                keys[to_size(i)] = {points(i, axis), to_index(i)};
+            }
+        });
+        return keys;
+    }
+
+    static Eigen::Index widest_axis(const Box& box) {
+        Eigen::Index axis;
+        (box.upper - box.lower).maxCoeff(&axis);
+        return axis;
+    }
+
+    /// `keys`: of the whole, along its widest axis.
+    void split_on_all_threads(const Points& points, const Part& whole, Keys& keys) {
+        if (whole.size() <= kSize) {
+            fill_leaf(points, whole);
+            return;
+        }
+        const auto [first, second] = cut_in_two(whole, widest_axis({lower_, upper_}), keys);
+        keys = Keys();
+        std::vector<Part> parts{first, second};
         while (whole.size() >= kWorthATeam && parts.size() < kParts) {
             std::vector<Part> halves(2 * parts.size());
             parallel_invoke(static_cast<int>(parts.size()), [&](int k, bool) {
-                Keys keys;
-                const auto [first, second] = cut_in_two(points, parts[to_size(k)], keys);
-                halves[2 * to_size(k)] = first;
-                halves[2 * to_size(k) + 1] = second;
+                Keys own;
+                std::tie(halves[2 * to_size(k)], halves[2 * to_size(k) + 1]) =
+                    cut_in_two(points, parts[to_size(k)], own);
             });
             parts = std::move(halves);
         }
         parallel_invoke(static_cast<int>(parts.size()), [&](int k, bool) {
-            Keys keys;
-            split(points, parts[to_size(k)], keys);
+            Keys own;
+            split(points, parts[to_size(k)], own);
         });
     }
 
     void split(const Points& points, const Part& part, Keys& keys) {
         if (part.size() <= kSize) {
-            nodes_[part.node] = {-to_index(part.size()), to_index(part.leaf * kTwos), 0.0, 0.0};
-            fill(
-                nodes_[part.node], [&](std::size_t k) { return part.begin[k]; },
-                [&](std::size_t k, Eigen::Index axis) { return points(part.begin[k], axis); });
+            fill_leaf(points, part);
             return;
         }
         const auto [first, second] = cut_in_two(points, part, keys);
@@ -202,28 +254,38 @@ private:
         split(points, second, keys);
     }
 
+    void fill_leaf(const Points& points, const Part& part) {
+        nodes_[part.node] = {-to_index(part.size()), to_index(part.leaf * kTwos), 0.0, 0.0};
+        fill(
+            nodes_[part.node], [&](std::size_t k) { return part.begin[k]; },
+            [&](std::size_t k, Eigen::Index axis) { return points(part.begin[k], axis); });
+    }
+
     /// Of a part with more points than a leaf has; `keys` is scratch memory.
     std::pair<Part, Part> cut_in_two(const Points& points, const Part& part, Keys& keys) {
-        const auto [begin, end, node, leaf] = part;
-        Row lower = points.row(*begin), upper = lower;
-        for (const Index* i = begin + 1; i < end; ++i) {
-            lower = lower.cwiseMin(points.row(*i));
-            upper = upper.cwiseMax(points.row(*i));
+        Box box{points.row(*part.begin), points.row(*part.begin)};
+        for (const Index* i = part.begin + 1; i < part.end; ++i) {
+            box.lower = box.lower.cwiseMin(points.row(*i));
+            box.upper = box.upper.cwiseMax(points.row(*i));
         }
-        Eigen::Index axis;
-        (upper - lower).maxCoeff(&axis);
+        const Eigen::Index axis = widest_axis(box);
+        keys.clear();
+        for (const Index* i = part.begin; i < part.end; ++i) keys.push_back({points(*i, axis), *i});
+        return cut_in_two(part, axis, keys);
+    }
+
+    /// `keys`: of the part, along that axis.
+    std::pair<Part, Part> cut_in_two(const Part& part, Eigen::Index axis, Keys& keys) {
+        const auto [begin, end, node, leaf] = part;
         const std::size_t leaves = part.leaves() / 2;
         Index* const middle = begin + static_cast<std::ptrdiff_t>(leaves * kSize);
-        // Next to their rows, so that the selection reads memory in order.
-        keys.clear();
-        for (const Index* i = begin; i < end; ++i) keys.emplace_back(points(*i, axis), *i);
         const auto middle_key = keys.begin() + (middle - begin);
         std::nth_element(keys.begin(), middle_key, keys.end());
-        double below = keys.front().first;
-        for (auto key = keys.begin(); key != middle_key; ++key) below = std::max(below, key->first);
-        std::ranges::transform(keys, begin, &std::pair<double, Index>::second);
+        double below = keys.front().at;
+        for (auto key = keys.begin(); key != middle_key; ++key) below = std::max(below, key->at);
+        std::ranges::transform(keys, begin, &Key::row);
         const Part second{middle, end, node + 2 * leaves, leaf + leaves};
-        nodes_[node] = {to_index(axis), to_index(second.node), below, middle_key->first};
+        nodes_[node] = {to_index(axis), to_index(second.node), below, middle_key->at};
         return {{begin, middle, node + 1, leaf}, second};
     }
 
@@ -337,9 +399,9 @@ private:
     }
 
     Row lower_, upper_;
-    std::vector<Node> nodes_;
-    std::vector<double> coordinates_;  ///< of all leaves
-    std::vector<Index> rows_;
+    UnsetVector<Node> nodes_;
+    UnsetVector<double> coordinates_;  ///< of all leaves
+    UnsetVector<Index> rows_;
 };
 
 }  // namespace pointmorph

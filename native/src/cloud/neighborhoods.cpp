@@ -4,21 +4,32 @@
 #include <cmath>
 #include <numbers>
 #include <numeric>
+#include <utility>
 
+#include "cloud/neighbor_room.hpp"
 #include "pointmorph/base/parallel.hpp"
 #include "pointmorph/cloud/cloud.hpp"
 
 namespace pointmorph {
 
-Neighborhoods nearest_neighbors(const KdTree<3>& tree, Index k, Progress& progress) {
-    const Index count = tree.size();
+Neighborhoods room_for_neighbors(Index count, Index k) {
     const Index width = std::clamp<Index>(k, 0, std::max<Index>(count - 1, 0));
-    Neighborhoods result;
-    result.offsets.resize(to_size(count) + 1);
-    for (std::size_t i = 0; i < result.offsets.size(); ++i)
-        result.offsets[i] = static_cast<std::int64_t>(i) * width;
-    result.indices.resize(to_size(result.offsets.back()));
+    Neighborhoods room;
+    room.offsets.resize(to_size(count) + 1);
+    for (std::size_t i = 0; i < room.offsets.size(); ++i)
+        room.offsets[i] = static_cast<std::int64_t>(i) * width;
+    room.indices.resize(to_size(room.offsets.back()));
+    return room;
+}
 
+Neighborhoods nearest_neighbors(const KdTree<3>& tree, Index k, Progress& progress) {
+    return nearest_neighbors(tree, room_for_neighbors(tree.size(), k), progress);
+}
+
+Neighborhoods nearest_neighbors(const KdTree<3>& tree, Neighborhoods room, Progress& progress) {
+    const Index count = tree.size();
+    Neighborhoods result = std::move(room);
+    const auto width = count > 0 ? to_index(result[0].size()) : 0;
     parallel_for(count, progress, [&](Index begin, Index end) {
         std::vector<Index> found(to_size(width) + 1);
         std::vector<double> squared_distances(found.size());
@@ -67,7 +78,7 @@ Neighborhoods radius_neighbors(const KdTree<3>& tree, double radius, Progress& p
     result.indices.reserve(to_size(result.offsets.back()));
     for (auto& indices : chunk_indices) {
         result.indices.insert(result.indices.end(), indices.begin(), indices.end());
-        indices = {};
+        indices = std::vector<Index>();
     }
     return result;
 }

@@ -528,14 +528,19 @@ LocalConfidence measure_local_confidence(const JudgedMap& judged, std::span<cons
     const auto& [map, quality, diagnostics] = judged;
     const Alternatives& others = diagnostics.alternatives;
     std::array<std::optional<OrderedNeighbors>, 2> found;
-    const auto surface = [&](const Cloud& cloud, const OrderedNeighbors* known,
-                             std::optional<OrderedNeighbors>& own, double first, double last) {
-        const Progress::Part part(progress, first, last);
-        if (!known) known = &own.emplace(ordered_neighbors(cloud.positions, kNeighbors, progress));
-        return JudgedSurface(cloud, *known, progress);
-    };
-    const JudgedSurface source = surface(map.source, map.source_neighbors, found[0], 0.0, 0.3),
-                        target = surface(map.target, map.target_neighbors, found[1], 0.3, 0.6);
+    std::array<std::optional<JudgedSurface>, 2> surfaces;
+    {
+        const Progress::Part part(progress, 0.0, 0.6);
+        on_both(progress, [&](bool is_source, Progress& its) {
+            const std::size_t k = is_source ? 0 : 1;
+            const Cloud& cloud = is_source ? map.source : map.target;
+            const OrderedNeighbors* known = is_source ? map.source_neighbors : map.target_neighbors;
+            if (!known)
+                known = &found[k].emplace(ordered_neighbors(cloud.positions, kNeighbors, its));
+            surfaces[k].emplace(cloud, *known, its);
+        });
+    }
+    const JudgedSurface &source = *surfaces[0], &target = *surfaces[1];
     const NodeTrees of_source(source), of_target(target);
     JudgedWay there{source,
                     target,

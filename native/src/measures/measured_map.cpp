@@ -7,6 +7,7 @@
 #include <limits>
 #include <numbers>
 #include <numeric>
+#include <optional>
 #include <span>
 
 #include "pointmorph/base/parallel.hpp"
@@ -135,10 +136,8 @@ void fit_jacobian(const MeasuredCloud& cloud, const MeasuredCloud& other, Index 
     map.points.flipped[to_size(i)] = to_a.cross(to_b).dot(other.normal(map.foot[to_size(i)])) < 0.0;
 }
 
-/// Fits the Jacobians and finds where the images lie.
-void measure(const MeasuredCloud& cloud, const MeasuredCloud& other,
-             std::span<const Index> partners, MeasuredMap& map, Progress& progress) {
-    const Index count = cloud.size();
+/// What measure() and find_reached() fill.
+void make_room(Index count, MeasuredMap& map) {
     const Index step = edge_step(count);
     map.slopes.resize(to_size(count));
     map.foot.resize(to_size(count));
@@ -147,7 +146,13 @@ void measure(const MeasuredCloud& cloud, const MeasuredCloud& other,
     map.points.stretch.setOnes(count, 2);
     map.points.measured.assign(to_size(count), 0);
     map.points.flipped.assign(to_size(count), 0);
-    parallel_for(count, progress, [&](Index begin, Index end) {
+    map.points.reached.assign(to_size(count), 0);
+}
+
+/// Fits the Jacobians and finds where the images lie.
+void measure(const MeasuredCloud& cloud, const MeasuredCloud& other,
+             std::span<const Index> partners, MeasuredMap& map, Progress& progress) {
+    parallel_for(cloud.size(), progress, [&](Index begin, Index end) {
         for (Index i = begin; i < end; ++i) {
             map.foot[to_size(i)] = foot_of(other, map.images.row(i), partners[to_size(i)]);
             fit_jacobian(cloud, other, i, map);
@@ -171,15 +176,13 @@ void go_there_and_back(const MeasuredCloud& cloud, const MeasuredCloud& other,
     });
 }
 
-/// Which points of `cloud` the images of the other's points come near. `partners`: one of the
-/// other's points for each, or −1.
-void find_reached(const MeasuredCloud& cloud, const MeasuredCloud& other,
-                  std::span<const Index> partners, const MeasuredMap& reverse, MeasuredMap& map,
-                  Progress& progress) {
+/// Which points of `cloud` the images of the other's points come near, as far as it takes no
+/// search: the image of the partner, or of the point that their own image is next to, is near to
+/// most, and the nearest image can't be farther. `partners`: one of the other's points for each, or
+/// −1.
+void find_reached(const MeasuredCloud& cloud, std::span<const Index> partners,
+                  const MeasuredMap& reverse, MeasuredMap& map, Progress& progress) {
     std::vector<std::uint8_t>& reached = map.points.reached;
-    reached.resize(to_size(cloud.size()));
-    // Most by the image of the partner, or of the point that their own image is next to: the
-    // nearest image can't be farther.
     parallel_for(cloud.size(), progress, [&](Index begin, Index end) {
         for (Index i = begin; i < end; ++i) {
             const double limit = kReach * cloud.spacing[i];
@@ -190,18 +193,34 @@ void find_reached(const MeasuredCloud& cloud, const MeasuredCloud& other,
             reached[to_size(i)] = is_near(partners[to_size(i)]) || is_near(map.foot[to_size(i)]);
         }
     });
-    std::vector<Index> open;
-    for (Index i = 0; i < cloud.size(); ++i)
-        if (!reached[to_size(i)]) open.push_back(i);
-    if (open.empty()) return;
-    const KdTree<3> images(reverse.images);
+}
+
+/// Points that find_reached() has left open, and the images that may be near.
+struct OpenPoints {
+    std::vector<Index> rows;
+    std::optional<KdTree<3>> images;  ///< where there are rows
+};
+
+OpenPoints open_points(const MeasuredMap& map, const MeasuredMap& reverse) {
+    OpenPoints open;
+    for (std::size_t i = 0; i < map.points.reached.size(); ++i)
+        if (!map.points.reached[i]) open.rows.push_back(to_index(i));
+    if (!open.rows.empty()) open.images.emplace(reverse.images);
+    return open;
+}
+
+/// Searches for the image nearest to each of the open points.
+void find_reached(const MeasuredCloud& cloud, const MeasuredCloud& other, const OpenPoints& open,
+                  MeasuredMap& map, Progress& progress) {
+    std::vector<std::uint8_t>& reached = map.points.reached;
     const double scale = cloud.root_area / other.root_area;
-    parallel_for(to_index(open.size()), progress, [&](Index begin, Index end) {
+    parallel_for(to_index(open.rows.size()), progress, [&](Index begin, Index end) {
         for (Index k = begin; k < end; ++k) {
-            const Index i = open[to_size(k)];
+            const Index i = open.rows[to_size(k)];
             Index nearest = 0;
             double squared_distance = 0.0;
-            images.nearest(cloud.positions.row(i).data(), {&nearest, 1}, {&squared_distance, 1});
+            open.images->nearest(cloud.positions.row(i).data(), {&nearest, 1},
+                                 {&squared_distance, 1});
             const double limit =
                 kReach * std::max(cloud.spacing[i], scale * other.spacing[nearest]);
             reached[to_size(i)] = squared_distance <= limit * limit;
@@ -302,7 +321,9 @@ MeasuredMaps measure_maps(const MeasuredCloud& source, const MeasuredCloud& targ
     on_both(progress, [&](bool is_source, Progress&) {
         const MeasuredCloud &here = is_source ? source : target,
                             &other = is_source ? target : source;
-        Positions& images = (is_source ? there : back).images;
+        MeasuredMap& ours = is_source ? there : back;
+        make_room(here.size(), ours);
+        Positions& images = ours.images;
         images = other.unit.apply(
             gather(is_source ? map.source_images : map.target_images, here.neighbors.order));
         const auto row = is_source ? &IndexPair::source : &IndexPair::target;
@@ -328,11 +349,21 @@ MeasuredMaps measure_maps(const MeasuredCloud& source, const MeasuredCloud& targ
     both(0.5, 0.6, [&](Here here, Here other, Map ours, Map theirs) {
         go_there_and_back(here, other, theirs, ours, progress);
     });
-    there.slopes = {};  // the largest of what is found, and needed no more
-    back.slopes = {};
-    both(0.6, 0.9, [&](Here here, Here other, Map ours, Map theirs) {
-        find_reached(here, other, &here == &source ? on_target : on_source, theirs, ours, progress);
+    for (MeasuredMap* one : {&there, &back})  // the largest of what is found, and needed no more
+        one->slopes = std::vector<MeasuredMap::Slopes>();  // {} would keep the memory
+    both(0.6, 0.7, [&](Here here, Here, Map ours, Map theirs) {
+        find_reached(here, &here == &source ? on_target : on_source, theirs, ours, progress);
     });
+    {
+        OpenPoints of_source, of_target;
+        on_both(progress, [&](bool is_source, Progress&) {
+            (is_source ? of_source : of_target) =
+                open_points(is_source ? there : back, is_source ? back : there);
+        });
+        both(0.7, 0.9, [&](Here here, Here other, Map ours, Map) {
+            find_reached(here, other, &here == &source ? of_source : of_target, ours, progress);
+        });
+    }
     on_both(progress, [&](bool is_source, Progress&) {
         sum_up((is_source ? back : there).points, is_source ? there : back);
     });

@@ -139,15 +139,15 @@ std::vector<Place> worst_places(const MeasuredCloud& from, const MeasuredCloud& 
                                 const MeasuredMaps& maps, const TwoWayMap& map,
                                 std::span<const Feature> features, Progress& progress) {
     const std::string &source_name = map.source.name, &target_name = map.target.name;
-    const auto spots_of = [&](const MeasuredCloud& cloud, const MeasuredMap& its_map, double first,
-                              double last) {
-        const Progress::Part part(progress, first, last);
-        return find_spots(cloud, its_map, progress);
-    };
+    std::vector<Spot> on_source, on_target;
+    on_both(progress, [&](bool is_source, Progress& its) {
+        (is_source ? on_source : on_target) =
+            find_spots(is_source ? from : to, is_source ? maps.there : maps.back, its);
+    });
     std::vector<Seen> seen;
-    for (const Spot& spot : spots_of(from, maps.there, 0.0, 0.5))
+    for (const Spot& spot : on_source)
         seen.push_back({spot, true, spot.row, maps.there.foot[to_size(spot.row)]});
-    for (const Spot& spot : spots_of(to, maps.back, 0.5, 1.0)) {
+    for (const Spot& spot : on_target) {
         seen.push_back({spot, false, maps.back.foot[to_size(spot.row)], spot.row});
         seen.back().flaw = seen_from_the_other_side(spot.flaw);
     }

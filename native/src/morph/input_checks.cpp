@@ -6,6 +6,7 @@
 
 #include "morph/mesh_side.hpp"
 #include "pointmorph/base/error.hpp"
+#include "pointmorph/base/parallel.hpp"
 
 namespace pointmorph {
 
@@ -26,8 +27,10 @@ void check_weights(const Cloud& cloud, const Values& weights, const std::string&
 }  // namespace
 
 void check_shapes(const MorphInput& input, const MorphOptions& options) {
-    for (const Cloud* cloud : {&input.source, &input.target})
-        validate(*cloud, is_sampled(*cloud, options) ? 0 : kMinimumPoints);
+    parallel_invoke(2, [&](int k, bool) {
+        const Cloud& cloud = k == 0 ? input.source : input.target;
+        validate(cloud, is_sampled(cloud, options) ? 0 : kMinimumPoints);
+    });
     validate(input.features, input.source, input.target);
     check_weights(input.source, input.source_holds.rigid, "rigid");
     check_weights(input.source, input.source_holds.fixed, "fixed");

@@ -198,11 +198,11 @@ void Morph::take(Correspondence found) {
             shape->topology.components.front().genus = result.genus;
 
     parallel_invoke(3, [&](int k, bool) {
-        if (k == 2) {
+        if (k == 0) {  // takes as long as both others
             pairs_ = to_given(result.pairs, source, target);
             return;
         }
-        const bool is_source = k == 0;
+        const bool is_source = k == 1;
         const PreparedShape &here = is_source ? source : target,
                             &there = is_source ? target : source;
         Cloud& cloud = is_source ? source_ : target_;

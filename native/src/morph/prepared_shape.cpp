@@ -6,6 +6,7 @@
 #include <numeric>
 #include <utility>
 
+#include "cloud/neighbor_room.hpp"
 #include "pointmorph/base/error.hpp"
 #include "pointmorph/base/parallel.hpp"
 #include "pointmorph/cloud/covariance.hpp"
@@ -159,13 +160,16 @@ std::vector<PreparedShape> prepare_all(std::span<const ShapeInput> inputs,
     progress.enter("neighborhoods");
     {
         std::vector<std::optional<KdTree<3>>> trees(inputs.size());
-        parallel_invoke(
-            count, [&](int k, bool) { trees[to_size(k)].emplace(shapes[to_size(k)].positions); });
+        parallel_invoke(count, [&](int k, bool) {
+            PreparedShape& shape = shapes[to_size(k)];
+            trees[to_size(k)].emplace(shape.positions);
+            shape.nearest = room_for_neighbors(shape.size(), options.neighbors);
+        });
         for (int k = 0; k < count; ++k) {
             const Progress::Part part(progress, static_cast<double>(k) / count,
                                       static_cast<double>(k + 1) / count);
-            shapes[to_size(k)].nearest =
-                nearest_neighbors(*trees[to_size(k)], options.neighbors, progress);
+            Neighborhoods& nearest = shapes[to_size(k)].nearest;
+            nearest = nearest_neighbors(*trees[to_size(k)], std::move(nearest), progress);
         }
     }
     progress.enter("covariance");

@@ -51,8 +51,10 @@ void sort_unique(Pairing& pairs, Index sources) {
 ProductPoints product_points(const OrientedView& on_target, const OrientedView& on_source,
                              double normal_weight) {
     ProductPoints product(on_target.positions.rows(), ProductPoints::ColsAtCompileTime);
-    product << on_target.positions, on_source.positions, normal_weight * on_target.normals,
-        normal_weight * on_source.normals;
+    // Row by row: column by column, the array would go through memory four times.
+    for (Eigen::Index i = 0; i < product.rows(); ++i)
+        product.row(i) << on_target.positions.row(i), on_source.positions.row(i),
+            normal_weight * on_target.normals.row(i), normal_weight * on_source.normals.row(i);
     return product;
 }
 

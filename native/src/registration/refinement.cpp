@@ -4,6 +4,7 @@
 #include <utility>
 
 #include "base/unused_memory.hpp"
+#include "pointmorph/base/parallel.hpp"
 #include "pointmorph/registration/extremities.hpp"
 #include "pointmorph/registration/prolongation.hpp"
 #include "pointmorph/registration/thin_plate.hpp"
@@ -80,6 +81,7 @@ std::vector<Proposal> proposals_for(const FoundMap& found, const Scene& scene, I
 struct MappedScene {
     Scene scene;
     FoundMap map;
+    std::optional<Similarity> move;  ///< which the target's points have yet to make
 };
 
 /// Registered from `start`, or, where nothing says how the target lies to the source, from wherever
@@ -87,6 +89,7 @@ struct MappedScene {
 MappedScene mapped(Scene scene, const RegistrationStart& start, bool is_earlier_map,
                    bool pose_is_known, const RefinementOptions& options, Progress& progress) {
     FoundMap map;
+    std::optional<Similarity> move;
     if (pose_is_known) {
         progress.enter("registration");
         map = registered(scene, start, is_earlier_map, options, progress);
@@ -94,13 +97,47 @@ MappedScene mapped(Scene scene, const RegistrationStart& start, bool is_earlier_
         progress.enter("pose");
         Pose pose = find_pose(scene.coarse(), options.pose, options.registration, progress);
         auto rivals = describe_rivals(scene.coarse_source, scene.coarse_target, pose);
-        scene = with_target_moved(std::move(scene), pose.best.alignment);
+        move = pose.best.alignment;
+        scene = with_coarse_target_moved(std::move(scene), *move);
         progress.enter("registration");
         map = found_by(std::move(pose), std::move(rivals));
     }
     if (options.propose || !pose_is_known)
         map.diagnostics.proposals = proposals_for(map, scene, options.other_proposals, progress);
-    return {std::move(scene), std::move(map)};
+    return {std::move(scene), std::move(map), move};
+}
+
+/// From the images of the coarse points to those of all points, which meet where they are marked.
+/// The target's points are moved where they have yet to be: beside what the source's follow, since
+/// a tree is built by one thread.
+SceneImages lifted(MappedScene& mapped, Progress& progress) {
+    Scene& scene = mapped.scene;
+    std::optional<const Prolongation> of_source, of_target;
+    if (mapped.move) {
+        on_both(progress, [&](bool is_source, Progress& its) {
+            if (is_source)
+                of_source.emplace(prolongation(scene.source, scene.coarse_source, its));
+            else
+                scene.target = scene.target.moved(*mapped.move);
+        });
+    } else {
+        of_source.emplace(prolongation(scene.source, scene.coarse_source, progress));
+    }
+    of_target.emplace(prolongation(scene.target, scene.coarse_target, progress));
+    const DeformedCloud &source_points = mapped.map.registration.source_points,
+                        &target_points = mapped.map.registration.target_points;
+    SceneImages images;
+    on_both(progress, [&](bool is_source, Progress& its) {
+        if (is_source)
+            images.source =
+                prolonged(scene.source, scene.coarse_source, *of_source, source_points, its);
+        else
+            images.target =
+                prolonged(scene.target, scene.coarse_target, *of_target, target_points, its);
+    });
+    return with_marks_met(std::move(images), {scene.source, scene.target, scene.marks},
+                          {[&](Index row) { return of_source->linear(row, source_points); },
+                           [&](Index row) { return of_target->linear(row, target_points); }});
 }
 
 }  // namespace
@@ -126,27 +163,16 @@ Refinement refine(const RefinementCloud& source, const RefinementCloud& target,
         is_inside_out(placed.coarse_source, placed.coarse_target, coarse_start.source);
     if (inside_out) placed = with_target_normals_reversed(std::move(placed));
 
-    const auto [scene, map] = mapped(std::move(placed), coarse_start, start != nullptr,
-                                     first.fixes_the_pose, options, progress);
-
+    MappedScene found = mapped(std::move(placed), coarse_start, start != nullptr,
+                               first.fixes_the_pose, options, progress);
     progress.enter("lift");
-    SceneImages images = [&] {
-        const Prolongation of_source = prolongation(scene.source, scene.coarse_source, progress),
-                           of_target = prolongation(scene.target, scene.coarse_target, progress);
-        const DeformedCloud &source_points = map.registration.source_points,
-                            &target_points = map.registration.target_points;
-        return with_marks_met(
-            {prolonged(scene.source, scene.coarse_source, of_source, source_points, progress),
-             prolonged(scene.target, scene.coarse_target, of_target, target_points, progress)},
-            {scene.source, scene.target, scene.marks},
-            {[&](Index row) { return of_source.linear(row, source_points); },
-             [&](Index row) { return of_target.linear(row, target_points); }});
-    }();
+    SceneImages images = lifted(found, progress);
+    const Scene& scene = found.scene;
     Refinement result = on_surfaces(std::move(images), {scene.source, scene.target, scene.marks},
                                     given, options.normal_weight, progress);
     progress.finish();
-    result.diagnostics =
-        map.diagnostics.with_rows(scene.coarse_source.cloud_rows, scene.coarse_target.cloud_rows);
+    result.diagnostics = found.map.diagnostics.with_rows(scene.coarse_source.cloud_rows,
+                                                         scene.coarse_target.cloud_rows);
     result.inside_out = inside_out;
     return result;
 }

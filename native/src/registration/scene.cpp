@@ -201,8 +201,7 @@ Scene with_target_normals_reversed(Scene scene) {
     return scene;
 }
 
-Scene with_target_moved(Scene scene, const Similarity& move) {
-    scene.target = scene.target.moved(move);
+Scene with_coarse_target_moved(Scene scene, const Similarity& move) {
     scene.coarse_target = moved(scene.coarse_target, move);
     scene.marks.curves = with_target_moved(std::move(scene.marks.curves), move);
     return scene;

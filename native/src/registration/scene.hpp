@@ -77,7 +77,9 @@ Scene scene_of(const GivenClouds& given, const UnitClouds& unit, Marks marks,
                const Similarity& alignment, const RefinementOptions& options, Progress& progress);
 
 Scene with_target_normals_reversed(Scene scene);
-Scene with_target_moved(Scene scene, const Similarity& move);
+/// Moves what is coarse or marked of the target, but not its points, which wait for
+/// PlacedCloud::moved().
+Scene with_coarse_target_moved(Scene scene, const Similarity& move);
 
 /// How the target lies to the source at unit area, as far as marks or an earlier map say.
 struct FirstAlignment {

@@ -82,8 +82,14 @@ ProductClouds product_clouds(const MarkedClouds& scene, const SceneImages& image
                              double normal_weight) {
     const OrientedView source{scene.source.positions(), scene.source.normals},
         target{scene.target.positions(), scene.target.normals};
-    return {product_points(oriented(images.source), source, normal_weight),
-            product_points(target, oriented(images.target), normal_weight)};
+    ProductClouds product;
+    parallel_invoke(2, [&](int k, bool) {
+        if (k == 0)
+            product.source = product_points(oriented(images.source), source, normal_weight);
+        else
+            product.target = product_points(target, oriented(images.target), normal_weight);
+    });
+    return product;
 }
 
 /// The nearest both ways, those of regions among themselves.

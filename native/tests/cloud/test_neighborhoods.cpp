@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <set>
 
+#include "cloud/neighbor_room.hpp"
 #include "pointmorph/base/error.hpp"
 #include "pointmorph/base/parallel.hpp"
 #include "pointmorph/cloud/cloud.hpp"
@@ -47,6 +48,18 @@ TEST(Neighborhoods, NearestAgreeWithBruteForce) {
                 for (std::size_t n = 0; n < found[i].size(); ++n)
                     EXPECT_EQ(found[i][n], all[n].second);
             }
+        }
+}
+
+TEST(Neighborhoods, AreTheSameInRoomThatWasMadeBefore) {
+    Progress progress;
+    for (const Positions& p : {shapes::cube_noise(1500), shapes::cube_noise(5), Positions(0, 3)})
+        for (const Index k : {0, 1, 9, 30}) {
+            const auto found = nearest_neighbors(
+                KdTree<3>(p), room_for_neighbors(to_index(p.rows()), k), progress);
+            const auto expected = nearest(p, k);
+            EXPECT_EQ(found.offsets, expected.offsets);
+            EXPECT_EQ(found.indices, expected.indices);
         }
 }
 

@@ -285,6 +285,44 @@ def test_wrong_calls_say_what_to_do(
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="folders are locked in other ways there")
+@pytest.mark.parametrize("threads", [1, 2])
+def test_clouds_in_ply_files_are_read_and_written_side_by_side(
+    tmp_path: Path, threads: int
+) -> None:
+    heads = {
+        "text": "ply\nformat ascii 1.0\nelement vertex {}\n",
+        "blocks": "ply\nformat binary_little_endian 1.0\nelement vertex {}\n",
+    }
+    numbers = "".join(f"property float {axis}\n" for axis in "xyz") + "end_header\n"
+    shapes = {"text": grid(A, 0.0), "blocks": grid(B, 0.8)}
+    for name, positions in shapes.items():
+        rows = positions.astype("<f4")
+        content = (
+            "\n".join(" ".join(map(str, row)) for row in rows.tolist()).encode()
+            if name == "text"
+            else rows.tobytes()
+        )
+        head = heads[name].format(len(rows)) + numbers
+        (tmp_path / f"{name}.ply").write_bytes(head.encode() + content)
+    files = [tmp_path / f"{name}.ply" for name in shapes]
+    done = run("morph", *files, "--out", tmp_path / "out", "--threads", threads)
+    assert done.returncode == 0, done.stderr
+    for side, positions in zip(("source", "target"), shapes.values(), strict=True):
+        written = xyz(tmp_path / "out" / f"{side}.ply")
+        np.testing.assert_array_equal(written, positions.astype("<f4"))
+
+    # The first file is the one that is said, and words among numbers are noticed on any thread.
+    files[1].write_bytes(files[1].read_bytes()[:-1])
+    done = run("morph", *files, "--out", tmp_path / "out", "--threads", threads)
+    assert done.returncode == terminal.FAILED
+    assert "blocks.ply" in done.stderr
+    files[0].write_text(files[0].read_text() + " nonsense")
+    done = run("morph", *files, "--out", tmp_path / "out", "--threads", threads)
+    assert done.returncode == terminal.FAILED
+    assert "text.ply" in done.stderr
+    assert "blocks.ply" not in done.stderr
+
+
 def test_an_unwritable_folder_is_said(pair: Path) -> None:
     if os.geteuid() == 0:
         out = Path("/proc/pointmorph")

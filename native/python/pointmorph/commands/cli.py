@@ -5,9 +5,10 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -26,6 +27,9 @@ from pointmorph.shapes.clouds import SIDES, Cloud, FloatArray
 from pointmorph.shapes.features import Feature, feature_from_json, weights_from_json
 from pointmorph.storage import files
 from pointmorph.storage.file_checks import json_object
+
+_T = TypeVar("_T")
+_Result = TypeVar("_Result")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -183,8 +187,24 @@ def _settings(chosen: argparse.Namespace) -> dict[str, Any]:
     }
 
 
+def _at_once(
+    chosen: argparse.Namespace, work: Callable[[_T], _Result], items: Sequence[_T]
+) -> list[_Result]:
+    """work(item) of each, on threads of their own unless one is wanted. Raises what the first that
+    failed has raised."""
+    if getattr(chosen, "threads", None) == 1:
+        return [work(item) for item in items]
+    with ThreadPoolExecutor(len(items), "pointmorph-files") as pool:
+        return list(pool.map(work, items))
+
+
 def _read_shapes(chosen: argparse.Namespace) -> list[formats.Shape]:
-    shapes = [formats.read(chosen.source), formats.read(chosen.target)]
+    paths: list[str] = [chosen.source, chosen.target]
+    # Only PLY files are read as whole blocks, which leave the interpreter to another thread.
+    if all(Path(path).suffix.lower() == ".ply" for path in paths):
+        shapes = _at_once(chosen, formats.read, paths)
+    else:
+        shapes = [formats.read(path) for path in paths]
     if shapes[0].name == shapes[1].name:
         shapes[0].name, shapes[1].name = str(chosen.source), str(chosen.target)
     return shapes
@@ -413,9 +433,13 @@ def _write(
     folder: Path = chosen.out
     with files.whole_file(folder / "pairs.npy") as file:
         np.save(file, result.pairs)
-    for side in SIDES:
-        frame, sure = result._end(side), getattr(confidence, side)
-        formats.write_ply(folder / f"{side}.ply", **vars(frame), confidence=sure)
+    ends = {side: result._end(side) for side in SIDES}
+
+    def write_end(side: str) -> None:
+        sure = getattr(confidence, side)
+        formats.write_ply(folder / f"{side}.ply", **vars(ends[side]), confidence=sure)
+
+    _at_once(chosen, write_end, SIDES)
 
     times = frame_sequences.even_times(chosen.frames)
     mesh = None if own is None else OwnMeshWriter(result, own, chosen.mesh, times)

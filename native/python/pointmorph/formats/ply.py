@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import itertools
 import os
+import threading
 import warnings
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
@@ -39,6 +40,8 @@ _NAMES = {kind: name for name, kind in reversed(_TYPES.items())}
 _ORDERS = {"ascii": "=", "binary_little_endian": "<", "binary_big_endian": ">"}
 _LONGEST_HEADER = 1 << 20
 _ROWS_AT_ONCE = 1 << 18
+_FILTERING = threading.Lock()
+"""Filters of warnings are the same for all threads, which may read files side by side."""
 _LENGTH = "\nlength"
 """Follows the name of a list where its length stands; no property has such a name."""
 
@@ -379,7 +382,7 @@ def numbers_of(text: bytes) -> Numbers:
     """
     if not text.strip():
         return np.empty(0)
-    with warnings.catch_warnings():
+    with _FILTERING, warnings.catch_warnings():
         warnings.simplefilter("error", DeprecationWarning)
         try:
             return np.fromstring(text, np.float64, sep=" ")

@@ -233,8 +233,9 @@ def _ply_vertices(
 
 
 def _bytes(colors: FloatArray) -> npt.NDArray[np.uint8]:
-    whole: npt.NDArray[np.uint8] = np.rint(np.clip(colors, 0.0, 1.0) * 255.0).astype(np.uint8)
-    return whole
+    whole = np.clip(colors, 0.0, 1.0)
+    whole *= 255.0
+    return np.rint(whole, out=whole).astype(np.uint8)
 
 
 def _write_ply(
