@@ -193,6 +193,15 @@ bool KdTree<Dim>::any_within(const double* query, double radius) const {
     return !any.empty();
 }
 
+std::vector<Index> nearest_rows(const KdTree<3>& tree, const Positions& places) {
+    std::vector<Index> result(to_size(places.rows()));
+    double squared;
+    for (std::size_t i = 0; i < result.size(); ++i)
+        tree.nearest(places.row(static_cast<Eigen::Index>(i)).data(), {&result[i], 1},
+                     {&squared, 1});
+    return result;
+}
+
 Index nearest_on_sheet(const KdTree<3>& tree, const Positions& normals,
                        const Eigen::RowVector3d& place, const Eigen::RowVector3d& normal,
                        std::size_t most) {

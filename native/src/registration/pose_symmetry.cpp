@@ -60,14 +60,8 @@ std::vector<Similarity> likeliest(const CoarseShape& shape, const CoarseShape& i
     std::vector<std::pair<double, std::size_t>> order;
     for (std::size_t k = 0; k < poses.size(); ++k) {
         const Positions there = poses[k].apply(image.positions);
-        double sum = 0.0;
-        for (Eigen::Index i = 0; i < there.rows(); ++i) {
-            Index nearest;
-            double squared;
-            tree.nearest(there.row(i).data(), {&nearest, 1}, {&squared, 1});
-            sum += squared;
-        }
-        order.emplace_back(sum, k);
+        const Positions nearest = gather(shape.positions, nearest_rows(tree, there));
+        order.emplace_back((there - nearest).squaredNorm(), k);
     }
     std::ranges::sort(order);
     std::vector<Similarity> result;
@@ -118,25 +112,22 @@ Symmetry reflection_symmetry(const CoarseShape& shape, const Eigen::MatrixXd& di
     result.linear = fit_similarity(plain.positions, result.images).rotation;
     result.images.col(0) *= -1.0;
     result.linear.row(0) *= -1.0;
-    result.nearest = nearest_points(KdTree<3>(plain.positions), result.images);
+    result.nearest = nearest_rows(KdTree<3>(plain.positions), result.images);
     return result;
 }
 
 double asymmetry(const CoarseShape& source, const CoarseShape& target,
-                 const std::array<Symmetry, 2>& symmetries, const Positions& source_images,
-                 const Positions& target_images, double far) {
+                 const std::array<Symmetry, 2>& symmetries, const Images& source_images,
+                 const Images& target_images, double far) {
     const auto& [s, t] = symmetries;
     if (s.images.rows() == 0 || t.images.rows() == 0) return 0.0;
-    const auto of_one = [far](const CoarseShape& here, const Symmetry& its, const Positions& images,
+    const auto of_one = [far](const CoarseShape& here, const Symmetry& its, const Images& images,
                               const CoarseShape& there, const Symmetry& other) {
-        const std::vector<Index> across =
-            its.nearest.empty() ? nearest_points(KdTree<3>(here.positions), its.images)
-                                : its.nearest;
-        const Matrix3 linear = fit_similarity(here.positions, images).rotation;
-        return far_share(mapped(its.images, across, here.positions, images, linear),
-                         mapped(images, nearest_points(KdTree<3>(there.positions), images),
-                                there.positions, other.images, other.linear),
-                         here.areas, far);
+        const Matrix3 linear = fit_similarity(here.positions, images.places).rotation;
+        return far_share(
+            mapped(its.images, its.nearest, here.positions, images.places, linear),
+            mapped(images.places, images.nearest, there.positions, other.images, other.linear),
+            here.areas, far);
     };
     return std::min(s.trust, t.trust) * 0.5 *
            (of_one(source, s, source_images, target, t) +

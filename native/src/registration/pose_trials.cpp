@@ -18,21 +18,18 @@ namespace pointmorph {
 
 namespace {
 
-/// A shape's points in `rows`, and its coarsest level.
-CoarseShape thinned(const CoarseShape& shape, const std::vector<Index>& rows) {
+/// A shape's points in `rows`, and its coarsest level; without extremities.
+ThinnedShape thinned(const CoarseShape& shape, const std::vector<Index>& rows) {
     const DeformationGraph& graph = shape.levels.front();
-    CoarseShape thin;
+    ThinnedShape result{shape, {}, {}, rows};
+    CoarseShape& thin = result.thin;
     thin.cloud_rows = gather(shape.cloud_rows, rows);
     thin.positions = gather(shape.positions, rows);
     thin.normals = gather(shape.normals, rows);
     thin.areas = Values::Zero(thin.size());
-    const KdTree<3> tree(thin.positions);
-    for (Index i = 0; i < shape.size(); ++i) {
-        Index nearest;
-        double squared;
-        tree.nearest(shape.positions.row(i).data(), {&nearest, 1}, {&squared, 1});
-        thin.areas[nearest] += shape.areas[i];
-    }
+    const KdTree<3>& tree = result.tree.emplace(thin.positions);
+    const std::vector<Index> nearest = nearest_rows(tree, shape.positions);
+    for (Index i = 0; i < shape.size(); ++i) thin.areas[nearest[to_size(i)]] += shape.areas[i];
     DeformationGraph& level = thin.levels.emplace_back(graph);
     std::iota(level.node_rows.begin(), level.node_rows.end(), 0);
     level.point_nodes = gather(graph.point_nodes, rows);
@@ -47,41 +44,43 @@ CoarseShape thinned(const CoarseShape& shape, const std::vector<Index>& rows) {
         thin.pulls = gather(shape.pulls, rows);
     }
     if (!shape.ends.empty()) thin.ends = gather(shape.ends, rows);
-    return thin;
+    return result;
 }
 
-/// The factor by which a map's energy is larger for the sides that it doesn't treat alike. Images
-/// of the thinned shapes, those of the source seen from the target at rest.
-double dearer_by_asymmetry(const PoseSearch& search, const Positions& source_images,
-                           const Positions& target_images) {
+/// What a map does to the thinned shapes, at rest.
+struct BothImages {
+    Images source, target;
+
+    BothImages(const PoseSearch& search, const Positions& of_source, const Positions& of_target)
+        : source{of_source, nearest_rows(*search.target.tree, of_source)},
+          target{of_target, nearest_rows(*search.source.tree, of_target)} {}
+};
+
+/// The factor by which a map's energy is larger for the sides that it doesn't treat alike.
+double dearer_by_asymmetry(const PoseSearch& search, const BothImages& images) {
     const SymmetryOptions& options = search.options.symmetry;
     return 1.0 + options.weight * asymmetry(search.source.thin, search.target.thin,
-                                            search.symmetries, source_images, target_images,
+                                            search.symmetries, images.source, images.target,
                                             options.far);
 }
 
-/// The factor by which a map's energy is larger for taking points to unlike ones. Images of the
-/// thinned shapes, those of the source seen from the target at rest.
-double dearer_by_unlikeness(const PoseSearch& search, const Positions& source_images,
-                            const Positions& target_images) {
-    if (!search.counts_likeness) return 1.0;
+/// The factor by which a map's energy is larger for taking points to unlike ones.
+double dearer_by_unlikeness(const PoseSearch& search, const BothImages& images) {
     const ThinnedShape &source = search.source, &target = search.target;
-    const double there = unlikeness(source.forms, target.forms,
-                                    nearest_points(KdTree<3>(target.thin.positions), source_images),
-                                    target.thin.ends);
-    const double back = unlikeness(target.forms, source.forms,
-                                   nearest_points(KdTree<3>(source.thin.positions), target_images),
-                                   source.thin.ends);
+    const double there =
+        unlikeness(source.forms, target.forms, images.source.nearest, target.thin.ends);
+    const double back =
+        unlikeness(target.forms, source.forms, images.target.nearest, source.thin.ends);
     constexpr double kFloor = 0.1;  // as those of the misfit's terms: none can win alone
     return std::pow(0.5 * (there + back) + kFloor, search.options.likeness);
 }
 
 /// A trial at its end, whose energy has been that of its misfit and sides so far.
 Trial with_likeness(const PoseSearch& search, Trial trial) {
+    if (!search.counts_likeness) return trial;
     const Registration& its = trial.registration;
-    trial.energy *=
-        dearer_by_unlikeness(search, trial.alignment.inverse().apply(its.source_points.positions),
-                             its.target_points.positions);
+    const Positions images = trial.alignment.inverse().apply(its.source_points.positions);
+    trial.energy *= dearer_by_unlikeness(search, {search, images, its.target_points.positions});
     return trial;
 }
 
@@ -112,12 +111,14 @@ public:
     Trial trial() const {
         Progress silent;
         Trial trial{alignment_, run_.result()};
-        const Positions &images = trial.registration.source_points.positions,
-                        &back = trial.registration.target_points.positions;
-        trial.energy = registration_misfit(shapes_, 0, trial.registration, search_.distances,
-                                           search_.registration, silent)
-                           .energy() *
-                       dearer_by_asymmetry(search_, alignment_.inverse().apply(images), back);
+        const Registration& its = trial.registration;
+        trial.energy =
+            registration_misfit(shapes_, 0, its, search_.distances, search_.registration, silent)
+                .energy();
+        if (!search_.has_symmetries()) return trial;
+        const Positions images = alignment_.inverse().apply(its.source_points.positions);
+        trial.energy *=
+            dearer_by_asymmetry(search_, {search_, images, its.target_points.positions});
         return trial;
     }
 
@@ -239,11 +240,15 @@ void rate(const PoseSearch& search, Candidate& map) {
     const Registration& its = map.registration;
     map.misfit = registration_misfit(shapes, to_index(there.levels.size()) - 1, its,
                                      search.distances, search.registration, silent);
-    const Positions images =
-        map.alignment.inverse().apply(gather(its.source_points.positions, search.source.full_rows));
-    const Positions back = gather(its.target_points.positions, search.target.full_rows);
-    map.energy = map.misfit.energy() * dearer_by_asymmetry(search, images, back) *
-                 dearer_by_unlikeness(search, images, back);
+    map.energy = map.misfit.energy();
+    if (search.has_symmetries() || search.counts_likeness) {
+        const Positions of_source = map.alignment.inverse().apply(
+                            gather(its.source_points.positions, search.source.full_rows)),
+                        of_target = gather(its.target_points.positions, search.target.full_rows);
+        const BothImages images(search, of_source, of_target);
+        map.energy *= dearer_by_asymmetry(search, images);
+        if (search.counts_likeness) map.energy *= dearer_by_unlikeness(search, images);
+    }
     map.torn = torn_share(shapes, its, search.registration, silent);
     map.cost = map.energy * (1.0 + search.options.tear_weight * map.torn);
 }
@@ -286,13 +291,19 @@ Candidate to_the_finest(const PoseSearch& search, const RelaxedMap& map) {
 
 }  // namespace
 
-std::vector<Index> nearest_points(const KdTree<3>& tree, const Positions& places) {
-    std::vector<Index> result(to_size(places.rows()));
-    double squared;
-    for (std::size_t i = 0; i < result.size(); ++i)
-        tree.nearest(places.row(static_cast<Eigen::Index>(i)).data(), {&result[i], 1},
-                     {&squared, 1});
-    return result;
+double difference(const NodePlaces& a, const NodePlaces& b) {
+    constexpr double kWorst = 0.03, kShare = 0.35;
+    const auto apart = [](const Positions& x, const Positions& y) {
+        Values distances = (x - y).rowwise().norm();
+        const Eigen::Index count = distances.size();
+        const Eigen::Index worst =
+            std::max<Eigen::Index>(1, std::lround(kWorst * static_cast<double>(count)));
+        const double mean = distances.mean();
+        std::nth_element(distances.begin(), distances.begin() + worst - 1, distances.end(),
+                         std::greater<>());
+        return std::max(mean, kShare * distances.head(worst).mean());
+    };
+    return std::max(apart(a.source, b.source), apart(a.target, b.target));
 }
 
 std::vector<IndexPair> anchors(const PoseSearch& search, const ExtremityMatches& extremities) {
@@ -324,8 +335,9 @@ ThinnedShape thinned_shape(const CoarseShape& shape, std::vector<Extremity> extr
             .rows;
     for (Extremity& extremity : extremities)
         extremity.point = to_index(std::ranges::find(rows, extremity.point) - rows.begin());
-    CoarseShape thin = thinned(shape, rows);
-    return {shape, std::move(thin), std::move(extremities), std::move(rows)};
+    ThinnedShape result = thinned(shape, rows);
+    result.extremities = std::move(extremities);
+    return result;
 }
 
 std::vector<PoseCluster> pose_clusters(const std::vector<Trial>& trials, double factor,

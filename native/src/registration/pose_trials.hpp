@@ -8,6 +8,7 @@
 #include <concepts>
 #include <functional>
 #include <numeric>
+#include <optional>
 #include <span>
 #include <vector>
 
@@ -32,6 +33,8 @@ struct ThinnedShape {
     std::vector<Extremity> extremities;  ///< rows of `thin`
     std::vector<Index> full_rows = {};   ///< of each row of `thin`: that of `full`
     LocalForms forms = {};               ///< of the thinned points; no rows where they don't count
+    std::optional<KdTree<3>> tree =
+        {};  ///< of the thinned points, where symmetry or likeness count
 };
 
 /// The node of the coarsest level next to a point, a row of `thin`.
@@ -42,9 +45,6 @@ inline Index node_at(const ThinnedShape& shape, Index row) {
 /// `extremities` are rows of `shape`, and among the points of the thinned one.
 ThinnedShape thinned_shape(const CoarseShape& shape, std::vector<Extremity> extremities,
                            Index points, Progress& progress);
-
-/// The tree's point nearest to each place.
-std::vector<Index> nearest_points(const KdTree<3>& tree, const Positions& places);
 
 /// What the search for a pose is given.
 struct PoseSearch {
@@ -59,6 +59,9 @@ struct PoseSearch {
     /// the other surface, none is.
     bool counts_likeness = false;
 
+    bool has_symmetries() const {
+        return symmetries[0].images.rows() > 0 && symmetries[1].images.rows() > 0;
+    }
     /// Whether something is marked, so that what looks alike needn't be alike.
     bool has_marks() const {
         return !features.empty() || source.full.guides.size() > 0 || source.full.labels.rows() > 0;
@@ -84,29 +87,25 @@ struct Trial {
     double energy = 0.0;  ///< with likeness in it once that counts and the trial has ended
 };
 
+/// Where a map takes the nodes that it was made on: the source's seen from the target at rest, and
+/// the target's.
+struct NodePlaces {
+    Positions source, target;
+};
+
+template <class Map>
+NodePlaces node_places(const Map& map) {
+    const Registration& its = map.registration;
+    return {map.alignment.inverse().apply(its.source.positions), its.target.positions};
+}
+
 /// How far two maps lie apart: the mean, or a share of the mean over the worst nodes where that is
-/// more, of the distances between images of the source's nodes seen from the target at rest, and
-/// the other way round.
+/// more, of the distances between a node's two places; on that shape where it is more.
+double difference(const NodePlaces& a, const NodePlaces& b);
+
 template <class Map>
 double difference(const Map& a, const Map& b) {
-    constexpr double kWorst = 0.03, kShare = 0.35;
-    double result = 0.0;
-    const auto compare = [&](const Positions& x, const Positions& y) {
-        std::vector<double> distances;
-        for (Eigen::Index i = 0; i < x.rows(); ++i)
-            distances.push_back((x.row(i) - y.row(i)).norm());
-        const auto worst = std::max<std::ptrdiff_t>(
-            1, std::lround(kWorst * static_cast<double>(distances.size())));
-        std::ranges::sort(distances, std::greater<>());
-        const double all = std::accumulate(distances.begin(), distances.end(), 0.0);
-        const double some = std::accumulate(distances.begin(), distances.begin() + worst, 0.0);
-        result = std::max({result, all / static_cast<double>(distances.size()),
-                           kShare * some / static_cast<double>(worst)});
-    };
-    compare(a.alignment.inverse().apply(a.registration.source.positions),
-            b.alignment.inverse().apply(b.registration.source.positions));
-    compare(a.registration.target.positions, b.registration.target.positions);
-    return result;
+    return difference(node_places(a), node_places(b));
 }
 
 /// Maps with a larger difference() belong to another pose cluster: it isn't only some limb.
@@ -116,10 +115,15 @@ constexpr double kOtherCluster = 0.2;
 template <class Map>
 void keep_distinct(std::vector<Map>& maps, double distinct) {
     std::vector<Map> kept;
-    for (Map& map : maps)
-        if (std::ranges::none_of(
-                kept, [&](const Map& other) { return difference(map, other) < distinct; }))
-            kept.push_back(std::move(map));
+    std::vector<NodePlaces> theirs;  // asked for often
+    for (Map& map : maps) {
+        NodePlaces its = node_places(map);
+        if (std::ranges::any_of(
+                theirs, [&](const NodePlaces& other) { return difference(its, other) < distinct; }))
+            continue;
+        kept.push_back(std::move(map));
+        theirs.push_back(std::move(its));
+    }
     maps = std::move(kept);
 }
 

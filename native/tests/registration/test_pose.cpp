@@ -8,6 +8,7 @@
 
 #include "pointmorph/base/error.hpp"
 #include "pointmorph/base/parallel.hpp"
+#include "pointmorph/cloud/kd_tree.hpp"
 #include "pointmorph/cloud/subset.hpp"
 #include "pointmorph/registration/pose_symmetry.hpp"
 #include "pointmorph/registration/proposals.hpp"
@@ -244,11 +245,16 @@ TEST(Symmetry, AsymmetryIsHowFarSidesAreTakenApart) {
     exact.images = other_side(x);
     exact.linear = Vector3(1.0, -1.0, 1.0).asDiagonal();
     exact.trust = 1.0;
+    const KdTree<3> tree(x);
+    exact.nearest = nearest_rows(tree, exact.images);
+    const auto images = [&](const Positions& places) {
+        return Images{places, nearest_rows(tree, places)};
+    };
     const std::array<Symmetry, 2> both{exact, exact};
     constexpr double kFar = 0.2;
-    EXPECT_LT(asymmetry(shape, shape, both, x, x, kFar), 0.01);
+    EXPECT_LT(asymmetry(shape, shape, both, images(x), images(x), kFar), 0.01);
     const Positions about = x * Vector3(-1.0, -1.0, 1.0).asDiagonal();
-    EXPECT_LT(asymmetry(shape, shape, both, about, about, kFar), 0.01);
+    EXPECT_LT(asymmetry(shape, shape, both, images(about), images(about), kFar), 0.01);
 
     // One leg elsewhere: so are it and its counterpart, after one order or the other.
     for (const double off : {0.1, 0.3}) {
@@ -262,12 +268,13 @@ TEST(Symmetry, AsymmetryIsHowFarSidesAreTakenApart) {
         for (double& d : apart) d = std::min(1.0, d * d / (kFar * kFar));
         const double truth = shape.areas.dot(apart) / shape.areas.sum();
         EXPECT_GT(truth, 0.02);
-        EXPECT_NEAR(asymmetry(shape, shape, both, moved, moved, kFar), truth, 0.2 * truth);
+        EXPECT_NEAR(asymmetry(shape, shape, both, images(moved), images(moved), kFar), truth,
+                    0.2 * truth);
         Symmetry doubted = exact;
         doubted.trust = 0.5;
-        EXPECT_NEAR(asymmetry(shape, shape, {exact, doubted}, moved, moved, kFar),
-                    0.5 * asymmetry(shape, shape, both, moved, moved, kFar), 1e-12);
-        EXPECT_EQ(asymmetry(shape, shape, {exact, {}}, moved, moved, kFar), 0.0);
+        EXPECT_NEAR(asymmetry(shape, shape, {exact, doubted}, images(moved), images(moved), kFar),
+                    0.5 * asymmetry(shape, shape, both, images(moved), images(moved), kFar), 1e-12);
+        EXPECT_EQ(asymmetry(shape, shape, {exact, {}}, images(moved), images(moved), kFar), 0.0);
     }
 }
 

@@ -178,11 +178,10 @@ TEST(PoseTrials, MapsToUnlikePointsAreDearerOnceLikenessCounts) {
     const Positions there =
         right.alignment.inverse().apply(before.front().registration.source_points.positions);
     const Positions& back = before.front().registration.target_points.positions;
-    const double unlike =
-        0.5 * (unlikeness(search.source.forms, search.target.forms,
-                          nearest_points(KdTree<3>(search.target.thin.positions), there), {}) +
-               unlikeness(search.target.forms, search.source.forms,
-                          nearest_points(KdTree<3>(search.source.thin.positions), back), {}));
+    const double unlike = 0.5 * (unlikeness(search.source.forms, search.target.forms,
+                                            nearest_rows(*search.target.tree, there), {}) +
+                                 unlikeness(search.target.forms, search.source.forms,
+                                            nearest_rows(*search.source.tree, back), {}));
     EXPECT_NEAR(trials.front().energy,
                 before.front().energy * std::pow(unlike + 0.1, urchins.options.likeness), 1e-12);
     EXPECT_GT(trials.back().energy, 1.1 * trials.front().energy);

@@ -57,6 +57,9 @@ private:
     std::unique_ptr<Impl> impl_;
 };
 
+/// The row of the tree's point nearest to each of the places; the tree isn't empty.
+std::vector<Index> nearest_rows(const KdTree<3>& tree, const Positions& places);
+
 /// The nearest point whose normal agrees with `normal`, so that both sides of a thin part are told
 /// apart; the nearest of all where none of the nearest `most` (12 or fewer) does. `normals` has one
 /// row a point of the tree.

@@ -33,9 +33,9 @@ struct SymmetryOptions {
 /// The reflection that takes the left side of a shape to its right, bent as the shape is.
 struct Symmetry {
     Positions images;  ///< of the shape's points; no rows where no such reflection was found
+    std::vector<Index> nearest = {};       ///< the shape's points to its images
     Matrix3 linear = Matrix3::Identity();  ///< what it does to small steps on average; improper
     double trust = 0.0;                    ///< 0 to 1
-    std::vector<Index> nearest = {};       ///< the shape's points to its images, where known
 };
 
 /// Registers a shape with its mirror image, at its coarsest level alone, from all ways in which
@@ -44,13 +44,19 @@ Symmetry reflection_symmetry(const CoarseShape& shape, const Eigen::MatrixXd& di
                              const PoseOptions& options, const RegistrationOptions& registration,
                              Progress& progress);
 
+/// Where a map takes a shape's points: places on the other shape, and its points next to them.
+struct Images {
+    const Positions& places;
+    std::vector<Index> nearest;
+};
+
 /// How differently a map treats the sides of the shapes, 0 to 1: for the distance d between the
 /// images of a point that is reflected before and after the map, the mean of min(1, (d/far)²) over
 /// both shapes, times the lesser trust in the symmetries (of source and target): 0 where one has
-/// none. The map takes the source's points to `source_images`, on the target, and the target's to
-/// `target_images`; `far` is SymmetryOptions::far.
+/// none. `source_images` are on the target, `target_images` on the source, both at rest; `far` is
+/// SymmetryOptions::far.
 double asymmetry(const CoarseShape& source, const CoarseShape& target,
-                 const std::array<Symmetry, 2>& symmetries, const Positions& source_images,
-                 const Positions& target_images, double far);
+                 const std::array<Symmetry, 2>& symmetries, const Images& source_images,
+                 const Images& target_images, double far);
 
 }  // namespace pointmorph
