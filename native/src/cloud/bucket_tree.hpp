@@ -5,7 +5,7 @@
 #include <algorithm>
 #include <array>
 #include <cstring>
-#include <span>
+#include <functional>
 #include <tuple>
 #include <utility>
 #include <vector>
@@ -17,6 +17,88 @@
 
 namespace pointmorph {
 
+/// A node of a BucketTree.
+struct TreeNode {
+    Index axis;  ///< of a leaf: less than 0 by the number of its points
+    Index next;  ///< the second child, the first being the node after this one; of a leaf: how
+                 ///< many twos lie before its own
+    double below, above;  ///< where the first child ends and the second one begins
+};
+
+/// Points that become a part of a tree with many axes. All leaves are full but for the last one, so
+/// that it is known where each part lies.
+struct TreePart {
+    static constexpr std::size_t kSize = 16;  ///< points of a leaf
+
+    Index *begin, *end;  ///< rows
+    std::size_t node, leaf;
+
+    std::size_t size() const { return to_size(end - begin); }
+    std::size_t leaves() const { return (size() + kSize - 1) / kSize; }
+};
+
+/// A coordinate next to its row, so that the selection reads memory in order.
+struct TreeKey {
+    double at;
+    Index row;
+
+    bool operator<(const TreeKey& other) const {
+        return at != other.at ? at < other.at : row < other.row;
+    }
+};
+using TreeKeys = UnsetVector<TreeKey>;
+
+/// Of a part with more points than a leaf has. `keys`: its own, along that axis.
+inline std::pair<TreePart, TreePart> cut_in_two(const TreePart& part, Index axis, TreeKeys& keys,
+                                                std::vector<TreeNode>& nodes) {
+    const auto [begin, end, node, leaf] = part;
+    const std::size_t leaves = part.leaves() / 2;
+    Index* const middle = begin + static_cast<std::ptrdiff_t>(leaves * TreePart::kSize);
+    const auto middle_key = keys.begin() + (middle - begin);
+    std::nth_element(keys.begin(), middle_key, keys.end());
+    double below = keys.front().at;
+    for (auto key = keys.begin(); key != middle_key; ++key) below = std::max(below, key->at);
+    std::ranges::transform(keys, begin, &TreeKey::row);
+    const TreePart second{middle, end, node + 2 * leaves, leaf + leaves};
+    nodes[node] = {axis, to_index(second.node), below, middle_key->at};
+    return {{begin, middle, node + 1, leaf}, second};
+}
+
+/// How a large tree with many axes is shared among threads.
+struct TreeParts {
+    static constexpr std::size_t kWorthATeam = 8192;  // points
+    static constexpr std::size_t kCount = 8;
+
+    using Cut = std::function<std::pair<TreePart, TreePart>(const TreePart&)>;
+
+    /// Calls `work(number, begin, end)` for pieces of [0, count); returns how many they are.
+    static std::size_t in_pieces(
+        std::size_t count, const std::function<void(std::size_t, std::size_t, std::size_t)>& work) {
+        const std::size_t pieces = count < kWorthATeam ? 1 : kCount;
+        parallel_invoke(static_cast<int>(pieces), [&](int k, bool) {
+            const std::size_t piece = to_size(k);
+            work(piece, piece * count / pieces, (piece + 1) * count / pieces);
+        });
+        return pieces;
+    }
+
+    /// Calls `finish` for the parts that `cut` makes of a whole whose halves are given.
+    static void split(std::vector<TreePart> parts, const Cut& cut,
+                      const std::function<void(const TreePart&)>& finish) {
+        const std::size_t size = parts.front().size() + parts.back().size();
+        while (size >= kWorthATeam && parts.size() < kCount) {
+            std::vector<TreePart> halves(2 * parts.size());
+            parallel_invoke(static_cast<int>(parts.size()), [&](int k, bool) {
+                std::tie(halves[2 * to_size(k)], halves[2 * to_size(k) + 1]) =
+                    cut(parts[to_size(k)]);
+            });
+            parts = std::move(halves);
+        }
+        parallel_invoke(static_cast<int>(parts.size()),
+                        [&](int k, bool) { finish(parts[to_size(k)]); });
+    }
+};
+
 /// Queries take the result classes that nanoflann's do: see kd_tree.cpp.
 template <int Dim>
 class BucketTree {
@@ -27,8 +109,11 @@ public:
     explicit BucketTree(const Points& points) {
         const auto count = to_size(points.rows());
         if constexpr (kFew) {
-            const Box box = box_of_rows(points, 0, points.rows());
-            lower_ = box.lower, upper_ = box.upper;
+            lower_ = upper_ = points.row(0);
+            for (Eigen::Index i = 1; i < points.rows(); ++i) {
+                lower_ = lower_.cwiseMin(points.row(i));
+                upper_ = upper_.cwiseMax(points.row(i));
+            }
             coordinates_.reserve(2 * Dim * count);  // at most; what isn't touched takes no memory
             rows_.reserve(2 * count);
             nodes_.reserve(4 * count / kSize + 1);
@@ -41,9 +126,7 @@ public:
             coordinates_.resize(Dim * kSize * leaves);
             rows_.resize(kSize * leaves);
             nodes_.resize(2 * leaves - 1);
-            UnsetVector<Index> rows(count);
-            Keys keys = begin_rows(points, rows);
-            split_on_all_threads(points, {rows.data(), rows.data() + count, 0, 0}, keys);
+            split_all(points);
         }
     }
 
@@ -63,7 +146,7 @@ public:
 private:
     using Row = Eigen::Matrix<double, 1, Dim, Eigen::RowMajor | Eigen::DontAlign>;
 
-    static constexpr std::size_t kSize = 16;  // points of a leaf
+    static constexpr std::size_t kSize = TreePart::kSize;
     static constexpr std::size_t kTwos = kSize / 2;
     /// Few coordinates are moved as fast as their numbers are, and boxes that are halved are
     /// rounder; with many, full leaves count for more, and most points are too far off after half
@@ -71,8 +154,6 @@ private:
     static constexpr bool kFew = Dim <= 3;
     /// A half with less than that share of the points isn't worth a level of the tree.
     static constexpr std::ptrdiff_t kLeastShare = 16;
-    static constexpr std::size_t kWorthATeam = 8192;  // points of a tree with many axes
-    static constexpr std::size_t kParts = 8;          // of it, which threads share
 
     struct Placed {
         Row at;
@@ -81,12 +162,7 @@ private:
     struct Box {
         Row lower, upper;
     };
-    struct Node {
-        Index axis;  ///< of a leaf: less than 0 by the number of its points
-        Index next;  ///< the second child, the first being the node after this one; of a leaf: how
-                     ///< many twos lie before its own
-        double below, above;  ///< where the first child ends and the second one begins
-    };
+    using Node = TreeNode;
     /// Its twos along one axis come first, then those along the next. With few axes, half a two
     /// may be left; with many, there is always room for kSize.
     struct Leaf {
@@ -105,15 +181,6 @@ private:
     Leaf leaf(const Node& node) const {
         const auto before = 2 * to_size(node.next);
         return {coordinates_.data() + Dim * before, rows_.data() + before, to_size(-node.axis)};
-    }
-
-    static Box box_of_rows(const Points& points, Eigen::Index begin, Eigen::Index end) {
-        Box box{points.row(begin), points.row(begin)};
-        for (Eigen::Index i = begin + 1; i < end; ++i) {
-            box.lower = box.lower.cwiseMin(points.row(i));
-            box.upper = box.upper.cwiseMax(points.row(i));
-        }
-        return box;
     }
 
     static Box box_of(const Placed* begin, const Placed* end) {
@@ -169,49 +236,13 @@ private:
         halve(cut, end, second);
     }
 
-    /// Points that become a part of the tree. All leaves are full but for the last one, so that it
-    /// is known where each part lies.
-    struct Part {
-        Index *begin, *end;  ///< rows
-        std::size_t node, leaf;
-
-        std::size_t size() const { return to_size(end - begin); }
-        std::size_t leaves() const { return (size() + kSize - 1) / kSize; }
-    };
-    /// A coordinate next to its row, so that the selection reads memory in order.
-    struct Key {
-        double at;
-        Index row;
-
-        bool operator<(const Key& other) const {
-            return at != other.at ? at < other.at : row < other.row;
+    static Box box_of(const Points& points, const Index* begin, const Index* end) {
+        Box box{points.row(*begin), points.row(*begin)};
+        for (const Index* i = begin + 1; i < end; ++i) {
+            box.lower = box.lower.cwiseMin(points.row(*i));
+            box.upper = box.upper.cwiseMax(points.row(*i));
         }
-    };
-    using Keys = UnsetVector<Key>;
-
-    /// Numbers the rows and finds the box of all points, on all threads where there are many.
-    /// Returns the keys along its widest axis.
-    Keys begin_rows(const Points& points, std::span<Index> rows) {
-        const auto pieces = static_cast<Eigen::Index>(rows.size() < kWorthATeam ? 1 : kParts);
-        const auto from = [&](Eigen::Index piece) { return piece * points.rows() / pieces; };
-        std::vector<Box> boxes(to_size(pieces));
-        parallel_invoke(static_cast<int>(pieces), [&](int k, bool) {
-            boxes[to_size(k)] = box_of_rows(points, from(k), from(k + 1));
-        });
-        lower_ = boxes.front().lower, upper_ = boxes.front().upper;
-        for (const Box& box : boxes) {
-            lower_ = lower_.cwiseMin(box.lower);
-            upper_ = upper_.cwiseMax(box.upper);
-        }
-        const Eigen::Index axis = widest_axis({lower_, upper_});
-        Keys keys(rows.size());
-        parallel_invoke(static_cast<int>(pieces), [&](int k, bool) {
-            for (Eigen::Index i = from(k); i < from(k + 1); ++i) {
-                rows[to_size(i)] = to_index(i);
-                keys[to_size(i)] = {points(i, axis), to_index(i)};
-            }
-        });
-        return keys;
+        return box;
     }
 
     static Eigen::Index widest_axis(const Box& box) {
@@ -220,31 +251,46 @@ private:
         return axis;
     }
 
-    /// `keys`: of the whole, along its widest axis.
-    void split_on_all_threads(const Points& points, const Part& whole, Keys& keys) {
-        if (whole.size() <= kSize) {
+    /// All rows, on all threads where there are many: theirs is the box of all points.
+    void split_all(const Points& points) {
+        std::vector<Index> rows(to_size(points.rows()));
+        std::array<Box, TreeParts::kCount> boxes;
+        const std::size_t pieces = TreeParts::in_pieces(
+            rows.size(), [&](std::size_t piece, std::size_t begin, std::size_t end) {
+                for (std::size_t i = begin; i < end; ++i) rows[i] = to_index(i);
+                boxes[piece] = box_of(points, rows.data() + begin, rows.data() + end);
+            });
+        Box& all = boxes.front();
+        for (std::size_t k = 1; k < pieces; ++k) {
+            all.lower = all.lower.cwiseMin(boxes[k].lower);
+            all.upper = all.upper.cwiseMax(boxes[k].upper);
+        }
+        lower_ = all.lower, upper_ = all.upper;
+        const TreePart whole{rows.data(), rows.data() + rows.size(), 0, 0};
+        if (rows.size() <= kSize) {
             fill_leaf(points, whole);
             return;
         }
-        const auto [first, second] = cut_in_two(whole, widest_axis({lower_, upper_}), keys);
-        keys = Keys();
-        std::vector<Part> parts{first, second};
-        while (whole.size() >= kWorthATeam && parts.size() < kParts) {
-            std::vector<Part> halves(2 * parts.size());
-            parallel_invoke(static_cast<int>(parts.size()), [&](int k, bool) {
-                Keys own;
-                std::tie(halves[2 * to_size(k)], halves[2 * to_size(k) + 1]) =
-                    cut_in_two(points, parts[to_size(k)], own);
-            });
-            parts = std::move(halves);
-        }
-        parallel_invoke(static_cast<int>(parts.size()), [&](int k, bool) {
-            Keys own;
-            split(points, parts[to_size(k)], own);
+        const Eigen::Index axis = widest_axis(all);
+        TreeKeys keys(rows.size());
+        TreeParts::in_pieces(rows.size(), [&](std::size_t, std::size_t begin, std::size_t end) {
+            for (std::size_t i = begin; i < end; ++i) keys[i] = {points(rows[i], axis), rows[i]};
         });
+        const auto [first, second] = pointmorph::cut_in_two(whole, to_index(axis), keys, nodes_);
+        keys = TreeKeys();
+        TreeParts::split(
+            {first, second},
+            [&](const TreePart& part) {
+                TreeKeys own;
+                return cut_in_two(points, part, own);
+            },
+            [&](const TreePart& part) {
+                TreeKeys own;
+                split(points, part, own);
+            });
     }
 
-    void split(const Points& points, const Part& part, Keys& keys) {
+    void split(const Points& points, const TreePart& part, TreeKeys& keys) {
         if (part.size() <= kSize) {
             fill_leaf(points, part);
             return;
@@ -254,39 +300,20 @@ private:
         split(points, second, keys);
     }
 
-    void fill_leaf(const Points& points, const Part& part) {
+    /// Of a part with more points than a leaf has; `keys` is scratch memory.
+    std::pair<TreePart, TreePart> cut_in_two(const Points& points, const TreePart& part,
+                                             TreeKeys& keys) {
+        const Eigen::Index axis = widest_axis(box_of(points, part.begin, part.end));
+        keys.clear();
+        for (const Index* i = part.begin; i < part.end; ++i) keys.push_back({points(*i, axis), *i});
+        return pointmorph::cut_in_two(part, to_index(axis), keys, nodes_);
+    }
+
+    void fill_leaf(const Points& points, const TreePart& part) {
         nodes_[part.node] = {-to_index(part.size()), to_index(part.leaf * kTwos), 0.0, 0.0};
         fill(
             nodes_[part.node], [&](std::size_t k) { return part.begin[k]; },
             [&](std::size_t k, Eigen::Index axis) { return points(part.begin[k], axis); });
-    }
-
-    /// Of a part with more points than a leaf has; `keys` is scratch memory.
-    std::pair<Part, Part> cut_in_two(const Points& points, const Part& part, Keys& keys) {
-        Box box{points.row(*part.begin), points.row(*part.begin)};
-        for (const Index* i = part.begin + 1; i < part.end; ++i) {
-            box.lower = box.lower.cwiseMin(points.row(*i));
-            box.upper = box.upper.cwiseMax(points.row(*i));
-        }
-        const Eigen::Index axis = widest_axis(box);
-        keys.clear();
-        for (const Index* i = part.begin; i < part.end; ++i) keys.push_back({points(*i, axis), *i});
-        return cut_in_two(part, axis, keys);
-    }
-
-    /// `keys`: of the part, along that axis.
-    std::pair<Part, Part> cut_in_two(const Part& part, Eigen::Index axis, Keys& keys) {
-        const auto [begin, end, node, leaf] = part;
-        const std::size_t leaves = part.leaves() / 2;
-        Index* const middle = begin + static_cast<std::ptrdiff_t>(leaves * kSize);
-        const auto middle_key = keys.begin() + (middle - begin);
-        std::nth_element(keys.begin(), middle_key, keys.end());
-        double below = keys.front().at;
-        for (auto key = keys.begin(); key != middle_key; ++key) below = std::max(below, key->at);
-        std::ranges::transform(keys, begin, &Key::row);
-        const Part second{middle, end, node + 2 * leaves, leaf + leaves};
-        nodes_[node] = {to_index(axis), to_index(second.node), below, middle_key->at};
-        return {{begin, middle, node + 1, leaf}, second};
     }
 
     /// Writes the leaf's points; the last one fills what room is left.
@@ -399,9 +426,9 @@ private:
     }
 
     Row lower_, upper_;
-    UnsetVector<Node> nodes_;
+    std::vector<Node> nodes_;
     UnsetVector<double> coordinates_;  ///< of all leaves
-    UnsetVector<Index> rows_;
+    std::vector<Index> rows_;
 };
 
 }  // namespace pointmorph

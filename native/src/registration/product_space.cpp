@@ -114,7 +114,9 @@ Pairing mutual_pairs(const typename KdTree<Dim>::Points& source,
     };
     const std::vector<Index> forward = nearest(source, target, target_rows);
     const std::vector<Index> backward = nearest(target, source, source_rows);
-    Pairing pairs(features.begin(), features.end());
+    Pairing pairs;
+    pairs.reserve(features.size() + source_rows.size() + target_rows.size());
+    pairs.assign(features.begin(), features.end());
     for (const Index i : source_rows)
         pairs.push_back({i, target_rows[to_size(forward[to_size(i)])]});
     for (const Index j : target_rows)

@@ -13,7 +13,7 @@ import warnings
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -40,6 +40,7 @@ _NAMES = {kind: name for name, kind in reversed(_TYPES.items())}
 _ORDERS = {"ascii": "=", "binary_little_endian": "<", "binary_big_endian": ">"}
 _LONGEST_HEADER = 1 << 20
 _ROWS_AT_ONCE = 1 << 18
+_ROWS_WRITTEN = 1 << 16
 _FILTERING = threading.Lock()
 """Filters of warnings are the same for all threads, which may read files side by side."""
 _LENGTH = "\nlength"
@@ -198,9 +199,18 @@ def with_columns(
     return None
 
 
+class Table(Protocol):
+    """A structured array, or what makes one of some rows at a time."""
+
+    @property
+    def dtype(self) -> np.dtype[Any]: ...
+    def __len__(self) -> int: ...
+    def __getitem__(self, rows: slice, /) -> npt.NDArray[Any]: ...
+
+
 def write(
     file: IO[bytes],
-    vertices: npt.NDArray[Any],
+    vertices: Table,
     faces: npt.NDArray[np.integer[Any]] | None = None,
 ) -> None:
     """Writes a table of vertices, and one of triangles, as binary PLY.
@@ -208,7 +218,8 @@ def write(
     Parameters
     ----------
     file : writable binary file
-    vertices : (N,) structured array
+    vertices : (N,) structured array, or another Table
+        Taken some rows at a time.
     faces : (F, 3) array of int, optional
     """
     fields = [(name, vertices.dtype[name].str[1:]) for name in vertices.dtype.names or ()]
@@ -218,7 +229,9 @@ def write(
         lines += [f"element face {len(faces)}", "property list uchar int vertex_indices"]
     file.write("\n".join([*lines, "end_header\n"]).encode("ascii"))
     packed = np.dtype([(name, "<" + kind) for name, kind in fields])
-    file.write(np.ascontiguousarray(vertices.astype(packed, copy=False)).data)
+    for first in range(0, len(vertices), _ROWS_WRITTEN):
+        rows = vertices[first : first + _ROWS_WRITTEN].astype(packed, copy=False)
+        file.write(np.ascontiguousarray(rows).data)
     if faces is not None:
         rows = np.empty(len(faces), [("length", "u1"), ("corners", "<i4", (3,))])
         rows["length"], rows["corners"] = 3, faces

@@ -131,7 +131,7 @@ def write_ply(
         If the file can't be written.
     """
     more = {"radius": radii, "id": ids, "vx vy vz": velocities, "confidence": confidence}
-    _write_ply(path, _ply_vertices(positions, normals, colors, more))
+    _write_ply(path, _PlyVertices(positions, normals, colors, more))
 
 
 def write_mesh(
@@ -186,7 +186,7 @@ def _write_ply_mesh(
     faces: npt.NDArray[np.int32],
     velocities: FloatArray | None,
 ) -> None:
-    _write_ply(path, _ply_vertices(positions, normals, colors, {"vx vy vz": velocities}), faces)
+    _write_ply(path, _PlyVertices(positions, normals, colors, {"vx vy vz": velocities}), faces)
 
 
 def _write_with_trimesh(
@@ -210,26 +210,36 @@ def _write_with_trimesh(
     write_bytes(path, content.encode() if isinstance(content, str) else content)
 
 
-def _ply_vertices(
-    positions: FloatArray,
-    normals: FloatArray,
-    colors: FloatArray,
-    more: Mapping[str, npt.NDArray[Any] | None],
-) -> npt.NDArray[Any]:
-    """`more` has what is given besides, by the names of its columns."""
-    number = "f8" if positions.dtype == np.float64 else "f4"
-    kinds = {"red green blue alpha": "u1", "id": "i4", "confidence": "f4"}
-    tables = {"x y z": positions, "nx ny nz": normals, "red green blue alpha": _bytes(colors)}
-    columns = {
-        name: (column, kinds.get(names, number))
-        for names, table in (tables | dict(more)).items()
-        if table is not None
-        for name, column in zip(names.split(), np.atleast_2d(np.transpose(table)), strict=True)
-    }
-    vertices = np.empty(len(positions), [(name, kind) for name, (_, kind) in columns.items()])
-    for name, (column, _) in columns.items():
-        vertices[name] = column
-    return vertices
+class _PlyVertices:
+    """The rows of a PLY file, made when they are written: all at once would take as much memory
+    again as they have."""
+
+    def __init__(
+        self,
+        positions: FloatArray,
+        normals: FloatArray,
+        colors: FloatArray,
+        more: Mapping[str, npt.NDArray[Any] | None],
+    ) -> None:
+        """`more` has what is given besides, by the names of its columns."""
+        number = "f8" if positions.dtype == np.float64 else "f4"
+        kinds = {"red green blue alpha": "u1", "id": "i4", "confidence": "f4"}
+        tables = {"x y z": positions, "nx ny nz": normals, "red green blue alpha": colors, **more}
+        self._tables = {names: table for names, table in tables.items() if table is not None}
+        self.dtype = np.dtype(
+            [(name, kinds.get(names, number)) for names in self._tables for name in names.split()]
+        )
+
+    def __len__(self) -> int:
+        return len(self._tables["x y z"])
+
+    def __getitem__(self, rows: slice) -> npt.NDArray[Any]:
+        vertices = np.empty(len(range(*rows.indices(len(self)))), self.dtype)
+        for names, table in self._tables.items():
+            some = _bytes(table[rows]) if names.startswith("red") else table[rows]
+            for name, column in zip(names.split(), np.atleast_2d(np.transpose(some)), strict=True):
+                vertices[name] = column
+        return vertices
 
 
 def _bytes(colors: FloatArray) -> npt.NDArray[np.uint8]:
@@ -240,7 +250,7 @@ def _bytes(colors: FloatArray) -> npt.NDArray[np.uint8]:
 
 def _write_ply(
     path: str | os.PathLike[str],
-    vertices: npt.NDArray[Any],
+    vertices: ply.Table,
     faces: npt.NDArray[np.int32] | None = None,
 ) -> None:
     with whole_file(path) as file:
