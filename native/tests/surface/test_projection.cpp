@@ -11,14 +11,6 @@
 namespace pointmorph {
 namespace {
 
-std::vector<Index> nearest_rows(const KdTree<3>& tree, const Positions& points) {
-    std::vector<Index> rows(to_size(points.rows()));
-    double squared;
-    for (Index i = 0; i < points.rows(); ++i)
-        tree.nearest(points.row(i).data(), {&rows[to_size(i)], 1}, {&squared, 1});
-    return rows;
-}
-
 Positions land(const Positions& images, const Positions& samples, const Normals& normals) {
     const KdTree<3> tree(samples);
     Progress progress;
