@@ -230,7 +230,8 @@ std::vector<char> MissingPoints::sparse_rows(const FrameSample& sample, std::spa
     return sparse;
 }
 
-/// Triangles that may take points.
+/// Triangles that may take points. Finds by how much samples along both sides must be fewer, so
+/// that there aren't too many.
 std::vector<MissingPoints::Gap> MissingPoints::gaps(const FrameSample& sample,
                                                     std::span<const Index> open,
                                                     std::span<const char> dead,
@@ -240,30 +241,35 @@ std::vector<MissingPoints::Gap> MissingPoints::gaps(const FrameSample& sample,
     for (std::size_t a = 0; a < sample.ids.size(); ++a)
         if (sparse[to_size(sample.pairs) + a])
             holds_sparse[to_size(chosen_[to_size(sample.ids[a])].triangle)] = 1;
+    // What samples each has as they are wanted; less than 0 where it takes none.
+    std::vector<double> samples(open.size(), -1.0);
+    std::vector<char> lacks_points(open.size());
+    constexpr int kPieces = 16;
+    parallel_invoke(kPieces, [&](int piece, bool) {
+        const auto from = [&](int n) { return to_size(n) * open.size() / kPieces; };
+        for (std::size_t k = from(piece); k < from(piece + 1); ++k) {
+            const GapTriangle& corners = triangles_[to_size(open[k])];
+            lacks_points[k] =
+                holds_sparse[to_size(open[k])] ||
+                std::ranges::any_of(corners, [&](Index row) { return sparse[to_size(row)]; });
+            if (!lacks_points[k] && !is_wider_than(sample, open[k], kGap)) continue;
+            SampleDistance distance = distance_in(sample, corners);
+            distance.coarser = 1.0;
+            samples[k] = BoundingRectangle(corners, sample.positions).samples(distance);
+        }
+    });
     std::vector<Gap> result;
-    for (const Index i : open) {
-        const bool lacks_points =
-            holds_sparse[to_size(i)] || std::ranges::any_of(triangles_[to_size(i)], [&](Index row) {
-                return sparse[to_size(row)];
-            });
-        if (lacks_points || is_wider_than(sample, i, kGap)) result.push_back({i, lacks_points});
-    }
-    return result;
-}
-
-/// By how much samples along both sides must be fewer, so that there aren't too many.
-double MissingPoints::coarser_for(const FrameSample& sample, std::span<const Gap> gaps) const {
-    double samples = 0.0;
-    for (const Gap& gap : gaps) {
-        const GapTriangle& corners = triangles_[to_size(gap.triangle)];
-        SampleDistance distance = distance_in(sample, corners);
-        distance.coarser = 1.0;
-        samples += BoundingRectangle(corners, sample.positions).samples(distance);
+    double all = 0.0;
+    for (std::size_t k = 0; k < open.size(); ++k) {
+        if (samples[k] < 0.0) continue;
+        result.push_back({open[k], lacks_points[k] != 0});
+        all += samples[k];
     }
     const double finer = 1.0 / resampling_.options().spacing;
     const double most =
         kMostSamples + kMostSamplesByPair * finer * finer * static_cast<double>(sample.pairs);
-    return std::sqrt(std::max(1.0, samples / most));
+    coarser_ = std::sqrt(std::max(1.0, all / most));
+    return result;
 }
 
 SampleDistance MissingPoints::distance_in(const FrameSample& sample,
@@ -340,7 +346,6 @@ std::vector<MissingPoints::Place> MissingPoints::operator()(const FrameSample& s
     nearest_.resize(pairs_.size() + chosen_.size(), kNone);
     constexpr Index kChunk = 64;
     const std::vector<Gap> found_gaps = gaps(sample, open, dead, progress);
-    coarser_ = coarser_for(sample, found_gaps);
     const auto count = to_index(found_gaps.size());
     std::vector<std::vector<Place>> found(to_size((count + kChunk - 1) / kChunk));
     parallel_for(

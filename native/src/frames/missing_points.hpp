@@ -108,7 +108,6 @@ private:
                                   std::span<const char> dead, Progress& progress);
     std::vector<Gap> gaps(const FrameSample& sample, std::span<const Index> open,
                           std::span<const char> dead, Progress& progress);
-    double coarser_for(const FrameSample& sample, std::span<const Gap> gaps) const;
     SampleDistance distance_in(const FrameSample& sample, const GapTriangle& corners) const;
     bool is_covered_at_an_end(const InsertedPoint& point, NeighborSearch& find) const;
     template <class Take>

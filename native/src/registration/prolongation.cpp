@@ -216,9 +216,13 @@ OrientedPoints Prolongation::operator()(const CoarseShape& shape, const Deformed
                                         const Positions& positions, const Normals& normals,
                                         Progress& progress) const {
     const CoarseMoves moves(shape, coarse);
-    OrientedPoints result{positions, normals};
-    parallel_for(to_index(positions.rows()), progress,
-                 [&](Index begin, Index end) { move(begin, end, moves, result); });
+    OrientedPoints result{Positions(positions.rows(), 3), Normals(positions.rows(), 3)};
+    parallel_for(to_index(positions.rows()), progress, [&](Index begin, Index end) {
+        const Index count = end - begin;
+        result.positions.middleRows(begin, count) = positions.middleRows(begin, count);
+        result.normals.middleRows(begin, count) = normals.middleRows(begin, count);
+        move(begin, end, moves, result);
+    });
     return result;
 }
 

@@ -126,18 +126,12 @@ SceneImages lifted(MappedScene& mapped, Progress& progress) {
     of_target.emplace(prolongation(scene.target, scene.coarse_target, progress));
     const DeformedCloud &source_points = mapped.map.registration.source_points,
                         &target_points = mapped.map.registration.target_points;
-    SceneImages images;
-    on_both(progress, [&](bool is_source, Progress& its) {
-        if (is_source)
-            images.source =
-                prolonged(scene.source, scene.coarse_source, *of_source, source_points, its);
-        else
-            images.target =
-                prolonged(scene.target, scene.coarse_target, *of_target, target_points, its);
-    });
-    return with_marks_met(std::move(images), {scene.source, scene.target, scene.marks},
-                          {[&](Index row) { return of_source->linear(row, source_points); },
-                           [&](Index row) { return of_target->linear(row, target_points); }});
+    return with_marks_met(
+        {prolonged(scene.source, scene.coarse_source, *of_source, source_points, progress),
+         prolonged(scene.target, scene.coarse_target, *of_target, target_points, progress)},
+        {scene.source, scene.target, scene.marks},
+        {[&](Index row) { return of_source->linear(row, source_points); },
+         [&](Index row) { return of_target->linear(row, target_points); }});
 }
 
 }  // namespace
