@@ -36,23 +36,36 @@ using Two = PlainTwo;
 #endif
 
 /// Of both numbers the smaller ones, and the larger ones; none may be a NaN.
-inline Two smaller(const Two& a, const Two& b) {
-#if defined(__GNUC__)
-    return a < b ? a : b;
-#else
+inline PlainTwo smaller(const PlainTwo& a, const PlainTwo& b) {
     return {{a[0] < b[0] ? a[0] : b[0], a[1] < b[1] ? a[1] : b[1]}};
-#endif
 }
-inline Two larger(const Two& a, const Two& b) {
-#if defined(__GNUC__)
-    return a > b ? a : b;
-#else
+inline PlainTwo larger(const PlainTwo& a, const PlainTwo& b) {
     return {{a[0] > b[0] ? a[0] : b[0], a[1] > b[1] ? a[1] : b[1]}};
-#endif
 }
 
 /// How many of many numbers are less than one.
+class PlainCountBelow {
+public:
+    explicit PlainCountBelow(double limit) : limit_(limit) {}
+
+    void look_at(const PlainTwo& numbers) {
+        count_ += (numbers[0] < limit_ ? 1u : 0u) + (numbers[1] < limit_ ? 1u : 0u);
+    }
+    std::size_t count() const { return count_; }
+
+private:
+    double limit_;
+    std::size_t count_ = 0;
+};
+
 #if defined(__GNUC__)
+inline Two smaller(const Two& a, const Two& b) {
+    return a < b ? a : b;
+}
+inline Two larger(const Two& a, const Two& b) {
+    return a > b ? a : b;
+}
+
 class CountBelow {
 public:
     explicit CountBelow(double limit) : limit_{limit, limit} {}
@@ -65,17 +78,7 @@ private:
     decltype(Two{} < Two{}) counts_{};
 };
 #else
-class CountBelow {
-public:
-    explicit CountBelow(double limit) : limit_(limit) {}
-
-    void look_at(const Two& numbers) { count_ += (numbers[0] < limit_) + (numbers[1] < limit_); }
-    std::size_t count() const { return count_; }
-
-private:
-    double limit_;
-    std::size_t count_ = 0;
-};
+using CountBelow = PlainCountBelow;
 #endif
 
 /// Four numbers side by side, for any compiler.

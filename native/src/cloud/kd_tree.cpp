@@ -50,6 +50,17 @@ public:
         if (squared_distance < squared_radius_) result_.emplace_back(row, squared_distance);
         return true;
     }
+    /// The same for a leaf, without a branch that nobody can foresee.
+    bool add_all(const double* squared, const Index* rows, std::size_t count) {
+        std::size_t found = result_.size();
+        result_.resize(found + count);
+        for (std::size_t k = 0; k < count; ++k) {
+            result_[found] = {rows[k], squared[k]};
+            found += squared[k] < squared_radius_ ? 1 : 0;
+        }
+        result_.resize(found);
+        return true;
+    }
     double worstDist() const { return squared_radius_; }
     bool full() const { return true; }
     std::size_t size() const { return result_.size(); }

@@ -7,7 +7,6 @@
 #include <limits>
 #include <optional>
 #include <span>
-#include <utility>
 
 #include "base/compiler.hpp"
 #include "pointmorph/base/types.hpp"
@@ -124,13 +123,8 @@ public:
             }
         if (seen_ <= most_ && 2 * ranks == count * (count - 1)) return count;
         // Some are as far as each other.
-        std::array<std::pair<double, Index>, kRoom> sorted;
-        for (std::size_t k = 0; k < seen_; ++k) sorted[k] = {squared_[k], rows_[k]};
-        std::sort(sorted.begin(), sorted.begin() + static_cast<std::ptrdiff_t>(seen_));
-        for (std::size_t k = 0; k < count; ++k) {
-            rows[k] = sorted[k].second;
-            squared[k] = sorted[k].first;
-        }
+        NearestResult sorted(kFar, {rows, count}, {squared, count});
+        for (std::size_t k = 0; k < seen_; ++k) sorted.addPoint(squared_[k], rows_[k]);
         return count;
     }
 

@@ -2,9 +2,11 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <numbers>
 #include <numeric>
 #include <random>
+#include <utility>
 
 namespace pointmorph {
 
@@ -22,31 +24,78 @@ std::vector<Index> permutation(Index count) {
     return order;
 }
 
-/// Rows drawn at a given radius; ends early once there are more than `most`.
-std::vector<Index> draw(const KdTree<3>& tree, const Normals& normals, const Neighborhoods* nearest,
-                        std::span<const Index> required, std::span<const Index> order,
-                        double radius, std::size_t most, Progress& progress) {
+/// The nearest drawn point of each point, as far as balls around drawn points tell.
+class NearestDrawn {
+public:
+    explicit NearestDrawn(Index count) : squared_(to_size(count)), rows_(squared_.size()) {}
+
+    void clear() {
+        std::ranges::fill(squared_, std::numeric_limits<double>::infinity());
+        std::ranges::fill(rows_, kNone);
+    }
+    void offer(Index point, double squared, Index drawn, bool same_side) {
+        Index& row = rows_[to_size(point)];
+        double& nearest = squared_[to_size(point)];
+        if (!same_side || squared == nearest)
+            row = kUnsure;
+        else if (squared < nearest && row != kUnsure)
+            row = drawn;
+        nearest = std::min(nearest, squared);
+    }
+    /// As places in `drawn`.
+    std::vector<Index> places_in(std::span<const Index> drawn) && {
+        std::vector<Index> place(rows_.size(), kNone);
+        for (std::size_t k = 0; k < drawn.size(); ++k) place[to_size(drawn[k])] = to_index(k);
+        for (Index& row : rows_) row = row >= 0 ? place[to_size(row)] : kNone;
+        return std::move(rows_);
+    }
+
+private:
+    static constexpr Index kNone = -1, kUnsure = -2;
+
+    std::vector<double> squared_;
+    std::vector<Index> rows_;
+};
+
+/// What is drawn from, and in which order.
+struct Urn {
+    const KdTree<3>& tree;
+    const Normals& normals;
+    const Neighborhoods* nearest;
+    std::span<const Index> required;
+    std::vector<Index> order;
+};
+
+/// Rows drawn at a given radius; ends early once there are more than `most`. Without known
+/// neighbors, `cells` gets all balls.
+std::vector<Index> draw(const Urn& urn, double radius, std::size_t most, NearestDrawn* cells,
+                        Progress& progress) {
+    const auto& [tree, normals, nearest, required, order] = urn;
     std::vector<char> covered(to_size(tree.size()), 0);
     std::vector<std::pair<Index, double>> ball;
     std::vector<Index> rows;
+    if (cells) cells->clear();
     const auto take = [&](Index i) {
         rows.push_back(i);
         covered[to_size(i)] = 1;
         // All that is as near is among the nearest where the last of them isn't.
-        const auto near = nearest ? (*nearest)[i] : std::span<const Index>();
+        const auto near = urn.nearest ? (*urn.nearest)[i] : std::span<const Index>();
         const auto squared = [&](Index j) {
-            return (tree.points().row(j) - tree.points().row(i)).squaredNorm();
+            return (urn.tree.points().row(j) - urn.tree.points().row(i)).squaredNorm();
         };
         if (!near.empty() && squared(near.back()) >= radius * radius) {
             for (const Index j : near) {
                 if (squared(j) >= radius * radius) break;
-                if (normals.row(i).dot(normals.row(j)) > 0.0) covered[to_size(j)] = 1;
+                if (urn.normals.row(i).dot(urn.normals.row(j)) > 0.0) covered[to_size(j)] = 1;
             }
             return;
         }
-        tree.within_unsorted(tree.points().row(i).data(), radius, ball);
-        for (const auto& [j, squared_distance] : ball)
-            if (normals.row(i).dot(normals.row(j)) > 0.0) covered[to_size(j)] = 1;
+        urn.tree.within_unsorted(urn.tree.points().row(i).data(), radius, ball);
+        for (const auto& [j, squared_distance] : ball) {
+            const bool same_side = urn.normals.row(i).dot(urn.normals.row(j)) > 0.0;
+            if (same_side) covered[to_size(j)] = 1;
+            if (cells) cells->offer(j, squared_distance, i, same_side);
+        }
     };
     std::vector<char> taken(to_size(tree.size()), 0);
     for (const Index i : required)
@@ -83,6 +132,33 @@ double probed_area(const Positions& positions, SquaredRadius&& squared_radius) {
     return (positions.colwise().maxCoeff() - positions.colwise().minCoeff()).squaredNorm();
 }
 
+/// About `count` points, of a cloud with that area.
+Subset drawn(const Urn& urn, double area, Index count, NearestDrawn* cells, Progress& progress) {
+    const Index size = urn.tree.size();
+    Subset subset;
+    subset.radius = std::sqrt(kSaturation * area / std::max<Index>(1, std::min(count, size)));
+    if (size <= count || !(area > 0.0)) {
+        constexpr double kCoincident = 1e-9,
+                         kSmallest = 1e-150;  // a square that isn't 0
+        subset.rows = draw(urn, std::max(kCoincident * std::sqrt(area), kSmallest), to_size(size),
+                           cells, progress);
+        return subset;
+    }
+    // The count goes with 1/radius², so that this converges in two or three
+    // rounds; the last round is the one that counts, whatever it gives.
+    constexpr int kRounds = 4;
+    const double wanted = count;
+    for (int round = 0; round < kRounds; ++round) {
+        const bool last = round + 1 == kRounds;
+        subset.rows =
+            draw(urn, subset.radius, last ? to_size(size) : to_size(2 * count), cells, progress);
+        const double ratio = static_cast<double>(subset.rows.size()) / wanted;
+        if (last || std::abs(ratio - 1.0) < 0.03) break;
+        subset.radius *= std::sqrt(ratio);
+    }
+    return subset;
+}
+
 }  // namespace
 
 double estimated_area(const KdTree<3>& tree) {
@@ -105,31 +181,19 @@ double estimated_area(const Positions& positions, const Neighborhoods& nearest) 
 Subset poisson_disk_subset(const KdTree<3>& tree, const Normals& normals,
                            std::span<const Index> required, Index count, Progress& progress,
                            const Neighborhoods* nearest) {
-    const Index size = tree.size();
-    Subset subset;
     const double area = nearest ? estimated_area(tree.points(), *nearest) : estimated_area(tree);
-    subset.radius = std::sqrt(kSaturation * area / std::max<Index>(1, std::min(count, size)));
-    const auto order = permutation(size);
-    if (size <= count || !(area > 0.0)) {
-        constexpr double kCoincident = 1e-9, kSmallest = 1e-150;  // a square that isn't 0
-        subset.rows =
-            draw(tree, normals, nearest, required, order,
-                 std::max(kCoincident * std::sqrt(area), kSmallest), to_size(size), progress);
-        return subset;
-    }
-    // The count goes with 1/radius², so that this converges in two or three rounds; the last round
-    // is the one that counts, whatever it gives.
-    constexpr int kRounds = 4;
-    const double wanted = count;
-    for (int round = 0; round < kRounds; ++round) {
-        const bool last = round + 1 == kRounds;
-        subset.rows = draw(tree, normals, nearest, required, order, subset.radius,
-                           last ? to_size(size) : to_size(2 * count), progress);
-        const double ratio = static_cast<double>(subset.rows.size()) / wanted;
-        if (last || std::abs(ratio - 1.0) < 0.03) break;
-        subset.radius *= std::sqrt(ratio);
-    }
-    return subset;
+    return drawn({tree, normals, nearest, required, permutation(tree.size())}, area, count, nullptr,
+                 progress);
+}
+
+SubsetCells poisson_disk_cells(const KdTree<3>& tree, const Normals& normals,
+                               std::span<const Index> required, Index count, Progress& progress) {
+    NearestDrawn nearest(tree.size());
+    SubsetCells result;
+    result.subset = drawn({tree, normals, nullptr, required, permutation(tree.size())},
+                          estimated_area(tree), count, &nearest, progress);
+    result.nearest = std::move(nearest).places_in(result.subset.rows);
+    return result;
 }
 
 }  // namespace pointmorph

@@ -36,7 +36,7 @@ constexpr double kEfficiency = 0.5;
 /// Neighbors from which the local spacing is estimated.
 constexpr std::size_t kNeighbors = 6;
 /// Points that are warped together.
-constexpr Index kBlock = 256;
+constexpr Index kBlock = 64;
 
 /// One application of eq. (4) to a whole disk.
 struct Warp {

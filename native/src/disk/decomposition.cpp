@@ -32,9 +32,7 @@ double sigmoid(double x) {
 Values distances_to_path(GeodesicSearch& search, Index count, std::span<const Index> path,
                          double limit) {
     Values result = Values::Constant(count, kFar);
-    for (const Index from : path)
-        for (const auto& [i, distance] : search.from(from, limit))
-            result[i] = std::min(result[i], distance);
+    for (const auto& [i, distance] : search.reached(path, limit)) result[i] = distance;
     return result;
 }
 
@@ -297,12 +295,18 @@ std::vector<Patch> patches_of(const SampledSurface& surface, const CoarseCloud& 
 /// Gives small islands to the patch around them. Returns the sizes of left and right.
 std::array<Index, 2> clean_up(std::vector<Patch>& patches, const Neighborhoods& nearest) {
     GrowingComponents joined(nearest.size());
+    std::vector<IndexPair> across;
     for (Index i = 0; i < nearest.size(); ++i)
-        for (const Index j : nearest[i])
-            if (patches[to_size(i)] == patches[to_size(j)] && !joined.are_joined(i, j))
+        for (const Index j : nearest[i]) {
+            if (patches[to_size(i)] != patches[to_size(j)])
+                across.push_back({i, j});
+            else if (!joined.are_joined(i, j))
                 joined.join(i, j);
+        }
     const ConnectedComponents parts = joined.components();
-    const ConnectedComponents whole = connected_components(nearest);
+    for (const auto& [i, j] : across)
+        if (!joined.are_joined(i, j)) joined.join(i, j);
+    const ConnectedComponents whole = joined.components();
     // The largest part of each patch in each component of the shape stays.
     std::vector<std::array<Index, 2>> largest(to_size(whole.count()), {-1, -1});
     for (std::size_t i = 0; i < patches.size(); ++i) {

@@ -32,7 +32,7 @@ struct Cells {
             if (of[to_size(i)] >= 0) continue;
             const auto mine = to_index(centers.size());
             centers.push_back(i);
-            for (const auto& [j, there] : search.from(i, radius))
+            for (const auto& [j, there] : search.reached(i, radius))
                 if (there < distance[to_size(j)]) {
                     distance[to_size(j)] = there;
                     of[to_size(j)] = mine;

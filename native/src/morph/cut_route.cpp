@@ -212,7 +212,6 @@ public:
         progress.enter("parameterization");
         std::array<LaidOut, 2> patches;  // by Patch
         parallel_invoke(4, progress, [&](int k, Progress& its) {
-            const Progress::Part part(its, 0.25 * k, 0.25 * (k + 1));
             lay_onto_disk(k % 2 == 0, static_cast<Patch>(k / 2), patches[to_size(k / 2)], its);
         });
         for (LaidOut& patch : patches) report(patch);

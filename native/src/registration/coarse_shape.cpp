@@ -98,7 +98,7 @@ Eigen::MatrixXd node_distances(const CoarseShape& shape) {
     Eigen::MatrixXd distances = Eigen::MatrixXd::Zero(nodes.size(), nodes.size());
     GeodesicSearch search(graph);
     for (Index i = 0; i < nodes.size(); ++i)
-        for (const auto& [j, distance] : search.from(i)) distances(i, j) = distance;
+        for (const auto& [j, distance] : search.reached(i)) distances(i, j) = distance;
     return distances;
 }
 

@@ -29,7 +29,7 @@ Nearby nodes_near_points(const SurfaceGraph& graph, const Subset& subset, Progre
         [&](Index begin, Index end) {
             GeodesicSearch search(graph);
             for (Index k = begin; k < end; ++k) {
-                const auto ball = search.from(subset.rows[to_size(k)], kReach * subset.radius);
+                const auto ball = search.reached(subset.rows[to_size(k)], kReach * subset.radius);
                 balls[to_size(k)].assign(ball.begin(), ball.end());
             }
         },

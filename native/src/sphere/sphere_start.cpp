@@ -30,7 +30,7 @@ Index middle_of(const SurfaceGraph& graph, Progress& progress) {
     Values nearest = Values::Constant(graph.size(), std::numeric_limits<double>::infinity());
     Index from = search.from(0).back().first;
     for (int k = 0; k < kSamples; ++k) {
-        for (const auto& [i, distance] : search.from(from)) {
+        for (const auto& [i, distance] : search.reached(from)) {
             nearest[i] = std::min(nearest[i], distance);
             sum[i] += distance;
         }

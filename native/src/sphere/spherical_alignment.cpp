@@ -261,7 +261,7 @@ Values remoteness(const SphericalMesh& mesh, Progress& progress) {
     const Index samples = std::min(kSamples, mesh.size());
     for (Index k = 0; k < samples; ++k) {
         const Index from = spread_node(mesh, k, samples);
-        for (const auto& [i, distance] : search.from(from)) sum[i] += distance;
+        for (const auto& [i, distance] : search.reached(from)) sum[i] += distance;
         progress.throw_if_cancelled();
     }
     return sum / samples;

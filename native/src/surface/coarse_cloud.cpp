@@ -13,17 +13,18 @@ namespace pointmorph {
 
 namespace {
 
-/// The nearest coarse point of every point of the cloud, on the same side of the surface.
+/// The nearest coarse point of every point of the cloud, on the same side of the surface; `known`
+/// are those that are known.
 std::vector<Index> cells_of(const SampledSurface& dense, const KdTree<3>& tree,
-                            const Normals& normals, Progress& progress) {
+                            const Normals& normals, std::vector<Index> known, Progress& progress) {
     constexpr std::size_t kNear = 4;
-    std::vector<Index> result(to_size(dense.size()));
     parallel_for(dense.size(), progress, [&](Index begin, Index end) {
         for (Index i = begin; i < end; ++i)
-            result[to_size(i)] = nearest_on_sheet(tree, normals, dense.positions.row(i),
-                                                  dense.normals.row(i), kNear);
+            if (known[to_size(i)] < 0)
+                known[to_size(i)] = nearest_on_sheet(tree, normals, dense.positions.row(i),
+                                                     dense.normals.row(i), kNear);
     });
-    return result;
+    return known;
 }
 
 /// Rows with the first ones in another order.
@@ -88,18 +89,18 @@ CoarseCloud::CoarseCloud(const CoarseCloud& other, std::span<const Index> first)
 
 CoarseCloud::CoarseCloud(const SampledSurface& dense, const KdTree<3>& dense_tree,
                          std::span<const Index> features, Index points, Progress& progress)
-    : CoarseCloud(dense, poisson_disk_subset(dense_tree, dense.normals, features, points, progress),
+    : CoarseCloud(dense, poisson_disk_cells(dense_tree, dense.normals, features, points, progress),
                   estimated_area(dense_tree), progress) {}
 
-CoarseCloud::CoarseCloud(const SampledSurface& dense, Subset chosen, double area,
+CoarseCloud::CoarseCloud(const SampledSurface& dense, SubsetCells chosen, double area,
                          Progress& progress)
-    : rows(std::move(chosen.rows)),
+    : rows(std::move(chosen.subset.rows)),
       positions(gather(dense.positions, rows)),
       normals(gather(dense.normals, rows)),
       tree(positions),
-      cells(cells_of(dense, tree, normals, progress)),
+      cells(cells_of(dense, tree, normals, std::move(chosen.nearest), progress)),
       graph(surface_graph(dense.positions, dense.normals, dense.nearest, rows, cells)),
-      spacing(std::max(chosen.radius, std::sqrt(area / static_cast<double>(rows.size())))),
+      spacing(std::max(chosen.subset.radius, std::sqrt(area / static_cast<double>(rows.size())))),
       unit(std::sqrt(area)) {}
 
 Eigen::MatrixXd distances_from_features(const CoarseCloud& coarse, std::size_t features) {

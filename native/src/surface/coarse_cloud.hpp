@@ -32,7 +32,7 @@ struct CoarseCloud {
     CoarseCloud(const CoarseCloud& other, std::span<const Index> first);
 
 private:
-    CoarseCloud(const SampledSurface& dense, Subset chosen, double area, Progress& progress);
+    CoarseCloud(const SampledSurface& dense, SubsetCells chosen, double area, Progress& progress);
 };
 
 /// Distances along the surface from the first `features` coarse points to all of them, in √area:

@@ -12,7 +12,7 @@ Eigen::MatrixXd distances_from(const SurfaceGraph& graph, double unit,
         Eigen::MatrixXd::Zero(graph.size(), static_cast<Eigen::Index>(features.size()));
     GeodesicSearch search(graph);
     for (std::size_t k = 0; k < features.size(); ++k)
-        for (const auto& [i, distance] : search.from(features[k]))
+        for (const auto& [i, distance] : search.reached(features[k]))
             from(i, static_cast<Eigen::Index>(k)) = distance / unit;
     return from;
 }

@@ -58,7 +58,7 @@ std::vector<Extremity> extremities(const SurfaceGraph& graph, double unit,
     // The last one found is the farthest.
     Index sample = search.from(0).back().first;
     for (Index s = 0; s < options.samples; ++s) {
-        for (const auto& [i, distance] : search.from(sample)) {
+        for (const auto& [i, distance] : search.reached(sample)) {
             nearest[i] = std::min(nearest[i], distance);
             height[i] += distance / (unit * options.samples);
         }

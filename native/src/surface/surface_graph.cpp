@@ -1,8 +1,8 @@
 #include "pointmorph/surface/surface_graph.hpp"
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
-#include <functional>
 #include <numbers>
 #include <utility>
 
@@ -44,6 +44,7 @@ std::vector<IndexPair> joining_edges(const Positions& positions,
 }
 
 constexpr std::size_t kSpacingSamples = 7;
+constexpr double kNowhere = std::numeric_limits<double>::infinity();
 
 double disk_spacing(double squared_radius, std::size_t samples) {
     return std::sqrt(std::numbers::pi * squared_radius / static_cast<double>(samples));
@@ -146,19 +147,20 @@ SurfaceGraph surface_graph(const Positions& positions, const Normals& normals,
                            std::span<const Index> cells) {
     constexpr std::size_t kNear = 8;  // farther ones reach over gaps
     std::vector<std::vector<Index>> ring(nodes.size());
+    const auto add = [&](Index a, Index b) {
+        std::vector<Index>& around = ring[to_size(a)];
+        if (std::ranges::find(around, b) == around.end()) around.push_back(b);
+    };
     for (Index i = 0; i < nearest.size(); ++i) {
         const auto near = nearest[i];
         for (const Index j : near.first(std::min(kNear, near.size()))) {
             const Index a = cells[to_size(i)], b = cells[to_size(j)];
             if (a == b || normals.row(i).dot(normals.row(j)) <= 0.0) continue;
-            ring[to_size(a)].push_back(b);
-            ring[to_size(b)].push_back(a);
+            add(a, b);
+            add(b, a);
         }
     }
-    for (auto& around : ring) {
-        std::ranges::sort(around);
-        around.erase(std::unique(around.begin(), around.end()), around.end());
-    }
+    for (auto& around : ring) std::ranges::sort(around);
     Neighborhoods joined;
     std::vector<Index> around;
     for (std::size_t a = 0; a < nodes.size(); ++a) {
@@ -178,35 +180,92 @@ SurfaceGraph surface_graph(const Positions& positions, const Normals& normals,
 }
 
 GeodesicSearch::GeodesicSearch(const SurfaceGraph& graph)
-    : graph_(graph), distance_(to_size(graph.size()), std::numeric_limits<double>::infinity()) {}
+    : graph_(graph),
+      distance_(to_size(graph.size()), kNowhere),
+      walked_(distance_.size(), kNowhere) {
+    const Eigen::Map<const Values> lengths(graph.lengths.data(),
+                                           static_cast<Eigen::Index>(graph.lengths.size()));
+    const double longest = lengths.size() > 0 ? lengths.maxCoeff() : 0.0;
+    // Half an edge's length holds few points of a search's front, and few of these are reached
+    // from each other. Some edges tell how long they are. They may be longer by any factor where
+    // parts were joined.
+    constexpr std::size_t kEnough = 256;
+    constexpr double kMostBuckets = 1000.0;
+    const std::size_t step = graph.lengths.size() / kEnough + 1;
+    double sum = 0.0, some = 1.0;
+    for (std::size_t e = 0; e < graph.lengths.size(); e += step, some += 1.0)
+        sum += graph.lengths[e];
+    const double width = std::max(0.5 * sum / some, longest / kMostBuckets);
+    inverse_width_ = width > 0.0 ? 1.0 / width : 1.0;
+    const auto ahead = static_cast<std::size_t>(std::ceil(longest * inverse_width_)) + 2;
+    buckets_.resize(std::bit_ceil(ahead));
+}
 
 std::span<const std::pair<Index, double>> GeodesicSearch::from(Index source, double limit) {
-    constexpr double kFar = std::numeric_limits<double>::infinity();
-    settled_.clear();
-    queue_.clear();
-    distance_[to_size(source)] = 0.0;
-    queue_.emplace_back(0.0, source);
-    // Rows break ties, so that the order of the result doesn't depend on the heap's history.
-    constexpr auto later = std::greater<std::pair<double, Index>>();
-    while (!queue_.empty()) {
-        std::ranges::pop_heap(queue_, later);
-        const auto [distance, i] = queue_.back();
-        queue_.pop_back();
-        if (distance > distance_[to_size(i)]) continue;
-        settled_.emplace_back(i, distance);
-        for (auto e = to_size(graph_.offsets[to_size(i)]);
-             e < to_size(graph_.offsets[to_size(i) + 1]); ++e) {
-            const Index j = graph_.neighbors[e];
-            const double through = distance + graph_.lengths[e];
-            if (through >= limit || through >= distance_[to_size(j)]) continue;
-            distance_[to_size(j)] = through;
-            queue_.emplace_back(through, j);
-            std::ranges::push_heap(queue_, later);
-        }
-    }
-    // Everything that got a distance below the limit was settled.
-    for (const auto& [i, distance] : settled_) distance_[to_size(i)] = kFar;
+    walk(std::span(&source, 1), limit, true);
     return settled_;
+}
+
+std::span<const std::pair<Index, double>> GeodesicSearch::reached(Index source, double limit) {
+    return reached(std::span(&source, 1), limit);
+}
+
+std::span<const std::pair<Index, double>> GeodesicSearch::reached(std::span<const Index> sources,
+                                                                  double limit) {
+    walk(sources, limit, false);
+    return settled_;
+}
+
+// By buckets instead of a heap (Dial 1969). Within one, points are walked on from again when they
+// turn out to be nearer (Meyer and Sanders 2003); the distances are the same.
+void GeodesicSearch::walk(std::span<const Index> sources, double limit, bool sorted) {
+    constexpr double kDone = -1.0;
+    settled_.clear();
+    const std::size_t last = buckets_.size() - 1;
+    for (const Index source : sources)
+        if (std::exchange(distance_[to_size(source)], 0.0) > 0.0) buckets_[0].push_back(source);
+    std::size_t open = buckets_[0].size();
+    for (std::size_t here = 0; open > 0; ++here) {
+        std::vector<Index>& bucket = buckets_[here & last];
+        for (std::size_t k = 0; k < bucket.size(); ++k) {
+            const Index i = bucket[k];
+            const double distance = distance_[to_size(i)];
+            if (walked_[to_size(i)] <= distance) continue;
+            walked_[to_size(i)] = distance;
+            find_nearer(i, distance, limit);
+            for (const auto& [through, j] : std::span(nearer_).first(found_)) {
+                distance_[to_size(j)] = through;
+                buckets_[bucket_of(through) & last].push_back(j);
+            }
+            open += found_;
+        }
+        open -= bucket.size();
+        nearer_.clear();
+        for (const Index i : bucket)
+            if (bucket_of(distance_[to_size(i)]) == here &&
+                std::exchange(walked_[to_size(i)], kDone) != kDone)
+                nearer_.emplace_back(distance_[to_size(i)], i);
+        bucket.clear();
+        if (sorted) std::ranges::sort(nearer_);
+        for (const auto& [distance, i] : nearer_) settled_.emplace_back(i, distance);
+    }
+    for (const auto& [i, distance] : settled_)
+        distance_[to_size(i)] = walked_[to_size(i)] = kNowhere;
+}
+
+// Which are nearer this way than before nobody can foresee: no branch looks for them.
+void GeodesicSearch::find_nearer(Index i, double distance, double limit) {
+    const auto begin = to_size(graph_.offsets[to_size(i)]);
+    const auto end = to_size(graph_.offsets[to_size(i) + 1]);
+    if (nearer_.size() < end - begin) nearer_.resize(end - begin);
+    std::size_t found = 0;
+    for (std::size_t e = begin; e < end; ++e) {
+        const Index j = graph_.neighbors[e];
+        const double through = distance + graph_.lengths[e];
+        nearer_[found] = {through, j};
+        found += (through < distance_[to_size(j)]) & (through < limit) ? 1 : 0;
+    }
+    found_ = found;
 }
 
 }  // namespace pointmorph

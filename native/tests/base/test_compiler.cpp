@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <random>
 
 namespace pointmorph {
@@ -31,6 +32,31 @@ TEST(Compiler, TwoNumbersSideBySideAreTheSameInARegister) {
         std::array<double, 6> values;
         for (double& v : values) v = uniform(random);
         EXPECT_EQ(squares<Two>(values), squares<PlainTwo>(values));
+    }
+}
+
+/// Two of them by turns, so that some are equal.
+template <class Two, class CountBelow>
+std::array<double, 5> compared(const std::array<double, 6>& v) {
+    const Two a = {v[0], v[1]}, b = {v[2], v[1]};
+    const Two less = smaller(a, b), more = larger(a, b);
+    CountBelow below(v[2]);
+    for (std::size_t k = 0; k < v.size(); k += 2) below.look_at(Two{v[k], v[k + 1]});
+    return {less[0], less[1], more[0], more[1], static_cast<double>(below.count())};
+}
+
+TEST(Compiler, TwoNumbersAreComparedAlikeInARegister) {
+    std::mt19937_64 random(6);
+    std::uniform_int_distribution<int> digit(-3, 3);
+    for (int round = 0; round < 1000; ++round) {
+        std::array<double, 6> v;
+        for (double& each : v) each = digit(random);
+        const auto found = compared<Two, CountBelow>(v);
+        EXPECT_EQ(found, (compared<PlainTwo, PlainCountBelow>(v)));
+        EXPECT_EQ(found[0], std::min(v[0], v[2]));
+        EXPECT_EQ(found[2], std::max(v[0], v[2]));
+        EXPECT_EQ(found[4], static_cast<double>(std::ranges::count_if(
+                                v, [&](double each) { return each < v[2]; })));
     }
 }
 

@@ -53,6 +53,40 @@ TEST(Subset, IsTheSameWhereNeighborsAreKnown) {
     }
 }
 
+/// What is told is what a search would find, and it is told of most points.
+void expect_nearest(const Positions& p, const Normals& n, std::span<const Index> required,
+                    double least) {
+    Progress progress;
+    const KdTree<3> tree(p);
+    const SubsetCells cells = poisson_disk_cells(tree, n, required, 300, progress);
+    const Subset subset = poisson_disk_subset(tree, n, required, 300, progress);
+    EXPECT_EQ(cells.subset.rows, subset.rows);
+    EXPECT_EQ(cells.subset.radius, subset.radius);
+    const Positions drawn = gather(p, subset.rows);
+    const Normals normals = gather(n, subset.rows);
+    const KdTree<3> drawn_tree(drawn);
+    ASSERT_EQ(cells.nearest.size(), to_size(Index(p.rows())));
+    Index told = 0;
+    for (Index i = 0; i < p.rows(); ++i) {
+        if (cells.nearest[to_size(i)] < 0) continue;
+        ++told;
+        EXPECT_EQ(cells.nearest[to_size(i)],
+                  nearest_on_sheet(drawn_tree, normals, p.row(i), n.row(i), 4));
+    }
+    EXPECT_GE(told, least * static_cast<double>(p.rows()));
+}
+
+TEST(Subset, TellsWhichOfItsPointsIsNearest) {
+    const Positions sphere = shapes::sphere(5000), noise = shapes::cube_noise(3000);
+    expect_nearest(sphere, sphere, std::vector<Index>{7, 8, 4000}, 0.99);
+    expect_nearest(noise, noise.rowwise().normalized(), {}, 0.3);
+    const shapes::TwoSheets sheets(40);
+    expect_nearest(sheets.positions, sheets.normals, {}, 0.0);
+    Positions twice(2000, 3);
+    twice << sphere.topRows(1000), sphere.topRows(1000);
+    expect_nearest(twice, twice, std::vector<Index>{5, 1005}, 0.5);
+}
+
 TEST(Subset, BothSidesOfAThinSheetGetTheirOwn) {
     const shapes::TwoSheets sheets(40);
     const Positions &top = sheets.top, &p = sheets.positions;

@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <numbers>
 
 #include "joined_shapes.hpp"
@@ -64,6 +65,58 @@ TEST(SurfaceGraph, AgreesWithFloydAndHonoursTheLimit) {
             const auto found = search.from(i, limit);
             EXPECT_EQ(to_index(found.size()), (d.row(i).array() < limit).count());
             for (const auto& [j, distance] : found) EXPECT_NEAR(distance, d(i, j), 1e-12);
+        }
+}
+
+/// The shortest ways by going over all edges until nothing changes: the same
+/// sums, to the bit.
+Values all_ways(const SurfaceGraph& graph, std::span<const Index> sources) {
+    Values distance = Values::Constant(graph.size(), std::numeric_limits<double>::infinity());
+    for (const Index source : sources) distance[source] = 0.0;
+    for (bool changed = true; changed;) {
+        changed = false;
+        for (Index i = 0; i < graph.size(); ++i)
+            for (auto e = to_size(graph.offsets[to_size(i)]);
+                 e < to_size(graph.offsets[to_size(i) + 1]); ++e) {
+                double& there = distance[graph.neighbors[e]];
+                const double through = distance[i] + graph.lengths[e];
+                changed |= through < there;
+                there = std::min(there, through);
+            }
+    }
+    return distance;
+}
+
+TEST(SurfaceGraph, WaysAreTheShortestToTheBitFromOneOrSeveralInOrderOrNot) {
+    // The second part is so far off that its own edges are short beside the one
+    // that joins it.
+    Positions p(900, 3);
+    p << shapes::sphere(500), 0.001 * shapes::sphere(400);
+    Normals n = p.rowwise().normalized();
+    p.bottomRows(400).col(0).array() += 300.0;
+    const SurfaceGraph graph = graph_of(p, n);
+    GeodesicSearch search(graph);
+    const auto by_row = [](std::span<const std::pair<Index, double>> found) {
+        std::vector<std::pair<Index, double>> sorted(found.begin(), found.end());
+        std::ranges::sort(sorted);
+        return sorted;
+    };
+    const double all = std::numeric_limits<double>::infinity();
+    for (const double limit : {0.002, 0.4, 2.0, all})
+        for (const std::vector<Index>& sources :
+             {std::vector<Index>{0}, {700}, {3, 499, 3}, {20, 880}}) {
+            const Values ways = all_ways(graph, sources);
+            std::vector<std::pair<Index, double>> expected;
+            for (Index i = 0; i < graph.size(); ++i)
+                if (ways[i] < limit) expected.emplace_back(i, ways[i]);
+            EXPECT_EQ(by_row(search.reached(sources, limit)), expected);
+            if (sources.size() > 1) continue;
+            EXPECT_EQ(by_row(search.reached(sources.front(), limit)), expected);
+            const auto in_order = search.from(sources.front(), limit);
+            EXPECT_EQ(by_row(in_order), expected);
+            EXPECT_TRUE(std::ranges::is_sorted(in_order, {}, [](const auto& found) {
+                return std::pair(found.second, found.first);
+            }));
         }
 }
 

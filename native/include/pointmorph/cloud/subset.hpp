@@ -36,4 +36,16 @@ Subset poisson_disk_subset(const KdTree<3>& tree, const Normals& normals,
                            std::span<const Index> required, Index count, Progress& progress,
                            const Neighborhoods* nearest = nullptr);
 
+/// A subset, and which of its points is the nearest one of each point of the cloud: its place in
+/// `subset.rows`; -1 where that can't be told without looking closely, as several are as near, or
+/// points whose normals are opposed lie within the radius.
+struct SubsetCells {
+    Subset subset;
+    std::vector<Index> nearest;
+};
+
+/// poisson_disk_subset(), which comes by what is nearest.
+SubsetCells poisson_disk_cells(const KdTree<3>& tree, const Normals& normals,
+                               std::span<const Index> required, Index count, Progress& progress);
+
 }  // namespace pointmorph

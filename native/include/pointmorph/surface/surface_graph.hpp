@@ -77,11 +77,28 @@ public:
     /// valid until the next call.
     std::span<const std::pair<Index, double>> from(
         Index source, double limit = std::numeric_limits<double>::infinity());
+    /// The same in no particular order, which takes less time, and from the nearest of several.
+    std::span<const std::pair<Index, double>> reached(
+        Index source, double limit = std::numeric_limits<double>::infinity());
+    std::span<const std::pair<Index, double>> reached(
+        std::span<const Index> sources, double limit = std::numeric_limits<double>::infinity());
 
 private:
+    void walk(std::span<const Index> sources, double limit, bool sorted);
+    /// Fills `nearer_` with the points around i that are nearer through it than they were.
+    void find_nearer(Index i, double distance, double limit);
+
+    std::size_t bucket_of(double distance) const {
+        return static_cast<std::size_t>(distance * inverse_width_);
+    }
+
     const SurfaceGraph& graph_;
-    std::vector<double> distance_;
-    std::vector<std::pair<double, Index>> queue_;
+    std::vector<double> distance_, walked_;  ///< of each point, and when it was last walked on from
+    double inverse_width_;
+    /// Points by distance; after the last bucket the first one follows.
+    std::vector<std::vector<Index>> buckets_;
+    std::vector<std::pair<double, Index>> nearer_;
+    std::size_t found_ = 0;  ///< of these
     std::vector<std::pair<Index, double>> settled_;
 };
 
