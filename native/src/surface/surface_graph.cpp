@@ -263,7 +263,7 @@ void GeodesicSearch::find_nearer(Index i, double distance, double limit) {
         const Index j = graph_.neighbors[e];
         const double through = distance + graph_.lengths[e];
         nearer_[found] = {through, j};
-        found += (through < distance_[to_size(j)]) & (through < limit) ? 1 : 0;
+        found += (through < distance_[to_size(j)] ? 1u : 0u) & (through < limit ? 1u : 0u);
     }
     found_ = found;
 }
