@@ -2,12 +2,14 @@
 #pragma once
 
 #include <span>
+#include <vector>
 
 #include "morph/mesh_side.hpp"
 #include "pointmorph/base/progress.hpp"
 #include "pointmorph/mesh/subdivision.hpp"
 #include "pointmorph/mesh/wrapping.hpp"
 #include "pointmorph/morph/denser_mesh.hpp"
+#include "pointmorph/morph/morph.hpp"
 #include "pointmorph/surface/features.hpp"
 
 namespace pointmorph {
@@ -71,5 +73,12 @@ DenserMesh denser_mesh(const WrapSource& source, const WrapSide& target,
 Positions wrapped_vertices(const WrapSource& source, const WrapSide& target,
                            std::span<const IndexPair> pinned, const WrapOptions& options,
                            Progress& progress);
+
+/// A side whose mesh is wrapped, and the other one.
+struct Morph::WrappedSides {
+    WrapSource source;
+    WrapSide target;
+    std::vector<IndexPair> pinned;
+};
 
 }  // namespace pointmorph

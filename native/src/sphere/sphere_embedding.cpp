@@ -23,7 +23,7 @@ double determinant(const Vector3& a, const Vector3& b, const Vector3& c) {
 
 /// The triangles around a vertex, as columns: what doesn't depend on its own place is computed once
 /// for all places that are tried.
-class Around {
+class TrianglesAround {
 public:
     void look(std::span<const Index> ring, std::span<const Vector3> places) {
         count_ = ring.size();
@@ -173,7 +173,7 @@ private:
     RingMesh& mesh_;
     std::vector<Vector3> places_;
     double area_ = 1.0;
-    Around around_;
+    TrianglesAround around_;
 };
 
 /// Takes vertices away until four are left.
