@@ -27,12 +27,15 @@ struct MovingShape {
     Matches matches;          ///< of `rows`, into the other shape's; kept for the next round
     std::vector<Index> near;  ///< of each node: the other's node next to what it was matched with
     std::vector<double> weights;  ///< of `rows`
+    std::vector<char> left_over;  ///< of each node: beyond_rim(); none where the other has no ends
+    std::vector<Index> ends;      ///< end_rows()
     std::vector<Attraction> attractions;
 
     MovingShape(const CoarseShape& s, Index level, const Positions& start, double largest_scale)
         : shape(s), graph(s.levels[to_size(level)]), solver(s.positions, graph) {
         deformation.positions = gather(start, graph.node_rows);
         fit_similarities(s.positions, graph, 2, largest_scale, deformation);
+        ends = end_rows(s);
     }
     void choose(std::vector<Index> chosen) {
         rows = std::move(chosen);
@@ -53,6 +56,11 @@ struct MovingShape {
         }
     }
     void place() { images = deformed(shape.positions, shape.normals, graph, deformation, rows); }
+
+    /// Where its ends have come to.
+    Positions rim() const {
+        return deformed(shape.positions, shape.normals, graph, deformation, ends).positions;
+    }
 
     /// Where the other's point lies that the i-th of the rows was matched with.
     Positions::ConstRowXpr match(const MovingShape& other, std::size_t i) const {
@@ -101,6 +109,21 @@ void ignore_torn(MovingShape& side, const MovingShape& other, double smallest) {
     }
 }
 
+/// What lies beyond the end of the other shape matches the end, however far it is, or, where
+/// normals speak against that, anything.
+void leave_over(MovingShape& side, const MovingShape& other, bool is_stiff) {
+    const auto at_end = [&](std::size_t i) {
+        return other.shape.ends[to_size(other.rows[to_size(side.matches.to[i])])];
+    };
+    side.left_over.assign(to_size(side.graph.size()), 0);
+    if (!is_stiff)
+        side.left_over = beyond_rim(side.graph, gather(side.shape.positions, side.graph.node_rows),
+                                    other.images.positions, other.rim());
+    for (std::size_t i = 0; i < side.rows.size(); ++i)
+        if (at_end(i) != 0 || side.left_over[to_size(side.node_next_to(side.rows[i]))] != 0)
+            side.weights[i] = 0.0;
+}
+
 void weigh(MovingShape& side, const MovingShape& other, bool is_stiff,
            const RegistrationOptions& options) {
     side.weights = robust_weights(side.matches.distances, options.outlier_distance);
@@ -108,15 +131,23 @@ void weigh(MovingShape& side, const MovingShape& other, bool is_stiff,
         for (double& w : side.weights) w *= options.stiff_data;
     else
         ignore_torn(side, other, options.torn_component);
-    // What lies beyond the end of the other shape matches the end, however far it is.
-    if (!other.shape.ends.empty())
-        for (std::size_t i = 0; i < side.rows.size(); ++i)
-            if (other.shape.ends[to_size(other.rows[to_size(side.matches.to[i])])])
-                side.weights[i] = 0.0;
-    // A region may have to go far: its matches count however far off they are.
-    if (side.shape.pulls.rows() > 0)
-        for (std::size_t i = 0; i < side.rows.size(); ++i)
-            side.weights[i] += side.shape.pulls[side.rows[i]];
+    if (!other.shape.ends.empty()) leave_over(side, other, is_stiff);
+}
+
+/// Takes the weight from matches with what is left over of the other shape.
+void let_go(MovingShape& side, const MovingShape& other) {
+    if (other.left_over.empty()) return;
+    for (std::size_t i = 0; i < side.rows.size(); ++i) {
+        const Index row = other.rows[to_size(side.matches.to[i])];
+        if (other.left_over[to_size(other.node_next_to(row))] != 0) side.weights[i] = 0.0;
+    }
+}
+
+/// A region may have to go far: its matches count however far off they are.
+void pull_regions(MovingShape& side) {
+    if (side.shape.pulls.rows() == 0) return;
+    for (std::size_t i = 0; i < side.rows.size(); ++i)
+        side.weights[i] += side.shape.pulls[side.rows[i]];
 }
 
 /// Pulls to the other shape's guides. A point beside its guide keeps beside it, as far as its
@@ -212,6 +243,10 @@ struct AnnealingRun::Impl {
         on_both(source, target, [&](MovingShape& side, MovingShape& other) {
             weigh(side, other, round.is_stiff, options);
         });
+        let_go(source, target);
+        let_go(target, source);
+        pull_regions(source);
+        pull_regions(target);
         on_both(source, target, [&](MovingShape& side, MovingShape& other) {
             attract(side, other, shapes.features, &side == &target, options.feature_weight);
             update(side, round, schedule.solves, options.largest_scale);
@@ -338,6 +373,53 @@ std::vector<double> untorn(const DeformationGraph& graph, const MatchedNodes& no
     for (Index i = 0; i < count; ++i)
         result[to_size(i)] = sizes[to_size(component[to_size(i)])] >= smallest * count ? 1.0 : 0.0;
     return result;
+}
+
+std::vector<char> beyond_rim(const DeformationGraph& graph, const Positions& nodes,
+                             const Positions& images, const Positions& rim) {
+    constexpr double kFar = 1.0, kNextTo = 1.5;  // spacings of the nodes
+    constexpr double kMedians = 3.0;  // while the shapes still lie apart, most nodes are far off
+    std::vector<char> result(to_size(graph.size()), 0);
+    if (rim.rows() == 0 || images.rows() == 0) return result;
+    const auto distances = [&](const Positions& places) {
+        const KdTree<3> tree(places);
+        std::vector<double> all;
+        for (Eigen::Index k = 0; k < nodes.rows(); ++k) {
+            Index nearest;
+            double squared;
+            tree.nearest(nodes.row(k).data(), {&nearest, 1}, {&squared, 1});
+            all.push_back(std::sqrt(squared));
+        }
+        return all;
+    };
+    const std::vector<double> from_images = distances(images), from_rim = distances(rim);
+    std::vector<double> sorted = from_images;
+    const auto middle = sorted.begin() + static_cast<std::ptrdiff_t>(sorted.size() / 2);
+    std::ranges::nth_element(sorted, middle);
+    const double far = std::max(kFar * graph.spacing, kMedians * *middle);
+    std::vector<Index> open;
+    const auto reach = [&](Index k) {
+        if (result[to_size(k)] != 0 || !(from_images[to_size(k)] > far)) return;
+        result[to_size(k)] = 1;
+        open.push_back(k);
+    };
+    for (Index k = 0; k < graph.size(); ++k)
+        if (from_rim[to_size(k)] < far + kNextTo * graph.spacing) reach(k);
+    while (!open.empty()) {
+        const Index k = open.back();
+        open.pop_back();
+        for (auto e = to_size(graph.edge_offsets[to_size(k)]);
+             e < to_size(graph.edge_offsets[to_size(k) + 1]); ++e)
+            reach(graph.edge_ends[e]);
+    }
+    return result;
+}
+
+std::vector<Index> end_rows(const CoarseShape& shape) {
+    std::vector<Index> rows;
+    for (std::size_t i = 0; i < shape.ends.size(); ++i)
+        if (shape.ends[i] != 0) rows.push_back(to_index(i));
+    return rows;
 }
 
 }  // namespace pointmorph

@@ -7,7 +7,11 @@
 #include <array>
 #include <cmath>
 #include <limits>
+#include <vector>
 
+#include "pointmorph/cloud/cloud.hpp"
+#include "pointmorph/cloud/kd_tree.hpp"
+#include "pointmorph/cloud/subset.hpp"
 #include "pointmorph/registration/thin_plate.hpp"
 
 namespace pointmorph {
@@ -46,6 +50,67 @@ double feature_distance(const MarkedPlaces& places, const Similarity& pose) {
     return places.source.rows() == 0 ? 0.0
                                      : std::sqrt(sum / static_cast<double>(places.source.rows()));
 }
+
+bool are_alike(const Similarity& a, const Similarity& b) {
+    constexpr double kTurned = 0.1, kShifted = 0.02;
+    return (a.rotation - b.rotation).norm() < kTurned &&
+           (a.translation - b.translation).norm() < kShifted;
+}
+
+/// Poses of a shape that lacks something on the whole one: what it has is brought close to the
+/// other's surface, and not the other way round.
+class PartOnWhole {
+public:
+    PartOnWhole(const CoarseShape& part, const CoarseShape& whole)
+        : whole_(whole.positions), keys_(keys(whole.positions, whole.normals)), tree_(keys_) {
+        const std::vector<Index>& rows = part.levels.front().node_rows;
+        places_ = gather(part.positions, rows);
+        normals_ = gather(part.normals, rows);
+    }
+
+    /// The pose, which takes the part to the whole, brought home: rigidly, in rounds, by the
+    /// nearest points in places and normals, but for those that lie far off.
+    Similarity settled(Similarity pose) const {
+        constexpr int kRounds = 10;
+        constexpr double kFar = 2.0;  // medians
+        for (int round = 0; round < kRounds; ++round) {
+            const Keys seekers = keys(pose.apply(places_), pose.rotated(normals_));
+            const auto count = to_size(places_.rows());
+            std::vector<Index> to(count);
+            std::vector<double> squared(count);
+            for (std::size_t i = 0; i < count; ++i)
+                tree_.nearest(seekers.row(static_cast<Eigen::Index>(i)).data(), {&to[i], 1},
+                              {&squared[i], 1});
+            std::vector<double> sorted = squared;
+            const auto middle = sorted.begin() + static_cast<std::ptrdiff_t>(count / 2);
+            std::ranges::nth_element(sorted, middle);
+            const double far = kFar * kFar * *middle;
+            std::vector<Index> near;
+            for (std::size_t i = 0; i < count; ++i)
+                if (squared[i] <= far) near.push_back(to_index(i));
+            std::vector<Index> partners;
+            for (const Index i : near) partners.push_back(to[to_size(i)]);
+            const Positions from = gather(places_, near), onto = gather(whole_, partners);
+            const Matrix3 rotation = fit_similarity(from, onto).rotation;
+            pose = rotation_about(rotation, from.colwise().mean().transpose(),
+                                  onto.colwise().mean().transpose());
+        }
+        return pose;
+    }
+
+private:
+    using Keys = KdTree<6>::Points;
+    static Keys keys(const Positions& positions, const Normals& normals) {
+        constexpr double kNormalWeight = 0.2;
+        Keys result(positions.rows(), 6);
+        result << positions, kNormalWeight * normals;
+        return result;
+    }
+    Positions whole_, places_;
+    Normals normals_;
+    Keys keys_;
+    KdTree<6> tree_;
+};
 
 }  // namespace
 
@@ -89,6 +154,20 @@ std::vector<Similarity> candidate_poses(const CoarsePair& shapes, const PoseOpti
         }
     }
     poses.push_back(rotation_about(Matrix3::Identity(), t.center, s.center));
+    const bool of_source = !shapes.source.ends.empty();
+    if (of_source != !shapes.target.ends.empty()) {
+        const PartOnWhole part(of_source ? shapes.source : shapes.target,
+                               of_source ? shapes.target : shapes.source);
+        std::vector<Similarity> settled;
+        for (const Similarity& pose : poses) {
+            const Similarity its =
+                of_source ? part.settled(pose.inverse()).inverse() : part.settled(pose);
+            if (std::ranges::none_of(
+                    settled, [&](const Similarity& other) { return are_alike(its, other); }))
+                settled.push_back(its);
+        }
+        poses.insert(poses.end(), settled.begin(), settled.end());
+    }
     double least = std::numeric_limits<double>::infinity();
     for (const Similarity& pose : poses) least = std::min(least, feature_distance(places, pose));
     std::erase_if(poses, [&](const Similarity& pose) {

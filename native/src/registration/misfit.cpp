@@ -1,10 +1,14 @@
 #include "pointmorph/registration/misfit.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <span>
 #include <utility>
+#include <vector>
 
 #include "pointmorph/cloud/cloud.hpp"
+#include "registration/annealing.hpp"
 #include "registration/product_keys.hpp"
 
 namespace pointmorph {
@@ -32,35 +36,72 @@ struct RegisteredShape {
     }
 };
 
+/// 1 for nodes without a counterpart: those that are matched with an end of the other shape, and
+/// what lies beyond. All 0 where that has no ends. `to`: coarse rows of the other shape.
+std::vector<char> left_over_nodes(const CoarseShape& here, const DeformationGraph& graph,
+                                  const RegisteredShape& there, std::span<const Index> to) {
+    if (there.shape.ends.empty()) return std::vector<char>(to_size(graph.size()), 0);
+    const Positions& images = there.images.positions;
+    std::vector<char> result = beyond_rim(graph, gather(here.positions, graph.node_rows), images,
+                                          gather(images, end_rows(there.shape)));
+    for (std::size_t k = 0; k < result.size(); ++k)
+        if (there.shape.ends[to_size(to[k])] != 0) result[k] = 1;
+    return result;
+}
+
+/// The factor by which the nodes that have a counterpart have grown.
+double growth(const RegisteredShape& here, const std::vector<char>& left_over) {
+    double sum = 0.0, count = 0.0;
+    for (std::size_t k = 0; k < left_over.size(); ++k)
+        if (left_over[k] == 0) {
+            sum += std::log(here.deformation.scales[to_index(k)]);
+            ++count;
+        }
+    return count > 0.0 ? std::exp(sum / count) : 1.0;
+}
+
+/// Which coarse rows of a shape have a counterpart, and how much those have grown.
+struct Counted {
+    const DeformationGraph& graph;
+    const std::vector<char>& left_over;
+    double growth = 1.0;
+
+    bool has(Index row) const {
+        return left_over[to_size(graph.point_nodes[to_size(row)][0])] == 0;
+    }
+};
+
 /// Mean difference between distances along one surface and along the other, between the nodes of
 /// the coarsest level and their images.
 double geodesic_distortion(const RegisteredShape& here, const RegisteredShape& there,
                            const Eigen::MatrixXd& here_distances,
                            const Eigen::MatrixXd& there_distances, double normal_weight,
-                           Progress& progress) {
+                           const Counted& counted, Progress& progress) {
     const auto& graph = here.shape.levels.front();
     const auto& other = there.shape.levels.front();
     const ProductKeys to(gather(there.targets(normal_weight), other.node_rows),
                          labels_of(there.shape, other.node_rows));
     const Matches matches =
         nearest_of(here.seekers_at(graph.node_rows, normal_weight), to, progress);
+    std::vector<Index> nodes;
+    for (Index k = 0; k < graph.size(); ++k)
+        if (counted.has(graph.node_rows[to_size(k)])) nodes.push_back(k);
     double sum = 0.0;
-    for (Index j = 0; j < graph.size(); ++j)
-        for (Index i = 0; i < graph.size(); ++i)
-            sum += std::abs(here_distances(i, j) -
+    for (const Index j : nodes)
+        for (const Index i : nodes)
+            sum += std::abs(counted.growth * here_distances(i, j) -
                             there_distances(matches.to[to_size(i)], matches.to[to_size(j)]));
-    return sum / std::max<double>(1.0, std::pow(static_cast<double>(graph.size()), 2));
+    return sum / std::max<double>(1.0, std::pow(static_cast<double>(nodes.size()), 2));
 }
 
 /// Adds what is left between the nodes' images and the other shape.
 void add_gaps(const RegisteredShape& here, const RegisteredShape& there,
-              const DeformationGraph& graph, double normal_weight, Progress& progress,
-              Misfit& sums) {
-    const ProductKeys all(there.targets(normal_weight), there.shape.labels);
-    const Matches matches =
-        nearest_of(here.seekers_at(graph.node_rows, normal_weight), all, progress);
-    const double share = 0.5 / graph.size();
+              const DeformationGraph& graph, const Matches& matches,
+              const std::vector<char>& left_over, Misfit& sums) {
+    const auto left = to_index(std::ranges::count(left_over, 1));
+    const double share = 0.5 / std::max<Index>(graph.size() - left, 1);
     for (Index k = 0; k < graph.size(); ++k) {
+        if (left_over[to_size(k)] != 0) continue;
         const Index i = graph.node_rows[to_size(k)], j = matches.to[to_size(k)];
         const double agreement = here.images.normals.row(i).dot(there.shape.normals.row(j));
         const double back = here.shape.normals.row(i).dot(there.images.normals.row(j));
@@ -69,6 +110,40 @@ void add_gaps(const RegisteredShape& here, const RegisteredShape& there,
         sums.normals += share * (1.0 - 0.5 * (agreement + back));
         sums.opposed += share * (agreement < 0.0 ? 1.0 : 0.0);
     }
+}
+
+/// Which points have no counterpart where all are matched so; none where the other has no ends.
+std::vector<char> left_over_points(const CoarseShape& here, const RegisteredShape& there,
+                                   const Matches& matches) {
+    if (there.shape.ends.empty()) return {};
+    const DeformationGraph& graph = here.levels.back();
+    std::vector<Index> to;
+    for (const Index row : graph.node_rows) to.push_back(matches.to[to_size(row)]);
+    const std::vector<char> left_over = left_over_nodes(here, graph, there, to);
+    const Counted counted{graph, left_over};
+    std::vector<char> result(to_size(here.size()));
+    for (Index i = 0; i < here.size(); ++i)
+        result[to_size(i)] =
+            there.shape.ends[to_size(matches.to[to_size(i)])] != 0 || !counted.has(i);
+    return result;
+}
+
+/// Share of the edges that are torn, but for those of what is left over, if anything is.
+double torn_edges(const CoarseShape& here, const CoarseShape& there, const std::vector<Index>& to,
+                  const std::vector<char>& left_over, const RegistrationOptions& options) {
+    const SurfaceGraph& graph = here.graph;
+    const auto is_left = [&](Index i) { return !left_over.empty() && left_over[to_size(i)] != 0; };
+    std::size_t torn = 0;
+    for (Index i = 0; i < here.size(); ++i)
+        for (auto e = to_size(graph.offsets[to_size(i)]);
+             e < to_size(graph.offsets[to_size(i) + 1]); ++e) {
+            const Index j = graph.neighbors[e], a = to[to_size(i)], b = to[to_size(j)];
+            if (is_left(i) || is_left(j)) continue;
+            torn += (there.positions.row(a) - there.positions.row(b)).norm() >
+                    options.tear_stretch * graph.lengths[e] + options.tear_gap;
+        }
+    return 0.5 * static_cast<double>(torn) /
+           static_cast<double>(std::max<std::size_t>(graph.lengths.size(), 1));
 }
 
 /// Adds how much the surroundings of the nodes have bent.
@@ -125,9 +200,16 @@ Misfit registration_misfit(const CoarsePair& shapes, Index level, const Registra
     for (const std::size_t k : {0u, 1u}) {
         const RegisteredShape &here = both[k], &there = both[1 - k];
         const DeformationGraph& graph = here.shape.levels[to_size(level)];
-        add_gaps(here, there, graph, options.normal_weight, progress, sums);
+        const ProductKeys all(there.targets(options.normal_weight), there.shape.labels);
+        const Matches matches =
+            nearest_of(here.seekers_at(graph.node_rows, options.normal_weight), all, progress);
+        const std::vector<char> left_over = left_over_nodes(here.shape, graph, there, matches.to);
+        Counted counted{graph, left_over};
+        if (!here.shape.ends.empty() || !there.shape.ends.empty())
+            counted.growth = growth(here, left_over);
+        add_gaps(here, there, graph, matches, left_over, sums);
         sums.geodesics += 0.5 * geodesic_distortion(here, there, distances[k], distances[1 - k],
-                                                    options.normal_weight, progress);
+                                                    options.normal_weight, counted, progress);
         add_bending(here, graph, sums);
     }
     return sums;
@@ -143,23 +225,18 @@ double torn_share(const CoarsePair& shapes, const Registration& registration,
         product_points(oriented(target), oriented(registration.target_points),
                        options.normal_weight),
         target.labels);
-    const auto torn_edges = [&](const CoarseShape& here, const CoarseShape& there,
-                                const Matches& matches) {
-        const SurfaceGraph& graph = here.graph;
-        std::size_t torn = 0;
-        for (Index i = 0; i < here.size(); ++i)
-            for (auto e = to_size(graph.offsets[to_size(i)]);
-                 e < to_size(graph.offsets[to_size(i) + 1]); ++e) {
-                const Index a = matches.to[to_size(i)], b = matches.to[to_size(graph.neighbors[e])];
-                torn += (there.positions.row(a) - there.positions.row(b)).norm() >
-                        options.tear_stretch * graph.lengths[e] + options.tear_gap;
-            }
-        return 0.5 * static_cast<double>(torn) /
-               static_cast<double>(std::max<std::size_t>(graph.lengths.size(), 1));
-    };
-    double share =
-        torn_edges(source, target, ProductKeyTree(target_keys).nearest(source_keys, progress));
-    share += torn_edges(target, source, ProductKeyTree(source_keys).nearest(target_keys, progress));
+    const std::array<Matches, 2> matches{
+        ProductKeyTree(target_keys).nearest(source_keys, progress),
+        ProductKeyTree(source_keys).nearest(target_keys, progress)};
+    const RegisteredShape both[2] = {{source, registration.source, registration.source_points},
+                                     {target, registration.target, registration.target_points}};
+    double share = 0.0;
+    for (const std::size_t k : {0u, 1u}) {
+        const CoarseShape& here = both[k].shape;
+        const RegisteredShape& there = both[1 - k];
+        share += torn_edges(here, there.shape, matches[k].to,
+                            left_over_points(here, there, matches[k]), options);
+    }
     return share;
 }
 

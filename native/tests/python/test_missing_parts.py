@@ -115,3 +115,39 @@ def test_the_wrapped_mesh_is_not_dragged_over_it(morphs: dict[str, pointmorph.Mo
     assert morphs["leave"].mesh_quality.grade == "good"
     # The egg's own mesh ends as a whole, closed: it is the half that lacks something.
     assert np.isfinite(morphs["leave"].wrapped_target(0.0)).all()
+
+
+SPIKES = np.array([(1.2, 0, 0), (0, 0.9, 0.2), (-0.3, -0.5, 0.6), (-0.5, 0.2, -0.8)])
+
+
+def spiky(count: int, seed: int, lost: int | None = None) -> Array:
+    """A ball with four spikes of different lengths, or without one of them: (N, 3)."""
+    z = 1 - (2 * np.arange(count) + 1) / count
+    angle = np.arange(count) * np.pi * (3 - np.sqrt(5))
+    ring = np.sqrt(1 - z * z)
+    ball = np.stack([ring * np.cos(angle), ring * np.sin(angle), z], axis=1)
+    ball = ball @ np.linalg.qr(np.random.default_rng(seed).normal(size=(3, 3)))[0].T
+    lengths = np.linalg.norm(SPIKES, axis=1)
+    cosines = ball @ (SPIKES / lengths[:, None]).T
+    positions = ball * (0.5 + np.exp((cosines - 1) / 0.06) @ lengths)[:, None]
+    if lost is None:
+        return positions
+    along = positions @ SPIKES[lost] / lengths[lost]
+    return positions[~((cosines[:, lost] > 0.8) & (along > 0.75))]
+
+
+@pytest.mark.parametrize("lost", [0, 1, 2])
+@pytest.mark.parametrize("is_source", [True, False])
+def test_without_marks_a_part_lies_where_it_belongs(lost: int, is_source: bool) -> None:
+    part, whole = spiky(3000, 1, lost), spiky(3000, 2)
+    c, s = np.cos(2.0), np.sin(2.0)
+    turn = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]) @ [
+        [1, 0, 0],
+        [0, -0.6, -0.8],
+        [0, 0.8, -0.6],
+    ]
+    clouds = [pointmorph.Cloud(part), pointmorph.Cloud(whole @ turn.T)]
+    morph = pointmorph.morph(*(clouds if is_source else clouds[::-1]))
+    images = morph.source_to_target if is_source else morph.target_to_source
+    assert np.linalg.norm(images - part @ turn.T, axis=1).mean() < 0.03
+    assert morph.report["confidence"] > 0.9

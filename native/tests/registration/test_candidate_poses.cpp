@@ -3,8 +3,11 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <limits>
 #include <vector>
 
+#include "pointmorph/cloud/subset.hpp"
+#include "registration/coarse_urchin.hpp"
 #include "registration/eggs.hpp"
 
 namespace pointmorph {
@@ -53,6 +56,39 @@ TEST(CandidatePoses, NoneContradictsTheFeatures) {
         EXPECT_NEAR(pose.rotation.determinant(), 1.0, 1e-9);
     }
     EXPECT_TRUE(has_rotation(poses, move.rotation.transpose()));
+}
+
+TEST(CandidatePoses, APartIsLaidWhereItLiesOnTheWhole) {
+    const std::vector<Vector3> spikes{
+        {1.2, 0, 0}, {0, 0.9, 0.2}, {-0.3, -0.5, 0.6}, {-0.5, 0.2, -0.8}};
+    const CoarseShape whole = coarse_urchin(6000, spikes, 2);
+    const CoarseShape all = coarse_urchin(6000, spikes, 1);
+    constexpr double kCut = 0.8, kBorder = 0.06;
+    std::vector<Index> kept;
+    for (Index i = 0; i < all.size(); ++i)
+        if (all.positions(i, 0) < kCut) kept.push_back(i);
+    const Positions positions = gather(all.positions, kept);
+    Progress progress;
+    CoarseShape part = coarse_shape(KdTree<3>(positions), gather(all.normals, kept), {},
+                                    {600, {100, 200}, {}}, progress);
+    const Similarity move{1.0, shapes::rotation(5), Vector3(0.3, -0.2, 0.5)};
+    const CoarseShape moved_whole = moved(whole, move);
+    const auto off = [&](bool part_is_source) {
+        double least = std::numeric_limits<double>::infinity();
+        const CoarseShape &source = part_is_source ? part : moved_whole,
+                          &target = part_is_source ? moved_whole : part;
+        for (Similarity pose : candidate_poses({source, target}, {})) {
+            if (!part_is_source) pose = pose.inverse();
+            const Positions there = pose.apply(moved_whole.positions);
+            least = std::min(least, (there - whole.positions).rowwise().norm().mean());
+        }
+        return least;
+    };
+    const double middles_together = off(true);
+    for (Index i = 0; i < part.size(); ++i)
+        part.ends.push_back(part.positions(i, 0) > kCut - kBorder);
+    EXPECT_LT(off(true), 0.7 * middles_together);
+    EXPECT_LT(off(false), 0.7 * middles_together);
 }
 
 TEST(CandidatePoses, TiltsGoToEitherSideAboutEachAxisAndKeepTheMiddle) {

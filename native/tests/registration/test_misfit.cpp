@@ -4,6 +4,7 @@
 
 #include <vector>
 
+#include "registration/cut_egg.hpp"
 #include "registration/eggs.hpp"
 
 namespace pointmorph {
@@ -109,6 +110,44 @@ TEST(Misfit, TornIsTheShareOfEdgesWhoseEndsPart) {
     const double expected = static_cast<double>(across) / static_cast<double>(graph.lengths.size());
     EXPECT_GT(torn, 0.3 * expected);
     EXPECT_LT(torn, 3.0 * expected);
+}
+
+TEST(Misfit, WhatLiesBeyondAnEndDoesntCount) {
+    const CutEgg cut;
+    Registration identity = identity_of(cut.part);
+    const Registration of_whole = identity_of(cut.whole);
+    identity.target = of_whole.source;
+    identity.target_points = of_whole.source_points;
+    const Misfit left = misfit_of({cut.part, cut.whole}, identity);
+    CoarseShape endless = cut.part;
+    endless.ends.clear();
+    const Misfit stretched = misfit_of({endless, cut.whole}, identity);
+    EXPECT_LT(left.gap, 0.7 * stretched.gap);
+    EXPECT_LT(left.normals, 0.7 * stretched.normals);
+    EXPECT_LT(left.energy(), 0.7 * stretched.energy());
+    // What is left over counts nowhere: its images may be anywhere.
+    Registration elsewhere = identity;
+    for (Index i = 0; i < cut.whole.size(); ++i)
+        if (cut.whole.positions(i, 0) > CutEgg::kCut + 0.1)
+            elsewhere.target_points.positions(i, 0) += 3.0;
+    EXPECT_NEAR(misfit_of({cut.part, cut.whole}, elsewhere).gap, left.gap, 0.2 * left.gap);
+    EXPECT_GT(misfit_of({endless, cut.whole}, elsewhere).gap, 2.0 * stretched.gap);
+}
+
+TEST(Misfit, ATearBeyondAnEndDoesntCount) {
+    const CutEgg cut;
+    Registration torn = identity_of(cut.part);
+    const Registration of_whole = identity_of(cut.whole);
+    torn.target = of_whole.source;
+    torn.target_points = of_whole.source_points;
+    for (Index i = 0; i < cut.whole.size(); ++i)
+        if (cut.whole.positions(i, 0) > CutEgg::kCut + 0.1)
+            torn.target_points.positions(i, 0) = -0.42;  // onto the other tip
+    CoarseShape endless = cut.part;
+    endless.ends.clear();
+    Progress progress;
+    EXPECT_GT(torn_share({endless, cut.whole}, torn, {}, progress), 0.002);
+    EXPECT_EQ(torn_share({cut.part, cut.whole}, torn, {}, progress), 0.0);
 }
 
 TEST(Example, Misfit) {
