@@ -37,13 +37,18 @@ struct RegisteredShape {
 };
 
 /// 1 for nodes without a counterpart: those that are matched with an end of the other shape, and
-/// what lies beyond. All 0 where that has no ends. `to`: coarse rows of the other shape.
+/// what lies beyond. All 0 where that has no ends, or next to nothing lies beyond: which few nodes
+/// do is chance, by which one map would cost less than another. `to`: coarse rows of the other
+/// shape.
 std::vector<char> left_over_nodes(const CoarseShape& here, const DeformationGraph& graph,
                                   const RegisteredShape& there, std::span<const Index> to) {
-    if (there.shape.ends.empty()) return std::vector<char>(to_size(graph.size()), 0);
+    constexpr double kLeast = 0.05;
+    std::vector<char> none(to_size(graph.size()), 0);
+    if (there.shape.ends.empty()) return none;
     const Positions& images = there.images.positions;
     std::vector<char> result = beyond_rim(graph, gather(here.positions, graph.node_rows), images,
                                           gather(images, end_rows(there.shape)));
+    if (static_cast<double>(std::ranges::count(result, 1)) < kLeast * graph.size()) return none;
     for (std::size_t k = 0; k < result.size(); ++k)
         if (there.shape.ends[to_size(to[k])] != 0) result[k] = 1;
     return result;

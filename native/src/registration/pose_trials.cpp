@@ -43,12 +43,7 @@ ThinnedShape thinned(const CoarseShape& shape, const std::vector<Index>& rows) {
         thin.labels = gather(shape.labels, rows);
         thin.pulls = gather(shape.pulls, rows);
     }
-    if (!shape.ends.empty()) {
-        // A border of one coarse point's breadth: of the few that are left, those next to it.
-        thin.ends.assign(rows.size(), 0);
-        for (Index i = 0; i < shape.size(); ++i)
-            if (shape.ends[to_size(i)] != 0) thin.ends[to_size(nearest[to_size(i)])] = 1;
-    }
+    if (!shape.ends.empty()) thin.ends = gather(shape.ends, rows);
     return result;
 }
 

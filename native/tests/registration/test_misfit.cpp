@@ -134,6 +134,19 @@ TEST(Misfit, WhatLiesBeyondAnEndDoesntCount) {
     EXPECT_GT(misfit_of({endless, cut.whole}, elsewhere).gap, 2.0 * stretched.gap);
 }
 
+TEST(Misfit, EndsThatNothingLiesBeyondDontCount) {
+    const CutEgg cut;
+    CoarseShape endless = cut.part;
+    endless.ends.clear();
+    const Registration identity = identity_of(cut.part);
+    const Misfit with_ends = misfit_of({cut.part, endless}, identity);
+    const Misfit without = misfit_of({endless, endless}, identity);
+    EXPECT_EQ(with_ends.gap, without.gap);
+    EXPECT_EQ(with_ends.round_trip, without.round_trip);
+    EXPECT_EQ(with_ends.opposed, without.opposed);
+    EXPECT_NEAR(with_ends.energy(), without.energy(), 1e-12);
+}
+
 TEST(Misfit, ATearBeyondAnEndDoesntCount) {
     const CutEgg cut;
     Registration torn = identity_of(cut.part);
