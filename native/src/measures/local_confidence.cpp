@@ -8,6 +8,7 @@
 #include <optional>
 #include <utility>
 
+#include "measures/measured_map.hpp"
 #include "measures/place_words.hpp"
 #include "pointmorph/base/parallel.hpp"
 #include "pointmorph/cloud/kd_tree.hpp"
@@ -25,7 +26,6 @@ constexpr double kSamples = 6000.0;    // about as many points of a cloud stand 
 constexpr Index kTogetherFrom = 4000;  // points, of which several are carried to together
 constexpr double kGrowthNear = 0.05;   // around a node, where growth is averaged …
 constexpr double kStrainNear = 0.12;   // … and strain
-constexpr double kEndNear = 0.02;      // an image this near to an end lies there
 constexpr double kBendNear = 0.1;      // a ball whose centroid tells tips, edges and planes apart
 constexpr double kElsewhere = 0.15;    // images that far apart have nothing in common
 constexpr double kSideWeight = 0.1;    // of unit normals, to tell both sides of thin parts apart
@@ -162,20 +162,6 @@ struct JudgedWay {
     Eigen::MatrixXd OtherMaps::*others;
     std::vector<char> alone{};  ///< of each node, whether its image lies at an end
 };
-
-/// What has no counterpart.
-std::vector<char> lie_at_ends(const JudgedWay& way) {
-    std::vector<char> alone(to_size(way.here.count()), 0);
-    if (way.ends.rows() == 0) return alone;
-    const KdTree<3> tree(way.ends);
-    for (Index k = 0; k < way.here.count(); ++k) {
-        Index end = 0;
-        double squared_distance = 0.0;
-        tree.nearest(way.images.row(k).data(), {&end, 1}, {&squared_distance, 1});
-        alone[to_size(k)] = squared_distance < kEndNear * kEndNear;
-    }
-    return alone;
-}
 
 /// Means over the points of each node, of what is measured at points.
 struct NodeMeans {
@@ -566,8 +552,11 @@ LocalConfidence measure_local_confidence(const JudgedMap& judged, std::span<cons
                    &OtherMaps::target};
     there.feet = feet_of(there.images, target, of_target, partners_of(source, map, true));
     back.feet = feet_of(back.images, source, of_source, partners_of(target, map, false));
-    there.alone = lie_at_ends(there);
-    back.alone = lie_at_ends(back);
+    Progress silent;  // nodes are few
+    for (JudgedWay* way : {&there, &back}) {
+        way->alone = lie_at_ends(way->images, way->ends, kEndNear, silent);
+        way->alone.resize(to_size(way->here.count()), 0);
+    }
     const WeighedMaps weighed_others = weighed(others, there, features);
 
     const auto judged_nodes = [&](const JudgedWay& way, double first, double last) {

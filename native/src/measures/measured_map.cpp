@@ -313,6 +313,18 @@ bool MeasuredCloud::same_side(Index i, Index j) const {
     return normals.row(i).dot(normals.row(j)) > kSameSide;
 }
 
+std::vector<char> lie_at_ends(const Positions& images, const Positions& ends, double near,
+                              Progress& progress) {
+    if (ends.rows() == 0) return {};
+    const KdTree<3> tree(ends);
+    std::vector<char> result(to_size(images.rows()));
+    parallel_for(to_index(result.size()), progress, [&](Index begin, Index end) {
+        for (Index i = begin; i < end; ++i)
+            result[to_size(i)] = tree.any_within(images.row(i).data(), near);
+    });
+    return result;
+}
+
 MeasuredMaps measure_maps(const MeasuredCloud& source, const MeasuredCloud& target,
                           const TwoWayMap& map, Progress& progress) {
     MeasuredMaps maps;

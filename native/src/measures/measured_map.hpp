@@ -21,6 +21,8 @@ inline constexpr double kBad = 1.0;
 inline constexpr double kBadRoundTrip = 0.05;
 /// As many of a point's nearest say how the map stretches there.
 inline constexpr Index kMeasuredNeighbors = 16;
+/// An image this near to an end of the other cloud, in √area, lies there.
+inline constexpr double kEndNear = 0.02;
 /// Larger stretch counts as this much.
 inline constexpr double kStrongest = 20.0;
 
@@ -73,6 +75,11 @@ struct MeasuredMaps {
 };
 MeasuredMaps measure_maps(const MeasuredCloud& source, const MeasuredCloud& target,
                           const TwoWayMap& map, Progress& progress);
+
+/// Of images, whether they lie within `near` of `ends`, where the other cloud stops: 1 for what has
+/// no counterpart. Without ends no elements.
+std::vector<char> lie_at_ends(const Positions& images, const Positions& ends, double near,
+                              Progress& progress);
 
 /// √((ln² s₁ + ln² s₂) / 2), bounded.
 double strain(double larger, double smaller);

@@ -8,6 +8,7 @@
 
 #include "measures/place_words.hpp"
 #include "pointmorph/base/parallel.hpp"
+#include "pointmorph/cloud/subset.hpp"
 
 namespace pointmorph {
 
@@ -40,9 +41,11 @@ struct Spot {
     double badness;  ///< area times distortion over the limit
 };
 
+/// `alone`: see lie_at_ends().
 std::vector<Spot> find_spots(const MeasuredCloud& cloud, const MeasuredMap& map,
-                             Progress& progress) {
+                             const std::vector<char>& alone, Progress& progress) {
     const PointQuality& points = map.points;
+    const auto counts = [&](Index i) { return alone.empty() || alone[to_size(i)] == 0; };
     // Single bad points are noise: a place is bad on average over neighbors.
     Values smooth(cloud.size());
     parallel_for(cloud.size(), progress, [&](Index begin, Index end) {
@@ -54,7 +57,7 @@ std::vector<Spot> find_spots(const MeasuredCloud& cloud, const MeasuredMap& map,
     });
     std::vector<Index> candidates;
     for (Index i = 0; i < cloud.size(); ++i)
-        if (smooth[i] > kBad) candidates.push_back(i);
+        if (smooth[i] > kBad && counts(i)) candidates.push_back(i);
     std::ranges::sort(candidates, [&](Index i, Index j) {
         return std::pair(-smooth[i], i) < std::pair(-smooth[j], j);
     });
@@ -75,7 +78,7 @@ std::vector<Spot> find_spots(const MeasuredCloud& cloud, const MeasuredMap& map,
         std::vector<double> factors;
         cloud.tree.within(cloud.positions.row(i).data(), kPlaceRadius * cloud.root_area, around);
         for (const auto& [j, squared_distance] : around) {
-            if (!(points.distortion[j] > kBad) && j != i) continue;
+            if (!(points.distortion[j] > kBad && counts(j)) && j != i) continue;
             const double share = area > 0.0 ? cloud.spacing[j] * cloud.spacing[j] / area : 0.0;
             spot.share += share;
             spot.badness += share * (points.distortion[j] - kBad);
@@ -141,8 +144,14 @@ std::vector<Place> worst_places(const MeasuredCloud& from, const MeasuredCloud& 
     const std::string &source_name = map.source.name, &target_name = map.target.name;
     std::vector<Spot> on_source, on_target;
     on_both(progress, [&](bool is_source, Progress& its) {
-        (is_source ? on_source : on_target) =
-            find_spots(is_source ? from : to, is_source ? maps.there : maps.back, its);
+        const MeasuredCloud &here = is_source ? from : to, &other = is_source ? to : from;
+        const MeasuredMap& way = is_source ? maps.there : maps.back;
+        std::vector<Index> ends;
+        for (const Index row : is_source ? map.target_ends : map.source_ends)
+            ends.push_back(other.sorted[to_size(row)]);
+        const std::vector<char> alone =
+            lie_at_ends(way.images, gather(other.positions, ends), kEndNear * other.root_area, its);
+        (is_source ? on_source : on_target) = find_spots(here, way, alone, its);
     });
     std::vector<Seen> seen;
     for (const Spot& spot : on_source)

@@ -39,9 +39,11 @@ const Quality& Morph::quality(Progress& progress) const {
         const ThreadCount threads(options_.threads);
         progress.enter("quality");
         give_back_unused_memory(source_.size() + target_.size());
-        quality = measure_quality({source_, target_, source_images, target_images, pairs_,
-                                   &neighbors(true, progress), &neighbors(false, progress)},
-                                  features_, progress);
+        quality =
+            measure_quality({source_, target_, source_images, target_images, pairs_,
+                             &neighbors(true, progress), &neighbors(false, progress),
+                             report_.diagnostics.source_ends, report_.diagnostics.target_ends},
+                            features_, progress);
         progress.finish();
     }
     return *quality;

@@ -241,6 +241,38 @@ TEST(Quality, CoverageIsTheShareThatIsReached) {
     EXPECT_EQ(quality.target_to_source.coverage, 1.0);
 }
 
+TEST(Quality, WhatLiesAtAnEndOfTheOtherIsNoBadPlace) {
+    // The left half of a sheet, to which the right half of the whole one can only go by its border.
+    const Positions whole = shapes::grid(kSide);
+    const Index half = row_at(0.0, 1.0) + 1;
+    const auto clamped = [](const Vector3& p) {
+        return Vector3(std::min(p.x(), 0.0), p.y(), p.z());
+    };
+    Case one{cloud("Half", whole.topRows(half), up),
+             cloud("Whole", whole, up),
+             whole.topRows(half),
+             mapped(whole, clamped),
+             {},
+             {}};
+    const auto on_the_right = [&](const Quality& quality) {
+        return std::ranges::count_if(
+            quality.worst, [&](const Place& place) { return whole(place.target, 0) > 0.1; });
+    };
+    EXPECT_GT(on_the_right(one.measure()), 0);
+    std::vector<Index> border;
+    for (Index v = 0; v < kSide; ++v) border.push_back(half - kSide + v);
+    TwoWayMap map = one.map();
+    map.source_ends = border;
+    Progress progress;
+    EXPECT_EQ(on_the_right(measure_quality(map, {}, progress)), 0);
+    // Elsewhere, places are as bad as before.
+    one.target_images = mapped(
+        whole, [&](const Vector3& p) { return fold(clamped(p) * 0.5 + Vector3(0.25, 0, 0)); });
+    EXPECT_FALSE(one.measure().worst.empty());
+    map.source_ends = border;
+    EXPECT_FALSE(measure_quality(map, {}, progress).worst.empty());
+}
+
 TEST(Quality, BothSidesOfAThinSheetAreToldApartByTheirPairs) {
     // A sheet with two sides a tenth of a spacing apart, and images a little off the wrong way.
     const Positions upper = shapes::grid(41);

@@ -95,6 +95,9 @@ struct TwoWayMap {
     /// 16 or more a point, where they are known.
     const OrderedNeighbors* source_neighbors = nullptr;
     const OrderedNeighbors* target_neighbors = nullptr;
+    /// Rows along borders where a cloud ends while the other goes on, as Diagnostics has them: what
+    /// lies there of the other has no counterpart, and is none of the worst places.
+    std::span<const Index> source_ends = {}, target_ends = {};
 };
 
 /// `features` are measured, and give the advice its words. The result doesn't depend on the scale,
