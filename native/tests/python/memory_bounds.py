@@ -18,7 +18,7 @@ BOUNDS = {
     "automatic, with its quality": (48, 650),
     "paper, disk": (6, 400),
     "paper, disk, solve=full": (6, 1050),
-    "paper, cut": (10, 420),
+    "paper, cut": (16, 420),
     "paper, sphere": (6, 430),
     "paper, network": (70, 250),
     "resampled frames": (48, 1000),
