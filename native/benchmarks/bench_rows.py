@@ -95,7 +95,8 @@ def of_bodies(
     known = np.flatnonzero(source.is_shared & (away < spacing))
     known = known[np.linspace(0, len(known) - 1, PLACES).astype(int)]
     places = np.stack([known, rows[known]], axis=1)
-    places = places[~np.isin(places, marks).any(axis=1)]
+    is_marked = [np.isin(places[:, side], marks[:, side]) for side in (0, 1)]
+    places = places[~np.logical_or(*is_marked)]
     scale, turn, shift = similarity(source.truth[source.is_shared],
                                     source.positions[source.is_shared])  # fmt: skip
     placed = surfaces[0], surfaces[1].moved(scale, turn, shift)
