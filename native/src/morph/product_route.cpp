@@ -54,14 +54,9 @@ double share_beyond(const Positions& images, const PreparedShape& other,
     if (ends.empty()) return 0.0;
     std::vector<char> is_end(to_size(other.size()), 0);
     for (const Index row : ends) is_end[to_size(row)] = 1;
-    const KdTree<3> tree(other.positions);
     Index beyond = 0;
-    for (Eigen::Index i = 0; i < images.rows(); ++i) {
-        Index nearest;
-        double squared;
-        tree.nearest(images.row(i).data(), {&nearest, 1}, {&squared, 1});
+    for (const Index nearest : nearest_rows(KdTree<3>(other.positions), images))
         beyond += is_end[to_size(nearest)];
-    }
     return std::max(0.0, static_cast<double>(beyond) / static_cast<double>(images.rows()) -
                              static_cast<double>(ends.size()) / other.size());
 }

@@ -381,30 +381,22 @@ std::vector<char> beyond_rim(const DeformationGraph& graph, const Positions& nod
     constexpr double kMedians = 3.0;  // while the shapes still lie apart, most nodes are far off
     std::vector<char> result(to_size(graph.size()), 0);
     if (rim.rows() == 0 || images.rows() == 0) return result;
-    const auto distances = [&](const Positions& places) {
-        const KdTree<3> tree(places);
-        std::vector<double> all;
-        for (Eigen::Index k = 0; k < nodes.rows(); ++k) {
-            Index nearest;
-            double squared;
-            tree.nearest(nodes.row(k).data(), {&nearest, 1}, {&squared, 1});
-            all.push_back(std::sqrt(squared));
-        }
-        return all;
+    const auto distances = [&](const Positions& places) -> Values {
+        return (nodes - gather(places, nearest_rows(KdTree<3>(places), nodes))).rowwise().norm();
     };
-    const std::vector<double> from_images = distances(images), from_rim = distances(rim);
-    std::vector<double> sorted = from_images;
-    const auto middle = sorted.begin() + static_cast<std::ptrdiff_t>(sorted.size() / 2);
+    const Values from_images = distances(images), from_rim = distances(rim);
+    Values sorted = from_images;
+    const auto middle = sorted.begin() + sorted.size() / 2;
     std::ranges::nth_element(sorted, middle);
     const double far = std::max(kFar * graph.spacing, kMedians * *middle);
     std::vector<Index> open;
     const auto reach = [&](Index k) {
-        if (result[to_size(k)] != 0 || !(from_images[to_size(k)] > far)) return;
+        if (result[to_size(k)] != 0 || !(from_images[k] > far)) return;
         result[to_size(k)] = 1;
         open.push_back(k);
     };
     for (Index k = 0; k < graph.size(); ++k)
-        if (from_rim[to_size(k)] < far + kNextTo * graph.spacing) reach(k);
+        if (from_rim[k] < far + kNextTo * graph.spacing) reach(k);
     while (!open.empty()) {
         const Index k = open.back();
         open.pop_back();

@@ -222,12 +222,7 @@ ProductPoints with_images(ProductPoints product, const ProductColumns& columns,
 /// Images put onto the points of `there`.
 Positions landed(const Positions& images, const OrientedPoints& there, Progress& progress) {
     const KdTree<3> tree(there.positions);
-    std::vector<Index> nearest(to_size(images.rows()));
-    for (Eigen::Index i = 0; i < images.rows(); ++i) {
-        double squared;
-        tree.nearest(images.row(i).data(), {&nearest[to_size(i)], 1}, {&squared, 1});
-    }
-    return project_onto_surface(images, nearest, tree, there.normals, progress);
+    return project_onto_surface(images, nearest_rows(tree, images), tree, there.normals, progress);
 }
 
 /// A group that goes as a whole.

@@ -17,14 +17,10 @@ double signed_volume(const CoarseShape& shape) {
 
 double normal_agreement(const CoarseShape& source, const CoarseShape& target,
                         const Positions& start) {
-    const KdTree<3> tree(target.positions);
+    const std::vector<Index> nearest = nearest_rows(KdTree<3>(target.positions), start);
     double sum = 0.0;
-    for (Index i = 0; i < source.size(); ++i) {
-        Index nearest;
-        double squared;
-        tree.nearest(start.row(i).data(), {&nearest, 1}, {&squared, 1});
-        sum += source.normals.row(i).dot(target.normals.row(nearest));
-    }
+    for (Index i = 0; i < source.size(); ++i)
+        sum += source.normals.row(i).dot(target.normals.row(nearest[to_size(i)]));
     return sum / source.size();
 }
 

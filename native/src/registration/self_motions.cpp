@@ -30,13 +30,11 @@ Deformation moved(const Deformation& deformation, const Similarity& motion) {
 /// Images of points that are moved first: those of what lies next to where they come to.
 DeformedCloud preceded(const DeformedCloud& images, const CoarseShape& shape,
                        const Similarity& motion) {
-    const KdTree<3> tree(shape.positions);
     const Positions there = motion.apply(shape.positions);
+    const std::vector<Index> rows = nearest_rows(KdTree<3>(shape.positions), there);
     DeformedCloud result = images;
     for (Index i = 0; i < shape.size(); ++i) {
-        Index nearest;
-        double squared;
-        tree.nearest(there.row(i).data(), {&nearest, 1}, {&squared, 1});
+        const Index nearest = rows[to_size(i)];
         const Matrix3& linear = images.linear[to_size(nearest)];
         result.positions.row(i) =
             images.positions.row(nearest) +

@@ -11,7 +11,8 @@ namespace pointmorph {
 struct CutEgg {
     Eggs eggs;
     CoarseShape whole = eggs.coarse_target;
-    CoarseShape part;  ///< without what lies beyond `kCut`
+    CoarseShape part;     ///< without what lies beyond `kCut`
+    CoarseShape endless;  ///< the part, without its ends
 
     static constexpr double kCut = 0.2, kBorder = 0.03;
 
@@ -23,6 +24,7 @@ struct CutEgg {
         Progress progress;
         part = coarse_shape(KdTree<3>(positions), gather(eggs.source.normals, kept), {},
                             {600, {40, 150}, {}}, progress);
+        endless = part;
         for (Index i = 0; i < part.size(); ++i)
             part.ends.push_back(part.positions(i, 0) > kCut - kBorder);
     }

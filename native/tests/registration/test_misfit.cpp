@@ -112,16 +112,20 @@ TEST(Misfit, TornIsTheShareOfEdgesWhoseEndsPart) {
     EXPECT_LT(torn, 3.0 * expected);
 }
 
-TEST(Misfit, WhatLiesBeyondAnEndDoesntCount) {
-    const CutEgg cut;
+/// Both as they are: the part lies where it belongs on the whole.
+Registration identity_of(const CutEgg& cut) {
     Registration identity = identity_of(cut.part);
     const Registration of_whole = identity_of(cut.whole);
     identity.target = of_whole.source;
     identity.target_points = of_whole.source_points;
+    return identity;
+}
+
+TEST(Misfit, WhatLiesBeyondAnEndDoesntCount) {
+    const CutEgg cut;
+    const Registration identity = identity_of(cut);
     const Misfit left = misfit_of({cut.part, cut.whole}, identity);
-    CoarseShape endless = cut.part;
-    endless.ends.clear();
-    const Misfit stretched = misfit_of({endless, cut.whole}, identity);
+    const Misfit stretched = misfit_of({cut.endless, cut.whole}, identity);
     EXPECT_LT(left.gap, 0.7 * stretched.gap);
     EXPECT_LT(left.normals, 0.7 * stretched.normals);
     EXPECT_LT(left.energy(), 0.7 * stretched.energy());
@@ -131,16 +135,14 @@ TEST(Misfit, WhatLiesBeyondAnEndDoesntCount) {
         if (cut.whole.positions(i, 0) > CutEgg::kCut + 0.1)
             elsewhere.target_points.positions(i, 0) += 3.0;
     EXPECT_NEAR(misfit_of({cut.part, cut.whole}, elsewhere).gap, left.gap, 0.2 * left.gap);
-    EXPECT_GT(misfit_of({endless, cut.whole}, elsewhere).gap, 2.0 * stretched.gap);
+    EXPECT_GT(misfit_of({cut.endless, cut.whole}, elsewhere).gap, 2.0 * stretched.gap);
 }
 
 TEST(Misfit, EndsThatNothingLiesBeyondDontCount) {
     const CutEgg cut;
-    CoarseShape endless = cut.part;
-    endless.ends.clear();
     const Registration identity = identity_of(cut.part);
-    const Misfit with_ends = misfit_of({cut.part, endless}, identity);
-    const Misfit without = misfit_of({endless, endless}, identity);
+    const Misfit with_ends = misfit_of({cut.part, cut.endless}, identity);
+    const Misfit without = misfit_of({cut.endless, cut.endless}, identity);
     EXPECT_EQ(with_ends.gap, without.gap);
     EXPECT_EQ(with_ends.round_trip, without.round_trip);
     EXPECT_EQ(with_ends.opposed, without.opposed);
@@ -149,17 +151,12 @@ TEST(Misfit, EndsThatNothingLiesBeyondDontCount) {
 
 TEST(Misfit, ATearBeyondAnEndDoesntCount) {
     const CutEgg cut;
-    Registration torn = identity_of(cut.part);
-    const Registration of_whole = identity_of(cut.whole);
-    torn.target = of_whole.source;
-    torn.target_points = of_whole.source_points;
+    Registration torn = identity_of(cut);
     for (Index i = 0; i < cut.whole.size(); ++i)
         if (cut.whole.positions(i, 0) > CutEgg::kCut + 0.1)
             torn.target_points.positions(i, 0) = -0.42;  // onto the other tip
-    CoarseShape endless = cut.part;
-    endless.ends.clear();
     Progress progress;
-    EXPECT_GT(torn_share({endless, cut.whole}, torn, {}, progress), 0.002);
+    EXPECT_GT(torn_share({cut.endless, cut.whole}, torn, {}, progress), 0.002);
     EXPECT_EQ(torn_share({cut.part, cut.whole}, torn, {}, progress), 0.0);
 }
 
