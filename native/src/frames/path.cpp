@@ -210,9 +210,9 @@ StraightPath<Scalar>::StraightPath(const Cloud& source, const Cloud& target,
     check_complete(target);
     const bool has_colors = source.colors.rows() > 0 || target.colors.rows() > 0;
     const std::size_t count = pairs.size(), numbers = (has_colors ? 11 : 7) * count;
-    own_.resize(2 * numbers);
-    const auto from = laid_out(std::span(own_).first(numbers), count);
-    const auto to = laid_out(std::span(own_).last(numbers), count);
+    own_ = std::make_unique_for_overwrite<Scalar[]>(2 * numbers);
+    const auto from = laid_out(std::span(own_.get(), numbers), count);
+    const auto to = laid_out(std::span(own_.get() + numbers, numbers), count);
     fill(source, pairs, &IndexPair::source, from);
     fill(target, pairs, &IndexPair::target, to);
     source_ = {from.positions, from.normals, from.colors, from.radii};
@@ -238,8 +238,8 @@ StraightPath<Scalar>::StraightPath(const FrameView<const Scalar>& source,
 }
 
 template <class Scalar>
-void StraightPath<Scalar>::check(const FrameView<Scalar>& out) const {
-    const auto count = to_size(size_);
+void check_frame(Index pairs, const FrameView<Scalar>& out) {
+    const auto count = to_size(pairs);
     const auto check = [&](const Attribute& attribute, std::span<Scalar> span) {
         if (!span.empty() && span.size() != attribute.width * count)
             throw OptionError(std::string("frame ") + attribute.name,
@@ -256,7 +256,7 @@ void StraightPath<Scalar>::check(const FrameView<Scalar>& out) const {
 template <class Scalar>
 void StraightPath<Scalar>::frame(std::span<const double> times,
                                  const FrameView<Scalar>& out) const {
-    check(out);
+    check_frame(size_, out);
     Progress silent;
     parallel_for(size_, silent, [&](Index begin, Index end) {
         for (auto i = to_size(begin); i < to_size(end); ++i) {
@@ -297,7 +297,7 @@ void StraightPath<Scalar>::frame(double t, const FrameView<Scalar>& out) const {
     if (!(t >= 0.0 && t <= 1.0))
         throw OptionError("t", "a number from 0 to 1", std::to_string(t),
                           "Choose a value from that range.");
-    check(out);
+    check_frame(size_, out);
 
     // From the nearer end: the error is that of one rounding at either end, and the two halves
     // mirror one another.
@@ -348,6 +348,8 @@ void StraightPath<Scalar>::frame(double t, const FrameView<Scalar>& out) const {
         0.0, 1.0, kChunk);
 }
 
+template void check_frame<float>(Index, const FrameView<float>&);
+template void check_frame<double>(Index, const FrameView<double>&);
 template class StraightPath<float>;
 template class StraightPath<double>;
 

@@ -296,8 +296,10 @@ void Morph::frame(double t, const FrameView<Scalar>& out) const {
         straight_path<Scalar>().frame(t, out);
         return;
     }
-    straight_path<Scalar>().check(out);
-    straight_path<Scalar>().frame(t, {{}, {}, out.colors, out.radii});
+    check_frame(to_index(pairs_.size()), out);
+    // It also refuses places that a float can't hold.
+    if (std::is_same_v<Scalar, float> || !out.colors.empty() || !out.radii.empty())
+        straight_path<Scalar>().frame(t, {{}, {}, out.colors, out.radii});
     Progress silent;
     lay_out_paths(silent);
     const Caches::LentMidway midway(*caches_, t);
@@ -443,10 +445,15 @@ ResampledFrame<Scalar> Morph::resampled_frame(double t, Progress& progress) cons
     const ThreadCount threads(options_.threads);
     const std::size_t pairs = pairs_.size();
     ResampledFrame<Scalar> result;
-    result.positions.resize(3 * pairs);
-    result.normals.resize(3 * pairs);
-    result.colors.resize(4 * pairs);
-    result.radii.resize(pairs);
+    const auto make_room = [&](std::vector<Scalar>& numbers, std::size_t width) {
+        numbers.reserve(width * (pairs + resampling.points().size()));  // so it needn't move later
+        numbers.resize(width * pairs);
+    };
+    make_room(result.positions, 3);
+    make_room(result.normals, 3);
+    make_room(result.colors, 4);
+    make_room(result.radii, 1);
+    make_room(result.velocities, 3);
     frame<Scalar>(t, {result.positions, result.normals, result.colors, result.radii});
 
     progress.enter("resampled frame");
@@ -473,7 +480,6 @@ void Morph::insert_points(ResampledFrame<Scalar>& frame, double t, Progress& pro
     Positions velocities;
     const Resampling::Alive alive = resampling.at(t, cloud, progress, [&] {
         velocities = this->velocities(t);
-        frame.velocities.resize(3 * pairs);
         Eigen::Map<Rows>(frame.velocities.data(), rows, 3) = velocities.template cast<Scalar>();
     });
     const std::size_t count = pairs + alive.ids.size();

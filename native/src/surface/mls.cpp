@@ -4,10 +4,13 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <cmath>
+#include <cstdint>
 #include <limits>
 #include <string>
 
+#include "base/compiler.hpp"
 #include "pointmorph/base/error.hpp"
 #include "pointmorph/cloud/covariance.hpp"
 
@@ -25,8 +28,7 @@ constexpr double kAgreement = 0.5;
 /// Second variance over the first below which points lie on a line.
 constexpr double kOnALine = 1e-3;
 
-/// Eigen's exponential works on packets, the rest is left to the C library, whose last bit depends
-/// on the processor: so arrays are filled up to whole packets.
+/// Points are filled up to a multiple of so many, so that loops have no rest.
 constexpr Index kPacket = 8;
 
 // Powell's method, in radians and in h.
@@ -40,6 +42,78 @@ constexpr double kRidge = 1e-6;
 double smooth_step(double x) {
     const double s = std::clamp(x, 0.0, 1.0);
     return s * s * (3.0 - 2.0 * s);
+}
+
+/// e^x for |x| < 700: Cody and Waite's remainder and the Cephes library's quotient of polynomials,
+/// as Eigen's packets have them, to the bit. Without a branch, so that the compiler vectorizes
+/// loops around it.
+POINTMORPH_INLINE double exponential(double x) {
+    constexpr double kLog2E = 1.4426950408889634073599;
+    constexpr double kLn2 = 0.693145751953125, kLn2Rest = 1.42860682030941723212e-6;
+    constexpr double kShift = 0x1.8p52;  // numbers added to it are rounded to whole ones
+    constexpr int kMantissaBits = 52, kSignBit = 63;
+    constexpr double kBias = 1023.0;
+    const auto bits_of = [](double number) { return std::bit_cast<std::uint64_t>(number); };
+
+    const double scaled = kLog2E * x + 0.5;
+    double whole = (scaled + kShift) - kShift;
+    const std::uint64_t is_above = bits_of(scaled - whole) >> kSignBit;
+    whole -= std::bit_cast<double>((0 - is_above) & bits_of(1.0));
+    const double rest = (x - whole * kLn2) - whole * kLn2Rest;
+    const double square = rest * rest;
+    double above = 1.26177193074810590878e-4;
+    above = above * square + 3.02994407707441961300e-2;
+    above = above * square + 9.99999999999999999910e-1;
+    above *= rest;
+    double below = 3.00198505138664455042e-6;
+    below = below * square + 2.52448340349684104192e-3;
+    below = below * square + 2.27265548208155028766e-1;
+    below = below * square + 2.00000000000000000009;
+    const double fraction = 2.0 * (above / (below - above)) + 1.0;
+    return fraction * std::bit_cast<double>(bits_of(whole + (kShift + kBias)) << kMantissaBits);
+}
+
+/// The points around a place, as arrays of `count` numbers, and the plane {x : ⟨n, x⟩ = t}.
+struct PlaneFit {
+    const double *x, *y, *z, *weights;
+    double* terms;  ///< room for what is summed
+    Index count;
+    Vector3 normal;
+    double t;
+};
+
+/// Eq. (8): Σ (⟨n, p⟩ − t)² exp(−|p − t n|²), where |p − t n|² = |p|² − 2 t ⟨n, p⟩ + t². Added up
+/// in the order that Eigen adds packets of two.
+POINTMORPH_INLINE double sum_of_squares(const PlaneFit& fit) {
+    const double* POINTMORPH_RESTRICT x = fit.x;
+    const double* POINTMORPH_RESTRICT y = fit.y;
+    const double* POINTMORPH_RESTRICT z = fit.z;
+    const double* POINTMORPH_RESTRICT weights = fit.weights;
+    double* POINTMORPH_RESTRICT terms = fit.terms;
+    const double nx = fit.normal.x(), ny = fit.normal.y(), nz = fit.normal.z(), t = fit.t;
+    const double twice = 2.0 * t, square = t * t;
+    for (Index i = 0; i < fit.count; ++i) {
+        const double height = nx * x[i] + ny * y[i] + nz * z[i], off = height - t;
+        terms[i] = weights[i] * (off * off) * exponential(twice * height - square);
+    }
+    std::array<double, 4> sums{};
+    for (Index i = 0; i < fit.count; i += 4)
+        for (Index k = 0; k < 4; ++k) sums[to_size(k)] += terms[i + k];
+    return (sums[0] + sums[2]) + (sums[1] + sums[3]);
+}
+
+POINTMORPH_WIDE double wide_sum_of_squares(const PlaneFit& fit) {
+    return sum_of_squares(fit);
+}
+
+double narrow_sum_of_squares(const PlaneFit& fit) {
+    return sum_of_squares(fit);
+}
+
+/// Takes e^exponent times each weight.
+void multiply_by_exponentials(const double* POINTMORPH_RESTRICT exponents,
+                              double* POINTMORPH_RESTRICT weights, Index count) {
+    for (Index i = 0; i < count; ++i) weights[i] *= exponential(exponents[i]);
 }
 
 /// 1, u, v, u², uv, v² … up to the degree; returns how many.
@@ -63,8 +137,8 @@ double MlsOptions::kernel(double spacing) const {
 }
 
 MlsProjection::MlsProjection(const KdTree<3>& tree, const Normals& normals,
-                             const MlsOptions& options)
-    : tree_(tree), normals_(normals), options_(options) {
+                             const MlsOptions& options, bool wide)
+    : tree_(tree), normals_(normals), options_(options), wide_(wide && has_wide_registers()) {
     if (options.degree < 1 || options.degree > kHighestDegree)
         throw OptionError("mls_degree", "a whole number from 1 to 4",
                           std::to_string(options.degree), "The default is 2.");
@@ -81,7 +155,8 @@ bool MlsProjection::gather(const Vector3& place, const Vector3& normal, double h
     tree_.within(place.data(), kReach * h, near_);
     padded_ = (to_index(near_.size()) + kPacket - 1) / kPacket * kPacket;
     if (x_.size() < padded_)
-        for (Eigen::ArrayXd* array : {&x_, &y_, &z_, &weight_, &height_}) array->resize(padded_);
+        for (Eigen::ArrayXd* array : {&x_, &y_, &z_, &weight_, &height_, &terms_})
+            array->resize(padded_);
     Index count = 0;
     for (const auto& [row, squared] : near_) {
         const double agreement = smooth_step(normals_.row(row).dot(normal) / kAgreement);
@@ -95,7 +170,7 @@ bool MlsProjection::gather(const Vector3& place, const Vector3& normal, double h
     }
     padded_ = (count + kPacket - 1) / kPacket * kPacket;
     for (Index i = count; i < padded_; ++i) x_[i] = y_[i] = z_[i] = weight_[i] = height_[i] = 0.0;
-    weight_.head(padded_) *= height_.head(padded_).exp();
+    multiply_by_exponentials(height_.data(), weight_.data(), padded_);
     constexpr Index kFewest = 3;
     return count >= kFewest;
 }
@@ -116,12 +191,10 @@ std::optional<Vector3> MlsProjection::covariance_normal(const Vector3& normal) c
     return v0.dot(normal) < 0.0 ? Vector3(-v0) : v0;
 }
 
-/// Eq. (8): Σ (⟨n, p⟩ − t)² exp(−|p − t n|²), where |p − t n|² = |p|² − 2 t ⟨n, p⟩ + t².
 double MlsProjection::badness(const Vector3& normal, double t) {
-    auto height = height_.head(padded_);
-    height = normal.x() * x_.head(padded_) + normal.y() * y_.head(padded_) +
-             normal.z() * z_.head(padded_);
-    return (weight_.head(padded_) * (height - t).square() * (2.0 * t * height - t * t).exp()).sum();
+    const PlaneFit fit{x_.data(),     y_.data(), z_.data(), weight_.data(),
+                       terms_.data(), padded_,   normal,    t};
+    return wide_ ? wide_sum_of_squares(fit) : narrow_sum_of_squares(fit);
 }
 
 MlsProjection::Plane MlsProjection::plane(const Vector3& start) {
@@ -202,7 +275,8 @@ MlsFoot MlsProjection::operator()(const Vector3& place, const Vector3& normal, d
 
     auto height = height_.head(padded_);
     height = n.x() * x_.head(padded_) + n.y() * y_.head(padded_) + n.z() * z_.head(padded_);
-    weight_.head(padded_) *= (2.0 * t * height - t * t).exp();
+    terms_.head(padded_) = 2.0 * t * height - t * t;
+    multiply_by_exponentials(terms_.data(), weight_.data(), padded_);
 
     using Square = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, 0, kMostCoefficients,
                                  kMostCoefficients>;

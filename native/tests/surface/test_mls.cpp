@@ -115,6 +115,26 @@ TEST(Mls, AveragesNoiseOut) {
     EXPECT_LT(on_sphere(points, wide, spacing).distance, 0.05 * spacing);
 }
 
+TEST(Mls, WideRegistersChangeNoBit) {
+    const Positions points = shapes::sphere(3000) + 0.01 * Positions::Random(3000, 3);
+    const Normals normals = points.rowwise().normalized();
+    const KdTree<3> tree(points);
+    for (Index degree = 1; degree <= 4; ++degree) {
+        MlsOptions options;
+        options.degree = degree;
+        MlsProjection wide(tree, normals, options), narrow(tree, normals, options, false);
+        for (Index i = 0; i < 200; ++i) {
+            const Vector3 normal = normals.row(i), place = 1.02 * normal;
+            const MlsFoot one = wide(place, normal, sphere_spacing(3000)),
+                          other = narrow(place, normal, sphere_spacing(3000));
+            ASSERT_TRUE(one.found);
+            EXPECT_EQ(one.position, other.position);
+            EXPECT_EQ(one.normal, other.normal);
+            EXPECT_NEAR(one.position.norm(), 1.0, 0.02);
+        }
+    }
+}
+
 TEST(Mls, DoesNotOvershootAtASharpEdge) {
     // The planes z = 0, x < 0 and x = 0, z < 0.
     const Positions plane = shapes::grid(41);

@@ -1,8 +1,8 @@
 // Stage `path`: the in-between cloud at t (paper, Morphing Path, eq. (5)).
 #pragma once
 
+#include <memory>
 #include <span>
-#include <vector>
 
 #include "pointmorph/base/types.hpp"
 #include "pointmorph/cloud/cloud.hpp"
@@ -18,6 +18,10 @@ struct FrameView {
     std::span<Scalar> colors;     ///< 4 a pair
     std::span<Scalar> radii;      ///< 1 a pair
 };
+
+/// Throws OptionError for spans that are neither empty nor of the right size for so many pairs.
+template <class Scalar>
+void check_frame(Index pairs, const FrameView<Scalar>& out);
 
 /// Both ends of every pair, laid out so that a frame is one pass over consecutive memory.
 /// Scalar is the caller's type: float or double.
@@ -47,15 +51,14 @@ public:
     /// The same with each pair at a time of its own: `times`, one a pair.
     void frame(std::span<const double> times, const FrameView<Scalar>& out) const;
 
-    /// Throws OptionError for spans that are neither empty nor of the right size.
-    void check(const FrameView<Scalar>& out) const;
-
 private:
     Index size_;
-    std::vector<Scalar> own_;  ///< what the spans refer to unless it is another's
+    std::unique_ptr<Scalar[]> own_;  ///< what the spans refer to unless it is another's
     FrameView<const Scalar> source_, target_;
 };
 
+extern template void check_frame<float>(Index, const FrameView<float>&);
+extern template void check_frame<double>(Index, const FrameView<double>&);
 extern template class StraightPath<float>;
 extern template class StraightPath<double>;
 

@@ -43,9 +43,11 @@ struct MlsFoot {
 /// family. Keeps its memory: one object a thread.
 class MlsProjection {
 public:
-    /// Keeps references to both. `normals`: one a point of the tree, unit length. Throws
-    /// OptionError.
-    MlsProjection(const KdTree<3>& tree, const Normals& normals, const MlsOptions& options);
+    /// Keeps references to both. `normals`: one a point of the tree, unit length. The same bits
+    /// with wide registers and without; `wide`: they may be used, where the processor has any.
+    /// Throws OptionError.
+    MlsProjection(const KdTree<3>& tree, const Normals& normals, const MlsOptions& options,
+                  bool wide = true);
 
     /// `place` lies within about h of the surface, `normal` (unit length) says on which side;
     /// `spacing` > 0 is that of the points around.
@@ -70,7 +72,9 @@ private:
     // The points around in units of h from the place, with the kernel's weight at the place times
     // what their normal makes them count. Filled up with points of weight 0.
     Eigen::ArrayXd x_, y_, z_, weight_, height_;
+    Eigen::ArrayXd terms_;  ///< scratch memory, as long
     Index padded_ = 0;
+    bool wide_;
 };
 
 }  // namespace pointmorph
