@@ -17,6 +17,9 @@ namespace {
 
 constexpr double kResidual = 1e-12;  // of a unit eigenvector
 
+/// A trace of the identity: among rotations that do equally well, the least.
+constexpr double kLeastTurn = 1e-12;
+
 /// The unit eigenvector of the largest eigenvalue of `k`, which belongs to the covariance `c`, by
 /// Newton's method on the characteristic polynomial (Horn 1987, section 4.C) and a column of the
 /// adjugate. Nothing where the two largest eigenvalues lie too close for that.
@@ -279,10 +282,9 @@ Similarity fit_similarity(const Positions& from, const Positions& to) {
     const Positions x = from.rowwise() - from_mean, y = to.rowwise() - to_mean;
     const double from_size = x.squaredNorm(), to_size = y.squaredNorm();
     if (from_size > 0.0 && to_size > 0.0) {
-        // A trace of the identity: among rotations that do equally well, the least.
         const double size = std::sqrt(from_size * to_size);
         const Matrix3 covariance = y.transpose() * x;
-        const auto best = best_rotation(covariance + 1e-12 * size * Matrix3::Identity());
+        const auto best = best_rotation(covariance + kLeastTurn * size * Matrix3::Identity());
         const double trace = (best.rotation.transpose() * covariance).trace();
         result.rotation = best.rotation;
         if (trace > 0.0) result.scale = trace / from_size;
@@ -290,6 +292,47 @@ Similarity fit_similarity(const Positions& from, const Positions& to) {
     result.translation =
         to_mean.transpose() - result.scale * result.rotation * from_mean.transpose();
     return result;
+}
+
+double JointSpread::from_size() const {
+    return std::sqrt(from);
+}
+
+double JointSpread::to_size() const {
+    return std::sqrt(to);
+}
+
+double JointSpread::half_way() const {
+    return 0.5 * std::sqrt(std::max(0.0, from + to + 2.0 * covariance.trace()));
+}
+
+Matrix3 JointSpread::rotation() const {
+    const double size = from_size() * to_size();
+    if (!(size > 0.0)) return Matrix3::Identity();
+    return best_rotation(covariance + kLeastTurn * size * Matrix3::Identity()).rotation;
+}
+
+JointSpread joint_spread(const Positions& from, const Positions& to,
+                         std::span<const IndexPair> pairs) {
+    // Relative to some pair, which keeps the cancellation harmless.
+    const Vector3 from_origin = from.row(pairs.front().source).transpose(),
+                  to_origin = to.row(pairs.front().target).transpose();
+    Vector3 from_sum = Vector3::Zero(), to_sum = Vector3::Zero();
+    JointSpread spread;
+    for (const IndexPair& pair : pairs) {
+        const Vector3 x = from.row(pair.source).transpose() - from_origin,
+                      y = to.row(pair.target).transpose() - to_origin;
+        from_sum += x;
+        to_sum += y;
+        spread.from += x.squaredNorm();
+        spread.to += y.squaredNorm();
+        spread.covariance += y * x.transpose();
+    }
+    const auto count = static_cast<double>(pairs.size());
+    spread.from = std::max(0.0, spread.from - from_sum.squaredNorm() / count);
+    spread.to = std::max(0.0, spread.to - to_sum.squaredNorm() / count);
+    spread.covariance -= to_sum * from_sum.transpose() / count;
+    return spread;
 }
 
 Similarity composed(const Similarity& after, const Similarity& before) {

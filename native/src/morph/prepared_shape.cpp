@@ -57,10 +57,12 @@ PreparedShape ordered(const Cloud& cloud) {
 }
 
 void find_normals(PreparedShape& shape, Progress& progress) {
-    if (!shape.normals_given) {
-        shape.normals = covariance_analysis(shape.positions, shape.nearest, progress).normals;
-        orient_normals(shape.positions, shape.nearest, shape.normals, progress);
-    }
+    if (shape.normals_given) return;
+    shape.normals = covariance_analysis(shape.positions, shape.nearest, progress).normals;
+    orient_normals(shape.positions, shape.nearest, shape.normals, progress);
+}
+
+void find_radii(PreparedShape& shape) {
     if (shape.radii.rows() == 0)
         shape.radii = gather(local_spacing(shape.positions, shape.nearest), shape.sorted_rows) *
                       shape.unit.scale;
@@ -178,6 +180,7 @@ std::vector<PreparedShape> prepare_all(std::span<const ShapeInput> inputs,
     progress.enter("topology");
     parallel_invoke(count, progress, [&](int k, Progress& its) {
         PreparedShape& shape = shapes[to_size(k)];
+        find_radii(shape);
         shape = with_topology(std::move(shape), inputs[to_size(k)].parts, options.boundary,
                               options.topology, its);
         make_outward(shape);

@@ -207,20 +207,11 @@ std::vector<std::string> color_warnings(const Cloud& source, const Cloud& target
 std::vector<std::string> straight_path_warnings(const Cloud& source, const Cloud& target,
                                                 const Pairing& pairs) {
     constexpr double kFewDegrees = 10.0;
-    const auto rows = static_cast<Eigen::Index>(pairs.size());
-    Positions from(rows, 3), to(rows, 3);
-    for (Eigen::Index i = 0; i < rows; ++i) {
-        from.row(i) = source.positions.row(pairs[to_size(i)].source);
-        to.row(i) = target.positions.row(pairs[to_size(i)].target);
-    }
-    const Similarity whole = fit_similarity(from, to);
-    const double degrees = angle_axis(whole.rotation).angle() * 180.0 / std::numbers::pi;
+    const JointSpread spread = joint_spread(source.positions, target.positions, pairs);
+    const double degrees = angle_axis(spread.rotation()).angle() * 180.0 / std::numbers::pi;
     if (degrees < kFewDegrees) return {};
-    const auto size = [](const Positions& rows) {
-        return (rows.rowwise() - rows.colwise().mean()).norm();
-    };
     const double half_way =
-        size(0.5 * (from + to)) / std::max(std::sqrt(size(from) * size(to)), 1e-300);
+        spread.half_way() / std::max(std::sqrt(spread.from_size() * spread.to_size()), 1e-300);
     return {target.name + " is rotated " + std::to_string(std::lround(degrees)) + "° relative to " +
             source.name + ". On straight paths, the shape shrinks to " +
             std::to_string(std::lround(100.0 * half_way)) +

@@ -214,25 +214,23 @@ Values smoothed(const SurfaceGraph& graph, Values values) {
 
 }  // namespace
 
-std::vector<Positions> first_spheres(const CellGraph& cells, const Positions& nodes,
-                                     const Normals& normals, const SphericalOptions& options,
-                                     Progress& progress) {
+void each_first_sphere(const CellGraph& cells, const Positions& nodes, const Normals& normals,
+                       const SphericalOptions& options,
+                       const std::function<bool(const Positions&)>& visit, Progress& progress) {
     // For shapes that are nearly balls, the directions from the middle are enough.
-    std::vector<Positions> spheres{
-        (nodes.rowwise() - nodes.colwise().mean()).rowwise().normalized()};
+    if (!visit((nodes.rowwise() - nodes.colwise().mean()).rowwise().normalized())) return;
     Plane plane(cells, nodes, normals, middle_of(cells.graph, progress));
-    if (plane.is_all_circle()) return spheres;
+    if (plane.is_all_circle()) return;
     Values looseness = Values::Zero(cells.graph.size());
     constexpr Index kEvery = 3;
     for (Index round = 0; round < options.opening_rounds; ++round) {
         plane.solve(looseness);
         const Positions sphere = plane.on_sphere();
         if (!sphere.allFinite()) break;
-        if (round % kEvery == 0) spheres.push_back(sphere);
+        if (round % kEvery == 0 && !visit(sphere)) return;
         looseness += options.opening * smoothed(cells.graph, log_scales(cells.graph, sphere));
-        progress.report(0.1 + 0.1 * (round + 1) / options.opening_rounds);
+        progress.report(0.1 + 0.2 * (round + 1) / options.opening_rounds);
     }
-    return spheres;
 }
 
 }  // namespace pointmorph

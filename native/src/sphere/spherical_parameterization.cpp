@@ -208,10 +208,11 @@ void check_part(const LargestPart& part, const SampledSurface& surface,
                             "Recalculate them, or give none to have them estimated.");
 }
 
-/// Rows of the part that become nodes, the `required` rows of the cloud first.
-std::vector<Index> chosen_nodes(const LargestPart& part, const KdTree<3>& tree,
-                                std::span<const Index> required, const std::string& name,
-                                Index wanted, Progress& progress) {
+/// Rows of the part that become nodes, the `required` rows of the cloud first, and which of them is
+/// nearest to each row, as far as that is known.
+SubsetCells chosen_nodes(const LargestPart& part, const KdTree<3>& tree,
+                         std::span<const Index> required, const std::string& name, Index wanted,
+                         Progress& progress) {
     std::vector<Index> kept;
     for (const Index row : required) {
         if (part.place[to_size(row)] < 0)
@@ -224,47 +225,56 @@ std::vector<Index> chosen_nodes(const LargestPart& part, const KdTree<3>& tree,
     constexpr Index kPointsANode = 5;
     constexpr std::size_t kFewest = 32;
     const Index most = std::max<Index>(kFewest, part.size() / kPointsANode);
-    std::vector<Index> rows =
-        poisson_disk_subset(tree, part.normals, kept, std::min(wanted, most), progress).rows;
-    if (rows.size() < kFewest)
+    SubsetCells nodes =
+        poisson_disk_cells(tree, part.normals, kept, std::min(wanted, most), progress);
+    const std::size_t found = nodes.subset.rows.size();
+    if (found < kFewest)
         throw CloudError(name, "at least " + std::to_string(kFewest) + " different points",
-                         std::to_string(rows.size()), "Sample it more densely.");
-    return rows;
+                         std::to_string(found), "Sample it more densely.");
+    return nodes;
 }
 
 /// For each point of the cloud the nearest node on its side of the surface; −1 outside of the part.
-std::vector<Index> cells_of(const LargestPart& part, const SphericalMesh& mesh,
-                            Progress& progress) {
+/// `known` are those of the part that are known, else −1.
+std::vector<Index> cells_of(const LargestPart& part, std::span<const Index> known,
+                            const SphericalMesh& mesh, Progress& progress) {
     const KdTree<3> nodes(mesh.positions);
     std::vector<Index> cells(part.place.size(), -1);
     parallel_for(
         part.size(), progress,
         [&](Index begin, Index end) {
-            for (Index i = begin; i < end; ++i)
-                cells[to_size(part.rows[to_size(i)])] = nearest_on_sheet(
-                    nodes, mesh.normals, part.positions.row(i), part.normals.row(i));
+            for (Index i = begin; i < end; ++i) {
+                const Index node = known[to_size(i)];
+                cells[to_size(part.rows[to_size(i)])] =
+                    node >= 0 ? node
+                              : nearest_on_sheet(nodes, mesh.normals, part.positions.row(i),
+                                                 part.normals.row(i));
+            }
         },
         0.0, 0.1);
     return cells;
 }
 
-/// The triangulation that contradicts the normals least, of those that the guesses give. Throws
-/// where even that one contradicts them on much of the surface.
-RingMesh triangulated(SphericalMesh& mesh, std::span<const Positions> guesses,
-                      double largest_wrong_share, const std::string& name, Progress& progress) {
+/// The triangulation that contradicts the normals least, of those that first guesses at the sphere
+/// give; the first that doesn't at all. Throws where even that one contradicts them on much of the
+/// surface.
+RingMesh triangulated(SphericalMesh& mesh, const CellGraph& cells, const SphericalOptions& options,
+                      const std::string& name, Progress& progress) {
     std::optional<RingMesh> rings;
     double least = std::numeric_limits<double>::infinity();
-    for (std::size_t k = 0; k < guesses.size() && least > 0.0; ++k) {
-        progress.report(0.2 + 0.1 * static_cast<double>(k) / static_cast<double>(guesses.size()));
-        RingMesh candidate = hull_on_sphere(guesses[k]);
+    const auto try_guess = [&](const Positions& guess) {
+        RingMesh candidate = hull_on_sphere(guess);
         flip_to_shape(candidate, mesh.positions, mesh.normals, progress);
         mesh.triangles = candidate.triangles();
         const double wrong = contradicting(mesh);
-        if (rings && wrong >= least) continue;
-        least = wrong;
-        rings = std::move(candidate);
-    }
-    if (least > largest_wrong_share)
+        if (!rings || wrong < least) {
+            least = wrong;
+            rings = std::move(candidate);
+        }
+        return least > 0.0;
+    };
+    each_first_sphere(cells, mesh.positions, mesh.normals, options, try_guess, progress);
+    if (least > options.largest_wrong_share)
         throw TopologyError(name, "a closed surface without handles, of genus 0",
                             "one that can't be mapped onto a sphere: " +
                                 std::to_string(std::lround(100.0 * least)) +
@@ -284,17 +294,15 @@ SphericalMesh spherical_mesh(const SampledSurface& surface, std::span<const Inde
     const KdTree<3> part_tree(part.positions);
     SphericalMesh mesh;
     mesh.loose = surface.size() - part.size();
-    for (const Index i :
-         chosen_nodes(part, part_tree, required, surface.name, options.nodes, progress))
-        mesh.rows.push_back(part.rows[to_size(i)]);
+    const SubsetCells chosen =
+        chosen_nodes(part, part_tree, required, surface.name, options.nodes, progress);
+    for (const Index i : chosen.subset.rows) mesh.rows.push_back(part.rows[to_size(i)]);
     mesh.positions = gather(surface.positions, mesh.rows);
     mesh.normals = gather(surface.normals, mesh.rows);
 
-    CellGraph cells = cell_graph(surface.nearest, surface.normals, cells_of(part, mesh, progress),
-                                 mesh.positions);
-    const auto guesses = first_spheres(cells, mesh.positions, mesh.normals, options, progress);
-    RingMesh rings =
-        triangulated(mesh, guesses, options.largest_wrong_share, surface.name, progress);
+    CellGraph cells = cell_graph(surface.nearest, surface.normals,
+                                 cells_of(part, chosen.nearest, mesh, progress), mesh.positions);
+    RingMesh rings = triangulated(mesh, cells, options, surface.name, progress);
     mesh.images = embed_on_sphere(std::move(rings), mesh.positions, progress);
     if (!mesh.images.allFinite() || turned_over(mesh.triangles, mesh.images) > 0.0)
         throw ConvergenceError(surface.name, "a sphere without folds", "triangles turned over",

@@ -110,6 +110,28 @@ TEST(Similarity, DegenerateInputGivesAShift) {
     EXPECT_EQ(fit_similarity(same, shapes::cube_noise(5)).scale, 1.0);
 }
 
+TEST(Similarity, JointSpreadIsThatOfBothEndsFarFromTheOrigin) {
+    const Positions from = shapes::cube_noise(50, 3).rowwise() + Eigen::RowVector3d(1e4, 0, -2e4);
+    const Positions to = Similarity{2.0, shapes::rotation(4), Vector3(0, 3e4, 0)}.apply(from) +
+                         0.1 * shapes::cube_noise(50, 5);
+    std::vector<IndexPair> pairs;
+    Positions x(150, 3), y(150, 3);
+    for (Index k = 0; k < 150; ++k) {  // rows in several pairs
+        pairs.push_back({k % 50, (7 * k) % 40});
+        x.row(k) = from.row(pairs.back().source);
+        y.row(k) = to.row(pairs.back().target);
+    }
+    const JointSpread spread = joint_spread(from, to, pairs);
+    const auto size = [](const Positions& p) { return (p.rowwise() - p.colwise().mean()).norm(); };
+    EXPECT_NEAR(spread.from_size(), size(x), 1e-6);
+    EXPECT_NEAR(spread.to_size(), size(y), 1e-6);
+    EXPECT_NEAR(spread.half_way(), size(0.5 * (x + y)), 1e-6);
+    EXPECT_LT((spread.rotation() - fit_similarity(x, y).rotation).norm(), 1e-6);
+    const std::vector<IndexPair> one{{3, 4}};
+    EXPECT_EQ(joint_spread(from, to, one).half_way(), 0.0);
+    EXPECT_EQ(joint_spread(from, to, one).rotation(), Matrix3::Identity());
+}
+
 TEST(Example, Similarity) {
     const Similarity away{2.0, shapes::rotation(3), Vector3(1, -2, 3)};
     const Positions source_features = shapes::cube_noise(6), source = shapes::sphere(20);

@@ -36,6 +36,21 @@ Similarity composed(const Similarity& after, const Similarity& before);
 /// one line).
 Similarity fit_similarity(const Positions& from, const Positions& to);
 
+/// How both ends of pairs lie about their means.
+struct JointSpread {
+    double from = 0.0, to = 0.0;           ///< sums of squared distances
+    Matrix3 covariance = Matrix3::Zero();  ///< Σ to fromᵀ
+
+    double from_size() const;  ///< root of the sum
+    double to_size() const;
+    double half_way() const;   ///< root of the sum for the places halfway between both ends
+    Matrix3 rotation() const;  ///< that of fit_similarity()
+};
+
+/// In one pass, without a copy of the ends. There is a pair at least.
+JointSpread joint_spread(const Positions& from, const Positions& to,
+                         std::span<const IndexPair> pairs);
+
 /// Whether the best similarity leaves them less than half as far apart (root mean square) where
 /// `from` is mirrored first: left and right are probably swapped.
 bool fits_better_mirrored(const Positions& from, const Positions& to);
