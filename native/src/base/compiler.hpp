@@ -2,7 +2,12 @@
 #pragma once
 
 #include <array>
+#include <cmath>
 #include <cstddef>
+
+#if defined(__GNUC__) && defined(__x86_64__) && !defined(_WIN32)
+#include <immintrin.h>
+#endif
 
 /// The pointer is the only way to what it points to, so that loops can be vectorized.
 #define POINTMORPH_RESTRICT __restrict  // of GCC, Clang and MSVC alike
@@ -143,10 +148,19 @@ using EightFloats = float;
 inline bool has_wide_registers() {
     return __builtin_cpu_supports("avx2");
 }
+/// Takes the square roots of some numbers, a multiple of four: compilers don't do several at once,
+/// as one of a number below 0 would have to be reported.
+POINTMORPH_WIDE inline void take_roots_wide(double* numbers, std::size_t count) {
+    for (std::size_t i = 0; i < count; i += 4)
+        _mm256_storeu_pd(numbers + i, _mm256_sqrt_pd(_mm256_loadu_pd(numbers + i)));
+}
 #else
 #define POINTMORPH_WIDE
 inline bool has_wide_registers() {
     return false;
+}
+inline void take_roots_wide(double* numbers, std::size_t count) {
+    for (std::size_t i = 0; i < count; ++i) numbers[i] = std::sqrt(numbers[i]);
 }
 #endif
 

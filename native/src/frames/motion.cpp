@@ -303,7 +303,11 @@ void fade(const Midway& midway, std::span<const IndexPair> pairs, double t,
             const std::size_t count = std::min(kBlock, to_size(end) - first);
             for (std::size_t i = 0; i < count; ++i) {
                 const std::size_t pair = first + i;
-                if (pair + kAhead < pairs.size()) fetch_early(&target_of(pair + kAhead));
+                if (pair + kAhead < pairs.size()) {
+                    const OrientedPoint& soon = target_of(pair + kAhead);
+                    fetch_early(&soon);
+                    fetch_early(&soon.normal.back());  // mostly another cache line
+                }
                 const OrientedPoint &from = source_of(pair), &to = target_of(pair);
                 for (std::size_t d = 0; d < 3 && !positions.empty(); ++d)
                     positions[3 * pair + d] =

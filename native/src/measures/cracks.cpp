@@ -226,6 +226,21 @@ std::vector<Gaps> gaps_of(const Edges& edges, const Frames& frames, std::span<co
             limit += kOpen / 2.0 * ((1.0 - t) * end.source_spacing + t * end.target_spacing);
         return {start, (start + place(ends[1])) / 2.0, limit};
     };
+    // An edge that is short at both ends is so all the way, as it is no longer than in proportion.
+    constexpr double kRounding = 1.0 - 1e-9, kPlaces = 1e-14;
+    const double off = kPlaces * std::max(frames.source.cwiseAbs().maxCoeff(),
+                                          frames.target.cwiseAbs().maxCoeff());
+    const auto stays_short = [&](const std::array<End, 2>& ends) {
+        const auto is_short = [&](const auto& edge, double both_spacings) {
+            const double most = kRounding * kOpen * both_spacings - off;
+            return most > 0.0 && edge.squaredNorm() <= most * most;
+        };
+        const auto& [a, b] = ends;
+        return is_short(a.source - b.source, a.source_spacing + b.source_spacing) &&
+               is_short(a.target - b.target, a.target_spacing + b.target_spacing);
+    };
+    const bool are_between =
+        std::ranges::all_of(times, [](double t) { return t >= 0.0 && t <= 1.0; });
     const auto both_ends = [&](Index edge) -> std::array<End, 2> {
         const auto [first, second] = edges[edge];
         return {end_of(first), end_of(second)};
@@ -235,6 +250,7 @@ std::vector<Gaps> gaps_of(const Edges& edges, const Frames& frames, std::span<co
     parallel_for(edges.count(), progress, [&](Index begin, Index end) {
         for (Index e = begin; e < end; ++e) {
             const auto ends = both_ends(e);
+            if (are_between && stays_short(ends)) continue;
             for (std::size_t k = 0; k < times.size(); ++k) {
                 const auto [start, middle, limit] = gap(ends, times[k]);
                 const auto closes = [&, middle = middle, limit = limit](const auto& place) {

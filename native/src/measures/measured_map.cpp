@@ -53,6 +53,32 @@ std::vector<Index> nearest_partners(std::span<const IndexPair> pairs, const Meas
     return nearest;
 }
 
+/// The point nearest to an image, by the neighbors of one that lies near it; −1 where these may
+/// lack it. Anything nearer than that one is less than twice as far from it as the image.
+Index nearest_around(const MeasuredCloud& other, const Eigen::RowVector3d& image, Index near) {
+    constexpr double kRounding = 1.0 + 1e-9, kLeast = 1e-12;  // in the unit ball
+    const auto squared = [](const auto& here, const auto& there) {
+        double sum = 0.0;  // axis by axis, as the tree does it
+        for (int d = 0; d < 3; ++d) sum += (here[d] - there[d]) * (here[d] - there[d]);
+        return sum;
+    };
+    const Eigen::RowVector3d middle = other.positions.row(near);
+    Index best = near;
+    double least = squared(image, middle);
+    const double reach = std::sqrt(least);
+    double farthest = kRounding * 2.0 * reach + kLeast;
+    for (const Index j : other.near(near)) {
+        const Eigen::RowVector3d place = other.positions.row(j);
+        if (squared(place, middle) > farthest * farthest) return best;
+        const double distance = squared(image, place);
+        if (distance > least || (distance == least && j > best)) continue;
+        best = j;
+        least = distance;
+        farthest = kRounding * (reach + std::sqrt(least)) + kLeast;
+    }
+    return -1;
+}
+
 /// The point of `other` nearest to an image on the partner's side of the surface, −1 for any side;
 /// the nearest of all where none of the first few lies on that side.
 Index foot_of(const MeasuredCloud& other, const Eigen::RowVector3d& image, Index partner) {
@@ -69,9 +95,12 @@ Index foot_of(const MeasuredCloud& other, const Eigen::RowVector3d& image, Index
     const auto same_side = [&](Index j) {
         return other.normals.row(j).dot(other.normals.row(partner)) > 0;
     };
-    // Nothing farther than the partner can be the nearest.
-    const double distance = (other.positions.row(partner) - image).norm();
-    const Index first = nearest(1, std::max(kBarelyMore * distance, kLeast)).front();
+    Index first = nearest_around(other, image, partner);
+    if (first < 0) {
+        // Nothing farther than the partner can be the nearest.
+        const double distance = (other.positions.row(partner) - image).norm();
+        first = nearest(1, std::max(kBarelyMore * distance, kLeast)).front();
+    }
     if (same_side(first)) return first;
     const auto several = nearest(kFeet, std::numeric_limits<double>::infinity());
     const auto foot = std::ranges::find_if(several, same_side);
@@ -397,12 +426,40 @@ bool is_mirrored(const MapFigures& figures) {
     return figures.flipped > 0.5;
 }
 
-double quantile(std::vector<double>& values, double share) {
+double quantile(std::span<const double> values, double share) {
     if (values.empty()) return 0.0;
-    const auto nth = values.begin() +
-                     static_cast<std::ptrdiff_t>(share * static_cast<double>(values.size() - 1));
-    std::nth_element(values.begin(), nth, values.end());
-    return *nth;
+    const auto place = [share](std::size_t count) {
+        return share * static_cast<double>(count - 1);
+    };
+    const auto nth = static_cast<std::size_t>(place(values.size()));
+    const auto find = [](std::vector<double>& among, std::size_t number) {
+        const auto at = among.begin() + static_cast<std::ptrdiff_t>(number);
+        std::ranges::nth_element(among, at);
+        return *at;
+    };
+    constexpr double kFarthest = std::numeric_limits<double>::infinity();
+    constexpr std::size_t kEvery = 32, kWorthIt = 100 * kEvery;
+    // Of many, a few say between which bounds it almost surely lies.
+    if (values.size() > kWorthIt) {
+        std::vector<double> some;
+        for (std::size_t i = 0; i < values.size(); i += kEvery) some.push_back(values[i]);
+        constexpr double kDeviations = 4.0;
+        const double margin = kDeviations * std::sqrt(static_cast<double>(some.size())) / 2.0;
+        const double low = place(some.size()) - margin, high = place(some.size()) + margin;
+        const double least = low < 0.0 ? -kFarthest : find(some, static_cast<std::size_t>(low));
+        const double most = high > static_cast<double>(some.size() - 1)
+                                ? kFarthest
+                                : find(some, static_cast<std::size_t>(high));
+        std::size_t below = 0;
+        std::vector<double> between;
+        for (const double value : values) {
+            below += value < least ? 1 : 0;
+            if (value >= least && value <= most) between.push_back(value);
+        }
+        if (nth >= below && nth - below < between.size()) return find(between, nth - below);
+    }
+    std::vector<double> all(values.begin(), values.end());
+    return find(all, nth);
 }
 
 }  // namespace pointmorph

@@ -87,7 +87,7 @@ double strain(double larger, double smaller);
 /// Whether most of the map is flipped.
 bool is_mirrored(const MapFigures& figures);
 
-/// The value that `share` of the values are below; 0 where there are none. Reorders them.
-double quantile(std::vector<double>& values, double share);
+/// The value that `share` of the values are below; 0 where there are none.
+double quantile(std::span<const double> values, double share);
 
 }  // namespace pointmorph

@@ -17,6 +17,11 @@ namespace {
 /// A turned normal that is no longer than that has no direction any more.
 constexpr double kCancelled = 1e-12;
 
+void take_roots(double* numbers, std::size_t count) {
+    auto all = Eigen::ArrayXd::Map(numbers, static_cast<Eigen::Index>(count));
+    all = all.sqrt();
+}
+
 }  // namespace
 
 Prolongation::Prolongation(const CoarseShape& shape, const Positions& positions,
@@ -88,13 +93,21 @@ struct Prolongation::Blending {
         if (wide && has_wide_registers())
             run_wide(begin, count);
         else
-            run_with<TwoTwos>(begin, count);
+            run_narrow(begin, count);
     }
 
 private:
     using Three = std::array<double, 3>;
 
-    POINTMORPH_WIDE void run_wide(Index begin, Index count) const { run_with<Four>(begin, count); }
+    POINTMORPH_WIDE void run_wide(Index begin, Index count) const {
+        run_with<Four>(begin, count);
+        rows.settle(to_size(begin), to_size(count), take_roots_wide);
+    }
+
+    void run_narrow(Index begin, Index count) const {
+        run_with<TwoTwos>(begin, count);
+        rows.settle(to_size(begin), to_size(count), take_roots);
+    }
 
     template <class Numbers>
     POINTMORPH_INLINE void run_with(Index begin, Index count) const {
@@ -132,8 +145,7 @@ private:
         even = normal[0] * columns[0];
         even += normal[2] * columns[2];
         even += normal[1] * columns[1];
-        double* const turned = rows.turned + 3 * i;
-        for (int d = 0; d < 3; ++d) turned[d] = even[d];
+        rows.turn(i, even);
     }
 };
 
@@ -153,25 +165,66 @@ struct Prolongation::OwnRows {
     POINTMORPH_INLINE double* placed(std::size_t row) const {
         return points.positions.data() + 3 * row;
     }
+    POINTMORPH_INLINE void turn(std::size_t i, const auto& normal) const {
+        for (int d = 0; d < 3; ++d) turned[3 * i + to_size(d)] = normal[d];
+    }
+    void settle(std::size_t, std::size_t, const auto&) const {}
 };
 
 /// Points that stay at rest, and are written elsewhere.
 struct Prolongation::RestRows {
-    const double *positions, *offsets;
-    const float* normals;
-    double share;
+    static constexpr auto kMost = to_size(kNormalizedAtOnce);
+    using Column = std::array<double, kMost>;
+
+    const Rest& rest;
     OrientedPoint* points;
-    double* turned;
+    const Similarity& after;
+    Column &x, &y, &z;  ///< normals that have yet to be normalized
 
     POINTMORPH_INLINE std::array<double, 3> position(std::size_t row) const {
-        const double *const at = positions + 3 * row, *const offset = offsets + 3 * row;
-        return {at[0] + share * offset[0], at[1] + share * offset[1], at[2] + share * offset[2]};
+        const double *const at = rest.positions.data() + 3 * row, *const offset =
+                                                                      rest.offsets.data() + 3 * row;
+        return {at[0] + rest.share * offset[0], at[1] + rest.share * offset[1],
+                at[2] + rest.share * offset[2]};
     }
     POINTMORPH_INLINE std::array<double, 3> normal(std::size_t row) const {
-        const float* const at = normals + 3 * row;
+        const float* const at = rest.normals.data() + 3 * row;
         return {at[0], at[1], at[2]};
     }
     POINTMORPH_INLINE double* placed(std::size_t row) const { return points[row].position.data(); }
+    POINTMORPH_INLINE void turn(std::size_t i, const auto& normal) const {
+        x[i] = normal[0];
+        y[i] = normal[1];
+        z[i] = normal[2];
+    }
+
+    /// Normalizes what was turned, in loops that the compiler vectorizes.
+    POINTMORPH_INLINE void settle(std::size_t begin, std::size_t count, auto&& roots) const {
+        const double least = kCancelled * after.scale;
+        Column lengths;
+        for (std::size_t i = 0; i < kMost; ++i)
+            lengths[i] = x[i] * x[i] + y[i] * y[i] + z[i] * z[i];
+        roots(lengths.data(), kMost);
+        std::array<float, kMost> unit_x, unit_y, unit_z;
+        for (std::size_t i = 0; i < kMost; ++i) {
+            const double factor = 1.0 / lengths[i];
+            unit_x[i] = static_cast<float>(x[i] * factor);
+            unit_y[i] = static_cast<float>(y[i] * factor);
+            unit_z[i] = static_cast<float>(z[i] * factor);
+        }
+        for (std::size_t i = 0; i < count; ++i) {
+            points[begin + i].normal = {unit_x[i], unit_y[i], unit_z[i], 0.0F};
+            if (!(lengths[i] > least)) keep(begin + i);
+        }
+    }
+
+private:
+    /// Where turns cancel.
+    void keep(std::size_t row) const {
+        const Eigen::RowVector3d normal =
+            rest.normals.row(to_index(row)).cast<double>() * after.rotation.transpose();
+        for (int d = 0; d < 3; ++d) points[row].normal[to_size(d)] = static_cast<float>(normal[d]);
+    }
 };
 
 void Prolongation::move(Index begin, Index end, const CoarseMoves& moves, OrientedPoints& points,
@@ -192,24 +245,11 @@ void Prolongation::move(Index begin, Index end, const CoarseMoves& moves, Orient
 
 void Prolongation::move(Index begin, Index end, const CoarseMoves& moves, const Rest& rest,
                         std::span<OrientedPoint> points, bool wide) const {
-    Eigen::Matrix<double, kNormalizedAtOnce, 3, Eigen::RowMajor> turned;
-    const RestRows rows{rest.positions.data(), rest.offsets.data(), rest.normals.data(), rest.share,
-                        points.data(),         turned.data()};
-    for (Index first = begin; first < end; first += kNormalizedAtOnce) {
-        const Index count = std::min(kNormalizedAtOnce, end - first);
-        Blending<RestRows>{*this, moves, rows}.run(first, count, wide);
-        normalize_rows(turned.topRows(count), kCancelled * moves.after_.scale,
-                       [&](Index i) -> Eigen::RowVector3d {
-                           return rest.normals.row(first + i).cast<double>() *
-                                  moves.after_.rotation.transpose();
-                       });
-        for (Index i = 0; i < count; ++i) {
-            const double* const normal = turned.data() + 3 * i;
-            for (std::size_t d = 0; d < 3; ++d)
-                points[to_size(first + i)].normal[d] = static_cast<float>(normal[d]);
-            points[to_size(first + i)].normal[3] = 0.0F;
-        }
-    }
+    RestRows::Column x{}, y{}, z{};
+    const RestRows rows{rest, points.data(), moves.after_, x, y, z};
+    for (Index first = begin; first < end; first += kNormalizedAtOnce)
+        Blending<RestRows>{*this, moves, rows}.run(first, std::min(kNormalizedAtOnce, end - first),
+                                                   wide);
 }
 
 OrientedPoints Prolongation::operator()(const CoarseShape& shape, const DeformedCloud& coarse,

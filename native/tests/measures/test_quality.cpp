@@ -3,8 +3,11 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <cmath>
+#include <random>
 
 #include "measures/mapped.hpp"
+#include "measures/measured_map.hpp"
 #include "pointmorph/base/error.hpp"
 #include "pointmorph/base/parallel.hpp"
 #include "pointmorph/cloud/neighborhoods.hpp"
@@ -399,6 +402,53 @@ TEST(Quality, ReachedIsAsBruteForceSays) {
     }
     EXPECT_LT(reached, p.rows());
     EXPECT_GT(reached, 0);
+}
+
+TEST(Quality, TheNearestPointToAnImageIsAsBruteForceSays) {
+    // Images lie on the surface, off it, and far from what they are paired with.
+    const Positions p = shapes::sphere(3000);
+    Positions images = p + 0.02 * Positions::Random(p.rows(), 3);
+    for (Eigen::Index i = 0; i < p.rows(); i += 3) images.row(i) = p.row((i + 700) % p.rows());
+    for (Eigen::Index i = 1; i < p.rows(); i += 30) images.row(i) *= 1.3;
+    const Case one = of_same_rows(cloud("A", p, stay), cloud("B", p, stay), images, p);
+    Progress progress;
+    const OrderedNeighbors near = ordered_neighbors(p, 16, progress);
+    const MeasuredCloud from(one.source, near), to(one.target, near);
+    const MeasuredMaps maps = measure_maps(from, to, one.map(), progress);
+    Index compared = 0;
+    for (Index i = 0; i < from.size(); ++i) {
+        Index nearest = 0;
+        (to.positions.rowwise() - maps.there.images.row(i))
+            .rowwise()
+            .squaredNorm()
+            .minCoeff(&nearest);
+        if (!(to.normals.row(nearest).dot(to.normals.row(i)) > 0.0)) continue;
+        EXPECT_EQ(maps.there.foot[to_size(i)], nearest) << i;
+        ++compared;
+    }
+    EXPECT_GT(compared, 2000);
+}
+
+TEST(Quality, QuantilesAreNumbersInOrder) {
+    std::mt19937_64 random(1);
+    std::uniform_real_distribution<double> even(-1.0, 1.0);
+    const std::vector<std::function<double(std::size_t)>> kinds{
+        [&](std::size_t) { return even(random); },
+        [&](std::size_t) { return std::exp(20.0 * even(random)); },
+        [&](std::size_t) { return std::floor(3.0 * even(random)); },
+        [](std::size_t i) { return i % 32 == 0 ? 1e3 : static_cast<double>(i); },  // few mislead
+        [](std::size_t) { return 2.0; }};
+    for (const auto& kind : kinds)
+        for (const std::size_t count : {1U, 2U, 1000U, 3201U, 50000U}) {
+            std::vector<double> values;
+            for (std::size_t i = 0; i < count; ++i) values.push_back(kind(i));
+            std::vector<double> sorted = values;
+            std::ranges::sort(sorted);
+            for (const double share : {0.0, 0.01, 0.5, 0.99, 1.0})
+                EXPECT_EQ(quantile(values, share),
+                          sorted[static_cast<std::size_t>(share * (count - 1.0))]);
+        }
+    EXPECT_EQ(quantile({}, 0.5), 0.0);
 }
 
 TEST(Quality, CanBeStopped) {

@@ -125,8 +125,18 @@ TEST(Prolongation, WhereTurnsCancelANormalTurnsAsTheWhole) {
     const Matrix3 turn = Eigen::AngleAxisd(2.0, Vector3::UnitX()).toRotationMatrix();
     moves.then({1e-9, turn, Vector3::Zero()});
     OrientedPoints points{f.positions, f.positions};
-    Prolongation(f.shape, f.positions, f.positions, f.progress).move(0, 4000, moves, points);
+    const Prolongation prolongation(f.shape, f.positions, f.positions, f.progress);
+    prolongation.move(0, 4000, moves, points);
     EXPECT_LT((points.normals - f.positions * turn.transpose()).cwiseAbs().maxCoeff(), 1e-12);
+    const Positions still = Positions::Zero(4000, 3);
+    const FloatNormals normals = f.positions.cast<float>();
+    for (const bool wide : {true, false}) {
+        std::vector<OrientedPoint> moved(4000);
+        prolongation.move(0, 4000, moves, {f.positions, normals, still, 0.0}, moved, wide);
+        for (Index i = 0; i < 4000; ++i)
+            for (Index d = 0; d < 3; ++d)
+                ASSERT_NEAR(moved[to_size(i)].normal[to_size(d)], points.normals(i, d), 1e-6);
+    }
 }
 
 TEST(Prolongation, FollowsASmoothMapAndReproducesCoarsePoints) {
