@@ -33,31 +33,31 @@ RouteResult match_on_sphere(const RouteInput& input, const SphereRouteOptions& o
     progress.enter("spherical alignment");
     std::vector<IndexPair> meet;  // the features are the meshes' first nodes
     for (Index k = 0; k < to_index(features.size()); ++k) meet.push_back({k, k});
-    SphericalAlignment alignment;
-    const auto align = [&](Progress& its) {
-        alignment = align_on_sphere(source_mesh, target_mesh, meet, options.alignment, its);
-    };
     std::vector<PlaceInMesh> source_places, target_places;
     const auto find_places = [&](bool is_source, Progress& its) {
         const PreparedShape& shape = is_source ? source : target;
         (is_source ? source_places : target_places) = places_in_mesh(
             is_source ? source_mesh : target_mesh, shape.positions, shape.normals, its);
     };
-    // One thread aligns, while two others find where points lie in the meshes, which alignment
-    // doesn't change. A search for the rotation takes all threads, and so do many points.
+    // Where points lie in the meshes alignment doesn't change. Many points take all threads.
     constexpr Index kMany = 1'000'000;
-    const bool is_fixed = to_index(meet.size()) >= options.alignment.features_that_fix_the_rotation;
-    if (is_fixed && source.size() + target.size() < kMany) {
-        parallel_invoke(3, progress, [&](int k, Progress& its) {
-            k == 0 ? align(its) : find_places(k == 1, its);
-        });
-    } else {
-        align(progress);
+    const bool are_many = source.size() + target.size() >= kMany;
+    WorkBeside beside;
+    if (!are_many)
+        for (const bool is_source : {true, false})
+            beside.push_back(
+                [&find_places, is_source](Progress& its) { find_places(is_source, its); });
+    SphericalAlignment alignment;
+    {
+        const Progress::Part part(progress, 0.0, are_many ? 0.9 : 1.0);
+        alignment =
+            align_on_sphere(source_mesh, target_mesh, meet, options.alignment, progress, beside);
+    }
+    if (are_many)
         for (const bool is_source : {true, false}) {
             const Progress::Part part(progress, is_source ? 0.9 : 0.95, is_source ? 0.95 : 1.0);
             find_places(is_source, progress);
         }
-    }
     result.facts.alignment_sweeps = alignment.steps;
     for (const auto& [s, t] : alignment.extremities)
         result.facts.extremities.push_back(

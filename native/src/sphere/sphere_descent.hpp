@@ -26,30 +26,47 @@ public:
     Smoother(std::span<const Triangle> triangles, Index count, std::span<const Index> fixed,
              std::span<const Vector3> weights = {})
         : free_(to_size(count), 0), scales_(Values::Ones(count)) {
-        constexpr double kShift = 1e-3, kLeast = 0.05;
         for (const Index f : fixed) free_[to_size(f)] = -1;
         Index unknowns = 0;
         for (Index& f : free_)
             if (f >= 0) f = unknowns++;
         std::vector<Eigen::Triplet<double, Index>> entries;
-        for (std::size_t t = 0; t < triangles.size(); ++t)
-            for (Index k = 0; k < 3; ++k) {
-                const Index a = triangles[t][to_size((k + 1) % 3)],
-                            b = triangles[t][to_size((k + 2) % 3)];
-                const double weight = weights.empty() ? 1.0 : std::max(kLeast, weights[t][k]);
+        for (const Triangle& triangle : triangles)
+            for (std::size_t k = 0; k < 3; ++k) {
+                const Index a = triangle[(k + 1) % 3], b = triangle[(k + 2) % 3];
                 const Index i = free_[to_size(a)], j = free_[to_size(b)];
-                if (i >= 0) entries.emplace_back(i, i, (1.0 + kShift) * weight);
-                if (j >= 0) entries.emplace_back(j, j, (1.0 + kShift) * weight);
-                if (i >= 0 && j >= 0) entries.emplace_back(std::max(i, j), std::min(i, j), -weight);
-                if (i >= 0 && j < 0) pulls_.push_back({i, b, weight});
-                if (j >= 0 && i < 0) pulls_.push_back({j, a, weight});
+                for (const auto& [row, column] : {std::pair(i, i), {j, j}, {i, j}})
+                    if (row >= 0 && column >= 0)
+                        entries.emplace_back(std::max(row, column), std::min(row, column), 0.0);
+                if (i >= 0 && j < 0) pulls_.push_back({i, b, 0.0});
+                if (j >= 0 && i < 0) pulls_.push_back({j, a, 0.0});
             }
-        Eigen::SparseMatrix<double, Eigen::ColMajor, Index> matrix(unknowns, unknowns);
-        matrix.setFromTriplets(entries.begin(), entries.end());
-        cholesky_.compute(matrix);
+        matrix_.resize(unknowns, unknowns);
+        matrix_.setFromTriplets(entries.begin(), entries.end());
+        find_places(triangles);
+        cholesky_.analyzePattern(matrix_);
         for (Index& f : free_)
             if (f >= 0) f = cholesky_.permutationP().indices()[f];
         for (Pull& p : pulls_) p.row = cholesky_.permutationP().indices()[p.row];
+        set_weights(weights);
+    }
+
+    /// Other weights of the same triangles.
+    void set_weights(std::span<const Vector3> weights) {
+        constexpr double kShift = 1e-3, kLeast = 0.05;
+        double* const values = matrix_.valuePtr();
+        std::fill(values, values + matrix_.nonZeros(), 0.0);
+        auto pull = pulls_.begin();
+        for (std::size_t e = 0; e < edges_.size(); ++e) {
+            const double weight =
+                weights.empty() ? 1.0 : std::max(kLeast, weights[e / 3][Index(e % 3)]);
+            const auto& [from, to, between] = edges_[e];
+            if (from >= 0) values[from] += (1.0 + kShift) * weight;
+            if (to >= 0) values[to] += (1.0 + kShift) * weight;
+            if (between >= 0) values[between] -= weight;
+            if ((from >= 0) != (to >= 0)) (pull++)->weight = weight;
+        }
+        cholesky_.factorize(matrix_);
     }
 
     void set_scales(Values scales) { scales_ = std::move(scales); }
@@ -70,6 +87,7 @@ public:
     }
 
 private:
+    using Matrix = Eigen::SparseMatrix<double, Eigen::ColMajor, Index>;
     /// Three columns and an empty one, so that a row fills registers; in the order of the factor.
     using Rows = Eigen::Matrix<double, Eigen::Dynamic, 4, Eigen::RowMajor>;
     /// Of a fixed vertex at a row of the matrix.
@@ -77,6 +95,30 @@ private:
         Index row, fixed;
         double weight;
     };
+
+    /// Of the edge across from a triangle's corner: where among the matrix's values those of both
+    /// ends and of the edge stand, or −1.
+    struct Edge {
+        Index from, to, between;
+    };
+
+    void find_places(std::span<const Triangle> triangles) {
+        const auto place = [&](Index i, Index j) -> Index {
+            if (i < 0 || j < 0) return -1;
+            const Index* const begin = matrix_.innerIndexPtr();
+            const Index column = std::min(i, j);
+            return to_index(std::lower_bound(begin + matrix_.outerIndexPtr()[column],
+                                             begin + matrix_.outerIndexPtr()[column + 1],
+                                             std::max(i, j)) -
+                            begin);
+        };
+        for (const Triangle& triangle : triangles)
+            for (std::size_t k = 0; k < 3; ++k) {
+                const Index i = free_[to_size(triangle[(k + 1) % 3])],
+                            j = free_[to_size(triangle[(k + 2) % 3])];
+                edges_.push_back({place(i, i), place(j, j), place(i, j)});
+            }
+    }
 
     /// Solves for all columns in one pass over the factor and one back.
     void solve(Rows& rows) const {
@@ -109,10 +151,10 @@ private:
 
     std::vector<Index> free_;  ///< row of the factor of each vertex that isn't fixed
     std::vector<Pull> pulls_;
+    std::vector<Edge> edges_;  ///< three of each triangle
     Values scales_;
-    Eigen::SimplicialLLT<Eigen::SparseMatrix<double, Eigen::ColMajor, Index>, Eigen::Lower,
-                         Eigen::AMDOrdering<Index>>
-        cholesky_;
+    Matrix matrix_;
+    Eigen::SimplicialLLT<Matrix, Eigen::Lower, Eigen::AMDOrdering<Index>> cholesky_;
 };
 
 /// Whether a step turns a triangle over, as most of those do that are too long. The triangle that

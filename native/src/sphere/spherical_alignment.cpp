@@ -5,6 +5,7 @@
 #include <array>
 #include <cmath>
 #include <numbers>
+#include <optional>
 #include <string>
 #include <utility>
 
@@ -44,11 +45,12 @@ public:
         : source_(source),
           target_(target),
           locator_(target.triangles, target.images),
-          hints_(to_size(source.size()), 0),
+          hints_(to_size(source.size())),
           round_(source.triangles, kRound / (4.0 * std::numbers::pi)),
           images_(source.size(), 3),
           by_image_(source.size(), 3),
           triangle_images_(source.triangles.size()),
+          on_target_(target.triangles.size()),
           area_weight_(area_weight),
           target_scale_(1.0 / std::sqrt(area_of(target))) {
         const double scale = 1.0 / std::sqrt(area_of(source));
@@ -70,17 +72,26 @@ public:
             }
             rests_.push_back(rest);
         }
-        for (const auto& [a, b, c] : target.triangles) {
-            OnTarget under;
-            Matrix3 on_sphere;
-            on_sphere << row_of(target.images, a), row_of(target.images, b),
-                row_of(target.images, c);
-            under.corners << row_of(target.positions, a), row_of(target.positions, b),
+        for (std::size_t t = 0; t < on_target_.size(); ++t) {
+            const auto& [a, b, c] = target.triangles[t];
+            on_target_[t].corners << row_of(target.positions, a), row_of(target.positions, b),
                 row_of(target.positions, c);
+        }
+    }
+
+    /// Has to be called before all else, and again when the target's places have moved.
+    void look_at_target() {
+        locator_.move_to(target_.images);
+        std::ranges::fill(hints_, 0);
+        for (std::size_t t = 0; t < on_target_.size(); ++t) {
+            const auto& [a, b, c] = target_.triangles[t];
+            OnTarget& under = on_target_[t];
+            Matrix3 on_sphere;
+            on_sphere << row_of(target_.images, a), row_of(target_.images, b),
+                row_of(target_.images, c);
             under.inverse = on_sphere.inverse();
             under.slope = target_scale_ * under.corners * under.inverse;
             under.sums = under.inverse.colwise().sum();
-            on_target_.push_back(under);
         }
     }
 
@@ -212,8 +223,8 @@ private:
     Positions images_;    ///< of vertices, on the scaled target
     Positions by_image_;  ///< of the energy
     std::vector<Image> triangle_images_;
-    std::vector<Rest> rests_;
     std::vector<OnTarget> on_target_;
+    std::vector<Rest> rests_;
     double area_weight_;
     double target_scale_;
 };
@@ -239,13 +250,17 @@ std::vector<IndexPair> paired_extremities(const SphericalMesh& source, const Sph
                                           Progress& progress) {
     constexpr double kLargest = 0.5;
     if (features.empty() || most == 0) return {};
-    const auto unmarked = [&](const SphericalMesh& mesh, Index IndexPair::*side) {
-        const Eigen::MatrixXd from = distances_from(mesh.graph, 1.0, side_of(features, side));
-        return unmarked_extremities(mesh.graph, 1.0, from, {.most = most}, progress);
-    };
-    return paired_extremities(
-        unmarked(source, &IndexPair::source), unmarked(target, &IndexPair::target), kLargest,
-        [&](Index s, Index t) { return (source.images.row(s) - target.images.row(t)).norm(); });
+    UnmarkedExtremities on_source, on_target;
+    on_both(progress, [&](bool is_source, Progress& its) {
+        const SurfaceGraph& graph = (is_source ? source : target).graph;
+        const auto side = is_source ? &IndexPair::source : &IndexPair::target;
+        const Eigen::MatrixXd from = distances_from(graph, 1.0, side_of(features, side));
+        (is_source ? on_source : on_target) =
+            unmarked_extremities(graph, 1.0, from, {.most = most}, its);
+    });
+    return paired_extremities(on_source, on_target, kLargest, [&](Index s, Index t) {
+        return (source.images.row(s) - target.images.row(t)).norm();
+    });
 }
 
 /// The k-th of `count` nodes that lie all over the surface: nodes stand in spatial order.
@@ -373,20 +388,96 @@ double meet(SphericalMesh& source, SphericalMesh& target, std::span<const IndexP
             if (source.images.row(s) != target.images.row(t))
                 goals.row(Index(k)) = (source.images.row(s) + target.images.row(t)).normalized();
         }
-        apart = std::max(approach(source, source_smooth, on_source, goals, progress),
-                         approach(target, target_smooth, on_target, goals, progress));
+        std::array<double, 2> left;
+        on_both(progress, [&](bool is_source, Progress& its) {
+            left[is_source ? 0 : 1] = is_source
+                                          ? approach(source, source_smooth, on_source, goals, its)
+                                          : approach(target, target_smooth, on_target, goals, its);
+        });
+        apart = std::max(left[0], left[1]);
     }
     return apart;
+}
+
+/// Evens out both sides by turns: from one side, then from the other, as triangles of one see what
+/// lies between the corners of the other's.
+class EveningOut {
+public:
+    EveningOut(SphericalMesh& source, SphericalMesh& target, std::span<const IndexPair> features,
+               double area_weight)
+        : of_source_(source, target, side_of(features, &IndexPair::source), area_weight),
+          of_target_(target, source, side_of(features, &IndexPair::target), area_weight) {}
+
+    /// Until two rounds hardly gain. Returns the energy.
+    double run(Index rounds, Progress& progress) {
+        constexpr double kGain = 1e-3;  // of two rounds that are worth going on
+        double energy = 0.0, of_both = 0.0, before = kInfinity;
+        for (Index round = 0; round < rounds; ++round) {
+            const bool from_source = round % 2 == 0;
+            energy = (from_source ? of_source_ : of_target_).even_out(progress);
+            progress.report(static_cast<double>(round + 1) / rounds);
+            of_both += energy;
+            if (from_source) continue;
+            if (!(of_both < (1.0 - kGain) * before)) break;
+            before = std::exchange(of_both, 0.0);
+        }
+        return energy;
+    }
+
+private:
+    /// The side whose places move.
+    class Side {
+    public:
+        Side(SphericalMesh& moving, const SphericalMesh& other, std::vector<Index> fixed,
+             double area_weight)
+            : moving_(moving), fixed_(std::move(fixed)), stretch_(moving, other, area_weight) {}
+
+        double even_out(Progress& progress) {
+            constexpr int kSteps = 30;
+            stretch_.look_at_target();
+            const std::vector<Vector3> stiffness = stretch_.stiffness(moving_.images);
+            if (smooth_)
+                smooth_->set_weights(stiffness);
+            else
+                smooth_.emplace(moving_.triangles, moving_.size(), fixed_, stiffness);
+            smooth_->set_scales(stretch_.scales(moving_.images));
+            return descend(moving_.images, moving_.triangles, *smooth_, kSteps, stretch_, progress);
+        }
+
+    private:
+        SphericalMesh& moving_;
+        std::vector<Index> fixed_;
+        Stretch stretch_;
+        std::optional<Smoother> smooth_;
+    };
+    Side of_source_, of_target_;
+};
+
+/// The turn of the source, of the likely ones, after which features meet and least is stretched.
+Matrix3 best_of_likely_rotations(const SphericalMesh& source, const SphericalMesh& target,
+                                 std::span<const IndexPair> features,
+                                 const SphericalAlignmentOptions& options, Progress& progress) {
+    constexpr Index kRounds = 2;
+    const auto rotations = likely_rotations(source, target, features, options, progress);
+    std::vector<double> energies(rotations.size(), kInfinity);
+    const Progress::Part part(progress, 0.1, 0.4);
+    parallel_invoke(static_cast<int>(rotations.size()), progress, [&](int k, Progress& its) {
+        SphericalMesh s = source, t = target;
+        s.images = source.images * rotations[to_size(k)].transpose();
+        Index unused = 0;
+        if (meet(s, t, features, options.max_steps, unused, its) > 0.0) return;
+        energies[to_size(k)] = EveningOut(s, t, features, options.area_weight).run(kRounds, its);
+    });
+    const auto least = std::ranges::min_element(energies) - energies.begin();
+    const bool any = !energies.empty() && energies[to_size(least)] < kInfinity;
+    return any ? rotations[to_size(least)] : Matrix3(Matrix3::Identity());
 }
 
 }  // namespace
 
 SphereLocator::SphereLocator(std::span<const Triangle> triangles, const Positions& images)
-    : triangles_(triangles), across_(triangles.size()) {
-    for (const auto& [a, b, c] : triangles) {
-        const Vector3 p = row_of(images, a), q = row_of(images, b), r = row_of(images, c);
-        facing_.push_back({q.cross(r), r.cross(p), p.cross(q)});
-    }
+    : triangles_(triangles), facing_(triangles.size()), across_(triangles.size()) {
+    move_to(images);
     struct Side {
         Index low, high, triangle, corner;
         auto operator<=>(const Side&) const = default;
@@ -402,6 +493,14 @@ SphereLocator::SphereLocator(std::span<const Triangle> triangles, const Position
     for (std::size_t i = 0; i + 1 < sides.size(); i += 2) {
         across_[to_size(sides[i].triangle)][to_size(sides[i].corner)] = sides[i + 1].triangle;
         across_[to_size(sides[i + 1].triangle)][to_size(sides[i + 1].corner)] = sides[i].triangle;
+    }
+}
+
+void SphereLocator::move_to(const Positions& images) {
+    for (std::size_t t = 0; t < facing_.size(); ++t) {
+        const auto& [a, b, c] = triangles_[t];
+        const Vector3 p = row_of(images, a), q = row_of(images, b), r = row_of(images, c);
+        facing_[t] = {q.cross(r), r.cross(p), p.cross(q)};
     }
 }
 
@@ -438,58 +537,17 @@ PlaceInMesh SphereLocator::find(const Vector3& place, Index start) const {
 
 SphericalAlignment align_on_sphere(SphericalMesh& source, SphericalMesh& target,
                                    std::span<const IndexPair> features,
-                                   const SphericalAlignmentOptions& options, Progress& progress) {
-    constexpr int kRound = 30, kTrialRounds = 2;
-    constexpr double kGain = 1e-3;  // of two rounds that are worth going on
+                                   const SphericalAlignmentOptions& options, Progress& progress,
+                                   const WorkBeside& beside) {
     SphericalAlignment result;
-    // From one side, then from the other: triangles of one see what lies between the corners of
-    // the other's.
-    const auto even_out = [&](SphericalMesh& moving, const SphericalMesh& other,
-                              Index IndexPair::*side) {
-        const std::vector<Index> fixed = side_of(features, side);
-        Stretch stretch(moving, other, options.area_weight);
-        Smoother smooth(moving.triangles, moving.size(), fixed, stretch.stiffness(moving.images));
-        smooth.set_scales(stretch.scales(moving.images));
-        return descend(moving.images, moving.triangles, smooth, kRound, stretch, progress);
-    };
-    const auto even_out_both = [&](SphericalMesh& s, SphericalMesh& t, Index rounds, double first,
-                                   double last) {
-        double energy = 0.0, of_both = 0.0, before = kInfinity;
-        for (Index round = 0; round < rounds; ++round) {
-            const bool from_source = round % 2 == 0;
-            energy = from_source ? even_out(s, t, &IndexPair::source)
-                                 : even_out(t, s, &IndexPair::target);
-            progress.report(first + (last - first) * (round + 1) / rounds);
-            of_both += energy;
-            if (from_source) continue;
-            if (!(of_both < (1.0 - kGain) * before)) break;
-            before = std::exchange(of_both, 0.0);
-        }
-        return energy;
-    };
-
-    if (to_index(features.size()) >= options.features_that_fix_the_rotation) {
-        rotate_to_features(source, target, features);
+    result.searched = to_index(features.size()) < options.features_that_fix_the_rotation;
+    if (result.searched) {
+        const Matrix3 turn = best_of_likely_rotations(source, target, features, options, progress);
+        source.images = source.images * turn.transpose();
     } else {
-        result.searched = true;
-        Matrix3 best = Matrix3::Identity();
-        double least = kInfinity;
-        const auto rotations = likely_rotations(source, target, features, options, progress);
-        for (std::size_t k = 0; k < rotations.size(); ++k) {
-            SphericalMesh s = source, t = target;
-            s.images = source.images * rotations[k].transpose();
-            Index unused = 0;
-            if (meet(s, t, features, options.max_steps, unused, progress) > 0.0) continue;
-            const double done = static_cast<double>(k) / static_cast<double>(rotations.size());
-            const double energy =
-                even_out_both(s, t, kTrialRounds, 0.1 + 0.3 * done, 0.1 + 0.3 * done);
-            if (!(energy < least)) continue;
-            least = energy;
-            best = rotations[k];
-        }
-        source.images = source.images * best.transpose();
+        rotate_to_features(source, target, features);
     }
-    double apart = meet(source, target, features, options.max_steps, result.steps, progress);
+    const double apart = meet(source, target, features, options.max_steps, result.steps, progress);
     if (apart > 0.0)
         throw ConvergenceError("features", "features that meet on the sphere without a fold",
                                "some that stay " + std::to_string(apart) + " sphere radii apart",
@@ -504,7 +562,14 @@ SphericalAlignment align_on_sphere(SphericalMesh& source, SphericalMesh& target,
         meet(source, target, all, options.max_extremity_steps, result.steps, progress);
         result.extremities = extremities;
     }
-    result.energy = even_out_both(source, target, options.descent_rounds, 0.5, 0.9);
+    EveningOut evening_out(source, target, features, options.area_weight);
+    const Progress::Part part(progress, 0.4, 1.0);
+    parallel_invoke(static_cast<int>(1 + beside.size()), progress, [&](int k, Progress& its) {
+        if (k == 0)
+            result.energy = evening_out.run(options.descent_rounds, its);
+        else
+            beside[to_size(k - 1)](its);
+    });
     return result;
 }
 

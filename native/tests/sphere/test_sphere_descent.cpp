@@ -93,6 +93,12 @@ TEST(SphereDescent, ASmootherInvertsItsLaplacian) {
             EXPECT_LT((back.row(v) - directions.row(v)).norm(), 1e-10) << v;
         }
     }
+    // With weights that are set later, the same to the bit.
+    Smoother later(ball.triangles, ball.size(), fixed);
+    later.set_weights(weights);
+    later.set_scales(scales);
+    EXPECT_EQ(later(directions), smoothed);
+    EXPECT_EQ(later.extended(directions), extended);
     // Without scales, what goes on from the fixed ones pulls at no other.
     const Smoother plain(ball.triangles, ball.size(), fixed, weights);
     const Eigen::MatrixXd pulls = laplacian * plain.extended(directions);

@@ -4,6 +4,8 @@
 
 #include <Eigen/Geometry>
 #include <algorithm>
+#include <array>
+#include <atomic>
 #include <chrono>
 #include <cmath>
 #include <numbers>
@@ -11,6 +13,7 @@
 #include <vector>
 
 #include "pointmorph/base/error.hpp"
+#include "pointmorph/base/parallel.hpp"
 #include "pointmorph/surface/transfer.hpp"
 #include "shapes.hpp"
 #include "watched.hpp"
@@ -122,6 +125,27 @@ TEST(SphericalAlignment, WithoutFeaturesTheTurnIsFound) {
     }
 }
 
+TEST(SphericalAlignment, WorkBesideIsDoneOnceAndChangesNothing) {
+    const Limbed source(watched_size(2000), 1), target(watched_size(2000), 2);
+    const auto images_with = [&](const WorkBeside& beside, int threads) {
+        const ThreadCount limit(threads);
+        SphericalMesh s = source.mesh, t = target.mesh;
+        Progress progress;
+        align_on_sphere(s, t, first_nodes(3), {.descent_rounds = 2}, progress, beside);
+        return s.images;
+    };
+    const Positions alone = images_with({}, 1);
+    for (const int threads : {1, 2, 4}) {
+        std::array<std::atomic<int>, 3> done{};
+        WorkBeside beside;
+        for (std::atomic<int>& its : done) beside.push_back([&its](Progress&) { ++its; });
+        EXPECT_EQ(images_with(beside, threads), alone);
+        for (const std::atomic<int>& its : done) EXPECT_EQ(its, 1);
+    }
+    const WorkBeside failing{[](Progress&) { throw ConvergenceError("a", "b", "c", "d"); }};
+    EXPECT_THROW(images_with(failing, 2), ConvergenceError);
+}
+
 TEST(SphericalAlignment, ExchangedFeaturesNeverFold) {
     Limbed source(2500, 1), target(2500, 2);
     const std::vector<IndexPair> exchanged{{0, 1}, {1, 0}, {2, 2}, {3, 3}};
@@ -140,7 +164,8 @@ TEST(SphericalAlignment, ExchangedFeaturesNeverFold) {
 
 TEST(SphericalAlignment, PlacesAreFoundWhereverTheSearchStarts) {
     const Limbed shape(2000, 3);
-    const SphereLocator locator(shape.mesh.triangles, shape.mesh.images);
+    SphereLocator locator(shape.mesh.triangles, -shape.mesh.images);
+    locator.move_to(shape.mesh.images);
     std::mt19937_64 random(4);
     std::normal_distribution<double> normal;
     const auto triangles = to_index(shape.mesh.triangles.size());

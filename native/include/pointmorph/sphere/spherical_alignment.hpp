@@ -3,6 +3,7 @@
 #pragma once
 
 #include <array>
+#include <functional>
 #include <span>
 #include <vector>
 
@@ -34,25 +35,33 @@ struct SphericalAlignment {
     std::vector<IndexPair> extremities;  ///< that were brought together, places in both meshes
 };
 
+/// Work for threads that have nothing else to do.
+using WorkBeside = std::vector<std::function<void(Progress&)>>;
+
 /// Moves the images of both. `features` are places in `rows` of both; at the end they are at one
 /// place to the bit, and no triangle is turned over. Throws ConvergenceError where features can't
-/// meet without a fold.
+/// meet without a fold. `beside` is done by other threads while one evens out, which it can't
+/// share; it may not ask for the images.
 SphericalAlignment align_on_sphere(SphericalMesh& source, SphericalMesh& target,
                                    std::span<const IndexPair> features,
-                                   const SphericalAlignmentOptions& options, Progress& progress);
+                                   const SphericalAlignmentOptions& options, Progress& progress,
+                                   const WorkBeside& beside = {});
 
 /// Finds triangles of a mesh by places on the sphere.
 class SphereLocator {
 public:
     SphereLocator(std::span<const Triangle> triangles, const Positions& images);
 
+    /// The same triangles elsewhere.
+    void move_to(const Positions& images);
+
     /// `start` is a triangle near the place: the nearer, the quicker.
     PlaceInMesh find(const Vector3& place, Index start) const;
 
 private:
     std::span<const Triangle> triangles_;
-    std::vector<std::array<Vector3, 3>>
-        facing_;                                ///< of the planes through the sides and the middle
+    /// Across the planes through the sides and the middle.
+    std::vector<std::array<Vector3, 3>> facing_;
     std::vector<std::array<Index, 3>> across_;  ///< triangle on the other side of corner k, k + 1
 };
 
