@@ -138,8 +138,12 @@ Positions Normalization::restore(const Positions& positions) const {
 }
 
 Normalization normalization(const Positions& positions) {
-    const Vector3 low = positions.colwise().minCoeff();
-    const Vector3 high = positions.colwise().maxCoeff();
+    // In one pass: Eigen makes one of each column, for either end.
+    Vector3 low = positions.row(0), high = low;
+    for (Index i = 1; i < positions.rows(); ++i) {
+        low = low.cwiseMin(positions.row(i).transpose());
+        high = high.cwiseMax(positions.row(i).transpose());
+    }
     const Vector3 center = low + (high - low) / 2.0;
     return {center, (high - low).stableNorm() / 2.0};
 }

@@ -46,25 +46,6 @@ struct Nearest {
     }
 };
 
-Positions with_places(const Positions& pairs, std::span<const InsertedPoint> points) {
-    Positions result(pairs.rows() + static_cast<Eigen::Index>(points.size()), 3);
-    result.topRows(pairs.rows()) = pairs;
-    for (std::size_t i = 0; i < points.size(); ++i)
-        result.row(pairs.rows() + static_cast<Eigen::Index>(i)) =
-            blend(pairs, points[i]).transpose();
-    return result;
-}
-
-Normals with_normals(const Positions& positions, const Normals& pairs,
-                     std::span<const InsertedPoint> points) {
-    Normals result(positions.rows(), 3);
-    result.topRows(pairs.rows()) = pairs;
-    for (std::size_t i = 0; i < points.size(); ++i)
-        result.row(pairs.rows() + static_cast<Eigen::Index>(i)) =
-            gap_triangle_normal(positions, pairs, points[i]).transpose();
-    return result;
-}
-
 }  // namespace
 
 FrameSample::FrameSample(double time, const OrientedPoints& frame, const Resampling& resampling,
@@ -77,19 +58,32 @@ FrameSample::FrameSample(double time, const OrientedPoints& frame, const Resampl
       ids(std::move(their_ids)),
       rows(count, -1),
       spacing(pairs),
-      positions(with_places(unit.apply(frame.positions), points)),
-      normals(with_normals(positions, frame.normals, points)) {
+      positions(pairs + static_cast<Eigen::Index>(points.size()), 3),
+      normals(positions.rows(), 3),
+      rough(to_size(positions.rows())) {
     for (std::size_t i = 0; i < ids.size(); ++i) rows[to_size(ids[i])] = pairs + to_index(i);
-    rough.resize(to_size(positions.rows()));
+    const auto put_rough = [&](Index row, double at) {
+        const auto place = positions.row(row).cast<float>();
+        rough[to_size(row)] = {place[0], place[1], place[2], static_cast<float>(at)};
+    };
     Progress silent;
-    parallel_for(to_index(rough.size()), silent, [&](Index begin, Index end) {
+    parallel_for(pairs, silent, [&](Index begin, Index end) {
+        const Index some = end - begin;
+        positions.middleRows(begin, some) =
+            (frame.positions.middleRows(begin, some).rowwise() - unit.center.transpose()) /
+            unit.scale;
+        normals.middleRows(begin, some) = frame.normals.middleRows(begin, some);
         for (Index row = begin; row < end; ++row) {
-            double at = 0.0;
-            if (row < pairs)
-                at = spacing[row] =
-                    resampling.options().spacing * resampling.spacing(row, t) / unit.scale;
-            const auto place = positions.row(row).cast<float>();
-            rough[to_size(row)] = {place[0], place[1], place[2], static_cast<float>(at)};
+            spacing[row] = resampling.options().spacing * resampling.spacing(row, t) / unit.scale;
+            put_rough(row, spacing[row]);
+        }
+    });
+    parallel_for(to_index(points.size()), silent, [&](Index begin, Index end) {
+        for (Index i = begin; i < end; ++i) {
+            const InsertedPoint& point = points[to_size(i)];
+            positions.row(pairs + i) = blend(positions, point).transpose();
+            normals.row(pairs + i) = gap_triangle_normal(positions, normals, point).transpose();
+            put_rough(pairs + i, 0.0);
         }
     });
 }
@@ -117,25 +111,26 @@ MissingPoints::MissingPoints(const Resampling& resampling, std::span<const Index
 
 std::vector<Index> MissingPoints::open_triangles(const FrameSample& sample,
                                                  Progress& progress) const {
-    std::vector<char> is_open(triangles_.size());
     constexpr Index kAhead = 16;  // while so many triangles are looked at, memory answers
+    constexpr Index kChunk = 4096;
+    const auto count = to_index(triangles_.size());
+    std::vector<std::vector<Index>> found(to_size((count + kChunk - 1) / kChunk));
     const auto look = [&](Index begin, Index end) {
         for (Index i = begin; i < end; ++i) {
             if (i + kAhead < end)
                 for (const Index corner : triangles_[to_size(i + kAhead)])
                     fetch_early(&sample.rough[to_size(corner)]);
             const auto [a, b, c] = triangles_[to_size(i)];
-            is_open[to_size(i)] =
-                !is_surely_narrow(sample.rough[to_size(a)], sample.rough[to_size(b)],
+            if (!is_surely_narrow(sample.rough[to_size(a)], sample.rough[to_size(b)],
                                   sample.rough[to_size(c)], static_cast<float>(kEmpty)) &&
                 is_wider_than(sample, i, kEmpty) &&
-                shows_front(sample.positions, sample.normals, triangles_[to_size(i)]);
+                shows_front(sample.positions, sample.normals, triangles_[to_size(i)]))
+                found[to_size(begin / kChunk)].push_back(i);
         }
     };
-    parallel_for(to_index(triangles_.size()), progress, look);
+    parallel_for(count, progress, look, 0.0, 1.0, kChunk);
     std::vector<Index> result;
-    for (Index i = 0; i < to_index(is_open.size()); ++i)
-        if (is_open[to_size(i)]) result.push_back(i);
+    for (const auto& some : found) result.insert(result.end(), some.begin(), some.end());
     return result;
 }
 

@@ -7,6 +7,7 @@
 #include <utility>
 #include <vector>
 
+#include "base/unset.hpp"
 #include "frames/gap_triangles.hpp"
 #include "pointmorph/base/progress.hpp"
 #include "pointmorph/base/types.hpp"
@@ -28,7 +29,7 @@ struct FrameSample {
     Values spacing;                     ///< of new points, by pair
     Positions positions;
     Normals normals;
-    std::vector<RoughCorner> rough;  ///< places, with spacings of pairs
+    UnsetVector<RoughCorner> rough;  ///< places, with spacings of pairs
     std::optional<KdTree<3>> tree;   ///< over the rows, once it has been planted
 
     /// `points` are alive and have these `ids`, of `count` in all.
