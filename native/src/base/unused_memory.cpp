@@ -6,10 +6,25 @@
 
 namespace pointmorph {
 
+namespace {
+
+[[maybe_unused]] constexpr Index kMany = 300'000;
+
+}  // namespace
+
+void keep_unused_memory([[maybe_unused]] Index points) noexcept {
+#ifdef __GLIBC__
+    // Where its own rule leads, too, once a block of 32 MB was freed.
+    constexpr int kLargest = 32 << 20;
+    if (points >= kMany) return;
+    mallopt(M_MMAP_THRESHOLD, kLargest);
+    mallopt(M_TRIM_THRESHOLD, 2 * kLargest);
+#endif
+}
+
 void give_back_unused_memory([[maybe_unused]] Index points) noexcept {
 #ifdef __GLIBC__
-    constexpr Index kWorthIt = 300'000;
-    if (points >= kWorthIt) malloc_trim(0);
+    if (points >= kMany) malloc_trim(0);
 #endif
 }
 

@@ -5,6 +5,11 @@
 
 namespace pointmorph {
 
+/// Has the C library keep memory that was freed, to be used again, where it can be told to: pages
+/// from the system are new ones, which have to be filled with zeros. Does nothing for a few hundred
+/// thousand `points` or more.
+void keep_unused_memory(Index points) noexcept;
+
 /// Gives the system what the C library keeps of freed memory, where it can be told to, before a
 /// stage whose arrays are as large as the clouds. Does nothing for less than a few hundred thousand
 /// `points`, whose arrays are used again sooner than that pays.

@@ -25,6 +25,7 @@ constexpr double kLargestExtent = 1e290;
 /// Lengths in between can be squared.
 constexpr double kLeastNormal = 1e-150;
 constexpr double kLargestNormal = 1e150;
+constexpr double kLeastSquare = 1e-298, kLargestSquare = 1e298;  // well in between
 
 std::string count_of(Eigen::Index count, const std::string& noun) {
     return std::to_string(count) + " " + noun + (count == 1 ? "" : "s");
@@ -95,6 +96,9 @@ void validate(const Cloud& cloud, Index minimum_points) {
     check_attribute(cloud, cloud.colors, "colors");
     check_attribute(cloud, cloud.radii, "radii");
     for (Eigen::Index i = 0; i < cloud.normals.rows(); ++i) {
+        // Nearly always; else the square may be no number.
+        const double squared = cloud.normals.row(i).squaredNorm();
+        if (squared > kLeastSquare && squared < kLargestSquare) continue;
         const double length = cloud.normals.row(i).stableNorm();
         if (length == 0.0)
             throw CloudError(cloud.name, "normals that aren't zero",

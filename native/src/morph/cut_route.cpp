@@ -219,8 +219,7 @@ public:
         for (const Patch patch : {Patch::kLeft, Patch::kRight}) {
             LaidOut& laid_out = patches[to_size(static_cast<int>(patch))];
             align(patch, laid_out, progress);
-            for (const bool is_source : {true, false})
-                spread(is_source, patch, laid_out[is_source ? 0 : 1]);
+            parallel_invoke(2, [&](int k, bool) { spread(k == 0, patch, laid_out[to_size(k)]); });
         }
     }
 
@@ -347,8 +346,11 @@ RouteResult match_in_patches(const RouteInput& input, std::span<const std::strin
     }
 
     progress.enter("pairing");
-    const KdTree<3>::Points source_sphere = result.source_domain;
-    const KdTree<3>::Points target_sphere = result.target_domain;
+    KdTree<3>::Points source_sphere, target_sphere;
+    parallel_invoke(2, [&](int k, bool) {
+        (k == 0 ? source_sphere : target_sphere) =
+            k == 0 ? result.source_domain : result.target_domain;
+    });
     result.pairs = pair_points<3>(source_sphere, target_sphere, rows_of(known.all),
                                   options.patches.pairing, progress);
     return result;

@@ -6,6 +6,7 @@
 #include <ranges>
 #include <utility>
 
+#include "base/unused_memory.hpp"
 #include "morph/found_map.hpp"
 #include "morph/input_checks.hpp"
 #include "morph/mesh_side.hpp"
@@ -172,6 +173,7 @@ Morph Morph::updated(std::vector<Feature> features, Progress& progress) const {
 
 /// From both clouds to the map between their points.
 void Morph::find_map(MorphInput input, Progress& progress) {
+    keep_unused_memory(input.source.size() + input.target.size());
     const bool paper = options_.method == Method::kPaper;
     const MorphOptions& options = options_;
     PreparedShapes shapes =

@@ -72,16 +72,14 @@ RouteResult match_on_sphere(const RouteInput& input, const SphereRouteOptions& o
 
     KdTree<3>::Points source_sphere, target_sphere;
     on_both(progress, [&](bool is_source, Progress&) {
-        if (is_source)
-            source_sphere = onto_sphere(source_mesh, source_places);
-        else
-            target_sphere = onto_sphere(target_mesh, target_places);
+        const SphericalMesh& mesh = is_source ? source_mesh : target_mesh;
+        auto& sphere = is_source ? source_sphere : target_sphere;
+        sphere = onto_sphere(mesh, is_source ? source_places : target_places);
+        (is_source ? result.source_domain : result.target_domain) = sphere;
     });
     progress.enter("pairing");
     result.pairs =
         pair_points<3>(source_sphere, target_sphere, features, options.pairing, progress);
-    result.source_domain = source_sphere;
-    result.target_domain = target_sphere;
     return result;
 }
 

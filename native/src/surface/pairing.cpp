@@ -382,10 +382,14 @@ Pairing pair_points(const typename KdTree<Dim>::Points& source,
             if (!is_feature[to_size(i)]) result.push_back({points.row(i).transpose(), i});
         return result;
     };
-    std::vector<Image<Dim>> source_images = images(source, &IndexPair::source);
-    std::vector<Image<Dim>> target_images = images(target, &IndexPair::target);
-    Partners partners{std::vector<Index>(to_size(source.rows()), -1),
-                      std::vector<Index>(to_size(target.rows()), -1)};
+    std::vector<Image<Dim>> source_images, target_images;
+    Partners partners;
+    parallel_invoke(2, [&](int k, bool) {
+        const auto& points = k == 0 ? source : target;
+        (k == 0 ? source_images : target_images) =
+            images(points, k == 0 ? &IndexPair::source : &IndexPair::target);
+        (k == 0 ? partners.of_source : partners.of_target).assign(to_size(points.rows()), -1);
+    });
 
     if (target_images.empty())
         match_nearest<Dim>(source_images, target, partners.of_source, progress);

@@ -37,6 +37,7 @@ bool on_one_sheet(const Positions& positions, const Normals& normals, Index i, I
 
 /// Labels renumbered by size, the largest first; ties by lowest row.
 std::vector<Index> by_size(std::vector<Index> labels, Index count) {
+    if (count == 1) return labels;
     std::vector<Index> sizes(to_size(count), 0), order(to_size(count)), rank(to_size(count));
     for (const Index label : labels) ++sizes[to_size(label)];
     std::iota(order.begin(), order.end(), 0);
@@ -387,10 +388,12 @@ Topology find_topology(const SampledSurface& surface, std::span<const BoundaryLo
     Topology result;
     result.labels =
         parts.empty() ? found_parts(surface, spacing, first) : joined_parts(parts, first);
-    if (parts.empty()) absorb_crumbs(result.labels, positions, surface.nearest, spacing);
-    result.components.resize(to_size(1 + *std::ranges::max_element(result.labels)));
+    const auto components = [&] { return 1 + *std::ranges::max_element(result.labels); };
+    if (parts.empty() && components() > 1)
+        absorb_crumbs(result.labels, positions, surface.nearest, spacing);
+    result.components.resize(to_size(components()));
     for (const Index label : result.labels) ++result.components[to_size(label)].points;
-    move_strays_last(result, spacing, options.smallest_share);
+    if (result.components.size() > 1) move_strays_last(result, spacing, options.smallest_share);
 
     const auto count = to_index(result.components.size());
     for (Index c = 0; c < count - result.strays; ++c) {

@@ -3,7 +3,15 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <cstdlib>
+#include <memory>
 #include <random>
+
+#include "base/unused_memory.hpp"
+
+#if __has_include(<malloc.h>)
+#include <malloc.h>
+#endif
 
 namespace pointmorph {
 namespace {
@@ -59,6 +67,25 @@ TEST(Compiler, TwoNumbersAreComparedAlikeInARegister) {
                                 v, [&](double each) { return each < v[2]; })));
     }
 }
+
+#ifdef __GLIBC__
+/// Blocks that come from the system alone and go back to it when they are freed.
+std::size_t blocks_of_their_own() {
+    const std::unique_ptr<void, void (*)(void*)> block(std::malloc(std::size_t{8} << 20),
+                                                       std::free);
+    return mallinfo2().hblks;
+}
+
+TEST(UnusedMemory, IsKeptForFewPointsAlone) {
+    // As in a program that has freed no large block yet.
+    mallopt(M_MMAP_THRESHOLD, 128 << 10);
+    const std::size_t alone = blocks_of_their_own();
+    keep_unused_memory(300'000);
+    EXPECT_EQ(blocks_of_their_own(), alone);
+    keep_unused_memory(299'999);
+    EXPECT_EQ(blocks_of_their_own(), alone == 0 ? 0 : alone - 1);  // 0 where all is watched
+}
+#endif
 
 }  // namespace
 }  // namespace pointmorph
