@@ -214,6 +214,14 @@ def lopped() -> Iterator[Task]:
         yield of_bodies(f"cat without {tips} tips", *both)
 
 
+def alone() -> Iterator[Task]:
+    for seed in range(2 * len(made_models.ALONE)):
+        source, target = made_models.alone_pair(seed, POINTS[0])
+        kind, words = made_models.ALONE[seed % len(made_models.ALONE)]
+        name = f"{', '.join(words)} of {kind} {seed // len(made_models.ALONE)}"
+        yield of_bodies(name, source, fewer(target, POINTS[1]))
+
+
 def heads() -> Iterator[Task]:
     for seed in range(4):
         source, target, marks = made_models.head_pair(seed, POINTS[0])
@@ -251,6 +259,8 @@ ROWS = {
     "loose": Row("many loose parts", loose, {"tears": 0.5, "flips": 1.0}),
     "lopped": Row("beasts and a cat with parts cut away, onto the whole", lopped,
                   {"landmarks": 0.02, "worst": 0.1, "tears": 0.5, "said": 100}),
+    "alone": Row("heads and halves of figures alone, onto whole ones of other builds", alone,
+                 {"landmarks": 0.02, "worst": 0.1, "said": 100}),
     "heads": Row("heads with open mouths, nine marks", heads, {"tears": 0.3, "flips": 0.8}),
     "airplanes": Row("airplanes of unlike builds, no marks", airplanes, {"right": 100}),
     "busts": Row("two busts, no marks", busts, {"landmarks": 0.025}),

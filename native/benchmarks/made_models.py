@@ -113,6 +113,33 @@ def cut_pair(seed: int, points: int) -> tuple[Body, Body]:
     return replace(source, **left), replace(target, is_shared=has)
 
 
+ALONE = (
+    ("people", ("head", "nose")),
+    ("beasts", ("neck", "head", "ear")),
+    ("people", ("chest", "head", "nose", "arm", "hand")),
+    ("beasts", ("head", "ear")),
+)
+"""Figures, and how the names of the parts begin that are alone, by turns."""
+
+
+def alone_pair(seed: int, points: int) -> tuple[Body, Body]:
+    """A part of a figure, and a whole one of another build in another pose."""
+    kind, words = ALONE[seed % len(ALONE)]
+    names = [part.name for part in FIGURES[kind](*(np.random.default_rng(0) for _ in range(2)))]
+    alone = [number for number, name in enumerate(names) if name.startswith(words)]
+
+    def both(count: int) -> tuple[Body, Body]:
+        return body_pair(lambda draw: FIGURES[kind](draw, draw), 50 + seed, count, strength=0.4)
+
+    share = np.isin(both(points)[0].parts, alone).mean()
+    source, target = both(int(1.2 * points / share))
+    rows = np.flatnonzero(np.isin(source.parts, alone))[:points]
+    part = {name: getattr(source, name)[rows] for name in vars(source)}
+    whole = {name: getattr(target, name)[:points] for name in vars(target)}
+    whole["is_shared"] = whole["is_shared"] & np.isin(whole["parts"], alone)
+    return Body(**part), Body(**whole)
+
+
 def airplane_pair(seed: int, points: int) -> tuple[Body, Body]:
     return body_pair(airplane, seed, points, strength=0.0)
 

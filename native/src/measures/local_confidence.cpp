@@ -90,6 +90,11 @@ struct JudgedSurface {
         const Normals normals = gather(cloud.normals, samples).rowwise().normalized();
         const KdTree<3> tree(sampled);
         rows = gather(samples, poisson_disk_subset(tree, normals, {}, kNodes, progress).rows);
+        scale_up(1.0);
+    }
+
+    void scale_up(double factor) {
+        scale *= factor;
         nodes = sided(rows);
         places = nodes.leftCols<3>();
     }
@@ -507,6 +512,17 @@ std::vector<Index> partners_of(const JudgedSurface& surface, const TwoWayMap& ma
     return gather(partner, surface.rows);
 }
 
+/// Where so much of a cloud lies beyond the ends of the other that this is a part of it: has what
+/// doesn't lie there have unit area.
+void count_without_beyond(JudgedSurface& here, const JudgedSurface& there, const Positions& images,
+                          const Positions& ends) {
+    Progress silent;  // nodes are few
+    const BeyondPart beyond =
+        beyond_part(there.at_unit_area(gather(images, here.rows)), there.at_unit_area(ends),
+                    kEndNear, Values::Ones(here.count()), silent);
+    here.scale_up(1.0 / std::sqrt(beyond.left));
+}
+
 }  // namespace
 
 LocalConfidence measure_local_confidence(const JudgedMap& judged, std::span<const Feature> features,
@@ -526,7 +542,11 @@ LocalConfidence measure_local_confidence(const JudgedMap& judged, std::span<cons
             surfaces[k].emplace(cloud, *known, its);
         });
     }
-    const JudgedSurface &source = *surfaces[0], &target = *surfaces[1];
+    JudgedSurface &source = *surfaces[0], &target = *surfaces[1];
+    count_without_beyond(source, target, map.source_images,
+                         gather(map.target.positions, diagnostics.target_ends));
+    count_without_beyond(target, source, map.target_images,
+                         gather(map.source.positions, diagnostics.source_ends));
     const NodeTrees of_source(source), of_target(target);
     JudgedWay there{source,
                     target,

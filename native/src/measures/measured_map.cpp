@@ -257,8 +257,12 @@ void find_reached(const MeasuredCloud& cloud, const MeasuredCloud& other, const 
     });
 }
 
-/// The figures of a map; `other` is what the reverse map says about the other cloud.
-void sum_up(const PointQuality& other, MeasuredMap& map) {
+bool is_beyond(const MeasuredMap& map, Eigen::Index i) {
+    return !map.beyond.empty() && map.beyond[to_size(i)] != 0;
+}
+
+/// The figures of a map; `other` is the reverse one.
+void sum_up(const MeasuredMap& other, MeasuredMap& map) {
     const PointQuality& points = map.points;
     const auto count = points.stretch.rows();
     MapFigures& figures = map.figures;
@@ -267,6 +271,7 @@ void sum_up(const PointQuality& other, MeasuredMap& map) {
     double energy = 0.0;
     Index with_edges = 0, flipped = 0, collapsed = 0;
     for (Eigen::Index i = 0; i < count; ++i) {
+        if (is_beyond(map, i)) continue;
         if (map.energy[i] >= 0.0) {
             energy += map.energy[i];
             ++with_edges;
@@ -287,11 +292,20 @@ void sum_up(const PointQuality& other, MeasuredMap& map) {
     figures.flipped = share(flipped, values.size());
     figures.collapsed = share(collapsed, values.size());
     figures.conformal_median = quantile(values, 0.5);
-    figures.round_trip_mean = points.round_trip.sum() / static_cast<double>(count);
-    values.assign(points.round_trip.begin(), points.round_trip.end());
+    values.clear();
+    for (Eigen::Index i = 0; i < count; ++i)
+        if (!is_beyond(map, i)) values.push_back(points.round_trip[i]);
+    const auto trips = static_cast<Eigen::Index>(values.size());
+    figures.round_trip_mean = Eigen::Map<const Values>(values.data(), trips).sum() /
+                              static_cast<double>(std::max<Eigen::Index>(trips, 1));
     figures.round_trip_p99 = quantile(values, 0.99);
-    const auto reached = std::accumulate(other.reached.begin(), other.reached.end(), Index{0});
-    figures.coverage = share(reached, other.reached.size());
+    Index reached = 0, reachable = 0;
+    for (Eigen::Index i = 0; i < other.points.round_trip.size(); ++i) {
+        if (is_beyond(other, i)) continue;
+        reached += other.points.reached[to_size(i)];
+        ++reachable;
+    }
+    figures.coverage = share(reached, to_size(reachable));
 }
 
 void find_distortion(MeasuredMap& map, Progress& progress) {
@@ -354,8 +368,34 @@ std::vector<char> lie_at_ends(const Positions& images, const Positions& ends, do
     return result;
 }
 
-MeasuredMaps measure_maps(const MeasuredCloud& source, const MeasuredCloud& target,
-                          const TwoWayMap& map, Progress& progress) {
+BeyondPart beyond_part(const Positions& images, const Positions& ends, double near,
+                       const Values& spacing, Progress& progress) {
+    constexpr double kPart = 0.7;
+    BeyondPart beyond{lie_at_ends(images, ends, near, progress)};
+    double left = 0.0;
+    for (std::size_t i = 0; i < beyond.rows.size(); ++i)
+        if (beyond.rows[i] == 0) left += spacing[to_index(i)] * spacing[to_index(i)];
+    const double all = spacing.squaredNorm();
+    if (beyond.rows.empty() || !(left > 0.0) || !(left < kPart * all)) return {};
+    beyond.left = left / all;
+    return beyond;
+}
+
+namespace {
+
+BeyondPart beyond_part(const MeasuredCloud& here, const MeasuredCloud& other,
+                       const Positions& images, std::span<const Index> ends, Progress& progress) {
+    if (ends.empty()) return {};
+    std::vector<Index> rows;
+    for (const Index row : ends) rows.push_back(other.sorted[to_size(row)]);
+    return beyond_part(images, gather(other.positions, rows), kEndNear * other.root_area,
+                       here.spacing, progress);
+}
+
+}  // namespace
+
+MeasuredMaps measure_maps(MeasuredCloud& source, MeasuredCloud& target, const TwoWayMap& map,
+                          Progress& progress) {
     MeasuredMaps maps;
     auto& [there, back] = maps;
     std::vector<Index> on_target, on_source;
@@ -372,6 +412,12 @@ MeasuredMaps measure_maps(const MeasuredCloud& source, const MeasuredCloud& targ
         (is_source ? on_target : on_source) =
             nearest_partners(map.pairs, here, images, other, row, partner);
     });
+    BeyondPart on_either[] = {beyond_part(source, target, there.images, map.target_ends, progress),
+                              beyond_part(target, source, back.images, map.source_ends, progress)};
+    source.root_area *= std::sqrt(on_either[0].left);
+    target.root_area *= std::sqrt(on_either[1].left);
+    there.beyond = std::move(on_either[0].rows);
+    back.beyond = std::move(on_either[1].rows);
     // Every pass fills something that the next ones need of both maps.
     const auto both = [&](double first, double last, auto&& pass) {
         const Progress::Part part(progress, first, last);
@@ -406,7 +452,7 @@ MeasuredMaps measure_maps(const MeasuredCloud& source, const MeasuredCloud& targ
         });
     }
     on_both(progress, [&](bool is_source, Progress&) {
-        sum_up((is_source ? back : there).points, is_source ? there : back);
+        sum_up(is_source ? back : there, is_source ? there : back);
     });
     both(0.9, 1.0, [&](Here, Here, Map ours, Map) { find_distortion(ours, progress); });
     return maps;

@@ -50,7 +50,7 @@ struct MeasuredCloud {
     Normalization unit;
     Positions positions;
     Normals normals;
-    double root_area;  ///< √area
+    double root_area;  ///< √area, of what isn't beyond_part()
     Values spacing;
     KdTree<3> tree;
 };
@@ -67,19 +67,30 @@ struct MeasuredMap {
     Values energy;               ///< mean squared stretch of each point's edges; < 0: none
     PointQuality points;
     MapFigures figures;
+    std::vector<char> beyond;  ///< beyond_part(), which doesn't count in the figures
 };
 
 /// The maps in both directions.
 struct MeasuredMaps {
     MeasuredMap there, back;
 };
-MeasuredMaps measure_maps(const MeasuredCloud& source, const MeasuredCloud& target,
-                          const TwoWayMap& map, Progress& progress);
+/// Has the clouds' `root_area` be that of what isn't beyond_part().
+MeasuredMaps measure_maps(MeasuredCloud& source, MeasuredCloud& target, const TwoWayMap& map,
+                          Progress& progress);
 
 /// Of images, whether they lie within `near` of `ends`, where the other cloud stops: 1 for what has
 /// no counterpart. Without ends no elements.
 std::vector<char> lie_at_ends(const Positions& images, const Positions& ends, double near,
                               Progress& progress);
+
+/// lie_at_ends() of all of a cloud, where so much of it does that the other one is a part of it:
+/// sizes are then compared as the part has them.
+struct BeyondPart {
+    std::vector<char> rows;  ///< none where the other is no part
+    double left = 1.0;       ///< share of the area that isn't beyond
+};
+BeyondPart beyond_part(const Positions& images, const Positions& ends, double near,
+                       const Values& spacing, Progress& progress);
 
 /// √((ln² s₁ + ln² s₂) / 2), bounded.
 double strain(double larger, double smaller);

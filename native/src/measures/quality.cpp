@@ -77,7 +77,7 @@ Quality measure_quality(const TwoWayMap& map, std::span<const Feature> features,
         else
             target.emplace(map.target, *near_target);
     });
-    const MeasuredCloud &from = *source, &to = *target;
+    MeasuredCloud &from = *source, &to = *target;
     MeasuredMaps maps;
     {
         const Progress::Part part(progress, 0.5, 0.98);

@@ -10,6 +10,7 @@
 #include "pointmorph/base/parallel.hpp"
 #include "pointmorph/cloud/cloud.hpp"
 #include "pointmorph/cloud/kd_tree.hpp"
+#include "registration/part_on_whole.hpp"
 
 namespace pointmorph {
 
@@ -68,9 +69,12 @@ Refinement refine_by_component(const RouteInput& input, const std::optional<Refi
     const PreparedShape &source = input.source, &target = input.target;
     const RefinementCloud source_cloud = cloud_of(source, options.neighbors, ends.source),
                           target_cloud = cloud_of(target, options.neighbors, ends.target);
-    Refinement whole = refine(source_cloud, target_cloud, input.features, options.refinement,
-                              progress, start ? &*start : nullptr);
-    if (source.topology.main().size() == 1 && target.topology.main().size() == 1) return whole;
+    PartOrWhole found =
+        refine_part_or_whole(source_cloud, target_cloud, input.features, options.refinement,
+                             progress, start ? &*start : nullptr);
+    Refinement whole = std::move(found.map);
+    if (found.is_part || (source.topology.main().size() == 1 && target.topology.main().size() == 1))
+        return whole;
 
     progress.enter("pieces");
     const ComponentView source_view{source.topology, source.positions, source.normals,

@@ -15,8 +15,9 @@ namespace {
 
 UnitCloud at_unit_area(const RefinementCloud& cloud) {
     Similarity unit;
-    const double area = cloud.nearest ? estimated_area(cloud.positions, *cloud.nearest)
-                                      : estimated_area(KdTree<3>(cloud.positions));
+    const double area = cloud.area > 0.0 ? cloud.area
+                        : cloud.nearest  ? estimated_area(cloud.positions, *cloud.nearest)
+                                         : estimated_area(KdTree<3>(cloud.positions));
     if (area > 0.0) unit.scale = 1.0 / std::sqrt(area);
     unit.translation = -unit.scale * cloud.positions.colwise().mean().transpose();
     return {unit, unit.apply(cloud.positions)};

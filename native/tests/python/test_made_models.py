@@ -6,10 +6,11 @@ import bench_rows
 import made_models
 import numpy as np
 import pytest
-from compare_measures import similarity
+from compare_measures import cloud_area, similarity
 from made_bodies import body_pair, visible
 from made_bodies import car as family
 from made_shapes import Part, icosphere, surface_of
+from scipy.spatial import cKDTree
 
 
 def test_a_hollow_part_shows_where_it_takes_away_and_hides_what_it_takes() -> None:
@@ -57,6 +58,19 @@ def test_what_is_cut_from_a_beast_has_no_counterpart(seed: int) -> None:
     assert not lost & set(limbs[source.parts].tolist())
     assert lost <= set(limbs[target.parts].tolist())
     assert not target.is_shared[np.isin(limbs[target.parts], list(lost))].any()
+
+
+@pytest.mark.parametrize("seed", range(len(made_models.ALONE)))
+def test_parts_alone_are_whole_parts_and_know_their_place(seed: int) -> None:
+    source, target = made_models.alone_pair(seed, 1500)
+    assert len(source.positions) == len(target.positions) == 1500
+    # Nothing of the target that is shared is another part's, and much of it isn't shared.
+    assert set(target.parts[target.is_shared]) <= set(source.parts)
+    assert 0.02 < target.is_shared.mean() < 0.8
+    # What is shared lies where the other's parts are.
+    spacing = np.sqrt(cloud_area(target.positions) / 1500)
+    away = cKDTree(target.positions).query(source.truth[source.is_shared])[0]
+    assert away.max() < 4 * spacing
 
 
 def test_tips_are_cut_from_the_ends_of_a_mesh() -> None:

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from typing import Any
 
+import made_models
 import numpy as np
 import numpy.typing as npt
 import pointmorph
 import pytest
+from scipy.spatial import cKDTree
 
 Array = npt.NDArray[Any]
 RINGS, SIDES = 40, 32
@@ -151,3 +153,30 @@ def test_without_marks_a_part_lies_where_it_belongs(lost: int, is_source: bool) 
     images = morph.source_to_target if is_source else morph.target_to_source
     assert np.linalg.norm(images - part @ turn.T, axis=1).mean() < 0.03
     assert morph.report["confidence"] > 0.9
+
+
+@pytest.mark.parametrize("is_source", [True, False])
+def test_a_head_alone_goes_to_the_head_of_another_body(is_source: bool) -> None:
+    head, body = made_models.alone_pair(1, 6000)
+    clouds = [
+        pointmorph.Cloud(shape.positions, normals=shape.normals, name=name)
+        for shape, name in ((head, "head"), (body, "body"))
+    ]
+    morph = pointmorph.morph(*(clouds if is_source else clouds[::-1]))
+    images = morph.source_to_target if is_source else morph.target_to_source
+    size = np.linalg.norm(head.positions - head.positions.mean(axis=0), axis=1).mean()
+    there = head.truth - head.truth.mean(axis=0)
+    scale = np.linalg.norm(there, axis=1).mean() / size
+    off = np.linalg.norm(images - head.truth, axis=1)[head.is_shared] / (scale * size)
+    assert off.mean() < 0.15  # about a spacing of the body's points
+    # Nothing else of the body is drawn over the head: all of it lies at the neck.
+    back = morph.target_to_source if is_source else morph.source_to_target
+    neck = head.truth[cKDTree(body.positions[~body.is_shared]).query(head.truth)[0] < 0.4 * size]
+    neck = head.positions[cKDTree(neck).query(head.truth)[0] < 1e-9]
+    rest = np.linalg.norm(body.truth - head.positions.mean(axis=0), axis=1) > 2.5 * size
+    assert cKDTree(neck).query(back[rest])[0].max() < 0.3 * size
+    said = [w for w in morph.report["warnings"] if "head ends where body goes on" in w]
+    assert len(said) == 1
+    assert morph.report["likely_right"] > 0.8
+    assert set(np.asarray(morph.pairs)[:, 0 if is_source else 1]) == set(range(6000))
+    assert set(np.asarray(morph.pairs)[:, 1 if is_source else 0]) == set(range(6000))

@@ -73,6 +73,9 @@ struct RefinementCloud {
     const Neighborhoods* nearest = nullptr;
     /// Rows along borders where the surface ends that goes on in the other cloud.
     std::span<const Index> ends{};
+    /// Both clouds are scaled as if they had area 1. This one's, where it isn't estimated: it has
+    /// something more than the other, and is as large as that elsewhere.
+    double area = 0.0;
 };
 
 /// `features` are valid for the clouds and in canonical() order. The maps take hard points and the

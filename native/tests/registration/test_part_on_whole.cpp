@@ -1,0 +1,276 @@
+#include "registration/part_on_whole.hpp"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <vector>
+
+#include "pointmorph/base/error.hpp"
+#include "pointmorph/base/parallel.hpp"
+#include "pointmorph/cloud/cloud.hpp"
+#include "pointmorph/cloud/kd_tree.hpp"
+#include "registration/part_search.hpp"
+#include "registration/watched_options.hpp"
+#include "shapes.hpp"
+#include "watched.hpp"
+
+namespace pointmorph {
+namespace {
+
+/// A body with a head on it that has a nose and two unlike ears, and arms; and the head alone,
+/// larger, turned, and sampled otherwise. Points are the same where directions are.
+struct Bust {
+    static constexpr double kCut = 0.8, kLarger = 2.5;
+    Positions whole, part, truth;  ///< the truth: where the part's points are on the whole
+    Normals whole_normals, part_normals;
+    std::vector<Index> ends;  ///< of the part
+    Matrix3 turn = shapes::rotation(5);
+    Vector3 shift{3.0, -2.0, 1.0};
+
+    explicit Bust(Index count = 4000) {
+        sample(shapes::sphere(count) * shapes::rotation(1).transpose(), whole, whole_normals);
+        Positions all;
+        Normals normals;
+        sample(shapes::sphere(6 * count) * shapes::rotation(2).transpose(), all, normals);
+        std::vector<Index> kept;
+        for (Index i = 0; i < all.rows(); ++i)
+            if (all(i, 2) > kCut) kept.push_back(i);
+        truth = gather(all, kept);
+        part = (kLarger * truth * turn.transpose()).rowwise() + shift.transpose();
+        part_normals = gather(normals, kept) * turn.transpose();
+        for (Index i = 0; i < truth.rows(); ++i)
+            if (truth(i, 2) < kCut + 0.025) ends.push_back(i);
+    }
+
+    RefinementCloud of_part() const { return {part, part_normals, nullptr, ends}; }
+    RefinementCloud of_whole() const { return {whole, whole_normals}; }
+    /// Mean distance of images of the part from where they belong, in sizes of the head.
+    double off(const Positions& images) const {
+        const Positions centered = truth.rowwise() - truth.colwise().mean();
+        return (images - truth).rowwise().norm().mean() /
+               std::sqrt(centered.squaredNorm() / static_cast<double>(truth.rows()));
+    }
+    Feature mark(Index row, bool part_is_source) const {
+        const Index there = shapes::nearest_row(whole, truth.row(row).transpose());
+        return part_is_source ? point_feature("", row, there) : point_feature("", there, row);
+    }
+
+private:
+    static Vector3 place(const Vector3& d) {
+        struct Bump {
+            Vector3 along, by;
+            double width;
+        };
+        const Bump bumps[] = {
+            {{0, 0, 1}, {0, 0, 0.75}, 0.05},       {{0.1, 0.35, 1}, {0, 0.35, 0.0}, 0.004},
+            {{0.35, 0, 1}, {0.2, 0, 0.25}, 0.004}, {{-0.3, -0.1, 1}, {-0.3, -0.1, 0.0}, 0.004},
+            {{1, 0, 0}, {0.9, 0.2, -0.2}, 0.02},   {{-1, 0.1, 0.2}, {-0.9, 0.1, 0.1}, 0.02},
+            {{0.3, 0.1, -1}, {0.1, 0, -0.9}, 0.02}};
+        Vector3 p = 0.5 * d.cwiseProduct(Vector3(1.0, 0.7, 1.2));
+        for (const Bump& bump : bumps)
+            p += std::exp((d.dot(bump.along.normalized()) - 1.0) / bump.width) * bump.by;
+        return p;
+    }
+    static void sample(const Positions& directions, Positions& positions, Normals& normals) {
+        positions.resize(directions.rows(), 3);
+        normals.resize(directions.rows(), 3);
+        for (Index i = 0; i < directions.rows(); ++i) {
+            constexpr double kStep = 1e-4;
+            const Vector3 d = directions.row(i).transpose(), a = d.unitOrthogonal(), b = d.cross(a);
+            positions.row(i) = place(d).transpose();
+            normals.row(i) = (place((d + kStep * a).normalized()) - place(d))
+                                 .cross(place((d + kStep * b).normalized()) - place(d))
+                                 .normalized()
+                                 .transpose();
+        }
+    }
+};
+
+/// For Bust::off(): about a spacing of the body's points. Elsewhere it would be 1 or more.
+constexpr double kNear = 0.15;
+
+/// Points enough for a head that is a tenth of a body.
+RefinementOptions quick_refinement() {
+    RefinementOptions options = lighter_refinement();
+    options.coarse = {2500, {120, 500}, {}};
+    return options;
+}
+
+PartOrWhole mapped(const Bust& bust, bool part_is_source, std::span<const Feature> features = {},
+                   const RefinementStart* start = nullptr) {
+    Progress progress;
+    const RefinementCloud part = bust.of_part(), whole = bust.of_whole();
+    return part_is_source
+               ? refine_part_or_whole(part, whole, features, quick_refinement(), progress, start)
+               : refine_part_or_whole(whole, part, features, quick_refinement(), progress, start);
+}
+
+/// Every row of both is in a pair, and what of the whole isn't on the head goes to its end.
+void expect_nothing_dragged(const Bust& bust, const Refinement& map, bool part_is_source) {
+    std::vector<char> in_pair(to_size(to_index(bust.whole.rows())), 0),
+        part_in_pair(to_size(to_index(bust.part.rows())), 0);
+    for (const IndexPair& pair : map.pairs) {
+        in_pair[to_size(part_is_source ? pair.target : pair.source)] = 1;
+        part_in_pair[to_size(part_is_source ? pair.source : pair.target)] = 1;
+    }
+    EXPECT_EQ(std::ranges::count(in_pair, 0), 0);
+    EXPECT_EQ(std::ranges::count(part_in_pair, 0), 0);
+    EXPECT_TRUE(std::ranges::is_sorted(map.pairs));
+    const Positions& back = part_is_source ? map.target_images : map.source_images;
+    const Positions ends = gather(bust.part, std::span<const Index>(bust.ends));
+    const KdTree<3> tree(ends);
+    const auto nearest = nearest_rows(tree, back);
+    for (Index i = 0; i < to_index(bust.whole.rows()); ++i)
+        if (bust.whole(i, 2) < 0.5) {
+            ASSERT_LT((back.row(i) - ends.row(nearest[to_size(i)])).norm(), 1e-9) << i;
+        }
+}
+
+TEST(PartOnWhole, ItsPlaceAndSizeAreFound) {
+    const Bust bust;
+    Progress progress;
+    const auto coarse = [&](const Positions& positions, const Normals& normals) {
+        return coarse_shape(KdTree<3>(positions), normals, {}, {3000, {250}, {}}, progress);
+    };
+    // At about unit area, as find_part() wants it: both have some scale.
+    const auto at_unit_area = [](const Positions& positions) {
+        return Positions(positions / std::sqrt(estimated_area(KdTree<3>(positions))));
+    };
+    const Positions part = at_unit_area(bust.part), whole = at_unit_area(bust.whole);
+    CoarseShape head = coarse(part, bust.part_normals);
+    const CoarseShape body = coarse(whole, bust.whole_normals);
+    head.ends.assign(to_size(head.size()), 0);
+    for (Index i = 0; i < head.size(); ++i)
+        head.ends[to_size(i)] =
+            std::ranges::binary_search(bust.ends, head.cloud_rows[to_size(i)]) ? 1 : 0;
+    const auto find = [&](int threads) {
+        const ThreadCount limit(threads);
+        return find_part(head, body, {}, 3, progress);
+    };
+    const std::vector<PartPlace> places = find(1);
+    ASSERT_FALSE(places.empty());
+    const Similarity truth =
+        fit_similarity(part, bust.truth * (whole.row(0).norm() / bust.whole.row(0).norm()));
+    EXPECT_NEAR(places.front().pose.scale / truth.scale, 1.0, 0.1);
+    EXPECT_LT((places.front().pose.rotation - truth.rotation).norm(), 0.2);
+    EXPECT_LT((places.front().pose.apply(part) - truth.apply(part)).rowwise().norm().mean(),
+              0.05 * truth.scale);
+    for (std::size_t k = 1; k < places.size(); ++k)
+        EXPECT_GE(places[k].misfit, places[k - 1].misfit);
+
+    const std::vector<char> covered = covered_by_part(head, body, places.front().pose, 0.12);
+    Index wrong = 0;
+    const double neck = Bust::kCut * whole(0, 2) / bust.whole(0, 2);
+    for (Index i = 0; i < body.size(); ++i) {
+        const double above = (body.positions(i, 2) - neck) / truth.scale;
+        if (above > 0.05 ? covered[to_size(i)] == 0 : above < -0.5 && covered[to_size(i)] != 0)
+            ++wrong;
+    }
+    EXPECT_LT(wrong, body.size() / 100);
+
+    const std::vector<PartPlace> again = find(4);
+    ASSERT_EQ(again.size(), places.size());
+    for (std::size_t k = 0; k < places.size(); ++k) {
+        EXPECT_EQ(again[k].pose.rotation, places[k].pose.rotation);
+        EXPECT_EQ(again[k].pose.scale, places[k].pose.scale);
+        EXPECT_EQ(again[k].misfit, places[k].misfit);
+    }
+}
+
+TEST(PartOnWhole, AHeadGoesToTheHeadOfABody) {
+    const Bust bust;
+    const PartOrWhole there = mapped(bust, true);
+    ASSERT_TRUE(there.is_part);
+    EXPECT_LT(bust.off(there.map.source_images), kNear);
+    expect_nothing_dragged(bust, there.map, true);
+    EXPECT_GT(there.map.diagnostics.confidence, 0.5);
+    // The target is brought to the source.
+    EXPECT_NEAR(there.map.alignment.scale, Bust::kLarger, 0.25);
+    EXPECT_LT((there.map.alignment.apply(bust.truth) - bust.part).rowwise().norm().mean(),
+              0.1 * Bust::kLarger);
+
+    // From there on it stays a part.
+    const RefinementStart start{there.map.source_images, there.map.target_images};
+    const std::vector<Feature> marks{bust.mark(to_index(bust.part.rows()) / 2, true)};
+    const PartOrWhole later = mapped(bust, true, marks, &start);
+    ASSERT_TRUE(later.is_part);
+    EXPECT_LT(bust.off(later.map.source_images), kNear);
+    expect_nothing_dragged(bust, later.map, true);
+    EXPECT_EQ(later.map.source_images.row(marks[0].source.rows[0]),
+              bust.whole.row(marks[0].target.rows[0]));
+}
+
+TEST(PartOnWhole, ABodyGoesToItsHead) {
+    SKIP_WHERE_WATCHED();
+    const Bust bust;
+    const PartOrWhole back = mapped(bust, false);
+    ASSERT_TRUE(back.is_part);
+    EXPECT_LT(bust.off(back.map.target_images), kNear);
+    expect_nothing_dragged(bust, back.map, false);
+}
+
+TEST(PartOnWhole, MarksSayHowSmallItIs) {
+    const Bust bust;
+    for (const std::size_t count : {1u, 3u, 9u}) {
+        if (is_watched() && count != 3) continue;
+        std::vector<Feature> marks;
+        for (std::size_t k = 0; k < count; ++k)
+            marks.push_back(bust.mark(to_index(k * 977 + 300) % to_index(bust.part.rows()), true));
+        const PartOrWhole there = mapped(bust, true, marks);
+        ASSERT_TRUE(there.is_part) << count;
+        EXPECT_LT(bust.off(there.map.source_images), kNear) << count;
+        expect_nothing_dragged(bust, there.map, true);
+        for (const Feature& mark : marks) {
+            EXPECT_EQ(there.map.source_images.row(mark.source.rows[0]),
+                      bust.whole.row(mark.target.rows[0]));
+            EXPECT_EQ(there.map.target_images.row(mark.target.rows[0]),
+                      bust.part.row(mark.source.rows[0]));
+        }
+    }
+}
+
+TEST(PartOnWhole, WhatLacksLittleOrEndsNowhereIsMappedAsAWhole) {
+    SKIP_WHERE_WATCHED();
+    const Bust bust;
+    Progress progress;
+    std::vector<Index> kept, ends;
+    for (Index i = 0; i < to_index(bust.whole.rows()); ++i)
+        if (bust.whole(i, 0) < 0.9) {
+            if (bust.whole(i, 0) > 0.86) ends.push_back(to_index(kept.size()));
+            kept.push_back(i);
+        }
+    const Positions positions = gather(bust.whole, kept);
+    const Normals normals = gather(bust.whole_normals, kept);
+    for (const bool has_ends : {true, false}) {
+        const RefinementCloud source{
+            positions, normals, nullptr,
+            has_ends ? std::span<const Index>(ends) : std::span<const Index>()};
+        const PartOrWhole there = refine_part_or_whole(source, bust.of_whole(), {},
+                                                       quick_refinement(), progress, nullptr);
+        EXPECT_FALSE(there.is_part);
+        const Refinement plain = refine(source, bust.of_whole(), {}, quick_refinement(), progress);
+        EXPECT_EQ(there.map.source_images, plain.source_images);
+        EXPECT_EQ(there.map.pairs, plain.pairs);
+    }
+}
+
+TEST(PartOnWhole, CanBeCanceled) {
+    const Bust bust(1500);
+    const ThreadCount one(1);  // which asks as often each time
+    const auto asked = [&](int most) {
+        int count = 0;
+        Progress progress([&](std::string_view, double) { return ++count < most; },
+                          std::chrono::milliseconds(0));
+        refine_part_or_whole(bust.of_part(), bust.of_whole(), {}, lighter_refinement(), progress,
+                             nullptr);
+        return count;
+    };
+    const int all = asked(1 << 30);
+    for (const double share : {0.2, 0.5, 0.8})
+        EXPECT_THROW(asked(static_cast<int>(share * all)), Cancelled) << share;
+}
+
+}  // namespace
+}  // namespace pointmorph
