@@ -413,7 +413,7 @@ TEST(Quality, TheNearestPointToAnImageIsAsBruteForceSays) {
     const Case one = of_same_rows(cloud("A", p, stay), cloud("B", p, stay), images, p);
     Progress progress;
     const OrderedNeighbors near = ordered_neighbors(p, 16, progress);
-    const MeasuredCloud from(one.source, near), to(one.target, near);
+    MeasuredCloud from(one.source, near), to(one.target, near);
     const MeasuredMaps maps = measure_maps(from, to, one.map(), progress);
     Index compared = 0;
     for (Index i = 0; i < from.size(); ++i) {
