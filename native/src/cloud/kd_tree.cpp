@@ -155,7 +155,11 @@ template <int Dim>
 KdTree<Dim>::KdTree(const Points& points)
     : points_(&points),
       size_(to_index(points.rows())),
-      impl_(size_ > 0 ? std::make_unique<Impl>(points) : nullptr) {}
+      impl_(size_ > 0 ? std::make_shared<const Impl>(points) : nullptr) {}
+
+template <int Dim>
+KdTree<Dim>::KdTree(const KdTree& other, const Points& same_points) requires(Dim != 2)
+    : points_(&same_points), size_(other.size_), impl_(other.impl_) {}
 
 template <int Dim>
 KdTree<Dim>::~KdTree() = default;

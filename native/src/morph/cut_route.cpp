@@ -303,7 +303,7 @@ CutGrounds::CutGrounds(const RouteInput& input, std::span<const IndexPair> featu
         Side& side = sides_[is_source ? 0 : 1];
         std::vector<Index> rows;
         for (const IndexPair& f : features) rows.push_back(is_source ? f.source : f.target);
-        side.tree.emplace(shape.positions);
+        side.tree.emplace(shape.tree());
         side.ground.emplace(shape.surface(), *side.tree, rows, options, its);
     });
 }

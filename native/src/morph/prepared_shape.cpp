@@ -130,6 +130,7 @@ void leave_out_strays(PreparedShape& shape, const PreparationOptions& options, P
     std::vector<Index> stand_in(to_size(shape.size()));
     for (std::size_t k = 0; k < kept.size(); ++k) stand_in[to_size(kept[k])] = to_index(k);
     const Positions all = std::exchange(shape.positions, gather(shape.positions, kept));
+    shape.kept_tree.reset();
     const KdTree<3> tree(shape.positions);
     for (const Index i : left_out) {
         double squared;
@@ -172,6 +173,9 @@ std::vector<PreparedShape> prepare_all(std::span<const ShapeInput> inputs,
                                       static_cast<double>(k + 1) / count);
             Neighborhoods& nearest = shapes[to_size(k)].nearest;
             nearest = nearest_neighbors(*trees[to_size(k)], std::move(nearest), progress);
+            if (options.keep_trees)
+                shapes[to_size(k)].kept_tree =
+                    std::make_shared<const KdTree<3>>(std::move(*trees[to_size(k)]));
         }
     }
     progress.enter("covariance");

@@ -2,6 +2,7 @@
 // callers of the library.
 #pragma once
 
+#include <memory>
 #include <optional>
 #include <span>
 #include <string>
@@ -10,6 +11,7 @@
 #include "pointmorph/base/progress.hpp"
 #include "pointmorph/base/types.hpp"
 #include "pointmorph/cloud/cloud.hpp"
+#include "pointmorph/cloud/kd_tree.hpp"
 #include "pointmorph/cloud/neighborhoods.hpp"
 #include "pointmorph/surface/boundary.hpp"
 #include "pointmorph/surface/pairing.hpp"
@@ -25,6 +27,7 @@ struct PreparationOptions {
     Index neighbors = 16;  ///< nearest points that are looked up; 8 to 64
     BoundaryOptions boundary{};
     TopologyOptions topology{};
+    bool keep_trees = false;  ///< for PreparedShape::tree(), which otherwise builds one
 };
 
 /// The cloud is valid; see validate(). `parts` say which of its points are connected; empty: found.
@@ -53,7 +56,13 @@ struct PreparedShape {
     /// All boundary loops, longest first; none where find_boundary() has to look for them.
     std::optional<std::vector<BoundaryLoop>> loops;
 
+    /// Of the positions, where it was kept; their place in memory may have changed since.
+    std::shared_ptr<const KdTree<3>> kept_tree;
+
     Index size() const { return to_index(given_rows.size()); }
+    KdTree<3> tree() const {
+        return kept_tree ? KdTree<3>(*kept_tree, positions) : KdTree<3>(positions);
+    }
     SampledSurface surface() const { return {positions, normals, nearest, name}; }
 };
 

@@ -179,7 +179,9 @@ PreparationOptions preparation(const MorphOptions& options) {
     const bool glance = options.method == Method::kPaper && options.domain != Domain::kNetwork;
     return {.neighbors = options.covariance_neighbors,
             .boundary = options.boundary,
-            .topology = glance ? fast(options.topology) : options.topology};
+            .topology = glance ? fast(options.topology) : options.topology,
+            .keep_trees =
+                glance && (options.domain == Domain::kCut || options.domain == Domain::kSphere)};
 }
 
 void require_closed(Closed purpose, const PreparedShapes& shapes, const MorphInput& input,

@@ -22,8 +22,9 @@ RouteResult match_on_sphere(const RouteInput& input, const SphereRouteOptions& o
     on_both(progress, [&](bool is_source, Progress& its) {
         std::vector<Index> rows;
         for (const IndexPair& f : features) rows.push_back(is_source ? f.source : f.target);
+        const PreparedShape& shape = is_source ? source : target;
         (is_source ? source_mesh : target_mesh) = spherical_mesh(
-            (is_source ? source : target).surface(), rows, options.parameterization, its);
+            shape.surface(), rows, options.parameterization, its, shape.kept_tree.get());
     });
     if (source_mesh.loose > 0)
         result.warnings.push_back(separate_parts(source.name, source_mesh.loose));

@@ -288,10 +288,13 @@ RingMesh triangulated(SphericalMesh& mesh, const CellGraph& cells, const Spheric
 }  // namespace
 
 SphericalMesh spherical_mesh(const SampledSurface& surface, std::span<const Index> required,
-                             const SphericalOptions& options, Progress& progress) {
+                             const SphericalOptions& options, Progress& progress,
+                             const KdTree<3>* tree) {
     const LargestPart part(surface);
     check_part(part, surface, options);
-    const KdTree<3> part_tree(part.positions);
+    const bool is_whole = part.size() == surface.size();
+    const KdTree<3> part_tree =
+        tree && is_whole ? KdTree<3>(*tree, part.positions) : KdTree<3>(part.positions);
     SphericalMesh mesh;
     mesh.loose = surface.size() - part.size();
     const SubsetCells chosen =

@@ -5,7 +5,9 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <optional>
 #include <random>
+#include <utility>
 
 #include "pointmorph/base/parallel.hpp"
 #include "pointmorph/cloud/cloud.hpp"
@@ -107,6 +109,24 @@ TEST(KdTree, AgreesWithBruteForceInTheDisk) {
 TEST(KdTree, AgreesWithBruteForceInSpace) {
     expect_brute_force<3>();
 }
+TEST(KdTree, GoesOnForTheSamePointsElsewhere) {
+    std::optional<KdTree<3>::Points> before = random_points<3>(500, 6);
+    std::optional<KdTree<3>> tree(std::in_place, *before);
+    const KdTree<3>::Points points = *before;
+    const KdTree<3> other(*tree, points);
+    tree.reset();
+    before.reset();
+    EXPECT_EQ(&other.points(), &points);
+    EXPECT_EQ(other.size(), 500);
+    for (Index i = 0; i < 500; i += 7) {
+        const Eigen::RowVector3d query = points.row(i) + Eigen::RowVector3d(0.01, 0.02, -0.01);
+        Index nearest;
+        double squared;
+        other.nearest(query.data(), {&nearest, 1}, {&squared, 1});
+        EXPECT_EQ(squared, brute_force<3>(points, query.data(), 10.0, 1).front().first);
+    }
+}
+
 TEST(KdTree, AgreesWithBruteForceInTheProductSpaces) {
     SKIP_WHERE_WATCHED();
     expect_brute_force<6>();

@@ -22,6 +22,8 @@ public:
 
     explicit KdTree(const Points& points);
     explicit KdTree(Points&&) = delete;
+    /// The tree of the same points at another place in memory, which needn't be built again.
+    KdTree(const KdTree& other, const Points& same_points) requires(Dim != 2);
     ~KdTree();
     KdTree(KdTree&&) noexcept;
     KdTree& operator=(KdTree&&) noexcept;
@@ -54,7 +56,7 @@ private:
     struct Impl;
     const Points* points_;
     Index size_;
-    std::unique_ptr<Impl> impl_;
+    std::shared_ptr<const Impl> impl_;
 };
 
 /// The row of the tree's point nearest to each of the places; the tree isn't empty.

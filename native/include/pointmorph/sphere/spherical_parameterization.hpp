@@ -8,6 +8,7 @@
 
 #include "pointmorph/base/progress.hpp"
 #include "pointmorph/base/types.hpp"
+#include "pointmorph/cloud/kd_tree.hpp"
 #include "pointmorph/surface/local_triangles.hpp"
 #include "pointmorph/surface/sampled_surface.hpp"
 #include "pointmorph/surface/surface_graph.hpp"
@@ -45,9 +46,10 @@ struct SphericalMesh {
 
 /// The surface's normals point outward. The `required` rows, none twice, are among the nodes.
 /// Throws TopologyError where the shape isn't closed, of genus 0 and connected, or its normals
-/// point inward.
+/// point inward. `tree`, where it is known, is that of the surface's positions.
 SphericalMesh spherical_mesh(const SampledSurface& surface, std::span<const Index> required,
-                             const SphericalOptions& options, Progress& progress);
+                             const SphericalOptions& options, Progress& progress,
+                             const KdTree<3>* tree = nullptr);
 
 /// Where a point lies in a mesh: on the shape, or on the sphere.
 struct PlaceInMesh {
