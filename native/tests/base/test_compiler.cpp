@@ -2,7 +2,9 @@
 
 #include <gtest/gtest.h>
 
+#include <Eigen/Core>
 #include <algorithm>
+#include <cmath>
 #include <cstdlib>
 #include <memory>
 #include <random>
@@ -41,6 +43,16 @@ TEST(Compiler, TwoNumbersSideBySideAreTheSameInARegister) {
         for (double& v : values) v = uniform(random);
         EXPECT_EQ(squares<Two>(values), squares<PlainTwo>(values));
     }
+}
+
+TEST(Compiler, RootsOfSeveralFloatsAreThoseOfEach) {
+    std::mt19937_64 random(7);
+    std::uniform_real_distribution<float> uniform(0.0f, 4.0f);
+    Eigen::ArrayXf numbers(4000);
+    for (float& number : numbers) number = uniform(random);
+    const Eigen::ArrayXf roots = numbers.sqrt();
+    for (Eigen::Index i = 0; i < numbers.size(); ++i)
+        EXPECT_EQ(roots[i], std::sqrt(numbers[i])) << numbers[i];
 }
 
 /// Two of them by turns, so that some are equal.
