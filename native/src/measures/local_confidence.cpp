@@ -3,11 +3,11 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <cstdint>
 #include <limits>
 #include <optional>
 #include <utility>
 
+#include "measures/judged_surface.hpp"
 #include "measures/measured_map.hpp"
 #include "measures/place_words.hpp"
 #include "pointmorph/base/parallel.hpp"
@@ -21,21 +21,15 @@ namespace {
 
 // Lengths are in √area.
 constexpr Index kNeighbors = 6;        // that tell how far apart points are
-constexpr Index kNodes = 1500;         // of each cloud, where confidence is found
-constexpr double kSamples = 6000.0;    // about as many points of a cloud stand for all of it
 constexpr Index kTogetherFrom = 4000;  // points, of which several are carried to together
 constexpr double kGrowthNear = 0.05;   // around a node, where growth is averaged …
 constexpr double kStrainNear = 0.12;   // … and strain
 constexpr double kBendNear = 0.1;      // a ball whose centroid tells tips, edges and planes apart
 constexpr double kElsewhere = 0.15;    // images that far apart have nothing in common
-constexpr double kSideWeight = 0.1;    // of unit normals, to tell both sides of thin parts apart
 constexpr double kDoubtful = 0.5;      // less confidence is worth a word
 constexpr double kDoubtsApart = 0.2;   // at least, of doubtful places
 constexpr double kSmallestDoubt = 0.002;
 constexpr std::size_t kMostDoubts = 5;
-
-using SidedPoints = KdTree<6>::Points;
-using SidedPoint = Eigen::Matrix<double, 1, 6>;
 
 /// Values at some places, blended at others.
 struct Blend {
@@ -68,91 +62,6 @@ Blend blend(const KdTree<6>& tree, const SidedPoint& point) {
     balance(result);
     return result;
 }
-
-/// The same number for the same row everywhere, in [0, 1).
-double drawn(Index row) {
-    auto x = static_cast<std::uint64_t>(row) + 0x9e3779b97f4a7c15ULL;  // splitmix64
-    x = (x ^ (x >> 30)) * 0xbf58476d1ce4e5b9ULL;
-    x = (x ^ (x >> 27)) * 0x94d049bb133111ebULL;
-    return static_cast<double>((x ^ (x >> 31)) >> 11) * 0x1.0p-53;
-}
-
-/// One cloud at unit area, and evenly spread points of it.
-struct JudgedSurface {
-    JudgedSurface(const Cloud& given, const OrderedNeighbors& neighbors, Progress& progress)
-        : cloud(given), order(neighbors.order), unit(normalization(given.positions)) {
-        positions = unit.apply(given.positions);
-        const Values spacing = local_spacing(gather(positions, neighbors.order), neighbors.nearest);
-        const double area = spacing.squaredNorm();
-        scale = area > 0.0 ? 1.0 / std::sqrt(area) : 1.0;
-        samples = drawn_samples(spacing, area);
-        const Positions sampled = gather(positions, samples);
-        const Normals normals = gather(cloud.normals, samples).rowwise().normalized();
-        const KdTree<3> tree(sampled);
-        rows = gather(samples, poisson_disk_subset(tree, normals, {}, kNodes, progress).rows);
-        scale_up(1.0);
-    }
-
-    void scale_up(double factor) {
-        scale *= factor;
-        nodes = sided(rows);
-        places = nodes.leftCols<3>();
-    }
-
-    /// More of them where points are far apart, but some everywhere; ascending.
-    std::vector<Index> drawn_samples(const Values& spacing, double area) const {
-        const double each = 1.0 / static_cast<double>(size());
-        std::vector<Index> result;
-        for (Index i = 0; i < size(); ++i) {
-            const double share = area > 0.0 ? spacing[i] * spacing[i] / area : each;
-            const Index row = order[to_size(i)];
-            if (drawn(row) < kSamples * (share + each) / 2.0) result.push_back(row);
-        }
-        if (result.empty()) result.push_back(0);
-        std::ranges::sort(result);
-        return result;
-    }
-
-    Index size() const { return to_index(positions.rows()); }
-    Index count() const { return to_index(rows.size()); }
-    /// Places of this cloud's coordinates, at unit area.
-    Positions at_unit_area(const Positions& given) const { return scale * unit.apply(given); }
-    SidedPoint sided(Index row) const {
-        SidedPoint result;
-        result << scale * positions.row(row), kSideWeight * cloud.normals.row(row).normalized();
-        return result;
-    }
-    SidedPoints sided(std::span<const Index> some) const {
-        SidedPoints result(static_cast<Eigen::Index>(some.size()), 6);
-        for (std::size_t k = 0; k < some.size(); ++k)
-            result.row(static_cast<Eigen::Index>(k)) = sided(some[k]);
-        return result;
-    }
-    Eigen::RowVector3d node_normal(Index node) const {
-        return nodes.row(node).tail<3>() / kSideWeight;
-    }
-    bool same_side(Index node, Index other) const {
-        return nodes.row(node).tail<3>().dot(nodes.row(other).tail<3>()) > 0.0;
-    }
-
-    const Cloud& cloud;
-    const std::vector<Index>& order;  ///< its spatial order
-    Normalization unit;
-    Positions positions;
-    double scale = 1.0;
-    std::vector<Index> samples;  ///< rows that stand for all
-    std::vector<Index> rows;     ///< of the nodes, which are some of the samples
-    SidedPoints nodes;
-    Positions places;  ///< of the nodes
-};
-
-/// Both clouds' nodes, to look up.
-struct NodeTrees {
-    explicit NodeTrees(const JudgedSurface& surface)
-        : by_place(surface.places), by_side(surface.nodes) {}
-    KdTree<3> by_place;
-    KdTree<6> by_side;
-};
 
 /// One direction of the map.
 struct JudgedWay {
@@ -494,7 +403,7 @@ Values carried(const JudgedSurface& surface, const NodeTrees& trees, const Value
 /// The node nearest to each image, on the side where it belongs: that of a partner.
 std::vector<Index> feet_of(const Positions& images, const JudgedSurface& surface,
                            const NodeTrees& trees, std::span<const Index> partners) {
-    const Positions normals = surface.nodes.rightCols<3>() / kSideWeight;
+    const Positions normals = surface.nodes.rightCols<3>() / JudgedSurface::kSideWeight;
     std::vector<Index> feet(to_size(images.rows()));
     for (std::size_t k = 0; k < feet.size(); ++k)
         feet[k] =

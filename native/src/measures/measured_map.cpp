@@ -356,6 +356,10 @@ bool MeasuredCloud::same_side(Index i, Index j) const {
     return normals.row(i).dot(normals.row(j)) > kSameSide;
 }
 
+Positions MeasuredCloud::places_of(std::span<const Index> rows) const {
+    return gather(positions, gather(sorted, rows));
+}
+
 std::vector<char> lie_at_ends(const Positions& images, const Positions& ends, double near,
                               Progress& progress) {
     if (ends.rows() == 0) return {};
@@ -386,10 +390,8 @@ namespace {
 BeyondPart beyond_part(const MeasuredCloud& here, const MeasuredCloud& other,
                        const Positions& images, std::span<const Index> ends, Progress& progress) {
     if (ends.empty()) return {};
-    std::vector<Index> rows;
-    for (const Index row : ends) rows.push_back(other.sorted[to_size(row)]);
-    return beyond_part(images, gather(other.positions, rows), kEndNear * other.root_area,
-                       here.spacing, progress);
+    return beyond_part(images, other.places_of(ends), kEndNear * other.root_area, here.spacing,
+                       progress);
 }
 
 }  // namespace

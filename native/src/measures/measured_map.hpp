@@ -42,6 +42,8 @@ struct MeasuredCloud {
     }
     /// Whether two points lie on the same side of the surface, by their normals.
     bool same_side(Index i, Index j) const;
+    /// Where rows of the cloud lie here.
+    Positions places_of(std::span<const Index> rows) const;
     /// The row of the cloud.
     Index given(Index i) const { return neighbors.order[to_size(i)]; }
 

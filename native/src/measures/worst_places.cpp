@@ -8,7 +8,6 @@
 
 #include "measures/place_words.hpp"
 #include "pointmorph/base/parallel.hpp"
-#include "pointmorph/cloud/subset.hpp"
 
 namespace pointmorph {
 
@@ -146,11 +145,9 @@ std::vector<Place> worst_places(const MeasuredCloud& from, const MeasuredCloud& 
     on_both(progress, [&](bool is_source, Progress& its) {
         const MeasuredCloud &here = is_source ? from : to, &other = is_source ? to : from;
         const MeasuredMap& way = is_source ? maps.there : maps.back;
-        std::vector<Index> ends;
-        for (const Index row : is_source ? map.target_ends : map.source_ends)
-            ends.push_back(other.sorted[to_size(row)]);
         const std::vector<char> alone =
-            lie_at_ends(way.images, gather(other.positions, ends), kEndNear * other.root_area, its);
+            lie_at_ends(way.images, other.places_of(is_source ? map.target_ends : map.source_ends),
+                        kEndNear * other.root_area, its);
         (is_source ? on_source : on_target) = find_spots(here, way, alone, its);
     });
     std::vector<Seen> seen;

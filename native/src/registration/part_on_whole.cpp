@@ -64,10 +64,9 @@ std::optional<std::vector<Feature>> features_within(std::span<const Feature> fea
 }
 
 /// What a map costs that the search for the pose has found.
-double cost(const Refinement& map) {
-    constexpr double kTearWeight = 20.0;
+double cost(const Refinement& map, const PoseOptions& options) {
     const Restart& its = map.diagnostics.starts[map.diagnostics.start_taken];
-    return its.energy * (1.0 + kTearWeight * its.torn);
+    return its.energy * (1.0 + options.tear_weight * its.torn);
 }
 
 /// Both shapes, and the places of the part.
@@ -313,7 +312,7 @@ std::optional<PieceMap> best_on_piece(const PartOfWhole& shapes, const PartMarks
         const auto mine = features_within(features, shapes.sides(), piece.rows);
         if (!mine) continue;
         Refinement map = shapes.map_onto(piece, *mine, options, progress, nullptr);
-        const double its = cost(map);
+        const double its = cost(map, options.pose);
         // Of two hands, which fit alike once they are bent, one fits before that.
         maps.push_back(
             {its * std::sqrt(misfit), {shapes.with_others(std::move(map), piece, features), its}});
@@ -366,7 +365,7 @@ PartOrWhole refine_part_or_whole(const RefinementCloud& source, const Refinement
                 return {std::move(best->map), true};
     }
     PartOrWhole whole = onto_all();
-    const double its = cost(whole.map);
+    const double its = cost(whole.map, options.pose);
     if (!(its > kFits)) return whole;
     if (!shapes) shapes.emplace(GivenClouds{source, target}, options, quiet);
     auto best = best_on_piece(*shapes, marks, features, options, quiet);

@@ -150,16 +150,11 @@ public:
     PartSearch(const CoarseShape& part, const CoarseShape& whole) : part_(part), whole_(whole) {
         const std::vector<Index>& nodes = part.levels.front().node_rows;
         const Positions rim = gather(part.positions, end_rows(part));
-        const KdTree<3> tree(rim);
-        for (Index i = 0; i < part.size(); ++i) {
-            Index nearest;
-            double squared;
-            tree.nearest(part.positions.row(i).data(), {&nearest, 1}, {&squared, 1});
-            from_rim_.push_back(std::sqrt(squared));
-        }
+        const std::vector<Index> next = nearest_rows(KdTree<3>(rim), part.positions);
+        from_rim_ = (part.positions - gather(rim, next)).rowwise().norm();
         constexpr double kNextTo = 0.06;
         for (const Index row : nodes)
-            if (from_rim_[to_size(row)] > kNextTo) rows_.push_back(row);
+            if (from_rim_[row] > kNextTo) rows_.push_back(row);
         for (int k = 0; k < kScales; ++k) {
             const double scale = scale_of(k);
             keys_.push_back(keys(whole.positions / scale, whole.normals));
@@ -254,7 +249,7 @@ private:
 
     const CoarseShape& part_;
     const CoarseShape& whole_;
-    std::vector<double> from_rim_;
+    Values from_rim_;          ///< of each point of the part
     std::vector<Index> rows_;  ///< of the part, off its rim
     std::vector<Keys> keys_;
     std::vector<KdTree<6>> trees_;
@@ -263,8 +258,7 @@ private:
 std::vector<Index> PartSearch::anchors() const {
     constexpr std::size_t kMost = 6;
     std::vector<Index> sorted = rows_;
-    std::ranges::stable_sort(sorted, std::greater{},
-                             [&](Index i) { return from_rim_[to_size(i)]; });
+    std::ranges::stable_sort(sorted, std::greater{}, [&](Index i) { return from_rim_[i]; });
     sorted.resize(std::max<std::size_t>(sorted.size() / 2, 1));
     std::vector<Index> chosen{sorted.front()};
     std::vector<double> apart(sorted.size(), std::numeric_limits<double>::infinity());
@@ -320,7 +314,7 @@ std::vector<Seed> PartSearch::seeds(Progress& progress) const {
     };
     const std::vector<Index> of_part = anchors();
     std::vector<double> reach;
-    for (const Index i : of_part) reach.push_back(from_rim_[to_size(i)]);
+    for (const Index i : of_part) reach.push_back(from_rim_[i]);
     const std::vector<Profile> parts =
         profiles(part_, of_part, {kFirstRadius, kRadii, least(part_)}, reach);
     std::vector<Index> places;
