@@ -293,6 +293,27 @@ TEST(Boundary, FlatGapsOfRandomSamplesAreHoles) {
     }
 }
 
+TEST(Boundary, HolesOfAFewSpacingsInRandomSamples) {
+    // An empty cap that would hold 45 points is no chance, however ragged its rim is.
+    int found = 0;
+    constexpr unsigned kSeeds = 16;
+    for (unsigned seed = 0; seed < kSeeds; ++seed) {
+        const Positions ball =
+            kept(shapes::cube_noise(8000, 100 + seed),
+                 [](const Vector3& x) { return x.norm() < 1.0 && x.norm() > 0.1; })
+                .rowwise()
+                .normalized();
+        const double lowest = 1.0 - 2.0 * 45.0 / static_cast<double>(ball.rows());
+        const Positions p = kept(ball, [&](const Vector3& x) { return x[2] < lowest; });
+        const auto loops = loops_of(p, p);
+        EXPECT_LE(loops.size(), 1u) << seed;
+        for (const BoundaryLoop& loop : loops)
+            for (const Index i : loop) EXPECT_GT(p(i, 2), lowest - 0.1) << seed;
+        found += loops.empty() ? 0 : 1;
+    }
+    EXPECT_GE(found, 15);
+}
+
 TEST(Boundary, DoesNotDependOnMotionScaleOrOrder) {
     const Positions p = square(4000);
     const Normals up = shapes::upward(4000);

@@ -36,7 +36,7 @@ using BoundaryLoop = std::vector<Index>;
 /// more neighbors. Of points that coincide, the lowest row stands for all. Where the spacing
 /// varies from place to place as in the vertices of a mesh, a gap in a flat region (the sole of a
 /// foot) counts as surface, since meshes have few vertices there; among random samples, a hole in a
-/// flat region counts from 1.75 · `min_loop` on.
+/// flat region counts from 1.75 · `min_loop` on, or where a gap so large can't be chance.
 std::vector<BoundaryLoop> find_boundary_loops(const Positions& positions, const Normals& normals,
                                               const Neighborhoods& nearest,
                                               const BoundaryOptions& options, Progress& progress);
