@@ -154,9 +154,52 @@ POINTMORPH_WIDE inline void take_roots_wide(double* numbers, std::size_t count) 
     for (std::size_t i = 0; i < count; i += 4)
         _mm256_storeu_pd(numbers + i, _mm256_sqrt_pd(_mm256_loadu_pd(numbers + i)));
 }
+/// Four numbers, and four that begin twelve later.
+POINTMORPH_WIDE inline __m256 load_fours(const float* at) {
+    const __m256 low = _mm256_castps128_ps256(_mm_loadu_ps(at));
+    return _mm256_insertf128_ps(low, _mm_loadu_ps(at + 12), 1);
+}
+/// Writes rows of three floats, base − share (base − other), made as long as 1; a multiple of
+/// eight. Whether all squares of their lengths were between the limits.
+POINTMORPH_WIDE inline bool blend_units_wide(const float* base, const float* other, float share,
+                                             const std::array<float, 2>& limits, float* out,
+                                             std::size_t count) {
+    const __m256 shares = _mm256_set1_ps(share), one = _mm256_set1_ps(1.0F);
+    const __m256 least = _mm256_set1_ps(limits[0]), most = _mm256_set1_ps(limits[1]);
+    int in_range = 0xff;
+    for (std::size_t i = 0; i < 3 * count; i += 24) {
+        // Four rows in the lower halves, four in the upper ones: xyzx yzxy zxyz.
+        __m256 n[3], squares[3];
+        for (std::size_t k = 0; k < 3; ++k) {
+            const __m256 from = load_fours(base + i + 4 * k), to = load_fours(other + i + 4 * k);
+            n[k] = _mm256_sub_ps(from, _mm256_mul_ps(shares, _mm256_sub_ps(from, to)));
+            squares[k] = _mm256_mul_ps(n[k], n[k]);
+        }
+        const auto& [a, b, c] = squares;
+        const __m256 xy = _mm256_shuffle_ps(b, c, 0x9e), yz = _mm256_shuffle_ps(a, b, 0x49);
+        const __m256 x = _mm256_shuffle_ps(a, xy, 0x8c), y = _mm256_shuffle_ps(yz, xy, 0xd8),
+                     z = _mm256_shuffle_ps(yz, c, 0xcd);
+        const __m256 sums = _mm256_add_ps(_mm256_add_ps(x, y), z);
+        in_range &= _mm256_movemask_ps(_mm256_and_ps(_mm256_cmp_ps(sums, least, _CMP_GT_OQ),
+                                                     _mm256_cmp_ps(sums, most, _CMP_LT_OQ)));
+        const __m256 factors = _mm256_div_ps(one, _mm256_sqrt_ps(sums));
+        n[0] = _mm256_mul_ps(n[0], _mm256_permute_ps(factors, 0x40));
+        n[1] = _mm256_mul_ps(n[1], _mm256_permute_ps(factors, 0xa5));
+        n[2] = _mm256_mul_ps(n[2], _mm256_permute_ps(factors, 0xfe));
+        for (std::size_t k = 0; k < 3; ++k) {
+            _mm_storeu_ps(out + i + 4 * k, _mm256_castps256_ps128(n[k]));
+            _mm_storeu_ps(out + i + 12 + 4 * k, _mm256_extractf128_ps(n[k], 1));
+        }
+    }
+    return in_range == 0xff;
+}
 #else
 #define POINTMORPH_WIDE
 inline bool has_wide_registers() {
+    return false;
+}
+inline bool blend_units_wide(const float*, const float*, float, const std::array<float, 2>&, float*,
+                             std::size_t) {
     return false;
 }
 inline void take_roots_wide(double* numbers, std::size_t count) {

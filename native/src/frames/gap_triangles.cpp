@@ -3,6 +3,7 @@
 #include <Eigen/Geometry>
 #include <utility>
 
+#include "base/compiler.hpp"
 #include "pointmorph/base/parallel.hpp"
 #include "pointmorph/cloud/subset.hpp"
 
@@ -198,8 +199,16 @@ bool is_wider(const Positions& positions, const GapTriangle& corners, double rad
     return b * std::sqrt(c) > radius * (b + c - a);
 }
 
-bool is_surely_narrow(const RoughCorner& first, const RoughCorner& second, const RoughCorner& third,
-                      float radius) {
+namespace {
+
+/// Triangles side by side, for loops that the compiler vectorizes.
+struct SomeTriangles {
+    alignas(32) std::array<RoughCorner, kTrianglesAtOnce> first, second, third;
+    alignas(32) std::array<std::int32_t, kTrianglesAtOnce> are_narrow;
+};
+
+POINTMORPH_INLINE bool is_surely_narrow(const RoughCorner& first, const RoughCorner& second,
+                                        const RoughCorner& third, float radius) {
     const auto squared = [](const RoughCorner& from, const RoughCorner& to) {
         const float x = from[0] - to[0], y = from[1] - to[1], z = from[2] - to[2];
         return x * x + y * y + z * z;
@@ -224,6 +233,36 @@ bool is_surely_narrow(const RoughCorner& first, const RoughCorner& second, const
     const bool is_obtuse = (acute < -4.0F * off) & (foot > 0.0F) &
                            (longer * longer * (c + off) < kBelow * limit * foot * foot);
     return (c < 12.0F * limit) & (is_short | is_acute | is_obtuse);
+}
+
+POINTMORPH_INLINE void look_at_all(SomeTriangles& some, float radius) {
+    for (std::size_t i = 0; i < kTrianglesAtOnce; ++i)
+        some.are_narrow[i] = is_surely_narrow(some.first[i], some.second[i], some.third[i], radius);
+}
+POINTMORPH_WIDE void look_at_all_wide(SomeTriangles& some, float radius) {
+    look_at_all(some, radius);
+}
+
+}  // namespace
+
+std::uint64_t surely_narrow(std::span<const RoughCorner> rough,
+                            std::span<const GapTriangle> triangles, float radius, bool wide) {
+    SomeTriangles some;
+    if (triangles.size() < kTrianglesAtOnce) some.first = some.second = some.third = {};
+    for (std::size_t i = 0; i < triangles.size(); ++i) {
+        const auto [a, b, c] = triangles[i];
+        some.first[i] = rough[to_size(a)];
+        some.second[i] = rough[to_size(b)];
+        some.third[i] = rough[to_size(c)];
+    }
+    if (wide && has_wide_registers())
+        look_at_all_wide(some, radius);
+    else
+        look_at_all(some, radius);
+    std::uint64_t result = 0;
+    for (std::size_t i = 0; i < triangles.size(); ++i)
+        result |= static_cast<std::uint64_t>(some.are_narrow[i]) << i;
+    return result;
 }
 
 }  // namespace pointmorph

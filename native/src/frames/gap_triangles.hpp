@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <cstdint>
 #include <span>
 #include <vector>
 
@@ -85,10 +86,14 @@ using RoughCorner = std::array<float, 4>;
 /// By how much two rough places may seem farther apart, or nearer, than they are.
 constexpr float kRoughness = 2e-7F;
 
-/// Whether a triangle surely is no wider than `radius` mean spacings of its corners: then
-/// is_wider() of that is false. Where it isn't sure, is_wider() has to be asked.
-bool is_surely_narrow(const RoughCorner& a, const RoughCorner& b, const RoughCorner& c,
-                      float radius);
+/// So many triangles are looked at side by side.
+constexpr std::size_t kTrianglesAtOnce = 64;
+/// Which of some triangles surely are no wider than `radius` mean spacings of their corners: then
+/// is_wider() of that is false. The lowest bit tells it of the first. Where it isn't sure,
+/// is_wider() has to be asked. There are kTrianglesAtOnce or fewer; `wide`: in wide registers, with
+/// the same result.
+std::uint64_t surely_narrow(std::span<const RoughCorner> rough,
+                            std::span<const GapTriangle> triangles, float radius, bool wide = true);
 
 /// How far apart samples lie.
 struct SampleDistance {

@@ -1,6 +1,7 @@
 #include "frames/missing_points.hpp"
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
 #include <limits>
 
@@ -111,21 +112,22 @@ MissingPoints::MissingPoints(const Resampling& resampling, std::span<const Index
 
 std::vector<Index> MissingPoints::open_triangles(const FrameSample& sample,
                                                  Progress& progress) const {
-    constexpr Index kAhead = 16;  // while so many triangles are looked at, memory answers
-    constexpr Index kChunk = 4096;
+    constexpr Index kChunk = 4096, kAtOnce = to_index(kTrianglesAtOnce);
     const auto count = to_index(triangles_.size());
     std::vector<std::vector<Index>> found(to_size((count + kChunk - 1) / kChunk));
     const auto look = [&](Index begin, Index end) {
-        for (Index i = begin; i < end; ++i) {
-            if (i + kAhead < end)
-                for (const Index corner : triangles_[to_size(i + kAhead)])
-                    fetch_early(&sample.rough[to_size(corner)]);
-            const auto [a, b, c] = triangles_[to_size(i)];
-            if (!is_surely_narrow(sample.rough[to_size(a)], sample.rough[to_size(b)],
-                                  sample.rough[to_size(c)], static_cast<float>(kEmpty)) &&
-                is_wider_than(sample, i, kEmpty) &&
-                shows_front(sample.positions, sample.normals, triangles_[to_size(i)]))
-                found[to_size(begin / kChunk)].push_back(i);
+        for (Index first = begin; first < end; first += kAtOnce) {
+            const auto some = std::span(triangles_)
+                                  .subspan(to_size(first), to_size(std::min(kAtOnce, end - first)));
+            const std::uint64_t all = ~std::uint64_t{0} >> (kTrianglesAtOnce - some.size());
+            std::uint64_t open =
+                all & ~surely_narrow(sample.rough, some, static_cast<float>(kEmpty));
+            for (; open != 0; open &= open - 1) {
+                const Index i = first + std::countr_zero(open);
+                if (is_wider_than(sample, i, kEmpty) &&
+                    shows_front(sample.positions, sample.normals, triangles_[to_size(i)]))
+                    found[to_size(begin / kChunk)].push_back(i);
+            }
         }
     };
     parallel_for(count, progress, look, 0.0, 1.0, kChunk);

@@ -8,6 +8,7 @@
 #include <cstdint>
 #include <limits>
 #include <string>
+#include <type_traits>
 
 #if defined(__SSE2__) || defined(_M_X64)
 #include <emmintrin.h>
@@ -122,10 +123,16 @@ void blend_normal_carefully(const Scalar* base, const Scalar* other, Scalar shar
 }
 
 /// `count` ≤ kBlock normals. Step by step over the block, each of which the compiler (or Eigen, for
-/// the square root) vectorizes.
+/// the square root) vectorizes; floats eight at a time where registers are wide, with the same
+/// bits.
 template <class Scalar>
 void blend_normals(const Scalar* POINTMORPH_RESTRICT base, const Scalar* POINTMORPH_RESTRICT other,
                    Scalar share, Scalar* POINTMORPH_RESTRICT out, std::size_t count) {
+    constexpr std::array<Scalar, 2> kLimits{Scalar(1e-4), Scalar(1e4)};
+    if constexpr (std::is_same_v<Scalar, float>)
+        if (count % 8 == 0 && has_wide_registers() &&
+            blend_units_wide(base, other, share, kLimits, out, count))
+            return;
     alignas(16) std::array<Scalar, 3 * kBlock> n;
     alignas(16) std::array<Scalar, kBlock> factor;
     blend(base, other, share, n.data(), 3 * count);
@@ -133,7 +140,7 @@ void blend_normals(const Scalar* POINTMORPH_RESTRICT base, const Scalar* POINTMO
         factor[i] = n[3 * i] * n[3 * i] + n[3 * i + 1] * n[3 * i + 1] + n[3 * i + 2] * n[3 * i + 2];
     auto factors = Eigen::Array<Scalar, Eigen::Dynamic, 1>::MapAligned(
         factor.data(), static_cast<Eigen::Index>(count));
-    const bool in_range = factors.minCoeff() > Scalar(1e-4) && factors.maxCoeff() < Scalar(1e4);
+    const bool in_range = factors.minCoeff() > kLimits[0] && factors.maxCoeff() < kLimits[1];
     factors = factors.sqrt().inverse();
     for (std::size_t i = 0; i < count; ++i) {
         out[3 * i] = n[3 * i] * factor[i];

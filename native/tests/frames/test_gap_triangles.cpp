@@ -64,6 +64,41 @@ TEST(GapTriangles, AreWiderThanWhatDenseSamplesSay) {
     }
 }
 
+bool is_surely_narrow(const RoughCorner& a, const RoughCorner& b, const RoughCorner& c,
+                      float radius) {
+    const std::array rough{a, b, c};
+    return surely_narrow(rough, std::array<GapTriangle, 1>{kCorners}, radius) != 0;
+}
+
+TEST(GapTriangles, SeveralAreAsNarrowAsEachIs) {
+    constexpr float kRadius = 0.85F;
+    std::mt19937_64 random(8);
+    std::uniform_real_distribution<float> place(0.0F, 2.0F), spacing(0.5F, 1.5F);
+    std::uniform_int_distribution<Index> row(0, 29);
+    int narrow = 0, others = 0;
+    for (std::size_t count = 0; count <= kTrianglesAtOnce; ++count) {
+        std::vector<RoughCorner> rough(30);
+        for (auto& corner : rough) corner = {place(random), place(random), 0.0F, spacing(random)};
+        rough[7][1] = std::numeric_limits<float>::quiet_NaN();
+        std::vector<GapTriangle> triangles(count);
+        for (auto& corners : triangles) corners = {row(random), row(random), row(random)};
+        const auto found = surely_narrow(rough, triangles, kRadius);
+        EXPECT_EQ(found, surely_narrow(rough, triangles, kRadius, false));
+        for (std::size_t i = 0; i < count; ++i) {
+            const auto [a, b, c] = triangles[i];
+            const bool is_narrow = ((found >> i) & 1) != 0;
+            EXPECT_EQ(is_narrow, is_surely_narrow(rough[to_size(a)], rough[to_size(b)],
+                                                  rough[to_size(c)], kRadius));
+            ++(is_narrow ? narrow : others);
+        }
+        if (count < kTrianglesAtOnce) {
+            EXPECT_EQ(found >> count, 0u);
+        }
+    }
+    EXPECT_GT(narrow, 200);
+    EXPECT_GT(others, 200);
+}
+
 TEST(GapTriangles, AreSurelyNarrowOnlyIfTheyAreAndMostlyThen) {
     constexpr double kRadius = 0.85;
     std::mt19937_64 random(7);

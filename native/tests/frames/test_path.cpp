@@ -340,6 +340,28 @@ TEST(Path, EndsThatLieElsewhereGiveTheSameBits) {
     EXPECT_THROW(StraightPath<float>(view(start), incomplete), OptionError);
 }
 
+TEST(Path, ManyNormalsHaveTheBitsOfFew) {
+    // By eights where registers are wide, else, and where there are fewer, one by one.
+    const Cloud source = random_cloud<float>(3000, 1), target = random_cloud<float>(2000, 2);
+    const StraightPath<float> path(source, target, random_pairs(2000, 5000, 3));
+    const Frame<float> start = frame_at(path, 0.0), end = frame_at(path, 1.0);
+    const auto some_of = [](const Frame<float>& frame, std::size_t first, std::size_t count) {
+        return FrameView<const float>{std::span(frame.positions).subspan(3 * first, 3 * count),
+                                      std::span(frame.normals).subspan(3 * first, 3 * count),
+                                      std::span(frame.colors).subspan(4 * first, 4 * count),
+                                      std::span(frame.radii).subspan(first, count)};
+    };
+    for (const double t : {0.2, 0.5, 0.7}) {
+        const Frame<float> all = frame_at(path, t);
+        for (std::size_t first = 0; first < 5000; first += 5) {
+            const StraightPath<float> few(some_of(start, first, 5), some_of(end, first, 5));
+            const Frame<float> frame = frame_at(few, t);
+            for (std::size_t k = 0; k < 15; ++k)
+                ASSERT_TRUE(same_bits(frame.normals[k], all.normals[3 * first + k])) << first;
+        }
+    }
+}
+
 TEST(Path, WhereNeitherHasColorsAllIsWhite) {
     Cloud source = random_cloud<double>(3000, 1), target = random_cloud<double>(2000, 2);
     source.colors.resize(0, 4);
