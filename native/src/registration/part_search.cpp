@@ -41,6 +41,15 @@ Keys keys(const Positions& positions, const Normals& normals) {
     return result;
 }
 
+/// A point of a shape.
+struct PlacedPoint {
+    Vector3 at, normal;
+};
+
+PlacedPoint point(const CoarseShape& shape, Index row) {
+    return {shape.positions.row(row).transpose(), shape.normals.row(row).transpose()};
+}
+
 /// What a surface looks like around a point: of balls that grow by kStep, three numbers each that
 /// neither turning nor scaling changes with them.
 struct Profile {
@@ -55,43 +64,69 @@ struct Balls {
     double least;
 };
 
-/// Profiles of some rows, with the balls that don't reach `most`, of each.
-std::vector<Profile> profiles(const CoarseShape& shape, std::span<const Index> rows,
-                              const Balls& balls, const std::vector<double>& most) {
-    const auto [radius, count, least] = balls;
-    const KdTree<3> tree(shape.positions);
-    std::vector<Profile> result(rows.size());
-    std::vector<double> radii;
-    for (int k = 0; k < count; ++k) radii.push_back(radius * std::pow(kStep, k));
-    std::vector<std::pair<Index, double>> near;
-    for (std::size_t i = 0; i < rows.size(); ++i) {
-        Profile& profile = result[i];
-        while (profile.first < count && radii[to_size(profile.first)] < least) ++profile.first;
-        profile.last = profile.first;
-        while (profile.last < count && radii[to_size(profile.last)] <= most[i]) ++profile.last;
-        if (profile.last == profile.first) continue;
-        const Vector3 at = shape.positions.row(rows[i]), normal = shape.normals.row(rows[i]);
-        std::array<double, kRadii + kScales> area{}, behind{}, cosine{};
-        tree.within_unsorted(at.data(), radii[to_size(profile.last - 1)], near);
-        for (const auto& [row, squared] : near) {
-            const auto from = std::ranges::lower_bound(radii, std::sqrt(squared)) - radii.begin();
-            const auto k = static_cast<std::size_t>(from);
-            area[k] += shape.areas[row];
-            behind[k] += shape.areas[row] * (at - shape.positions.row(row).transpose()).dot(normal);
-            cosine[k] += shape.areas[row] * normal.dot(shape.normals.row(row));
-        }
-        for (int k = 1; k < profile.last; ++k) {
-            area[to_size(k)] += area[to_size(k - 1)];
-            behind[to_size(k)] += behind[to_size(k - 1)];
-            cosine[to_size(k)] += cosine[to_size(k - 1)];
-        }
-        for (int k = profile.first; k < profile.last; ++k) {
-            const double a = std::max(area[to_size(k)], 1e-12), r = radii[to_size(k)];
-            profile.forms[to_size(k)] = {std::log(a / (r * r)), 3.0 * behind[to_size(k)] / (a * r),
-                                         1.5 * cosine[to_size(k)] / a};
-        }
+/// The profiles of a shape's points.
+class Profiles {
+public:
+    Profiles(const CoarseShape& shape, const Balls& balls)
+        : shape_(shape), balls_(balls), tree_(shape.positions) {
+        for (int k = 0; k < balls.count; ++k) radii_.push_back(balls.radius * std::pow(kStep, k));
     }
-    return result;
+
+    /// Of some rows, with the balls that don't reach `most`, of each.
+    std::vector<Profile> of(std::span<const Index> rows, const std::vector<double>& most,
+                            Progress& progress) const {
+        std::vector<Profile> result(rows.size());
+        parallel_for(
+            to_index(rows.size()), progress,
+            [&](Index begin, Index end) {
+                Near near;
+                for (Index i = begin; i < end; ++i)
+                    result[to_size(i)] = at(rows[to_size(i)], most[to_size(i)], near);
+            },
+            0.0, 1.0, 16);
+        return result;
+    }
+
+private:
+    using Near = std::vector<std::pair<Index, double>>;
+
+    Profile at(Index row, double most, Near& near) const;
+
+    const CoarseShape& shape_;
+    const Balls balls_;
+    std::vector<double> radii_;
+    KdTree<3> tree_;
+};
+
+Profile Profiles::at(Index row, double most, Near& near) const {
+    Profile profile;
+    const int count = balls_.count;
+    while (profile.first < count && radii_[to_size(profile.first)] < balls_.least) ++profile.first;
+    profile.last = profile.first;
+    while (profile.last < count && radii_[to_size(profile.last)] <= most) ++profile.last;
+    if (profile.last == profile.first) return profile;
+    const auto [at, normal] = point(shape_, row);
+    std::array<double, kRadii + kScales> area{}, behind{}, cosine{};
+    tree_.within_unsorted(at.data(), radii_[to_size(profile.last - 1)], near);
+    for (const auto& [other, squared] : near) {
+        const auto from = std::ranges::lower_bound(radii_, std::sqrt(squared)) - radii_.begin();
+        const auto k = static_cast<std::size_t>(from);
+        const auto [there, its_normal] = point(shape_, other);
+        area[k] += shape_.areas[other];
+        behind[k] += shape_.areas[other] * (at - there).dot(normal);
+        cosine[k] += shape_.areas[other] * normal.dot(its_normal);
+    }
+    for (int k = 1; k < profile.last; ++k) {
+        area[to_size(k)] += area[to_size(k - 1)];
+        behind[to_size(k)] += behind[to_size(k - 1)];
+        cosine[to_size(k)] += cosine[to_size(k - 1)];
+    }
+    for (int k = profile.first; k < profile.last; ++k) {
+        const double a = std::max(area[to_size(k)], 1e-12), r = radii_[to_size(k)];
+        profile.forms[to_size(k)] = {std::log(a / (r * r)), 3.0 * behind[to_size(k)] / (a * r),
+                                     1.5 * cosine[to_size(k)] / a};
+    }
+    return profile;
 }
 
 /// How unlike a place of the part and one of the whole are if the part is as large as the scale
@@ -125,15 +160,6 @@ Matrix3 onto_normal(const Vector3& from, const Vector3& to, double angle) {
         return axes;
     };
     return Eigen::AngleAxisd(angle, to).toRotationMatrix() * frame(to) * frame(from).transpose();
-}
-
-/// A point of a shape.
-struct PlacedPoint {
-    Vector3 at, normal;
-};
-
-PlacedPoint point(const CoarseShape& shape, Index row) {
-    return {shape.positions.row(row).transpose(), shape.normals.row(row).transpose()};
 }
 
 /// The part so laid that a point of it lies on one of the whole, and turned about that.
@@ -240,9 +266,9 @@ private:
     }
     /// Rows of the part far from its rim, apart from each other.
     std::vector<Index> anchors() const;
-    /// Of the places those most like one of the part, apart from each other.
-    std::vector<Index> alike(const Profile& of_part, const std::vector<Profile>& profiles,
-                             std::span<const Index> places, int scale) const;
+    /// Of the places those least unlike one of the part, apart from each other.
+    std::vector<Index> alike(std::span<const double> unlike, std::span<const Index> places,
+                             int scale) const;
     /// The turn by which the part fits best.
     Seed best_turned(const PlacedPoint& of_part, const PlacedPoint& there, int scale, int turns,
                      std::span<const Index> rows) const;
@@ -285,13 +311,12 @@ Seed PartSearch::best_turned(const PlacedPoint& of_part, const PlacedPoint& ther
     return best;
 }
 
-std::vector<Index> PartSearch::alike(const Profile& of_part, const std::vector<Profile>& profiles,
-                                     std::span<const Index> places, int scale) const {
+std::vector<Index> PartSearch::alike(std::span<const double> unlike, std::span<const Index> places,
+                                     int scale) const {
     constexpr std::size_t kMost = 12;
     constexpr double kApart = 0.15;
     std::vector<std::pair<double, Index>> sorted;
-    for (std::size_t p = 0; p < places.size(); ++p)
-        sorted.emplace_back(unlike(of_part, profiles[p], scale), places[p]);
+    for (std::size_t p = 0; p < places.size(); ++p) sorted.emplace_back(unlike[p], places[p]);
     std::ranges::sort(sorted);
     std::vector<Index> taken;
     for (const auto& [distance, at] : sorted) {
@@ -305,24 +330,79 @@ std::vector<Index> PartSearch::alike(const Profile& of_part, const std::vector<P
     return taken;
 }
 
+/// How unlike some places of the part and of the whole are at each scale.
+class ProfileDistances {
+public:
+    ProfileDistances(const std::vector<Profile>& parts, const std::vector<Profile>& wholes,
+                     Progress& progress)
+        : parts_(parts.size()), wholes_(wholes.size()), all_(parts_ * kScales * wholes_) {
+        parallel_for(
+            to_index(parts_ * kScales), progress,
+            [&](Index begin, Index end) {
+                for (Index job = begin; job < end; ++job)
+                    for (std::size_t p = 0; p < wholes_; ++p)
+                        all_[to_size(job) * wholes_ + p] =
+                            unlike(parts[to_size(job) / kScales], wholes[p],
+                                   static_cast<int>(to_size(job) % kScales));
+            },
+            0.0, 1.0, 1);
+    }
+
+    /// Of a place of the part, from all of the whole.
+    std::span<const double> of(std::size_t part, int scale) const {
+        return std::span(all_).subspan((part * kScales + to_size(scale)) * wholes_, wholes_);
+    }
+
+    /// Of all places of the part from those that they are most like; infinite where most of
+    /// them know too little.
+    double least_mean(int scale) const {
+        double sum = 0.0;
+        std::size_t known = 0;
+        for (std::size_t part = 0; part < parts_; ++part) {
+            const double least = std::ranges::min(of(part, scale));
+            if (!std::isfinite(least)) continue;
+            sum += least;
+            ++known;
+        }
+        return 2 * known < parts_ || known == 0 ? std::numeric_limits<double>::infinity()
+                                                : sum / static_cast<double>(known);
+    }
+
+private:
+    std::size_t parts_, wholes_;
+    std::vector<double> all_;
+};
+
+/// Whether the part looks most like the whole at the first scale: then it is as large as the whole,
+/// or nearly.
+bool lacks_little(const ProfileDistances& distances) {
+    std::array<double, kScales> means;
+    for (int scale = 0; scale < kScales; ++scale)
+        means[to_size(scale)] = distances.least_mean(scale);
+    return std::ranges::min_element(means) == means.begin();
+}
+
 std::vector<Seed> PartSearch::seeds(Progress& progress) const {
     constexpr Index kPlaces = 1200;
     constexpr int kTurns = 10;
-    constexpr double kFewestSpacings = 3.0, kAnyFar = 10.0;
+    constexpr double kFewestSpacings = 3.0, kRounding = 1.0 + 1e-9;
     const auto least = [](const CoarseShape& shape) {
         return kFewestSpacings / std::sqrt(static_cast<double>(shape.size()));
     };
     const std::vector<Index> of_part = anchors();
     std::vector<double> reach;
     for (const Index i : of_part) reach.push_back(from_rim_[i]);
-    const std::vector<Profile> parts =
-        profiles(part_, of_part, {kFirstRadius, kRadii, least(part_)}, reach);
     std::vector<Index> places;
     const Index step = std::max<Index>(1, whole_.size() / kPlaces);
     for (Index i = 0; i < whole_.size(); i += step) places.push_back(i);
-    const std::vector<Profile> wholes = profiles(
-        whole_, places, {kFirstRadius * scale_of(kScales - 1), kRadii + kScales - 1, least(whole_)},
-        std::vector<double>(places.size(), kAnyFar));
+    const double farthest = kRounding * scale_of(0) * std::ranges::max(reach);
+    const ProfileDistances distances(
+        Profiles(part_, {kFirstRadius, kRadii, least(part_)}).of(of_part, reach, progress),
+        Profiles(whole_,
+                 {kFirstRadius * scale_of(kScales - 1), kRadii + kScales - 1, least(whole_)})
+            .of(places, std::vector<double>(places.size(), farthest), progress),
+        progress);
+    if (lacks_little(distances)) return {};
     const std::vector<Index> few = some(kFew);
     std::vector<std::vector<Seed>> found(of_part.size() * kScales);
     parallel_for(
@@ -331,7 +411,7 @@ std::vector<Seed> PartSearch::seeds(Progress& progress) const {
             for (Index job = begin; job < end; ++job) {
                 const std::size_t a = to_size(job) / kScales;
                 const int scale = static_cast<int>(to_size(job) % kScales);
-                for (const Index at : alike(parts[a], wholes, places, scale))
+                for (const Index at : alike(distances.of(a, scale), places, scale))
                     found[to_size(job)].push_back(best_turned(
                         point(part_, of_part[a]), point(whole_, at), scale, kTurns, few));
             }

@@ -128,23 +128,30 @@ void expect_nothing_dragged(const Bust& bust, const Refinement& map, bool part_i
         }
 }
 
+/// At about unit area, as find_part() wants it: both have some scale.
+Positions at_unit_area(const Positions& positions) {
+    return positions / std::sqrt(estimated_area(KdTree<3>(positions)));
+}
+
+/// Of positions at unit area.
+CoarseShape coarse(const Positions& positions, const Normals& normals,
+                   const std::vector<Index>& ends = {}) {
+    Progress progress;
+    CoarseShape shape =
+        coarse_shape(KdTree<3>(positions), normals, {}, {3000, {250}, {}}, progress);
+    shape.ends.assign(to_size(shape.size()), 0);
+    for (Index i = 0; i < shape.size(); ++i)
+        shape.ends[to_size(i)] =
+            std::ranges::binary_search(ends, shape.cloud_rows[to_size(i)]) ? 1 : 0;
+    return shape;
+}
+
 TEST(PartOnWhole, ItsPlaceAndSizeAreFound) {
     const Bust bust;
     Progress progress;
-    const auto coarse = [&](const Positions& positions, const Normals& normals) {
-        return coarse_shape(KdTree<3>(positions), normals, {}, {3000, {250}, {}}, progress);
-    };
-    // At about unit area, as find_part() wants it: both have some scale.
-    const auto at_unit_area = [](const Positions& positions) {
-        return Positions(positions / std::sqrt(estimated_area(KdTree<3>(positions))));
-    };
     const Positions part = at_unit_area(bust.part), whole = at_unit_area(bust.whole);
-    CoarseShape head = coarse(part, bust.part_normals);
+    const CoarseShape head = coarse(part, bust.part_normals, bust.ends);
     const CoarseShape body = coarse(whole, bust.whole_normals);
-    head.ends.assign(to_size(head.size()), 0);
-    for (Index i = 0; i < head.size(); ++i)
-        head.ends[to_size(i)] =
-            std::ranges::binary_search(bust.ends, head.cloud_rows[to_size(i)]) ? 1 : 0;
     const auto find = [&](int threads) {
         const ThreadCount limit(threads);
         return find_part(head, body, {}, 3, progress);
@@ -177,6 +184,21 @@ TEST(PartOnWhole, ItsPlaceAndSizeAreFound) {
         EXPECT_EQ(again[k].pose.scale, places[k].pose.scale);
         EXPECT_EQ(again[k].misfit, places[k].misfit);
     }
+}
+
+TEST(PartOnWhole, WhatIsAboutAsLargeAsTheWholeHasNoPlaceOnIt) {
+    const Bust bust;
+    Progress progress;
+    std::vector<Index> kept, ends;
+    for (Index i = 0; i < to_index(bust.whole.rows()); ++i)
+        if (bust.whole(i, 2) > -0.45) {
+            if (bust.whole(i, 2) < -0.4) ends.push_back(to_index(kept.size()));
+            kept.push_back(i);
+        }
+    const Positions most = at_unit_area(gather(bust.whole, kept) * shapes::rotation(3));
+    const Normals normals = gather(bust.whole_normals, kept) * shapes::rotation(3);
+    const CoarseShape body = coarse(at_unit_area(bust.whole), bust.whole_normals);
+    EXPECT_TRUE(find_part(coarse(most, normals, ends), body, {}, 3, progress).empty());
 }
 
 TEST(PartOnWhole, AHeadGoesToTheHeadOfABody) {
