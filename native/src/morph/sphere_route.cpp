@@ -1,6 +1,8 @@
 #include "morph/sphere_route.hpp"
 
 #include <algorithm>
+#include <atomic>
+#include <cstdint>
 #include <string>
 #include <vector>
 
@@ -34,20 +36,27 @@ RouteResult match_on_sphere(const RouteInput& input, const SphereRouteOptions& o
     progress.enter("spherical alignment");
     std::vector<IndexPair> meet;  // the features are the meshes' first nodes
     for (Index k = 0; k < to_index(features.size()); ++k) meet.push_back({k, k});
-    std::vector<PlaceInMesh> source_places, target_places;
-    const auto find_places = [&](bool is_source, Progress& its) {
+    const MeshPlaces in_source(source_mesh), in_target(target_mesh);
+    std::vector<PlaceInMesh> source_places(to_size(source.size())),
+        target_places(to_size(target.size()));
+    const auto find_places = [&](bool is_source, Index part, Index parts, Progress& its) {
         const PreparedShape& shape = is_source ? source : target;
-        (is_source ? source_places : target_places) = places_in_mesh(
-            is_source ? source_mesh : target_mesh, shape.positions, shape.normals, its);
+        const auto row = [&](Index k) { return to_index(std::int64_t{shape.size()} * k / parts); };
+        (is_source ? in_source : in_target)
+            .find(shape.positions, shape.normals, row(part), row(part + 1),
+                  is_source ? source_places : target_places, its);
     };
-    // Where points lie in the meshes alignment doesn't change. Many points take all threads.
-    constexpr Index kMany = 1'000'000;
+    // Where points lie in the meshes alignment doesn't change. They are found in small parts, so
+    // that the thread that aligns takes some when it is done. Many points take all threads.
+    constexpr Index kMany = 1'000'000, kParts = 16;
     const bool are_many = source.size() + target.size() >= kMany;
+    std::atomic<Index> next{0};
+    const auto take_parts = [&](Progress& its) {
+        for (Index k = next++; k < 2 * kParts; k = next++)
+            find_places(k < kParts, k % kParts, kParts, its);
+    };
     WorkBeside beside;
-    if (!are_many)
-        for (const bool is_source : {true, false})
-            beside.push_back(
-                [&find_places, is_source](Progress& its) { find_places(is_source, its); });
+    if (!are_many) beside = {take_parts, take_parts};
     SphericalAlignment alignment;
     {
         const Progress::Part part(progress, 0.0, are_many ? 0.9 : 1.0);
@@ -57,7 +66,7 @@ RouteResult match_on_sphere(const RouteInput& input, const SphereRouteOptions& o
     if (are_many)
         for (const bool is_source : {true, false}) {
             const Progress::Part part(progress, is_source ? 0.9 : 0.95, is_source ? 0.95 : 1.0);
-            find_places(is_source, progress);
+            find_places(is_source, 0, 1, progress);
         }
     result.facts.alignment_sweeps = alignment.steps;
     for (const auto& [s, t] : alignment.extremities)

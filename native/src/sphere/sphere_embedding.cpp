@@ -182,37 +182,38 @@ std::vector<RingMesh::Removal> taken_apart(RingMesh& mesh, const Positions& posi
     const auto count = to_index(positions.rows());
     std::vector<RingMesh::Removal> removals;
     // The cheapest way to remove each vertex; found anew where something has changed.
-    struct Cheapest {
-        double cost = kImpossible;
-        Index into = -1;
-    };
-    std::vector<Cheapest> cheapest(to_size(count));
+    Values costs = Values::Constant(count, kImpossible);
+    std::vector<Index> cheapest(to_size(count), -1);
     const auto look = [&](Index v) {
         const auto ring = mesh.ring(v);
-        Cheapest best;
+        double& least = costs[v];
+        least = kImpossible;
         constexpr double kValence = 6.0;
         for (const Index into : ring) {
             const double size = static_cast<double>(std::max(ring.size(), mesh.ring(into).size()));
             const double cost = (positions.row(v) - positions.row(into)).norm() *
                                 (1.0 + 0.3 * std::max(0.0, size - kValence));
-            if (cost < best.cost && mesh.can_remove(v, into)) best = {cost, into};
+            if (cost < least && mesh.can_remove(v, into)) {
+                least = cost;
+                cheapest[to_size(v)] = into;
+            }
         }
-        cheapest[to_size(v)] = best;
     };
     for (Index v = 0; v < count; ++v) look(v);
+    std::vector<Index> changed;
     for (Index left = count; left > 4; --left) {
-        Index v = -1;
-        for (Index k = 0; k < count; ++k)
-            if (present[to_size(k)] && cheapest[to_size(k)].into >= 0 &&
-                (v < 0 || cheapest[to_size(k)].cost < cheapest[to_size(v)].cost))
-                v = k;
-        removals.push_back(mesh.remove(v, cheapest[to_size(v)].into));
+        const double least = costs.minCoeff();  // in wide registers
+        const auto v = to_index(std::ranges::find(costs, least) - costs.begin());
+        removals.push_back(mesh.remove(v, cheapest[to_size(v)]));
         present[to_size(v)] = 0;
+        costs[v] = kImpossible;
         // Rings of those around, and what is joined to them, are others now.
-        for (const Index r : removals.back().ring) {
-            look(r);
-            for (const Index s : mesh.ring(r)) look(s);
-        }
+        changed.assign(removals.back().ring.begin(), removals.back().ring.end());
+        for (const Index r : removals.back().ring)
+            changed.insert(changed.end(), mesh.ring(r).begin(), mesh.ring(r).end());
+        std::ranges::sort(changed);
+        const auto [end, rest] = std::ranges::unique(changed);
+        std::for_each(changed.begin(), end, look);
     }
     return removals;
 }

@@ -317,17 +317,26 @@ SphericalMesh spherical_mesh(const SampledSurface& surface, std::span<const Inde
     return mesh;
 }
 
-std::vector<PlaceInMesh> places_in_mesh(const SphericalMesh& mesh, const Positions& points,
-                                        const Normals& normals, Progress& progress) {
+struct MeshPlaces::Parts {
+    const SphericalMesh& mesh;
+    PlacedTriangles triangles{mesh};
+    KdTree<3> tree{mesh.positions};
+};
+
+MeshPlaces::MeshPlaces(const SphericalMesh& mesh)
+    : parts_(std::make_unique<const Parts>(Parts{mesh})) {}
+
+MeshPlaces::~MeshPlaces() = default;
+
+void MeshPlaces::find(const Positions& points, const Normals& normals, Index begin, Index end,
+                      std::span<PlaceInMesh> places, Progress& progress) const {
     constexpr std::size_t kNodes = 6;  // whose triangles are tried
-    const PlacedTriangles triangles(mesh);
-    const KdTree<3> tree(mesh.positions);
-    std::vector<PlaceInMesh> result(to_size(points.rows()));
-    parallel_for(to_index(points.rows()), progress, [&](Index begin, Index end) {
+    const auto& [mesh, triangles, tree] = *parts_;
+    parallel_for(end - begin, progress, [&](Index first, Index last) {
         std::array<Index, kNodes> near;
         std::array<double, kNodes> squared;
         PlacedTriangles::Search search(triangles);
-        for (Index i = begin; i < end; ++i) {
+        for (Index i = begin + first; i < begin + last; ++i) {
             const auto found = to_size(tree.nearest(points.row(i).data(), near, squared));
             const auto agrees = [&](Index v) {
                 return mesh.normals.row(v).dot(normals.row(i)) > 0.0;
@@ -336,9 +345,16 @@ std::vector<PlaceInMesh> places_in_mesh(const SphericalMesh& mesh, const Positio
             search.begin(points.row(i), normals.row(i));
             for (const Index v : std::span(near).first(found))
                 if (!any || agrees(v)) search.try_around(v);
-            result[to_size(i)] = search.found();
+            places[to_size(i)] = search.found();
         }
     });
+}
+
+std::vector<PlaceInMesh> places_in_mesh(const SphericalMesh& mesh, const Positions& points,
+                                        const Normals& normals, Progress& progress) {
+    const auto count = to_index(points.rows());
+    std::vector<PlaceInMesh> result(to_size(count));
+    MeshPlaces(mesh).find(points, normals, 0, count, result, progress);
     return result;
 }
 

@@ -200,6 +200,24 @@ TEST(SphericalParameterization, PlacesInTheMeshOutlastAMoveOfItsImages) {
         EXPECT_EQ(images.row(mesh.rows[to_size(v)]), mesh.images.row(v));
 }
 
+TEST(SphericalParameterization, PlacesAreTheSameInParts) {
+    const Prepared shape(limbed(3000));
+    const SphericalMesh mesh = shape.mesh(300);
+    Progress progress;
+    const auto all = places_in_mesh(mesh, shape.positions, shape.normals, progress);
+    const MeshPlaces finder(mesh);
+    constexpr Index kUntouched = -7;
+    std::vector<PlaceInMesh> parts(all.size(), {kUntouched, Vector3::Zero()});
+    for (const auto& [begin, end] : {std::pair(700, 3000), {0, 700}, {700, 700}}) {
+        finder.find(shape.positions, shape.normals, begin, end, parts, progress);
+        EXPECT_EQ(parts.front().triangle == kUntouched, begin == 700 && end == 3000);
+    }
+    for (std::size_t i = 0; i < all.size(); ++i) {
+        EXPECT_EQ(parts[i].triangle, all[i].triangle);
+        EXPECT_EQ(parts[i].shares, all[i].shares);
+    }
+}
+
 TEST(SphericalParameterization, PointsThatCoincideAreNoObstacle) {
     const Positions once = limbed(1500);
     Positions twice(3000, 3);

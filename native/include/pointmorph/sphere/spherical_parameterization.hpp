@@ -2,6 +2,7 @@
 // (future work in the paper).
 #pragma once
 
+#include <memory>
 #include <span>
 #include <string>
 #include <vector>
@@ -57,7 +58,24 @@ struct PlaceInMesh {
     Vector3 shares;  ///< of its corners; sum 1
 };
 
-/// The nearest triangle that faces the same way, and the place in it, of points on the shape.
+/// Finds where points on a shape lie in its mesh: the nearest triangle that faces the same way, and
+/// the place in it. Keeps a reference, and doesn't look at the images.
+class MeshPlaces {
+public:
+    explicit MeshPlaces(const SphericalMesh& mesh);
+    ~MeshPlaces();
+
+    /// Of the points from `begin` to `end`, into the same rows of `places`. May be called by
+    /// several threads at once.
+    void find(const Positions& points, const Normals& normals, Index begin, Index end,
+              std::span<PlaceInMesh> places, Progress& progress) const;
+
+private:
+    struct Parts;
+    std::unique_ptr<const Parts> parts_;
+};
+
+/// The same of all points.
 std::vector<PlaceInMesh> places_in_mesh(const SphericalMesh& mesh, const Positions& points,
                                         const Normals& normals, Progress& progress);
 
