@@ -141,7 +141,13 @@ def alone_pair(seed: int, points: int) -> tuple[Body, Body]:
 
 
 def airplane_pair(seed: int, points: int) -> tuple[Body, Body]:
-    return body_pair(airplane, seed, points, strength=0.0)
+    """Two airplanes. Points of their hulls are not shared: a share of a hull's length says
+    something else of them than what they lie next to, since wings stand elsewhere along it."""
+    pair = body_pair(airplane, seed, points, strength=0.0)
+    hull = 0
+    for body in pair:
+        body.is_shared[body.parts == hull] = False
+    return pair
 
 
 def lopped_pair(positions: Floats, faces: Ints, tips: int, random: Random) -> MadePair:
