@@ -10,6 +10,7 @@
 #include "pointmorph/base/parallel.hpp"
 #include "pointmorph/cloud/cloud.hpp"
 #include "pointmorph/cloud/kd_tree.hpp"
+#include "registration/lost_parts.hpp"
 #include "registration/part_on_whole.hpp"
 
 namespace pointmorph {
@@ -118,8 +119,10 @@ RouteResult match_in_product_space(const RouteInput& input,
     RouteResult result;
     result.domain = "product";
     Ends ends = options.leave_missing ? ends_of(input.source, input.target) : Ends{};
-    Refinement refined =
-        refine_by_component(input, start, ends, options, result.warnings, progress);
+    const SampledSurface source = input.source.surface(), target = input.target.surface();
+    Refinement refined = with_lost_parts_at_ends(
+        refine_by_component(input, start, ends, options, result.warnings, progress),
+        {source, ends.source}, {target, ends.target}, input.features, progress);
     constexpr double kSaid = 0.02;  // a share of the points
     const auto say = [&](double share, const PreparedShape& whole, const PreparedShape& part) {
         if (share > kSaid) result.warnings.push_back(goes_beyond(whole.name, part.name, share));

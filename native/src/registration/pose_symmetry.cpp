@@ -5,6 +5,7 @@
 #include <utility>
 #include <vector>
 
+#include "pointmorph/cloud/cloud.hpp"
 #include "pointmorph/cloud/kd_tree.hpp"
 #include "pointmorph/registration/candidate_poses.hpp"
 #include "pointmorph/registration/pose.hpp"

@@ -180,3 +180,28 @@ def test_a_head_alone_goes_to_the_head_of_another_body(is_source: bool) -> None:
     assert morph.report["likely_right"] > 0.8
     assert set(np.asarray(morph.pairs)[:, 0 if is_source else 1]) == set(range(6000))
     assert set(np.asarray(morph.pairs)[:, 1 if is_source else 0]) == set(range(6000))
+
+
+@pytest.mark.parametrize("is_source", [True, False])
+def test_a_leg_that_is_missing_grows_where_it_was(is_source: bool) -> None:
+    cut, whole = made_models.cut_pair(1, 8000)
+    clouds = [
+        pointmorph.Cloud(shape.positions, normals=shape.normals, name=name)
+        for shape, name in ((cut, "cut"), (whole, "whole"))
+    ]
+    morph = pointmorph.morph(*(clouds if is_source else clouds[::-1]))
+    back = morph.target_to_source if is_source else morph.source_to_target
+    twelfth = cKDTree(cut.positions).query(cut.positions, 13)[0][:, -1]
+    spacing = np.sqrt(np.pi / 12) * np.median(twelfth)
+    away = cKDTree(cut.positions).query(whole.truth)[0]
+    leg = away > 5 * spacing
+    assert leg.sum() > 500
+    # Around what the leg grew from, not on the leg beside it.
+    root = whole.truth[~whole.is_shared & (away < 2 * spacing)]
+    hip = root[np.linalg.norm(root - whole.truth[leg][away[leg].argmin()], axis=1) < 20 * spacing]
+    gaps = cKDTree(hip).query(back[leg])[0]
+    assert np.percentile(gaps, 95) < 8 * spacing
+    assert sum("cut ends where whole goes on" in w for w in morph.report["warnings"]) == 1
+    confidence = morph.measure_confidence()
+    of_whole = confidence.target if is_source else confidence.source
+    assert of_whole[leg].mean() > 0.9  # that it's missing is sure
