@@ -143,7 +143,7 @@ public:
         search(0, query, squared, outside, result);
     }
 
-private:
+protected:
     using Row = Eigen::Matrix<double, 1, Dim, Eigen::RowMajor | Eigen::DontAlign>;
 
     static constexpr std::size_t kSize = TreePart::kSize;

@@ -37,40 +37,6 @@ struct PlanePoints {
     }
 };
 
-/// Collects everything closer than a radius (nanoflann's own has no strict bound).
-class BallResult {
-public:
-    using DistanceType = double;
-    using IndexType = Index;
-
-    BallResult(double squared_radius, std::vector<std::pair<Index, double>>& result)
-        : squared_radius_(squared_radius), result_(result) {}
-
-    bool addPoint(double squared_distance, Index row) {
-        if (squared_distance < squared_radius_) result_.emplace_back(row, squared_distance);
-        return true;
-    }
-    /// The same for a leaf, without a branch that nobody can foresee.
-    bool add_all(const double* squared, const Index* rows, std::size_t count) {
-        std::size_t found = result_.size();
-        result_.resize(found + count);
-        for (std::size_t k = 0; k < count; ++k) {
-            result_[found] = {rows[k], squared[k]};
-            found += squared[k] < squared_radius_ ? 1 : 0;
-        }
-        result_.resize(found);
-        return true;
-    }
-    double worstDist() const { return squared_radius_; }
-    bool full() const { return true; }
-    std::size_t size() const { return result_.size(); }
-    bool empty() const { return result_.empty(); }
-
-private:
-    double squared_radius_;
-    std::vector<std::pair<Index, double>>& result_;
-};
-
 /// Ends the search at the first point closer than a radius.
 class AnyResult {
 public:

@@ -132,8 +132,9 @@ void each_sample(const GapTriangle& triangle, const Positions& positions,
     InsertedPoint point{box.corners, {}, {}};
     for (double j = 0.5; j < rows; ++j) {
         const double up = box.height > 0.0 ? j / rows : 0.0;
+        const double left = up * box.along / box.width;
         for (double i = 0.5; i < columns; ++i) {
-            const double right = i / columns - up * box.along / box.width;
+            const double right = i / columns - left;
             if (right < 0.0 || right + up > 1.0) continue;
             point.weights = {1.0 - right - up, right, up};
             if (!take(point)) return;

@@ -33,7 +33,7 @@ Lifetime lifetime(int first, int last) {
 
 Lifetimes::Lifetimes(const Resampling& resampling, std::span<const IndexPair> pairs,
                      const EndSamples& source, const EndSamples& target, Progress& progress)
-    : resampling_(resampling), hidden_since_(pairs.size()) {
+    : resampling_(resampling), hidden_since_(pairs.size()), tree_(to_index(pairs.size())) {
     if (resampling.options().omega > 0.0)
         missing_.emplace(resampling, pairs, source, target, chosen_, progress);
 }
@@ -63,13 +63,13 @@ void Lifetimes::step(int key, const Resampling::FrameAt& frame_at, Progress& pro
                        chosen_.size());
     std::vector<Index> open;
     {
-        const Progress::Part part(progress, 0.0, kOpened);
-        parallel_invoke(2, progress, [&](int k, Progress& its) {
-            if (k == 1)
-                sample.plant_tree();
-            else if (missing_)
-                open = missing_->open_triangles(sample, its);
-        });
+        const Progress::Part part(progress, 0.0, kOpened / 2);
+        tree_.move(sample.positions, progress);
+        sample.tree = &tree_;
+    }
+    if (missing_) {
+        const Progress::Part part(progress, kOpened / 2, kOpened);
+        open = missing_->open_triangles(sample, progress);
     }
     if (resampling_.options().crowding) {
         const Progress::Part part(progress, kOpened, kHidden);
@@ -103,9 +103,9 @@ std::vector<char> Lifetimes::crowded(const FrameSample& sample, Progress& progre
         const auto counts = [&](Index other) {
             return other < sample.pairs || (other < row && !dead[to_size(other - sample.pairs)]);
         };
-        dead[a] = find(*sample.tree, sample.normals, sample.positions.row(row).transpose(),
-                       sample.normals.row(row).transpose(),
-                       kCrowded * sample.spacing_at(sample.points[a]), counts) >= 0;
+        dead[a] = find.nearest(sample, sample.positions.row(row).transpose(),
+                               sample.normals.row(row).transpose(),
+                               kCrowded * sample.spacing_at(sample.points[a]), counts) >= 0;
     }
     return dead;
 }
@@ -162,9 +162,8 @@ void Lifetimes::hide_crowded(const FrameSample& sample, int key, Progress& progr
                 return other != i && other < sample.pairs && stays[to_size(other)];
             };
             const double radius = kCrowded * resampling_.spacing(i, sample.t) / sample.unit.scale;
-            stays[to_size(i)] =
-                find(*sample.tree, sample.normals, sample.positions.row(i).transpose(),
-                     sample.normals.row(i).transpose(), radius, counts) < 0;
+            stays[to_size(i)] = find.nearest(sample, sample.positions.row(i).transpose(),
+                                             sample.normals.row(i).transpose(), radius, counts) < 0;
         }
     for (Index i = 0; i < sample.pairs; ++i) show_or_hide(i, !stays[to_size(i)], key);
 }

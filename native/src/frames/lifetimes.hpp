@@ -41,6 +41,7 @@ private:
     std::vector<Index> alive_;                  ///< ids, ascending
     std::vector<int> hidden_since_;             ///< by pair, the key; 0: shown
     std::vector<HiddenPair> hidden_;
+    MovingTree tree_;                       ///< of pairs, then of points that are alive
     std::optional<MissingPoints> missing_;  ///< none where no points are wanted
 };
 

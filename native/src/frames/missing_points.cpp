@@ -47,6 +47,14 @@ struct Nearest {
     }
 };
 
+/// Has places and normals of a triangle brought into the caches.
+void fetch_corners(const FrameSample& sample, const GapTriangle& corners) {
+    for (const Index corner : corners) {
+        fetch_early(sample.positions.data() + 3 * to_size(corner));
+        fetch_early(sample.normals.data() + 3 * to_size(corner));
+    }
+}
+
 }  // namespace
 
 FrameSample::FrameSample(double time, const OrientedPoints& frame, const Resampling& resampling,
@@ -122,6 +130,8 @@ std::vector<Index> MissingPoints::open_triangles(const FrameSample& sample,
             const std::uint64_t all = ~std::uint64_t{0} >> (kTrianglesAtOnce - some.size());
             std::uint64_t open =
                 all & ~surely_narrow(sample.rough, some, static_cast<float>(kEmpty));
+            for (std::uint64_t soon = open; soon != 0; soon &= soon - 1)
+                fetch_corners(sample, some[to_size(std::countr_zero(soon))]);
             for (; open != 0; open &= open - 1) {
                 const Index i = first + std::countr_zero(open);
                 if (is_wider_than(sample, i, kEmpty) &&
@@ -281,9 +291,8 @@ bool MissingPoints::is_covered_at_an_end(const InsertedPoint& point, NeighborSea
         InsertedPoint there = point;
         for (Index& row : there.pairs) row = pairs_[to_size(row)].*side;
         const double spacing = blend(there, [&](Index row) { return end.spacing[row]; });
-        return find(end.tree, end.normals, blend(end.positions, there),
-                    gap_triangle_normal(end.positions, end.normals, there), kGap * spacing,
-                    [](Index) { return true; }) >= 0;
+        return find.any(end.tree, end.normals, blend(end.positions, there),
+                        gap_triangle_normal(end.positions, end.normals, there), kGap * spacing);
     };
     return covers(source_, &IndexPair::source) || covers(target_, &IndexPair::target);
 }
@@ -306,16 +315,27 @@ void MissingPoints::each_empty(const FrameSample& sample, Index triangle, double
     const bool are_alike = normals.row(a).dot(normals.row(b)) > kAlike &&
                            normals.row(b).dot(normals.row(c)) > kAlike &&
                            normals.row(c).dot(normals.row(a)) > kAlike;
+    const auto place_of = [&](Index row) { return Vector3(sample.positions.row(row).transpose()); };
+    const auto spacing_of = [&](Index row) { return sample.spacing[row]; };
     each_sample(corners, sample.positions, distance_in(sample, corners),
                 [&](const InsertedPoint& point) {
-                    const Vector3 place = blend(sample.positions, point);
-                    const double distance = radius * sample.spacing_at(point);
-                    const auto is_near = [&](Index row) {
-                        return (sample.positions.row(row).transpose() - place).squaredNorm() <
-                               distance * distance;
+                    const auto& [u, v, w] = point.pairs;
+                    const std::array<Vector3, 3> places{place_of(u), place_of(v), place_of(w)};
+                    const std::array spacings{spacing_of(u), spacing_of(v), spacing_of(w)};
+                    Vector3 place = Vector3::Zero();
+                    double spacing = 0.0;
+                    for (std::size_t k = 0; k < 3; ++k) {
+                        place += point.weights[k] * places[k];
+                        spacing += point.weights[k] * spacings[k];
+                    }
+                    const double distance = radius * spacing;
+                    const auto is_within = [&](const Vector3& there) {
+                        return (there - place).squaredNorm() < distance * distance;
                     };
+                    const auto is_near = [&](Index row) { return is_within(place_of(row)); };
                     // Mostly a corner covers it, or what covered it last time.
-                    const bool is_near_corner = std::ranges::any_of(corners, is_near);
+                    const bool is_near_corner =
+                        is_within(places[0]) | is_within(places[1]) | is_within(places[2]);
                     if (is_near_corner && are_alike) return true;
                     const Vector3 normal = gap_triangle_normal(sample.positions, normals, point);
                     const auto covers = [&](Index row) {
@@ -327,7 +347,7 @@ void MissingPoints::each_empty(const FrameSample& sample, Index triangle, double
                         return row >= 0 && counts(row) && covers(row);
                     };
                     if (std::ranges::any_of(covering, still_covers)) return true;
-                    const Index row = find(*sample.tree, normals, place, normal, distance, counts);
+                    const Index row = find.nearest(sample, place, normal, distance, counts);
                     if (row < 0) return take(point);
                     std::ranges::rotate(covering, covering.end() - 1);
                     covering.front() = number_of(sample, row);
@@ -341,7 +361,7 @@ std::vector<MissingPoints::Place> MissingPoints::operator()(const FrameSample& s
                                                             Progress& progress) {
     constexpr Numbers kNone{-1};
     nearest_.resize(pairs_.size() + chosen_.size(), kNone);
-    constexpr Index kChunk = 64;
+    constexpr Index kChunk = 64, kAhead = 4;
     const std::vector<Gap> found_gaps = gaps(sample, open, dead, progress);
     const auto count = to_index(found_gaps.size());
     std::vector<std::vector<Place>> found(to_size((count + kChunk - 1) / kChunk));
@@ -351,6 +371,9 @@ std::vector<MissingPoints::Place> MissingPoints::operator()(const FrameSample& s
             NeighborSearch find;
             auto& taken = found[to_size(begin / kChunk)];
             for (Index i = begin; i < end; ++i) {
+                if (i + kAhead < end)
+                    fetch_corners(sample,
+                                  triangles_[to_size(found_gaps[to_size(i + kAhead)].triangle)]);
                 const auto [triangle, lacks_points] = found_gaps[to_size(i)];
                 bool is_needed = lacks_points;
                 if (!is_needed)

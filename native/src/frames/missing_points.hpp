@@ -1,13 +1,14 @@
 // Where points are missing in one frame of a morph. Internal.
 #pragma once
 
+#include <algorithm>
 #include <array>
-#include <optional>
 #include <span>
 #include <utility>
 #include <vector>
 
 #include "base/unset.hpp"
+#include "cloud/moving_tree.hpp"
 #include "frames/gap_triangles.hpp"
 #include "pointmorph/base/progress.hpp"
 #include "pointmorph/base/types.hpp"
@@ -29,29 +30,36 @@ struct FrameSample {
     Values spacing;                     ///< of new points, by pair
     Positions positions;
     Normals normals;
-    UnsetVector<RoughCorner> rough;  ///< places, with spacings of pairs
-    std::optional<KdTree<3>> tree;   ///< over the rows, once it has been planted
+    UnsetVector<RoughCorner> rough;    ///< places, with spacings of pairs
+    const MovingTree* tree = nullptr;  ///< over the rows, once it has followed them
 
     /// `points` are alive and have these `ids`, of `count` in all.
     FrameSample(double t, const OrientedPoints& frame, const Resampling& resampling,
                 std::vector<InsertedPoint> points, std::vector<Index> ids, std::size_t count);
-    FrameSample(FrameSample&&) = delete;  // the tree refers to the positions
+    FrameSample(FrameSample&&) = delete;
 
-    void plant_tree() { tree.emplace(positions); }
     double spacing_at(const InsertedPoint& point) const;
 };
 
 /// Finds a point on the same side of the surface within a radius. One object per thread.
 class NeighborSearch {
 public:
+    /// Whether there is one.
+    bool any(const KdTree<3>& tree, const Normals& normals, const Vector3& place,
+             const Vector3& normal, double radius) {
+        tree.within_unsorted(place.data(), radius, ball_);
+        return std::ranges::any_of(
+            ball_, [&](const auto& found) { return normals.row(found.first).dot(normal) > 0.0; });
+    }
+
     /// The nearest row for which `counts(row)` is true, −1 where there is none.
     template <class Counts>
-    Index operator()(const KdTree<3>& tree, const Normals& normals, const Vector3& place,
-                     const Vector3& normal, double radius, Counts&& counts) {
-        tree.within(place.data(), radius, ball_);
-        for (const auto& [row, squared] : ball_)
-            if (normals.row(row).dot(normal) > 0.0 && counts(row)) return row;
-        return -1;
+    Index nearest(const FrameSample& sample, const Vector3& place, const Vector3& normal,
+                  double radius, Counts&& counts) {
+        return sample.tree->nearest_of(
+            place.data(), radius,
+            [&](Index row) { return sample.normals.row(row).dot(normal) > 0.0 && counts(row); },
+            ball_);
     }
 
 private:

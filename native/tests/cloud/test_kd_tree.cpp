@@ -3,12 +3,14 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <limits>
 #include <optional>
 #include <random>
 #include <utility>
 
+#include "cloud/moving_tree.hpp"
 #include "pointmorph/base/parallel.hpp"
 #include "pointmorph/cloud/cloud.hpp"
 #include "shapes.hpp"
@@ -260,6 +262,124 @@ TEST(KdTree, CanBeMoved) {
     assigned = KdTree<3>(p);
     EXPECT_EQ(&assigned.points(), &p);
     expect_same(nearest(assigned, p.row(3).data(), 5), brute_force<3>(p, p.row(3).data(), 10.0, 5));
+}
+
+/// All rows by distance, ties by row.
+Found rows_by_distance(const Positions& positions, const Eigen::RowVector3d& query) {
+    Found found;
+    for (Index i = 0; i < to_index(positions.rows()); ++i)
+        found.emplace_back((positions.row(i) - query).squaredNorm(), i);
+    std::ranges::sort(found);
+    return found;
+}
+
+void expect_nearest_found(const MovingTree& tree, const Positions& positions,
+                          const Eigen::RowVector3d& query, double radius) {
+    ASSERT_EQ(tree.size(), to_index(positions.rows()));
+    const Found all = rows_by_distance(positions, query);
+    std::array<Index, 9> rows;
+    std::array<double, 9> squared;
+    const auto found = to_size(tree.nearest(query.data(), rows, squared));
+    ASSERT_EQ(found, std::min(rows.size(), all.size()));
+    for (std::size_t k = 0; k < found; ++k) {
+        EXPECT_NEAR(squared[k], all[k].first, 1e-15);
+        // Of points that all lie at the query, any will do.
+        if (all[found - 1].first > 0.0) {
+            EXPECT_EQ(rows[k], all[k].second);
+        }
+    }
+    std::vector<std::pair<Index, double>> ball;
+    const auto is_odd = [](Index row) { return row % 2 == 1; };
+    Index nearest = -1;
+    for (const auto& [distance, row] : all)
+        if (distance < radius * radius && is_odd(row)) {
+            nearest = row;
+            break;
+        }
+    EXPECT_EQ(tree.nearest_of(query.data(), radius, is_odd, ball), nearest);
+}
+
+Positions strewn_places(Index count, unsigned seed) {
+    std::mt19937_64 random(seed);
+    std::uniform_real_distribution<double> uniform(-1.0, 1.0);
+    Positions places(count, 3);
+    for (double& number : places.reshaped()) number = uniform(random);
+    return places;
+}
+
+void expect_nearest_found(const MovingTree& tree, const Positions& positions) {
+    const Positions queries = strewn_places(40, 9);
+    for (const double radius : {0.05, 0.3, 3.0})
+        for (Index i = 0; i < 40; ++i) {
+            expect_nearest_found(tree, positions, queries.row(i), radius);
+            expect_nearest_found(tree, positions, positions.row(i % positions.rows()), radius);
+        }
+}
+
+TEST(MovingTree, FindsWhatIsNearestWhileASheetIsRolledUp) {
+    constexpr Index kLasting = 1500;
+    const Positions flat = strewn_places(kLasting, 1);
+    MovingTree tree(kLasting);
+    Progress silent;
+    for (int key = 0; key < 6; ++key) {
+        // Some points are new each time, in other numbers.
+        Positions positions = strewn_places(kLasting + 37 * (key % 3), 20 + unsigned(key));
+        const double bend = 0.5 * key;
+        for (Index i = 0; i < kLasting; ++i) {
+            const double angle = bend * flat(i, 0), radius = bend > 0.0 ? 1.0 / bend : 0.0;
+            positions.row(i) << (bend > 0.0 ? radius * std::sin(angle) : flat(i, 0)), flat(i, 1),
+                radius * (1.0 - std::cos(angle));
+        }
+        tree.move(positions, silent);
+        expect_nearest_found(tree, positions);
+    }
+}
+
+TEST(MovingTree, FindsWhatIsNearestWherePointsAreStrewnAnew) {
+    MovingTree tree(400);
+    Progress silent;
+    for (unsigned seed = 1; seed < 5; ++seed) {
+        const Positions positions = strewn_places(400, seed);
+        tree.move(positions, silent);
+        expect_nearest_found(tree, positions);
+    }
+}
+
+TEST(MovingTree, TellsPointsThatAreAsFarByTheirRow) {
+    Positions grid(343, 3);
+    for (Index i = 0; i < 343; ++i) grid.row(i) << i % 7, i / 7 % 7, i / 49;
+    grid.array() /= 8.0;
+    MovingTree tree(300);
+    Progress silent;
+    for (const double shift : {0.0, 0.25, 0.5}) {
+        const Positions positions = grid.array() - shift;
+        tree.move(positions, silent);
+        expect_nearest_found(tree, positions);
+    }
+}
+
+TEST(MovingTree, OfFewPointsAndOfCoincidentOnes) {
+    Progress silent;
+    for (const Index count : {1, 3, 40})
+        for (const Index others : {0, 1, 30}) {
+            MovingTree tree(count);
+            for (const double at : {0.0, 0.3}) {
+                const Positions positions = Positions::Constant(count + others, 3, at);
+                tree.move(positions, silent);
+                expect_nearest_found(tree, positions);
+            }
+        }
+}
+
+TEST(MovingTree, NothingLiesWithinNoRadius) {
+    Progress silent;
+    MovingTree tree(3);
+    tree.move(Positions::Zero(3, 3), silent);
+    std::vector<std::pair<Index, double>> ball;
+    const Vector3 query = Vector3::Zero();
+    const auto all = [](Index) { return true; };
+    EXPECT_EQ(tree.nearest_of(query.data(), 0.0, all, ball), -1);
+    EXPECT_EQ(tree.nearest_of(query.data(), 1e-9, all, ball), 0);
 }
 
 }  // namespace
