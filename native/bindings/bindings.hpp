@@ -5,10 +5,12 @@
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
 
+#include <algorithm>
 #include <memory>
 #include <utility>
 #include <vector>
 
+#include "pointmorph/base/parallel.hpp"
 #include "pointmorph/base/progress.hpp"
 #include "pointmorph/base/types.hpp"
 #include "pointmorph/cloud/cloud.hpp"
@@ -52,16 +54,31 @@ py::array_t<typename Array::Scalar> to_numpy(Array rows) {
     return py::array_t<typename Array::Scalar>(shape, owned->data(), owner);
 }
 
-/// Copies a numpy array, whose shape the Python side has checked; 0 rows for None.
+/// Copies what lies row by row, on all threads.
+template <class Array, class Dense>
+Array copied(const Dense& dense) {
+    if (!dense) throw py::error_already_set();
+    constexpr Eigen::Index kColumns = Array::ColsAtCompileTime;
+    Array result(dense.size() / kColumns, kColumns);
+    const auto* from = dense.data();
+    Progress quiet;
+    parallel_for(to_index(result.rows()), quiet, [&](Index begin, Index end) {
+        std::copy_n(from + begin * kColumns, (end - begin) * kColumns,
+                    result.data() + begin * kColumns);
+    });
+    return result;
+}
+
+/// Copies a numpy array, whose shape the Python side has checked; 0 rows for None. What comes in
+/// single precision, as from files and Blender, becomes double on the way.
 template <class Array>
 Array from_numpy(const py::object& rows) {
     if (rows.is_none()) return Array(0, Array::ColsAtCompileTime);
+    if (py::isinstance<py::array_t<float>>(rows))
+        return copied<Array>(py::array_t<float, py::array::c_style>::ensure(rows));
     using Scalar = typename Array::Scalar;
-    const auto dense = py::array_t<Scalar, py::array::c_style | py::array::forcecast>::ensure(rows);
-    if (!dense) throw py::error_already_set();
-    Array result(dense.size() / Array::ColsAtCompileTime, Array::ColsAtCompileTime);
-    std::copy_n(dense.data(), dense.size(), result.data());
-    return result;
+    return copied<Array>(
+        py::array_t<Scalar, py::array::c_style | py::array::forcecast>::ensure(rows));
 }
 
 }  // namespace pointmorph::bindings

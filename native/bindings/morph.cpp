@@ -315,6 +315,7 @@ std::shared_ptr<Morph> make_morph(const py::dict& source, const py::dict& target
                                   std::vector<std::vector<std::string>> loops,
                                   const MorphOptions& options, const py::object& source_start,
                                   const py::object& target_start, const py::object& callback) {
+    const ThreadCount threads(options.threads);
     MorphInput input = input_of(source, target, features, std::move(loops));
     input.start = {from_numpy<Positions>(source_start), from_numpy<Positions>(target_start)};
     return without_gil(callback, [&](Progress& progress) {
