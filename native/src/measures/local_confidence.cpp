@@ -29,6 +29,9 @@ constexpr double kElsewhere = 0.15;    // images that far apart have nothing in 
 constexpr double kDoubtful = 0.5;      // less confidence is worth a word
 constexpr double kDoubtsApart = 0.2;   // at least, of doubtful places
 constexpr double kSmallestDoubt = 0.002;
+constexpr double kUnreached = 0.065;    // from all images of the other cloud's nodes
+constexpr double kSureUnreached = 0.3;  // at most, where nothing comes near
+constexpr std::size_t kFewestUnreached = 4;
 constexpr std::size_t kMostDoubts = 5;
 
 /// Values at some places, blended at others.
@@ -74,7 +77,9 @@ struct JudgedWay {
     std::vector<Index> feet;  ///< the node of the other cloud next to each, on its side
     const std::vector<Index>& rows_of_others;
     Eigen::MatrixXd OtherMaps::*others;
-    std::vector<char> alone{};  ///< of each node, whether its image lies at an end
+    std::vector<char> alone{};      ///< of each node, whether its image lies at an end
+    std::vector<char> unreached{};  ///< whether none of the other cloud's images is near, nor near
+                                    ///< some nodes around it
 };
 
 /// Means over the points of each node, of what is measured at points.
@@ -225,6 +230,7 @@ Values confidence_at_nodes(const JudgedWay& way, const NodeMeans& means, const W
             elsewhere = disagreement(at, finished, others.elsewhere);
         }
         confidence[k] = 1.0 / (1.0 + std::exp(doubt)) / (1.0 + elsewhere);
+        if (way.unreached[to_size(k)]) confidence[k] = std::min(confidence[k], kSureUnreached);
     };
     parallel_for(
         way.here.count(), progress,
@@ -234,6 +240,24 @@ Values confidence_at_nodes(const JudgedWay& way, const NodeMeans& means, const W
         },
         0.0, 1.0, 64);
     return confidence;
+}
+
+/// Those that have to have a counterpart, in places that hold a few.
+std::vector<char> unreached_nodes(const JudgedWay& way, const Positions& images) {
+    const KdTree<3> tree(images);
+    std::vector<char> far(to_size(way.here.count()), 0), result = far;
+    for (Index k = 0; k < way.here.count(); ++k)
+        far[to_size(k)] = way.alone[to_size(k)] == 0 &&
+                          !tree.any_within(way.here.places.row(k).data(), kUnreached);
+    Found around;
+    for (Index k = 0; k < way.here.count(); ++k) {
+        if (far[to_size(k)] == 0) continue;
+        way.trees_here.by_place.within(way.here.places.row(k).data(), kUnreached, around);
+        std::size_t count = 0;
+        for (const auto& [other, squared_distance] : around) count += to_size(far[to_size(other)]);
+        result[to_size(k)] = count >= kFewestUnreached;
+    }
+    return result;
 }
 
 /// Nodes are even. Nothing where none has a counterpart.
@@ -255,6 +279,7 @@ struct DoubtfulSpot {
     bool on_source;
     Index row;
     double confidence, share, doubt;
+    bool unreached;
 };
 
 void add_spots(const JudgedWay& way, const Values& confidence, bool on_source,
@@ -276,7 +301,8 @@ void add_spots(const JudgedWay& way, const Values& confidence, bool on_source,
             continue;
         taken.push_back(k);
         way.trees_here.by_place.within(surface.places.row(k).data(), kDoubtsApart / 2.0, around);
-        DoubtfulSpot spot{on_source, surface.rows[to_size(k)], 0.0, 0.0, 0.0};
+        DoubtfulSpot spot{on_source, surface.rows[to_size(k)],      0.0, 0.0,
+                          0.0,       way.unreached[to_size(k)] != 0};
         Index count = 0;
         for (const auto& [l, squared_distance] : around) {
             if (!is_doubtful(l)) continue;
@@ -310,8 +336,12 @@ Index partner_of(const TwoWayMap& map, bool on_source, Index row) {
 std::string advice_about(const DoubtfulSpot& spot, const PlaceWords& words,
                          const DoubtfulPlace& place, const TwoWayMap& map) {
     const std::string& here = (spot.on_source ? map.source : map.target).name;
-    return sentence(words.where + " the map may be wrong (" + percent(place.confidence) +
-                    " sure, " + percent(place.share) + " of " + here + "): " + words.remedy +
+    const std::string& there = (spot.on_source ? map.target : map.source).name;
+    const std::string what = spot.unreached ? " nothing of " + there + " comes near " + here +
+                                                  ", which has no counterpart, or the map is wrong"
+                                            : std::string(" the map may be wrong");
+    return sentence(words.where + what + " (" + percent(place.confidence) + " sure, " +
+                    percent(place.share) + " of " + here + "): " + words.remedy +
                     ", for instance point " + std::to_string(place.source) + " of " +
                     map.source.name + ", now on point " + std::to_string(place.target) + " of " +
                     map.target.name);
@@ -320,7 +350,9 @@ std::string advice_about(const DoubtfulSpot& spot, const PlaceWords& words,
 std::vector<DoubtfulPlace> doubtful_places(const JudgedSurface& source, const JudgedSurface& target,
                                            const TwoWayMap& map, std::vector<DoubtfulSpot> spots,
                                            std::span<const Feature> features) {
-    std::ranges::stable_sort(spots, std::ranges::greater{}, &DoubtfulSpot::doubt);
+    std::ranges::stable_sort(spots, std::ranges::greater{}, [](const DoubtfulSpot& spot) {
+        return std::pair(spot.unreached, spot.doubt);
+    });
     const std::vector<MarkedPoint> marked = marked_points(features);
     std::vector<DoubtfulPlace> places;
     for (const DoubtfulSpot& spot : spots) {
@@ -486,6 +518,8 @@ LocalConfidence measure_local_confidence(const JudgedMap& judged, std::span<cons
         way->alone = lie_at_ends(way->images, way->ends, kEndNear, silent);
         way->alone.resize(to_size(way->here.count()), 0);
     }
+    there.unreached = unreached_nodes(there, back.images);
+    back.unreached = unreached_nodes(back, there.images);
     const WeighedMaps weighed_others = weighed(others, there, features);
 
     const auto judged_nodes = [&](const JudgedWay& way, double first, double last) {

@@ -137,6 +137,36 @@ TEST(LocalConfidence, WhatLiesAroundAPartThatWasCutAwayIsInDoubtAndNamed) {
     }
 }
 
+TEST(LocalConfidence, WhatNoImageComesNearIsInDoubtAndNamed) {
+    // The source keeps out of a cap of the target, all of which has images nevertheless.
+    constexpr double kHighest = 0.6;
+    DiagnosedCase one = itself();
+    one.source_images = mapped(one.source.positions, [&](const Vector3& p) {
+        if (p.z() <= kHighest) return p;
+        const double across = std::hypot(p.x(), p.y());
+        const double ring = std::sqrt(1.0 - kHighest * kHighest) / std::max(across, 1e-9);
+        return Vector3(ring * p.x(), ring * p.y(), kHighest);
+    });
+    const LocalConfidence found = one.measure();
+    EXPECT_LT(mean_where(one.target, found.target, [](const Vector3& p) { return p.z() > 0.9; }),
+              0.31);
+    EXPECT_GT(mean_where(one.target, found.target, [](const Vector3& p) { return p.z() < 0.2; }),
+              0.9);
+    const auto says = [](const DoubtfulPlace& place) {
+        return place.advice.find("nothing of Ball comes near Moon") != std::string::npos;
+    };
+    const auto place = std::ranges::find_if(found.doubtful, says);
+    ASSERT_NE(place, found.doubtful.end());
+    EXPECT_GT(one.target.positions(place->target, 2), kHighest);
+    EXPECT_NE(place->advice.find("no counterpart"), std::string::npos) << place->advice;
+    EXPECT_EQ(std::ranges::count_if(found.doubtful,
+                                    [](const DoubtfulPlace& other) {
+                                        return other.advice.find("comes near Ball") !=
+                                               std::string::npos;
+                                    }),
+              0);
+}
+
 TEST(LocalConfidence, FallsWhereAnotherMapThatFitsAsWellGoesElsewhere) {
     DiagnosedCase one = itself();
     const Values alone = one.measure().source;

@@ -205,3 +205,18 @@ def test_a_leg_that_is_missing_grows_where_it_was(is_source: bool) -> None:
     confidence = morph.measure_confidence()
     of_whole = confidence.target if is_source else confidence.source
     assert of_whole[leg].mean() > 0.9  # that it's missing is sure
+
+
+def test_a_tail_whose_hole_is_too_small_is_named() -> None:
+    cut, whole = made_models.cut_pair(2, 8000)
+    morph = pointmorph.morph(
+        pointmorph.Cloud(cut.positions, normals=cut.normals, name="cut"),
+        pointmorph.Cloud(whole.positions, normals=whole.normals, name="whole"),
+    )
+    confidence = morph.measure_confidence()
+    tail = cKDTree(cut.positions).query(whole.truth)[0] > 0.2
+    assert tail.sum() > 80
+    assert np.median(confidence.target[tail]) < 0.4 < 0.9 < np.median(confidence.target)
+    said = [d["advice"] for d in morph.report["doubtful"] if "comes near whole" in d["advice"]]
+    assert len(said) == 1
+    assert "no counterpart" in said[0]
