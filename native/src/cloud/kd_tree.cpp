@@ -7,6 +7,7 @@
 #include <type_traits>
 
 #include "cloud/bucket_tree.hpp"
+#include "cloud/moving_tree.hpp"
 #include "cloud/nearest_result.hpp"
 
 namespace pointmorph {
@@ -172,6 +173,83 @@ bool KdTree<Dim>::any_within(const double* query, double radius) const {
     AnyResult any(radius * radius);
     impl_->tree.find(any, query);
     return !any.empty();
+}
+
+void MovingTree::Boxes::move(const Positions& positions, Progress& progress) {
+    UnsetVector<Box> boxes(nodes_.size());
+    parallel_for(to_index(nodes_.size()), progress, [&](Index begin, Index end) {
+        for (auto at = to_size(begin); at < to_size(end); ++at) {
+            const TreeNode& node = nodes_[at];
+            if (node.axis >= 0) continue;
+            const auto size = to_size(-node.axis), before = 2 * to_size(node.next);
+            const std::size_t room = 2 * twos_of(size);
+            double* const to = coordinates_.data() + 3 * before;
+            Box box{positions.row(rows_[before]), positions.row(rows_[before])};
+            for (std::size_t k = 0; k < room; ++k) {
+                const double* const place = positions.data() + 3 * to_size(rows_[before + k]);
+                for (std::size_t d = 0; d < 3; ++d) {
+                    auto &lower = box.lower[static_cast<Eigen::Index>(d)],
+                         &upper = box.upper[static_cast<Eigen::Index>(d)];
+                    to[d * room + k] = place[d];
+                    lower = std::min(lower, place[d]);
+                    upper = std::max(upper, place[d]);
+                }
+            }
+            boxes[at] = box;
+        }
+    });
+    width_ = 0.0;
+    for (std::size_t at = nodes_.size(); at-- > 0;) {
+        Box& box = boxes[at];
+        if (nodes_[at].axis < 0) {
+            width_ += (box.upper - box.lower).squaredNorm();
+            continue;
+        }
+        const Box &first = boxes[at + 1], &second = boxes[to_size(nodes_[at].next)];
+        auto& [lower, upper] = children_[at];
+        for (std::size_t d = 0; d < 3; ++d) {
+            const auto axis = static_cast<Eigen::Index>(d);
+            lower[d] = Two{first.lower[axis], second.lower[axis]};
+            upper[d] = Two{first.upper[axis], second.upper[axis]};
+        }
+        box.lower = first.lower.cwiseMin(second.lower);
+        box.upper = first.upper.cwiseMax(second.upper);
+    }
+}
+
+void MovingTree::move(const Positions& positions, Progress& progress) {
+    constexpr double kTooWide = 1.2;  // from there on, what it costs to ask is more
+    size_ = to_index(positions.rows());
+    if (tree_) tree_->move(positions, progress);
+    if (!tree_ || tree_->width() > kTooWide * width_) {
+        parallel_invoke(2, progress, [&](int k, Progress&) {
+            // The calling one can be cancelled meanwhile.
+            if (k == 1) tree_.emplace(positions.topRows(lasting_));
+        });
+        tree_->move(positions, progress);
+        width_ = tree_->width();
+    }
+    others_.reset();
+    if (size_ > lasting_) others_.emplace(positions.bottomRows(size_ - lasting_));
+}
+
+Index MovingTree::nearest(const double* query, std::span<Index> rows,
+                          std::span<double> squared_distances) const {
+    FewNearest<kMost / 2> few(std::numeric_limits<double>::infinity(), rows.size());
+    find(few, query);
+    if (const auto found = few.write(rows.data(), squared_distances.data()))
+        return to_index(*found);
+    AnyNearest any{{std::numeric_limits<double>::infinity(), rows, squared_distances}};
+    find(any, query);
+    return to_index(any.nearest.size());
+}
+
+void MovingTree::find_within(const double* query, double radius,
+                             std::vector<std::pair<Index, double>>& ball) const {
+    ball.clear();
+    if (!(radius > 0.0)) return;
+    BallResult result(radius * radius, ball);
+    find(result, query);
 }
 
 std::vector<Index> nearest_rows(const KdTree<3>& tree, const Positions& places) {
