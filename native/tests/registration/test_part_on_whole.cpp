@@ -134,8 +134,8 @@ Positions at_unit_area(const Positions& positions) {
 }
 
 /// Of positions at unit area.
-CoarseShape coarse(const Positions& positions, const Normals& normals,
-                   const std::vector<Index>& ends = {}) {
+CoarseShape coarse_of(const Positions& positions, const Normals& normals,
+                      const std::vector<Index>& ends = {}) {
     Progress progress;
     CoarseShape shape =
         coarse_shape(KdTree<3>(positions), normals, {}, {3000, {250}, {}}, progress);
@@ -150,8 +150,8 @@ TEST(PartOnWhole, ItsPlaceAndSizeAreFound) {
     const Bust bust;
     Progress progress;
     const Positions part = at_unit_area(bust.part), whole = at_unit_area(bust.whole);
-    const CoarseShape head = coarse(part, bust.part_normals, bust.ends);
-    const CoarseShape body = coarse(whole, bust.whole_normals);
+    const CoarseShape head = coarse_of(part, bust.part_normals, bust.ends);
+    const CoarseShape body = coarse_of(whole, bust.whole_normals);
     const auto find = [&](int threads) {
         const ThreadCount limit(threads);
         return find_part(head, body, {}, 3, progress);
@@ -197,8 +197,8 @@ TEST(PartOnWhole, WhatIsAboutAsLargeAsTheWholeHasNoPlaceOnIt) {
         }
     const Positions most = at_unit_area(gather(bust.whole, kept) * shapes::rotation(3));
     const Normals normals = gather(bust.whole_normals, kept) * shapes::rotation(3);
-    const CoarseShape body = coarse(at_unit_area(bust.whole), bust.whole_normals);
-    EXPECT_TRUE(find_part(coarse(most, normals, ends), body, {}, 3, progress).empty());
+    const CoarseShape body = coarse_of(at_unit_area(bust.whole), bust.whole_normals);
+    EXPECT_TRUE(find_part(coarse_of(most, normals, ends), body, {}, 3, progress).empty());
 }
 
 TEST(PartOnWhole, AHeadGoesToTheHeadOfABody) {
