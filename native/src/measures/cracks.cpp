@@ -264,13 +264,15 @@ std::vector<Gaps> gaps_of(const Edges& edges, const Frames& frames, std::span<co
         }
     });
     std::vector<Gaps> gaps(times.size());
-    for (std::size_t k = 0; k < times.size(); ++k)
+    parallel_invoke(static_cast<int>(times.size()), [&](int number, bool) {
+        const std::size_t k = to_size(number);
         for (Index e = 0; e < edges.count(); ++e) {
             if (!is_long[k * count + to_size(e)]) continue;
             const auto [start, middle, limit] = gap(both_ends(e), times[k]);
             gaps[k].middles.push_back(middle);
             gaps[k].limits.push_back(limit);
         }
+    });
     return gaps;
 }
 

@@ -265,14 +265,21 @@ void Morph::lay_out_paths(Progress& progress) const {
     const ThreadCount threads(options_.threads);
     const std::scoped_lock lock(caches_->paths_mutex);
     if (caches_->source_motion) return;
-    const Positions images = source_to_target(progress), back = target_to_source(progress);
-    const GradualSimilarity similarity = whole_motion(source_.positions, images, target_.positions);
+    Positions own_images, own_back;
+    const Positions& images = images_of(true, own_images, progress);
+    const Positions& back = images_of(false, own_back, progress);
     progress.enter("motion");
-    const Normals source_normals = source_.normals.rowwise().normalized(),
-                  target_normals = target_.normals.rowwise().normalized();
+    GradualSimilarity similarity;
+    std::array<Normals, 2> normals;
+    parallel_invoke(3, [&](int k, bool) {
+        if (k == 0)  // takes as long as both others
+            similarity = whole_motion(source_.positions, images, target_.positions);
+        else
+            normals[to_size(k - 1)] = (k == 1 ? source_ : target_).normals.rowwise().normalized();
+    });
     auto [forth, reverse] =
-        Motion::both_ways({source_.positions, source_normals, images, similarity},
-                          {target_.positions, target_normals, back, similarity.reversed()},
+        Motion::both_ways({source_.positions, normals[0], images, similarity},
+                          {target_.positions, normals[1], back, similarity.reversed()},
                           options_.path_kind(), progress);
     caches_->target_motion.emplace(std::move(reverse));
     caches_->source_motion.emplace(std::move(forth));
