@@ -373,13 +373,13 @@ private:
     std::vector<double> all_;
 };
 
-/// Whether the part looks most like the whole at the first scale: then it is as large as the whole,
-/// or nearly.
+/// Whether the part looks the less like the whole the smaller it is: then it is as large as the
+/// whole, or nearly. A part of it looks like it once more where it is as small as there.
 bool lacks_little(const ProfileDistances& distances) {
     std::array<double, kScales> means;
     for (int scale = 0; scale < kScales; ++scale)
         means[to_size(scale)] = distances.least_mean(scale);
-    return std::ranges::min_element(means) == means.begin();
+    return std::ranges::is_sorted(means);
 }
 
 std::vector<Seed> PartSearch::seeds(Progress& progress) const {
