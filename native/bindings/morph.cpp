@@ -326,6 +326,7 @@ std::shared_ptr<Morph> make_morph(const py::dict& source, const py::dict& target
 std::shared_ptr<Morph> restore_morph(const py::dict& source, const py::dict& target,
                                      const py::array_t<std::int64_t, py::array::c_style>& rows,
                                      const py::dict& kept, const MorphOptions& options) {
+    const ThreadCount threads(options.threads);
     Pairing pairs(to_size(rows.shape(0)));
     const auto view = rows.unchecked<2>();
     for (py::ssize_t i = 0; i < view.shape(0); ++i)
@@ -347,6 +348,7 @@ std::shared_ptr<Morph> restore_morph(const py::dict& source, const py::dict& tar
 std::unique_ptr<LiveMorph> make_live(const py::dict& source, const py::dict& target,
                                      const py::list& features, const MorphOptions& options,
                                      const py::tuple& maps, const py::object& callback) {
+    const ThreadCount threads(options.threads);
     MorphInput input = input_of(source, target, features);
     input.start = {from_numpy<Positions>(maps[0]), from_numpy<Positions>(maps[1])};
     return without_gil(callback, [&](Progress& progress) {
@@ -372,6 +374,7 @@ std::shared_ptr<Morph> updated(const LiveMorph& live, const py::list& features,
 std::vector<std::string> proposed_loop(const py::dict& source, const py::dict& target,
                                        const py::list& features, const MorphOptions& options,
                                        const py::object& callback) {
+    const ThreadCount threads(options.threads);
     const MorphInput input = input_of(source, target, features, {});
     return without_gil(callback,
                        [&](Progress& progress) { return suggest_loop(input, options, progress); });
@@ -380,6 +383,7 @@ std::vector<std::string> proposed_loop(const py::dict& source, const py::dict& t
 py::tuple traced_network(const py::dict& source, const py::dict& target, const py::list& features,
                          std::vector<std::vector<std::string>> loops, const MorphOptions& options,
                          const py::object& callback) {
+    const ThreadCount threads(options.threads);
     const MorphInput input = input_of(source, target, features, std::move(loops));
     NamedNetwork found = without_gil(
         callback, [&](Progress& progress) { return preview_network(input, options, progress); });

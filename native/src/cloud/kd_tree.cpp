@@ -220,13 +220,17 @@ void MovingTree::Boxes::move(const Positions& positions, Progress& progress) {
 void MovingTree::move(const Positions& positions, Progress& progress) {
     constexpr double kTooWide = 1.2;  // from there on, what it costs to ask is more
     size_ = to_index(positions.rows());
-    if (tree_) tree_->move(positions, progress);
+    const auto move_boxes = [&](double first, double last) {
+        const Progress::Part part(progress, first, last);
+        tree_->move(positions, progress);
+    };
+    if (tree_) move_boxes(0.0, 0.4);
     if (!tree_ || tree_->width() > kTooWide * width_) {
         parallel_invoke(2, progress, [&](int k, Progress&) {
-            // The calling one can be cancelled meanwhile.
+            // With two threads, the calling one can be asked to end meanwhile.
             if (k == 1) tree_.emplace(positions.topRows(lasting_));
         });
-        tree_->move(positions, progress);
+        move_boxes(0.6, 1.0);
         width_ = tree_->width();
     }
     others_.reset();

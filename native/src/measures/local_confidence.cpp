@@ -29,7 +29,8 @@ constexpr double kElsewhere = 0.15;    // images that far apart have nothing in 
 constexpr double kDoubtful = 0.5;      // less confidence is worth a word
 constexpr double kDoubtsApart = 0.2;   // at least, of doubtful places
 constexpr double kSmallestDoubt = 0.002;
-constexpr double kUnreached = 0.065;    // from all images of the other cloud's nodes
+constexpr double kUnreached = 0.065;    // from all images of the other cloud's nodes …
+constexpr double kGaps = 2.0;           // … and so many times what the image is from its nodes
 constexpr double kSureUnreached = 0.3;  // at most, where nothing comes near
 constexpr std::size_t kFewestUnreached = 4;
 constexpr std::size_t kMostDoubts = 5;
@@ -242,13 +243,18 @@ Values confidence_at_nodes(const JudgedWay& way, const NodeMeans& means, const W
     return confidence;
 }
 
-/// Those that have to have a counterpart, in places that hold a few.
+/// Those that have to have a counterpart, in places that hold a few. Where an image lies in a gap
+/// between the other cloud's nodes, none of theirs can come near.
 std::vector<char> unreached_nodes(const JudgedWay& way, const Positions& images) {
     const KdTree<3> tree(images);
     std::vector<char> far(to_size(way.here.count()), 0), result = far;
-    for (Index k = 0; k < way.here.count(); ++k)
-        far[to_size(k)] = way.alone[to_size(k)] == 0 &&
-                          !tree.any_within(way.here.places.row(k).data(), kUnreached);
+    for (Index k = 0; k < way.here.count(); ++k) {
+        const Index foot = way.feet[to_size(k)];
+        const double gap = (way.images.row(k) - way.there.places.row(foot)).norm();
+        far[to_size(k)] =
+            way.alone[to_size(k)] == 0 &&
+            !tree.any_within(way.here.places.row(k).data(), std::max(kUnreached, kGaps * gap));
+    }
     Found around;
     for (Index k = 0; k < way.here.count(); ++k) {
         if (far[to_size(k)] == 0) continue;
@@ -337,24 +343,33 @@ std::string advice_about(const DoubtfulSpot& spot, const PlaceWords& words,
                          const DoubtfulPlace& place, const TwoWayMap& map) {
     const std::string& here = (spot.on_source ? map.source : map.target).name;
     const std::string& there = (spot.on_source ? map.target : map.source).name;
-    const std::string what = spot.unreached ? " nothing of " + there + " comes near " + here +
-                                                  ", which has no counterpart, or the map is wrong"
-                                            : std::string(" the map may be wrong");
-    return sentence(words.where + what + " (" + percent(place.confidence) + " sure, " +
-                    percent(place.share) + " of " + here + "): " + words.remedy +
-                    ", for instance point " + std::to_string(place.source) + " of " +
-                    map.source.name + ", now on point " + std::to_string(place.target) + " of " +
-                    map.target.name);
+    const std::string what = spot.unreached
+                                 ? " nothing of " + there + " comes near a part of " + here + " (" +
+                                       percent(place.share) +
+                                       " of it). Either this part has no counterpart, or the map " +
+                                       "is wrong: then "
+                                 : " the map may be wrong (" + percent(place.confidence) +
+                                       " sure, " + percent(place.share) + " of " + here + "): ";
+    return sentence(words.where + what + words.remedy + ", for instance point " +
+                    std::to_string(place.source) + " of " + map.source.name + ", now on point " +
+                    std::to_string(place.target) + " of " + map.target.name);
 }
 
-std::vector<DoubtfulPlace> doubtful_places(const JudgedSurface& source, const JudgedSurface& target,
-                                           const TwoWayMap& map, std::vector<DoubtfulSpot> spots,
-                                           std::span<const Feature> features) {
-    std::ranges::stable_sort(spots, std::ranges::greater{}, [](const DoubtfulSpot& spot) {
-        return std::pair(spot.unreached, spot.doubt);
-    });
+/// A place to be named.
+struct NamedPlace {
+    DoubtfulPlace place;
+    bool unreached;
+};
+
+/// Those with the most doubt, of what nothing comes near the first among them.
+std::vector<NamedPlace> doubtful_places(const JudgedSurface& source, const JudgedSurface& target,
+                                        const TwoWayMap& map, std::vector<DoubtfulSpot> spots,
+                                        std::span<const Feature> features) {
+    std::ranges::stable_sort(spots, std::ranges::greater{}, &DoubtfulSpot::doubt);
+    const auto unreached = std::ranges::find(spots, true, &DoubtfulSpot::unreached);
+    if (unreached != spots.end()) std::rotate(spots.begin(), unreached, unreached + 1);
     const std::vector<MarkedPoint> marked = marked_points(features);
-    std::vector<DoubtfulPlace> places;
+    std::vector<NamedPlace> places;
     for (const DoubtfulSpot& spot : spots) {
         if (places.size() == kMostDoubts) break;
         const Index partner = partner_of(map, spot.on_source, spot.row);
@@ -364,32 +379,41 @@ std::vector<DoubtfulPlace> doubtful_places(const JudgedSurface& source, const Ju
                             spot.confidence,
                             spot.share,
                             {}};
-        const bool is_apart = std::ranges::none_of(places, [&](const DoubtfulPlace& other) {
+        const bool is_apart = std::ranges::none_of(places, [&](const NamedPlace& other) {
             const auto distance = [](const JudgedSurface& surface, Index a, Index b) {
                 return surface.scale * (surface.positions.row(a) - surface.positions.row(b)).norm();
             };
-            return distance(source, place.source, other.source) < kDoubtsApart &&
-                   distance(target, place.target, other.target) < kDoubtsApart;
+            return distance(source, place.source, other.place.source) < kDoubtsApart &&
+                   distance(target, place.target, other.place.target) < kDoubtsApart;
         });
         if (!is_apart) continue;
         const PlaceWords words = words_for({source.positions, 1.0 / source.scale, map.source.name},
                                            place.source, marked);
         place.advice = advice_about(spot, words, place, map);
-        places.push_back(std::move(place));
+        places.push_back({std::move(place), spot.unreached});
     }
+    std::ranges::stable_sort(places, std::ranges::greater{}, [](const NamedPlace& named) {
+        return named.place.share * (kDoubtful - named.place.confidence);
+    });
     return places;
 }
 
-std::string warning_about(const LocalConfidence& found, const TwoWayMap& map) {
-    std::string text = "Only " + percent(found.right) + " of the map from " + map.source.name +
-                       " to " + map.target.name +
-                       " is likely right: mark more features on both models";
-    if (!found.doubtful.empty()) {
-        const DoubtfulPlace& place = found.doubtful.front();
+std::string warning_about(double right, std::span<const NamedPlace> places, const TwoWayMap& map) {
+    std::string text = "Only " + percent(right) + " of the map from " + map.source.name + " to " +
+                       map.target.name + " is likely right: mark more features on both models";
+    // What nothing comes near may belong nowhere.
+    const auto first = std::ranges::find(places, false, &NamedPlace::unreached);
+    if (first != places.end()) {
+        const DoubtfulPlace& place = first->place;
         text += ", first at point " + std::to_string(place.source) + " of " + map.source.name +
                 " and where it belongs on " + map.target.name;
     }
     return text + ". If they have nothing in common, no map between them is right.";
+}
+
+void name_places(LocalConfidence& result, std::vector<NamedPlace> places, const TwoWayMap& map) {
+    if (result.right < kMostlyRight) result.warning = warning_about(result.right, places, map);
+    for (NamedPlace& named : places) result.doubtful.push_back(std::move(named.place));
 }
 
 /// From the nodes to all points. Those that follow one another in the cloud's spatial order lie
@@ -542,8 +566,7 @@ LocalConfidence measure_local_confidence(const JudgedMap& judged, std::span<cons
     };
     result.source = judge(there, on_source, on_target, true);
     result.target = judge(back, on_target, on_source, false);
-    result.doubtful = doubtful_places(source, target, map, std::move(spots), features);
-    if (result.right < kMostlyRight) result.warning = warning_about(result, map);
+    name_places(result, doubtful_places(source, target, map, std::move(spots), features), map);
     return result;
 }
 

@@ -120,15 +120,21 @@ RouteResult match_in_product_space(const RouteInput& input,
     result.domain = "product";
     Ends ends = options.leave_missing ? ends_of(input.source, input.target) : Ends{};
     const SampledSurface source = input.source.surface(), target = input.target.surface();
-    Refinement refined = with_lost_parts_at_ends(
-        refine_by_component(input, start, ends, options, result.warnings, progress),
-        {source, ends.source}, {target, ends.target}, input.features, progress);
-    constexpr double kSaid = 0.02;  // a share of the points
-    const auto say = [&](double share, const PreparedShape& whole, const PreparedShape& part) {
-        if (share > kSaid) result.warnings.push_back(goes_beyond(whole.name, part.name, share));
+    Refinement refined =
+        refine_by_component(input, start, ends, options, result.warnings, progress);
+    const LostPoints lost = send_lost_parts_to_ends(
+        refined, {source, ends.source}, {target, ends.target}, input.features, progress);
+    constexpr double kSaid = 0.02;  // a share of the points, where nothing is lost
+    const auto say = [&](const Positions& images, const PreparedShape& whole,
+                         const PreparedShape& part, std::span<const Index> its_ends,
+                         Index lost_points) {
+        const double share = std::max(share_beyond(images, part, its_ends),
+                                      static_cast<double>(lost_points) / whole.size());
+        if (share > kSaid || lost_points > 0)
+            result.warnings.push_back(goes_beyond(whole.name, part.name, share));
     };
-    say(share_beyond(refined.target_images, input.source, ends.source), input.target, input.source);
-    say(share_beyond(refined.source_images, input.target, ends.target), input.source, input.target);
+    say(refined.target_images, input.target, input.source, ends.source, lost.of_target);
+    say(refined.source_images, input.source, input.target, ends.target, lost.of_source);
     judge_normals(refined.inside_out, input.source, input.target, result);
     on_both(progress, [&](bool is_source, Progress&) {
         ProductPoints& product = is_source ? refined.source_product : refined.target_product;

@@ -46,17 +46,18 @@ RouteResult match_on_sphere(const RouteInput& input, const SphereRouteOptions& o
             .find(shape.positions, shape.normals, row(part), row(part + 1),
                   is_source ? source_places : target_places, its);
     };
-    // Where points lie in the meshes alignment doesn't change. They are found in small parts, so
-    // that the thread that aligns takes some when it is done. Many points take all threads.
+    // Alignment doesn't change where points lie in the meshes. Small parts of them, so that the
+    // thread that aligns takes some when it is done. Many points take all threads.
     constexpr Index kMany = 1'000'000, kParts = 16;
     const bool are_many = source.size() + target.size() >= kMany;
     std::atomic<Index> next{0};
     const auto take_parts = [&](Progress& its) {
-        for (Index k = next++; k < 2 * kParts; k = next++)
+        for (Index k = next++; k < 2 * kParts; k = next++) {
+            const Progress::Part part(its, k / (2.0 * kParts), (k + 1) / (2.0 * kParts));
             find_places(k < kParts, k % kParts, kParts, its);
+        }
     };
-    WorkBeside beside;
-    if (!are_many) beside = {take_parts, take_parts};
+    const WorkBeside beside = are_many ? WorkBeside{} : WorkBeside{take_parts, take_parts};
     SphericalAlignment alignment;
     {
         const Progress::Part part(progress, 0.0, are_many ? 0.9 : 1.0);

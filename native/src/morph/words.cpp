@@ -8,6 +8,7 @@
 #include <numbers>
 
 #include "base/angle.hpp"
+#include "measures/place_words.hpp"
 #include "pointmorph/base/error.hpp"
 #include "pointmorph/cloud/similarity.hpp"
 #include "pointmorph/measures/quality.hpp"
@@ -149,8 +150,7 @@ std::string patch_has_holes(const std::string& shape, Index boundary_loops) {
 }
 
 std::string goes_beyond(const std::string& whole, const std::string& part, double share) {
-    return part + " ends where " + whole +
-           " goes on: " + std::to_string(std::lround(100.0 * share)) + " % of " + whole +
+    return part + " ends where " + whole + " goes on: " + percent(share) + " of " + whole +
            " has no counterpart and joins that border. To stretch " + part +
            " over it, choose missing parts: stretch.";
 }

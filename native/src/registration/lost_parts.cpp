@@ -6,10 +6,10 @@
 #include <limits>
 #include <queue>
 #include <string_view>
-#include <unordered_map>
 #include <utility>
 #include <vector>
 
+#include "pointmorph/base/error.hpp"
 #include "pointmorph/base/parallel.hpp"
 #include "pointmorph/cloud/cloud.hpp"
 #include "pointmorph/cloud/kd_tree.hpp"
@@ -86,7 +86,14 @@ struct LostPart {
     double deepest = 0.0;    ///< largest distance from the images, in spacings
 };
 
-std::vector<LostPart> lost_parts(const WholeOntoPart& map, const Values& distances) {
+/// Lets the callback speak every so often; throws what it threw, or Cancelled.
+void look_whether_to_end(std::size_t done, Progress& progress) {
+    constexpr std::size_t kOften = 1024;
+    if (done % kOften == 0 && !progress.poll()) progress.throw_if_cancelled();
+}
+
+std::vector<LostPart> lost_parts(const WholeOntoPart& map, const Values& distances,
+                                 Progress& progress) {
     std::vector<char> known(to_size(map.whole.size()), 0);
     std::vector<LostPart> parts;
     for (Index first = 0; first < map.whole.size(); ++first) {
@@ -94,6 +101,7 @@ std::vector<LostPart> lost_parts(const WholeOntoPart& map, const Values& distanc
         LostPart part{{first}, {}, 0.0};
         known[to_size(first)] = 1;
         for (std::size_t k = 0; k < part.rows.size(); ++k) {
+            look_whether_to_end(k, progress);
             const Index i = part.rows[k];
             part.deepest = std::max(part.deepest, distances[i]);
             for (const Index j : map.whole.nearest[i]) {
@@ -111,39 +119,57 @@ std::vector<LostPart> lost_parts(const WholeOntoPart& map, const Values& distanc
     return parts;
 }
 
+/// How far a row of a part is from its rim along the surface, and the place there.
+struct FromRim {
+    double distance = std::numeric_limits<double>::infinity();
+    Index rim = -1;
+    bool is_part = false;
+};
+
 /// For each row of a part, the place in its rim that is nearest along the surface: like this, only
-/// what is far from all of it is torn apart.
-std::vector<Index> nearest_of_rim(const SampledSurface& surface, const LostPart& part) {
-    constexpr double kNone = std::numeric_limits<double>::infinity();
-    struct Reached {
-        double distance = kNone;
-        Index rim = 0;
-    };
-    std::unordered_map<Index, Reached> reached;
-    for (const Index i : part.rows) reached.emplace(i, Reached{});
+/// what is far from all of it is torn apart. `reached`: one of each point of the whole, as made.
+std::vector<Index> nearest_of_rim(const SampledSurface& surface, const LostPart& part,
+                                  std::vector<FromRim>& reached, Progress& progress) {
+    for (const Index i : part.rows) reached[to_size(i)].is_part = true;
     using Entry = std::pair<double, Index>;
     std::priority_queue<Entry, std::vector<Entry>, std::greater<>> open;
-    const auto step = [&](Index from, const Reached& there, Index to) {
-        const auto found = reached.find(to);
-        if (found == reached.end()) return;
+    const auto step = [&](Index from, double distance, Index rim, Index to) {
+        FromRim& there = reached[to_size(to)];
+        if (!there.is_part) return;
         if (surface.normals.row(from).dot(surface.normals.row(to)) < kOtherSide) return;
-        const double distance =
-            there.distance + (surface.positions.row(from) - surface.positions.row(to)).norm();
-        if (!(distance < found->second.distance)) return;
-        found->second = {distance, there.rim};
+        distance += (surface.positions.row(from) - surface.positions.row(to)).norm();
+        if (!(distance < there.distance)) return;
+        there.distance = distance;
+        there.rim = rim;
         open.emplace(distance, to);
     };
     for (std::size_t k = 0; k < part.rim.size(); ++k)
-        for (const Index j : surface.nearest[part.rim[k]]) step(part.rim[k], {0.0, to_index(k)}, j);
-    while (!open.empty()) {
+        for (const Index j : surface.nearest[part.rim[k]]) step(part.rim[k], 0.0, to_index(k), j);
+    // Where the rim is denser than the part, it has only neighbors of its own.
+    for (const Index i : part.rows)
+        for (const Index j : surface.nearest[i]) {
+            const auto found = std::ranges::lower_bound(part.rim, j);
+            if (found != part.rim.end() && *found == j)
+                step(j, 0.0, to_index(found - part.rim.begin()), i);
+        }
+    for (std::size_t done = 0; !open.empty(); ++done) {
+        look_whether_to_end(done, progress);
         const auto [distance, i] = open.top();
         open.pop();
-        const Reached there = reached.at(i);
+        const FromRim there = reached[to_size(i)];
         if (distance > there.distance) continue;
-        for (const Index j : surface.nearest[i]) step(i, there, j);
+        for (const Index j : surface.nearest[i]) step(i, there.distance, there.rim, j);
     }
+    // What no neighbor leads to takes the nearest in a straight line.
+    const Positions rim = gather(surface.positions, part.rim);
+    const std::vector<Index> straight =
+        nearest_rows(KdTree<3>(rim), gather(surface.positions, part.rows));
     std::vector<Index> result;
-    for (const Index i : part.rows) result.push_back(reached.at(i).rim);
+    for (std::size_t k = 0; k < part.rows.size(); ++k) {
+        FromRim& its = reached[to_size(part.rows[k])];
+        result.push_back(its.rim >= 0 ? its.rim : straight[k]);
+        its = {};
+    }
     return result;
 }
 
@@ -181,27 +207,29 @@ void pair_with_ends(const WholeOntoPart& map, std::span<const Index> end_of, Pai
     pairs.erase(std::unique(pairs.begin(), pairs.end()), pairs.end());
 }
 
-void send_to_ends(const WholeOntoPart& map, std::span<const Index> marked, Pairing& pairs,
-                  Progress& progress) {
-    if (map.ends.empty()) return;
+/// Returns how many points of the whole go there.
+Index send_to_ends(const WholeOntoPart& map, std::span<const Index> marked, Pairing& pairs,
+                   Progress& progress) {
+    if (map.ends.empty()) return 0;
     const Positions ends = gather(map.part_images, map.ends);
     const KdTree<3> ends_tree(ends);
     const double at_end = kAtEnd * median(local_spacing(map.whole.positions, map.whole.nearest));
     std::vector<Index> end_of(to_size(map.whole.size()), -1);
-    bool any = false;
-    for (const LostPart& part : lost_parts(map, distances_from_images(map, progress))) {
+    std::vector<FromRim> reached(to_size(map.whole.size()));
+    Index count = 0;
+    for (const LostPart& part : lost_parts(map, distances_from_images(map, progress), progress)) {
         if (part.rim.empty() || has_feature(part, marked) || is_there(part, map)) continue;
         const Positions rim = gather(map.whole.positions, part.rim);
         const std::vector<Index> end_of_rim = nearest_rows(ends_tree, rim);
         const Values gaps = (rim - gather(ends, end_of_rim)).rowwise().norm();
         const auto near = (gaps.array() < at_end).count();
         if (static_cast<double>(near) < kRimAtEnd * static_cast<double>(rim.rows())) continue;
-        const std::vector<Index> beside = nearest_of_rim(map.whole, part);
+        const std::vector<Index> beside = nearest_of_rim(map.whole, part, reached, progress);
         for (std::size_t k = 0; k < part.rows.size(); ++k)
             end_of[to_size(part.rows[k])] = map.ends[to_size(end_of_rim[to_size(beside[k])])];
-        any = true;
+        count += to_index(part.rows.size());
     }
-    if (!any) return;
+    if (count == 0) return 0;
     for (Index i = 0; i < map.whole.size(); ++i) {
         const Index end = end_of[to_size(i)];
         if (end < 0) continue;
@@ -210,14 +238,15 @@ void send_to_ends(const WholeOntoPart& map, std::span<const Index> marked, Pairi
             map.product.row(i).segment<3>(column) = map.part_product.row(end).segment<3>(column);
     }
     pair_with_ends(map, end_of, pairs);
+    return count;
 }
 
 }  // namespace
 
-Refinement with_lost_parts_at_ends(Refinement map, const EndingCloud& source,
+LostPoints send_lost_parts_to_ends(Refinement& map, const EndingCloud& source,
                                    const EndingCloud& target, std::span<const Feature> features,
                                    Progress& progress) {
-    if (source.ends.empty() && target.ends.empty()) return map;
+    if (source.ends.empty() && target.ends.empty()) return {};
     Progress quiet([&](std::string_view, double) { return progress.poll(); });
     const auto marked = [&](Marked Feature::*side) {
         std::vector<Index> rows;
@@ -226,15 +255,21 @@ Refinement with_lost_parts_at_ends(Refinement map, const EndingCloud& source,
         std::ranges::sort(rows);
         return rows;
     };
-    send_to_ends(
-        {target.surface, source.surface, source.ends, map.source_images, map.target_images,
-         map.source_product, map.target_product, &IndexPair::target, &IndexPair::source, 3},
-        marked(&Feature::target), map.pairs, quiet);
-    send_to_ends(
-        {source.surface, target.surface, target.ends, map.target_images, map.source_images,
-         map.target_product, map.source_product, &IndexPair::source, &IndexPair::target, 0},
-        marked(&Feature::source), map.pairs, quiet);
-    return map;
+    LostPoints lost;
+    try {
+        lost.of_target = send_to_ends(
+            {target.surface, source.surface, source.ends, map.source_images, map.target_images,
+             map.source_product, map.target_product, &IndexPair::target, &IndexPair::source, 3},
+            marked(&Feature::target), map.pairs, quiet);
+        lost.of_source = send_to_ends(
+            {source.surface, target.surface, target.ends, map.target_images, map.source_images,
+             map.target_product, map.source_product, &IndexPair::source, &IndexPair::target, 0},
+            marked(&Feature::source), map.pairs, quiet);
+    } catch (const Cancelled&) {
+        progress.throw_if_cancelled();  // what the callback threw
+        throw;
+    }
+    return lost;
 }
 
 }  // namespace pointmorph

@@ -18,10 +18,15 @@ struct EndingCloud {
     std::span<const Index> ends;
 };
 
-/// The same map, but for what one of the clouds lacks: points of the other that no image comes
-/// near, next to what lies at an end. They go to that end, and are paired with it. What has a
-/// feature stays. Without ends, nothing changes.
-Refinement with_lost_parts_at_ends(Refinement map, const EndingCloud& source,
+/// How many points joined an end.
+struct LostPoints {
+    Index of_source = 0, of_target = 0;
+};
+
+/// Changes what one of the clouds lacks: points of the other that no image comes near, next to what
+/// lies at an end. They go to that end, and are paired with it. What has a feature stays. Without
+/// ends, nothing changes. Throws Cancelled.
+LostPoints send_lost_parts_to_ends(Refinement& map, const EndingCloud& source,
                                    const EndingCloud& target, std::span<const Feature> features,
                                    Progress& progress);
 

@@ -373,8 +373,8 @@ private:
     std::vector<double> all_;
 };
 
-/// Whether the part looks the less like the whole the smaller it is: then it is as large as the
-/// whole, or nearly. A part of it looks like it once more where it is as small as there.
+/// Whether the part looks less and less like the whole as it shrinks: then it is as large as the
+/// whole, or nearly. What is a part of it looks like it again where it is as small as there.
 bool lacks_little(const ProfileDistances& distances) {
     std::array<double, kScales> means;
     for (int scale = 0; scale < kScales; ++scale)

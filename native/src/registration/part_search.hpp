@@ -32,8 +32,8 @@ struct PartPlace {
 
 /// The places where the part fits best, best first; at most `most`. The part has ends, and both
 /// shapes have unit area. Where there are marks, they lie close to each other in all of them;
-/// where there are none, there is no place for a part that looks the less like the whole the
-/// smaller it is. Throws Cancelled.
+/// where there are none, a part that looks less and less like the whole as it shrinks has no place.
+/// Throws Cancelled.
 std::vector<PartPlace> find_part(const CoarseShape& part, const CoarseShape& whole,
                                  const PartMarks& marks, std::size_t most, Progress& progress);
 

@@ -3,9 +3,14 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <chrono>
 #include <cmath>
+#include <string_view>
+#include <utility>
 #include <vector>
 
+#include "pointmorph/base/error.hpp"
+#include "pointmorph/base/parallel.hpp"
 #include "pointmorph/cloud/cloud.hpp"
 #include "pointmorph/cloud/kd_tree.hpp"
 #include "pointmorph/registration/product_space.hpp"
@@ -21,6 +26,7 @@ constexpr double kCut = 0.5;
 /// map back folds it.
 struct FoldedBack {
     Positions whole, part;
+    Positions elsewhere;  ///< the whole, moved away
     Normals whole_normals, part_normals;
     Neighborhoods whole_nearest, part_nearest;
     std::vector<Index> ends;
@@ -48,7 +54,8 @@ struct FoldedBack {
         spacing = spacings.mean();
         for (Index i = 0; i < part.rows(); ++i)
             if (part(i, 2) > kCut - spacing) ends.push_back(i);
-        map.source_images = part;
+        elsewhere = whole.rowwise() + Eigen::RowVector3d(5.0, 0.0, 0.0);
+        map.source_images = gather(elsewhere, rows);
         map.target_images = whole;
         for (Index i = 0; i < kCount; ++i)
             map.target_images(i, 2) = std::min(whole(i, 2), 2.0 * kCut - whole(i, 2));
@@ -57,15 +64,18 @@ struct FoldedBack {
         for (std::size_t k = 0; k < rows.size(); ++k) map.pairs.push_back({to_index(k), rows[k]});
         std::ranges::sort(map.pairs);
         map.pairs.erase(std::unique(map.pairs.begin(), map.pairs.end()), map.pairs.end());
-        const OrientedView source{part, part_normals}, target{whole, whole_normals};
-        map.source_product = product_points(source, source, 0.02);
-        map.target_product = product_points(target, {map.target_images, whole_normals}, 0.02);
+        map.source_product =
+            product_points({map.source_images, part_normals}, {part, part_normals}, 0.02);
+        map.target_product =
+            product_points({elsewhere, whole_normals}, {map.target_images, whole_normals}, 0.02);
     }
+    SampledSurface of_part() const { return {part, part_normals, part_nearest}; }
+    SampledSurface of_whole() const { return {elsewhere, whole_normals, whole_nearest}; }
     Refinement joined(const std::vector<Index>& at, const std::vector<Feature>& features) const {
         Progress progress;
-        const SampledSurface source{part, part_normals, part_nearest},
-            target{whole, whole_normals, whole_nearest};
-        return with_lost_parts_at_ends(map, {source, at}, {target, {}}, features, progress);
+        Refinement result = map;
+        send_lost_parts_to_ends(result, {of_part(), at}, {of_whole(), {}}, features, progress);
+        return result;
     }
 };
 
@@ -78,6 +88,13 @@ TEST(LostParts, JoinTheNearestEnd) {
         const bool is_end = joined.target_images.row(i) == ends.row(nearest[to_size(i)]);
         if (shapes.whole(i, 2) > kCut + 4.0 * shapes.spacing) {
             EXPECT_TRUE(is_end) << i;
+            const Index end = shapes.ends[to_size(nearest[to_size(i)])];
+            for (const Eigen::Index column : {3, 9})  // of the source
+                EXPECT_EQ(joined.target_product.row(i).segment<3>(column),
+                          shapes.map.source_product.row(end).segment<3>(column));
+            for (const Eigen::Index column : {0, 6})
+                EXPECT_EQ(joined.target_product.row(i).segment<3>(column),
+                          shapes.map.target_product.row(i).segment<3>(column));
         }
         if (shapes.whole(i, 2) > kCut) continue;
         EXPECT_EQ(joined.target_images.row(i), shapes.map.target_images.row(i)) << i;
@@ -112,6 +129,48 @@ TEST(LostParts, EveryPointKeepsAPartner) {
         if (shapes.whole(i, 2) > kCut + 4.0 * shapes.spacing) {
             EXPECT_TRUE(std::ranges::binary_search(joined.pairs, IndexPair{feet[to_size(i)], i}));
         }
+}
+
+TEST(LostParts, JoinEndsOfTheTargetAsThoseOfTheSource) {
+    const FoldedBack shapes;
+    const Refinement joined = shapes.joined(shapes.ends, {});
+    const auto swapped = [](const ProductPoints& product) {
+        ProductPoints result = product;
+        for (const Eigen::Index column : {0, 6}) {
+            result.middleCols<3>(column) = product.middleCols<3>(column + 3);
+            result.middleCols<3>(column + 3) = product.middleCols<3>(column);
+        }
+        return result;
+    };
+    Refinement back = shapes.map;
+    std::swap(back.source_images, back.target_images);
+    back.source_product = swapped(shapes.map.target_product);
+    back.target_product = swapped(shapes.map.source_product);
+    for (IndexPair& pair : back.pairs) std::swap(pair.source, pair.target);
+    std::ranges::sort(back.pairs);
+    for (const int threads : {1, 4}) {
+        const ThreadCount limit(threads);
+        Progress progress;
+        Refinement there = back;
+        const LostPoints lost = send_lost_parts_to_ends(
+            there, {shapes.of_whole(), {}}, {shapes.of_part(), shapes.ends}, {}, progress);
+        EXPECT_GT(lost.of_source, 0);
+        EXPECT_EQ(lost.of_target, 0);
+        EXPECT_EQ(there.source_images, joined.target_images);
+        EXPECT_EQ(swapped(there.source_product), joined.target_product);
+        for (IndexPair& pair : there.pairs) std::swap(pair.source, pair.target);
+        std::ranges::sort(there.pairs);
+        EXPECT_EQ(there.pairs, joined.pairs);
+    }
+}
+
+TEST(LostParts, CanBeCanceled) {
+    const FoldedBack shapes;
+    Progress progress([](std::string_view, double) { return false; }, std::chrono::milliseconds(0));
+    Refinement map = shapes.map;
+    EXPECT_THROW(send_lost_parts_to_ends(map, {shapes.of_part(), shapes.ends},
+                                         {shapes.of_whole(), {}}, {}, progress),
+                 Cancelled);
 }
 
 TEST(LostParts, StayWithoutAnEndOrWithAFeature) {
