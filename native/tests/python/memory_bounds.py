@@ -19,7 +19,7 @@ BOUNDS = {
     "paper, disk": (6, 400),
     "paper, disk, solve=full": (6, 1050),
     "paper, cut": (16, 420),
-    "paper, sphere": (6, 430),
+    "paper, sphere": (10, 430),
     "paper, network": (70, 250),
     "resampled frames": (48, 1000),
     "wrapped meshes": (48, 1600),

@@ -217,6 +217,8 @@ def test_a_tail_whose_hole_is_too_small_is_named() -> None:
     tail = cKDTree(cut.positions).query(whole.truth)[0] > 0.2
     assert tail.sum() > 80
     assert np.median(confidence.target[tail]) < 0.4 < 0.9 < np.median(confidence.target)
-    said = [d["advice"] for d in morph.report["doubtful"] if "comes near a part of whole" in d["advice"]]
+    said = [
+        d["advice"] for d in morph.report["doubtful"] if "comes near a part of whole" in d["advice"]
+    ]
     assert len(said) == 1
     assert "no counterpart" in said[0]
