@@ -358,6 +358,7 @@ std::string advice_about(const DoubtfulSpot& spot, const PlaceWords& words,
 /// A place to be named.
 struct NamedPlace {
     DoubtfulPlace place;
+    double doubt;
     bool unreached;
 };
 
@@ -390,11 +391,9 @@ std::vector<NamedPlace> doubtful_places(const JudgedSurface& source, const Judge
         const PlaceWords words = words_for({source.positions, 1.0 / source.scale, map.source.name},
                                            place.source, marked);
         place.advice = advice_about(spot, words, place, map);
-        places.push_back({std::move(place), spot.unreached});
+        places.push_back({std::move(place), spot.doubt, spot.unreached});
     }
-    std::ranges::stable_sort(places, std::ranges::greater{}, [](const NamedPlace& named) {
-        return named.place.share * (kDoubtful - named.place.confidence);
-    });
+    std::ranges::stable_sort(places, std::ranges::greater{}, &NamedPlace::doubt);
     return places;
 }
 

@@ -6,6 +6,7 @@
 #include <optional>
 #include <utility>
 
+#include "base/quietly.hpp"
 #include "pointmorph/base/parallel.hpp"
 #include "pointmorph/cloud/cloud.hpp"
 #include "pointmorph/cloud/kd_tree.hpp"
@@ -423,13 +424,11 @@ Refinement mapped_by_group(const Refinement& whole, const ComponentView& source,
             small.push_back(g);
             continue;
         }
-        Progress quiet([&](std::string_view, double) { return progress.poll(); });
-        map_group(g, quiet);
+        quietly(progress, [&](Progress& quiet) { map_group(g, quiet); });
     }
     std::atomic<int> done{0};
     parallel_invoke(static_cast<int>(small.size()), progress, [&](int k, Progress& its) {
-        Progress quiet([&](std::string_view, double) { return its.poll(); });
-        map_group(small[to_size(k)], quiet);
+        quietly(its, [&](Progress& quiet) { map_group(small[to_size(k)], quiet); });
         its.report(static_cast<double>(++done) / static_cast<double>(small.size()));
     });
     Refinement result = whole;

@@ -5,11 +5,11 @@
 #include <functional>
 #include <limits>
 #include <queue>
-#include <string_view>
 #include <utility>
 #include <vector>
 
-#include "pointmorph/base/error.hpp"
+#include "base/median.hpp"
+#include "base/quietly.hpp"
 #include "pointmorph/base/parallel.hpp"
 #include "pointmorph/cloud/cloud.hpp"
 #include "pointmorph/cloud/kd_tree.hpp"
@@ -39,12 +39,6 @@ struct WholeOntoPart {
     Index IndexPair::*partner;  ///< on the part
     Eigen::Index column;        ///< of the part's coordinates in the product space
 };
-
-double median(Values values) {
-    const auto middle = values.begin() + values.size() / 2;
-    std::nth_element(values.begin(), middle, values.end());
-    return *middle;
-}
 
 /// How far the part's images lie apart around each of them.
 Values steps_of_images(const WholeOntoPart& map) {
@@ -86,7 +80,7 @@ struct LostPart {
     double deepest = 0.0;    ///< largest distance from the images, in spacings
 };
 
-/// Lets the callback speak every so often; throws what it threw, or Cancelled.
+/// Asks every so often whether to end. Throws Cancelled.
 void look_whether_to_end(std::size_t done, Progress& progress) {
     constexpr std::size_t kOften = 1024;
     if (done % kOften == 0 && !progress.poll()) progress.throw_if_cancelled();
@@ -127,9 +121,10 @@ struct FromRim {
 };
 
 /// For each row of a part, the place in its rim that is nearest along the surface: like this, only
-/// what is far from all of it is torn apart. `reached`: one of each point of the whole, as made.
+/// what is far from all of it is torn apart. `reached`: scratch memory, as it is left.
 std::vector<Index> nearest_of_rim(const SampledSurface& surface, const LostPart& part,
                                   std::vector<FromRim>& reached, Progress& progress) {
+    reached.resize(to_size(surface.size()));
     for (const Index i : part.rows) reached[to_size(i)].is_part = true;
     using Entry = std::pair<double, Index>;
     std::priority_queue<Entry, std::vector<Entry>, std::greater<>> open;
@@ -160,16 +155,18 @@ std::vector<Index> nearest_of_rim(const SampledSurface& surface, const LostPart&
         if (distance > there.distance) continue;
         for (const Index j : surface.nearest[i]) step(i, there.distance, there.rim, j);
     }
+    std::vector<Index> result, unreached;
+    for (const Index i : part.rows) {
+        result.push_back(std::exchange(reached[to_size(i)], {}).rim);
+        if (result.back() < 0) unreached.push_back(i);
+    }
+    if (unreached.empty()) return result;
     // What no neighbor leads to takes the nearest in a straight line.
     const Positions rim = gather(surface.positions, part.rim);
     const std::vector<Index> straight =
-        nearest_rows(KdTree<3>(rim), gather(surface.positions, part.rows));
-    std::vector<Index> result;
-    for (std::size_t k = 0; k < part.rows.size(); ++k) {
-        FromRim& its = reached[to_size(part.rows[k])];
-        result.push_back(its.rim >= 0 ? its.rim : straight[k]);
-        its = {};
-    }
+        nearest_rows(KdTree<3>(rim), gather(surface.positions, unreached));
+    for (std::size_t k = 0, next = 0; k < result.size(); ++k)
+        if (result[k] < 0) result[k] = straight[next++];
     return result;
 }
 
@@ -215,7 +212,7 @@ Index send_to_ends(const WholeOntoPart& map, std::span<const Index> marked, Pair
     const KdTree<3> ends_tree(ends);
     const double at_end = kAtEnd * median(local_spacing(map.whole.positions, map.whole.nearest));
     std::vector<Index> end_of(to_size(map.whole.size()), -1);
-    std::vector<FromRim> reached(to_size(map.whole.size()));
+    std::vector<FromRim> reached;
     Index count = 0;
     for (const LostPart& part : lost_parts(map, distances_from_images(map, progress), progress)) {
         if (part.rim.empty() || has_feature(part, marked) || is_there(part, map)) continue;
@@ -247,7 +244,6 @@ LostPoints send_lost_parts_to_ends(Refinement& map, const EndingCloud& source,
                                    const EndingCloud& target, std::span<const Feature> features,
                                    Progress& progress) {
     if (source.ends.empty() && target.ends.empty()) return {};
-    Progress quiet([&](std::string_view, double) { return progress.poll(); });
     const auto marked = [&](Marked Feature::*side) {
         std::vector<Index> rows;
         for (const Feature& feature : features)
@@ -255,8 +251,8 @@ LostPoints send_lost_parts_to_ends(Refinement& map, const EndingCloud& source,
         std::ranges::sort(rows);
         return rows;
     };
-    LostPoints lost;
-    try {
+    return quietly(progress, [&](Progress& quiet) {
+        LostPoints lost;
         lost.of_target = send_to_ends(
             {target.surface, source.surface, source.ends, map.source_images, map.target_images,
              map.source_product, map.target_product, &IndexPair::target, &IndexPair::source, 3},
@@ -265,11 +261,8 @@ LostPoints send_lost_parts_to_ends(Refinement& map, const EndingCloud& source,
             {source.surface, target.surface, target.ends, map.target_images, map.source_images,
              map.target_product, map.source_product, &IndexPair::source, &IndexPair::target, 0},
             marked(&Feature::source), map.pairs, quiet);
-    } catch (const Cancelled&) {
-        progress.throw_if_cancelled();  // what the callback threw
-        throw;
-    }
-    return lost;
+        return lost;
+    });
 }
 
 }  // namespace pointmorph

@@ -8,6 +8,7 @@
 #include <utility>
 #include <vector>
 
+#include "base/quietly.hpp"
 #include "pointmorph/cloud/cloud.hpp"
 #include "pointmorph/cloud/kd_tree.hpp"
 #include "pointmorph/registration/product_space.hpp"
@@ -343,34 +344,35 @@ PartOrWhole refine_part_or_whole(const RefinementCloud& source, const Refinement
         return PartOrWhole{refine(source, target, features, options, progress, start)};
     };
     if (source.ends.empty() == target.ends.empty()) return onto_all();
-    Progress quiet([&](std::string_view, double) { return progress.poll(); });
-    if (start) {
-        const PartOfWhole shapes({source, target}, options, quiet);
-        const Piece piece = shapes.piece(*start);
-        if (!(shapes.share(piece) < kLargest)) return onto_all();
-        const auto mine = features_within(features, shapes.sides(), piece.rows);
-        if (!mine) return onto_all();
-        const RefinementStart own = shapes.within(*start, piece);
-        return {shapes.with_others(shapes.map_onto(piece, *mine, options, progress, &own), piece,
-                                   features),
-                true};
-    }
-    std::optional<PartOfWhole> shapes;
-    PartMarks marks;
-    if (!features.empty()) {
-        shapes.emplace(GivenClouds{source, target}, options, quiet);
-        marks = shapes->marks(features, quiet);
-        if (marks.say_all() && marks.pose().scale < kSmall)
-            if (auto best = best_on_piece(*shapes, marks, features, options, progress))
-                return {std::move(best->map), true};
-    }
-    PartOrWhole whole = onto_all();
-    const double its = cost(whole.map, options.pose);
-    if (!(its > kFits)) return whole;
-    if (!shapes) shapes.emplace(GivenClouds{source, target}, options, quiet);
-    auto best = best_on_piece(*shapes, marks, features, options, quiet);
-    if (!best || !(best->cost < kMuchBetter * its)) return whole;
-    return {std::move(best->map), true};
+    return quietly(progress, [&](Progress& quiet) -> PartOrWhole {
+        if (start) {
+            const PartOfWhole shapes({source, target}, options, quiet);
+            const Piece piece = shapes.piece(*start);
+            if (!(shapes.share(piece) < kLargest)) return onto_all();
+            const auto mine = features_within(features, shapes.sides(), piece.rows);
+            if (!mine) return onto_all();
+            const RefinementStart own = shapes.within(*start, piece);
+            return {shapes.with_others(shapes.map_onto(piece, *mine, options, progress, &own),
+                                       piece, features),
+                    true};
+        }
+        std::optional<PartOfWhole> shapes;
+        PartMarks marks;
+        if (!features.empty()) {
+            shapes.emplace(GivenClouds{source, target}, options, quiet);
+            marks = shapes->marks(features, quiet);
+            if (marks.say_all() && marks.pose().scale < kSmall)
+                if (auto best = best_on_piece(*shapes, marks, features, options, progress))
+                    return {std::move(best->map), true};
+        }
+        PartOrWhole whole = onto_all();
+        const double its = cost(whole.map, options.pose);
+        if (!(its > kFits)) return whole;
+        if (!shapes) shapes.emplace(GivenClouds{source, target}, options, quiet);
+        auto best = best_on_piece(*shapes, marks, features, options, quiet);
+        if (!best || !(best->cost < kMuchBetter * its)) return whole;
+        return {std::move(best->map), true};
+    });
 }
 
 }  // namespace pointmorph

@@ -9,18 +9,13 @@
 #include <utility>
 
 #include "base/angle.hpp"
+#include "base/median.hpp"
 
 namespace pointmorph {
 
 namespace {
 
 using Matrix = Eigen::SparseMatrix<double, Eigen::ColMajor, Index>;
-
-double median(Values values) {
-    const auto middle = values.size() / 2;
-    std::nth_element(values.begin(), values.begin() + middle, values.end());
-    return values[middle];
-}
 
 /// The node with the least mean distance to points spread over the shape.
 Index middle_of(const SurfaceGraph& graph, Progress& progress) {

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 import pointmorph
 import pytest
+from made_bodies import Body
 from scipy.spatial import cKDTree
 
 Array = npt.NDArray[Any]
@@ -155,13 +156,14 @@ def test_without_marks_a_part_lies_where_it_belongs(lost: int, is_source: bool) 
     assert morph.report["confidence"] > 0.9
 
 
+def named(name: str, shape: Body) -> pointmorph.Cloud:
+    return pointmorph.Cloud(shape.positions, normals=shape.normals, name=name)
+
+
 @pytest.mark.parametrize("is_source", [True, False])
 def test_a_head_alone_goes_to_the_head_of_another_body(is_source: bool) -> None:
     head, body = made_models.alone_pair(1, 6000)
-    clouds = [
-        pointmorph.Cloud(shape.positions, normals=shape.normals, name=name)
-        for shape, name in ((head, "head"), (body, "body"))
-    ]
+    clouds = [named("head", head), named("body", body)]
     morph = pointmorph.morph(*(clouds if is_source else clouds[::-1]))
     images = morph.source_to_target if is_source else morph.target_to_source
     size = np.linalg.norm(head.positions - head.positions.mean(axis=0), axis=1).mean()
@@ -185,10 +187,7 @@ def test_a_head_alone_goes_to_the_head_of_another_body(is_source: bool) -> None:
 @pytest.mark.parametrize("is_source", [True, False])
 def test_a_leg_that_is_missing_grows_where_it_was(is_source: bool) -> None:
     cut, whole = made_models.cut_pair(1, 8000)
-    clouds = [
-        pointmorph.Cloud(shape.positions, normals=shape.normals, name=name)
-        for shape, name in ((cut, "cut"), (whole, "whole"))
-    ]
+    clouds = [named("cut", cut), named("whole", whole)]
     morph = pointmorph.morph(*(clouds if is_source else clouds[::-1]))
     back = morph.target_to_source if is_source else morph.source_to_target
     twelfth = cKDTree(cut.positions).query(cut.positions, 13)[0][:, -1]
@@ -209,10 +208,7 @@ def test_a_leg_that_is_missing_grows_where_it_was(is_source: bool) -> None:
 
 def test_a_tail_whose_hole_is_too_small_is_named() -> None:
     cut, whole = made_models.cut_pair(2, 8000)
-    morph = pointmorph.morph(
-        pointmorph.Cloud(cut.positions, normals=cut.normals, name="cut"),
-        pointmorph.Cloud(whole.positions, normals=whole.normals, name="whole"),
-    )
+    morph = pointmorph.morph(named("cut", cut), named("whole", whole))
     confidence = morph.measure_confidence()
     tail = cKDTree(cut.positions).query(whole.truth)[0] > 0.2
     assert tail.sum() > 80

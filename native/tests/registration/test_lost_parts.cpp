@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
+#include <stdexcept>
 #include <string_view>
 #include <utility>
 #include <vector>
@@ -171,6 +172,16 @@ TEST(LostParts, CanBeCanceled) {
     EXPECT_THROW(send_lost_parts_to_ends(map, {shapes.of_part(), shapes.ends},
                                          {shapes.of_whole(), {}}, {}, progress),
                  Cancelled);
+}
+
+TEST(LostParts, WhatTheCallbackThrowsIsThrown) {
+    const FoldedBack shapes;
+    Progress progress([](std::string_view, double) -> bool { throw std::out_of_range("here"); },
+                      std::chrono::milliseconds(0));
+    Refinement map = shapes.map;
+    EXPECT_THROW(send_lost_parts_to_ends(map, {shapes.of_part(), shapes.ends},
+                                         {shapes.of_whole(), {}}, {}, progress),
+                 std::out_of_range);
 }
 
 TEST(LostParts, StayWithoutAnEndOrWithAFeature) {
