@@ -144,18 +144,27 @@ Subset drawn(const Urn& urn, double area, Index count, NearestDrawn* cells, Prog
                            cells, progress);
         return subset;
     }
-    // The count goes with 1/radius², so that this converges in two or three
-    // rounds; the last round is the one that counts, whatever it gives.
-    constexpr int kRounds = 4;
-    const double wanted = count;
+    // The count goes with 1/radius², so that two or three rounds come close. Where points are
+    // spaced evenly it leaps, and the radius is sought between one that gives too many and one that
+    // gives too few.
+    constexpr int kRounds = 9, kExact = 3;
+    constexpr double kClose = 0.03, kAfterwards = 0.1;
+    constexpr double kInfinity = std::numeric_limits<double>::infinity();
+    double radius = subset.radius, least_off = kInfinity, too_small = 0.0, too_large = kInfinity;
     for (int round = 0; round < kRounds; ++round) {
-        const bool last = round + 1 == kRounds;
-        subset.rows =
-            draw(urn, subset.radius, last ? to_size(size) : to_size(2 * count), cells, progress);
-        const double ratio = static_cast<double>(subset.rows.size()) / wanted;
-        if (last || std::abs(ratio - 1.0) < 0.03) break;
-        subset.radius *= std::sqrt(ratio);
+        subset.rows = draw(urn, radius, to_size(2 * count), cells, progress);
+        const double ratio = static_cast<double>(subset.rows.size()) / std::max<Index>(1, count);
+        const double off = std::abs(std::log(ratio));
+        if (off < least_off) {
+            least_off = off;
+            subset.radius = radius;
+        }
+        if (std::abs(ratio - 1.0) < (round < kExact ? kClose : kAfterwards)) return subset;
+        (ratio > 1.0 ? too_small : too_large) = radius;
+        radius *= std::sqrt(ratio);
+        if (radius <= too_small || radius >= too_large) radius = std::sqrt(too_small * too_large);
     }
+    subset.rows = draw(urn, subset.radius, to_size(size), cells, progress);
     return subset;
 }
 

@@ -3,6 +3,8 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <cmath>
+#include <map>
 #include <numbers>
 
 #include "joined_shapes.hpp"
@@ -51,6 +53,22 @@ TEST(Subset, IsTheSameWhereNeighborsAreKnown) {
             EXPECT_EQ(poisson_disk_subset(tree, n, {}, count, progress, &nearest).rows,
                       poisson_disk_subset(tree, n, {}, count, progress).rows);
     }
+}
+
+TEST(Subset, OfAnEvenGridTakesTheCountThatComesClosest) {
+    const Positions p = shapes::grid(80);
+    const KdTree<3> tree(p);
+    Progress progress;
+    std::map<Index, double> drawn;  // wanted, got
+    for (Index count = 500; count <= 6000; count += 250) {
+        const Subset subset =
+            poisson_disk_subset(tree, shapes::upward(p.rows()), {}, count, progress);
+        drawn[count] = static_cast<double>(subset.rows.size());
+    }
+    for (const auto& [count, got] : drawn)
+        for (const auto& [other, possible] : drawn)
+            EXPECT_LE(std::abs(std::log(got / count)), std::abs(std::log(possible / count)) + 0.1)
+                << count << ": " << got << " instead of " << possible;
 }
 
 /// What is told is what a search would find, and it is told of most points.
