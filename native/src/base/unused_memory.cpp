@@ -8,7 +8,7 @@ namespace pointmorph {
 
 namespace {
 
-[[maybe_unused]] constexpr Index kMany = 300'000;
+constexpr Index kMany = 300'000;
 
 }  // namespace
 
@@ -26,6 +26,10 @@ void give_back_unused_memory([[maybe_unused]] Index points) noexcept {
 #ifdef __GLIBC__
     if (points >= kMany) malloc_trim(0);
 #endif
+}
+
+bool takes_long_to_free(Index points) noexcept {
+    return points >= kMany;
 }
 
 }  // namespace pointmorph

@@ -8,8 +8,10 @@
 #include <cstdint>
 #include <cstring>
 #include <optional>
+#include <vector>
 
 #include "base/compiler.hpp"
+#include "pointmorph/base/parallel.hpp"
 
 namespace pointmorph {
 
@@ -317,16 +319,34 @@ JointSpread joint_spread(const Positions& from, const Positions& to,
     // Relative to some pair, which keeps the cancellation harmless.
     const Vector3 from_origin = from.row(pairs.front().source).transpose(),
                   to_origin = to.row(pairs.front().target).transpose();
+    constexpr Index kPart = 16384;  // added up by itself, whatever the number of threads
+    struct Sums {
+        Vector3 from = Vector3::Zero(), to = Vector3::Zero();
+        JointSpread spread;
+    };
+    std::vector<Sums> parts(pairs.size() / to_size(kPart) + 1);
+    Progress silent;
+    const auto add_up = [&](Index begin, Index end) {
+        Sums& sums = parts[to_size(begin / kPart)];
+        for (const IndexPair& pair : pairs.subspan(to_size(begin), to_size(end - begin))) {
+            const Vector3 x = from.row(pair.source).transpose() - from_origin,
+                          y = to.row(pair.target).transpose() - to_origin;
+            sums.from += x;
+            sums.to += y;
+            sums.spread.from += x.squaredNorm();
+            sums.spread.to += y.squaredNorm();
+            sums.spread.covariance += y * x.transpose();
+        }
+    };
+    parallel_for(to_index(pairs.size()), silent, add_up, 0.0, 1.0, kPart);
     Vector3 from_sum = Vector3::Zero(), to_sum = Vector3::Zero();
     JointSpread spread;
-    for (const IndexPair& pair : pairs) {
-        const Vector3 x = from.row(pair.source).transpose() - from_origin,
-                      y = to.row(pair.target).transpose() - to_origin;
-        from_sum += x;
-        to_sum += y;
-        spread.from += x.squaredNorm();
-        spread.to += y.squaredNorm();
-        spread.covariance += y * x.transpose();
+    for (const Sums& sums : parts) {
+        from_sum += sums.from;
+        to_sum += sums.to;
+        spread.from += sums.spread.from;
+        spread.to += sums.spread.to;
+        spread.covariance += sums.spread.covariance;
     }
     const auto count = static_cast<double>(pairs.size());
     spread.from = std::max(0.0, spread.from - from_sum.squaredNorm() / count);

@@ -72,7 +72,17 @@ const std::vector<std::shared_ptr<const Morph>>& checked(
 
 }  // namespace
 
-Morph::~Morph() = default;
+/// Of many points, next to each other: the system takes its time to take pages back.
+Morph::~Morph() {
+    const ThreadCount threads(options_.threads);
+    free_both(source_.size() + target_.size(), [this](bool is_source) {
+        (is_source ? source_ : target_) = {};
+        (is_source ? source_domain_ : target_domain_).resize(0, 0);
+        (is_source ? source_images_ : target_images_).resize(0, 3);
+        (is_source ? caches_->source_neighbors : caches_->target_neighbors).reset();
+        (is_source ? caches_->source_motion : caches_->target_motion).reset();
+    });
+}
 
 Morph::Morph(MorphInput input, const MorphOptions& options, Progress& progress)
     : options_(options),
@@ -215,6 +225,8 @@ void Morph::take(Correspondence found) {
         if (images.rows() > 0)
             (is_source ? source_images_ : target_images_) =
                 there.unit.restore(gather(images, here.sorted_rows));
+        (is_source ? result.source_domain : result.target_domain).resize(0, 0);
+        images.resize(0, 3);
     });
     source_boundary_ = to_given(result.source_boundary, source);
     target_boundary_ = to_given(result.target_boundary, target);

@@ -17,6 +17,7 @@ std::vector<Index> free_rows(Index count, std::span<const IndexPair> features,
     std::vector<char> taken(to_size(count), 0);
     for (const IndexPair& f : features) taken[to_size(f.*side)] = 1;
     std::vector<Index> rows;
+    rows.reserve(to_size(count));
     for (Index i = 0; i < count; ++i)
         if (!taken[to_size(i)]) rows.push_back(i);
     if (rows.empty()) {
@@ -26,24 +27,35 @@ std::vector<Index> free_rows(Index count, std::span<const IndexPair> features,
     return rows;
 }
 
-/// Ascending, each once. By counting: a source has few partners, and they nearly lie in order.
-void sort_unique(Pairing& pairs, Index sources) {
+/// Marked pairs, those of each of `source_rows` with `forward` of it, and of each of `target_rows`
+/// with `backward` of it: ascending, each once. By counting, as a source has few partners, without
+/// a list of them all.
+Pairing sorted_pairs(std::span<const IndexPair> marked, std::span<const Index> source_rows,
+                     std::span<const Index> target_rows, auto&& forward, auto&& backward,
+                     Index sources) {
+    const auto for_each = [&](auto&& take) {
+        for (const IndexPair& pair : marked) take(pair.source, pair.target);
+        for (const Index i : source_rows) take(i, forward(i));
+        for (const Index j : target_rows) take(backward(j), j);
+    };
     std::vector<std::size_t> next(to_size(sources) + 1, 0);
-    for (const IndexPair& pair : pairs) ++next[to_size(pair.source) + 1];
+    for_each([&](Index i, Index) { ++next[to_size(i) + 1]; });
     std::partial_sum(next.begin(), next.end(), next.begin());
-    std::vector<Index> targets(pairs.size());
-    for (const IndexPair& pair : pairs) targets[next[to_size(pair.source)]++] = pair.target;
-    std::size_t begin = 0, kept = 0;
+    std::vector<Index> targets(next.back());
+    for_each([&](Index i, Index j) { targets[next[to_size(i)]++] = j; });
+    Pairing pairs;
+    pairs.reserve(targets.size());
+    std::size_t begin = 0;
     for (Index i = 0; i < sources; ++i) {
         const auto first = targets.begin() + static_cast<std::ptrdiff_t>(begin);
         const auto last = targets.begin() + static_cast<std::ptrdiff_t>(next[to_size(i)]);
         std::sort(first, last);
         std::for_each(first, std::unique(first, last), [&](Index target) {
-            pairs[kept++] = {i, target};
+            pairs.push_back({i, target});
         });
         begin = next[to_size(i)];
     }
-    pairs.resize(kept);
+    return pairs;
 }
 
 }  // namespace
@@ -114,15 +126,11 @@ Pairing mutual_pairs(const typename KdTree<Dim>::Points& source,
     };
     const std::vector<Index> forward = nearest(source, target, target_rows);
     const std::vector<Index> backward = nearest(target, source, source_rows);
-    Pairing pairs;
-    pairs.reserve(features.size() + source_rows.size() + target_rows.size());
-    pairs.assign(features.begin(), features.end());
-    for (const Index i : source_rows)
-        pairs.push_back({i, target_rows[to_size(forward[to_size(i)])]});
-    for (const Index j : target_rows)
-        pairs.push_back({source_rows[to_size(backward[to_size(j)])], j});
-    sort_unique(pairs, to_index(source.rows()));
-    return pairs;
+    return sorted_pairs(
+        features, source_rows, target_rows,
+        [&](Index i) { return target_rows[to_size(forward[to_size(i)])]; },
+        [&](Index j) { return source_rows[to_size(backward[to_size(j)])]; },
+        to_index(source.rows()));
 }
 
 template Matches nearest_matches<12>(const ProductPoints&, const KdTree<12>&, Progress&,

@@ -26,7 +26,10 @@ void take_roots(double* numbers, std::size_t count) {
 
 Prolongation::Prolongation(const CoarseShape& shape, const Positions& positions,
                            const Normals& normals, Progress& progress)
-    : followed_(to_size(positions.rows())), weights_(followed_.size()) {
+    : followed_(std::make_unique_for_overwrite<std::array<Index, kFollowed>[]>(
+          to_size(positions.rows()))),
+      weights_(std::make_unique_for_overwrite<std::array<float, kFollowed>[]>(
+          to_size(positions.rows()))) {
     // Opposed normals count for four coarse spacings: thin sheets don't mix.
     const double normal_weight = 2.0 * std::sqrt(shape.areas.mean());
     KdTree<6>::Points keys(shape.size(), 6);

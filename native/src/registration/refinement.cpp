@@ -126,12 +126,15 @@ SceneImages lifted(MappedScene& mapped, Progress& progress) {
     of_target.emplace(prolongation(scene.target, scene.coarse_target, progress));
     const DeformedCloud &source_points = mapped.map.registration.source_points,
                         &target_points = mapped.map.registration.target_points;
-    return with_marks_met(
+    SceneImages images = with_marks_met(
         {prolonged(scene.source, scene.coarse_source, *of_source, source_points, progress),
          prolonged(scene.target, scene.coarse_target, *of_target, target_points, progress)},
         {scene.source, scene.target, scene.marks},
         {[&](Index row) { return of_source->linear(row, source_points); },
          [&](Index row) { return of_target->linear(row, target_points); }});
+    free_both(scene.source.tree.size() + scene.target.tree.size(),
+              [&](bool is_source) { (is_source ? of_source : of_target).reset(); });
+    return images;
 }
 
 }  // namespace
@@ -141,16 +144,18 @@ Refinement refine(const RefinementCloud& source, const RefinementCloud& target,
                   Progress& progress, const RefinementStart* start) {
     progress.enter("coarse shapes");
     const GivenClouds given{source, target};
-    std::optional<const UnitClouds> unit = at_unit_area(given, progress);
-    Marks marks = marks_of(features, {unit->source.positions, source.normals},
-                           {unit->target.positions, target.normals}, progress);
-    if (start && !is_trusted(*start, given, *unit, marks, options.trusted_distance))
-        start = nullptr;
+    UnitClouds unit = at_unit_area(given, progress);
+    Marks marks = marks_of(features, {unit.source.positions, source.normals},
+                           {unit.target.positions, target.normals}, progress);
+    if (start && !is_trusted(*start, given, unit, marks, options.trusted_distance)) start = nullptr;
     const FirstAlignment first =
-        first_alignment(*unit, marks, start, options.features_that_fix_the_pose);
-    Scene placed = scene_of(given, *unit, std::move(marks), first.alignment, options, progress);
-    unit.reset();  // as large as both clouds
-    give_back_unused_memory(to_index(source.positions.rows() + target.positions.rows()));
+        first_alignment(unit, marks, start, options.features_that_fix_the_pose);
+    Scene placed = scene_of(given, unit, std::move(marks), first.alignment, options, progress);
+    const auto points = to_index(source.positions.rows() + target.positions.rows());
+    free_both(points, [&](bool is_source) {
+        (is_source ? unit.source : unit.target).positions.resize(0, 3);
+    });
+    give_back_unused_memory(points);
     const RegistrationStart coarse_start =
         start ? start_from(*start, placed) : thin_plate_start(placed.coarse());
     const bool inside_out =
@@ -168,6 +173,10 @@ Refinement refine(const RefinementCloud& source, const RefinementCloud& target,
     result.diagnostics = found.map.diagnostics.with_rows(scene.coarse_source.cloud_rows,
                                                          scene.coarse_target.cloud_rows);
     result.inside_out = inside_out;
+    free_both(points, [&](bool is_source) {
+        PlacedCloud& cloud = is_source ? found.scene.source : found.scene.target;
+        const PlacedCloud gone = std::move(cloud);
+    });
     return result;
 }
 

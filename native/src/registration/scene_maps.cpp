@@ -222,13 +222,14 @@ SceneImages with_marks_met(SceneImages images, const MarkedClouds& scene,
 Refinement on_surfaces(SceneImages images, const MarkedClouds& scene, const GivenClouds& given,
                        double normal_weight, Progress& progress) {
     progress.enter("product space");
-    give_back_unused_memory(
-        to_index(images.source.positions.rows() + images.target.positions.rows()));
+    const auto points = to_index(images.source.positions.rows() + images.target.positions.rows());
+    give_back_unused_memory(points);
     const double weight = last_normal_weight(scene, normal_weight);
     ProductClouds product = product_clouds(scene, images, weight);
     // The product has them: the fewer large arrays meanwhile, the better.
-    images.source.normals.resize(0, 3);
-    images.target.normals.resize(0, 3);
+    free_both(points, [&](bool is_source) {
+        (is_source ? images.source : images.target).normals.resize(0, 3);
+    });
     Pairing pairs = paired(product, scene, progress);
     progress.enter("landing");
     RefinementStart maps = given_maps(std::move(images), pairs, scene, given, weight, progress);

@@ -377,8 +377,13 @@ double meet(SphericalMesh& source, SphericalMesh& target, std::span<const IndexP
             Index most, Index& steps, Progress& progress) {
     const std::vector<Index> on_source = side_of(pairs, &IndexPair::source),
                              on_target = side_of(pairs, &IndexPair::target);
-    const Smoother source_smooth(source.triangles, source.size(), on_source),
-        target_smooth(target.triangles, target.size(), on_target);
+    std::array<std::optional<Smoother>, 2> smooth;
+    parallel_invoke(2, [&](int k, bool) {
+        const SphericalMesh& mesh = k == 0 ? source : target;
+        smooth[to_size(k)]
+            .emplace(mesh.triangles, mesh.size(), k == 0 ? on_source : on_target)
+            .set_weights({});
+    });
     double apart = kInfinity;
     for (Index step = 0; apart > 0.0 && step < most; ++step, ++steps) {
         Positions goals(static_cast<Eigen::Index>(pairs.size()), 3);
@@ -391,8 +396,8 @@ double meet(SphericalMesh& source, SphericalMesh& target, std::span<const IndexP
         std::array<double, 2> left;
         on_both(progress, [&](bool is_source, Progress& its) {
             left[is_source ? 0 : 1] = is_source
-                                          ? approach(source, source_smooth, on_source, goals, its)
-                                          : approach(target, target_smooth, on_target, goals, its);
+                                          ? approach(source, *smooth[0], on_source, goals, its)
+                                          : approach(target, *smooth[1], on_target, goals, its);
         });
         apart = std::max(left[0], left[1]);
     }
@@ -404,9 +409,16 @@ double meet(SphericalMesh& source, SphericalMesh& target, std::span<const IndexP
 class EveningOut {
 public:
     EveningOut(SphericalMesh& source, SphericalMesh& target, std::span<const IndexPair> features,
-               double area_weight)
-        : of_source_(source, target, side_of(features, &IndexPair::source), area_weight),
-          of_target_(target, source, side_of(features, &IndexPair::target), area_weight) {}
+               double area_weight) {
+        parallel_invoke(2, [&](int k, bool) {
+            if (k == 0)
+                of_source_.emplace(source, target, side_of(features, &IndexPair::source),
+                                   area_weight);
+            else
+                of_target_.emplace(target, source, side_of(features, &IndexPair::target),
+                                   area_weight);
+        });
+    }
 
     /// Until two rounds hardly gain. Returns the energy.
     double run(Index rounds, Progress& progress) {
@@ -414,7 +426,7 @@ public:
         double energy = 0.0, of_both = 0.0, before = kInfinity;
         for (Index round = 0; round < rounds; ++round) {
             const bool from_source = round % 2 == 0;
-            energy = (from_source ? of_source_ : of_target_).even_out(progress);
+            energy = (from_source ? of_source_ : of_target_)->even_out(progress);
             progress.report(static_cast<double>(round + 1) / rounds);
             of_both += energy;
             if (from_source) continue;
@@ -428,29 +440,26 @@ private:
     /// The side whose places move.
     class Side {
     public:
-        Side(SphericalMesh& moving, const SphericalMesh& other, std::vector<Index> fixed,
+        Side(SphericalMesh& moving, const SphericalMesh& other, std::span<const Index> fixed,
              double area_weight)
-            : moving_(moving), fixed_(std::move(fixed)), stretch_(moving, other, area_weight) {}
+            : moving_(moving),
+              stretch_(moving, other, area_weight),
+              smooth_(moving.triangles, moving.size(), fixed) {}
 
         double even_out(Progress& progress) {
             constexpr int kSteps = 30;
             stretch_.look_at_target();
-            const std::vector<Vector3> stiffness = stretch_.stiffness(moving_.images);
-            if (smooth_)
-                smooth_->set_weights(stiffness);
-            else
-                smooth_.emplace(moving_.triangles, moving_.size(), fixed_, stiffness);
-            smooth_->set_scales(stretch_.scales(moving_.images));
-            return descend(moving_.images, moving_.triangles, *smooth_, kSteps, stretch_, progress);
+            smooth_.set_weights(stretch_.stiffness(moving_.images));
+            smooth_.set_scales(stretch_.scales(moving_.images));
+            return descend(moving_.images, moving_.triangles, smooth_, kSteps, stretch_, progress);
         }
 
     private:
         SphericalMesh& moving_;
-        std::vector<Index> fixed_;
         Stretch stretch_;
-        std::optional<Smoother> smooth_;
+        Smoother smooth_;
     };
-    Side of_source_, of_target_;
+    std::optional<Side> of_source_, of_target_;
 };
 
 /// The turn of the source, of the likely ones, after which features meet and least is stretched.

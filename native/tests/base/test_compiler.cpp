@@ -4,10 +4,13 @@
 
 #include <Eigen/Core>
 #include <algorithm>
+#include <array>
+#include <atomic>
 #include <cmath>
 #include <cstdlib>
 #include <memory>
 #include <random>
+#include <vector>
 
 #include "base/unused_memory.hpp"
 
@@ -98,6 +101,21 @@ TEST(UnusedMemory, IsKeptForFewPointsAlone) {
     EXPECT_EQ(blocks_of_their_own(), alone == 0 ? 0 : alone - 1);  // 0 where all is watched
 }
 #endif
+
+TEST(UnusedMemory, OfBothSidesIsFreedOnce) {
+    for (const int limit : {1, 2})
+        for (const Index points : {10, 1'000'000}) {
+            const ThreadCount threads(limit);
+            std::array<std::vector<int>, 2> sides{std::vector<int>(5), std::vector<int>(7)};
+            std::atomic<int> calls{0};
+            free_both(points, [&](bool is_source) {
+                std::vector<int>().swap(sides[is_source ? 0 : 1]);
+                ++calls;
+            });
+            EXPECT_EQ(calls, 2);
+            EXPECT_EQ(sides[0].capacity() + sides[1].capacity(), 0U);
+        }
+}
 
 }  // namespace
 }  // namespace pointmorph

@@ -7,6 +7,7 @@
 
 #include <vector>
 
+#include "pointmorph/base/parallel.hpp"
 #include "shapes.hpp"
 
 namespace pointmorph {
@@ -130,6 +131,19 @@ TEST(Similarity, JointSpreadIsThatOfBothEndsFarFromTheOrigin) {
     const std::vector<IndexPair> one{{3, 4}};
     EXPECT_EQ(joint_spread(from, to, one).half_way(), 0.0);
     EXPECT_EQ(joint_spread(from, to, one).rotation(), Matrix3::Identity());
+
+    // More than are added up at once: each 400 times.
+    std::vector<IndexPair> many;
+    for (int k = 0; k < 400; ++k) many.insert(many.end(), pairs.begin(), pairs.end());
+    std::vector<JointSpread> by_threads;
+    for (const int count : {1, 3}) {
+        const ThreadCount threads(count);
+        by_threads.push_back(joint_spread(from, to, many));
+    }
+    EXPECT_NEAR(by_threads[0].half_way(), 20.0 * spread.half_way(), 1e-5);
+    EXPECT_LT((by_threads[0].rotation() - spread.rotation()).norm(), 1e-6);
+    EXPECT_EQ(by_threads[0].half_way(), by_threads[1].half_way());
+    EXPECT_EQ(by_threads[0].covariance, by_threads[1].covariance);
 }
 
 TEST(Example, Similarity) {

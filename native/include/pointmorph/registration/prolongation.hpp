@@ -2,6 +2,7 @@
 #pragma once
 
 #include <array>
+#include <memory>
 #include <span>
 #include <vector>
 
@@ -79,8 +80,8 @@ private:
     struct OwnRows;
     struct RestRows;
     static constexpr std::size_t kFollowed = 5;
-    std::vector<std::array<Index, kFollowed>> followed_;
-    std::vector<std::array<float, kFollowed>> weights_;  ///< of sum 1
+    std::unique_ptr<std::array<Index, kFollowed>[]> followed_;  ///< of each point
+    std::unique_ptr<std::array<float, kFollowed>[]> weights_;   ///< of sum 1
 };
 
 }  // namespace pointmorph
