@@ -4,6 +4,7 @@
 #include <utility>
 
 #include "base/compiler.hpp"
+#include "base/unset.hpp"
 #include "pointmorph/base/parallel.hpp"
 #include "pointmorph/cloud/subset.hpp"
 
@@ -99,33 +100,43 @@ std::vector<Index> standing_for(std::span<const IndexPair> pairs, Index IndexPai
 
 std::vector<GapTriangle> gap_triangles(const EndSamples& source, const EndSamples& target,
                                        std::span<const IndexPair> pairs, Progress& progress) {
-    std::vector<GapTriangle> result;
-    result.reserve(source.triangles.size() + target.triangles.size() + pairs.size() / 2);
-    const auto add = [&](GapTriangle corners) {
+    const std::size_t of_source = source.triangles.size(),
+                      of_both = of_source + target.triangles.size();
+    UnsetVector<GapTriangle> found(of_both + 2 * pairs.size());
+    const auto put = [&](std::size_t at, GapTriangle corners) {
         const auto [lowest, highest] = std::ranges::minmax(corners);
-        if (lowest == highest) return;
         const auto& [a, b, c] = corners;
-        if (a == b || b == c || c == a)
+        if (lowest == highest)
+            corners = kNoTriangle;
+        else if (a == b || b == c || c == a)
             corners = {lowest, lowest, highest};
         else
             std::ranges::rotate(corners, std::ranges::min_element(corners));
-        result.push_back(corners);
+        found[at] = corners;
     };
-    for (std::size_t i = 0; i < pairs.size(); ++i) {
-        const Index pair = to_index(i);
-        const Index a = source.pairs[to_size(pairs[i].source)];
-        const Index b = target.pairs[to_size(pairs[i].target)];
-        add({pair, a, b});
-        add({pair, b, a});
-    }
-    for (const EndSamples* end : {&source, &target})
-        for (GapTriangle corners : end->triangles) {
-            if (!shows_front(end->positions, end->normals, corners))
-                std::swap(corners[1], corners[2]);
-            for (Index& corner : corners) corner = end->pairs[to_size(corner)];
-            add(corners);
+    const auto put_pairs = [&](Index begin, Index end) {
+        for (Index pair = begin; pair < end; ++pair) {
+            const Index a = source.pairs[to_size(pairs[to_size(pair)].source)];
+            const Index b = target.pairs[to_size(pairs[to_size(pair)].target)];
+            put(of_both + 2 * to_size(pair), {pair, a, b});
+            put(of_both + 2 * to_size(pair) + 1, {pair, b, a});
         }
-    return sorted_once(result, to_index(pairs.size()), progress);
+    };
+    const auto put_triangles = [&](Index begin, Index end) {
+        for (auto i = to_size(begin); i < to_size(end); ++i) {
+            const EndSamples& its = i < of_source ? source : target;
+            GapTriangle corners = its.triangles[i < of_source ? i : i - of_source];
+            if (!shows_front(its.positions, its.normals, corners))
+                std::swap(corners[1], corners[2]);
+            for (Index& corner : corners) corner = its.pairs[to_size(corner)];
+            put(i, corners);
+        }
+    };
+    constexpr double kPairs = 0.2, kBoth = 0.5;  // share of the time
+    parallel_for(to_index(pairs.size()), progress, put_pairs, 0.0, kPairs);
+    parallel_for(to_index(of_both), progress, put_triangles, kPairs, kBoth);
+    const Progress::Part part(progress, kBoth, 1.0);
+    return sorted_once(found, to_index(pairs.size()), progress);
 }
 
 Vector3 blend(const Positions& rows, const InsertedPoint& point) {
@@ -181,22 +192,27 @@ BoundingRectangle::BoundingRectangle(const GapTriangle& triangle, const Position
     height = (apex - along / width * base).norm();
 }
 
-bool is_wider(const Positions& positions, const GapTriangle& corners, double radius) {
-    std::array<double, 3> squares;  // of the edge opposite to a corner
+Wideness::Wideness(const Positions& positions, const GapTriangle& corners) {
     for (std::size_t c = 0; c < 3; ++c)
-        squares[c] = (positions.row(corners[(c + 1) % 3]) - positions.row(corners[(c + 2) % 3]))
-                         .squaredNorm();
-    const double largest = std::max({squares[0], squares[1], squares[2]});
+        squares_[c] = (positions.row(corners[(c + 1) % 3]) - positions.row(corners[(c + 2) % 3]))
+                          .squaredNorm();
+    std::ranges::sort(squares_);
+}
+
+bool Wideness::is_more_than(double radius) const {
+    const auto [a, b, c] = squares_;
     // No place is farther than in the triangle whose edges are all as long as the longest.
-    if (!(largest > 3.0 * radius * radius)) return false;
-    std::ranges::sort(squares);
-    const auto [a, b, c] = squares;
+    if (!(c > 3.0 * radius * radius)) return false;
     if (a + b > c) {  // acute: the center of the circle through the corners
         const double area = 2.0 * (a * b + b * c + c * a) - a * a - b * b - c * c;
         return a * b * c > radius * radius * area;
     }
     // Obtuse: on the longest edge, where the middle line of the second longest meets it.
     return b * std::sqrt(c) > radius * (b + c - a);
+}
+
+bool is_wider(const Positions& positions, const GapTriangle& corners, double radius) {
+    return Wideness(positions, corners).is_more_than(radius);
 }
 
 namespace {
@@ -262,6 +278,49 @@ std::uint64_t surely_narrow(std::span<const RoughCorner> rough,
     std::uint64_t result = 0;
     for (std::size_t i = 0; i < triangles.size(); ++i)
         result |= static_cast<std::uint64_t>(some.are_narrow[i]) << i;
+    return result;
+}
+
+namespace {
+
+using NearCorners = std::array<std::int64_t, SomeSamples::kMost>;
+
+/// Some more than there are.
+POINTMORPH_INLINE void look_at_samples(const SampledCorners& corners, const SomeSamples& samples,
+                                       double radius, NearCorners& near) {
+    const auto& [first, second, third] = corners.places;
+    const auto& spacing = corners.spacing;
+    for (std::size_t i = 0; i < (samples.count + 3) / 4 * 4; ++i) {
+        const double b = samples.right[i], c = samples.up[i], a = 1.0 - b - c;
+        const double x = a * first[0] + b * second[0] + c * third[0];
+        const double y = a * first[1] + b * second[1] + c * third[1];
+        const double z = a * first[2] + b * second[2] + c * third[2];
+        const double distance = radius * (a * spacing[0] + b * spacing[1] + c * spacing[2]);
+        const double limit = distance * distance;
+        const auto is_near = [&](const Vector3& corner) {
+            const double u = corner[0] - x, v = corner[1] - y, w = corner[2] - z;
+            return static_cast<std::int64_t>(u * u + v * v + w * w < limit);
+        };
+        near[i] = is_near(first) | is_near(second) | is_near(third);
+    }
+}
+POINTMORPH_WIDE void look_at_samples_wide(const SampledCorners& corners, const SomeSamples& samples,
+                                          double radius, NearCorners& near) {
+    look_at_samples(corners, samples, radius, near);
+}
+
+}  // namespace
+
+std::uint64_t near_corners(const SampledCorners& corners, const SomeSamples& samples, double radius,
+                           bool wide) {
+    alignas(32) NearCorners near;
+    if (wide && has_wide_registers())
+        look_at_samples_wide(corners, samples, radius, near);
+    else
+        look_at_samples(corners, samples, radius, near);
+    std::uint64_t result = 0;
+    for (std::size_t i = 0; i < samples.count; ++i)
+        result |= static_cast<std::uint64_t>(near[i]) << i;
     return result;
 }
 

@@ -77,6 +77,17 @@ Vector3 gap_triangle_normal(const Positions& positions, const Normals& normals,
 /// Root of the mean squared length of a triangle's edges.
 double edge_length(const Positions& positions, const GapTriangle& corners);
 
+/// How far the place of a triangle that is farthest from all corners is from them.
+class Wideness {
+public:
+    Wideness(const Positions& positions, const GapTriangle& corners);
+
+    bool is_more_than(double radius) const;
+
+private:
+    std::array<double, 3> squares_;  ///< of edges, ascending
+};
+
 /// Whether some place of a triangle is farther than `radius` from all corners.
 bool is_wider(const Positions& positions, const GapTriangle& corners, double radius);
 
@@ -120,26 +131,68 @@ struct BoundingRectangle {
     }
 };
 
-/// Calls `take(point)` at uniform samples of a triangle's bounding rectangle, those inside, until
-/// it returns false.
+/// Some samples of a triangle, one after another.
+struct SomeSamples {
+    static constexpr std::size_t kMost = 64;
+
+    GapTriangle corners;  ///< as BoundingRectangle has them
+    std::size_t count = 0;
+    alignas(32) std::array<double, kMost> right{}, up{};  ///< weights of the second and third
+
+    InsertedPoint operator[](std::size_t i) const {
+        return {corners, {1.0 - right[i] - up[i], right[i], up[i]}, {}};
+    }
+    void add(double to_right, double upward, bool is_inside) {
+        right[count] = to_right;
+        up[count] = upward;
+        count += is_inside;
+    }
+};
+
+/// Where the corners of samples are, and what they have to be multiplied with.
+struct SampledCorners {
+    std::array<Vector3, 3> places;
+    std::array<double, 3> spacing;
+};
+
+/// Which samples lie closer to one of their corners than `radius` times the spacing there. The
+/// lowest bit tells it of the first. `wide`: in wide registers, with the same result.
+std::uint64_t near_corners(const SampledCorners& corners, const SomeSamples& samples, double radius,
+                           bool wide = true);
+
+/// Calls `take(samples)` with uniform samples of a triangle's bounding rectangle, those inside,
+/// until it returns false.
 template <class Take>
-void each_sample(const GapTriangle& triangle, const Positions& positions,
-                 const SampleDistance& distance, Take&& take) {
+void each_samples(const GapTriangle& triangle, const Positions& positions,
+                  const SampleDistance& distance, Take&& take) {
     const BoundingRectangle box(triangle, positions);
     if (!(box.width > 0.0)) return;
     const double columns = distance.samples_along(box.width);
     const double rows = distance.samples_along(box.height);
-    InsertedPoint point{box.corners, {}, {}};
+    SomeSamples samples{box.corners};
     for (double j = 0.5; j < rows; ++j) {
         const double up = box.height > 0.0 ? j / rows : 0.0;
         const double left = up * box.along / box.width;
         for (double i = 0.5; i < columns; ++i) {
             const double right = i / columns - left;
-            if (right < 0.0 || right + up > 1.0) continue;
-            point.weights = {1.0 - right - up, right, up};
-            if (!take(point)) return;
+            samples.add(right, up, !(right < 0.0) & !(right + up > 1.0));
+            if (samples.count < SomeSamples::kMost) continue;
+            if (!take(samples)) return;
+            samples.count = 0;
         }
     }
+    if (samples.count > 0) take(samples);
+}
+
+/// The same one by one.
+template <class Take>
+void each_sample(const GapTriangle& triangle, const Positions& positions,
+                 const SampleDistance& distance, Take&& take) {
+    each_samples(triangle, positions, distance, [&](const SomeSamples& samples) {
+        for (std::size_t i = 0; i < samples.count; ++i)
+            if (!take(samples[i])) return false;
+        return true;
+    });
 }
 
 }  // namespace pointmorph

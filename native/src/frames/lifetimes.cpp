@@ -61,7 +61,7 @@ void Lifetimes::step(int key, const Resampling::FrameAt& frame_at, Progress& pro
     for (const Index id : alive_) points.push_back(chosen_[to_size(id)].point);
     FrameSample sample(time_of(key), frame_at(time_of(key)), resampling_, std::move(points), alive_,
                        chosen_.size());
-    std::vector<Index> open;
+    std::vector<OpenTriangle> open;
     {
         const Progress::Part part(progress, 0.0, kOpened / 2);
         tree_.move(sample.positions, progress);
@@ -95,18 +95,30 @@ void Lifetimes::step(int key, const Resampling::FrameAt& frame_at, Progress& pro
 
 /// Points that others have come close to.
 std::vector<char> Lifetimes::crowded(const FrameSample& sample, Progress& progress) const {
-    std::vector<char> dead(sample.ids.size());
-    NeighborSearch find;
-    for (std::size_t a = 0; a < dead.size(); ++a) {
-        if (a % kRowsPerReport == 0) progress.report(kHidden);
-        const Index row = sample.pairs + to_index(a);
-        const auto counts = [&](Index other) {
-            return other < sample.pairs || (other < row && !dead[to_size(other - sample.pairs)]);
-        };
-        dead[a] = find.nearest(sample, sample.positions.row(row).transpose(),
-                               sample.normals.row(row).transpose(),
-                               kCrowded * sample.spacing_at(sample.points[a]), counts) >= 0;
-    }
+    const auto count = to_index(sample.ids.size());
+    std::vector<char> dead(to_size(count));
+    std::vector<std::vector<Index>> earlier(dead.size());  // that are as close
+    const auto look_around = [&](Index begin, Index end) {
+        NeighborSearch find;
+        for (Index a = begin; a < end; ++a) {
+            const Index row = sample.pairs + a;
+            const auto look_at = [&](Index other) {
+                if (other < sample.pairs)
+                    dead[to_size(a)] = 1;
+                else if (other < row)
+                    earlier[to_size(a)].push_back(other - sample.pairs);
+                return false;
+            };
+            find.nearest(sample, sample.positions.row(row).transpose(),
+                         sample.normals.row(row).transpose(),
+                         kCrowded * sample.spacing_at(sample.points[to_size(a)]), look_at);
+        }
+    };
+    constexpr Index kChunk = 64;
+    parallel_for(count, progress, look_around, kHidden, kHidden, kChunk);
+    const auto lives = [&](Index other) { return !dead[to_size(other)]; };
+    for (std::size_t a = 0; a < dead.size(); ++a)
+        if (!dead[a]) dead[a] = std::ranges::any_of(earlier[a], lives);
     return dead;
 }
 

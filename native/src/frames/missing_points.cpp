@@ -4,6 +4,7 @@
 #include <bit>
 #include <cmath>
 #include <limits>
+#include <optional>
 
 #include "base/compiler.hpp"
 #include "pointmorph/base/parallel.hpp"
@@ -118,11 +119,11 @@ MissingPoints::MissingPoints(const Resampling& resampling, std::span<const Index
     for (auto& numbers : covering_) numbers.fill(-1);
 }
 
-std::vector<Index> MissingPoints::open_triangles(const FrameSample& sample,
-                                                 Progress& progress) const {
+std::vector<OpenTriangle> MissingPoints::open_triangles(const FrameSample& sample,
+                                                        Progress& progress) const {
     constexpr Index kChunk = 4096, kAtOnce = to_index(kTrianglesAtOnce);
     const auto count = to_index(triangles_.size());
-    std::vector<std::vector<Index>> found(to_size((count + kChunk - 1) / kChunk));
+    std::vector<std::vector<OpenTriangle>> found(to_size((count + kChunk - 1) / kChunk));
     const auto look = [&](Index begin, Index end) {
         for (Index first = begin; first < end; first += kAtOnce) {
             const auto some = std::span(triangles_)
@@ -134,23 +135,29 @@ std::vector<Index> MissingPoints::open_triangles(const FrameSample& sample,
                 fetch_corners(sample, some[to_size(std::countr_zero(soon))]);
             for (; open != 0; open &= open - 1) {
                 const Index i = first + std::countr_zero(open);
-                if (is_wider_than(sample, i, kEmpty) &&
-                    shows_front(sample.positions, sample.normals, triangles_[to_size(i)]))
-                    found[to_size(begin / kChunk)].push_back(i);
+                const GapTriangle& corners = triangles_[to_size(i)];
+                const Wideness wideness(sample.positions, corners);
+                const auto [a, b, c] = corners;
+                const double mean =
+                    (sample.spacing[a] + sample.spacing[b] + sample.spacing[c]) / 3.0;
+                if (!wideness.is_more_than(kEmpty * mean) ||
+                    !shows_front(sample.positions, sample.normals, corners))
+                    continue;
+                const bool is_gap = wideness.is_more_than(kGap * mean);
+                found[to_size(begin / kChunk)].push_back(
+                    {i, is_gap ? samples_wanted(sample, corners) : 0.0});
             }
         }
     };
     parallel_for(count, progress, look, 0.0, 1.0, kChunk);
-    std::vector<Index> result;
+    std::vector<OpenTriangle> result;
     for (const auto& some : found) result.insert(result.end(), some.begin(), some.end());
     return result;
 }
 
-/// In the spacing of new points.
-bool MissingPoints::is_wider_than(const FrameSample& sample, Index triangle, double radius) const {
-    const auto [a, b, c] = triangles_[to_size(triangle)];
-    const double mean = (sample.spacing[a] + sample.spacing[b] + sample.spacing[c]) / 3.0;
-    return is_wider(sample.positions, triangles_[to_size(triangle)], radius * mean);
+/// As many as there are where samples lie as close as they should.
+double MissingPoints::samples_wanted(const FrameSample& sample, const GapTriangle& corners) const {
+    return BoundingRectangle(corners, sample.positions).samples({step_in(sample, corners)});
 }
 
 /// Whether a density, as k/r², fails the test at a row.
@@ -222,25 +229,40 @@ bool MissingPoints::is_sparse(const FrameSample& sample, Index row) {
 }
 
 /// Which rows fail the test: corners of `open` triangles, and new points.
-std::vector<char> MissingPoints::sparse_rows(const FrameSample& sample, std::span<const Index> open,
+std::vector<char> MissingPoints::sparse_rows(const FrameSample& sample,
+                                             std::span<const OpenTriangle> open,
                                              std::span<const char> dead, Progress& progress) {
     const Index rows = sample.tree->size();
     std::vector<char> sparse(to_size(rows));
-    for (const Index i : open)
-        for (const Index corner : triangles_[to_size(i)]) sparse[to_size(corner)] = 1;
+    for (const OpenTriangle& triangle : open)
+        for (const Index corner : triangles_[to_size(triangle.number)]) sparse[to_size(corner)] = 1;
     for (std::size_t a = 0; a < dead.size(); ++a) sparse[to_size(sample.pairs) + a] = !dead[a];
+    UnsetVector<Index> asked(sparse.size());
+    std::size_t count = 0;
+    for (Index row = 0; row < rows; ++row) {
+        asked[count] = row;
+        count += sparse[to_size(row)] != 0;
+    }
+    constexpr std::size_t kSoon = 6, kSooner = 3;
     const auto test = [&](Index begin, Index end) {
-        for (Index row = begin; row < end; ++row)
-            sparse[to_size(row)] = sparse[to_size(row)] && is_sparse(sample, row);
+        for (std::size_t i = to_size(begin); i < to_size(end); ++i) {
+            if (i + kSoon < to_size(end))
+                fetch_early(&nearest_[to_size(number_of(sample, asked[i + kSoon]))]);
+            if (i + kSooner < to_size(end))
+                for (const Index number : nearest_[to_size(number_of(sample, asked[i + kSooner]))])
+                    if (number >= 0 && number < sample.pairs)
+                        fetch_early(&sample.rough[to_size(number)]);
+            sparse[to_size(asked[i])] = is_sparse(sample, asked[i]);
+        }
     };
-    parallel_for(rows, progress, test, 0.0, kTested);
+    parallel_for(to_index(count), progress, test, 0.0, kTested);
     return sparse;
 }
 
 /// Triangles that may take points. Finds by how much samples along both sides must be fewer, so
 /// that there aren't too many.
 std::vector<MissingPoints::Gap> MissingPoints::gaps(const FrameSample& sample,
-                                                    std::span<const Index> open,
+                                                    std::span<const OpenTriangle> open,
                                                     std::span<const char> dead,
                                                     Progress& progress) {
     const std::vector<char> sparse = sparse_rows(sample, open, dead, progress);
@@ -248,29 +270,16 @@ std::vector<MissingPoints::Gap> MissingPoints::gaps(const FrameSample& sample,
     for (std::size_t a = 0; a < sample.ids.size(); ++a)
         if (sparse[to_size(sample.pairs) + a])
             holds_sparse[to_size(chosen_[to_size(sample.ids[a])].triangle)] = 1;
-    // What samples each has as they are wanted; less than 0 where it takes none.
-    std::vector<double> samples(open.size(), -1.0);
-    std::vector<char> lacks_points(open.size());
-    constexpr int kPieces = 16;
-    parallel_invoke(kPieces, [&](int piece, bool) {
-        const auto from = [&](int n) { return to_size(n) * open.size() / kPieces; };
-        for (std::size_t k = from(piece); k < from(piece + 1); ++k) {
-            const GapTriangle& corners = triangles_[to_size(open[k])];
-            lacks_points[k] =
-                holds_sparse[to_size(open[k])] ||
-                std::ranges::any_of(corners, [&](Index row) { return sparse[to_size(row)]; });
-            if (!lacks_points[k] && !is_wider_than(sample, open[k], kGap)) continue;
-            SampleDistance distance = distance_in(sample, corners);
-            distance.coarser = 1.0;
-            samples[k] = BoundingRectangle(corners, sample.positions).samples(distance);
-        }
-    });
     std::vector<Gap> result;
     double all = 0.0;
-    for (std::size_t k = 0; k < open.size(); ++k) {
-        if (samples[k] < 0.0) continue;
-        result.push_back({open[k], lacks_points[k] != 0});
-        all += samples[k];
+    for (const auto& [number, samples] : open) {
+        const GapTriangle& corners = triangles_[to_size(number)];
+        const bool lacks_points =
+            holds_sparse[to_size(number)] ||
+            std::ranges::any_of(corners, [&](Index row) { return sparse[to_size(row)]; });
+        if (!lacks_points && samples == 0.0) continue;
+        result.push_back({number, lacks_points});
+        all += samples > 0.0 ? samples : samples_wanted(sample, corners);
     }
     const double finer = 1.0 / resampling_.options().spacing;
     const double most =
@@ -279,10 +288,10 @@ std::vector<MissingPoints::Gap> MissingPoints::gaps(const FrameSample& sample,
     return result;
 }
 
-SampleDistance MissingPoints::distance_in(const FrameSample& sample,
-                                          const GapTriangle& corners) const {
+/// How far apart samples of a triangle should lie.
+double MissingPoints::step_in(const FrameSample& sample, const GapTriangle& corners) const {
     const InsertedPoint middle{corners, {1.0 / 3, 1.0 / 3, 1.0 / 3}, {}};
-    return {kStep * sample.spacing_at(middle), coarser_};
+    return kStep * sample.spacing_at(middle);
 }
 
 /// Whether one of the models has a sample there; a gap that both have stays.
@@ -299,9 +308,9 @@ bool MissingPoints::is_covered_at_an_end(const InsertedPoint& point, NeighborSea
 
 /// Calls `take(point)` at samples of a triangle that have no point on their side within `radius`
 /// (in the spacing of new points), until it returns false.
-template <class Take>
 void MissingPoints::each_empty(const FrameSample& sample, Index triangle, double radius,
-                               std::span<const char> dead, NeighborSearch& find, Take&& take) {
+                               std::span<const char> dead, NeighborSearch& find,
+                               const std::function<bool(const InsertedPoint&)>& take) {
     const GapTriangle& corners = triangles_[to_size(triangle)];
     auto& covering = covering_[to_size(triangle)];
     const auto counts = [&](Index row) {
@@ -309,54 +318,75 @@ void MissingPoints::each_empty(const FrameSample& sample, Index triangle, double
     };
     // Where the corners' normals are this close, the normal at any place lies between them, on the
     // side of all.
-    constexpr double kAlike = 0.75;  // cosine
+    constexpr double kAlike = 0.75;   // cosine
+    constexpr double kSurely = 0.04;  // by which the triangle's own may pull it away
     const auto [a, b, c] = corners;
     const auto& normals = sample.normals;
     const bool are_alike = normals.row(a).dot(normals.row(b)) > kAlike &&
                            normals.row(b).dot(normals.row(c)) > kAlike &&
                            normals.row(c).dot(normals.row(a)) > kAlike;
-    const auto place_of = [&](Index row) { return Vector3(sample.positions.row(row).transpose()); };
-    const auto spacing_of = [&](Index row) { return sample.spacing[row]; };
-    each_sample(corners, sample.positions, distance_in(sample, corners),
-                [&](const InsertedPoint& point) {
-                    const auto& [u, v, w] = point.pairs;
-                    const std::array<Vector3, 3> places{place_of(u), place_of(v), place_of(w)};
-                    const std::array spacings{spacing_of(u), spacing_of(v), spacing_of(w)};
-                    Vector3 place = Vector3::Zero();
-                    double spacing = 0.0;
-                    for (std::size_t k = 0; k < 3; ++k) {
-                        place += point.weights[k] * places[k];
-                        spacing += point.weights[k] * spacings[k];
-                    }
-                    const double distance = radius * spacing;
-                    const auto is_within = [&](const Vector3& there) {
-                        return (there - place).squaredNorm() < distance * distance;
-                    };
-                    const auto is_near = [&](Index row) { return is_within(place_of(row)); };
-                    // Mostly a corner covers it, or what covered it last time.
-                    const bool is_near_corner =
-                        is_within(places[0]) | is_within(places[1]) | is_within(places[2]);
-                    if (is_near_corner && are_alike) return true;
-                    const Vector3 normal = gap_triangle_normal(sample.positions, normals, point);
-                    const auto covers = [&](Index row) {
-                        return is_near(row) && normals.row(row).dot(normal) > 0.0;
-                    };
-                    if (is_near_corner && std::ranges::any_of(corners, covers)) return true;
-                    const auto still_covers = [&](Index number) {
-                        const Index row = number < 0 ? -1 : row_of(sample, number);
-                        return row >= 0 && counts(row) && covers(row);
-                    };
-                    if (std::ranges::any_of(covering, still_covers)) return true;
-                    const Index row = find.nearest(sample, place, normal, distance, counts);
-                    if (row < 0) return take(point);
-                    std::ranges::rotate(covering, covering.end() - 1);
-                    covering.front() = number_of(sample, row);
-                    return true;
-                });
+    const auto is_empty = [&](const InsertedPoint& point, bool is_near_corner) {
+        const Vector3 place = blend(sample.positions, point);
+        const double distance = radius * sample.spacing_at(point);
+        std::optional<Vector3> normal;
+        const auto normal_there = [&]() -> const Vector3& {
+            if (!normal) normal = gap_triangle_normal(sample.positions, normals, point);
+            return *normal;
+        };
+        const auto agrees_with = [&](Index row, Index corner) {
+            return normals.row(row).dot(normals.row(corner)) > kSurely;
+        };
+        const auto covers = [&](Index row) {
+            const Vector3 away = sample.positions.row(row).transpose() - place;
+            if (!(away.squaredNorm() < distance * distance)) return false;
+            if (are_alike && agrees_with(row, a) && agrees_with(row, b) && agrees_with(row, c))
+                return true;
+            return normals.row(row).dot(normal_there()) > 0.0;
+        };
+        if (is_near_corner && std::ranges::any_of(corners, covers)) return false;
+        const auto still_covers = [&](Index number) {
+            const Index row = number < 0 ? -1 : row_of(sample, number);
+            return row >= 0 && counts(row) && covers(row);
+        };
+        if (std::ranges::any_of(covering, still_covers)) return false;
+        Index number = -1;
+        for (const Index corner : corners) {
+            const Numbers& near = nearest_[to_size(corner)];
+            const auto found = std::ranges::find_if(near, still_covers);
+            if (found == near.end()) continue;
+            number = *found;
+            break;
+        }
+        if (number < 0) {
+            const Index row = find.nearest(sample, place, normal_there(), distance, counts);
+            if (row < 0) return true;
+            number = number_of(sample, row);
+        }
+        std::ranges::rotate(covering, covering.end() - 1);
+        covering.front() = number;
+        return false;
+    };
+    each_samples(corners, sample.positions, {step_in(sample, corners), coarser_},
+                 [&](const SomeSamples& some) {
+                     SampledCorners at;
+                     for (std::size_t k = 0; k < 3; ++k) {
+                         at.places[k] = sample.positions.row(some.corners[k]).transpose();
+                         at.spacing[k] = sample.spacing[some.corners[k]];
+                     }
+                     const std::uint64_t near = near_corners(at, some, radius);
+                     std::uint64_t rest = ~std::uint64_t{0} >> (SomeSamples::kMost - some.count);
+                     if (are_alike) rest &= ~near;
+                     for (; rest != 0; rest &= rest - 1) {
+                         const int i = std::countr_zero(rest);
+                         const InsertedPoint point = some[to_size(i)];
+                         if (is_empty(point, ((near >> i) & 1) != 0) && !take(point)) return false;
+                     }
+                     return true;
+                 });
 }
 
 std::vector<MissingPoints::Place> MissingPoints::operator()(const FrameSample& sample,
-                                                            std::span<const Index> open,
+                                                            std::span<const OpenTriangle> open,
                                                             std::span<const char> dead,
                                                             Progress& progress) {
     constexpr Numbers kNone{-1};

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <array>
+#include <functional>
 #include <span>
 #include <utility>
 #include <vector>
@@ -73,6 +74,12 @@ constexpr double kEmpty = 0.85, kGap = 1.0;
 /// k/r² at a row, with the distance r to its k-th nearest.
 double density(const FrameSample& sample, Index row);
 
+/// One with corners so far apart that discs around them may leave a gap.
+struct OpenTriangle {
+    Index number;
+    double samples;  ///< to be tried in it; 0: no gap is left by discs of one spacing
+};
+
 /// Finds empty places: in triangles of which a corner, or an inserted point, fails the density
 /// test, and in those in which discs leave a gap that not both models have. Remembers what lay
 /// near, and so is quick where consecutive frames differ little.
@@ -88,12 +95,12 @@ public:
                   const EndSamples& source, const EndSamples& target,
                   const std::vector<Place>& chosen, Progress& progress);
 
-    /// Triangles with corners so far apart that discs around them may leave a gap. Needs no tree.
-    std::vector<Index> open_triangles(const FrameSample& sample, Progress& progress) const;
+    /// Needs no tree.
+    std::vector<OpenTriangle> open_triangles(const FrameSample& sample, Progress& progress) const;
 
     /// `open` are the open triangles. Points marked `dead` (by row after the pairs) cover no place
     /// any more.
-    std::vector<Place> operator()(const FrameSample& sample, std::span<const Index> open,
+    std::vector<Place> operator()(const FrameSample& sample, std::span<const OpenTriangle> open,
                                   std::span<const char> dead, Progress& progress);
 
 private:
@@ -108,20 +115,20 @@ private:
         bool lacks_points;  ///< by the density test; else by the gap that discs leave
     };
 
-    bool is_wider_than(const FrameSample& sample, Index triangle, double radius) const;
+    double samples_wanted(const FrameSample& sample, const GapTriangle& corners) const;
     bool is_too_low(const FrameSample& sample, double density, Index row) const;
     bool is_dense_by(const FrameSample& sample, Index row, const Numbers& near) const;
     bool is_dense(const FrameSample& sample, Index row);
     bool is_sparse(const FrameSample& sample, Index row);
-    std::vector<char> sparse_rows(const FrameSample& sample, std::span<const Index> open,
+    std::vector<char> sparse_rows(const FrameSample& sample, std::span<const OpenTriangle> open,
                                   std::span<const char> dead, Progress& progress);
-    std::vector<Gap> gaps(const FrameSample& sample, std::span<const Index> open,
+    std::vector<Gap> gaps(const FrameSample& sample, std::span<const OpenTriangle> open,
                           std::span<const char> dead, Progress& progress);
-    SampleDistance distance_in(const FrameSample& sample, const GapTriangle& corners) const;
+    double step_in(const FrameSample& sample, const GapTriangle& corners) const;
     bool is_covered_at_an_end(const InsertedPoint& point, NeighborSearch& find) const;
-    template <class Take>
     void each_empty(const FrameSample& sample, Index triangle, double radius,
-                    std::span<const char> dead, NeighborSearch& find, Take&& take);
+                    std::span<const char> dead, NeighborSearch& find,
+                    const std::function<bool(const InsertedPoint&)>& take);
 
     const Resampling& resampling_;
     std::span<const IndexPair> pairs_;

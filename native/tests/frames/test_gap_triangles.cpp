@@ -210,6 +210,43 @@ TEST(GapTriangles, AreLeftWhenEnoughIsTaken) {
     EXPECT_EQ(taken, 5);
 }
 
+TEST(GapTriangles, HaveSamplesNearTheirCorners) {
+    std::mt19937_64 random(4);
+    std::uniform_real_distribution<double> spacing(0.2, 0.5);
+    int near_ones = 0, far_ones = 0;
+    for (int trial = 0; trial < 50; ++trial) {
+        const Positions places = random_triangle(random);
+        const std::array spacings{spacing(random), spacing(random), spacing(random)};
+        each_samples(kCorners, places, {0.1}, [&](const SomeSamples& samples) {
+            SampledCorners corners;
+            for (std::size_t c = 0; c < 3; ++c) {
+                corners.places[c] = places.row(samples.corners[c]).transpose();
+                corners.spacing[c] = spacings[to_size(samples.corners[c])];
+            }
+            const std::uint64_t near = near_corners(corners, samples, 0.85);
+            EXPECT_EQ(near, near_corners(corners, samples, 0.85, false));
+            for (std::size_t i = 0; i < SomeSamples::kMost; ++i) {
+                if (i >= samples.count) {
+                    EXPECT_EQ(near >> i, 0);
+                    break;
+                }
+                const Vector3 at = blend(places, samples[i]);
+                const double radius =
+                    0.85 * blend(samples[i], [&](Index row) { return spacings[to_size(row)]; });
+                double distance = std::numeric_limits<double>::infinity();
+                for (const Vector3& corner : corners.places)
+                    distance = std::min(distance, (corner - at).norm());
+                if (std::abs(distance - radius) < 1e-12) continue;
+                EXPECT_EQ((near >> i & 1) != 0, distance < radius);
+                ++(distance < radius ? near_ones : far_ones);
+            }
+            return true;
+        });
+    }
+    EXPECT_GT(near_ones, 100);
+    EXPECT_GT(far_ones, 100);
+}
+
 TEST(GapTriangles, HaveTheNormalOfTheirCornersWhereTheseAgree) {
     const Positions corners = Positions::Identity(3, 3);
     const InsertedPoint middle{kCorners, {0.2, 0.3, 0.5}, {}};
