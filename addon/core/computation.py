@@ -244,6 +244,7 @@ def compute(request, progress, earlier=None):
             request.features,
             loop=request.loop,
             start=earlier.start_for(request) if earlier else None,
+            frames=True,
             progress=progress,
             **request.settings,
         )

@@ -20,6 +20,7 @@ void bind_options(py::module_& module) {
     py::class_<MorphOptions>(module, "MorphOptions")
         .def(py::init<>())
         .def("propose_features", [](MorphOptions& options) { options.refinement.propose = true; })
+        .def("expect_frames", [](MorphOptions& options) { options.expects_frames = true; })
         .def("set", [](MorphOptions& options, const std::string& name,
                        const OptionValue& value) { set_option(options, name, value); })
         .def("is_straight",

@@ -8,6 +8,7 @@
 #include <thread>
 #include <vector>
 
+#include "base/own_thread.hpp"
 #include "base/thread_engine.hpp"
 
 #ifdef _WIN32
@@ -19,52 +20,12 @@
 #endif
 #include <windows.h>
 #else
-#include <pthread.h>
 #include <unistd.h>
 #endif
 
 namespace pointmorph {
 
 namespace {
-
-#ifdef _WIN32
-class Thread {
-public:
-    template <class Run>
-    explicit Thread(Run run) : thread_(std::move(run)) {}
-    /// Doesn't wait: what goes with a thread is destroyed there under a lock that every other
-    /// thread needs in order to end.
-    void end() { thread_.detach(); }
-
-private:
-    std::thread thread_;
-};
-#else
-/// std::thread with as large a stack as a main thread's: macOS gives other threads half a megabyte.
-class Thread {
-public:
-    template <class Run>
-    explicit Thread(Run run) {
-        auto owned = std::make_unique<Run>(std::move(run));
-        pthread_attr_t attributes;
-        pthread_attr_init(&attributes);
-        pthread_attr_setstacksize(&attributes, kStack);
-        const auto start = [](void* it) -> void* {
-            (*std::unique_ptr<Run>(static_cast<Run*>(it)))();
-            return nullptr;
-        };
-        const int error = pthread_create(&thread_, &attributes, start, owned.get());
-        pthread_attr_destroy(&attributes);
-        if (error != 0) throw std::system_error(error, std::generic_category());
-        owned.release();
-    }
-    void end() { pthread_join(thread_, nullptr); }
-
-private:
-    static constexpr std::size_t kStack = std::size_t{8} << 20;
-    pthread_t thread_;
-};
-#endif
 
 /// The threads that help one thread. They sleep between the rounds.
 class Pool {
@@ -76,7 +37,7 @@ public:
             rounds_->ending = true;
         }
         rounds_->begin.notify_all();
-        for (Thread& thread : threads_) thread.end();
+        for (OwnThread& thread : threads_) thread.end();
     }
     Pool(const Pool&) = delete;
     Pool& operator=(const Pool&) = delete;
@@ -139,7 +100,7 @@ private:
     }
 
     std::shared_ptr<Rounds> rounds_ = std::make_shared<Rounds>();
-    std::vector<Thread> threads_;
+    std::vector<OwnThread> threads_;
 };
 
 #ifdef _WIN32

@@ -53,31 +53,60 @@ GradualSimilarity whole_motion(const Positions& positions, const Positions& imag
     return motion;
 }
 
-/// The nodes and what they do by t = 1.
-struct Motion::Bend {
+struct MotionGround::Nodes {
     CoarseShape shape;
     DeformationSolver solver;
-    Deformation whole;
-    std::vector<Eigen::AngleAxisd> turns;  ///< of its rotations
-    Positions residual;  ///< nodes' images less where their own turns and scales would put them
     std::optional<Prolongation> prolongation;  ///< of all points; found last
 
-    Bend(CoarseShape coarse, const Positions& images)
+    explicit Nodes(CoarseShape coarse)
         : shape(std::move(coarse)), solver(shape.positions, graph()) {
-        constexpr int kSmoothing = 1;
-        constexpr double kLargestScale = 10.0;
-        whole.positions = gather(gather(images, shape.cloud_rows), graph().node_rows);
-        fit_similarities(shape.positions, graph(), kSmoothing, kLargestScale, whole);
-        for (const Matrix3& rotation : whole.rotations) turns.push_back(angle_axis(rotation));
         solver.factorize(1.0, {});
-        residual = whole.positions - placed(whole);
     }
 
     const DeformationGraph& graph() const { return shape.levels.front(); }
+};
+
+MotionGround::MotionGround(const Positions& positions, const Normals& normals, PathKind path,
+                           Progress& progress)
+    : unit_(normalization(positions)),
+      positions_(unit_.apply(positions)),
+      normals_(normals.cast<float>()) {
+    if (path != PathKind::kRigid) return;
+    constexpr Index kNodes = 1000;
+    CoarseShapeOptions options;
+    options.nodes = {kNodes};
+    const KdTree<3> tree(positions_);
+    nodes_ = std::make_unique<Nodes>(coarse_shape(tree, normals, {}, options, progress));
+}
+
+MotionGround::~MotionGround() = default;
+MotionGround::MotionGround(MotionGround&&) noexcept = default;
+
+void MotionGround::follow(const Normals& normals, Progress& progress) {
+    if (nodes_ && !nodes_->prolongation)
+        nodes_->prolongation.emplace(nodes_->shape, positions_, normals, progress);
+}
+
+/// What the nodes do by t = 1.
+struct Motion::Bend {
+    const MotionGround::Nodes& nodes;
+    Deformation whole;
+    std::vector<Eigen::AngleAxisd> turns;  ///< of its rotations
+    Positions residual;  ///< nodes' images less where their own turns and scales would put them
+
+    Bend(const MotionGround::Nodes& of, const Positions& images) : nodes(of) {
+        constexpr int kSmoothing = 1;
+        constexpr double kLargestScale = 10.0;
+        const CoarseShape& shape = nodes.shape;
+        whole.positions = gather(gather(images, shape.cloud_rows), nodes.graph().node_rows);
+        fit_similarities(shape.positions, nodes.graph(), kSmoothing, kLargestScale, whole);
+        for (const Matrix3& rotation : whole.rotations) turns.push_back(angle_axis(rotation));
+        residual = whole.positions - placed(whole);
+    }
 
     /// Places that follow from the turns and scales, about the center of the nodes' images.
     Positions placed(Deformation deformation) const {
-        solver.solve({}, deformation);
+        nodes.solver.solve({}, deformation);
         return deformation.positions.rowwise() - deformation.positions.colwise().mean();
     }
 
@@ -86,9 +115,9 @@ struct Motion::Bend {
         for (const Eigen::AngleAxisd& turn : turns) part.rotations.push_back(share_of(turn, t));
         part.scales = whole.scales.array().pow(t);
         part.positions = placed(part) + t * residual;
-        const Positions rest = gather(shape.positions, graph().node_rows);
+        const Positions rest = gather(nodes.shape.positions, nodes.graph().node_rows);
         part.positions.rowwise() += (1.0 - t) * rest.colwise().mean();
-        return deformed_places(shape.positions, graph(), part);
+        return deformed_places(nodes.shape.positions, nodes.graph(), part);
     }
 };
 
@@ -115,37 +144,31 @@ Motion::BothWays Motion::both_ways(const Ends& there, const Ends& back, PathKind
 }
 
 Motion::Motion(const Ends& ends, PathKind path, Progress& progress)
-    : unit_(normalization(ends.positions)),
-      positions_(unit_.apply(ends.positions)),
-      normals_(ends.normals.cast<float>()),
-      similarity_(path == PathKind::kLinear ? GradualSimilarity{{}, unit_.center}
+    : ground_(ends.ground && *ends.ground
+                  ? std::move(**ends.ground)
+                  : MotionGround(ends.positions, ends.normals, path, progress)),
+      similarity_(path == PathKind::kLinear ? GradualSimilarity{{}, ground_.unit_.center}
                                             : ends.similarity) {
-    offsets_ = unit_.apply(similarity_.whole.inverse().apply(ends.images));
-    if (path != PathKind::kRigid) {
-        offsets_ -= positions_;
-        return;
-    }
-    constexpr Index kNodes = 1000;
-    CoarseShapeOptions options;
-    options.nodes = {kNodes};
-    const KdTree<3> tree(positions_);
-    bend_ =
-        std::make_unique<Bend>(coarse_shape(tree, ends.normals, {}, options, progress), offsets_);
+    offsets_ = ground_.unit_.apply(similarity_.whole.inverse().apply(ends.images));
+    if (ground_.nodes_)
+        bend_ = std::make_unique<Bend>(*ground_.nodes_, offsets_);
+    else
+        offsets_ -= ground_.positions_;
 }
 
 /// Lets all points follow the nodes, if there are any. Until then, `offsets_` are the images.
 void Motion::follow(const Normals& normals, Progress& progress) {
     if (!bend_) return;
-    const Prolongation& prolongation =
-        bend_->prolongation.emplace(bend_->shape, positions_, normals, progress);
+    ground_.follow(normals, progress);
+    const Prolongation& prolongation = *ground_.nodes_->prolongation;
     // Found backward: what has to be added at rest so that the end is the image. Where blended
     // turns cancel, nothing at rest would do: there it is added to the end, without any turn.
     const DeformedCloud end = bend_->at(1.0);
-    const CoarseMoves moves(bend_->shape, end);
+    const CoarseMoves moves(ground_.nodes_->shape, end);
     unturned_ = Positions::Zero(offsets_.rows(), 3);
     constexpr double kSingular = 1e-3;
-    OrientedPoints moved{positions_, normals};
-    parallel_for(to_index(positions_.rows()), progress, [&](Index first, Index last) {
+    OrientedPoints moved{ground_.positions_, normals};
+    parallel_for(to_index(offsets_.rows()), progress, [&](Index first, Index last) {
         prolongation.move(first, last, moves, moved);
         for (Index i = first; i < last; ++i) {
             const Vector3 lacking = (offsets_.row(i) - moved.positions.row(i)).transpose();
@@ -178,11 +201,11 @@ Motion::State Motion::state(double t) const {
     state.t = t;
     const Similarity part = similarity_.at(t);
     state.rotation = part.rotation;
-    const double scale = unit_.scale * part.scale;
+    const double scale = ground_.unit_.scale * part.scale;
     state.linear = scale * part.rotation;
-    state.translation = part.scale * (part.rotation * unit_.center) + part.translation;
+    state.translation = part.scale * (part.rotation * ground_.unit_.center) + part.translation;
     if (bend_) {
-        state.moves.emplace(bend_->shape, bend_->at(t));
+        state.moves.emplace(ground_.nodes_->shape, bend_->at(t));
         state.moves->then({scale, part.rotation, state.translation});
     }
     return state;
@@ -191,13 +214,14 @@ Motion::State Motion::state(double t) const {
 void Motion::place(const State& state, Index begin, Index end,
                    std::span<OrientedPoint> places) const {
     if (bend_)
-        bend_->prolongation->move(begin, end, *state.moves,
-                                  {positions_, normals_, offsets_, state.t}, places);
+        ground_.nodes_->prolongation->move(
+            begin, end, *state.moves, {ground_.positions_, ground_.normals_, offsets_, state.t},
+            places);
     for (Index i = begin; i < end && !bend_; ++i) {
-        const Vector3 from = (positions_.row(i) + state.t * offsets_.row(i)).transpose();
+        const Vector3 from = (ground_.positions_.row(i) + state.t * offsets_.row(i)).transpose();
         const Vector3 place = state.linear * from + state.translation;
         const Eigen::Vector3f normal =
-            (state.rotation * normals_.row(i).transpose().cast<double>()).cast<float>();
+            (state.rotation * ground_.normals_.row(i).transpose().cast<double>()).cast<float>();
         places[to_size(i)] = {{place[0], place[1], place[2]},
                               {normal[0], normal[1], normal[2], 0.0F}};
     }
@@ -223,7 +247,7 @@ OrientedPoints as_arrays(std::span<const OrientedPoint> points) {
 
 OrientedPoints Motion::at(double t) const {
     const State state = this->state(t);
-    std::vector<OrientedPoint> places(to_size(positions_.rows()));
+    std::vector<OrientedPoint> places(to_size(offsets_.rows()));
     Progress silent;
     parallel_for(to_index(places.size()), silent,
                  [&](Index begin, Index end) { place(state, begin, end, places); });
@@ -236,8 +260,8 @@ void find_midway(const Motion& forth, const Motion& back, double t, Midway& midw
     parallel_invoke(2, [&](int k, bool) {
         states[to_size(k)] = k == 0 ? forth.state(t) : back.state(1.0 - t);
     });
-    const auto sources = to_index(forth.positions_.rows());
-    const auto targets = to_index(back.positions_.rows());
+    const auto sources = to_index(forth.offsets_.rows());
+    const auto targets = to_index(back.offsets_.rows());
     midway.source.resize(to_size(sources));
     midway.target.resize(to_size(targets));
     Progress silent;

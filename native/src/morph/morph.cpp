@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "base/unused_memory.hpp"
+#include "base/work_aside.hpp"
 #include "morph/found_map.hpp"
 #include "morph/input_checks.hpp"
 #include "morph/mesh_side.hpp"
@@ -101,13 +102,13 @@ Morph::Morph(MorphInput input, const MorphOptions& options, Progress& progress)
     MeshSides meshes = mesh_sides(input, options, progress);
     if (meshes.any()) {
         append(report_.warnings, turned_faces(input, meshes));
-        find_map(sampled_input(input, meshes), progress);
+        find_map(sampled_input(input, meshes), true, progress);
         meshes_ = std::make_unique<const MeshMorph>(MeshMorph{
             std::make_shared<const MeshSides>(std::move(meshes)), source_images_, target_images_,
             std::move(input.source_holds), std::move(input.target_holds)});
         carry(std::move(input), {}, progress);
     } else {
-        find_map(std::move(input), progress);
+        find_map(std::move(input), false, progress);
     }
     conclude(progress, start);
 }
@@ -181,8 +182,9 @@ Morph Morph::updated(std::vector<Feature> features, Progress& progress) const {
     return LiveMorph(*this, progress).updated(std::move(features), progress);
 }
 
-/// From both clouds to the map between their points.
-void Morph::find_map(MorphInput input, Progress& progress) {
+/// From both clouds to the map between their points. `are_samples`: of faces, whose vertices frames
+/// show.
+void Morph::find_map(MorphInput input, bool are_samples, Progress& progress) {
     keep_unused_memory(input.source.size() + input.target.size());
     const bool paper = options_.method == Method::kPaper;
     const MorphOptions& options = options_;
@@ -197,8 +199,35 @@ void Morph::find_map(MorphInput input, Progress& progress) {
 
     source_ = std::move(input.source);
     target_ = std::move(input.target);
-    take(find_correspondence(std::move(shapes), std::move(input), features, options, progress));
+    std::optional<WorkAside> aside;
+    constexpr Index kFew = 300'000;  // what is made of so many takes 40 MB
+    if (options.expects_frames && !are_samples && source_.size() + target_.size() <= kFew &&
+        options.path_kind() != PathKind::kLinear) {
+        on_both(progress, [&](bool is_source, Progress&) {
+            (is_source ? caches_->source_ground : caches_->target_ground).normals =
+                completed_normals((is_source ? source_ : target_).normals,
+                                  is_source ? shapes.source : shapes.target)
+                    .rowwise()
+                    .normalized();
+        });
+        aside.emplace([this](Progress& its) { make_grounds(its); });
+    }
+    Correspondence found =
+        find_correspondence(std::move(shapes), std::move(input), features, options, progress);
+    aside.reset();
+    take(std::move(found));
     report_.method = paper ? "paper" : "auto";
+}
+
+/// What paths take of both clouds alone, as far as there is time.
+void Morph::make_grounds(Progress& progress) {
+    for (const bool is_source : {true, false}) {
+        auto& [normals, ground] = is_source ? caches_->source_ground : caches_->target_ground;
+        ground.emplace((is_source ? source_ : target_).positions, normals, options_.path_kind(),
+                       progress);
+    }
+    for (auto* its : {&caches_->source_ground, &caches_->target_ground})
+        its->ground->follow(its->normals, progress);
 }
 
 /// From sorted rows to given ones: the one place where a route's result becomes the morph's own.

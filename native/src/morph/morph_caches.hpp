@@ -37,6 +37,12 @@ struct Morph::Caches {
     std::optional<StraightPath<float>> single_path;
     std::optional<StraightPath<double>> double_path;
     std::optional<Motion> source_motion, target_motion;
+    /// What motions take of a shape alone, made of these normals before the map was there.
+    struct Ground {
+        Normals normals;
+        std::optional<MotionGround> ground;
+    };
+    Ground source_ground, target_ground;
     std::optional<PointwisePath> pointwise;
 
     /// Where both clouds were at the latest times: as many as were asked for at once. They keep

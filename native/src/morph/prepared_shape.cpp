@@ -313,12 +313,14 @@ Pairing to_given(std::span<const IndexPair> sorted, const PreparedShape& source,
     return result;
 }
 
+Normals completed_normals(Normals given, const PreparedShape& shape) {
+    if (!shape.normals_given) return gather(shape.normals, shape.sorted_rows);
+    return shape.normals_reversed ? Normals(-given) : given;
+}
+
 Cloud completed(Cloud cloud, const PreparedShape& shape) {
     cloud.radii = shape.radii;
-    if (!shape.normals_given)
-        cloud.normals = gather(shape.normals, shape.sorted_rows);
-    else if (shape.normals_reversed)
-        cloud.normals = -cloud.normals;
+    cloud.normals = completed_normals(std::move(cloud.normals), shape);
     return cloud;
 }
 

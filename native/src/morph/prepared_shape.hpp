@@ -110,6 +110,10 @@ std::vector<Index> to_given(std::span<const Index> sorted, const PreparedShape& 
 Pairing to_given(std::span<const IndexPair> sorted, const PreparedShape& source,
                  const PreparedShape& target);
 
+/// The normals of the cloud from which the shape was prepared: `given`, or the shape's; reversed
+/// where the shape's were.
+Normals completed_normals(Normals given, const PreparedShape& shape);
+
 /// The cloud from which the shape was prepared, with the normals and radii that it lacked, and with
 /// given normals reversed where the shape's were.
 Cloud completed(Cloud cloud, const PreparedShape& shape);

@@ -4,6 +4,7 @@
 
 #include <Eigen/Geometry>
 #include <numbers>
+#include <optional>
 
 #include "pointmorph/base/error.hpp"
 #include "pointmorph/base/parallel.hpp"
@@ -201,6 +202,17 @@ TEST(Motion, BothWaysTogetherAreAsEachByItself) {
                            progress);
         const Motion reverse(back.positions, back.normals, back.images, back.similarity, path,
                              progress);
+        // With what the clouds alone give made before, all of it and a part.
+        std::optional<MotionGround> whole, part;
+        whole.emplace(bar.positions, bar.normals, path, progress);
+        whole->follow(bar.normals, progress);
+        part.emplace(half, half_normals, path, progress);
+        const Motion::BothWays made = Motion::both_ways(
+            {there.positions, there.normals, there.images, there.similarity, &whole},
+            {back.positions, back.normals, back.images, back.similarity, &part}, path, progress);
+        EXPECT_EQ(made.there.at(0.3).positions, forth.at(0.3).positions);
+        EXPECT_EQ(made.back.at(0.3).positions, reverse.at(0.3).positions);
+        EXPECT_EQ(made.back.at(0.3).normals, reverse.at(0.3).normals);
         Midway midway;
         for (const double t : {0.2, 0.9}) {  // the second time into the first one's memory
             find_midway(ways.there, ways.back, t, midway);

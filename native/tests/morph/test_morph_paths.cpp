@@ -3,6 +3,8 @@
 
 #include <Eigen/Geometry>
 #include <cmath>
+#include <span>
+#include <string_view>
 #include <utility>
 #include <vector>
 
@@ -52,6 +54,48 @@ TEST(MorphPaths, EveryPathEndsAtTheInputsAndKeepsToTheSurface) {
         EXPECT_LT((onto.apply(half) - expected).rowwise().norm().mean(), 0.03);
         EXPECT_THROW(morph.frame<double>(0.5, {std::span(positions).first(3), {}, {}, {}}),
                      OptionError);
+    }
+}
+
+/// Positions and normals of all pairs at t.
+std::vector<double> at(const Morph& morph, double t) {
+    std::vector<double> numbers(6 * morph.pairs().size());
+    const std::span<double> all(numbers);
+    morph.frame<double>(t, {all.first(all.size() / 2), all.subspan(all.size() / 2), {}, {}});
+    return numbers;
+}
+
+TEST(MorphPaths, FramesThatWereExpectedHaveTheSameBits) {
+    Cloud inward = hemisphere(1200), patch = hemisphere(1000);
+    inward.normals = -inward.positions;  // estimated ones of the other are turned over by the map
+    const auto marks = std::vector{point_feature("top", 0, 0)};
+    for (const int threads : {1, 2, 3})
+        for (const PathKind path : {PathKind::kRigid, PathKind::kSimilarity, PathKind::kLinear}) {
+            if (is_watched() && (threads != 2 || path != PathKind::kRigid)) continue;
+            MorphOptions options;
+            options.path = path;
+            options.threads = threads;
+            options.refinement = lighter_where_watched();
+            const Morph plain = make(patch, inward, marks, options);
+            options.expects_frames = true;
+            const Morph expected = make(patch, inward, marks, options);
+            EXPECT_EQ(expected.pairs(), plain.pairs());
+            EXPECT_EQ(at(expected, 0.4), at(plain, 0.4));
+            EXPECT_EQ(at(expected, 0.8), at(plain, 0.8));
+        }
+}
+
+TEST(MorphPaths, FramesMayBeExpectedOfAMorphThatIsCanceled) {
+    MorphOptions options;
+    options.threads = 2;
+    options.expects_frames = true;
+    options.refinement = lighter_where_watched();
+    for (const char* const last : {"topology", "coarse shapes", "registration", "landing"}) {
+        Progress cancel([&](std::string_view stage, double) { return stage != last; });
+        EXPECT_THROW(Morph({bump_cloud(41), bump_cloud(37), grid_features(41, 37), {}, {}, {}},
+                           options, cancel),
+                     Cancelled)
+            << last;
     }
 }
 

@@ -69,6 +69,17 @@ def test_settings_that_are_said_to_change_no_pair_change_none(morph: pointmorph.
     np.testing.assert_array_equal(again.source_to_target, morph.source_to_target)
 
 
+def test_frames_that_were_announced_are_the_same(morph: pointmorph.Morph) -> None:
+    clouds, marks = (morph.source, morph.target), features(A, B)
+    plain = pointmorph.morph(*clouds, marks, path="rigid")
+    announced = pointmorph.morph(*clouds, marks, path="rigid", frames=True, threads=2)
+    np.testing.assert_array_equal(announced.pairs, plain.pairs)
+    for t in (0.3, 0.7):
+        one, other = plain.frame(t), announced.frame(t)
+        np.testing.assert_array_equal(one.positions, other.positions)
+        np.testing.assert_array_equal(one.normals, other.normals)
+
+
 def test_starts_from_an_earlier_morph(morph: pointmorph.Morph) -> None:
     stages: list[str] = []
     marks = {**features(A, B), "east": (row(A, 0.9, 0), row(B, 0.9, 0))}

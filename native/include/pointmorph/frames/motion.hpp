@@ -2,6 +2,7 @@
 #pragma once
 
 #include <memory>
+#include <optional>
 #include <span>
 #include <vector>
 
@@ -44,6 +45,29 @@ struct Midway {
 /// Points at one time as arrays.
 OrientedPoints as_arrays(std::span<const OrientedPoint> points);
 
+/// What motions of a cloud take of the cloud alone. It can be made before anyone knows where its
+/// points go.
+class MotionGround {
+public:
+    /// Normals have unit length. Throws Cancelled.
+    MotionGround(const Positions& positions, const Normals& normals, PathKind path,
+                 Progress& progress);
+    ~MotionGround();
+    MotionGround(MotionGround&&) noexcept;
+
+    /// Lets all points follow the nodes, if there are any; once. `normals` as before.
+    void follow(const Normals& normals, Progress& progress);
+
+private:
+    friend class Motion;
+    struct Nodes;
+
+    Normalization unit_;
+    Positions positions_;  ///< normalized
+    FloatNormals normals_;
+    std::unique_ptr<Nodes> nodes_;  ///< of kRigid
+};
+
 /// Where every point of a cloud is at t between itself and its image under a smooth map. Apart
 /// from the similarity, points go straight, or, on a rigid path, as rigidly as possible: a
 /// thousand nodes turn by t of their own angles, their places follow from these by a Poisson
@@ -64,6 +88,8 @@ public:
         const Normals& normals;
         const Positions& images;
         GradualSimilarity similarity;
+        /// Made of these positions and normals before, as far as it is; taken over. May be null.
+        std::optional<MotionGround>* ground = nullptr;
     };
     /// Two motions, laid out next to each other.
     struct BothWays;
@@ -87,9 +113,7 @@ private:
     State state(double t) const;
     void place(const State& state, Index begin, Index end, std::span<OrientedPoint> places) const;
 
-    Normalization unit_;
-    Positions positions_;  ///< normalized
-    FloatNormals normals_;
+    MotionGround ground_;
     Positions offsets_;   ///< what is added by t = 1, before anything turns
     Positions unturned_;  ///< and after, where turns cancel; no rows where they do nowhere
     GradualSimilarity similarity_;

@@ -167,7 +167,8 @@ private:
     std::vector<std::string> warnings_of_shapes() const;
     void conclude(Progress& progress, std::chrono::steady_clock::time_point began);
     void meet_smoothly(std::span<const IndexPair> pinned);
-    void find_map(MorphInput input, Progress& progress);
+    void find_map(MorphInput input, bool are_samples, Progress& progress);
+    void make_grounds(Progress& progress);
     void take(Correspondence found);
     void carry(MorphInput input, const RefinementStart& offsets, Progress& progress);
     const OrderedNeighbors& neighbors(bool of_source, Progress& progress) const;

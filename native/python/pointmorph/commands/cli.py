@@ -285,7 +285,13 @@ def _morph(chosen: argparse.Namespace) -> None:
     with terminal.bars() as progress:
         clouds, features = _clouds(chosen, shapes, features, progress)
         result = morphing.morph(
-            clouds[0], clouds[1], features, loop=loop, progress=progress, **_settings(chosen)
+            clouds[0],
+            clouds[1],
+            features,
+            loop=loop,
+            frames=chosen.frames > 0,
+            progress=progress,
+            **_settings(chosen),
         )
         confidence = result.measure_confidence(progress)
         counts, mesh = _write(chosen, result, confidence, own, progress)

@@ -264,6 +264,7 @@ def morph(
     *,
     loop: Sequence[str] | Sequence[Sequence[str]] = (),
     start: Morph | tuple[npt.ArrayLike, npt.ArrayLike] | None = None,
+    frames: bool = False,
     progress: Progress | None = None,
     **settings: int | float | str | None,
 ) -> Morph:
@@ -287,6 +288,9 @@ def morph(
         An earlier morph of these clouds, or its `source_to_target` and `target_to_source`, as a
         start after you add or move a feature. It is ignored if it contradicts the features. Method
         auto only.
+    frames : bool
+        Whether you will ask for frames. Then some of what they take is done while the map is found,
+        where a core has nothing else to do. The result is the same.
     progress : callable, optional
         Called on this thread with the name of the stage and the fraction of it that is done; see
         `stage_label`. Returns False to cancel. The GIL is released between calls.
@@ -317,6 +321,8 @@ def morph(
     True
     """
     chosen = native_options(settings)
+    if frames:
+        chosen.expect_frames()
     native = _native((source, target), features, loop, chosen, start, progress)
     return Morph(native, source, target)
 
