@@ -98,6 +98,8 @@ def of_bodies(
     places = np.stack([known, rows[known]], axis=1)
     is_marked = [np.isin(places[:, side], marks[:, side]) for side in (0, 1)]
     places = places[~np.logical_or(*is_marked)]
+    # Across a crease, the sample nearest to where a place belongs is of another part.
+    places = places[source.parts[places[:, 0]] == target.parts[places[:, 1]]]
     scale, turn, shift = similarity(source.truth[source.is_shared],
                                     source.positions[source.is_shared])  # fmt: skip
     placed = surfaces[0], surfaces[1].moved(scale, turn, shift)

@@ -78,7 +78,7 @@ struct JudgedWay {
     std::vector<Index> feet;  ///< the node of the other cloud next to each, on its side
     const std::vector<Index>& rows_of_others;
     Eigen::MatrixXd OtherMaps::*others;
-    std::vector<char> alone{};      ///< of each node, whether its image lies at an end
+    std::vector<char> alone{};      ///< of each node, whether it's known to have no counterpart
     std::vector<char> unreached{};  ///< whether none of the other cloud's images is near, nor near
                                     ///< some nodes around it
 };
@@ -241,6 +241,17 @@ Values confidence_at_nodes(const JudgedWay& way, const NodeMeans& means, const W
         },
         0.0, 1.0, 64);
     return confidence;
+}
+
+/// Those whose images lie at ends, and those of loose pieces.
+std::vector<char> alone_nodes(const JudgedWay& way, std::span<const Index> loose) {
+    Progress silent;  // nodes are few
+    std::vector<char> alone = lie_at_ends(way.images, way.ends, kEndNear, silent);
+    alone.resize(to_size(way.here.count()), 0);
+    std::vector<char> is_loose(to_size(way.here.size()), 0);
+    for (const Index row : loose) is_loose[to_size(row)] = 1;
+    for (std::size_t k = 0; k < alone.size(); ++k) alone[k] |= is_loose[to_size(way.here.rows[k])];
+    return alone;
 }
 
 /// Those that have to have a counterpart, in places that hold a few. Where an image lies in a gap
@@ -536,10 +547,9 @@ LocalConfidence measure_local_confidence(const JudgedMap& judged, std::span<cons
                    &OtherMaps::target};
     there.feet = feet_of(there.images, target, of_target, partners_of(source, map, true));
     back.feet = feet_of(back.images, source, of_source, partners_of(target, map, false));
-    Progress silent;  // nodes are few
     for (JudgedWay* way : {&there, &back}) {
-        way->alone = lie_at_ends(way->images, way->ends, kEndNear, silent);
-        way->alone.resize(to_size(way->here.count()), 0);
+        way->alone =
+            alone_nodes(*way, way == &there ? diagnostics.source_loose : diagnostics.target_loose);
     }
     there.unreached = unreached_nodes(there, back.images);
     back.unreached = unreached_nodes(back, there.images);

@@ -21,6 +21,8 @@ Diagnostics Diagnostics::with_rows(std::span<const Index> source_rows,
     }
     std::ranges::for_each(result.source_ends, on_source);
     std::ranges::for_each(result.target_ends, on_target);
+    std::ranges::for_each(result.source_loose, on_source);
+    std::ranges::for_each(result.target_loose, on_target);
     result.alternatives = alternatives.with_rows(source_rows, target_rows);
     return result;
 }

@@ -76,8 +76,9 @@ Values distances_from_images(const WholeOntoPart& map, Progress& progress) {
 /// A connected part of the whole that no image comes near.
 struct LostPart {
     std::vector<Index> rows;
-    std::vector<Index> rim;  ///< points around it
-    double deepest = 0.0;    ///< largest distance from the images, in spacings
+    std::vector<Index> rim;        ///< points around it
+    std::vector<IndexPair> links;  ///< rows of it, and of it or the rim, that lie side by side
+    double deepest = 0.0;          ///< largest distance from the images, in spacings
 };
 
 /// Asks every so often whether to end. Throws Cancelled.
@@ -86,13 +87,51 @@ void look_whether_to_end(std::size_t done, Progress& progress) {
     if (done % kOften == 0 && !progress.poll()) progress.throw_if_cancelled();
 }
 
+/// Takes in what a part surrounds, such as points that a stray image comes near, if they are fewer
+/// than `most`. `state`: 0 where nothing is lost.
+void take_islands(const SampledSurface& surface, LostPart& part, std::size_t most,
+                  std::vector<char>& state, Progress& progress) {
+    constexpr char kLostHere = 1, kOutside = 2;
+    std::vector<Index> outside;
+    for (const Index first : part.rim) {
+        if (state[to_size(first)] != 0) continue;
+        std::vector<Index> island{first};
+        state[to_size(first)] = kLostHere;
+        bool is_outside = false;
+        for (std::size_t k = 0; k < island.size() && !is_outside; ++k) {
+            look_whether_to_end(k, progress);
+            for (const Index j : surface.nearest[island[k]]) {
+                if (surface.normals.row(island[k]).dot(surface.normals.row(j)) < kOtherSide)
+                    continue;
+                is_outside |= state[to_size(j)] == kOutside;
+                if (state[to_size(j)] == 0) {
+                    state[to_size(j)] = kLostHere;
+                    island.push_back(j);
+                }
+            }
+            is_outside |= island.size() > most;
+        }
+        if (is_outside) {
+            for (const Index i : island) state[to_size(i)] = kOutside;
+            outside.insert(outside.end(), island.begin(), island.end());
+        } else {
+            part.rows.insert(part.rows.end(), island.begin(), island.end());
+        }
+    }
+    std::erase_if(part.rim, [&](Index i) { return state[to_size(i)] != kOutside; });
+    for (const Index i : outside) state[to_size(i)] = 0;
+}
+
 std::vector<LostPart> lost_parts(const WholeOntoPart& map, const Values& distances,
                                  Progress& progress) {
+    // Times: what surrounds, and all that isn't lost, than what is surrounded.
+    constexpr std::size_t kLarger = 4, kStray = 10;
+    const auto left = static_cast<std::size_t>((distances.array() <= kLost).count());
     std::vector<char> known(to_size(map.whole.size()), 0);
     std::vector<LostPart> parts;
     for (Index first = 0; first < map.whole.size(); ++first) {
         if (known[to_size(first)] != 0 || !(distances[first] > kLost)) continue;
-        LostPart part{{first}, {}, 0.0};
+        LostPart part{{first}, {}, {}, 0.0};
         known[to_size(first)] = 1;
         for (std::size_t k = 0; k < part.rows.size(); ++k) {
             look_whether_to_end(k, progress);
@@ -107,59 +146,83 @@ std::vector<LostPart> lost_parts(const WholeOntoPart& map, const Values& distanc
         }
         std::ranges::sort(part.rim);
         part.rim.erase(std::unique(part.rim.begin(), part.rim.end()), part.rim.end());
-        if (part.rows.size() >= kFewestLost && part.deepest > kDeepest)
-            parts.push_back(std::move(part));
+        if (part.rows.size() < kFewestLost || !(part.deepest > kDeepest)) continue;
+        const std::size_t most = std::min(part.rows.size() / kLarger, left / kStray);
+        take_islands(map.whole, part, most, known, progress);
+        parts.push_back(std::move(part));
     }
     return parts;
 }
 
-/// How far a row of a part is from its rim along the surface, and the place there.
-struct FromRim {
-    double distance = std::numeric_limits<double>::infinity();
-    Index rim = -1;
-    bool is_part = false;
+/// A part and its rim, which comes after its rows, as a graph along the surface.
+class PartGraph {
+public:
+    PartGraph(const SampledSurface& surface, const LostPart& part)
+        : neighbors_(part.rows.size() + part.rim.size()), rows_(part.rows.size()) {
+        std::vector<Index> all = part.rows;
+        all.insert(all.end(), part.rim.begin(), part.rim.end());
+        positions_ = gather(surface.positions, all);
+        std::vector<Index> places(to_size(surface.size()), -1);
+        for (std::size_t k = 0; k < all.size(); ++k) places[to_size(all[k])] = to_index(k);
+        for (std::size_t k = 0; k < all.size(); ++k)
+            for (const Index j : surface.nearest[all[k]]) {
+                const Index other = places[to_size(j)];
+                if (other < 0 || (k >= rows_ && to_size(other) >= rows_)) continue;
+                if (surface.normals.row(all[k]).dot(surface.normals.row(j)) < kOtherSide) continue;
+                join(to_index(k), other);
+            }
+        for (const IndexPair& link : part.links)
+            join(places[to_size(link.source)], places[to_size(link.target)]);
+    }
+
+    /// The place in the rim that is nearest to each row along the surface; −1 where none leads to
+    /// it.
+    std::vector<Index> nearest_of_rim(Progress& progress) const {
+        std::vector<double> distances(neighbors_.size(), std::numeric_limits<double>::infinity());
+        std::vector<Index> result(neighbors_.size(), -1);
+        using Entry = std::pair<double, Index>;
+        std::priority_queue<Entry, std::vector<Entry>, std::greater<>> open;
+        for (std::size_t k = rows_; k < neighbors_.size(); ++k) {
+            distances[k] = 0.0;
+            result[k] = to_index(k - rows_);
+            open.emplace(0.0, to_index(k));
+        }
+        for (std::size_t done = 0; !open.empty(); ++done) {
+            look_whether_to_end(done, progress);
+            const auto [distance, i] = open.top();
+            open.pop();
+            if (distance > distances[to_size(i)]) continue;
+            for (const Index j : neighbors_[to_size(i)]) {
+                const double there = distance + (positions_.row(i) - positions_.row(j)).norm();
+                if (!(there < distances[to_size(j)])) continue;
+                distances[to_size(j)] = there;
+                result[to_size(j)] = result[to_size(i)];
+                open.emplace(there, j);
+            }
+        }
+        result.resize(rows_);
+        return result;
+    }
+
+private:
+    void join(Index a, Index b) {
+        neighbors_[to_size(a)].push_back(b);
+        neighbors_[to_size(b)].push_back(a);
+    }
+
+    std::vector<std::vector<Index>> neighbors_;
+    Positions positions_;
+    std::size_t rows_;
 };
 
 /// For each row of a part, the place in its rim that is nearest along the surface: like this, only
-/// what is far from all of it is torn apart. `reached`: scratch memory, as it is left.
+/// what is far from all of it is torn apart.
 std::vector<Index> nearest_of_rim(const SampledSurface& surface, const LostPart& part,
-                                  std::vector<FromRim>& reached, Progress& progress) {
-    reached.resize(to_size(surface.size()));
-    for (const Index i : part.rows) reached[to_size(i)].is_part = true;
-    using Entry = std::pair<double, Index>;
-    std::priority_queue<Entry, std::vector<Entry>, std::greater<>> open;
-    const auto step = [&](Index from, double distance, Index rim, Index to) {
-        FromRim& there = reached[to_size(to)];
-        if (!there.is_part) return;
-        if (surface.normals.row(from).dot(surface.normals.row(to)) < kOtherSide) return;
-        distance += (surface.positions.row(from) - surface.positions.row(to)).norm();
-        if (!(distance < there.distance)) return;
-        there.distance = distance;
-        there.rim = rim;
-        open.emplace(distance, to);
-    };
-    for (std::size_t k = 0; k < part.rim.size(); ++k)
-        for (const Index j : surface.nearest[part.rim[k]]) step(part.rim[k], 0.0, to_index(k), j);
-    // Where the rim is denser than the part, it has only neighbors of its own.
-    for (const Index i : part.rows)
-        for (const Index j : surface.nearest[i]) {
-            const auto found = std::ranges::lower_bound(part.rim, j);
-            if (found != part.rim.end() && *found == j)
-                step(j, 0.0, to_index(found - part.rim.begin()), i);
-        }
-    for (std::size_t done = 0; !open.empty(); ++done) {
-        look_whether_to_end(done, progress);
-        const auto [distance, i] = open.top();
-        open.pop();
-        const FromRim there = reached[to_size(i)];
-        if (distance > there.distance) continue;
-        for (const Index j : surface.nearest[i]) step(i, there.distance, there.rim, j);
-    }
-    std::vector<Index> result, unreached;
-    for (const Index i : part.rows) {
-        result.push_back(std::exchange(reached[to_size(i)], {}).rim);
-        if (result.back() < 0) unreached.push_back(i);
-    }
+                                  Progress& progress) {
+    std::vector<Index> result = PartGraph(surface, part).nearest_of_rim(progress);
+    std::vector<Index> unreached;
+    for (std::size_t k = 0; k < result.size(); ++k)
+        if (result[k] < 0) unreached.push_back(part.rows[k]);
     if (unreached.empty()) return result;
     // What no neighbor leads to takes the nearest in a straight line.
     const Positions rim = gather(surface.positions, part.rim);
@@ -168,6 +231,44 @@ std::vector<Index> nearest_of_rim(const SampledSurface& surface, const LostPart&
     for (std::size_t k = 0, next = 0; k < result.size(); ++k)
         if (result[k] < 0) result[k] = straight[next++];
     return result;
+}
+
+/// Joins what lies loose, such as a foot that is no one piece with the leg, to what is lost beside
+/// it, or lays its rim where it is nearest to what isn't lost.
+void join_loose(const SampledSurface& surface, std::vector<LostPart>& parts, double spacing) {
+    constexpr double kBeside = 2.0;  // spacings farther than the nearest of it
+    std::vector<Index> part_of(to_size(surface.size()), -1);
+    for (std::size_t p = 0; p < parts.size(); ++p)
+        for (const Index row : parts[p].rows) part_of[to_size(row)] = to_index(p);
+    for (std::size_t p = 0; p < parts.size(); ++p) {
+        LostPart& loose = parts[p];
+        if (!loose.rim.empty()) continue;
+        std::vector<Index> others;
+        for (Index i = 0; i < surface.size(); ++i)
+            if (part_of[to_size(i)] != to_index(p)) others.push_back(i);
+        if (others.empty()) continue;
+        const Positions own = gather(surface.positions, loose.rows),
+                        all = gather(surface.positions, others);
+        const std::vector<Index> nearest = nearest_rows(KdTree<3>(all), own);
+        const Values gaps = (own - gather(all, nearest)).rowwise().norm();
+        Index closest = 0;
+        const double most = gaps.minCoeff(&closest) + kBeside * spacing;
+        const auto beside = [&](Index k) { return others[to_size(nearest[to_size(k)])]; };
+        const Index into = part_of[to_size(beside(closest))];
+        for (Index k = 0; k < to_index(loose.rows.size()); ++k) {
+            if (gaps[k] > most || part_of[to_size(beside(k))] != into) continue;
+            loose.links.push_back({loose.rows[to_size(k)], beside(k)});
+            if (into < 0) loose.rim.push_back(beside(k));
+        }
+        std::ranges::sort(loose.rim);
+        loose.rim.erase(std::unique(loose.rim.begin(), loose.rim.end()), loose.rim.end());
+        if (into < 0) continue;
+        LostPart& with = parts[to_size(into)];
+        for (const Index row : loose.rows) part_of[to_size(row)] = into;
+        with.rows.insert(with.rows.end(), loose.rows.begin(), loose.rows.end());
+        with.links.insert(with.links.end(), loose.links.begin(), loose.links.end());
+        loose = {};
+    }
 }
 
 bool has_feature(const LostPart& part, std::span<const Index> marked) {
@@ -212,16 +313,17 @@ Index send_to_ends(const WholeOntoPart& map, std::span<const Index> marked, Pair
     const KdTree<3> ends_tree(ends);
     const double at_end = kAtEnd * median(local_spacing(map.whole.positions, map.whole.nearest));
     std::vector<Index> end_of(to_size(map.whole.size()), -1);
-    std::vector<FromRim> reached;
     Index count = 0;
-    for (const LostPart& part : lost_parts(map, distances_from_images(map, progress), progress)) {
+    std::vector<LostPart> parts = lost_parts(map, distances_from_images(map, progress), progress);
+    join_loose(map.whole, parts, at_end / kAtEnd);
+    for (const LostPart& part : parts) {
         if (part.rim.empty() || has_feature(part, marked) || is_there(part, map)) continue;
         const Positions rim = gather(map.whole.positions, part.rim);
         const std::vector<Index> end_of_rim = nearest_rows(ends_tree, rim);
         const Values gaps = (rim - gather(ends, end_of_rim)).rowwise().norm();
         const auto near = (gaps.array() < at_end).count();
         if (static_cast<double>(near) < kRimAtEnd * static_cast<double>(rim.rows())) continue;
-        const std::vector<Index> beside = nearest_of_rim(map.whole, part, reached, progress);
+        const std::vector<Index> beside = nearest_of_rim(map.whole, part, progress);
         for (std::size_t k = 0; k < part.rows.size(); ++k)
             end_of[to_size(part.rows[k])] = map.ends[to_size(end_of_rim[to_size(beside[k])])];
         count += to_index(part.rows.size());

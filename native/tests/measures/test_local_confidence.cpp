@@ -137,6 +137,16 @@ TEST(LocalConfidence, WhatLiesAroundAPartThatWasCutAwayIsInDoubtAndNamed) {
     }
 }
 
+TEST(LocalConfidence, WhatIsKnownToHaveNoCounterpartIsInNoDoubt) {
+    DiagnosedCase one = cut();
+    for (Index i = 0; i < one.source.size(); ++i)
+        if (one.source.positions(i, 0) > 0.3) one.diagnostics.source_loose.push_back(i);
+    const LocalConfidence found = one.measure();
+    const LocalConfidence unknown = cut().measure();
+    EXPECT_GT(found.right, unknown.right + 0.05);
+    EXPECT_LT(found.doubtful.size(), unknown.doubtful.size());
+}
+
 TEST(LocalConfidence, WhatNoImageComesNearIsInDoubtAndNamed) {
     // The source keeps out of a cap of the target, all of which has images nevertheless.
     constexpr double kHighest = 0.6;

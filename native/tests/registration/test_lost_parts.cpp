@@ -34,7 +34,7 @@ struct FoldedBack {
     double spacing = 0.0;
     Refinement map;
 
-    FoldedBack() {
+    explicit FoldedBack(double cut = kCut) {
         whole = shapes::sphere(kCount);
         whole_normals = whole;
         whole.col(2) *= 3.0;
@@ -42,7 +42,7 @@ struct FoldedBack {
         whole_normals.rowwise().normalize();
         std::vector<Index> rows, row_of(to_size(kCount), -1);
         for (Index i = 0; i < kCount; ++i)
-            if (whole(i, 2) < kCut) {
+            if (whole(i, 2) < cut) {
                 row_of[to_size(i)] = to_index(rows.size());
                 rows.push_back(i);
             }
@@ -54,12 +54,12 @@ struct FoldedBack {
         const Values spacings = local_spacing(whole, whole_nearest);
         spacing = spacings.mean();
         for (Index i = 0; i < part.rows(); ++i)
-            if (part(i, 2) > kCut - spacing) ends.push_back(i);
+            if (part(i, 2) > cut - spacing) ends.push_back(i);
         elsewhere = whole.rowwise() + Eigen::RowVector3d(5.0, 0.0, 0.0);
         map.source_images = gather(elsewhere, rows);
         map.target_images = whole;
         for (Index i = 0; i < kCount; ++i)
-            map.target_images(i, 2) = std::min(whole(i, 2), 2.0 * kCut - whole(i, 2));
+            map.target_images(i, 2) = std::min(whole(i, 2), 2.0 * cut - whole(i, 2));
         const std::vector<Index> feet = nearest_rows(KdTree<3>(part), map.target_images);
         for (Index i = 0; i < kCount; ++i) map.pairs.push_back({feet[to_size(i)], i});
         for (std::size_t k = 0; k < rows.size(); ++k) map.pairs.push_back({to_index(k), rows[k]});
@@ -130,6 +130,55 @@ TEST(LostParts, EveryPointKeepsAPartner) {
         if (shapes.whole(i, 2) > kCut + 4.0 * shapes.spacing) {
             EXPECT_TRUE(std::ranges::binary_search(joined.pairs, IndexPair{feet[to_size(i)], i}));
         }
+}
+
+/// Whether all of the whole from a height on lies at ends.
+void expect_at_ends(const FoldedBack& shapes, const Refinement& joined, double height) {
+    const Positions ends = gather(shapes.part, shapes.ends);
+    const std::vector<Index> nearest = nearest_rows(KdTree<3>(ends), joined.target_images);
+    for (Index i = 0; i < kCount; ++i)
+        if (shapes.whole(i, 2) > height) {
+            EXPECT_EQ(joined.target_images.row(i), ends.row(nearest[to_size(i)])) << i;
+        }
+}
+
+TEST(LostParts, TakeInWhatAStrayImageComesNear) {
+    FoldedBack shapes;
+    Index lowest = 0, above = 0;
+    shapes.part.col(2).minCoeff(&lowest);
+    (shapes.whole.col(2).array() - 4.0 * kCut).abs().minCoeff(&above);
+    shapes.map.source_images.row(lowest) = shapes.elsewhere.row(above);
+    expect_at_ends(shapes, shapes.joined(shapes.ends, {}), kCut + 4.0 * shapes.spacing);
+}
+
+TEST(LostParts, LeaveAllThatIsLeftEvenIfTheySurroundIt) {
+    constexpr double kLow = -2.4;  // a small part of the whole
+    const FoldedBack shapes(kLow);
+    const Refinement joined = shapes.joined(shapes.ends, {});
+    for (Index i = 0; i < kCount; ++i)
+        if (shapes.whole(i, 2) < kLow) {
+            EXPECT_EQ(joined.target_images.row(i), shapes.map.target_images.row(i)) << i;
+        }
+    expect_at_ends(shapes, joined, kLow + 4.0 * shapes.spacing);
+}
+
+TEST(LostParts, TakeWhatLiesLooseBesideThem) {
+    FoldedBack shapes;
+    constexpr double kLoose = 4.0 * kCut;
+    Positions apart = shapes.whole;
+    for (Index i = 0; i < kCount; ++i)
+        if (apart(i, 2) > kLoose) apart(i, 0) += 10.0;
+    Progress progress;
+    shapes.whole_nearest = nearest_neighbors(KdTree<3>(apart), 16, progress);
+    const Refinement joined = shapes.joined(shapes.ends, {});
+    expect_at_ends(shapes, joined, kCut + 4.0 * shapes.spacing);
+    // On its side of the ring as well.
+    for (Index i = 0; i < kCount; ++i) {
+        const double from_axis = shapes.whole.row(i).head<2>().norm();
+        if (shapes.whole(i, 2) < kLoose || from_axis < 0.3) continue;
+        EXPECT_GT(shapes.whole.row(i).head<2>().dot(joined.target_images.row(i).head<2>()), 0.0)
+            << i;
+    }
 }
 
 TEST(LostParts, JoinEndsOfTheTargetAsThoseOfTheSource) {

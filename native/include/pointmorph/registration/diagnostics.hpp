@@ -36,6 +36,8 @@ struct Diagnostics {
     /// Rows along borders where a shape ends while the other goes on: what has no counterpart lies
     /// there. Empty where nothing was left out.
     std::vector<Index> source_ends, target_ends;
+    /// Rows of pieces that have no counterpart, as a warning says, and go with what is beside them.
+    std::vector<Index> source_loose, target_loose;
 
     /// The same for clouds in which row i is now `source_rows[i]`, or `target_rows[i]`.
     Diagnostics with_rows(std::span<const Index> source_rows,
